@@ -28,6 +28,7 @@ setup(
         "cattrs>=23.2",
         "PyYAML>=6",
         "defusedxml>=0.7",
+        "jinja2>=3.1",
         "matplotlib>=3.6",
         "pillow>=9.2",
         "rosbags>=0.10",

@@ -13,7 +13,7 @@ from barn_eval.analysis.significance import proportion
 from barn_eval.analysis.sources import Entry, read_entries
 from barn_eval.analysis.statistics import rank_correlation, repetition_spread
 from barn_metrics.bootstrap import Interval, over_worlds
-from barn_metrics.model.scores import determination
+from barn_metrics.model.evaluation import determination
 from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.errors import ConfigError
 

@@ -8,7 +8,7 @@ import yaml
 
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.request import read_request
-from barn_eval.experiments.tables import results_table, timing_table
+from barn_eval.experiments.rows import results_table, timing_table
 from barn_eval.trials.protocol import PAPER_2020
 from barn_metrics.bootstrap import RESAMPLES
 

@@ -20,7 +20,7 @@ from barn_eval.commands.main import cli
 from barn_eval.commands.options import parse_settings
 from barn_eval.experiments.ros_config import RosSetup
 from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.protocol import BUILT_IN, CHALLENGE, PROTOCOLS, load_protocol
+from barn_eval.trials.protocol import CHALLENGE, PROTOCOLS, load_protocol
 from barn_eval.trials.spec import simulator_config
 from barn_planners.registry import planner_names
 from barn_worlds.base.config import replace_dotted
@@ -78,7 +78,7 @@ def check_values(name, values):
     elif protocol.endswith(".yaml"):
         rules = CHALLENGE
     else:
-        rules = BUILT_IN[protocol]
+        rules = PROTOCOLS[protocol]
     if name in ("run", "campaign"):
         settings = [one for one in values.get("ros") or [] if "KEY" not in one]
         replace_dotted(RosSetup(), parse_settings(tuple(settings), "--ros"), "--ros")
@@ -86,16 +86,6 @@ def check_values(name, values):
     known = {*planner_names(), *EXAMPLES}
     for planner in (values.get("planners") or "dwa").split(","):
         assert planner.split(":")[0] in known
-
-
-def test_the_protocol_of_older_folders_is_shown_only_where_it_made_what_is_shipped():
-    named = [
-        (path.relative_to(ROOT), name)
-        for path in PAGES
-        for name in re.findall(r"--protocol ([a-z0-9_]+) ", path.read_text("utf-8"))
-    ]
-    assert len(named) > 10
-    assert {str(path) for path, name in named if name not in PROTOCOLS} == {"barn_worlds/README.md", "docs/metrics.md"}
 
 
 @cache
@@ -279,6 +269,8 @@ def test_python_runs_as_it_is_shown(before, example, tmp_path):
 
 
 def test_python_examples_are_found():
+    shown = (ROOT / "examples" / "simple_planner.py").read_text("utf-8").strip()
+    assert shown in (ROOT / "README.md").read_text("utf-8")
     found = {one.id for one in python_examples()}
     assert {"README.md", "docs/python.md", "docs/tutorials/reading_a_bag.md", "barn_eval", "barn_eval.run"} <= found
     assert len(found) > 12

@@ -10,11 +10,10 @@ from rich.console import Console
 from barn_eval.bags.recorded import read_recorded
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.folder import read_results
-from barn_eval.experiments.provenance import provenance
 from barn_eval.experiments.request import Request
 from barn_eval.experiments.rows import TrackRows, sealed
 from barn_eval.experiments.run import run_experiment
-from barn_eval.experiments.run_file import RunFile
+from barn_eval.experiments.run_file import RunFile, provenance
 from barn_eval.experiments.track import thinned
 from barn_eval.trials import identity
 from barn_eval.trials.outcome import Outcome

@@ -8,7 +8,7 @@ from barn_eval.ros.sequencer import Message, Tick
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, PoseRule
 from barn_eval.trials.spec import TrialSpec, simulator_config
-from barn_eval.trials.trial import Trial
+from barn_eval.trials.trial import RunningTrial
 from barn_worlds.base.types import Odometry, Pose2D, Velocity2D
 from barn_worlds.messages.encode import FINE, OdometryEncoder, encode_bool, encode_diagnostics, encode_twist
 from barn_worlds.messages.topics import CMD_VEL
@@ -41,7 +41,7 @@ def adapter_of(**changes):
     rules = replace(AHEAD, **changes)
     world, simulator = open_dataset("barn300").load(0), simulator_config(rules)
     spec = TrialSpec("barn300", 0, world, "dwa", "challenge", {}, rules, simulator, 1, 0)
-    return TrialAdapter(TOPICS, Trial(spec), ORIGIN, CMD_VEL.type_name)
+    return TrialAdapter(TOPICS, RunningTrial(spec), ORIGIN, CMD_VEL.type_name)
 
 
 @pytest.fixture

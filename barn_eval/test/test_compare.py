@@ -16,7 +16,7 @@ from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.experiments.rows import ResultRows
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.protocol import PAPER
+from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.result import WallClock, trial_id
 from barn_eval.trials.spec import simulator_config
 from barn_metrics.bootstrap import Interval
@@ -129,7 +129,7 @@ def test_rank_correlation_is_of_the_time_per_metre_in_each_world():
 
 def test_one_trial_each_can_be_compared():
     found = compare(results(worlds=1)[:1], results("eband", slower_s=2.0, worlds=1)[:1])
-    assert (found.a, found.b, found.protocol, found.trials_a, found.trials_b) == ("dwa", "eband", "paper", 1, 1)
+    assert (found.a, found.b, found.protocol, found.trials_a, found.trials_b) == ("dwa", "eband", "paper2020", 1, 1)
     assert (found.task, found.metric) == ("", "normalised_time_s_per_m")
     assert found.row("scored_time_s").paired.difference == Interval(pytest.approx(-2.0))
 
@@ -153,7 +153,7 @@ def test_only_what_both_have_is_compared():
     ("change", "words"),
     [
         ({"task": "ff"}, r"have different tasks \(protocol, simulator or robot\): , ff"),
-        ({"protocol": "challenge"}, "have different protocols: paper, challenge"),
+        ({"protocol": "challenge"}, "have different protocols: paper2020, challenge"),
         ({"world_checksum": "ff"}, "have different worlds of the same number: 00, ff"),
         ({"simulator_seed": 77}, "have different simulator seeds: 0, 77"),
     ],
@@ -183,7 +183,7 @@ def test_summary_of_a_campaign_has_each_planner_and_each_pair():
     assert dwa["success"].estimate == 1.0
 
 
-def write_folder(path, content, worlds="0-3", protocol=PAPER):
+def write_folder(path, content, worlds="0-3", protocol=PAPER_2020):
     """Write results as the folder of an experiment with as many repetitions as they have."""
     path.mkdir()
     planners = tuple(PlannerChoice(name) for name in dict.fromkeys(one.planner for one in content))
@@ -225,7 +225,7 @@ def test_command_compares_folders(folders):
     assert content[0]["verdict"].startswith("DWA") and content[0]["pairs"] == 2
     text = " ".join(invoke(folders / "a", folders / "b").output.split())
     assert "same worlds and seeds" in text
-    first = "protocol paper, task not recorded "
+    first = "protocol paper2020, task not recorded "
     assert text.startswith(first)
     assert text.removeprefix(first).startswith("DWA and E-Band cannot be told apart: time per metre as counted")
     assert "Only 4 worlds: with fewer than 10" in text

@@ -10,14 +10,14 @@ from mcap.reader import make_reader
 from PIL import Image, ImageColor
 from rosbags.rosbag2 import Reader
 
+from barn_eval.bags.messages import MOVED_M
 from barn_eval.bags.recorded import read_recorded
 from barn_eval.bags.recorder import Recorder
-from barn_eval.bags.true_scene import MOVED_M
 from barn_eval.experiments import direct
 from barn_eval.experiments.direct import run_direct_trial
 from barn_eval.experiments.picture import draw_trial
 from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.protocol import CHALLENGE, PAPER, PAPER_2020
+from barn_eval.trials.protocol import CHALLENGE, PAPER_2020
 from barn_eval.trials.result import from_json_line, to_json_line
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_worlds.drawing import palette
@@ -29,19 +29,8 @@ QUICK = replace(CHALLENGE, name="quick", limit_s=4.0, first_motion_limit_s=2.0, 
 
 
 def spec_of(world, protocol=QUICK, repetition=0, **changes):
-    return TrialSpec(
-        dataset="tests",
-        index=7,
-        world=world,
-        planner="straight",
-        preset="none",
-        overrides={},
-        protocol=protocol,
-        simulator=simulator_config(protocol),
-        campaign_seed=3,
-        repetition=repetition,
-        **changes,
-    )
+    simulator = simulator_config(protocol)
+    return TrialSpec("tests", 7, world, "straight", "none", {}, protocol, simulator, 3, repetition, **changes)
 
 
 def recorded(spec, path):
@@ -49,7 +38,7 @@ def recorded(spec, path):
         return run_direct_trial(spec, recorder, Straight())
 
 
-@pytest.mark.parametrize(("preset", "frame"), [("paper", "odom"), ("paper2020", "map")])
+@pytest.mark.parametrize(("preset", "frame"), [("challenge", "odom"), ("paper2020", "map")])
 def test_a_bag_says_in_which_frame_a_planner_follows_its_plan(open_world, tmp_path, preset, frame):
     short = replace(PAPER_2020, first_motion_limit_s=0.6, clock_start_distance_m=10.0)
     spec = spec_of(open_world, short)
@@ -61,7 +50,7 @@ def test_a_bag_says_in_which_frame_a_planner_follows_its_plan(open_world, tmp_pa
     assert {shown.frame for shown in [*bag.costmaps, *bag.local_plans, *bag.bands]} == {frame}
 
 
-@pytest.mark.parametrize("protocol", [CHALLENGE, PAPER, PAPER_2020], ids=lambda one: one.name)
+@pytest.mark.parametrize("protocol", [CHALLENGE, PAPER_2020], ids=lambda one: one.name)
 def test_an_open_world_is_crossed(open_world, protocol):
     finished = run_direct_trial(spec_of(open_world, protocol), planner=Straight())
     result = finished.result
@@ -177,7 +166,7 @@ def test_a_contact_ends_the_challenge_but_not_the_papers_trial(walled_world, tmp
     assert challenge.measures.min_clearance_m < 0.02
     assert challenge.scores.challenge == 0.0
     with Recorder(tmp_path / "bag") as recorder:
-        finished = run_direct_trial(spec_of(walled_world, PAPER), recorder, Straight())
+        finished = run_direct_trial(spec_of(walled_world, PAPER_2020), recorder, Straight())
     paper = finished.result
     assert paper.outcome in (Outcome.SUCCESS, Outcome.TIMEOUT)
     assert paper.measures.contact_s > 0.5
@@ -189,30 +178,11 @@ def test_a_contact_ends_the_challenge_but_not_the_papers_trial(walled_world, tmp
 
 
 def test_every_message_decodes_with_rosbags_and_mcap(open_world, tmp_path):
-    recorded(spec_of(open_world, replace(PAPER, limit_s=3.0)), tmp_path / "bag")
-    expected = {
-        "/clock": 50,
-        "/odom": 50,
-        "/ground_truth/odom": 50,
-        "/amcl_pose": 50,
-        "/tf": 50,
-        "/collision": 50,
-        "/joint_states": 50,
-        "/scan": 50,
-        "/cmd_vel": 50,
-        "/goal_pose": 20,
-        "/robot_description": 1,
-        "/tf_static": 1,
-        "/map": 1,
-        "/plan": 5,
-        "/local_plan": 5,
-        "/band": 5,
-        "/diagnostics": 2,
-        "/score": 5,
-        "/outcome": 5,
-        "/score_text": 5,
-        "/world": 1,
-    }
+    recorded(spec_of(open_world, replace(PAPER_2020, limit_s=3.0)), tmp_path / "bag")
+    often = "clock odom ground_truth/odom amcl_pose tf collision joint_states scan cmd_vel"
+    at_least = {50: often, 20: "goal_pose", 5: "plan local_plan band score outcome score_text", 2: "diagnostics"}
+    at_least[1] = "robot_description tf_static map world"
+    expected = {f"/{name}": count for count, names in at_least.items() for name in names.split()}
     counts: dict[str, int] = {}
     with Reader(tmp_path / "bag") as reader:
         for connection, _, data in reader.messages():
@@ -252,7 +222,7 @@ def test_a_protocol_may_give_the_map_of_the_original_data_set(open_world):
     grid[5, 20] = True
     world = type(open_world)("one", grid, open_world.path)
     cells = [
-        set(map(tuple, np.argwhere(spec_of(world, replace(PAPER, historical_map=old)).map.data == 100).tolist()))
+        set(map(tuple, np.argwhere(spec_of(world, replace(PAPER_2020, historical_map=old)).map.data == 100).tolist()))
         for old in (False, True)
     ]
     assert (54, 5) in cells[0] - cells[1]
@@ -261,15 +231,16 @@ def test_a_protocol_may_give_the_map_of_the_original_data_set(open_world):
 
 def test_the_map_of_a_world_of_other_cells_is_off_by_as_much_as_the_pose(open_world):
     world = replace(open_world, resolution_m=0.1)
-    maps = [spec_of(world, replace(PAPER, historical_map=old)).map for old in (False, True)]
+    maps = [spec_of(world, replace(PAPER_2020, historical_map=old)).map for old in (False, True)]
     assert np.array_equal(maps[0].data, maps[1].data)
-    assert maps[1].origin_y - maps[0].origin_y == pytest.approx(PAPER.map_offset_m()) == -0.15
+    assert maps[1].origin_y - maps[0].origin_y == pytest.approx(PAPER_2020.map_offset_m()) == -0.15
 
 
 def test_the_pose_is_off_with_the_map_it_was_matched_to():
     def offset(protocol, overrides=None):
         return simulator_config(protocol, overrides).localisation.offset_y_m
 
-    assert offset(PAPER) == -0.15
-    assert offset(replace(PAPER, historical_map=False)) == offset(replace(PAPER, map_given=False)) == 0.0
-    assert offset(PAPER, {"localisation.offset_y_m": 0.02}) == 0.02
+    protocol = replace(PAPER_2020, name="own", simulator="known_map")
+    assert offset(protocol) == -0.15
+    assert offset(replace(protocol, historical_map=False)) == offset(replace(protocol, map_given=False)) == 0.0
+    assert offset(protocol, {"localisation.offset_y_m": 0.02}) == 0.02

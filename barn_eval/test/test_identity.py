@@ -11,7 +11,7 @@ from barn_eval.experiments.folder import fair_order, opened, read_results
 from barn_eval.experiments.store import Record
 from barn_eval.ros.supervision import nodes
 from barn_eval.trials.outcome import Outcome, Verdict
-from barn_eval.trials.protocol import BUILT_IN, CHALLENGE, KNOWN_MAP, PAPER_2020, PROTOCOLS, check_name, load_protocol
+from barn_eval.trials.protocol import CHALLENGE, KNOWN_MAP, PAPER_2020, PROTOCOLS, check_name, load_protocol
 from barn_eval.trials.spec import simulator_config
 from barn_eval.trials.trajectory import TrajectoryLog
 from barn_eval.trials.trial import conclude
@@ -33,9 +33,8 @@ def keep(folder, asked):
     return folder
 
 
-def test_four_protocols_are_offered_and_the_old_name_is_read():
+def test_four_protocols_are_offered():
     assert list(PROTOCOLS) == ["challenge", "dynabarn", "known_map", "paper2020"]
-    assert load_protocol("paper").name == "paper"
     assert KNOWN_MAP.map_given
     assert not KNOWN_MAP.historical_map
     assert KNOWN_MAP.collision_ends_trial
@@ -46,11 +45,11 @@ def test_four_protocols_are_offered_and_the_old_name_is_read():
     assert (PAPER_2020.failure_time_s, PAPER_2020.timeout_time_s) == (30.0, 30.0)
 
 
-@pytest.mark.parametrize("name", BUILT_IN)
+@pytest.mark.parametrize("name", PROTOCOLS)
 def test_a_built_in_name_stands_for_the_built_in_rules(name):
-    check_name(BUILT_IN[name])
+    check_name(PROTOCOLS[name])
     with pytest.raises(ConfigError, match=rf"name: '{name}' is built in with another goal_distance_m; give this one"):
-        check_name(replace(BUILT_IN[name], goal_distance_m=4.0))
+        check_name(replace(PROTOCOLS[name], goal_distance_m=4.0))
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import time
 import pytest
 from live_client import LiveClient
 
-from barn_eval.bags.follow import GrowingBag, TrialFollower
+from barn_eval.bags.bagfile import TrialFollower
 from barn_eval.bags.recorder import Recorder
 from barn_eval.commands.main import main
 from barn_eval.pages.live import foxglove as live
@@ -71,14 +71,13 @@ def test_a_trial_that_was_left_is_left_for_a_newer_one(tmp_path):
         follower.close()
 
 
-def test_what_is_no_bag_is_refused(tmp_path):
-    path = tmp_path / "a.mcap"
-    path.write_bytes(b"\x89MCAP0\r\n" + b"\x06" + (1 << 40).to_bytes(8, "little") + bytes(20))
-    with pytest.raises(BagError, match="damaged: a record of"):
-        list(GrowingBag(path).read())
-    path.write_bytes(b"\x89MCAP0\r\n" + b"\x06" + (20).to_bytes(8, "little") + bytes(20))
-    with pytest.raises(BagError, match="damaged"):
-        list(GrowingBag(path).read())
+@pytest.mark.parametrize(("size", "words"), [(1 << 40, "damaged: a record of"), (20, "damaged")])
+def test_what_is_no_bag_is_refused(tmp_path, size, words):
+    path = tmp_path / "bags" / "a.partial" / "a.mcap"
+    path.parent.mkdir(parents=True)
+    path.write_bytes(b"\x89MCAP0\r\n" + b"\x06" + size.to_bytes(8, "little") + bytes(20))
+    with pytest.raises(BagError, match=words):
+        TrialFollower(tmp_path).read()
 
 
 def test_without_the_sdk_one_line_says_so(tmp_path, monkeypatch, capsys):

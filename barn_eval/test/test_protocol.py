@@ -11,7 +11,6 @@ from barn_eval.trials import identity
 from barn_eval.trials.protocol import (
     CHALLENGE,
     DYNABARN,
-    PAPER,
     PAPER_2020,
     PROTOCOLS,
     PoseRule,
@@ -38,7 +37,7 @@ def test_path_lengths_are_those_of_the_published_trials(original):
     with (original / "trials.csv").open() as file:
         published = {int(row["world"]): float(row["path_length_m"]) for row in csv.DictReader(file)}
     for index in dataset.indices:
-        assert PAPER.course(dataset.load(index)).path_length_m == pytest.approx(published[index], abs=1e-6)
+        assert PAPER_2020.course(dataset.load(index)).path_length_m == pytest.approx(published[index], abs=1e-6)
 
 
 def test_courses_of_dynabarn_are_those_of_the_challenge_but_for_its_length():
@@ -74,7 +73,7 @@ def test_the_phase_belongs_to_the_protocol_and_to_its_fingerprint(tmp_path):
 
 
 def test_ends_of_the_papers_course(open_world):
-    course = PAPER.course(open_world)
+    course = PAPER_2020.course(open_world)
     assert (course.start.x, course.start.y) == pytest.approx((-4.575 + 0.15 * 15, 4.075))
     assert (course.goal.x, course.goal.y) == pytest.approx((-4.575 + 0.15 * 15, 9.725))
     assert course.start.yaw == course.goal.yaw == math.pi / 2
@@ -85,21 +84,12 @@ def test_the_papers_start_stays_clear_of_the_side_walls(open_world, row, x):
     path = open_world.path.copy()
     path[:, 0] = row
     moved = type(open_world)("moved", open_world.grid, path)
-    assert PAPER.course(moved).start.x == pytest.approx(x)
-
-
-def test_the_trials_of_2020_have_the_papers_course_and_one_goal(open_world):
-    course, papers = PAPER_2020.course(open_world), PAPER.course(open_world)
-    assert (course.start, course.goal, course.path_length_m) == (papers.start, papers.goal, papers.path_length_m)
-    assert papers.goal_by_map is not None
-    assert course.goal_by_map is None
-    assert (PAPER_2020.failure_time_s, PAPER_2020.timeout_time_s, PAPER_2020.limit_s) == (30.0, 30.0, 50.0)
+    assert PAPER_2020.course(moved).start.x == pytest.approx(x)
 
 
 def test_ends_of_the_challenges_course(open_world):
     course = CHALLENGE.course(open_world)
     assert (course.start, course.goal) == (Pose2D(-2.25, 3.0, 1.57), Pose2D(-2.25, 13.0, 1.57))
-    assert course.goal_by_map is None
 
 
 def bent(open_world, columns=30):
@@ -109,13 +99,13 @@ def bent(open_world, columns=30):
 
 
 def test_the_papers_start_is_by_the_first_cell_of_the_path_and_its_goal_by_the_last(open_world):
-    course = PAPER.course(bent(open_world))
+    course = PAPER_2020.course(bent(open_world))
     assert (course.start.x, course.start.y) == pytest.approx((-4.575 + 0.15 * 10, 4.075))
     assert (course.goal.x, course.goal.y) == pytest.approx((-4.575 + 0.15 * 13, 9.725))
 
 
 def test_the_reference_length_is_from_the_start_along_the_path_to_the_goal(open_world):
-    course = PAPER.course(bent(open_world))
+    course = PAPER_2020.course(bent(open_world))
     aslant_m, straight_m = 3 * 0.15 * math.sqrt(2.0), 26 * 0.15
     assert course.path_length_m == pytest.approx(aslant_m + straight_m)
     # the path begins 1 m before the start and ends 0.30 m before the goal; both stand beside their ends of it
@@ -128,56 +118,38 @@ def test_the_reference_length_is_from_the_start_along_the_path_to_the_goal(open_
 
 
 def test_a_course_needs_two_cells_of_path(open_world):
-    assert PAPER.course(bent(open_world, 2)).path_length_m == pytest.approx(0.15 * math.sqrt(2.0))
-    with pytest.raises(ConfigError, match=r"^world bent: protocol paper needs a path of at least 2 cells$"):
-        PAPER.course(bent(open_world, 1))
-
-
-def obstacle_y_m(world, row, historical):
-    """Return y of the farthest occupied cell of one row of a world, on the map that a planner is given."""
-    grid = world.occupancy_map(historical=historical)
-    return grid.origin_y + (np.flatnonzero(grid.data[:, row]).max() + 0.5) * grid.resolution
-
-
-def test_a_robot_at_the_goal_by_the_papers_map_stands_one_cell_beyond_the_goal(open_world):
-    grid = open_world.grid.copy()
-    grid[10, 12] = True
-    world = World("one obstacle", grid, open_world.path)
-    course = PAPER.course(world)
-    # what a robot sees lies on the map as much nearer as the obstacle does, and so does the robot that is matched to it
-    nearer_m = obstacle_y_m(world, 10, historical=False) - obstacle_y_m(world, 10, historical=True)
-    assert nearer_m == pytest.approx(0.15)
-    goal, robot = course.goal, course.goal_by_map
-    assert (robot.x, robot.y - nearer_m, robot.yaw) == pytest.approx((goal.x, goal.y, goal.yaw))
+    assert PAPER_2020.course(bent(open_world, 2)).path_length_m == pytest.approx(0.15 * math.sqrt(2.0))
+    with pytest.raises(ConfigError, match=r"^world bent: protocol paper2020 needs a path of at least 2 cells$"):
+        PAPER_2020.course(bent(open_world, 1))
 
 
 def test_only_a_map_that_is_given_can_be_off(open_world):
-    assert PAPER.map_offset_m() == -0.15
+    assert PAPER_2020.map_offset_m() == -0.15
     for change in ({"historical_map": False}, {"map_given": False}):
-        protocol = replace(PAPER, **change)
+        protocol = replace(PAPER_2020, **change)
         assert protocol.map_offset_m() == 0.0
-        assert protocol.course(open_world).goal_by_map is None
     assert CHALLENGE.map_offset_m() == 0.0
 
 
 def test_the_two_protocols_differ_as_published():
-    assert (PAPER.clock_start_distance_m, PAPER.goal_distance_m, PAPER.limit_s) == (0.316, 0.316, 50.0)
-    assert (PAPER.failure_time_s, PAPER.timeout_time_s, PAPER.goal_period_s) == (30.0, 50.0, 0.1)
+    assert (PAPER_2020.clock_start_distance_m, PAPER_2020.goal_distance_m) == (math.sqrt(0.1), math.sqrt(0.1))
+    assert (PAPER_2020.failure_time_s, PAPER_2020.timeout_time_s, PAPER_2020.limit_s) == (30.0, 30.0, 50.0)
+    assert PAPER_2020.goal_period_s == 0.1
     assert (CHALLENGE.clock_start_distance_m, CHALLENGE.goal_distance_m, CHALLENGE.limit_s) == (0.1, 1.0, 100.0)
-    assert (PAPER.map_given, PAPER.movable_obstacles, PAPER.collision_ends_trial) == (True, True, False)
+    assert (PAPER_2020.map_given, PAPER_2020.movable_obstacles, PAPER_2020.collision_ends_trial) == (True, True, False)
     assert (CHALLENGE.map_given, CHALLENGE.movable_obstacles, CHALLENGE.collision_ends_trial) == (False, False, True)
     assert (CHALLENGE.failure_time_s, CHALLENGE.timeout_time_s, CHALLENGE.goal_period_s) == (100.0, 100.0, 0.0)
-    assert (PAPER.clock_start_source, PAPER.goal_source) == ("odometry", "truth")
+    assert (PAPER_2020.clock_start_source, PAPER_2020.goal_source) == ("odometry", "odometry")
     assert (CHALLENGE.clock_start_source, CHALLENGE.goal_source) == ("truth", "truth")
-    assert (PAPER.simulator, PAPER.planner_preset) == ("paper", "paper")
+    assert (PAPER_2020.simulator, PAPER_2020.planner_preset) == ("paper2020", "paper2020")
     assert (CHALLENGE.simulator, CHALLENGE.planner_preset) == ("default", "challenge")
-    for protocol in (PAPER, CHALLENGE):
+    for protocol in (PAPER_2020, CHALLENGE):
         assert (protocol.first_motion_limit_s, protocol.control_period_s) == (30.0, 0.05)
 
 
 def test_a_protocol_without_a_base_is_judged_as_the_papers_on_a_map_that_is_right():
     own = Protocol(name="own", start=PoseRule(x_m=-2.0), goal=PoseRule(y_m=5.0))
-    assert own == replace(PAPER, name="own", start=own.start, goal=own.goal, historical_map=False)
+    assert own == replace(PAPER_2020, name="own", start=own.start, goal=own.goal, historical_map=False)
 
 
 def test_a_pose_is_counted_from_the_map_unless_told_otherwise_and_heads_along_y():
@@ -206,7 +178,7 @@ def test_a_pose_is_counted_from_the_map_unless_told_otherwise_and_heads_along_y(
     ],
 )
 def test_numbers_that_a_protocol_may_hold(name, lowest, highest):
-    base = PoseRule() if hasattr(PoseRule(), name) else PAPER
+    base = PoseRule() if hasattr(PoseRule(), name) else PAPER_2020
     largest = min(highest, 1e300)
     assert [getattr(replace(base, **{name: value}), name) for value in (lowest, largest)] == [lowest, largest]
     for value in (math.nextafter(lowest, -math.inf), math.nextafter(highest, math.inf), math.nan):
@@ -218,20 +190,12 @@ def test_a_pose_may_be_held_at_one_x():
     assert PoseRule(x_m=5.0, x_min_m=1.0, x_max_m=1.0).resolve({"map": (0.0, 0.0)}).x == 1.0
 
 
-def test_a_file_changes_its_base(tmp_path):
-    path = tmp_path / "slow.yaml"
-    path.write_text("schema_version: 1\nbase: challenge\nname: slow\nlimit_s: 200\nstart: {y_m: 2.5}\n")
-    slow = load_protocol(str(path))
-    assert (slow.name, slow.limit_s, slow.start.y_m, slow.start.x_m) == ("slow", 200.0, 2.5, -2.25)
-    assert slow.collision_ends_trial
-
-
 def test_a_file_changes_what_it_names_of_start_and_goal_and_keeps_the_rest(tmp_path):
     path = tmp_path / "near.yaml"
-    path.write_text("schema_version: 1\nbase: paper\nname: near\nstart: {x_m: 0.1}\ngoal: {y_m: -0.5}\n")
+    path.write_text("schema_version: 1\nbase: paper2020\nname: near\nstart: {x_m: 0.1}\ngoal: {y_m: -0.5}\n")
     near = load_protocol(str(path))
-    start, goal = replace(PAPER.start, x_m=0.1), replace(PAPER.goal, y_m=-0.5)
-    assert near == replace(PAPER, name="near", start=start, goal=goal)
+    start, goal = replace(PAPER_2020.start, x_m=0.1), replace(PAPER_2020.goal, y_m=-0.5)
+    assert near == replace(PAPER_2020, name="near", start=start, goal=goal)
 
 
 def test_a_file_may_stand_alone(tmp_path):
@@ -248,16 +212,16 @@ def test_a_file_may_stand_alone(tmp_path):
     ("text", "complaint"),
     [
         ("name: x\n", "schema_version must be 1, got None"),
-        ("schema_version: 2\nbase: paper\n", "schema_version must be 1, got 2"),
+        ("schema_version: 2\nbase: paper2020\n", "schema_version must be 1, got 2"),
         ("schema_version: 1\nname: x\nbase: papre2020\n", "did you mean 'paper2020'"),
-        ("schema_version: 1\nname: x\nbase: paper\nlimt_s: 3\n", "'limt_s'; did you mean 'limit_s'"),
-        ("schema_version: 1\nname: x\nbase: paper\nlimit_s: -3\n", "limit_s must be from 0.1"),
-        ("schema_version: 1\nname: x\nbase: paper\nlimit_s: .nan\n", "limit_s must be from 0.1"),
-        ("schema_version: 1\nname: x\nbase: paper\nlimit_s: long\n", "limit_s must be a number, got 'long'"),
-        ("schema_version: 1\nname: x\nbase: paper\nstart: {anchor_x: ma}\n", "anchor_x must be one of"),
-        ("schema_version: 1\nname: x\nbase: paper\nstart: 3\n", "start must be a mapping"),
-        ("schema_version: 1\nname: x\nbase: paper\nstart: {x_min_m: 1, x_max_m: 0}\n", "x_min_m must be at most"),
-        ("schema_version: 1\nbase: paper\nlimit_s: 3\n", "missing key 'name'"),
+        ("schema_version: 1\nname: x\nbase: paper2020\nlimt_s: 3\n", "'limt_s'; did you mean 'limit_s'"),
+        ("schema_version: 1\nname: x\nbase: paper2020\nlimit_s: -3\n", "limit_s must be from 0.1"),
+        ("schema_version: 1\nname: x\nbase: paper2020\nlimit_s: .nan\n", "limit_s must be from 0.1"),
+        ("schema_version: 1\nname: x\nbase: paper2020\nlimit_s: long\n", "limit_s must be a number, got 'long'"),
+        ("schema_version: 1\nname: x\nbase: paper2020\nstart: {anchor_x: ma}\n", "anchor_x must be one of"),
+        ("schema_version: 1\nname: x\nbase: paper2020\nstart: 3\n", "start must be a mapping"),
+        ("schema_version: 1\nname: x\nbase: paper2020\nstart: {x_min_m: 1, x_max_m: 0}\n", "x_min_m must be at most"),
+        ("schema_version: 1\nbase: paper2020\nlimit_s: 3\n", "missing key 'name'"),
         ("schema_version: 1\nname: x\n", "missing key 'goal' (or a base: challenge, dynabarn, known_map, paper2020)"),
         ("schema_version: 1\nname: x\ngoal: {}\n", "missing key 'start'"),
         ("- 1\n", "must be a mapping"),
@@ -285,6 +249,5 @@ def test_a_start_cannot_be_counted_from_itself(open_world, key):
         Protocol(start=PoseRule(**{key: "start"})).course(open_world)
 
 
-def test_names_lead_to_the_protocols_and_that_of_older_folders_to_its_own():
+def test_names_lead_to_the_protocols():
     assert {name: load_protocol(name) for name in PROTOCOLS} == PROTOCOLS
-    assert load_protocol("paper") == PAPER

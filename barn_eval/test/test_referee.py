@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from barn_eval.trials import rules
 from barn_eval.trials.outcome import Outcome, Verdict
-from barn_eval.trials.protocol import CHALLENGE, PAPER, PAPER_2020, Course
+from barn_eval.trials.protocol import CHALLENGE, PAPER_2020, Course
 from barn_eval.trials.referee import Referee, Standing
-from barn_worlds.base.types import Pose2D, Velocity2D, nanoseconds
+from barn_worlds.base.types import Pose2D, Velocity2D
 
 COURSE = Course(Pose2D(0.0, 0.0, math.pi / 2), Pose2D(0.0, 5.0, math.pi / 2), 4.5, 5.0, 2.5)
 PERIOD_NS = 50_000_000
@@ -52,25 +52,6 @@ def test_success_is_timed_from_the_first_motion_to_the_goal():
     assert verdict.duration_s == pytest.approx((10 + 80) * 0.05)
 
 
-def test_a_robot_is_at_the_goal_where_the_map_given_has_it_too():
-    start, off_y_m = reading(0, 0.0), 5.2
-    course = replace(COURSE, goal_by_map=Pose2D(0.0, 5.15, math.pi / 2))
-    for known, near in ((course, 0.25), (course, 0.35), (COURSE, 0.25)):
-        referee = Referee(PAPER, known)
-        for step, x in enumerate((0.0, 1.0, near)):
-            beside = Reading((step + 1) * PERIOD_NS, Pose2D(x, 0.0, 0.0), Pose2D(x, off_y_m, 0.0), False)
-            referee.observe(*(start if step == 0 else beside))
-        # 0.25 m beside the goal of the map is 0.32 m from the goal, which is too far
-        assert (referee.verdict is not None) == (known is course and near == 0.25)
-
-
-def test_the_goal_itself_counts_beside_that_of_the_map():
-    referee = Referee(PAPER, replace(COURSE, goal_by_map=Pose2D(0.0, 5.15, math.pi / 2)))
-    referee.observe(*reading(0, 0.0))
-    # 0.30 m before the goal is 0.45 m before the goal of the map
-    assert referee.observe(*reading(1, 4.7)).outcome is Outcome.SUCCESS
-
-
 def test_arrival_at_exactly_the_goal_distance_counts():
     protocol = replace(CHALLENGE, goal_distance_m=0.5)
     assert judge(protocol, [0.0, 4.4999]) is None
@@ -96,13 +77,6 @@ def test_the_trials_of_2020_are_judged_by_odometry_alone():
     assert referee.verdict.traversal_time_s == pytest.approx(2 * 0.05)
 
 
-def test_the_truth_at_the_goal_is_no_arrival_in_2020():
-    referee = Referee(PAPER_2020, COURSE)
-    for step, x in enumerate((0.0, 1.0, 4.6)):
-        referee.observe(*Reading(step * PERIOD_NS, Pose2D(x, 0.0, 0.0), COURSE.goal, False))
-    assert referee.verdict is None
-
-
 def test_motion_of_exactly_the_distance_does_not_start_the_clock():
     protocol = replace(CHALLENGE, clock_start_distance_m=0.5)
     referee = Referee(protocol, COURSE)
@@ -110,15 +84,6 @@ def test_motion_of_exactly_the_distance_does_not_start_the_clock():
     referee.observe(*reading(1, 0.5))
     assert not referee.clock_started
     referee.observe(*reading(2, 0.5000001))
-    assert referee.clock_started
-
-
-def test_the_paper_starts_the_clock_by_odometry():
-    referee = Referee(PAPER, COURSE)
-    referee.observe(*reading(0, 0.0))
-    referee.observe(*Reading(PERIOD_NS, Pose2D(0.0, 0.0, 0.0), Pose2D(0.0, 1.0, 0.0), False))
-    assert not referee.clock_started
-    referee.observe(*Reading(2 * PERIOD_NS, Pose2D(0.32, 0.0, 0.0), Pose2D(0.0, 1.0, 0.0), False))
     assert referee.clock_started
 
 
@@ -163,13 +128,13 @@ def test_a_contact_ends_the_challenge_even_on_the_goal_and_before_the_clock():
 
 
 def test_the_paper_only_adds_contacts_up():
-    verdict = judge(PAPER, [0.0, 1.0, 2.0, 3.0, 4.9], {1, 3})
+    verdict = judge(PAPER_2020, [0.0, 1.0, 2.0, 3.0, 4.9], {1, 3})
     assert verdict.outcome is Outcome.SUCCESS
     assert verdict.contact_s == pytest.approx(0.1)
 
 
 def test_time_in_contact_is_that_since_the_reading_before_each_contact():
-    referee = Referee(PAPER, COURSE)
+    referee = Referee(PAPER_2020, COURSE)
     for stamp_ms, collision in ((1000, True), (1100, True), (1300, False), (1700, True), (2500, False)):
         one = reading(0, 0.0, collision)._replace(stamp_ns=stamp_ms * 1_000_000)
         assert referee.observe(*one) is None
@@ -216,19 +181,13 @@ def test_a_command_that_is_no_number_ends_the_trial(command):
     assert "not finite" in verdict.detail
 
 
-def test_a_clock_that_runs_back_is_the_simulators_fault():
-    referee = Referee(CHALLENGE, COURSE)
-    referee.observe(*reading(2, 0.0))
-    verdict = referee.observe(*reading(1, 0.0))
-    assert verdict.outcome is Outcome.SIMULATOR_DIED
-    assert "ran back from 100000000 to 50000000 ns" in verdict.detail
-
-
 def test_a_clock_runs_back_by_the_last_reading_and_may_stand_still():
     referee = Referee(CHALLENGE, COURSE)
     for step in (0, 2, 2):
         assert referee.observe(*reading(step, 0.0)) is None
-    assert referee.observe(*reading(1, 0.0)).outcome is Outcome.SIMULATOR_DIED
+    verdict = referee.observe(*reading(1, 0.0))
+    assert verdict.outcome is Outcome.SIMULATOR_DIED
+    assert "ran back from 100000000 to 50000000 ns" in verdict.detail
 
 
 @pytest.mark.parametrize(("field", "name"), [("odometry", "odometry"), ("truth", "true pose")])
@@ -274,7 +233,7 @@ steps = st.lists(st.tuples(st.integers(0, 2_000_000_000), positions, st.booleans
 
 
 @settings(max_examples=300, deadline=None)
-@given(steps=steps, protocol=st.sampled_from([PAPER, CHALLENGE]), offset_ns=st.integers(0, 10**15))
+@given(steps=steps, protocol=st.sampled_from([PAPER_2020, CHALLENGE]), offset_ns=st.integers(0, 10**15))
 def test_one_verdict_with_sound_times_wherever_time_begins(steps, protocol, offset_ns):
     def run(first_ns: int):
         referee = Referee(protocol, COURSE)
@@ -302,12 +261,3 @@ def test_one_verdict_with_sound_times_wherever_time_begins(steps, protocol, offs
         assert verdict.traversal_time_s <= protocol.limit_s
     if verdict.outcome is Outcome.TIMEOUT:
         assert verdict.traversal_time_s >= protocol.limit_s
-
-
-def test_every_trial_ends_within_both_limits():
-    """Whatever the robot does, a verdict comes by the sum of the two limits."""
-    worst_ns = nanoseconds(PAPER.first_motion_limit_s) + nanoseconds(PAPER.limit_s)
-    waiting = round(PAPER.first_motion_limit_s / 0.05) - 1
-    verdict = judge(PAPER, [0.0] * waiting + [1.0] * 10_000)
-    assert verdict.outcome is Outcome.TIMEOUT
-    assert nanoseconds(verdict.duration_s) <= worst_ns

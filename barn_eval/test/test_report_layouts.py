@@ -11,7 +11,7 @@ import yaml
 from barn_eval.bags.recorder import Recorder
 from barn_eval.experiments.direct import run_direct_trial
 from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.protocol import DYNABARN, PAPER
+from barn_eval.trials.protocol import DYNABARN, PAPER_2020
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_worlds.messages.cdr import jazzy_types
 from barn_worlds.worlds.dataset import open_dataset
@@ -38,12 +38,12 @@ def topics(tmp_path_factory):
     """Topics with type and profile that a trial's bag has: DWA's and E-Band's, and one among moving obstacles."""
     found = {}
     for planner, protocol, dataset in (
-        ("dwa", PAPER, "barn300"),
-        ("eband", PAPER, "barn300"),
+        ("dwa", PAPER_2020, "barn300"),
+        ("eband", PAPER_2020, "barn300"),
         ("gap", DYNABARN, "dynabarn60"),
     ):
         world, simulator = open_dataset(dataset).load(0), simulator_config(protocol)
-        spec = TrialSpec(dataset, 0, world, planner, "paper", {}, protocol, simulator, 1, 0)
+        spec = TrialSpec(dataset, 0, world, planner, "paper2020", {}, protocol, simulator, 1, 0)
         path = tmp_path_factory.mktemp("layouts") / "bag"
         with Recorder(path) as recorder:
             run_direct_trial(spec, recorder)

@@ -1,26 +1,27 @@
 """The processes that make a report: none outlives it, none that dies is waited for."""
 
+import math
 import os
 import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from barn_eval.pages.report.processes import workers
+from barn_eval.pages.report.processes import run_forked
 from barn_worlds.base.errors import BarnError
 
 _WAITS = """
-import signal, time
-from multiprocessing import active_children
-from barn_eval.pages.report.processes import workers
+import os, signal, time
+from barn_eval.pages.report.processes import run_forked
 signal.signal(signal.SIGINT, signal.default_int_handler)
-with workers() as pool:
-    print(*(one.pid for one in active_children()), flush=True)
-    pool.submit(time.sleep, 3600.0)
+def tell():
+    print(os.getpid(), flush=True)
     time.sleep(3600.0)
+run_forked([tell], print)
 """
 
 
@@ -30,30 +31,29 @@ def _die():
 
 def test_a_killed_process_is_one_line():
     said = r"^a process that computed a part of the report was killed; was there enough"
-    with pytest.raises(BarnError, match=said), workers() as pool:
-        pool.submit(_die).result()
+    with pytest.raises(BarnError, match=said):
+        run_forked([_die], print)
 
 
-def test_what_was_not_begun_is_left_when_the_report_fails():
-    with pytest.raises(ValueError, match="in vain"), workers() as pool:
-        jobs = [pool.submit(time.sleep, 0.5) for _ in range(1000)]
-        raise ValueError("in vain")
-    assert jobs[-1].cancelled()
+def test_what_was_not_begun_is_left_when_the_report_fails(tmp_path):
+    jobs = [partial(time.sleep, 0.5) for _ in range(1000)] + [(tmp_path / "begun").touch]
+    with pytest.raises(ValueError, match="math domain error"):
+        run_forked([partial(math.sqrt, -1.0), *jobs], print)
+    assert not (tmp_path / "begun").exists()
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 def test_processes_end_with_the_command(number):
     process = subprocess.Popen([sys.executable, "-c", _WAITS], stdout=subprocess.PIPE, start_new_session=True)
     try:
-        children = process.stdout.readline().split()
-        assert children
+        child = int(process.stdout.readline())
         if number == signal.SIGINT:
             os.killpg(process.pid, number)  # as the terminal does
         else:
             process.send_signal(number)
         process.wait(600.0)
         deadline = time.monotonic() + 600.0
-        while any(Path(f"/proc/{int(pid)}").exists() for pid in children):
+        while Path(f"/proc/{child}").exists():
             assert time.monotonic() < deadline
             time.sleep(0.01)
     finally:

@@ -190,7 +190,7 @@ def test_a_command_is_not_filed_under_a_name_of_the_suite_by_accident():
         ({"repetitions": 0}, ": repetitions must be from 1 to 99, got 0"),
         ({"seed": -1}, ": seed must be"),
         ({"protocol": "papper"}, "unknown protocol 'papper'; did you mean 'paper2020'?"),
-        ({"protocol": {"base": "paper"}}, "protocol must be a name or a YAML file, got"),
+        ({"protocol": {"base": "paper2020"}}, "protocol must be a name or a YAML file, got"),
         ({"mode": "dirct"}, "did you mean 'direct'?"),
         ({"planner_command": "run me", "planners": "mine"}, "planner 'mine': a planner command needs mode ros"),
         ({"planner_command": "run me", "mode": "ros"}, "give it as NAME=COMMAND where there are several planners"),

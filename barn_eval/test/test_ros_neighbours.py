@@ -33,7 +33,7 @@ from ros_runs import (  # noqa: E402
 from barn_eval.experiments.folder import read_results  # noqa: E402
 from barn_eval.ros.supervision import ProcessError  # noqa: E402
 from barn_eval.trials.outcome import Outcome  # noqa: E402
-from barn_eval.trials.protocol import PAPER  # noqa: E402
+from barn_eval.trials.protocol import PAPER_2020  # noqa: E402
 from barn_worlds.ros.domain import reserved_domain  # noqa: E402
 
 NEIGHBOUR = Path(__file__).with_name("neighbour_planner.py")
@@ -121,7 +121,9 @@ def test_the_node_that_leads_the_planner_is_waited_for(tmp_path):
     assert absent.detail == "the node /late (planner_node) is not there (waited 15 s)"
 
 
-@pytest.mark.parametrize("protocol", [SHORT, replace(PAPER, limit_s=2.0, timeout_time_s=2.0)], ids=lambda one: one.name)
+@pytest.mark.parametrize(
+    "protocol", [SHORT, replace(PAPER_2020, limit_s=2.0, timeout_time_s=2.0)], ids=lambda one: one.name
+)
 def test_a_robot_in_a_namespace_with_names_and_frames_of_its_own(tmp_path, protocol):
     setup = replace(
         PATIENT,

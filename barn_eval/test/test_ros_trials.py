@@ -57,7 +57,7 @@ from barn_eval.trials.protocol import CHALLENGE, DYNABARN, PAPER_2020  # noqa: E
 from barn_eval.trials.spec import simulator_config  # noqa: E402
 from barn_worlds.base.types import Pose2D  # noqa: E402
 from barn_worlds.geometry.bodies import wall_bodies  # noqa: E402
-from barn_worlds.geometry.footprint import Disc  # noqa: E402
+from barn_worlds.geometry.footprint import Footprint  # noqa: E402
 from barn_worlds.messages.cdr import jazzy_types  # noqa: E402
 from barn_worlds.messages.topics import BAND, CANDIDATES, COSTMAP, DIAGNOSTICS, LOCAL_PLAN, PLAN  # noqa: E402
 from barn_worlds.robots.files import load_robot, shipped_robots  # noqa: E402
@@ -131,7 +131,7 @@ def test_a_free_running_trial_meets_the_obstacles_of_its_phase_where_its_scans_s
     tracks, moving = spec.world.tracks, recorded.moving
     assert len(moving.times_s) > 40
     np.testing.assert_allclose(moving.places, tracks.over(moving.times_s + spec.phase_s)[0], atol=1e-9)
-    walls, point = wall_bodies(spec.world.walls), Disc(1e-9, np.zeros((1, 2)))
+    walls, point = wall_bodies(spec.world.walls), Footprint(np.zeros((1, 2)), 1e-9)
     for one in recorded.scans[::10]:
         pose = Pose2D(*recorded.poses[recorded.index_at(one.time_s)].tolist()) @ recorded.lidar
         seen = np.isfinite(one.content.ranges)

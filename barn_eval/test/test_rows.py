@@ -16,11 +16,9 @@ from pathlib import Path
 import pytest
 
 from barn_eval.experiments.rows import ResultRows, sealed
-from barn_eval.trials.encounters import Encounters
-from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.outcome import Outcome, Scores
 from barn_eval.trials.result import TrialResult, from_json_line, to_json_line, trial_id
-from barn_eval.trials.scores import Scores
-from barn_eval.trials.trajectory import Measures
+from barn_eval.trials.trajectory import Encounters, Measures
 from barn_worlds.base.errors import ConfigError, StoreError
 from barn_worlds.base.files import write_whole
 
@@ -34,7 +32,7 @@ def result(number: int = 0) -> TrialResult:
         world_checksum="00",
         planner="dwa",
         preset="",
-        protocol="paper",
+        protocol="paper2020",
         mode="direct",
         repetition=0,
         campaign_seed=0,

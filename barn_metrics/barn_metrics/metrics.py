@@ -6,7 +6,6 @@ text, its numbers and the corrected formula differ.
 
 import math
 from dataclasses import astuple, dataclass
-from typing import Any
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
@@ -146,7 +145,7 @@ def metric_maps(cspace: BoolGrid, formula: Formula | str = CORRECTED) -> dict[st
     return maps
 
 
-def _checked(cspace: Any, cells: Any) -> tuple[BoolGrid, Cells]:
+def _checked(cspace: object, cells: object) -> tuple[BoolGrid, Cells]:
     """Return both as contiguous arrays of the kernels' types; WorldError if they are malformed."""
     if not isinstance(cspace, np.ndarray) or cspace.ndim != 2 or cspace.dtype != np.bool_:
         raise WorldError("C-space must be a two-dimensional array of bools")

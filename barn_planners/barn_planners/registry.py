@@ -89,7 +89,7 @@ def presets(name: str) -> dict[str, Checked]:
     return dict(planner_entry(name).presets)
 
 
-def planner_config(name: str, preset: str = "paper", overrides: Mapping[str, Any] = _NOTHING) -> Any:
+def planner_config(name: str, preset: str = "challenge", overrides: Mapping[str, Any] = _NOTHING) -> Any:
     """Return a preset's configuration with the fields of `overrides` (dotted names) replaced.
 
     A planner whose only preset is "default" uses it for every protocol.
@@ -102,7 +102,7 @@ def planner_config(name: str, preset: str = "paper", overrides: Mapping[str, Any
     return replace_dotted(known[preset], overrides, f"planner {name!r}")
 
 
-def make_planner(name: str, preset: str = "paper", overrides: Mapping[str, Any] = _NOTHING) -> Planner:
+def make_planner(name: str, preset: str = "challenge", overrides: Mapping[str, Any] = _NOTHING) -> Planner:
     """Return a new planner; its `config` is the resolved configuration. ConfigError for names or values unknown."""
     return planner_entry(name).build(planner_config(name, preset, overrides))
 

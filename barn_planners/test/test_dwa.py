@@ -180,10 +180,10 @@ def test_what_there_is_to_see_are_the_samples_and_the_one_chosen():
 
 def test_presets_differ_where_they_say():
     presets = dwa_presets()
-    assert list(presets) == ["paper", "challenge", "fast_dwa", "paper2020"]
-    assert presets["paper"].goal_republish_period_s == 0.1 and presets["challenge"].goal_republish_period_s == 0.0
+    assert list(presets) == ["challenge", "fast_dwa", "paper2020"]
+    assert presets["paper2020"].goal_republish_period_s == 0.1 and presets["challenge"].goal_republish_period_s == 0.0
     assert (presets["fast_dwa"].dwa.max_speed_mps, presets["fast_dwa"].dwa.speed_samples) == (1.0, 12)
-    assert not presets["paper"].dwa.distances_in_metres and presets["challenge"].dwa.distances_in_metres
+    assert not presets["paper2020"].dwa.distances_in_metres and presets["challenge"].dwa.distances_in_metres
 
 
 def test_speeds_that_contradict_each_other_are_refused():

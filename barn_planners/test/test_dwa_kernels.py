@@ -10,7 +10,7 @@ import pytest
 from barn_planners.costmap import kernels as costmap_kernels
 from barn_planners.costmap.costmap import INSCRIBED, LETHAL, rectangle
 from barn_planners.dwa import kernels, wavefront
-from barn_planners.dwa.kernels import Grid, Ground, Motion, Scene, Start, Weights
+from barn_planners.dwa.kernels import Grid, Ground, Movement, Scene, Start, Weights
 from barn_planners.dwa.search import Choice, find_best
 
 RESOLUTION = 0.05
@@ -19,7 +19,7 @@ ORIGIN = (-2.0, -1.5)
 GRID = Grid(*ORIGIN, 1.0 / RESOLUTION)
 JACKAL = rectangle(0.31, 0.265)
 PENTAGON = np.array([[0.4, 0.1], [0.1, 0.3], [-0.2, 0.2], [-0.2, -0.2], [0.3, -0.2]])
-MOTION = Motion(2.0, 0.02, 0.02, 10.0, 20.0)
+MOTION = Movement(2.0, 0.02, 0.02, 10.0, 20.0)
 WEIGHTS = Weights(0.75, 1.0, 0.1)
 SIZE = (ROWS + 2) * (COLS + 2)
 

@@ -154,7 +154,7 @@ def test_a_goal_inside_an_obstacle_of_the_map_is_not_driven_to_at_all(flat_world
     world = flat_world(BOX)
     known = OccupancyMap(np.zeros((80, 80), np.int8), 0.15, -6.0, -6.0)
     known.data[40, 60] = 100
-    for preset in ("paper", "challenge"):
+    for preset in ("paper2020", "challenge"):
         planner = make_planner("dwa", preset)
         planner.start(Task(Pose2D(3.05, 0.05, 0.0), known), seed=0)
         for decision in steps(planner, world, 10):

@@ -13,7 +13,7 @@ CORRIDOR = [((-1.0, -1.2), (7.0, -1.2)), ((-1.0, 1.2), (7.0, 1.2)), ((-1.0, -1.2
 GOAL = Pose2D(5.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("preset", ["paper", "challenge"])
+@pytest.mark.parametrize("preset", ["paper2020", "challenge"])
 def test_a_straight_corridor_is_driven_straight_and_fast(flat_world, preset):
     world = flat_world(CORRIDOR)
     status = world.drive(make_planner("dwa", preset), GOAL, limit_s=14.0)
@@ -32,7 +32,7 @@ def test_fast_dwa_is_faster(flat_world):
 
 
 # In gaps under about 1.06 m the costs as configured make a robot without slip or delay turn on the spot for ever.
-@pytest.mark.parametrize(("preset", "half_width"), [("paper", 1.2), ("challenge", 1.6)])
+@pytest.mark.parametrize(("preset", "half_width"), [("paper2020", 1.2), ("challenge", 1.6)])
 def test_a_slalom_is_driven_without_touching(flat_world, preset, half_width):
     sides = [((-1.0, y), (7.0, y)) for y in (-half_width, half_width)]
     posts = [((1.5, -half_width), (1.5, 0.15)), ((3.2, half_width), (3.2, -0.15))]

@@ -179,7 +179,7 @@ def linear_policy(path, weights, biases, beams=4):
 
 def test_a_policy_that_steers_for_the_goal_reaches_it(flat_world, tmp_path):
     path = linear_policy(tmp_path / "p.npz", {6: (0.0, 2.0)}, (0.2, 0.0))  # turn by the sine of the bearing
-    world, planner = flat_world([((-2.0, 6.0), (8.0, 6.0))]), make_planner("policy", "paper", {"policy_path": path})
+    world, planner = flat_world([((-2.0, 6.0), (8.0, 6.0))]), make_planner("policy", "challenge", {"policy_path": path})
     assert world.drive(planner, Pose2D(4.0, 2.0, 0.0), 20.0) is PlannerStatus.GOAL_REACHED
     assert math.dist((world.pose.x, world.pose.y), (4.0, 2.0)) < 0.25
 
@@ -188,7 +188,7 @@ def test_a_policy_that_drives_into_walls_is_stopped_before_them(flat_world, tmp_
     path = linear_policy(tmp_path / "p.npz", {}, (1.0, 0.0))
     for enabled in (True, False):
         world = flat_world([((3.0, -2.0), (3.0, 2.0))])
-        planner = make_planner("policy", "paper", {"policy_path": path, "safety.enabled": enabled})
+        planner = make_planner("policy", "challenge", {"policy_path": path, "safety.enabled": enabled})
         status = world.drive(planner, Pose2D(6.0, 0.0, 0.0), 10.0)
         assert (world.pose.x + 0.254 < 3.0 - 0.075) is enabled
         if enabled:

@@ -64,7 +64,7 @@ def test_every_built_in_planner_can_be_made_with_each_of_its_presets():
         for preset, config in presets(name).items():
             planner = make_planner(name, preset)
             assert isinstance(planner, Planner) and planner.config == config
-        for protocol in ("paper", "challenge", "paper2020"):
+        for protocol in ("challenge", "paper2020"):
             assert planner_config(name, protocol) in presets(name).values()
 
 
@@ -78,13 +78,13 @@ def test_overrides_reach_the_configuration():
     ("arguments", "message"),
     [
         (("dva",), "unknown planner 'dva'; did you mean 'dwa'?"),
-        (("dwa", "papr"), "planner 'dwa': unknown preset 'papr'; did you mean 'paper'?"),
+        (("dwa", "papr2020"), "planner 'dwa': unknown preset 'papr2020'; did you mean 'paper2020'?"),
         (
-            ("dwa", "paper", {"dwa.max_sped_mps": 1.0}),
+            ("dwa", "paper2020", {"dwa.max_sped_mps": 1.0}),
             "unknown parameter 'dwa.max_sped_mps'; did you mean 'dwa.max_speed_mps'?",
         ),
         (
-            ("dwa", "paper", {"dwa.max_speed_mps": -1.0}),
+            ("dwa", "paper2020", {"dwa.max_speed_mps": -1.0}),
             "planner 'dwa': dwa.max_speed_mps must be from 0.01 to 10 m/s, got -1.0",
         ),
     ],
@@ -111,7 +111,7 @@ def test_a_planner_of_another_package_is_found_by_its_entry_point(announced):
 
 def test_one_preset_named_default_serves_every_protocol(announced):
     announced("stand", ENTRY)
-    assert planner_config("stand", "paper") == planner_config("stand", "challenge") == StandConfig()
+    assert planner_config("stand", "paper2020") == planner_config("stand", "challenge") == StandConfig()
 
 
 @pytest.mark.parametrize(

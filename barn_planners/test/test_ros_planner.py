@@ -168,7 +168,7 @@ def test_the_node_commands_what_the_planner_commands(flat_world, harness, start_
     deadline = time.monotonic() + PATIENCE_S
     while not harness.call("dwa_planner/ready").success:
         assert time.monotonic() < deadline
-    planner = make_planner("dwa", "paper" if use_map else "challenge")
+    planner = make_planner("dwa", "paper2020" if use_map else "challenge")
     planner.start(Task(goal, known), seed=3)
     last = STOP
     for _ in range(60):

@@ -6,7 +6,7 @@ configuration of its drivers and models.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from barn_worlds.base.config import OPTIONAL, Checked, from_dict, quantity
 from barn_worlds.base.types import Pose2D, nanoseconds
@@ -102,6 +102,15 @@ class LocalisationConfig(Checked):
         minimum=0.0,
         maximum=10.0,
     )
+    recovery_alpha_slow: float = quantity(
+        0.0, "particles: decay of the slow average of weights (amcl), by which a loss is told", minimum=0.0, maximum=1.0
+    )
+    recovery_alpha_fast: float = quantity(
+        0.0,
+        "particles: decay of the fast one (0.1 on the Jackal); 0: none are drawn anywhere",
+        minimum=0.0,
+        maximum=1.0,
+    )
     half_cell_low: bool = quantity(
         True, "particles: cells are taken to be centred on their lower corners (a quirk of amcl)"
     )
@@ -186,7 +195,7 @@ def _with_noise(own: T, asked: T, usual: T, *names: str) -> T:
     return replace(own, **changed)
 
 
-def chassis_in(simulator: Any) -> Chassis:
+def chassis_in(simulator: object) -> Chassis:
     """Return the robot of a simulator's configuration as plain data, the standard one where it names none.
 
     Raises ConfigError for one that is not allowed.
@@ -206,25 +215,19 @@ LIDARS: dict[str, LidarConfig] = {
     "lms1xx": LidarConfig(mount_x_m=0.120, mount_z_m=0.333),
 }
 
-_AMCL = LocalisationConfig(mode="amcl")
-
 # default: a Jackal among fixed obstacles. known_map: with the error of a particle filter in its pose. jazzy: with the
-# lidar of its ROS 2 model. paper2020: as in the trials of the paper; paper: as version 0.1 took them to be. ideal:
-# without noise or delay, though wheels still slip.
+# lidar of its ROS 2 model. paper2020: as in the trials of the paper. ideal: without noise or delay, though wheels still
+# slip.
 PRESETS: dict[str, SimulatorConfig] = {
     "default": SimulatorConfig(),
-    "known_map": SimulatorConfig(localisation=_AMCL),
+    "known_map": SimulatorConfig(localisation=LocalisationConfig(mode="amcl")),
     "jazzy": SimulatorConfig(lidar=LIDARS["ust10lx_jazzy"]),
-    "paper": SimulatorConfig(
-        drive=DriveConfig(command_timeout_s=0.25),
-        lidar=LIDARS["lms1xx"],
-        localisation=_AMCL,
-        obstacles=ObstacleConfig(movable=True),
-    ),
     "paper2020": SimulatorConfig(
         drive=DriveConfig(command_timeout_s=0.25),
         lidar=LIDARS["lms1xx"],
-        localisation=LocalisationConfig(mode="particles", correction_delay_s=1.0, half_cell_low=False),
+        localisation=LocalisationConfig(
+            mode="particles", correction_delay_s=1.0, half_cell_low=False, recovery_alpha_fast=0.1
+        ),
         obstacles=ObstacleConfig(movable=True),
     ),
     "ideal": SimulatorConfig(

@@ -137,7 +137,7 @@ def test_between_updates_the_pose_follows_the_odometry(pillars: World) -> None:
         looks += 1
         return lidar.scan(0, truth, pillars.cylinders_m, pillars.cylinder_radius_m)
 
-    believer = ParticleLocalisation(WIDE, np.random.default_rng(0), known_map(pillars, False), START, MOUNT)
+    believer = ParticleLocalisation(WIDE, np.random.default_rng(4), known_map(pillars, False), START, MOUNT)
     seen = []
     for odometry in (Pose2D(0.0, 0.0, 0.0), Pose2D(0.09, 0.0, 0.3), Pose2D(0.11, 0.0, 0.3), Pose2D(0.11, 0.0, 0.62)):
         believer.estimate(0, odometry, lambda odometry=odometry: look(START @ odometry))
@@ -187,3 +187,32 @@ def _first_scan(world: World, start: Pose2D) -> np.ndarray:
     ranges = simulator.sense().scan.ranges
     simulator.close()
     return ranges
+
+
+@pytest.mark.parametrize("alphas", [(0.0, 0.1), (0.001, 0.1), (0.0, 0.0)])
+def test_particles_are_drawn_anywhere_as_long_as_the_fast_average_is_below_the_slow_one(
+    pillars: World, alphas: tuple[float, float]
+) -> None:
+    config = replace(AT_START, recovery_alpha_slow=alphas[0], recovery_alpha_fast=alphas[1])
+    believer = ParticleLocalisation(config, np.random.default_rng(0), known_map(pillars, False), START, MOUNT)
+    slow = fast = 0.0  # 0: to begin with the next average, as amcl has it
+    shares = []
+    for average in (4.0, 5.0, 3.0, 0.5, 0.4, 6.0, 5.0, 0.1):
+        slow = average if slow == 0.0 else slow + alphas[0] * (average - slow)
+        fast = average if fast == 0.0 else fast + alphas[1] * (average - fast)
+        shares.append(max(0.0, 1.0 - fast / slow))
+        if shares[-1] > 0.0:
+            slow = fast = 0.0
+        assert believer._lost(average) == pytest.approx(shares[-1])
+    assert (max(shares) > 0.0) == (alphas[1] > 0.0)
+
+
+def test_particles_drawn_anywhere_lie_in_free_cells_of_the_whole_map(pillars: World) -> None:
+    known = known_map(pillars, False)
+    believer = ParticleLocalisation(AT_START, np.random.default_rng(0), known, START, MOUNT)
+    poses = believer._anywhere(5000)
+    columns = ((poses[:, 0] - known.origin_x) / known.resolution).astype(int)
+    rows = ((poses[:, 1] - known.origin_y) / known.resolution).astype(int)
+    assert (known.data[rows, columns] == 0).all()
+    assert len(set(zip(rows, columns, strict=True))) > 0.9 * (known.data == 0).sum()
+    assert np.abs(poses[:, 2]).max() <= math.pi < np.ptp(poses[:, 2])

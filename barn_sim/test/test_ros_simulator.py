@@ -34,7 +34,7 @@ def peer(lockstep):
     peer.close()
 
 
-@pytest.mark.parametrize("preset", ["default", "paper"])
+@pytest.mark.parametrize("preset", ["default", "paper2020"])
 def test_lockstep_equals_the_core_to_the_last_bit(peer: Peer, preset: str) -> None:
     config = PRESETS[preset]
     settings = {name.replace(".", "__"): value for name, _, value in fields_of(config)}

@@ -52,7 +52,7 @@ def fingerprint(readings: list[Sensors]) -> str:
 CONFIGS = {
     "static": SimulatorConfig(),
     "movable": SimulatorConfig(obstacles=MOVABLE),
-    "paper": PRESETS["paper"],
+    "paper": PRESETS["paper2020"],
 }
 
 
@@ -153,7 +153,7 @@ def test_starts_where_it_is_put_with_odometry_at_zero(empty_world) -> None:
 
 
 def test_poses_are_as_they_come_out_of_messages(walled_world) -> None:
-    for sensors in drive(walled_world, PRESETS["paper"]):
+    for sensors in drive(walled_world, PRESETS["paper2020"]):
         for pose in (sensors.odometry.pose, sensors.truth.pose, sensors.localisation):
             assert pose == pose.through_quaternion()
 

@@ -16,9 +16,9 @@ from barn_worlds.worlds.generate import (
     generate_dataset,
     generate_world,
     narrowness,
-    renumber_dataset,
     reordered,
     write_dataset,
+    write_ordered,
 )
 from barn_worlds.worlds.parameters import TABLE_I, WorldParameters
 
@@ -100,21 +100,10 @@ def test_worlds_can_be_numbered_by_any_score(tmp_path):
     with pytest.raises(WorldError, match="one finite score for each of 8 worlds"):
         reordered(worlds, Order("a test", (*scores[1:], float("nan"))))
 
-    write_dataset(tmp_path / "small.npz", SMALL, lambda _: Order("a test", scores))
+    write_ordered(tmp_path / "small.npz", "small", worlds, Order("a test", scores), {"seed": 3})
     dataset = open_dataset(tmp_path / "small.npz")
     assert [dataset.load(k).checksum for k in range(8)] == [numbered[k].checksum for k in range(8)]
-    assert dataset.manifest["order"] == {"by": "a test", "scores": sorted(scores)}
-
-
-def test_a_data_set_file_can_be_renumbered(tmp_path):
-    write_dataset(tmp_path / "small.npz", SMALL)
-    before = open_dataset(tmp_path / "small.npz")
-    renumber_dataset(tmp_path / "small.npz", tmp_path / "turned.npz", Order("a test", tuple(range(8, 0, -1))))
-    after = open_dataset(tmp_path / "turned.npz")
-    assert [after.load(k).checksum for k in range(8)] == [before.load(7 - k).checksum for k in range(8)]
-    assert after.manifest["order"] == {"by": "a test", "scores": list(range(1, 9))}
-    assert after.manifest["seed"] == before.manifest["seed"]
-    assert after.load(0).provenance.seed == before.load(7).provenance.seed
+    assert dataset.manifest["order"] == {"by": "a test", "scores": sorted(scores)} and dataset.manifest["seed"] == 3
 
 
 def test_narrowness_is_the_mean_distance_to_the_c_space(small_world):

@@ -21,7 +21,6 @@ from visualization_msgs.msg import Marker, MarkerArray
 from barn_worlds.base.errors import MessageError
 from barn_worlds.base.types import OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
 from barn_worlds.messages import decode, encode
-from barn_worlds.messages.cdr import deserialise, jazzy_types
 
 metres = st.floats(-1e3, 1e3)
 yaws = st.floats(-math.pi, math.pi)
@@ -210,17 +209,6 @@ def test_transforms_and_diagnostics():
     assert decode.diagnostics(data) == [{}, {"status": "blocked", "cost": "1.5"}]
 
 
-@pytest.mark.parametrize("type_name", list(SAMPLES))
-def test_big_endian_messages_say_the_same(type_name):
-    decoder, data = SAMPLES[type_name]
-    message = deserialise(data, type_name)
-    turned = bytes(jazzy_types().serialize_cdr(message, type_name, little_endian=False))
-    assert turned != data
-    assert content(decoder(turned)) == content(decoder(data))
-    if type_name.startswith(("nav_msgs", "sensor_msgs")):
-        assert decode.header(turned) == decode.header(data)
-
-
 def refusal(decoder, data, expected=None):
     """Return why bytes are refused, an empty text if they are read; the content is then what is expected, if given."""
     try:
@@ -260,14 +248,15 @@ def test_a_length_of_four_gigabytes_takes_no_memory():
     with pytest.raises(MessageError, match="std_msgs/msg/String"):
         decode.text(bytes(data))
     data = serialize_message(convert.to_header(7, "odom"))
-    with pytest.raises(MessageError, match="not a message with a header"):
+    with pytest.raises(MessageError, match="not a message of type std_msgs/msg/Header"):
         decode.header(data[:12] + b"\xff" * 4 + data[16:])
 
 
 def test_other_encodings_are_named():
     _, data = SAMPLES["geometry_msgs/msg/Twist"]
-    with pytest.raises(MessageError, match=r"^not a message of type geometry_msgs/msg/Twist in plain CDR, .* 0x0007$"):
-        decode.twist(b"\0\7" + data[2:])
+    for first in (b"\0\7", b"\0\0"):  # parameter lists, big-endian
+        with pytest.raises(MessageError, match=rf"^not a message of type .*/Twist in plain CDR, .* 0x{first.hex()}$"):
+            decode.twist(first + data[2:])
 
 
 def test_a_frame_that_is_no_text_is_read_as_ros_reads_it():

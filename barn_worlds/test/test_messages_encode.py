@@ -21,7 +21,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from barn_worlds.base.types import OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
 from barn_worlds.messages import encode
 from barn_worlds.messages.cdr import Template, deserialise, layout, make, serialise
-from barn_worlds.messages.markers import LINE_STRIP, marker
+from barn_worlds.messages.encode import LINE_STRIP, marker
 
 POSE = Pose2D(-2.25, 3.1, 1.57)
 MARKERS = "visualization_msgs/msg/MarkerArray"

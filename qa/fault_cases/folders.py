@@ -7,8 +7,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from barn_eval.experiments.rows import ResultRows, sealed, unsealed
-from barn_eval.experiments.tables import write_tables
+from barn_eval.experiments.rows import ResultRows, sealed, unsealed, write_tables
 from fault_cases.campaigns import campaign, resumed, undisturbed
 from fault_cases.files import FAMILY
 from fault_cases.kit import Lab, add, case, hold

@@ -111,7 +111,7 @@ for _name, _done, _deed, _words in (
     (
         "worker-killed",
         "The worker that supervises the nodes gets SIGKILL.",
-        lambda lab: kill(lab.nodes("worker.py")),
+        lambda lab: kill(lab.nodes("experiments.worker")),
         "",
     ),
 ):
@@ -178,7 +178,7 @@ def _killed_together(lab: Lab, guards: int) -> str:
     lab.until(lambda: note.exists() and note.read_text().endswith("\n"), "the planner's daemon")
     guarding = lab.guards(str(SCRIPT))
     hold(len(guarding) >= guards, f"guards {guarding}")
-    kill([run.pid, *lab.nodes("worker.py"), *sorted(guarding)[:guards]])
+    kill([run.pid, *lab.nodes("experiments.worker"), *sorted(guarding)[:guards]])
     run.wait()
     pids = [int(pid) for pid in note.read_text().split()]
     lab.until(lambda: not any(map(alive, pids)), "the end of the daemon")

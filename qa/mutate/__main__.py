@@ -26,7 +26,7 @@ TESTS = {
     "barn_eval.trials.rules": ["test_referee"],
     "barn_eval.trials.referee": ["test_referee"],
     "barn_eval.trials.protocol": ["test_protocol"],
-    "barn_eval.trials.scores": ["test_scores"],
+    "barn_eval.trials.outcome": ["test_scores"],
     "barn_eval.trials.seeds": ["test_scores"],
     "barn_eval.trials.trajectory": ["test_trajectory"],
     "barn_eval.ros.adapter": ["test_adapter"],

@@ -11,7 +11,7 @@ import numpy as np
 
 from barn_eval.analysis.sources import Entry
 from barn_eval.analysis.summary import Summary, summarise
-from barn_eval.trials.protocol import PAPER
+from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.result import TrialResult
 from barn_worlds.base.errors import WorldError
 from barn_worlds.worlds.world import World
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 IN_BANDS = ("success", "traversal_time_s", "normalised_time_s_per_m", "challenge")
 MOST_BANDS = 4
 _FEWEST_WORLDS = 3  # of a band
-# The protocol of the trials that the shipped difficulty model was trained on; under others it predicts nothing.
-LEARNED_UNDER = PAPER.name
+# The protocol whose trials the shipped difficulty model predicts; it knows nothing of others.
+PREDICTED = PAPER_2020.name
 
 
 @dataclass(frozen=True)

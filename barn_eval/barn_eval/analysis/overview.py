@@ -3,16 +3,15 @@
 import itertools
 import json
 import shlex
-from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor, Future
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import partial
 from typing import Any
 
 import yaml
 
 from barn_eval.analysis.compare import Comparison, compare, holm_adjusted
-from barn_eval.analysis.difficulty import Band, Difficulty, bands, difficulty
+from barn_eval.analysis.difficulty import Band, Difficulty, bands
 from barn_eval.analysis.measures import metric_of, with_motion
 from barn_eval.analysis.reasons import reasons
 from barn_eval.analysis.sources import Entry, Source
@@ -22,7 +21,7 @@ from barn_eval.analysis.text_table import TextTable
 from barn_eval.analysis.verdict import results_verdict
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.ros_config import RosSetup
-from barn_eval.trials.protocol import BUILT_IN, Protocol
+from barn_eval.trials.protocol import PROTOCOLS, Protocol
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import simulator_config
 from barn_sim.config import SimulatorConfig, robot_of
@@ -60,38 +59,28 @@ class Overview:
     reasons: tuple[str, ...]
 
 
-class Analysis:
-    """What a report says in figures, computed by a pool's processes from the moment this is made.
+def analyse(
+    entries: Sequence[Entry], order: Difficulty, run: Callable[[Sequence[Callable[[], Any]]], list[Any]]
+) -> Overview:
+    """Return what a report says in figures of at least one entry, all of one task.
 
-    entries: at least one, all of one task. order: of the worlds, without it that of the trials themselves. jobs: what
-    the pool does for it.
+    run: calls jobs, the longest first, and returns what they return.
     """
-
-    def __init__(self, entries: Sequence[Entry], pool: Executor, order: Difficulty | None = None) -> None:
-        self.order = order or difficulty(entries)
-        self._entries = entries
-        pairs = list(itertools.combinations(entries, 2))[:MOST_PAIRS]
-        keys = with_motion(SCORED + DRIVEN, *(entry.results for entry in entries))
-        # the longest first
-        self._pairs = [pool.submit(_compared, a.label, a.results, b.label, b.results) for a, b in pairs]
-        self._summaries = [pool.submit(summarise, entry.results, keys) for entry in entries]
-        self._bands = pool.submit(bands, entries, self.order)
-        self.jobs: list[Future[Any]] = [*self._pairs, *self._summaries, self._bands]
-
-    @cached_property
-    def overview(self) -> Overview:
-        """All of it, once it has been computed."""
-        entries, found = self._entries, [one.result() for one in self._pairs]
-        summaries, in_bands = tuple(one.result() for one in self._summaries), tuple(self._bands.result())
-        return Overview(
-            summaries,
-            self.order,
-            in_bands,
-            holm_adjusted([one for one in found if isinstance(one, Comparison)]),
-            tuple(one for one in found if isinstance(one, Refusal)),
-            _verdict(entries),
-            reasons(entries, summaries, in_bands, metric_of(entries[0].results)),
-        )
+    pairs = list(itertools.combinations(entries, 2))[:MOST_PAIRS]
+    keys = with_motion(SCORED + DRIVEN, *(entry.results for entry in entries))
+    jobs: list[Callable[[], Any]] = [partial(_compared, a.label, a.results, b.label, b.results) for a, b in pairs]
+    jobs += [partial(summarise, entry.results, keys) for entry in entries]
+    *found, in_bands = run([*jobs, partial(bands, entries, order)])
+    summaries = tuple(found[len(pairs) :])
+    return Overview(
+        summaries,
+        order,
+        tuple(in_bands),
+        holm_adjusted([one for one in found if isinstance(one, Comparison)]),
+        tuple(one for one in found if isinstance(one, Refusal)),
+        _verdict(entries),
+        reasons(entries, summaries, in_bands, metric_of(entries[0].results)),
+    )
 
 
 def _verdict(entries: Sequence[Entry]) -> str:
@@ -146,7 +135,7 @@ def _repeat(experiment: Experiment) -> Repeat:
     for one in experiment.planners:
         words += _settings("--set", {f"{one.name}.{key}": value for key, value in one.overrides.items()})
         words += ["--planner-command", f"{one.name}={one.command}"] if one.command else []
-    own = BUILT_IN.get(experiment.protocol.name) == experiment.protocol
+    own = PROTOCOLS.get(experiment.protocol.name) == experiment.protocol
     words += ["--protocol", experiment.protocol.name if own else "protocol.yaml"]
     robot, robot_words, robot_note = _robot(experiment.simulator)
     words += robot_words

@@ -9,17 +9,22 @@ import struct
 from collections.abc import Collection, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
+from io import SEEK_CUR, BytesIO
 from pathlib import Path
-from typing import Any, BinaryIO, cast
+from typing import Any
 
 import apsw  # with which rosbags reads SQLite
 from lz4.frame import LZ4FrameDecompressor
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError
-from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import breakup_chunk
 from rosbags.rosbag2 import Reader, ReaderError
 from zstandard import ZstdDecompressor, ZstdError
 
+from barn_eval.bags import BAGS
+from barn_eval.bags.recorder import PARTIAL
 from barn_worlds.base.errors import BagError, one_line
 from barn_worlds.base.files import open_regular
 from barn_worlds.base.types import NANOSECONDS
@@ -28,6 +33,9 @@ from barn_worlds.base.types import NANOSECONDS
 LARGEST_RECORD, SMALL_CHUNK, LARGEST_RATIO = 1 << 28, 1 << 22, 256
 LARGEST_BAG, MESSAGE_BYTES = 1 << 29, 256  # of all messages; what each takes beside its data
 _LATEST_NS = (1 << 63) - 1  # no ROS clock reads more
+_MAGIC = b"\x89MCAP0\r\n"
+_HEAD = struct.Struct("<BQ")  # of a record: its kind and length
+_KINDS: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata}
 DAMAGE = (McapError, ZstdError, struct.error, ValueError, KeyError, IndexError, RuntimeError, OverflowError, TypeError)
 
 
@@ -55,13 +63,9 @@ class BagFile:
         self._first_ns: int | None = None
 
     def messages(self, topics: Collection[str] = ()) -> Iterator[RawMessage]:
-        """Yield the messages of these topics, or of all, in the order of the file, as far as they can be read.
-
-        Raises BagError if the file is no bag at all.
-        """
-        source = self._sqlite_messages() if self._sqlite else self._mcap_messages()
+        """Yield the messages of these topics, or of all, in the order of the file, as far as they can be read."""
         read = 0
-        for message in source:
+        for message in self._all():
             read += len(message.data) + MESSAGE_BYTES
             if read > LARGEST_BAG:
                 self._note("read no further", ValueError(f"it has more than {LARGEST_BAG} bytes of messages"))
@@ -92,6 +96,12 @@ class BagFile:
             raise BagError(f"{path}: holds no bag (no .mcap or .db3 file)")
         return [path]
 
+    def _all(self) -> Iterator[RawMessage]:
+        for path in self._files:
+            yield from self._sqlite_messages() if self._sqlite else self._mcap_messages(path)
+            if self.problem:
+                return
+
     def _sqlite_messages(self) -> Iterator[RawMessage]:
         try:
             for file in self.path.glob("*.db3"):
@@ -104,20 +114,20 @@ class BagFile:
                 raise BagError(f"{self.path}: not a bag that can be read: {one_line(error)}") from None
             self._note("damaged", error)
 
-    def _mcap_messages(self) -> Iterator[RawMessage]:
-        for file in self._files:
-            reading = _McapFile(file, self.metadata)
-            try:
-                yield from reading.messages()
-            except OSError as error:
-                raise BagError(f"{file}: {error.strerror or error}") from None
-            except DAMAGE as error:
-                what = "cut off" if isinstance(error, EndOfFile) else "damaged"
-                if not reading.began:
-                    other = "" if isinstance(error, InvalidMagic) else f", or {what} at its beginning"
-                    raise BagError(f"{file}: not an MCAP file{other}") from None
-                self._note(what, error)
-                return
+    def _mcap_messages(self, path: Path) -> Iterator[RawMessage]:
+        try:
+            with closing(McapFile(path, self.metadata)) as file:
+                yield from file.messages()
+                if not file.ended:
+                    raise EndOfFile
+        except OSError as error:
+            raise BagError(f"{path}: {error.strerror or error}") from None
+        except DAMAGE as error:
+            what = "cut off" if isinstance(error, EndOfFile) else "damaged"
+            if not file.began:
+                other = "" if isinstance(error, InvalidMagic) else f", or {what} at its beginning"
+                raise BagError(f"{path}: not an MCAP file{other}") from None
+            self._note(what, error)
 
     def _note(self, what: str, error: Exception) -> None:
         known = isinstance(error, EndOfFile) or not str(error)
@@ -126,43 +136,57 @@ class BagFile:
         self.problem = f"the bag is {what} after {after:.2f} s{reason}"
 
 
-class _McapFile:
-    """One MCAP file, read from its beginning without its index, which a cut-off file does not have."""
+class McapFile:
+    """One MCAP file, read without its index, which a file that is cut off or still being written does not have."""
 
     def __init__(self, path: Path, metadata: dict[str, dict[str, str]]) -> None:
-        self.began = False
-        self._path = path
+        self.path = path
+        self.began = self.ended = False
         self._metadata = metadata
+        self._file = open_regular(path)
         self._types: dict[int, str] = {}
         self._channels: dict[int, tuple[str, str]] = {}
 
-    def messages(self) -> Iterator[RawMessage]:
-        with open_regular(self._path) as stream:
-            reader = StreamReader(cast(BinaryIO, _Bounded(stream)), emit_chunks=True, record_size_limit=LARGEST_RECORD)
-            for record in self._records(reader, stream):
-                self.began = True
-                if isinstance(record, Chunk):
-                    for inner in breakup_chunk(unpacked(record), validate_crc=True):
-                        yield from self._take(inner)
-                elif isinstance(record, Footer):
-                    return
-                else:
-                    yield from self._take(record)
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
 
-    @staticmethod
-    def _records(reader: StreamReader, stream: BinaryIO) -> Iterator[McapRecord]:
-        """Yield the records of a file; EndOfFile also where it ends within a number, which the reader only unpacks."""
-        try:
-            yield from reader.records
-        except struct.error:
-            if stream.read(1):
-                raise
-            raise EndOfFile from None
+    def messages(self) -> Iterator[RawMessage]:
+        """Yield the messages of the records that have become whole since the last call; an error of `DAMAGE` else."""
+        if self._file.tell() == 0 and (magic := self._next(len(_MAGIC))) != _MAGIC:
+            if magic is None:
+                return
+            raise InvalidMagic(magic)
+        while not self.ended and (head := self._next(_HEAD.size)) is not None:
+            kind, size = _HEAD.unpack(head)
+            if size > LARGEST_RECORD:
+                raise ValueError(f"a record of {size} bytes")
+            if (content := self._next(size)) is None:
+                self._file.seek(-_HEAD.size, SEEK_CUR)
+                return
+            yield from self._record(kind, ReadDataStream(BytesIO(content)), size)
+            self.began, self.ended = True, kind == Opcode.FOOTER
+
+    def _next(self, size: int) -> bytes | None:
+        """Return so many bytes, None where they are not all there."""
+        data = self._file.read(size)
+        if len(data) == size:
+            return data
+        self._file.seek(-len(data), SEEK_CUR)
+        return None
+
+    def _record(self, kind: int, content: ReadDataStream, size: int) -> Iterator[RawMessage]:
+        if kind == Opcode.CHUNK:
+            for record in breakup_chunk(unpacked(Chunk.read(content)), validate_crc=True):
+                yield from self._take(record)
+        elif kind == Opcode.MESSAGE:
+            yield from self._take(Message.read(content, size))
+        elif kind in _KINDS:
+            yield from self._take(_KINDS[kind].read(content))
 
     def _take(self, record: McapRecord) -> Iterator[RawMessage]:
         if isinstance(record, Message):
-            topic, type_name = self._channels[record.channel_id]
-            yield RawMessage(topic, type_name, record.log_time, record.data)
+            yield RawMessage(*self._channels[record.channel_id], record.log_time, record.data)
         elif isinstance(record, Schema):
             self._types[record.id] = record.name
         elif isinstance(record, Channel):
@@ -172,17 +196,51 @@ class _McapFile:
             self._metadata[record.name] = dict(record.metadata)
 
 
-class _Bounded:
-    """A file of which no more is read at a time than a record may have, whatever lengths it states."""
+class TrialFollower:
+    """The trial of a folder that is being recorded, and after it the next; of several at a time, one."""
 
-    def __init__(self, file: BinaryIO) -> None:
-        self._file = file
+    def __init__(self, folder: Path) -> None:
+        self._bags = folder / BAGS
+        self._current: McapFile | None = None
+        self._done: set[Path] = set()
 
-    def read(self, size: int) -> bytes:
-        """Return so many bytes, fewer at the end; ValueError for too many."""
-        if not 0 <= size <= LARGEST_RECORD:
-            raise ValueError(f"a part of {size} bytes")
-        return self._file.read(size)
+    def read(self) -> tuple[bool, list[RawMessage]]:
+        """Return whether another trial has begun, and the messages that have come."""
+        if (current := self._current) is not None:
+            heard = self._heard(current)
+            if heard or not (current.ended or self._newest() not in (None, current.path)):
+                return False, heard
+            self.close()
+        path = self._newest()
+        if path is None:
+            return False, []
+        self._current = McapFile(path, {})
+        return True, self._heard(self._current)
+
+    def close(self) -> None:
+        """Close the bag."""
+        if self._current is not None:
+            self._done.add(self._current.path)
+            self._current.close()
+            self._current = None
+
+    def _heard(self, file: McapFile) -> list[RawMessage]:
+        try:
+            return list(file.messages())
+        except DAMAGE as error:
+            raise BagError(f"{file.path}: is damaged: {one_line(error)}") from None
+
+    def _newest(self) -> Path | None:
+        """Return the file that was written to last, of trials that are being recorded and were not followed yet."""
+        found = [path for path in self._bags.glob(f"*{PARTIAL}/*.mcap") if path not in self._done]
+        return max(found, key=_written_ns, default=None)
+
+
+def _written_ns(path: Path) -> int:
+    try:
+        return path.stat().st_mtime_ns
+    except OSError:  # it has just got its own name
+        return 0
 
 
 def unpacked(chunk: Chunk) -> Chunk:

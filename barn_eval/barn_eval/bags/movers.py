@@ -1,9 +1,7 @@
 """The moving obstacles of a trial as its bag has them: poses ten times a second, and what lies between."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -11,8 +9,6 @@ import numpy.typing as npt
 from barn_worlds.base.arrays import Floats, Points
 from barn_worlds.geometry.bodies import Bodies
 from barn_worlds.geometry.footprint import Footprint
-from barn_worlds.geometry.shapes import body_shapes
-from barn_worlds.messages.topics import MOVING, MOVING_POSES
 
 TRAIL_S = 2.0
 LONGEST_BEYOND_S = 0.1  # the last poses are as much older than the last reading
@@ -82,31 +78,9 @@ def gaps_to(bodies: Bodies, walls: Bodies, places: Floats, poses: Floats, outlin
 
     places (t, n, 2): of the bodies.
     """
-    rows = np.concatenate([body_shapes(bodies), body_shapes(walls)])
+    rows = np.concatenate([bodies.shapes(), walls.shapes()])
     found = np.empty(len(poses))
     for k, (at, (x, y, yaw)) in enumerate(zip(places, poses.tolist(), strict=True)):
         rows[: len(at), :2] = at
         found[k] = outline.gaps(rows, x, y, yaw).min(initial=np.inf)
     return found
-
-
-class _Placed(Protocol):
-    """Places (n, 2) at a time."""
-
-    @property
-    def time_s(self) -> float: ...
-
-    @property
-    def content(self) -> Points: ...
-
-
-def movers_of(shapes: tuple[Bodies, Bodies] | None, rows: Sequence[_Placed]) -> tuple[RecordedMotions | None, str]:
-    """Return the obstacles of shapes (theirs and those of walls) at the places of rows, or why they cannot be told."""
-    if not rows:
-        return None, ""
-    if shapes is None:
-        return None, f"moving obstacles are not drawn: {MOVING.path} with their shapes is missing"
-    places = {row.time_s: row.content for row in rows}
-    if {len(row.content) for row in rows} != {len(shapes[0].poses)}:
-        return None, f"moving obstacles are not drawn: {MOVING_POSES.path} has more or fewer of them than {MOVING.path}"
-    return RecordedMotions(np.array(list(places)), np.array(list(places.values())), *shapes), ""

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,14 +11,24 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_eval.bags import BAGS
-from barn_eval.bags.about import ORIGIN, chassis_of, map_frame, metadata, specified
 from barn_eval.bags.bagfile import BagFile, RawMessage
-from barn_eval.bags.decode import DECODERS, RECOVERING, TOPIC_DECODERS
-from barn_eval.bags.movers import RecordedMotions, movers_of
-from barn_eval.bags.true_scene import MOVED_M, found_scene
+from barn_eval.bags.decode import (
+    ORIGIN,
+    RECOVERING,
+    TOPICS,
+    chassis_of,
+    frame_and_content,
+    map_frame,
+    metadata,
+    specified,
+)
+from barn_eval.bags.messages import MOVED_M
+from barn_eval.bags.movers import RecordedMotions
 from barn_eval.trials.trajectory import clearances
+from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import BagError, BarnError, one_line
 from barn_worlds.base.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Velocity2D
+from barn_worlds.geometry.bodies import Bodies
 from barn_worlds.geometry.footprint import Footprint, contact_of
 from barn_worlds.messages import topics
 from barn_worlds.messages.topics import FRAMES, Topic
@@ -26,34 +36,8 @@ from barn_worlds.robots.robot import Chassis
 from barn_worlds.robots.standard import STANDARD
 from barn_worlds.worlds.scene import TrialScene
 
-Floats = npt.NDArray[np.float64]
-
 MAP, ODOM = FRAMES.map, FRAMES.odom
-_READ = (
-    topics.GROUND_TRUTH,
-    topics.ODOM,
-    topics.SCAN,
-    topics.CMD_VEL,
-    topics.CMD_VEL_STAMPED,
-    topics.COLLISION,
-    topics.MAP,
-    topics.GOAL_POSE,
-    topics.PLAN,
-    topics.LOCAL_PLAN,
-    topics.COSTMAP,
-    topics.BAND,
-    topics.CANDIDATES,
-    topics.SCORE,
-    topics.OUTCOME,
-    topics.TF_STATIC,
-    topics.WORLD,
-    topics.MOVING,
-    topics.MOVING_POSES,
-    topics.DIAGNOSTICS,
-)
 _ONCE = {topics.MOVING.path}  # of which the first message tells all that is wanted
-# What is read, and the types that it may have.
-TOPICS = {topic.path: {other.type_name for other in _READ if other.path == topic.path} for topic in _READ}
 
 
 class Shown(NamedTuple):
@@ -91,18 +75,18 @@ class Recorded:
     odometry: Floats
     outline: Footprint
     lidar: Pose2D
+    scans: list[Shown] = field(metadata={"topic": topics.SCAN})
+    plans: list[Shown] = field(metadata={"topic": topics.PLAN})
+    local_plans: list[Shown] = field(metadata={"topic": topics.LOCAL_PLAN})
+    bands: list[Shown] = field(metadata={"topic": topics.BAND})
+    candidates: list[Shown] = field(metadata={"topic": topics.CANDIDATES})
+    costmaps: list[Shown] = field(metadata={"topic": topics.COSTMAP})
+    scores: list[Shown] = field(metadata={"topic": topics.SCORE})
+    outcomes: list[Shown] = field(metadata={"topic": topics.OUTCOME})
     chassis: Chassis = STANDARD.chassis
     map_frame: Pose2D = ORIGIN
     map: OccupancyMap | None = None
     goal: Shown | None = None
-    scans: list[Shown] = field(default_factory=list)
-    plans: list[Shown] = field(default_factory=list)
-    local_plans: list[Shown] = field(default_factory=list)
-    bands: list[Shown] = field(default_factory=list)
-    candidates: list[Shown] = field(default_factory=list)
-    costmaps: list[Shown] = field(default_factory=list)
-    scores: list[Shown] = field(default_factory=list)
-    outcomes: list[Shown] = field(default_factory=list)
     scene: TrialScene | None = None
     pushed_m: Floats = field(default_factory=lambda: np.empty((0, 2)))
     moving: RecordedMotions | None = None
@@ -150,10 +134,7 @@ class Recorded:
 
 
 def read_recorded(path: Path) -> Recorded:
-    """Return what a bag tells of a trial; of one that is cut off or damaged, what comes before that.
-
-    Raises BagError in one line for what is no bag, or has no poses of a robot in it.
-    """
+    """Return what a bag tells of a trial; of one that is cut off or damaged, what comes before that."""
     bag = BagFile(path)
     messages = _Messages()
     for message in bag.messages(TOPICS):
@@ -180,8 +161,7 @@ class _Messages:
         if message.topic in self._unreadable or (message.topic in _ONCE and self._rows[message.topic]):
             return
         try:
-            decode = TOPIC_DECODERS.get(message.topic) or DECODERS[message.type_name]
-            frame, content = decode(message.data)
+            frame, content = frame_and_content(message.topic, message.type_name, message.data)
         except BarnError as error:  # only its topic is lost
             self._unreadable[message.topic] = f"{message.topic} cannot be decoded ({one_line(error)})"
             return
@@ -200,13 +180,14 @@ class _Messages:
         def timed(topic: Topic) -> list[Shown]:
             return [Shown((row.stamp_ns - start_ns) / NANOSECONDS, row.frame, row.content) for row in self._all(topic)]
 
+        shown: dict[str, Any] = {one.name: timed(one.metadata["topic"]) for one in fields(Recorded) if one.metadata}
         maps, goals = timed(topics.MAP), timed(topics.GOAL_POSE)
         result = metadata(bag, "barn.result", "result")
         trial = metadata(bag, "barn.trial", "specification")
         off = map_frame(trial) if true and maps else ORIGIN
-        scene, pushed_m = self._scene(trial) if true else (None, np.empty((0, 2)))
+        scene, pushed_m = self._scene() if true else (None, np.empty((0, 2)))
         shapes, places = self._all(topics.MOVING), timed(topics.MOVING_POSES)
-        moving, moving_note = movers_of(shapes[0].content if shapes else None, places) if true else (None, "")
+        moving, moving_note = _motions(shapes[0].content if shapes else None, places) if true else (None, "")
         lidar, lidar_note = self._lidar(trial)
         chassis, robot_note = chassis_of(trial)
         notes = [bag.problem, *self._unreadable.values(), moving_note, lidar_note, robot_note]
@@ -231,21 +212,14 @@ class _Messages:
             map_frame=off,
             map=_moved(maps[-1].content, off) if maps else None,
             goal=goals[-1] if goals else None,
-            scans=timed(topics.SCAN),
-            plans=timed(topics.PLAN),
-            local_plans=timed(topics.LOCAL_PLAN),
-            bands=timed(topics.BAND),
-            candidates=timed(topics.CANDIDATES),
-            costmaps=timed(topics.COSTMAP),
-            scores=timed(topics.SCORE),
-            outcomes=timed(topics.OUTCOME),
             scene=scene,
             pushed_m=pushed_m,
             moving=moving,
             recoveries_s=_recoveries(timed(topics.DIAGNOSTICS)),
             trial=trial,
             result=result,
-            notes=tuple(note for note in notes if note),
+            notes=tuple(filter(None, notes)),
+            **shown,
         )
 
     def _all(self, topic: Topic) -> list[_Row]:
@@ -264,10 +238,10 @@ class _Messages:
         times = np.array([row.stamp_ns for row in rows], np.int64)
         return values[np.searchsorted(times, stamps, side="right")]
 
-    def _scene(self, trial: dict[str, Any]) -> tuple[TrialScene | None, Floats]:
+    def _scene(self) -> tuple[TrialScene | None, Floats]:
         """Return the scene at the start, and where cylinders stand at the end that have been pushed."""
         scenes: list[TrialScene] = [row.content for row in self._all(topics.WORLD)]
-        first = scenes[0] if scenes else found_scene(trial)
+        first = scenes[0] if scenes else None
         if not scenes or len(scenes[-1].cylinders_m) != len(scenes[0].cylinders_m):
             return first, np.empty((0, 2))
         at_end = scenes[-1].cylinders_m
@@ -307,3 +281,16 @@ def _moved(grid: OccupancyMap, by: Pose2D) -> OccupancyMap:
 
 def _folder(parent: Path) -> str:
     return parent.parent.name if parent.name == BAGS else parent.name
+
+
+def _motions(shapes: tuple[Bodies, Bodies] | None, rows: list[Shown]) -> tuple[RecordedMotions | None, str]:
+    """Return the obstacles of shapes (theirs and those of walls) at the places of rows, or why they cannot be told."""
+    if not rows:
+        return None, ""
+    if shapes is None:
+        return None, f"moving obstacles are not drawn: {topics.MOVING.path} with their shapes is missing"
+    places = {row.time_s: row.content for row in rows}
+    if {len(row.content) for row in rows} != {len(shapes[0].poses)}:
+        more = f"{topics.MOVING_POSES.path} has more or fewer of them than {topics.MOVING.path}"
+        return None, f"moving obstacles are not drawn: {more}"
+    return RecordedMotions(np.array(list(places)), np.array(list(places.values())), *shapes), ""

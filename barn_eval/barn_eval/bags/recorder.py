@@ -188,10 +188,10 @@ def _profile(qos: Qos) -> dict[str, Any]:
         "depth": qos.depth,
         "reliability": qos.reliability,
         "durability": qos.durability,
-        "deadline": dict(_INFINITE),
-        "lifespan": dict(_INFINITE),
+        "deadline": _INFINITE,
+        "lifespan": _INFINITE,
         "liveliness": "automatic",
-        "liveliness_lease_duration": dict(_INFINITE),
+        "liveliness_lease_duration": _INFINITE,
         "avoid_ros_namespace_conventions": False,
     }
 
@@ -209,13 +209,6 @@ def _topic_entry(topic: _Topic) -> dict[str, Any]:
     }
 
 
-class _PlainDumper(yaml.SafeDumper):
-    """Writes every mapping out, without the anchors that other readers need not know."""
-
-    def ignore_aliases(self, _data: object) -> bool:
-        """Repeat what occurs twice."""
-        return True
-
-
 def _yaml(content: object) -> str:
-    return yaml.dump(content, Dumper=_PlainDumper, sort_keys=False, allow_unicode=True, width=10_000)
+    plain = json.loads(json.dumps(content))  # nothing in it twice, for which there would be anchors
+    return yaml.safe_dump(plain, sort_keys=False, allow_unicode=True, width=10_000)

@@ -2,9 +2,8 @@
 
 from collections.abc import Iterable
 
-from barn_eval.bags.live_score import LiveScore
+from barn_eval.bags.messages import LiveScore, first_scene, last_scene, moving_scene
 from barn_eval.bags.recorder import Recorder
-from barn_eval.bags.true_scene import first_scene, last_scene, moving_scene
 from barn_eval.trials.referee import Standing
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import Floats

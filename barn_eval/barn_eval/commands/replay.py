@@ -22,8 +22,8 @@ from barn_sim.drawing.camera import CAMERAS
     " [default: NAME.html].",
 )
 @click.option("--camera", type=click.Choice(CAMERAS), help="Picture, GIF and film in three dimensions, seen so.")
-@click.option("--fps", default=10.0, show_default=True, type=click.FloatRange(1.0, 60.0), help="Frames per second.")
-@click.option("--speed", default=2.0, show_default=True, type=click.FloatRange(0.1, 100.0), help="Of GIF and film.")
+@click.option("--fps", default=10.0, type=click.FloatRange(1.0, 60.0), help="Frames per second.")
+@click.option("--speed", default=2.0, type=click.FloatRange(0.1, 100.0), help="Of GIF and film.")
 def command(bags: tuple[Path, ...], out: tuple[Path, ...], camera: str | None, fps: float, speed: float) -> None:
     """Draw the trial of a bag: a rosbag2 folder (MCAP or SQLite) or an .mcap file.
 

@@ -17,7 +17,7 @@ TRIALS_ENDINGS = (".png", ".svg", ".pdf")
 
 @click.command("show")
 @click.argument("worlds", metavar="WORLDS")
-@click.option("--dataset", default="barn300", show_default=True, help="Data set that numbers are looked up in.")
+@click.option("--dataset", default="barn300", help="Data set that numbers are looked up in.")
 @click.option(
     "--out",
     type=FILE,

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from barn_eval.bags.true_scene import MOVED_M, trial_scene
+from barn_eval.bags.messages import MOVED_M, trial_scene
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.trial import FinishedTrial
 from barn_worlds.base.types import NANOSECONDS

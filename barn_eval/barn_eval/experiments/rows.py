@@ -1,17 +1,26 @@
-"""Files that survive a kill at any moment: one line of JSON per trial, on the disk before it counts.
+"""Rows and tracks of trials, which survive a kill at any moment, and the tables made of them at the end."""
 
-The last key of a line, "crc32", is the checksum of the line without it. The lines of tracks are kept apart from those
-of results, which people read.
-"""
-
+import dataclasses
+import io
 import os
 import re
+import types
+import typing
 import zlib
 from collections.abc import Iterator, Sequence
+from enum import Enum
 from io import FileIO
 from pathlib import Path
+from typing import Any
 
-from barn_eval.trials.result import TrialResult, from_json_line, to_json_line
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+
+from barn_eval.trials.outcome import Scores
+from barn_eval.trials.result import TrialResult, WallClock, from_json_line, to_json_line
+from barn_eval.trials.trajectory import Encounters, Measures
+from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError, StoreError
 from barn_worlds.base.files import write_whole
 from barn_worlds.base.text_files import parse_json, read_lines
@@ -38,10 +47,7 @@ class ResultRows:
         write_whole(self.path, "".join(f"{sealed(to_json_line(result))}\n" for result in results).encode())
 
     def read(self) -> list[TrialResult]:
-        """Return the rows without a last line that a kill cut off; the file is left as it is.
-
-        Raises ConfigError naming the line for one that is no result, is damaged, or repeats a trial.
-        """
+        """Return the rows without a last line that a kill cut off; the file is left as it is."""
         rows: dict[str, TrialResult] = {}
         for where, line in whole_lines(self.path):
             row = from_json_line(line, where)
@@ -66,10 +72,7 @@ class TrackRows:
         append_line(self.path, sealed(line))
 
     def read(self) -> dict[str, str]:
-        """Return the lines by the name of their trial, without one that a kill cut off; empty without a file.
-
-        Raises ConfigError naming the line for one that belongs to no trial or is damaged.
-        """
+        """Return the lines by the name of their trial, without one that a kill cut off; empty without a file."""
         return {_trial_of(line, where): line for where, line in whole_lines(self.path)}
 
     def arrange(self, order: Sequence[str]) -> None:
@@ -97,10 +100,7 @@ def append_line(path: Path, line: str) -> None:
 
 
 def whole_lines(path: Path) -> Iterator[tuple[str, str]]:
-    """Yield the place of each line of a file and the line without its checksum; ConfigError for one that is damaged.
-
-    A last line that a kill cut off is left out; nothing comes if there is no file.
-    """
+    """Yield the place of each line of a file and the line without its checksum; ConfigError for one that is damaged."""
     for where, line in read_lines(path):
         yield where, unsealed(line, where)
 
@@ -146,3 +146,67 @@ def _write_all(file: FileIO, data: bytes) -> None:
     view = memoryview(data)
     while view:
         view = view[file.write(view) :]
+
+
+_APART = ("wall_clock", "motion")  # not among the columns of every table
+_COLUMNS: dict[type, pa.DataType] = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}
+
+
+def results_table(results: Sequence[TrialResult]) -> pa.Table:
+    """Return a row per result, in the order given, without wall-clock figures."""
+    moving = any(result.motion is not None for result in results)
+    schema = pa.schema([*_columns(TrialResult), *(_columns(Encounters) if moving else ())])
+    return pa.Table.from_pylist([_flat(result.repeatable()) for result in results], schema)
+
+
+def timing_table(results: Sequence[TrialResult]) -> pa.Table:
+    """Return a row per result with its trial and the fields of `WallClock`."""
+    schema = pa.schema([("trial_id", pa.string()), *_columns(WallClock)])
+    return pa.Table.from_pylist(
+        [{"trial_id": result.trial_id} | as_dict(result.wall_clock) for result in results], schema
+    )
+
+
+def write_tables(folder: Path, results: Sequence[TrialResult]) -> None:
+    """Write both tables, each as Parquet and CSV; StoreError, with the earlier files in place, if one cannot be."""
+    for name, table in ((RESULTS, results_table(results)), (TIMING, timing_table(results))):
+        write_whole(folder / f"{name}.parquet", _parquet(table))
+        write_whole(folder / f"{name}.csv", csv_bytes(table))
+
+
+def _parquet(table: pa.Table) -> bytes:
+    buffer = io.BytesIO()
+    pyarrow.parquet.write_table(table, buffer, compression="zstd")
+    return buffer.getvalue()
+
+
+def csv_bytes(table: pa.Table) -> bytes:
+    """Return a table as CSV, its header first."""
+    buffer = io.BytesIO()
+    pyarrow.csv.write_csv(table, buffer)
+    return buffer.getvalue()
+
+
+def _columns(record: type[Any]) -> Iterator[tuple[str, pa.DataType]]:
+    kinds = typing.get_type_hints(record)
+    for field in dataclasses.fields(record):
+        kind = _plain(kinds[field.name])
+        if field.name in _APART:
+            continue
+        if issubclass(kind, (Scores, Measures)):
+            yield from _columns(kind)
+        else:
+            yield field.name, pa.string() if issubclass(kind, Enum) else _COLUMNS[kind]
+
+
+def _plain(kind: object) -> Any:
+    if typing.get_origin(kind) in (typing.Union, types.UnionType):
+        (kind,) = (one for one in typing.get_args(kind) if one is not type(None))
+    return kind
+
+
+def _flat(row: dict[str, Any]) -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for name, value in row.items():
+        flat |= value if isinstance(value, dict) else {name: value}
+    return flat

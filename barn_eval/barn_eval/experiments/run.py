@@ -21,9 +21,9 @@ from barn_eval.experiments.request import Request
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.experiments.runner import run_remaining
 from barn_eval.experiments.store import Store
-from barn_eval.trials.deadline import handled
 from barn_eval.trials.identity import task_line
 from barn_eval.trials.result import TrialResult
+from barn_eval.trials.trial import handled
 
 # Where the folder has no trials yet: means of 60 trials of the suite's planners in barn300, on a 2 GHz core.
 SIMULATED_S = 22.0

@@ -1,26 +1,92 @@
-"""run.json: what a folder of results holds.
-
-`experiment` with all configuration resolved, `worlds` with their checksums, and `sessions`, each with when it began,
-how it was run, versions, commit and machine. A data set that the folder keeps itself is named by its file alone.
-"""
+"""run.json: what a folder of results holds, and what it was made with."""
 
 from __future__ import annotations
 
 import json
+import os
+import platform
+import subprocess
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from barn_eval.experiments.experiment import Execution, Experiment
-from barn_eval.experiments.provenance import provenance
 from barn_eval.trials import identity
+from barn_worlds import __version__
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import ConfigError, shown
 from barn_worlds.base.files import write_whole
 from barn_worlds.base.text_files import read_json
 from barn_worlds.robots.standard import other_name
+
+SUITE = ("barn_worlds", "barn_sim", "barn_planners", "barn_metrics", "barn_eval")
+LIBRARIES = ("numpy", "numba", "scipy", "pybullet", "mcap", "rosbags", "rclpy")
+
+
+def versions() -> dict[str, str]:
+    """Return the version of Python, of the suite's packages and of the libraries that decide results."""
+    suite = dict.fromkeys(SUITE, __version__)
+    return {"python": platform.python_version(), **suite} | {name: _version(name) for name in LIBRARIES}
+
+
+def commit() -> str:
+    """Return the commit of the source tree, "+changes" added where files differ from it; empty if not known.
+
+    A wheel and an archive of the source have it in a file (qa/build_backend.py).
+    """
+    built = Path(__file__).parents[1] / "data" / "commit"
+    return commit_of(Path(__file__).parent) or (built.read_text("utf-8").strip() if built.exists() else "")
+
+
+def commit_of(folder: Path) -> str:
+    """Return the commit of the repository around a folder; empty if that is not this suite's."""
+    if not _git(folder, "ls-files", ":(top,glob)**/barn_eval/package.xml"):
+        return ""
+    changes = _git(folder, "status", "--porcelain", "--untracked-files=no")
+    return _git(folder, "rev-parse", "HEAD") + ("+changes" if changes else "")
+
+
+def machine() -> dict[str, Any]:
+    """Return what wall-clock figures depend on."""
+    return {"processor": _processor(), "cores": os.cpu_count(), "system": platform.platform()}
+
+
+def provenance() -> dict[str, Any]:
+    """Return versions, commit and machine."""
+    return {"versions": versions(), "commit": commit(), "machine": machine()}
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def _git(folder: Path, *arguments: str) -> str:
+    try:
+        done = subprocess.run(  # noqa: S603
+            ["git", "--no-optional-locks", "-C", str(folder), *arguments],  # noqa: S607
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return done.stdout.strip() if done.returncode == 0 else ""
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text("utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), platform.machine())
+
 
 RUN_FILE = "run.json"
 WORLDS = "worlds.npz"  # of worlds that were given as Python objects

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barn_eval.bags import BAGS
-from barn_eval.experiments.provenance import versions
+from barn_eval.experiments.run_file import versions
 from barn_eval.experiments.track import track_line
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.trial import FinishedTrial
@@ -45,10 +45,7 @@ class Store:
 
     @contextmanager
     def recorder(self, trial_id: str) -> Iterator[Recorder | None]:
-        """Give the recorder of a trial's bag, None where none is asked for; a bag that is not finished is abandoned.
-
-        What an attempt left that was lost before it could report is removed. BagError if the bag cannot be written.
-        """
+        """Give the recorder of a trial's bag, None where none is asked for; a bag that is not finished is abandoned."""
         if self.bags == "none":
             yield None
             return
@@ -61,10 +58,7 @@ class Store:
             yield recorder
 
     def keep(self, finished: FinishedTrial) -> Record:
-        """Draw the picture of a trial, drop a bag that is not wanted, and return what else is to be kept.
-
-        Raises WorldError if the picture cannot be written.
-        """
+        """Draw the picture of a trial, drop a bag that is not wanted, and return what else is to be kept."""
         result = finished.result
         if self.bags == "failed" and result.scores.success:
             shutil.rmtree(self._bag(result.trial_id))

@@ -1,7 +1,11 @@
 """The track of a trial: its trajectory thinned out and rounded to whole numbers, small enough to be always kept."""
 
+import base64
+import binascii
 import json
 import math
+import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -9,13 +13,64 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from barn_eval.experiments.packed_arrays import pack, unpack
 from barn_eval.trials.trajectory import Floats, Trajectory, clearances
 from barn_eval.trials.trial import FinishedTrial
 from barn_worlds.base.errors import ConfigError, shown
 from barn_worlds.base.text_files import parse_json
 from barn_worlds.base.types import NANOSECONDS
 from barn_worlds.geometry.footprint import Footprint, contact_of
+
+_KINDS = {
+    "u1": "Uint8Array",
+    "i2": "Int16Array",
+    "u2": "Uint16Array",
+    "i4": "Int32Array",
+    "f4": "Float32Array",
+    "f8": "Float64Array",
+}
+_TYPES = {name: np.dtype("<" + kind) for kind, name in _KINDS.items()}
+
+
+def pack(arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
+    """Return arrays as plain data: zlib and base64, and where in it each array lies (kind, offset, length)."""
+    parts: list[bytes] = []
+    layout: dict[str, list[Any]] = {}
+    offset = 0
+    for name, array in arrays.items():
+        kind = array.dtype.str[1:]
+        data = np.ascontiguousarray(array, "<" + kind).tobytes()
+        if offset % array.itemsize:  # where a typed array of 8 bytes could not begin
+            parts.append(bytes(4))
+            offset += 4
+        layout[name] = [_KINDS[kind], offset, array.size]
+        data += b"\0" * (-len(data) % 4)
+        parts.append(data)
+        offset += len(data)
+    return {"zlib": base64.b64encode(zlib.compress(b"".join(parts), 6)).decode(), "arrays": layout}
+
+
+def unpack(content: Mapping[str, Any], most_bytes: int) -> dict[str, npt.NDArray[Any]]:
+    """Return the flat arrays of what `pack` has made; ValueError for anything else, or for more than `most_bytes`."""
+    text, layout = content.get("zlib"), content.get("arrays")
+    if not isinstance(text, str) or not isinstance(layout, dict):
+        raise ValueError("holds no packed arrays")
+    stream = zlib.decompressobj()
+    try:
+        data = stream.decompress(base64.b64decode(text, validate=True), most_bytes)
+    except (binascii.Error, zlib.error) as error:
+        raise ValueError(f"packed arrays are damaged: {error}") from None
+    if not stream.eof:
+        raise ValueError(f"packed arrays are cut off, or of more than {most_bytes} bytes")
+    return {str(name): _array(data, where) for name, where in layout.items()}
+
+
+def _array(data: bytes, where: Any) -> npt.NDArray[Any]:
+    try:
+        kind, offset, length = where
+        return np.frombuffer(data, _TYPES[kind], length, offset)
+    except (KeyError, TypeError, ValueError, OverflowError):
+        raise ValueError(f"packed arrays do not hold what they say: {shown(where)}") from None
+
 
 SCHEMA_VERSION = 1
 PERIOD_S = 0.2
@@ -84,10 +139,7 @@ def thinned(samples: Floats, contact: npt.NDArray[np.bool_]) -> Track:
 def track_of(
     trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outline: Footprint | None = None
 ) -> Track | None:
-    """Return the track of a trajectory among cylinders (k, 2), m in the map frame; None where nothing was read.
-
-    Its command is the last one by each time, as in a bag. outline: of the robot [the Jackal's].
-    """
+    """Return the track of a trajectory among cylinders (k, 2), m in the map frame; None where nothing was read."""
     if not len(trajectory.stamps_ns):
         return None
     times = (trajectory.stamps_ns - trajectory.stamps_ns[0]) / NANOSECONDS
@@ -128,7 +180,7 @@ def _held(command: Floats) -> Floats:
     return held
 
 
-def _read(content: Any) -> tuple[str, Track]:
+def _read(content: object) -> tuple[str, Track]:
     if not isinstance(content, dict) or not isinstance(content.get("trial_id"), str):
         raise ValueError("trial_id is missing")
     if content.get("schema_version") != SCHEMA_VERSION:
@@ -148,7 +200,7 @@ def _read(content: Any) -> tuple[str, Track]:
     return content["trial_id"], Track(values, contact.astype(np.bool_), note if isinstance(note, str) else "")
 
 
-def finite_numbers(values: Any, count: int) -> bool:
+def finite_numbers(values: object, count: int) -> bool:
     """Tell whether something is a list of that many finite numbers."""
     return (
         isinstance(values, list)

@@ -7,10 +7,8 @@ paper as well.
 import itertools
 import re
 from collections.abc import Sequence
-from concurrent.futures import Future
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -121,45 +119,29 @@ def point(axes: Axes, x: Interval, y: Interval, colour: str, marker: str) -> Err
     return axes.errorbar([x.estimate], [y.estimate], xerr=bars["xerr"], yerr=bars["yerr"], **look)
 
 
-class Drawn(NamedTuple):
-    """A figure as SVG, as an element of a page, and as PDF, which is empty where nobody wants it."""
+class ReportFigure(NamedTuple):
+    """A finished figure of a page: as SVG, as an element of the page, and as PDF, which is empty where nobody wants it.
 
-    svg: str
-    element: str
-    pdf: bytes
-
-
-@dataclass(eq=False)
-class ReportFigure:
-    """A finished figure of a page, drawn and laid out once for the page and its files."""
+    The element is as wide as there is room. What is black in it takes the colour of the text, and a planner's colour is
+    the one it has on the page's paper.
+    """
 
     name: str
-    figure: Figure
     about: str
-    job: Future[Drawn] | None = None
-
-    @cached_property
-    def drawn(self) -> Drawn:
-        """The figure as a worker has drawn it, or drawn now."""
-        return drawn(self.name, self.figure, self.about) if self.job is None else self.job.result()
-
-    def inline(self) -> Markup:
-        """Return it as an element of a page that is as wide as there is room, in the page's colours."""
-        return Markup(self.drawn.element)  # matplotlib's own markup: texts are paths  # noqa: S704  # nosec B704
+    svg: str
+    element: Markup
+    pdf: bytes
 
     def write(self, folder: Path) -> None:
         """Write it as SVG and PDF, both on white; StoreError if that fails."""
         paper = f'<rect width="100%" height="100%" fill="{WHITE}"/>'
-        text = re.sub(r"(<svg[^>]*>)", rf"\1\n {paper}", self.drawn.svg, count=1)
+        text = re.sub(r"(<svg[^>]*>)", rf"\1\n {paper}", self.svg, count=1)
         write_whole(folder / f"{self.name}.svg", f'<?xml version="1.0" encoding="utf-8"?>\n{text}'.encode())
-        write_whole(folder / f"{self.name}.pdf", self.drawn.pdf)
+        write_whole(folder / f"{self.name}.pdf", self.pdf)
 
 
-def drawn(name: str, figure: Figure, about: str, pdf: bool = True) -> Drawn:
-    """Draw a figure; its layout stays what it is then.
-
-    In a page, what is black takes the colour of the text, and a planner's colour is the one it has on the page's paper.
-    """
+def finished(figure: Figure, name: str, about: str, *, pdf: bool) -> ReportFigure:
+    """Draw a figure once for page and files; its layout stays what it is then."""
     svg = own_svg(figure, name, about)
     figure.set_layout_engine(None)
     text = re.sub(r'(?:\bd|\bx|\by)="[^"]*"', lambda found: _DECIMALS.sub(r"\1", found[0]), svg)
@@ -169,7 +151,8 @@ def drawn(name: str, figure: Figure, about: str, pdf: bool = True) -> Drawn:
     for side in ("width", "height"):
         text = re.sub(rf'(<svg[^>]*?) {side}="[^"]*"', r"\1", text, count=1)
     figure.patch.set_facecolor(WHITE)
-    return Drawn(svg, text, _content(figure, "pdf") if pdf else b"")
+    element = Markup(text)  # matplotlib's own markup: texts are paths  # noqa: S704  # nosec B704
+    return ReportFigure(name, about, svg, element, _content(figure, "pdf") if pdf else b"")
 
 
 def own_svg(figure: Figure, name: str, description: str) -> str:

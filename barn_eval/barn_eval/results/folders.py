@@ -231,8 +231,7 @@ def overlay(
 def paths_of(given: Folders) -> list[Path]:
     """Return the folders of what is given; ConfigError for what has none."""
     several = given if isinstance(given, Sequence) and not isinstance(given, str) else [given]
-    found = [Path(one) if isinstance(one, str | Path) else getattr(one, "folder", None) for one in several]
-    for path, one in zip(found, several, strict=True):
-        if not isinstance(path, Path):
+    for one in several:
+        if not isinstance(getattr(one, "folder", one), str | Path):
             raise ConfigError(f"results must be Results or a folder, got {shown(one)}")
-    return [path for path in found if path is not None]
+    return [Path(one if isinstance(one, str | Path) else one.folder) for one in several]

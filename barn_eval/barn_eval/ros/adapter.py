@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from barn_eval.bags.decode import planner_status
 from barn_eval.ros.sequencer import Message, Tick
-from barn_eval.trials.trial import Trial
+from barn_eval.trials.trial import RunningTrial
 from barn_worlds.base.types import Odometry, seconds
 from barn_worlds.messages import decode
 
@@ -39,7 +39,7 @@ class TrialAdapter:
     their sum. commands_ns: when commands came, the clock being at `now_ns`.
     """
 
-    def __init__(self, topics: TrialTopics, trial: Trial, origin_ns: int, command_type: str) -> None:
+    def __init__(self, topics: TrialTopics, trial: RunningTrial, origin_ns: int, command_type: str) -> None:
         self.trial = trial
         self.response_times_s: list[float] = []
         self.waited_s = 0.0

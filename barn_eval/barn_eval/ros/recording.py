@@ -12,9 +12,8 @@ from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import Typesdict
 from rosbags.typesys import TypesysError, get_types_from_msg
 
-from barn_eval.bags.live_score import TOPICS
+from barn_eval.bags.messages import TOPICS, TRUE_TOPICS
 from barn_eval.bags.recorder import Recorder
-from barn_eval.bags.true_scene import TRUE_TOPICS
 from barn_eval.ros.sequencer import Message
 from barn_eval.ros.subscriber import Subscriber
 from barn_worlds.messages.cdr import jazzy_types

@@ -55,7 +55,7 @@ class SimulatorChannel:
         self._ignored = True
         self._line.send(heard=None)
 
-    def ask(self, what: str, limit_s: float, **content: Any) -> str:
+    def ask(self, what: str, limit_s: float, **content: object) -> str:
         """Make a request of `barn_sim.ros.leader` and return the answer; ServiceRefused, or ServiceTimeout."""
         self._ignored = self._ignored and what != "reset"
         number = time.monotonic_ns()  # an answer to an evaluator before this one is not taken for one to this
@@ -83,14 +83,14 @@ class SimulatorChannel:
 class SimulatorServices(RemoteNode):
     """The services of a simulator that was started by hand, as if they were a `SimulatorChannel`."""
 
-    def ask(self, what: str, limit_s: float, **content: Any) -> str:
+    def ask(self, what: str, limit_s: float, *, values: Mapping[str, Any] | None = None, on: bool = False) -> str:
         """Do as `SimulatorChannel.ask`."""
         if what == "introduce":
             self.await_services((SET_PARAMETERS, "reset", "pause"), limit_s)
         elif what == "set_parameters":
-            self.set_parameters(content["values"], limit_s)
+            self.set_parameters(values or {}, limit_s)
         elif what == "pause":
-            return self.switch("pause", content["on"], limit_s)
+            return self.switch("pause", on, limit_s)
         return self.trigger("reset", limit_s, again_s=limit_s) if what == "reset" else ""
 
 
@@ -148,7 +148,7 @@ class SimulatorClient:
     def _pause(self, on: bool) -> str:
         return self._ask("pause", self._patience.service_s, on=on)
 
-    def _ask(self, what: str, limit_s: float, **content: Any) -> str:
+    def _ask(self, what: str, limit_s: float, **content: object) -> str:
         try:
             return self._request(what, limit_s, **content)
         except ServiceTimeout as error:

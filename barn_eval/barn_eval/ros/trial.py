@@ -6,9 +6,8 @@ from dataclasses import replace
 
 from rclpy.node import Node
 
-from barn_eval.bags.live_score import TOPICS, LiveScore
+from barn_eval.bags.messages import TOPICS, LiveScore, first_scene, moving_scene
 from barn_eval.bags.recorder import Recorder
-from barn_eval.bags.true_scene import first_scene, moving_scene
 from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.ros.adapter import TrialAdapter, TrialTopics
 from barn_eval.ros.graph import GraphView, Integrity, resolve_node_name
@@ -23,7 +22,7 @@ from barn_eval.ros.supervision.channel import EventChannel
 from barn_eval.ros.watchdog import Watchdog
 from barn_eval.trials.outcome import ENVIRONMENT, Outcome, Verdict
 from barn_eval.trials.spec import TrialSpec
-from barn_eval.trials.trial import Trial
+from barn_eval.trials.trial import RunningTrial
 from barn_worlds.base.types import nanoseconds, seconds
 from barn_worlds.messages.topics import CLOCK, CMD_VEL, COLLISION, DIAGNOSTICS, GROUND_TRUTH, ODOM, SCAN
 from barn_worlds.ros.private_line import PrivateLine
@@ -90,7 +89,7 @@ class RosTrial:
     """
 
     def __init__(self, context: RunContext, spec: TrialSpec, recorder: Recorder | None, *, first: bool) -> None:
-        self.trial = Trial(spec)
+        self.trial = RunningTrial(spec)
         self.released = False
         self.wall_s = 0.0
         self.planner_verdict: str | None = None

@@ -26,6 +26,7 @@ class RosWork(Work):
     A single worker takes the domain of the environment, if that names one.
     """
 
+    loads = False
     experiment: Experiment
     store: Store
     workers: int

@@ -1,7 +1,9 @@
-"""How a trial can end."""
+"""How a trial can end, and what that is worth: times, times per metre and the metric of the BARN Challenge."""
 
 from dataclasses import dataclass
 from enum import Enum
+
+from barn_eval.trials.protocol import Course, Protocol
 
 
 class Outcome(str, Enum):
@@ -48,3 +50,62 @@ class Verdict:
         if self.outcome is Outcome.SUCCESS:
             return ""
         return self.blamed or _BLAMED.get(self.outcome, PLANNER)
+
+
+# Clips of the traversal time in multiples of the optimal time (BARN Challenge rules, since 2023 and in 2022).
+CHALLENGE_CLIP = (2.0, 8.0)
+CHALLENGE_CLIP_2022 = (4.0, 8.0)
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Figures of one trial that follow from its verdict and course.
+
+    traversal_time_s: on the protocol's clock, None if it never started. scored_time_s: the same for a success, what
+    the protocol counts for anything else. normalised_time_s_per_m: scored time by the path's arc length.
+    failure_time_s: the most that a failure would count with.
+    challenge, challenge_2022: the challenge metric with the clip of today (at most 0.5) and of 2022 (at most 0.25).
+    """
+
+    success: bool
+    traversal_time_s: float | None
+    scored_time_s: float
+    duration_s: float
+    path_length_m: float
+    normalised_time_s_per_m: float
+    optimal_time_s: float
+    challenge: float
+    challenge_2022: float
+    failure_time_s: float
+
+
+def score(verdict: Verdict, course: Course, protocol: Protocol) -> Scores:
+    """Return the scores of a trial."""
+    scored_s = scored_time_s(verdict, protocol)
+    return Scores(
+        success=verdict.outcome is Outcome.SUCCESS,
+        traversal_time_s=verdict.traversal_time_s,
+        scored_time_s=scored_s,
+        duration_s=verdict.duration_s,
+        path_length_m=course.path_length_m,
+        normalised_time_s_per_m=scored_s / course.path_length_m,
+        optimal_time_s=course.optimal_time_s,
+        challenge=challenge_metric(verdict, course.optimal_time_s, CHALLENGE_CLIP),
+        challenge_2022=challenge_metric(verdict, course.optimal_time_s, CHALLENGE_CLIP_2022),
+        failure_time_s=max(protocol.failure_time_s, protocol.timeout_time_s),
+    )
+
+
+def scored_time_s(verdict: Verdict, protocol: Protocol) -> float:
+    """Return the time that a trial counts with under a protocol."""
+    if verdict.outcome is Outcome.SUCCESS and verdict.traversal_time_s is not None:
+        return verdict.traversal_time_s
+    return protocol.timeout_time_s if verdict.outcome is Outcome.TIMEOUT else protocol.failure_time_s
+
+
+def challenge_metric(verdict: Verdict, optimal_time_s: float, clip: tuple[float, float] = CHALLENGE_CLIP) -> float:
+    """Return optimal time / traversal time clipped to multiples of the optimal time; 0 for anything but a success."""
+    if verdict.outcome is not Outcome.SUCCESS or verdict.traversal_time_s is None:
+        return 0.0
+    low_s, high_s = clip[0] * optimal_time_s, clip[1] * optimal_time_s
+    return optimal_time_s / min(max(verdict.traversal_time_s, low_s), high_s)

@@ -16,15 +16,15 @@ A built-in name stands for exactly the built-in protocol: a derived one needs a 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from barn_worlds.base.arrays import Floats
 from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.base.errors import ConfigError, shown, suggest
-from barn_worlds.base.text_files import read_yaml
+from barn_worlds.base.text_files import parse_yaml, read_yaml
 from barn_worlds.base.types import Pose2D
 from barn_worlds.robots.robot import Chassis
 from barn_worlds.robots.standard import other_name
@@ -83,7 +83,6 @@ class PoseRule(Checked):
 class Course:
     """Start and goal of one world under a protocol, in the map frame, and the lengths that times are divided by.
 
-    goal_by_map: where a robot ends that reaches the goal by a pose matched to a map that is off, None where it is not.
     path_length_m: arc length of the world's path. reference_length_m: start, path in the historical conversion,
     goal, as the challenge measures it. optimal_time_s: that length at the protocol's reference speed.
     """
@@ -93,27 +92,30 @@ class Course:
     path_length_m: float
     reference_length_m: float
     optimal_time_s: float
-    goal_by_map: Pose2D | None = None
 
 
 @dataclass(frozen=True)
 class Protocol(Checked):
     """How trials are run and judged."""
 
-    name: str = quantity("paper", "name of the protocol")
+    name: str = quantity("own", "name of the protocol")
     start: PoseRule = field(default_factory=PoseRule)
     goal: PoseRule = field(default_factory=PoseRule)
-    clock_start_distance_m: float = quantity(0.316, "motion that starts the clock", "m", minimum=0.0, maximum=100.0)
+    clock_start_distance_m: float = quantity(
+        math.sqrt(0.1), "motion that starts the clock", "m", minimum=0.0, maximum=100.0
+    )
     clock_start_source: str = quantity("odometry", "what that motion is measured by", choices=SOURCES)
-    goal_distance_m: float = quantity(0.316, "distance to the goal that ends a trial", "m", minimum=0.01, maximum=100.0)
-    goal_source: str = quantity("truth", "what that distance is measured by", choices=SOURCES)
+    goal_distance_m: float = quantity(
+        math.sqrt(0.1), "distance to the goal that ends a trial", "m", minimum=0.01, maximum=100.0
+    )
+    goal_source: str = quantity("odometry", "what that distance is measured by", choices=SOURCES)
     limit_s: float = quantity(50.0, "longest time on the clock, simulated", "s", minimum=0.1, maximum=100_000.0)
     first_motion_limit_s: float = quantity(
         30.0, "longest simulated time until the clock starts", "s", minimum=0.1, maximum=100_000.0
     )
     collision_ends_trial: bool = quantity(False, "a contact ends the trial")
-    simulator: str = quantity("paper", "preset of the simulator that the trial starts from")
-    planner_preset: str = quantity("paper", "preset of a planner that a run takes unless told otherwise")
+    simulator: str = quantity("paper2020", "preset of the simulator that the trial starts from")
+    planner_preset: str = quantity("paper2020", "preset of a planner that a run takes unless told otherwise")
     movable_obstacles: bool = quantity(True, "obstacles can be pushed")
     map_given: bool = quantity(True, "the planner gets a map and a pose in it")
     historical_map: bool = quantity(
@@ -124,7 +126,7 @@ class Protocol(Checked):
     goal_period_s: float = quantity(0.1, "time between goals sent, 0 for once", "s", minimum=0.0, maximum=1000.0)
     control_period_s: float = quantity(0.05, "time between commands in lockstep", "s", minimum=0.001, maximum=10.0)
     failure_time_s: float = quantity(30.0, "time that a failed trial counts with", "s", minimum=0.0)
-    timeout_time_s: float = quantity(50.0, "time that a trial cut off at the limit counts with", "s", minimum=0.0)
+    timeout_time_s: float = quantity(30.0, "time that a trial cut off at the limit counts with", "s", minimum=0.0)
     reference_speed_mps: float = quantity(2.0, "speed of the optimal time", "m/s", minimum=0.01, maximum=100.0)
     metric: str = quantity("normalised_time_s_per_m", "measure that planners are ranked by", choices=METRICS)
     arena: bool = quantity(False, "made for arenas, worlds without the containment of BARN", optional=True)
@@ -144,13 +146,13 @@ class Protocol(Checked):
         path = world.path_m(historical=True)
         if len(path) < 2:
             raise ConfigError(f"world {world.name}: protocol {self.name} needs a path of at least 2 cells")
-        anchors = {"map": (0.0, 0.0), "path_first": _position(path[0]), "path_last": _position(path[-1])}
+        anchors = {"map": (0.0, 0.0), "path_first": tuple(path[0].tolist()), "path_last": tuple(path[-1].tolist())}
         start = self.start.resolve(anchors)
         goal = self.goal.resolve(anchors | {"start": (start.x, start.y)})
         whole = np.vstack(([start.x, start.y], path, [goal.x, goal.y]))
         reference_m = float(np.hypot(*np.diff(whole, axis=0).T).sum())
         optimal_s = reference_m / self.reference_speed_mps
-        return Course(start, goal, world.path_length_m, reference_m, optimal_s, self._goal_by_map(goal))
+        return Course(start, goal, world.path_length_m, reference_m, optimal_s)
 
     def sized(self, world: World, chassis: Chassis) -> "Protocol":
         """Return the rules for a robot in a world: themselves, for the standard one and in worlds of standard cells.
@@ -183,70 +185,6 @@ class Protocol(Checked):
         """Return how far along y the map given lies off the obstacles, in metres."""
         return -STANDARD_CELL_M if self.map_given and self.historical_map else 0.0
 
-    def _goal_by_map(self, goal: Pose2D) -> Pose2D | None:
-        # Odometry knows of no map: what it counts as arrival is one disc.
-        off_m = self.map_offset_m() if self.goal_source == "truth" else 0.0
-        return Pose2D(goal.x, goal.y - off_m, goal.yaw) if off_m else None
-
-
-# What version 0.1 took for the paper's trials. Kept so that its folders can be read and resumed; use paper2020.
-PAPER = Protocol(
-    historical_map=True,
-    start=PoseRule(anchor_x="path_first", x_min_m=-3.9, x_max_m=-0.5, y_m=4.075),
-    goal=PoseRule(anchor_x="path_last", anchor_y="path_last", y_m=0.30),
-)
-
-# The paper's trials as the original trial scripts judged them: by the filtered odometry plus the start's coordinates,
-# both for the clock and for arrival. Their log has 50 s for a trial cut off (here the traversal time), the paper
-# penalises a failed trial with 30 s (here the scored time).
-PAPER_2020 = replace(
-    PAPER,
-    name="paper2020",
-    clock_start_distance_m=math.sqrt(0.1),
-    goal_distance_m=math.sqrt(0.1),
-    goal_source="odometry",
-    timeout_time_s=30.0,
-    simulator="paper2020",
-    planner_preset="paper2020",
-)
-
-# The challenge as held since 2022; both clips of its metric are always computed (barn_eval.trials.scores).
-CHALLENGE = Protocol(
-    name="challenge",
-    start=PoseRule(x_m=-2.25, y_m=3.0, yaw_rad=1.57),
-    goal=PoseRule(anchor_x="start", anchor_y="start", y_m=10.0, yaw_rad=1.57),
-    clock_start_distance_m=0.1,
-    clock_start_source="truth",
-    goal_distance_m=1.0,
-    limit_s=100.0,
-    collision_ends_trial=True,
-    simulator="default",
-    planner_preset="challenge",
-    movable_obstacles=False,
-    map_given=False,
-    goal_period_s=0.0,
-    timeout_time_s=100.0,
-    failure_time_s=100.0,
-    metric="challenge",
-)
-
-# For planners with a map: the challenge's course and rules, a true map, and a pose with the noise of preset known_map.
-KNOWN_MAP = replace(CHALLENGE, name="known_map", map_given=True, simulator="known_map")
-
-# The challenge in DynaBARN's arenas. Its runner takes the path's length as the goal's x in one frame less the start's x
-# in another, -20 m - 11 m = -31 m: the optimal time is negative, and clipping makes 1/8 of every success. The length
-# here is that of the way, 20 m, and the optimal time 10 s.
-DYNABARN = replace(
-    CHALLENGE,
-    name="dynabarn",
-    start=PoseRule(x_m=11.0, y_m=0.0, yaw_rad=math.pi),
-    goal=PoseRule(anchor_x="start", anchor_y="start", x_m=-20.0, yaw_rad=math.pi),
-    arena=True,
-)
-
-PROTOCOLS: dict[str, Protocol] = {one.name: one for one in (CHALLENGE, DYNABARN, KNOWN_MAP, PAPER_2020)}
-BUILT_IN = PROTOCOLS | {PAPER.name: PAPER}
-
 
 def load_protocol(source: str) -> Protocol:
     """Return the protocol of that name, or the one that a YAML file describes.
@@ -254,8 +192,8 @@ def load_protocol(source: str) -> Protocol:
     Raises ConfigError in one line for an unknown name, an unreadable file, an unknown key, a value out of range, or a
     built-in name for other rules.
     """
-    if source in BUILT_IN:
-        return BUILT_IN[source]
+    if source in PROTOCOLS:
+        return PROTOCOLS[source]
     path = Path(source)
     if path.suffix not in (".yaml", ".yml"):
         raise ConfigError(f"unknown protocol {shown(source)}{suggest(source, PROTOCOLS)} (or a .yaml file)")
@@ -266,29 +204,35 @@ def load_protocol(source: str) -> Protocol:
 
 def check_name(protocol: Protocol, where: str = "") -> None:
     """Raise ConfigError for other rules under the name of a built-in protocol."""
-    known = BUILT_IN.get(protocol.name)
+    known = PROTOCOLS.get(protocol.name)
     if known is not None and known != protocol:
         key = next(item.name for item in fields(Protocol) if getattr(known, item.name) != getattr(protocol, item.name))
         raise ConfigError(f"{where}name: {protocol.name!r} is built in with another {key}; give this one its own name")
 
 
 def _merged(content: dict[str, Any], where: str) -> dict[str, Any]:
-    base = content.pop("base", None)
-    required = {"name"} if base else {"name", "start", "goal"}
-    missing = sorted(required - set(content))
+    required = ("name",) if content.get("base") else ("goal", "name", "start")
+    missing = next((key for key in required if key not in content), None)
     if missing:
-        hint = "" if base else f" (or a base: {', '.join(PROTOCOLS)})"
-        raise ConfigError(f"{where}: missing key {missing[0]!r}{hint}")
-    if base is None:
+        hint = "" if content.get("base") else f" (or a base: {', '.join(PROTOCOLS)})"
+        raise ConfigError(f"{where}: missing key {missing!r}{hint}")
+    return _based(content, where)
+
+
+def _based(content: dict[str, Any], where: str) -> dict[str, Any]:
+    """Return what a protocol says with what it takes over from its base."""
+    if (base := content.pop("base", None)) is None:
         return content
-    if not isinstance(base, str) or base not in BUILT_IN:
+    if not isinstance(base, str) or base not in PROTOCOLS:
         raise ConfigError(f"{where}: unknown base {shown(base)}{suggest(base, PROTOCOLS)}")
-    merged = as_dict(BUILT_IN[base])
+    merged = as_dict(PROTOCOLS[base])
     for key, value in content.items():
-        partly = key in ("start", "goal") and isinstance(value, dict)
-        merged[key] = merged[key] | value if partly else value
+        merged[key] = merged[key] | value if key in ("start", "goal") and isinstance(value, dict) else value
     return merged
 
 
-def _position(point: Floats) -> tuple[float, float]:
-    return float(point[0]), float(point[1])
+PROTOCOLS: dict[str, Protocol] = {}
+_TEXT = (files("barn_eval") / "data" / "protocols.yaml").read_text("utf-8")
+for _name, _content in parse_yaml(_TEXT, "protocols.yaml").items():
+    PROTOCOLS[_name] = from_dict(Protocol, _based(_content | {"name": _name}, _name), _name)
+CHALLENGE, DYNABARN, KNOWN_MAP, PAPER_2020 = PROTOCOLS.values()

@@ -9,10 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from barn_eval.trials.encounters import Encounters
-from barn_eval.trials.outcome import ENVIRONMENT, SIMULATOR, Outcome
-from barn_eval.trials.scores import Scores
-from barn_eval.trials.trajectory import Measures
+from barn_eval.trials.outcome import ENVIRONMENT, SIMULATOR, Outcome, Scores
+from barn_eval.trials.trajectory import Encounters, Measures
 from barn_worlds.base.config import OPTIONAL, as_dict, from_dict
 from barn_worlds.base.errors import ConfigError, shown
 from barn_worlds.base.text_files import parse_json

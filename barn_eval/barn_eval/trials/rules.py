@@ -14,14 +14,13 @@ from barn_worlds.base.types import nanoseconds
 RUNNING, SUCCESS, COLLISION, TIMEOUT, NO_FIRST_MOTION, CLOCK_BACK, ODOMETRY_LOST, TRUTH_LOST = range(8)
 
 # A trial in numbers, first what of its protocol decides. clock_start_m, goal_m: distances that start the clock and end
-# the trial; goals: x, y of those of which any is to be reached. stamp_ns: of the last reading, which is not taken if it
+# the trial; goal_x, goal_y: what is to be reached. stamp_ns: of the last reading, which is not taken if it
 # is at fault; first_ns, last_ns: of those taken; clock_ns: at which the clock started; from_x, from_y: where the motion
-# that starts it is counted from; x, y: the true position; left_m: to the nearest goal.
+# that starts it is counted from; x, y: the true position; left_m: to the goal.
 _FIELDS = [
-    *[(name, np.float64) for name in ("clock_start_m", "goal_m")],
+    *[(name, np.float64) for name in ("clock_start_m", "goal_m", "goal_x", "goal_y")],
     *[(name, np.int64) for name in ("first_motion_ns", "limit_ns")],
     *[(name, np.bool_) for name in ("contact_ends", "clock_by_truth", "goal_by_truth")],
-    ("goals", np.float64, (2, 2)),
     *[(name, np.int64) for name in ("code", "stamp_ns", "first_ns", "last_ns", "clock_ns", "contact_ns")],
     *[(name, np.float64) for name in ("from_x", "from_y", "x", "y", "left_m")],
     *[(name, np.bool_) for name in ("begun", "clock_started")],
@@ -39,11 +38,8 @@ def states_of(protocol: Protocol, course: Course) -> States:
     states["contact_ends"] = protocol.collision_ends_trial
     states["clock_by_truth"] = protocol.clock_start_source == "truth"
     states["goal_by_truth"] = protocol.goal_source == "truth"
-    goals = [course.goal] if course.goal_by_map is None else [course.goal, course.goal_by_map]
-    relative = protocol.goal_source == "odometry"
-    states["goals"] = np.inf
-    for k, goal in enumerate(course.start.inverse() @ goal if relative else goal for goal in goals):
-        states["goals"][:, k] = goal.x, goal.y
+    goal = course.goal if protocol.goal_source == "truth" else course.start.inverse() @ course.goal
+    states["goal_x"], states["goal_y"] = goal.x, goal.y
     return states
 
 
@@ -85,9 +81,7 @@ def _observe(state: np.record, now_ns: int, odometry: Floats, truth: Floats, con
     state.last_ns, state.x, state.y = now_ns, truth[0], truth[1]
     if not state.clock_started and math.hypot(moved[0] - state.from_x, moved[1] - state.from_y) > state.clock_start_m:
         state.clock_started, state.clock_ns = True, now_ns
-    state.left_m = math.inf
-    for k in range(2):
-        state.left_m = min(state.left_m, math.hypot(arrived[0] - state.goals[k, 0], arrived[1] - state.goals[k, 1]))
+    state.left_m = math.hypot(arrived[0] - state.goal_x, arrived[1] - state.goal_y)
     state.code = _judged(state, contact)
 
 

@@ -1,12 +1,18 @@
-"""What a robot did in a trial, as arrays, and the measures taken from them."""
+"""What a robot did in a trial, as arrays, and the measures taken from them; among moving obstacles, whom it met."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from barn_eval.trials.protocol import Course, Protocol
 from barn_worlds.base.types import NANOSECONDS, Odometry, Velocity2D
+from barn_worlds.geometry.bodies import shape_rows, wall_bodies
 from barn_worlds.geometry.footprint import Footprint
+from barn_worlds.moving.tracks import Tracks
+from barn_worlds.worlds.world import World
 
 Floats = npt.NDArray[np.float64]
 
@@ -133,3 +139,138 @@ def _rms_jerk(trajectory: Trajectory) -> float | None:
     acceleration = np.diff(trajectory.velocity[:, 0]) / periods
     jerk = np.diff(acceleration) / (0.5 * (periods[1:] + periods[:-1]))
     return float(np.sqrt(np.mean(jerk**2)))
+
+
+NEAR_M = 0.5
+
+
+@dataclass(frozen=True)
+class Encounters:
+    """Figures of a trial among moving obstacles; None where there is nothing to tell.
+
+    phase_s: time into their motions at the start. moving_clearance_m: smallest distance from the robot's outline to a
+    moving obstacle, 0 in contact. time_to_collision_s: the shortest at any reading, if robot and obstacle kept their
+    velocities and the robot its heading; a box counts as the disc around it. near_s: time within `NEAR_M` of one.
+    path_over_straight, time_over_straight: driven length and time on the clock of a success, by those of the straight
+    run to what counts as arrival, at the protocol's reference speed.
+
+    touched: name of the moving obstacle of the first contact, empty without one. The other figures are those of the
+    last reading before it: hit_robot_mps the robot's speed, hit_closing_mps the speed at which the two closed in on
+    each other, hit_robot_share what the robot had of that: 1 if it drove against one at rest, 0 if it was run over.
+    """
+
+    phase_s: float
+    moving_clearance_m: float | None
+    time_to_collision_s: float | None
+    near_s: float
+    path_over_straight: float | None
+    time_over_straight: float | None
+    touched: str = ""
+    hit_robot_mps: float | None = None
+    hit_closing_mps: float | None = None
+    hit_robot_share: float | None = None
+
+
+class _Hit(NamedTuple):
+    touched: str
+    hit_robot_mps: float
+    hit_closing_mps: float
+    hit_robot_share: float | None
+
+
+def encounters(
+    trajectory: Trajectory,
+    world: World,
+    phase_s: float,
+    outline: Footprint,
+    course: Course,
+    protocol: Protocol,
+    traversal_s: float | None,
+) -> Encounters | None:
+    """Return the figures of a trajectory in a world whose obstacles were `phase_s` into their motions at its start."""
+    if not world.moving:
+        return None
+    times_s = (trajectory.stamps_ns - trajectory.stamps_ns[:1]) / NANOSECONDS + phase_s
+    gaps, waits = _nearness(trajectory, world.tracks, times_s, outline)
+    periods_s = np.diff(times_s, prepend=times_s[:1])
+    straight_m = course.start.distance(course.goal) - protocol.goal_distance_m
+    driven_m = float(np.hypot(*np.diff(trajectory.truth[:, :2], axis=0).T).sum())
+    hit = _first_hit(trajectory, world, times_s, gaps, outline)
+    shortest_s = float(waits.min(initial=math.inf))
+    found = Encounters(
+        phase_s=phase_s,
+        moving_clearance_m=float(gaps.min()) if gaps.size else None,
+        time_to_collision_s=shortest_s if math.isfinite(shortest_s) else None,
+        near_s=float(periods_s[(gaps <= NEAR_M).any(axis=1)].sum()),
+        path_over_straight=None if traversal_s is None else driven_m / straight_m,
+        time_over_straight=None if traversal_s is None else traversal_s * protocol.reference_speed_mps / straight_m,
+    )
+    return found if hit is None else replace(found, **hit._asdict())
+
+
+def moving_shapes(tracks: Tracks, positions: Floats) -> Floats:
+    """Return moving obstacles at positions (n, 2) as shapes (n, 7) of `barn_worlds.geometry.kernels`."""
+    return shape_rows(positions, tracks.radius_m, tracks.size_m, tracks.yaw_rad)
+
+
+def _nearness(trajectory: Trajectory, tracks: Tracks, times_s: Floats, outline: Footprint) -> tuple[Floats, Floats]:
+    """Return distance (m, n) in m and time to collision (m, n) in s of n obstacles at m readings."""
+    positions, velocities = tracks.over(times_s)
+    gaps, waits = np.empty(positions.shape[:2]), np.empty(positions.shape[:2])
+    for k, (x, y, yaw) in enumerate(trajectory.truth.tolist()):
+        shapes = moving_shapes(tracks, positions[k])
+        gaps[k] = outline.gaps(shapes, x, y, yaw)
+        waits[k] = outline.times_to_contact(shapes, velocities[k], x, y, yaw, trajectory.velocity[k, 0])
+    return gaps, waits
+
+
+def _first_hit(trajectory: Trajectory, world: World, times_s: Floats, gaps: Floats, outline: Footprint) -> _Hit | None:
+    """Return what the first contact was with, if that was a moving obstacle.
+
+    Contact lies between two readings; the obstacle is the one that is nearest at either of them.
+    """
+    touching = np.flatnonzero(trajectory.contact)
+    if not len(touching):
+        return None
+    after = int(touching[0])
+    before = max(after - 1, 0)
+    rows = slice(before, after + 1)
+    nearest = gaps[rows].min(axis=0)
+    index = int(nearest.argmin())
+    if _standing_gap(trajectory.truth[rows], world, outline) < nearest[index]:
+        return None
+    position, velocity = (found[index] for found in world.tracks.at(float(times_s[before])))
+    shape = moving_shapes(world.tracks, world.tracks.at(float(times_s[before]))[0])[index]
+    return _hit(world.tracks.names[index], trajectory, before, shape, position, velocity, outline)
+
+
+def _hit(
+    name: str, trajectory: Trajectory, row: int, shape: Floats, position: Floats, velocity: Floats, outline: Footprint
+) -> _Hit:
+    """Return the speeds along the line from the robot's outline to the obstacle at a reading."""
+    x, y, yaw = trajectory.truth[row].tolist()
+    speed, turn = trajectory.velocity[row].tolist()
+    ahead, left = np.array([math.cos(yaw), math.sin(yaw)]), np.array([-math.sin(yaw), math.cos(yaw)])
+    base, towards = np.array([x, y]), position
+    if not shape[2]:  # of a box, the point that is nearest to the robot
+        side, across = shape[5:7], np.array([-shape[6], shape[5]])
+        along = np.clip([(base - position) @ side, (base - position) @ across], -shape[3:5], shape[3:5])
+        towards = position + along[0] * side + along[1] * across
+    local = outline.nearest((towards - base) @ ahead, (towards - base) @ left)
+    lever = local[0] * ahead + local[1] * left
+    line = towards - base - lever
+    length = float(np.hypot(*line))
+    if length == 0.0:
+        return _Hit(name, abs(speed), 0.0, None)
+    robot = float((speed * ahead + turn * np.array([-lever[1], lever[0]])) @ line) / length
+    other = -float(velocity @ line) / length
+    both = max(robot, 0.0) + max(other, 0.0)
+    return _Hit(name, abs(speed), robot + other, max(robot, 0.0) / both if both > 0.0 else None)
+
+
+def _standing_gap(poses: Floats, world: World, outline: Footprint) -> float:
+    """Return the smallest distance from the robot at poses (n, 3) to a cylinder or a wall, infinite without any."""
+    still = clearances(poses, world.cylinders_m, world.cylinder_radius_m, outline)
+    walls = wall_bodies(world.walls).shapes()
+    gaps = [outline.gaps(walls, x, y, yaw).min(initial=math.inf) for x, y, yaw in poses.tolist()]
+    return min(max(float(still.min(initial=math.inf)), 0.0), float(min(gaps)))

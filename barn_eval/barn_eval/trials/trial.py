@@ -1,25 +1,68 @@
 """A trial as it passes, whoever runs it: readings and answers go in; verdict, trajectory and row come out."""
 
-from collections.abc import Callable
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from types import FrameType
 from typing import TypeVar
 
-from barn_eval.trials.deadline import Deadline, DeadlineError
-from barn_eval.trials.encounters import encounters
-from barn_eval.trials.outcome import Outcome, Verdict
+from barn_eval.trials.outcome import Outcome, Scores, Verdict, score
 from barn_eval.trials.referee import Referee, Standing
 from barn_eval.trials.result import TrialResult, WallClock
-from barn_eval.trials.scores import Scores, score
 from barn_eval.trials.spec import TrialSpec
-from barn_eval.trials.trajectory import Floats, Trajectory, TrajectoryLog, measure
+from barn_eval.trials.trajectory import Floats, Trajectory, TrajectoryLog, encounters, measure
 from barn_planners.interface import PlannerStatus
 from barn_worlds.base.types import Odometry, Velocity2D
 from barn_worlds.geometry.footprint import contact_of
 
 T = TypeVar("T")
+OF_SPEC = ("planner", "repetition", "campaign_seed", "simulator_seed", "planner_seed")  # which a row has likewise
+_OF_SPEC = ("trial_id", "dataset", "preset", "task", "planner_config")
 
 
-class Trial:
+@contextmanager
+def handled(number: int, handler: Callable[[int, FrameType | None], None]) -> Iterator[bool]:
+    """Handle a signal while the context lasts and give whether that is so: only the main thread can."""
+    if threading.current_thread() is not threading.main_thread():
+        yield False
+        return
+    before = signal.signal(number, handler)
+    try:
+        yield True
+    finally:
+        signal.signal(number, before)
+
+
+class DeadlineError(BaseException):
+    """The limit has passed; not an Exception, so that a planner that catches those does not swallow it."""
+
+
+@contextmanager
+def deadline(limit_s: float) -> Iterator[None]:
+    """Raise DeadlineError in what takes longer, so that a planner that hangs cannot hang everything.
+
+    Works by an interval timer: in the main thread only (elsewhere nothing is limited), and in compiled code not before
+    it returns.
+    """
+    with handled(signal.SIGALRM, _expired) as armed:
+        if armed:
+            signal.setitimer(signal.ITIMER_REAL, limit_s)
+        try:
+            yield
+        finally:
+            if armed:
+                signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+
+def _expired(_signal: int, _frame: FrameType | None) -> None:
+    raise DeadlineError
+
+
+class RunningTrial:
     """The part of a trial that is the same however it is run: a session in one process, over ROS, or by a learner.
 
     Instant by instant it takes the reading, then the command that answers it. It reads no clock.
@@ -79,13 +122,13 @@ class Trial:
         self.recoveries = (self.recoveries or 0) + began
         self._status = status
 
-    def ask(self, call: Callable[[], T], deadline: Deadline) -> T | None:
+    def ask(self, call: Callable[[], T], limit_s: float) -> T | None:
         """Call the planner within a limit and return its answer; what goes wrong there ends the trial."""
         try:
-            with deadline:
+            with deadline(limit_s):
                 return call()
         except DeadlineError:
-            detail = f"no answer within {deadline.limit_s:g} s of wall-clock time"
+            detail = f"no answer within {limit_s:g} s of wall-clock time"
             self.referee.fail(Outcome.PLANNER_STALLED, detail)
         except Exception as error:  # whatever it is, it belongs in the result
             self.referee.fail(Outcome.PLANNER_DIED, error_line(error))
@@ -122,27 +165,18 @@ def conclude(
     traversal_s = scores.traversal_time_s if scores.success else None
     outline = contact_of(spec.simulator.chassis)
     result = TrialResult(
-        trial_id=spec.trial_id,
-        dataset=spec.dataset,
+        **{name: getattr(spec, name) for name in (*_OF_SPEC, *OF_SPEC)},
         world=spec.index,
         world_name=world.name,
         world_checksum=world.checksum,
-        planner=spec.planner,
-        preset=spec.preset,
         protocol=spec.protocol.name,
         mode=mode,
-        repetition=spec.repetition,
-        campaign_seed=spec.campaign_seed,
-        simulator_seed=spec.simulator_seed,
-        planner_seed=spec.planner_seed,
         outcome=verdict.outcome,
         detail=verdict.detail,
         scores=scores,
         measures=measure(trajectory, world.cylinders_m, world.cylinder_radius_m, outline),
         recoveries=recoveries,
         planner_verdict=planner_verdict,
-        task=spec.task,
-        planner_config=spec.planner_config,
         metric=spec.protocol.metric,
         fault=verdict.fault,
         remarks=remarks,

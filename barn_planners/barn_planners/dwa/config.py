@@ -1,7 +1,6 @@
 """Settings of the dynamic window approach and its presets."""
 
-import dataclasses
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from barn_planners.costmap.costmap import CostmapConfig, GlobalCostmapConfig
 from barn_planners.global_plan.planner import GlobalPlanConfig
@@ -98,56 +97,37 @@ class DwaPlannerConfig(NavigationConfig):
     dwa: DwaConfig = field(default_factory=DwaConfig)
 
 
-# Calibrated to the times published for the paper's trials: footprint and inscribed radius as if padded by 0.03 m
-# (paper2020: 0.04 m) instead of the 0.1 m configured, and for the local planner no costs between the inscribed and the
-# inflation radius. The global plan knows the map and what the lidar marks, as E-Band's does: one navigation stack ran
-# both; that of paper2020 has the padding configured.
-_TIGHT = CostmapConfig(footprint_padding_m=0.03, soft_costs=False)
-_TIGHT_GLOBAL = GlobalCostmapConfig(footprint_padding_m=0.03)
-
-_ORIGINAL = DwaConfig(sample_highest_turn=False, escape_through=True)
-_PAPER_2020 = dataclasses.replace(
-    _ORIGINAL,
-    single_precision=True,
-    skip_slow_turns=True,
-    turn_past_blocked=True,
-    robot_blocks_goal=True,
-    roll_out_goal_turn=True,
-    stopped_mps=0.01,
-    stopped_radps=0.01,
-)
-
-
 def dwa_presets() -> dict[str, DwaPlannerConfig]:
-    """Return the presets: the paper's trials, the challenge, and the faster DWA of the challenge."""
-    paper = DwaPlannerConfig(
-        goal_republish_period_s=0.1,
-        hold_s=0.15,
-        lidar_x_m=0.12,
-        local_costmap=_TIGHT,
-        global_costmap=_TIGHT_GLOBAL,
+    """Return the presets: the challenge, the faster DWA of the challenge, and the paper's trials."""
+    challenge = DwaPlannerConfig(
         global_plan=GlobalPlanConfig(half_cell_offset=False, zero_intermediate_yaw=True),
         recovery=RecoveryConfig(clearing_clears=False),
-        dwa=_ORIGINAL,
-    )
-    challenge = dataclasses.replace(
-        paper,
-        lidar_x_m=0.055,
-        goal_republish_period_s=0.0,
-        hold_s=0.0,
         # The original's costs reproduce the published success and times of the challenge, but not the paper's.
-        local_costmap=CostmapConfig(),
-        global_costmap=GlobalCostmapConfig(),
-        dwa=dataclasses.replace(_ORIGINAL, distances_in_metres=True),
+        dwa=DwaConfig(sample_highest_turn=False, escape_through=True, distances_in_metres=True),
     )
-    fast = dataclasses.replace(challenge, dwa=dataclasses.replace(challenge.dwa, max_speed_mps=1.0, speed_samples=12))
-    paper_2020 = dataclasses.replace(
-        paper,
+    fast = replace(challenge, dwa=replace(challenge.dwa, max_speed_mps=1.0, speed_samples=12))
+    # Calibrated to the times published for the paper's trials: the local footprint as if padded by 0.04 m instead of
+    # the 0.1 m configured, and no local costs between the inscribed and the inflation radius.
+    local = CostmapConfig(footprint_padding_m=0.04, soft_costs=False, clockwise_outline=True, as_costmap_2d=True)
+    paper_2020 = replace(
+        challenge,
+        goal_republish_period_s=0.1,
         hold_s=PAPER_HOLD_S,
+        lidar_x_m=0.12,
         local_costmap_in_map=True,
-        local_costmap=dataclasses.replace(_TIGHT, footprint_padding_m=0.04, clockwise_outline=True, as_costmap_2d=True),
+        local_costmap=local,
         global_costmap=GlobalCostmapConfig(clockwise_outline=True, as_costmap_2d=True),
-        global_plan=dataclasses.replace(paper.global_plan, as_navfn=True, unfinished_plans=True),
-        dwa=_PAPER_2020,
+        global_plan=replace(challenge.global_plan, as_navfn=True, unfinished_plans=True),
+        dwa=replace(
+            challenge.dwa,
+            distances_in_metres=False,
+            single_precision=True,
+            skip_slow_turns=True,
+            turn_past_blocked=True,
+            robot_blocks_goal=True,
+            roll_out_goal_turn=True,
+            stopped_mps=0.01,
+            stopped_radps=0.01,
+        ),
     )
-    return {"paper": paper, "challenge": challenge, "fast_dwa": fast, "paper2020": paper_2020}
+    return {"challenge": challenge, "fast_dwa": fast, "paper2020": paper_2020}

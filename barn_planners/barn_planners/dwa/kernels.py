@@ -52,7 +52,7 @@ class Start(NamedTuple):
     turn: float
 
 
-class Motion(NamedTuple):
+class Movement(NamedTuple):
     """How a rollout moves: its time, the distance and the turn between its poses, and the accelerations."""
 
     time_s: float

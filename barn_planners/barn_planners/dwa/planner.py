@@ -13,7 +13,7 @@ import numpy as np
 
 from barn_planners.dwa import kernels, wavefront
 from barn_planners.dwa.config import DwaConfig, dwa_presets
-from barn_planners.dwa.kernels import Grid, Ground, Motion, Scene, Start, Weights
+from barn_planners.dwa.kernels import Grid, Ground, Movement, Scene, Start, Weights
 from barn_planners.dwa.memory import DwaMemory, GoalTurn
 from barn_planners.dwa.search import Choice, find_best
 from barn_planners.interface import FloatArray, PlannerView
@@ -34,7 +34,7 @@ class DwaController(Controller):
         self.config = config
         self._memory = DwaMemory(config)
         self._goal_turn = GoalTurn(config)
-        self._motion = Motion(
+        self._motion = Movement(
             config.sim_time_s,
             config.granularity_m,
             config.turn_granularity_rad,

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from barn_planners.costmap.costmap import CostmapConfig, GlobalCostmapConfig
 from barn_planners.eband.kernels import BandGains
@@ -110,26 +111,21 @@ _PADDING_M = 0.04
 
 
 def eband_presets() -> dict[str, EBandPlannerConfig]:
-    """Return the presets: the paper's trials and the challenge."""
-    recovery = RecoveryConfig(clearing_clears=False)
-    paper = EBandPlannerConfig(
+    """Return the presets: the challenge and the paper's trials."""
+    challenge = EBandPlannerConfig(recovery=RecoveryConfig(clearing_clears=False))
+    tight: dict[str, Any] = {"footprint_padding_m": _PADDING_M, "as_costmap_2d": True, "inflates_by_front": True}
+    paper_2020 = replace(
+        challenge,
         lidar_x_m=0.12,
         goal_republish_period_s=0.1,
-        hold_s=0.15,
-        global_plan=GlobalPlanConfig(half_cell_offset=False, zero_intermediate_yaw=True),
-        recovery=recovery,
-        band=EBandConfig(reset_costmap_once=True),
-    )
-    paper_2020 = replace(
-        paper,
         hold_s=PAPER_HOLD_S,
         local_costmap_in_map=True,
         first_plan_waits=True,
-        local_costmap=CostmapConfig(footprint_padding_m=_PADDING_M, as_costmap_2d=True, inflates_by_front=True),
-        global_costmap=GlobalCostmapConfig(
-            footprint_padding_m=_PADDING_M, map_resolution=True, as_costmap_2d=True, inflates_by_front=True
+        local_costmap=CostmapConfig(**tight),
+        global_costmap=GlobalCostmapConfig(map_resolution=True, **tight),
+        global_plan=GlobalPlanConfig(
+            half_cell_offset=False, zero_intermediate_yaw=True, as_navfn=True, unfinished_plans=True
         ),
-        global_plan=replace(paper.global_plan, as_navfn=True, unfinished_plans=True),
-        band=replace(paper.band, relax_new_plan=True, headings=True, weighs_x_twice=True),
+        band=EBandConfig(reset_costmap_once=True, relax_new_plan=True, headings=True, weighs_x_twice=True),
     )
-    return {"paper": paper, "challenge": EBandPlannerConfig(recovery=recovery), "paper2020": paper_2020}
+    return {"challenge": challenge, "paper2020": paper_2020}

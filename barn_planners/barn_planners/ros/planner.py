@@ -42,14 +42,13 @@ T = TypeVar("T")
 
 _SHOWN = (topics.PLAN, topics.LOCAL_PLAN, topics.COSTMAP, topics.BAND, topics.CANDIDATES, topics.DIAGNOSTICS)
 _LAST_COMMAND_S = 20.0  # only for listeners that were killed, which DDS forgets after as long
-_PRESETS = {True: "paper", False: "challenge"}
 
 
 @dataclass(frozen=True)
 class NodeConfig(Checked):
     """Parameters of the node itself."""
 
-    preset: str = quantity("", "preset of the planner; empty: paper with a map, challenge without")
+    preset: str = quantity("", "preset of the planner; empty: paper2020 with a map, challenge without")
     seed: int = quantity(0, "seed of the planner's random numbers, read at the start of a task", minimum=0)
     use_map: bool = quantity(False, "plan on a map, with the robot localised in it")
     command_type: str = quantity("twist", "type of the commands", choices=("twist", "twist_stamped"))
@@ -76,7 +75,7 @@ class PlannerNode(Node):
         self.declare_parameter("planner", planner)
         chosen = self.get_parameter("planner").get_parameter_value().string_value
         self._node_config = declare(self, NodeConfig())
-        preset = self._node_config.preset or _PRESETS[self._node_config.use_map]
+        preset = self._node_config.preset or ("paper2020" if self._node_config.use_map else "challenge")
         self._entry = planner_entry(chosen)
         self._config = declare(self, planner_config(chosen, preset))
         sync = declare(self, SyncConfig())

@@ -21,7 +21,6 @@ from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import seconds
 from barn_worlds.geometry.bodies import moving_bodies, wall_bodies
 from barn_worlds.geometry.kernels import gaps_to_rectangle
-from barn_worlds.geometry.shapes import body_shapes
 from barn_worlds.moving.tracks import Table, evaluate, evaluate_one
 from barn_worlds.worlds.world import World
 
@@ -52,7 +51,7 @@ class Movers:
         self._lift_m_s = config.physics.gravity_m_s2 * config.physics.tick_s  # what a tick of free fall takes away
         walls, tracks = world.walls, world.tracks
         self._walls = len(walls)
-        self._shapes = np.concatenate([body_shapes(wall_bodies(walls)), body_shapes(moving_bodies(tracks, phase_s))])
+        self._shapes = np.concatenate([wall_bodies(walls).shapes(), moving_bodies(tracks, phase_s).shapes()])
         self._velocities = np.zeros((len(self._shapes), 2))
         self._heights = np.concatenate([[wall.height_m for wall in walls], tracks.height_m])
         self._fastest_m_s: Floats = np.concatenate([np.zeros(len(walls)), tracks.fastest_mps])

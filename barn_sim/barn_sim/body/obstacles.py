@@ -8,7 +8,6 @@ body is removed and the cylinder stays where it is.
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -135,7 +134,7 @@ class Obstacles:
             bullet.setCollisionFilterGroupMask(body, -1, _PUSHED, ~PASSED_BY, physicsClientId=client.id)
         return body
 
-    def _add(self, state: list[float], mass_kg: float, **dynamics: Any) -> int:
+    def _add(self, state: list[float], mass_kg: float, **dynamics: object) -> int:
         client, size = self._client, (self.radius_m, 2.0 * self._half)
         shapes = client.engine.shapes
         if size not in shapes:

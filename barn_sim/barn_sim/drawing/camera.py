@@ -100,10 +100,9 @@ class Studio:
         low, high = known.min(axis=0) - 0.5, known.max(axis=0) + 0.5
         self.bounds_m = (*low.tolist(), *high.tolist())
         self._add_ground(low, high)
-        for cylinders, colour in ((scene.obstacles, _OBSTACLE), (scene.walls, _WALL)):
-            for first in range(0, len(cylinders.centres_m), _IN_A_MESH):
-                some = cylinders.centres_m[first : first + _IN_A_MESH]
-                self._mesh(colour, **pillars(some, cylinders.radius_m, cylinders.height_m))
+        for centres_m, colour in ((scene.obstacles_m, _OBSTACLE), (scene.walls_m, _WALL)):
+            for first in range(0, len(centres_m), _IN_A_MESH):
+                self._mesh(colour, **pillars(centres_m[first : first + _IN_A_MESH], scene.radius_m, scene.height_m))
         for pose, colour in ((scene.start, START), (scene.goal, GOAL)):
             if pose is not None:
                 self._mesh(colour, **pillars(np.array([[pose.x, pose.y]]), _DISC_M, 0.008))

@@ -3,9 +3,9 @@
 The rules are those of the amcl package (Fox 2001, KLD-sampling; Thrun, Burgard and Fox 2005, tables 5.6 and 6.3) as the
 Jackal's navigation configures it, with those of its habits that move the result: the weight of a particle is one plus
 the sum of its beams' cubed likelihoods, and the motion model draws with variances as if they were standard deviations.
-Two more are options: a correction takes effect late, and the map's cells lie centred on their lower corners, so that
-poses come out half a cell too low in x and y.
-Random particles, which would be mixed in after a sudden loss, are left out.
+More are options: a correction takes effect late; the map's cells lie centred on their lower corners, so that poses come
+out half a cell too low in x and y; particles anywhere on the map are mixed in when scans fit worse than they did (table
+8.3), where the average weight depends on how many particles there are, as in amcl.
 """
 
 from __future__ import annotations
@@ -48,12 +48,14 @@ class ParticleLocalisation:
         self._lidar = lidar
         half = 0.5 * known.resolution if config.half_cell_low else 0.0
         self._grid = (known.origin_x - half, known.origin_y - half, known.resolution)
+        self._free = np.argwhere(known.data == 0)[:, ::-1]  # columns and rows
         self._distances_m = obstacle_distances(known.data >= _OCCUPIED, known.resolution)
         self._likelihoods: tuple[float, Floats] | None = None
         self._needed = needed_particles(config.min_particles, config.max_particles)
         stds = np.array([config.initial_std_m, config.initial_std_m, config.initial_yaw_std_rad])
         start_pose = np.array([start.x, start.y, start.yaw])
         self._particles = start_pose + stds * rng.standard_normal((config.max_particles, 3))
+        self._averages: tuple[float, float] | None = None  # of the weights, slow and fast
         self._updated_at: Pose2D | None = None
         self._correction = Pose2D(0.0, 0.0, 0.0)
         self._pending: deque[tuple[int, Pose2D]] = deque()  # corrections made, and when each takes effect
@@ -124,11 +126,30 @@ class ParticleLocalisation:
         cumulated = np.cumsum(weights)
         drawn = np.searchsorted(cumulated, cumulated[-1] * self._rng.random(most), side="right")
         particles = self._particles[np.minimum(drawn, len(weights) - 1)]
+        if (lost := self._lost(float(cumulated[-1]) / len(weights) ** 2)) > 0.0:
+            anywhere = self._rng.random(most) < lost
+            particles[anywhere] = self._anywhere(int(anywhere.sum()))
         _, first = np.unique(bin_keys(bins_of(particles)), return_index=True)
         is_new = np.zeros(most, np.int64)
         is_new[first] = 1
         enough = np.arange(1, most + 1) > self._needed[np.cumsum(is_new)]
         self._particles = particles[: int(np.argmax(enough)) + 1 if enough.any() else most]
+
+    def _lost(self, average: float) -> float:
+        """Return the share of particles to draw anywhere, from the average weight of this scan; it starts anew then."""
+        slow, fast = self._averages or (average, average)
+        slow += self._config.recovery_alpha_slow * (average - slow)
+        fast += self._config.recovery_alpha_fast * (average - fast)
+        lost = max(0.0, 1.0 - fast / slow)
+        self._averages = None if lost > 0.0 else (slow, fast)
+        return lost
+
+    def _anywhere(self, count: int) -> Floats:
+        """Return poses (count, 3) in free cells of the map, headed anywhere."""
+        origin_x, origin_y, resolution = self._grid
+        cells = self._free[self._rng.integers(len(self._free), size=count)] if len(self._free) else np.zeros((count, 2))
+        yaws = self._rng.uniform(-math.pi, math.pi, count)
+        return np.column_stack([(cells + 0.5) * resolution + [origin_x, origin_y], yaws])
 
     def _mean(self) -> Pose2D:
         """Return the mean of the largest cluster: particles in bins that touch one another."""

@@ -133,7 +133,7 @@ def fields_of(config: Any) -> Iterator[tuple[str, Quantity, Any]]:
             yield item.name, item.metadata[_QUANTITY], value
 
 
-def as_dict(config: Any) -> dict[str, Any]:
+def as_dict(config: object) -> dict[str, Any]:
     """Return a configuration as plain mappings, lists, numbers and texts, ready for YAML or JSON.
 
     Optional fields are left out while they have their defaults.
@@ -167,7 +167,7 @@ def _reader(cls: type[Any], converter: cattrs.Converter) -> Callable[[Any, Any],
     """Return the function that builds a dataclass from a mapping, once the mapping itself is checked."""
     build = make_dict_structure_fn(cls, converter, _cattrs_forbid_extra_keys=True)
 
-    def read(value: Any, kind: Any) -> Any:
+    def read(value: object, kind: object) -> Any:
         if not isinstance(value, Mapping):
             raise TypeError(f"must be a mapping of names to values, got {shown(value)}")
         for key in value:
@@ -219,7 +219,7 @@ def _dotted(mapping: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str,
             yield from _dotted(value, f"{prefix}{name}.")
 
 
-def _flat(config: Any, changes: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+def _flat(config: object, changes: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Yield changes by dotted name; a mapping for a nested configuration yields one per key."""
     for name, value in changes.items():
         inner = getattr(config, str(name), None)
@@ -229,7 +229,7 @@ def _flat(config: Any, changes: Mapping[Any, Any], prefix: str = "") -> Iterator
             yield f"{prefix}{name}", value
 
 
-def _exact(value: Any, kind: type[Any]) -> Any:
+def _exact(value: object, kind: type[Any]) -> Any:
     """Return the value if it has the right type. An integer is accepted for a float; nothing else is converted."""
     if kind is float and type(value) is int and abs(value) < _LARGEST_FLOAT:
         return float(value)
@@ -262,7 +262,7 @@ def _first_cause(error: BaseException, path: str = "") -> str:
     return f"{path.rstrip('.')} {error}".lstrip()
 
 
-def _check(name: str, about: Quantity, value: Any) -> None:
+def _check(name: str, about: Quantity, value: object) -> None:
     plain = value.value if isinstance(value, Enum) else value
     numbers = plain if isinstance(plain, tuple) else (plain,)
     for number in numbers:

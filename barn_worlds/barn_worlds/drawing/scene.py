@@ -20,7 +20,7 @@ from barn_worlds.worlds.scene import TrialScene
 _LEAST_TOP_MPS = 0.5  # of the scale of speeds
 
 
-def discs(axes: Axes, centres_m: npt.NDArray[np.floating], radii_m: npt.ArrayLike, **look: Any) -> EllipseCollection:
+def discs(axes: Axes, centres_m: npt.NDArray[np.floating], radii_m: npt.ArrayLike, **look: object) -> EllipseCollection:
     """Draw discs around centres (n, 2); radii_m: one for all, or (n,)."""
     sizes = np.broadcast_to(2.0 * np.asarray(radii_m), len(centres_m))
     ellipses = EllipseCollection(
@@ -50,8 +50,8 @@ def draw_scene(axes: Axes, scene: TrialScene, *, faint: bool = False) -> None:
     faint: all but start and goal in one light colour, for maps on which trajectories are what counts.
     """
     draw_bodies(axes, scene.boxes)
-    discs(axes, scene.walls.centres_m, scene.walls.radius_m, facecolor=FAINT if faint else WALL)
-    discs(axes, scene.obstacles.centres_m, scene.obstacles.radius_m, facecolor=FAINT if faint else OBSTACLE)
+    discs(axes, scene.walls_m, scene.radius_m, facecolor=FAINT if faint else WALL)
+    discs(axes, scene.obstacles_m, scene.radius_m, facecolor=FAINT if faint else OBSTACLE)
     look: dict[str, Any] = {"color": FAINT, "linestyle": "--", "linewidth": 1.4}
     axes.plot(*scene.path_m.T, **look if faint else {"color": WALL, "linestyle": ":", "linewidth": 1.0})
     above: dict[str, Any] = {"zorder": 6} if faint else {}
@@ -118,7 +118,7 @@ def draw_ways(axes: Axes, pieces: Sequence[Points], **look: Any) -> None:
     axes.add_collection(LineCollection(list(pieces), colors=MOVER, linewidths=0.8, **look))
 
 
-def draw_arrow(axes: Axes, at: Floats, along: Floats, **look: Any) -> None:
+def draw_arrow(axes: Axes, at: Floats, along: Floats, **look: object) -> None:
     """Draw the head of an arrow at a point (2,) in a direction (2,), none if that is 0; look: of matplotlib's patch."""
     length = math.hypot(*along)
     if length > 1e-6:

@@ -87,7 +87,7 @@ def write_original(
 
 def _resolution(folder: Path, index: int) -> float:
     about = folder / "map_files" / f"yaml_{index}.yaml"
-    return map_server.read_resolution(about) if about.is_file() else STANDARD_RESOLUTION_M
+    return map_server.read_about(about).resolution if about.is_file() else STANDARD_RESOLUTION_M
 
 
 def _footprint(path: Path, grid: BoolGrid, standard: int) -> int:

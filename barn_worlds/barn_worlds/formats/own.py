@@ -1,6 +1,6 @@
 """The suite's own data set file: worlds in one small .npz, with a manifest inside it and a copy beside it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,30 +9,19 @@ import numpy as np
 import numpy.typing as npt
 
 import barn_worlds
-from barn_worlds.base.errors import WorldError
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.errors import ConfigError, WorldError, one_line
 from barn_worlds.base.files import LARGEST_FILE, write_bytes
-from barn_worlds.formats import scenes
-from barn_worlds.formats.npz import NpzFormat
+from barn_worlds.formats.npz import Arrays, NpzFormat
+from barn_worlds.moving.motion import KINDS, SHAPES, Motion, MovingObstacle, Wall
 from barn_worlds.worlds.world import LARGEST_SIDE, Provenance, World
 
+_WITH_SCENES = 2  # the schema of data sets in which anything is no static world; it has the arrays of `_scenes` as well
 FORMAT = NpzFormat(
-    "a data set of the suite",
-    "manifest.json",
-    schema=1,
-    largest_file=LARGEST_FILE,
-    largest=512 * 1024 * 1024,
-    newer=(2,),
+    "a data set of the suite", "manifest.json", 1, LARGEST_FILE, 512 * 1024 * 1024, newer=(_WITH_SCENES,)
 )
-_WITH_SCENES = 2  # the schema of data sets in which anything is no static world; it has the arrays of `scenes` as well
-_ARRAYS = {
-    "index": 1,  # (n,) number of each world
-    "shape": 2,  # (n, 2) rows and columns
-    "grid": 1,  # bytes of all grids, each packed separately
-    "path": 2,  # (sum of lengths, 2)
-    "path_cells": 1,  # (n,) length of each path
-    "resolution_m": 1,  # (n,)
-    "footprint_cells": 1,  # (n,)
-}
+_WALL = ("x_m", "y_m", "size_x_m", "size_y_m", "yaw_rad", "height_m")
+_OBSTACLE = ("radius_m", "size_x_m", "size_y_m", "yaw_rad", "height_m", "phase_s")
 
 
 @dataclass(frozen=True)
@@ -45,11 +34,11 @@ class Order:
 
 @dataclass(frozen=True, eq=False)
 class OwnFile:
-    """The checked content of a data set file; `world` builds one of its worlds."""
+    """The content of a data set file; `world` builds one of its worlds."""
 
     path: Path
     manifest: Mapping[str, Any]
-    arrays: Mapping[str, npt.NDArray[Any]]
+    arrays: Arrays
 
     @property
     def indices(self) -> list[int]:
@@ -58,38 +47,60 @@ class OwnFile:
 
     def world(self, position: int) -> World:
         """Return the world stored at a position; WorldError if it is damaged."""
-        a = self.arrays
-        where = f"{self.path}: world {int(a['index'][position])}"
-        rows, cols = (int(side) for side in a["shape"][position])
-        sizes = (np.prod(a["shape"][:position].astype(np.int64), axis=1) + 7) // 8
-        first = int(sizes.sum())
-        bits = np.unpackbits(a["grid"][first : first + (rows * cols + 7) // 8], count=rows * cols)
-        begin = int(a["path_cells"][:position].sum())
-        path = a["path"][begin : begin + int(a["path_cells"][position])]
-        about = self.manifest["worlds"][position]
-        sets = self.manifest["parameter_sets"]
-        number = about.get("parameter_set")
-        scene: scenes.Scene = ((), (), None)
-        if self.manifest["schema"] == _WITH_SCENES:
-            scene = scenes.unpacked(a, position, about["moving"], where)
-        world = World(
-            about["name"],
-            bits.reshape(rows, cols).astype(np.bool_),
-            path,
-            float(a["resolution_m"][position]),
-            int(a["footprint_cells"][position]),
-            Provenance(
-                about["source"],
-                str(self.path),
-                {} if number is None else sets[number],
-                tuple(about["seed"]),
-                about["path_source"],
-            ),
-            *scene,
-        )
-        if world.checksum != about["sha256"]:
+        where = f"{self.path}: world {self.indices[position]}"
+        try:
+            world = self._world(position)
+            same = world.checksum == self.manifest["worlds"][position]["sha256"]
+        # of arrays that are missing, of other sizes or types, or do not fit together
+        except (WorldError, ConfigError, LookupError, TypeError, ValueError, OverflowError) as error:
+            raise WorldError(f"{where} is damaged: {one_line(error)}") from None
+        if not same:
             raise WorldError(f"{where} is damaged: its checksum is not that of the manifest")
         return world
+
+    def _world(self, position: int) -> World:
+        a, about = self.arrays, self.manifest["worlds"][position]
+        rows, cols = (int(side) for side in a["shape"][position])
+        if not 1 <= min(rows, cols) <= max(rows, cols) <= LARGEST_SIDE:
+            raise ValueError(f"sides must be 1 to {LARGEST_SIDE} cells, got {rows} x {cols}")
+        sizes = (np.prod(a["shape"][: position + 1].astype(np.int64), axis=1) + 7) // 8
+        bits = np.unpackbits(_part(a["grid"], sizes, position), count=rows * cols)
+        number = about["parameter_set"]
+        parameters = {} if number is None else self.manifest["parameter_sets"][number]
+        return World(
+            about["name"],
+            bits.reshape(rows, cols).astype(np.bool_),
+            _part(a["path"], a["path_cells"], position),
+            float(a["resolution_m"][position]),
+            int(a["footprint_cells"][position]),
+            Provenance(about["source"], str(self.path), parameters, tuple(about["seed"]), about["path_source"]),
+            *(self._scene(position, about["moving"]) if self.manifest["schema"] == _WITH_SCENES else ()),
+        )
+
+    def _scene(
+        self, position: int, names: Sequence[str]
+    ) -> tuple[tuple[Wall, ...], tuple[MovingObstacle, ...], tuple[float, float] | None]:
+        """Return walls, moving obstacles of these names, and corner of the world at a position."""
+        a = self.arrays
+        walls = _part(a["wall"], a["walls"], position).tolist()
+        rows = _part(a["obstacle"], a["moving"], position).tolist()
+        moving = []
+        for name, (shape, *sizes), k in zip(
+            names, rows, _part(a["obstacle_motion"], a["moving"], position), strict=True
+        ):
+            keys = tuple(map(tuple, _part(a["motion"], a["motion_rows"], int(k)).tolist()))
+            motion = Motion(KINDS[int(a["motion_kind"][k])], float(a["motion_period_s"][k]), keys)
+            values = dict(zip(_OBSTACLE, sizes, strict=True))
+            moving.append(MovingObstacle(name, SHAPES[int(shape)], **values, motion=motion))
+        x_m, y_m = map(float, a["corner_m"][position])
+        corner = None if np.isnan(x_m) and np.isnan(y_m) else (x_m, y_m)
+        return tuple(Wall(**dict(zip(_WALL, row, strict=True))) for row in walls), tuple(moving), corner
+
+
+def _part(values: npt.NDArray[Any], counts: npt.NDArray[Any], position: int) -> npt.NDArray[Any]:
+    """Return the entries of one of some that lie behind each other, so many of each."""
+    first = int(counts[:position].sum())
+    return values[first : first + int(counts[position])]
 
 
 def write_own(path: Path, name: str, worlds: Mapping[int, World], about: Mapping[str, Any] | None = None) -> None:
@@ -98,9 +109,9 @@ def write_own(path: Path, name: str, worlds: Mapping[int, World], about: Mapping
     about: more entries for the manifest, such as the order and the generator's parameters.
     """
     chosen = list(worlds.values())
-    arrays: dict[str, npt.NDArray[Any]] = {
+    arrays: Arrays = {
         "index": np.array(list(worlds), np.int32),
-        "shape": np.array([world.grid.shape for world in chosen], np.int32),
+        "shape": np.array([world.grid.shape for world in chosen], np.int32),  # rows and columns
         "grid": np.concatenate([np.packbits(world.grid) for world in chosen]),
         "path": np.concatenate([world.path for world in chosen]).astype(np.int16),
         "path_cells": np.array([len(world.path) for world in chosen], np.int32),
@@ -109,7 +120,7 @@ def write_own(path: Path, name: str, worlds: Mapping[int, World], about: Mapping
     }
     manifest = _manifest(name, worlds, about or {})
     if any(world.walls or world.moving or world.corner_m is not None for world in chosen):
-        arrays |= scenes.packed(chosen)
+        arrays |= _scenes(chosen)
         for entry, world in zip(manifest["worlds"], chosen, strict=True):
             entry["moving"] = [one.name for one in world.moving]
         manifest = {"schema": _WITH_SCENES, **manifest}
@@ -119,13 +130,14 @@ def write_own(path: Path, name: str, worlds: Mapping[int, World], about: Mapping
 
 def read_own(path: Path) -> OwnFile:
     """Return the content of a data set file; WorldError if it is damaged or of another version."""
-    manifest, found = FORMAT.read(path)
-    arrays = {key: FORMAT.array(found, key, path) for key in _ARRAYS}
-    _check_manifest(path, manifest)
-    _check_arrays(path, arrays, len(manifest["worlds"]))
-    if manifest["schema"] == _WITH_SCENES:
-        arrays |= {key: FORMAT.array(found, key, path) for key in scenes.ARRAYS}
-        scenes.check(arrays, len(manifest["worlds"]), str(path))
+    manifest, arrays = FORMAT.read(path)
+    index, worlds = FORMAT.array(arrays, "index", path), manifest.get("worlds")
+    if not isinstance(worlds, list) or index.shape != (len(worlds),) or index.dtype.kind not in "iu":
+        raise WorldError(f"{path}: numbers of worlds do not match, or its manifest lacks them")
+    if index.min(initial=0) < 0 or len(set(index.tolist())) != len(index):
+        raise WorldError(f"{path}: numbers of worlds must be from 0, each once")
+    if not isinstance(manifest.get("name"), str) or not isinstance(manifest.get("robot", ""), str):
+        raise WorldError(f"{path}: its manifest lacks a name, or has a robot without one")
     return OwnFile(path, manifest, arrays)
 
 
@@ -151,40 +163,25 @@ def _manifest(name: str, worlds: Mapping[int, World], about: Mapping[str, Any]) 
     return {"name": name, "made_by": made_by, **about, "parameter_sets": sets, "worlds": entries}
 
 
-def _check_manifest(path: Path, manifest: Mapping[str, Any]) -> None:
-    sets, entries = manifest.get("parameter_sets"), manifest.get("worlds")
-    good = isinstance(manifest.get("name"), str) and isinstance(sets, list) and isinstance(entries, list)
-    texts = ("name", "source", "path_source", "sha256")
-    good = good and isinstance(manifest.get("robot", ""), str)
-    scenic = manifest["schema"] == _WITH_SCENES
-    for entry in entries if good and isinstance(entries, list) else ():
-        number = entry.get("parameter_set") if isinstance(entry, dict) else -1
-        good = (
-            good
-            and (number is None or (isinstance(number, int) and 0 <= number < len(sets or ())))
-            and all(isinstance(entry.get(text), str) for text in texts)
-            and isinstance(entry.get("seed"), list)
-            and (not scenic or _is_texts(entry.get("moving")))
-        )
-    if not good:
-        raise WorldError(f"{path}: its manifest lacks name, parameter_sets or worlds, or they are malformed")
+def _scenes(worlds: Sequence[World]) -> Arrays:
+    """Return walls and moving obstacles of worlds as arrays, equal motions once; names are not in them."""
+    walls = [wall for world in worlds for wall in world.walls]
+    obstacles = [one for world in worlds for one in world.moving]
+    motions = {motion: k for k, motion in enumerate(dict.fromkeys(one.motion for one in obstacles))}
+    shaped = [[SHAPES.index(one.shape), *(getattr(one, name) for name in _OBSTACLE)] for one in obstacles]
+    return {
+        "corner_m": np.array([world.corner_m or (np.nan, np.nan) for world in worlds]),  # NaN where it is no arena
+        "walls": np.array([len(world.walls) for world in worlds], np.int32),
+        "wall": _table([[getattr(wall, name) for name in _WALL] for wall in walls], 6),
+        "moving": np.array([len(world.moving) for world in worlds], np.int32),
+        "obstacle": _table(shaped, 7),
+        "obstacle_motion": np.array([motions[one.motion] for one in obstacles], np.int32),
+        "motion_kind": np.array([KINDS.index(motion.kind) for motion in motions], np.uint8),
+        "motion_period_s": np.array([motion.period_s for motion in motions]),
+        "motion_rows": np.array([len(motion.keys) for motion in motions], np.int32),
+        "motion": _table([key for motion in motions for key in motion.keys], 3),
+    }
 
 
-def _is_texts(value: Any) -> bool:
-    return isinstance(value, list) and all(isinstance(one, str) for one in value)
-
-
-def _check_arrays(path: Path, arrays: Mapping[str, npt.NDArray[Any]], count: int) -> None:
-    for key, dimensions in _ARRAYS.items():
-        array = arrays[key]
-        kinds = "f" if key == "resolution_m" else "iu"
-        per_world = key not in ("grid", "path")
-        wrong = array.ndim != dimensions or array.dtype.kind not in kinds or (per_world and len(array) != count)
-        if wrong or (array.ndim == 2 and array.shape[1] != 2) or (key == "grid" and array.dtype != np.uint8):
-            raise WorldError(f"{path}: {key} is malformed: {array.dtype} of shape {array.shape} for {count} worlds")
-    shape, lengths, index = arrays["shape"].astype(np.int64), arrays["path_cells"].astype(np.int64), arrays["index"]
-    if count and (shape.min() < 1 or shape.max() > LARGEST_SIDE or lengths.min() < 1 or index.min() < 0):
-        raise WorldError(f"{path}: sizes of worlds must be 1 to {LARGEST_SIDE} cells, paths not empty, numbers from 0")
-    packed = int(((shape.prod(axis=1) + 7) // 8).sum())
-    if packed != len(arrays["grid"]) or int(lengths.sum()) != len(arrays["path"]) or len(set(index.tolist())) != count:
-        raise WorldError(f"{path}: sizes of grids, paths and numbers of worlds do not match")
+def _table(rows: Sequence[Sequence[float]], width: int) -> Floats:
+    return np.array(rows, np.float64).reshape(-1, width)

@@ -1,42 +1,29 @@
-"""Writing worlds as SDF: 1.6 for Gazebo Classic, 1.9 for current Gazebo (gz sim)."""
+"""Writing worlds as SDF: 1.6 for Gazebo Classic, 1.9 for current Gazebo (gz sim).
+
+Walls are static models. Moving obstacles are actors with a script: an actor of Gazebo goes where its script says,
+touches nothing and is seen by cameras and GPU lidars. Current Gazebo shows an actor only by a mesh, which is a file
+beside the world; in Gazebo Classic its shape is part of the world.
+"""
 
 import gzip
-from collections.abc import Sequence
+import math
+from functools import cache
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
 
-from barn_worlds.base.arrays import Points
+import jinja2
+import numpy as np
+
 from barn_worlds.base.errors import WorldError, suggest
 from barn_worlds.base.files import write_bytes
-from barn_worlds.formats import sdf_motion
+from barn_worlds.moving.motion import MovingObstacle
+from barn_worlds.moving.tracks import Tracks
 from barn_worlds.worlds.world import World
 
 FLAVOURS = ("classic", "gz")
 MOVABLE_MASS_KG = 1.0  # of each obstacle in the paper's trials
-
-_VERSIONS = {"classic": "1.6", "gz": "1.9"}
-_SYSTEMS = ("physics", "user-commands", "scene-broadcaster", "sensors", "imu", "contact")
-_SUN = """  <light name="sun" type="directional">
-    <cast_shadows>true</cast_shadows>
-    <pose>0 0 10 0 0 0</pose>
-    <diffuse>0.8 0.8 0.8 1</diffuse>
-    <specular>0.1 0.1 0.1 1</specular>
-    <direction>-0.5 0.5 -1</direction>
-  </light>"""
-_GROUND = """  <model name="ground_plane">
-    <static>true</static>
-    <link name="link">
-      <collision name="collision">
-        <geometry><plane><normal>0 0 1</normal><size>100 100</size></plane></geometry>
-        <surface><friction><ode><mu>100</mu><mu2>50</mu2></ode></friction></surface>
-      </collision>
-      <visual name="visual">
-        <geometry><plane><normal>0 0 1</normal><size>100 100</size></plane></geometry>
-        <material><ambient>0.6 0.6 0.6 1</ambient><diffuse>0.7 0.7 0.7 1</diffuse></material>
-      </visual>
-    </link>
-  </model>"""
-_MATERIAL = "<material><ambient>0.15 0.38 0.72 1</ambient><diffuse>0.15 0.38 0.72 1</diffuse></material>"
+STEP_S = 0.1  # between waypoints where a motion is not one that Gazebo interpolates itself
+_SIDES = 32  # of the mesh of a cylinder
+Waypoints = list[tuple[float, float, float]]
 
 
 def write_sdf(world: World, path: Path, flavour: str = "classic", *, movable: bool = False) -> None:
@@ -47,8 +34,8 @@ def write_sdf(world: World, path: Path, flavour: str = "classic", *, movable: bo
     content = sdf_text(world, flavour, movable=movable).encode()
     write_bytes(path, gzip.compress(content, mtime=0) if path.suffix == ".gz" else content)
     if flavour == "gz":
-        for name, one in {sdf_motion.mesh_name(one): one for one in world.moving}.items():
-            write_bytes(path.parent / name, sdf_motion.mesh(one).encode())
+        for name, one in {mesh_name(one): one for one in world.moving}.items():
+            write_bytes(path.parent / name, mesh(one).encode())
 
 
 def sdf_text(world: World, flavour: str = "classic", *, movable: bool = False) -> str:
@@ -56,75 +43,77 @@ def sdf_text(world: World, flavour: str = "classic", *, movable: bool = False) -
 
     The cylinders stand on the ground plane. movable: the obstacles, 1 kg each as in the paper's trials, can be pushed;
     the containment cannot. With `gz` the static cylinders are one model, which is faster to simulate; with `classic`
-    each is a model of its own, named as in the original files. Moving obstacles are actors (`formats.sdf_motion`).
+    each is a model of its own, named as in the original files.
     """
     if flavour not in FLAVOURS:
         raise WorldError(f"unknown flavour of SDF {flavour!r}{suggest(flavour, FLAVOURS)}")
-    parts = [f"<sdf version={quoteattr(_VERSIONS[flavour])}>", f"<world name={quoteattr(world.name)}>"]
-    parts += [_physics(flavour), "  <gravity>0 0 -9.8</gravity>", _SUN, _GROUND]
-    containment, obstacles = world.containment_m, world.obstacles_m
-    if flavour == "classic":
-        walls = [_single(world, f"unit_cylinder_{k}", centre, 0.0) for k, centre in enumerate(containment.tolist())]
-        first = len(containment)
-        mass = MOVABLE_MASS_KG if movable else 0.0
-        parts += walls
-        parts += [_single(world, f"unit_cylinder_{first + k}", at, mass) for k, at in enumerate(obstacles.tolist())]
+    radius, height = world.cylinder_radius_m, world.cylinder_height_m
+    inertia = {
+        "mass_kg": MOVABLE_MASS_KG,
+        "across": MOVABLE_MASS_KG * (3.0 * radius**2 + height**2) / 12.0,
+        "along": MOVABLE_MASS_KG * radius**2 / 2.0,
+    }
+    return _template().render(
+        world=world,
+        gz=flavour == "gz",
+        pillar={"radius_m": radius, "height_m": height},
+        containment=world.containment_m.tolist(),
+        obstacles=world.obstacles_m.tolist(),
+        inertia=inertia if movable else None,
+    )
+
+
+@cache
+def _template() -> jinja2.Template:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("barn_worlds", "data/formats"), autoescape=True, keep_trailing_newline=True
+    )
+    environment.filters["number"] = "{:.9g}".format
+    environment.globals.update(mesh_name=mesh_name, trajectories=trajectories)
+    return environment.get_template("world.sdf.jinja")
+
+
+def trajectories(obstacle: MovingObstacle) -> list[Waypoints]:
+    """Return the waypoints (s, m, m) of an actor's trajectories, which follow each other; each starts at 0 s.
+
+    The keys themselves where Gazebo's own spline makes the motion of them. Otherwise waypoints every `STEP_S`, in two
+    trajectories if time 0 is in the midst of the motion, so that its jump stays one.
+    """
+    motion = obstacle.motion
+    period_s, start_s = motion.period_s, obstacle.phase_s % motion.period_s
+    if motion.kind == "gazebo" and start_s == 0.0 and motion.keys[0][0] == 0.0 and motion.keys[-1][0] == period_s:
+        return [list(motion.keys)]
+    spans = [(start_s, period_s), (0.0, start_s)] if start_s else [(0.0, period_s)]
+    return [_sampled(obstacle, begin_s, end_s) for begin_s, end_s in spans]
+
+
+def mesh_name(obstacle: MovingObstacle) -> str:
+    """Return the name of the file with an obstacle's mesh, the same for equal shapes."""
+    sizes = [obstacle.radius_m] if obstacle.shape == "cylinder" else [obstacle.size_x_m, obstacle.size_y_m]
+    return "_".join([obstacle.shape, *(f"{size:g}" for size in (*sizes, obstacle.height_m))]) + ".obj"
+
+
+def mesh(obstacle: MovingObstacle) -> str:
+    """Return a closed mesh of an obstacle as Wavefront OBJ, its centre at the origin."""
+    if obstacle.shape == "cylinder":
+        turns = [2.0 * math.pi * k / _SIDES for k in range(_SIDES)]
+        rim = [(obstacle.radius_m * math.cos(turn), obstacle.radius_m * math.sin(turn)) for turn in turns]
     else:
-        if len(containment):
-            parts.append(_compound(world, "containment", containment))
-        if movable:
-            parts += [_single(world, f"obstacle_{k}", at, MOVABLE_MASS_KG) for k, at in enumerate(obstacles.tolist())]
-        elif len(obstacles):
-            parts.append(_compound(world, "obstacles", obstacles))
-
-    parts += [sdf_motion.wall_model(wall, k) for k, wall in enumerate(world.walls)]
-    parts += [sdf_motion.actor(one, flavour) for one in world.moving]
-    return '<?xml version="1.0"?>\n' + "\n".join([*parts, "</world>", "</sdf>"]) + "\n"
-
-
-def _physics(flavour: str) -> str:
-    if flavour == "classic":
-        step = "<max_step_size>0.001</max_step_size><real_time_update_rate>1000</real_time_update_rate>"
-        return f'  <physics name="default_physics" default="true" type="ode">{step}</physics>'
-    physics = '  <physics name="1ms" type="ignored"><max_step_size>0.001</max_step_size></physics>'
-    classes = ((name, name.title().replace("-", "")) for name in _SYSTEMS)
-    plugins = (f'  <plugin filename="gz-sim-{name}-system" name="gz::sim::systems::{cls}"/>' for name, cls in classes)
-    return "\n".join([physics, *plugins])
+        x, y = obstacle.size_x_m / 2.0, obstacle.size_y_m / 2.0
+        rim = [(x, y), (-x, y), (-x, -y), (x, -y)]
+    half, sides = obstacle.height_m / 2.0, len(rim)
+    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for z in (-half, half) for x, y in rim]
+    for k in range(1, sides + 1):
+        after = k % sides + 1
+        lines.append(f"f {k} {after} {after + sides} {k + sides}")
+    lines.append("f " + " ".join(str(k) for k in range(sides, 0, -1)))
+    lines.append("f " + " ".join(str(k + sides) for k in range(1, sides + 1)))
+    return "\n".join(lines) + "\n"
 
 
-def _single(world: World, name: str, centre: Sequence[float], mass_kg: float) -> str:
-    """Return a model of one cylinder, static if it has no mass."""
-    inertial = ""
-    if mass_kg:
-        radius, height = world.cylinder_radius_m, world.cylinder_height_m
-        across, along = mass_kg * (3.0 * radius**2 + height**2) / 12.0, mass_kg * radius**2 / 2.0
-        inertia = f"<ixx>{across:.9g}</ixx><iyy>{across:.9g}</iyy><izz>{along:.9g}</izz>"
-        inertial = f"<inertial><mass>{mass_kg:g}</mass><inertia>{inertia}</inertia></inertial>"
-    return (
-        f'  <model name="{name}">\n    <static>{"false" if mass_kg else "true"}</static>\n'
-        f'    <pose>{_pose(world, centre)}</pose>\n    <link name="link">{inertial}\n'
-        f"{_cylinder(world, '', '')}\n    </link>\n  </model>"
-    )
-
-
-def _compound(world: World, name: str, centres: Points) -> str:
-    parts = [
-        _cylinder(world, f"_{k}", f"<pose>{_pose(world, centre)}</pose>") for k, centre in enumerate(centres.tolist())
-    ]
-    inside = "\n".join(parts)
-    return (
-        f'  <model name="{name}">\n    <static>true</static>\n    <link name="link">\n{inside}\n    </link>\n  </model>'
-    )
-
-
-def _cylinder(world: World, suffix: str, pose: str) -> str:
-    size = f"<radius>{world.cylinder_radius_m:.9g}</radius><length>{world.cylinder_height_m:g}</length>"
-    geometry = f"<geometry><cylinder>{size}</cylinder></geometry>"
-    return (
-        f'      <collision name="collision{suffix}">{pose}{geometry}</collision>\n'
-        f'      <visual name="visual{suffix}">{pose}{geometry}{_MATERIAL}</visual>'
-    )
-
-
-def _pose(world: World, centre: Sequence[float]) -> str:
-    return f"{centre[0]:.6f} {centre[1]:.6f} {world.cylinder_height_m / 2.0:g} 0 0 0"
+def _sampled(obstacle: MovingObstacle, begin_s: float, end_s: float) -> Waypoints:
+    """Return waypoints from one time of the motion to a later one, without its jump at the end."""
+    times_s = np.linspace(begin_s, end_s, max(2, math.ceil((end_s - begin_s) / STEP_S) + 1))
+    within_s = np.minimum(times_s, obstacle.motion.period_s * (1.0 - 1e-12)) - obstacle.phase_s
+    positions, _ = Tracks([obstacle]).over(within_s)
+    return [(time_s - begin_s, *at) for time_s, at in zip(times_s.tolist(), positions[:, 0].tolist(), strict=True)]

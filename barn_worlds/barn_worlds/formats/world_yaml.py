@@ -1,6 +1,8 @@
 """One world as YAML that people read and write: cells, path, walls and moving obstacles."""
 
+import json
 from dataclasses import dataclass, fields
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,7 @@ from barn_worlds.base.errors import WorldError
 from barn_worlds.base.files import write_bytes
 from barn_worlds.base.text_files import read_yaml
 from barn_worlds.moving.motion import MovingObstacle, Wall
-from barn_worlds.worlds.world import LARGEST_NAME, LARGEST_SIDE, LONGEST_PATH, Provenance, World
+from barn_worlds.worlds.world import LARGEST_NAME, LARGEST_SIDE, Provenance, World
 
 ENDING = ".world.yaml"
 SCHEMA_VERSION = 1
@@ -93,34 +95,28 @@ def world_yaml(world: World) -> str:
         content["grid"] = ["".join(row) for row in letters.tolist()]
     content["walls"] = [_plain(wall) for wall in world.walls]
     content["moving"] = [_plain(one) for one in world.moving]
-    return yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=120)
+    plain = json.loads(json.dumps(content))  # lists for tuples, nothing twice: the reader refuses aliases
+    return yaml.safe_dump(plain, sort_keys=False, default_flow_style=None, width=120)
 
 
 def _plain(item: Wall | MovingObstacle) -> dict[str, Any]:
-    """Return what differs from its default as plain data, a motion without its empty part."""
+    """Return what differs from its default as plain data."""
     usual = {one.name: one.default for one in fields(item)}
-    plain = {key: value for key, value in as_dict(item).items() if key in ("name", "shape") or value != usual[key]}
-    if "motion" in plain:
-        plain["motion"] = {key: value for key, value in plain["motion"].items() if value != ()}
-    return plain
+    return {key: value for key, value in as_dict(item).items() if key in ("name", "shape") or value != usual[key]}
 
 
 def _path(corners: tuple[tuple[int, int], ...], shape: tuple[int, ...]) -> Cells:
-    """Return the path (n, 2) through these cells."""
+    """Return the path (n, 2) that goes straight through these cells."""
     cells = list(corners[:1])
-    for k, (row, column) in enumerate(corners):
-        if not (0 <= row < shape[0] and 0 <= column < shape[1]):
-            raise WorldError(f"path[{k}] must be a cell of the {shape[0]} x {shape[1]}, got [{row}, {column}]")
-        if k == 0:
-            continue
-        before = corners[k - 1]
-        down, right = row - before[0], column - before[1]
+    for k, corner in enumerate(corners):
+        if not all(0 <= at < side for at, side in zip(corner, shape, strict=True)):
+            raise WorldError(f"path[{k}] must be a cell of the {shape[0]} x {shape[1]}, got {list(corner)}")
+    for k, (first, last) in enumerate(pairwise(corners)):
+        down, right = last[0] - first[0], last[1] - first[1]
         if down and right and abs(down) != abs(right):
-            raise WorldError(f"path[{k}] must lie straight from the cell before, got [{row}, {column}]")
+            raise WorldError(f"path[{k + 1}] must lie straight from the cell before, got {list(last)}")
         length = max(abs(down), abs(right), 1)
-        cells += [(before[0] + down * i // length, before[1] + right * i // length) for i in range(1, length + 1)]
-        if len(cells) > LONGEST_PATH:
-            raise WorldError(f"path must have at most {LONGEST_PATH} cells")
+        cells += [(first[0] + down * i // length, first[1] + right * i // length) for i in range(1, length + 1)]
     return np.array(cells, np.int64).reshape(-1, 2)
 
 
@@ -128,15 +124,5 @@ def _turns(path: Cells) -> list[list[int]]:
     """Return the cells of a path at which it turns or stays, with its first and last."""
     steps = np.diff(path, axis=0)
     bend = (np.diff(steps, axis=0) != 0).any(axis=1) | (steps[1:] == 0).all(axis=1)
-    kept = np.concatenate([[True], bend, [True]])[: len(path)]
-    return [list(map(int, cell)) for cell in path[kept]]
-
-
-class _Dumper(yaml.SafeDumper):
-    """Writes tuples as lists and never an alias, which the reader refuses."""
-
-    def ignore_aliases(self, _: object) -> bool:
-        return True
-
-
-_Dumper.add_representer(tuple, lambda dumper, data: dumper.represent_list(list(data)))
+    kept: list[list[int]] = path[np.concatenate([[True], bend, [True]])[: len(path)]].tolist()
+    return kept

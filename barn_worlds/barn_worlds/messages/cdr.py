@@ -39,7 +39,7 @@ def jazzy_types() -> Typestore:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
-def make(type_name: str, **fields: Any) -> Message:
+def make(type_name: str, **fields: object) -> Message:
     """Return a message of a type such as "geometry_msgs/msg/Twist": the fields given, all others zero or empty."""
     types = jazzy_types()
     values = {name: _default(kind) for name, kind in types.fielddefs[type_name][1]}
@@ -97,7 +97,7 @@ class Template:
             if slot:
                 group.append(slot)
 
-    def fill(self, *values: Any) -> bytes:
+    def fill(self, *values: object) -> bytes:
         """Return the message with these values of the varying fields."""
         data = self._data
         for pack_into, offset, part in self._parts:

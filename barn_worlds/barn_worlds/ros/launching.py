@@ -85,7 +85,7 @@ class NodeLaunch:
         return [node]
 
 
-def argument(name: str, default: Any, description: str) -> DeclareLaunchArgument:
+def argument(name: str, default: object, description: str) -> DeclareLaunchArgument:
     """Return an argument of a launch file."""
     return DeclareLaunchArgument(name, default_value=default, description=description)
 

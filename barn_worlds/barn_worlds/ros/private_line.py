@@ -50,7 +50,7 @@ class PrivateLine:
         name = topic.encode()
         self._send(_HEAD.pack(_READING, time.time_ns(), len(name)) + name + data)
 
-    def send(self, **content: Any) -> None:
+    def send(self, **content: object) -> None:
         """Send an object of JSON."""
         self._send(json.dumps(content).encode())
 

@@ -199,7 +199,7 @@ class World:
         return digest.hexdigest()
 
 
-def checked_grid(grid: Any, where: str) -> BoolGrid:
+def checked_grid(grid: object, where: str) -> BoolGrid:
     """Return a read-only copy of a grid of bools or of zeros and ones; WorldError, beginning with `where`, if not."""
     if not isinstance(grid, np.ndarray) or grid.ndim != 2:
         shape = getattr(grid, "shape", type(grid).__name__)
@@ -216,7 +216,7 @@ def checked_grid(grid: Any, where: str) -> BoolGrid:
     return _read_only(grid.astype(np.bool_, copy=True))
 
 
-def checked_path(path: Any, grid: BoolGrid, where: str) -> Cells:
+def checked_path(path: object, grid: BoolGrid, where: str) -> Cells:
     """Return a read-only copy of a path (n, 2) of free, adjoining cells; WorldError, beginning with `where`, if not."""
     if not isinstance(path, np.ndarray) or path.ndim != 2 or path.shape[1] != 2:
         shape = getattr(path, "shape", type(path).__name__)

@@ -8,8 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from barn_eval.bags.bagfile import RawMessage
-from barn_eval.bags.follow import TrialFollower
+from barn_eval.bags.bagfile import RawMessage, TrialFollower
 from barn_eval.pages import LIVE_PORT
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.messages import topics

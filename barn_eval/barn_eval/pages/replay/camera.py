@@ -9,11 +9,12 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from barn_eval.analysis.planners import spelling
-from barn_eval.bags.about import specified
-from barn_eval.bags.recorded import Floats, Recorded
+from barn_eval.bags.decode import specified
+from barn_eval.bags.recorded import Recorded
 from barn_eval.pages.replay.facts import outcome_by, planner_of
 from barn_sim.config import LidarConfig
 from barn_sim.drawing.camera import SIZES, Pixels, Studio, camera_at
+from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D
 from barn_worlds.drawing.palette import PAGE, WHITE

@@ -7,9 +7,10 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_eval.bags.movers import LONGEST_BEYOND_S, TRAIL_S
-from barn_eval.bags.recorded import Floats, Recorded, Shown
-from barn_eval.experiments.packed_arrays import pack
+from barn_eval.bags.recorded import Recorded, Shown
+from barn_eval.experiments.track import pack
 from barn_eval.pages.shape_arrays import in_millimetres, shape_array
+from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import OccupancyMap, Pose2D
 
 MOST_BEAMS = 240
@@ -115,8 +116,8 @@ def _scene(recorded: Recorded, arrays: dict[str, npt.NDArray[Any]]) -> dict[str,
     scene = recorded.scene
     if scene is None:
         return None
-    arrays["obstacles"] = scene.obstacles.centres_m.astype("f4")
-    arrays["walls"] = scene.walls.centres_m.astype("f4")
+    arrays["obstacles"] = scene.obstacles_m.astype("f4")
+    arrays["walls"] = scene.walls_m.astype("f4")
     arrays["pushed"] = recorded.pushed_m.astype("f4")
     arrays["path"] = scene.path_m.astype("f4")
     return {"radius": scene.radius_m}

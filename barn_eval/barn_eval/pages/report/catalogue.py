@@ -1,7 +1,6 @@
 """The catalogue of figures: what each shows and how it is laid out, for pages, files and notebooks alike."""
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
@@ -10,12 +9,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from barn_eval.analysis.difficulty import difficulty
-from barn_eval.analysis.overview import Analysis, Overview
+from barn_eval.analysis.overview import analyse
 from barn_eval.analysis.sources import Entry
-from barn_eval.pages.figures import legend_below, new_figure, plain, style
+from barn_eval.pages.figures import ReportFigure, finished, legend_below, new_figure, plain, style
 from barn_eval.pages.report import charts, maps
 from barn_eval.pages.report.charts import ChartData, Legend
+from barn_eval.pages.report.trials import driven_trials, worlds_by_number
 from barn_worlds.base.errors import ConfigError, suggest
+
+DEFAULT_HARDEST = 8  # worlds that are drawn as maps
 
 
 class Panels(NamedTuple):
@@ -40,8 +42,8 @@ class Chart:
     on_page: bool = True
 
 
-# Those that take longest to draw first; the last three wait for intervals.
-CHARTS = (
+# Those that take longest to draw first.
+_CHARTS = (
     Chart(
         "hardest",
         "The hardest worlds with all trajectories that were recorded",
@@ -109,7 +111,7 @@ CHARTS = (
         on_page=False,
     ),
 )
-ON_PAGE = tuple(chart for chart in CHARTS if chart.on_page)
+CHARTS = {chart.name: chart for chart in _CHARTS}
 
 
 def draw(chart: Chart, data: ChartData, ax: Axes | Sequence[Axes] | None = None) -> list[Axes]:
@@ -157,17 +159,22 @@ def plot(name: str, entries: Sequence[Entry], ax: Axes | Sequence[Axes] | None =
     Raises:
         ConfigError: for an unknown name, a wrong number of axes, and where there is nothing to draw.
     """
-    named = {chart.name: chart for chart in CHARTS}
-    if name not in named:
-        raise ConfigError(f"unknown figure {name!r}{suggest(name, named)}")
-
-    @cache
-    def overview() -> Overview:
-        with ThreadPoolExecutor(1) as pool:
-            return Analysis(entries, pool).overview
-
+    if name not in CHARTS:
+        raise ConfigError(f"unknown figure {name!r}{suggest(name, CHARTS)}")
+    order, shown = difficulty(entries), {}
+    if name == "hardest":
+        drives, worlds = driven_trials(entries)
+        shown = maps.hardest_maps(order, drives, worlds_by_number(drives, worlds), DEFAULT_HARDEST)
+    overview = cache(lambda: analyse(entries, order, lambda jobs: [job() for job in jobs]))
     with style():
-        panels = draw(named[name], ChartData(entries, difficulty(entries), overview), ax)
+        panels = draw(CHARTS[name], ChartData(entries, order, overview, hardest=shown), ax)
     if not panels:
         raise ConfigError(f"figure {name!r}: these results have nothing to show in it")
     return panels
+
+
+def finish(chart: Chart, data: ChartData, *, pdf: bool) -> ReportFigure | None:
+    """Return a figure of the catalogue as pages have it, None where it has nothing to show."""
+    with style():
+        panels = draw(chart, data)
+        return finished(figure_of(panels), chart.name, chart.about, pdf=pdf) if panels else None

@@ -2,28 +2,28 @@
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import wait
 from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
 from urllib.parse import quote
 
-from barn_eval.analysis.difficulty import LEARNED_UNDER, by_prediction, predicted
+from barn_eval.analysis.difficulty import PREDICTED, by_prediction, predicted
 from barn_eval.analysis.difficulty import difficulty as order_of
 from barn_eval.analysis.measures import metric_of
-from barn_eval.analysis.overview import Analysis, Overview, repeat, tables
+from barn_eval.analysis.overview import Overview, analyse, repeat, tables
 from barn_eval.analysis.sources import Entry, read_entries, require_same_task
 from barn_eval.analysis.text_table import TextTable
 from barn_eval.analysis.verdict import cautions
 from barn_eval.bags.recorded import read_recorded
 from barn_eval.experiments.folder import REPLAYS
 from barn_eval.pages import DIFFICULTIES, Progress
-from barn_eval.pages.figures import ReportFigure, drawn, style
+from barn_eval.pages.figures import ReportFigure
 from barn_eval.pages.replay.page import replay_page
 from barn_eval.pages.report import maps
 from barn_eval.pages.report.bars import bars
-from barn_eval.pages.report.catalogue import ON_PAGE, draw, figure_of
+from barn_eval.pages.report.catalogue import CHARTS, DEFAULT_HARDEST, finish
 from barn_eval.pages.report.charts import ChartData
-from barn_eval.pages.report.processes import tally, workers
+from barn_eval.pages.report.processes import run_forked
 from barn_eval.pages.report.trial_data import trial_data
 from barn_eval.pages.report.trials import DrivenTrial, driven_trials, worlds_by_number
 from barn_eval.pages.template import render, write_page
@@ -31,20 +31,39 @@ from barn_eval.trials.identity import task_line
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.worlds.world import World
 
-DEFAULT_HARDEST = 8
 Note = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """All that a report shows. figures: by name."""
+    """All that a report shows.
 
-    entries: tuple[Entry, ...]
-    overview: Overview
+    data: what its figures are drawn of. pdf: whether they are drawn as PDF too. progress: gets the share that is done.
+    """
+
+    data: ChartData
     tables: tuple[TextTable, ...]
-    figures: Mapping[str, ReportFigure]
     drives: tuple[DrivenTrial, ...]
     worlds: Mapping[str, World]
+    pdf: bool
+    progress: Progress
+
+    @property
+    def entries(self) -> Sequence[Entry]:
+        """The planners."""
+        return self.data.entries
+
+    @property
+    def overview(self) -> Overview:
+        """What it says in figures."""
+        return self.data.overview()
+
+    @cached_property
+    def figures(self) -> dict[str, ReportFigure]:
+        """Its figures by name, each drawn in the process that finishes it: figures of matplotlib change by pickling."""
+        jobs = [partial(finish, chart, self.data, pdf=self.pdf) for chart in CHARTS.values() if chart.on_page]
+        made = run_forked(jobs, lambda share: self.progress(0.5 + 0.5 * share))
+        return {one.name: one for one in made if one is not None}
 
 
 def build_report(
@@ -54,45 +73,27 @@ def build_report(
     *,
     difficulty: str = DIFFICULTIES[0],
     progress: Progress = lambda _: None,
-    pdf: bool | None = None,
+    pdf: bool = True,
 ) -> Report:
     """Read folders and compute what their report shows; BarnError in one line for what is no run or campaign.
 
     note: gets a line at each step that takes time. difficulty: "trials" orders worlds by the trials themselves, "model"
     by the difficulty that the model predicts, so that no trial is used twice. progress: gets the share that is done.
-    pdf: draws all figures now, as PDF or not; without, each is drawn when it is asked for.
     """
     if difficulty not in DIFFICULTIES:
         raise ConfigError(f"difficulty {difficulty!r}: must be one of {', '.join(DIFFICULTIES)}")
-    with workers() as pool:
-        entries = tuple(read_entries(paths))
-        require_same_task(paths)
-        note(f"computing intervals and comparisons of {sum(len(entry.results) for entry in entries)} trials")
-        if difficulty == "trials":  # which is computed while tracks are read
-            analysis = Analysis(entries, pool)
-        drives, worlds = driven_trials(entries)
-        numbered = worlds_by_number(drives, worlds)
-        if difficulty == "model":
-            analysis = Analysis(entries, pool, by_prediction(order_of(entries), numbered))
-        ended = tally(len(analysis.jobs) + len(ON_PAGE), progress)
-        for job in analysis.jobs:
-            job.add_done_callback(ended)
-        note("drawing figures")
-        learned = entries[0].results[0].protocol == LEARNED_UNDER and difficulty == "trials"
-        expected = predicted(analysis.order, numbered) if learned else ()
-        shown = maps.hardest_maps(analysis.order, drives, numbered, hardest)
-        data = ChartData(entries, analysis.order, lambda: analysis.overview, expected, shown)
-        figures: dict[str, ReportFigure] = {}
-        with style():
-            for chart in ON_PAGE:
-                if panels := draw(chart, data):
-                    found = figures[chart.name] = ReportFigure(chart.name, figure_of(panels), chart.about)
-                    if pdf is not None:
-                        found.job = pool.submit(drawn, found.name, found.figure, found.about, pdf)
-                        found.job.add_done_callback(ended)
-        overview = analysis.overview
-        wait([one.job for one in figures.values() if one.job])
-    return Report(entries, overview, tuple(tables(entries, overview)), figures, tuple(drives), worlds)
+    entries = tuple(read_entries(paths))
+    require_same_task(paths)
+    drives, worlds = driven_trials(entries)
+    numbered, order = worlds_by_number(drives, worlds), order_of(entries)
+    if difficulty == "model":
+        order = by_prediction(order, numbered)
+    learned = entries[0].results[0].protocol == PREDICTED and difficulty == "trials"
+    note(f"computing intervals and comparisons of {len(drives)} trials")
+    found = analyse(entries, order, lambda jobs: run_forked(jobs, lambda share: progress(0.5 * share)))
+    shown = maps.hardest_maps(order, drives, numbered, hardest)
+    data = ChartData(entries, order, lambda: found, predicted(order, numbered) if learned else (), shown)
+    return Report(data, tuple(tables(entries, found)), tuple(drives), worlds, pdf, progress)
 
 
 def write_report(
@@ -126,7 +127,7 @@ def write_report(
     """
     pdf = assets is not None
     made = build_report(folders, hardest, note, difficulty=difficulty, progress=progress, pdf=pdf)
-    note("writing the page")
+    note("drawing figures and writing the page")
     named = title or "Navigation benchmark: " + ", ".join(entry.label for entry in made.entries)
     write_page(out, report_page(made, named, replay_links(made, out, replays, note)))
     if assets is not None:
@@ -165,12 +166,11 @@ def report_page(report: Report, title: str, links: Mapping[Path, str] | None = N
         report=report,
         tables={table.name: table for table in report.tables},
         paired=[table for table in report.tables if table.name.startswith("paired_")],
-        figures=report.figures,
         sources=[(source, repeat(source)) for source in sources],
         task=task_line(first.protocol, first.task, sources[0].robot),
         leaders=bars(report.entries, report.overview.summaries),
         metric=metric_of(report.entries[0].results).heading,
-        predicted=first.protocol == LEARNED_UNDER,
+        predicted=first.protocol == PREDICTED,
         notes=cautions(max(one.worlds for one in report.overview.summaries), sources),
         tracks=sum(drive.track is not None for drive in report.drives),
         moving=any(world.moving or world.walls for world in report.worlds.values()),

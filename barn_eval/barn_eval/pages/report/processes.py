@@ -4,10 +4,9 @@ import itertools
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from multiprocessing import get_context, parent_process
 from typing import Any
 
@@ -15,35 +14,38 @@ from barn_eval.pages import Progress
 from barn_worlds.base.errors import BarnError
 
 _MOST = 8  # a report has few parts that take long
+_jobs: Sequence[Callable[[], Any]] = ()
 
 
-@contextmanager
-def workers() -> Iterator[Executor]:
-    """Have forks of this process, one per core, begun now; they end with the block, or if this process is killed.
+def run_forked(jobs: Sequence[Callable[[], Any]], progress: Progress) -> list[Any]:
+    """Return what each job returns, done by forks of this process, one per core; they end with it, if it is killed too.
 
-    Raises BarnError where one of them was killed.
+    They inherit the jobs and all that these refer to: only what is returned is pickled. progress: gets the share that
+    is done. BarnError where one of them was killed.
     """
+    done = itertools.count(1)
     count = min(len(os.sched_getaffinity(0)), _MOST)
-    pool = ProcessPoolExecutor(count, mp_context=get_context("fork"), initializer=_begin)
+    pool = ProcessPoolExecutor(count, mp_context=get_context("fork"), initializer=_begin, initargs=(jobs,))
     try:
-        pool.submit(int)  # starts all of them
-        yield pool
+        made = [pool.submit(_do, place) for place in range(len(jobs))]
+        for one in made:
+            one.add_done_callback(lambda _: progress(next(done) / len(jobs)))
+        return [one.result() for one in made]
     except BrokenProcessPool:
         raise BarnError("a process that computed a part of the report was killed; was there enough memory?") from None
     finally:
         pool.shutdown(cancel_futures=True)
 
 
-def tally(jobs: int, progress: Progress) -> Callable[[Future[Any]], None]:
-    """Return what tells the share of so many jobs that is done, to be called at the end of each."""
-    done = itertools.count(1)
-    return lambda _: progress(next(done) / jobs)
-
-
-def _begin() -> None:
+def _begin(jobs: Sequence[Callable[[], Any]]) -> None:
+    global _jobs  # noqa: PLW0603 (a fork's own)
+    _jobs = jobs
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # no traceback of each at Ctrl-C
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    import scipy.stats  # noqa: F401, PLC0415 (takes half a second, in which the parent reads the trials)
+
+
+def _do(place: int) -> Any:
+    return _jobs[place]()
 
 
 def _end_with_parent() -> None:

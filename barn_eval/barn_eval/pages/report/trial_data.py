@@ -8,8 +8,7 @@ import numpy as np
 
 from barn_eval.analysis.measures import MEASURES, with_motion
 from barn_eval.analysis.sources import Entry, Source
-from barn_eval.experiments.packed_arrays import pack
-from barn_eval.experiments.track import CHANNELS, NO_NUMBER
+from barn_eval.experiments.track import CHANNELS, NO_NUMBER, pack
 from barn_eval.pages.report.maps import known_scene
 from barn_eval.pages.report.trials import DrivenTrial
 from barn_eval.pages.shape_arrays import motion_arrays

@@ -18,10 +18,10 @@ from barn_eval.ros.supervision import nodes
 from barn_eval.ros.supervision.channel import Assignment, EventChannel
 from barn_eval.ros.supervision.nodes import NodeProcess
 from barn_eval.ros.supervision.process import GuardedProcess, ProcessError, last_lines
-from barn_eval.trials.deadline import handled
 from barn_eval.trials.outcome import ENVIRONMENT
 from barn_eval.trials.result import from_json_line
 from barn_eval.trials.spec import TrialSpec
+from barn_eval.trials.trial import handled
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.files import write_whole

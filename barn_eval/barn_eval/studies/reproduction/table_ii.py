@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from barn_eval.analysis.means import mean_interval
-from barn_eval.studies.intervals import deviation
+from barn_eval.studies.reproduction.trials import deviation
 from barn_metrics.bootstrap import Interval
 from barn_metrics.formula import CORRECTED, PUBLISHED
 from barn_metrics.metrics import METRICS

@@ -1,17 +1,53 @@
-"""What a trial is worth so far, as messages for those who watch it and for its bag."""
+"""What a trial's bag and those who watch it are told beyond the messages of its nodes: true scene and score."""
 
 from collections.abc import Iterator
 
-from barn_eval.trials.outcome import Outcome, Verdict
+import numpy as np
+
+from barn_eval.trials.outcome import Outcome, Verdict, challenge_metric
 from barn_eval.trials.protocol import Course
 from barn_eval.trials.referee import Standing
-from barn_eval.trials.scores import challenge_metric
 from barn_eval.trials.spec import TrialSpec
-from barn_worlds.base.types import nanoseconds
+from barn_eval.trials.trajectory import Floats
+from barn_worlds.base.types import nanoseconds, seconds
 from barn_worlds.messages.cdr import make, serialise
-from barn_worlds.messages.encode import encode_number, encode_text
-from barn_worlds.messages.markers import TEXT_VIEW_FACING, marker
-from barn_worlds.messages.topics import FRAMES, OUTCOME, SCORE, SCORE_TEXT, Outgoing
+from barn_worlds.messages.encode import TEXT_VIEW_FACING, encode_number, encode_text, marker
+from barn_worlds.messages.scenes import encode_moving, encode_moving_poses, encode_scene
+from barn_worlds.messages.topics import FRAMES, MOVING, MOVING_POSES, OUTCOME, SCORE, SCORE_TEXT, WORLD, Outgoing
+from barn_worlds.worlds.scene import TrialScene, scene_of
+
+TRUE_TOPICS = (WORLD, MOVING, MOVING_POSES)  # which nobody publishes
+MOVED_M = 0.01  # by which an obstacle has been pushed and does not only tremble
+
+
+def trial_scene(spec: TrialSpec) -> TrialScene:
+    """Return the scene in which a trial begins."""
+    return scene_of(spec.world, spec.course.start, spec.course.goal, spec.rules.goal_distance_m)
+
+
+def first_scene(spec: TrialSpec, stamp_ns: int) -> Outgoing:
+    """Return the scene in which a trial begins, as a message."""
+    return Outgoing(WORLD, encode_scene(trial_scene(spec), stamp_ns))
+
+
+def last_scene(spec: TrialSpec, cylinders_m: Floats, stamp_ns: int) -> Outgoing | None:
+    """Return the scene with cylinders at centres (k, 2), in the order of `World.cylinders_m`; None if none moved."""
+    if not (np.hypot(*(cylinders_m - spec.world.cylinders_m).T) > MOVED_M).any():
+        return None
+    return Outgoing(WORLD, encode_scene(trial_scene(spec).moved(cylinders_m), stamp_ns))
+
+
+def moving_scene(spec: TrialSpec, since_start_ns: int, stamp_ns: int) -> list[Outgoing]:
+    """Return moving obstacles and walls so long after the start of a trial; nothing without any, or if none is due."""
+    some = spec.world.moving or spec.world.walls
+    if not some or since_start_ns % nanoseconds(MOVING.period_s):
+        return []
+    time_s = spec.phase_s + seconds(since_start_ns)
+    return [
+        Outgoing(MOVING, encode_moving(spec.world, time_s, stamp_ns)),
+        Outgoing(MOVING_POSES, encode_moving_poses(spec.world, time_s, stamp_ns)),
+    ]
+
 
 # What is published: a number to plot, a word to show, and a text within the scene.
 TOPICS = (SCORE, OUTCOME, SCORE_TEXT)
