@@ -6,7 +6,7 @@ import pytest
 from barn_eval.learning.curriculum import Curriculum, CurriculumConfig, sample
 from barn_worlds.base.errors import ConfigError, WorldError
 from barn_worlds.worlds.dataset import Dataset
-from barn_worlds.worlds.parameters import TABLE_I
+from barn_worlds.worlds.generate import TABLE_I
 from barn_worlds.worlds.world import World
 
 COUNT = 11

@@ -18,8 +18,7 @@ from barn_eval.trials.spec import simulator_config
 from barn_sim.config import PRESETS, robot_of, with_robot
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.formats.own import write_own
-from barn_worlds.robots.files import load_robot, shipped_robots
-from barn_worlds.robots.standard import STANDARD
+from barn_worlds.robots.files import STANDARD, load_robot, shipped_robots
 from barn_worlds.worlds.cells import LEAD_IN_M
 from barn_worlds.worlds.dataset import open_dataset
 

@@ -14,8 +14,7 @@ from barn_sim.drawing.robot_parts import jackal_parts, robot_parts
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D
 from barn_worlds.geometry.polygon import area
-from barn_worlds.robots.files import load_robot
-from barn_worlds.robots.standard import STANDARD
+from barn_worlds.robots.files import STANDARD, load_robot
 from barn_worlds.worlds.scene import TrialScene
 
 BOUNDS = (-5.0, 0.0, 0.0, 13.0)

@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from barn_worlds.worlds.generate import grow, iterations, smooth
-from barn_worlds.worlds.parameters import TABLE_I, WorldParameters
+from barn_worlds.worlds.generate import TABLE_I, WorldParameters, grow, iterations, smooth
 
 GRIDS = npst.arrays(bool, st.tuples(st.integers(1, 12), st.integers(1, 12)))
 

@@ -12,7 +12,7 @@ from barn_worlds.drawing.files import write_png
 from barn_worlds.drawing.worlds import sheet_figure, world_figure, write_animation
 from barn_worlds.formats.sdf import mesh, sdf_text, trajectories, write_sdf
 from barn_worlds.formats.tracks_csv import write_tracks
-from barn_worlds.moving.arena import arena_world
+from barn_worlds.moving.generate import arena_world
 from barn_worlds.moving.motion import Motion, MovingObstacle
 from barn_worlds.moving.tracks import Tracks
 

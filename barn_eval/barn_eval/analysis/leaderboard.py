@@ -14,7 +14,7 @@ from barn_eval.analysis.summary import SCORED, Summary, summarise
 from barn_eval.analysis.text_table import counted
 from barn_eval.analysis.verdict import cautions
 from barn_worlds.base.errors import ConfigError, suggest
-from barn_worlds.worlds.selection import select_worlds
+from barn_worlds.worlds.dataset import select_worlds
 
 # What planners may be ranked by: the name of the option, and the key of its measure.
 RANKINGS = {

@@ -27,9 +27,8 @@ from barn_eval.trials.spec import simulator_config
 from barn_sim.config import SimulatorConfig, robot_of
 from barn_worlds.base.config import Checked, as_dict, fields_of
 from barn_worlds.base.errors import BarnError
-from barn_worlds.robots.files import ROBOTS
+from barn_worlds.robots.files import ROBOTS, other_name
 from barn_worlds.robots.robot import Robot
-from barn_worlds.robots.standard import other_name
 
 MOST_PAIRS = 45  # of ten entries; more would be no table to read
 

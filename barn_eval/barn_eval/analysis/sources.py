@@ -19,10 +19,9 @@ from barn_sim.config import chassis_in
 from barn_worlds.base.config import from_dict
 from barn_worlds.base.errors import BarnError, ConfigError, WorldError
 from barn_worlds.geometry.footprint import Footprint, contact_of
+from barn_worlds.robots.files import other_name
 from barn_worlds.robots.robot import Chassis
-from barn_worlds.robots.standard import other_name
-from barn_worlds.worlds.dataset import open_dataset
-from barn_worlds.worlds.selection import select_worlds
+from barn_worlds.worlds.dataset import open_dataset, select_worlds
 from barn_worlds.worlds.world import World
 
 

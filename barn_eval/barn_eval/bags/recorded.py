@@ -32,8 +32,8 @@ from barn_worlds.geometry.bodies import Bodies
 from barn_worlds.geometry.footprint import Footprint, contact_of
 from barn_worlds.messages import topics
 from barn_worlds.messages.topics import FRAMES, Topic
+from barn_worlds.robots.files import STANDARD
 from barn_worlds.robots.robot import Chassis
-from barn_worlds.robots.standard import STANDARD
 from barn_worlds.worlds.scene import TrialScene
 
 MAP, ODOM = FRAMES.map, FRAMES.odom

@@ -25,7 +25,7 @@ from barn_eval.worlds.sets import FORMATS, Form
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.moving.generate import class_named
 from barn_worlds.worlds.dataset import open_dataset
-from barn_worlds.worlds.parameters import WorldParameters
+from barn_worlds.worlds.generate import WorldParameters
 
 robot_option = click.option(
     "--robot", default="jackal", help="Robot that paths are planned for: a name (see barn robots) or a YAML file."

@@ -20,7 +20,7 @@ from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import ConfigError, shown
 from barn_worlds.base.files import write_whole
 from barn_worlds.base.text_files import read_json
-from barn_worlds.robots.standard import other_name
+from barn_worlds.robots.files import other_name
 
 SUITE = ("barn_worlds", "barn_sim", "barn_planners", "barn_metrics", "barn_eval")
 LIBRARIES = ("numpy", "numba", "scipy", "pybullet", "mcap", "rosbags", "rclpy")

@@ -14,8 +14,7 @@ import numpy as np
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ConfigError, WorldError
 from barn_worlds.worlds.dataset import Dataset
-from barn_worlds.worlds.generate import generate_world
-from barn_worlds.worlds.parameters import TABLE_I, WorldParameters
+from barn_worlds.worlds.generate import TABLE_I, WorldParameters, generate_world
 from barn_worlds.worlds.world import World
 
 Difficulty = Callable[[World], float]

@@ -12,8 +12,7 @@ from barn_metrics.motion import MotionStatistics, mean_statistics
 from barn_metrics.report import MetricsTable
 from barn_metrics.report import metrics_table as table_of
 from barn_worlds.robots.files import load_robot
-from barn_worlds.worlds.dataset import Dataset, open_dataset
-from barn_worlds.worlds.selection import select_worlds
+from barn_worlds.worlds.dataset import Dataset, open_dataset, select_worlds
 from barn_worlds.worlds.world import World
 
 

@@ -23,10 +23,8 @@ from barn_worlds.formats.tracks_csv import write_tracks
 from barn_worlds.formats.world_yaml import write_world_yaml
 from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.robot import Robot
-from barn_worlds.worlds.dataset import open_dataset, shipped
-from barn_worlds.worlds.generate import write_ordered
-from barn_worlds.worlds.parameters import cell_m
-from barn_worlds.worlds.selection import select_worlds
+from barn_worlds.worlds.dataset import open_dataset, select_worlds, shipped
+from barn_worlds.worlds.generate import cell_m, write_ordered
 from barn_worlds.worlds.world import World
 
 Form = Literal["sdf", "sdf_classic", "map", "original", "npz", "yaml", "tracks", "png"]

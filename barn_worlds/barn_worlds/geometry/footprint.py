@@ -15,8 +15,8 @@ from barn_worlds.geometry.kernels import (
     times_to_polygon,
     times_to_rectangle,
 )
+from barn_worlds.robots.files import STANDARD
 from barn_worlds.robots.robot import Chassis
-from barn_worlds.robots.standard import STANDARD
 
 
 class Footprint:

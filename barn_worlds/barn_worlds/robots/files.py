@@ -10,7 +10,7 @@ import yaml
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import ConfigError, shown, suggest
 from barn_worlds.base.text_files import read_yaml
-from barn_worlds.robots.robot import Robot
+from barn_worlds.robots.robot import Chassis, Robot
 
 SCHEMA_VERSION = 1
 ENDINGS = (".yaml", ".yml")
@@ -75,3 +75,11 @@ def _section(content: dict[str, Any], key: str, path: Path) -> dict[str, Any]:
 
 
 ROBOTS: Mapping[str, Robot] = {name: _read(file) for name, file in shipped_robots().items()}
+
+
+STANDARD = load_robot("jackal")
+
+
+def other_name(chassis: Chassis) -> str:
+    """Return the name of a robot, empty if it is the one that is meant where none is named."""
+    return "" if chassis == STANDARD.chassis else chassis.name
