@@ -91,9 +91,9 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self._joined = False
         self._unseen = np.zeros(self.config.observation.size, np.float32)
 
-    def episodes(self, count: int = 1, threads: int = 1) -> Episodes:
+    def episodes(self, count: int = 1) -> Episodes:
         """Return room for so many episodes of this environment."""
-        return Episodes(count, self.config, self._simulator, self._safety, threads)
+        return Episodes(count, self.config, self._simulator, self._safety)
 
     def join(self, episodes: Episodes, index: int) -> None:
         """Let the episodes from now on advance among others, instead of by `step`."""
