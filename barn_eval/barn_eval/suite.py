@@ -40,8 +40,6 @@ OPTIONAL: dict[str, tuple[str, str]] = {
         "training of policies",
         "examples/train_policy.py is off; make extras, or pip install stable-baselines3",
     ),
-    "matplotlib": ("figures and reports", "barn report and pictures are off; pip install matplotlib"),
-    "pyarrow": ("tables of results", "results.parquet is off; pip install pyarrow"),
     "ffmpeg": ("films of replays", "films are off, .gif works; apt install ffmpeg"),
     "ray": ("campaigns on a cluster", "engine ray is off; pip install ray"),
 }

@@ -87,6 +87,6 @@ def test_the_command_and_python_draw_the_same(folder, tmp_path, command, rejecte
         (["--trials", str(folder)], "Missing argument 'WORLDS'"),
         (["3", "--by", "speed"], "--by needs --trials"),
         (["world.npy", "--trials", str(folder)], "--trials needs the number of a world, got 'world.npy'"),
-        (["0", "--trials", str(folder), "--out", "a.gif"], "--out a.gif: must end in .png, .svg or .pdf"),
+        (["0", "--trials", str(folder), "--out", "a.gif"], "a.gif: must end in .png, .svg or .pdf"),
     ):
         assert told in rejected("show", *wrong)

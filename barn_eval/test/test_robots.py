@@ -47,7 +47,7 @@ def test_show_draws_vectors_and_refuses_other_pictures(command, tmp_path):
     assert command("robots", "turtlebot4", "--out", "robot.svg")[0] == 0
     assert "<svg" in (tmp_path / "robot.svg").read_text("utf-8")
     code, _, err = command("robots", "turtlebot4", "--out", "robot.doc")
-    assert (code, err) == (1, "error: robot.doc: a picture must end in .png or .svg\n")
+    assert (code, err) == (1, "error: robot.doc: must end in .png, .svg or .pdf\n")
 
 
 def test_check(command, tmp_path):

@@ -22,9 +22,6 @@ def command(folders: tuple[Path, ...], by: str | None, out: tuple[Path, ...], wo
 
     Planners that cannot be told apart share a rank. Each protocol and set of worlds has a board of its own.
     """
-    for path in out:
-        if path.suffix not in (".md", ".html"):
-            raise click.UsageError(f"--out {path}: must end in .md or .html")
     with notes.status("ranking"):
         boards = leaderboard(folders, by or "", worlds)
     if as_json:

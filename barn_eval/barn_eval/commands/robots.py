@@ -12,14 +12,13 @@ from barn_eval.commands.tables import table
 from barn_eval.robots import draw
 from barn_sim.checks.self_test import LARGEST_DEVIATION, self_test
 from barn_worlds.base.config import as_dict, fields_of
-from barn_worlds.base.errors import ConfigError
 from barn_worlds.robots.files import ROBOTS, load_robot
 from barn_worlds.robots.robot import Robot
 
 
 @click.command("robots")
 @click.argument("robot", required=False)
-@click.option("--out", type=FILE, help="Draw it from above, as .png or .svg.")
+@click.option("--out", type=FILE, help="Draw it from above, as .png, .svg or .pdf.")
 @click.option("--check", is_flag=True, help="Drive it: straight, turns, arcs and stops, and compare with theory.")
 @json_option
 def command(robot: str | None, out: Path | None, check: bool, as_json: bool) -> int:
@@ -35,8 +34,6 @@ def command(robot: str | None, out: Path | None, check: bool, as_json: bool) -> 
         return 0
     found = load_robot(robot)
     if out is not None:
-        if out.suffix not in (".png", ".svg"):
-            raise ConfigError(f"{out}: a picture must end in .png or .svg")
         draw(found).save(out)
         say(out)
     if check:

@@ -27,6 +27,7 @@ from barn_eval.pages.template import themed
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.arrays import Floats
+from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.files import write_whole
 from barn_worlds.drawing import palette
 from barn_worlds.drawing.files import figure_bytes
@@ -147,6 +148,8 @@ class Plot:
 
     def save(self, path: str | Path) -> Path:
         """Write the figure on white, in the format of the file's ending (.svg, .pdf, .png), and return the path."""
+        if Path(path).suffix not in (".png", ".svg", ".pdf"):
+            raise ConfigError(f"{path}: must end in .png, .svg or .pdf")
         with style():
             self.figure.savefig(path, facecolor=WHITE, dpi=150)
         return Path(path)

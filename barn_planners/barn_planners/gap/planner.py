@@ -121,7 +121,6 @@ class GapPlanner(Planner):
         return free_distances(points, self._directions, self.config.robot_radius_m, self.config.look_ahead_m)
 
     def _bearing(self, free: FloatArray, points: FloatArray, goal_bearing: float, needed_m: float) -> float | None:
-        """Return the bearing to steer for, None if no gap is open."""
         is_open = free >= needed_m - 1e-9
         if not is_open.any():
             is_open = free >= max(float(free.max()) - 1e-9, self.config.least_free_m)
@@ -153,7 +152,6 @@ class GapPlanner(Planner):
         return Decision(Velocity2D(speed, rate), diagnostics=figures)
 
     def _clear_ahead(self, points: FloatArray) -> float:
-        """Return the distance from the robot's front to what lies straight ahead, in metres."""
         config = self.config
         in_the_way = points[(np.abs(points[:, 1]) <= config.half_width_m + config.margin_m) & (points[:, 0] > 0.0), 0]
         nearest_m = float(in_the_way.min()) if len(in_the_way) else math.inf
@@ -169,10 +167,7 @@ def returns(scan: Scan, lidar: Pose2D, within_m: float) -> FloatArray:
 
 
 def free_distances(points: FloatArray, directions: FloatArray, radius_m: float, longest_m: float) -> FloatArray:
-    """Return how far a disc at the origin can go in each direction (k,) before it touches a point (n, 2).
-
-    At most `longest_m`. Points inside the disc at the start block the half plane that they lie in.
-    """
+    """Return how far, up to `longest_m`, a disc at the origin can go in each direction (k,) before a point (n, 2)."""
     if len(points) == 0:
         return np.full(len(directions), longest_m)
     along = np.outer(np.cos(directions), points[:, 0]) + np.outer(np.sin(directions), points[:, 1])

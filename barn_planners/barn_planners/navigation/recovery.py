@@ -66,10 +66,7 @@ class Recovery:
     def step(
         self, stamp_ns: int, pose: Pose2D, local: Costmap, clear: tuple[tuple[Costmap, Pose2D], ...]
     ) -> Velocity2D:
-        """Continue recovery for one cycle and return its command.
-
-        pose: robot in the frame of the local costmap; clear: the costmaps to clear, each with the robot in its frame.
-        """
+        """Continue for a cycle and return its command; clear: costmaps to clear, each with the robot in its frame."""
         command = None
         if self._turn is not None:
             command = self._turn.step(pose, local)
@@ -114,5 +111,4 @@ class _Turn:
 
 
 def _turn_is_free(pose: Pose2D, angle: float, costmap: Costmap) -> bool:
-    """Tell whether the padded footprint stays free while it turns left by the angle."""
     return all(costmap.has_room(pose.x, pose.y, pose.yaw + 0.02 * k) for k in range(int(angle / 0.02) + 1))

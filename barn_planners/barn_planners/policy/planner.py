@@ -17,7 +17,7 @@ from typing import Any
 from numba import njit
 
 from barn_planners.gap.planner import returns
-from barn_planners.interface import Decision, FloatArray, Observation, Planner, PlannerStatus, Task
+from barn_planners.interface import Decision, Observation, Planner, PlannerStatus, Task
 from barn_planners.navigation.guard import GuardConfig, ObservationGuard, ProgressCheck
 from barn_planners.policy.file import Policy, PolicyNetwork, read_policy
 from barn_planners.policy.space import ObservationEncoder
@@ -126,10 +126,7 @@ def shipped_policy() -> Path:
 
 
 def safe_command(wanted: Velocity2D, moving: Velocity2D, scan: Scan, config: SafetyConfig) -> Velocity2D:
-    """Return the wanted command if it is safe, else its safe replacement.
-
-    moving: velocity of the robot now.
-    """
+    """Return the wanted command if it is safe, else its safe replacement; moving: velocity of the robot now."""
     speed = max(abs(wanted.linear), abs(moving.linear))
     time_s = config.reaction_s + 0.5 * speed / config.braking_mps2
     reach_m = math.hypot(config.half_length_m, config.half_width_m)
@@ -149,13 +146,8 @@ def safe_command(wanted: Velocity2D, moving: Velocity2D, scan: Scan, config: Saf
 
 
 @njit(cache=True)
-def least_gap(
-    points: FloatArray, linear: float, angular: float, steps: int, step_s: float, half_length: float, half_width: float
-) -> float:
-    """Return the least distance in m of points (n, 2) from the robot's outline, driving from the origin.
-
-    Checked are the poses at `step_s`, 2 `step_s`, ... `steps` times `step_s`; 0 for points inside the outline.
-    """
+def least_gap(points, linear, angular, steps, step_s, half_length, half_width):  # type: ignore[no-untyped-def]
+    """Return the least distance of points (n, 2) from the outline at `steps` poses driven to; 0 for points inside."""
     least = math.inf
     for k in range(1, steps + 1):
         time_s = k * step_s
