@@ -196,7 +196,9 @@ def _run(path: Path) -> None:
 
 
 def _request(path: Path) -> None:
-    read_request(path, {}).experiment.check()
+    asked = read_request(path, {}).experiment
+    for planner in asked.planners:
+        asked.settings(planner)
 
 
 def _protocol(path: Path) -> None:

@@ -2,13 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from rich.console import Console
-from rich.progress import track
 
 from barn_eval.learning.difficulty import read_samples
 from barn_eval.results.frames import frame_of
@@ -99,7 +96,6 @@ def evaluate(
     planner: str = "",
     dataset: str = "",
     seed: int = 0,
-    progress: bool = True,
 ) -> Evaluation:
     """Judge the model in worlds that it was not trained on, beside ridge regression on the paper's five metrics.
 
@@ -113,7 +109,6 @@ def evaluate(
         planner: As for `train`.
         dataset: As for `train`.
         seed: All randomness comes from it.
-        progress: Show how far it is.
 
     Returns:
         The errors of each kind of model, in (s/m)^2, with intervals of 95 % over worlds.
@@ -123,5 +118,4 @@ def evaluate(
     """
     config = EvaluationConfig(folds=folds, repeats=repeats, seed=seed)
     model = None if weights is None else load_model(None if str(weights) == "shipped" else weights)
-    shown = partial(track, description="models", console=Console(stderr=True), transient=True, disable=not progress)
-    return evaluate_models(*read_samples([Path(source)], planner, dataset), config, model, track=shown)
+    return evaluate_models(*read_samples([Path(source)], planner, dataset), config, model)

@@ -199,15 +199,13 @@ def test_an_overlay_shows_ways_and_what_was_hit(folder, world):
     assert "way of what moves" in [one.get_text() for one in figure.legends[0].get_texts()]
 
 
-@pytest.mark.parametrize("camera", [None, "top"])
-def test_pictures_of_an_environment_show_what_moves(camera, monkeypatch):
+def test_pictures_of_an_environment_show_what_moves(monkeypatch):
     env = gymnasium.make(
         "barn_eval.gym:barn/Jackal-v0",
         dataset="dynabarn60",
         worlds=str(WORLD),
         protocol="dynabarn",
         render_mode="rgb_array",
-        render_camera=camera,
     )
     env.reset(seed=0)
     first = env.render().astype(int)

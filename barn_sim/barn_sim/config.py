@@ -15,24 +15,9 @@ from barn_worlds.robots.files import STANDARD, load_robot
 from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
 from barn_worlds.robots.robot import Chassis, Robot
 
-__all__ = (
-    "LIDARS",
-    "PRESETS",
-    "DriveConfig",
-    "LidarConfig",
-    "LocalisationConfig",
-    "ObstacleConfig",
-    "OdometryConfig",
-    "PhysicsConfig",
-    "RunConfig",
-    "SimulatorConfig",
-    "SimulatorNodeConfig",
-    "chassis_in",
-    "robot_of",
-    "with_robot",
-)
-Config = TypeVar("Config", bound="SimulatorConfig")
+__all__ = ("DriveConfig", "LidarConfig", "OdometryConfig")  # of barn_worlds
 
+Config = TypeVar("Config", bound="SimulatorConfig")
 T = TypeVar("T", DriveConfig, LidarConfig, OdometryConfig)
 
 

@@ -21,6 +21,7 @@ from barn_sim.body.model import (
 from barn_sim.body.obstacles import tick_gap_m
 from barn_sim.config import PRESETS, PhysicsConfig, SimulatorConfig, with_robot
 from barn_sim.messages import SimulatorMessages
+from barn_sim.motion.state import Fleet
 from barn_sim.simulator import Simulator
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.types import Pose2D, Velocity2D
@@ -95,7 +96,7 @@ def in_bullet(chassis):
     """Return the bounds (2, 3) in base_link of the shapes that Bullet has of a robot."""
     model = model_of(chassis)
     with closing(PhysicsClient()) as client:
-        body = Body(model, PhysicsConfig(), Pose2D(0.0, 0.0, 0.0), client)
+        body = Body(model, PhysicsConfig(), Pose2D(0.0, 0.0, 0.0), client, Fleet.of(1), 0)
         body.enter()
         bullet.resetBasePositionAndOrientation(body.id, model.centre_of_mass, (0, 0, 0, 1), physicsClientId=client.id)
         return np.array(bullet.getAABB(body.id, physicsClientId=client.id))

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from functools import cache, partial
 
 from fault_cases.kit import LIMIT_S, Lab, Row, add, case, ending, hold, repeatable, scratch
-from fault_cases.planners import FAULTY, SCRIPT, by_command, ros
+from fault_cases.planners import FOREIGN, SCRIPT, by_command, ros
 from fault_cases.system import alive, kill
 
 FAMILY = "processes"
@@ -20,7 +20,7 @@ _HELD = threading.Lock()
 
 def words(lab: Lab) -> list[object]:
     """Return the words of a run whose planner does nothing wrong."""
-    return ros(lab, *by_command(FAULTY, "starts", "drives"), limit_s=_LIMIT_S, bags="all")
+    return ros(lab, *by_command(FOREIGN, "starts", "drives"), limit_s=_LIMIT_S, bags="all")
 
 
 @cache
@@ -93,13 +93,13 @@ for _name, _done, _deed, _words in (
     (
         "guard-killed",
         "The guards of the planner get SIGKILL.",
-        lambda lab: kill(lab.guards(str(FAULTY))),
+        lambda lab: kill(lab.guards(str(FOREIGN))),
         "lost with its guard",
     ),
     (
         "guard-terminated",
         "The guards of the planner get SIGTERM.",
-        lambda lab: kill(lab.guards(str(FAULTY)), 15),
+        lambda lab: kill(lab.guards(str(FOREIGN)), 15),
         "lost with its guard",
     ),
     (

@@ -1,7 +1,4 @@
-"""Reading of bags that others may have written, cut off or damaged: rosbag2 folders (MCAP, SQLite) and MCAP files.
-
-Nothing of ROS is needed. What can be read is read; what stopped the reading is told in words.
-"""
+"""Reading of bags that others may have written, cut off or damaged: rosbag2 folders (MCAP, SQLite) and MCAP files."""
 
 import re
 import sqlite3

@@ -63,7 +63,7 @@ def evaluate(source: Path, weights: Path | None, settings: dict[str, Any], as_js
     Errors are in (s/m)^2 with intervals of 95 % over worlds.
     """
     judging = replace_dotted(difficulty.Judging(), settings, "--set")
-    found = difficulty.evaluate(source, weights=weights, progress=not as_json, **asdict(judging))
+    found = difficulty.evaluate(source, weights=weights, **asdict(judging))
     if as_json:
         print_json(as_dict(found))
         return

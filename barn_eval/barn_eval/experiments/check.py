@@ -29,10 +29,7 @@ _LARGEST_TABLE_BYTES = 1 << 28
 
 @dataclass
 class FolderCheck:
-    """What a check has found.
-
-    trials: planned; rows, tracks, bags: that are there and were looked at. problems: a line each.
-    """
+    """What a check has found."""
 
     trials: int = 0
     rows: int = 0

@@ -14,10 +14,7 @@ from barn_worlds.base.errors import BarnError, ConfigError, one_line
 
 
 class RayEngine(Engine):
-    """One Ray task with one processor per job; Ray keeps worker processes warm from task to task.
-
-    A dead worker or node loses the jobs that it had. Raises ConfigError where Ray is missing or not to be reached.
-    """
+    """One Ray task with one processor per job; Ray keeps worker processes warm from task to task."""
 
     def __init__(self, work: Work, workers: int, trial_limit_s: float, address: str = "") -> None:
         try:

@@ -20,11 +20,7 @@ MOST_LINES = 100  # trials, up to which each gets a line of its own
 
 
 class ExperimentProgress:
-    """Show the number of trials, rate, real-time factor, remaining time and outcomes; a context manager.
-
-    Rates are those of this session. On a terminal or in a notebook, a bar; else a plain line every half minute and at
-    the end. Experiments of few trials have a line for each.
-    """
+    """Show the number of trials, rate, real-time factor, remaining time and outcomes; a context manager."""
 
     def __init__(self, total: int, earlier: Sequence[TrialResult], console: Console) -> None:
         self._console = console

@@ -35,10 +35,7 @@ _NAMED_COMMAND = re.compile(r"([A-Za-z0-9][A-Za-z0-9_.-]*)=(.*)", re.DOTALL)
 
 @dataclass(frozen=True)
 class Request:
-    """An experiment as it was asked for, and the folder it goes to.
-
-    worlds: those that were given as Python objects, by number; the folder keeps them.
-    """
+    """An experiment as it was asked for, and the folder it goes to."""
 
     experiment: Experiment
     execution: Execution

@@ -58,11 +58,7 @@ class ResultRows:
 
 
 class TrackRows:
-    """The tracks of one folder, in the order in which the trials ended; one process writes at a time.
-
-    A trial's track is written before its row. Whoever is killed in between leaves a track without a row, and the trial
-    is run again: its last track counts.
-    """
+    """The tracks of one folder; a trial that a kill left without a row is run again, and its last track counts."""
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / TRACKS_NAME

@@ -1,7 +1,4 @@
-"""What a finished trial leaves: its bag and its picture in the experiment's folder, its row and track to be kept there.
-
-A row comes last, so that it never lacks anything.
-"""
+"""What a finished trial leaves: bag and picture in its experiment's folder, and row and track, to be kept last."""
 
 from __future__ import annotations
 
@@ -34,10 +31,7 @@ class Record:
 
 @dataclass(frozen=True)
 class Store:
-    """Where trials leave their bags and pictures; workers share it.
-
-    bags: which are kept: all, failed or none. pictures: whether they are drawn.
-    """
+    """Where trials leave their bags and pictures; workers share it."""
 
     folder: Path
     bags: str = "none"

@@ -1,4 +1,4 @@
-"""Pictures of an episode: from above, quick enough to make a film of, or in three dimensions."""
+"""Pictures of an episode from above, quick enough to make a film of."""
 
 import math
 
@@ -10,7 +10,6 @@ from barn_eval.bags.messages import trial_scene
 from barn_eval.bags.movers import TRAIL_S
 from barn_eval.learning.episodes import Episodes
 from barn_eval.trials.spec import TrialSpec
-from barn_sim.drawing.camera import SIZES, Studio, camera_at
 from barn_worlds.base.arrays import Points
 from barn_worlds.base.types import Pose2D, seconds
 from barn_worlds.drawing.palette import FAINT, GOAL, MOVER, OBSTACLE, ROBOT, SCAN, TRAIL, WALL, WHITE
@@ -68,39 +67,12 @@ class TopView:
         draw.polygon(self._pixels(pose.transform(np.array(hull([*chassis.hull_m, nose])))), fill=ROBOT)
         return np.asarray(picture)
 
-    def close(self) -> None:
-        """Do nothing: there is nothing to release."""
-
     def _fill(self, draw: ImageDraw.ImageDraw, bodies: Bodies, colour: str) -> None:
         for outline in bodies.outlines():
             draw.polygon(self._pixels(outline), fill=colour)
 
     def _pixels(self, points_m: Points) -> list[tuple[float, float]]:
         return [((x - self._left) * _PIXELS_PER_M, (self._top - y) * _PIXELS_PER_M) for x, y in points_m.tolist()]
-
-
-class CameraView:
-    """Draws one episode as a camera sees it; what does not move by itself stays where it stood at its beginning."""
-
-    def __init__(self, spec: TrialSpec, camera: str) -> None:
-        self._camera = camera
-        moving = moving_bodies(spec.world.tracks, spec.phase_s)
-        simulator = spec.simulator
-        self._studio = Studio(trial_scene(spec), simulator.lidar, moving=moving, chassis=simulator.chassis)
-
-    def add(self, episodes: Episodes) -> None:
-        """Do nothing: a trail is not drawn."""
-
-    def draw(self, episodes: Episodes) -> npt.NDArray[np.uint8]:
-        """Return the picture (height, width, 3) of this instant."""
-        pose = _pose(episodes)
-        view = camera_at(self._camera, pose, self._studio.bounds_m)
-        places, _ = episodes.trial(0).spec.world.tracks.at(_motion_time_s(episodes))
-        return self._studio.picture(pose, view, SIZES[self._camera], finer=1, places=places, passed=_passed(episodes))
-
-    def close(self) -> None:
-        """Release the renderer."""
-        self._studio.close()
 
 
 def _pose(episodes: Episodes) -> Pose2D:

@@ -12,7 +12,7 @@ from gymnasium import spaces
 
 from barn_eval.learning.config import EnvConfig
 from barn_eval.learning.curriculum import Curriculum
-from barn_eval.learning.drawing import CameraView, TopView
+from barn_eval.learning.drawing import TopView
 from barn_eval.learning.episodes import Episodes, info_of_end, way_points
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import load_protocol
@@ -21,7 +21,6 @@ from barn_planners.policy.planner import SafetyConfig
 from barn_planners.policy.space import ACTIONS, Vector
 from barn_planners.robots import fitted, lidar_place
 from barn_sim.config import SimulatorConfig, robot_of
-from barn_sim.drawing.camera import CAMERAS
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError, suggest
@@ -50,8 +49,6 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
 
     opened: the data set of the configuration, if it is open already.
 
-    render_camera: "chase", "top" or "side" draws pictures in three dimensions, in half a second each; None from above.
-
     `reset(options={"world": 7})` chooses the world. With `campaign_seed` (and `repetition`, 0) as well, the episode is
     the very trial that `barn run --seed` makes of these numbers.
     """
@@ -62,17 +59,12 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self,
         config: EnvConfig | None = None,
         render_mode: str | None = None,
-        render_camera: str | None = None,
         opened: Dataset | None = None,
         **changes: object,
     ) -> None:
         if render_mode is not None and render_mode not in RENDER_MODES:
             raise ConfigError(f"render_mode must be None or {RENDER_MODES[0]!r}, got {render_mode!r}")
-        if render_camera is not None and render_camera not in CAMERAS:
-            known = ", ".join(CAMERAS)
-            raise ConfigError(f"render_camera must be None or one of {known}, got {render_camera!r}")
         self.render_mode = render_mode
-        self.render_camera = render_camera
         self.config = replace_dotted(config or EnvConfig(), changes, "environment")
         self._dataset = opened or open_dataset(self.config.dataset)
         chosen = select_worlds(self.config.worlds, self._dataset.indices)
@@ -86,14 +78,14 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self.observation_space = spaces.Box(low, high, dtype=np.float32)
         self.action_space = spaces.Box(-1.0, 1.0, (ACTIONS,), np.float32)
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self._simulator.control_period_s))}
-        self._picture: TopView | CameraView | None = None
+        self._picture: TopView | None = None
         self._place: tuple[Episodes, int] | None = None
         self._joined = False
         self._unseen = np.zeros(self.config.observation.size, np.float32)
 
-    def episodes(self, count: int = 1, threads: int = 1) -> Episodes:
+    def episodes(self, count: int = 1) -> Episodes:
         """Return room for so many episodes of this environment."""
-        return Episodes(count, self.config, self._simulator, self._safety, threads)
+        return Episodes(count, self.config, self._simulator, self._safety)
 
     def join(self, episodes: Episodes, index: int) -> None:
         """Let the episodes from now on advance among others, instead of by `step`."""
@@ -120,7 +112,9 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
             return self._unseen, {}
         episodes.look(np.arange(1))
         episodes.judge(np.arange(1))
-        self._begin_picture(episodes)
+        if self.render_mode:
+            self._picture = TopView(episodes.trial(0).spec)
+            self._picture.add(episodes)
         return episodes.seen[0].copy(), self._info(episodes)
 
     def step(self, action: npt.NDArray[np.floating]) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
@@ -148,7 +142,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         return terminated, not terminated
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """Return a picture (height, width, 3) from above, or by `render_camera`; None without a render mode."""
+        """Return a picture (height, width, 3) from above; None without a render mode."""
         if self._place is None or self._picture is None:
             return None
         return self._picture.draw(self._place[0])
@@ -157,18 +151,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         """Release the physics engine."""
         if self._place is not None and not self._joined:
             self._place[0].close()
-        if self._picture is not None:
-            self._picture.close()
         self._place = self._picture = None
-
-    def _begin_picture(self, episodes: Episodes) -> None:
-        if self._picture is not None:
-            self._picture.close()
-            self._picture = None
-        if self.render_mode:
-            spec, seen_by = episodes.trial(0).spec, self.render_camera
-            self._picture = CameraView(spec, seen_by) if seen_by else TopView(spec)
-            self._picture.add(episodes)
 
     def _drawn(
         self, options: Mapping[str, int], known: dict[int, tuple[TrialSpec, Floats]]

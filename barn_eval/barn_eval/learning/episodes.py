@@ -37,7 +37,7 @@ class Episodes:
     """Trials of some robots, a row each in all arrays; a step is a few compiled calls for all of them.
 
     Only robots near an obstacle, trials that may have ended, and whatever needs Python (the shield, a pose in a map)
-    are looked at one by one. threads: among which the robots are divided.
+    are looked at one by one.
 
     Attributes:
         seen: Last observations (n, size).
@@ -47,10 +47,8 @@ class Episodes:
         known: First trial in each world and its way (see `way_points`), by number.
     """
 
-    def __init__(
-        self, count: int, config: EnvConfig, simulator: SimulatorConfig, safety: SafetyConfig, threads: int = 1
-    ) -> None:
-        self.batch = Batch(count, simulator, threads)
+    def __init__(self, count: int, config: EnvConfig, simulator: SimulatorConfig, safety: SafetyConfig) -> None:
+        self.batch = Batch(count, simulator)
         self.readings = self.batch.readings
         self.seen = np.zeros((count, config.observation.size), np.float32)
         self.running = np.zeros(count, np.bool_)
@@ -170,7 +168,7 @@ class Episodes:
         return given, changed
 
     def close(self) -> None:
-        """End physics engines and threads."""
+        """End physics engines."""
         for client in self._clients:
             client.close()
         self.batch.close()

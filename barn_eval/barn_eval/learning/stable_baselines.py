@@ -18,8 +18,8 @@ class StableBatch(DummyVecEnv):  # type: ignore[misc, unused-ignore]
     `TimeLimit.truncated`, and `outcome` and `is_success` of the episode; other steps have none.
     """
 
-    def __init__(self, count: int, config: EnvConfig, *, threads: int = 1) -> None:
-        self._batch = JackalVectorEnv(count, config, autoreset_mode="SameStep", threads=threads)
+    def __init__(self, count: int, config: EnvConfig) -> None:
+        self._batch = JackalVectorEnv(count, config, autoreset_mode="SameStep")
         super().__init__([partial(self._batch.envs.__getitem__, k) for k in range(count)])
 
     def reset(self) -> npt.NDArray[np.float32]:

@@ -28,7 +28,7 @@ class JackalVectorEnv(SyncVectorEnv):
 
     Only robots near an obstacle, episodes that may have ended, and whatever needs Python (the shield, a pose in a map)
     are looked at one by one. Every observation, reward and info is that of Gymnasium's SyncVectorEnv, to the last bit.
-    threads: among which the robots are divided. config, changes: as of `JackalEnv`.
+    config, changes: as of `JackalEnv`.
     """
 
     def __init__(
@@ -37,16 +37,13 @@ class JackalVectorEnv(SyncVectorEnv):
         config: EnvConfig | None = None,
         *,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
-        threads: int = 1,
         **changes: object,
     ) -> None:
-        if threads < 1:
-            raise ConfigError(f"threads must be at least 1, got {threads}")
         self._config = replace_dotted(config or EnvConfig(), changes, "environment")
         make = partial(JackalEnv, self._config, opened=open_dataset(self._config.dataset))
         super().__init__([make] * num_envs, autoreset_mode=autoreset_mode)
         self._jackals = [_jackal(env) for env in self.envs]
-        self._episodes = self._jackals[0].episodes(num_envs, threads)
+        self._episodes = self._jackals[0].episodes(num_envs)
         self._everyone = np.ones(num_envs, np.bool_)
         for index, env in enumerate(self._jackals):
             env.join(self._episodes, index)
@@ -125,7 +122,7 @@ class JackalVectorEnv(SyncVectorEnv):
         return self._tell({}, last)
 
     def close_extras(self, **kwargs: object) -> None:
-        """Close the environments and end the threads."""
+        """Close the environments."""
         super().close_extras(**kwargs)
         self._episodes.close()
 

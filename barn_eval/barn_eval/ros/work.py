@@ -1,11 +1,10 @@
-"""Experiments in either mode; over ROS, each worker keeps all nodes running for a share of the trials."""
+"""What the workers of an experiment are handed; over ROS, each keeps its nodes running for a share of the trials."""
 
 import os
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
-from typing import cast
 
 from rich.console import Console
 
@@ -14,7 +13,7 @@ from barn_eval.experiments.experiment import Execution, Experiment
 from barn_eval.experiments.live import LivePlanner
 from barn_eval.experiments.request import Request
 from barn_eval.experiments.run import run_experiment
-from barn_eval.experiments.store import LOGS, Record, Store
+from barn_eval.experiments.store import LOGS, Store
 from barn_eval.ros.supervision import run_ros_trials
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import TrialSpec
@@ -56,10 +55,17 @@ class RosWork(Work):
             environment.pop("ROS_DOMAIN_ID", None)
         alone = self.workers == len(self.experiment.planners) == 1
         logs = self.store.folder / LOGS / ("" if alone else job.key)
-        records = run_ros_trials(self.experiment, job.trials, self.store, logs, emit, environment)
-        with closing(cast(Generator[Record, None, None], records)):
+        trials = run_ros_trials(self.experiment, job.trials, self.store, logs, emit, environment)
+        with closing(trials) as records:
             for record in records:
                 emit(record)
+
+
+def work_of(experiment: Experiment, execution: Execution, store: Store, live: Mapping[str, LivePlanner]) -> Work:
+    """Return what workers of an experiment are handed; live: its planners that are Python objects, by name."""
+    if experiment.mode == "direct":
+        return DirectWork(store, live)
+    return RosWork(experiment, store, execution.processes)
 
 
 def run_request(
@@ -70,10 +76,3 @@ def run_request(
     live: its planners that are Python objects, by name.
     """
     return run_experiment(request, console, partial(work_of, live=live or {}), overwrite=overwrite)
-
-
-def work_of(experiment: Experiment, execution: Execution, store: Store, live: Mapping[str, LivePlanner]) -> Work:
-    """Return what workers of an experiment are handed."""
-    if experiment.mode == "direct":
-        return DirectWork(store, live)
-    return RosWork(experiment, store, execution.processes)

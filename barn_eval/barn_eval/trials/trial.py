@@ -65,15 +65,8 @@ def _expired(_signal: int, _frame: FrameType | None) -> None:
 class RunningTrial:
     """The part of a trial that is the same however it is run: a session in one process, over ROS, or by a learner.
 
-    Instant by instant it takes the reading, then the command that answers it. It reads no clock.
-
-    Args:
-        spec: What the trial is.
-        logged: Whether the trajectory is kept.
-
-    Attributes:
-        log: The trajectory so far.
-        recoveries: How often the planner began to recover, None if it has not said how it fares.
+    Instant by instant it takes the reading, then the command that answers it. It reads no clock. recoveries: how often
+    the planner began to recover, None if it has not said how it fares.
     """
 
     def __init__(self, spec: TrialSpec, *, logged: bool = True) -> None:

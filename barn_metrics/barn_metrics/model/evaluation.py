@@ -4,7 +4,7 @@ Models are trained by repeated k-fold over worlds; intervals are of 95 % over wo
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 
@@ -88,13 +88,11 @@ def evaluate(
     trials: Trials,
     config: EvaluationConfig | None = None,
     model: DifficultyModel | None = None,
-    *,
-    track: Callable[[Sequence[str]], Iterable[str]] = iter,
 ) -> Evaluation:
     """Return the errors of ridge regression and of the suite's kind of model, on the worlds that every planner has.
 
     model: judged as it is in place of models trained on folds; held-out only where it was not trained on these worlds.
-    Worlds of `HELD_OUT` judge such a model alone. track: gives names one after the other, as `rich.progress.track`.
+    Worlds of `HELD_OUT` judge such a model alone.
     Raises ModelError for too few worlds, or where PyTorch is missing.
     """
     chosen = config or EvaluationConfig()
@@ -106,7 +104,7 @@ def evaluate(
         raise ModelError(f"{chosen.folds} folds need at least {2 * chosen.folds} worlds, got {len(own)}")
     inputs, difficulty = inputs_of(own), judged.difficulty()
     scores: list[ModelScore] = []
-    for name in track(([] if apart else [RIDGE]) + [WEIGHTS if model else ROUTES]):
+    for name in ([] if apart else [RIDGE]) + [WEIGHTS if model else ROUTES]:
         if model is None or name == RIDGE:
             predicted, training_mse = _on_folds(_FITS[name], inputs, judged, chosen)
             title = RIDGE_TITLE if name == RIDGE else TITLE

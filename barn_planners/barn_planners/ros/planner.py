@@ -40,7 +40,7 @@ from barn_worlds.ros.topics import publisher, subscribe
 T = TypeVar("T")
 
 _SHOWN = (topics.PLAN, topics.LOCAL_PLAN, topics.COSTMAP, topics.BAND, topics.CANDIDATES, topics.DIAGNOSTICS)
-_LAST_COMMAND_S = 2.0  # at most, where one who listens has gone without a word
+_LAST_COMMAND_S = 20.0  # only for listeners that were killed, which DDS forgets after as long
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""PyBullet: imported without the line that it prints on standard error, its engines, bodies and rays."""
+"""PyBullet: imported without the line that it prints on standard error, its engines and bodies."""
 
 import importlib
 import os

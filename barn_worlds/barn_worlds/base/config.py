@@ -211,7 +211,8 @@ def _dotted(mapping: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str,
 def _flat(known: Mapping[str, Any], changes: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Yield changes by dotted name; a mapping for a nested configuration yields one per key."""
     for name, value in changes.items():
-        if isinstance(known.get(f"{prefix}{name}"), dict) and isinstance(value, Mapping):
+        nested = known.get(f"{prefix}{name}")  # empty where it is a mapping of whatever its user puts there
+        if nested and isinstance(nested, dict) and isinstance(value, Mapping):
             yield from _flat(known, value, f"{prefix}{name}.")
         else:
             yield f"{prefix}{name}", value

@@ -141,10 +141,7 @@ def _own(path: Path) -> Dataset:
 
 
 LONGEST_SPEC = 10_000
-_NUMBER = r"(\d{1,9})"
-_SINGLE = re.compile(_NUMBER)
-_SPAN = re.compile(rf"{_NUMBER}-{_NUMBER}")
-_SLICE = re.compile(rf"{_NUMBER}:{_NUMBER}(?::{_NUMBER})?")
+_FORM = re.compile(r"(\d{1,9})(?:-(\d{1,9})|:(\d{1,9})(?::(\d{1,9}))?)?")
 _FORMS = "a number, first-last, start:stop or start:stop:step, several joined by commas, or all"
 
 
@@ -168,16 +165,13 @@ def select_worlds(spec: str, indices: Iterable[int]) -> list[int]:
 def _part(part: str, spec: str, known: list[int]) -> list[int]:
     if part == "all":
         return known
-    if match := _SINGLE.fullmatch(part):
-        wanted = range(int(match[1]), int(match[1]) + 1)
-    elif match := _SPAN.fullmatch(part):
-        wanted = range(int(match[1]), int(match[2]) + 1)
-    elif match := _SLICE.fullmatch(part):
-        if match[3] is not None and int(match[3]) == 0:
-            raise WorldError(f"worlds {spec!r:.80}: the step in {part!r} must be at least 1")
-        wanted = range(int(match[1]), int(match[2]), int(match[3] or 1))
-    else:
+    match = _FORM.fullmatch(part)
+    if match is None:
         raise WorldError(f"worlds {spec!r:.80}: {part!r:.40} is not {_FORMS}")
+    first, last, stop, step = match.groups()
+    if step and not int(step):
+        raise WorldError(f"worlds {spec!r:.80}: the step in {part!r} must be at least 1")
+    wanted = range(int(first), int(stop) if stop else int(last or first) + 1, int(step or 1))
     found = [index for index in known if index in wanted]
     if not found:
         raise WorldError(f"worlds {spec!r:.80}: no world {part} among the {len(known)} from {known[0]} to {known[-1]}")

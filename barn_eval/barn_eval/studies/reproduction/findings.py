@@ -10,8 +10,7 @@ from typing import Any
 
 from barn_eval.experiments.run_file import provenance
 from barn_eval.studies.reproduction.paper import REPETITIONS
-from barn_eval.studies.reproduction.table_ii import MetricsFinding
-from barn_eval.studies.reproduction.trials import TrialsFinding
+from barn_eval.studies.reproduction.trials import MetricsFinding, TrialsFinding
 from barn_metrics.model.evaluation import Evaluation
 from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.base.errors import ConfigError

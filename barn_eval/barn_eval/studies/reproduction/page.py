@@ -5,7 +5,6 @@
 writes the page in a folder anew from the numbers there, after its wording or figures have changed.
 """
 
-import math
 import sys
 from pathlib import Path
 
@@ -17,7 +16,6 @@ from barn_eval.pages.figures import label_axes, new_figure, style, write_figure
 from barn_eval.pages.template import render
 from barn_eval.studies.reproduction import paper
 from barn_eval.studies.reproduction.findings import Findings, Origin, read_findings, to_json
-from barn_eval.studies.reproduction.table_ii import MetricRow
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval, number
 from barn_metrics.model.evaluation import RIDGE, RIDGE_TITLE, WEIGHTS
@@ -29,8 +27,6 @@ from barn_worlds.drawing.palette import INK, PLANNERS
 
 NAME = "results"
 HOLDS, FAILS, OPEN = "holds", "does not hold", "not decided"
-SURE = 1.96  # standard errors of a 95 % interval
-_LEAST_LOSS = 0.005  # (s/m)^2, below it a loss is shown as 0.00 and a ratio to it says nothing
 _PLANNERS = (*paper.PLANNERS, "both")
 _COLOURS = dict(zip(_PLANNERS, colours(_PLANNERS), strict=True))
 _TITLES = {name: spelling(name) for name in paper.PLANNERS} | {"both": "both planners"}
@@ -64,8 +60,8 @@ def page(findings: Findings, origin: Origin) -> str:
         table_ii=TABLE_II,
         outcomes=[one.value for one in Outcome],
         variance=float(np.var(findings.learning.difficulty)),
-        sure=SURE,
-        **{one.__name__: one for one in (above, compared, distances, loss_ratio)},
+        above=above,
+        compared=compared,
     )
 
 
@@ -130,38 +126,13 @@ def contains(interval: Interval, value: float) -> str:
     return "yes" if interval.low is not None and above(interval, value) == OPEN else "no"
 
 
-def text(value: Interval | float | None, digits: int = 2) -> str:
-    """Return an estimate with its limits, or a plain number."""
-    return value.text(digits) if isinstance(value, Interval) else number(value, digits)
-
-
-def compared(published: float | None, ours: Interval | float | None, digits: int = 2) -> str:
+def compared(published: float, ours: Interval | float | None, digits: int = 2) -> str:
     """Return four cells: a published number, ours, their difference, whether the published one is in our interval."""
-    if published is None:
-        return f" | {text(ours, digits)} |  | "
     value = ours.estimate if isinstance(ours, Interval) else ours
-    change = "" if value is None else f"{value - published:+.{digits}f}"
+    shown = ours.text(digits) if isinstance(ours, Interval) else number(value, digits)
     within = contains(ours, published) if isinstance(ours, Interval) else ""
-    return f"{number(published, digits)} | {text(ours, digits)} | {change} | {within}"
-
-
-def distances(row: MetricRow, worlds: int) -> str:
-    """Return five cells: by how many standard errors mean and std. of a metric are off Table II, with verdicts.
-
-    The standard error of our std. is that of its interval, and that of the published one as large.
-    """
-    published, both = TABLE_II[row.name], math.sqrt(1.0 / worlds + 1.0 / paper.WORLDS)
-    mean = (row.mean.estimate - published.mean) / (published.std * both)
-    error = ((row.std.high or 0.0) - (row.std.low or 0.0)) / (2.0 * SURE) * math.sqrt(worlds) * both
-    std = (row.std.estimate - published.std) / error if error else 0.0
-    verdicts = ["within chance" if abs(one) <= SURE else "more than chance" for one in (mean, std)]
-    ratio = number(row.std.estimate / published.std)
-    return f"{mean:+.1f} | {verdicts[0]} | {std:+.1f} | {ratio} | {verdicts[1]}"
-
-
-def loss_ratio(loss: float, training_loss: float) -> str:
-    """Return how often the training loss goes into the held-out one."""
-    return number(loss / training_loss, 1) if training_loss >= _LEAST_LOSS else "-"
+    change = "" if value is None else f"{value - published:+.{digits}f}"
+    return f"{number(published, digits)} | {shown} | {change} | {within}"
 
 
 if __name__ == "__main__":

@@ -17,8 +17,7 @@ from barn_eval.experiments.run import run_experiment
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.studies.reproduction.findings import Findings, Origin, ReproduceConfig, Scope
 from barn_eval.studies.reproduction.paper import PLANNERS
-from barn_eval.studies.reproduction.table_ii import metrics_finding
-from barn_eval.studies.reproduction.trials import PlannerTrials, trials_by_planner, trials_finding
+from barn_eval.studies.reproduction.trials import PlannerTrials, metrics_finding, trials_by_planner, trials_finding
 from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.spec import simulator_config
 from barn_metrics.model import load_model

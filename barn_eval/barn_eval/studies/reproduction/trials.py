@@ -1,4 +1,4 @@
-"""What the 3000 trials say: times as the paper counts them, failures, and worlds from easy to difficult (Fig. 6)."""
+"""What worlds and trials say: Table II, times as the paper counts them, failures, worlds by difficulty (Fig. 6)."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -16,8 +16,12 @@ from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import TrialResult
 from barn_metrics import bootstrap
 from barn_metrics.bootstrap import Interval
+from barn_metrics.formula import CORRECTED, PUBLISHED
+from barn_metrics.metrics import METRICS
+from barn_metrics.report import metrics_table
 from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.errors import ConfigError
+from barn_worlds.worlds.dataset import Dataset
 
 # Deviations of very few worlds have no bias correction that could be trusted.
 over_worlds = partial(bootstrap.over_worlds, method="percentile")
@@ -184,3 +188,50 @@ def _steeper(found: Mapping[str, PlannerTrials], seed: int) -> Interval:
 def deviation(values: Floats, seed: int) -> Interval:
     """Return the standard deviation (population) of one value per world (n,)."""
     return over_worlds(lambda drawn: values[drawn].std(axis=-1), len(values), seed)
+
+
+@dataclass(frozen=True)
+class MetricRow:
+    """One metric over all worlds of the data set, with 95 % intervals over worlds.
+
+    minimum, maximum: over the cells of all paths, for tortuosity over paths. corrected_mean, corrected_std: by
+    the corrected formula, from which the published one (historical visibility, uneven dispersion, four axes) differs.
+    """
+
+    name: str
+    title: str
+    minimum: float
+    maximum: float
+    mean: Interval
+    std: Interval
+    corrected_mean: float
+    corrected_std: float
+
+
+@dataclass(frozen=True)
+class MetricsFinding:
+    """Table II of the data set, by the formula that reproduces the published numbers from the published worlds."""
+
+    worlds: int
+    rows: tuple[MetricRow, ...]
+
+
+def metrics_finding(dataset: Dataset, seed: int) -> MetricsFinding:
+    """Return the table of a whole data set."""
+    table, corrected = (metrics_table(dataset, formula) for formula in (PUBLISHED, CORRECTED))
+    rows = []
+    for metric, values in zip(METRICS, table.values.T, strict=True):
+        ours, better = table.summary_of(metric), corrected.summary_of(metric)
+        rows.append(
+            MetricRow(
+                metric.name,
+                metric.title,
+                ours.get("cell_minimum", ours["minimum"]),
+                ours.get("cell_maximum", ours["maximum"]),
+                mean_interval(values, np.arange(len(values))),
+                deviation(values, seed),
+                better["mean"],
+                better["std"],
+            )
+        )
+    return MetricsFinding(len(table.worlds), tuple(rows))
