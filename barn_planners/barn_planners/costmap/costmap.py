@@ -133,17 +133,12 @@ class Beams:
     def __init__(self) -> None:
         self._key: tuple[float, float, float, int] | None = None
         self._directions = np.empty((0, 2))
-        self.ends = np.empty((0, 2), np.int64)
 
     def directions(self, yaw: float, scan: Scan) -> npt.NDArray[np.float64]:
         """Return cosine and sine (n, 2) of the beams of a scan, taken by a lidar at this yaw."""
         key = (yaw, scan.angle_min, scan.angle_increment, len(scan.ranges))
         if key != self._key:
-            if len(self.ends) != len(scan.ranges):
-                self._directions = np.empty((len(scan.ranges), 2))
-                self.ends = np.empty((len(scan.ranges), 2), np.int64)
-            kernels.point_beams(self._directions, *key[:3])
-            self._key = key
+            self._key, self._directions = key, kernels.beam_directions(*key)
         return self._directions
 
 
@@ -188,7 +183,7 @@ class Costmap:
             seen = ((x, y, yaw), self.beams.directions(0.0, scan), scan.ranges, limits)
             layers.observe(*changed, *seen, self._cleared, self.config.inflates_by_front)
         else:
-            seen_at = ((x, y), self.beams.directions(yaw, scan), scan.ranges, limits, self.beams.ends)
+            seen_at = ((x, y), self.beams.directions(yaw, scan), scan.ranges, limits)
             kernels.observe(*changed, *seen_at, self._cleared)
 
     def reset(self) -> None:

@@ -102,9 +102,9 @@ def clear_line(cells, cols, dirty, row, col, end_row, end_col, most):  # type: i
 
 
 @njit(cache=True)
-def observe(lethal, dirty, costs, by_square, squares, grid, pose, sensor, directions, ranges, limits, ends, outline):  # type: ignore[no-untyped-def]
+def observe(lethal, dirty, costs, by_square, squares, grid, pose, sensor, directions, ranges, limits, outline):  # type: ignore[no-untyped-def]
     """Add a scan, clear the footprint (corners (n, 2), or none) at a pose (x, y, yaw), and inflate what changed."""
-    add_scan(lethal, dirty, grid, sensor, directions, ranges, limits, ends)
+    add_scan(lethal, dirty, grid, sensor, directions, ranges, limits)
     if len(outline) > 0:
         (x, y, yaw), (origin_x, origin_y, resolution) = pose, grid
         first, spans = footprint_spans(placed(outline, x, y, yaw), origin_x, origin_y, resolution)
@@ -113,24 +113,25 @@ def observe(lethal, dirty, costs, by_square, squares, grid, pose, sensor, direct
 
 
 @njit(cache=True)
-def point_beams(directions, yaw, angle_min, angle_increment):  # type: ignore[no-untyped-def]
-    """Write cosine and sine of every beam of a lidar at this yaw, float64 (n, 2)."""
-    for i in range(len(directions)):
+def beam_directions(yaw, angle_min, angle_increment, count):  # type: ignore[no-untyped-def]
+    """Return cosine and sine of every beam of a lidar at this yaw, float64 (n, 2)."""
+    directions = np.empty((count, 2))
+    for i in range(count):
         angle = yaw + angle_min + i * angle_increment
         directions[i, 0], directions[i, 1] = math.cos(angle), math.sin(angle)
+    return directions
 
 
 @njit(cache=True)
-def add_scan(lethal, dirty, grid, sensor, directions, ranges, limits, ends):  # type: ignore[no-untyped-def]
+def add_scan(lethal, dirty, grid, sensor, directions, ranges, limits):  # type: ignore[no-untyped-def]
     """Clear along every beam with a return, then mark the cell of every hit nearer than the obstacle range.
 
     Beams clear up to the hit or the raytrace range, the last cell included.
     grid: (origin x, origin y, resolution); sensor: (x, y) in the frame of the grid; directions: of the beams, as
-    `point_beams` writes them; limits: (range_min, range_max of the scan, raytrace range, obstacle range).
-    ends: int64 (n, 2) work space, takes the cells at which beams end.
+    `beam_directions` has them; limits: (range_min, range_max of the scan, raytrace range, obstacle range).
     """
     rows, cols = lethal.shape
-    cells = lethal.reshape(rows * cols)
+    cells, ends = lethal.reshape(rows * cols), np.empty((len(ranges), 2), np.int64)
     range_min, range_max, raytrace_range, obstacle_range = limits
     sensor_x, sensor_y = sensor
     row, col = _cell(grid, sensor_x, sensor_y)

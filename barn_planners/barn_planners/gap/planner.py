@@ -13,15 +13,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from barn_planners.interface import Decision, FloatArray, Observation, Planner, PlannerStatus, PlannerView, Task
-from barn_planners.navigation.guard import GuardConfig, ObservationGuard
+from barn_planners.navigation.guard import GuardConfig, LidarPlace, ObservationGuard
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
 from barn_planners.robots import fitted
-from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.config import quantity
 from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
 
 
 @dataclass(frozen=True)
-class GapConfig(Checked):
+class GapConfig(LidarPlace):
     """Follow-the-gap for a Jackal."""
 
     max_speed_mps: float = quantity(0.5, "highest forward speed", "m/s", minimum=0.0, maximum=5.0)
@@ -49,20 +49,10 @@ class GapConfig(Checked):
     max_bearing_rad: float = quantity(2.2, "gaps are searched up to this bearing", "rad", minimum=0.1, maximum=3.14)
     directions: int = quantity(151, "evenly spaced directions", minimum=3, maximum=1001)
     goal_tolerance_m: float = quantity(0.25, "the goal is reached within this", "m", minimum=0.01, maximum=10.0)
-    lidar_x_m: float = quantity(0.055, "lidar forward of base_link", "m", minimum=-10.0, maximum=10.0)
-    lidar_y_m: float = quantity(0.0, "lidar left of base_link", "m", minimum=-10.0, maximum=10.0, optional=True)
-    lidar_yaw_rad: float = quantity(
-        0.0, "direction of angle 0 of a scan in base_link", "rad", minimum=-3.15, maximum=3.15, optional=True
-    )
     turning_radius_m: float = quantity(
         0.0, "furthest corner from base_link; 0: that of the half sizes", "m", minimum=0.0, maximum=10.0, optional=True
     )
     guard: GuardConfig = field(default_factory=GuardConfig)
-
-    @property
-    def lidar(self) -> Pose2D:
-        """Pose of the lidar in base_link."""
-        return Pose2D(self.lidar_x_m, self.lidar_y_m, self.lidar_yaw_rad)
 
 
 class GapPlanner(Planner):

@@ -125,17 +125,6 @@ def add_moving_costs(costs, xs, ys, step_s, discs, reach, weight):  # type: igno
 
 
 @njit(cache=True)
-def nearest_point(path, x, y):  # type: ignore[no-untyped-def]
-    """Return the number of the path's point (n, 2) nearest to (x, y), the first of equals."""
-    best, best_square = 0, math.inf
-    for i in range(len(path)):
-        square = (path[i, 0] - x) ** 2 + (path[i, 1] - y) ** 2
-        if square < best_square:
-            best, best_square = i, square
-    return best
-
-
-@njit(cache=True)
 def furthest_reached(path, xs, ys):  # type: ignore[no-untyped-def]
     """Return the number of the furthest point of the path that is the nearest to the end of some trajectory."""
     x, y = xs[-1], ys[-1]

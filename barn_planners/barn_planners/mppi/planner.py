@@ -179,7 +179,7 @@ class _Path:
     @classmethod
     def ahead(cls, inputs: ControlInput, config: MppiConfig) -> _Path:
         """Return the path from the plan's point nearest to the robot."""
-        nearest = kernels.nearest_point(inputs.visible, inputs.pose.x, inputs.pose.y)
+        nearest = ((inputs.visible[:, :2] - (inputs.pose.x, inputs.pose.y)) ** 2).sum(axis=1).argmin()
         most = 2 + int(config.path_ahead_m / config.path_spacing_m)
         return cls(kernels.resample(inputs.visible[nearest:, :2], config.path_spacing_m, most), inputs.costmap)
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from barn_planners.costmap.costmap import Costmap, CostmapConfig, GlobalCostmapConfig, RollingCostmap, global_costmap
 from barn_planners.global_plan.planner import GlobalPlanConfig, GlobalPlanner, moved_plan, passed_points, visible_slice
 from barn_planners.interface import Decision, FloatArray, Observation, Planner, PlannerStatus, PlannerView, Task
-from barn_planners.navigation.guard import GuardConfig, ObservationGuard
+from barn_planners.navigation.guard import GuardConfig, LidarPlace, ObservationGuard
 from barn_planners.navigation.recovery import Recovery, RecoveryConfig
-from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.config import quantity
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D, nanoseconds
 
 # In the paper's trials no stop was sent while a goal waited for its plan: the robot's watchdog stopped it 0.25 s after
@@ -18,14 +18,9 @@ PAPER_HOLD_S = 0.2
 
 
 @dataclass(frozen=True)
-class NavigationConfig(Checked):
+class NavigationConfig(LidarPlace):
     """Settings of all planners that follow a global plan."""
 
-    lidar_x_m: float = quantity(0.055, "lidar forward of base_link", "m", minimum=-10.0, maximum=10.0)
-    lidar_y_m: float = quantity(0.0, "lidar left of base_link", "m", minimum=-10.0, maximum=10.0, optional=True)
-    lidar_yaw_rad: float = quantity(
-        0.0, "direction of angle 0 of a scan in base_link", "rad", minimum=-3.15, maximum=3.15, optional=True
-    )
     control_period_s: float = quantity(
         0.05, "time between two commands; observations in between are skipped", "s", minimum=0.005, maximum=1.0
     )
@@ -58,11 +53,6 @@ class NavigationConfig(Checked):
     global_plan: GlobalPlanConfig = field(default_factory=GlobalPlanConfig)
     recovery: RecoveryConfig = field(default_factory=RecoveryConfig)
     guard: GuardConfig = field(default_factory=GuardConfig)
-
-    @property
-    def lidar(self) -> Pose2D:
-        """Pose of the lidar in base_link."""
-        return Pose2D(self.lidar_x_m, self.lidar_y_m, self.lidar_yaw_rad)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +115,8 @@ class NavigationPlanner(Planner):
     def start(self, task: Task, seed: int) -> None:
         """Begin a new trial: forget costmaps, plan and recovery."""
         self._task = task
+        self._map_given = task.map is not None
+        self._follows_in_map = self._map_given and self.config.local_costmap_in_map
         self._local = RollingCostmap(self.config.local_costmap)
         self._global = global_costmap(self.config.global_costmap, task.map, task.goal)
         self._global.beams = self._local.beams
@@ -174,18 +166,8 @@ class NavigationPlanner(Planner):
         if self._task is None:
             return PlannerView()
         plan = None if self._plan is None else self._plan[:, :2]
-        in_planning_frame = self._follows_in_map
-        return replace(
-            self.controller.view(), plan=plan, costmap=self._local.as_map(), in_planning_frame=in_planning_frame
-        )
-
-    @property
-    def _map_given(self) -> bool:
-        return self._task is not None and self._task.map is not None
-
-    @property
-    def _follows_in_map(self) -> bool:
-        return self._map_given and self.config.local_costmap_in_map
+        costmap, in_map = self._local.as_map(), self._follows_in_map
+        return replace(self.controller.view(), plan=plan, costmap=costmap, in_planning_frame=in_map)
 
     def _robot(self, observation: Observation) -> Pose2D:
         return observation.pose if self._follows_in_map else observation.odometry.pose

@@ -56,12 +56,12 @@ class Recovery:
     def missing_plan(self, stamp_ns: int) -> None:
         """Record a cycle without a plan; starts recovery when patience runs out."""
         if stamp_ns - self._plan_ns > nanoseconds(self.config.planner_patience_s):
-            self._begin(for_plan=True)
+            self.active = self._for_plan = True
 
     def missing_command(self, stamp_ns: int) -> None:
         """Record a cycle without a valid command; starts recovery when patience runs out."""
         if stamp_ns - self._control_ns > nanoseconds(self.config.controller_patience_s):
-            self._begin(for_plan=False)
+            self.active, self._for_plan = True, False
 
     def step(
         self, stamp_ns: int, pose: Pose2D, local: Costmap, clear: tuple[tuple[Costmap, Pose2D], ...]
@@ -86,10 +86,6 @@ class Recovery:
             self.active = False
             self._plan_ns = self._control_ns = stamp_ns
         return command or Velocity2D()
-
-    def _begin(self, *, for_plan: bool) -> None:
-        self.active = True
-        self._for_plan = for_plan
 
 
 class _Turn:
