@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from barn_worlds.formats.own import write_own
-from barn_worlds.moving.arena import arena_world
+from barn_worlds.moving.generate import arena_world
 from barn_worlds.moving.motion import Motion, MovingObstacle
 from barn_worlds.worlds.world import Provenance
 

@@ -14,9 +14,9 @@ from metrics_figures import draw_documentation_figures
 
 from barn_eval.pages.figures import style, write_figure
 from barn_eval.studies.reproduction.page import read_results, write_figures
-from barn_eval.worlds.figures import figure_of
 from barn_worlds.base.errors import BarnError
 from barn_worlds.drawing.files import write_png
+from barn_worlds.drawing.worlds import world_figure
 from barn_worlds.worlds.dataset import open_dataset
 
 MOVING, MOVING_WORLD = "dynabarn60", 5
@@ -36,7 +36,7 @@ def draw_all(docs: Path, dataset: str = "barn300") -> list[Path]:
     draw_documentation_figures(folder, open_dataset(dataset))
     with style():
         write_figure(scatter(read_trials(docs / "carry_over.csv")), folder / "carry_over.png")
-    write_png(figure_of(open_dataset(MOVING).load(MOVING_WORLD)), folder / "dynabarn.png")
+    write_png(world_figure(open_dataset(MOVING).load(MOVING_WORLD)), folder / "dynabarn.png")
     return sorted(path for path in folder.glob("*") if before.get(path) != path.stat().st_mtime_ns)
 
 

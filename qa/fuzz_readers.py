@@ -30,8 +30,8 @@ from barn_eval.experiments.rows import ResultRows, TrackRows, results_table, sea
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.experiments.store import Record
 from barn_eval.experiments.track import from_track_line, track_line
-from barn_eval.learning.difficulty import read_scores, read_trials
-from barn_eval.pages.replay.facts import facts, subtitle
+from barn_eval.learning.difficulty import read_scores
+from barn_eval.pages.replay.page import facts, subtitle
 from barn_eval.pages.replay.payload import payload
 from barn_eval.pages.template import script_json
 from barn_eval.trials.outcome import Outcome, Verdict
@@ -41,8 +41,7 @@ from barn_eval.trials.trajectory import Trajectory
 from barn_eval.trials.trial import conclude
 from barn_metrics.model import load_model
 from barn_metrics.model.inputs import STRIPS, summary_names
-from barn_metrics.model.network import RouteNetwork
-from barn_metrics.model.predictor import DifficultyModel
+from barn_metrics.model.predictor import DifficultyModel, RouteNetwork
 from barn_metrics.model.route import CHANNELS
 from barn_metrics.model.weights import save_model
 from barn_planners.policy.file import Policy, PolicyNetwork, read_policy, write_policy
@@ -58,7 +57,6 @@ from barn_worlds.formats.single import read_world
 from barn_worlds.messages.cdr import jazzy_types, make, serialise
 from barn_worlds.messages.topics import GROUND_TRUTH, ODOM
 from barn_worlds.robots.files import load_robot, shipped_robots
-from barn_worlds.robots.urdf import chassis_of
 from barn_worlds.worlds.dataset import open_dataset
 
 Mutate = Callable[[random.Random, bytes, Sequence[bytes]], bytes]
@@ -198,7 +196,9 @@ def _run(path: Path) -> None:
 
 
 def _request(path: Path) -> None:
-    read_request(path, {}).experiment.check()
+    asked = read_request(path, {}).experiment
+    for planner in asked.planners:
+        asked.settings(planner)
 
 
 def _protocol(path: Path) -> None:
@@ -232,18 +232,12 @@ def _protocol_seeds(_: Path) -> list[bytes]:
     return [b"schema_version: 1\nbase: challenge\nname: slow\nlimit_s: 200.0\nstart: {x_m: 1.0}\n", whole]
 
 
-def _robot_seeds(folder: Path, ending: str) -> list[bytes]:
-    jackal = shipped_robots()["jackal"]
-    (folder / "jackal.urdf").write_bytes(jackal.with_suffix(".urdf").read_bytes())
-    return [path.read_bytes() for path in sorted(jackal.parent.glob(f"*{ending}"))]
+def _robot_seeds(_: Path) -> list[bytes]:
+    return [path.read_bytes() for path in shipped_robots().values()]
 
 
 def _robot(path: Path) -> None:
     description_text(with_robot(SimulatorConfig(), load_robot(path)).chassis)
-
-
-def _urdf(path: Path) -> None:
-    chassis_of(path)
 
 
 def _csv(path: Path) -> None:
@@ -251,10 +245,6 @@ def _csv(path: Path) -> None:
         read_published(path)
     except ConfigError:
         read_scores(path, "dwa_1", [0, 1])
-
-
-def _table(path: Path) -> None:
-    read_trials(path)
 
 
 def _bag_seeds(_: Path) -> list[bytes]:
@@ -393,12 +383,10 @@ READERS = {
     "run": Reader("run.json", lambda folder: _beside(folder, "run.json"), _run, _json),
     "campaign": Reader("input.yaml", lambda _: list(_REQUESTS), _request),
     "protocol": Reader("input.yaml", _protocol_seeds, _protocol),
-    "robot": Reader("input.yaml", lambda folder: _robot_seeds(folder, ".yaml"), _robot),
-    "urdf": Reader("input.urdf", lambda folder: _robot_seeds(folder, ".urdf"), _urdf),
+    "robot": Reader("input.yaml", _robot_seeds, _robot),
     "csv": Reader(
         "input.csv", lambda _: [b"world,path_length_m,dwa_1,dwa_2\n0,10.5,20.0,30.0\n1,11.5,25.0,50.0\n"], _csv
     ),
-    "parquet": Reader("input.parquet", lambda folder: _beside(folder, "results.parquet"), _table),
     "npy": Reader("input.npy", _npy_seeds, _single),
     "dataset": Reader("input.npz", _own_seeds, _dataset, _npz),
     "policy": Reader("input.npz", _policy_seeds, _policy, _npz),

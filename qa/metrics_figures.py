@@ -19,15 +19,14 @@ from barn_worlds.base.errors import BarnError
 from barn_worlds.base.text_files import markdown_table
 from barn_worlds.drawing.palette import BLUE, ORANGE, VERMILION
 from barn_worlds.worlds.dataset import Dataset, open_dataset
-from barn_worlds.worlds.generate import iterations
-from barn_worlds.worlds.parameters import WorldParameters
+from barn_worlds.worlds.generate import WorldParameters, iterations
 from barn_worlds.worlds.world import World
 
 FIG_1 = WorldParameters(initial_fill=0.35, smoothing_iterations=3, fill_threshold=5, clear_threshold=1)
 _FIG_1_SEED = 1
 _EXAMPLE_RANKS = (0.05, 0.35, 0.65, 0.95)  # positions of the example worlds in the data set's order
 _METRICS_RANK = 0.35
-# Published values by the name of the field of `barn_worlds.worlds.parameters.WorldParameters`; each combination was
+# Published values by the name of the field of `barn_worlds.worlds.generate.WorldParameters`; each combination was
 # repeated.
 TABLE_I: dict[str, tuple[float, ...]] = {
     "initial_fill": (0.15, 0.20, 0.25, 0.30),

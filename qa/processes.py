@@ -54,7 +54,7 @@ def role(arguments: Sequence[str]) -> str:
     scripts = [argument.rsplit("/", 1)[-1] for argument in arguments[1:4]]
     if "guard.py" in scripts:
         return "guard"
-    if "worker.py" in scripts:
+    if "barn_eval.experiments.worker" in scripts:
         return "worker"
     if "start.py" in scripts:
         return next((name for part, name in _NODES.items() if any(part in one for one in arguments)), "other")

@@ -136,7 +136,7 @@ def planners() -> Reference:
     """
     from barn_planners.registry import planner_entry, planner_names
     from barn_planners.ros.planner import NodeConfig
-    from barn_planners.runtime.sync import SyncConfig
+    from barn_planners.runtime.session import SyncConfig
 
     entries = {name: planner_entry(name) for name in planner_names()}
     ours = {name: one for name, one in entries.items() if one.config_class.__module__.startswith("barn_planners.")}

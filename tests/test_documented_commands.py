@@ -269,6 +269,8 @@ def test_python_runs_as_it_is_shown(before, example, tmp_path):
 
 
 def test_python_examples_are_found():
+    shown = (ROOT / "examples" / "simple_planner.py").read_text("utf-8").strip()
+    assert shown in (ROOT / "README.md").read_text("utf-8")
     found = {one.id for one in python_examples()}
     assert {"README.md", "docs/python.md", "docs/tutorials/reading_a_bag.md", "barn_eval", "barn_eval.run"} <= found
     assert len(found) > 12

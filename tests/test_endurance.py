@@ -21,17 +21,13 @@ import pytest
 TOOLS = Path(__file__).resolve().parents[1] / "qa"
 
 
-def points(*arguments):
-    """Run kill points and return them."""
-    command = [sys.executable, TOOLS / "kill_points.py", "--json", *map(str, arguments)]
-    ended = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert ended.returncode == 0, ended.stderr + ended.stdout
-    return json.loads(ended.stdout)["points"]
-
-
 def test_campaigns_with_a_killed_process_are_resumed_to_the_same_tables():
     modes = ["direct", "ros"] if importlib.util.find_spec("rclpy") else ["direct"]
-    found = points("--points", len(modes), "--seed", 4, *(f"--mode={mode}" for mode in modes))
+    words = ["--json", f"--points={len(modes)}", "--seed=4", *(f"--mode={mode}" for mode in modes)]
+    command = [sys.executable, TOOLS / "kill_points.py", *words]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr + ended.stdout
+    found = json.loads(ended.stdout)["points"]
     assert [one["mode"] for one in found] == modes
     assert all(one["equal"] and not one["problems"] for one in found)
 
@@ -117,7 +113,7 @@ def test_processes_are_found_by_their_mark_and_measured(tmp_path):
     ("line", "role"),
     [
         ("python -m barn_eval campaign --worlds=0", "campaign"),
-        ("python /a/barn_eval/experiments/worker.py 5", "worker"),
+        ("python -P -m barn_eval.experiments.worker 5 local-0", "worker"),
         ("python -I -S /a/supervision/guard.py 7 -- python start.py barn_sim.ros.simulator:main", "guard"),
         ("python /a/supervision/start.py barn_sim.ros.simulator:main --ros-args", "simulator"),
         ("python /a/supervision/start.py barn_planners.ros.planner:main", "planner"),

@@ -9,16 +9,16 @@ import pytest
 
 TOOL = Path(__file__).resolve().parents[1] / "qa" / "house.py"
 MOST = {
-    "lines of Python": 46_000,
+    "lines of Python": 43_000,
     "lines of JavaScript": 1_400,
-    "lines of tests": 31_200,
+    "lines of tests": 30_300,
     "lines of the longest function": 78,
-    "imports inside functions": 17,
-    "exceptions from rules (noqa)": 41,
-    "signatures with a bare Any": 80,
-    "class names used twice": 2,
+    "imports inside functions": 15,
+    "exceptions from rules (noqa)": 39,
+    "signatures with a bare Any": 37,
+    "class names used twice": 0,
     "leaf commands": 24,
-    "options of commands": 120,
+    "options of commands": 117,
 }
 
 

@@ -54,33 +54,31 @@ def constant(name, constant_name):
 
 def module_of(name):
     """Return a launch file as a module."""
-    pytest.importorskip("launch", reason=REASON)
-    pytest.importorskip("launch_ros", reason=REASON)
+    for package in ("launch", "launch_ros"):
+        pytest.importorskip(package, reason=REASON)
     spec = importlib.util.spec_from_file_location(name, FILES[name])
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 
 
-def described(name):
-    """Return the launch description of a file."""
-    return module_of(name).generate_launch_description()
+def declared(name):
+    """Return the arguments that a launch file declares."""
+    declare = pytest.importorskip("launch.actions", reason=REASON).DeclareLaunchArgument
+    entities = module_of(name).generate_launch_description().entities
+    return {entity.name for entity in entities if isinstance(entity, declare)}
 
 
-def test_every_launch_file_is_there():
+def test_every_launch_file_is_there_and_makes_a_description():
     assert set(FILES) == set(ARGUMENTS)
-
-
-@pytest.mark.parametrize("name", FILES)
-def test_it_is_python_that_makes_a_description(name):
-    functions = [node.name for node in ast.parse(FILES[name].read_text()).body if isinstance(node, ast.FunctionDef)]
-    assert "generate_launch_description" in functions
+    for path in FILES.values():
+        functions = [node.name for node in ast.parse(path.read_text()).body if isinstance(node, ast.FunctionDef)]
+        assert "generate_launch_description" in functions
 
 
 @pytest.mark.parametrize("name", NODES)
 def test_parameters_without_a_dot_are_arguments_and_no_others(name):
-    declare = pytest.importorskip("launch.actions", reason=REASON).DeclareLaunchArgument
-    given = {entity.name for entity in described(name).entities if isinstance(entity, declare)}
+    given = declared(name)
     parameters = {field for config in node_configs(name) for field, _, _ in fields_of(config)}
     topics = {topic.replace("/", "_") + "_topic" for topic in constant(name, "TOPICS")}
     assert given - USUAL - topics - {"use_sim_time", "planner"} <= parameters
@@ -88,23 +86,16 @@ def test_parameters_without_a_dot_are_arguments_and_no_others(name):
     assert {field for field in parameters if "." not in field} - handles <= given
 
 
-@pytest.mark.parametrize("name", NODES)
-def test_it_renames_only_topics_that_the_node_has(name):
-    names = {topic.name for topic in topics_of(FILES[name].parent.parent.name)}
-    topics = constant(name, "TOPICS")
-    assert topics
-    assert set(topics) <= names
-
-
-def test_rviz_moves_only_topics_that_there_are():
-    assert set(constant("rviz", "TOPICS")) <= {topic.name for topic in CATALOGUE.values()}
+@pytest.mark.parametrize("name", [*NODES, "rviz"])
+def test_it_renames_only_topics_that_there_are(name):
+    used = CATALOGUE.values() if name == "rviz" else topics_of(FILES[name].parent.parent.name)
+    topics = set(constant(name, "TOPICS"))
+    assert topics and topics <= {topic.name for topic in used}
 
 
 @pytest.mark.parametrize("name", ARGUMENTS)
 def test_it_declares_the_usual_arguments(name):
-    entities = described(name).entities
-    declare = pytest.importorskip("launch.actions").DeclareLaunchArgument
-    assert {entity.name for entity in entities if isinstance(entity, declare)} >= ARGUMENTS[name]
+    assert declared(name) >= ARGUMENTS[name]
 
 
 @pytest.mark.parametrize(

@@ -29,19 +29,15 @@ SPEED_MPS, TURN_RADPS = 0.5, 1.57  # of the paper
 
 def merged(*names):
     """Return the parameters of all nodes by node, as Nav2 gets them from several files."""
-    nodes: dict[str, dict] = {}
+    nodes = {}
     for name in names:
         for node, content in yaml.safe_load((FOLDER / "params" / f"{name}.yaml").read_text()).items():
-            update(nodes.setdefault(node, {}), content.get(node, content)["ros__parameters"])
+            nodes[node] = updated(nodes.get(node, {}), content.get(node, content)["ros__parameters"])
     return nodes
 
 
-def update(into, values):
-    for key, value in values.items():
-        if isinstance(value, dict):
-            update(into.setdefault(key, {}), value)
-        else:
-            into[key] = value
+def updated(before, values):
+    return before | {k: updated(before.get(k, {}), v) if isinstance(v, dict) else v for k, v in values.items()}
 
 
 @pytest.fixture(params=[(mode, name) for mode in ("map", "mapless") for name in CONTROLLERS], ids="_".join)
@@ -50,19 +46,13 @@ def nodes(request):
 
 
 def test_plugins_that_are_listed_are_configured(nodes):
-    for node, key in (
-        ("controller_server", "controller_plugins"),
-        ("controller_server", "goal_checker_plugins"),
-        ("controller_server", "progress_checker_plugins"),
-        ("planner_server", "planner_plugins"),
-        ("behavior_server", "behavior_plugins"),
-        ("bt_navigator", "navigators"),
-        ("local_costmap", "plugins"),
-        ("global_costmap", "plugins"),
-    ):
-        assert nodes[node][key]
-        for plugin in nodes[node][key]:
-            assert "::" in nodes[node][plugin]["plugin"], (node, plugin)
+    listed = {"controller_server": ("controller_plugins", "goal_checker_plugins", "progress_checker_plugins")}
+    listed |= {"planner_server": ("planner_plugins",), "behavior_server": ("behavior_plugins",)}
+    listed |= {"bt_navigator": ("navigators",), "local_costmap": ("plugins",), "global_costmap": ("plugins",)}
+    for node, keys in listed.items():
+        for key in keys:
+            assert nodes[node][key]
+            assert all("::" in nodes[node][plugin]["plugin"] for plugin in nodes[node][key]), (node, key)
     for costmap in ("local_costmap", "global_costmap"):
         layer = nodes[costmap]["obstacle_layer"]
         assert layer[layer["observation_sources"]]["topic"] == "/scan"

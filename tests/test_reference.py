@@ -42,9 +42,6 @@ def test_files_that_differ_are_named_and_written_anew(tmp_path):
     assert made.outdated(tmp_path) == ["stale.yaml"]
     assert (tmp_path / "README.md").read_text() == ("before\n<!-- a b: begin -->\n\nnew\n\n<!-- a b: end -->\nafter\n")
     assert (tmp_path / "config" / "one.yaml").read_text() == "1\n"
-
-
-def test_a_readme_without_markers_is_refused(tmp_path):
     (tmp_path / "README.md").write_text("nothing here")
     with pytest.raises(ValueError, match=r"README\.md: lacks <!-- a: begin -->"):
         tool.Reference({"a": "new"}, {}).outdated(tmp_path)
@@ -125,18 +122,12 @@ def test_every_parameter_of_the_simulator_has_a_row():
             assert f"| {about.unit} |" in row
 
 
-def test_the_default_preset_is_the_default():
+def test_the_presets_are_what_their_files_change_and_the_file_of_everything_holds_the_defaults():
     assert PRESETS["default"] == SimulatorConfig()
     assert LIDARS["ust10lx"] == SimulatorConfig().lidar
-
-
-@pytest.mark.parametrize("name", sorted(PRESETS.keys() - {"default"}))
-def test_the_presets_are_what_their_files_change(name):
-    changes = values_of(tool.simulator(), f"{name}.yaml", tool.SIMULATOR)
-    assert replace_dotted(SimulatorConfig(), changes, name) == PRESETS[name]
-
-
-def test_the_simulators_file_of_everything_holds_the_defaults():
+    for name in PRESETS.keys() - {"default"}:
+        changes = values_of(tool.simulator(), f"{name}.yaml", tool.SIMULATOR)
+        assert replace_dotted(SimulatorConfig(), changes, name) == PRESETS[name]
     values = values_of(tool.simulator(), "simulator.yaml", tool.SIMULATOR)
     fixed = {"lockstep", "start_paused", "command_type", "scan_reliability"}
     fixed |= {"ground_truth", "map_frame", "odom_frame", "base_frame", "lidar_frame"}

@@ -27,35 +27,27 @@ def installed(tmp_path_factory):
     return {**os.environ, "PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1"}
 
 
+def python(environment, folder, *words):
+    """Run a module in a folder and return how it ended."""
+    options = {"env": environment, "cwd": folder, "capture_output": True, "text": True, "timeout": 600}
+    return subprocess.run([sys.executable, "-m", *words], **options, check=False)
+
+
 def barn(environment, folder, *arguments):
     """Run the barn command and return the rows of its results."""
-    command = [sys.executable, "-m", "barn_eval", "run", "--protocol", "challenge", "--worlds", "0", "--json"]
-    done = subprocess.run(
-        [*command, *arguments, "--out", str(folder / "run")],
-        env=environment,
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=600,
-        check=False,
-    )
+    words = ("run", "--protocol", "challenge", "--worlds", "0", "--json", *arguments, "--out", str(folder / "run"))
+    done = python(environment, folder, "barn_eval", *words)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)["results"]
 
 
 def test_its_own_tests_pass(installed, tmp_path):
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(PYTHON / "test")]
-    done = subprocess.run(
-        command, env=installed, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=600
-    )
+    done = python(installed, tmp_path, "pytest", "-q", "-p", "no:cacheprovider", str(PYTHON / "test"))
     assert done.returncode == 0, done.stdout
 
 
 def test_registered_it_refuses_what_its_configuration_does_not_allow(installed, tmp_path):
-    command = [sys.executable, "-m", "barn_eval", "run", "--planner", "template", "--set", "max_speed_mps=3.0"]
-    done = subprocess.run(
-        command, env=installed, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=600
-    )
+    done = python(installed, tmp_path, "barn_eval", "run", "--planner", "template", "--set", "max_speed_mps=3.0")
     assert done.returncode == 1
     assert "max_speed_mps must be from 0 to 2 m/s, got 3.0" in done.stderr
     assert len(done.stderr.splitlines()) == 1

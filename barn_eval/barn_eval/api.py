@@ -4,7 +4,7 @@ import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import wraps
 from pathlib import Path
-from typing import Any, Literal, ParamSpec, TypeVar
+from typing import Any, Literal, ParamSpec
 
 from rich.console import Console
 
@@ -12,34 +12,18 @@ from barn_eval.experiments.live import LivePlanner, Planners, split_planners
 from barn_eval.experiments.request import Request, read_request
 from barn_eval.experiments.run import Plan, plan_experiment
 from barn_eval.results import Results
-from barn_eval.ros.experiment import run_request
+from barn_eval.ros.work import run_request
 from barn_eval.trials.protocol import Protocol
-from barn_worlds.base.errors import ConfigError, shown, suggest
+from barn_worlds.base.errors import ConfigError, shown
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.world import World
 
 P = ParamSpec("P")
-R = TypeVar("R")
 
 Worlds = str | int | World | Iterable[int] | Iterable[World] | Mapping[int, World]
 Settings = Mapping[str, object]
 
 
-def known_arguments(function: Callable[P, R]) -> Callable[P, R]:
-    """Return a function that tells of an argument that it does not take by a ConfigError, as of any other mistake."""
-    known = list(inspect.signature(function).parameters)
-
-    @wraps(function)
-    def called(*args: P.args, **kwargs: P.kwargs) -> R:
-        for name in kwargs:
-            if name not in known:
-                raise ConfigError(f"unknown key {name!r}{suggest(name, known)}")
-        return function(*args, **kwargs)
-
-    return called
-
-
-@known_arguments
 def run(
     worlds: Worlds | None = None,
     planners: Planners | None = None,
@@ -140,7 +124,7 @@ def _plan_of(call: Callable[P, Results]) -> Callable[P, Plan]:
     return plan
 
 
-plan = known_arguments(_plan_of(run))
+plan = _plan_of(run)
 
 
 def _asked(arguments: Mapping[str, Any]) -> tuple[Request, dict[str, LivePlanner]]:

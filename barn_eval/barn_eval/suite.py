@@ -17,7 +17,7 @@ from barn_eval.experiments.run_file import provenance
 from barn_eval.studies import bench as measuring
 from barn_eval.studies.bench import Measurement
 from barn_eval.studies.reproduction import run as reproduction
-from barn_eval.studies.reproduction.config import QUICK, ReproduceConfig
+from barn_eval.studies.reproduction.findings import QUICK, ReproduceConfig
 from barn_eval.studies.reproduction.page import write_results
 from barn_eval.studies.validation import Check, checks
 from barn_planners.registry import planner_config, planner_names
@@ -26,14 +26,13 @@ from barn_worlds.worlds.dataset import shipped
 
 __all__ = ["BenchSetup", "bench", "info", "reproduce", "validate"]
 
-_PROGRAMS = {"ffmpeg"}
 # Module or program: (what needs it, what is off without it).
 OPTIONAL: dict[str, tuple[str, str]] = {
     "rclpy": ("ROS mode and nodes", "only direct mode works; install the ROS 2 wheels or source ROS 2 Jazzy"),
     "tf2_msgs": ("/tf and /tf_static", "the simulator does not publish transforms; a full ROS 2 installation has it"),
     "torch": (
         "training of difficulty models",
-        "only the shipped weights work; make extras, or pip install torch==2.13.0",
+        "only shipped weights work; make extras, or pip install torch==2.13.0",
     ),
     "foxglove": ("live view in Foxglove", "barn run --view is off; pip install foxglove-sdk"),
     "gymnasium": ("environment for learning", "barn_eval.gym is off; make extras, or pip install gymnasium"),
@@ -41,8 +40,6 @@ OPTIONAL: dict[str, tuple[str, str]] = {
         "training of policies",
         "examples/train_policy.py is off; make extras, or pip install stable-baselines3",
     ),
-    "matplotlib": ("figures and reports", "barn report and pictures are off; pip install matplotlib"),
-    "pyarrow": ("tables of results", "results.parquet is off; pip install pyarrow"),
     "ffmpeg": ("films of replays", "films are off, .gif works; apt install ffmpeg"),
     "ray": ("campaigns on a cluster", "engine ray is off; pip install ray"),
 }
@@ -57,14 +54,14 @@ def reproduce(
     docs: str | Path | None = None,
     progress: bool = True,
 ) -> list[Path]:
-    """Run the paper's trials, train its model, write it all up and return the pages, results.md.
+    """Run the paper's trials, write it all up and return the pages, results.md.
 
     The same call goes on where one was interrupted.
 
     Args:
         quick: Part of the worlds.
         out: Folder of trials and page. Default: out/results, or out/results_quick.
-        settings: Fields of `barn_eval.studies.reproduction.config.ReproduceConfig`, such as dataset and seed.
+        settings: Fields of `barn_eval.studies.reproduction.findings.ReproduceConfig`, such as dataset and seed.
         workers: Trials at a time; 0 for one per processor.
         docs: Folder to write the page into as well.
         progress: Show how far it is.
@@ -125,19 +122,14 @@ def validate(simulations: int = 1000, *, seed: int = 0) -> Iterator[Check]:
 
 def info() -> dict[str, Any]:
     """Return what is installed, which ROS there is, what is off and why, planners, data sets and machine."""
+    found = {name: bool((shutil.which if name == "ffmpeg" else find_spec)(name)) for name in OPTIONAL}
+    off = {name: f"off: {name} is not installed; {remedy}" for name, (_, remedy) in OPTIONAL.items()}
     return provenance() | {
         "ros": _ros(),
-        "optional": {
-            name: "on" if _is_there(name) else f"off: {name} is not installed; {remedy}"
-            for name, (_, remedy) in OPTIONAL.items()
-        },
+        "optional": {name: "on" if there else off[name] for name, there in found.items()},
         "planners": planner_names(),
         "data_sets": list(shipped()),
     }
-
-
-def _is_there(name: str) -> bool:
-    return (shutil.which(name) if name in _PROGRAMS else find_spec(name)) is not None
 
 
 def _ros() -> dict[str, str]:

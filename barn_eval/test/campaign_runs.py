@@ -79,7 +79,7 @@ def children(pid):
                 line = (entry / "cmdline").read_bytes()
             except OSError:
                 continue
-            if parent == pid and b"experiments/worker.py" in line:
+            if parent == pid and b"barn_eval.experiments.worker" in line:
                 found.append(int(entry.name))
     return found
 

@@ -10,6 +10,7 @@ import pytest
 from browser import Opened, launch
 from extra_messages import more_messages, with_more_messages
 
+from barn_eval.commands.main import main
 from barn_worlds.moving.motion import Motion, MovingObstacle
 from barn_worlds.worlds.world import World
 
@@ -29,6 +30,36 @@ def _interruptible() -> None:
     """Let Ctrl-C reach what tests start: what a shell starts in the background ignores it, and passes that on."""
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture
+def command(capfd, tmp_path, monkeypatch):
+    """Runs `barn` in an empty folder and returns exit code, standard output and standard error."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "120")
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as ended:
+            main([str(argument) for argument in arguments])
+        captured = capfd.readouterr()
+        return ended.value.code, captured.out, captured.err
+
+    return run
+
+
+@pytest.fixture
+def rejected(command, tmp_path):
+    """Runs a command that must fail and returns its one line; it must leave nothing behind."""
+
+    def run(*arguments: object) -> str:
+        before = sorted(tmp_path.rglob("*"))
+        code, out, err = command(*arguments)
+        assert (code, out) == (1, "")
+        assert err.startswith("error: ") and err.count("\n") == 1
+        assert sorted(tmp_path.rglob("*")) == before
+        return err
+
+    return run
 
 
 @pytest.fixture(scope="session")

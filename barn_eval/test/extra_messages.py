@@ -19,13 +19,8 @@ def more_messages(tmp_path_factory):
     if not (importlib.util.find_spec("rosidl_generator_py") and shutil.which("cc") and shutil.which("c++")):
         pytest.skip("neither nav2_msgs nor what builds it is installed")
     folder = tmp_path_factory.mktemp("messages")
-    command = [
-        sys.executable,
-        str(Path(__file__).with_name("message_packages.py")),
-        str(folder),
-        "nav2_msgs",
-        "tf2_msgs",
-    ]
+    script = Path(__file__).with_name("message_packages.py")
+    command = [sys.executable, str(script), str(folder), "nav2_msgs", "tf2_msgs"]
     built = subprocess.run(command, check=False, capture_output=True, text=True)
     if built.returncode and "Python.h" in built.stderr:
         pytest.skip("the headers of Python are not installed")

@@ -32,47 +32,22 @@ PACKAGES = {
         (
             "action",
             "NavigateToPose",
-            """geometry_msgs/PoseStamped pose
-               string behavior_tree
-               ---
-               uint16 error_code
-               ---
-               float32 distance_remaining
-            """,
+            "geometry_msgs/PoseStamped pose, string behavior_tree, ---, uint16 error_code, ---, "
+            "float32 distance_remaining",
         ),
         (
             "srv",
             "ManageLifecycleNodes",
-            """uint8 STARTUP = 0
-               uint8 PAUSE = 1
-               uint8 RESUME = 2
-               uint8 RESET = 3
-               uint8 SHUTDOWN = 4
-               uint8 command
-               ---
-               bool success
-            """,
+            "uint8 STARTUP = 0, uint8 PAUSE = 1, uint8 RESUME = 2, uint8 RESET = 3, uint8 SHUTDOWN = 4, "
+            "uint8 command, ---, bool success",
         ),
         (
             "msg",
             "CostmapMetaData",
-            """builtin_interfaces/Time map_load_time
-               builtin_interfaces/Time update_time
-               string layer
-               float32 resolution
-               uint32 size_x
-               uint32 size_y
-               geometry_msgs/Pose origin
-            """,
+            "builtin_interfaces/Time map_load_time, builtin_interfaces/Time update_time, string layer, "
+            "float32 resolution, uint32 size_x, uint32 size_y, geometry_msgs/Pose origin",
         ),
-        (
-            "msg",
-            "Costmap",
-            """std_msgs/Header header
-               CostmapMetaData metadata
-               uint8[] data
-            """,
-        ),
+        ("msg", "Costmap", "std_msgs/Header header, CostmapMetaData metadata, uint8[] data"),
     ],
     "tf2_msgs": [("msg", "TFMessage", "geometry_msgs/TransformStamped[] transforms")],
 }
@@ -84,7 +59,7 @@ def generate(folder, package):
     made, shared, interfaces = folder / package, [str(PREFIX / "share"), str(folder / "share")], []
     for kind, name, definition in PACKAGES[package]:
         (share / kind).mkdir(parents=True, exist_ok=True)
-        (share / kind / f"{name}.{kind}").write_text("\n".join(map(str.strip, definition.splitlines())) + "\n")
+        (share / kind / f"{name}.{kind}").write_text(definition.replace(", ", "\n") + "\n")
         interfaces += TRANSLATE[kind](kind).translate(package, [f"{share}:{kind}/{name}.{kind}"], shared, made)
     hashes = HashTypeDescription("hash").generate_type_hashes(package, interfaces, shared, made)
     both = ["rosidl_typesupport_introspection_c", "rosidl_typesupport_fastrtps_c"]
@@ -93,9 +68,8 @@ def generate(folder, package):
     # two generators give a file the same name
     GenerateIntrospectionCTypesupport("seen").generate(package, interfaces, shared, folder / "introspection" / package)
     GenerateCTypesupport("c", typesupport_implementations=both).generate(package, interfaces, shared, made)
-    GeneratePython("py", typesupport_implementations=["rosidl_typesupport_c"]).generate(
-        package, interfaces, shared, made
-    )
+    python = GeneratePython("py", typesupport_implementations=["rosidl_typesupport_c"])
+    python.generate(package, interfaces, shared, made)
 
 
 def build(folder, package):

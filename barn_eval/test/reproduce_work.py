@@ -1,11 +1,13 @@
-"""Made-up trials of the paper's planners in real worlds."""
+"""Made-up trials of the paper's planners in real worlds, and folders of them."""
 
 from dataclasses import replace
 
 import numpy as np
 from test_rows import result as a_result
 
-from barn_eval.experiments.experiment import Experiment, PlannerChoice
+from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
+from barn_eval.experiments.folder import opened
+from barn_eval.experiments.store import Record
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.spec import simulator_config
@@ -46,9 +48,21 @@ def made_up(spec):
     )
 
 
-def made_up_results(worlds, repetitions=3):
-    """Return the results of a campaign of both planners."""
+def experiment_of(worlds, repetitions=3, dataset="barn300"):
+    """Return an experiment of both planners."""
     planners = (PlannerChoice("dwa"), PlannerChoice("eband"))
     rules = {"protocol": PAPER_2020, "simulator": simulator_config(PAPER_2020)}
-    experiment = Experiment(worlds=worlds, planners=planners, repetitions=repetitions, **rules)
-    return [made_up(spec) for spec in experiment.trials()]
+    return Experiment(dataset=dataset, worlds=worlds, planners=planners, repetitions=repetitions, **rules)
+
+
+def made_up_results(worlds, repetitions=3):
+    """Return the results of an experiment of both planners."""
+    return [made_up(spec) for spec in experiment_of(worlds, repetitions).trials()]
+
+
+def write_made_up(out, experiment, execution=None, change=lambda result: result):
+    """Write a folder of trials that were not driven, and return their results."""
+    with opened(out, experiment, execution or Execution(), experiment.trials()) as folder:
+        for spec in folder.remaining:
+            folder.append(Record(change(made_up(spec)), None))
+        return folder.complete()

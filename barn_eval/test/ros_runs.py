@@ -19,25 +19,25 @@ from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoic
 from barn_eval.experiments.request import Request
 from barn_eval.experiments.ros_config import Patience, RosSetup
 from barn_eval.experiments.store import Store
-from barn_eval.ros.experiment import run_request
 from barn_eval.ros.supervision import run_ros_trials
+from barn_eval.ros.work import run_request
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.messages.cdr import deserialise, jazzy_types, layout
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "simple_planner.py"
-FAULTY = Path(__file__).with_name("faulty_planner.py")
+FOREIGN = Path(__file__).with_name("foreign_planner.py")
 MARK = "BARN_TEST_MARK"
 # Ends by itself after two seconds of driving, half a second of the machine's time.
 SHORT = replace(CHALLENGE, name="short", limit_s=2.0, first_motion_limit_s=2.0, timeout_time_s=2.0)
-_LONG_S = 300.0  # only what hangs takes as long
+_LONG_S = 600.0  # only what hangs takes as long
 _PATIENCE = Patience(
     start_s=_LONG_S, simulator_s=_LONG_S, gate_s=_LONG_S, lifecycle_s=_LONG_S, service_s=_LONG_S, command_s=_LONG_S,
     clock_s=_LONG_S, vanished_s=60.0, connection_s=60.0,
 )  # fmt: skip
-# No verdict hangs on the pace of the machine. A scan that comes before its subscriber, while managed nodes become
-# active, costs this wait.
-PATIENT = RosSetup(command_wait_s=20.0, patience=_PATIENCE)
+PATIENT = RosSetup(command_wait_s=_LONG_S, patience=_PATIENCE)  # no verdict hangs on the pace of the machine
+EACH = replace(PATIENT, restart_planner="each_trial")
+MANAGED = replace(PATIENT, command_wait_s=20.0)  # what a scan costs that comes while nodes become active
 # So, but for a planner's silence: for tests that wait for it in full. Longer than any pause of a planner that answers.
 QUICK = RosSetup(patience=replace(_PATIENCE, command_s=15.0))
 
@@ -140,21 +140,6 @@ def unstamped(bag):
                     data[slot.offset : slot.offset + 4] = bytes(4)
             found.setdefault(channel.topic, []).append(bytes(data))
     return found
-
-
-def odometry_rows(rows):
-    return [
-        (
-            stamp,
-            message.pose.pose.position.x,
-            message.pose.pose.position.y,
-            message.pose.pose.orientation.z,
-            message.pose.pose.orientation.w,
-            message.twist.twist.linear.x,
-            message.twist.twist.angular.z,
-        )
-        for stamp, message in rows
-    ]
 
 
 def shown(rows):

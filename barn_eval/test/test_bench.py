@@ -5,7 +5,7 @@ from dataclasses import asdict
 
 import pytest
 
-from barn_eval.studies.bench import NEITHER, Change, Measurement, best_of, changes, read_figures
+from barn_eval.studies.bench import Change, Measurement, best_of, changes, read_figures
 from barn_worlds.base.errors import ConfigError
 
 
@@ -17,7 +17,6 @@ def test_the_best_round_counts_and_the_others_tell_the_noise():
     best = best_of(rounds(4.0, 5.0, 4.5))
     assert (best.value, best.samples, best.noise) == (5.0, (4.0, 5.0, 4.5), pytest.approx(0.2))
     assert best_of(rounds(4.0, 5.0, better="lower")).value == 4.0
-    assert best_of(rounds(1.0, 9.0, 2.0, better=NEITHER)).value == 2.0
     assert Measurement("speed", 1.0, "x").noise == 0.0
 
 
@@ -26,8 +25,6 @@ def test_a_change_is_how_many_times_as_good_a_figure_is():
     before = [Measurement("rate", 10.0, "/s"), Measurement("time", 1.0, "ms", "lower"), Measurement("old", 1.0, "x")]
     found = changes(now, before)
     assert [(one.name, one.ratio, one.slower) for one in found] == [("rate", 2.0, False), ("time", 0.5, True)]
-    shares = [Measurement("share", 40.0, "%", NEITHER)]
-    assert changes(shares, shares) == []
 
 
 def test_a_change_within_the_noise_is_none():
@@ -39,7 +36,7 @@ def test_a_change_within_the_noise_is_none():
 
 
 def test_figures_come_back_from_their_file(tmp_path):
-    figures = [best_of(rounds(4.0, 5.0)), Measurement("share", 40.0, "%", NEITHER)]
+    figures = [best_of(rounds(4.0, 5.0)), Measurement("share", 40.0, "%", "lower")]
     (tmp_path / "bench.json").write_text(json.dumps({"figures": [asdict(one) for one in figures]}))
     assert read_figures(tmp_path / "bench.json") == figures
 

@@ -79,8 +79,7 @@ def test_a_job_over_its_time_is_lost(cluster, tmp_path):
     assert lost.reason == "no result within 12 s of wall-clock time"
 
 
-def test_losing_a_node_loses_its_jobs_and_shrinks_the_cluster(cluster, monkeypatch, tmp_path):
-    monkeypatch.setattr("barn_eval.experiments.cluster._SLOTS_AGE_S", 0.0)
+def test_losing_a_node_loses_its_jobs_and_shrinks_the_cluster(cluster, tmp_path):
     node = cluster.add_node(num_cpus=1)
     cluster.wait_for_nodes()
     engine = RayEngine(Deeds(), workers=0, trial_limit_s=600.0, address=cluster.address)
@@ -162,8 +161,7 @@ def test_a_campaign_whose_workers_are_killed_gives_the_bytes_of_a_local_one(clus
     assert len({one.wall_clock.worker for one in results}) > 2
 
 
-def test_a_campaign_that_loses_a_node_and_gets_another_gives_the_bytes_of_a_local_one(cluster, monkeypatch, tmp_path):
-    monkeypatch.setattr("barn_eval.experiments.cluster._SLOTS_AGE_S", 0.0)
+def test_a_campaign_that_loses_a_node_and_gets_another_gives_the_bytes_of_a_local_one(cluster, tmp_path):
     file = campaign_runs.write_campaign(tmp_path, planners="[gap]", repetitions=40)
     console = Console(file=io.StringIO())
     run_experiment(read_request(file, {"out": tmp_path / "local", "workers": 2}), console)

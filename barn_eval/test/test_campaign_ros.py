@@ -5,56 +5,25 @@ import os
 import shlex
 import signal
 import sys
-import uuid
 from contextlib import suppress
 from pathlib import Path
 
 import campaign_runs as runs
 import pytest
-from waiting import alive, until
+from waiting import until
 
 from barn_eval.experiments.folder import read_results
 from barn_eval.trials.outcome import Outcome
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "simple_planner.py"
-MARK = "BARN_TEST_MARK"
+from ros_runs import EXAMPLE, MARK, marked, node_process, nothing_left  # noqa: F401 (a fixture)
 
 
-@pytest.fixture(autouse=True)
-def mark(monkeypatch):
-    """Mark all processes of a test by a variable of their environment, and see that none outlives it."""
-    mark = uuid.uuid4().hex
-    monkeypatch.setenv(MARK, mark)
-    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
-    yield mark
-    left = marked(mark)
-    for pid in left:
-        os.kill(pid, signal.SIGKILL)
-    assert not left
-
-
-def marked(mark, text=""):
-    """Return the living processes that carry the mark and have the text in their command line."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        with suppress(OSError, ValueError):
-            pid = int(entry.name)
-            if pid == os.getpid() or not alive(pid):
-                continue
-            if f"{MARK}={mark}".encode() not in (entry / "environ").read_bytes():
-                continue
-            line = (entry / "cmdline").read_bytes().decode()
-            if text in line and "guard.py" not in line:
-                found.append(pid)
-    return found
-
-
-def domains(mark):
+def domains():
     """Return the ROS domains of the simulators that run."""
     found = set()
-    for pid in marked(mark, "barn_sim.ros.simulator"):
+    for pid in node_process(os.environ[MARK], "barn_sim.ros.simulator"):
         with suppress(OSError):
             for entry in Path(f"/proc/{pid}/environ").read_bytes().split(b"\0"):
                 if entry.startswith(b"ROS_DOMAIN_ID="):
@@ -62,9 +31,12 @@ def domains(mark):
     return found
 
 
-def planners(mark):
+def planners():
     """Return the processes of the example planner, and not those that have it among their options."""
-    found = {pid: Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0") for pid in marked(mark, EXAMPLE.name)}
+    found = {
+        pid: Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
+        for pid in node_process(os.environ[MARK], EXAMPLE.name)
+    }
     return {pid for pid, words in found.items() if words[1:2] == [str(EXAMPLE).encode()]}
 
 
@@ -75,14 +47,14 @@ def comparable(out):
 
 
 @pytest.mark.parametrize("kind", runs.KINDS)
-def test_two_workers_one_of_which_is_killed_give_the_rows_of_a_direct_campaign(tmp_path, mark, kind):
+def test_two_workers_one_of_which_is_killed_give_the_rows_of_a_direct_campaign(tmp_path, kind):
     first, second, _ = runs.KINDS[kind]["worlds"]
     file = runs.write_campaign(tmp_path, kind, worlds=f'"{first},{second}"', planners="[gap]")
     assert runs.run(file, "--out", tmp_path / "direct").returncode == 0
     out = tmp_path / "ros"
     campaign = runs.start(file, "--mode", "ros", "--out", out, "--workers", 2, "--bags", "all")
     until(lambda: runs.rows(out) >= 1)
-    until(lambda: len(domains(mark)) == 2)
+    until(lambda: len(domains()) == 2)
     os.kill(runs.children(campaign.pid)[0], signal.SIGKILL)
     _, errors = campaign.communicate(timeout=600)
     assert campaign.returncode == 0, errors
@@ -93,7 +65,7 @@ def test_two_workers_one_of_which_is_killed_give_the_rows_of_a_direct_campaign(t
     assert not (out / "shards").exists()
 
 
-def test_a_campaign_that_is_ended_leaves_no_process_and_goes_on(tmp_path, mark):
+def test_a_campaign_that_is_ended_leaves_no_process_and_goes_on(tmp_path):
     file = runs.write_campaign(tmp_path, worlds='"0"', planners="[gap]", repetitions=3)
     out = tmp_path / "out"
     for number in (signal.SIGKILL, signal.SIGINT):
@@ -102,7 +74,7 @@ def test_a_campaign_that_is_ended_leaves_no_process_and_goes_on(tmp_path, mark):
         until(lambda kept=kept: runs.rows(out) > kept)
         runs.interrupt(campaign) if number == signal.SIGINT else campaign.kill()
         _, errors = campaign.communicate(timeout=600)
-        until(lambda: not marked(mark))
+        until(lambda: not marked(os.environ[MARK]))
     assert campaign.returncode == 130
     assert "Traceback" not in errors
     assert runs.rows(out) >= 2
@@ -111,15 +83,15 @@ def test_a_campaign_that_is_ended_leaves_no_process_and_goes_on(tmp_path, mark):
     assert [row.repetition for row in read_results(out)] == [0, 1, 2]
 
 
-def test_a_planner_of_somebody_else_that_is_killed_costs_one_trial(tmp_path, mark):
+def test_a_planner_of_somebody_else_that_is_killed_costs_one_trial(tmp_path):
     file = runs.write_campaign(tmp_path, worlds='"0"', planners="[simple]", repetitions=3)
     out = tmp_path / "out"
     planner = shlex.join([sys.executable, str(EXAMPLE)])
     options = ["--mode", "ros", "--planner-command", planner, "--ros", "restart_planner=each_trial", "--workers", 1]
     campaign = runs.start(file, *options, "--out", out)
     until(lambda: runs.rows(out) >= 1)
-    first = until(lambda: planners(mark))
-    (second,) = until(lambda: planners(mark) - first)  # each trial has a planner of its own
+    first = until(planners)
+    (second,) = until(lambda: planners() - first)  # each trial has a planner of its own
     os.kill(second, signal.SIGKILL)
     _, errors = campaign.communicate(timeout=600)
     assert campaign.returncode == 0, errors
@@ -134,6 +106,5 @@ def test_nodes_that_cannot_be_started_end_the_campaign_in_one_line(tmp_path):
     done = runs.run(file, "--mode", "ros", "--planner-command", "/does/not/exist", "--out", tmp_path / "out")
     assert done.returncode == 1
     (line,) = [line for line in done.stderr.splitlines() if line.startswith("error:")]
-    assert "planner" in line
-    assert "No such file or directory" in line
+    assert "the planner cannot be started: /does/not/exist: No such file or directory" in line
     assert "Traceback" not in done.stderr

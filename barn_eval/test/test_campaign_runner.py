@@ -102,15 +102,6 @@ def lost_if(condition, **what):
     return fate
 
 
-def test_trials_come_world_by_world_with_planners_side_by_side(specs):
-    assert [spec.trial_id for spec in specs] == [
-        f"{planner}_w{world:04d}_r{repetition:02d}"
-        for world in (0, 50)
-        for repetition in (0, 1)
-        for planner in ("gap", "dwa")
-    ]
-
-
 def test_order_and_losses_change_no_byte_of_the_table(tmp_path, config, specs):
     run(tmp_path / "a", config, specs, Scripted(slots=1))
     run(tmp_path / "b", config, specs, Scripted(slots=4, seed=9, fate=lost_if(lambda key, attempt: attempt == 1)))

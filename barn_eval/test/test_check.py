@@ -8,7 +8,6 @@ import pytest
 
 import barn_eval as barn
 from barn_eval.bags.recorder import Recorder
-from barn_eval.commands.main import main
 from barn_eval.experiments.rows import sealed
 from barn_eval.trials.protocol import CHALLENGE
 from barn_worlds.base.errors import ConfigError
@@ -28,12 +27,15 @@ def folder(driven, tmp_path):
     return tmp_path / "out"
 
 
-def command(capsys, *arguments):
-    """Return exit code, output and lines on standard error of `barn check`."""
-    with pytest.raises(SystemExit) as ended:
-        main(["check", *map(str, arguments)])
-    said = capsys.readouterr()
-    return ended.value.code, said.out, said.err.splitlines()
+@pytest.fixture
+def check(command):
+    """Returns exit code, output and lines on standard error of `barn check`."""
+
+    def run(*arguments):
+        code, out, err = command("check", *arguments)
+        return code, out, err.splitlines()
+
+    return run
 
 
 def change_row(folder, number, seal=True, name="results.jsonl", **changes):
@@ -54,12 +56,12 @@ def replace_text(path, old, new):
     path.write_text(text.replace(old, new))
 
 
-def test_a_good_folder_has_nothing_wrong_with_it(driven, capsys):
+def test_a_good_folder_has_nothing_wrong_with_it(driven, check):
     found = barn.results.check(driven)
     assert (found.trials, found.rows, found.tracks, found.bags) == (2, 2, 2, 2)
     assert found.problems == []
-    assert command(capsys, driven) == (0, "2 of 2 rows, 2 tracks, 2 bags\n", [])
-    code, out, _ = command(capsys, driven, "--json")
+    assert check(driven) == (0, "2 of 2 rows, 2 tracks, 2 bags\n", [])
+    code, out, _ = check(driven, "--json")
     assert (code, json.loads(out)["problems"]) == (0, [])
 
 
@@ -91,18 +93,18 @@ def test_an_unfinished_folder_is_good_as_far_as_it_goes(folder):
         (lambda out: replace_text(out / "results.csv", "planner", "success"), "results.csv: is not the table of its"),
     ],
 )
-def test_what_does_not_belong_together_is_named(folder, capsys, change, words):
+def test_what_does_not_belong_together_is_named(folder, check, change, words):
     change(folder)
-    code, _, lines = command(capsys, folder)
+    code, _, lines = check(folder)
     assert code == 1
     assert any(words in line for line in lines)
     assert all(line.startswith(str(folder)) and len(line) < 500 for line in lines)
 
 
-def test_a_bag_that_was_cut_off_is_named(folder, capsys):
+def test_a_bag_that_was_cut_off_is_named(folder, check):
     (file,) = (folder / "bags" / "gap_w0000_r00").glob("*.mcap")
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
-    code, _, (line,) = command(capsys, folder)
+    code, _, (line,) = check(folder)
     assert code == 1
     assert line.startswith(f"{file.parent}: the bag is cut off after ")
 
@@ -117,36 +119,34 @@ def test_only_the_bag_of_a_trial_that_never_began_may_be_empty(folder):
     assert not any("empty" in problem for problem in barn.results.check(folder).problems)
 
 
-def test_what_is_no_experiment_is_one_line(tmp_path, capsys):
-    code, _, (line,) = command(capsys, tmp_path)
+def test_what_is_no_experiment_is_one_line(tmp_path, check):
+    code, _, (line,) = check(tmp_path)
     assert code == 1
     assert line == f"error: {tmp_path}/run.json: No such file or directory"
 
 
 @pytest.mark.parametrize("trial", ["gap_w0120_r00", "2"])
-def test_a_trial_that_is_run_again_is_reproduced(driven, capsys, trial):
+def test_a_trial_that_is_run_again_is_reproduced(driven, check, trial):
     before = sorted(driven.rglob("*"))
-    assert command(capsys, driven, "--rerun", trial)[:2] == (
-        0,
-        f"2 of 2 rows, 2 tracks, 2 bags\n{trial} is reproduced\n",
-    )
+    said = f"2 of 2 rows, 2 tracks, 2 bags\n{trial} is reproduced\n"
+    assert check(driven, "--rerun", trial)[:2] == (0, said)
     assert sorted(driven.rglob("*")) == before
 
 
-def test_a_trial_that_there_is_not_is_named_as_it_was_typed(driven, capsys):
+def test_a_trial_that_there_is_not_is_named_as_it_was_typed(driven, check):
     for trial in ("0", "3", "gap_w0001_r00"):
-        code, _, (line,) = command(capsys, driven, "--rerun", trial)
+        code, _, (line,) = check(driven, "--rerun", trial)
         assert code == 1
         assert line.startswith(f"error: {driven}: has no trial {trial!r}")
 
 
-def test_whether_a_trial_is_reproduced_is_not_known_before_it_has_run_again(folder, capsys):
+def test_whether_a_trial_is_reproduced_is_not_known_before_it_has_run_again(folder, check):
     (folder / "results.parquet").unlink()
-    code, out, _ = command(capsys, folder, "--rerun", "1", "--json")
+    code, out, _ = check(folder, "--rerun", "1", "--json")
     assert (code, json.loads(out)["reproduced"]) == (1, None)
 
 
-def test_a_trial_that_went_otherwise_is_told_by_what_differs_first(folder, capsys):
+def test_a_trial_that_went_otherwise_is_told_by_what_differs_first(folder):
     change_row(folder, 0, measures__rms_jerk_mps3=7.0)
     for file in ("results.parquet", "results.csv"):
         (folder / file).unlink()

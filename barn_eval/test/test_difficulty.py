@@ -4,21 +4,23 @@ import csv
 import json
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv
-import pyarrow.parquet
 import pytest
 from click.testing import CliRunner
+from reproduce_work import experiment_of, write_made_up
 
+from barn_eval.analysis.sources import read_source
 from barn_eval.commands.main import cli
 from barn_eval.learning.difficulty import read_trials
+from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval
-from barn_metrics.model import load_model, predict_difficulty
+from barn_metrics.model import load_model
 from barn_metrics.model.weights import shipped_weights
 from barn_worlds.base.errors import BarnError, ConfigError
+from barn_worlds.formats.own import write_own
 from barn_worlds.worlds.dataset import open_dataset
 
 COUNT = 30
@@ -26,45 +28,19 @@ FOLDS = ("--set", "folds=3", "--set", "repeats=1")
 
 
 @pytest.fixture(scope="module")
-def table(tmp_path_factory):
-    """Return a campaign's table: two planners, two repetitions, in worlds of barn300 numbered otherwise."""
-    path = tmp_path_factory.mktemp("campaign") / "results.parquet"
-    write_table(path, rows())
+def source(tmp_path_factory):
+    """Return the folder of an experiment: two planners, two repetitions, in worlds of barn300."""
+    path = tmp_path_factory.mktemp("experiment") / "out"
+    write_made_up(path, experiment_of("0:300:10", 2))
     return path
 
 
-def rows(first=0, name="barn300"):
-    dataset = open_dataset(name)
-    worlds = [dataset.load(index) for index in dataset.indices[first :: len(dataset.indices) // COUNT]][:COUNT]
-    return [
-        {
-            "dataset": name,
-            "world": 1000 + number,
-            "world_checksum": world.checksum,
-            "planner": planner,
-            "normalised_time_s_per_m": 2.0 + 0.1 * number + slower + 0.01 * repetition,
-            "success": (number + repetition) % 7 > 0,
-        }
-        for number, world in enumerate(worlds)
-        for planner, slower in (("dwa", 0.0), ("eband", 0.5))
-        for repetition in range(2)
-    ]
-
-
-def write_table(path, content):
-    found = pa.Table.from_pylist(content)
-    if path.suffix == ".parquet":
-        pyarrow.parquet.write_table(found, path)
-    else:
-        pyarrow.csv.write_csv(found, path)
-
-
 @pytest.fixture(scope="module")
-def weights(table, tmp_path_factory):
-    """Weights of a model trained on the table, and what the command told."""
+def weights(source, tmp_path_factory):
+    """Weights of a model trained on the source, and what the command told."""
     pytest.importorskip("torch", reason="networks are trained with PyTorch")
     path = tmp_path_factory.mktemp("weights") / "w.npz"
-    trained = barn("train", table, "--out", path, "--json")
+    trained = barn("train", source, "--out", path, "--json")
     assert trained.exit_code == 0, trained.output
     return path, json.loads(trained.stdout)
 
@@ -73,71 +49,42 @@ def barn(*arguments):
     return CliRunner().invoke(cli, ["difficulty", *map(str, arguments)], catch_exceptions=True)
 
 
-def test_worlds_are_known_by_their_checksum_whatever_their_number(table, tmp_path):
-    worlds, trials = read_trials(table)
+def test_worlds_are_known_by_their_checksum_whatever_their_number(source, tmp_path):
+    worlds, trials = read_trials(source)
     dataset = open_dataset("barn300")
-    assert tuple(worlds) == trials.world_numbers == dataset.indices[:: 300 // COUNT]
+    assert tuple(worlds) == trials.world_numbers == dataset.indices[::10]
     assert all(world.checksum == dataset.load(index).checksum for index, world in worlds.items())
-    assert trials.difficulty() == pytest.approx([2.255 + 0.1 * number for number in range(COUNT)])
-    again = tmp_path / "results.csv"
-    write_table(again, rows())
-    assert read_trials(again)[1].difficulty() == pytest.approx(trials.difficulty())
-    whole = [row | {"normalised_time_s_per_m": 3 + row["world"] % 2} for row in rows()]
-    write_table(again, whole)  # times without decimals are times all the same
-    assert read_trials(again)[1].difficulty() == pytest.approx([3.0, 4.0] * (COUNT // 2))
+    results = read_source(source).results
+    first = [one.scores.normalised_time_s_per_m for one in results if one.world == 10]
+    assert (len(first), len(trials)) == (4, len(results))
+    assert trials.difficulty()[1] == pytest.approx(np.mean(first))
+    write_own(tmp_path / "again.npz", "again", {1000 - index: world for index, world in worlds.items()})
+    again, moved = read_trials(source, str(tmp_path / "again.npz"))
+    assert tuple(again) == tuple(sorted(1000 - index for index in worlds))
+    assert moved.difficulty().tolist() == trials.difficulty().tolist()[::-1]
+    with pytest.raises(ConfigError, match="world 0 of its trials is none of barn_test; name the data set they ran in"):
+        read_trials(source, "barn_test")
 
 
-@pytest.mark.parametrize("suffix", [".parquet", ".csv"])
-def test_trials_that_did_not_fail_by_the_planners_fault_are_left_out(tmp_path, suffix):
-    path = tmp_path / f"results{suffix}"
-    content = [row | {"fault": ""} for row in rows()]
-    lost = content[0] | {"fault": "environment", "success": False, "normalised_time_s_per_m": 900.0}
-    write_table(path, [*content, lost, lost | {"fault": "simulator"}])
-    assert len(read_trials(path)[1]) == len(content)
-    write_table(path, [lost])
-    with pytest.raises(ConfigError, match="has no rows of trials that count"):
-        read_trials(path)
+def test_trials_that_do_not_count_and_worlds_without_every_planner_are_left_out(tmp_path):
+    def lost(result):
+        return (
+            replace(result, outcome=Outcome.ENVIRONMENT_FAILED, fault="environment")
+            if result.trial_id == lost_id
+            else result
+        )
+
+    lost_id = experiment_of("0-11", 1).trials()[0].trial_id
+    write_made_up(tmp_path / "out", experiment_of("0-11", 1), change=lost)
+    worlds, trials = read_trials(tmp_path / "out")
+    assert (len(worlds), len(trials)) == (11, 22)
 
 
-def test_a_world_without_trials_of_every_planner_is_left_out(tmp_path):
-    path = tmp_path / "results.parquet"
-    write_table(path, [row for row in rows() if (row["world"], row["planner"]) != (1000, "dwa")])
-    assert len(read_trials(path)[0]) == COUNT - 1
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"world_checksum": "0" * 64}, "world 1000 of its trials is none of barn300"),
-        ({"normalised_time_s_per_m": -1.0}, "time per metre must be above 0, got -1.0"),
-        (
-            {"normalised_time_s_per_m": None},
-            "column 'normalised_time_s_per_m' must hold double in every row, has double, 1 missing",
-        ),
-        ({"planner": None}, "column 'planner' must hold string in every row, has string, 1 missing"),
-    ],
-)
-def test_a_table_that_cannot_be_used_is_refused_in_one_line(tmp_path, change, message):
-    path = tmp_path / "results.parquet"
-    content = rows()
-    write_table(path, [content[0] | change, *content[1:]])
-    with pytest.raises(BarnError, match=message) as caught:
-        read_trials(path)
-    assert "\n" not in str(caught.value)
-
-
-def test_other_files_are_refused(tmp_path):
-    with pytest.raises(ConfigError, match="No such file"):
-        read_trials(tmp_path / "none.parquet")
-    with pytest.raises(ConfigError, match=r"must be the folder of a campaign, or a table that ends in"):
-        read_trials(tmp_path / "none.txt")
-    (tmp_path / "bad.parquet").write_bytes(b"PAR1 no")
-    with pytest.raises(ConfigError, match="cannot be read"):
-        read_trials(tmp_path / "bad.parquet")
-    content = [{key: value for key, value in row.items() if key != "success"} for row in rows()]
-    write_table(tmp_path / "less.parquet", content)
-    with pytest.raises(ConfigError, match="no column 'success'"):
-        read_trials(tmp_path / "less.parquet")
+def test_other_sources_are_refused(tmp_path):
+    for name in ("none.csv", "none"):
+        with pytest.raises(BarnError, match=r"none") as caught:
+            read_trials(tmp_path / name, "barn300")
+        assert "\n" not in str(caught.value)
 
 
 def test_published_times_are_read_with_the_worlds_beside_them():
@@ -169,49 +116,33 @@ def test_train_and_predict_from_the_command_line(weights, tmp_path):
         ]
     shown = barn("predict", "barn300", "--worlds", "3", "--weights", path)
     assert f"{expected.difficulty_s_per_m:.2f}" in shown.stdout
-    assert predict_difficulty("barn300", "3", path) == {3: expected}
 
 
-def test_models_are_judged_on_folds_and_trained_on_several_campaigns_elsewhere(table, tmp_path):
-    pytest.importorskip("torch", reason="networks are trained with PyTorch")
-    card = tmp_path / "card.md"
-    others = [tmp_path / "some.parquet", tmp_path / "more.csv"]
-    for first, path in enumerate(others, 1):
-        write_table(path, rows(first))
-    further = [part for path in others for part in ("--further", path)]
-    arguments = ("evaluate", table, *further, *FOLDS)
-    found = barn(*arguments, "--out", card, "--json")
+def test_models_and_weights_are_judged_beside_ridge_regression(source, weights):
+    path, trained = weights
+    found = barn("evaluate", source, *FOLDS, "--json")
     assert found.exit_code == 0, found.output
-    content, text = json.loads(found.stdout), card.read_text("utf-8")
-    for part in (content["on_folds"], content["trained_elsewhere"]):
-        ridge, routes = part["scores"]
-        assert (ridge["name"], routes["name"], part["worlds"]) == ("ridge", "routes", COUNT)
-        for score in (ridge, routes):
-            assert score["mse"]["low"] <= score["mse"]["estimate"] <= score["mse"]["high"]
-            assert f"{score['mse']['estimate']:.2f} [{score['mse']['low']:.2f}" in text
-        gain = Interval(**routes["gain"])
-        verdict = ("better" if gain.estimate > 0.0 else "worse") if gain.excludes(0.0) else "not decided"
-        assert f"lower than that of `ridge` by {gain.text()} (s/m)^2: {verdict}." in text
-    assert content["trained_elsewhere"]["further_worlds"] == 2 * COUNT
-    assert f"on {8 * COUNT} trials in {2 * COUNT} other worlds" in text and "nan" not in text
-    shown = " ".join(barn(*arguments).stdout.split())
-    assert f"trained in {2 * COUNT} others" in shown and "highest R2 that these trials allow" in shown
-    again = barn("evaluate", table, "--further", table, *FOLDS)
-    assert again.exit_code != 0 and "is judged and among the further trials" in str(again.exception)
+    ridge, routes = json.loads(found.stdout)["scores"]
+    assert (ridge["name"], routes["name"], ridge["gain"]) == ("ridge", "routes", None)
+    assert all(one["mse"]["low"] <= one["mse"]["estimate"] <= one["mse"]["high"] for one in (ridge, routes))
+    content = json.loads(barn("evaluate", source, "--weights", path, *FOLDS, "--json").stdout)
+    again, one = content["scores"]
+    difficulty = read_trials(source)[1].difficulty()
+    assert (again, one["name"], content["worlds"]) == (ridge, "weights", COUNT)
+    assert one["mse"]["estimate"] == pytest.approx(trained["training_mse"]) == one["training_mse"]
+    assert one["r2"]["estimate"] == pytest.approx(1.0 - trained["training_mse"] / difficulty.var())
+    assert one["gain"]["estimate"] == pytest.approx(ridge["mse"]["estimate"] - one["mse"]["estimate"])
+    shown = " ".join(barn("evaluate", source, "--weights", path, *FOLDS).stdout.split())
+    limits = Interval(**one["gain"]).text().split(" ", 1)[1]
+    assert limits in shown and "highest R2 that these trials allow" in shown
 
 
-def test_worlds_held_out_judge_models_trained_elsewhere_and_are_not_divided_into_folds(table, tmp_path):
-    pytest.importorskip("torch", reason="networks are trained with PyTorch")
-    judges = tmp_path / "judges.parquet"
-    write_table(judges, rows(name="barn_test"))
-    arguments = ("evaluate", judges, *FOLDS)
-    alone = barn(*arguments)
-    assert "barn_test is never trained on; name trials in other worlds (--further)" in str(alone.exception)
-    refused = barn(*arguments, "--further", table, "--out", tmp_path / "card.md")
-    assert "a card needs trials of another data set than barn_test" in str(refused.exception)
-    content = json.loads(barn(*arguments, "--further", table, "--json").stdout)
-    assert content["on_folds"] is None
-    assert (content["trained_elsewhere"]["worlds"], content["trained_elsewhere"]["further_worlds"]) == (COUNT, COUNT)
+def test_worlds_held_out_judge_weights_alone(tmp_path):
+    judges = tmp_path / "judges"
+    write_made_up(judges, experiment_of("0-29", 2, "barn_test"))
+    assert "is never trained on; it judges weights" in str(barn("evaluate", judges, *FOLDS).exception)
+    (one,) = json.loads(barn("evaluate", judges, "--weights", "shipped", "--json").stdout)["scores"]
+    assert (one["name"], one["gain"], len(one["predictions"])) == ("weights", None, COUNT)
 
 
 def test_the_page_on_metrics_quotes_the_card():
@@ -235,25 +166,12 @@ def test_the_page_on_metrics_quotes_the_card():
     assert f"the trials themselves allow {100 * ceiling:.0f} %" in told
 
 
-def test_check_compares_weights_with_trials(table, weights):
-    path, trained = weights
-    found = json.loads(barn("evaluate", table, "--weights", path, "--json").stdout)
-    variance = read_trials(table)[1].difficulty().var()
-    assert found["worlds"] == COUNT
-    assert found["mse"]["estimate"] == pytest.approx(trained["training_mse"])
-    assert found["r2"]["estimate"] == pytest.approx(1.0 - trained["training_mse"] / variance)
-    assert found["bias_s_per_m"]["estimate"] == pytest.approx(
-        np.mean(found["predictions"] - read_trials(table)[1].difficulty())
-    )
-    assert 0.5 <= found["within_two_std"] <= 1.0
-
-
-def test_mistakes_are_told(table, tmp_path):
-    assert "must end in .npz" in str(barn("train", table, "--out", tmp_path / "w.bin").output)
+def test_mistakes_are_told(source, tmp_path):
+    assert "must end in .npz" in str(barn("train", source, "--out", tmp_path / "w.bin").exception)
     (tmp_path / "w.npz").write_bytes(b"PK")
     refused = barn("predict", "barn300", "--weights", tmp_path / "w.npz")
     assert isinstance(refused.exception, BarnError)
     assert str(refused.exception).startswith(f"{tmp_path / 'w.npz'}: not a difficulty model, or a damaged one")
     assert "no trials of planner 'dwb'" in str(
-        barn("train", table, "--out", tmp_path / "x.npz", "--set", "planner=dwb").exception
+        barn("train", source, "--out", tmp_path / "x.npz", "--set", "planner=dwb").exception
     )

@@ -1,7 +1,6 @@
 """The folder of an experiment: whose it is, and who may work in it."""
 
 import errno
-import fcntl
 import json
 import os
 from dataclasses import replace
@@ -11,7 +10,6 @@ from itertools import count as numbers
 import pytest
 from test_campaign_runner import record
 
-from barn_eval.commands.main import main
 from barn_eval.experiments.experiment import NO_SOURCE, Execution, Experiment, PlannerChoice
 from barn_eval.experiments.folder import opened, read_results
 from barn_eval.experiments.rows import sealed
@@ -64,32 +62,6 @@ def test_sessions_are_kept_one_after_the_other(tmp_path):
     assert found["schema_version"] == 2
     assert len(found["sessions"]) == 3
     assert all({"started_at", "execution", "versions", "commit", "machine"} <= one.keys() for one in found["sessions"])
-
-
-def test_one_process_works_in_a_folder_whatever_the_command(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    keep(tmp_path / "out", GAP, 1)
-    with (tmp_path / "out" / ".lock").open() as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        for command in ("run", "campaign"):
-            asked = [
-                "--worlds",
-                "0,50",
-                "--planner",
-                "gap",
-                "--bags",
-                "all",
-                "--repetitions",
-                "2",
-                "--seed",
-                "3",
-                "--out",
-                "out",
-            ]
-            with pytest.raises(SystemExit) as ended:
-                main([command, *asked])
-            assert ended.value.code == 1
-            assert capsys.readouterr().err.splitlines()[-1] == "error: out: another process is working in this folder"
 
 
 def test_a_planner_whose_source_is_not_known_is_not_resumed(tmp_path):

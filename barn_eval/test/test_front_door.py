@@ -147,13 +147,6 @@ def test_a_users_script_passes_the_type_checker_and_a_wrong_one_does_not(tmp_pat
         assert words in told
 
 
-def test_what_is_installed_is_said():
-    said = barn.suite.info()
-    assert said["versions"]["barn_eval"] == barn.__version__
-    assert {"dwa", "eband"} <= {*said["planners"]}
-    assert "barn300" in said["data_sets"]
-
-
 def test_what_a_difficulty_model_predicts_is_checked_against_trials(tmp_path):
     worlds = barn.worlds.generate(tmp_path / "worlds.npz", per_set=1, seed=3)
     lines = [f"{number},{one.path_length_m:.9f},8.0,9.0" for number, one in worlds.items()]
@@ -180,32 +173,19 @@ def columns(table):
 
 
 def test_tables_have_a_row_per_trial_planner_and_measure(driven):
-    table = columns(driven.table)
+    table, summary = driven.table, driven.summary
     assert list(table) == results_table([]).column_names
-    assert table["trial_id"] == [one.trial_id for one in driven.trials]
-    assert table["driven_m"] == [one.measures.driven_m for one in driven.trials]
-    assert columns(driven.timing)["worker"] == [one.wall_clock.worker for one in driven.trials]
-    summary = columns(driven.summary)
-    assert summary["planner"] == driven.planners
-    assert summary["trials"] == [2, 2, 2, 2]
-    assert all(
-        low <= mean <= high
-        for low, mean, high in zip(*(summary[f"success{end}"] for end in ("_low", "", "_high")), strict=True)
-    )
-    compared = columns(driven.compare())
-    pairs = list(dict.fromkeys(zip(compared["a"], compared["b"], strict=True)))
-    assert len(pairs) == 6
-    first = next(
-        place
-        for place, row in enumerate(zip(compared["a"], compared["b"], compared["measure"], strict=True))
-        if row == ("ahead", "slow", "min_clearance_m")
-    )
-    gaps = [
-        sum(one.measures.min_clearance_m for one in driven.trials if one.planner == name) / 2
-        for name in ("ahead", "slow")
-    ]
-    assert [compared["mean_a"][first], compared["mean_b"][first]] == pytest.approx(gaps)
-    assert compared["difference"][first] == pytest.approx(gaps[0] - gaps[1])
+    assert list(table["trial_id"]) == [one.trial_id for one in driven.trials]
+    assert list(table["driven_m"]) == [one.measures.driven_m for one in driven.trials]
+    assert list(driven.timing["worker"]) == [one.wall_clock.worker for one in driven.trials]
+    assert (list(summary["planner"]), list(summary["trials"])) == (driven.planners, [2, 2, 2, 2])
+    assert summary["success"].between(summary["success_low"], summary["success_high"]).all()
+    compared = driven.compare().set_index(["a", "b", "measure"])
+    assert len(compared.groupby(["a", "b"])) == 6
+    found = compared.loc["ahead", "slow", "min_clearance_m"]
+    gaps = table.groupby("planner")["min_clearance_m"].mean()
+    assert [found["mean_a"], found["mean_b"]] == pytest.approx([gaps["ahead"], gaps["slow"]])
+    assert found["difference"] == pytest.approx(gaps["ahead"] - gaps["slow"])
 
 
 def test_columns_have_their_types_whatever_is_in_them(driven, tmp_path):
@@ -227,13 +207,10 @@ def test_a_trial_has_its_trajectory(driven, tmp_path):
     path = trial.trajectory
     assert path["time_s"].is_monotonic_increasing
     assert path["time_s"].iloc[-1] == pytest.approx(trial.result.scores.duration_s, abs=0.01)
-    assert np.hypot(path["x_m"].diff(), path["y_m"].diff()).sum() == pytest.approx(
-        trial.result.measures.driven_m, abs=0.05
-    )
-    assert (path["clearance_m"].min(), path["contact"].any()) == (
-        pytest.approx(trial.result.measures.min_clearance_m, abs=0.005),
-        False,
-    )
+    measures = trial.result.measures
+    assert np.hypot(path["x_m"].diff(), path["y_m"].diff()).sum() == pytest.approx(measures.driven_m, abs=0.05)
+    assert path["clearance_m"].min() == pytest.approx(measures.min_clearance_m, abs=0.005)
+    assert not path["contact"].any()
     written = np.loadtxt(trial.to_tum(tmp_path / "trial.txt"))
     assert written.shape == (len(path), 8)
     np.testing.assert_allclose(written[:, 1:3], path[["x_m", "y_m"]], atol=1e-9)
@@ -250,10 +227,8 @@ def test_worlds_in_memory_are_driven_in_and_kept(tmp_path):
     first, second = barn.worlds.load("barn300", "0,100").values()
     out = tmp_path / "out"
     results = barn.run([first, second], "gap", SHORT, workers=1, out=out, progress=False)
-    assert [(one.world, one.world_name, one.world_checksum) for one in results.trials] == [
-        (0, first.name, first.checksum),
-        (1, second.name, second.checksum),
-    ]
+    driven = [(one.world, one.world_name, one.world_checksum) for one in results.trials]
+    assert driven == [(0, first.name, first.checksum), (1, second.name, second.checksum)]
     assert len(barn.run([first, second], "gap", SHORT, out=out, progress=False)) == 2
     assert barn.plan({0: first, 1: second}, "gap", SHORT, out=out).there == 2
     for others in ([second, first], [first], first, {1: first, 0: second}):
@@ -277,8 +252,8 @@ def test_figures_are_drawn_onto_axes_of_matplotlib(driven):
     assert len(axes.collections) >= len(driven.planners) and axes.get_legend() is not None
     plt.close(figure)
     assert driven.plot().figure.axes
-    with pytest.raises(ConfigError, match="overview"):
-        driven.plot("overview", ax=axes)
+    with pytest.raises(ConfigError, match="distributions"):
+        driven.plot("distributions", ax=axes)
 
 
 def test_the_same_call_resumes_and_other_objects_are_refused(driven):
@@ -354,12 +329,9 @@ def test_a_script_without_a_main_guard_runs_once(tmp_path):
         "schema_version: 1\nbase: challenge\nname: short\nlimit_s: 3.0\nfirst_motion_limit_s: 3.0\n"
     )
     (tmp_path / "short.yaml").write_text("schema_version: 1\nprotocol: protocol.yaml\nrepetitions: 2\n")
-    done = subprocess.run(
-        [sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, timeout=600, check=False
-    )
-    assert done.returncode == 0, done.stderr
+    done = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.strip() == "8 ['local-0', 'local-1'] ['mine', 'Own']"
-    assert done.stderr == ""
     assert (tmp_path / "imported").read_text() == "once\n"
 
 
@@ -384,12 +356,10 @@ def test_what_goes_wrong_in_a_planner_of_ones_own_is_an_outcome(tmp_path):
         return "left"
 
     results = barn.run(0, [broken, talks], SHORT, workers=1, out=tmp_path, progress=False)
-    told = {one.planner: (one.outcome, one.detail) for one in results.trials}
-    assert told["broken"] == (Outcome.PLANNER_DIED, "KeyError: 'speed'")
-    assert told["talks"] == (
-        Outcome.PLANNER_DIED,
-        "TypeError: a planner's function must return (m/s, rad/s), got 'left'",
-    )
+    told = {one.planner: one.detail for one in results.trials}
+    assert {one.outcome for one in results.trials} == {Outcome.PLANNER_DIED}
+    assert told["broken"] == "KeyError: 'speed'"
+    assert told["talks"] == "TypeError: a planner's function must return (m/s, rad/s), got 'left'"
 
     class Unmade(Steady):
         def __init__(self):
@@ -413,17 +383,12 @@ def test_what_goes_wrong_in_a_planner_of_ones_own_is_an_outcome(tmp_path):
     ],
 )
 def test_planners_that_are_none_are_refused_in_one_line(tmp_path, planners, words):
-    with pytest.raises(BarnError) as caught:
-        barn.run(0, planners, SHORT, out=tmp_path / "out", progress=False)
-    assert words in str(caught.value)
-    assert "\n" not in str(caught.value)
-    assert not (tmp_path / "out").exists()
+    refused(tmp_path, words, planners)
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"repetition": 2}, "unknown key 'repetition'; did you mean 'repetitions'?"),
         ({"repetitions": 0}, "repetitions must be from 1 to 99, got 0"),
         ({"mode": "ros"}, "planner 'ahead': a Python object drives in mode direct only"),
         ({"ros": {"lockstep": False}}, "settings of ros need mode ros"),
@@ -431,9 +396,14 @@ def test_planners_that_are_none_are_refused_in_one_line(tmp_path, planners, word
     ],
 )
 def test_options_that_are_none_are_refused_in_one_line(tmp_path, options, words):
+    refused(tmp_path, words, ahead, **options)
+
+
+def refused(tmp_path, words, planners, **options):
     with pytest.raises(BarnError) as caught:
-        barn.run(0, ahead, SHORT, out=tmp_path / "out", progress=False, **options)
+        barn.run(0, planners, SHORT, out=tmp_path / "out", progress=False, **options)
     assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
     assert not (tmp_path / "out").exists()
 
 
@@ -453,12 +423,8 @@ def test_a_notebook_shows_results_figures_and_pages(driven, tmp_path):
     assert shown.count("<tr>") == 5
     assert b"<svg" in b64decode(re.search(r'src="data:image/svg\+xml;base64,([^"]+)"', shown)[1])
     assert "Steady" in shown
-    identifiers = [
-        set(re.findall(r'\bid="([^"]+)"', driven.plot(what)._repr_svg_()))
-        for what in ("worlds", "outcomes", "overview")
-    ]
-    assert all(identifiers)
-    assert not identifiers[0] & identifiers[1]
+    one, other = (set(re.findall(r'\bid="([^"]+)"', driven.plot(what)._repr_svg_())) for what in ("worlds", "outcomes"))
+    assert one and other and not one & other
     assert driven.plot("distributions").save(tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
     with pytest.raises(ConfigError, match=r"unknown figure 'world'; did you mean 'worlds'\?"):
         driven.plot("world")
@@ -506,9 +472,7 @@ def test_a_replay_without_a_bag_drives_the_trial_again_and_says_so(driven, capfd
     assert "once more" not in capfd.readouterr().err
     loaded = barn.load(driven.folder)
     loaded.replay("gap_w0000_r00")
-    with pytest.raises(
-        ConfigError, match=r"planner 'ahead' was a Python object: barn\.load\(folder, planners=\.\.\.\)"
-    ):
+    with pytest.raises(ConfigError, match=r"planner 'ahead' was a Python object: barn\.load\(folder, planners="):
         loaded.replay("ahead_w0000_r00")
     with pytest.raises(ConfigError, match="planner 'slow' is not the one of these results"):
         barn.load(driven.folder, {"slow": Steady(0.5)}).replay("slow_w0000_r00")
@@ -559,13 +523,8 @@ def test_a_comparison_needs_two(tmp_path, driven):
 
 def test_a_plan_says_what_would_run_and_writes_nothing(tmp_path, driven):
     found = barn.plan("0:300:60", ["gap", ahead], repetitions=2, workers=2, bags="all", out=tmp_path / "out")
-    assert (found.trials, found.there, found.planners, found.worlds) == (
-        20,
-        0,
-        ("gap", "ahead"),
-        (0, 60, 120, 180, 240),
-    )
-    assert found.wall_s == 20.0
+    assert (found.planners, found.worlds) == (("gap", "ahead"), (0, 60, 120, 180, 240))
+    assert (found.trials, found.there, found.wall_s) == (20, 0, 20.0)
     assert found.disk_bytes > 20 * 1_000_000
     assert not (tmp_path / "out").exists()
     planners = ["gap", ahead, Steady, {"slow": Steady(0.2)}]
@@ -632,8 +591,6 @@ def test_everything_offered_is_explained():
 
 
 def test_the_page_shows_what_there_is():
-    if not PAGE.is_file():
-        pytest.skip("the repository's docs are not beside this package")
     text = PAGE.read_text("utf-8")
     told = set(re.findall(r"barn(?:\.\w+)+", text))
     public = [name for name, one in offered().items() if inspect.isfunction(one)]

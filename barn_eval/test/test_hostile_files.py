@@ -12,7 +12,6 @@ import pyarrow.parquet
 import pytest
 from test_campaign_runner import record
 
-from barn_eval.commands.main import main
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.folder import opened
 from barn_eval.experiments.rows import sealed
@@ -34,19 +33,14 @@ def good(tmp_path_factory):
 
 
 @pytest.fixture
-def refused(capsys, tmp_path, monkeypatch):
+def refused(command):
     """Return a function that calls `barn` and returns the line with which it refuses."""
-    monkeypatch.chdir(tmp_path)
 
     def run(*arguments):
-        with pytest.raises(SystemExit) as ended:
-            main([str(argument) for argument in arguments])
-        lines = capsys.readouterr().err.splitlines()
-        assert ended.value.code == 1
-        assert len(lines) == 1, lines
-        assert lines[0].startswith("error: ")
-        assert len(lines[0]) < 600
-        return lines[0].removeprefix("error: ")
+        code, _, err = command(*arguments)
+        assert code == 1
+        assert err.startswith("error: ") and err.count("\n") == 1 and len(err) < 600
+        return err.removeprefix("error: ").rstrip("\n")
 
     return run
 
@@ -182,15 +176,14 @@ def test_a_header_of_weights(refused, tmp_path, header):
     assert refused("difficulty", "predict", "barn300", "--worlds", "0", "--weights", "w.npz").startswith("w.npz: ")
 
 
-def test_names_of_folders_are_text_on_every_page(good, tmp_path, capsys):
+def test_names_of_folders_are_text_on_every_page(good, tmp_path, command):
     folders = [tmp_path / f"{TAG}{number}" for number in range(2)]
     for folder in folders:
         shutil.copytree(good, folder)
-    for command in ("report", "leaderboard"):
-        page = tmp_path / f"{command}.html"
-        with pytest.raises(SystemExit) as ended:
-            main([command, *map(str, folders), "--out", str(page), *(["--no-assets"] if command == "report" else [])])
-        assert ended.value.code == 0, capsys.readouterr().err
+    for verb in ("report", "leaderboard"):
+        page = tmp_path / f"{verb}.html"
+        code, _, err = command(verb, *folders, "--out", page, *(["--no-assets"] if verb == "report" else []))
+        assert code == 0, err
         assert "<img src=x" not in page.read_text()
         assert "&lt;img src=x onerror=alert(1)&gt;" in page.read_text()
     assert "<img src=x" not in Results(folders[0])._repr_html_()

@@ -107,7 +107,7 @@ def test_the_planner_knows_where_the_lidar_is():
     (spec,) = experiment(PAPER_2020, "0").trials()
     assert spec.overrides == {}
     with pytest.raises(ConfigError, match=r"planner 'gap': lidar_x_m is 0\.3, but the lidar is mounted at 0\.055 m"):
-        experiment(planners=(PlannerChoice("gap", overrides={"lidar_x_m": 0.3}),)).check()
+        experiment(planners=(PlannerChoice("gap", overrides={"lidar_x_m": 0.3}),)).trials()
 
 
 def test_a_planners_node_is_told_the_same_as_a_direct_one():

@@ -6,14 +6,15 @@ from barn_eval.ros.readiness import Endpoint
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from barn_eval.ros.graph import LEASE_S
-from barn_eval.ros.integrity import Integrity
+from barn_eval.ros.adapter import TrialTopics
+from barn_eval.ros.graph import LEASE_S, Integrity
 from barn_eval.ros.session import TrialEnded
 from barn_eval.trials.outcome import Outcome
 from barn_worlds.base.errors import ConfigError
 
 SIMULATOR, PLANNER, OTHER = b"simulator...", b"planner.....", b"other......."
 THEIRS = ("/clock", "/odom", "/scan")
+TOPICS = TrialTopics("/clock", "/odom", "/truth", "/collision", "/cmd_vel", "/scan", "/diagnostics")
 
 
 class View:
@@ -50,7 +51,7 @@ def ordinary():
 
 
 def integrity(view, line):
-    return Integrity(view, line, "/simulator", theirs=THEIRS, ours=("/score",), truth="/truth", command="/cmd_vel")
+    return Integrity(view, line, "/simulator", TOPICS, ours=("/score",))
 
 
 @pytest.mark.parametrize("line", [Channel(), None], ids=["private line", "by hand"])

@@ -11,7 +11,6 @@ from report_work import EVIL, campaign, drive
 from barn_eval.analysis.leaderboard import configuration_hash, leaderboard
 from barn_eval.analysis.planners import colours
 from barn_eval.analysis.sources import read_source
-from barn_eval.commands.main import main
 from barn_eval.pages.report.leaderboard import markdown, page
 from barn_eval.trials.protocol import PAPER_2020
 from barn_worlds.base.errors import BarnError
@@ -42,12 +41,9 @@ def test_campaigns_of_the_same_worlds_share_a_board_and_others_have_their_own(ru
     assert "8 worlds" in boards[0].title
 
 
-def test_a_board_may_be_of_some_worlds_alone(run, tmp_path, capsys):
+def test_a_board_may_be_of_some_worlds_alone(run, tmp_path, command):
     folder = campaign(tmp_path / "one", run, faster=2.0, bags=0)
-    with pytest.raises(SystemExit) as ended:
-        main(["leaderboard", str(folder), "--worlds", "0-3", "--json"])
-    assert ended.value.code == 0
-    found = json.loads(capsys.readouterr().out)
+    found = json.loads(command("leaderboard", folder, "--worlds", "0-3", "--json")[1])
     rows = [(row["tied"], row["planner"], row["worlds"]) for row in found["places"]]
     assert rows == [(True, "gap", 4), (True, "DWA", 4)]
     assert "cannot be told apart" in found["verdicts"][0] and "4 worlds" in found["places"][0]["board"]
@@ -86,12 +82,10 @@ def test_planners_of_a_campaign_have_checksums_of_their_own(run, tmp_path):
     assert configuration_hash(read_source(alone), "gap") == configuration_hash(read_source(both), "gap")
 
 
-def test_the_terminal_gets_the_verdict_and_a_table_without_markup(run, tmp_path, capsys):
+def test_the_terminal_gets_the_verdict_and_a_table_without_markup(run, tmp_path, command):
     folder = campaign(tmp_path / "one_two", run, faster=2.0, bags=0)
-    with pytest.raises(SystemExit) as ended:
-        main(["leaderboard", str(folder)])
-    assert ended.value.code == 0
-    shown = capsys.readouterr().out
+    code, shown, _ = command("leaderboard", folder)
+    assert code == 0
     assert " ".join(shown.split()).count("gap and DWA cannot be told apart: challenge metric 0.") == 1
     assert "Only 8 worlds" in shown
     assert "rank" in shown
@@ -107,17 +101,12 @@ def test_texts_are_escaped_in_both_forms(run, tmp_path):
     assert EVIL not in page(boards)
 
 
-def test_the_command_writes_both(run, tmp_path, capsys):
+def test_the_command_writes_both(run, tmp_path, command, rejected):
     folder = campaign(tmp_path / "one", run, bags=0)
-    with pytest.raises(SystemExit) as ended:
-        main(["leaderboard", str(folder), "--out", str(tmp_path / "board.md"), "--out", str(tmp_path / "board.html")])
-    assert ended.value.code == 0
+    assert command("leaderboard", folder, "--out", "board.md", "--out", "board.html")[0] == 0
     assert (tmp_path / "board.md").read_text().startswith("# Leaderboard")
     assert (tmp_path / "board.html").read_text().startswith("<!DOCTYPE html>")
-    with pytest.raises(SystemExit) as ended:
-        main(["leaderboard", str(folder), "--out", str(tmp_path / "board.doc")])
-    assert ended.value.code == 1
-    assert "must end in .md or .html" in capsys.readouterr().err
+    assert "must end in .md or .html" in rejected("leaderboard", folder, "--out", "board.doc")
 
 
 def test_a_board_is_by_the_metric_of_its_protocol_and_shows_contact_beside_time(run, tmp_path):

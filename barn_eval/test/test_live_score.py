@@ -1,7 +1,5 @@
 """How a trial stands while it runs: what a success now would be worth, then what the verdict is."""
 
-from dataclasses import replace
-
 import pytest
 
 from barn_eval.bags.messages import RUNNING, TOPICS, LiveScore, score_so_far
@@ -42,25 +40,6 @@ def told(live, referee, time_s):
         topic.path: deserialise(data, topic.type_name)
         for topic, data in live.take(referee.standing, nanoseconds(time_s))
     }
-
-
-def test_the_standing_follows_the_readings(referee, spec):
-    assert referee.standing == Standing(None, None, 0.0, None)
-    read(referee, spec, 3.0, 0.0)
-    whole = spec.course.start.distance(spec.course.goal)
-    assert referee.standing == Standing(None, None, 0.0, pytest.approx(whole))
-    read(referee, spec, 4.0, 0.9)
-    read(referee, spec, 5.5, 1.0)
-    standing = referee.standing
-    assert standing.on_clock_s == 1.5
-    assert standing.left_m == pytest.approx((spec.course.start @ Pose2D(1.0, 0.0, 0.0)).distance(spec.course.goal))
-
-
-def test_time_in_contact_is_counted(spec):
-    patient = replace(spec.protocol, collision_ends_trial=False)
-    referee = Referee(patient, spec.course)
-    drive(referee, spec, collision=True)
-    assert referee.standing == replace(referee.standing, outcome=None, contact_s=1.0)
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,8 @@ PATIENCE = Patience(command_s=5.0, clock_s=3.0, vanished_s=1.0, trial_s=60.0)
 
 
 def quiet(watch, now_s, *, ticks=True, commands=True, publisher=True):
-    if ticks:
-        watch.tick(now_s)
-    if commands:
-        watch.command(now_s)
+    number = round(10 * now_s)  # which grows
+    watch.hear(now_s, number if ticks else 0, number if commands else 0)
     if publisher:
         watch.publisher_seen(now_s)
 

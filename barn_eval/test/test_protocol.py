@@ -190,14 +190,6 @@ def test_a_pose_may_be_held_at_one_x():
     assert PoseRule(x_m=5.0, x_min_m=1.0, x_max_m=1.0).resolve({"map": (0.0, 0.0)}).x == 1.0
 
 
-def test_a_file_changes_its_base(tmp_path):
-    path = tmp_path / "slow.yaml"
-    path.write_text("schema_version: 1\nbase: challenge\nname: slow\nlimit_s: 200\nstart: {y_m: 2.5}\n")
-    slow = load_protocol(str(path))
-    assert (slow.name, slow.limit_s, slow.start.y_m, slow.start.x_m) == ("slow", 200.0, 2.5, -2.25)
-    assert slow.collision_ends_trial
-
-
 def test_a_file_changes_what_it_names_of_start_and_goal_and_keeps_the_rest(tmp_path):
     path = tmp_path / "near.yaml"
     path.write_text("schema_version: 1\nbase: paper2020\nname: near\nstart: {x_m: 0.1}\ngoal: {y_m: -0.5}\n")

@@ -1,5 +1,7 @@
 from dataclasses import replace
 
+import pytest
+
 from barn_eval.ros.readiness import POSE_STAMPED, TWIST, TWIST_STAMPED, Endpoint, Graph, Needs, inspect
 from barn_eval.trials.outcome import Outcome
 
@@ -18,16 +20,9 @@ def graph(*publishers, subscriptions=INPUTS):
 def test_a_complete_planner_passes_and_its_command_type_is_found():
     for kind in (TWIST, TWIST_STAMPED):
         finding = inspect(graph(Endpoint("/cmd_vel", kind, b"c", "/dwa_planner")), NEEDS)
-        assert finding.ready
+        assert not finding.missing
         assert finding.command_node == "/dwa_planner"
         assert finding.command_type == kind
-
-
-def test_nothing_there():
-    finding = inspect(Graph(), NEEDS)
-    missing = "no publisher on /cmd_vel; no subscription to /scan; no subscription to /odom"
-    assert finding.text() == f"{missing}; no node of a planner is seen"
-    assert finding.outcome is Outcome.PLANNER_NOT_READY
 
 
 def test_nobody_but_the_simulator_is_another_matter_than_a_planner_with_something_missing():
@@ -38,38 +33,54 @@ def test_nobody_but_the_simulator_is_another_matter_than_a_planner_with_somethin
     assert inspect(Graph([*own, talker]), needs).missing[-1] == "no subscription to /odom"
 
 
-def test_other_kind_of_twist_is_named():
-    finding = inspect(graph(Endpoint("/cmd_vel", TWIST_STAMPED, b"c")), Needs("/cmd_vel", "twist", NEEDS.inputs))
-    assert finding.text() == (
-        "no publisher on /cmd_vel; a TwistStamped publisher exists on /cmd_vel, this run expects Twist"
-    )
-    assert finding.outcome is Outcome.WRONG_MESSAGE_TYPE
+COMMAND, OTHER_SCAN = Endpoint("/cmd_vel", TWIST, b"c"), Endpoint("/scan", "sensor_msgs/msg/PointCloud2", b"s")
 
 
-def test_a_type_that_is_no_velocity_is_named():
-    finding = inspect(graph(Endpoint("/cmd_vel", "std_msgs/msg/String", b"c")), NEEDS)
-    assert "a String publisher exists on /cmd_vel, this run expects Twist or TwistStamped" in finding.text()
-    assert finding.outcome is Outcome.WRONG_MESSAGE_TYPE
-
-
-def test_two_types_at_once_are_refused():
-    both = (Endpoint("/cmd_vel", TWIST, b"1"), Endpoint("/cmd_vel", TWIST_STAMPED, b"2"))
-    finding = inspect(graph(*both), NEEDS)
-    assert finding.text() == "publishers of different types on /cmd_vel: Twist, TwistStamped"
-    assert finding.outcome is Outcome.WRONG_MESSAGE_TYPE
-
-
-def test_commands_on_another_topic_are_hinted_at():
-    finding = inspect(graph(Endpoint("/nav/cmd_vel", TWIST, b"c")), NEEDS)
-    assert finding.text() == "no publisher on /cmd_vel; a Twist publisher exists on /nav/cmd_vel, remap it"
-    assert finding.outcome is Outcome.PLANNER_NOT_READY
-
-
-def test_subscription_of_another_type():
-    inputs = (Endpoint("/scan", "sensor_msgs/msg/PointCloud2", b"s"), INPUTS[1])
-    finding = inspect(graph(Endpoint("/cmd_vel", TWIST, b"c"), subscriptions=inputs), NEEDS)
-    assert finding.text() == "no subscription to /scan; one of PointCloud2 exists, it carries LaserScan"
-    assert finding.outcome is Outcome.WRONG_MESSAGE_TYPE
+@pytest.mark.parametrize(
+    ("seen", "command_type", "said", "outcome"),
+    [
+        (
+            Graph(),
+            "auto",
+            "no publisher on /cmd_vel; no subscription to /scan; no subscription to /odom; "
+            "no node of a planner is seen",
+            Outcome.PLANNER_NOT_READY,
+        ),
+        (
+            graph(replace(COMMAND, type_name=TWIST_STAMPED)),
+            "twist",
+            "no publisher on /cmd_vel; a TwistStamped publisher exists on /cmd_vel, this run expects Twist",
+            Outcome.WRONG_MESSAGE_TYPE,
+        ),
+        (
+            graph(replace(COMMAND, type_name="std_msgs/msg/String")),
+            "auto",
+            "no publisher on /cmd_vel; a String publisher exists on /cmd_vel, this run expects Twist or TwistStamped",
+            Outcome.WRONG_MESSAGE_TYPE,
+        ),
+        (
+            graph(COMMAND, Endpoint("/cmd_vel", TWIST_STAMPED, b"2")),
+            "auto",
+            "publishers of different types on /cmd_vel: Twist, TwistStamped",
+            Outcome.WRONG_MESSAGE_TYPE,
+        ),
+        (
+            graph(replace(COMMAND, topic="/nav/cmd_vel")),
+            "auto",
+            "no publisher on /cmd_vel; a Twist publisher exists on /nav/cmd_vel, remap it",
+            Outcome.PLANNER_NOT_READY,
+        ),
+        (
+            graph(COMMAND, subscriptions=(OTHER_SCAN, INPUTS[1])),
+            "auto",
+            "no subscription to /scan; one of PointCloud2 exists, it carries LaserScan",
+            Outcome.WRONG_MESSAGE_TYPE,
+        ),
+    ],
+)
+def test_what_is_missing_is_named_with_what_is_there_instead(seen, command_type, said, outcome):
+    finding = inspect(seen, replace(NEEDS, command_type=command_type))
+    assert (finding.text(), finding.outcome) == (said, outcome)
 
 
 def test_incompatible_quality_of_service():
@@ -109,7 +120,7 @@ def test_a_goal_that_the_evaluator_would_send_in_vain():
 def test_an_action_for_the_goal():
     command = Endpoint("/cmd_vel", TWIST, b"c", "/nav")
     needs = Needs("/cmd_vel", action=("/navigate_to_pose", ACTION))
-    assert inspect(Graph([command], [], [("/navigate_to_pose", ACTION)]), needs).ready
+    assert inspect(Graph([command], [], [("/navigate_to_pose", ACTION)]), needs).text() == ""
     assert inspect(Graph([command]), needs).text() == "no action /navigate_to_pose"
     elsewhere = inspect(Graph([command], [], [("/robot/navigate_to_pose", ACTION)]), needs)
     assert elsewhere.text() == (
@@ -124,5 +135,5 @@ def test_an_action_for_the_goal():
 def test_commands_without_guarantee_of_delivery_are_taken_and_known_as_such():
     for reliable in (True, False):
         finding = inspect(graph(Endpoint("/cmd_vel", TWIST, b"c", "/nav", reliable=reliable)), NEEDS)
-        assert finding.ready
+        assert not finding.missing
         assert finding.command_reliable is reliable

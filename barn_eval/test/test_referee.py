@@ -13,7 +13,7 @@ from barn_eval.trials import rules
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import CHALLENGE, PAPER_2020, Course
 from barn_eval.trials.referee import Referee, Standing
-from barn_worlds.base.types import Pose2D, Velocity2D, nanoseconds
+from barn_worlds.base.types import Pose2D, Velocity2D
 
 COURSE = Course(Pose2D(0.0, 0.0, math.pi / 2), Pose2D(0.0, 5.0, math.pi / 2), 4.5, 5.0, 2.5)
 PERIOD_NS = 50_000_000
@@ -77,13 +77,6 @@ def test_the_trials_of_2020_are_judged_by_odometry_alone():
     assert referee.verdict.traversal_time_s == pytest.approx(2 * 0.05)
 
 
-def test_the_truth_at_the_goal_is_no_arrival_in_2020():
-    referee = Referee(PAPER_2020, COURSE)
-    for step, x in enumerate((0.0, 1.0, 4.6)):
-        referee.observe(*Reading(step * PERIOD_NS, Pose2D(x, 0.0, 0.0), COURSE.goal, False))
-    assert referee.verdict is None
-
-
 def test_motion_of_exactly_the_distance_does_not_start_the_clock():
     protocol = replace(CHALLENGE, clock_start_distance_m=0.5)
     referee = Referee(protocol, COURSE)
@@ -91,15 +84,6 @@ def test_motion_of_exactly_the_distance_does_not_start_the_clock():
     referee.observe(*reading(1, 0.5))
     assert not referee.clock_started
     referee.observe(*reading(2, 0.5000001))
-    assert referee.clock_started
-
-
-def test_the_paper_starts_the_clock_by_odometry():
-    referee = Referee(PAPER_2020, COURSE)
-    referee.observe(*reading(0, 0.0))
-    referee.observe(*Reading(PERIOD_NS, Pose2D(0.0, 0.0, 0.0), Pose2D(0.0, 1.0, 0.0), False))
-    assert not referee.clock_started
-    referee.observe(*Reading(2 * PERIOD_NS, Pose2D(0.32, 0.0, 0.0), Pose2D(0.0, 1.0, 0.0), False))
     assert referee.clock_started
 
 
@@ -197,19 +181,13 @@ def test_a_command_that_is_no_number_ends_the_trial(command):
     assert "not finite" in verdict.detail
 
 
-def test_a_clock_that_runs_back_is_the_simulators_fault():
-    referee = Referee(CHALLENGE, COURSE)
-    referee.observe(*reading(2, 0.0))
-    verdict = referee.observe(*reading(1, 0.0))
-    assert verdict.outcome is Outcome.SIMULATOR_DIED
-    assert "ran back from 100000000 to 50000000 ns" in verdict.detail
-
-
 def test_a_clock_runs_back_by_the_last_reading_and_may_stand_still():
     referee = Referee(CHALLENGE, COURSE)
     for step in (0, 2, 2):
         assert referee.observe(*reading(step, 0.0)) is None
-    assert referee.observe(*reading(1, 0.0)).outcome is Outcome.SIMULATOR_DIED
+    verdict = referee.observe(*reading(1, 0.0))
+    assert verdict.outcome is Outcome.SIMULATOR_DIED
+    assert "ran back from 100000000 to 50000000 ns" in verdict.detail
 
 
 @pytest.mark.parametrize(("field", "name"), [("odometry", "odometry"), ("truth", "true pose")])
@@ -283,12 +261,3 @@ def test_one_verdict_with_sound_times_wherever_time_begins(steps, protocol, offs
         assert verdict.traversal_time_s <= protocol.limit_s
     if verdict.outcome is Outcome.TIMEOUT:
         assert verdict.traversal_time_s >= protocol.limit_s
-
-
-def test_every_trial_ends_within_both_limits():
-    """Whatever the robot does, a verdict comes by the sum of the two limits."""
-    worst_ns = nanoseconds(PAPER_2020.first_motion_limit_s) + nanoseconds(PAPER_2020.limit_s)
-    waiting = round(PAPER_2020.first_motion_limit_s / 0.05) - 1
-    verdict = judge(PAPER_2020, [0.0] * waiting + [1.0] * 10_000)
-    assert verdict.outcome is Outcome.TIMEOUT
-    assert nanoseconds(verdict.duration_s) <= worst_ns

@@ -121,7 +121,7 @@ def test_what_nobody_says_has_its_default():
 def test_a_setting_names_its_planner_where_there_are_several(planners, settings, overrides):
     asked = read_request(None, {"planners": planners, "settings": settings})
     assert [one.overrides for one in asked.experiment.planners] == overrides
-    asked.experiment.check()
+    assert len(asked.experiment.trials()) == 300 * len(overrides)
 
 
 def test_settings_of_mode_ros_and_bags_belong_to_the_experiment():

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import barn_eval as barn
-from barn_eval.commands.main import main
 from barn_eval.worlds import generate, resize
 from barn_metrics.metrics import world_metrics
 from barn_worlds.base.errors import BarnError, ConfigError
@@ -14,17 +13,6 @@ from barn_worlds.robots.files import load_robot
 from barn_worlds.worlds.cspace import configuration_space, through_region
 from barn_worlds.worlds.dataset import open_dataset, shipped
 from barn_worlds.worlds.generate import narrowness
-
-
-def failing(capfd, *arguments):
-    assert code_of(*arguments) == 1
-    return capfd.readouterr().err
-
-
-def code_of(*arguments):
-    with pytest.raises(SystemExit) as ended:
-        main([*map(str, arguments)])
-    return ended.value.code or 0
 
 
 def test_barn_tb4_is_what_its_command_makes(tmp_path):
@@ -63,13 +51,11 @@ def test_worlds_kept_are_spread_over_the_order(tmp_path):
         generate(keep=13, **asked)
 
 
-def test_robots_that_take_more_cells_than_the_data_set_is_made_for_are_refused(capfd, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    said = failing(capfd, "run", "--dataset", "barn_tb4", "--worlds", "0", "--planner", "gap", "--out", "unused")
+def test_robots_that_take_more_cells_than_the_data_set_is_made_for_are_refused(rejected):
+    said = rejected("run", "--dataset", "barn_tb4", "--worlds", "0", "--planner", "gap", "--out", "unused")
     assert (
         "barn_tb4 is made for robot turtlebot4, with ways for 5 x 5 cells of 0.101 m: robot jackal takes 7 x 7" in said
     )
-    assert said.count("\n") == 1
     dataset = open_dataset("barn_tb4")
     for fits in ("turtlebot4", "turtlebot3_burger", "turtlebot3_waffle"):
         dataset.require_fit(load_robot(fits), dataset.indices)
@@ -80,7 +66,7 @@ def test_robots_that_take_more_cells_than_the_data_set_is_made_for_are_refused(c
         gymnasium.make("barn/Jackal-v0", dataset="barn_tb4", robot="husky")
 
 
-def test_resized_worlds_have_the_same_grids_in_cells_of_the_robots(tmp_path, capfd):
+def test_resized_worlds_have_the_same_grids_in_cells_of_the_robots(tmp_path, command, rejected):
     chosen = barn.worlds.load("barn300", "0,150,299")
     for robot, side_m in (("jackal", 0.15), ("turtlebot4", 0.101), ("husky", 0.293)):
         made = resize(chosen, robot)
@@ -89,9 +75,8 @@ def test_resized_worlds_have_the_same_grids_in_cells_of_the_robots(tmp_path, cap
             assert (world.grid == chosen[index].grid).all() and (world.path == chosen[index].path).all()
     assert [one.checksum for one in resize(chosen, "jackal").values()] == [one.checksum for one in chosen.values()]
     arguments = ("--worlds", "0,150,299", "--robot", "husky", "--resize")
-    assert code_of("worlds", "convert", "barn300", tmp_path / "husky.npz", *arguments) == 0
+    assert command("worlds", "convert", "barn300", "husky.npz", *arguments)[0] == 0
     written = open_dataset(tmp_path / "husky.npz")
     assert written.indices == (0, 150, 299) and written.load(150).checksum == made[150].checksum
-    capfd.readouterr()
-    said = failing(capfd, "worlds", "convert", "dynabarn60", tmp_path / "x.npz", "--robot", "husky", "--resize")
+    said = rejected("worlds", "convert", "dynabarn60", "x.npz", "--robot", "husky", "--resize")
     assert "walls, moving obstacles and arenas are in metres and cannot be resized" in said

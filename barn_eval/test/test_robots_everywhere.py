@@ -11,7 +11,6 @@ import barn_eval as barn
 from barn_eval.analysis.overview import repeat
 from barn_eval.analysis.sources import read_source
 from barn_eval.bags.recorded import read_recorded
-from barn_eval.commands.main import main
 from barn_eval.experiments.request import read_request
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.trials.protocol import CHALLENGE, PROTOCOLS
@@ -19,26 +18,11 @@ from barn_eval.trials.spec import simulator_config
 from barn_sim.config import PRESETS, robot_of, with_robot
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.formats.own import write_own
-from barn_worlds.robots.files import load_robot, shipped_robots
-from barn_worlds.robots.standard import STANDARD
+from barn_worlds.robots.files import STANDARD, load_robot, shipped_robots
 from barn_worlds.worlds.cells import LEAD_IN_M
 from barn_worlds.worlds.dataset import open_dataset
 
 HUSKY = load_robot("husky")
-
-
-@pytest.fixture
-def failing(capfd, tmp_path, monkeypatch):
-    """Run a command in an empty folder and return its message, once it has failed."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        with pytest.raises(SystemExit) as ended:
-            main([*map(str, arguments)])
-        assert ended.value.code == 1
-        return capfd.readouterr().err
-
-    return run
 
 
 def asked(**options):
@@ -98,8 +82,8 @@ def test_tasks_and_planners_differ_by_robot():
     assert other.overrides == {}
 
 
-def test_a_planner_that_cannot_drive_it_is_refused(failing):
-    said = failing("run", "--worlds", "0", "--planner", "policy", "--robot", "husky", "--out", "unused")
+def test_a_planner_that_cannot_drive_it_is_refused(rejected):
+    said = rejected("run", "--worlds", "0", "--planner", "policy", "--robot", "husky", "--out", "unused")
     assert "the shipped policy was trained for the Jackal alone" in said
 
 
@@ -119,9 +103,9 @@ def test_results_say_which_robot(folders):
     assert row.measures.min_clearance_m == pytest.approx(float(np.nanmin(recorded.clearance_m)), abs=1e-6)
 
 
-@pytest.mark.parametrize("command", ["compare", "report", "leaderboard"])
-def test_robots_are_not_mixed(command, folders, failing):
-    said = failing(command, *folders, *(["--out", "x.html"] if command == "report" else []))
+@pytest.mark.parametrize("verb", ["compare", "report", "leaderboard"])
+def test_robots_are_not_mixed(verb, folders, rejected):
+    said = rejected(verb, *folders, *(["--out", "x.html"] if verb == "report" else []))
     assert f"different robots cannot be compared: husky in {folders[0]}, jackal in {folders[1]}" in said
 
 
@@ -158,11 +142,11 @@ def test_a_robot_that_does_not_fit_before_the_obstacles_is_refused(husky_worlds)
         CHALLENGE.sized(world, HUSKY.chassis)
 
 
-def test_metrics_are_those_of_the_robot(failing):
+def test_metrics_are_those_of_the_robot(rejected):
     own = barn.worlds.metrics("barn300", "0")
     assert barn.worlds.metrics("barn300", "0", robot="jackal").equals(own)
     assert not barn.worlds.metrics("barn300", "0", robot="turtlebot4").equals(own)
-    said = failing("metrics", "barn300", "--worlds", "290", "--robot", "husky")
+    said = rejected("metrics", "barn300", "--worlds", "290", "--robot", "husky")
     assert "no path from the first to the last column for a robot of 7 x 7 cells" in said
 
 

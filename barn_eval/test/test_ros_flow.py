@@ -10,14 +10,14 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from ros_runs import FAULTY, SHORT, drive, foreign, make_plan, messages, node_process, nothing_left  # noqa: F401
+from ros_runs import FOREIGN, SHORT, drive, foreign, make_plan, messages, node_process, nothing_left  # noqa: F401
 from waiting import until
 
 
 @pytest.mark.parametrize("planner", ["dwa", "talks"])
 def test_an_evaluator_without_processor_time_is_waited_for(tmp_path, nothing_left, planner):  # noqa: F811
     longer = replace(SHORT, limit_s=20.0, timeout_time_s=20.0, collision_ends_trial=False)
-    command = foreign(FAULTY, tmp_path / "starts", planner) if planner == "talks" else ""
+    command = foreign(FOREIGN, tmp_path / "starts", planner) if planner == "talks" else ""
     plan = make_plan(longer, planner=planner, planner_command=command)
     part = tmp_path / "run" / "bags" / f"{planner}_w0000_r00.partial" / f"{planner}_w0000_r00_0.mcap"
 

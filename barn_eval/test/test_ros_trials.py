@@ -25,7 +25,7 @@ rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 import foreign_environment  # noqa: E402
 from ros_runs import (  # noqa: E402
     EXAMPLE,
-    FAULTY,
+    FOREIGN,
     PATIENT,
     QUICK,
     SHORT,
@@ -37,7 +37,6 @@ from ros_runs import (  # noqa: E402
     messages,
     node_process,
     nothing_left,  # noqa: F401 (a fixture)
-    odometry_rows,
     run,
     shown,
     unstamped,
@@ -51,14 +50,14 @@ from barn_eval.experiments.direct import run_direct_trial  # noqa: E402
 from barn_eval.experiments.experiment import Experiment  # noqa: E402
 from barn_eval.experiments.folder import read_results  # noqa: E402
 from barn_eval.experiments.runner import ExperimentError  # noqa: E402
-from barn_eval.ros.supervision import ProcessError, start  # noqa: E402
+from barn_eval.ros.supervision import start  # noqa: E402
 from barn_eval.ros.supervision.process import GuardedProcess  # noqa: E402
 from barn_eval.trials.outcome import Outcome  # noqa: E402
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN, PAPER_2020  # noqa: E402
 from barn_eval.trials.spec import simulator_config  # noqa: E402
 from barn_worlds.base.types import Pose2D  # noqa: E402
 from barn_worlds.geometry.bodies import wall_bodies  # noqa: E402
-from barn_worlds.geometry.footprint import Disc  # noqa: E402
+from barn_worlds.geometry.footprint import Footprint  # noqa: E402
 from barn_worlds.messages.cdr import jazzy_types  # noqa: E402
 from barn_worlds.messages.topics import BAND, CANDIDATES, COSTMAP, DIAGNOSTICS, LOCAL_PLAN, PLAN  # noqa: E402
 from barn_worlds.robots.files import load_robot, shipped_robots  # noqa: E402
@@ -101,13 +100,9 @@ def test_lockstep_and_direct_trials_are_the_same_step_by_step(tmp_path, protocol
         direct = run_direct_trial(spec, recorder).result
     assert result.repeatable() | {"mode": "direct"} == direct.repeatable()
     ros, one = messages(tmp_path / "ros" / "bags" / spec.trial_id), messages(tmp_path / "direct")
-    for topic in ("/odom", "/ground_truth/odom"):
+    for topic in ("/odom", "/ground_truth/odom", "/scan", "/cmd_vel"):  # their bytes are compared below
         assert len(one[topic]) > 100
-        assert odometry_rows(ros[topic]) == odometry_rows(one[topic])
-    assert len(ros["/scan"]) == len(one["/scan"])
-    for (stamp, scan), (expected_stamp, expected) in zip(ros["/scan"], one["/scan"], strict=True):
-        assert stamp == expected_stamp
-        assert scan.ranges.tobytes() == expected.ranges.tobytes()
+        assert [stamp for stamp, _ in ros[topic]] == [stamp for stamp, _ in one[topic]]
     assert len(one["/world"]) == 1
     assert [len(one.get(topic, [])) > 50 for topic in MOVING] == [protocol.arena] * 2
     for topic in ("/score", "/outcome", "/score_text"):
@@ -120,11 +115,7 @@ def test_lockstep_and_direct_trials_are_the_same_step_by_step(tmp_path, protocol
     assert one["/outcome"][0][1].data == "running"
     assert one["/outcome"][-1][1].data == result.outcome.value
     assert one["/score"][-1][1].data == result.scores.challenge
-    commands = [[(stamp, m.linear.x, m.angular.z) for stamp, m in bag["/cmd_vel"]] for bag in (ros, one)]
-    assert commands[0] == commands[1]
-    if protocol.map_given:
-        assert np.array_equal(ros["/map"][0][1].data, one["/map"][0][1].data)
-        assert len(ros["/goal_pose"]) > 10
+    assert len(ros["/goal_pose"]) > 10 or not protocol.map_given
     assert_equal_bytes(unstamped(tmp_path / "ros" / "bags" / spec.trial_id), unstamped(tmp_path / "direct"))
 
 
@@ -140,7 +131,7 @@ def test_a_free_running_trial_meets_the_obstacles_of_its_phase_where_its_scans_s
     tracks, moving = spec.world.tracks, recorded.moving
     assert len(moving.times_s) > 40
     np.testing.assert_allclose(moving.places, tracks.over(moving.times_s + spec.phase_s)[0], atol=1e-9)
-    walls, point = wall_bodies(spec.world.walls), Disc(1e-9, np.zeros((1, 2)))
+    walls, point = wall_bodies(spec.world.walls), Footprint(np.zeros((1, 2)), 1e-9)
     for one in recorded.scans[::10]:
         pose = Pose2D(*recorded.poses[recorded.index_at(one.time_s)].tolist()) @ recorded.lidar
         seen = np.isfinite(one.content.ranges)
@@ -212,7 +203,7 @@ def test_every_fault_of_a_planner_is_an_outcome_and_the_next_trial_runs(tmp_path
         "hangs": Outcome.PLANNER_STALLED,
         "one_shot": Outcome.TIMEOUT,  # drives, and ends when there is nothing more to do, as the one after it
     }
-    command = foreign(FAULTY, tmp_path / "starts", *kinds)
+    command = foreign(FOREIGN, tmp_path / "starts", *kinds)
     plan = make_plan(ros=QUICK, planner="faulty", planner_command=command, repetitions=len(kinds) + 1)
     results = list(drive(tmp_path / "run", plan))
     assert [result.outcome for result in results] == [*kinds.values(), Outcome.TIMEOUT]
@@ -232,7 +223,7 @@ def test_every_fault_of_a_planner_is_an_outcome_and_the_next_trial_runs(tmp_path
 
 
 def test_a_free_running_trial_with_late_commands_is_marked(tmp_path):
-    command = foreign(FAULTY, tmp_path / "starts", "dozes")
+    command = foreign(FOREIGN, tmp_path / "starts", "dozes")
     setup = replace(PATIENT, lockstep=False, real_time_factor=1.0)
     plan = make_plan(SHORT, setup, planner="dozes", planner_command=command)
     (result,) = drive(tmp_path / "run", plan)
@@ -243,7 +234,7 @@ def test_a_free_running_trial_with_late_commands_is_marked(tmp_path):
 
 def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_left):  # noqa: F811
     protocol = replace(SHORT, limit_s=10.0, timeout_time_s=10.0, collision_ends_trial=False)
-    command = foreign(FAULTY, tmp_path / "starts", "drives")
+    command = foreign(FOREIGN, tmp_path / "starts", "drives")
     plan = make_plan(protocol, planner="drives", planner_command=command, repetitions=4)
     folder = tmp_path / "run"
     simulator, evaluator = "barn_sim.ros.simulator", "barn_eval.ros.evaluator"
@@ -262,7 +253,7 @@ def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_l
         0: lambda: kill(node_process(nothing_left, simulator)),
         1: lambda: kill(node_process(nothing_left, evaluator)),
         2: suspend,
-        3: lambda: kill(guards(nothing_left, str(FAULTY))),
+        3: lambda: kill(guards(nothing_left, str(FOREIGN))),
     }
 
     def disturb():
@@ -290,21 +281,6 @@ def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_l
     assert {result.outcome for result in results} == {Outcome.TIMEOUT}
 
 
-def test_no_listener_beyond_loopback_and_no_shared_memory(tmp_path, nothing_left):  # noqa: F811
-    folder = tmp_path / "run"
-    command = [sys.executable, "-m", "barn_eval", "run", "--worlds", "0", "--mode", "ros", "--bags", "all"]
-    command += ["--out", str(folder)]
-    run = subprocess.Popen([*command, "--planner-command", foreign(EXAMPLE)], cwd=tmp_path, stderr=subprocess.DEVNULL)
-    until(lambda: list((folder / "bags").glob("*.partial/*.mcap")) or run.poll() is not None)
-    pids = [*marked(nothing_left), run.pid]
-    addresses = {address for pid in pids for address in listeners(pid)}
-    assert len(addresses) >= 6  # two ports of each node, at least
-    assert {address for address, _ in addresses} == {"127.0.0.1"}
-    assert not [pid for pid in pids if "/dev/shm/fastrtps" in Path(f"/proc/{pid}/maps").read_text()]
-    run.send_signal(signal.SIGINT)
-    run.wait()
-
-
 def listeners(pid):
     """Return (address, port) of the sockets of a process that a network could reach, over IPv6 as ("::", port)."""
     found, sockets = set(), set()
@@ -313,13 +289,9 @@ def listeners(pid):
             sockets.add(str(entry.readlink()))
     for name in ("udp", "tcp", "udp6", "tcp6"):
         for row in Path(f"/proc/{pid}/net/{name}").read_text().splitlines()[1:]:
-            (
-                _,
-                local,
-                *_,
-            ) = words = row.split()
+            words = row.split()
             if f"socket:[{words[9]}]" in sockets:
-                address, port = local.split(":")
+                address, port = words[1].split(":")
                 wide = name.endswith("6")
                 text = "::" if wide else socket.inet_ntoa(struct.pack("=L", int(address, 16)))
                 found.add((text, int(port, 16)))
@@ -327,21 +299,16 @@ def listeners(pid):
 
 
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL], ids=lambda one: one.name)
-def test_nothing_is_left_running(tmp_path, nothing_left, end):  # noqa: F811
-    command = [sys.executable, "-m", "barn_eval", "run", "--dataset", "barn300", "--worlds", "0", "--mode", "ros"]
-    command += [
-        "--protocol",
-        "challenge",
-        "--planner",
-        "simple",
-        "--planner-command",
-        foreign(EXAMPLE),
-        "--bags",
-        "all",
-    ]
-    run = subprocess.Popen([*command, "--out", str(tmp_path / "run")], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+def test_nothing_listens_beyond_loopback_and_nothing_is_left_running(tmp_path, nothing_left, end):  # noqa: F811
+    command = [sys.executable, "-m", "barn_eval", "run", "--worlds", "0", "--mode", "ros", "--bags", "all"]
+    command += ["--planner", "simple", "--planner-command", foreign(EXAMPLE), "--out", str(tmp_path / "run")]
+    run = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     until(lambda: list((tmp_path / "run" / "bags").glob("*.partial/*.mcap")) or run.poll() is not None)
-    until(lambda: len(marked(nothing_left)) >= 7)  # three nodes, their guards, and the command itself
+    pids = until(lambda: len(found := marked(nothing_left)) >= 7 and found)  # three nodes, their guards, the command
+    addresses = {address for pid in pids for address in listeners(pid)}
+    assert len(addresses) >= 6  # two ports of each node, at least
+    assert {address for address, _ in addresses} == {"127.0.0.1"}
+    assert not [pid for pid in pids if "/dev/shm/fastrtps" in Path(f"/proc/{pid}/maps").read_text()]
     run.send_signal(end)
     _, errors = run.communicate(timeout=600)
     assert run.returncode != 0
@@ -391,17 +358,19 @@ def plain_python(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    "setup",
-    [PATIENT, replace(PATIENT, lockstep=False, real_time_factor=1.0, command_type="twist")],
+    ("protocol", "setup", "outcome", "driven_m"),
+    [
+        (CHALLENGE, PATIENT, Outcome.SUCCESS, 8.0),
+        (SHORT, replace(PATIENT, lockstep=False, command_type="twist"), Outcome.TIMEOUT, 0.3),
+    ],
     ids=["lockstep", "free_running"],
 )
-def test_a_planner_from_an_environment_without_the_suite_completes_a_world(tmp_path, plain_python, setup):
+def test_a_planner_from_an_environment_without_the_suite(tmp_path, plain_python, protocol, setup, outcome, driven_m):
     assert foreign_environment.cannot_import_the_suite(plain_python)
     command = shlex.join([str(plain_python), "-I", str(EXAMPLE)])
-    plan = make_plan(CHALLENGE, setup, planner="simple", planner_command=command)
-    (result,) = drive(tmp_path / "run", plan)
-    assert result.outcome is Outcome.SUCCESS
-    assert result.measures.driven_m > 8.0
+    (result,) = drive(tmp_path / "run", make_plan(protocol, setup, planner="simple", planner_command=command))
+    assert result.outcome is outcome
+    assert result.measures.driven_m > driven_m
 
 
 def test_a_planner_that_does_not_come_up_ends_the_run_with_its_log(tmp_path):
@@ -413,9 +382,3 @@ def test_a_planner_that_does_not_come_up_ends_the_run_with_its_log(tmp_path):
         run(folder, plan)
     assert "no such parameter: speed" in str(caught.value)
     assert not (folder / "results.jsonl").exists()
-
-
-def test_a_planner_command_that_does_not_exist_is_one_line(tmp_path):
-    plan = make_plan(planner="nobody", planner_command="/no/such/planner --fast")
-    with pytest.raises(ProcessError, match=r"^the planner cannot be started: /no/such/planner: No such file"):
-        list(drive(tmp_path / "run", plan))

@@ -1,5 +1,6 @@
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -43,10 +44,8 @@ def family(tmp_path, *arguments):
 
 def test_stop_ends_the_whole_family(tmp_path):
     process, pids = family(tmp_path)
-    process.read()
-    assert process.pid == pids[0]
     process.stop()
-    assert process.end == "was killed by SIGINT" or process.end.startswith("exited with code")
+    assert re.match(r"was killed by SIG(INT|TERM)$|exited with code", process.end)  # it may wait for the processor
     assert not any(map(alive, pids))
 
 

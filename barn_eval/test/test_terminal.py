@@ -50,7 +50,7 @@ def drawn(made, width):
 
 def check_whole(made):
     """Nothing is in the drawn table but the words of its cells and heads, and all of them are."""
-    texts = [made.title, made.caption, *(text for one in made.columns for text in (one.head, *one.cells))]
+    texts = [made.title, made.caption, *(text for column in made.columns for text in column)]
     words = set(" ".join(texts).split())
     for width in WIDTHS:
         shown = drawn(made, width)

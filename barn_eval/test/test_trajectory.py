@@ -102,12 +102,6 @@ def test_jerk_needs_three_readings_at_different_times():
     assert jerk([0, PERIOD_NS, PERIOD_NS, 2 * PERIOD_NS]) is None
 
 
-def test_jerk_of_a_known_speed():
-    times = np.arange(40) * 0.05
-    measures = measure(drive([Pose2D(0.0, 0.0, 0.0)] * 40, speeds=0.5 * 3.0 * times**2), FAR, 0.075, EXTENT)
-    assert measures.rms_jerk_mps3 == pytest.approx(3.0)
-
-
 def test_readings_without_an_answer_are_counted_but_for_the_last():
     assert measure(drive([Pose2D(0.0, 0.0, 0.0)] * 5, commands=False), FAR, 0.075, EXTENT).unanswered_cycles == 4
     assert measure(drive([Pose2D(0.0, 0.0, 0.0)] * 5), FAR, 0.075, EXTENT).unanswered_cycles == 0

@@ -98,17 +98,6 @@ def tortuosity(path: Cells) -> float:
     return arc / chord
 
 
-def path_metrics(cspace: BoolGrid, path: Cells, formula: Formula | str = CORRECTED) -> WorldMetrics:
-    """Return the metrics of a path (n, 2) through a configuration space (rows, cols), True where occupied.
-
-    A repeated cell counts as often as it occurs, as in the original, whose paths all repeat their first cell.
-    Raises WorldError for a path that leaves the free space.
-    """
-    if len(path) == 0:
-        raise WorldError("path has no cells")
-    return averaged(cell_metrics(cspace, path, formula), path)
-
-
 def averaged(values: Floats, path: Cells) -> WorldMetrics:
     """Return the metrics of a path (n, 2) from its `cell_metrics` (n, 4)."""
     closest, visibility, alternations, narrowest = (float(mean) for mean in values.mean(axis=0))

@@ -16,8 +16,7 @@ from barn_metrics.report import metrics_table
 from barn_metrics.world_figure import WIDTH_PX, draw_world_figure, world_figure
 from barn_worlds.base.errors import WorldError
 from barn_worlds.worlds.dataset import Dataset
-from barn_worlds.worlds.generate import generate_world
-from barn_worlds.worlds.parameters import WorldParameters
+from barn_worlds.worlds.generate import WorldParameters, generate_world
 from barn_worlds.worlds.world import World
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from barn_metrics.motion import mean_statistics, motion_statistics
 from barn_worlds.base.errors import WorldError
-from barn_worlds.moving.arena import arena_world
+from barn_worlds.moving.generate import arena_world
 from barn_worlds.moving.motion import Motion, MovingObstacle
 from barn_worlds.worlds.dataset import open_dataset
 

@@ -8,7 +8,7 @@ import pytest
 from test_model import corridor
 
 from barn_metrics.model.inputs import STRIPS, inputs_of, summary_names
-from barn_metrics.model.network import RouteNetwork, _convolved
+from barn_metrics.model.predictor import RouteNetwork, _convolved
 from barn_metrics.model.route import (
     CHANNELS,
     HEADING,

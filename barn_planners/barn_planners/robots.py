@@ -9,15 +9,14 @@ docs/robots.md has the table. Nothing changes for the Jackal itself, whose prese
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from barn_planners.costmap.costmap import CostmapConfig, GlobalCostmapConfig
-from barn_planners.navigation.outline import text_of
+from barn_planners.costmap.costmap import CostmapConfig, GlobalCostmapConfig, text_of
 from barn_planners.registry import planner_config, planner_entry
 from barn_worlds.base.config import Checked, Quantity, fields_of, replace_dotted
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.geometry.polygon import Corner
+from barn_worlds.robots.files import STANDARD, other_name
 from barn_worlds.robots.parts import LidarConfig
 from barn_worlds.robots.robot import Robot
-from barn_worlds.robots.standard import STANDARD, other_name
 
 # Sections about the sensor or about obstacles, which do not grow with the robot.
 _KEPT = ("guard.", "tracker.")
@@ -33,10 +32,7 @@ def scale_of(robot: Robot) -> float:
 
 
 def fitted(config: Checked, robot: Robot) -> dict[str, Any]:
-    """Return the parameters of a planner, by dotted name, that a robot other than the Jackal changes.
-
-    config: that of the preset. Where the lidar is, `lidar_place` says.
-    """
+    """Return the parameters of a preset, by dotted name, that a robot changes, but for the place of its lidar."""
     if not other_name(robot.chassis):
         return {}
     scale = scale_of(robot)
@@ -66,8 +62,7 @@ def lidar_place(config: Checked, lidar: LidarConfig) -> dict[str, float]:
 def parameters_for(name: str, preset: str, overrides: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
     """Return the parameters of a planner for a robot, by dotted name, with `overrides` in place of those derived.
 
-    ConfigError in one line where the planner cannot drive the robot. A planner of another package, whose entry does not
-    say how it fits robots, keeps its preset.
+    ConfigError in one line where it cannot drive the robot. A planner whose entry has no `fit` keeps its preset.
     """
     entry = planner_entry(name)
     if entry.fit is None or not other_name(robot.chassis):
@@ -100,7 +95,6 @@ def _scaled(name: str, value: float, scale: float, robot: Robot) -> float:
 
 
 def _allowed(value: float, about: Quantity) -> float:
-    """Return the nearest value that the parameter may have."""
     low = value if about.minimum is None else max(value, about.minimum)
     return low if about.maximum is None else min(low, about.maximum)
 
@@ -172,11 +166,9 @@ def _body(config: Checked, robot: Robot) -> dict[str, float]:
 
 
 def _reach(corners: Sequence[Corner]) -> tuple[float, float]:
-    """Return how far corners reach from base_link along x and along y."""
     return max(abs(x) for x, _ in corners), max(abs(y) for _, y in corners)
 
 
 def _rectangle(corners: Sequence[Corner]) -> bool:
-    """Tell whether corners are those of a rectangle centred on base_link."""
     x, y = _reach(corners)
     return len(corners) == 4 and all(abs(abs(u) - x) < 1e-9 and abs(abs(v) - y) < 1e-9 for u, v in corners)

@@ -10,7 +10,7 @@ from barn_planners.costmap.costmap import LETHAL, CostmapConfig, RollingCostmap
 from barn_planners.dwa.config import DwaConfig, dwa_presets
 from barn_planners.dwa.memory import DwaMemory
 from barn_planners.dwa.planner import DwaController, forward_samples, turn_samples
-from barn_planners.navigation.controller import ControlInput
+from barn_planners.navigation.loop import ControlInput
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
 

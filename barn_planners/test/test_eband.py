@@ -9,7 +9,7 @@ from barn_planners.costmap.costmap import CostmapConfig, RollingCostmap
 from barn_planners.eband.config import EBandConfig
 from barn_planners.eband.planner import ENTRY, EBandController, bubble_radii
 from barn_planners.interface import PlannerStatus
-from barn_planners.navigation.controller import ControlInput
+from barn_planners.navigation.loop import ControlInput
 from barn_planners.registry import make_planner, planner_entry
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D

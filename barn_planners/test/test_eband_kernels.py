@@ -9,7 +9,7 @@ import pytest
 from barn_planners.eband import kernels
 from barn_planners.eband.forces import relax, renew
 
-GAINS = kernels.BandGains(0.7, 0.01, 1.0, 2.0, 0.75, 0.15, 4, 0.0, False)
+GAINS = kernels.BandGains(0.0, 0.7, 0.01, 1.0, 2.0, 0.75, 0.15, 4, False)
 ORIGINAL = GAINS._replace(metres_per_rad=0.408, weighs_x_twice=True)
 CAPACITY = 1024
 RESOLUTION = 0.05
@@ -65,7 +65,7 @@ class ReferenceBand:
 
     @staticmethod
     def overlap(a, b):
-        return math.hypot(a[0] - b[0], a[1] - b[1]) < GAINS.overlap * (a[2] + b[2])
+        return math.hypot(a[0] - b[0], a[1] - b[1]) < GAINS.min_overlap * (a[2] + b[2])
 
     def fill(self, a, b):
         """Return the bubbles strictly between a and b."""
@@ -73,7 +73,7 @@ class ReferenceBand:
             return []
         x, y = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])
         radius = self.radius(x, y)
-        if radius <= self.gains.tiny_m:
+        if radius <= self.gains.tiny_bubble_m:
             raise self.Broken
         middle = (x, y, radius, turned(a[3] + 0.5 * turned(b[3] - a[3])))
         return [*self.fill(a, middle), middle, *self.fill(middle, b)]
@@ -103,10 +103,10 @@ class ReferenceBand:
         for other in (band[i - 1], band[i + 1]):
             way = self.between(bubble, other)
             if math.hypot(way[0], way[1]) > 0.01:
-                force += self.gains.internal * way / math.hypot(way[0], way[1])
-        across = 2.0 * max(radius, self.gains.tiny_m)
-        force[0] += self.gains.external * (self.radius(x + radius, y) - self.radius(x - radius, y)) / across
-        force[1] += self.gains.external * (self.radius(x, y + radius) - self.radius(x, y - radius)) / across
+                force += self.gains.internal_gain * way / math.hypot(way[0], way[1])
+        across = 2.0 * max(radius, self.gains.tiny_bubble_m)
+        force[0] += self.gains.external_gain * (self.radius(x + radius, y) - self.radius(x - radius, y)) / across
+        force[1] += self.gains.external_gain * (self.radius(x, y + radius) - self.radius(x, y - radius)) / across
         line = self.between(band[i + 1], band[i - 1])
         return force - (force @ line) / max(float(line @ line), 1e-12) * line
 
@@ -114,7 +114,7 @@ class ReferenceBand:
         """Tell whether the force has turned, and whether it is still strong."""
         weighed = old[[0, 0, 2]] if self.gains.weighs_x_twice else old
         strength = np.linalg.norm(new)
-        limit = max(self.gains.overshoot * np.linalg.norm(weighed), self.gains.significant)
+        limit = max(self.gains.overshoot * np.linalg.norm(weighed), self.gains.significant_force)
         return old @ new < 0.0, strength > limit
 
     def moved(self, bubble, jump):
@@ -146,7 +146,7 @@ class ReferenceBand:
         jump = bubble[2] * force
         jump[2] = turned(jump[2] / self.gains.metres_per_rad) if self.gains.metres_per_rad else 0.0
         new = self.moved(bubble, jump)
-        if new[2] <= self.gains.tiny_m:
+        if new[2] <= self.gains.tiny_bubble_m:
             return
         if all(self.overshoots(force, self.force(band, i, new))):
             new = self.balance(band, i, bubble, force, 0.5 * jump, 0) or new

@@ -171,13 +171,6 @@ def test_leaving_out_what_is_too_far_off_the_way_does_not_change_the_plan():
     assert planned > 30 and differing <= 2
 
 
-def test_the_potential_of_open_ground_is_the_distance():
-    potential = grown(np.zeros((81, 81), np.uint8), (40, 40), (0, 0))
-    rows, cols = np.mgrid[1:80, 1:80]
-    distance = 50.0 * np.hypot(rows - 40, cols - 40)
-    np.testing.assert_allclose(potential[1:-1, 1:-1], distance, atol=120.0)
-
-
 @pytest.mark.parametrize("seed", range(6))
 def test_a_plan_leads_from_robot_to_goal_through_free_cells(seed):
     costs = random_costs(seed)
@@ -213,17 +206,6 @@ def test_the_quirks_are_half_a_cell_and_no_heading():
     shifted = quirky.plan(costmap, start, goal).poses
     np.testing.assert_allclose(right[:-1, :2] - shifted[:-1, :2], 0.025, atol=1e-12)
     assert (shifted[:-1, 2] == 0.0).all() and shifted[-1, 2] == 0.7
-
-
-def test_plans_do_not_depend_on_those_before():
-    planner = GlobalPlanner(GlobalPlanConfig())
-    maps = [grid_of(random_costs(seed)) for seed in range(4)]
-    ends = (centre(maps[0], 1, 1), centre(maps[0], 37, 47))
-    mixed = [planner.plan(costmap, *ends).poses for costmap in maps + maps]
-    for first, second, costmap in zip(mixed[:4], mixed[4:], maps, strict=True):
-        alone = GlobalPlanner(GlobalPlanConfig()).plan(costmap, *ends).poses
-        np.testing.assert_array_equal(first, second)
-        np.testing.assert_array_equal(first, alone)
 
 
 def test_why_there_is_no_plan_is_said():

@@ -7,49 +7,15 @@ import pytest
 
 from barn_planners.interface import PlannerStatus, Task
 from barn_planners.mppi.config import MppiConfig
-from barn_planners.mppi.planner import ENTRY, MppiController
+from barn_planners.mppi.planner import MppiController
 from barn_planners.navigation.guard import ProgressCheck
-from barn_planners.registry import make_planner, planner_entry
+from barn_planners.registry import make_planner
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D, nanoseconds
 
 CORRIDOR = [((-1.0, -1.2), (7.0, -1.2)), ((-1.0, 1.2), (7.0, 1.2)), ((-1.0, -1.2), (-1.0, 1.2))]
 GOAL = Pose2D(5.0, 0.0, 0.0)
 SMALL = {"global_costmap.size_m": 24.0, "mppi.samples": 600}
-
-
-def test_the_jackals_settings():
-    config = make_planner("mppi").config
-    mppi, local = config.mppi, config.local_costmap
-    assert (mppi.samples, mppi.steps, mppi.step_s, mppi.max_speed_mps) == (2000, 56, 0.05, 0.5)
-    assert (local.size_m, local.resolution_m, local.inflation_radius_m) == (5.0, 0.06, 0.8)
-    assert (mppi.xy_tolerance_m, config.control_period_s) == (0.25, 0.05)
-    assert planner_entry("mppi") is ENTRY
-
-
-def test_a_corridor_is_driven_straight_and_fast(flat_world):
-    world = flat_world(CORRIDOR)
-    assert world.drive(make_planner("mppi"), GOAL, limit_s=15.0) is PlannerStatus.GOAL_REACHED
-    assert world.pose.distance(GOAL) <= 0.25
-    assert abs(world.pose.yaw) <= 0.25
-    assert np.abs(np.array(world.track)[:, 1]).max() < 0.2
-
-
-def test_a_slalom_is_driven_without_touching(flat_world):
-    posts = [((1.5, -1.2), (1.5, 0.15)), ((3.2, 1.2), (3.2, -0.15))]
-    world = flat_world(CORRIDOR + posts)
-    assert world.drive(make_planner("mppi", overrides=SMALL), GOAL, limit_s=60.0) is PlannerStatus.GOAL_REACHED
-    assert world.clearance > 0.2
-    track = np.array(world.track)
-    assert track[:, 1].max() > 0.3
-    assert track[:, 1].min() < -0.3
-
-
-def test_a_goal_behind_is_turned_to_and_reached_with_its_heading(flat_world):
-    world = flat_world([((-4.0, -3.0), (3.0, -3.0)), ((-4.0, 3.0), (3.0, 3.0))])
-    goal = Pose2D(-2.0, 1.0, math.pi / 2.0)
-    assert world.drive(make_planner("mppi", overrides=SMALL), goal, limit_s=40.0) is PlannerStatus.GOAL_REACHED
-    assert abs(world.pose.yaw % (2.0 * math.pi) - math.pi / 2.0) <= 0.25
 
 
 def test_commands_keep_the_limits_of_speed_and_of_its_change(flat_world):

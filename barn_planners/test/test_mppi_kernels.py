@@ -172,11 +172,10 @@ def test_looking_at_the_footprint_only_where_it_can_touch_changes_nothing(drawn)
     assert max(counts) > 0
 
 
-def test_nearest_and_furthest_point(drawn):
+def test_the_furthest_point_reached(drawn):
     _, xs, ys, *_ = drawn
     ends = np.stack([xs[-1], ys[-1]], axis=1)
     nearest = np.hypot(*(ends[:, None] - PATH[None]).transpose(2, 0, 1)).argmin(axis=1)
-    assert [kernels.nearest_point(PATH, x, y) for x, y in ends] == nearest.tolist()
     assert kernels.furthest_reached(PATH, xs, ys) == nearest.max()
 
 

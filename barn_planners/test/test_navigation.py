@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from barn_planners.global_plan.planner import GlobalPlan, moved_plan, passed_points, visible_slice
-from barn_planners.interface import Observation, PlannerStatus, Task
-from barn_planners.navigation.controller import Control, Controller
-from barn_planners.navigation.loop import NavigationConfig, NavigationPlanner
+from barn_planners.interface import PlannerStatus, Task
+from barn_planners.navigation.loop import Control, Controller, NavigationConfig, NavigationPlanner
 from barn_planners.registry import make_planner
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.types import STOP, OccupancyMap, Pose2D, Velocity2D
@@ -48,86 +47,17 @@ def steps(planner, world, count: int, moving: bool = False):
     return decisions
 
 
-def changed(observation: Observation, **parts) -> Observation:
-    """Return an observation with a changed scan, pose or odometry pose."""
-    if "ranges" in parts:
-        ranges = np.asarray(parts["ranges"], np.float32)
-        return dataclasses.replace(observation, scan=dataclasses.replace(observation.scan, ranges=ranges))
-    if "velocity" in parts:
-        odometry = dataclasses.replace(observation.odometry, velocity=parts["velocity"])
-        return dataclasses.replace(observation, odometry=odometry)
-    if "odometry_pose" in parts:
-        odometry = dataclasses.replace(observation.odometry, pose=parts["odometry_pose"])
-        return dataclasses.replace(observation, odometry=odometry)
-    return dataclasses.replace(observation, **parts)
-
-
-FAULTS = {
-    "an empty scan": ({"ranges": []}, "the scan is empty"),
-    "all inf beside an obstacle": ({"ranges": [math.inf] * 360}, "the lidar returns nothing though"),
-    "all NaN": ({"ranges": [math.nan] * 360}, "no valid range"),
-    "all too near": ({"ranges": [-math.inf] * 360}, "no valid range"),
-    "NaN odometry": ({"odometry_pose": Pose2D(math.nan, 0.0, 0.0)}, "odometry holds no usable pose"),
-    "infinite heading": ({"odometry_pose": Pose2D(0.0, 0.0, math.inf)}, "odometry holds no usable pose"),
-    "NaN speed": ({"velocity": Velocity2D(math.nan, 0.0)}, "odometry holds no usable pose or velocity"),
-    "NaN yaw rate": ({"velocity": Velocity2D(0.0, math.nan)}, "no usable yaw rate"),
-    "NaN localisation": ({"pose": Pose2D(0.0, math.nan, 0.0)}, "localisation holds no usable pose"),
-    "a jump to the moon": ({"pose": Pose2D(1e30, 0.0, 0.0)}, "localisation holds no usable pose"),
-}
-
-
-@pytest.mark.parametrize("name", ["dwa"])
-@pytest.mark.parametrize("fault", FAULTS)
-def test_a_bad_observation_stops_the_robot_with_a_reason_and_passes(flat_world, name, fault):
-    change, reason = FAULTS[fault]
-    planner, world = make_planner(name, "challenge"), flat_world(BOX)
-    planner.start(Task(GOAL), seed=0)
-    assert steps(planner, world, 5, moving=True)[-1].command.linear > 0.0
-    for _ in range(3):
-        decision = planner.step(changed(world.observe(), **change))
-        assert decision.command == STOP and decision.status is PlannerStatus.BLOCKED
-        assert reason in decision.reason
-        world.advance(STOP)
-    assert steps(planner, world, 5, moving=True)[-1].command.linear > 0.0
-
-
-@pytest.mark.parametrize("fault", FAULTS)
-def test_a_bad_first_observation_stops_the_robot_too(flat_world, fault):
-    planner, world = make_planner("dwa", "challenge"), flat_world(BOX)
-    planner.start(Task(GOAL), seed=0)
-    change, reason = FAULTS[fault]
-    decision = planner.step(changed(world.observe(), **change))
-    assert decision.command == STOP and decision.reason
-    assert reason in decision.reason or "returned nothing yet" in decision.reason
-
-
-def test_some_bad_ranges_do_no_harm(flat_world):
-    planner, world = make_planner("dwa", "challenge"), flat_world(BOX)
-    planner.start(Task(GOAL), seed=0)
-    for _ in range(20):
-        observation = world.observe()
-        ranges = observation.scan.ranges.copy()
-        ranges[::3], ranges[1::7], ranges[2::11] = math.nan, -math.inf, 1e30
-        decision = planner.step(changed(observation, ranges=ranges))
-        assert decision.command.is_finite() and decision.status is PlannerStatus.RUNNING
-        world.advance(decision.command)
-    assert world.pose.x > 0.2
-
-
 def test_leaving_everything_behind_is_not_blindness_for_a_while(flat_world):
     planner, world = make_planner("dwa", "challenge"), flat_world(cylinders=[(4.0, 0.0, 0.1)])
     planner.start(Task(Pose2D(-3.0, 0.0, math.pi)), seed=0)
     assert steps(planner, world, 1)[0].status is PlannerStatus.RUNNING
-    nothing = [math.inf] * 360
-    seen = []
-    for _ in range(60):
-        seen.append(planner.step(changed(world.observe(), ranges=nothing)))
-        world.advance(STOP)
+    world.cylinders = world.cylinders[:0]
+    seen = steps(planner, world, 60)
     assert seen[20].status is PlannerStatus.RUNNING
     assert seen[-1].command == STOP and "nothing for more than 2 s" in seen[-1].reason
     open_field = make_planner("dwa", "challenge", {"guard.stop_when_blind": False})
     open_field.start(Task(Pose2D(3.0, 0.0, 0.0)), seed=0)
-    assert open_field.step(changed(world.observe(), ranges=nothing)).command.linear > 0.0
+    assert open_field.step(world.observe()).command.linear > 0.0
 
 
 def test_without_a_task_and_with_time_running_backwards_it_stands(flat_world):
@@ -141,15 +71,6 @@ def test_without_a_task_and_with_time_running_backwards_it_stands(flat_world):
     assert decision.command == STOP and "older than the last one" in decision.reason
 
 
-def test_a_goal_inside_an_obstacle_is_reported_once_it_is_seen(flat_world):
-    world = flat_world(BOX, [(2.0, 0.0, 0.1)])
-    planner = make_planner("dwa", "challenge", {"recovery.planner_patience_s": 2.0})
-    planner.start(Task(Pose2D(2.0, 0.0, 0.0)), seed=0)
-    decisions = steps(planner, world, 120, moving=True)
-    assert decisions[-1].reason.endswith("the goal is inside an obstacle")
-    assert world.clearance > 0.19
-
-
 def test_a_goal_inside_an_obstacle_of_the_map_is_not_driven_to_at_all(flat_world):
     world = flat_world(BOX)
     known = OccupancyMap(np.zeros((80, 80), np.int8), 0.15, -6.0, -6.0)
@@ -160,15 +81,6 @@ def test_a_goal_inside_an_obstacle_of_the_map_is_not_driven_to_at_all(flat_world
         for decision in steps(planner, world, 10):
             assert decision.command in (STOP, None) and decision.reason == "the goal is inside an obstacle"
             assert decision.status is PlannerStatus.BLOCKED
-
-
-def test_an_enclosed_robot_stands_or_turns_and_says_why(flat_world):
-    world = flat_world(cylinders=[(0.6 * math.cos(a), 0.6 * math.sin(a), 0.075) for a in np.linspace(0, 6.28, 40)])
-    planner = make_planner("dwa", "challenge", {"global_costmap.size_m": 10.0})
-    planner.start(Task(GOAL), seed=0)
-    decisions = steps(planner, world, 200, moving=True)
-    assert world.pose.distance(Pose2D(0.0, 0.0, 0.0)) < 0.2
-    assert decisions[-1].reason == "no way to the goal"
 
 
 def test_a_plan_that_vanishes_is_followed_on_without_repetition_of_the_goal(flat_world):

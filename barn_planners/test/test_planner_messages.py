@@ -76,15 +76,6 @@ def test_band(count):
     assert ours == as_read(to_band(band), len(ours), topics.BAND.type_name)
 
 
-def test_a_band_is_shown_as_discs_and_a_line():
-    band = np.array([[0.0, 1.0, 0.4], [0.5, 1.5, 0.2]])
-    markers = deserialise(encode_band(band, 5, "odom"), topics.BAND.type_name).markers
-    assert [marker.action for marker in markers] == [Marker.DELETEALL, Marker.ADD, Marker.ADD, Marker.ADD]
-    assert [marker.scale.x for marker in markers[1:3]] == [0.8, 0.4]
-    assert [(point.x, point.y) for point in markers[-1].points] == [(0.0, 1.0), (0.5, 1.5)]
-    assert all(marker.header.frame_id == "odom" for marker in markers)
-
-
 @pytest.mark.parametrize(("count", "length"), [(0, 5), (1, 1), (1, 80), (151, 2), (140, 80)])
 def test_candidates(count, length):
     draw = np.random.default_rng(count)

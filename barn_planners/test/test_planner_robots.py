@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from barn_planners.costmap.costmap import CostmapConfig, RollingCostmap
-from barn_planners.navigation.outline import corners_of, text_of
+from barn_planners.costmap.costmap import CostmapConfig, RollingCostmap, corners_of, text_of
 from barn_planners.registry import planner_config, planner_names, presets
 from barn_planners.robots import lidar_place, parameters_for, scale_of
 from barn_worlds.base.config import as_dict, fields_of, replace_dotted

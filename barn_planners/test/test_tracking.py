@@ -10,8 +10,13 @@ from hypothesis import strategies as st
 from test_gap import scan_of
 
 from barn_planners.interface import Observation, PlannerStatus, Task
-from barn_planners.predictive.planner import in_frame_of, meeting_distances, moved
-from barn_planners.predictive.tracking import Tracker, TrackerConfig, fitted_circle
+from barn_planners.predictive.planner import (
+    Tracker,
+    TrackerConfig,
+    fitted_circle,
+    meeting_distances,
+    moved,
+)
 from barn_planners.registry import make_planner
 from barn_worlds.base.types import STOP, Odometry, Pose2D
 
@@ -105,7 +110,7 @@ def test_meeting_distances_equal_small_steps(seed):
 
 def test_discs_of_one_frame_in_another():
     disc = np.array([[2.0, 0.0, 0.0, 1.0, 0.3]])
-    there = in_frame_of(disc, Pose2D(1.0, 0.0, math.pi / 2))
+    there = moved(disc, Pose2D(1.0, 0.0, math.pi / 2).inverse())
     assert there == pytest.approx(np.array([[0.0, -1.0, 1.0, 0.0, 0.3]]))
     assert moved(there, Pose2D(1.0, 0.0, math.pi / 2)) == pytest.approx(disc)
 

@@ -11,29 +11,13 @@ from typing import TypeVar
 from barn_worlds.base.config import OPTIONAL, Checked, from_dict, quantity
 from barn_worlds.base.types import Pose2D, nanoseconds
 from barn_worlds.messages.topics import FRAMES, Frames
-from barn_worlds.robots.files import load_robot
+from barn_worlds.robots.files import STANDARD, load_robot
 from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
 from barn_worlds.robots.robot import Chassis, Robot
-from barn_worlds.robots.standard import STANDARD
 
-__all__ = (
-    "LIDARS",
-    "PRESETS",
-    "DriveConfig",
-    "LidarConfig",
-    "LocalisationConfig",
-    "ObstacleConfig",
-    "OdometryConfig",
-    "PhysicsConfig",
-    "RunConfig",
-    "SimulatorConfig",
-    "SimulatorNodeConfig",
-    "chassis_in",
-    "robot_of",
-    "with_robot",
-)
+__all__ = ("DriveConfig", "LidarConfig", "OdometryConfig")  # of barn_worlds
+
 Config = TypeVar("Config", bound="SimulatorConfig")
-
 T = TypeVar("T", DriveConfig, LidarConfig, OdometryConfig)
 
 

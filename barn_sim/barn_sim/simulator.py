@@ -6,7 +6,6 @@ from barn_sim import seeds
 from barn_sim.body.bullet import PhysicsClient
 from barn_sim.body.obstacles import Moved
 from barn_sim.config import ObstacleConfig, SimulatorConfig
-from barn_sim.motion.readouts import wheels
 from barn_sim.motion.robot_motion import RobotMotion
 from barn_sim.motion.state import Fleet
 from barn_sim.seeds import generator, phase_s
@@ -121,8 +120,7 @@ class Simulator:
 
     def read_odometry(self) -> Odometry:
         """Return the fused odometry of this instant."""
-        pose, velocity = self.motion.place()
-        return self.motion.odometry.read(self.stamp_ns, pose.yaw, velocity.angular)
+        return self.motion.odometry.read(self.stamp_ns)
 
     def read_scan(self, noise: Singles | None = None) -> Scan:
         """Take a scan; every call draws new noise, unless it is given (n,)."""
@@ -150,10 +148,10 @@ class Simulator:
 
     def read_joints(self) -> Joints:
         """Return the state of the wheels."""
-        left_rad, right_rad, left, right = wheels(self._fleet.robots, self._index)
-        model = self.motion.model
+        robot, model = self._fleet.robots[self._index], self.motion.model
         radius, axles = model.wheel_radius_m, len(model.wheels) // 2
-        return Joints((left_rad, right_rad) * axles, (left / radius, right / radius) * axles)
+        speeds = float(robot["left_m_s"]) / radius, float(robot["right_m_s"]) / radius
+        return Joints((float(robot["left_rad"]), float(robot["right_rad"])) * axles, speeds * axles)
 
     def moved_obstacles(self) -> Moved:
         """Return the displaced obstacles, with indices into `World.cylinders_m`."""

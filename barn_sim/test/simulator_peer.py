@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections import defaultdict
+from functools import partial
 
 import numpy as np
 import rclpy
@@ -56,20 +57,17 @@ class Peer:
         self.command_type = command
         self.commands = self.node.create_publisher(command, "cmd_vel", 10)
         for topic, kind in TOPICS.items():
-            self.node.create_subscription(kind, topic, self._listener(topic), profile(Qos(depth=1000)))
+            self.node.create_subscription(kind, topic, partial(self._listen, topic), profile(Qos(depth=1000)))
         self.node.create_subscription(String, "robot_description", self._describe, profile(LATCHED))
 
-    def _listener(self, topic: str):
-        def listen(message) -> None:
-            self.heard[topic].append(message)
-
-        return listen
+    def _listen(self, topic: str, message) -> None:
+        self.heard[topic].append(message)
 
     def _describe(self, message: String) -> None:
         self.description = message.data
 
-    def wait(self, done, limit_s: float = LIMIT_S) -> None:
-        deadline = time.monotonic() + limit_s
+    def wait(self, done) -> None:
+        deadline = time.monotonic() + LIMIT_S
         while not done():
             assert time.monotonic() < deadline, "waited in vain"
             self.executor.spin_once(timeout_sec=0.1)
@@ -94,9 +92,6 @@ class Peer:
     def reset(self):
         return self.call(Trigger, "/simulator/reset", Trigger.Request())
 
-    def step(self):
-        return self.call(Trigger, "/simulator/step", Trigger.Request())
-
     def send(self, velocity: Velocity2D) -> None:
         if self.command_type is Twist:
             self.commands.publish(encode_twist(velocity))
@@ -107,9 +102,6 @@ class Peer:
         topics = ["/clock", "/odom", "/scan"]
         there = all(self.node.count_publishers(topic) == 1 for topic in topics)
         return there and self.commands.get_subscription_count() == 1
-
-    def forget(self) -> None:
-        self.heard.clear()
 
     def fresh_trial(self, **values) -> None:
         """Pause, set parameters, reset and forget what was heard before."""
@@ -123,7 +115,7 @@ class Peer:
             self.executor.spin_once(timeout_sec=0.05)
             if any(self.heard[topic] for topic in ("/scan", "/odom")):
                 quiet_since = time.monotonic()
-            self.forget()
+            self.heard.clear()
 
     def drive(self, commands: list[Velocity2D]) -> None:
         """Answer each scan by the next command."""
@@ -177,10 +169,7 @@ def assert_equal(heard: dict[str, list], expected: list[Sensors]) -> None:
     origin_ns = stamp_of(heard["/odom"][0])
     assert origin_ns % NANOSECONDS == 0
     for k, sensors in enumerate(expected):
-        odometry, truth = (
-            read(decode.odometry, heard["/odom"][k]),
-            read(decode.odometry, heard["/ground_truth/odom"][k]),
-        )
+        odometry, truth = (read(decode.odometry, heard[topic][k]) for topic in ("/odom", "/ground_truth/odom"))
         assert odometry.stamp_ns == truth.stamp_ns == origin_ns + sensors.stamp_ns
         assert (odometry.pose, odometry.velocity) == (sensors.odometry.pose, sensors.odometry.velocity)
         assert (truth.pose, truth.velocity) == (sensors.truth.pose, sensors.truth.velocity)

@@ -14,9 +14,8 @@ from barn_sim.drawing.robot_parts import jackal_parts, robot_parts
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D
 from barn_worlds.geometry.polygon import area
-from barn_worlds.robots.files import load_robot
-from barn_worlds.robots.standard import STANDARD
-from barn_worlds.worlds.scene import SceneCylinders, TrialScene
+from barn_worlds.robots.files import STANDARD, load_robot
+from barn_worlds.worlds.scene import TrialScene
 
 BOUNDS = (-5.0, 0.0, 0.0, 13.0)
 SIZE = (400, 168)
@@ -25,8 +24,7 @@ SIZE = (400, 168)
 def scene(pillar, radius_m, height_m, start=None, goal=None):
     """A scene of one pillar."""
     empty = np.empty((0, 2))
-    obstacle, walls = (SceneCylinders(one, radius_m, height_m) for one in (np.array([pillar]), empty))
-    return TrialScene(obstacle, walls, empty, start, goal)
+    return TrialScene(np.array([pillar]), empty, radius_m, height_m, empty, start, goal)
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from barn_sim.config import LocalisationConfig
-from barn_sim.sensors.estimates import FilterLocalisation
+from barn_sim.sensors.localisation import FilterLocalisation
 from barn_worlds.base.types import Pose2D
 
 CONFIG = LocalisationConfig(mode="amcl")

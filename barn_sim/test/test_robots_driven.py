@@ -21,13 +21,13 @@ from barn_sim.body.model import (
 from barn_sim.body.obstacles import tick_gap_m
 from barn_sim.config import PRESETS, PhysicsConfig, SimulatorConfig, with_robot
 from barn_sim.messages import SimulatorMessages
+from barn_sim.motion.state import Fleet
 from barn_sim.simulator import Simulator
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.types import Pose2D, Velocity2D
 from barn_worlds.messages import decode
 from barn_worlds.messages.cdr import deserialise
 from barn_worlds.robots.files import ROBOTS, load_robot
-from barn_worlds.robots.urdf import chassis_of
 from barn_worlds.worlds.world import World
 
 STEP_S = 0.05
@@ -96,7 +96,7 @@ def in_bullet(chassis):
     """Return the bounds (2, 3) in base_link of the shapes that Bullet has of a robot."""
     model = model_of(chassis)
     with closing(PhysicsClient()) as client:
-        body = Body(model, PhysicsConfig(), Pose2D(0.0, 0.0, 0.0), client)
+        body = Body(model, PhysicsConfig(), Pose2D(0.0, 0.0, 0.0), client, Fleet.of(1), 0)
         body.enter()
         bullet.resetBasePositionAndOrientation(body.id, model.centre_of_mass, (0, 0, 0, 1), physicsClientId=client.id)
         return np.array(bullet.getAABB(body.id, physicsClientId=client.id))
@@ -230,7 +230,7 @@ def test_the_configuration_of_the_jackal_is_written_as_before():
 
 
 @pytest.mark.parametrize("name", [name for name in ROBOTS if name != "jackal"])
-def test_the_description_is_a_urdf_of_the_same_body(name, tmp_path):
+def test_the_description_is_a_urdf_of_the_same_body(name):
     robot = load_robot(name)
     chassis = robot.chassis
     root = fromstring(robot_description(robot.lidar, chassis))
@@ -239,14 +239,34 @@ def test_the_description_is_a_urdf_of_the_same_body(name, tmp_path):
     children = [child.get("link") for child in root.iter("child")]
     assert sorted(links) == sorted(["base_link", *children])  # one tree
     assert fixed_frames(robot.lidar, chassis)["lidar_link"] == (robot.lidar.mount_x_m, 0.0, robot.lidar.mount_z_m)
-    file = tmp_path / "robot.urdf"
-    file.write_text(description_text(chassis), "utf-8")
-    for key, value in chassis_of(file).items():
-        assert value == pytest.approx(getattr(chassis, key), rel=1e-6)
     if chassis.rectangular:
         (box,) = root.iterfind("link/collision/geometry/box")
         sizes = (robot.length_m, robot.width_m, chassis.body_height_m - chassis.ground_clearance_m)
         assert [float(size) for size in box.attrib["size"].split()] == pytest.approx(sizes)
+
+
+@pytest.mark.parametrize("name", list(ROBOTS))
+def test_the_links_of_the_description_have_the_mass_of_the_body_and_its_wheels(name):
+    chassis = load_robot(name).chassis
+    root = fromstring(description_text(chassis))
+    joints = {joint.find("child").get("link"): joint for joint in root.iter("joint")}
+
+    def place(element):
+        origin = element.find("origin")
+        return np.zeros(3) if origin is None else np.array([float(word) for word in origin.get("xyz", "0 0 0").split()])
+
+    def offset(link):
+        if link not in joints:
+            return np.zeros(3)
+        return offset(joints[link].find("parent").get("link")) + place(joints[link])
+
+    base = offset("base_link")
+    parts = [(float(one.find("inertial/mass").get("value")), one) for one in root.iter("link") if one.find("inertial")]
+    moments = [mass * (offset(one.get("name")) - base + place(one.find("inertial"))) for mass, one in parts]
+    assert sum(mass for mass, _ in parts) == pytest.approx(chassis.mass_kg, rel=1e-6)
+    assert sum(moments) / chassis.mass_kg == pytest.approx(chassis.centre_of_mass_m, abs=1e-6)
+    turning = [offset(link) - base for link, joint in joints.items() if joint.get("type") == "continuous"]
+    assert np.sort(turning, axis=0) == pytest.approx(np.sort(chassis.wheels_m, axis=0), abs=1e-6)
 
 
 def test_the_messages_describe_the_robot():

@@ -5,7 +5,7 @@ import pytest
 
 from barn_sim.body.model import WHEELS, fixed_frames, model_of, robot_description
 from barn_sim.config import LidarConfig
-from barn_worlds.robots.standard import STANDARD
+from barn_worlds.robots.files import STANDARD
 
 MODEL = model_of(STANDARD.chassis)
 

@@ -16,8 +16,7 @@ from barn_sim.config import SimulatorConfig, with_robot
 from barn_sim.motion.free_motion import attitude_of, basis_of, spun, still_turning, turned, world_tensor
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import Pose2D, Velocity2D
-from barn_worlds.robots.files import load_robot
-from barn_worlds.robots.standard import STANDARD
+from barn_worlds.robots.files import STANDARD, load_robot
 from barn_worlds.worlds.world import World
 
 STEPS = 100

@@ -12,32 +12,49 @@ from scipy.spatial.transform import Rotation
 
 from barn_sim.body.body import Body
 from barn_sim.body.bullet import PhysicsClient
-from barn_sim.body.friction import hypot, solve_friction
+from barn_sim.body.friction import begin_friction, hypot, sweep_friction
 from barn_sim.body.model import model_of
 from barn_sim.body.tyres import Tyres, fused, rotation, wheel_loads, world_inertia
 from barn_sim.config import PhysicsConfig
+from barn_sim.motion.readouts import motion
+from barn_sim.motion.state import Fleet
+from barn_sim.motion.ticks import push_on
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.types import Pose2D
-from barn_worlds.robots.files import load_robot
-from barn_worlds.robots.standard import STANDARD
+from barn_worlds.base.types import Pose2D, Velocity2D
+from barn_worlds.robots.files import STANDARD, load_robot
 
 G = 9.81
 FRICTION = 0.5
 SEPARATION = 1.5 * 0.37559
 
 
+@njit
+def push(robots, settings, left, right):
+    robots[0].left_m_s, robots[0].right_m_s = left, right
+    return push_on(robots[0], settings[0])
+
+
 class Driven:
-    """The robot on the ground with its wheels at given speeds."""
+    """The robot on the ground in PyBullet with its wheels at given speeds."""
 
     def __init__(self, yaw: float = 0.0, tick_s: float = 0.005) -> None:
-        self.tick_s = tick_s
-        self.client = PhysicsClient()
-        self.body = Body(model_of(STANDARD.chassis), PhysicsConfig(tick_s=tick_s), Pose2D(0.0, 0.0, yaw), self.client)
+        self.tick_s, self.client, self.fleet = tick_s, PhysicsClient(), Fleet.of(1)
+        config, start = PhysicsConfig(tick_s=tick_s), Pose2D(0.0, 0.0, yaw)
+        self.body = Body(model_of(STANDARD.chassis), config, start, self.client, self.fleet, 0)
+        self.body.enter()
 
     def run(self, speed: float, turn: float, duration_s: float) -> None:
-        half = 0.5 * SEPARATION * turn
+        half, fleet = 0.5 * SEPARATION * turn, self.fleet
         for _ in range(round(duration_s / self.tick_s)):
-            self.body.step(speed - half, speed + half)
+            self.body.move(*push(fleet.robots, fleet.settings, speed - half, speed + half)[1:])
+
+    @property
+    def pose(self) -> Pose2D:
+        return Pose2D(*motion(self.fleet.robots, self.fleet.settings, 0)[:3])
+
+    @property
+    def velocity(self) -> Velocity2D:
+        return Velocity2D(*motion(self.fleet.robots, self.fleet.settings, 0)[3:])
 
 
 @pytest.fixture
@@ -113,15 +130,16 @@ def test_friction_is_that_of_a_general_optimiser(seed: int) -> None:
     rolling = np.array([math.cos(yaw), math.sin(yaw)])
 
     impulses, work = np.zeros((4, 2)), np.empty((4, 8))
-    motion = solve_friction(
-        (*velocity, *spin), left, right, arms.copy(), limits, rows(turn), rows(inverse), 1.0 / model.mass_kg, impulses,
-        work,
-    )  # fmt: skip
+    place, inverse_mass = (arms.copy(), limits), 1.0 / model.mass_kg
+    begun, speeds = begin_friction(
+        (*velocity, *spin), left, right, *place, rows(turn), rows(inverse), inverse_mass, impulses, work
+    )
+    after = sweep_friction(begun, speeds, *place, inverse_mass, impulses, work)
 
     rims = np.array([left, right, left, right])
     expected = reference_friction(velocity, spin, rims, arms, limits, model.mass_kg, inverse, rolling)
-    np.testing.assert_allclose(motion[:2], expected[0], atol=2e-5)
-    np.testing.assert_allclose(motion[2:], expected[1], atol=2e-4)
+    np.testing.assert_allclose(after[:2], expected[0], atol=2e-5)
+    np.testing.assert_allclose(after[2:], expected[1], atol=2e-4)
     assert (np.hypot(*impulses.T) <= limits * (1 + 1e-12)).all()
 
 
@@ -147,7 +165,7 @@ def test_casters_carry_their_share() -> None:
     chassis = load_robot("turtlebot4").chassis
     model, config = model_of(chassis), PhysicsConfig()
     tyres = Tyres(model, config)
-    height, roll, pitch = tyres.rest()
+    height, roll, pitch = tyres.rest
     turn = rotation((0.5 * roll, 0.5 * pitch, 0.0, 1.0))
     _, loads = loads_at_rest(height, turn, tyres.wheels[:, :3], model.wheel_radius_m, tyres.stiffness)
     share = chassis.centre_of_mass_m[0] / chassis.casters_m[0][0]
@@ -169,7 +187,7 @@ def test_products_are_rounded_once_and_inertias_turn_with_the_body() -> None:
 
 def test_loads_carry_the_weight_and_balance_at_rest() -> None:
     model, config = model_of(STANDARD.chassis), PhysicsConfig()
-    height, roll, pitch = Tyres(model, config).rest()
+    height, roll, pitch = Tyres(model, config).rest
     half = np.array([roll, pitch]) / 2.0
     turn = rotation((math.sin(half[0]), math.sin(half[1]), 0.0, 1.0))
     stiffness = model.mass_kg / 4 * G / config.tyre_deflection_m
@@ -183,7 +201,7 @@ def test_loads_carry_the_weight_and_balance_at_rest() -> None:
 def test_starts_at_rest_where_it_was_put_and_stays(driven) -> None:
     robot = driven(yaw=0.7)
     robot.run(0.0, 0.0, 5.0)
-    pose, velocity = robot.body.pose, robot.body.velocity()
+    pose, velocity = robot.pose, robot.velocity
     assert math.hypot(pose.x, pose.y) < 1e-5
     assert abs(pose.yaw - 0.7) < 1e-6
     assert abs(velocity.linear) < 1e-9
@@ -194,23 +212,23 @@ def test_starts_at_rest_where_it_was_put_and_stays(driven) -> None:
 def test_drives_straight_at_the_speed_of_its_wheels(driven, speed: float) -> None:
     robot = driven()
     robot.run(speed, 0.0, 2.0)
-    assert robot.body.velocity().linear == pytest.approx(speed, abs=1e-4)
-    assert abs(robot.body.pose.y) < 2e-3
+    assert robot.velocity.linear == pytest.approx(speed, abs=1e-4)
+    assert abs(robot.pose.y) < 2e-3
 
 
 def test_brakes_at_friction_times_gravity(driven) -> None:
     robot = driven()
     robot.run(2.0, 0.0, 2.0)
-    before = robot.body.velocity().linear
+    before = robot.velocity.linear
     robot.run(0.0, 0.0, 0.2)
-    braked = (before - robot.body.velocity().linear) / 0.2
+    braked = (before - robot.velocity.linear) / 0.2
     assert braked == pytest.approx(FRICTION * G, rel=0.03)
 
 
 def test_accelerates_no_faster_than_friction_allows(driven) -> None:
     robot = driven()
     robot.run(2.0, 0.0, 0.2)
-    assert robot.body.velocity().linear / 0.2 == pytest.approx(FRICTION * G, rel=0.05)
+    assert robot.velocity.linear / 0.2 == pytest.approx(FRICTION * G, rel=0.05)
 
 
 @pytest.mark.parametrize("turn", [0.3, 1.0, -1.57])
@@ -220,8 +238,8 @@ def test_turns_in_place_as_commanded_within_a_few_percent(driven, turn: float) -
     robot.run(0.0, turn, 2.0)
     track, base = 0.37559, 0.262
     rigid = turn * SEPARATION / (track * (1.0 + (base / track) ** 2))
-    assert robot.body.velocity().angular == pytest.approx(rigid, rel=0.03)  # unequal loads add 2 %
-    assert robot.body.velocity().angular == pytest.approx(turn, rel=0.04)
+    assert robot.velocity.angular == pytest.approx(rigid, rel=0.03)  # unequal loads add 2 %
+    assert robot.velocity.angular == pytest.approx(turn, rel=0.04)
 
 
 def test_turning_does_not_depend_on_the_heading(driven) -> None:
@@ -230,7 +248,7 @@ def test_turning_does_not_depend_on_the_heading(driven) -> None:
     for yaw in (0.0, 0.4, 0.7854, 1.2):
         robot = driven(yaw=yaw)
         robot.run(0.0, 1.0, 1.0)
-        rates.append(robot.body.velocity().angular)
+        rates.append(robot.velocity.angular)
     assert np.ptp(rates) < 1e-6
 
 
@@ -265,17 +283,17 @@ def test_arcs_are_those_of_rigid_wheels_with_coulomb_friction(driven, speed: flo
     robot = driven()
     robot.run(speed, turn, 4.0)
     _, expected = steady_turn(speed, turn)
-    assert robot.body.velocity().angular == pytest.approx(expected, rel=0.01)
+    assert robot.velocity.angular == pytest.approx(expected, rel=0.01)
 
 
 def test_the_centre_of_rotation_is_off_the_middle_by_centimetres(driven) -> None:
     """The weight lies forward of the middle, and in an arc the rear swings out; none of it is in the odometry."""
     robot = driven()
     robot.run(0.0, 1.0, 2.0)
-    turned = [robot.body.pose]
+    turned = [robot.pose]
     for _ in range(6):
         robot.run(0.0, 1.0, 1.0)
-        turned.append(robot.body.pose)
+        turned.append(robot.pose)
     spread = max(a.distance(b) for a in turned for b in turned)
     assert 0.01 < spread < 0.1
 
@@ -285,12 +303,12 @@ def test_the_result_does_not_depend_on_the_tick(driven, speed: float, turn: floa
     fine, coarse = driven(tick_s=0.001), driven(tick_s=0.005)
     for robot in (fine, coarse):
         robot.run(speed, turn, 3.0)
-    assert fine.body.pose.distance(coarse.body.pose) < 0.01
-    assert fine.body.velocity().angular == pytest.approx(coarse.body.velocity().angular, rel=2e-3)
+    assert fine.pose.distance(coarse.pose) < 0.01
+    assert fine.velocity.angular == pytest.approx(coarse.velocity.angular, rel=2e-3)
 
 
 @pytest.mark.parametrize(("speed", "turn", "rate"), [(0.0, 1.0, 1.029), (0.5, 1.0, 1.13)])
 def test_the_rates_that_the_readme_names(driven, speed: float, turn: float, rate: float) -> None:
     robot = driven()
     robot.run(speed, turn, 3.0)
-    assert robot.body.velocity().angular == pytest.approx(rate, abs=0.005)
+    assert robot.velocity.angular == pytest.approx(rate, abs=0.005)

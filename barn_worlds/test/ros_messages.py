@@ -1,8 +1,7 @@
-"""The slow way, to compare with: the suite's types as messages of rclpy, field by field, and back."""
+"""The slow way, to compare with: the suite's types as messages of rclpy, field by field."""
 
 import array
 
-import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Pose, PoseStamped, PoseWithCovarianceStamped, Quaternion, Twist, TwistStamped
 from nav_msgs.msg import OccupancyGrid, Path
@@ -12,22 +11,13 @@ from std_msgs.msg import Header
 
 from barn_worlds.base.types import (
     NANOSECONDS,
-    OccupancyMap,
-    Odometry,
     Pose2D,
-    Scan,
-    Velocity2D,
     quaternion_from_yaw,
-    yaw_from_quaternion,
 )
 
 
 def to_time(stamp_ns):
     return Time(sec=stamp_ns // NANOSECONDS, nanosec=stamp_ns % NANOSECONDS)
-
-
-def from_time(time):
-    return time.sec * NANOSECONDS + time.nanosec
 
 
 def to_header(stamp_ns, frame):
@@ -37,11 +27,6 @@ def to_header(stamp_ns, frame):
 def to_pose(pose):
     z, w = quaternion_from_yaw(pose.yaw)
     return Pose(position=Point(x=pose.x, y=pose.y), orientation=Quaternion(z=z, w=w))
-
-
-def from_pose(message):
-    q = message.orientation
-    return Pose2D(message.position.x, message.position.y, yaw_from_quaternion(q.x, q.y, q.z, q.w))
 
 
 def to_pose_stamped(pose, stamp_ns, frame):
@@ -63,10 +48,6 @@ def to_odometry(odometry, frame, child_frame):
     return message
 
 
-def from_odometry(message):
-    return Odometry(from_time(message.header.stamp), from_pose(message.pose.pose), from_twist(message.twist.twist))
-
-
 def to_twist(velocity):
     message = Twist()
     message.linear.x, message.angular.z = velocity.linear, velocity.angular
@@ -75,10 +56,6 @@ def to_twist(velocity):
 
 def to_twist_stamped(velocity, stamp_ns, frame):
     return TwistStamped(header=to_header(stamp_ns, frame), twist=to_twist(velocity))
-
-
-def from_twist(twist):
-    return Velocity2D(twist.linear.x, twist.angular.z)
 
 
 def to_scan(scan, frame, period_s):
@@ -92,17 +69,6 @@ def to_scan(scan, frame, period_s):
     return message
 
 
-def from_scan(message):
-    return Scan(
-        from_time(message.header.stamp),
-        np.frombuffer(message.ranges, np.float32),
-        message.angle_min,
-        message.angle_increment,
-        message.range_min,
-        message.range_max,
-    )
-
-
 def to_occupancy_grid(grid, stamp_ns, frame):
     message = OccupancyGrid(header=to_header(stamp_ns, frame))
     message.info.map_load_time = to_time(stamp_ns)
@@ -111,12 +77,6 @@ def to_occupancy_grid(grid, stamp_ns, frame):
     message.info.origin = to_pose(Pose2D(grid.origin_x, grid.origin_y, 0.0))
     message.data = array.array("b", grid.data.tobytes())
     return message
-
-
-def from_occupancy_grid(message):
-    info = message.info
-    data = np.frombuffer(message.data, np.int8).reshape(info.height, info.width)
-    return OccupancyMap(data, info.resolution, info.origin.position.x, info.origin.position.y)
 
 
 def to_path(points, stamp_ns, frame):

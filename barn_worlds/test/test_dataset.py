@@ -12,8 +12,7 @@ from barn_worlds.formats.original import write_original
 from barn_worlds.formats.sdf import write_sdf
 from barn_worlds.robots.files import ROBOTS
 from barn_worlds.worlds.dataset import open_dataset
-from barn_worlds.worlds.generate import DatasetParameters, generate_dataset
-from barn_worlds.worlds.parameters import TABLE_I, WorldParameters
+from barn_worlds.worlds.generate import TABLE_I, DatasetParameters, WorldParameters, generate_dataset
 
 
 @pytest.fixture(scope="module")

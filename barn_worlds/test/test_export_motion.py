@@ -9,10 +9,10 @@ from PIL import Image
 
 from barn_worlds.base.errors import WorldError
 from barn_worlds.drawing.files import write_png
-from barn_worlds.drawing.moving import motion_figure, motion_sheet, write_animation
+from barn_worlds.drawing.worlds import sheet_figure, world_figure, write_animation
 from barn_worlds.formats.sdf import mesh, sdf_text, trajectories, write_sdf
 from barn_worlds.formats.tracks_csv import write_tracks
-from barn_worlds.moving.arena import arena_world
+from barn_worlds.moving.generate import arena_world
 from barn_worlds.moving.motion import Motion, MovingObstacle
 from barn_worlds.moving.tracks import Tracks
 
@@ -121,22 +121,23 @@ def coloured(image, colour):
 def test_an_animation_shows_obstacles_that_move(tmp_path):
     keys = ((0.0, -8.0, 0.0), (4.0, 8.0, 0.0), (8.0, -8.0, 0.0))
     world = arena_world("one", [MovingObstacle("a", radius_m=0.8, motion=Motion("linear", 8.0, keys))])
-    write_animation(world, tmp_path / "one.gif", duration_s=4.0, frames_per_s=2.0)
+    write_animation(world, tmp_path / "one.gif")
     image, places = Image.open(tmp_path / "one.gif"), []
-    assert image.n_frames == 8
-    for frame in (0, 4):
+    assert image.n_frames == 120
+    for frame in (0, 16):
         image.seek(frame)
-        found = coloured(image, (0xCC, 0x79, 0xA7))
-        places.append(np.median(found[found[:, 0] < 570], axis=0))  # left of the legend
+        found = coloured(image, (0xC7, 0x7E, 0xA9))
+        places.append(np.median(found, axis=0))
     metres_per_pixel = 8.0 / (places[1][0] - places[0][0])  # from x = -8 m to x = 0
-    assert 0.03 < metres_per_pixel < 0.06
+    assert 0.03 < metres_per_pixel < 0.09
     assert abs(places[1][1] - places[0][1]) < 3
 
 
 def test_pictures_of_one_and_many_worlds_are_written(world, small_world, tmp_path):
-    write_png(motion_figure(world), tmp_path / "one.png")
-    write_png(motion_sheet([world, small_world], ["0", "1"]), tmp_path / "two.png")
-    found = coloured(Image.open(tmp_path / "one.png"), (0xD1, 0x83, 0xAF))
-    assert len(found) > 500
-    with pytest.raises(WorldError, match="shows 1 to 100 worlds, got 0"):
-        motion_sheet([], [])
+    write_png(world_figure(world), tmp_path / "one.png")
+    assert len(coloured(Image.open(tmp_path / "one.png"), (0xD1, 0x83, 0xAF))) > 500
+    sheet = sheet_figure({0: world, 1: small_world})
+    (axes,) = sheet.axes
+    found = [path.vertices.mean(axis=0) for one in axes.collections for path in one.get_paths()]
+    places = (world.tracks.at(0.0)[0] - [-10.25, 10.25]) / 0.5 * [1.0, -1.0] + [-0.5, 5.5]  # cells from the corner
+    assert all(np.hypot(*(np.array(found) - place).T).min() < 0.1 for place in places)

@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from barn_worlds.geometry.footprint import Disc, Polygon, Rectangle, contact_of
+from barn_worlds.geometry.bodies import shape_rows
+from barn_worlds.geometry.footprint import Footprint, Rectangle, contact_of
 from barn_worlds.geometry.kernels import gaps_to_rectangle, times_to_rectangle
-from barn_worlds.geometry.shapes import shape_rows
 from barn_worlds.robots.files import load_robot
 
-POLYGON = Polygon(np.array([[0.5, 0.0], [0.2, 0.3], [-0.3, 0.2], [-0.3, -0.25], [0.1, -0.3]]))
-DISC = Disc(0.25, np.array([[0.3, 0.3], [-0.3, 0.3], [-0.3, -0.3], [0.3, -0.3]]))
+POLYGON = Footprint(np.array([[0.5, 0.0], [0.2, 0.3], [-0.3, 0.2], [-0.3, -0.25], [0.1, -0.3]]))
+DISC = Footprint(np.array([[0.3, 0.3], [-0.3, 0.3], [-0.3, -0.3], [0.3, -0.3]]), 0.25)
 BOX = Rectangle([-0.3, -0.2, 0.5, 0.25])
 OUTLINES = {"polygon": POLYGON, "disc": DISC, "box": BOX}
 
@@ -114,7 +114,7 @@ def test_polygon_kernels_agree_with_those_of_rectangles():
     rng = np.random.default_rng(3)
     shapes, velocities = some_shapes(rng), rng.uniform(-1.0, 1.0, (60, 2))
     with_corner = np.insert(BOX.corners_m, 1, 0.5 * (BOX.corners_m[0] + BOX.corners_m[1]), axis=0)  # so no rectangle
-    other = Polygon(with_corner)
+    other = Footprint(with_corner)
     at = (0.1, 0.3, -0.4)
     np.testing.assert_allclose(other.gaps(shapes, *at), gaps_to_rectangle(shapes, *at, BOX.extent_m), atol=1e-12)
     expected = times_to_rectangle(shapes, velocities, *at, 0.5, BOX.extent_m)
@@ -126,6 +126,6 @@ def test_what_can_touch_of_robots():
     assert (contact_of().extent_m == jackal.extent_m).all()
     assert jackal.extent_m == pytest.approx([-0.229, -0.207795, 0.229, 0.207795])  # the wheels, without the bumpers
     assert husky.extent_m == pytest.approx(load_robot("husky").chassis.extent_m)
-    assert isinstance(jackal, Rectangle) and isinstance(husky, Rectangle) and isinstance(round_one, Disc)
+    assert isinstance(jackal, Rectangle) and isinstance(husky, Rectangle)
     assert round_one.radius_m == 0.171
     assert round_one.extent_m == pytest.approx([-0.171, -0.171, 0.171, 0.171])

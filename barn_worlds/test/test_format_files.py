@@ -58,12 +58,6 @@ def test_a_failed_write_leaves_what_was_there(tmp_path, monkeypatch):
     assert [file.name for file in tmp_path.iterdir()] == ["a.txt"]
 
 
-def test_written_files_have_the_usual_permissions(tmp_path):
-    (tmp_path / "usual").write_bytes(b"")
-    write_bytes(tmp_path / "ours", b"")
-    assert (tmp_path / "ours").stat().st_mode == (tmp_path / "usual").stat().st_mode
-
-
 def test_a_folder_appears_whole_or_not_at_all(tmp_path):
     target = tmp_path / "set"
     with pytest.raises(RuntimeError), new_folder(target) as folder:
@@ -87,6 +81,9 @@ def test_a_file_is_private_while_it_is_written_and_gone_if_that_fails(tmp_path):
         assert temporary.stat().st_mode & 0o777 == 0o600
         raise KeyboardInterrupt
     assert list(tmp_path.iterdir()) == []
+    (tmp_path / "usual").write_bytes(b"")
+    write_bytes(path, b"")
+    assert (tmp_path / "usual").stat().st_mode == path.stat().st_mode
 
 
 def test_what_a_killed_writer_left_is_hidden_and_removed(tmp_path):

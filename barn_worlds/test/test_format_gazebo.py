@@ -13,8 +13,7 @@ from barn_worlds.base.errors import WorldError
 from barn_worlds.formats.gazebo import cylinders, fill_hollow, grid_of, read_grid
 from barn_worlds.formats.sdf import sdf_text, write_sdf
 from barn_worlds.worlds import cells as geometry
-from barn_worlds.worlds.generate import grow
-from barn_worlds.worlds.parameters import TABLE_I
+from barn_worlds.worlds.generate import TABLE_I, grow
 from barn_worlds.worlds.world import World
 
 GRIDS = npst.arrays(bool, st.tuples(st.integers(1, 12), st.integers(1, 12)))

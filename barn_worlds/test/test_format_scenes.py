@@ -14,7 +14,7 @@ from barn_worlds.base.errors import BarnError, WorldError
 from barn_worlds.formats.npz import parse_npy, to_npy
 from barn_worlds.formats.own import read_own, write_own
 from barn_worlds.formats.world_yaml import world_yaml, write_world_yaml
-from barn_worlds.moving.arena import arena_world
+from barn_worlds.moving.generate import arena_world
 from barn_worlds.moving.motion import Motion, MovingObstacle, Wall
 from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World

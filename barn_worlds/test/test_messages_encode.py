@@ -21,7 +21,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from barn_worlds.base.types import OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
 from barn_worlds.messages import encode
 from barn_worlds.messages.cdr import Template, deserialise, layout, make, serialise
-from barn_worlds.messages.markers import LINE_STRIP, marker
+from barn_worlds.messages.encode import LINE_STRIP, marker
 
 POSE = Pose2D(-2.25, 3.1, 1.57)
 MARKERS = "visualization_msgs/msg/MarkerArray"
@@ -119,12 +119,6 @@ def test_bytes_are_those_that_ros_sends(label):
         assert serialise(deserialise(sent[: len(data)], type_name)) == data
 
 
-@pytest.mark.parametrize("label", list(ours()))
-def test_bytes_are_those_of_rosbags(label):
-    type_name, data = ours()[label]
-    assert serialise(deserialise(data, type_name)) == data
-
-
 def transforms_of(data: bytes):
     return deserialise(data, encode.TransformEncoder.type_name).transforms
 
@@ -132,10 +126,8 @@ def transforms_of(data: bytes):
 def test_transforms():
     encoder = encode.TransformEncoder([("map", "odom"), ("odom", "base_link")])
     transforms = transforms_of(encoder.encode([POSE, Pose2D(1.0, 2.0, 0.0)], STAMP))
-    assert [(one.header.frame_id, one.child_frame_id) for one in transforms] == [
-        ("map", "odom"),
-        ("odom", "base_link"),
-    ]
+    frames = [(one.header.frame_id, one.child_frame_id) for one in transforms]
+    assert frames == [("map", "odom"), ("odom", "base_link")]
     first, second = (one.transform for one in transforms)
     assert (first.translation.x, first.translation.y) == (POSE.x, POSE.y)
     assert (first.rotation.z, first.rotation.w) == (math.sin(0.785), math.cos(0.785))

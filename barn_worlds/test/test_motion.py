@@ -70,20 +70,6 @@ def test_every_motion_of_dynabarn_is_where_gazebo_classic_puts_it_at_1000_times(
         assert np.abs(positions[:, k] - gazebo_positions(keys, period_s, times_s)).max() < 1e-9
 
 
-def test_a_motion_of_dynabarn_repeats_and_jumps_from_its_last_key_to_its_first(profiles):
-    jumps = 0
-    for one in profiles.values():
-        keys, period_s = one.motion.keys, one.motion.period_s
-        table, tracks = np.array(keys), Tracks([one])
-        for turn in range(3):
-            at, _ = tracks.over(table[:-1, 0] + turn * period_s + 1e-12)
-            assert np.abs(at[:, 0] - table[:-1, 1:]).max() < 1e-9
-            before, _ = tracks.at((turn + 1) * period_s - 1e-9)
-            assert np.abs(before - table[-1, 1:]).max() < 1e-7
-        jumps += math.dist(keys[0][1:], keys[-1][1:]) > 1e-3
-    assert jumps == 469 - 31  # the others are closed, with the tangent of a closed curve at both ends
-
-
 @given(
     st.lists(st.tuples(st.floats(-10, 10), st.floats(-10, 10)), min_size=2, max_size=8),
     st.lists(st.floats(0.01, 20), min_size=8, max_size=8),

@@ -1,6 +1,5 @@
 """The path: free, connected, limited in its turns, found whenever there is one, and like the published ones."""
 
-import dataclasses
 import heapq
 import itertools
 import math
@@ -13,17 +12,10 @@ from hypothesis.extra import numpy as npst
 
 from barn_worlds.base.errors import WorldError
 from barn_worlds.worlds.dataset import open_dataset
-from barn_worlds.worlds.path_planner import PathConfig, inflation, plan_path, plan_through
+from barn_worlds.worlds.path_planner import inflation, plan_path, plan_through, search
 
 CSPACES = npst.arrays(bool, st.tuples(st.integers(2, 10), st.integers(2, 10)), elements=st.booleans()).map(
     lambda grid: grid & np.roll(grid, 1)  # sparser, so that more can be passed
-)
-CONFIGS = st.builds(
-    PathConfig,
-    search=st.sampled_from(["original", "complete"]),
-    largest_turn_steps=st.integers(1, 4),
-    inflation_cells=st.sampled_from([0.0, 1.0, 2.0, 3.5]),
-    inflation_weight=st.sampled_from([0.0, 5.0]),
 )
 
 
@@ -41,7 +33,7 @@ def turns(path):
     return np.abs((np.diff(angles) + 180.0) % 360.0 - 180.0)
 
 
-def plain_shortest(cspace, start, goal, largest_turn_deg):
+def plain_shortest(cspace, start, goal):
     """Length of the shortest path by Dijkstra over (cell, direction), None if there is none."""
     rows, cols = cspace.shape
     queue, done, tie = [(0.0, 0, start, None)], set(), itertools.count(1)
@@ -60,50 +52,50 @@ def plain_shortest(cspace, start, goal, largest_turn_deg):
                 continue
             if entered is not None:
                 cosine = (dr * entered[0] + dc * entered[1]) / (math.hypot(dr, dc) * math.hypot(*entered))
-                if math.degrees(math.acos(max(-1.0, min(1.0, cosine)))) > largest_turn_deg + 1.0:
+                if math.degrees(math.acos(max(-1.0, min(1.0, cosine)))) > 46.0:
                     continue
             heapq.heappush(queue, (cost + math.hypot(dr, dc), next(tie), (r, c), (dr, dc)))
     return None
 
 
-@given(CSPACES, CONFIGS, st.data())
-def test_paths_are_free_connected_and_limited_in_their_turns(cspace, config, data):
+@given(CSPACES, st.data())
+def test_paths_are_free_connected_and_limited_in_their_turns(cspace, data):
     if (picked := ends(cspace, data)) is None:
         return
     start, goal = picked
-    path = plan_path(cspace, start, goal, config)
-    assert (path is None) == (plain_shortest(cspace, start, goal, 45.0 * config.largest_turn_steps) is None)
+    path = plan_path(cspace, start, goal)
+    assert (path is None) == (plain_shortest(cspace, start, goal) is None)
     if path is None:
         return
     assert tuple(path[0]) == start
     assert tuple(path[-1]) == goal
     assert not cspace[path[:, 0], path[:, 1]].any()
     assert (np.abs(np.diff(path, axis=0)).max(axis=1, initial=0) == 1).all()
-    assert (turns(path) <= 45.0 * config.largest_turn_steps + 1e-6).all()
+    assert (turns(path) <= 45.0 + 1e-6).all()
     for (r0, c0), (r1, c1) in itertools.pairwise(path):
         assert not (r0 != r1 and c0 != c1 and cspace[r0, c1] and cspace[r1, c0])
-    assert np.array_equal(path, plan_path(cspace, start, goal, config))
+    assert np.array_equal(path, plan_path(cspace, start, goal))
 
 
-@given(CSPACES, st.integers(1, 4), st.data())
-def test_without_inflation_the_complete_search_is_shortest(cspace, turn, data):
+@given(CSPACES, st.data())
+def test_without_inflation_the_complete_search_is_shortest(cspace, data):
     if (picked := ends(cspace, data)) is None:
         return
-    config = PathConfig(search="complete", largest_turn_steps=turn, inflation_weight=0.0)
-    path = plan_path(cspace, *picked, config)
-    shortest = plain_shortest(cspace, *picked, 45.0 * turn)
-    if path is not None:
+    first, last = (row * cspace.shape[1] + column for row, column in picked)
+    path = search(~cspace, np.zeros(cspace.shape), first, last, True)
+    shortest = plain_shortest(cspace, *picked)
+    assert (len(path) == 0) == (shortest is None)
+    if shortest is not None:
         assert np.hypot(*np.diff(path, axis=0).T).sum() == pytest.approx(shortest)
 
 
-@given(CSPACES, st.sampled_from([0.0, 1.0, 2.0, 2.9]))
-def test_inflation_falls_with_the_distance_to_the_closest_obstacle(cspace, reach):
-    config = PathConfig(inflation_cells=reach)
+@given(CSPACES)
+def test_inflation_falls_with_the_distance_to_the_closest_obstacle(cspace):
     occupied = np.argwhere(cspace)
-    found = inflation(cspace, config)
+    found = inflation(cspace)
     for cell in np.argwhere(~cspace):
         distance = np.hypot(*(occupied - cell).T).min(initial=np.inf)
-        assert found[tuple(cell)] == pytest.approx(5.0 / distance if distance <= reach else 0.0)
+        assert found[tuple(cell)] == pytest.approx(5.0 / distance if distance <= 2.0 else 0.0)
 
 
 def turned_deg(before, after):
@@ -112,7 +104,7 @@ def turned_deg(before, after):
     return abs((math.degrees(math.atan2(*after) - math.atan2(*before)) + 180.0) % 360.0 - 180.0)
 
 
-def plain_original(cspace, start, goal, penalty, largest_turn):
+def plain_original(cspace, start, goal, penalty):
     """The original's search over a plain list of open cells, of which the first of the lowest priority is taken."""
     steps = [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)]
     rows, cols = cspace.shape
@@ -132,7 +124,7 @@ def plain_original(cspace, start, goal, penalty, largest_turn):
             if not (0 <= row < rows and 0 <= col < cols) or cspace[there] or there in closed:
                 continue
             between_walls = down and right and cspace[cell[0], col] and cspace[row, cell[1]]
-            if between_walls or turned_deg(entered[cell], (down, right)) > 45.0 * largest_turn + 1.0:
+            if between_walls or turned_deg(entered[cell], (down, right)) > 46.0:
                 continue
             new_cost = cost[cell] + math.hypot(down, right)
             if new_cost >= cost.get(there, math.inf):
@@ -145,13 +137,12 @@ def plain_original(cspace, start, goal, penalty, largest_turn):
     return None
 
 
-@given(CSPACES, CONFIGS, st.data())
-def test_the_original_search_is_that_of_a_plain_list(cspace, config, data):
+@given(CSPACES, st.data())
+def test_the_original_search_is_that_of_a_plain_list(cspace, data):
     if (picked := ends(cspace, data)) is None:
         return
-    penalty = inflation(cspace, config)
-    plain = plain_original(cspace, *picked, penalty, config.largest_turn_steps)
-    path = plan_path(cspace, *picked, dataclasses.replace(config, search="original"))
+    plain = plain_original(cspace, *picked, inflation(cspace))
+    path = plan_path(cspace, *picked)
     if plain is not None:
         assert list(map(tuple, path.tolist())) == plain
 

@@ -30,7 +30,6 @@ def test_a_world_is_drawn_with_all_its_parts(small_world, tmp_path):
         palette.WALL,
         palette.HOLLOW,
         palette.INFLATED,
-        palette.ROUTE,
         palette.START,
         palette.GOAL,
     )
@@ -38,12 +37,11 @@ def test_a_world_is_drawn_with_all_its_parts(small_world, tmp_path):
     (axes,) = figure.axes
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")
     assert (*axes.get_xlim(), *axes.get_ylim()) == pytest.approx((-1.35, 0.0, 0.0, 6.9))
-    line = axes.lines[0].get_xydata()
-    assert np.array_equal(line, small_world.path_m())
-    discs = np.concatenate([collection.get_offsets() for collection in axes.collections[1:4]])
+    assert any(np.array_equal(line.get_xydata(), small_world.path_m()) for line in axes.lines)
+    discs = np.concatenate([collection.get_offsets() for collection in axes.collections])
     assert {tuple(centre) for centre in small_world.obstacles_m.tolist()} <= {tuple(c) for c in discs.tolist()}
     labels = {text.get_text() for text in axes.get_legend().get_texts()}
-    assert {"obstacle", "containment", "C-space obstacle", "path", "start", "goal"} == labels
+    assert {"obstacle", "C-space obstacle", "start", "goal"} == labels
 
 
 def test_a_picture_is_the_same_each_time(small_world, tmp_path):
@@ -53,10 +51,10 @@ def test_a_picture_is_the_same_each_time(small_world, tmp_path):
 
 
 def test_a_sheet_holds_every_world_in_its_place(small_world):
-    other = World("$other_1$", np.zeros((9, 12), bool), small_world.path)
-    figure = render.sheet_figure([small_world, other, small_world], columns=2)
+    other = World("other", np.zeros((9, 12), bool), small_world.path)
+    figure = render.sheet_figure({3: small_world, 4: other, 5: other, 6: small_world})
     (axes,) = figure.axes
-    assert [text.get_text() for text in axes.texts] == ["small", "$other_1$", "small"]
+    assert [text.get_text() for text in axes.texts] == ["3", "4", "5", "6"]
     sheet = axes.images[0].get_array()
     tile = np.full((12, 9, 3), to_rgb(palette.WHITE), np.float32)
     tile[small_world.cspace.T] = to_rgb(palette.INFLATED)
@@ -69,11 +67,9 @@ def test_a_sheet_holds_every_world_in_its_place(small_world):
     assert np.array_equal(sheet[gap + 11, 11 : 11 + 9][6], np.float32(to_rgb(palette.START)))
 
 
-def test_sheets_are_bounded(small_world):
+def test_sheets_are_bounded():
     with pytest.raises(WorldError, match="1 to 1000 worlds, got 0"):
-        render.sheet_figure([])
-    with pytest.raises(WorldError, match="at least 1 column, got -1"):
-        render.sheet_figure([small_world], columns=-1)
+        render.sheet_figure({})
     large = World("large", np.zeros((2000, 2000), bool), np.array([[0, 0]]))
     with pytest.raises(WorldError, match="too large for one sheet"):
-        render.sheet_figure([large])
+        render.sheet_figure({0: large})

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from barn_worlds.base.errors import WorldError
-from barn_worlds.worlds.selection import select_worlds
+from barn_worlds.worlds.dataset import select_worlds
 
 SIXTH = tuple(range(0, 300, 6))
 

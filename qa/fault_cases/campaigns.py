@@ -117,14 +117,14 @@ add(
     "worker-killed",
     "One of two workers gets SIGKILL.",
     f"Its trial is tried again, and the loss is told. {_MUST}",
-    lambda lab: _disturbed(lab, lambda lab: kill(lab.processes("worker.py")[:1]), words="was killed by SIGKILL"),
+    lambda lab: _disturbed(lab, lambda lab: kill(lab.processes("s.worker")[:1]), words="was killed by SIGKILL"),
 )
 add(
     FAMILY,
     "all-workers-killed",
     "Both workers get SIGKILL.",
     f"Their trials are tried again. {_MUST}",
-    lambda lab: _disturbed(lab, lambda lab: kill(lab.processes("worker.py")), words="was killed by SIGKILL"),
+    lambda lab: _disturbed(lab, lambda lab: kill(lab.processes("s.worker")), words="was killed by SIGKILL"),
 )
 add(
     FAMILY,
@@ -133,7 +133,7 @@ add(
     f"It is given up after its time, and its trial is tried again. {_MUST}",
     lambda lab: _disturbed(
         lab,
-        lambda lab: kill(lab.processes("worker.py")[:1], 19),
+        lambda lab: kill(lab.processes("s.worker")[:1], 19),
         "--execution",
         "trial_limit_s=25",
         words="no result within 25 s",

@@ -3,13 +3,13 @@
 from functools import partial
 
 from fault_cases.kit import Lab, add, ending, hold
-from fault_cases.planners import MEDDLER, by_command, judged, ros
+from fault_cases.planners import FOREIGN, by_command, judged, ros
 
 FAMILY = "meddling"
 
 
 def _caught(lab: Lab, kind: str, words: str) -> str:
-    lab.barn(*ros(lab, *by_command(MEDDLER, lab.folder / "starts", kind)))
+    lab.barn(*ros(lab, *by_command(FOREIGN, lab.folder / "starts", kind)))
     said = judged(lab, "interference", words)
     scores = lab.row()["scores"]
     hold(not scores["success"] and scores["challenge"] == 0.0, scores)
@@ -17,10 +17,10 @@ def _caught(lab: Lab, kind: str, words: str) -> str:
 
 
 def _named(lab: Lab, ground_truth: str, heard: bool) -> str:
-    words = by_command(MEDDLER, lab.folder / "starts", "curious")
+    words = by_command(FOREIGN, lab.folder / "starts", "curious")
     lab.barn(*ros(lab, *words, "--ros", f"ground_truth={ground_truth}"))
     row = lab.row()
-    hold("/meddler subscribed to /ground_truth/odom" in row["remarks"], row["remarks"])
+    hold("/foreign subscribed to /ground_truth/odom" in row["remarks"], row["remarks"])
     hold((lab.folder / "starts.heard").exists() is heard, "heard" if not heard else "not heard")
     return f"{ending(row)}; {row['remarks']}"
 
@@ -58,7 +58,7 @@ add(
     "The planner publishes bytes on /cmd_vel that are no command.",
     "The trial ends as invalid_command, by the planner's fault.",
     lambda lab: (
-        lab.barn(*ros(lab, *by_command(MEDDLER, lab.folder / "starts", "broken_command"))),
+        lab.barn(*ros(lab, *by_command(FOREIGN, lab.folder / "starts", "broken_command"))),
         judged(lab, "invalid_command", "not finite"),
     )[1],
 )

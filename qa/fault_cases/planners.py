@@ -12,7 +12,7 @@ from fault_cases.system import alive
 
 FAMILY = "ros"
 SCRIPT = Path(__file__).with_name("ros_planner.py")
-FAULTY, MEDDLER = TESTS / "faulty_planner.py", TESTS / "meddling_planner.py"
+FOREIGN = TESTS / "foreign_planner.py"
 _PROTOCOL = (
     "schema_version: 1\nbase: challenge\nname: short\nfirst_motion_limit_s: {s}\nlimit_s: {s}\ntimeout_time_s: {s}\n"
 )
@@ -44,7 +44,7 @@ def driven(lab: Lab, kind: str, outcome: str, detail: str = "", more: Sequence[o
 
 def faulty(lab: Lab, kind: str, outcome: str, detail: str = "") -> str:
     """Do the same with the planner of the tests."""
-    lab.barn(*ros(lab, *by_command(FAULTY, lab.folder / "starts", kind)))
+    lab.barn(*ros(lab, *by_command(FOREIGN, lab.folder / "starts", kind)))
     return judged(lab, outcome, detail)
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from functools import cache, partial
 
 from fault_cases.kit import LIMIT_S, Lab, Row, add, case, ending, hold, repeatable, scratch
-from fault_cases.planners import FAULTY, SCRIPT, by_command, ros
+from fault_cases.planners import FOREIGN, SCRIPT, by_command, ros
 from fault_cases.system import alive, kill
 
 FAMILY = "processes"
@@ -20,7 +20,7 @@ _HELD = threading.Lock()
 
 def words(lab: Lab) -> list[object]:
     """Return the words of a run whose planner does nothing wrong."""
-    return ros(lab, *by_command(FAULTY, "starts", "drives"), limit_s=_LIMIT_S, bags="all")
+    return ros(lab, *by_command(FOREIGN, "starts", "drives"), limit_s=_LIMIT_S, bags="all")
 
 
 @cache
@@ -93,13 +93,13 @@ for _name, _done, _deed, _words in (
     (
         "guard-killed",
         "The guards of the planner get SIGKILL.",
-        lambda lab: kill(lab.guards(str(FAULTY))),
+        lambda lab: kill(lab.guards(str(FOREIGN))),
         "lost with its guard",
     ),
     (
         "guard-terminated",
         "The guards of the planner get SIGTERM.",
-        lambda lab: kill(lab.guards(str(FAULTY)), 15),
+        lambda lab: kill(lab.guards(str(FOREIGN)), 15),
         "lost with its guard",
     ),
     (
@@ -111,7 +111,7 @@ for _name, _done, _deed, _words in (
     (
         "worker-killed",
         "The worker that supervises the nodes gets SIGKILL.",
-        lambda lab: kill(lab.nodes("worker.py")),
+        lambda lab: kill(lab.nodes("experiments.worker")),
         "",
     ),
 ):
@@ -178,7 +178,7 @@ def _killed_together(lab: Lab, guards: int) -> str:
     lab.until(lambda: note.exists() and note.read_text().endswith("\n"), "the planner's daemon")
     guarding = lab.guards(str(SCRIPT))
     hold(len(guarding) >= guards, f"guards {guarding}")
-    kill([run.pid, *lab.nodes("worker.py"), *sorted(guarding)[:guards]])
+    kill([run.pid, *lab.nodes("experiments.worker"), *sorted(guarding)[:guards]])
     run.wait()
     pids = [int(pid) for pid in note.read_text().split()]
     lab.until(lambda: not any(map(alive, pids)), "the end of the daemon")

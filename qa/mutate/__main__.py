@@ -28,7 +28,7 @@ TESTS = {
     "barn_eval.trials.protocol": ["test_protocol"],
     "barn_eval.trials.outcome": ["test_scores"],
     "barn_eval.trials.seeds": ["test_scores"],
-    "barn_eval.trials.trajectory": ["test_trajectory"],
+    "barn_eval.trials.trajectory": ["test_trajectory", "test_encounters"],
     "barn_eval.ros.adapter": ["test_adapter"],
     "barn_eval.ros.sequencer": ["test_sequencer"],
     "barn_eval.analysis.statistics": ["test_statistics"],

@@ -1,7 +1,4 @@
-"""Reading of bags that others may have written, cut off or damaged: rosbag2 folders (MCAP, SQLite) and MCAP files.
-
-Nothing of ROS is needed. What can be read is read; what stopped the reading is told in words.
-"""
+"""Reading of bags that others may have written, cut off or damaged: rosbag2 folders (MCAP, SQLite) and MCAP files."""
 
 import re
 import sqlite3
@@ -63,10 +60,7 @@ class BagFile:
         self._first_ns: int | None = None
 
     def messages(self, topics: Collection[str] = ()) -> Iterator[RawMessage]:
-        """Yield the messages of these topics, or of all, in the order of the file, as far as they can be read.
-
-        Raises BagError if the file is no bag at all.
-        """
+        """Yield the messages of these topics, or of all, in the order of the file, as far as they can be read."""
         read = 0
         for message in self._all():
             read += len(message.data) + MESSAGE_BYTES

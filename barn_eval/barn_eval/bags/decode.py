@@ -11,11 +11,10 @@ from barn_worlds.base.errors import ConfigError, MessageError
 from barn_worlds.base.text_files import parse_json
 from barn_worlds.base.types import OccupancyMap, Odometry, Pose2D, Scan
 from barn_worlds.messages import decode, topics
-from barn_worlds.messages.moving import decode_moving, decode_moving_poses
-from barn_worlds.messages.scene import decode_scene
+from barn_worlds.messages.scenes import decode_moving, decode_moving_poses, decode_scene
 from barn_worlds.messages.topics import Topic
+from barn_worlds.robots.files import STANDARD
 from barn_worlds.robots.robot import Chassis
-from barn_worlds.robots.standard import STANDARD
 from barn_worlds.worlds.cells import STANDARD_CELL_M
 
 _MOST_CELLS = 1 << 24

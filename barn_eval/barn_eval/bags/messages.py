@@ -11,10 +11,8 @@ from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import Floats
 from barn_worlds.base.types import nanoseconds, seconds
 from barn_worlds.messages.cdr import make, serialise
-from barn_worlds.messages.encode import encode_number, encode_text
-from barn_worlds.messages.markers import TEXT_VIEW_FACING, marker
-from barn_worlds.messages.moving import encode_moving, encode_moving_poses
-from barn_worlds.messages.scene import encode_scene
+from barn_worlds.messages.encode import TEXT_VIEW_FACING, encode_number, encode_text, marker
+from barn_worlds.messages.scenes import encode_moving, encode_moving_poses, encode_scene
 from barn_worlds.messages.topics import FRAMES, MOVING, MOVING_POSES, OUTCOME, SCORE, SCORE_TEXT, WORLD, Outgoing
 from barn_worlds.worlds.scene import TrialScene, scene_of
 

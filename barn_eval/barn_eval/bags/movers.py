@@ -9,7 +9,6 @@ import numpy.typing as npt
 from barn_worlds.base.arrays import Floats, Points
 from barn_worlds.geometry.bodies import Bodies
 from barn_worlds.geometry.footprint import Footprint
-from barn_worlds.geometry.shapes import body_shapes
 
 TRAIL_S = 2.0
 LONGEST_BEYOND_S = 0.1  # the last poses are as much older than the last reading
@@ -79,7 +78,7 @@ def gaps_to(bodies: Bodies, walls: Bodies, places: Floats, poses: Floats, outlin
 
     places (t, n, 2): of the bodies.
     """
-    rows = np.concatenate([body_shapes(bodies), body_shapes(walls)])
+    rows = np.concatenate([bodies.shapes(), walls.shapes()])
     found = np.empty(len(poses))
     for k, (at, (x, y, yaw)) in enumerate(zip(places, poses.tolist(), strict=True)):
         rows[: len(at), :2] = at

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -32,22 +32,12 @@ from barn_worlds.geometry.bodies import Bodies
 from barn_worlds.geometry.footprint import Footprint, contact_of
 from barn_worlds.messages import topics
 from barn_worlds.messages.topics import FRAMES, Topic
+from barn_worlds.robots.files import STANDARD
 from barn_worlds.robots.robot import Chassis
-from barn_worlds.robots.standard import STANDARD
 from barn_worlds.worlds.scene import TrialScene
 
 MAP, ODOM = FRAMES.map, FRAMES.odom
 _ONCE = {topics.MOVING.path}  # of which the first message tells all that is wanted
-_SHOWN = {
-    "scans": topics.SCAN,
-    "plans": topics.PLAN,
-    "local_plans": topics.LOCAL_PLAN,
-    "bands": topics.BAND,
-    "candidates": topics.CANDIDATES,
-    "costmaps": topics.COSTMAP,
-    "scores": topics.SCORE,
-    "outcomes": topics.OUTCOME,
-}
 
 
 class Shown(NamedTuple):
@@ -85,18 +75,18 @@ class Recorded:
     odometry: Floats
     outline: Footprint
     lidar: Pose2D
+    scans: list[Shown] = field(metadata={"topic": topics.SCAN})
+    plans: list[Shown] = field(metadata={"topic": topics.PLAN})
+    local_plans: list[Shown] = field(metadata={"topic": topics.LOCAL_PLAN})
+    bands: list[Shown] = field(metadata={"topic": topics.BAND})
+    candidates: list[Shown] = field(metadata={"topic": topics.CANDIDATES})
+    costmaps: list[Shown] = field(metadata={"topic": topics.COSTMAP})
+    scores: list[Shown] = field(metadata={"topic": topics.SCORE})
+    outcomes: list[Shown] = field(metadata={"topic": topics.OUTCOME})
     chassis: Chassis = STANDARD.chassis
     map_frame: Pose2D = ORIGIN
     map: OccupancyMap | None = None
     goal: Shown | None = None
-    scans: list[Shown] = field(default_factory=list)
-    plans: list[Shown] = field(default_factory=list)
-    local_plans: list[Shown] = field(default_factory=list)
-    bands: list[Shown] = field(default_factory=list)
-    candidates: list[Shown] = field(default_factory=list)
-    costmaps: list[Shown] = field(default_factory=list)
-    scores: list[Shown] = field(default_factory=list)
-    outcomes: list[Shown] = field(default_factory=list)
     scene: TrialScene | None = None
     pushed_m: Floats = field(default_factory=lambda: np.empty((0, 2)))
     moving: RecordedMotions | None = None
@@ -144,10 +134,7 @@ class Recorded:
 
 
 def read_recorded(path: Path) -> Recorded:
-    """Return what a bag tells of a trial; of one that is cut off or damaged, what comes before that.
-
-    Raises BagError in one line for what is no bag, or has no poses of a robot in it.
-    """
+    """Return what a bag tells of a trial; of one that is cut off or damaged, what comes before that."""
     bag = BagFile(path)
     messages = _Messages()
     for message in bag.messages(TOPICS):
@@ -193,7 +180,7 @@ class _Messages:
         def timed(topic: Topic) -> list[Shown]:
             return [Shown((row.stamp_ns - start_ns) / NANOSECONDS, row.frame, row.content) for row in self._all(topic)]
 
-        shown: dict[str, Any] = {name: timed(topic) for name, topic in _SHOWN.items()}
+        shown: dict[str, Any] = {one.name: timed(one.metadata["topic"]) for one in fields(Recorded) if one.metadata}
         maps, goals = timed(topics.MAP), timed(topics.GOAL_POSE)
         result = metadata(bag, "barn.result", "result")
         trial = metadata(bag, "barn.trial", "specification")

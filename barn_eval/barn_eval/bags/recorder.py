@@ -41,11 +41,7 @@ class _Topic:
 
 
 class Recorder:
-    """Write the bag of one trial.
-
-    Use it as a context manager: `finish` completes the bag, leaving the context without it abandons the bag under
-    its partial name. Equal calls give equal bytes. Raises BagError in one line where the bag cannot be written.
-    """
+    """Write the bag of one trial; leaving its context without `finish` abandons it under its partial name."""
 
     def __init__(self, path: Path, types: Typestore | None = None) -> None:
         if path.exists():

@@ -10,11 +10,11 @@ from barn_eval import suite
 from barn_eval.commands.options import FILE, console, json_option, notes, print_json, say, settings_option
 from barn_eval.commands.tables import table
 from barn_eval.experiments.run_file import provenance
-from barn_eval.studies.bench import Change, changes, read_figures
+from barn_eval.studies.bench import changes, read_figures
 
 
 @click.command("bench")
-@click.option("--planners", default="dwa,eband", show_default=True, help="Planners to measure, joined by commas.")
+@click.option("--planners", default="dwa,eband", help="Planners to measure, joined by commas.")
 @settings_option("--set", "settings", "What is measured", suite.BenchSetup())
 @click.option(
     "--against", type=FILE, help="Earlier result of --json from this machine: print how many times as good figures are."
@@ -30,29 +30,15 @@ def command(planners: str, settings: dict[str, Any], against: Path | None, as_js
     with notes.status("measuring") as status:
         figures = list(suite.bench(names, settings, note=status.update))
     about = provenance()
-    compared = {one.name: one for one in changes(figures, before)}
-    for change in compared.values():
+    compared = changes(figures, before)
+    for change in compared:
         if change.slower:
             say(f"slower: {change.name}, {change.ratio:.2f} ± {change.noise:.2f} times as good as before")
     if as_json:
-        print_json(
-            {
-                "schema_version": 1,
-                "figures": [asdict(figure) for figure in figures],
-                "changes": [{**asdict(one), "slower": one.slower} for one in compared.values()],
-                **about,
-            }
-        )
+        changed = [{**asdict(one), "slower": one.slower} for one in compared]
+        print_json({"schema_version": 1, "figures": list(map(asdict, figures)), "changes": changed, **about})
         return
-    machine = about["machine"]
-    rows = [
-        (figure.name, f"{figure.value:.3g}", figure.unit, *_compared(compared.get(figure.name))) for figure in figures
-    ]
-    title = f"{machine['processor']}, {machine['cores']} cores"
+    ratios = {one.name: (f"{one.ratio:.2f} ± {one.noise:.2f}", "slower" if one.slower else "") for one in compared}
+    rows = [(one.name, f"{one.value:.3g}", one.unit, *ratios.get(one.name, ("", ""))) for one in figures]
+    title = f"{about['machine']['processor']}, {about['machine']['cores']} cores"
     console.print(table(("figure", ">value", "unit", ">times as good", ""), rows, title=title))
-
-
-def _compared(change: Change | None) -> tuple[str, str]:
-    if change is None:
-        return "", ""
-    return f"{change.ratio:.2f} ± {change.noise:.2f}", "slower" if change.slower else ""

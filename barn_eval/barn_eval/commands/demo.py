@@ -14,9 +14,9 @@ SHARES = (5, 40, 70)  # percent of the worlds that are easier; they are numbered
 
 
 @click.command("demo")
-@click.option("--dataset", default="barn300", show_default=True, help="Data set that the three worlds are from.")
-@click.option("--mode", type=click.Choice(MODES), default="ros", show_default=True, help="One process or ROS nodes.")
-@click.option("--out", default="out/demo", show_default=True, type=FOLDER, help="Results.")
+@click.option("--dataset", default="barn300", help="Data set that the three worlds are from.")
+@click.option("--mode", type=click.Choice(MODES), default="ros", help="One process or ROS nodes.")
+@click.option("--out", default="out/demo", type=FOLDER, help="Results.")
 @json_option
 def command(dataset: str, mode: str, out: Path, as_json: bool) -> int:
     """Drive an easy, a medium and a harder world under DWA with the challenge's protocol, and show the scores.

@@ -15,21 +15,11 @@ def command(as_json: bool) -> None:
     if as_json:
         print_json(content)
         return
-    installed = [*content["versions"].items(), ("commit", _short(content["commit"]) or "not known")]
+    number, plus, changes = content["commit"].partition("+")  # in the length that fits a terminal; --json has all
+    installed = [*content["versions"].items(), ("commit", number[:12] + plus + changes or "not known")]
     parts = [(suite.OPTIONAL[name][0], state) for name, state in content["optional"].items()]
-    parts += [(name, _listed(value) or "not set") for name, value in content["ros"].items()]
+    folders = {name: value.split(":") for name, value in content["ros"].items()}
+    parts += [(name, one[0] or "not set" if len(one) == 1 else f"{len(one)} folders") for name, one in folders.items()]
     parts.append(("machine", f"{content['machine']['processor']}, {content['machine']['cores']} cores"))
     parts += [("planners", ", ".join(content["planners"])), ("data sets", ", ".join(content["data_sets"]))]
     console.print(table(("installed", "version"), installed), table(("part", "state"), parts))
-
-
-def _listed(value: str) -> str:
-    """Return how many folders a variable names if there are several, which fit no terminal; --json has them."""
-    folders = value.split(":")
-    return value if len(folders) == 1 else f"{len(folders)} folders"
-
-
-def _short(commit: str) -> str:
-    """Return a commit in the length that fits a terminal, with what is said of changes after it."""
-    number, plus, changes = commit.partition("+")
-    return number[:12] + plus + changes

@@ -15,16 +15,13 @@ from barn_eval.pages.report.leaderboard import board_table, write_boards
 @click.argument("folders", nargs=-1, required=True, type=PATH)
 @click.option("--by", type=click.Choice(tuple(RANKINGS)), help="What is ranked by [default: the protocol's metric].")
 @click.option("--out", type=PATH, multiple=True, help="File ending in .md or .html, repeatable [default: printed].")
-@click.option("--worlds", default="all", show_default=True, help="Only these, such as 0-49.")
+@click.option("--worlds", default="all", help="Only these, such as 0-49.")
 @json_option
 def command(folders: tuple[Path, ...], by: str | None, out: tuple[Path, ...], worlds: str, as_json: bool) -> None:
     """Rank the planners of FOLDERS of experiments.
 
     Planners that cannot be told apart share a rank. Each protocol and set of worlds has a board of its own.
     """
-    for path in out:
-        if path.suffix not in (".md", ".html"):
-            raise click.UsageError(f"--out {path}: must end in .md or .html")
     with notes.status("ranking"):
         boards = leaderboard(folders, by or "", worlds)
     if as_json:

@@ -2,14 +2,16 @@
 
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from typing import cast
 
 import click
+from click.shell_completion import CompletionItem
 
 from barn_eval import __version__
-from barn_eval.commands.group import LazyGroup
-from barn_worlds.base.errors import BarnError
+from barn_worlds.base.errors import BarnError, suggest
 
 COMMANDS = {
     "demo": "Drive three worlds under DWA over ROS 2 and show the scores.",
@@ -41,33 +43,59 @@ def _print_version(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
         ctx.exit()
 
 
-cli = LazyGroup(
-    "barn",
-    __package__,
-    COMMANDS,
-    "Benchmark ground-robot navigation: worlds, metrics, trials and their scores.",
-    {"campaign": "run"},
-    plugins=True,
-)
-cli.params.append(
-    click.Option(
-        ["--version"],
-        is_flag=True,
-        is_eager=True,
-        expose_value=False,
-        callback=_print_version,
-        help="Show version and commit.",
-    )
-)
+class LazyGroup(click.Group):
+    """The verbs above, each the attribute `command` of a module of its name, and those of other packages.
+
+    None is imported before it is called: listing and completing them need only what is said above.
+    """
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
+        """Return the names of the commands."""
+        return [*COMMANDS, *_added()]
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
+        """Return a command, imported now."""
+        name = {"campaign": "run"}.get(cmd_name, cmd_name)
+        if name in COMMANDS:
+            return cast(click.Command, import_module(f"{__package__}.{name}").command)
+        if name not in _added():
+            raise click.UsageError(f"unknown command {name!r}{suggest(name, self.list_commands(ctx))}")
+        return cast(click.Command, _added()[name].load())
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Return what may come next; click's own way would import every command."""
+        names = [CompletionItem(name, help=summary) for name, summary in _listed() if name.startswith(incomplete)]
+        return names + click.Command.shell_complete(self, ctx, incomplete)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+        """Write the list of commands."""
+        with formatter.section("Commands"):
+            formatter.write_dl(_listed())
 
 
-def leaves(command: click.Command = cli, name: str = "barn") -> Iterator[tuple[str, click.Command]]:
-    """Yield the commands that do something, each with its words; groups and other packages' commands are none."""
-    if isinstance(command, LazyGroup):
-        for word in command.summaries:
-            yield from leaves(command.get_command(click.Context(command), word), f"{name} {word}")
-    else:
-        yield name, command
+def _added() -> dict[str, EntryPoint]:
+    """Return the commands of other packages."""
+    return {one.name: one for one in entry_points(group="barn_eval.commands")}
+
+
+def _listed() -> list[tuple[str, str]]:
+    return [*COMMANDS.items(), *((name, f"Of {one.module}.") for name, one in _added().items())]
+
+
+@click.group(
+    cls=LazyGroup,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110, "show_default": True},
+)
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_version,
+    help="Show version and commit.",
+)
+def cli() -> None:
+    """Benchmark ground-robot navigation: worlds, metrics, trials and their scores."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -1,7 +1,7 @@
 """What several commands have in common: options and the way values are written."""
 
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -26,7 +26,12 @@ SEED = click.IntRange(0, 2**62)
 COUNT = click.IntRange(1)
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
-worlds_option = click.option("--worlds", "spec", default="all", show_default=True, help="Which worlds, such as 0-49.")
+worlds_option = click.option("--worlds", "select", default="all", help="Which, such as 0-49.")
+
+
+def seed_option(default: int = 0) -> Callable[[Command], Command]:
+    """Return the option that gives the seed."""
+    return click.option("--seed", default=default, type=SEED, help="All randomness comes from it.")
 
 
 def settings_option(
@@ -45,15 +50,13 @@ def settings_option(
     return click.option(option, name, multiple=True, metavar=metavar, callback=read, help=text)
 
 
-def parse_settings(settings: Iterable[str], option: str) -> dict[str, Any]:
+def parse_settings(settings: tuple[str, ...], option: str) -> dict[str, Any]:
     """Return texts "key=value" as a mapping; values are read as YAML. ConfigError for anything else."""
     changes: dict[str, Any] = {}
     for setting in settings:
         key, equals, value = setting.partition("=")
-        if not equals or not key.strip():
-            raise ConfigError(f"{option} {shown(setting)}: must be key=value")
-        if key.strip() in changes:
-            raise ConfigError(f"{option} {shown(setting)}: {key.strip()} is given twice")
+        if not equals or not key.strip() or key.strip() in changes:
+            raise ConfigError(f"{option} {shown(setting)}: must be key=value, each key given once")
         changes[key.strip()] = parse_yaml(value, f"{option} {shown(setting)}")
     return changes
 
@@ -64,11 +67,11 @@ def print_json(content: object) -> None:
 
 
 @contextmanager
-def progress(text: str) -> Iterator[tuple[Callable[[str], None], Callable[[float], None]]]:
-    """Show a bar on a terminal; yield what changes its text, and what tells it the share that is done."""
+def progress(text: str) -> Iterator[Callable[[float], None]]:
+    """Show a bar on a terminal; yield what tells it the share that is done."""
     with Progress(console=notes, transient=True, disable=not notes.is_terminal) as bar:
         task = bar.add_task(text, total=1.0)
-        yield (lambda now: bar.update(task, description=now)), (lambda done: bar.update(task, completed=done))
+        yield lambda done: bar.update(task, completed=done)
 
 
 def say(*lines: object) -> None:

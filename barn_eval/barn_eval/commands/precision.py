@@ -22,7 +22,9 @@ _ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
     type=_ABOVE_ZERO,
     help="Difference of two planners to be found 8 times in 10 [default: 5 % of the first one's mean].",
 )
-@click.option("--measure", default="", help="A column of the results [default: the metric of the protocol].")
+@click.option(
+    "--measure", default="", show_default=False, help="A column of the results [default: the metric of the protocol]."
+)
 @click.option("--repetitions", type=COUNT, help="Trials per world [default: 1, 2, 3, 5 and 10].")
 @json_option
 def command(
@@ -38,7 +40,7 @@ def command(
     FOLDER:PLANNER, or FOLDER:PLANNER,PLANNER, chooses one or two of several planners. Wanted values are in the unit of
     the measure, of success as a share such as 0.05.
     """
-    results = selected_results(folder).planners
+    _, results = selected_results(folder)
     found = precision(results, half_width, difference, measure=measure, repetitions=repetitions)
     if as_json:
         print_json(as_dict(found))

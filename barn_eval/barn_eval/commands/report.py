@@ -11,17 +11,14 @@ from barn_eval.pages.report.page import write_report
 
 @click.command("report")
 @click.argument("folders", nargs=-1, required=True, type=PATH)
-@click.option("--out", default="report.html", show_default=True, type=PATH, help="The page.")
-@click.option(
-    "--assets/--no-assets", default=True, show_default=True, help="Write figures and tables into OUT_assets as well."
-)
-@click.option("--title", default="", help="Title of the page.")
-@click.option("--hardest", default=8, show_default=True, type=click.IntRange(0, 40), help="Worlds drawn as maps.")
+@click.option("--out", default="report.html", type=PATH, help="The page.")
+@click.option("--assets/--no-assets", default=True, help="Write figures and tables into OUT_assets as well.")
+@click.option("--title", default="", show_default=False, help="Title of the page.")
+@click.option("--hardest", default=8, type=click.IntRange(0, 40), help="Worlds drawn as maps.")
 @click.option(
     "--difficulty",
     type=click.Choice(DIFFICULTIES),
     default=DIFFICULTIES[0],
-    show_default=True,
     help="What worlds are ordered by: the trials themselves, or the model's prediction.",
 )
 @click.option("--replays", is_flag=True, help="Draw the replay of each bag into OUT_replays and link to it.")
@@ -35,7 +32,7 @@ def command(
     if out.is_dir():
         raise click.UsageError(f"--out {out}: is a folder, name a file")
     beside = out.with_name(f"{out.stem}_assets") if assets else None
-    with progress("reading results") as (note, share):
+    with progress("making the report") as share:
         write_report(
             folders,
             out,
@@ -44,7 +41,6 @@ def command(
             hardest=hardest,
             difficulty=difficulty,
             replays=out.with_name(f"{out.stem}_replays") if replays else None,
-            note=note,
             progress=share,
         )
     say(out)

@@ -10,19 +10,15 @@ import click
 from barn_eval.commands.options import FILE, console, json_option, print_json, say
 from barn_eval.commands.tables import table
 from barn_eval.robots import draw
-from barn_sim.checks.self_test import LARGEST_DEVIATION, Measured, self_test
-from barn_worlds.base.config import Quantity, as_dict, fields_of
-from barn_worlds.base.errors import ConfigError
+from barn_sim.checks.self_test import LARGEST_DEVIATION, self_test
+from barn_worlds.base.config import as_dict, fields_of
 from barn_worlds.robots.files import ROBOTS, load_robot
 from barn_worlds.robots.robot import Robot
-
-PICTURES = (".png", ".svg")
-_SHOWN_DIGITS = 5
 
 
 @click.command("robots")
 @click.argument("robot", required=False)
-@click.option("--out", type=FILE, help="Draw it from above, as .png or .svg.")
+@click.option("--out", type=FILE, help="Draw it from above, as .png, .svg or .pdf.")
 @click.option("--check", is_flag=True, help="Drive it: straight, turns, arcs and stops, and compare with theory.")
 @json_option
 def command(robot: str | None, out: Path | None, check: bool, as_json: bool) -> int:
@@ -38,8 +34,6 @@ def command(robot: str | None, out: Path | None, check: bool, as_json: bool) -> 
         return 0
     found = load_robot(robot)
     if out is not None:
-        if out.suffix not in PICTURES:
-            raise ConfigError(f"{out}: a picture must end in {' or '.join(PICTURES)}")
         draw(found).save(out)
         say(out)
     if check:
@@ -47,10 +41,10 @@ def command(robot: str | None, out: Path | None, check: bool, as_json: bool) -> 
     if as_json:
         print_json({"name": found.name, **as_dict(found)})
         return 0
-    rows = [[name, _shown(value), about.unit, about.description] for name, about, value in _numbers(found)]
-    console.print(table(("quantity", "value", "unit", "meaning"), rows, title=f"{found.name}: {found.summary}"))
+    heads = ("quantity", "value", "unit", "meaning")
+    console.print(table(heads, _numbers(found), title=f"{found.name}: {found.summary}"))
     if found.sources:
-        console.print(table(("section", "sources"), list(found.sources.items())))
+        console.print(table(("section", "sources"), found.sources.items()))
     return 0
 
 
@@ -68,56 +62,48 @@ def _check(found: Robot, as_json: bool) -> int:
     driven = self_test(found)
     beyond = [one for one in driven if not one.passed]
     if as_json:
-        print_json({**_entry(found), "passed": not beyond, "self_test": [_measurement(one) for one in driven]})
-    else:
-        drive, chassis = found.drive, found.chassis
-        size = f"{found.length_m:.3g} x {found.width_m:.3g} x {chassis.body_height_m:.3g} m, {chassis.mass_kg:.4g} kg"
-        limits = f"{drive.max_speed_m_s:g} m/s, {drive.max_yaw_rate_rad_s:g} rad/s"
-        click.echo(f"{found.name}: {chassis.kind}, {size}, up to {limits}")
-        columns = ("manoeuvre", "quantity", ">asked", ">theory", ">simulated", ">deviation")
-        console.print(table(columns, [_row(one) for one in driven]))
-        worst = max(abs(one.deviation) for one in driven)
-        verdict = "drives as theory says" if not beyond else f"does not drive as theory says in {len(beyond)} respects"
-        click.echo(f"{found.name} {verdict}: at most {100 * worst:.1f} % off, {100 * LARGEST_DEVIATION:g} % allowed")
-    return 1 if beyond else 0
-
-
-def _measurement(one: Measured) -> dict[str, Any]:
-    return {**asdict(one), "deviation": one.deviation, "passed": one.passed}
-
-
-def _row(one: Measured) -> list[str]:
-    asked = "" if one.asked is None else f"{one.asked:.3f}"
-    mark = "" if one.passed else " !"
-    return [
-        one.manoeuvre, f"{one.quantity} [{one.unit}]", asked, f"{one.theory:.3f}", f"{one.simulated:.3f}",
-        f"{100 * one.deviation:+.1f} %{mark}",
-    ]  # fmt: skip
+        measured = [{**asdict(one), "deviation": one.deviation, "passed": one.passed} for one in driven]
+        print_json({**_entry(found), "passed": not beyond, "self_test": measured})
+        return int(bool(beyond))
+    drive, chassis = found.drive, found.chassis
+    size = f"{found.length_m:.3g} x {found.width_m:.3g} x {chassis.body_height_m:.3g} m, {chassis.mass_kg:.4g} kg"
+    limits = f"{drive.max_speed_m_s:g} m/s, {drive.max_yaw_rate_rad_s:g} rad/s"
+    click.echo(f"{found.name}: {chassis.kind}, {size}, up to {limits}")
+    rows = []
+    for one in driven:
+        asked = "" if one.asked is None else f"{one.asked:.3f}"
+        deviation = f"{100 * one.deviation:+.1f} %{'' if one.passed else ' !'}"
+        quantity = f"{one.quantity} [{one.unit}]"
+        rows.append((one.manoeuvre, quantity, asked, f"{one.theory:.3f}", f"{one.simulated:.3f}", deviation))
+    console.print(table(("manoeuvre", "quantity", ">asked", ">theory", ">simulated", ">deviation"), rows))
+    worst = max(abs(one.deviation) for one in driven)
+    verdict = f"does not drive as theory says in {len(beyond)} respects" if beyond else "drives as theory says"
+    click.echo(f"{found.name} {verdict}: at most {100 * worst:.1f} % off, {100 * LARGEST_DEVIATION:g} % allowed")
+    return int(bool(beyond))
 
 
 def _entry(robot: Robot) -> dict[str, Any]:
-    drive = robot.drive
     return {
         "robot": robot.name,
         "drive": robot.chassis.kind,
         "length [m]": robot.length_m,
         "width [m]": robot.width_m,
         "mass [kg]": robot.chassis.mass_kg,
-        "speed [m/s]": drive.max_speed_m_s,
-        "yaw rate [rad/s]": drive.max_yaw_rate_rad_s,
+        "speed [m/s]": robot.drive.max_speed_m_s,
+        "yaw rate [rad/s]": robot.drive.max_yaw_rate_rad_s,
     }
 
 
-def _numbers(robot: Robot) -> Iterator[tuple[str, Quantity, Any]]:
+def _numbers(robot: Robot) -> Iterator[tuple[str, str, str, str]]:
     """Yield what a table shows of a robot: all but names, summary and what it does not have."""
     plain = as_dict(robot)
     for name, about, value in fields_of(robot):
         section, _, key = name.rpartition(".")
         if key not in ("name", "summary") and key in (plain[section] if section else plain):
-            yield name, about, value
+            yield name, _shown(value), about.unit, about.description
 
 
 def _shown(value: object) -> str:
     if isinstance(value, tuple):
         return ", ".join(f"({_shown(one)})" if isinstance(one, tuple) else _shown(one) for one in value)
-    return f"{value:.{_SHOWN_DIGITS}g}" if isinstance(value, float) else str(value)
+    return f"{value:.5g}" if isinstance(value, float) else str(value)

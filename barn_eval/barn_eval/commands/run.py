@@ -10,25 +10,15 @@ import click
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.summary import summarise, summarise_campaign
 from barn_eval.analysis.tables import comparison_table, summary_table, trials_table
-from barn_eval.commands.options import (
-    FILE,
-    FOLDER,
-    SEED,
-    console,
-    json_option,
-    notes,
-    print_json,
-    say,
-    settings_option,
-)
+from barn_eval.commands.options import FILE, FOLDER, SEED, console, json_option, notes, print_json, say, settings_option
 from barn_eval.commands.tables import FittedTable, rich_table, table
 from barn_eval.commands.watch import viewed
 from barn_eval.experiments.experiment import Execution
-from barn_eval.experiments.progress import MOST_LINES
+from barn_eval.experiments.progress import MOST_LINES, clock
 from barn_eval.experiments.request import Request, read_request
 from barn_eval.experiments.ros_config import BAGS, MODES, RosSetup
 from barn_eval.experiments.run import Plan, plan_experiment
-from barn_eval.ros.experiment import run_request
+from barn_eval.ros.work import run_request
 from barn_eval.trials.result import TrialResult
 from barn_sim.config import SimulatorConfig
 from barn_worlds.base.config import as_dict
@@ -143,14 +133,8 @@ def _plan_table(found: Plan) -> FittedTable:
         ("trials per world and planner", str(found.repetitions)),
         ("mode, workers", f"{found.mode}, {found.workers}"),
         ("there already", str(found.there)),
-        ("time", f"about {_duration(found.wall_s)}"),
+        ("time", f"about {clock(found.wall_s)}"),
         ("disk", f"about {found.disk_bytes / 1e6:.0f} MB"),
     )
     title = f"{found.trials - found.there} of {found.trials} trials to run, in {found.out}"
     return table(("dry run", ""), rows, title=title, caption=f"estimated from {found.basis}")
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 90.0:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"

@@ -6,17 +6,15 @@ from pathlib import Path
 import click
 
 from barn_eval import suite
-from barn_eval.commands.options import FILE, SEED, console, json_option, notes, print_json
+from barn_eval.commands.options import FILE, console, json_option, notes, print_json, seed_option
 from barn_eval.commands.tables import rich_table
 from barn_eval.pages.template import write_page
 from barn_eval.studies.validation import checks_table, statistics_page
 
 
 @click.command("validate")
-@click.option(
-    "--simulations", default=1000, show_default=True, type=click.IntRange(10, 1_000_000), help="So many per check."
-)
-@click.option("--seed", default=0, show_default=True, type=SEED, help="All randomness comes from it.")
+@click.option("--simulations", default=1000, type=click.IntRange(10, 1_000_000), help="So many per check.")
+@seed_option()
 @click.option("--out", type=FILE, help="Write the page of the documentation that says it, .md.")
 @json_option
 def command(simulations: int, seed: int, out: Path | None, as_json: bool) -> int:

@@ -23,8 +23,8 @@ _LOOK_S = 0.5
 
 @click.command("watch")
 @click.argument("folder", type=PATH)
-@click.option("--port", default=PAGE_PORT, show_default=True, type=_PORTS, help="Of the page; 0 takes a free one.")
-@click.option("--host", default=LOOPBACK, show_default=True, help="Address to serve on; others than loopback see it.")
+@click.option("--port", default=PAGE_PORT, type=_PORTS, help="Of the page; 0 takes a free one.")
+@click.option("--host", default=LOOPBACK, help="Address to serve on; others than loopback see it.")
 @click.option(
     "--live",
     is_flag=False,

@@ -1,8 +1,9 @@
 """Whether what is in the folder of an experiment belongs together: rows, tracks, bags, tables, worlds."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -22,15 +23,13 @@ from barn_worlds.base.errors import BarnError, one_line
 from barn_worlds.base.files import read_at_most
 from barn_worlds.base.text_files import parse_json, read_lines
 
+T = TypeVar("T")
 _LARGEST_TABLE_BYTES = 1 << 28
 
 
 @dataclass
 class FolderCheck:
-    """What a check has found.
-
-    trials: planned; rows, tracks, bags: that are there and were looked at. problems: a line each.
-    """
+    """What a check has found."""
 
     trials: int = 0
     rows: int = 0
@@ -45,19 +44,19 @@ def check_folder(folder: Path) -> FolderCheck:
     experiment = run.configuration()
     specs = {spec.trial_id: spec for spec in experiment.trials()}
     found = FolderCheck(trials=len(specs))
-    for spec in {spec.index: spec for spec in specs.values()}.values():
-        known = run.worlds.get(str(spec.index), spec.world.checksum)
-        if known != spec.world.checksum:
-            found.problems.append(f"{run.path}: world {spec.index} of {experiment.dataset} is not the one it names")
+    for index, checksum in {spec.index: spec.world.checksum for spec in specs.values()}.items():
+        if run.worlds.get(str(index), checksum) != checksum:
+            found.problems.append(f"{run.path}: world {index} of {experiment.dataset} is not the one it names")
     rows = _rows(folder, specs, run.written_task(), found)
-    tracks = _tracks(folder, specs, found)
+    path = folder / TRACKS_NAME
+    tracks = {trial_id: track for _, trial_id, track in _read(path, specs, from_track_line, found)}
+    found.rows, found.tracks = len(rows), len(tracks)
     for trial_id, row in rows.items():
-        found.problems += _differences(row, tracks.get(trial_id), folder / TRACKS_NAME)
-    for trial_id in tracks.keys() - rows.keys():
-        if len(rows) == len(specs):
-            found.problems.append(f"{folder / TRACKS_NAME}: {trial_id} has a track and no row")
+        found.problems += _differences(row, tracks.get(trial_id), path)
+    if len(rows) == len(specs):
+        found.problems += [f"{path}: {trial_id} has a track and no row" for trial_id in tracks.keys() - rows.keys()]
+        found.problems += _tables(folder, [rows[trial_id] for trial_id in specs])
     found.problems += _bags(folder, experiment, rows, found)
-    found.problems += _tables(folder, [rows[trial_id] for trial_id in specs if trial_id in rows], len(specs))
     return found
 
 
@@ -67,52 +66,42 @@ def difference(row: TrialResult, again: TrialResult) -> str:
     return "" if found is None else f"{found[0]} is {found[1]!r} in the row, {found[2]!r} now"
 
 
-def _lines(path: Path, found: FolderCheck) -> Iterator[tuple[str, str]]:
-    """Yield place and content of each line; one that is damaged is a problem, and left out."""
+def _read(
+    path: Path, specs: Mapping[str, TrialSpec], parse: Callable[[str, str], tuple[str, T]], found: FolderCheck
+) -> Iterator[tuple[str, str, T]]:
+    """Yield place, trial and content of each line of trials; what is damaged is a problem, and left out."""
     try:
         for where, line in read_lines(path):
             try:
-                content = unsealed(line, where)
+                trial_id, content = parse(unsealed(line, where), where)
             except BarnError as error:
                 found.problems.append(str(error))
                 continue
-            yield where, content
+            if trial_id in specs:
+                yield where, trial_id, content
+            else:
+                found.problems.append(f"{where}: {trial_id} is no trial of this experiment")
     except BarnError as error:
         found.problems.append(str(error))
 
 
+def _row(line: str, where: str) -> tuple[str, TrialResult]:
+    row = from_json_line(line, where)
+    return row.trial_id, row
+
+
 def _rows(folder: Path, specs: Mapping[str, TrialSpec], task: str, found: FolderCheck) -> dict[str, TrialResult]:
     rows: dict[str, TrialResult] = {}
-    for where, line in _lines(folder / FILE_NAME, found):
+    for where, trial_id, row in _read(folder / FILE_NAME, specs, _row, found):
+        if trial_id in rows:
+            found.problems.append(f"{where}: trial {trial_id} is there already")
         try:
-            row = from_json_line(line, where)
-            if row.trial_id not in specs:
-                found.problems.append(f"{where}: {row.trial_id} is no trial of this experiment")
-                continue
-            if row.trial_id in rows:
-                found.problems.append(f"{where}: trial {row.trial_id} is there already")
-            require_of(row, specs[row.trial_id], task, folder)
+            require_of(row, specs[trial_id], task, folder)
         except BarnError as error:
             found.problems.append(str(error))
-            continue
-        rows[row.trial_id] = row
-    found.rows = len(rows)
+        else:
+            rows[trial_id] = row
     return rows
-
-
-def _tracks(folder: Path, specs: Mapping[str, TrialSpec], found: FolderCheck) -> dict[str, Track]:
-    tracks: dict[str, Track] = {}
-    for where, line in _lines(folder / TRACKS_NAME, found):
-        try:
-            trial_id, track = from_track_line(line, where)
-        except BarnError as error:
-            found.problems.append(str(error))
-            continue
-        if trial_id not in specs:
-            found.problems.append(f"{where}: {trial_id} is no trial of this experiment")
-        tracks[trial_id] = track
-    found.tracks = len(tracks)
-    return tracks
 
 
 def _differences(row: TrialResult, track: Track | None, path: Path) -> Iterator[str]:
@@ -160,10 +149,8 @@ def _bags(folder: Path, experiment: Experiment, rows: Mapping[str, TrialResult],
             yield f"{path}: {other[0]} is {other[1]!r} in the row, {other[2]!r} in the bag"
 
 
-def _tables(folder: Path, rows: list[TrialResult], planned: int) -> Iterator[str]:
+def _tables(folder: Path, rows: list[TrialResult]) -> Iterator[str]:
     """Yield whether a table of results does not say what the rows say."""
-    if len(rows) < planned:
-        return
     expected = results_table(rows)
     for path, problem in ((folder / f"{RESULTS}.parquet", _parquet_problem), (folder / f"{RESULTS}.csv", _csv_problem)):
         try:
@@ -178,15 +165,12 @@ def _tables(folder: Path, rows: list[TrialResult], planned: int) -> Iterator[str
 
 def _parquet_problem(content: bytes, expected: pa.Table) -> str:
     table = pyarrow.parquet.ParquetFile(pa.BufferReader(content)).read(use_threads=False)
-    if len(table) != len(expected):
-        return f"has {len(table)} rows, {FILE_NAME} has {len(expected)}"
-    if table.column_names != expected.column_names:
-        return "has not the columns of its rows"
-    for name in expected.column_names:
-        pairs = zip(table.column(name).to_pylist(), expected.column(name).to_pylist(), strict=True)
-        other = next((place for place, (there, here) in enumerate(pairs) if there != here), None)
-        if other is not None:
-            return f"{name} of {expected.column('trial_id')[other].as_py()} is not that of its row"
+    if len(table) != len(expected) or table.column_names != expected.column_names:
+        return f"has {len(table)} rows or columns that are not those of {FILE_NAME}"
+    for there, here in zip(table.to_pylist(), expected.to_pylist(), strict=True):
+        for name, value in here.items():
+            if there[name] != value:
+                return f"{name} of {here['trial_id']} is not that of its row"
     return ""
 
 

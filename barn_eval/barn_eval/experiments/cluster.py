@@ -9,24 +9,21 @@ import socket
 import time
 from typing import Any
 
-from barn_eval.experiments.engine import ENVIRONMENT, Engine, Lost, Report, Work, attempt, reported
-from barn_worlds.base.errors import BarnError, ConfigError
-
-_SLOTS_AGE_S = 5.0
+from barn_eval.experiments.engine import ENVIRONMENT, Engine, Lost, Report, Work, attempt
+from barn_worlds.base.errors import BarnError, ConfigError, one_line
 
 
 class RayEngine(Engine):
-    """One Ray task with one processor per job; Ray keeps worker processes warm from task to task.
-
-    A dead worker or node loses the jobs that it had. Raises ConfigError where Ray is missing or not to be reached.
-    """
+    """One Ray task with one processor per job; Ray keeps worker processes warm from task to task."""
 
     def __init__(self, work: Work, workers: int, trial_limit_s: float, address: str = "") -> None:
-        self._ray = _load_ray()
+        try:
+            self._ray: Any = importlib.import_module("ray")
+        except ImportError:
+            raise ConfigError("engine ray needs Ray, which is not installed: pip install 'barn_eval[ray]'") from None
         self._limit_s = trial_limit_s or float("inf")
         self._workers = workers
         self._out: dict[Any, tuple[str, float]] = {}
-        self._slots, self._slots_at = 0, -_SLOTS_AGE_S
         self._connect(address)
         self._work = self._ray.put(work)
         self._task = self._ray.remote(num_cpus=1, max_retries=0)(_do)
@@ -34,15 +31,12 @@ class RayEngine(Engine):
     @property
     def slots(self) -> int:
         """Number of processors of the cluster as it is now, at most the number of workers asked for, if any."""
-        if time.monotonic() - self._slots_at > _SLOTS_AGE_S:
-            processors = int(self._cluster(self._ray.cluster_resources).get("CPU", 0))
-            self._slots = min(processors, self._workers or processors)
-            self._slots_at = time.monotonic()
-        return self._slots
+        processors = int(self._cluster(self._ray.cluster_resources).get("CPU", 0))
+        return min(processors, self._workers or processors)
 
     def submit(self, key: str, job: object) -> None:
         """Hand a job to the cluster."""
-        reference = self._cluster(self._task.remote, self._work, job)
+        reference = self._cluster(self._task.remote, self._work, key, job)
         self._out[reference] = (key, time.monotonic() + self._limit_s)
 
     def wait(self, limit_s: float) -> list[Report]:
@@ -68,7 +62,6 @@ class RayEngine(Engine):
         """Cancel what is out and leave the cluster; one that was started here ends."""
         for reference in self._out:
             self._ray.cancel(reference, force=True)
-        self._out.clear()
         self._ray.shutdown()
 
     def _connect(self, address: str) -> None:
@@ -81,44 +74,33 @@ class RayEngine(Engine):
         try:
             self._ray.init(log_to_driver=False, logging_level="ERROR", runtime_env={"env_vars": ENVIRONMENT}, **options)
         except (self._ray.exceptions.RayError, OSError, RuntimeError, ValueError) as error:
-            raise ConfigError(f"engine ray: cannot reach {address or 'Ray'}: {_one_line(error)}") from None
+            raise ConfigError(f"engine ray: cannot reach {address or 'Ray'}: {one_line(error)}") from None
 
     def _report(self, reference: object) -> Report:
         key, _ = self._out.pop(reference)
         errors = self._ray.exceptions
         try:
-            worker, content = self._ray.get(reference)
+            report: Report = self._ray.get(reference)
         except errors.RuntimeEnvSetupError as error:
-            raise ConfigError(f"engine ray: a worker cannot be set up: {_one_line(error)}") from None
+            raise ConfigError(f"engine ray: a worker cannot be set up: {one_line(error)}") from None
         except errors.RayError as error:
             return Lost(key, "ray", f"its worker was lost: {type(error).__name__}", str(error))
-        return reported(key, worker, content)
+        return report
 
     def _cluster(self, call: Any, *arguments: Any, **options: Any) -> Any:
         """Call Ray; BarnError where the cluster as a whole is gone."""
         try:
             return call(*arguments, **options)
         except (ConnectionError, self._ray.exceptions.RaySystemError) as error:
-            raise BarnError(f"engine ray: the cluster is gone: {_one_line(error)}") from None
+            raise BarnError(f"engine ray: the cluster is gone: {one_line(error)}") from None
 
 
-def _do(work: Work, job: object) -> tuple[str, tuple[Any, ...]]:
+def _do(work: Work, key: str, job: object) -> Report:
     address = importlib.import_module("ray").util.get_node_ip_address()
     try:
-        return f"{address}/{os.getpid()}", attempt(work, job, _no_parts)
+        return attempt(work, key, f"{address}/{os.getpid()}", job, lambda _: None)
     finally:
         work.close()
-
-
-def _no_parts(_: tuple[Any, ...]) -> None:
-    raise RuntimeError("tasks of a cluster report once, at their end")
-
-
-def _load_ray() -> Any:
-    try:
-        return importlib.import_module("ray")
-    except ImportError:
-        raise ConfigError("engine ray needs Ray, which is not installed: pip install 'barn_eval[ray]'") from None
 
 
 def _require_answer(address: str) -> None:
@@ -128,8 +110,4 @@ def _require_answer(address: str) -> None:
         try:
             socket.create_connection((host, int(port)), timeout=5.0).close()
         except (OSError, OverflowError) as error:
-            raise ConfigError(f"engine ray: cannot reach {address}: {_one_line(error)}") from None
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:300] or type(error).__name__
+            raise ConfigError(f"engine ray: cannot reach {address}: {one_line(error)}") from None

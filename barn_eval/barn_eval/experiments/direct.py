@@ -10,7 +10,7 @@ from barn_eval.experiments.store import finish_bag
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.result import WallClock
 from barn_eval.trials.spec import TrialSpec
-from barn_eval.trials.trial import Deadline, FinishedTrial, RunningTrial, conclude, error_line
+from barn_eval.trials.trial import FinishedTrial, RunningTrial, conclude, error_line
 from barn_planners.interface import Observation, Planner
 from barn_planners.registry import make_planner
 from barn_planners.runtime.session import Answer, PlannerSession
@@ -29,10 +29,7 @@ FIRST_LIMIT_S, STALL_LIMIT_S = 300.0, 30.0
 def run_direct_trial(
     spec: TrialSpec, recorder: Recorder | None = None, planner: Planner | None = None
 ) -> FinishedTrial:
-    """Run one trial to its verdict; whatever the planner does, it ends in an outcome.
-
-    recorder: gets the bag, which is finished here. planner: used instead of a new one from the registry.
-    """
+    """Run one trial to its verdict, with a bag that is finished here; whatever a planner does, there is an outcome."""
     began = time.perf_counter()
     planner = planner or make_planner(spec.planner, spec.preset, spec.overrides)
     run = _DirectTrial(spec, planner, [TrialBag(recorder, spec)] if recorder else [])
@@ -79,21 +76,24 @@ class _DirectTrial:
     def __init__(self, spec: TrialSpec, planner: Planner, bags: Sequence[TrialBag]) -> None:
         self.trial = RunningTrial(spec)
         self.answer_times_s: list[float] = []
-        self.cylinders_m = spec.world.cylinders_m
+        self.cylinders_m = spec.world.cylinders_m.copy()
         self._spec, self._bags = spec, bags
         self._session = PlannerSession(planner, seed=spec.planner_seed, use_map=spec.protocol.map_given)
-        self._deadline = Deadline(FIRST_LIMIT_S)
 
     def run(self) -> Verdict:
         spec, trial = self._spec, self.trial
         simulator = Simulator(spec.world, spec.simulator, spec.course.start, spec.simulator_seed, _engine)
-        with closing(simulator), self._deadline.installed():
+        with closing(simulator):
             sensors = simulator.sense()
-            trial.ask(self._start_planner, self._deadline)
+            trial.ask(self._start_planner, FIRST_LIMIT_S)
             for bag in self._bags:
                 bag.begin(sensors)
             while True:
-                command = self._pass(sensors)
+                for bag in self._bags:
+                    bag.reading(sensors)
+                over = trial.read(sensors.odometry, sensors.truth, sensors.collision)
+                command = None if over else self._decide(sensors)
+                self._show_standing(sensors.stamp_ns)
                 if trial.verdict is not None:
                     self._see_moved(simulator, sensors.stamp_ns)
                     return trial.verdict
@@ -110,22 +110,14 @@ class _DirectTrial:
             self._session.set_map(self._spec.map)
         self._session.set_goal(self._spec.goal)
 
-    def _pass(self, sensors: Sensors) -> Velocity2D | None:
-        """Let an instant pass, and return the command that answers it, None where there is none."""
-        for bag in self._bags:
-            bag.reading(sensors)
-        over = self.trial.read(sensors.odometry, sensors.truth, sensors.collision)
-        command = None if over else self._decide(sensors)
-        self._show_standing(sensors.stamp_ns)
-        return command
-
     def _decide(self, sensors: Sensors) -> Velocity2D | None:
+        """Return the command that answers readings, None where there is none."""
         pose = sensors.localisation if self._spec.protocol.map_given else sensors.odometry.pose
         observation = Observation(sensors.stamp_ns, sensors.odometry, sensors.scan, pose)
+        limit_s = STALL_LIMIT_S if self.answer_times_s else FIRST_LIMIT_S
         began = time.perf_counter()
-        answer = self.trial.ask(lambda: _checked(self._session.answer(observation)), self._deadline)
+        answer = self.trial.ask(lambda: _checked(self._session.answer(observation)), limit_s)
         self.answer_times_s.append(time.perf_counter() - began)
-        self._deadline.limit_s = STALL_LIMIT_S
         if answer is None or answer.decision is None:
             return None
         self.trial.report(answer.decision.status.value)
@@ -141,7 +133,6 @@ class _DirectTrial:
 
     def _see_moved(self, simulator: Simulator, stamp_ns: int) -> None:
         moved = simulator.moved_obstacles()
-        self.cylinders_m = self.cylinders_m.copy()
         self.cylinders_m[moved.indices] = moved.positions[:, :2]
         for bag in self._bags:
             bag.conclude(self.cylinders_m, stamp_ns)

@@ -33,7 +33,12 @@ class Job:
 
 
 class Work(ABC):
-    """What a worker does with a job; handed to each worker, so that it must be picklable."""
+    """What a worker does with a job; handed to each worker, so that it must be picklable.
+
+    loads: whether a job may need what this process finds by its import path.
+    """
+
+    loads = True
 
     def jobs(self, trials: Sequence[TrialSpec]) -> list[Job]:
         """Return trials as jobs, one each unless a kind of work shares them out otherwise."""
@@ -119,6 +124,31 @@ class Refused(JobReport):
 Report = Done | Part | Note | Lost | Refused
 
 
+def attempt(work: Work, key: str, worker: str, job: object, send: Callable[[Report], None]) -> Report:
+    """Do a job, in a worker, and return the report at its end; those on parts of it, and notes, go to `send`."""
+    started_at = now()
+
+    def emit(result: object) -> None:
+        nonlocal started_at
+        if isinstance(result, str):
+            send(Note(key, worker, result))
+        else:
+            send(Part(key, worker, result, started_at))
+            started_at = now()
+
+    try:
+        return Done(key, worker, work.run(job, emit), started_at)
+    except BarnError as error:
+        return Refused(key, worker, str(error))
+    except Exception as error:
+        return Lost(key, worker, f"{type(error).__name__}: {error}", traceback.format_exc())
+
+
+def now() -> str:
+    """Return the present time in UTC after ISO 8601."""
+    return datetime.now(timezone.utc).isoformat(timespec="milliseconds")
+
+
 class Engine(ABC):
     """Workers, each of which has at most one job at a time.
 
@@ -146,62 +176,21 @@ class Engine(ABC):
 class InlineEngine(Engine):
     """The calling process, one job at a time; nothing protects it from what a job does."""
 
+    slots = 1
+
     def __init__(self, work: Work) -> None:
         self._work = work
-        self._job: tuple[str, Any] | None = None
-
-    @property
-    def slots(self) -> int:
-        """One."""
-        return 1
+        self._reports: list[Report] = []
 
     def submit(self, key: str, job: object) -> None:
-        """Take a job."""
-        self._job = key, job
+        """Do a job."""
+        self._reports.append(attempt(self._work, key, "inline", job, self._reports.append))
 
     def wait(self, limit_s: float) -> list[Report]:  # noqa: ARG002 (a job takes as long as it takes)
-        """Do the job and return all that it has reported."""
-        if self._job is None:
-            return []
-        (key, job), self._job = self._job, None
-        contents: list[tuple[Any, ...]] = []
-        contents.append(attempt(self._work, job, contents.append))
-        return [reported(key, "inline", content) for content in contents]
+        """Return what has been reported."""
+        found, self._reports = self._reports, []
+        return found
 
     def close(self) -> None:
         """End what was kept between jobs."""
         self._work.close()
-
-
-def attempt(work: Work, job: object, send: Callable[[tuple[Any, ...]], None]) -> tuple[Any, ...]:
-    """Do a job, in a worker, and return what `reported` makes a report of in the experiment's process.
-
-    send: takes the same for a part of the job, or a note.
-    """
-    started_at = [now()]
-
-    def emit(result: object) -> None:
-        if isinstance(result, str):
-            send(("note", result))
-            return
-        send(("part", result, started_at[0]))
-        started_at[0] = now()
-
-    try:
-        return "done", work.run(job, emit), started_at[0]
-    except BarnError as error:
-        return "refused", str(error)
-    except Exception as error:
-        return "lost", f"{type(error).__name__}: {error}", traceback.format_exc()
-
-
-def now() -> str:
-    """Return the present time in UTC after ISO 8601."""
-    return datetime.now(timezone.utc).isoformat(timespec="milliseconds")
-
-
-def reported(key: str, worker: str, content: Sequence[Any]) -> Report:
-    """Return the report that a worker's attempt makes."""
-    kinds = {"done": Done, "part": Part, "note": Note, "lost": Lost, "refused": Refused}
-    report: Report = kinds[content[0]](key, worker, *content[1:])
-    return report

@@ -19,8 +19,7 @@ from barn_planners.robots import lidar_place, parameters_for
 from barn_sim.config import SimulatorConfig, robot_of
 from barn_worlds.base.config import Checked, as_dict, quantity
 from barn_worlds.base.errors import ConfigError, shown
-from barn_worlds.worlds.dataset import Dataset, open_dataset
-from barn_worlds.worlds.selection import select_worlds
+from barn_worlds.worlds.dataset import Dataset, open_dataset, select_worlds
 
 # Names of planners become names of files.
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,59}")
@@ -29,11 +28,7 @@ NO_SOURCE = "unknown"
 
 @dataclass(frozen=True)
 class PlannerChoice(Checked):
-    """A planner of an experiment.
-
-    overrides: its parameters by dotted name. With a `command` or a `source`, the name is only what the results are
-    filed under.
-    """
+    """A planner of an experiment; with a command or a source, the name is only what results are filed under."""
 
     name: str = quantity("dwa", "name of the planner")
     preset: str = quantity("", "preset of its parameters, empty for that of the protocol")
@@ -88,11 +83,6 @@ class Experiment(Checked):
         if self.ros != RosSetup():
             raise ConfigError("settings of ros need mode ros")
 
-    def check(self) -> None:
-        """Raise ConfigError in one line for a planner that is not known, or parameters that it does not take."""
-        for planner in self.planners:
-            self.settings(planner)
-
     def settings(self, planner: PlannerChoice) -> tuple[str, dict[str, Any], str]:
         """Return preset, parameters and fingerprint of a planner; ConfigError for parameters that it does not take.
 
@@ -126,11 +116,11 @@ class Experiment(Checked):
         started_by_hand: whether planners were, so that nothing is known of them but their names.
         BarnError in one line if a world cannot be read or driven in.
         """
-        dataset = dataset or open_dataset(self.dataset)
         settings = {
             one.name: (one.preset, one.overrides, "") if started_by_hand else self.settings(one)
             for one in self.planners
         }
+        dataset = dataset or open_dataset(self.dataset)
         found = []
         chosen = tuple(select_worlds(self.worlds, dataset.indices) if worlds is None else worlds)
         dataset.require_fit(robot_of(self.simulator), chosen)

@@ -21,7 +21,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from barn_eval.bags import BAGS
 from barn_eval.experiments.experiment import NO_SOURCE, Execution, Experiment
@@ -30,6 +30,7 @@ from barn_eval.experiments.run_file import RUN_FILE, WORLDS, RunFile
 from barn_eval.experiments.store import LOGS, PICTURES, Record
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import TrialSpec
+from barn_eval.trials.trial import OF_SPEC
 from barn_worlds.base.errors import ConfigError, StoreError
 from barn_worlds.base.files import PARTIAL, remove_partial
 from barn_worlds.formats.own import write_own
@@ -69,10 +70,7 @@ class ExperimentFolder:
         return [found[trial_id] for trial_id in self._order if trial_id in found]
 
     def append(self, record: Record) -> None:
-        """Keep a trial's result and, before it, the line of its track.
-
-        Raises StoreError if they cannot be written, ValueError if the trial has a result already.
-        """
+        """Keep a trial's result and, before it, the line of its track."""
         result = record.result
         if result.trial_id in self._done:
             raise ValueError(f"trial {result.trial_id} has a result already")
@@ -137,29 +135,28 @@ def opened(
     except OSError as error:
         raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None
     try:
-        _take(lock, path)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise ConfigError(f"{path}: another process is working in this folder") from None
         remove_partial(path)
-        asked, results, dropped = earlier_results(asked, specs, overwrite=overwrite)
+        sessions, results, dropped = earlier_results(asked, specs, overwrite=overwrite)
         if results and dropped:
             ResultRows(path).replace(results)
         elif not results:
             _remove(path)
         if worlds is not None and not (path / WORLDS).exists():
             write_own(path / WORLDS, Path(WORLDS).stem, worlds)
-        asked.with_session(execution).write()
+        replace(asked, sessions=sessions).with_session(execution).write()
         yield ExperimentFolder(path, specs, results)
     finally:
         os.close(lock)
 
 
 class EarlierResults(NamedTuple):
-    """What an experiment finds in its folder.
+    """What an experiment finds in its folder: sessions, results that stay, and how many rows are to be run again."""
 
-    run: what its run.json is to say, with the sessions before. results: of trials that are not to be run again.
-    dropped: the number of rows of those that are.
-    """
-
-    run: RunFile
+    sessions: tuple[Mapping[str, Any], ...]
     results: list[TrialResult]
     dropped: int = 0
 
@@ -172,14 +169,16 @@ def earlier_results(asked: RunFile, specs: Sequence[TrialSpec], *, overwrite: bo
     """
     path = asked.path.parent
     if not asked.path.exists():
-        if path.is_dir() and any(entry.name != _LOCK and not _is_partial(entry) for entry in path.iterdir()):
+        # A kill may leave a file of which only the beginning was written.
+        left = path.iterdir() if path.is_dir() else ()
+        if any(one.name != _LOCK and not (one.name.startswith(".") and one.name.endswith(PARTIAL)) for one in left):
             raise ConfigError(f"{path}: is not empty and holds no experiment")
-        return EarlierResults(asked, [])
+        return EarlierResults((), [])
     there = RunFile.read(path)
     rows = [] if overwrite else ResultRows(path).read()
     results = [result for result in rows if result.counts]
     if not results:
-        return EarlierResults(asked, [])
+        return EarlierResults((), [])
     there.require_same(asked)
     known = {spec.trial_id: spec for spec in specs}
     for result in results:
@@ -192,26 +191,21 @@ def earlier_results(asked: RunFile, specs: Sequence[TrialSpec], *, overwrite: bo
                 f"{path}: planner {planner['name']!r} has no source, so that whether it is the same cannot be told;"
                 " use another folder"
             )
-    return EarlierResults(replace(asked, sessions=there.sessions), results, len(rows) - len(results))
+    return EarlierResults(there.sessions, results, len(rows) - len(results))
 
 
 def require_of(result: TrialResult, spec: TrialSpec, task: str, path: Path) -> None:
-    """Raise ConfigError naming the first field by which a row in a folder is not of the trial of its name.
-
-    task: fingerprint of what the folder's run.json says.
-    """
+    """Raise ConfigError naming the first field by which a row in a folder is not of the trial of its name."""
     if result.world_checksum != spec.world.checksum:
         raise ConfigError(f"{path}: world {result.world} is not the one that {result.trial_id} was run in")
-    for name, value in (
-        ("world", spec.index),
-        ("planner", spec.planner),
-        ("repetition", spec.repetition),
-        ("campaign_seed", spec.campaign_seed),
-        ("simulator_seed", spec.simulator_seed),
-        ("planner_seed", spec.planner_seed),
-    ):
+    expected = {name: getattr(spec, name) for name in OF_SPEC} | {"world": spec.index}
+    for name, value in expected.items():
         if getattr(result, name) != value:
             raise ConfigError(f"{path}: {result.trial_id} has {name} {getattr(result, name)!r}, must have {value!r}")
+    _require_task(result, task, path)
+
+
+def _require_task(result: TrialResult, task: str, path: Path) -> None:
     if result.task not in ("", task):
         raise ConfigError(
             f"{path}: {result.trial_id} was run as task {result.task}, but {RUN_FILE} describes {task}: one of them was"
@@ -233,31 +227,11 @@ def read_results(path: Path) -> list[TrialResult]:
 
 
 def results_of(run: RunFile, path: Path, rows: Sequence[TrialResult]) -> list[TrialResult]:
-    """Return the results among the rows of a folder: those of trials that are not to be run again.
-
-    ConfigError if they are not of the task that run.json describes.
-    """
-    results = [row for row in rows if row.counts]
-    written = run.written_task()
+    """Return those among the rows of a folder that are not to be run again; ConfigError for one of another task."""
+    results, written = [row for row in rows if row.counts], run.written_task()
     for result in results:
-        if result.task not in ("", written):
-            raise ConfigError(
-                f"{path}: {result.trial_id} was run as task {result.task}, but {RUN_FILE} describes {written}: one of"
-                " them was changed"
-            )
+        _require_task(result, written, path)
     return results
-
-
-def _take(lock: int, path: Path) -> None:
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise ConfigError(f"{path}: another process is working in this folder") from None
-
-
-def _is_partial(entry: Path) -> bool:
-    """Tell whether a killed process has left a file; its beginning is what a kill may leave of an experiment."""
-    return entry.name.startswith(".") and entry.name.endswith(PARTIAL)
 
 
 def _remove(path: Path) -> None:

@@ -66,11 +66,7 @@ class FunctionPlanner(Planner):
 
 
 def split_planners(given: Planners) -> tuple[list[Any], dict[str, LivePlanner]]:
-    """Return planners as a request takes them, and those among them that are Python objects, by name.
-
-    given: a planner or a list of them, each a name, a mapping of a planner's settings, a PlannerChoice, a Planner class
-    or object, or a function; or a mapping of names to such objects. ConfigError for what is none of them.
-    """
+    """Return planners as a request takes them, and those among them that are Python objects, by name."""
     if isinstance(given, str):
         return given.split(","), {}
     entries: list[Any] = list(given) if isinstance(given, (list, tuple)) else [given]
@@ -92,10 +88,7 @@ def split_planners(given: Planners) -> tuple[list[Any], dict[str, LivePlanner]]:
 
 
 def fingerprint(planner: object) -> str:
-    """Return SHA-256 of the source of a planner's class or function and of what it holds; NO_SOURCE if none is known.
-
-    What it holds: the attributes of an object, the closure and defaults of a function.
-    """
+    """Return SHA-256 of the source of a planner's class or function and of what it holds; NO_SOURCE if not known."""
     code = planner if isinstance(planner, type) or inspect.isroutine(planner) else type(planner)
     held: Any = None
     if inspect.isfunction(planner):
@@ -108,13 +101,11 @@ def fingerprint(planner: object) -> str:
         return NO_SOURCE
 
 
-def _check(planner: object) -> None:
-    if isinstance(planner, Planner):
-        return
+def _check(planner: Any) -> None:
     if isinstance(planner, type):
         if not issubclass(planner, Planner):
             raise ConfigError(f"planner {planner.__name__}: must be derived from barn_planners.interface.Planner")
-    elif not callable(planner) or not (_accepts(planner, 1) or _accepts(planner, 2)):
+    elif not (isinstance(planner, Planner) or _accepts(planner, 1) or _accepts(planner, 2)):
         raise ConfigError(
             f"a planner must be a name, a Planner class or object, or a function of the observation, got {planner!r}"
         )

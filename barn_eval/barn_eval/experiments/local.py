@@ -12,36 +12,34 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import suppress
+from dataclasses import replace
 from multiprocessing.connection import Connection, wait
 
 import cloudpickle
 
-from barn_eval.experiments import worker as worker_script
-from barn_eval.experiments.engine import ENVIRONMENT, Engine, Lost, Note, Part, Report, Work, reported
+from barn_eval.experiments.engine import ENVIRONMENT, Engine, Lost, Note, Part, Report, Work
 from barn_eval.experiments.worker import GRACE_S
 from barn_worlds.base.errors import ConfigError
 
 
 class LocalEngine(Engine):
-    """Processes on this machine, started when first needed, each with the variables of the environment given.
+    """Processes on this machine, started when first needed, which find modules where this one does.
 
     A job, or part of one, that exceeds the limit (0: none) costs its worker's life. Raises ConfigError if `work` holds
     something that cannot be handed to another process.
     """
 
-    def __init__(
-        self, work: Work, workers: int, trial_limit_s: float, environment: Mapping[str, str] = ENVIRONMENT
-    ) -> None:
+    def __init__(self, work: Work, workers: int, trial_limit_s: float) -> None:
         try:
             self._work = cloudpickle.dumps(work)
         except Exception as error:
             raise ConfigError(
                 f"a planner cannot be handed to a worker ({type(error).__name__}: {error}); workers=1 needs none"
             ) from None
+        path = {"PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))} if work.loads else {}
+        self._environment = os.environ | ENVIRONMENT | path
         self._limit_s = trial_limit_s or float("inf")
-        self._environment = dict(environment)
         self._workers: list[_Worker | None] = [None] * workers
 
     @property
@@ -90,53 +88,56 @@ class LocalEngine(Engine):
 class _Worker:
     """The parent's view of a worker: its process, the pipe to it and the job it has."""
 
-    def __init__(self, name: str, work: bytes, environment: Mapping[str, str]) -> None:
+    def __init__(self, name: str, work: bytes, environment: dict[str, str]) -> None:
         self.name = name
         self.key: str | None = None
         self.deadline = 0.0
         self.dead = False
         ours, theirs = socket.socketpair()
-        with theirs, _interrupts_held():
-            self.process = subprocess.Popen(  # noqa: S603
-                [sys.executable, worker_script.__file__, str(theirs.fileno())],
-                env=os.environ | dict(environment),
-                stdin=subprocess.DEVNULL,
-                pass_fds=[theirs.fileno()],
-            )
+        safe = ["-P"] if sys.version_info >= (3, 11) else []  # modules are not to be found in the present folder
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])  # until it has said how it takes Ctrl-C
+        try:
+            with theirs:
+                self.process = subprocess.Popen(  # noqa: S603
+                    [sys.executable, *safe, "-m", "barn_eval.experiments.worker", str(theirs.fileno()), name],
+                    env=environment,
+                    stdin=subprocess.DEVNULL,
+                    pass_fds=[theirs.fileno()],
+                )
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         self.connection = Connection(ours.detach())
         with suppress(OSError):  # should it die at once, that shows when waiting for it
-            self.connection.send(sys.path)
             self.connection.send_bytes(work)
 
     def submit(self, key: str, job: object, limit_s: float) -> bool:
         """Send a job and return whether the worker was there to take it."""
         self.key, self.deadline = key, time.monotonic() + limit_s
         try:
-            self.connection.send(job)
+            self.connection.send((key, job))
         except OSError:
             return False
         return True
 
     def report(self, limit_s: float) -> Report:
         """Receive a report on the job, which is there or will never come; after a part, the limit counts anew."""
-        key, deadline = self._take_key(), self.deadline
         try:
-            content = self.connection.recv()
+            report: Report = self.connection.recv()
         except (EOFError, OSError, pickle.UnpicklingError):
             self.kill()
-            return Lost(key, self.name, f"its worker process {_ending(self.process.returncode)}")
-        report = reported(key, self.name, content)
-        if isinstance(report, (Part, Note)):
-            self.key, self.deadline = key, deadline if isinstance(report, Note) else time.monotonic() + limit_s
+            return self._lost(f"its worker process {_ending(self.process.returncode)}")
+        if isinstance(report, Part):
+            self.deadline = time.monotonic() + limit_s
+        elif not isinstance(report, Note):
+            self.key = None
         return report
 
     def give_up(self, reason: str) -> Report:
         """End the worker because of its job."""
-        key = self._take_key()
         self.process.terminate()
         self.join(GRACE_S)
         self.kill()
-        return Lost(key, self.name, reason, overtime=True)
+        return replace(self._lost(reason), overtime=True)
 
     def ask_to_end(self) -> None:
         """Let an idle worker return, and interrupt one that has a job."""
@@ -159,24 +160,11 @@ class _Worker:
         self.process.kill()
         self.process.wait()
 
-    def _take_key(self) -> str:
-        key, self.key = self.key, None
-        if key is None:
-            raise RuntimeError(f"{self.name} has no job")
-        return key
+    def _lost(self, reason: str) -> Lost:
+        return Lost(str(self.key), self.name, reason)
 
 
 def _ending(code: int | None) -> str:
     if code is not None and code < 0:
         return f"was killed by {signal.Signals(-code).name}"
     return f"ended with exit code {code}"
-
-
-@contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Keep Ctrl-C from a process started in the context until it has said how it takes it."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

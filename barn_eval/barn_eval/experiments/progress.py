@@ -6,7 +6,6 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from importlib.util import find_spec
-from types import TracebackType
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
@@ -21,11 +20,7 @@ MOST_LINES = 100  # trials, up to which each gets a line of its own
 
 
 class ExperimentProgress:
-    """Show the number of trials, rate, real-time factor, remaining time and outcomes; a context manager.
-
-    Rates are those of this session. On a terminal or in a notebook, a bar; else a plain line every half minute and at
-    the end. Experiments of few trials have a line for each.
-    """
+    """Show the number of trials, rate, real-time factor, remaining time and outcomes; a context manager."""
 
     def __init__(self, total: int, earlier: Sequence[TrialResult], console: Console) -> None:
         self._console = console
@@ -35,7 +30,8 @@ class ExperimentProgress:
         self._session = 0
         self._simulated_s = 0.0
         self._began_s = self._last_line_s = time.monotonic()
-        self._watched = console.is_terminal or _notebook(console)
+        notebook = console.is_jupyter and find_spec("ipywidgets") is not None
+        self._watched = console.is_terminal or notebook
         self._note = ""
         self._bar = Progress(
             BarColumn(bar_width=20),
@@ -53,9 +49,7 @@ class ExperimentProgress:
         self._bar.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Show the last state."""
         self._bar.stop()
         if not self._watched:
@@ -113,7 +107,3 @@ def _ending(result: TrialResult) -> str:
     if result.scores.success:
         ending = f"success in {result.scores.traversal_time_s:.2f} s"
     return ", ".join(filter(None, (ending, result.wall_clock.remark)))
-
-
-def _notebook(console: Console) -> bool:
-    return console.is_jupyter and find_spec("ipywidgets") is not None

@@ -28,18 +28,14 @@ from barn_worlds.worlds.dataset import Dataset
 from barn_worlds.worlds.world import World
 
 SCHEMA_VERSION = 1
-_EXPERIMENT = tuple(field.name for field in fields(Experiment))
 _EXECUTION = tuple(field.name for field in fields(Execution))
-_KEYS = (*_EXPERIMENT, *_EXECUTION, "execution", "out", "planner_command", "robot")
+_KEYS = (*(field.name for field in fields(Experiment)), *_EXECUTION, "execution", "out", "planner_command", "robot")
 _NAMED_COMMAND = re.compile(r"([A-Za-z0-9][A-Za-z0-9_.-]*)=(.*)", re.DOTALL)
 
 
 @dataclass(frozen=True)
 class Request:
-    """An experiment as it was asked for, and the folder it goes to.
-
-    worlds: those that were given as Python objects, by number; the folder keeps them.
-    """
+    """An experiment as it was asked for, and the folder it goes to."""
 
     experiment: Experiment
     execution: Execution
@@ -64,9 +60,8 @@ def read_request(
 
     Short forms: `planners` as texts "name" or "name:preset", one or several joined by commas; `protocol` and `robot` a
     name or a file; `simulator` and `ros` dotted names of what to change; `planner_command` a command, or some
-    "NAME=COMMAND".
-    settings: parameters by planner, or as "planner.name", or by name alone where there is one planner. worlds: in
-    place of a data set. ConfigError in one line for what is not allowed.
+    "NAME=COMMAND". settings: parameters by planner, or as "planner.name", or by name alone where there is one planner.
+    worlds: in place of a data set. ConfigError in one line for what is not allowed.
     """
     content: dict[str, Any] = {"out": new_folder()} | (read_yaml(path, SCHEMA_VERSION) if path else {})
     where = f"{path}: " if path else ""
@@ -74,21 +69,14 @@ def read_request(
     for key in content:
         if key not in _KEYS:
             raise ConfigError(f"{where}unknown key {shown(key)}{suggest(key, _KEYS)}")
-    out = content.pop("out", None)
-    if not isinstance(out, (str, Path)) or not str(out):
-        got = "" if out in (None, "") else f", got {shown(out)}"
-        raise ConfigError(f"{where}out must name a folder for the results{got}")
-    execution = _changes(content.pop("execution", None), "execution", where)
+    out = Path(_given(content.pop("out") or None, (str, Path), f"{where}out must name a folder for the results"))
+    execution = _changes(content.pop("execution", None), f"{where}execution")
     execution |= {name: content.pop(name) for name in _EXECUTION if name in content}
     if worlds is not None:
-        content["dataset"] = str((Path(out) / WORLDS).absolute())
-    request = Request(
-        _experiment(content, settings or {}, where),
-        from_dict(Execution, execution, f"{where}execution"),
-        Path(out),
-        worlds,
-    )
-    if request.experiment.mode == "ros" and request.execution.engine != "local":
+        content["dataset"] = str((out / WORLDS).absolute())
+    experiment = _experiment(content, settings or {}, where)
+    request = Request(experiment, from_dict(Execution, execution, f"{where}execution"), out, worlds)
+    if experiment.mode == "ros" and request.execution.engine != "local":
         raise ConfigError(f"{where}mode ros needs engine local, got {request.execution.engine!r}")
     return request
 
@@ -122,61 +110,61 @@ def command_words(command: str) -> list[str]:
     return words
 
 
+def _given(value: object, kinds: tuple[type, ...], rule: str) -> Any:
+    if not isinstance(value, kinds):
+        raise ConfigError(f"{rule}, got {shown(value)}")
+    return value
+
+
+def _changes(value: object, key: str) -> dict[str, Any]:
+    return dict(_given(value or {}, (Mapping,), f"{key} must be a mapping of parameters to values"))
+
+
 def _experiment(content: dict[str, Any], settings: Mapping[str, Any], where: str) -> Experiment:
-    protocol = content.pop("protocol", CHALLENGE.name)
-    if not isinstance(protocol, (str, Protocol)):
-        raise ConfigError(f"{where}protocol must be a name or a YAML file, got {shown(protocol)}")
-    rules = protocol if isinstance(protocol, Protocol) else load_protocol(protocol)
+    rule = "must be a name or a YAML file"
+    rules = _given(content.pop("protocol", CHALLENGE), (str, Protocol), f"{where}protocol {rule}")
+    rules = load_protocol(rules) if isinstance(rules, str) else rules
     check_name(rules, f"{where}protocol ")
-    robot = _robot(content.pop("robot", None), where)
-    changes = {key: _changes(content.pop(key, None), key, where) for key in ("simulator", "ros")}
-    commands = _commands(content.pop("planner_command", None), where)
-    planners = _planners(content.pop("planners"), where) if "planners" in content else None
-    chosen = _with_commands(planners, commands)
-    values = from_dict(Experiment, content, where.rstrip(": ") or "options")
+    robot = content.pop("robot", None)
+    if robot is not None and not isinstance(robot, Robot):
+        robot = load_robot(_given(robot, (str, Path), f"{where}robot {rule}"))
+    simulator, ros = (_changes(content.pop(key, None), f"{where}{key}") for key in ("simulator", "ros"))
+    if "bags" in ros:
+        raise ConfigError(f"{where}ros.bags is given by bags (--bags)")
+    planners = _planners(content.pop("planners", None), content.pop("planner_command", None), where)
     return replace(
-        values,
-        planners=_with_settings(chosen, settings, where),
+        from_dict(Experiment, content, where.rstrip(": ") or "options"),
+        planners=_with_settings(planners, settings, where),
         protocol=rules,
-        simulator=simulator_config(rules, changes["simulator"], robot),
-        ros=_ros(changes["ros"], where),
+        simulator=simulator_config(rules, simulator, robot),
+        ros=replace_dotted(RosSetup(), ros, f"{where}ros"),
     )
 
 
-def _robot(given: object, where: str) -> Robot | None:
-    if given is None or isinstance(given, Robot):
-        return given
-    if not isinstance(given, (str, Path)):
-        raise ConfigError(f"{where}robot must be a name or a YAML file, got {shown(given)}")
-    return load_robot(given)
+def _planners(given: object, commands: object, where: str) -> tuple[PlannerChoice, ...]:
+    """Return planners from a text of names joined by commas, or a list of names, mappings and choices.
 
-
-def _changes(value: object, key: str, where: str) -> dict[str, Any]:
-    if value is not None and not isinstance(value, Mapping):
-        raise ConfigError(f"{where}{key} must be a mapping of parameters to values, got {shown(value)}")
-    return dict(value or {})
-
-
-def _commands(value: object, where: str) -> Sequence[str]:
-    found = [value] if isinstance(value, str) else value or ()
-    if not isinstance(found, (list, tuple)) or not all(isinstance(text, str) for text in found):
-        raise ConfigError(f"{where}planner_command must be a text or a list of texts, got {shown(value)}")
-    return found
-
-
-def _ros(changes: Mapping[str, Any], where: str) -> RosSetup:
-    if "bags" in changes:
-        raise ConfigError(f"{where}ros.bags is given by bags (--bags)")
-    return replace_dotted(RosSetup(), changes, f"{where}ros")
-
-
-def _planners(given: object, where: str) -> list[PlannerChoice]:
-    """Return planners from a text of names joined by commas, or a list of names, mappings and choices."""
-    if isinstance(given, str):
-        given = given.split(",")
-    if not isinstance(given, (list, tuple)):
-        raise ConfigError(f"{where}planners must be a list of names, got {shown(given)}")
-    return [_planner(entry, where) for entry in given]
+    commands: of planners that are started by them, each "NAME=COMMAND", or one "COMMAND" for the only one. A name that
+    is not among the planners is added to them; without planners, a command gives its own a name.
+    """
+    listed = given.split(",") if isinstance(given, str) else () if given is None else given
+    listed = _given(listed, (list, tuple), f"{where}planners must be a list of names")
+    found = {number: _planner(entry, where) for number, entry in enumerate(listed)}
+    texts = [commands] if isinstance(commands, str) else commands or ()
+    if not isinstance(texts, (list, tuple)) or not all(isinstance(text, str) for text in texts):
+        raise ConfigError(f"{where}planner_command must be a text or a list of texts, got {shown(commands)}")
+    for text in texts:
+        if named := _NAMED_COMMAND.fullmatch(text):
+            name, command = named.groups()
+        elif len(found) <= 1 and len(texts) == 1:
+            name, command = found[0].name if found else planner_name(text), text
+        else:
+            rule = "give it as NAME=COMMAND where there are several planners"
+            raise ConfigError(f"planner command {shown(text)}: {rule}")
+        command_words(command)
+        number = next((number for number, one in found.items() if one.name == name), len(found))
+        found[number] = replace(found.get(number, PlannerChoice(name)), command=command)
+    return tuple(found.values()) if found or given is not None else (PlannerChoice(),)
 
 
 def _planner(entry: Any, where: str) -> PlannerChoice:
@@ -189,37 +177,17 @@ def _planner(entry: Any, where: str) -> PlannerChoice:
     return replace(made, name=planner_name(made.command)) if made.command and "name" not in entry else made
 
 
-def _with_commands(planners: Sequence[PlannerChoice] | None, commands: Sequence[str]) -> tuple[PlannerChoice, ...]:
-    """Return planners of which some are started by commands, each "NAME=COMMAND", or one "COMMAND" for the only one.
-
-    A name that is not among the planners is added to them; without planners, a command gives its own a name.
-    """
-    found = list(planners or ())
-    for text in commands:
-        if named := _NAMED_COMMAND.fullmatch(text):
-            name, command = named.groups()
-        elif len(found) <= 1 and len(commands) == 1:
-            name, command = found[0].name if found else planner_name(text), text
-        else:
-            rule = "give it as NAME=COMMAND where there are several planners"
-            raise ConfigError(f"planner command {shown(text)}: {rule}")
-        command_words(command)
-        changed = [replace(planner, command=command) if planner.name == name else planner for planner in found]
-        found = changed if name in [one.name for one in found] else [*found, PlannerChoice(name, command=command)]
-    return tuple(found) if found or planners is not None else (PlannerChoice(),)
-
-
 def _with_settings(
     planners: Sequence[PlannerChoice], settings: Mapping[str, Any], where: str
 ) -> tuple[PlannerChoice, ...]:
-    found: dict[str, dict[str, Any]] = {planner.name: {} for planner in planners}
+    found = {planner.name: planner.overrides for planner in planners}
     for key, value in settings.items():
         name, changes = _setting(key, value, planners)
         if name not in found:
             hint = suggest(name, found)
             raise ConfigError(f"{where}parameters of planner {shown(name)}, which is not among them{hint}")
-        found[name] |= changes
-    return tuple(replace(planner, overrides=planner.overrides | found[planner.name]) for planner in planners)
+        found[name] = {**found[name], **changes}
+    return tuple(replace(planner, overrides=found[planner.name]) for planner in planners)
 
 
 def _setting(key: str, value: object, planners: Sequence[PlannerChoice]) -> tuple[str, Mapping[str, Any]]:
@@ -233,15 +201,12 @@ def _setting(key: str, value: object, planners: Sequence[PlannerChoice]) -> tupl
     if isinstance(value, Mapping) and (key in names or len(names) > 1):
         return key, value
     named = next((name for name in names if key.startswith(f"{name}.")), None)
-    if len(names) == 1 and (named is None or _is_parameter(key, planners[0])):
+    if len(names) == 1 and (named is None or _is_parameter(key, names[0])):
         return names[0], {key: value}
-    if named is None:
-        named = key.partition(".")[0]
+    named = named or key.partition(".")[0]
     return named, {key.removeprefix(f"{named}."): value}
 
 
-def _is_parameter(key: str, planner: PlannerChoice) -> bool:
-    if planner.name not in planner_names():
-        return False
-    preset = next(iter(planner_entry(planner.name).presets.values()))
-    return any(f"{name}.".startswith(f"{key}.") for name, _, _ in fields_of(preset))
+def _is_parameter(key: str, planner: str) -> bool:
+    presets = planner_entry(planner).presets if planner in planner_names() else {}
+    return any(f"{name}.".startswith(f"{key}.") for preset in presets.values() for name, _, _ in fields_of(preset))

@@ -47,10 +47,7 @@ class ResultRows:
         write_whole(self.path, "".join(f"{sealed(to_json_line(result))}\n" for result in results).encode())
 
     def read(self) -> list[TrialResult]:
-        """Return the rows without a last line that a kill cut off; the file is left as it is.
-
-        Raises ConfigError naming the line for one that is no result, is damaged, or repeats a trial.
-        """
+        """Return the rows without a last line that a kill cut off; the file is left as it is."""
         rows: dict[str, TrialResult] = {}
         for where, line in whole_lines(self.path):
             row = from_json_line(line, where)
@@ -61,11 +58,7 @@ class ResultRows:
 
 
 class TrackRows:
-    """The tracks of one folder, in the order in which the trials ended; one process writes at a time.
-
-    A trial's track is written before its row. Whoever is killed in between leaves a track without a row, and the trial
-    is run again: its last track counts.
-    """
+    """The tracks of one folder; a trial that a kill left without a row is run again, and its last track counts."""
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / TRACKS_NAME
@@ -75,10 +68,7 @@ class TrackRows:
         append_line(self.path, sealed(line))
 
     def read(self) -> dict[str, str]:
-        """Return the lines by the name of their trial, without one that a kill cut off; empty without a file.
-
-        Raises ConfigError naming the line for one that belongs to no trial or is damaged.
-        """
+        """Return the lines by the name of their trial, without one that a kill cut off; empty without a file."""
         return {_trial_of(line, where): line for where, line in whole_lines(self.path)}
 
     def arrange(self, order: Sequence[str]) -> None:
@@ -106,10 +96,7 @@ def append_line(path: Path, line: str) -> None:
 
 
 def whole_lines(path: Path) -> Iterator[tuple[str, str]]:
-    """Yield the place of each line of a file and the line without its checksum; ConfigError for one that is damaged.
-
-    A last line that a kill cut off is left out; nothing comes if there is no file.
-    """
+    """Yield the place of each line of a file and the line without its checksum; ConfigError for one that is damaged."""
     for where, line in read_lines(path):
         yield where, unsealed(line, where)
 
@@ -162,11 +149,7 @@ _COLUMNS: dict[type, pa.DataType] = {bool: pa.bool_(), int: pa.int64(), float: p
 
 
 def results_table(results: Sequence[TrialResult]) -> pa.Table:
-    """Return a row per result, in the order given, without wall-clock figures.
-
-    Columns are the fields of `TrialResult` and, in place of its parts, those of `Scores` and `Measures`, and of
-    `Encounters` where any result has them.
-    """
+    """Return a row per result, in the order given, without wall-clock figures."""
     moving = any(result.motion is not None for result in results)
     schema = pa.schema([*_columns(TrialResult), *(_columns(Encounters) if moving else ())])
     return pa.Table.from_pylist([_flat(result.repeatable()) for result in results], schema)

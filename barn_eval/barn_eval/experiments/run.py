@@ -45,7 +45,6 @@ def run_experiment(
     that were there by then are kept, as they are when the process is interrupted or killed.
     """
     experiment, execution = request.experiment, request.execution
-    experiment.check()
     specs = request.trials()
     with (
         _stopped_by_signals(),
@@ -106,7 +105,6 @@ class Plan:
 def plan_experiment(request: Request, *, overwrite: bool = False) -> Plan:
     """Return what a request would do; BarnError in one line where it would be refused. Nothing is written."""
     experiment, execution = request.experiment, request.execution
-    experiment.check()
     specs = request.trials()
     checksums = {spec.index: spec.world.checksum for spec in specs}
     there = earlier_results(RunFile.of(request.out, experiment, checksums), specs, overwrite=overwrite).results

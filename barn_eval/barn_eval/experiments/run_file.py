@@ -20,7 +20,7 @@ from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import ConfigError, shown
 from barn_worlds.base.files import write_whole
 from barn_worlds.base.text_files import read_json
-from barn_worlds.robots.standard import other_name
+from barn_worlds.robots.files import other_name
 
 SUITE = ("barn_worlds", "barn_sim", "barn_planners", "barn_metrics", "barn_eval")
 LIBRARIES = ("numpy", "numba", "scipy", "pybullet", "mcap", "rosbags", "rclpy")
@@ -42,10 +42,7 @@ def commit() -> str:
 
 
 def commit_of(folder: Path) -> str:
-    """Return the commit of the repository around a folder; empty if that is not this suite's.
-
-    An environment with the suite installed may lie within the repository of another project.
-    """
+    """Return the commit of the repository around a folder; empty if that is not this suite's."""
     if not _git(folder, "ls-files", ":(top,glob)**/barn_eval/package.xml"):
         return ""
     changes = _git(folder, "status", "--porcelain", "--untracked-files=no")

@@ -1,8 +1,8 @@
 """The loop of an experiment: hand out jobs, keep results, try lost trials again a bounded number of times."""
 
 from collections import Counter, deque
-from collections.abc import Generator, Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass, field, replace
 
 from barn_eval.experiments.engine import Done, Engine, Job, Lost, Note, Part, Refused, Report, Work
 from barn_eval.experiments.experiment import Execution
@@ -44,64 +44,61 @@ def run_remaining(
     ros, where it cannot touch the worker. Raises ExperimentError for what the user has to remove, StoreError if a
     result cannot be written. The engine is left to the caller to close.
     """
-    return _Loop(folder, execution, mode).run(engine, work.jobs(folder.remaining))
+    loop = _Loop(folder, execution, mode, deque(work.jobs(folder.remaining)))
+    while loop.waiting or loop.out:
+        while loop.waiting and len(loop.out) < engine.slots:
+            job = loop.waiting.popleft()
+            loop.out[job.key] = job
+            engine.submit(job.key, job)
+        for report in engine.wait(_WAIT_S):
+            yield from loop.take(report)
 
 
+@dataclass
 class _Loop:
     """What is known while an experiment runs: jobs that wait, jobs that are out, and losses by trial."""
 
-    def __init__(self, folder: ExperimentFolder, execution: Execution, mode: str) -> None:
-        self._folder = folder
-        self._execution = execution
-        self._mode = mode
-        self._waiting: deque[Job] = deque()
-        self._out: dict[str, Job] = {}
-        self._losses: Counter[str] = Counter()
-        self._lost_in_a_row = 0
+    folder: ExperimentFolder
+    execution: Execution
+    mode: str
+    waiting: deque[Job]
+    out: dict[str, Job] = field(default_factory=dict)
+    losses: Counter[str] = field(default_factory=Counter)
+    lost_in_a_row: int = 0
 
-    def run(self, engine: Engine, jobs: Iterable[Job]) -> Generator[Event, None, None]:
-        """Yield events until no job is left."""
-        self._waiting.extend(jobs)
-        while self._waiting or self._out:
-            while self._waiting and len(self._out) < engine.slots:
-                job = self._waiting.popleft()
-                self._out[job.key] = job
-                engine.submit(job.key, job)
-            for report in engine.wait(_WAIT_S):
-                yield from self._take(report)
-
-    def _take(self, report: Report) -> Iterator[Event]:
+    def take(self, report: Report) -> Iterator[Event]:
+        """Yield what a report says."""
         if isinstance(report, Note):
             yield report
         elif isinstance(report, Refused):
             raise ExperimentError(f"{report.key}: {report.message}")
         elif isinstance(report, Lost):
-            job = self._out.pop(report.key)
+            job = self.out.pop(report.key)
             if job.trials:
                 yield from self._lose(job, report)
         else:
             if report.result is not None:
-                self._lost_in_a_row = 0
+                self.lost_in_a_row = 0
                 yield self._keep(report)
             if isinstance(report, Done):
-                del self._out[report.key]
+                del self.out[report.key]
 
     def _lose(self, job: Job, report: Lost) -> Iterator[Event]:
         """Try a job again whose worker was lost, at the first trial that has no result, or give that trial up."""
-        spec, execution = job.trials[0], self._execution
-        self._lost_in_a_row += 1
-        self._losses[spec.trial_id] += 1
-        attempt = self._losses[spec.trial_id]
+        spec, execution = job.trials[0], self.execution
+        self.lost_in_a_row += 1
+        self.losses[spec.trial_id] += 1
+        attempt = self.losses[spec.trial_id]
         text = f"attempt {attempt} on {report.worker}: {report.reason}\n{report.traceback}".rstrip()
-        self._folder.note_loss(spec.trial_id, text)
+        self.folder.note_loss(spec.trial_id, text)
         yield Loss(spec.trial_id, attempt, report.reason)
-        if self._lost_in_a_row >= execution.losses:
-            raise ExperimentError(f"{self._lost_in_a_row} attempts in a row were lost, the last one: {report.reason}")
+        if self.lost_in_a_row >= execution.losses:
+            raise ExperimentError(f"{self.lost_in_a_row} attempts in a row were lost, the last one: {report.reason}")
         if attempt >= execution.attempts:
             job = job.without(spec.trial_id)
             yield self._give_up(spec, report, attempt)
         if job.trials:
-            self._waiting.appendleft(job)
+            self.waiting.appendleft(job)
 
     def _keep(self, report: Done | Part) -> TrialResult:
         record: Record = report.result
@@ -110,18 +107,18 @@ class _Loop:
             record.result.wall_clock,
             started_at=report.started_at,
             worker=report.worker,
-            attempts=self._losses[trial_id] + 1,
+            attempts=self.losses[trial_id] + 1,
         )
         result = replace(record.result, wall_clock=clock)
-        self._folder.append(Record(result, record.track))
-        self._out[report.key] = self._out[report.key].without(trial_id)
+        self.folder.append(Record(result, record.track))
+        self.out[report.key] = self.out[report.key].without(trial_id)
         return result
 
     def _give_up(self, spec: TrialSpec, report: Lost, attempt: int) -> TrialResult:
-        lost = Outcome.PLANNER_DIED if self._mode == "direct" else Outcome.SIMULATOR_DIED
+        lost = Outcome.PLANNER_DIED if self.mode == "direct" else Outcome.SIMULATOR_DIED
         outcome = Outcome.PLANNER_STALLED if report.overtime else lost
         verdict = Verdict(outcome, f"{report.reason}, at the last of {attempt} attempts", None, 0.0, 0.0)
-        result = conclude(spec, self._mode, verdict, TrajectoryLog().trajectory()).result
+        result = conclude(spec, self.mode, verdict, TrajectoryLog().trajectory()).result
         result = replace(result, wall_clock=replace(result.wall_clock, worker=report.worker, attempts=attempt))
-        self._folder.append(Record(result, None))
+        self.folder.append(Record(result, None))
         return result

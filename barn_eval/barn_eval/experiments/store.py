@@ -1,7 +1,4 @@
-"""What a finished trial leaves: its bag and its picture in the experiment's folder, its row and track to be kept there.
-
-A row comes last, so that it never lacks anything.
-"""
+"""What a finished trial leaves: bag and picture in its experiment's folder, and row and track, to be kept last."""
 
 from __future__ import annotations
 
@@ -34,10 +31,7 @@ class Record:
 
 @dataclass(frozen=True)
 class Store:
-    """Where trials leave their bags and pictures; workers share it.
-
-    bags: which are kept: all, failed or none. pictures: whether they are drawn.
-    """
+    """Where trials leave their bags and pictures; workers share it."""
 
     folder: Path
     bags: str = "none"
@@ -45,10 +39,7 @@ class Store:
 
     @contextmanager
     def recorder(self, trial_id: str) -> Iterator[Recorder | None]:
-        """Give the recorder of a trial's bag, None where none is asked for; a bag that is not finished is abandoned.
-
-        What an attempt left that was lost before it could report is removed. BagError if the bag cannot be written.
-        """
+        """Give the recorder of a trial's bag, None where none is asked for; a bag that is not finished is abandoned."""
         if self.bags == "none":
             yield None
             return
@@ -61,10 +52,7 @@ class Store:
             yield recorder
 
     def keep(self, finished: FinishedTrial) -> Record:
-        """Draw the picture of a trial, drop a bag that is not wanted, and return what else is to be kept.
-
-        Raises WorldError if the picture cannot be written.
-        """
+        """Draw the picture of a trial, drop a bag that is not wanted, and return what else is to be kept."""
         result = finished.result
         if self.bags == "failed" and result.scores.success:
             shutil.rmtree(self._bag(result.trial_id))

@@ -32,10 +32,7 @@ _TYPES = {name: np.dtype("<" + kind) for kind, name in _KINDS.items()}
 
 
 def pack(arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
-    """Return arrays as plain data: zlib and base64, and where in it each array lies (kind, offset, length).
-
-    Kinds are u1, i2, u2, i4, f4, f8; shapes are lost. `unpack` of the pages' script returns typed arrays.
-    """
+    """Return arrays as plain data: zlib and base64, and where in it each array lies (kind, offset, length)."""
     parts: list[bytes] = []
     layout: dict[str, list[Any]] = {}
     offset = 0
@@ -142,10 +139,7 @@ def thinned(samples: Floats, contact: npt.NDArray[np.bool_]) -> Track:
 def track_of(
     trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outline: Footprint | None = None
 ) -> Track | None:
-    """Return the track of a trajectory among cylinders (k, 2), m in the map frame; None where nothing was read.
-
-    Its command is the last one by each time, as in a bag. outline: of the robot [the Jackal's].
-    """
+    """Return the track of a trajectory among cylinders (k, 2), m in the map frame; None where nothing was read."""
     if not len(trajectory.stamps_ns):
         return None
     times = (trajectory.stamps_ns - trajectory.stamps_ns[0]) / NANOSECONDS

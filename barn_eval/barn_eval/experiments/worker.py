@@ -1,45 +1,42 @@
 """A worker process: does jobs until it is told to end, or the process that started it is gone.
 
-Started by its path as `python worker.py FD`, FD being a socket to that process, over which come the import path, the
-work, and jobs. So nothing of the user's main script is imported; what it defines comes along by value (cloudpickle).
+Started as `python -m barn_eval.experiments.worker FD NAME`, FD being a socket to that process, over which come the work
+and jobs. So nothing of the user's main script is imported; what it defines comes along by value (cloudpickle).
 """
-
-import sys
-
-if __name__ == "__main__":
-    sys.path.pop(0)  # this folder, whose modules are not to be found by their short names
 
 import os
 import select
 import signal
+import sys
 import threading
 import time
 from contextlib import suppress
 from multiprocessing.connection import Connection
+from types import FrameType
+
+from barn_eval.experiments.engine import Refused, Work, attempt
 
 # Time that workers have to end what they have started (nodes of ROS trials) before they are killed.
 GRACE_S = 20.0
 
 
-def serve(connection: Connection) -> None:
+def serve(connection: Connection, name: str) -> None:
     """Do jobs until None comes, or the parent is gone."""
     for number in (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):  # these reach all processes; the parent decides
         signal.signal(number, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
     signal.signal(signal.SIGTERM, _exit)
     threading.Thread(target=_outlive_no_parent, args=(connection.fileno(),), daemon=True).start()
-    work = None
+    work: Work | None = None
+    problem = ""
     try:
-        sys.path[:] = connection.recv()
-        from barn_eval.experiments.engine import attempt  # noqa: PLC0415 (found by the path that has just come)
-
         try:
             work = connection.recv()
         except Exception as error:  # whatever the planners' modules do when they are imported
-            _refuse(connection, f"planners cannot be loaded in a worker: {type(error).__name__}: {error}")
-            return
-        while (job := connection.recv()) is not None:
-            connection.send(attempt(work, job, connection.send))
+            problem = f"planners cannot be loaded in a worker: {type(error).__name__}: {error}"
+        while (given := connection.recv()) is not None:
+            key, job = given
+            connection.send(attempt(work, key, name, job, connection.send) if work else Refused(key, name, problem))
     except (EOFError, OSError):
         return  # the parent is gone, or a planner has closed the connection
     except KeyboardInterrupt:
@@ -51,12 +48,7 @@ def serve(connection: Connection) -> None:
             connection.close()
 
 
-def _refuse(connection: Connection, reason: str) -> None:
-    while connection.recv() is not None:
-        connection.send(("refused", reason))
-
-
-def _exit(_signal: int, _frame: object) -> None:
+def _exit(_signal: int, _frame: FrameType | None) -> None:
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     sys.unraisablehook = lambda _: None  # of finalisers of objects that this leaves half made
     raise SystemExit(128 + signal.SIGTERM)
@@ -73,4 +65,4 @@ def _outlive_no_parent(descriptor: int) -> None:
 
 
 if __name__ == "__main__":
-    serve(Connection(int(sys.argv[1])))
+    serve(Connection(int(sys.argv[1])), sys.argv[2])

@@ -1,7 +1,7 @@
 """Worlds of a wanted difficulty, for training: drawn from a data set, or generated until they have it.
 
 What difficulty is, is passed in as a function of a world, such as the prediction of a difficulty model. All randomness
-comes from generators that are passed in.
+comes from generators or seeds that are passed in.
 """
 
 import math
@@ -14,8 +14,7 @@ import numpy as np
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ConfigError, WorldError
 from barn_worlds.worlds.dataset import Dataset
-from barn_worlds.worlds.generate import generate_world
-from barn_worlds.worlds.parameters import TABLE_I, WorldParameters
+from barn_worlds.worlds.generate import TABLE_I, WorldParameters, generate_world
 from barn_worlds.worlds.world import World
 
 Difficulty = Callable[[World], float]
@@ -38,28 +37,18 @@ class Curriculum:
     up to which worlds are drawn; `record` or `widen` raise it, never beyond 1.
     """
 
-    def __init__(
-        self, dataset: Dataset, difficulty: Difficulty | None = None, config: CurriculumConfig | None = None
-    ) -> None:
-        """Order the worlds by a difficulty, ties by their number; without one by their number.
-
-        Raises WorldError for a world that cannot be read or whose difficulty is not finite.
-        """
+    def __init__(self, dataset: Dataset, config: CurriculumConfig | None = None) -> None:
+        """Take the worlds in the order of their numbers, which is that of their difficulty in the shipped data sets."""
         self.config = config or CurriculumConfig()
         self.level = self.config.first_level
-        self.order = tuple(dataset.indices) if difficulty is None else _ordered(dataset, difficulty)
         self._dataset = dataset
-        self._asked: tuple[float, float] | None = None
-        self._between: tuple[int, ...] = ()
         self._recent: deque[bool] = deque(maxlen=self.config.window)
 
     def between(self, low: float, high: float) -> tuple[int, ...]:
         """Return the numbers of the worlds of these levels, both included, easiest first."""
-        if self._asked != (low, high):  # every episode asks, and the levels seldom change
-            last = max(1, len(self.order) - 1)
-            self._between = tuple(index for place, index in enumerate(self.order) if low <= place / last <= high)
-            self._asked = (low, high)
-        return self._between
+        order = self._dataset.indices
+        last = max(1, len(order) - 1)
+        return tuple(index for place, index in enumerate(order) if low <= place / last <= high)
 
     def draw(self, generator: np.random.Generator, low: float = 0.0, high: float | None = None) -> tuple[int, World]:
         """Return number and world of one drawn evenly from those of a level from `low` to `high` (default: `level`).
@@ -69,7 +58,7 @@ class Curriculum:
         top = self.level if high is None else high
         chosen = self.between(low, top)
         if not chosen:
-            count = len(self.order)
+            count = len(self._dataset.indices)
             raise WorldError(f"{self._dataset.name}: none of {count} worlds has a level of {low:g} to {top:g}")
         index = chosen[int(generator.random() * len(chosen))]
         return index, self._dataset.load(index)
@@ -92,42 +81,27 @@ class Curriculum:
         self._recent.clear()
 
 
-def generate_world_of(
+def sample(
     difficulty: Difficulty,
     wanted: tuple[float, float],
-    generator: np.random.Generator,
+    dataset: Dataset | None,
+    count: int,
+    seed: int,
     *,
     sets: Sequence[WorldParameters] = TABLE_I,
     attempts: int = 1000,
-) -> tuple[World, float]:
-    """Return a newly generated world whose difficulty lies in `wanted` (both limits included), and its difficulty.
+) -> list[tuple[World, float]]:
+    """Return so many worlds whose difficulty lies in `wanted` (both limits included), each with its own.
 
-    Worlds are generated, each with one of `sets` drawn evenly, until one fits. WorldError, naming the difficulties met,
-    if none of so many `attempts` does.
+    They are different ones of the data set, drawn evenly, by number; without one they are generated, each with one of
+    `sets` drawn evenly. WorldError, naming the difficulties met, if there are fewer, or none fits in so many attempts.
     """
-    low, high = _checked(wanted)
-    met = []
-    for _ in range(attempts):
-        parameters = sets[int(generator.random() * len(sets))]
-        world = generate_world(parameters, generator, "generated")
-        found = difficulty(world)
-        if low <= found <= high:
-            return world, found
-        met.append(found)
-    raise WorldError(
-        f"none of {attempts} generated worlds has a difficulty of {low:g} to {high:g};"
-        f" they have {min(met):.3g} to {max(met):.3g}"
-    )
-
-
-def draw_worlds_of(
-    dataset: Dataset, difficulty: Difficulty, wanted: tuple[float, float], count: int, generator: np.random.Generator
-) -> dict[int, float]:
-    """Return the numbers, ascending, of different worlds of a wanted difficulty, each with its difficulty.
-
-    Raises WorldError if the data set has fewer such worlds.
-    """
-    low, high = _checked(wanted)
+    low, high = wanted
+    if math.isnan(low) or math.isnan(high) or low > high:
+        raise ConfigError(f"difficulty must be LOW:HIGH with LOW at most HIGH, got {low:g}:{high:g}")
+    generator = np.random.default_rng(seed)
+    if dataset is None:
+        return [_generated(difficulty, low, high, generator, sets, attempts) for _ in range(count)]
     known = {index: difficulty(dataset.load(index)) for index in dataset.indices}
     fitting = [index for index, value in known.items() if low <= value <= high]
     if len(fitting) < count:
@@ -136,32 +110,25 @@ def draw_worlds_of(
             f" {count} are wanted; all have {min(known.values()):.3g} to {max(known.values()):.3g}"
         )
     shuffled = sorted((float(generator.random()), index) for index in fitting)
-    return {index: known[index] for index in sorted(index for _, index in shuffled[:count])}
+    return [(dataset.load(index), known[index]) for index in sorted(index for _, index in shuffled[:count])]
 
 
-def sample(
-    difficulty: Difficulty, wanted: tuple[float, float], dataset: Dataset | None, count: int, seed: int
-) -> list[tuple[World, float]]:
-    """Return so many worlds of a wanted difficulty, each with its own; without a data set, newly generated ones."""
-    generator = np.random.default_rng(seed)
-    if dataset is None:
-        return [generate_world_of(difficulty, wanted, generator) for _ in range(count)]
-    drawn = draw_worlds_of(dataset, difficulty, wanted, count, generator)
-    return [(dataset.load(index), value) for index, value in drawn.items()]
-
-
-def _checked(wanted: tuple[float, float]) -> tuple[float, float]:
-    """Return a range of difficulties; ConfigError if it is none."""
-    low, high = wanted
-    if math.isnan(low) or math.isnan(high) or low > high:
-        raise ConfigError(f"difficulty must be LOW:HIGH with LOW at most HIGH, got {low:g}:{high:g}")
-    return low, high
-
-
-def _ordered(dataset: Dataset, difficulty: Difficulty) -> tuple[int, ...]:
-    known = {}
-    for index in dataset.indices:
-        known[index] = difficulty(dataset.load(index))
-        if not math.isfinite(known[index]):
-            raise WorldError(f"{dataset.name}: the difficulty of world {index} must be finite, got {known[index]}")
-    return tuple(sorted(known, key=lambda index: (known[index], index)))
+def _generated(
+    difficulty: Difficulty,
+    low: float,
+    high: float,
+    generator: np.random.Generator,
+    sets: Sequence[WorldParameters],
+    attempts: int,
+) -> tuple[World, float]:
+    met = []
+    for _ in range(attempts):
+        world = generate_world(sets[int(generator.random() * len(sets))], generator, "generated")
+        found = difficulty(world)
+        if low <= found <= high:
+            return world, found
+        met.append(found)
+    raise WorldError(
+        f"none of {attempts} generated worlds has a difficulty of {low:g} to {high:g};"
+        f" they have {min(met):.3g} to {max(met):.3g}"
+    )

@@ -1,4 +1,4 @@
-"""Pictures of an episode: from above, quick enough to make a film of, or in three dimensions."""
+"""Pictures of an episode from above, quick enough to make a film of."""
 
 import math
 
@@ -8,8 +8,8 @@ from PIL import Image, ImageDraw
 
 from barn_eval.bags.messages import trial_scene
 from barn_eval.bags.movers import TRAIL_S
-from barn_eval.learning.episode import Episode
-from barn_sim.drawing.camera import SIZES, Studio, camera_at
+from barn_eval.learning.episodes import Episodes
+from barn_eval.trials.spec import TrialSpec
 from barn_worlds.base.arrays import Points
 from barn_worlds.base.types import Pose2D, seconds
 from barn_worlds.drawing.palette import FAINT, GOAL, MOVER, OBSTACLE, ROBOT, SCAN, TRAIL, WALL, WHITE
@@ -25,8 +25,8 @@ _PASSED_STEP_S = 0.1  # between places where what moves was
 class TopView:
     """Draws one episode from above; the world is drawn once."""
 
-    def __init__(self, episode: Episode) -> None:
-        scene, bounds_m = trial_scene(episode.spec), np.reshape(episode.spec.world.bounds_m, (2, 2))
+    def __init__(self, spec: TrialSpec) -> None:
+        scene, bounds_m = trial_scene(spec), np.reshape(spec.world.bounds_m, (2, 2))
         seen = np.vstack([bounds_m, scene.ends_m()])
         (self._left, below), (right, self._top) = seen.min(axis=0) - _BEYOND_M, seen.max(axis=0) + _BEYOND_M
         size = (math.ceil((right - self._left) * _PIXELS_PER_M), math.ceil((self._top - below) * _PIXELS_PER_M))
@@ -34,30 +34,29 @@ class TopView:
         self._trail: list[tuple[float, float]] = []
         draw = ImageDraw.Draw(self._world)
         draw.line(self._pixels(scene.path_m), fill=FAINT, width=2)
-        for cylinders, colour in ((scene.walls, WALL), (scene.obstacles, OBSTACLE)):
-            for centre in self._pixels(cylinders.centres_m):
-                draw.circle(centre, cylinders.radius_m * _PIXELS_PER_M, fill=colour)
+        for centres_m, colour in ((scene.walls_m, WALL), (scene.obstacles_m, OBSTACLE)):
+            for centre in self._pixels(centres_m):
+                draw.circle(centre, scene.radius_m * _PIXELS_PER_M, fill=colour)
         self._fill(draw, scene.boxes, WALL)
         (goal,) = self._pixels(scene.ends_m()[-1:])
         draw.circle(goal, scene.goal_distance_m * _PIXELS_PER_M, outline=GOAL, width=2)
         draw.circle(goal, 4, fill=GOAL)
 
-    def add(self, episode: Episode) -> None:
+    def add(self, episodes: Episodes) -> None:
         """Lengthen the trail to where the robot is."""
-        pose = episode.sensors.truth.pose
-        self._trail += self._pixels(np.array([[pose.x, pose.y]]))
+        self._trail += self._pixels(episodes.readings.truths[:1, :2])
 
-    def draw(self, episode: Episode) -> npt.NDArray[np.uint8]:
+    def draw(self, episodes: Episodes) -> npt.NDArray[np.uint8]:
         """Return the picture (height, width, 3) of this instant: returns of the lidar, trail and robot."""
         picture = self._world.copy()
         draw = ImageDraw.Draw(picture)
-        pose, scan = episode.sensors.truth.pose, episode.sensors.scan
-        for place in self._pixels(_passed(episode)):
+        spec, pose, scan = episodes.trial(0).spec, _pose(episodes), episodes.scan(0)
+        for place in self._pixels(_passed(episodes)):
             draw.circle(place, 2, fill=MOVER)
-        self._fill(draw, moving_bodies(episode.spec.world.tracks, _motion_time_s(episode)), MOVER)
+        self._fill(draw, moving_bodies(spec.world.tracks, _motion_time_s(episodes)), MOVER)
         if len(self._trail) > 1:
             draw.line(self._trail, fill=TRAIL, width=2)
-        chassis, mount = episode.spec.simulator.chassis, episode.spec.simulator.lidar
+        chassis, mount = spec.simulator.chassis, spec.simulator.lidar
         seen = np.isfinite(scan.ranges)
         ranges, angles = scan.ranges[seen].astype(np.float64), scan.angles()[seen]
         lidar = pose @ Pose2D(mount.mount_x_m, mount.mount_y_m, mount.mount_yaw_rad)
@@ -68,9 +67,6 @@ class TopView:
         draw.polygon(self._pixels(pose.transform(np.array(hull([*chassis.hull_m, nose])))), fill=ROBOT)
         return np.asarray(picture)
 
-    def close(self) -> None:
-        """Do nothing: there is nothing to release."""
-
     def _fill(self, draw: ImageDraw.ImageDraw, bodies: Bodies, colour: str) -> None:
         for outline in bodies.outlines():
             draw.polygon(self._pixels(outline), fill=colour)
@@ -79,37 +75,16 @@ class TopView:
         return [((x - self._left) * _PIXELS_PER_M, (self._top - y) * _PIXELS_PER_M) for x, y in points_m.tolist()]
 
 
-class CameraView:
-    """Draws one episode as a camera sees it; what does not move by itself stays where it stood at its beginning."""
-
-    def __init__(self, episode: Episode, camera: str) -> None:
-        spec = episode.spec
-        self._camera = camera
-        moving = moving_bodies(spec.world.tracks, spec.phase_s)
-        simulator = spec.simulator
-        self._studio = Studio(trial_scene(spec), simulator.lidar, moving=moving, chassis=simulator.chassis)
-
-    def add(self, episode: Episode) -> None:
-        """Do nothing: a trail is not drawn."""
-
-    def draw(self, episode: Episode) -> npt.NDArray[np.uint8]:
-        """Return the picture (height, width, 3) of this instant."""
-        pose = episode.sensors.truth.pose
-        view = camera_at(self._camera, pose, self._studio.bounds_m)
-        places, _ = episode.spec.world.tracks.at(_motion_time_s(episode))
-        return self._studio.picture(pose, view, SIZES[self._camera], finer=1, places=places, passed=_passed(episode))
-
-    def close(self) -> None:
-        """Release the renderer."""
-        self._studio.close()
+def _pose(episodes: Episodes) -> Pose2D:
+    return Pose2D(*episodes.readings.truths[0].tolist())
 
 
-def _passed(episode: Episode) -> Points:
+def _passed(episodes: Episodes) -> Points:
     """Return where moving obstacles were in the last seconds (k, 2)."""
-    times_s = _motion_time_s(episode) - np.arange(0.0, TRAIL_S, _PASSED_STEP_S)
-    return episode.spec.world.tracks.over(times_s)[0].reshape(-1, 2)
+    times_s = _motion_time_s(episodes) - np.arange(0.0, TRAIL_S, _PASSED_STEP_S)
+    return episodes.trial(0).spec.world.tracks.over(times_s)[0].reshape(-1, 2)
 
 
-def _motion_time_s(episode: Episode) -> float:
+def _motion_time_s(episodes: Episodes) -> float:
     """Return how far into their motions what moves is."""
-    return episode.spec.phase_s + seconds(episode.sensors.stamp_ns)
+    return episodes.trial(0).spec.phase_s + seconds(int(episodes.readings.stamps_ns[0]))

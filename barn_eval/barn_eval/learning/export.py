@@ -20,13 +20,6 @@ def export_policy(model: Any, config: EnvConfig, path: Path, about: Mapping[str,
     answers as the model's deterministic prediction does. about: kept in the file, for people. ConfigError for models
     that such a file cannot hold, PolicyError if it cannot be written.
     """
-    policy = policy_of(model, config, about or {})
-    write_policy(path, policy)
-    return policy
-
-
-def policy_of(model: Any, config: EnvConfig, about: Mapping[str, Any]) -> Policy:
-    """Return the policy of a model; see `export_policy`."""
     normalising = model.get_vec_normalize_env()
     if normalising is not None and normalising.norm_obs:
         raise ConfigError("VecNormalize: observations are in [-1, 1] already; train with norm_obs=False")
@@ -41,16 +34,18 @@ def policy_of(model: Any, config: EnvConfig, about: Mapping[str, Any]) -> Policy
     if kinds != {"Linear"} or len(activations) > 1 or not activations <= set(_ACTIVATIONS):
         found = ", ".join(type(module).__name__ for module in modules)
         raise ConfigError(f"policy must be linear layers with one of {', '.join(_ACTIVATIONS)} between, got {found}")
-    return Policy(
+    made = Policy(
         config.observation,
         config.action,
         tuple(np.ascontiguousarray(_numbers(layer.weight).T) for layer in layers),
         tuple(_numbers(layer.bias) for layer in layers),
         _ACTIVATIONS[activations.pop()] if activations else "tanh",
         "tanh" if squash else "clip",
-        {"algorithm": type(model).__name__, "steps": int(model.num_timesteps), **about},
+        {"algorithm": type(model).__name__, "steps": int(model.num_timesteps), **(about or {})},
         "model",
     )
+    write_policy(path, made)
+    return made
 
 
 def _modules(policy: Any) -> tuple[list[Any], bool]:

@@ -9,16 +9,14 @@ import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from barn_eval.learning.config import EnvConfig
-from barn_eval.learning.environment import JackalEnv, info_of_end
-from barn_eval.learning.episode import RewardWeights, reward_steps
-from barn_eval.learning.episodes import Episodes
+from barn_eval.learning.environment import JackalEnv
+from barn_eval.learning.episodes import info_of_end
 from barn_planners.policy.space import ACTIONS
 from barn_sim.body.cylinders import Bools
-from barn_sim.motion.batch import Batch
-from barn_worlds.base.arrays import Floats, Integers
+from barn_worlds.base.arrays import Integers
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.types import NANOSECONDS, Pose2D, Velocity2D
+from barn_worlds.base.types import NANOSECONDS
 from barn_worlds.worlds.dataset import open_dataset
 
 Ended = dict[int, dict[str, Any]]  # infos, by the number of the environment
@@ -30,7 +28,7 @@ class JackalVectorEnv(SyncVectorEnv):
 
     Only robots near an obstacle, episodes that may have ended, and whatever needs Python (the shield, a pose in a map)
     are looked at one by one. Every observation, reward and info is that of Gymnasium's SyncVectorEnv, to the last bit.
-    threads: among which the robots are divided. config, changes: as of `JackalEnv`.
+    config, changes: as of `JackalEnv`.
     """
 
     def __init__(
@@ -39,22 +37,16 @@ class JackalVectorEnv(SyncVectorEnv):
         config: EnvConfig | None = None,
         *,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
-        threads: int = 1,
         **changes: object,
     ) -> None:
-        if threads < 1:
-            raise ConfigError(f"threads must be at least 1, got {threads}")
         self._config = replace_dotted(config or EnvConfig(), changes, "environment")
         make = partial(JackalEnv, self._config, opened=open_dataset(self._config.dataset))
         super().__init__([make] * num_envs, autoreset_mode=autoreset_mode)
         self._jackals = [_jackal(env) for env in self.envs]
-        self._batch = Batch(num_envs, self._jackals[0].simulator_config, threads)
-        self._period_s = self._jackals[0].simulator_config.control_period_s
-        self._episodes = Episodes(num_envs, self._batch.readings)
+        self._episodes = self._jackals[0].episodes(num_envs)
         self._everyone = np.ones(num_envs, np.bool_)
-        self._wants_map = self._jackals[0].protocol.map_given
         for index, env in enumerate(self._jackals):
-            env.join(self._batch, index, self._jackals[0])
+            env.join(self._episodes, index)
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -64,12 +56,9 @@ class JackalVectorEnv(SyncVectorEnv):
         self._env_obs = list(self._observations.copy())
         super().reset(seed=seed, options=options)
         begun = np.flatnonzero(asked)
-        self._scan = self._jackals[int(begun[0])].episode.scan(self._batch.readings.ranges[0])
-        for index in begun.tolist():
-            self._episodes.put(index, self._jackals[index])
-        self._look(begun)
+        self._episodes.look(begun)
         infos = self._tell(self._infos(asked), self._judge_first(begun))
-        return self._observations.copy(), infos
+        return self._episodes.seen.copy(), infos
 
     def step(self, actions: npt.NDArray[np.floating]) -> Step:
         """Drive all robots for one control period."""
@@ -82,78 +71,30 @@ class JackalVectorEnv(SyncVectorEnv):
             raise gymnasium.error.ResetNeeded("reset() must be called before the first step of an episode")
         begun = np.flatnonzero(resting)
         self._begin(begun)
-        rewards, ended = self._drive(resting, actions)
+        self._rewards, over = self._episodes.step(resting, actions)
+        self._terminations[:] = self._truncations[:] = False
+        for index in over:
+            self._terminations[index], self._truncations[index] = self._jackals[index].conclude()
+        ended = {index: info_of_end(self._episodes.trial(index)) for index in over}
         infos: dict[str, Any] = {}
         if ended and self.autoreset_mode is AutoresetMode.SAME_STEP:
             infos = self._tell_last(ended)
             begun, ended = np.array(sorted(ended)), {}
             self._begin(begun)
-            self._look(begun)
+            self._episodes.look(begun)
         infos = self._tell(infos | self._infos(self._everyone), ended | self._judge_first(begun))
-        self._rewards = rewards
         self._autoreset_envs = self._terminations | self._truncations
-        return self._observations.copy(), rewards.copy(), self._terminations.copy(), self._truncations.copy(), infos
+        seen, rewards = self._episodes.seen.copy(), self._rewards.copy()
+        return seen, rewards, self._terminations.copy(), self._truncations.copy(), infos
 
     def _begin(self, which: Integers) -> None:
         """Begin new episodes, of which nothing is read yet."""
         for index in which.tolist():
             self._jackals[index].reset()
-            self._episodes.put(index, self._jackals[index])
 
     def _judge_first(self, begun: Integers) -> Ended:
         """Judge the first readings of episodes; return the infos of those that end by it."""
-        return {index: info_of_end(self._jackals[index].episode) for index in self._episodes.judge(begun)}
-
-    def _drive(self, resting: Bools, actions: npt.NDArray[np.floating]) -> tuple[Floats, Ended]:
-        """Let the episodes that do not rest take a step; return rewards (n,) and infos of the episodes that have ended.
-
-        The sensors are read for those that rest, too.
-        """
-        episodes, view = self._episodes, self._config.observation
-        wanted = self._config.action.commands(actions)
-        given, shielded = self._shielded(resting, wanted)
-        finite = np.isfinite(given).all(axis=1)
-        moving = np.flatnonzero(finite & ~resting)
-        self._batch.advance(moving, given)
-        before_m = self._look(np.flatnonzero(finite | resting))
-        rewards = np.empty(self.num_envs)
-        reward_steps(
-            RewardWeights.of(self._config.reward), before_m, episodes.left_m, self._period_s,
-            self._observations[:, : view.beams], view.range_limit_m, shielded, rewards,
-        )  # fmt: skip
-        rewards[resting] = 0.0
-        refused = np.flatnonzero(~(finite | resting)).tolist()
-        for index in refused:
-            self._jackals[index].episode.trial.command(Velocity2D(*given[index].tolist()))
-        self._terminations[:] = self._truncations[:] = False
-        return rewards, {index: self._end(index, rewards) for index in refused + episodes.judge(moving)}
-
-    def _shielded(self, resting: Bools, wanted: Floats) -> tuple[Floats, Bools]:
-        """Return the commands given (n, 2), and which of them are not those wanted."""
-        if not self._config.safety.enabled:
-            return wanted, ~self._everyone
-        given, readings = wanted.copy(), self._batch.readings
-        for index in np.flatnonzero(~resting).tolist():
-            env = self._jackals[index]
-            moving, scan = Velocity2D(*readings.velocities[index]), env.episode.scan(readings.ranges[index])
-            safe = env.shielded(Velocity2D(*wanted[index].tolist()), moving, scan)
-            given[index] = safe.linear, safe.angular
-        changed: Bools = ((given != wanted) & ~np.isnan(wanted)).any(axis=1)
-        return given, changed
-
-    def _look(self, which: Integers) -> Floats:
-        """Read the sensors, fill in the observations and find the way left; return that before, for all (n,)."""
-        self._batch.read(which)
-        readings, poses, first = self._batch.readings, self._batch.readings.odometry, self._jackals[0]
-        if self._wants_map:
-            poses = poses.copy()
-            for index in which:
-                pose = self._jackals[index].episode.localised(Pose2D(*poses[index].tolist()))
-                poses[index] = pose.x, pose.y, pose.yaw
-        first.encoder.encode_all(
-            self._scan, readings.ranges, poses, self._episodes.goals, readings.velocities, which, self._observations
-        )
-        return self._episodes.follow(which)
+        return {index: info_of_end(self._episodes.trial(index)) for index in self._episodes.judge(begun)}
 
     def _infos(self, there: Bools) -> dict[str, Any]:
         """Return what `info` has of every step, for those who took it."""
@@ -163,7 +104,7 @@ class JackalVectorEnv(SyncVectorEnv):
         return infos
 
     def _columns(self) -> dict[str, npt.NDArray[Any]]:
-        times_s = self._batch.readings.stamps_ns / NANOSECONDS
+        times_s = self._episodes.readings.stamps_ns / NANOSECONDS
         return {"world": self._episodes.worlds, "time_s": times_s, "way_left_m": self._episodes.left_m}
 
     def _tell(self, infos: dict[str, Any], more: Ended) -> dict[str, Any]:
@@ -172,28 +113,18 @@ class JackalVectorEnv(SyncVectorEnv):
             infos = self._add_info(infos, info, index)
         return infos
 
-    def _end(self, index: int, rewards: Floats) -> dict[str, Any]:
-        """End an episode that has a verdict, and return what `info` has of that."""
-        env = self._jackals[index]
-        verdict = env.episode.verdict
-        assert verdict is not None
-        self._episodes.running[index] = False
-        ended = env.conclude(float(rewards[index]), verdict)
-        rewards[index], self._terminations[index], self._truncations[index] = ended
-        return info_of_end(env.episode)
-
     def _tell_last(self, ended: Ended) -> dict[str, Any]:
         """Return infos with the last observations and infos of episodes that have ended."""
         columns, last = self._columns(), {}
         for index, info in ended.items():
             final = info | {name: values[index] for name, values in columns.items()}
-            last[index] = {"final_obs": self._observations[index].copy(), "final_info": final}
+            last[index] = {"final_obs": self._episodes.seen[index].copy(), "final_info": final}
         return self._tell({}, last)
 
     def close_extras(self, **kwargs: object) -> None:
-        """Close the environments and end the threads."""
+        """Close the environments."""
         super().close_extras(**kwargs)
-        self._batch.close()
+        self._episodes.close()
 
 
 def _jackal(env: gymnasium.Env[Any, Any]) -> JackalEnv:

@@ -2,14 +2,15 @@
 
 import html
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
-from functools import cached_property
+from dataclasses import asdict, replace
+from functools import cached_property, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import overload
 
 import pandas as pd
 from matplotlib.axes import Axes
+from rich.console import Console
 
 from barn_eval.analysis.measures import metric_of
 from barn_eval.analysis.planners import spelling
@@ -20,16 +21,20 @@ from barn_eval.analysis.tables import headline_table
 from barn_eval.analysis.verdict import cautions, results_verdict
 from barn_eval.bags import BAGS
 from barn_eval.experiments.check import difference
+from barn_eval.experiments.engine import Job
+from barn_eval.experiments.experiment import Execution
 from barn_eval.experiments.folder import REPLAYS
 from barn_eval.experiments.live import LivePlanner, Planners, split_planners
 from barn_eval.experiments.rows import results_table, timing_table
-from barn_eval.pages.figures import Plot
-from barn_eval.pages.notebook import Page
-from barn_eval.pages.report.catalogue import CHARTS, figure_of, plot
-from barn_eval.results.again import Again
+from barn_eval.experiments.run_file import RunFile
+from barn_eval.experiments.store import Record, Store
+from barn_eval.pages.figures import Page, Plot
+from barn_eval.pages.report.charts import CHARTS
+from barn_eval.pages.report.page import figure_of, plot
 from barn_eval.results.folders import Folder, compare, overlay, replay, replay_files, report
 from barn_eval.results.frames import frame, frame_of
 from barn_eval.results.trial import Trial
+from barn_eval.ros.work import work_of
 from barn_eval.trials.result import TrialResult
 from barn_worlds.base.errors import ConfigError, suggest
 
@@ -172,7 +177,7 @@ class Results:
         """Draw a figure of a report.
 
         Args:
-            what: worlds (time per metre in each), outcomes (of each trial), distributions, overview, compute, trade,
+            what: worlds (time per metre in each), outcomes (of each trial), distributions, compute, trade,
                 bands, paired or hardest (maps of worlds with the trajectories of their trials).
             ax: Axes of matplotlib to draw onto, as many as the figure has panels; for worlds one.
 
@@ -205,8 +210,19 @@ class Results:
         folder = self.folder / REPLAYS
         page = Path(out or folder / f"{trial}.html")
         replay_files([page])
-        bag = next((path for path in (self._source.bag(trial), folder / BAGS / trial) if path.is_dir()), None)
-        return replay(bag or Again(self.folder, self._live).bag(result, folder), page)
+        bag = self._source.bag(trial)
+        if not bag.is_dir():
+            bag = folder / BAGS / trial
+        if not bag.is_dir():
+            say = partial(Console(stderr=True).print, highlight=False)
+            say(f"no bag of {trial} was kept: it is driven once more")
+            again = self._drive(result, folder, "all")
+            if again.repeatable() != result.repeatable():
+                say(
+                    f"{trial} went otherwise this time: {again.outcome.value}, not {result.outcome.value} as in its"
+                    " row, or by another way; its planner does not repeat itself"
+                )
+        return replay(bag, page)
 
     def overlay(self, world: int, by: str = "planner", *, planners: Sequence[str] = (), outcome: str = "") -> Plot:
         """Return the trials in a world, drawn over it; as `barn.results.overlay`."""
@@ -230,7 +246,21 @@ class Results:
         """
         result = self._result(trial)
         with TemporaryDirectory() as folder:
-            return difference(result, Again(self.folder, self._live).drive(result, Path(folder), bags="none"))
+            return difference(result, self._drive(result, Path(folder), "none"))
+
+    def _drive(self, result: TrialResult, folder: Path, bags: str) -> TrialResult:
+        """Drive a trial once more, alone, its bag in a folder, and return its new result."""
+        experiment, name = replace(RunFile.read(self.folder).configuration(), bags=bags), result.planner
+        (choice,) = (one for one in experiment.planners if one.name == name)
+        if choice.source and name not in self._live:
+            raise ConfigError(f"planner {name!r} was a Python object: barn.load(folder, planners=...) takes it")
+        if choice.source and self._live[name].choice().source != choice.source:
+            raise ConfigError(f"planner {name!r} is not the one of these results: its source differs")
+        (spec,) = (one for one in experiment.trials([result.world]) if one.trial_id == result.trial_id)
+        kept: list[object] = []  # what mode ros reports on the way
+        work = work_of(experiment, Execution(workers=1), Store(folder.absolute(), bags), self._live)
+        done = work.run(Job(result.trial_id, (spec,)), kept.append)
+        return next(one for one in (done, *kept) if isinstance(one, Record)).result
 
     def _result(self, trial: str | int) -> TrialResult:
         found = {result.trial_id: result for result in self.trials}
@@ -255,10 +285,12 @@ class Results:
         groups = by_planner(self.trials)
         summaries = [summarise(one) for one in groups.values()]
         found = headline_table([spelling(name) for name in groups], summaries, metric_of(self.trials))
-        rows = [f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in found.rows]
-        head = "".join(f"<th>{html.escape(name)}</th>" for name in found.columns)
+        head, *rows = (
+            f"<tr>{''.join(f'<{tag}>{html.escape(cell)}</{tag}>' for cell in row)}</tr>"
+            for tag, row in [("th", found.columns), *(("td", row) for row in found.rows)]
+        )
         return (
             f"<p>{html.escape(repr(self))}</p><p>{html.escape(self.verdict())}</p>"
             f"<table><caption>{html.escape(found.title)}</caption>"
-            f"<thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>{self.plot().picture()}"
+            f"<thead>{head}</thead><tbody>{''.join(rows)}</tbody></table>{self.plot().picture()}"
         )

@@ -1,52 +1,49 @@
 """The evaluator node: resets the simulator, waits for the planner, sends the goal, judges, records, repeats.
 
-Subscribes /clock, cmd_vel, scan and, for the bags, whatever else is published. It judges by /clock, odom,
-ground_truth/odom and collision, which come by a private line from a simulator that the same supervisor has started, and
-by topics from one that was started by hand; the latter is led by its set_parameters, ~/reset and ~/pause.
-Publishes goal_pose (PoseStamped), or sends the goal to an action, and, where the protocol gives a map, map
-(OccupancyGrid, transient local). Calls the planner's set_parameters (seed), ~/reset and ~/ready where they are offered,
-and ~/get_state of managed nodes. Parameters are those of `barn_eval.experiments.ros_config.EvaluatorConfig`.
-How the trial stands is published on /score (Float64), /outcome (String) and /score_text (MarkerArray).
+It judges by /clock, odom, ground_truth/odom and collision, which come by a private line from a simulator that the same
+supervisor has started, and by topics from one that was started by hand; the latter is led by its services. For the bags
+it subscribes to whatever is published. Parameters are those of `barn_eval.experiments.ros_config.EvaluatorConfig`.
 """
 
 import os
 import signal
 import socket
 import sys
+import time
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import rclpy
 from rclpy.node import Node
 
-from barn_eval.bags.messages import TOPICS, TRUE_TOPICS
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.folder import opened
 from barn_eval.experiments.ros_config import EvaluatorConfig
-from barn_eval.experiments.store import Record, Store
-from barn_eval.ros.adapter import TrialTopics
-from barn_eval.ros.graph import GraphView, resolve_node_name
-from barn_eval.ros.integrity import Integrity
-from barn_eval.ros.planner import PlannerClient
-from barn_eval.ros.readiness import Endpoint
-from barn_eval.ros.recording import Recording, ScorePublisher
-from barn_eval.ros.remote import RemoteNode
-from barn_eval.ros.runner import Runner
-from barn_eval.ros.session import PLANNER, SIMULATOR, Abandoned, Session
-from barn_eval.ros.simulator import SimulatorClient
-from barn_eval.ros.simulator_channel import SimulatorChannel
-from barn_eval.ros.subscriber import Subscriber
+from barn_eval.experiments.store import Record, Store, finish_bag
+from barn_eval.ros.adapter import missed_periods, missed_share
+from barn_eval.ros.session import PLANNER, SIMULATOR, Abandoned, TrialEnded
 from barn_eval.ros.supervision.channel import Assignment, EventChannel
-from barn_eval.ros.trial import RunContext
+from barn_eval.ros.trial import RosTrial, RunContext
+from barn_eval.trials.outcome import ENVIRONMENT, Outcome, Verdict
 from barn_eval.trials.protocol import load_protocol
-from barn_eval.trials.result import to_json_line
-from barn_eval.trials.spec import simulator_config
+from barn_eval.trials.result import WallClock, to_json_line
+from barn_eval.trials.spec import TrialSpec, simulator_config
+from barn_eval.trials.trial import conclude
+from barn_worlds.base.config import from_dict
 from barn_worlds.base.errors import BarnError
-from barn_worlds.base.types import Velocity2D
-from barn_worlds.messages import decode
-from barn_worlds.messages.topics import CLOCK, CMD_VEL, COLLISION, DIAGNOSTICS, GROUND_TRUTH, ODOM, SCAN
+from barn_worlds.base.text_files import read_json
+from barn_worlds.base.types import nanoseconds
 from barn_worlds.robots.files import load_robot
 from barn_worlds.ros.parameters import declare
-from barn_worlds.ros.private_line import PrivateLine
+
+# Outcomes after which a process cannot be trusted with the next trial, and which process that is.
+FAULTS = {
+    **dict.fromkeys((Outcome.NO_FIRST_MOTION, Outcome.PLANNER_NOT_READY, Outcome.PLANNER_STALLED), PLANNER),
+    **dict.fromkeys((Outcome.WRONG_MESSAGE_TYPE, Outcome.INVALID_COMMAND, Outcome.INTERFERENCE), PLANNER),
+    Outcome.SIMULATOR_DIED: SIMULATOR,
+}
+STARTS = 3  # how often a trial is begun while it fails for a reason that is not the planner's, or does not begin
+_RESTART_S = 20.0
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -82,18 +79,19 @@ def main(arguments: list[str] | None = None) -> int:
 
 def run_assigned(node: Node, config: EvaluatorConfig, supervisor: EventChannel) -> None:
     """Run what the supervisor has assigned; results go to it."""
-    assignment = Assignment.read(Path(config.assignment))
-    context = build_context(node, config, supervisor, assignment.experiment.dataset, assignment.robot)
+    assignment = from_dict(Assignment, read_json(Path(config.assignment)), config.assignment)
+    context = RunContext(node, config, supervisor, assignment.experiment.dataset, assignment.robot)
+    session = context.session
 
     def keep(record: Record) -> None:
-        context.session.tell("result", row=to_json_line(record.result), track=record.track or "")
+        session.tell("result", row=to_json_line(record.result), track=record.track or "")
 
     if assignment.look_first:
-        context.integrity.require_alone(context.session, os.environ.get("ROS_DOMAIN_ID", ""))
+        context.integrity.require_alone(session, os.environ.get("ROS_DOMAIN_ID", ""))
         for name in (SIMULATOR, PLANNER):
-            context.session.tell("start", name=name)
+            session.tell("start", name=name)
     Runner(context, assignment.store, keep).run(assignment.specs())
-    context.session.tell("done")
+    session.tell("done")
 
 
 def run_alone(node: Node, config: EvaluatorConfig) -> None:
@@ -112,82 +110,99 @@ def run_alone(node: Node, config: EvaluatorConfig) -> None:
     )
     execution, out = Execution(workers=1, pictures=True), Path(config.out)
     with opened(out, experiment, execution, experiment.trials(started_by_hand=True)) as folder:
-        context = build_context(node, config, None, config.dataset, config.robot)
+        context = RunContext(node, config, None, config.dataset, config.robot)
         Runner(context, Store(out, config.bags, execution.pictures), folder.append).run(folder.remaining)
         folder.complete()
 
 
-def build_context(
-    node: Node, config: EvaluatorConfig, supervisor: EventChannel | None, dataset: str, robot: str
-) -> RunContext:
-    """Set up what all trials share: subscriptions, clients, and the view of the graph."""
-    view = GraphView(node)
-    simulator_name = resolve_node_name(node, config.simulator_node)
+class Runner:
+    """Runs trial after trial, each with its bag and row, and puts the others right again after a fault.
 
-    def forget(name: str) -> None:
-        """Leave out what a process had on the graph: the planner's is all but the simulator's."""
-        of_simulator = channel.participant if channel is not None else b""
+    keep: takes what is to be kept of each trial once its bag and picture are in the store.
+    """
 
-        def is_simulators(endpoint: Endpoint) -> bool:
-            return endpoint.participant == of_simulator if of_simulator else endpoint.node == simulator_name
+    def __init__(self, context: RunContext, store: Store, keep: Callable[[Record], None]) -> None:
+        self._context, self._store, self._keep = context, store, keep
+        self._failed_starts = self._driven = 0
 
-        view.leave_out(lambda endpoint: is_simulators(endpoint) != (name == PLANNER))
-        if channel is not None and name == SIMULATOR:
-            channel.participant = b""
+    def run(self, trials: Iterable[TrialSpec]) -> None:
+        """Run to the end; BarnError where no trial can be made at all."""
+        for spec in trials:
+            while not self._attempt(spec):
+                pass
 
-    session, subscriber = Session(node, supervisor, forget), Subscriber(node)
-    topics = topics_of_trial(node, subscriber)
-    channel = connect_simulator(session, subscriber, config)
-    unrecorded = {*config.bag_exclude, *(topic.path for topic in (*TRUE_TOPICS, *TOPICS))}
-    simulator = channel or RemoteNode(session, simulator_name, SIMULATOR)
-    return RunContext(
-        config=config,
-        session=session,
-        view=view,
-        subscriber=subscriber,
-        recording=Recording(node, subscriber, unrecorded, wake=topics.scan, needed={topics.scan, topics.diagnostics}),
-        simulator=SimulatorClient(session, simulator, config.patience, robot),
-        planner=PlannerClient(session, view, config),
-        scores=ScorePublisher(node, config.bag_exclude),
-        topics=topics,
-        dataset=dataset,
-        integrity=Integrity(
-            view,
-            channel,
-            simulator_name,
-            theirs=(topics.clock, topics.scan, topics.odometry, topics.truth, topics.collision),
-            ours=[node.resolve_topic_name(topic.name) for topic in TOPICS],
-            truth=topics.truth,
-            command=topics.command,
-        ),
-        channel=channel,
-    )
+    def _attempt(self, spec: TrialSpec) -> bool:
+        self._context.session.tell("trial", id=spec.trial_id)
+        began_s = time.monotonic()
+        with self._store.recorder(spec.trial_id) as recorder:
+            fresh = not self._driven or self._failed_starts > 0  # processes that have just been started
+            trial = RosTrial(self._context, spec, recorder, first=fresh)
+            verdict = trial.run()
+            missed = self._settle(verdict)
+            self._driven += trial.released
+            if self._is_to_be_repeated(verdict, trial):
+                return False
+            wall_clock = self._wall_clock(trial, verdict, time.monotonic() - began_s, missed)
+            finished = conclude(
+                spec,
+                "ros",
+                verdict,
+                trial.trial.log.trajectory(),
+                wall_clock=wall_clock,
+                recoveries=trial.trial.recoveries,
+                planner_verdict=trial.planner_verdict,
+                remarks="; ".join(filter(None, (wall_clock.remark, self._context.integrity.remarks))),
+            )
+            if recorder is not None:
+                finish_bag(recorder, finished)
+        self._keep(self._store.keep(finished))
+        return True
 
+    def _is_to_be_repeated(self, verdict: Verdict, trial: RosTrial) -> bool:
+        """Tell whether a trial is worth another start: it did not begin, or the planner is not to blame for its end."""
+        # a planner may end between two trials, for instance because it has reached its goal: its successor drives
+        unbegun = verdict.outcome is Outcome.PLANNER_DIED and not trial.released
+        not_its_fault = verdict.fault in (SIMULATOR, ENVIRONMENT)
+        if self._context.session.supervisor is None or not (unbegun or not_its_fault):
+            self._failed_starts = 0
+            return False
+        self._failed_starts += 1
+        if self._failed_starts < STARTS:
+            if trial.released:
+                why = f"{verdict.outcome.value}, {verdict.detail}"
+                self._context.session.note(f"{trial.trial.spec.trial_id} is repeated: {why}")
+            return True
+        self._failed_starts = 0
+        if not self._driven:
+            raise BarnError(f"{verdict.detail} at its start, {STARTS} times in a row")
+        return False
 
-def connect_simulator(session: Session, subscriber: Subscriber, config: EvaluatorConfig) -> SimulatorChannel | None:
-    """See to it that what trials are judged by arrives; return the channel that it comes by, None where by topics."""
-    names = {topic: session.node.resolve_topic_name(topic.name) for topic in (CLOCK, ODOM, GROUND_TRUTH, COLLISION)}
-    private = config.simulator_fd >= 0
-    for topic, name in names.items():
-        if private and topic is not CLOCK:  # which shows how far the other topics are
-            subscriber.provide(name, topic.type_name)
-        else:
-            subscriber.subscribe(name, topic.type_name)
-    known_as = {topic.name: name for topic, name in names.items()}
-    return SimulatorChannel(session, PrivateLine(config.simulator_fd), known_as) if private else None
+    def _settle(self, verdict: Verdict) -> int:
+        """Stop the simulator, restart what is in doubt, and return in how many cycles the simulator waited in vain."""
+        session, restart = self._context.session, self._context.config.restart_planner
+        doubtful, missed = FAULTS.get(verdict.outcome), 0
+        if doubtful != SIMULATOR:
+            try:
+                missed = self._context.simulator.pause()
+            except TrialEnded as end:
+                session.node.get_logger().warning(f"after the verdict: {end}")
+                doubtful = SIMULATOR
+        if doubtful == SIMULATOR:
+            session.restart(SIMULATOR, _RESTART_S)
+        if restart == "each_trial" or (doubtful == PLANNER and restart == "on_fault"):
+            session.restart(PLANNER, _RESTART_S)
+        return missed
 
-
-def topics_of_trial(node: Node, subscriber: Subscriber) -> TrialTopics:
-    """Return the topics that a trial is judged by, after remapping, and how its commands are read."""
-    judged = (CLOCK, ODOM, GROUND_TRUTH, COLLISION, CMD_VEL, SCAN, DIAGNOSTICS)
-    clock, odometry, truth, collision, command, scan, diagnostics = (
-        node.resolve_topic_name(topic.name) for topic in judged
-    )
-
-    def read_command(data: bytes) -> Velocity2D:
-        return decode.command(data, subscriber.topics()[command])
-
-    return TrialTopics(clock, odometry, truth, collision, command, scan, diagnostics, read_command)
+    def _wall_clock(self, trial: RosTrial, verdict: Verdict, lasted_s: float, waited: int) -> WallClock:
+        factor = verdict.duration_s / trial.wall_s if trial.wall_s else None
+        if (adapter := trial.adapter) is None:
+            return WallClock.of(lasted_s, [], factor, waited)
+        spec, rate_hz = trial.trial.spec, self._context.config.planner_rate_hz
+        period_s = 1.0 / rate_hz if rate_hz else spec.protocol.control_period_s
+        silence_s = max(spec.simulator.drive.command_timeout_s, 2.0 * period_s)
+        period_ns, came = nanoseconds(period_s), (adapter.commands_ns, adapter.now_ns)
+        missed = max(waited, missed_periods(*came, period_ns, nanoseconds(silence_s)))
+        return WallClock.of(lasted_s, adapter.response_times_s, factor, missed, missed_share(missed, *came, period_ns))
 
 
 if __name__ == "__main__":

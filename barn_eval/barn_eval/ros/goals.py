@@ -1,6 +1,5 @@
 """The two ways in which a planner gets its goal: a topic, or an action that also tells what became of it."""
 
-from abc import ABC, abstractmethod
 from typing import Any
 
 from action_msgs.msg import GoalStatus
@@ -27,51 +26,24 @@ _ENDINGS = {
 }
 
 
-class GoalChannel(ABC):
-    """How goals, each a serialised PoseStamped, reach the planner.
+class TopicGoal:
+    """Goals, each a serialised PoseStamped, by the publisher `offered`; what becomes of them is not heard."""
 
-    offered: the evaluator's publisher, if there is one. action: name and type of the action, if there is one.
-    verdict: what the planner said of the last goal, None where it cannot say.
-    """
-
-    offered: Endpoint | None = None
     action: tuple[str, str] | None = None
     verdict: str | None = None
-
-    @abstractmethod
-    def begin(self, goal: bytes) -> None:
-        """Hand over the goal of a trial and return once it has been received; TrialEnded if it is not."""
-
-    @abstractmethod
-    def repeat(self, goal: bytes) -> None:
-        """Hand over the goal again, during the trial, without waiting."""
-
-    @abstractmethod
-    def end(self) -> None:
-        """Withdraw the goal, the trial being over, where that is possible."""
-
-
-def goal_channel(session: Session, view: GraphView, config: EvaluatorConfig) -> GoalChannel:
-    """Return the channel that the configuration asks for; ConfigError where its action's type cannot be used."""
-    return ActionGoal(session, config) if config.goal_by == "action" else TopicGoal(session, view, config)
-
-
-class TopicGoal(GoalChannel):
-    """Goals as messages; what becomes of them is not heard."""
 
     def __init__(self, session: Session, view: GraphView, config: EvaluatorConfig) -> None:
         self._session, self._view = session, view
         self._limit_s = config.patience.service_s
         self._publisher = publisher(session.node, GOAL_POSE)
-        self.offered = Endpoint(self._publisher.topic_name, GOAL_POSE.type_name, b"")
+        self.offered = [Endpoint(self._publisher.topic_name, GOAL_POSE.type_name, b"")]
 
     def begin(self, goal: bytes) -> None:
         """Publish the goal once all who subscribe are connected: a planner without ~/ready hears it only once."""
         topic = self._publisher.topic_name
         listeners = sum(endpoint.topic == topic for endpoint in self._view.graph().subscriptions)
-        if not self._session.wait(
-            lambda: self._publisher.get_subscription_count() >= listeners, self._limit_s, PLANNER
-        ):
+        heard = self._publisher.get_subscription_count
+        if not self._session.wait(lambda: heard() >= listeners, self._limit_s, PLANNER):
             raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no connection to the subscription to {topic}")
         self.repeat(goal)
 
@@ -83,8 +55,8 @@ class TopicGoal(GoalChannel):
         """Do nothing: what is published cannot be taken back."""
 
 
-class ActionGoal(GoalChannel):
-    """Goals as those of an action such as NavigateToPose."""
+class ActionGoal:
+    """Goals as those of an action such as NavigateToPose, given by name and type; it tells what became of the last."""
 
     def __init__(self, session: Session, config: EvaluatorConfig) -> None:
         self._session, self._patience = session, config.patience
@@ -92,8 +64,22 @@ class ActionGoal(GoalChannel):
         self._client = ActionClient(session.node, self._kind, config.goal_action)
         self._name = session.node.resolve_service_name(config.goal_action)
         self.action = (self._name, config.goal_action_type)
-        self._handle: Any = None
-        self._sent = 0
+        self.offered: list[Endpoint] = []
+        self._sent: Future | None = None
+        self._result: Future | None = None
+
+    @property
+    def verdict(self) -> str | None:
+        """How the last goal fares: sent, rejected, executing, or how it ended; None where there is none."""
+        if self._sent is None:
+            return None
+        if not self._sent.done():
+            return "sent"
+        handle = self._sent.result()
+        if not handle.accepted:
+            return "rejected"
+        self._result = self._result or handle.get_result_async()
+        return _described(self._result.result()) if self._result.done() else "executing"
 
     def begin(self, goal: bytes) -> None:
         """Send the goal until it is accepted."""
@@ -101,76 +87,52 @@ class ActionGoal(GoalChannel):
         # a server that ~/reset has taken down may be on its way up
         if not self._session.wait(self._client.server_is_ready, patience.gate_s, PLANNER):
             raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no connection to the action {name}")
-        self._handle = None
         attempts_s = 0.0
-        while self._handle is None:
-            self._send(goal)
-            if not self._session.wait(lambda: self.verdict != "sent", patience.service_s, PLANNER):
-                raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no answer from the action {name}")
-            if self._handle is None:
-                if attempts_s >= patience.gate_s:
-                    raise TrialEnded(Outcome.PLANNER_NOT_READY, f"the action {name} has refused the goal")
-                attempts_s += _AGAIN_S
-                self._session.sleep(_AGAIN_S, PLANNER)
+        self.repeat(goal)
+        while self._session.wait(lambda: self.verdict != "sent", patience.service_s, PLANNER):
+            if self.verdict != "rejected":
+                return
+            if attempts_s >= patience.gate_s:
+                raise TrialEnded(Outcome.PLANNER_NOT_READY, f"the action {name} has refused the goal")
+            attempts_s += _AGAIN_S
+            self._session.sleep(_AGAIN_S, PLANNER)
+            self.repeat(goal)
+        raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no answer from the action {name}")
 
     def repeat(self, goal: bytes) -> None:
-        """Send the goal again if the planner has given it up."""
+        """Send the goal, or again if the planner has given it up."""
         if self.verdict not in ("sent", "executing", "succeeded"):
-            self._send(goal)
+            request = self._kind.Goal(pose=deserialize_message(goal, PoseStamped))
+            self._sent, self._result = self._client.send_goal_async(request), None
 
     def end(self) -> None:
         """Cancel the goal if it is still being worked on, and see that the planner has heard so."""
-        self._sent += 1  # what comes of earlier goals is no longer of interest
-        verdict, self.verdict = self.verdict, None
-        if verdict == "executing":
-            future = self._handle.cancel_goal_async()
+        verdict, sent, self._sent = self.verdict, self._sent, None
+        if sent is not None and verdict == "executing":
+            future = sent.result().cancel_goal_async()
             try:
                 self._session.wait(future.done, self._patience.vanished_s, PLANNER)
             except TrialEnded as end:
                 self._session.node.get_logger().info(f"while the goal was cancelled: {end}")
 
-    def _send(self, goal: bytes) -> None:
-        self._sent += 1
-        number = self._sent
-        self.verdict = "sent"
-        request = self._kind.Goal(pose=deserialize_message(goal, PoseStamped))
-        self._client.send_goal_async(request).add_done_callback(lambda future: self._answered(future, number))
-
-    def _answered(self, future: Future, number: int) -> None:
-        if number != self._sent:
-            return
-        handle = future.result()
-        if not handle.accepted:
-            self.verdict = "rejected"
-            return
-        self._handle, self.verdict = handle, "executing"
-        handle.get_result_async().add_done_callback(lambda result: self._ended(result, number))
-
-    def _ended(self, future: Future, number: int) -> None:
-        if number == self._sent:
-            answer = future.result()
-            self.verdict = describe(answer.status, answer.result)
-
 
 def action_class(type_name: str) -> Any:
     """Return the class of an action such as "nav2_msgs/action/NavigateToPose"; ConfigError if it cannot take a goal."""
     where = f"goal_action_type {type_name!r}"
-    package, *rest = type_name.split("/")
-    if len(rest) != 2:
+    if type_name.count("/") != 2:
         raise ConfigError(f"{where}: must be PACKAGE/action/NAME")
     found = message_class(type_name)
     if found is None:
-        raise ConfigError(f"{where}: {package} is not installed; goal_by topic does without")
+        raise ConfigError(f"{where}: {type_name.partition('/')[0]} is not installed; goal_by topic does without")
     fields = found.Goal.get_fields_and_field_types()
     if fields.get("pose") != _POSE_TYPE:
         raise ConfigError(f"{where}: its goal must have a field pose of type {_POSE_TYPE}, it has {fields}")
     return found
 
 
-def describe(status: int, result: object) -> str:
+def _described(answer: Any) -> str:
     """Return how an action ended, with the code and the message that some results have."""
-    ending = _ENDINGS.get(status, f"status {status}")
+    ending, result = _ENDINGS.get(answer.status, f"status {answer.status}"), answer.result
     code, message = getattr(result, "error_code", 0), getattr(result, "error_msg", "")
-    details = [f"error {code}"] if code else []
-    details += [message] if message else []
-    return f"{ending} ({', '.join(details)})" if details else ending
+    details = ", ".join(filter(None, (f"error {code}" if code else "", message)))
+    return f"{ending} ({details})" if details else ending

@@ -1,92 +1,86 @@
 """The planner under test as the evaluator meets it: any node that takes scans and sends commands."""
 
 import time
+from collections.abc import Callable
 
 from rclpy.node import Node
 
 from barn_eval.experiments.ros_config import EvaluatorConfig
-from barn_eval.ros.goals import goal_channel
+from barn_eval.ros.goals import ActionGoal, TopicGoal
 from barn_eval.ros.graph import GraphView, resolve_node_name
-from barn_eval.ros.loopback import reach
 from barn_eval.ros.readiness import Finding, Needs, inspect
-from barn_eval.ros.remote import SET_PARAMETERS, LifecycleNodes, RemoteNode, ServiceRefused, ServiceTimeout
+from barn_eval.ros.remote import SET_PARAMETERS, RemoteNode, ServiceRefused, ServiceTimeout
 from barn_eval.ros.session import PLANNER, Session, TrialEnded
+from barn_eval.ros.supervision.nodes import reach
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.messages import topics
 from barn_worlds.messages.encode import PoseStampedEncoder, encode_map
 from barn_worlds.ros.topics import publisher
 
-_LOOK_S = 0.05  # between two looks at the graph
 _REPEAT_S = 0.5  # between two goals while the planner is not ready
 _INPUTS = (topics.SCAN, topics.ODOM, topics.GOAL_POSE, topics.MAP, topics.AMCL_POSE, topics.TF)
 _INPUT_TYPES = {topic.name.lstrip("/"): topic.type_name for topic in _INPUTS}
 
 
 class PlannerClient:
-    """Waits until the planner is there, tells it what to do and waits until it is ready.
-
-    lifecycle: managed nodes that it consists of.
-    """
+    """Waits until the planner is there, tells it what to do and waits until it is ready; `goal`: how it gets that."""
 
     def __init__(self, session: Session, view: GraphView, config: EvaluatorConfig) -> None:
         node: Node = session.node
-        self._session = session
-        self._view = view
-        self._config = config
-        self._patience = config.patience
-        self._name = resolve_node_name(node, config.planner_node) if config.planner_node else ""
-        self._remote = RemoteNode(session, self._name, PLANNER)
-        self._known = False  # whether the named node has been looked at
+        self._session, self._view = session, view
+        self._config, self._patience = config, config.patience
         self._remotes: dict[str, RemoteNode] = {}
-        self._goal = goal_channel(session, view, config)
+        self._name = resolve_node_name(node, config.planner_node) if config.planner_node else ""
+        self._remote = self._known(self._name)
+        self._looked_at = False  # whether the named node has been
+        self._managed = [self._known(resolve_node_name(node, name)) for name in config.lifecycle_nodes]
+        by_action = config.goal_by == "action"
+        self.goal = ActionGoal(session, config) if by_action else TopicGoal(session, view, config)
         self._maps = publisher(node, topics.MAP) if config.publish_map else None
-        self.lifecycle = LifecycleNodes(session, config.lifecycle_nodes)
-        inputs = [name for name in config.required_inputs if name != "goal_pose" or self._goal.action is None]
+        inputs = [name for name in config.required_inputs if name != "goal_pose" or not by_action]
+        domain = node.context.get_domain_id()
         self._needs = Needs(
             node.resolve_topic_name(topics.CMD_VEL.name),
             config.command_type,
             [(node.resolve_topic_name(name), _INPUT_TYPES[name]) for name in inputs],
-            offered=[self._goal.offered] if self._goal.offered else [],
-            action=self._goal.action,
+            offered=self.goal.offered,
+            action=self.goal.action,
             known_nodes={resolve_node_name(node, config.simulator_node)},
-            surroundings=_surroundings(node),
+            surroundings=f"on ROS domain {domain}, discovery range {reach()}: compare the planner's environment",
         )
 
-    @property
-    def verdict(self) -> str | None:
-        """What the planner itself says of the trial, None where it is not asked."""
-        return self._goal.verdict
-
     def await_node(self, limit_s: float) -> None:
-        """Wait until the node that the configuration names is there; from then on, a managed one has to be active.
-
-        Otherwise one that is slow to start would be taken for one without ~/ready. TrialEnded after the limit.
-        """
+        """Wait for the node that the configuration names: a slow one is not one without ~/ready; else TrialEnded."""
 
         def missing() -> str:
             there = not self._name or self._name in self._view.nodes()
             return "" if there else f"the node {self._name} (planner_node) is not there"
 
-        if text := self._session.wait_for("the planner: ", missing, _LOOK_S, limit_s, PLANNER):
-            raise TrialEnded(Outcome.PLANNER_NOT_READY, f"{text} (waited {limit_s:g} s)")
-        if self._name and not self._known:
-            self._known = True
-            self.lifecycle.add(self._remote)
+        self._wait_for(missing, limit_s)
+        if self._name and not self._looked_at:  # services are seen after their node
+            self._looked_at = True
             self._session.wait(lambda: self._remote.offers("get_state"), self._patience.settle_s, PLANNER)
 
-    def await_presence(self, limit_s: float) -> Finding:
-        """Wait until everything that a planner must have is on the graph and return what was found.
+    def inactive(self) -> str:
+        """Return which managed nodes, the planner's own included, are not active now, in words."""
+        own = [self._remote] if self._name and self._remote.offers("get_state") else []
+        nodes = {node.name: node for node in (*self._managed, *own)}
+        return "; ".join(filter(None, (node.fault_of_state() for node in nodes.values())))
 
-        Raises TrialEnded with all that is missing after the limit; sooner where a type is wrong.
-        """
+    def await_active(self) -> None:
+        """Return once all managed nodes are active; TrialEnded, naming those that are not, after the limit."""
+        self._wait_for(self.inactive, self._patience.lifecycle_s, "managed nodes: ")
+
+    def await_presence(self, limit_s: float) -> Finding:
+        """Wait until a planner has all that it must have and return what was found; else TrialEnded with what lacks."""
         complete_since = wrong_since = None
         finding = Finding()
 
         def missing() -> str:
             nonlocal finding, complete_since, wrong_since
             now, finding = time.monotonic(), inspect(self._view.graph(), self._needs)
-            known = finding.ready and bool(self._name or finding.command_node)
+            known = not finding.missing and bool(self._name or finding.command_node)
             complete_since = (complete_since or now) if known else None
             wrong_since = (wrong_since or now) if finding.outcome is Outcome.WRONG_MESSAGE_TYPE else None
             if wrong_since is not None and now - wrong_since > self._patience.mismatch_s:
@@ -94,9 +88,8 @@ class PlannerClient:
             settled = complete_since is not None and now - complete_since >= self._patience.settle_s
             return "" if settled else finding.text() or "it has just come"
 
-        if text := self._session.wait_for("the planner: ", missing, _LOOK_S, limit_s, PLANNER):
-            raise TrialEnded(finding.outcome, f"{text} (waited {limit_s:g} s)")
-        self._meet(self._name or finding.command_node)
+        self._wait_for(missing, limit_s)
+        self._remote = self._known(self._name or finding.command_node)
         return finding
 
     def instruct(self, spec: TrialSpec, stamp_ns: int) -> None:
@@ -104,14 +97,14 @@ class PlannerClient:
         self._reset(spec)
         if spec.map is not None and self._maps is not None:
             self._maps.publish(encode_map(spec.map, stamp_ns, self._config.map_frame))
-        self._goal.begin(self._goal_message(spec, stamp_ns))
+        self.goal.begin(self._goal_message(spec, stamp_ns))
         if not self._remote.offers("ready"):
             return
         deadline = time.monotonic() + self._patience.gate_s
         repeat_at = time.monotonic() + _REPEAT_S
-        while (reason := self._not_ready()) is not None:
+        while refused := self._refused(lambda: self._remote.trigger("ready", self._patience.service_s)):
             if time.monotonic() > deadline:
-                raise TrialEnded(Outcome.PLANNER_NOT_READY, f"{self._remote.name} says: {reason}")
+                raise TrialEnded(Outcome.PLANNER_NOT_READY, refused)
             if time.monotonic() > repeat_at:
                 repeat_at += _REPEAT_S
                 self.repeat_goal(spec, stamp_ns)
@@ -119,19 +112,11 @@ class PlannerClient:
 
     def repeat_goal(self, spec: TrialSpec, stamp_ns: int) -> None:
         """Hand over the goal again."""
-        self._goal.repeat(self._goal_message(spec, stamp_ns))
-
-    def dismiss(self) -> None:
-        """Take the goal back, the trial being over."""
-        self._goal.end()
+        self.goal.repeat(self._goal_message(spec, stamp_ns))
 
     def publishes(self) -> bool:
         """Tell whether the planner's publisher of commands is on the graph."""
         return bool(self._view.publishers(self._needs.command_topic))
-
-    def topics(self) -> dict[str, str]:
-        """Return what the node that sends the commands publishes: topic to type."""
-        return self._view.topics_of(self._remote.name)
 
     def clock_fault(self) -> str:
         """Return what is wrong with the planner's idea of time, as far as its parameters tell; empty if nothing is."""
@@ -143,44 +128,35 @@ class PlannerClient:
             return ""
         return f"use_sim_time is off in {self._remote.name}" if simulated is False else ""
 
+    def _wait_for(self, missing: Callable[[], str], limit_s: float, what: str = "the planner: ") -> None:
+        if text := self._session.wait_for(what, missing, limit_s, PLANNER):
+            raise TrialEnded(Outcome.PLANNER_NOT_READY, f"{text} (waited {limit_s:g} s)")
+
     def _goal_message(self, spec: TrialSpec, stamp_ns: int) -> bytes:
         frame = self._config.map_frame if spec.protocol.map_given else self._config.odom_frame
         return PoseStampedEncoder(frame).encode(spec.goal, stamp_ns)
 
-    def _meet(self, name: str) -> None:
-        if name not in self._remotes:
-            self._remotes[name] = RemoteNode(self._session, name, PLANNER)
-        self._remote = self._remotes[name]
+    def _known(self, name: str) -> RemoteNode:
+        return self._remotes.setdefault(name, RemoteNode(self._session, name, PLANNER))
 
     def _reset(self, spec: TrialSpec) -> None:
-        limit_s = self._patience.service_s
-        try:
-            if self._remote.offers(SET_PARAMETERS):
-                self._seed(spec, limit_s)
-            if self._remote.offers("reset"):
-                self._remote.trigger_once("reset", limit_s)
-        except ServiceTimeout as error:
-            raise TrialEnded(Outcome.PLANNER_NOT_READY, str(error)) from None
-        except ServiceRefused as error:
-            raise TrialEnded(Outcome.PLANNER_NOT_READY, f"{self._remote.name} says: {error}") from None
+        remote, limit_s = self._remote, self._patience.service_s
 
-    def _seed(self, spec: TrialSpec, limit_s: float) -> None:
-        try:
-            self._remote.set_parameters({"seed": spec.planner_seed}, limit_s)
-        except ServiceRefused as error:
+        def seed() -> None:
+            remote.set_parameters({"seed": spec.planner_seed}, limit_s)
+
+        if remote.offers(SET_PARAMETERS) and (refused := self._refused(seed)):
             # a planner that takes no seed is no less a planner
-            self._session.node.get_logger().info(f"the planner is not seeded: {error}", once=True)
+            self._session.node.get_logger().info(f"the planner is not seeded: {refused}", once=True)
+        if remote.offers("reset") and (refused := self._refused(lambda: remote.trigger("reset", limit_s, limit_s))):
+            raise TrialEnded(Outcome.PLANNER_NOT_READY, refused)
 
-    def _not_ready(self) -> str | None:
+    def _refused(self, call: Callable[[], object]) -> str:
+        """Call a service of the planner and return what it says against that; TrialEnded if it does not answer."""
         try:
-            self._remote.trigger("ready", self._patience.service_s)
+            call()
         except ServiceRefused as error:
-            return str(error)
+            return f"{self._remote.name} says: {error}"
         except ServiceTimeout as error:
             raise TrialEnded(Outcome.PLANNER_NOT_READY, str(error)) from None
-        return None
-
-
-def _surroundings(node: Node) -> str:
-    """Return where the graph is looked at, for the user to compare with the planner's environment."""
-    return f"on ROS domain {node.context.get_domain_id()}, discovery range {reach()}: compare the planner's environment"
+        return ""

@@ -3,9 +3,7 @@
 Nothing here knows ROS: endpoints come in as plain data, so that every diagnosis is tested without a graph.
 """
 
-from __future__ import annotations
-
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 
 from barn_eval.trials.outcome import Outcome
@@ -44,6 +42,11 @@ class Graph:
     subscriptions: Sequence[Endpoint] = ()
     actions: Sequence[tuple[str, str]] = ()
 
+    @property
+    def endpoints(self) -> tuple[Endpoint, ...]:
+        """All of them."""
+        return (*self.publishers, *self.subscriptions)
+
 
 @dataclass(frozen=True)
 class Needs:
@@ -73,11 +76,6 @@ class Finding:
     outcome: Outcome = Outcome.PLANNER_NOT_READY
     command_reliable: bool = True
 
-    @property
-    def ready(self) -> bool:
-        """Whether nothing is missing."""
-        return not self.missing
-
     def text(self) -> str:
         """Return what is missing as one line."""
         return "; ".join(self.missing)
@@ -87,72 +85,59 @@ def inspect(graph: Graph, needs: Needs) -> Finding:
     """Return what of the needs the graph meets."""
     commands = [endpoint for endpoint in graph.publishers if endpoint.topic == needs.command_topic]
     types = sorted({endpoint.type_name for endpoint in commands})
-    faults = _command_faults(graph, needs, types)
-    for topic, type_name in needs.inputs:
-        faults += _input_faults(graph, needs, topic, type_name)
-    faults += _action_faults(graph, needs)
+    faults = [*_command_faults(graph, needs, types), *_input_faults(graph, needs), *_action_faults(graph, needs)]
     missing = [text for text, _ in faults]
-    if faults and all(endpoint.node in needs.known_nodes for endpoint in (*graph.publishers, *graph.subscriptions)):
-        missing.append("no node of a planner is seen" + (f" {needs.surroundings}" if needs.surroundings else ""))
-    wrong_type = any(wrong for _, wrong in faults)
+    if faults and all(endpoint.node in needs.known_nodes for endpoint in graph.endpoints):
+        missing.append(f"no node of a planner is seen {needs.surroundings}".rstrip())
     return Finding(
         types[0] if len(types) == 1 and types[0] in ACCEPTED[needs.command_type] else "",
         min((endpoint.node for endpoint in commands), default=""),
         tuple(missing),
-        Outcome.WRONG_MESSAGE_TYPE if wrong_type else Outcome.PLANNER_NOT_READY,
+        Outcome.WRONG_MESSAGE_TYPE if any(wrong for _, wrong in faults) else Outcome.PLANNER_NOT_READY,
         all(endpoint.reliable for endpoint in commands),
     )
 
 
-_Faults = list[tuple[str, bool]]  # what is missing, and whether a type is wrong
+_Faults = Iterator[tuple[str, bool]]  # what is missing, and whether a type is wrong
 
 
 def _command_faults(graph: Graph, needs: Needs, types: Sequence[str]) -> _Faults:
     topic, accepted = needs.command_topic, ACCEPTED[needs.command_type]
     if not types:
-        return [(f"no publisher on {topic}{_elsewhere(graph, topic)}", False)]
-    if len(types) > 1:
-        return [(f"publishers of different types on {topic}: {', '.join(map(short, types))}", True)]
-    if types[0] in accepted:
-        return []
-    expected = " or ".join(map(short, accepted))
-    exists = f"a {short(types[0])} publisher exists on {topic}, this run expects {expected}"
-    return [(f"no publisher on {topic}; {exists}", True)]
+        velocities = (one for one in graph.publishers if one.type_name in (TWIST, TWIST_STAMPED))
+        found = min(((one.topic, one.type_name) for one in velocities), default=None)
+        hint = f"; a {short(found[1])} publisher exists on {found[0]}, remap it" if found else ""
+        yield f"no publisher on {topic}{hint}", False
+    elif len(types) > 1:
+        yield f"publishers of different types on {topic}: {', '.join(map(short, types))}", True
+    elif types[0] not in accepted:
+        expected = " or ".join(map(short, accepted))
+        exists = f"a {short(types[0])} publisher exists on {topic}, this run expects {expected}"
+        yield f"no publisher on {topic}; {exists}", True
 
 
-def _elsewhere(graph: Graph, topic: str) -> str:
-    found = sorted({(one.topic, one.type_name) for one in graph.publishers if one.type_name in (TWIST, TWIST_STAMPED)})
-    found = [(name, kind) for name, kind in found if name != topic]
-    if not found:
-        return ""
-    name, kind = found[0]
-    return f"; a {short(kind)} publisher exists on {name}, remap it"
-
-
-def _input_faults(graph: Graph, needs: Needs, topic: str, type_name: str) -> _Faults:
-    readers = [endpoint for endpoint in graph.subscriptions if endpoint.topic == topic]
-    if not readers:
-        return [(f"no subscription to {topic}{_read_elsewhere(graph, needs, type_name)}", False)]
-    right = [endpoint for endpoint in readers if endpoint.type_name == type_name]
-    if not right:
-        found = ", ".join(sorted({short(endpoint.type_name) for endpoint in readers}))
-        return [(f"no subscription to {topic}; one of {found} exists, it carries {short(type_name)}", True)]
-    writers = [endpoint for endpoint in (*graph.publishers, *needs.offered) if endpoint.topic == topic]
-    if writers and not any(_compatible(writer, reader) for writer in writers for reader in right):
-        asked = "reliable delivery" if right[0].reliable and not writers[0].reliable else "transient local durability"
-        return [(f"the subscription to {topic} asks for {asked}, which its publisher does not offer", False)]
-    return []
+def _input_faults(graph: Graph, needs: Needs) -> _Faults:
+    served = (*graph.publishers, *needs.offered)
+    for topic, type_name in needs.inputs:
+        readers = [endpoint for endpoint in graph.subscriptions if endpoint.topic == topic]
+        right = [endpoint for endpoint in readers if endpoint.type_name == type_name]
+        writers = [endpoint for endpoint in served if endpoint.topic == topic]
+        if not readers:
+            yield f"no subscription to {topic}{_read_elsewhere(graph, needs, type_name)}", False
+        elif not right:
+            found = ", ".join(sorted({short(endpoint.type_name) for endpoint in readers}))
+            yield f"no subscription to {topic}; one of {found} exists, it carries {short(type_name)}", True
+        elif writers and not any(_compatible(writer, reader) for writer in writers for reader in right):
+            unsure = right[0].reliable and not writers[0].reliable
+            asked = "reliable delivery" if unsure else "transient local durability"
+            yield f"the subscription to {topic} asks for {asked}, which its publisher does not offer", False
 
 
 def _read_elsewhere(graph: Graph, needs: Needs, type_name: str) -> str:
     fed = {endpoint.topic for endpoint in (*graph.publishers, *needs.offered)}
-    found = sorted(
-        endpoint.topic
-        for endpoint in graph.subscriptions
-        if endpoint.type_name == type_name and endpoint.topic not in fed and endpoint.node not in needs.known_nodes
-    )
-    if found:
-        return f"; a {short(type_name)} subscription exists on {found[0]}, remap it"
+    idle = (one for one in graph.subscriptions if one.type_name == type_name and one.topic not in fed)
+    if found := min((one.topic for one in idle if one.node not in needs.known_nodes), default=""):
+        return f"; a {short(type_name)} subscription exists on {found}, remap it"
     takers = sorted(name for name, kind in graph.actions if short(kind) == "NavigateToPose")
     if type_name == POSE_STAMPED and takers:
         return f"; the action {takers[0]} takes goals, set goal_by to action"
@@ -160,18 +145,15 @@ def _read_elsewhere(graph: Graph, needs: Needs, type_name: str) -> str:
 
 
 def _action_faults(graph: Graph, needs: Needs) -> _Faults:
-    if needs.action is None:
-        return []
+    if needs.action is None or needs.action in graph.actions:
+        return
     name, type_name = needs.action
-    found = sorted(kind for action, kind in graph.actions if action == name)
-    if type_name in found:
-        return []
-    if found:
-        kinds = ", ".join(map(short, found))
-        return [(f"no action {name} of {short(type_name)}; one of {kinds} exists", True)]
-    other = sorted(action for action, kind in graph.actions if kind == type_name)
-    hint = f"; a {short(type_name)} action exists as {other[0]}" if other else ""
-    return [(f"no action {name}{hint}", False)]
+    if found := sorted(kind for action, kind in graph.actions if action == name):
+        yield f"no action {name} of {short(type_name)}; one of {', '.join(map(short, found))} exists", True
+        return
+    other = min((action for action, kind in graph.actions if kind == type_name), default="")
+    hint = f"; a {short(type_name)} action exists as {other}" if other else ""
+    yield f"no action {name}{hint}", False
 
 
 def _compatible(writer: Endpoint, reader: Endpoint) -> bool:

@@ -12,7 +12,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import Typesdict
 from rosbags.typesys import TypesysError, get_types_from_msg
 
-from barn_eval.bags.messages import TOPICS
+from barn_eval.bags.messages import TOPICS, TRUE_TOPICS
 from barn_eval.bags.recorder import Recorder
 from barn_eval.ros.sequencer import Message
 from barn_eval.ros.subscriber import Subscriber
@@ -22,38 +22,35 @@ from barn_worlds.ros.topics import optional_publisher
 
 
 class Recording:
-    """Finds out what there is to record, subscribes to it and writes it to the bag of the trial in progress."""
+    """Finds out what there is to record, subscribes to it and writes it to the bag of the trial in progress.
 
-    def __init__(
-        self, node: Node, subscriber: Subscriber, exclude: Collection[str], *, wake: str, needed: Collection[str]
-    ) -> None:
-        self._node = node
-        self._subscriber = subscriber
-        self._exclude = set(exclude)
-        self._wake = wake
-        self._needed = set(needed)
+    needed: topics that are subscribed to even where nothing is recorded.
+    """
+
+    def __init__(self, node: Node, subscriber: Subscriber, exclude: Collection[str], needed: Collection[str]) -> None:
+        self._node, self._subscriber, self._needed = node, subscriber, needed
+        self._unwanted = set(exclude)
+        # The bag gets these from `show` and not over DDS: what is found out belongs to a tick that is over by then.
+        self._exclude = {*exclude, *(topic.path for topic in (*TRUE_TOPICS, *TOPICS))}
+        self._publishers = {topic: optional_publisher(node, topic) for topic in TOPICS}
         self._profiles: dict[str, Qos] = {}
         self._refused: set[str] = set()
         self._written: set[tuple[str, int]] = set()
 
     def discover(self, *, everything: bool) -> None:
         """Subscribe to what somebody publishes and is not subscribed to: all of it, or only what is needed."""
-        known = self._subscriber.topics()
+        done = self._refused | self._subscriber.topics().keys()
         for topic, types in self._node.get_topic_names_and_types():
             infos = self._node.get_publishers_info_by_topic(topic)
             wanted = (everything and topic not in self._exclude) or topic in self._needed
             if not infos or len(types) != 1 or not wanted:
                 continue
-            if topic not in self._profiles:
-                self._profiles[topic] = offered(infos)
-            if topic in known or topic in self._refused:
+            profile = self._profiles.setdefault(topic, offered(infos))
+            if topic in done:
                 continue
-            profile = self._profiles[topic]
             reliable, latched = profile.reliability == "reliable", profile.durability == "transient_local"
             obstacle = learn(types[0])
-            if not obstacle and not self._subscriber.subscribe(
-                topic, types[0], reliable=reliable, latched=latched, wake=topic == self._wake
-            ):
+            if not obstacle and not self._subscriber.subscribe(topic, types[0], reliable=reliable, latched=latched):
                 obstacle = f"{types[0]} is not installed"
             if obstacle:
                 self._refused.add(topic)
@@ -70,32 +67,18 @@ class Recording:
         """Write the messages of a tick."""
         types = self._subscriber.topics()
         for message in messages:
-            if (
-                message.topic in types
-                and message.topic not in self._exclude
-                and (message.topic, message.sent_ns) not in self._written
-            ):
+            wanted = message.topic in types and message.topic not in self._exclude
+            if wanted and (message.topic, message.sent_ns) not in self._written:
                 recorder.add_topic(message.topic, types[message.topic], self._profiles.get(message.topic, Qos()))
                 recorder.write(message.topic, message.data, stamp_ns)
 
-
-class ScorePublisher:
-    """Publishes and records how a trial stands; a topic of another kind, or not installed, is recorded only.
-
-    The bag gets it from here and not over DDS: what the evaluator finds out belongs to a tick that is over by then.
-    """
-
-    def __init__(self, node: Node, unrecorded: Collection[str]) -> None:
-        self._publishers = {topic: optional_publisher(node, topic) for topic in TOPICS}
-        self._unrecorded = set(unrecorded)
-
     def show(self, shown: Iterable[Outgoing], stamp_ns: int, recorder: Recorder | None) -> None:
-        """Publish messages where somebody listens, and write them to the bag, if there is one."""
+        """Publish what tells how a trial stands where somebody listens, and write it to the bag, if there is one."""
         for topic, data in shown:
-            sender = self._publishers.get(topic)
+            sender = self._publishers.get(topic)  # none of what is only recorded, or of a type not installed
             if sender is not None and sender.get_subscription_count():
                 sender.publish(data)
-            if recorder is not None and topic.path not in self._unrecorded:
+            if recorder is not None and topic.path not in self._unwanted:
                 latched = topic.qos.durability == LATCHED.durability
                 recorder.add_topic(topic.path, topic.type_name, LATCHED if latched else RELIABLE)
                 recorder.write(topic.path, data, stamp_ns)
@@ -124,24 +107,16 @@ def learn(type_name: str) -> str:
             found |= get_types_from_msg(files[0].read_text("utf-8"), name)
         except (TypesysError, OSError) as error:
             return f"{name} cannot be read from {files[0]}: {error}"
-        wanted += [part for _, field in found[name][1] for part in _parts(field)]
+        for _, field in found[name][1]:
+            part: Any = field[1][0] if field[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE) else field
+            wanted += [part[1]] if part[0] == Nodetype.NAME else []
     known.register(found)
     return ""
-
-
-def _parts(field: tuple[Nodetype, Any]) -> list[str]:
-    """Return the message types in the description of a field."""
-    node, about = field
-    if node == Nodetype.NAME:
-        return [about]
-    return _parts(about[0]) if node in (Nodetype.ARRAY, Nodetype.SEQUENCE) else []
 
 
 def offered(infos: Collection[TopicEndpointInfo]) -> Qos:
     """Return the profile that fits all publishers of a topic: reliable and latched if all of them are."""
     reliable = all(info.qos_profile.reliability is ReliabilityPolicy.RELIABLE for info in infos)
     latched = all(info.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL for info in infos)
-    depth = max(1, *(info.qos_profile.depth for info in infos)) if infos else 1
-    return Qos(
-        "reliable" if reliable else "best_effort", "transient_local" if latched else "volatile", 1 if latched else depth
-    )
+    depth = 1 if latched else max(1, *(info.qos_profile.depth for info in infos))
+    return Qos("reliable" if reliable else "best_effort", "transient_local" if latched else "volatile", depth)

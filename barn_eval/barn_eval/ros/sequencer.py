@@ -80,7 +80,9 @@ class TickSequencer:
     def complete(self) -> Iterator[Tick]:
         """Yield the ticks to which nothing can come any more, oldest first."""
         self._settle()
-        while len(self._open) > LATER_TICKS and self._is_heard(self._open[LATER_TICKS]):
+        while len(self._open) > LATER_TICKS:
+            if self._heard_ns is not None and self._open[LATER_TICKS].stamp_ns > self._heard_ns:
+                return
             yield self._open.popleft()
 
     def rest(self) -> Iterator[Tick]:
@@ -88,9 +90,6 @@ class TickSequencer:
         self._settle()
         while self._open:
             yield self._open.popleft()
-
-    def _is_heard(self, tick: Tick) -> bool:
-        return self._heard_ns is None or tick.stamp_ns <= self._heard_ns
 
     def _settle(self) -> None:
         """Move messages on that were taken before the tick that they belong to, in order."""

@@ -3,12 +3,10 @@
 import math
 import time
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TypeVar
 
-from rclpy.client import Client
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.task import Future
 
 from barn_eval.ros.supervision.channel import EventChannel
 from barn_eval.trials.outcome import Outcome
@@ -18,6 +16,7 @@ T = TypeVar("T")
 PLANNER, SIMULATOR = "planner", "simulator"
 _DIED = {PLANNER: Outcome.PLANNER_DIED, SIMULATOR: Outcome.SIMULATOR_DIED}
 _SPIN_S = 0.005  # longest time between two looks at conditions
+_LOOK_S = 0.05  # between two looks at what is missing
 _TELL_S = 5.0  # between two notes on what is waited for
 _SUSPENDED_S = 8.0  # between two spins: nothing that is done in between takes as long
 
@@ -27,9 +26,7 @@ class TrialEnded(Exception):
 
     def __init__(self, outcome: Outcome, detail: str, blamed: str = "") -> None:
         super().__init__(f"{outcome.value}: {detail}")
-        self.outcome = outcome
-        self.detail = detail
-        self.blamed = blamed
+        self.outcome, self.detail, self.blamed = outcome, detail, blamed
 
 
 class Abandoned(Exception):
@@ -39,7 +36,7 @@ class Abandoned(Exception):
 class Session:
     """Runs the node's callbacks while waiting; the only place where the evaluator spends time.
 
-    `on_exit` is called with the name of a supervised process that has ended, before it is started afresh; `poll` at
+    on_exit: called with the name of a supervised process that has ended, before it is started afresh. poll: called at
     each spin.
     """
 
@@ -62,43 +59,38 @@ class Session:
         """Note that time may pass between two spins."""
         self._spun_s = math.inf
 
-    def spin(self, limit_s: float = _SPIN_S) -> None:
-        """Run what callbacks are due, waiting for the first one no longer than the limit.
-
-        Raises TrialEnded where the evaluator itself was suspended during a trial: it has missed messages, and what
-        seems to be the impatience of others is its own.
-        """
-        self._spin_once(limit_s)
-        now_s = time.monotonic()
-        if now_s - self._spun_s > _SUSPENDED_S:
-            asleep_s = now_s - self._spun_s
-            self.end_trial()
-            raise TrialEnded(Outcome.ENVIRONMENT_FAILED, f"the evaluator was suspended for {asleep_s:.0f} s")
-        if self._spun_s < math.inf:
-            self._spun_s = now_s
-
-    def _spin_once(self, limit_s: float) -> None:
+    def spin(self) -> None:
+        """Run what callbacks are due, waiting for the first one for a moment; TrialEnded if this was suspended."""
         try:
-            self._executor.spin_once(timeout_sec=limit_s)
+            self._executor.spin_once(timeout_sec=_SPIN_S)
         except ExternalShutdownException:
             raise Abandoned from None
         if not self.node.context.ok():
             raise Abandoned
         self.poll()
-        if self.supervisor is not None:
-            for event in self.supervisor.receive():
-                if event["event"] == "exited":
-                    self._ends[event["name"]] = event
-                    self._on_exit(event["name"])
-                    self.supervisor.send("start", name=event["name"])
-            if self.supervisor.closed:
-                raise Abandoned
+        self._listen()
+        now_s = time.monotonic()
+        if (asleep_s := now_s - self._spun_s) > _SUSPENDED_S:
+            # it has missed messages, and what seems to be the impatience of others is its own
+            self.end_trial()
+            raise TrialEnded(Outcome.ENVIRONMENT_FAILED, f"the evaluator was suspended for {asleep_s:.0f} s")
+        if self._spun_s < math.inf:
+            self._spun_s = now_s
+
+    def _listen(self) -> None:
+        if self.supervisor is None:
+            return
+        for end in self.supervisor.receive():  # nothing else is sent
+            self._ends[end["name"]] = end
+            self._on_exit(end["name"])
+            self.tell("start", name=end["name"])
+        if self.supervisor.closed:
+            raise Abandoned
 
     def check(self, *names: str) -> None:
         """Raise TrialEnded if one of the supervised processes has ended since the trial began."""
         for name in names:
-            if name in self._ends:
-                end = self._ends[name]
+            if end := self._ends.get(name):
                 raise TrialEnded(_DIED[name], f"the {name} {end['how']}", end["blamed"])
 
     def wait(self, condition: Callable[[], T], limit_s: float, *watched: str) -> T | None:
@@ -115,30 +107,15 @@ class Session:
         """Let time pass; TrialEnded as `check` has it."""
         self.wait(lambda: False, limit_s, *watched)
 
-    def wait_for(self, what: str, missing: Callable[[], str], look_s: float, limit_s: float, *watched: str) -> str:
-        """Wait until nothing is missing, telling the user every 5 s; return what still is after the limit.
-
-        what: beginning of what the user is told. missing: an empty text where there is nothing, asked every `look_s`.
-        """
-        began_s = time.monotonic()
-        tell_s = began_s + _TELL_S
-        while text := missing():
-            now_s = time.monotonic()
-            if now_s - began_s > limit_s:
-                return text
-            if now_s > tell_s:
-                tell_s += _TELL_S
+    def wait_for(self, what: str, missing: Callable[[], str], limit_s: float, *watched: str) -> str:
+        """Wait until nothing is `missing`, telling the user every 5 s; return what still is after the limit."""
+        began_s = told_s = time.monotonic()
+        while (text := missing()) and (now_s := time.monotonic()) - began_s <= limit_s:
+            if now_s > told_s + _TELL_S:
+                told_s = now_s
                 self.note(f"waiting for {what}{text}")
-            self.sleep(look_s, *watched)
-        return ""
-
-    def call(self, client: Client, request: object, limit_s: float, *watched: str) -> Any | None:
-        """Call a service and return its answer, None if there was none within the limit."""
-        future: Future = client.call_async(request)
-        if self.wait(future.done, limit_s, *watched):
-            return future.result()
-        client.remove_pending_request(future)
-        return None
+            self.sleep(_LOOK_S, *watched)
+        return text
 
     def restart(self, name: str, limit_s: float) -> None:
         """Have the supervisor end a process that has not ended by itself; it comes back as one that did would."""

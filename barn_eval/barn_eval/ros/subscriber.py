@@ -4,10 +4,9 @@ A trial in lockstep brings some thousand messages a second. Taking them in bulk 
 callbacks would, and the processor time is the simulator's and the planner's.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, cast
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
@@ -15,8 +14,7 @@ from rclpy.subscription import Subscription
 
 from barn_eval.ros.adapter import TrialTopics
 from barn_eval.ros.sequencer import Message, Tick, TickSequencer
-from barn_eval.ros.simulator_channel import SimulatorChannel
-from barn_eval.ros.watchdog import StampCheck
+from barn_eval.ros.simulator import SimulatorChannel
 from barn_worlds.base.errors import MessageError
 from barn_worlds.messages import decode
 from barn_worlds.messages.topics import Qos
@@ -32,13 +30,6 @@ class PolledGroup(CallbackGroup):
     def can_execute(self, *_: object) -> bool:
         """Return False."""
         return False
-
-    def beginning_execution(self, *_: object) -> bool:
-        """Return False."""
-        return False
-
-    def ending_execution(self, *_: object) -> None:
-        """Do nothing."""
 
 
 @dataclass
@@ -62,15 +53,9 @@ class Subscriber:
         self._node = node
         self._group = PolledGroup()
         self._topics: dict[str, _HeardTopic] = {}
-        self._woken: list[Message] = []
 
-    def subscribe(
-        self, topic: str, type_name: str, *, reliable: bool = True, latched: bool = False, wake: bool = False
-    ) -> bool:
-        """Subscribe to a topic, or anew if its type or reliability has changed; False for a type that is not installed.
-
-        wake: a message also ends the executor's wait.
-        """
+    def subscribe(self, topic: str, type_name: str, *, reliable: bool = True, latched: bool = False) -> bool:
+        """Subscribe to a topic, or anew if its type or reliability has changed; False for a type not installed."""
         known = self._topics.get(topic)
         if known is not None and (known.type_name, known.reliable) == (type_name, reliable):
             return True
@@ -79,18 +64,9 @@ class Subscriber:
             return False
         if known is not None and known.subscription is not None:
             self._node.destroy_subscription(known.subscription)
-
-        def received(data: bytes, about: dict[str, int]) -> None:
-            self._woken.append(_message(topic, data, about))
-
         qos = Qos("reliable" if reliable else "best_effort", "transient_local" if latched else "volatile", _DEPTH)
         subscription = self._node.create_subscription(
-            kind,
-            topic,
-            cast("Callable[[Any], None]", received),  # rclpy does not declare that it gives the second argument, too
-            profile(qos),
-            raw=True,
-            callback_group=None if wake else self._group,
+            kind, topic, lambda _: None, profile(qos), raw=True, callback_group=self._group
         )
         self._topics[topic] = _HeardTopic(type_name, reliable, latched, subscription)
         return True
@@ -110,18 +86,15 @@ class Subscriber:
 
     def read(self, take: Callable[[Message], None]) -> None:
         """Hand over all messages that have arrived, topic by topic."""
-        for message in self._woken:
-            take(message)
-        self._woken.clear()
         for topic, known in self._topics.items():
-            if (subscription := known.subscription) is None:
+            if known.subscription is None:
                 continue
-            handle = subscription.handle
-            with handle:
+            with (handle := known.subscription.handle):
                 # What an executor and rclpy.wait_for_message call, too. rclpy has no public way without an executor,
                 # which takes one message a turn.
-                while (taken := handle.take_message(subscription.msg_type, True)) is not None:
-                    message = _message(topic, *taken)
+                while (taken := handle.take_message(known.subscription.msg_type, True)) is not None:
+                    data, about = taken
+                    message = Message(topic, data, about["source_timestamp"])
                     if known.latched:
                         known.last = message
                     take(message)
@@ -131,63 +104,38 @@ class Subscriber:
         return [known.last for known in self._topics.values() if known.last is not None]
 
 
-def _message(topic: str, data: bytes, about: dict[str, int]) -> Message:
-    return Message(topic, data, about["source_timestamp"])
-
-
 class TrialQueue:
     """Sorts what arrives by the ticks of /clock, from the reset of the simulator on.
 
     origin_ns: simulated time at which the trial begins, None until it is known: a reset moves the clock on and leaves
     it there until the release. now_ns: simulated time. ticks, commands: how many have arrived since the reset. channel:
     brings the simulator's readings; without one they come by DDS.
-    stamps: what the planner's stamps tell of its idea of time.
     """
 
     def __init__(
-        self,
-        subscriber: Subscriber,
-        topics: TrialTopics,
-        reset_ns: int,
-        channel: SimulatorChannel | None = None,
+        self, subscriber: Subscriber, topics: TrialTopics, reset_ns: int, channel: SimulatorChannel | None
     ) -> None:
         self.origin_ns: int | None = None
-        self.now_ns = 0
-        self.ticks = 0
-        self.commands = 0
-        self.stamps = StampCheck()
-        self._stamped: set[str] = set()
-        self._subscriber = subscriber
-        self._topics = topics
+        self.now_ns = self.ticks = self.commands = 0
+        self._subscriber, self._topics, self._channel = subscriber, topics, channel
         self._reset_ns = reset_ns
         self._released = False
-        self._channel = channel
         self._sequencer = TickSequencer(fenced=channel is not None)
         self._heard_ns = self._told_ns = self._told_ticks = 0
 
     def read(self) -> None:
-        """Take in what has arrived."""
+        """Take in what has arrived, and let a simulator on the line know every few ticks how far DDS has caught up."""
         if self._channel is None:
             self._subscriber.read(self._take)
-        else:
-            before = self.ticks
-            self._channel.read(self._take)
-            self._subscriber.read(self._take_heard)
-            self._tell(self._channel, idle=self.ticks == before)
-
-    def _tell(self, channel: SimulatorChannel, *, idle: bool) -> None:
-        """Let the simulator know how far DDS has caught up: every few ticks, or when it waits for that."""
+            return
+        before = self.ticks
+        self._channel.read(self._take)
+        self._subscriber.read(self._take_heard)
         heard_ns = min(self._heard_ns, self.now_ns)  # anybody can publish ticks that are yet to come
+        idle = self.ticks == before  # it may be waiting for that
         if heard_ns > self._told_ns and (idle or self.ticks - self._told_ticks >= _TOLD_EVERY):
             self._told_ns, self._told_ticks = heard_ns, self.ticks
-            channel.tell(heard_ns)
-
-    def check_stamps(self, topics: Mapping[str, str]) -> None:
-        """Look at the stamps of topics, given by name and type, so far as their messages begin with a header."""
-        for topic, type_name in topics.items():
-            kind = message_class(type_name)
-            if kind is not None and [*kind.get_fields_and_field_types().values()][:1] == ["std_msgs/Header"]:
-                self._stamped.add(topic)
+            self._channel.tell(heard_ns)
 
     def release(self) -> None:
         """Note that from now on the simulated time runs."""
@@ -206,29 +154,23 @@ class TrialQueue:
     def _take(self, message: Message) -> None:
         if message.sent_ns < self._reset_ns:
             return
-        if message.topic == self._topics.clock:
-            self._tick(message)
-        else:
+        if message.topic != self._topics.clock:
             self.commands += message.topic == self._topics.command
             self._sequencer.add(message)
-            if self._released and message.topic in self._stamped and self.stamps.wants(message.topic):
-                with suppress(MessageError):
-                    self.stamps.take(message.topic, decode.header(message.data).stamp_ns, self.now_ns)
-
-    def _take_heard(self, message: Message) -> None:
-        """Take a message that came by DDS while the readings come by the channel: a tick only shows how far DDS is."""
-        if message.topic == self._topics.clock:
-            with suppress(MessageError):  # anybody can publish there
-                stamp_ns = decode.clock(message.data)
-                self._heard_ns = max(self._heard_ns, stamp_ns)
-                self._sequencer.hear(stamp_ns)
-        else:
-            self._take(message)
-
-    def _tick(self, message: Message) -> None:
+            return
         self.now_ns = decode.clock(message.data)
         self.ticks += 1
         if self._sequencer.tick(self.now_ns, message.sent_ns):
             self._sequencer.add(message)
         if self._released and self.origin_ns is None:
             self.origin_ns = self.now_ns
+
+    def _take_heard(self, message: Message) -> None:
+        """Take a message that came by DDS while the readings come by the channel: a tick only shows how far DDS is."""
+        if message.topic != self._topics.clock:
+            self._take(message)
+            return
+        with suppress(MessageError):  # anybody can publish there
+            stamp_ns = decode.clock(message.data)
+            self._heard_ns = max(self._heard_ns, stamp_ns)
+            self._sequencer.hear(stamp_ns)

@@ -1,49 +1,83 @@
 """One trial over ROS, step by step: set up, wait, release, follow, judge."""
 
 import time
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import replace
 
-from barn_eval.bags.messages import LiveScore, first_scene, moving_scene
+from rclpy.node import Node
+
+from barn_eval.bags.messages import TOPICS, LiveScore, first_scene, moving_scene
 from barn_eval.bags.recorder import Recorder
 from barn_eval.experiments.ros_config import EvaluatorConfig
-from barn_eval.ros.adapter import Punctuality, TrialAdapter, TrialTopics
-from barn_eval.ros.graph import GraphView
-from barn_eval.ros.integrity import Integrity
+from barn_eval.ros.adapter import TrialAdapter, TrialTopics
+from barn_eval.ros.graph import GraphView, Integrity, resolve_node_name
 from barn_eval.ros.planner import PlannerClient
-from barn_eval.ros.recording import Recording, ScorePublisher
+from barn_eval.ros.readiness import Endpoint
+from barn_eval.ros.recording import Recording
 from barn_eval.ros.sequencer import Tick
 from barn_eval.ros.session import PLANNER, SIMULATOR, Session, TrialEnded
-from barn_eval.ros.simulator import SimulatorClient
-from barn_eval.ros.simulator_channel import SimulatorChannel
+from barn_eval.ros.simulator import SimulatorChannel, SimulatorClient, SimulatorServices
 from barn_eval.ros.subscriber import Subscriber, TrialQueue
+from barn_eval.ros.supervision.channel import EventChannel
 from barn_eval.ros.watchdog import Watchdog
 from barn_eval.trials.outcome import ENVIRONMENT, Outcome, Verdict
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trial import RunningTrial
 from barn_worlds.base.types import nanoseconds, seconds
+from barn_worlds.messages.topics import CLOCK, CMD_VEL, COLLISION, DIAGNOSTICS, GROUND_TRUTH, ODOM, SCAN
+from barn_worlds.ros.private_line import PrivateLine
 
 _LOOK_S = 0.2  # between two looks at the graph while a trial runs
 # Outcomes of a planner that is there and yet does nothing, of which the cause is looked for.
 _UNEXPLAINED = (Outcome.NO_FIRST_MOTION, Outcome.PLANNER_STALLED, Outcome.PLANNER_NOT_READY)
 
 
-@dataclass(frozen=True)
 class RunContext:
-    """What all trials of a run are played on."""
+    """What all trials of a run share: subscriptions, clients, and the view of the graph.
 
-    config: EvaluatorConfig
-    session: Session
-    view: GraphView
-    subscriber: Subscriber
-    recording: Recording
-    simulator: SimulatorClient
-    planner: PlannerClient
-    scores: ScorePublisher
-    topics: TrialTopics
-    dataset: str
-    integrity: Integrity
-    channel: SimulatorChannel | None
+    channel: brings what trials are judged by; None where that comes by topics.
+    """
+
+    def __init__(
+        self, node: Node, config: EvaluatorConfig, supervisor: EventChannel | None, dataset: str, robot: str
+    ) -> None:
+        self.config = config
+        self._simulator_name = resolve_node_name(node, config.simulator_node)
+        self.view = GraphView(node)
+        self.session = Session(node, supervisor, self._forget)
+        judged = (CLOCK, ODOM, GROUND_TRUTH, COLLISION, CMD_VEL, SCAN, DIAGNOSTICS)
+        self.topics = topics = TrialTopics(*(node.resolve_topic_name(topic.name) for topic in judged))
+        self.subscriber = Subscriber(node)
+        self.channel = self._connect()
+        own = [node.resolve_topic_name(topic.name) for topic in TOPICS]
+        self.integrity = Integrity(self.view, self.channel, self._simulator_name, topics, own)
+        self.recording = Recording(node, self.subscriber, config.bag_exclude, needed=(topics.scan, topics.diagnostics))
+        simulator = self.channel or SimulatorServices(self.session, self._simulator_name, SIMULATOR)
+        self.simulator = SimulatorClient(self.session, simulator.ask, config.patience, dataset, robot)
+        self.planner = PlannerClient(self.session, self.view, config)
+
+    def _connect(self) -> SimulatorChannel | None:
+        """See to it that what trials are judged by arrives."""
+        node, private = self.session.node, self.config.simulator_fd >= 0
+        names = {topic: node.resolve_topic_name(topic.name) for topic in (CLOCK, ODOM, GROUND_TRUTH, COLLISION)}
+        for topic, name in names.items():
+            if private and topic is not CLOCK:  # which shows how far the other topics are
+                self.subscriber.provide(name, topic.type_name)
+            else:
+                self.subscriber.subscribe(name, topic.type_name)
+        known_as = {topic.name: name for topic, name in names.items()}
+        return SimulatorChannel(self.session, PrivateLine(self.config.simulator_fd), known_as) if private else None
+
+    def _forget(self, name: str) -> None:
+        """Leave out what a process had on the graph: the planner's is all but the simulator's."""
+        of_simulator = self.channel.participant if self.channel is not None else b""
+
+        def is_simulators(endpoint: Endpoint) -> bool:
+            return endpoint.participant == of_simulator if of_simulator else endpoint.node == self._simulator_name
+
+        self.view.leave_out(lambda endpoint: is_simulators(endpoint) != (name == PLANNER))
+        if self.channel is not None and name == SIMULATOR:
+            self.channel.participant = b""
 
 
 class RosTrial:
@@ -60,10 +94,7 @@ class RosTrial:
         self.wall_s = 0.0
         self.planner_verdict: str | None = None
         self.adapter: TrialAdapter | None = None
-        self._context = context
-        self._spec = spec
-        self._recorder = recorder
-        self._first = first
+        self._context, self._spec, self._recorder, self._first = context, spec, recorder, first
         self._queue: TrialQueue | None = None
         self._score = LiveScore(spec)
         self._latest_ns: int | None = None
@@ -87,67 +118,65 @@ class RosTrial:
         context.session.end_trial()
         if (found := context.integrity.look()) and verdict.fault != ENVIRONMENT:
             verdict = replace(verdict, outcome=Outcome.INTERFERENCE, detail=found, blamed="")
-        self.planner_verdict = context.planner.verdict
-        context.planner.dismiss()
+        self.planner_verdict = context.planner.goal.verdict
+        context.planner.goal.end()
         return self._explained(verdict)
 
     def _explained(self, verdict: Verdict) -> Verdict:
-        """Return a verdict with what else speaks of its cause."""
         if verdict.outcome not in _UNEXPLAINED:
             return verdict
-        stamps = self._queue.stamps.text() if self._queue is not None else ""
-        clock = stamps or self._context.planner.clock_fault()
         told = self.planner_verdict not in (None, "executing")
         own = f"its own verdict: {self.planner_verdict}" if told else ""
-        return replace(verdict, detail="; ".join(filter(None, [verdict.detail, clock, own])))
+        return replace(
+            verdict, detail="; ".join(filter(None, [verdict.detail, self._context.planner.clock_fault(), own]))
+        )
 
     def _prepare(self) -> TrialQueue:
-        context, subscriber, patience = self._context, self._context.subscriber, self._context.config.patience
+        context, patience = self._context, self._context.config.patience
+        simulator, planner = context.simulator, context.planner
         limits_s = (patience.start_s,) * 2 if self._first else (patience.simulator_s, patience.gate_s)
-        reset_ns = context.simulator.prepare(self._spec, context.dataset, limits_s[0])
-        context.planner.await_node(limits_s[1])
-        if context.planner.lifecycle.waiting_for():
+        reset_ns = simulator.prepare(self._spec, limits_s[0])
+        planner.await_node(limits_s[1])
+        if planner.inactive():
             # many a node needs the time to pass, and transforms, to become active
             if context.channel is not None:
                 context.channel.ignore()
-            context.simulator.release()
-            context.planner.lifecycle.await_active(patience.lifecycle_s)
-            reset_ns = context.simulator.prepare(self._spec, context.dataset, patience.simulator_s)
-        self._queue = queue = TrialQueue(subscriber, context.topics, reset_ns, context.channel)
-        found = context.planner.await_presence(limits_s[1])
-        subscriber.subscribe(context.topics.command, found.command_type, reliable=found.command_reliable)
-        self._await_connections([context.topics.clock, *context.topics.topics(), context.topics.diagnostics])
+            simulator.release()
+            planner.await_active()
+            reset_ns = simulator.prepare(self._spec, patience.simulator_s)
+        self._queue = queue = TrialQueue(context.subscriber, context.topics, reset_ns, context.channel)
+        found = planner.await_presence(limits_s[1])
+        context.subscriber.subscribe(context.topics.command, found.command_type, reliable=found.command_reliable)
+        self._await_connections()
         context.integrity.require(context.session)
-        queue.check_stamps(context.planner.topics())
         queue.read()
-        context.planner.instruct(self._spec, queue.now_ns)
+        planner.instruct(self._spec, queue.now_ns)
         queue.release()
         self.released = True
         return queue
 
-    def _await_connections(self, topics: Sequence[str]) -> None:
+    def _await_connections(self) -> None:
         """Wait until the evaluator hears all that it judges by, and simulator and planner hear each other."""
         context, patience = self._context, self._context.config.patience
-        limit_s = patience.service_s
-        scan, command, diagnostics = context.topics.scan, context.topics.command, context.topics.diagnostics
+        session, topics, limit_s = context.session, context.topics, patience.service_s
 
         def silent_topics() -> list[str]:
             silent = self._unheard(topics)
-            return silent if scan in context.subscriber.topics() else [*silent, scan]
+            return silent if topics.scan in context.subscriber.topics() else [*silent, topics.scan]
 
-        if not context.session.wait(lambda: not silent_topics(), limit_s, PLANNER, SIMULATOR):
+        if not session.wait(lambda: not silent_topics(), limit_s, PLANNER, SIMULATOR):
             silent = silent_topics()
-            planners = {command, diagnostics}.issuperset(silent)
+            planners = {topics.command, topics.diagnostics}.issuperset(silent)
             outcome = Outcome.PLANNER_NOT_READY if planners else Outcome.ENVIRONMENT_FAILED
             raise TrialEnded(outcome, f"no connection to {', '.join(silent)} within {limit_s:g} s")
         # what is only recorded is waited for as well, and then done without
-        if not context.session.wait(lambda: not self._unheard(context.subscriber.topics()), patience.connection_s):
-            context.session.note(f"no connection to {', '.join(self._unheard(context.subscriber.topics()))}")
+        if not session.wait(lambda: not self._unheard(context.subscriber.topics()), patience.connection_s):
+            session.note(f"no connection to {', '.join(self._unheard(context.subscriber.topics()))}")
         types = context.subscriber.topics()
-        _, scans = context.view.known_to_all(scan, types[scan])
-        commands, _ = context.view.known_to_all(command, types[command])
+        _, scans = context.view.known_to_all(topics.scan, types[topics.scan])
+        commands, _ = context.view.known_to_all(topics.command, types[topics.command])
         if not context.simulator.await_connections(scans, commands):
-            context.session.note("not all subscriptions to the scan are connected with the simulator")
+            session.note("not all subscriptions to the scan are connected with the simulator")
 
     def _unheard(self, topics: Iterable[str]) -> list[str]:
         """Return which of the topics have more publishers than are connected, having looked for new topics."""
@@ -158,11 +187,10 @@ class RosTrial:
     def _follow(self, queue: TrialQueue) -> Verdict:
         session = self._context.session
         began_s = look_s = time.monotonic()
-        watchdog = Watchdog(self._context.config.patience, began_s)
+        watchdog = Watchdog(self._context.config.patience, began_s, queue.commands)
         goal_period_ns = nanoseconds(self._spec.protocol.goal_period_s)
         goal_ns = queue.now_ns + goal_period_ns
         while True:
-            ticks, commands = queue.ticks, queue.commands
             session.spin()
             queue.read()
             queue.hand_over(self._take)
@@ -174,25 +202,17 @@ class RosTrial:
             if now_s >= look_s:
                 look_s = now_s + _LOOK_S
                 self._look(watchdog, now_s)
-            if queue.ticks > ticks:
-                watchdog.tick(now_s)
-            if queue.commands > commands:
-                watchdog.command(now_s)
+            watchdog.hear(now_s, queue.ticks, queue.commands)
             self._judge_waiting(watchdog, now_s)
             if goal_period_ns and queue.now_ns >= goal_ns:
                 goal_ns = queue.now_ns + goal_period_ns
                 self._context.planner.repeat_goal(self._spec, queue.now_ns)
 
     def _judge_waiting(self, watchdog: Watchdog, now_s: float) -> None:
-        """Raise TrialEnded where the evaluator has waited long enough."""
-        simulated_ns = self._latest_ns - self._origin_ns if self._latest_ns is not None else 0
-        fault = watchdog.judge(
-            now_s,
-            moved=self.trial.referee.clock_started,
-            simulated_s=seconds(simulated_ns),
-            waited_s=self.adapter.waited_s if self.adapter is not None else 0.0,
-        )
-        if fault is not None:
+        simulated_s = seconds(self._latest_ns - self._origin_ns) if self._latest_ns is not None else 0.0
+        waited_s = self.adapter.waited_s if self.adapter is not None else 0.0
+        moved = self.trial.referee.clock_started
+        if fault := watchdog.judge(now_s, moved=moved, simulated_s=simulated_s, waited_s=waited_s):
             raise TrialEnded(*fault)
 
     def _look(self, watchdog: Watchdog, now_s: float) -> None:
@@ -202,19 +222,13 @@ class RosTrial:
         if self._recorder is not None:
             self._context.recording.discover(everything=True)
 
-    def _new_punctuality(self) -> Punctuality:
-        rate_hz = self._context.config.planner_rate_hz
-        period_s = 1.0 / rate_hz if rate_hz else self._spec.protocol.control_period_s
-        silence_s = max(self._spec.simulator.drive.command_timeout_s, 2.0 * period_s)
-        return Punctuality(nanoseconds(period_s), nanoseconds(silence_s))
-
     def _begin(self, origin_ns: int) -> TrialAdapter:
-        """Begin with the first tick of the trial."""
         context, self._origin_ns = self._context, origin_ns
         if self._recorder is not None:
             context.recording.begin(self._recorder, origin_ns)
-            context.scores.show([first_scene(self._spec, origin_ns)], origin_ns, self._recorder)
-        return TrialAdapter(context.topics, self.trial, origin_ns, self._new_punctuality())
+            context.recording.show([first_scene(self._spec, origin_ns)], origin_ns, self._recorder)
+        command_type = context.subscriber.topics()[context.topics.command]
+        return TrialAdapter(context.topics, self.trial, origin_ns, command_type)
 
     def _take(self, tick: Tick) -> None:
         if self.adapter is None:
@@ -225,7 +239,7 @@ class RosTrial:
             self._context.recording.write(self._recorder, kept, tick.stamp_ns)
         if self._recorder is not None and not over:
             moving = moving_scene(self._spec, tick.stamp_ns - self._origin_ns, tick.stamp_ns)
-            self._context.scores.show(moving, tick.stamp_ns, self._recorder)
+            self._context.recording.show(moving, tick.stamp_ns, self._recorder)
         self._latest_ns = tick.stamp_ns
         self._show_standing()
 
@@ -233,4 +247,4 @@ class RosTrial:
         """Publish and record how the trial stands at the end of the last tick, when that is due."""
         if self._latest_ns is not None:
             shown = list(self._score.take(self.trial.standing, self._latest_ns))
-            self._context.scores.show(shown, self._latest_ns, self._recorder)
+            self._context.recording.show(shown, self._latest_ns, self._recorder)

@@ -2,30 +2,25 @@
 
 from barn_eval.experiments.ros_config import Patience
 from barn_eval.trials.outcome import Outcome
-from barn_worlds.base.types import nanoseconds, seconds
 
-# Of a stamp: a planner may stamp what is to come, and a slow one what is long past.
-_TOLERANCE_NS = nanoseconds(60.0)
 _WINDOW_S = 60.0  # over which the pace of a planner is judged
 
 
 class Watchdog:
-    """Tell when patience is at an end during a trial."""
+    """Tell when patience is at an end during a trial, before which so many commands had come."""
 
-    def __init__(self, patience: Patience, now_s: float) -> None:
+    def __init__(self, patience: Patience, now_s: float, commands: int = 0) -> None:
         self._patience = patience
         self._began_s = self._ticked_s = self._commanded_s = self._publisher_s = now_s
-        self._commands = 0
+        self._ticks, self._commands, self._commands_before = 0, commands, commands
         self._window = (now_s, 0.0, 0.0)
 
-    def tick(self, now_s: float) -> None:
-        """Note that the simulated time has moved on."""
-        self._ticked_s = now_s
-
-    def command(self, now_s: float) -> None:
-        """Note a command."""
-        self._commanded_s = now_s
-        self._commands += 1
+    def hear(self, now_s: float, ticks: int, commands: int) -> None:
+        """Note how many ticks of the simulated time, and how many commands, have come so far."""
+        if ticks > self._ticks:
+            self._ticks, self._ticked_s = ticks, now_s
+        if commands > self._commands:
+            self._commands, self._commanded_s = commands, now_s
 
     def publisher_seen(self, now_s: float) -> None:
         """Note that the planner's publisher of commands is on the graph."""
@@ -47,10 +42,8 @@ class Watchdog:
         # a planner owes nothing until time goes on after its last command: it may be the simulator that is stuck
         if self._ticked_s > self._commanded_s and now_s - self._commanded_s > patience.command_s:
             waited = f"no command for {patience.command_s:g} s of wall-clock time"
-            if not moved:
-                since = "" if self._commands else ", none since the trial began"
-                return Outcome.NO_FIRST_MOTION, waited + since
-            return Outcome.PLANNER_STALLED, waited
+            since = "" if self._commands > self._commands_before else ", none since the trial began"
+            return (Outcome.PLANNER_STALLED, waited) if moved else (Outcome.NO_FIRST_MOTION, waited + since)
         slow = self._slowness(now_s, simulated_s, waited_s)
         if now_s - self._began_s > patience.trial_s:
             slow = f"no verdict after {patience.trial_s:g} s of wall-clock time"
@@ -67,29 +60,3 @@ class Watchdog:
             return ""
         most = f"more than {self._patience.slowness:g} s per simulated second"
         return f"{lasted_s:.0f} s of wall-clock time for {progress_s:.2f} simulated seconds: {most}"
-
-
-class StampCheck:
-    """Look at the first stamped message of each topic of a planner, for one that does not take the time from /clock.
-
-    A stamp of 0 says nothing: many planners leave it out.
-    """
-
-    def __init__(self) -> None:
-        self._seen: set[str] = set()
-        self._fault = ""
-
-    def wants(self, topic: str) -> bool:
-        """Tell whether no message of a topic has been looked at yet."""
-        return topic not in self._seen
-
-    def take(self, topic: str, stamp_ns: int, now_ns: int) -> None:
-        """Look at a stamp, the simulated time being `now_ns`."""
-        self._seen.add(topic)
-        if stamp_ns and abs(stamp_ns - now_ns) > _TOLERANCE_NS and not self._fault:
-            stamp, now = seconds(stamp_ns), seconds(now_ns)
-            self._fault = f"{topic} is stamped {stamp:.1f} s while /clock shows {now:.1f} s: use_sim_time is off"
-
-    def text(self) -> str:
-        """Return what is wrong in one line, an empty text where nothing is."""
-        return self._fault

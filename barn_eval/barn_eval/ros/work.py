@@ -1,15 +1,21 @@
-"""Experiments over ROS: each worker keeps simulator, planner and evaluator running for a share of the trials."""
+"""What the workers of an experiment are handed; over ROS, each keeps its nodes running for a share of the trials."""
 
 import os
-from collections.abc import Generator, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from typing import cast
+from functools import partial
 
-from barn_eval.experiments.engine import Emit, Job, Work
+from rich.console import Console
+
+from barn_eval.experiments.engine import DirectWork, Emit, Job, Work
 from barn_eval.experiments.experiment import Execution, Experiment
-from barn_eval.experiments.store import LOGS, Record, Store
+from barn_eval.experiments.live import LivePlanner
+from barn_eval.experiments.request import Request
+from barn_eval.experiments.run import run_experiment
+from barn_eval.experiments.store import LOGS, Store
 from barn_eval.ros.supervision import run_ros_trials
+from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import TrialSpec
 
 
@@ -20,6 +26,7 @@ class RosWork(Work):
     A single worker takes the domain of the environment, if that names one.
     """
 
+    loads = False
     experiment: Experiment
     store: Store
     workers: int
@@ -48,12 +55,24 @@ class RosWork(Work):
             environment.pop("ROS_DOMAIN_ID", None)
         alone = self.workers == len(self.experiment.planners) == 1
         logs = self.store.folder / LOGS / ("" if alone else job.key)
-        records = run_ros_trials(self.experiment, job.trials, self.store, logs, emit, environment)
-        with closing(cast(Generator[Record, None, None], records)):
+        trials = run_ros_trials(self.experiment, job.trials, self.store, logs, emit, environment)
+        with closing(trials) as records:
             for record in records:
                 emit(record)
 
 
-def ros_work(experiment: Experiment, execution: Execution, store: Store) -> Work:
-    """Return the work of an experiment in mode ros."""
+def work_of(experiment: Experiment, execution: Execution, store: Store, live: Mapping[str, LivePlanner]) -> Work:
+    """Return what workers of an experiment are handed; live: its planners that are Python objects, by name."""
+    if experiment.mode == "direct":
+        return DirectWork(store, live)
     return RosWork(experiment, store, execution.processes)
+
+
+def run_request(
+    request: Request, console: Console, live: Mapping[str, LivePlanner] | None = None, *, overwrite: bool = False
+) -> list[TrialResult]:
+    """Run what an experiment still lacks and return all its results; BarnError in one line for what is not possible.
+
+    live: its planners that are Python objects, by name.
+    """
+    return run_experiment(request, console, partial(work_of, live=live or {}), overwrite=overwrite)

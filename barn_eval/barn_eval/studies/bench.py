@@ -7,7 +7,6 @@ figures. A figure is the best of its rounds; how much they differ tells how exac
 from __future__ import annotations
 
 import math
-import time
 import timeit
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
@@ -15,7 +14,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from statistics import median
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
@@ -27,26 +25,17 @@ from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.experiments.store import Store
 from barn_eval.learning.config import EnvConfig
 from barn_eval.trials.spec import TrialSpec
-from barn_metrics.report import metrics_table
-from barn_planners.interface import Decision, Observation, Planner, Task
 from barn_planners.policy.space import PolicyObservation
-from barn_planners.registry import make_planner
-from barn_sim.body.bullet import BulletRays
-from barn_sim.config import SimulatorConfig
-from barn_sim.sensors.lidar import Lidar
 from barn_sim.simulator import Simulator
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.text_files import read_json
-from barn_worlds.base.types import Pose2D, Velocity2D
-from barn_worlds.worlds.dataset import Dataset, open_dataset
-from barn_worlds.worlds.generate import DatasetParameters, generate_dataset
+from barn_worlds.base.types import Velocity2D
+from barn_worlds.worlds.dataset import open_dataset
 
 if TYPE_CHECKING:
     from barn_eval.learning.environment import JackalEnv
     from barn_eval.learning.vector import JackalVectorEnv
-AGREEMENT_M = 0.01
-NEITHER = "neither"  # no way is better
 _CYCLES = 200  # of the simulator alone
 _STEPS, _BATCH, _WARM_UP = 500, 64, 300  # of environments
 
@@ -71,10 +60,9 @@ class Measurement:
 
 
 def best_of(rounds: Sequence[Measurement]) -> Measurement:
-    """Return the best of measurements of the same figure, the middle one where no way is better."""
+    """Return the best of measurements of the same figure."""
     values = tuple(one.value for one in rounds)
-    ways: dict[str, Callable[[Sequence[float]], float]] = {"higher": max, "lower": min, NEITHER: median}
-    return replace(rounds[0], value=ways[rounds[0].better](values), samples=values)
+    return replace(rounds[0], value=(max if rounds[0].better == "higher" else min)(values), samples=values)
 
 
 @dataclass(frozen=True)
@@ -97,7 +85,7 @@ def changes(now: Sequence[Measurement], before: Sequence[Measurement]) -> list[C
     found = []
     for one in now:
         other = earlier.get(one.name)
-        if other is not None and one.value > 0.0 and one.better != NEITHER:
+        if other is not None and one.value > 0.0:
             ratio = other.value / one.value if one.better == "lower" else one.value / other.value
             found.append(Change(one.name, ratio, math.hypot(one.noise, other.noise)))
     return found
@@ -143,42 +131,19 @@ def _round(source: str, world: int | None, planners: list[str], *, ros: bool) ->
     ]
     yield from (one for experiment in experiments for one in _direct(experiment.trials()[0]))
     yield from _simulator(experiments[0].trials()[0])
-    yield from _rays(dataset)
-    yield from _worlds()
     if find_spec("gymnasium") is not None:
         yield from _environments(source)
     if ros:
         yield _ros(experiments[0])
 
 
-class _Timed(Planner):
-    """A planner as it is, and how much time of the process its cycles take."""
-
-    def __init__(self, planner: Planner) -> None:
-        self._planner, self.spent_s = planner, 0.0
-
-    def start(self, task: Task, seed: int) -> None:
-        self._planner.start(task, seed)
-
-    def step(self, observation: Observation) -> Decision:
-        began = time.process_time()
-        decision = self._planner.step(observation)
-        self.spent_s += time.process_time() - began
-        return decision
-
-
 def _direct(spec: TrialSpec) -> Iterator[Measurement]:
-    """Measure whole trials in one process: without and with a bag, and the planner's share."""
+    """Measure whole trials in one process: without and with a bag, and the planner's cycles."""
     plain = [run_direct_trial(spec).result.wall_clock for _ in range(2)]
     yield Measurement(f"direct trial, {spec.planner}", max(one.real_time_factor or 0.0 for one in plain), "x real time")
     with TemporaryDirectory() as folder, Recorder(Path(folder) / "bag") as recorder:
         factor = run_direct_trial(spec, recorder).result.wall_clock.real_time_factor
     yield Measurement(f"direct trial with bag, {spec.planner}", factor or 0.0, "x real time")
-    planner = _Timed(make_planner(spec.planner, spec.preset, spec.overrides))
-    began = time.process_time()
-    run_direct_trial(spec, planner=planner)
-    share = 100.0 * planner.spent_s / (time.process_time() - began)
-    yield Measurement(f"share of the planner, {spec.planner}", share, "%", NEITHER)
     for name in ("p50", "p95"):
         value = min(getattr(one, f"compute_{name}_ms") for one in plain)
         yield Measurement(f"planner cycle {name}, {spec.planner}", value, "ms", "lower")
@@ -197,35 +162,6 @@ def _simulator(spec: TrialSpec) -> Iterator[Measurement]:
 def _drive(simulator: Simulator) -> None:
     for _ in range(_CYCLES):
         simulator.step(Velocity2D(0.3, 1.0))
-
-
-def _rays(dataset: Dataset) -> Iterator[Measurement]:
-    """Measure our rays against PyBullet's in the densest world of the data set."""
-    world = max((dataset.load(index) for index in dataset.indices), key=lambda one: len(one.cylinders_m))
-    config = replace(SimulatorConfig().lidar, noise_m=0.0)
-    lidar = Lidar(config, np.random.default_rng(0))
-    mount = Pose2D(config.mount_x_m, 0.0, 0.0)
-    poses = [Pose2D(x, y, 1.57) for x, y in world.path_m()[::3].tolist()]
-    scans = [lidar.scan(0, pose, world.cylinders_m, world.cylinder_radius_m) for pose in poses]
-    ours_s = _time(lambda: [lidar.scan(0, pose, world.cylinders_m, world.cylinder_radius_m) for pose in poses])
-    with closing(BulletRays(world)) as bullet:
-        beams = [bullet.rays(scan, pose @ mount) for scan, pose in zip(scans, poses, strict=True)]
-        theirs_s = _time(lambda: [bullet.ranges(*one, config.range_max_m) for one in beams])
-        theirs = [bullet.ranges(*one, config.range_max_m) for one in beams]
-    yield Measurement(f"scan of {config.beams} beams, densest world", 1e3 * ours_s / len(poses), "ms", "lower")
-    yield Measurement("the same by PyBullet's rays", 1e3 * theirs_s / len(poses), "ms", "lower")
-    yield Measurement("PyBullet's rays by ours", theirs_s / ours_s, "x faster")
-    same = np.isclose([scan.ranges for scan in scans], theirs, rtol=0.0, atol=AGREEMENT_M)
-    yield Measurement("beams that agree within 1 cm", 100.0 * float(same.mean()), "%")
-
-
-def _worlds() -> Iterator[Measurement]:
-    """Measure the generation of worlds by Table I, and the five metrics of worlds."""
-    parameters = DatasetParameters(name="bench", worlds_per_set=2)
-    made = generate_dataset(parameters)
-    generating_s = _time(lambda: generate_dataset(parameters))
-    yield Measurement("worlds generated", len(made) / generating_s, "per second")
-    yield Measurement("metrics of worlds", len(made) / _time(lambda: metrics_table(made)), "per second")
 
 
 def _environments(source: str) -> Iterator[Measurement]:

@@ -10,12 +10,11 @@ from itertools import product
 
 import numpy as np
 
-from barn_eval.analysis.means import mean_interval
-from barn_eval.analysis.ranking import rank
+from barn_eval.analysis.means import Columns, mean_interval
 from barn_eval.analysis.significance import ALPHA, proportion
-from barn_eval.analysis.statistics import Columns, difference
+from barn_eval.analysis.statistics import difference
 from barn_eval.analysis.text_table import TextTable
-from barn_eval.analysis.verdict import FEW_WORLDS
+from barn_eval.analysis.verdict import FEW_WORLDS, rank
 from barn_eval.pages.template import render
 from barn_metrics.bootstrap import Interval, number
 from barn_worlds.base.arrays import Floats, Integers
@@ -71,56 +70,38 @@ class Check:
 def checks(simulations: int = SIMULATIONS, seed: int = 0) -> Iterator[Check]:
     """Yield the outcome of each check; each has random numbers of its own, which follow from the seed."""
     seeds = iter(np.random.SeedSequence(seed).spawn(100))
+    for what, wanted, text, once, settings in _groups():
+        for setting in settings:
+            generator = np.random.default_rng(next(seeds))
+            found = sum(once(*setting, generator) for _ in range(simulations)) / simulations
+            yield Check(what, text.format(*setting, percent=100.0 * setting[-1]), simulations, found, wanted)
 
-    def counted(what: str, setting: str, wanted: tuple[float, float], once: Callable[..., bool]) -> Check:
-        generator = np.random.default_rng(next(seeds))
-        return Check(what, setting, simulations, sum(once(generator) for _ in range(simulations)) / simulations, wanted)
 
-    for (worlds, trials), correlation, truth in product(SHARES, SHARE_CORRELATIONS, SHARE_TRUTHS):
-        yield counted(
-            "the 95 % interval of a share covers the truth",
-            f"{worlds} worlds x {trials}, share {truth:g}, correlation in a world {correlation:g}",
-            COVERED,
-            _share_covers(worlds, trials, correlation, truth),
-        )
-    for (worlds, trials), failing in product(MEANS, MEAN_FAILURES):
-        yield counted(
-            "the 95 % interval of a mean that counts failures covers the truth",
-            f"{worlds} worlds x {trials}, {100.0 * failing:g} % failures",
-            AT_LEAST,
-            _mean_covers(worlds, trials, failing),
-        )
-    for worlds in SKEWED_WORLDS:
-        yield counted(
-            "the 95 % interval of a mean of exponential values covers the truth",
-            f"{worlds} worlds",
-            AT_LEAST,
-            _skewed_covers(worlds),
-        )
-    for worlds, trials in SUCCESSES:
-        yield counted(
-            "the 95 % interval of a difference of success covers the truth",
-            f"{worlds} worlds x {trials}, {' and '.join(f'{100.0 * one:g}' for one in SUCCESS_FAILURES)} % failures",
-            AT_LEAST,
-            _success_covers(worlds, trials),
-        )
-    for (worlds, trials), failing in product(UNLIKE, UNLIKE_FAILURES):
-        yield counted(
-            "two planners of equal mean differ clearly, one steady, one quicker that fails",
-            f"{worlds} worlds x {trials}, {100.0 * failing:g} % failures",
-            FALSE_ALARMS,
-            _unlike_differ(worlds, trials, failing),
-        )
-    for worlds in PAIR_WORLDS:
-        yield counted(
-            "two equal planners differ clearly", f"{worlds} worlds x {REPETITIONS}", FALSE_ALARMS, _pair_differs(worlds)
-        )
-    yield counted(
-        f"a board of {BOARD_PLANNERS} equal planners has a clear difference",
-        f"{BOARD_WORLDS} worlds x {REPETITIONS}",
-        FALSE_ALARMS,
-        _board_differs,
-    )
+_Group = tuple[str, tuple[float, float], str, Callable[..., bool], Sequence[tuple[float, ...]]]
+
+
+def _groups() -> Iterator[_Group]:
+    """Yield what is counted, how often it should come, the text of a setting, one simulation of it, and settings."""
+    covers, failing = "the 95 % interval of a {} covers the truth", "{} worlds x {}, {percent:g} % failures"
+    unlike = "two planners of equal mean differ clearly, one steady, one quicker that fails"
+    board = f"a board of {BOARD_PLANNERS} equal planners has a clear difference"
+    a, b = (100.0 * one for one in SUCCESS_FAILURES)
+
+    shares = "{0} worlds x {1}, share {3:g}, correlation in a world {2:g}"
+    settings = [(*sizes, *more) for sizes, *more in product(SHARES, SHARE_CORRELATIONS, SHARE_TRUTHS)]
+    yield covers.format("share"), COVERED, shares, _share_covers, settings
+    settings = [(*sizes, share) for sizes, share in product(MEANS, MEAN_FAILURES)]
+    yield covers.format("mean that counts failures"), AT_LEAST, failing, _mean_covers, settings
+    settings = [(worlds,) for worlds in SKEWED_WORLDS]
+    yield covers.format("mean of exponential values"), AT_LEAST, "{} worlds", _skewed_covers, settings
+    both = f"{{}} worlds x {{}}, {a:g} and {b:g} % failures"
+    yield covers.format("difference of success"), AT_LEAST, both, _success_covers, SUCCESSES
+    settings = [(*sizes, share) for sizes, share in product(UNLIKE, UNLIKE_FAILURES)]
+    yield unlike, FALSE_ALARMS, failing, _unlike_differ, settings
+    equal = f"{{}} worlds x {REPETITIONS}"
+    settings = [(worlds,) for worlds in PAIR_WORLDS]
+    yield "two equal planners differ clearly", FALSE_ALARMS, equal, _pair_differs, settings
+    yield board, FALSE_ALARMS, equal, _board_differs, [(BOARD_WORLDS,)]
 
 
 def checks_table(found: Sequence[Check]) -> TextTable:
@@ -203,61 +184,44 @@ def _chances(share: float, correlation: float, worlds: int, generator: np.random
     return generator.beta(share * size, (1.0 - share) * size, worlds)
 
 
-def _share_covers(worlds: int, trials: int, correlation: float, truth: float) -> Callable[[np.random.Generator], bool]:
-    world = np.repeat(np.arange(worlds), trials)
-
-    def once(generator: np.random.Generator) -> bool:
-        chances = _chances(truth, correlation, worlds, generator)[world]
-        found = proportion((generator.random(len(world)) < chances).astype(np.int64), world)
-        return found.low is not None and found.high is not None and found.low <= truth <= found.high
-
-    return once
-
-
 def _holds(found: Interval, truth: float) -> bool:
     return found.low is not None and not found.excludes(truth)
 
 
-def _mean_covers(worlds: int, trials: int, failing: float) -> Callable[[np.random.Generator], bool]:
-    def once(generator: np.random.Generator) -> bool:
-        effect = generator.normal(0.0, _SCORES_OVER_WORLDS, worlds)
-        return _holds(scored(failing, 1.0, effect, trials, generator).mean(), (1.0 - failing) * _SCORE)
-
-    return once
+def _share_covers(worlds: int, trials: int, correlation: float, truth: float, generator: np.random.Generator) -> bool:
+    world = np.repeat(np.arange(worlds), trials)
+    chances = _chances(truth, correlation, worlds, generator)[world]
+    return _holds(proportion((generator.random(len(world)) < chances).astype(np.int64), world), truth)
 
 
-def _skewed_covers(worlds: int) -> Callable[[np.random.Generator], bool]:
-    return lambda generator: _holds(mean_interval(generator.exponential(1.0, worlds), np.arange(worlds)), 1.0)
+def _mean_covers(worlds: int, trials: int, failing: float, generator: np.random.Generator) -> bool:
+    effect = generator.normal(0.0, _SCORES_OVER_WORLDS, worlds)
+    return _holds(scored(failing, 1.0, effect, trials, generator).mean(), (1.0 - failing) * _SCORE)
 
 
-def _success_covers(worlds: int, trials: int) -> Callable[[np.random.Generator], bool]:
-    def once(generator: np.random.Generator) -> bool:
-        fails = [_chances(failing, _CORRELATION, worlds, generator) for failing in SUCCESS_FAILURES]
-        a, b = (_trials(trials, one, lambda world: np.ones(len(world)), generator, 0.0, 1.0) for one in fails)
-        return _holds(difference(a, b).interval, SUCCESS_FAILURES[1] - SUCCESS_FAILURES[0])
-
-    return once
+def _skewed_covers(worlds: int, generator: np.random.Generator) -> bool:
+    return _holds(mean_interval(generator.exponential(1.0, worlds), np.arange(worlds)), 1.0)
 
 
-def _unlike_differ(worlds: int, trials: int, failing: float) -> Callable[[np.random.Generator], bool]:
-    def once(generator: np.random.Generator) -> bool:
-        effect = generator.normal(0.0, _SCORES_OVER_WORLDS, worlds)
-        steady = scored(0.0, 1.0, effect, trials, generator)
-        quicker = scored(failing, 1.0 / (1.0 - failing), effect, trials, generator)
-        return difference(steady, quicker).p <= ALPHA
-
-    return once
+def _success_covers(worlds: int, trials: int, generator: np.random.Generator) -> bool:
+    fails = [_chances(failing, _CORRELATION, worlds, generator) for failing in SUCCESS_FAILURES]
+    a, b = (_trials(trials, one, lambda world: np.ones(len(world)), generator, 0.0, 1.0) for one in fails)
+    return _holds(difference(a, b).interval, SUCCESS_FAILURES[1] - SUCCESS_FAILURES[0])
 
 
-def _pair_differs(worlds: int) -> Callable[[np.random.Generator], bool]:
-    def once(generator: np.random.Generator) -> bool:
-        a, b = equal_planners(2, worlds, generator)
-        return difference(a, b).p <= ALPHA
+def _unlike_differ(worlds: int, trials: int, failing: float, generator: np.random.Generator) -> bool:
+    effect = generator.normal(0.0, _SCORES_OVER_WORLDS, worlds)
+    steady = scored(0.0, 1.0, effect, trials, generator)
+    quicker = scored(failing, 1.0 / (1.0 - failing), effect, trials, generator)
+    return difference(steady, quicker).p <= ALPHA
 
-    return once
+
+def _pair_differs(worlds: int, generator: np.random.Generator) -> bool:
+    a, b = equal_planners(2, worlds, generator)
+    return difference(a, b).p <= ALPHA
 
 
-def _board_differs(generator: np.random.Generator) -> bool:
-    planners = equal_planners(BOARD_PLANNERS, BOARD_WORLDS, generator)
+def _board_differs(worlds: int, generator: np.random.Generator) -> bool:
+    planners = equal_planners(BOARD_PLANNERS, worlds, generator)
     found = rank({str(number): one for number, one in enumerate(planners)}, larger_is_better=False)
     return any(found.clear(*places) for places in found.p)

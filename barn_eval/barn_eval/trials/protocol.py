@@ -16,18 +16,18 @@ A built-in name stands for exactly the built-in protocol: a derived one needs a 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from barn_worlds.base.arrays import Floats
 from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.base.errors import ConfigError, shown, suggest
-from barn_worlds.base.text_files import read_yaml
+from barn_worlds.base.text_files import parse_yaml, read_yaml
 from barn_worlds.base.types import Pose2D
+from barn_worlds.robots.files import other_name
 from barn_worlds.robots.robot import Chassis
-from barn_worlds.robots.standard import other_name
 from barn_worlds.worlds.cells import LEAD_IN_M, STANDARD_CELL_M, lead_in_cells
 from barn_worlds.worlds.world import World
 
@@ -146,7 +146,7 @@ class Protocol(Checked):
         path = world.path_m(historical=True)
         if len(path) < 2:
             raise ConfigError(f"world {world.name}: protocol {self.name} needs a path of at least 2 cells")
-        anchors = {"map": (0.0, 0.0), "path_first": _position(path[0]), "path_last": _position(path[-1])}
+        anchors = {"map": (0.0, 0.0), "path_first": tuple(path[0].tolist()), "path_last": tuple(path[-1].tolist())}
         start = self.start.resolve(anchors)
         goal = self.goal.resolve(anchors | {"start": (start.x, start.y)})
         whole = np.vstack(([start.x, start.y], path, [goal.x, goal.y]))
@@ -186,54 +186,6 @@ class Protocol(Checked):
         return -STANDARD_CELL_M if self.map_given and self.historical_map else 0.0
 
 
-# The paper's trials as the original trial scripts judged them: by the filtered odometry plus the start's coordinates,
-# both for the clock and for arrival. Their log has 50 s for a trial cut off (here the traversal time), the paper
-# penalises a failed trial with 30 s (here the scored time).
-PAPER_2020 = Protocol(
-    name="paper2020",
-    historical_map=True,
-    start=PoseRule(anchor_x="path_first", x_min_m=-3.9, x_max_m=-0.5, y_m=4.075),
-    goal=PoseRule(anchor_x="path_last", anchor_y="path_last", y_m=0.30),
-)
-
-# The challenge as held since 2022; both clips of its metric are always computed (barn_eval.trials.outcome).
-CHALLENGE = Protocol(
-    name="challenge",
-    start=PoseRule(x_m=-2.25, y_m=3.0, yaw_rad=1.57),
-    goal=PoseRule(anchor_x="start", anchor_y="start", y_m=10.0, yaw_rad=1.57),
-    clock_start_distance_m=0.1,
-    clock_start_source="truth",
-    goal_distance_m=1.0,
-    goal_source="truth",
-    limit_s=100.0,
-    collision_ends_trial=True,
-    simulator="default",
-    planner_preset="challenge",
-    movable_obstacles=False,
-    map_given=False,
-    goal_period_s=0.0,
-    timeout_time_s=100.0,
-    failure_time_s=100.0,
-    metric="challenge",
-)
-
-# For planners with a map: the challenge's course and rules, a true map, and a pose with the noise of preset known_map.
-KNOWN_MAP = replace(CHALLENGE, name="known_map", map_given=True, simulator="known_map")
-
-# The challenge in DynaBARN's arenas. Its runner takes the path's length as the goal's x in one frame less the start's x
-# in another, -20 m - 11 m = -31 m: the optimal time is negative, and clipping makes 1/8 of every success. The length
-# here is that of the way, 20 m, and the optimal time 10 s.
-DYNABARN = replace(
-    CHALLENGE,
-    name="dynabarn",
-    start=PoseRule(x_m=11.0, y_m=0.0, yaw_rad=math.pi),
-    goal=PoseRule(anchor_x="start", anchor_y="start", x_m=-20.0, yaw_rad=math.pi),
-    arena=True,
-)
-
-PROTOCOLS: dict[str, Protocol] = {one.name: one for one in (CHALLENGE, DYNABARN, KNOWN_MAP, PAPER_2020)}
-
-
 def load_protocol(source: str) -> Protocol:
     """Return the protocol of that name, or the one that a YAML file describes.
 
@@ -259,22 +211,28 @@ def check_name(protocol: Protocol, where: str = "") -> None:
 
 
 def _merged(content: dict[str, Any], where: str) -> dict[str, Any]:
-    base = content.pop("base", None)
-    required = {"name"} if base else {"name", "start", "goal"}
-    missing = sorted(required - set(content))
+    required = ("name",) if content.get("base") else ("goal", "name", "start")
+    missing = next((key for key in required if key not in content), None)
     if missing:
-        hint = "" if base else f" (or a base: {', '.join(PROTOCOLS)})"
-        raise ConfigError(f"{where}: missing key {missing[0]!r}{hint}")
-    if base is None:
+        hint = "" if content.get("base") else f" (or a base: {', '.join(PROTOCOLS)})"
+        raise ConfigError(f"{where}: missing key {missing!r}{hint}")
+    return _based(content, where)
+
+
+def _based(content: dict[str, Any], where: str) -> dict[str, Any]:
+    """Return what a protocol says with what it takes over from its base."""
+    if (base := content.pop("base", None)) is None:
         return content
     if not isinstance(base, str) or base not in PROTOCOLS:
         raise ConfigError(f"{where}: unknown base {shown(base)}{suggest(base, PROTOCOLS)}")
     merged = as_dict(PROTOCOLS[base])
     for key, value in content.items():
-        partly = key in ("start", "goal") and isinstance(value, dict)
-        merged[key] = merged[key] | value if partly else value
+        merged[key] = merged[key] | value if key in ("start", "goal") and isinstance(value, dict) else value
     return merged
 
 
-def _position(point: Floats) -> tuple[float, float]:
-    return float(point[0]), float(point[1])
+PROTOCOLS: dict[str, Protocol] = {}
+_TEXT = (files("barn_eval") / "data" / "protocols.yaml").read_text("utf-8")
+for _name, _content in parse_yaml(_TEXT, "protocols.yaml").items():
+    PROTOCOLS[_name] = from_dict(Protocol, _based(_content | {"name": _name}, _name), _name)
+CHALLENGE, DYNABARN, KNOWN_MAP, PAPER_2020 = PROTOCOLS.values()

@@ -28,9 +28,6 @@ class Standing:
 class Referee:
     """Judge one trial; the first verdict stands, whatever comes after it.
 
-    Where the map given is off, a robot is also at the goal where its pose on that map says so: a planner knows of no
-    other place, and with a usual tolerance may stop out of reach of the goal by which the published trials were judged.
-
     Readings come in order of time. Stamps may start anywhere: all times count from the first reading.
     """
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -22,53 +22,12 @@ from barn_worlds.worlds.cells import STANDARD_CELL_M
 from barn_worlds.worlds.world import World
 
 
-class TrialLayout:
-    """What follows from world, protocol and robot alone, worked out once for all trials that have them in common."""
-
-    def __init__(self, world: World, protocol: Protocol, simulator: SimulatorConfig) -> None:
-        self._world, self._protocol, self._simulator = world, protocol, simulator
-
-    @cached_property
-    def task(self) -> str:
-        """Fingerprint of protocol, simulator and robot."""
-        return identity.fingerprint(identity.task(self._protocol, self._simulator))
-
-    @cached_property
-    def rules(self) -> Protocol:
-        """The protocol with its distances in the size of the world, for a robot other than the Jackal."""
-        return self._protocol.sized(self._world, self._simulator.chassis)
-
-    @cached_property
-    def course(self) -> Course:
-        """Start, goal and lengths of the world under the protocol."""
-        return self.rules.course(self._world)
-
-    @cached_property
-    def goal(self) -> Pose2D:
-        """The goal in the planning frame, as it comes out of a message."""
-        course = self.course
-        goal = course.goal if self._protocol.map_given else course.start.inverse() @ course.goal
-        return goal.through_quaternion()
-
-    @cached_property
-    def map(self) -> OccupancyMap | None:
-        """The map that the planner is given, if any, as it comes out of a message."""
-        if not self._protocol.map_given:
-            return None
-        standard = math.isclose(self._world.resolution_m, STANDARD_CELL_M)
-        grid = self._world.occupancy_map(historical=standard and self._protocol.historical_map)
-        # Worlds of other cells never had such a map; theirs is off as a whole, by as much as the pose is.
-        off_m = 0.0 if standard else self._protocol.map_offset_m()
-        return replace(grid, resolution=float(np.float32(grid.resolution)), origin_y=grid.origin_y + off_m)
-
-
 @dataclass(frozen=True, eq=False)
 class TrialSpec:
     """What a trial is: equal specifications give equal results, wherever and whenever they run.
 
     index: number of the world in its data set. overrides: dotted names of planner parameters to values. planner_config:
-    fingerprint of the planner's configuration. shared: the layout of a trial with the same world, protocol and
-    simulator.
+    fingerprint of the planner's configuration.
     """
 
     dataset: str
@@ -82,7 +41,6 @@ class TrialSpec:
     campaign_seed: int
     repetition: int
     planner_config: str = ""
-    shared: TrialLayout | None = None
 
     @property
     def trial_id(self) -> str:
@@ -109,39 +67,31 @@ class TrialSpec:
         """Frame in which the planner gets its goal and its pose: map if it is given one, else odom."""
         return FRAMES.map if self.protocol.map_given else FRAMES.odom
 
-    @cached_property
-    def layout(self) -> TrialLayout:
-        """What follows from world, protocol and robot."""
-        return self.shared or TrialLayout(self.world, self.protocol, self.simulator)
-
     @property
     def task(self) -> str:
         """Fingerprint of protocol, simulator and robot."""
-        return self.layout.task
+        return _task(self.protocol, self.simulator)
 
-    @property
+    @cached_property
     def rules(self) -> Protocol:
-        """The protocol in the size of the world, as `TrialLayout.rules`."""
-        return self.layout.rules
+        """The protocol with its distances in the size of the world, for a robot other than the Jackal."""
+        return self.protocol.sized(self.world, self.simulator.chassis)
 
-    @property
+    @cached_property
     def course(self) -> Course:
         """Start, goal and lengths of the world under the protocol."""
-        return self.layout.course
+        return _course(self.rules, self.world)
 
-    @property
+    @cached_property
     def goal(self) -> Pose2D:
-        """The goal in the planning frame."""
-        return self.layout.goal
+        """The goal in the planning frame, as it comes out of a message."""
+        goal = self.course.goal if self.protocol.map_given else self.course.start.inverse() @ self.course.goal
+        return goal.through_quaternion()
 
-    @property
+    @cached_property
     def map(self) -> OccupancyMap | None:
-        """The map that the planner is given, if any."""
-        return self.layout.map
-
-    def repeated(self, campaign_seed: int, repetition: int) -> "TrialSpec":
-        """Return the same trial with other noise; what does not depend on it is not worked out again."""
-        return replace(self, campaign_seed=campaign_seed, repetition=repetition, shared=self.layout)
+        """The map that the planner is given, if any, as it comes out of a message."""
+        return _map(self.protocol, self.world) if self.protocol.map_given else None
 
     def description(self) -> dict[str, Any]:
         """Return everything that determines the trial as plain data, all configuration resolved."""
@@ -170,6 +120,28 @@ class TrialSpec:
             },
             **phase,
         }
+
+
+# What trials have in common is worked out once.
+
+
+@lru_cache(maxsize=64)
+def _task(protocol: Protocol, simulator: SimulatorConfig) -> str:
+    return identity.fingerprint(identity.task(protocol, simulator))
+
+
+@lru_cache(maxsize=64)
+def _course(rules: Protocol, world: World) -> Course:
+    return rules.course(world)
+
+
+@lru_cache(maxsize=64)
+def _map(protocol: Protocol, world: World) -> OccupancyMap:
+    standard = math.isclose(world.resolution_m, STANDARD_CELL_M)
+    grid = world.occupancy_map(historical=standard and protocol.historical_map)
+    # Worlds of other cells never had such a map; theirs is off as a whole, by as much as the pose is.
+    off_m = 0.0 if standard else protocol.map_offset_m()
+    return replace(grid, resolution=float(np.float32(grid.resolution)), origin_y=grid.origin_y + off_m)
 
 
 def simulator_config(

@@ -9,9 +9,8 @@ import numpy.typing as npt
 
 from barn_eval.trials.protocol import Course, Protocol
 from barn_worlds.base.types import NANOSECONDS, Odometry, Velocity2D
-from barn_worlds.geometry.bodies import wall_bodies
+from barn_worlds.geometry.bodies import shape_rows, wall_bodies
 from barn_worlds.geometry.footprint import Footprint
-from barn_worlds.geometry.shapes import body_shapes, shape_rows
 from barn_worlds.moving.tracks import Tracks
 from barn_worlds.worlds.world import World
 
@@ -188,10 +187,7 @@ def encounters(
     protocol: Protocol,
     traversal_s: float | None,
 ) -> Encounters | None:
-    """Return the figures of a trajectory in a world whose obstacles were `phase_s` into their motions at its start.
-
-    traversal_s: time on the clock of a success, None for anything else. None where nothing moves.
-    """
+    """Return the figures of a trajectory in a world whose obstacles were `phase_s` into their motions at its start."""
     if not world.moving:
         return None
     times_s = (trajectory.stamps_ns - trajectory.stamps_ns[:1]) / NANOSECONDS + phase_s
@@ -213,7 +209,7 @@ def encounters(
 
 
 def moving_shapes(tracks: Tracks, positions: Floats) -> Floats:
-    """Return moving obstacles at positions (n, 2) as shapes (n, 7) of `barn_worlds.geometry.shapes`."""
+    """Return moving obstacles at positions (n, 2) as shapes (n, 7) of `barn_worlds.geometry.kernels`."""
     return shape_rows(positions, tracks.radius_m, tracks.size_m, tracks.yaw_rad)
 
 
@@ -275,6 +271,6 @@ def _hit(
 def _standing_gap(poses: Floats, world: World, outline: Footprint) -> float:
     """Return the smallest distance from the robot at poses (n, 3) to a cylinder or a wall, infinite without any."""
     still = clearances(poses, world.cylinders_m, world.cylinder_radius_m, outline)
-    walls = body_shapes(wall_bodies(world.walls))
+    walls = wall_bodies(world.walls).shapes()
     gaps = [outline.gaps(walls, x, y, yaw).min(initial=math.inf) for x, y, yaw in poses.tolist()]
     return min(max(float(still.min(initial=math.inf)), 0.0), float(min(gaps)))

@@ -19,6 +19,10 @@ from barn_planners.interface import PlannerStatus
 from barn_worlds.base.types import Odometry, Velocity2D
 from barn_worlds.geometry.footprint import contact_of
 
+T = TypeVar("T")
+OF_SPEC = ("planner", "repetition", "campaign_seed", "simulator_seed", "planner_seed")  # which a row has likewise
+_OF_SPEC = ("trial_id", "dataset", "preset", "task", "planner_config")
+
 
 @contextmanager
 def handled(number: int, handler: Callable[[int, FrameType | None], None]) -> Iterator[bool]:
@@ -37,57 +41,32 @@ class DeadlineError(BaseException):
     """The limit has passed; not an Exception, so that a planner that catches those does not swallow it."""
 
 
-class Deadline:
-    """Raise DeadlineError in calls that take longer than the limit.
+@contextmanager
+def deadline(limit_s: float) -> Iterator[None]:
+    """Raise DeadlineError in what takes longer, so that a planner that hangs cannot hang everything.
 
-    limit_s may be changed and holds from the next call on. Works by an interval timer: in the main thread only
-    (elsewhere nothing is limited), and in compiled code not before it returns.
+    Works by an interval timer: in the main thread only (elsewhere nothing is limited), and in compiled code not before
+    it returns.
     """
-
-    def __init__(self, limit_s: float) -> None:
-        self.limit_s = limit_s
-        self._armed = False
-
-    @contextmanager
-    def installed(self) -> Iterator[Deadline]:
-        """Take over the alarm signal, and give it back at the end."""
-        with handled(signal.SIGALRM, self._expired) as armed:
-            self._armed = armed
-            try:
-                yield self
-            finally:
-                self.__exit__()
-                self._armed = False
-
-    def __enter__(self) -> None:
-        """Begin to count."""
-        if self._armed:
-            signal.setitimer(signal.ITIMER_REAL, self.limit_s)
-
-    def __exit__(self, *error: object) -> None:
-        """Stop counting."""
-        if self._armed:
-            signal.setitimer(signal.ITIMER_REAL, 0.0)
-
-    def _expired(self, _signal: int, _frame: FrameType | None) -> None:
-        raise DeadlineError
+    with handled(signal.SIGALRM, _expired) as armed:
+        if armed:
+            signal.setitimer(signal.ITIMER_REAL, limit_s)
+        try:
+            yield
+        finally:
+            if armed:
+                signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
-T = TypeVar("T")
+def _expired(_signal: int, _frame: FrameType | None) -> None:
+    raise DeadlineError
 
 
 class RunningTrial:
     """The part of a trial that is the same however it is run: a session in one process, over ROS, or by a learner.
 
-    Instant by instant it takes the reading, then the command that answers it. It reads no clock.
-
-    Args:
-        spec: What the trial is.
-        logged: Whether the trajectory is kept.
-
-    Attributes:
-        log: The trajectory so far.
-        recoveries: How often the planner began to recover, None if it has not said how it fares.
+    Instant by instant it takes the reading, then the command that answers it. It reads no clock. recoveries: how often
+    the planner began to recover, None if it has not said how it fares.
     """
 
     def __init__(self, spec: TrialSpec, *, logged: bool = True) -> None:
@@ -136,13 +115,13 @@ class RunningTrial:
         self.recoveries = (self.recoveries or 0) + began
         self._status = status
 
-    def ask(self, call: Callable[[], T], deadline: Deadline) -> T | None:
+    def ask(self, call: Callable[[], T], limit_s: float) -> T | None:
         """Call the planner within a limit and return its answer; what goes wrong there ends the trial."""
         try:
-            with deadline:
+            with deadline(limit_s):
                 return call()
         except DeadlineError:
-            detail = f"no answer within {deadline.limit_s:g} s of wall-clock time"
+            detail = f"no answer within {limit_s:g} s of wall-clock time"
             self.referee.fail(Outcome.PLANNER_STALLED, detail)
         except Exception as error:  # whatever it is, it belongs in the result
             self.referee.fail(Outcome.PLANNER_DIED, error_line(error))
@@ -179,27 +158,18 @@ def conclude(
     traversal_s = scores.traversal_time_s if scores.success else None
     outline = contact_of(spec.simulator.chassis)
     result = TrialResult(
-        trial_id=spec.trial_id,
-        dataset=spec.dataset,
+        **{name: getattr(spec, name) for name in (*_OF_SPEC, *OF_SPEC)},
         world=spec.index,
         world_name=world.name,
         world_checksum=world.checksum,
-        planner=spec.planner,
-        preset=spec.preset,
         protocol=spec.protocol.name,
         mode=mode,
-        repetition=spec.repetition,
-        campaign_seed=spec.campaign_seed,
-        simulator_seed=spec.simulator_seed,
-        planner_seed=spec.planner_seed,
         outcome=verdict.outcome,
         detail=verdict.detail,
         scores=scores,
         measures=measure(trajectory, world.cylinders_m, world.cylinder_radius_m, outline),
         recoveries=recoveries,
         planner_verdict=planner_verdict,
-        task=spec.task,
-        planner_config=spec.planner_config,
         metric=spec.protocol.metric,
         fault=verdict.fault,
         remarks=remarks,

@@ -11,12 +11,19 @@ from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.formats.own import Order, write_own
 from barn_worlds.moving.generate import class_named, generate_arenas, with_crossings, with_motion
-from barn_worlds.robots.files import load_robot
+from barn_worlds.robots.files import load_robot, other_name
 from barn_worlds.robots.robot import Robot
-from barn_worlds.robots.standard import other_name
 from barn_worlds.worlds.dataset import open_dataset
-from barn_worlds.worlds.generate import DatasetParameters, ranked_dataset, reordered, write_dataset, write_ordered
-from barn_worlds.worlds.parameters import TABLE_I, WorldParameters, cell_m
+from barn_worlds.worlds.generate import (
+    TABLE_I,
+    DatasetParameters,
+    WorldParameters,
+    cell_m,
+    ranked_dataset,
+    reordered,
+    write_dataset,
+    write_ordered,
+)
 from barn_worlds.worlds.world import World
 
 Progress = Callable[[int, int], None]
@@ -43,7 +50,7 @@ def generate(
         out: File (.npz) or folder in the original layout to write them to, which must not be there.
         per_set: Worlds per parameter set.
         seed: All randomness comes from it.
-        parameters: One set of your own, by name (see `barn_worlds.worlds.parameters.WorldParameters`); without, the
+        parameters: One set of your own, by name (see `barn_worlds.worlds.generate.WorldParameters`); without, the
             twelve of the paper's Table I.
         robot: What paths are planned for; cells are in its size, 5 x 5 of them to a robot, unless parameters say how
             large they are.

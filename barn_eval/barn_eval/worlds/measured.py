@@ -12,9 +12,7 @@ from barn_metrics.motion import MotionStatistics, mean_statistics
 from barn_metrics.report import MetricsTable
 from barn_metrics.report import metrics_table as table_of
 from barn_worlds.robots.files import load_robot
-from barn_worlds.robots.robot import Robot
-from barn_worlds.worlds.dataset import Dataset, open_dataset
-from barn_worlds.worlds.selection import select_worlds
+from barn_worlds.worlds.dataset import Dataset, open_dataset, select_worlds
 from barn_worlds.worlds.world import World
 
 
@@ -40,21 +38,17 @@ def metrics(
 
 
 def metrics_table(
-    source: str | Path | Dataset, select: str = "all", formula: str = "corrected", *, robot: str | Path = ""
+    source: str | Path, select: str = "all", formula: str = "corrected", *, robot: str | Path = ""
 ) -> MetricsTable:
     """Return the same with its summary, as in the paper's Table II."""
-    chosen = as_formula(formula)
-    dataset = source if isinstance(source, Dataset) else open_dataset(source)
-    numbers = select_worlds(select, dataset.indices)
+    chosen, dataset = as_formula(formula), open_dataset(source)
     driven = load_robot(robot) if robot else None
-    readers = {index: partial(load_for, dataset, index, driven) for index in numbers}
+
+    def read(index: int) -> World:
+        return dataset.load(index) if driven is None else fitting(dataset.load(index), driven)
+
+    readers = {index: partial(read, index) for index in select_worlds(select, dataset.indices)}
     return table_of(Dataset(dataset.name, readers), chosen)
-
-
-def load_for(dataset: Dataset, index: int, robot: Robot | None) -> World:
-    """Return a world, with the footprint of a robot and a path for it where that is another one than its own."""
-    world = dataset.load(index)
-    return world if robot is None else fitting(world, robot)
 
 
 def motion(source: str | Path, select: str = "all") -> list[tuple[str, int, MotionStatistics]]:

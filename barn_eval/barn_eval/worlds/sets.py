@@ -1,4 +1,4 @@
-"""Data sets: those that there are, read, changed and written."""
+"""Data sets: those that there are, read, changed, drawn and written."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -6,13 +6,14 @@ from pathlib import Path
 from typing import Literal
 
 from barn_eval.learning.difficulty import read_scores
+from barn_eval.pages.figures import Plot
 from barn_metrics.formula import PUBLISHED
 from barn_metrics.metrics import world_metrics
+from barn_metrics.world_figure import world_figure as metrics_figure
 from barn_worlds.base.errors import ConfigError, WorldError, suggest
 from barn_worlds.base.files import new_folder
 from barn_worlds.drawing.files import write_png
-from barn_worlds.drawing.moving import motion_figure
-from barn_worlds.drawing.worlds import world_figure
+from barn_worlds.drawing.worlds import sheet_figure, world_figure, write_animation
 from barn_worlds.formats.map_server import write_map
 from barn_worlds.formats.original import write_original
 from barn_worlds.formats.own import Order, write_own
@@ -22,10 +23,8 @@ from barn_worlds.formats.tracks_csv import write_tracks
 from barn_worlds.formats.world_yaml import write_world_yaml
 from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.robot import Robot
-from barn_worlds.worlds.dataset import open_dataset, shipped
-from barn_worlds.worlds.generate import write_ordered
-from barn_worlds.worlds.parameters import cell_m
-from barn_worlds.worlds.selection import select_worlds
+from barn_worlds.worlds.dataset import open_dataset, select_worlds, shipped
+from barn_worlds.worlds.generate import cell_m, write_ordered
 from barn_worlds.worlds.world import World
 
 Form = Literal["sdf", "sdf_classic", "map", "original", "npz", "yaml", "tracks", "png"]
@@ -157,9 +156,40 @@ def order(source: str | Path, out: str | Path, scores: str | Path, by: str) -> d
     return write_ordered(target, target.stem, list(map(dataset.load, dataset.indices)), ranked, about)
 
 
-def moves(worlds: Mapping[int, World]) -> bool:
-    """Tell whether anything but cylinders stands or moves in a world."""
-    return any(world.moving or world.walls for world in worlds.values())
+def draw(shown: World | Mapping[int, World], *, metrics: bool = False) -> Plot:
+    """Return a figure of one world, or of many on a sheet.
+
+    Args:
+        shown: The world, or worlds by number.
+        metrics: Whether a map of each difficulty metric is drawn as well, of one world.
+
+    Raises:
+        BarnError: Metrics are asked for of several worlds, or of one that has none.
+    """
+    if isinstance(shown, Mapping):
+        if metrics:
+            raise ConfigError("metrics are drawn of one world, not of several")
+        return Plot(sheet_figure(shown), f"{len(shown)} worlds")
+    return Plot(metrics_figure(shown) if metrics else world_figure(shown), shown.name)
+
+
+def write_figure(shown: Mapping[int, World], target: str | Path) -> None:
+    """Write a picture of worlds, on a sheet if they are several, or an animation of one that moves.
+
+    Args:
+        shown: The worlds by number.
+        target: File, .png or .gif.
+
+    Raises:
+        BarnError: An animation is asked for of several worlds or of one that does not move.
+    """
+    first, *others = shown.values()
+    if Path(target).suffix != ".gif":
+        write_png(draw(shown if others else first).figure, Path(target))
+    elif others:
+        raise WorldError(f"an animation shows one world, got {len(shown)}; select one with --worlds")
+    else:
+        write_animation(first, Path(target))
 
 
 def _in_metres(world: World) -> bool:
@@ -171,8 +201,7 @@ def _write_each(target: Path, chosen: Mapping[int, World], form: Form, movable: 
     with new_folder(target) as folder:
         for index, world in chosen.items():
             if form == "png":
-                figure = motion_figure(world) if moves({0: world}) else world_figure(world)
-                write_png(figure, folder / f"world_{index}.png")
+                write_png(world_figure(world), folder / f"world_{index}.png")
             elif form == "yaml":
                 write_world_yaml(world, folder / f"world_{index}.world.yaml")
             elif form == "tracks":

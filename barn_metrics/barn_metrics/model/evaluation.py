@@ -1,30 +1,33 @@
-"""How well difficulty models predict worlds that they have not seen, beside ridge regression on the five metrics.
+"""How well a difficulty model predicts worlds that it has not seen, beside ridge regression on the five metrics.
 
-They are trained on other worlds of the same trials, by repeated k-fold over worlds, or on further trials alone.
+Models are trained by repeated k-fold over worlds; intervals are of 95 % over worlds.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
+from barn_metrics import bootstrap
 from barn_metrics.bootstrap import Interval
 from barn_metrics.metrics import METRIC_NAMES
 from barn_metrics.model.inputs import inputs_of
 from barn_metrics.model.predictor import DifficultyModel
-from barn_metrics.model.scores import Ceiling, Errors, errors_of, noise_ceiling, over_worlds, paired_gain
-from barn_metrics.model.training import TITLE, Mask, fold_masks, refuse_held_out, train_models, trained_worlds
+from barn_metrics.model.training import HELD_OUT, TITLE, Mask, fold_masks, held_out, train_models, trained_worlds
 from barn_metrics.model.trials import Trials
-from barn_worlds.base.arrays import Floats
+from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ModelError
 from barn_worlds.worlds.world import World
 
-RIDGE, ROUTES = "ridge", "routes"
-TITLES = {RIDGE: "ridge regression on the five metrics", ROUTES: TITLE}
+RIDGE, ROUTES, WEIGHTS = "ridge", "routes", "weights"
+RIDGE_TITLE = "ridge regression on the five metrics"
 _PENALTIES = np.logspace(-1.0, 4.0, 26)
-
-Sample = tuple[Mapping[int, World], Trials]
+_SPLITS = 50
+# Rank correlations of several repeats are slow.
+over_worlds = partial(bootstrap.over_worlds, resamples=4000)
 
 
 @dataclass(frozen=True)
@@ -37,17 +40,21 @@ class EvaluationConfig(Checked):
 
 
 @dataclass(frozen=True)
-class ModelScore(Errors):
-    """The errors of one kind of model in worlds held out.
+class ModelScore:
+    """The errors of one kind of model in worlds held out, averaged over repeats.
 
-    training_mse: of the models on the worlds that they were trained on, (s/m)^2. gain: the mean squared error of ridge
-    regression minus this one's on the same worlds: above 0 this one is better; None for ridge regression itself.
-    predictions: mean over repeats, of each of the evaluation's worlds, s/m.
+    mse: mean squared error in (s/m)^2, training_mse: in the worlds that the models were trained on; mae: mean absolute
+    error in s/m; r2: explained variance; spearman: rank correlation; predictions: of each world, s/m. gain: how much
+    lower the mean squared error of the predictions is than that of ridge regression's; None without any to compare.
     """
 
     name: str
     title: str
     training_mse: float
+    mse: Interval
+    mae: Interval
+    r2: Interval
+    spearman: Interval
     gain: Interval | None
     predictions: tuple[float, ...]
 
@@ -56,8 +63,8 @@ class ModelScore(Errors):
 class Evaluation:
     """How well models predict some trials.
 
-    difficulty: of each of world_numbers, measured, s/m. further_worlds, further_trials: how many other ones the models
-    were trained on; 0 where they were trained on folds.
+    difficulty: of each of world_numbers, measured, s/m. ceiling: the highest R2 that a model can have on these trials,
+    None where worlds have one trial per planner.
     """
 
     worlds: int
@@ -69,66 +76,42 @@ class Evaluation:
     world_numbers: tuple[int, ...]
     difficulty: tuple[float, ...]
     scores: tuple[ModelScore, ...]
-    ceiling: Ceiling
-    further_worlds: int = 0
-    further_trials: int = 0
+    ceiling: Interval | None
 
     def score(self, name: str) -> ModelScore:
         """Return the score of a kind of model that was evaluated."""
         return next(score for score in self.scores if score.name == name)
 
 
-@dataclass(frozen=True)
-class WeightsCheck(Errors):
-    """Errors of a trained model on trials.
-
-    bias_s_per_m: mean of prediction minus measurement; within_two_std: share of the worlds whose measured difficulty
-    lies within two of the model's standard deviations. predictions: of each world, s/m.
-    """
-
-    worlds: int
-    trials: int
-    bias_s_per_m: Interval
-    within_two_std: float
-    predictions: tuple[float, ...]
-
-
 def evaluate(
     worlds: Mapping[int, World],
     trials: Trials,
     config: EvaluationConfig | None = None,
-    *,
-    further: Sample | None = None,
-    models: Sequence[str] = (RIDGE, ROUTES),
-    track: Callable[[Sequence[str]], Iterable[str]] = iter,
+    model: DifficultyModel | None = None,
 ) -> Evaluation:
-    """Return the held-out errors of models on the worlds that every planner was tried in.
+    """Return the errors of ridge regression and of the suite's kind of model, on the worlds that every planner has.
 
-    further: other worlds and the trials in them; models are trained on these alone and not on folds. models: of
-    `TITLES`, ridge regression first. track: gives these one after the other, such as `rich.progress.track`.
-    Raises ModelError for too few worlds, training in a world kept apart, further trials in a world that is judged, or
-    of other planners, or where PyTorch is missing.
+    model: judged as it is in place of models trained on folds; held-out only where it was not trained on these worlds.
+    Worlds of `HELD_OUT` judge such a model alone.
+    Raises ModelError for too few worlds, or where PyTorch is missing.
     """
     chosen = config or EvaluationConfig()
     own, judged = trained_worlds(worlds, trials), trials.only(trials.world_numbers)
+    apart = held_out(own)
+    if apart is not None and model is None:
+        raise ModelError(f"{apart.name} is a world of {HELD_OUT}, which is never trained on; it judges weights")
+    if apart is None and len(own) < 2 * chosen.folds:
+        raise ModelError(f"{chosen.folds} folds need at least {2 * chosen.folds} worlds, got {len(own)}")
     inputs, difficulty = inputs_of(own), judged.difficulty()
-    if further is None:
-        refuse_held_out(own)
-        if len(own) < 2 * chosen.folds:
-            raise ModelError(f"{chosen.folds} folds need at least {2 * chosen.folds} worlds, got {len(own)}")
-        other, other_trials = [], None
-    else:
-        other, other_trials = trained_worlds(*further), further[1].only(further[1].world_numbers)
-        refuse_held_out(other)
-        _check_apart(own, judged, other, other_trials)
-    other_inputs = inputs_of(other)
-    found: dict[str, tuple[Floats, float]] = {}
-    for name in track(models):
-        fit = _fit_ridge if name == RIDGE else _fit_routes
-        if other_trials is None:
-            found[name] = _on_folds(fit, inputs, judged, chosen)
+    scores: list[ModelScore] = []
+    for name in ([] if apart else [RIDGE]) + [WEIGHTS if model else ROUTES]:
+        if model is None or name == RIDGE:
+            predicted, training_mse = _on_folds(_FITS[name], inputs, judged, chosen)
+            title = RIDGE_TITLE if name == RIDGE else TITLE
         else:
-            found[name] = _elsewhere(fit, inputs, other_inputs, other_trials, chosen)
+            predicted, training_mse = model.difficulty(inputs)[0][None], model.about.get("training_mse", math.nan)
+            title = f"{model.about.get('title')}; trained in {model.about.get('training_worlds')} other worlds"
+        scores.append(_score(name, title, training_mse, predicted, difficulty, scores[0] if scores else None))
     return Evaluation(
         len(own),
         len(judged),
@@ -138,31 +121,8 @@ def evaluate(
         chosen.seed,
         judged.world_numbers,
         tuple(difficulty.tolist()),
-        tuple(_score(name, found, difficulty) for name in found),
+        tuple(scores),
         noise_ceiling(judged, chosen.seed),
-        len(other),
-        len(other_trials) if other_trials else 0,
-    )
-
-
-def check_weights(model: DifficultyModel, worlds: Mapping[int, World], trials: Trials) -> WeightsCheck:
-    """Return how well a trained model predicts the difficulty that trials give; ModelError for too few worlds.
-
-    It is held-out only where the model was not trained on these worlds.
-    """
-    used = trained_worlds(worlds, trials)
-    found = model.predict_worlds(used)
-    predicted = np.array([one.difficulty_s_per_m for one in found])
-    std = np.array([one.std_s_per_m for one in found])
-    measured = trials.difficulty()
-    error = predicted - measured
-    return WeightsCheck(
-        **vars(errors_of(predicted[None], measured)),
-        worlds=len(used),
-        trials=len(trials.only(trials.world_numbers)),
-        bias_s_per_m=over_worlds(lambda drawn: error[drawn].mean(axis=-1), len(used)),
-        within_two_std=float((np.abs(error) <= 2.0 * std).mean()),
-        predictions=tuple(predicted.tolist()),
     )
 
 
@@ -184,18 +144,18 @@ def ridge(inputs: Floats, targets: Floats) -> Callable[[Floats], Floats]:
     return lambda unseen: (unseen - mean) / std @ weights + bias
 
 
-# Trains a model per row of a mask (b, w) on inputs (w, d) and trials, from a seed; yields what each predicts for other
-# inputs (n, d).
-_Fit = Callable[[Floats, Trials, Mask, int, Floats], Iterator[Floats]]
+def _fit_ridge(inputs: Floats, trials: Trials, kept: Mask, _seed: int) -> Iterator[Floats]:
+    five, difficulty = inputs[:, : len(METRIC_NAMES)], trials.difficulty()
+    yield from (ridge(five[mask], difficulty[mask])(five) for mask in kept)
 
 
-def _fit_ridge(inputs: Floats, trials: Trials, kept: Mask, _seed: int, asked: Floats) -> Iterator[Floats]:
-    five, difficulty = len(METRIC_NAMES), trials.difficulty()
-    yield from (ridge(inputs[mask, :five], difficulty[mask])(asked[:, :five]) for mask in kept)
+def _fit_routes(inputs: Floats, trials: Trials, kept: Mask, seed: int) -> Iterator[Floats]:
+    yield from (model.difficulty(inputs)[0] for model in train_models(inputs, trials, kept, seed))
 
 
-def _fit_routes(inputs: Floats, trials: Trials, kept: Mask, seed: int, asked: Floats) -> Iterator[Floats]:
-    yield from (model.difficulty(asked)[0] for model in train_models(inputs, trials, kept, seed))
+# Trains a model per row of a mask (b, w) on inputs (w, d) and trials, from a seed; yields what each predicts for all.
+_Fit = Callable[[Floats, Trials, Mask, int], Iterator[Floats]]
+_FITS: dict[str, _Fit] = {RIDGE: _fit_ridge, ROUTES: _fit_routes}
 
 
 def _on_folds(fit: _Fit, inputs: Floats, trials: Trials, config: EvaluationConfig) -> tuple[Floats, float]:
@@ -204,39 +164,90 @@ def _on_folds(fit: _Fit, inputs: Floats, trials: Trials, config: EvaluationConfi
     predicted, training = np.zeros((config.repeats, len(inputs))), []
     for repeat in range(config.repeats):
         kept = fold_masks(len(inputs), config.folds, config.seed + repeat)
-        for mask, given in zip(kept, fit(inputs, trials, kept, config.seed + repeat, inputs), strict=True):
+        for mask, given in zip(kept, fit(inputs, trials, kept, config.seed + repeat), strict=True):
             predicted[repeat, ~mask] = given[~mask]
             training.append(np.mean((given - difficulty)[mask] ** 2))
     return predicted, float(np.mean(training))
 
 
-def _elsewhere(
-    fit: _Fit, inputs: Floats, other: Floats, trials: Trials, config: EvaluationConfig
-) -> tuple[Floats, float]:
-    """Return predictions (repeats, w) by models that were trained on other inputs and trials, and their error there."""
-    every, asked = np.ones((1, len(other)), np.bool_), np.concatenate([other, inputs])
-    seeds = range(config.seed, config.seed + config.repeats)
-    given = np.array([next(fit(other, trials, every, seed, asked)) for seed in seeds])
-    return given[:, len(other) :], float(((given[:, : len(other)] - trials.difficulty()) ** 2).mean())
+def _score(
+    name: str, title: str, training_mse: float, predicted: Floats, measured: Floats, yardstick: ModelScore | None
+) -> ModelScore:
+    """Return the errors of predictions (r, w), averaged over their r repeats, against measured times (w,)."""
+    squared, means = ((predicted - measured) ** 2).mean(axis=0), predicted.mean(axis=0)
+    absolute = np.abs(predicted - measured).mean(axis=0)
 
+    def spearman(drawn: Integers) -> Floats:
+        each = [bootstrap.spearman(one[drawn], measured[drawn]) for one in predicted]
+        mean: Floats = np.nan_to_num(each).mean(axis=0)  # what does not vary orders nothing
+        return mean
 
-def _check_apart(own: Sequence[World], trials: Trials, other: Sequence[World], further: Trials) -> None:
-    judged = {world.checksum: number for number, world in zip(trials.world_numbers, own, strict=True)}
-    both = next((judged[world.checksum] for world in other if world.checksum in judged), None)
-    if both is not None:
-        raise ModelError(f"world {both} is judged and among the further trials; a model must not have seen it")
-    if trials.planner_names != further.planner_names:
-        names = [", ".join(one.planner_names) for one in (trials, further)]
-        raise ModelError(f"further trials must be of the same planners, {names[0]}, got {names[1]}")
-
-
-def _score(name: str, found: Mapping[str, tuple[Floats, float]], difficulty: Floats) -> ModelScore:
-    predicted, training_mse = found[name]
     return ModelScore(
-        **vars(errors_of(predicted, difficulty)),
-        name=name,
-        title=TITLES[name],
-        training_mse=training_mse,
-        gain=None if name == RIDGE else paired_gain(found[RIDGE][0], predicted, difficulty),
-        predictions=tuple(predicted.mean(axis=0).tolist()),
+        name,
+        title,
+        training_mse,
+        over_worlds(lambda drawn: squared[drawn].mean(axis=-1), len(measured)),
+        over_worlds(lambda drawn: absolute[drawn].mean(axis=-1), len(measured)),
+        determination(predicted, measured),
+        over_worlds(spearman, len(measured)),
+        _gain(np.array(yardstick.predictions), means, measured) if yardstick else None,
+        tuple(means.tolist()),
     )
+
+
+def _gain(worse: Floats, better: Floats, measured: Floats) -> Interval:
+    difference = (worse - measured) ** 2 - (better - measured) ** 2
+    return over_worlds(lambda drawn: difference[drawn].mean(axis=-1), len(measured))
+
+
+def determination(predicted: Floats, measured: Floats) -> Interval:
+    """Return R2 of predictions (r, w), averaged over their r repeats, as they are: not of a line through them.
+
+    measured: (w,). Below zero where predictions are worse than its mean; NaN where it does not vary.
+    """
+    if not measured.var() > 0.0:
+        return Interval(math.nan)
+    squared = ((predicted - measured) ** 2).mean(axis=0)
+    return over_worlds(lambda drawn: 1.0 - squared[drawn].mean(axis=-1) / measured[drawn].var(axis=-1), len(measured))
+
+
+def noise_ceiling(trials: Trials, seed: int = 0) -> Interval | None:
+    """Return how well trials agree with themselves, from random splits; both halves hold as many of each planner.
+
+    It is the correlation of halves of the repetitions, carried to all of them by the formula of Spearman and Brown.
+    """
+    values = [
+        [mine.normalised_s_per_m[mine.worlds == world] for world in trials.world_numbers]
+        for mine in map(trials.of, trials.planner_names)
+    ]
+    fewest = min(min(map(len, rows)) for rows in values)
+    if fewest < 2:
+        return None
+    generator = np.random.default_rng(seed)
+    halves = np.array([_split(values, fewest // 2, generator) for _ in range(_SPLITS)])  # (splits, 2, w)
+    factor = fewest / (fewest // 2)
+
+    def reliability(drawn: Integers) -> Floats:
+        each = np.mean([_pearson(first[drawn], second[drawn]) for first, second in halves], axis=0)
+        full: Floats = factor * each / (1.0 + (factor - 1.0) * each)
+        return full
+
+    return over_worlds(reliability, len(trials.world_numbers))
+
+
+def _split(values: list[list[Floats]], half: int, generator: np.random.Generator) -> Floats:
+    """Return the difficulty of each world by two halves that share no trial, (2, w)."""
+    means = []
+    for rows in values:
+        drawn = [generator.permutation(row)[: 2 * half].reshape(2, half).mean(axis=1) for row in rows]
+        means.append(np.array(drawn).T)
+    mean: Floats = np.mean(means, axis=0)
+    return mean
+
+
+def _pearson(a: Floats, b: Floats) -> Floats:
+    """Return the correlation along the last axis; 0 where one side does not vary."""
+    a, b = (one - one.mean(axis=-1, keepdims=True) for one in (a, b))
+    scale = np.sqrt((a**2).sum(axis=-1) * (b**2).sum(axis=-1))
+    found: Floats = np.where(scale > 1e-12, (a * b).sum(axis=-1) / np.maximum(scale, 1e-12), 0.0)
+    return found

@@ -1,19 +1,101 @@
-"""The difficulty model: inputs of a world in, predicted time per metre out, with numpy only."""
+"""The difficulty model: inputs of a world in, predicted time per metre out, its networks evaluated with numpy."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from barn_metrics.model.inputs import inputs_of
-from barn_metrics.model.network import RouteNetwork
+from barn_metrics.model.route import CHANNELS, PRESENT, SAMPLES, mirrored
 from barn_worlds.base.arrays import Floats
-from barn_worlds.worlds.dataset import Dataset
-from barn_worlds.worlds.selection import select_worlds
+from barn_worlds.worlds.dataset import Dataset, select_worlds
 from barn_worlds.worlds.world import World
 
+Layer = tuple[Floats, Floats]  # weights and bias
+
+DILATIONS = (1, 1, 2)  # of the filters of each layer
+LARGEST_SCORE = 5.0  # standard deviations beyond which a z-scored input is clipped
+SUMMARY_SCALE = 0.3  # of z-scored inputs beside the responses of filters
 _QUICKEST_S_PER_M = 0.1  # no prediction is below: ten metres a second
+_AT_ONCE = 64  # worlds, which bounds the memory
+
+
+@dataclass(frozen=True, eq=False)
+class RouteNetwork:
+    """Filters along the strips of r routes, then layers that see their largest and mean response and d other inputs.
+
+    mean, std: (d,) of the inputs that are not strips, which come first; filters: weights (width, in, out), width odd,
+    and bias (out,) of each of `DILATIONS`; layers: weights (in, out) and bias (out,), fully connected with rectified
+    linear units between them. A world and its mirror image give the same.
+    """
+
+    mean: Floats
+    std: Floats
+    filters: tuple[Layer, ...]
+    layers: tuple[Layer, ...]
+
+    def __call__(self, inputs: Floats) -> Floats:
+        """Return the outputs (n, k) of inputs (n, d + r * SAMPLES * CHANNELS)."""
+        starts = range(0, max(len(inputs), 1), _AT_ONCE)
+        return np.concatenate([self._both_ways(inputs[first : first + _AT_ONCE]) for first in starts])
+
+    def _both_ways(self, inputs: Floats) -> Floats:
+        plain, strips = divided(inputs, self.mean, self.std)
+        outputs = [self._one_way(plain, side_by_side(way)) for way in (strips, mirrored(strips))]
+        mean: Floats = 0.5 * (outputs[0] + outputs[1])
+        return mean
+
+    def _one_way(self, plain: Floats, strips: Floats) -> Floats:
+        present = present_in(strips)
+        longest = max(int(present.any(axis=(0, 2)).sum()), 1)
+        values, present = strips[:, :longest], present[:, :longest]
+        for (weights, bias), dilation in zip(self.filters, DILATIONS, strict=True):
+            # Zero after the end of a route, so that what follows it does not matter.
+            values = np.maximum(_convolved(values, weights, dilation) + bias, 0.0) * present
+        means = values.sum(axis=1) / np.maximum(present.sum(axis=1), 1.0)
+        return _connected(np.concatenate([values.max(axis=1), means, plain], axis=1), self.layers)
+
+
+def _connected(values: Floats, layers: Sequence[Layer]) -> Floats:
+    for weights, bias in layers[:-1]:
+        values = np.maximum(values @ weights + bias, 0.0)
+    weights, bias = layers[-1]
+    outputs: Floats = values @ weights + bias
+    return outputs
+
+
+def divided(inputs: Floats, mean: Floats, std: Floats) -> tuple[Floats, Floats]:
+    """Return the z-scored inputs (n, d) that are no strips, and the strips (n, r, SAMPLES, CHANNELS)."""
+    plain = SUMMARY_SCALE * np.clip((inputs[:, : len(mean)] - mean) / std, -LARGEST_SCORE, LARGEST_SCORE)
+    strips = inputs[:, len(mean) :]
+    return plain, strips.reshape(len(inputs), strips.shape[1] // (SAMPLES * CHANNELS), SAMPLES, CHANNELS)
+
+
+def side_by_side(strips: Floats) -> Floats:
+    """Return strips (n, r, SAMPLES, CHANNELS) as (n, SAMPLES, r * CHANNELS)."""
+    count, routes, samples, channels = strips.shape
+    return np.swapaxes(strips, 1, 2).reshape(count, samples, routes * channels)
+
+
+def present_in(strips: Floats) -> Floats:
+    """Return (n, SAMPLES, 1), 1 where any of the strips side by side has a sample."""
+    present: Floats = strips[:, :, PRESENT::CHANNELS].max(axis=2, keepdims=True)
+    return present
+
+
+def _convolved(values: Floats, weights: Floats, dilation: int) -> Floats:
+    """Return the response (n, s, out) to filters (width, in, out), zeros beyond the ends of values (n, s, in).
+
+    One small product per tap: a large one is spread over threads, and starting them takes longer than the product.
+    """
+    length = values.shape[1]
+    reach = len(weights) // 2 * dilation
+    padded = np.pad(values, ((0, 0), (reach, reach), (0, 0)))
+    convolved: Floats = np.zeros((*values.shape[:2], weights.shape[2]))
+    for number, tap in enumerate(weights):
+        convolved += padded[:, number * dilation : number * dilation + length] @ tap
+    return convolved
 
 
 @dataclass(frozen=True)
@@ -53,12 +135,7 @@ class DifficultyModel:
 
     def predict(self, world: World) -> Prediction:
         """Return the prediction of a world; WorldError for one without metrics."""
-        return self.predict_worlds([world])[0]
-
-    def predict_worlds(self, worlds: Iterable[World]) -> list[Prediction]:
-        """Return the prediction of each world."""
-        seen = inputs_of(worlds)
-        return self.predict_inputs(seen) if len(seen) else []
+        return self.predict_inputs(inputs_of([world]))[0]
 
     def predict_dataset(self, dataset: Dataset, worlds: str = "all") -> dict[int, Prediction]:
         """Return predictions of worlds of a data set by number; WorldError names the world that has no metrics.
@@ -70,8 +147,7 @@ class DifficultyModel:
     def predict_inputs(self, inputs: Floats) -> list[Prediction]:
         """Return the predictions of worlds whose inputs (n, d) are known."""
         outputs, difficulty, spread = self._outputs(inputs)
-        std = np.hypot(spread, self.relative_std * difficulty)
-        count = len(self.planners)
+        std, count = np.hypot(spread, self.relative_std * difficulty), len(self.planners)
         times, failures = np.maximum(outputs[:, :count], _QUICKEST_S_PER_M), np.clip(outputs[:, count:], 0.0, 1.0)
         return [
             Prediction(

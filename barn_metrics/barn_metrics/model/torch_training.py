@@ -9,32 +9,25 @@ import torch
 from torch import Tensor
 
 from barn_metrics.model.inputs import summary_names
-from barn_metrics.model.network import DILATIONS, Layer, RouteNetwork, divided, present_in, side_by_side
+from barn_metrics.model.predictor import DILATIONS, Layer, RouteNetwork, divided, present_in, side_by_side
 from barn_metrics.model.route import PRESENT, mirrored
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.config import Checked, quantity
-from barn_worlds.base.errors import ConfigError
 
 Parameters = tuple[Tensor, Tensor]  # weights and bias
 
 
 @dataclass(frozen=True)
-class NetworkConfig(Checked):
+class NetworkConfig:
     """How a network is built and trained: AdamW on small batches, mirrored at random, mean squared error."""
 
-    filters: int = quantity(48, "filters of each of the layers along the route", minimum=1, maximum=1024)
-    width: int = quantity(7, "samples that a filter spans, odd", minimum=1, maximum=31)
-    hidden_units: int = quantity(64, "units of the hidden layer after them", minimum=1, maximum=1024)
-    epochs: int = quantity(20, "passes over the training worlds", minimum=1, maximum=100_000)
-    batch: int = quantity(64, "worlds of a batch", minimum=1, maximum=100_000)
-    learning_rate: float = quantity(0.002, "highest step of AdamW, in one cycle", minimum=1e-6, maximum=1.0)
-    weight_decay: float = quantity(0.05, "of AdamW", minimum=0.0, maximum=100.0)
-    dropout: float = quantity(0.2, "share of units left out in training", minimum=0.0, maximum=0.9)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.width % 2 == 0:
-            raise ConfigError(f"width must be odd, got {self.width}")
+    filters: int = 48  # of each of the layers along the route
+    width: int = 7  # samples that a filter spans, odd
+    hidden_units: int = 64
+    epochs: int = 20
+    batch: int = 64
+    learning_rate: float = 0.002  # highest of one cycle
+    weight_decay: float = 0.05
+    dropout: float = 0.2
 
 
 def train_network(inputs: Floats, targets: Floats, seed: int, config: NetworkConfig | None = None) -> RouteNetwork:

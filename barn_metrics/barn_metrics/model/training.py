@@ -32,7 +32,8 @@ def train(worlds: Mapping[int, World], trials: Trials, seed: int = 0) -> Difficu
     Raises ModelError for too few worlds, for worlds of `HELD_OUT`, or where PyTorch is missing.
     """
     used = trained_worlds(worlds, trials)
-    refuse_held_out(used)
+    if (found := held_out(used)) is not None:
+        raise ModelError(f"{found.name} is a world of {HELD_OUT}, which judges models and is never trained on")
     inputs, difficulty = inputs_of(used), trials.difficulty()
     enough = math.ceil(_CALIBRATION_WORLDS * _CALIBRATION_FOLDS / len(used))
     folds = fold_masks(len(used), _CALIBRATION_FOLDS, seed)[:enough]
@@ -80,14 +81,8 @@ def trained_worlds(worlds: Mapping[int, World], trials: Trials) -> list[World]:
     return [worlds[number] for number in numbers]
 
 
-def refuse_held_out(worlds: Iterable[World]) -> None:
-    """Raise ModelError for a world of `HELD_OUT`, whatever it is called and wherever its path runs."""
-    if (found := held_out(worlds)) is not None:
-        raise ModelError(f"{found.name} is a world of {HELD_OUT}, which judges models and is never trained on")
-
-
 def held_out(worlds: Iterable[World]) -> World | None:
-    """Return the first world whose obstacles are those of a world of `HELD_OUT`, None without any."""
+    """Return the first world with the obstacles of a world of `HELD_OUT`, whatever it is called; None without any."""
     kept_apart = open_dataset(HELD_OUT)
     grids = {kept_apart.load(index).grid.tobytes() for index in kept_apart.indices}
     return next((world for world in worlds if world.grid.tobytes() in grids), None)

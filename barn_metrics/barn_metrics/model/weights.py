@@ -5,7 +5,7 @@ the schema, the inputs and the members; the arrays have to fit it exactly and to
 """
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -15,8 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_metrics.model.inputs import STRIPS, input_names, summary_names
-from barn_metrics.model.network import DILATIONS, Layer, RouteNetwork
-from barn_metrics.model.predictor import DifficultyModel
+from barn_metrics.model.predictor import DILATIONS, DifficultyModel, Layer, RouteNetwork
 from barn_metrics.model.route import CHANNELS
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
@@ -27,8 +26,6 @@ FORMAT = NpzFormat(
     "a difficulty model", "header.json", schema=1, largest_file=32 * 1024 * 1024, largest=128 * 1024 * 1024
 )
 _MOST_MEMBERS, _MOST_PLANNERS = 64, 16
-
-_Arrays = Mapping[str, npt.NDArray[Any]]
 
 
 @dataclass(frozen=True)
@@ -72,12 +69,11 @@ def save_model(model: DifficultyModel, path: Path) -> None:
     """Write a model; the same model gives the same bytes. WorldError if the file cannot be written."""
     arrays: dict[str, npt.NDArray[Any]] = {}
     for number, network in enumerate(model.networks):
-        arrays |= {f"m{number}_mean": network.mean.astype("<f8"), f"m{number}_std": network.std.astype("<f8")}
+        parts = {"mean": network.mean, "std": network.std}
         for layers, names in ((network.layers, ("weights", "bias")), (network.filters, ("filters", "filter_bias"))):
             for place, layer in enumerate(layers):
-                arrays |= {
-                    f"m{number}_{name}{place}": one.astype("<f8") for name, one in zip(names, layer, strict=True)
-                }
+                parts |= {f"{name}{place}": one for name, one in zip(names, layer, strict=True)}
+        arrays |= {f"m{number}_{name}": one.astype("<f8") for name, one in parts.items()}
     header = _Header(
         schema=FORMAT.schema,
         input_names=input_names(),
@@ -100,66 +96,61 @@ def load_model(path: Path | str | None = None) -> DifficultyModel:
         raise ModelError(str(error)) from None
     if header.sha256 != _checksum(arrays):
         raise ModelError(f"{where}: damaged: its arrays do not have the checksum of the header")
-    read = _Reader(where, arrays)
-    networks = [
-        read.network(f"m{number}", one.layers, 2 * len(header.planners)) for number, one in enumerate(header.members)
-    ]
+    outputs = 2 * len(header.planners)
+    networks = [_network(_Arrays(where, arrays, f"m{k}_"), one.layers, outputs) for k, one in enumerate(header.members)]
     return DifficultyModel(header.planners, tuple(networks), header.relative_std, header.about)
 
 
 @dataclass(frozen=True)
-class _Reader:
-    """Makes networks of the arrays of a file; ModelError for arrays that do not fit."""
+class _Arrays:
+    """The arrays of one network in a file; ModelError for those that do not fit."""
 
     where: Path
-    arrays: _Arrays
+    arrays: Mapping[str, npt.NDArray[Any]]
+    prefix: str
 
-    def network(self, prefix: str, layers: int, outputs: int) -> RouteNetwork:
-        size = len(summary_names())
-        mean, std = (self._array(f"{prefix}_{name}", (size,)) for name in ("mean", "std"))
-        if not (std > 0.0).all():
-            raise ModelError(f"{self.where}: {prefix}_std must be above 0")
-        seen = (None, len(STRIPS) * CHANNELS)
-        filters = self._chain(prefix, ("filters", "filter_bias"), seen, [None] * len(DILATIONS))
-        for number, (weights, _) in enumerate(filters):
-            if len(weights) % 2 == 0:
-                what = f"{prefix}_filters{number} must span an odd number of samples"
-                raise ModelError(f"{self.where}: {what}, got {len(weights)}")
-        width = size + 2 * len(filters[-1][1])
-        connected = self._chain(prefix, ("weights", "bias"), (width,), [*[None] * (layers - 1), outputs])
-        return RouteNetwork(mean, std, filters, connected)
+    def require(self, held: bool, what: str) -> None:
+        if not held:
+            raise ModelError(f"{self.where}: {what}")
 
-    def _chain(
-        self, prefix: str, names: tuple[str, str], shape: tuple[int | None, ...], outputs: Sequence[int | None]
-    ) -> tuple[Layer, ...]:
-        """Return layers of weights (..., in, out) and bias (out,), each of which takes what the one before gives.
-
-        shape: of the first one's weights without `out`. outputs: what each of them has to give, None: any number.
-        """
-        layers = []
-        for number, wanted in enumerate(outputs):
-            weights = self._array(f"{prefix}_{names[0]}{number}", (*shape, wanted))
-            shape = (*shape[:-1], weights.shape[-1])
-            layers.append((weights, self._array(f"{prefix}_{names[1]}{number}", shape[-1:])))
-        return tuple(layers)
-
-    def _array(self, name: str, shape: tuple[int | None, ...]) -> Floats:
+    def array(self, name: str, *shape: int | None) -> Floats:
         """Return an array of the shape that it must have (None: any), all its values finite."""
-        if name not in self.arrays:
-            raise ModelError(f"{self.where}: has no array {name}")
+        name = self.prefix + name
+        self.require(name in self.arrays, f"has no array {name}")
         array = self.arrays[name]
         fits = array.ndim == len(shape) and all(
             want in (None, got) for want, got in zip(shape, array.shape, strict=True)
         )
-        if not fits or array.dtype != np.dtype("<f8"):
-            wanted = " x ".join("any" if side is None else str(side) for side in shape)
-            raise ModelError(f"{self.where}: {name} must be {wanted} of f8, got {array.dtype} of shape {array.shape}")
-        if not np.isfinite(array).all():
-            raise ModelError(f"{self.where}: {name} holds values that are not finite")
+        wanted = " x ".join("any" if side is None else str(side) for side in shape)
+        got = f"{array.dtype} of shape {array.shape}"
+        self.require(fits and array.dtype == np.dtype("<f8"), f"{name} must be {wanted} of f8, got {got}")
+        self.require(bool(np.isfinite(array).all()), f"{name} holds values that are not finite")
         return array
 
+    def layer(self, names: tuple[str, str], number: int, *shape: int | None) -> Layer:
+        """Return weights of a shape, and the bias of as many values as they give."""
+        weights = self.array(f"{names[0]}{number}", *shape)
+        return weights, self.array(f"{names[1]}{number}", weights.shape[-1])
 
-def _checksum(arrays: _Arrays) -> str:
+
+def _network(arrays: _Arrays, layers: int, outputs: int) -> RouteNetwork:
+    size, seen = len(summary_names()), len(STRIPS) * CHANNELS
+    mean, std = arrays.array("mean", size), arrays.array("std", size)
+    arrays.require(bool((std > 0.0).all()), f"{arrays.prefix}std must be above 0")
+    filters, connected = [], []
+    for number in range(len(DILATIONS)):
+        filters.append(arrays.layer(("filters", "filter_bias"), number, None, seen, None))
+        span, _, seen = filters[-1][0].shape
+        odd = f"{arrays.prefix}filters{number} must span an odd number of samples, got {span}"
+        arrays.require(span % 2 == 1, odd)
+    width = size + 2 * seen
+    for number in range(layers):
+        connected.append(arrays.layer(("weights", "bias"), number, width, outputs if number == layers - 1 else None))
+        width = len(connected[-1][1])
+    return RouteNetwork(mean, std, tuple(filters), tuple(connected))
+
+
+def _checksum(arrays: Mapping[str, npt.NDArray[Any]]) -> str:
     """Return SHA-256 over names, types, shapes and contents."""
     digest = hashlib.sha256()
     for name in sorted(arrays):

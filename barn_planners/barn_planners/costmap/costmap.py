@@ -5,7 +5,9 @@ clear up to another. Cells without a mark are free, and so is the robot's own fo
 distance between cell centres.
 """
 
+import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,11 +15,10 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_planners.costmap import inflation, kernels, layers
-from barn_planners.navigation.outline import RULE, corners_of
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import OccupancyMap, Pose2D, Scan
-from barn_worlds.geometry.polygon import grown, nearest_side_m
+from barn_worlds.geometry.polygon import Corner, area, contains, grown, hull, nearest_side_m
 
 CostArray = npt.NDArray[np.uint8]
 
@@ -29,6 +30,8 @@ _MAX_CELLS = 16_000_000
 _LARGEST_M = 200.0
 _BEYOND_M = 1.0  # of the goal that lies on a global costmap without a map
 _EMPTY = (np.iinfo(np.int64).max, 0, np.iinfo(np.int64).max, 0)
+_MOST_CORNERS = 64
+_RULE = "must be corners [[x, y], ...] in m of a convex outline around base_link, counter-clockwise"
 
 
 @dataclass(frozen=True)
@@ -101,11 +104,10 @@ class CostmapConfig(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.require(not self.footprint or corners_of(self.footprint) is not None, "footprint", RULE)
+        self.require(not self.footprint or corners_of(self.footprint) is not None, "footprint", _RULE)
         self.require(self._padded_inscribed_m > 0.0, "footprint_padding_m", "must leave a footprint")
-        cells = (self.size_m / self.resolution_m) ** 2
         few = f"must make at most {_MAX_CELLS} cells of {self.resolution_m:g} m"
-        self.require(cells <= _MAX_CELLS, "size_m", few)
+        self.require((self.size_m / self.resolution_m) ** 2 <= _MAX_CELLS, "size_m", few)
 
 
 @dataclass(frozen=True)
@@ -131,17 +133,12 @@ class Beams:
     def __init__(self) -> None:
         self._key: tuple[float, float, float, int] | None = None
         self._directions = np.empty((0, 2))
-        self.ends = np.empty((0, 2), np.int64)
 
     def directions(self, yaw: float, scan: Scan) -> npt.NDArray[np.float64]:
         """Return cosine and sine (n, 2) of the beams of a scan, taken by a lidar at this yaw."""
         key = (yaw, scan.angle_min, scan.angle_increment, len(scan.ranges))
         if key != self._key:
-            if len(self.ends) != len(scan.ranges):
-                self._directions = np.empty((len(scan.ranges), 2))
-                self.ends = np.empty((len(scan.ranges), 2), np.int64)
-            kernels.point_beams(self._directions, *key[:3])
-            self._key = key
+            self._key, self._directions = key, kernels.beam_directions(*key)
         return self._directions
 
 
@@ -167,8 +164,6 @@ class Costmap:
         self._cleared = self.outline if config.clear_footprint else np.empty((0, 2))
         if config.clear_footprint and config.as_costmap_2d and not config.footprint:
             self._cleared = outline[[2, 1, 0, 3]]  # lines of cells differ by the end that they begin at
-        self._points = np.empty((0, 2), np.float32)
-        self._ranges_m = (config.raytrace_range_m, config.obstacle_range_m)
         self.beams = Beams()
 
     @property
@@ -178,23 +173,18 @@ class Costmap:
 
     def update(self, pose: Pose2D, scan: Scan, lidar: Pose2D) -> None:
         """Add a scan, taken at `pose` of the robot (frame of the grid) by a lidar at its pose in base_link."""
-        x, y, yaw = _place(pose, lidar)
+        c, s = math.cos(pose.yaw), math.sin(pose.yaw)
+        x, y, yaw = pose.x + lidar.x * c - lidar.y * s, pose.y + lidar.x * s + lidar.y * c, pose.yaw + lidar.yaw
         if not all(map(math.isfinite, (x, y, yaw, scan.angle_min, scan.angle_increment))):
             return
-        limits = (scan.range_min, scan.range_max, *self._ranges_m)
+        limits = (scan.range_min, scan.range_max, self.config.raytrace_range_m, self.config.obstacle_range_m)
+        changed = (self._lethal, self._dirty, *self._inflated, self.grid, (pose.x, pose.y, pose.yaw))
         if self.config.as_costmap_2d:
-            if len(self._points) != len(scan.ranges):
-                self._points = np.empty((len(scan.ranges), 2), np.float32)
-            seen = (self.beams.directions(0.0, scan), scan.ranges, limits, self._points)
-            place = (self.grid, (pose.x, pose.y, pose.yaw), (x, y, yaw))
-            layers.observe(
-                self._lethal, self._dirty, *self._inflated, *place, *seen, self._cleared, self.config.inflates_by_front
-            )
-            return
-        directions = self.beams.directions(yaw, scan)
-        at = (self.grid, (pose.x, pose.y, pose.yaw), (x, y))
-        scanned = (directions, scan.ranges, limits, self.beams.ends)
-        kernels.observe(self._lethal, self._dirty, *self._inflated, *at, *scanned, self._cleared)
+            seen = ((x, y, yaw), self.beams.directions(0.0, scan), scan.ranges, limits)
+            layers.observe(*changed, *seen, self._cleared, self.config.inflates_by_front)
+        else:
+            seen_at = ((x, y), self.beams.directions(yaw, scan), scan.ranges, limits)
+            kernels.observe(*changed, *seen_at, self._cleared)
 
     def reset(self) -> None:
         """Clear all marks."""
@@ -208,7 +198,7 @@ class Costmap:
             end_row, end_col = self.cell(pose.x + side_m / 2.0, pose.y + side_m / 2.0)
             window = (row, end_row + 1, col, end_col + 1)
         kernels.clear_outside(self._lethal, self._dirty, *window)
-        self._refresh()
+        inflation.refresh(self._lethal, *self._inflated, self._dirty, self.config.inflates_by_front)
 
     def cell(self, x: float, y: float) -> tuple[int, int]:
         """Return (row, column) of the cell of a point, which may lie off the grid."""
@@ -229,17 +219,12 @@ class Costmap:
 
     def footprint_spans(self, pose: Pose2D) -> tuple[int, npt.NDArray[np.int64]]:
         """Return the cells of the padded footprint: its first column, and first and last row (n, 2) of each column."""
-        first, spans = kernels.footprint_spans(self._corners(pose.x, pose.y, pose.yaw), *self.grid)
+        first, spans = kernels.footprint_spans(kernels.placed(self.outline, pose.x, pose.y, pose.yaw), *self.grid)
         return first, spans
 
     def has_room(self, x: float, y: float, yaw: float) -> bool:
         """Tell whether the edges of the padded footprint at a pose (m, rad) are free and on the grid."""
-        return bool(kernels.edge_cost(self.costs, self._corners(x, y, yaw), *self.grid) >= 0)
-
-    def _corners(self, x: float, y: float, yaw: float) -> npt.NDArray[np.float64]:
-        """Return the corners (n, 2) of the padded footprint at a pose."""
-        corners: npt.NDArray[np.float64] = kernels.placed(self.outline, x, y, yaw)
-        return corners
+        return bool(kernels.edge_cost(self.costs, kernels.placed(self.outline, x, y, yaw), *self.grid) >= 0)
 
     def as_map(self) -> OccupancyMap:
         """Return the costs as an occupancy grid for display: 0 free, 99 inscribed, 100 lethal, scaled between."""
@@ -247,9 +232,6 @@ class Costmap:
         shown[self.costs == INSCRIBED] = 99
         shown[self.costs == LETHAL] = 100
         return OccupancyMap(shown.astype(np.int8), self.resolution, self.origin_x, self.origin_y)
-
-    def _refresh(self) -> None:
-        inflation.refresh(self._lethal, *self._inflated, self._dirty, self.config.inflates_by_front)
 
 
 class RollingCostmap(Costmap):
@@ -274,7 +256,12 @@ class RollingCostmap(Costmap):
     def _follow(self, pose: Pose2D) -> None:
         rows, cols = self.costs.shape
         if self.config.as_costmap_2d:
-            self._follow_by_truncation(pose)
+            # once the window is a whole cell off, on either side, from a corner that adds up its steps
+            d_row = int((pose.y - 0.5 * ((rows - 0.5) * self.resolution) - self.origin_y) / self.resolution)
+            d_col = int((pose.x - 0.5 * ((cols - 0.5) * self.resolution) - self.origin_x) / self.resolution)
+            self.origin_x += d_col * self.resolution
+            self.origin_y += d_row * self.resolution
+            self._shift(d_row, d_col)
             return
         corner_row = math.floor(pose.y / self.resolution) - rows // 2
         corner_col = math.floor(pose.x / self.resolution) - cols // 2
@@ -283,15 +270,6 @@ class RollingCostmap(Costmap):
         if self._placed and max(abs(d_row), abs(d_col)) < self.config.recentre_cells:
             return
         self.origin_x, self.origin_y = corner_col * self.resolution, corner_row * self.resolution
-        self._shift(d_row, d_col)
-
-    def _follow_by_truncation(self, pose: Pose2D) -> None:
-        """Follow once the window is a whole cell off, on either side, from a corner that adds up its steps."""
-        rows, cols = self.costs.shape
-        d_row = int((pose.y - 0.5 * ((rows - 0.5) * self.resolution) - self.origin_y) / self.resolution)
-        d_col = int((pose.x - 0.5 * ((cols - 0.5) * self.resolution) - self.origin_x) / self.resolution)
-        self.origin_x += d_col * self.resolution
-        self.origin_y += d_row * self.resolution
         self._shift(d_row, d_col)
 
     def _shift(self, d_row: int, d_col: int) -> None:
@@ -310,16 +288,16 @@ class MapCostmap(Costmap):
         factor = 1 if config.map_resolution else max(1, round(resolution / config.resolution_m))
         rows, cols = known.data.shape[0] * factor, known.data.shape[1] * factor
         super().__init__(config, rows, cols, resolution / factor, (known.origin_x, known.origin_y))
-        self._lidar_marks = config.lidar_marks
+        self._marks = config.lidar_marks
         if config.static_layer:
             occupied = np.repeat(np.repeat(known.data >= 65, factor, axis=0), factor, axis=1)
             self._lethal[occupied] = kernels.STATIC
             self._dirty[:] = (0, rows, 0, cols)
-            self._refresh()
+            inflation.refresh(self._lethal, *self._inflated, self._dirty, self.config.inflates_by_front)
 
     def update(self, pose: Pose2D, scan: Scan, lidar: Pose2D) -> None:
         """Add the scan, if lidar marks are configured."""
-        if self._lidar_marks:
+        if self._marks:
             super().update(pose, scan, lidar)
 
 
@@ -338,34 +316,23 @@ def global_costmap(config: GlobalCostmapConfig, known: OccupancyMap | None, goal
     return RollingCostmap(replace(config, size_m=max(config.size_m, 2.0 * reach_m)) if within_limits else config)
 
 
-def cost_stamp(config: CostmapConfig, resolution: float) -> CostArray:
-    """Return the costs around one lethal cell, uint8 (2 n + 1, 2 n + 1).
+def costs_by_square(config: CostmapConfig, resolution: float) -> CostArray:
+    """Return the costs by the square of the distance d in cells to a lethal cell, uint8 ((n + 1)^2 + n^2 + 1,).
 
-    The cost depends on the distance d between cell centres: 254 at 0, 253 up to the inscribed radius r, then
-    int(252 exp(-scaling (d - r))) up to the inflation radius, rounded up to whole cells.
+    254 at 0, 253 up to the inscribed radius r, then int(252 exp(-scaling (d - r))) up to the inflation radius, rounded
+    up to whole cells.
     """
     soft = math.ceil(config.inflation_radius_m / resolution - 1e-9) if config.soft_costs else 0
     reach = max(soft, math.floor(config.inscribed_m / resolution + 1e-9))
-    stamp = np.zeros((2 * reach + 1, 2 * reach + 1), np.uint8)
-    for row in range(-reach, reach + 1):
-        for col in range(-reach, reach + 1):
-            cells = math.hypot(row, col)
-            beyond = cells * resolution - config.inscribed_m
-            if beyond <= 1e-9:
-                stamp[row + reach, col + reach] = INSCRIBED
-            elif cells <= soft:
-                stamp[row + reach, col + reach] = int(252.0 * math.exp(-config.cost_scaling_per_m * beyond))
-    stamp[reach, reach] = LETHAL
-    return stamp
-
-
-def costs_by_square(config: CostmapConfig, resolution: float) -> CostArray:
-    """Return the costs of `cost_stamp` by the square of the distance in cells, uint8 ((n + 1)^2 + n^2 + 1,)."""
-    stamp = cost_stamp(config, resolution)
-    reach = stamp.shape[0] // 2
     costs = np.zeros((reach + 1) ** 2 + reach**2 + 1, np.uint8)
-    rows, cols = np.indices(stamp.shape) - reach
-    costs[rows**2 + cols**2] = stamp
+    for row, col in np.ndindex(reach + 1, reach + 1):
+        cells = math.hypot(row, col)
+        beyond = cells * resolution - config.inscribed_m
+        if beyond <= 1e-9:
+            costs[row**2 + col**2] = INSCRIBED
+        elif cells <= soft:
+            costs[row**2 + col**2] = int(252.0 * math.exp(-config.cost_scaling_per_m * beyond))
+    costs[0] = LETHAL
     return costs
 
 
@@ -375,7 +342,18 @@ def squares_for(by_square: CostArray) -> npt.NDArray[np.unsignedinteger]:
     return squares.astype(np.uint16) if 2 * squares[-1] <= np.iinfo(np.uint16).max else squares
 
 
-def _place(pose: Pose2D, lidar: Pose2D) -> tuple[float, float, float]:
-    """Return x, y and yaw of a lidar, at a pose in base_link, on a robot at a pose."""
-    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
-    return pose.x + lidar.x * c - lidar.y * s, pose.y + lidar.x * s + lidar.y * c, pose.yaw + lidar.yaw
+def text_of(corners: Sequence[Corner]) -> str:
+    """Return corners as `corners_of` reads them, like Nav2's parameter `footprint`, to a tenth of a millimetre."""
+    return json.dumps([[round(x, 4), round(y, 4)] for x, y in corners])
+
+
+def corners_of(text: str) -> tuple[Corner, ...] | None:
+    """Return the corners of a convex outline around the origin, counter-clockwise; None if a text is none."""
+    try:
+        corners = tuple((float(x), float(y)) for x, y in json.loads(text))
+    except (TypeError, ValueError):
+        return None
+    finite = all(math.isfinite(x) and math.isfinite(y) for x, y in corners)
+    if not (finite and 3 <= len(corners) <= _MOST_CORNERS and area(corners) > 0.0 and contains(corners, (0.0, 0.0))):
+        return None
+    return corners if set(hull(corners)) == set(corners) else None

@@ -84,10 +84,7 @@ def _clear_line_to_edge(lethal, dirty, row, col, end_row, end_col):  # type: ign
 
 @njit(cache=True)
 def clear_line(cells, cols, dirty, row, col, end_row, end_col, most):  # type: ignore[no-untyped-def]
-    """Clear the marks along the line between two cells of the grid, the first and at most as many more of it.
-
-    cells: the layer, flat, which is twice as fast as `_clear_line_to_edge`.
-    """
+    """Clear the marks along the line between two cells, the first and at most as many more; cells: the layer, flat."""
     (steps, d_row, d_col, s_row, s_col), (rest, _) = line_between(row, col, end_row, end_col)
     along, across, d_across = s_row * cols, s_col, d_col
     if d_row < d_col:
@@ -105,12 +102,9 @@ def clear_line(cells, cols, dirty, row, col, end_row, end_col, most):  # type: i
 
 
 @njit(cache=True)
-def observe(lethal, dirty, costs, by_square, squares, grid, pose, sensor, directions, ranges, limits, ends, outline):  # type: ignore[no-untyped-def]
-    """Add a scan as `add_scan` does, clear the footprint of the robot at a pose (x, y, yaw), and inflate what changed.
-
-    outline: corners (n, 2) of the footprint in base_link; none clears nothing.
-    """
-    add_scan(lethal, dirty, grid, sensor, directions, ranges, limits, ends)
+def observe(lethal, dirty, costs, by_square, squares, grid, pose, sensor, directions, ranges, limits, outline):  # type: ignore[no-untyped-def]
+    """Add a scan, clear the footprint (corners (n, 2), or none) at a pose (x, y, yaw), and inflate what changed."""
+    add_scan(lethal, dirty, grid, sensor, directions, ranges, limits)
     if len(outline) > 0:
         (x, y, yaw), (origin_x, origin_y, resolution) = pose, grid
         first, spans = footprint_spans(placed(outline, x, y, yaw), origin_x, origin_y, resolution)
@@ -119,24 +113,25 @@ def observe(lethal, dirty, costs, by_square, squares, grid, pose, sensor, direct
 
 
 @njit(cache=True)
-def point_beams(directions, yaw, angle_min, angle_increment):  # type: ignore[no-untyped-def]
-    """Write cosine and sine of every beam of a lidar at this yaw, float64 (n, 2)."""
-    for i in range(len(directions)):
+def beam_directions(yaw, angle_min, angle_increment, count):  # type: ignore[no-untyped-def]
+    """Return cosine and sine of every beam of a lidar at this yaw, float64 (n, 2)."""
+    directions = np.empty((count, 2))
+    for i in range(count):
         angle = yaw + angle_min + i * angle_increment
         directions[i, 0], directions[i, 1] = math.cos(angle), math.sin(angle)
+    return directions
 
 
 @njit(cache=True)
-def add_scan(lethal, dirty, grid, sensor, directions, ranges, limits, ends):  # type: ignore[no-untyped-def]
+def add_scan(lethal, dirty, grid, sensor, directions, ranges, limits):  # type: ignore[no-untyped-def]
     """Clear along every beam with a return, then mark the cell of every hit nearer than the obstacle range.
 
     Beams clear up to the hit or the raytrace range, the last cell included.
     grid: (origin x, origin y, resolution); sensor: (x, y) in the frame of the grid; directions: of the beams, as
-    `point_beams` writes them; limits: (range_min, range_max of the scan, raytrace range, obstacle range).
-    ends: int64 (n, 2) work space, takes the cells at which beams end.
+    `beam_directions` has them; limits: (range_min, range_max of the scan, raytrace range, obstacle range).
     """
     rows, cols = lethal.shape
-    cells = lethal.reshape(rows * cols)
+    cells, ends = lethal.reshape(rows * cols), np.empty((len(ranges), 2), np.int64)
     range_min, range_max, raytrace_range, obstacle_range = limits
     sensor_x, sensor_y = sensor
     row, col = _cell(grid, sensor_x, sensor_y)
@@ -169,14 +164,12 @@ def add_scan(lethal, dirty, grid, sensor, directions, ranges, limits, ends):  # 
 
 @njit(cache=True)
 def _cell(grid, x, y):  # type: ignore[no-untyped-def]
-    """Return row and column of the cell of a point."""
     origin_x, origin_y, resolution = grid
     return math.floor((y - origin_y) / resolution), math.floor((x - origin_x) / resolution)
 
 
 @njit(cache=True)
 def _end_of_beam(grid, sensor, directions, number, length):  # type: ignore[no-untyped-def]
-    """Return row and column of the cell at this distance along a beam."""
     x, y = sensor
     return _cell(grid, x + length * directions[number, 0], y + length * directions[number, 1])
 
@@ -200,48 +193,44 @@ def place_corners(corners, x, y, yaw, outline):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def footprint_spans(corners, origin_x, origin_y, resolution):  # type: ignore[no-untyped-def]
-    """Return the cells of a convex footprint, outline included: (first column, rows (n, 2) per column, both ends in).
-
-    The spans are not clipped to any grid.
-    """
-    n = len(corners)
-    cells = np.empty((n, 2), np.int64)
-    for k in range(n):
-        cells[k, 0] = math.floor((corners[k, 1] - origin_y) / resolution)
-        cells[k, 1] = math.floor((corners[k, 0] - origin_x) / resolution)
+    """Return the first column of a convex footprint, and first and last row of each column (n, 2), not clipped."""
+    cells = np.empty(corners.shape, np.int64)
+    for k in range(len(corners)):
+        cells[k, 0], cells[k, 1] = _cell((origin_x, origin_y, resolution), corners[k, 0], corners[k, 1])
     first = cells[:, 1].min()
     spans = np.empty((cells[:, 1].max() - first + 1, 2), np.int64)
-    spans[:, 0] = np.iinfo(np.int64).max
-    spans[:, 1] = np.iinfo(np.int64).min
-    for k in range(n):
-        row, col = cells[k]
-        end_row, end_col = cells[(k + 1) % n]
-        line, rest = line_between(row, col, end_row, end_col)
-        for _ in range(line.steps + 1):
-            spans[col - first, 0] = min(spans[col - first, 0], row)
-            spans[col - first, 1] = max(spans[col - first, 1], row)
-            row, col, rest = next_cell(row, col, rest, line)
+    spans[:, 0], spans[:, 1] = np.iinfo(np.int64).max, np.iinfo(np.int64).min
+    for row, col in outline_cells(cells):
+        spans[col - first, 0], spans[col - first, 1] = min(spans[col - first, 0], row), max(spans[col - first, 1], row)
     return first, spans
 
 
 @njit(cache=True)
-def edge_cost(costs, corners, origin_x, origin_y, resolution):  # type: ignore[no-untyped-def]
-    """Return the highest cost along the edges of a footprint, -1 if they touch a lethal cell or leave the grid.
+def outline_cells(corners):  # type: ignore[no-untyped-def]
+    """Return the cells (n, 2) along the lines from each corner to the next, both ends included."""
+    count = len(corners)
+    for k in range(len(corners)):
+        count += max(abs(corners[k, 0] - corners[k - 1, 0]), abs(corners[k, 1] - corners[k - 1, 1]))
+    cells, at = np.empty((count, 2), np.int64), 0
+    for k in range(len(corners)):
+        row, col = corners[k]
+        end_row, end_col = corners[(k + 1) % len(corners)]
+        line, rest = line_between(row, col, end_row, end_col)
+        for _ in range(line.steps + 1):
+            cells[at, 0], cells[at, 1] = row, col
+            at += 1
+            row, col, rest = next_cell(row, col, rest, line)
+    return cells
 
-    The inside is not checked, as in base_local_planner's CostmapModel.
-    """
-    rows, cols = costs.shape
-    highest = 0
-    n = len(corners)
-    for k in range(n):
-        other = (k + 1) % n
-        row = math.floor((corners[k, 1] - origin_y) / resolution)
-        col = math.floor((corners[k, 0] - origin_x) / resolution)
-        end_row = math.floor((corners[other, 1] - origin_y) / resolution)
-        end_col = math.floor((corners[other, 0] - origin_x) / resolution)
-        if row < 0 or row >= rows or col < 0 or col >= cols:
-            return -1
-        if end_row < 0 or end_row >= rows or end_col < 0 or end_col >= cols:
+
+@njit(cache=True)
+def edge_cost(costs, corners, origin_x, origin_y, resolution):  # type: ignore[no-untyped-def]
+    """Return the highest cost along a footprint's edges, -1 if they touch a lethal cell or leave the grid."""
+    (rows, cols), grid, highest = costs.shape, (origin_x, origin_y, resolution), 0
+    for k in range(len(corners)):
+        row, col = _cell(grid, corners[k - 1, 0], corners[k - 1, 1])
+        end_row, end_col = _cell(grid, corners[k, 0], corners[k, 1])
+        if min(row, col, end_row, end_col) < 0 or max(row, end_row) >= rows or max(col, end_col) >= cols:
             return -1
         line, rest = line_between(row, col, end_row, end_col)
         for _ in range(line.steps + 1):

@@ -11,39 +11,34 @@ import numpy as np
 from numba import njit
 
 from barn_planners.costmap.inflation import refresh
-from barn_planners.costmap.kernels import MARK, clear_cell, clear_line, line_between, next_cell, touch
+from barn_planners.costmap.kernels import MARK, clear_cell, clear_line, outline_cells, touch
 
 _INSIDE_M = 0.001  # how far inside the upper edges rays end that lead beyond
 
 
 @njit(cache=True)
 def observe(  # type: ignore[no-untyped-def]
-    lethal, dirty, costs, by_square, squares, grid, pose, sensor, directions, ranges, limits, points, outline, by_front
+    lethal, dirty, costs, by_square, squares, grid, pose, sensor, directions, ranges, limits, outline, by_front
 ):
-    """Add a scan, clear the footprint of the robot at a pose (x, y, yaw), and inflate what changed.
-
-    sensor: x, y, yaw of the lidar in the frame of the grid; directions: cosine and sine of its beams in its own
-    frame; points: float32 (n, 2) work space; limits: range_min, range_max of the scan, raytrace and obstacle range;
-    by_front: as for `refresh`.
-    """
+    """Do what `kernels.observe` does; sensor: x, y, yaw of the lidar; directions: of its beams in its own frame."""
     (range_min, range_max, raytrace_range, obstacle_range), (sensor_x, sensor_y, _) = limits, sensor
-    count = project(points, sensor, directions, ranges, np.float32(range_min), np.float32(range_max))
-    clear_rays(lethal, dirty, grid, (sensor_x, sensor_y), points[:count], raytrace_range)
-    mark(lethal, dirty, grid, (sensor_x, sensor_y), points[:count], obstacle_range)
+    points = project(sensor, directions, ranges, np.float32(range_min), np.float32(range_max))
+    clear_rays(lethal, dirty, grid, (sensor_x, sensor_y), points, raytrace_range)
+    mark(lethal, dirty, grid, (sensor_x, sensor_y), points, obstacle_range)
     if len(outline) > 0:
         clear_footprint(lethal, dirty, grid, pose, outline)
     refresh(lethal, costs, by_square, squares, dirty, by_front)
 
 
 @njit(cache=True)
-def project(points, sensor, directions, ranges, range_min, range_max):  # type: ignore[no-untyped-def]
-    """Write the points of all valid ranges, in the order of the beams, and return how many there are."""
+def project(sensor, directions, ranges, range_min, range_max):  # type: ignore[no-untyped-def]
+    """Return the points (n, 2) of all valid ranges, in the order of the beams."""
     x, y, yaw = sensor
     half_sin, half_cos = np.float32(math.sin(0.5 * yaw)), np.float32(math.cos(0.5 * yaw))
     twice = half_sin + half_sin
     c, s = np.float32(1.0) - twice * half_sin, twice * half_cos
     x, y = np.float32(x), np.float32(y)
-    count = 0
+    points, count = np.empty((len(ranges), 2), np.float32), 0
     for i in range(len(ranges)):
         if range_min <= ranges[i] < range_max:
             ahead = np.float32(np.float64(ranges[i]) * directions[i, 0])
@@ -51,7 +46,7 @@ def project(points, sensor, directions, ranges, range_min, range_max):  # type: 
             points[count, 0] = (c * ahead - s * left) + x
             points[count, 1] = (s * ahead + c * left) + y
             count += 1
-    return count
+    return points[:count]
 
 
 @njit(cache=True)
@@ -133,7 +128,7 @@ def clear_footprint(lethal, dirty, grid, pose, outline):  # type: ignore[no-unty
         corners[k, 0], corners[k, 1] = _cell_on(grid, rows, cols, corner_x, corner_y)
         if corners[k, 0] < 0:
             return
-    edge = _outline_cells(corners)
+    edge = outline_cells(corners)
     order = np.argsort(edge[:, 1], kind="mergesort")
     for k in range(len(edge)):
         clear_cell(lethal, dirty, edge[k, 0], edge[k, 1])
@@ -149,22 +144,3 @@ def clear_footprint(lethal, dirty, grid, pose, outline):  # type: ignore[no-unty
             k += 1
         for row in range(low, high):
             clear_cell(lethal, dirty, row, col)
-
-
-@njit(cache=True)
-def _outline_cells(corners):  # type: ignore[no-untyped-def]
-    """Return the cells (n, 2) along the lines from each corner to the next, both ends included."""
-    n, count = len(corners), 0
-    for k in range(n):
-        other = (k + 1) % n
-        count += max(abs(corners[other, 0] - corners[k, 0]), abs(corners[other, 1] - corners[k, 1])) + 1
-    cells, at = np.empty((count, 2), np.int64), 0
-    for k in range(n):
-        other = (k + 1) % n
-        row, col = corners[k]
-        line, rest = line_between(row, col, corners[other, 0], corners[other, 1])
-        for _ in range(line.steps + 1):
-            cells[at, 0], cells[at, 1] = row, col
-            at += 1
-            row, col, rest = next_cell(row, col, rest, line)
-    return cells

@@ -139,10 +139,7 @@ def open_around(costs, window, clear):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def along_edge(costs, clear, row, col, end_row, end_col, highest):  # type: ignore[no-untyped-def]
-    """Return the larger of `highest` and the highest cost between two cells, -1 if it is lethal.
-
-    clear: as `open_around` fills it.
-    """
+    """Return the larger of `highest` and the highest cost between two cells, -1 if it is lethal."""
     line, rest = line_between(row, col, end_row, end_col)
     steps = line.steps
     if clear[np.uint64((row + end_row) // 2), np.uint64((col + end_col) // 2)] <= steps // 2 + 1:
@@ -214,10 +211,7 @@ def steps_at(front, row, col):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def rollout(scene, start, motion, weights, row):  # type: ignore[no-untyped-def]
-    """Score one sample; `row` of the table has its speed and turn and gets the results.
-
-    The cost is TOUCHES or NO_WAY where a pose is not allowed.
-    """
+    """Score one sample, in place, by its speed and turn; the cost is TOUCHES or NO_WAY where a pose is not allowed."""
     x, y, yaw, speed, turn = start
     steps = step_count(row[SPEED], row[TURN], motion)
     dt = motion.time_s / steps

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 
 from barn_planners.dwa.config import DwaConfig
-from barn_planners.navigation.controller import Control, ControlInput
+from barn_planners.navigation.loop import Control, ControlInput
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D, wrap_angle
 
 LEFT, RIGHT = 0, 1
@@ -15,7 +15,7 @@ class GoalTurn:
 
     def __init__(self, config: DwaConfig):
         self._config = config
-        self.reset()
+        self._turning = False
 
     def reset(self) -> None:
         """Forget the last trial."""
@@ -26,10 +26,7 @@ class GoalTurn:
         return abs(wrap_angle(goal.yaw - inputs.pose.yaw)) <= self._config.yaw_tolerance_rad
 
     def control(self, inputs: ControlInput, goal: Pose2D, allows: Callable[[Velocity2D], bool]) -> Control:
-        """Return the command at the goal's position; the goal is reached once the heading is.
-
-        allows: tells whether there is room for a command.
-        """
+        """Return the command at the goal's position; allows: tells whether there is room for a command."""
         if self.reached(inputs, goal):
             self._turning = False
             return Control(STOP, goal_reached=True)
@@ -50,7 +47,6 @@ class GoalTurn:
         return Control(turn)
 
     def _braking(self, velocity: Velocity2D) -> Velocity2D:
-        """Return the velocity after one period of braking as hard as allowed."""
         config = self._config
         drop = config.acceleration_mps2 * config.window_period_s
         turn_drop = config.turn_acceleration_radps2 * config.window_period_s
@@ -91,10 +87,7 @@ class DwaMemory:
         return self._escape_from is not None
 
     def allowed_turns(self) -> tuple[bool, bool]:
-        """Return whether turning in place is allowed to the left and to the right.
-
-        After two turns in place to one side the other side is forbidden.
-        """
+        """Return whether turns to left and right are allowed; after two to one side the other is forbidden."""
         return not self._committed[RIGHT], not self._committed[LEFT]
 
     def chose(self, pose: Pose2D, speed: float, turn: float) -> None:

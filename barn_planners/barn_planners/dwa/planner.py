@@ -17,14 +17,14 @@ from barn_planners.dwa.kernels import Grid, Ground, Movement, Scene, Start, Weig
 from barn_planners.dwa.memory import DwaMemory, GoalTurn
 from barn_planners.dwa.search import Choice, find_best
 from barn_planners.interface import FloatArray, PlannerView
-from barn_planners.navigation.controller import Control, ControlInput, Controller
-from barn_planners.navigation.loop import NavigationPlanner
+from barn_planners.navigation.loop import Control, ControlInput, Controller, NavigationPlanner
 from barn_planners.registry import PlannerEntry
 from barn_planners.robots import fitted
 from barn_worlds.base.types import Pose2D, Velocity2D
 
 _COLUMNS = kernels.OBSTACLE + 1
 _MAX_PLAN_CELLS = 4096
+_FIGURES = ("cost", "path_distance_cells", "goal_distance_cells", "obstacle_cost")
 
 
 class DwaController(Controller):
@@ -116,10 +116,11 @@ class DwaController(Controller):
         speed, turn = float(row[kernels.SPEED]), float(row[kernels.TURN])
         self._memory.chose(pose, speed, turn)
         self._chosen = (speed, turn)
-        return Control(Velocity2D(speed, turn), diagnostics=_figures(row))
+        columns = (kernels.COST, kernels.PATH, kernels.GOAL, kernels.OBSTACLE)
+        figures = dict(zip(_FIGURES, row[list(columns)].tolist(), strict=True))
+        return Control(Velocity2D(speed, turn), diagnostics=figures)
 
     def _has_room(self, inputs: ControlInput, command: Velocity2D) -> bool:
-        """Tell whether there is room for a command at the goal."""
         pose, velocity = inputs.pose, inputs.velocity
         if not self.config.roll_out_goal_turn:
             return inputs.costmap.has_room(pose.x, pose.y, pose.yaw)
@@ -144,7 +145,6 @@ class DwaController(Controller):
         return Control(None, reason="no sample is allowed")
 
     def _reach(self, velocity: Velocity2D) -> float:
-        """Return how far from the robot distances may be needed, in metres."""
         fastest = max(abs(velocity.linear), self.config.max_speed_mps, -self.config.escape_speed_mps)
         return fastest * self.config.sim_time_s + self.config.heading_lookahead_m
 
@@ -167,11 +167,7 @@ class _Fields:
         self._seeds = np.empty(_MAX_PLAN_CELLS, np.int64)
 
     def scene(self, inputs: ControlInput, reach_m: float, robot_blocks_goal: bool) -> Scene | None:
-        """Return the scene of a cycle, None if the plan lies off the costmap.
-
-        reach_m: how far from the robot rollouts may lead. robot_blocks_goal: whether steps from the plan's end must not
-        pass the robot's own cells where they are blocked.
-        """
+        """Return the scene of a cycle, None if the plan lies off the costmap; reach_m: how far rollouts may lead."""
         costmap, pose, seeds = inputs.costmap, inputs.pose, self._seeds
         rows, cols = costmap.costs.shape
         count = wavefront.plan_cells(inputs.visible, *costmap.grid, rows, cols, seeds)
@@ -192,7 +188,6 @@ class _Fields:
 
 
 def _single_precision(inputs: ControlInput) -> ControlInput:
-    """Return the inputs with the robot's pose and velocity rounded to single precision."""
     x, y, yaw, linear, angular = (
         float(np.float32(value))
         for value in (inputs.pose.x, inputs.pose.y, inputs.pose.yaw, inputs.velocity.linear, inputs.velocity.angular)
@@ -201,10 +196,7 @@ def _single_precision(inputs: ControlInput) -> ControlInput:
 
 
 def forward_samples(config: DwaConfig, velocity: Velocity2D, end_distance_m: float) -> FloatArray:
-    """Return the samples (n, 2) of speed and turn that drive forward, in the order of evaluation.
-
-    end_distance_m: from the robot to the end of the visible plan, which limits the speed.
-    """
+    """Return the samples (n, 2) of speed and turn that drive forward, no faster than to the end of the visible plan."""
     change = config.acceleration_mps2 * config.window_period_s
     fastest = min(config.max_speed_mps, end_distance_m / config.sim_time_s)
     high = max(min(fastest, velocity.linear + change), config.min_speed_mps)
@@ -225,15 +217,6 @@ def _turn_window(config: DwaConfig, velocity: Velocity2D) -> tuple[float, float]
     change = config.turn_acceleration_radps2 * config.window_period_s
     low = max(-config.max_turn_radps, velocity.angular - change)
     return low, min(config.max_turn_radps, velocity.angular + change)
-
-
-def _figures(row: FloatArray) -> dict[str, float]:
-    return {
-        "cost": float(row[kernels.COST]),
-        "path_distance_cells": float(row[kernels.PATH]),
-        "goal_distance_cells": float(row[kernels.GOAL]),
-        "obstacle_cost": float(row[kernels.OBSTACLE]),
-    }
 
 
 ENTRY = PlannerEntry(

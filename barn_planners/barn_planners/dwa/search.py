@@ -106,7 +106,6 @@ def _best_drive(scene, start, motion, weights, table, choice, work, at_start):  
 
 @njit(cache=True)
 def _best_turn(scene, start, motion, weights, table, choice, work, at_start, best, best_cost):  # type: ignore[no-untyped-def]
-    """Return the best row if those that turn in place count, too."""
     ahead_best = math.inf
     least = _least(scene, start, motion, weights, 0.0) + weights.obstacle * at_start
     for k in range(choice.drives, len(table)):
@@ -184,10 +183,7 @@ def _cost(scene, start, motion, weights, row, limit, work, slot):  # type: ignor
 
 @njit(cache=True)
 def _least(scene, start, motion, weights, speed):  # type: ignore[no-untyped-def]
-    """Return what samples of a speed cost at least for their distances: the least of all cells that they can reach.
-
-    A cell that a wavefront has not reached yet is further than any that it has.
-    """
+    """Return what samples of a speed cost at least for their distances: the least of all cells that they can reach."""
     path, goal, grid = scene.path, scene.goal, scene.ground.grid
     rows, cols = scene.ground.costs.shape
     change = abs(start.speed - speed)

@@ -39,10 +39,7 @@ def new_wavefront(rows: int, cols: int) -> Wavefront:
 
 @njit(cache=True)
 def blocked(costs, first, spans, state):  # type: ignore[no-untyped-def]
-    """Write which cells wavefronts can enter to `state` (padded, flat).
-
-    BLOCKED where the cost is 253 or more, except on the robot's own cells (`first`, `spans` as from `footprint_spans`).
-    """
+    """Write to `state` (padded, flat) where a cell costs 253 or more, but for those of `footprint_spans`."""
     rows, cols = costs.shape
     width = cols + 2
     state[:] = BLOCKED
@@ -59,10 +56,7 @@ def blocked(costs, first, spans, state):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def plan_cells(plan, origin_x, origin_y, resolution, rows, cols, cells):  # type: ignore[no-untyped-def]
-    """Write the padded cells under a plan (n, 2 or more) to `cells`, at most a cell apart; return their number.
-
-    Points before the plan enters the grid and after it leaves the grid are left out.
-    """
+    """Write the padded cells under the part of a plan (n, 2 or more) on the grid to `cells`; return their number."""
     count = 0
     for k in range(len(plan)):
         before = max(0, k - 1)
@@ -119,7 +113,6 @@ def borders_reached(front, cell):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _spread(front, wanted):  # type: ignore[no-untyped-def]
-    """Let the wavefront go on until it has reached the wanted cell, or has nowhere to go."""
     distances, state, queue = front.distances, front.state, front.queue
     one, row = np.uint64(1), np.uint64(front.columns)
     head, tail = np.uint64(front.ends[HEAD]), np.uint64(front.ends[TAIL])

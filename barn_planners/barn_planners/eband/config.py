@@ -82,17 +82,8 @@ class EBandConfig(Checked):
 
     def gains(self, circumscribed_m: float) -> BandGains:
         """Return the gains for the kernels and a robot whose padded footprint has this circumscribed radius."""
-        return BandGains(
-            self.min_overlap,
-            self.tiny_bubble_m,
-            self.internal_gain,
-            self.external_gain,
-            self.overshoot,
-            self.significant_force,
-            self.halvings,
-            circumscribed_m if self.headings else 0.0,
-            self.weighs_x_twice,
-        )
+        named = [getattr(self, name) for name in BandGains._fields[1:]]
+        return BandGains(circumscribed_m if self.headings else 0.0, *named)
 
 
 @dataclass(frozen=True)

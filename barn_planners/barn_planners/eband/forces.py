@@ -33,12 +33,12 @@ def force_on(band, i, x, y, radius, yaw, grid, gains):  # type: ignore[no-untype
     """
     before_x, before_y, before_turn = _pull(band, i - 1, x, y, yaw, gains.metres_per_rad)
     after_x, after_y, after_turn = _pull(band, i + 1, x, y, yaw, gains.metres_per_rad)
-    across = 2.0 * max(radius, gains.tiny_m)
+    across = 2.0 * max(radius, gains.tiny_bubble_m)
     slope_x = (radius_at(grid, x + radius, y) - radius_at(grid, x - radius, y)) / across
     slope_y = (radius_at(grid, x, y + radius) - radius_at(grid, x, y - radius)) / across
-    fx = gains.internal * (before_x + after_x) + gains.external * slope_x
-    fy = gains.internal * (before_y + after_y) + gains.external * slope_y
-    torque = gains.internal * (before_turn + after_turn)
+    fx = gains.internal_gain * (before_x + after_x) + gains.external_gain * slope_x
+    fy = gains.internal_gain * (before_y + after_y) + gains.external_gain * slope_y
+    torque = gains.internal_gain * (before_turn + after_turn)
     tx, ty = band[i - 1, X] - band[i + 1, X], band[i - 1, Y] - band[i + 1, Y]
     turn = gains.metres_per_rad * wrapped(band[i - 1, YAW] - band[i + 1, YAW])
     along = (fx * tx + fy * ty + torque * turn) / max(tx * tx + ty * ty + turn * turn, 1e-12)
@@ -52,15 +52,12 @@ def _overshoots(old, new, gains):  # type: ignore[no-untyped-def]
     turned = fx * new_fx + fy * new_fy + torque * new_torque < 0.0
     strength = math.sqrt(fx * fx + (fx * fx if gains.weighs_x_twice else fy * fy) + torque * torque)
     new_strength = math.sqrt(new_fx * new_fx + new_fy * new_fy + new_torque * new_torque)
-    return turned, new_strength > gains.overshoot * strength and new_strength > gains.significant
+    return turned, new_strength > gains.overshoot * strength and new_strength > gains.significant_force
 
 
 @njit(cache=True)
 def _near_balance(band, i, force, jump, grid, gains):  # type: ignore[no-untyped-def]
-    """Return the bubble (x, y, radius, yaw) reached by half of a jump, then half as far each; radius 0 if none is.
-
-    Each further step goes on where the force has not reversed, and back where it has.
-    """
+    """Return the bubble reached by half of a jump, then half as far each, on or back; radius 0 if none is."""
     x, y, radius, yaw = band[i, X], band[i, Y], 0.0, band[i, YAW]
     share = 0.5
     for depth in range(gains.halvings + 1):
@@ -82,8 +79,7 @@ def _near_balance(band, i, force, jump, grid, gains):  # type: ignore[no-untyped
 
 @njit(cache=True)
 def _connected(band, i, grid, gains, work):  # type: ignore[no-untyped-def]
-    """Tell whether bubble i and the next one overlap or the gap between them can be filled."""
-    if overlaps(band, i, band, i + 1, gains.overlap):
+    if overlaps(band, i, band, i + 1, gains.min_overlap):
         return True
     put(work.nodes, 0, band, i)
     put(work.nodes, 1, band, i + 1)
@@ -92,7 +88,6 @@ def _connected(band, i, grid, gains, work):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _move(band, i, grid, gains, work):  # type: ignore[no-untyped-def]
-    """Move bubble i by its radius times the force on it, if the band stays connected."""
     old_x, old_y, old_radius, old_yaw = band[i, X], band[i, Y], band[i, RADIUS], band[i, YAW]
     force = force_on(band, i, old_x, old_y, old_radius, old_yaw, grid, gains)
     fx, fy, torque = force
@@ -100,7 +95,7 @@ def _move(band, i, grid, gains, work):  # type: ignore[no-untyped-def]
     jump = (old_radius * fx, old_radius * fy, turn)
     x, y, yaw = old_x + jump[0], old_y + jump[1], wrapped(old_yaw + turn)
     radius = radius_at(grid, x, y)
-    if radius <= gains.tiny_m:
+    if radius <= gains.tiny_bubble_m:
         return
     turned, strong = _overshoots(force, force_on(band, i, x, y, radius, yaw, grid, gains), gains)
     if turned and strong:

@@ -26,23 +26,20 @@ REASONS = {
 }
 
 X, Y, RADIUS, YAW = range(4)  # columns of a band
-_STACK = 64
+_STACK = 64  # no recursion: numba cannot cache it
 
 
 class BandGains(NamedTuple):
-    """Gains of the method: lengths in metres, all else without unit; the last two are those of `EBandConfig`.
+    """Distance that a radian of heading counts as, and fields of `EBandConfig`."""
 
-    metres_per_rad: distance that a difference of headings counts as.
-    """
-
-    overlap: float
-    tiny_m: float
-    internal: float
-    external: float
-    overshoot: float
-    significant: float
-    halvings: int
     metres_per_rad: float
+    min_overlap: float
+    tiny_bubble_m: float
+    internal_gain: float
+    external_gain: float
+    overshoot: float
+    significant_force: float
+    halvings: int
     weighs_x_twice: bool
 
 
@@ -57,12 +54,8 @@ class BandWork(NamedTuple):
 
 def band_work(capacity: int) -> BandWork:
     """Return work space for bands of up to `capacity` bubbles."""
-    return BandWork(
-        np.zeros((capacity, 4)),
-        np.zeros((capacity, 2), np.int64),
-        np.zeros((_STACK, 3), np.int64),
-        np.zeros(_STACK, np.int64),
-    )
+    stacks = np.zeros((_STACK, 3), np.int64), np.zeros(_STACK, np.int64)
+    return BandWork(np.zeros((capacity, 4)), np.zeros((capacity, 2), np.int64), *stacks)
 
 
 @njit(cache=True)
@@ -78,10 +71,7 @@ def radius_at(grid, x, y):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def overlaps(bubbles, a, others, b, overlap):  # type: ignore[no-untyped-def]
-    """Tell whether the centres of bubble a and another's b are nearer than `overlap` times the sum of their radii.
-
-    With indices, since a view of each bubble would take longer than the rest.
-    """
+    """Tell whether centres are nearer than `overlap` times the sum of radii; by indices, as views take longer."""
     dx, dy = bubbles[a, X] - others[b, X], bubbles[a, Y] - others[b, Y]
     return math.hypot(dx, dy) < overlap * (bubbles[a, RADIUS] + others[b, RADIUS])
 
@@ -119,16 +109,13 @@ def measure(band, n, grid):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def bridge(work, first, last, used, grid, gains):  # type: ignore[no-untyped-def]
-    """Link node `first` to node `last`, inserting midpoints until neighbours overlap.
-
-    New nodes are numbered from `used`; returns the new number of nodes. Fails with GAP at a midpoint of tiny radius.
-    """
+    """Link node `first` to `last` by new ones, numbered from `used`, until neighbours overlap; return their number."""
     nodes, links, ends = work.nodes, work.links, work.ends
     depth, here = 1, first
     ends[0] = last
     while depth > 0:
         end = ends[depth - 1]
-        if overlaps(nodes, here, nodes, end, gains.overlap):
+        if overlaps(nodes, here, nodes, end, gains.min_overlap):
             links[here, 1] = end
             links[end, 0] = here
             here = end
@@ -138,7 +125,7 @@ def bridge(work, first, last, used, grid, gains):  # type: ignore[no-untyped-def
             return FULL
         x, y = 0.5 * (nodes[here, X] + nodes[end, X]), 0.5 * (nodes[here, Y] + nodes[end, Y])
         radius, yaw = radius_at(grid, x, y), nodes[here, YAW]
-        if radius <= gains.tiny_m:
+        if radius <= gains.tiny_bubble_m:
             return GAP
         nodes[used, X], nodes[used, Y], nodes[used, RADIUS] = x, y, radius
         nodes[used, YAW] = wrapped(yaw + 0.5 * wrapped(nodes[end, YAW] - yaw))
@@ -164,10 +151,10 @@ def _drop_and_fill(work, n, grid, gains):  # type: ignore[no-untyped-def]
         middle = first + (last - first) // 2
         if halves_done:
             before, after = links[middle, 0], links[middle, 1]
-            if overlaps(nodes, before, nodes, after, gains.overlap):
+            if overlaps(nodes, before, nodes, after, gains.min_overlap):
                 links[before, 1] = after
                 links[after, 0] = before
-        elif overlaps(nodes, first, nodes, last, gains.overlap):
+        elif overlaps(nodes, first, nodes, last, gains.min_overlap):
             links[first, 1] = last
             links[last, 0] = first
         elif last - first == 1:
@@ -228,7 +215,7 @@ def connect_front(band, n, x, y, yaw, grid, gains, work):  # type: ignore[no-unt
     if radius <= 0.0:
         return IN_COLLISION
     for i in range(n - 1, -1, -1):
-        if overlaps(nodes, 0, band, i, gains.overlap):
+        if overlaps(nodes, 0, band, i, gains.min_overlap):
             kept = n - i
             if kept >= len(band):
                 return FULL
@@ -243,15 +230,12 @@ def connect_front(band, n, x, y, yaw, grid, gains, work):  # type: ignore[no-unt
 
 @njit(cache=True)
 def append_back(band, n, poses, grid, gains, work):  # type: ignore[no-untyped-def]
-    """Append poses (k, 3) after the first bubble, except the last, that the first of them overlaps; return n.
-
-    If there is none, the gap between the band's end and the first point is bridged.
-    """
+    """Append poses (k, 3) after the first bubble that overlaps them, or after a bridge from the end; return n."""
     nodes, radius = work.nodes, radius_at(grid, poses[0, 0], poses[0, 1])
     nodes[1, X], nodes[1, Y], nodes[1, RADIUS], nodes[1, YAW] = poses[0, 0], poses[0, 1], radius, poses[0, 2]
     end = -1
     for i in range(n - 1):
-        if overlaps(nodes, 1, band, i, gains.overlap):
+        if overlaps(nodes, 1, band, i, gains.min_overlap):
             end = i + 1
             break
     if radius <= 0.0:

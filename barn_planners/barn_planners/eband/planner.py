@@ -14,8 +14,7 @@ from barn_planners.eband.config import EBandConfig, eband_presets
 from barn_planners.eband.forces import relax, renew
 from barn_planners.global_plan.planner import visible_slice
 from barn_planners.interface import FloatArray, PlannerView
-from barn_planners.navigation.controller import Control, ControlInput, Controller
-from barn_planners.navigation.loop import NavigationPlanner
+from barn_planners.navigation.loop import Control, ControlInput, Controller, NavigationPlanner
 from barn_planners.registry import PlannerEntry
 from barn_planners.robots import fitted
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D, wrap_angle
@@ -38,7 +37,6 @@ class ElasticBand:
 
     def __init__(self, config: EBandConfig):
         self._config = config
-        self._sweeps = config.sweeps
         self._radii = bubble_radii(config.cost_weight_per_m)
         self._work = kernels.band_work(config.capacity)
         self._band = np.zeros((config.capacity, 4))
@@ -81,7 +79,7 @@ class ElasticBand:
         if problem:
             return problem
         self._copy()
-        return self._adopt(relax(self._trial, self._count, *context, self._sweeps))
+        return self._adopt(relax(self._trial, self._count, *context, self._config.sweeps))
 
     def _headed(self, poses: FloatArray) -> FloatArray:
         return poses if self._config.headings else np.column_stack([poses[:, :2], np.zeros(len(poses))])
@@ -191,16 +189,16 @@ class EBandController(Controller):
             if abs(turn) <= config.yaw_tolerance_rad:
                 self._final_turn = False
                 return Control(STOP, goal_reached=True, diagnostics=figures)
-            return Control(Velocity2D(0.0, self._in_place(turn)), diagnostics=figures)
+            return Control(Velocity2D(0.0, self._rate(turn, config.min_turn_in_place_radps)), diagnostics=figures)
         threshold = config.rotation_threshold_multiplier * math.atan2(config.min_overlap * radius_m, distance)
         if abs(bearing) > threshold:
-            return Control(Velocity2D(0.0, self._in_place(bearing)), diagnostics=figures)
+            return Control(Velocity2D(0.0, self._rate(bearing, config.min_turn_in_place_radps)), diagnostics=figures)
         highest = config.max_speed_mps * (config.slow_share if to_end < config.slow_distance_m else 1.0)
         speed = (
             config.bubble_velocity_multiplier_per_m * config.min_overlap * robot_radius_m * highest * math.cos(bearing)
         )
         speed = min(max(speed, config.min_speed_mps), config.max_speed_mps)
-        return Control(Velocity2D(float(speed), self._clipped(config.k_prop_per_s * bearing)), diagnostics=figures)
+        return Control(Velocity2D(float(speed), self._rate(bearing)), diagnostics=figures)
 
     def _turns_finally(self, end: Pose2D) -> bool:
         """Tell whether the band's end, in base_link, is reached; once it is, the full tolerance applies."""
@@ -208,13 +206,9 @@ class EBandController(Controller):
         self._final_turn = max(abs(end.x), abs(end.y)) <= share * self.config.xy_tolerance_m
         return self._final_turn
 
-    def _in_place(self, turn: float) -> float:
+    def _rate(self, turn: float, slowest: float = 0.0) -> float:
         rate = self.config.k_prop_per_s * turn
-        if abs(rate) < self.config.min_turn_in_place_radps:
-            rate = math.copysign(self.config.min_turn_in_place_radps, turn)
-        return self._clipped(rate)
-
-    def _clipped(self, rate: float) -> float:
+        rate = math.copysign(slowest, turn) if abs(rate) < slowest else rate
         return min(max(rate, -self.config.max_turn_radps), self.config.max_turn_radps)
 
 

@@ -13,15 +13,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from barn_planners.interface import Decision, FloatArray, Observation, Planner, PlannerStatus, PlannerView, Task
-from barn_planners.navigation.guard import GuardConfig, ObservationGuard
+from barn_planners.navigation.guard import GuardConfig, LidarPlace, ObservationGuard
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
 from barn_planners.robots import fitted
-from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.config import quantity
 from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
 
 
 @dataclass(frozen=True)
-class GapConfig(Checked):
+class GapConfig(LidarPlace):
     """Follow-the-gap for a Jackal."""
 
     max_speed_mps: float = quantity(0.5, "highest forward speed", "m/s", minimum=0.0, maximum=5.0)
@@ -49,20 +49,10 @@ class GapConfig(Checked):
     max_bearing_rad: float = quantity(2.2, "gaps are searched up to this bearing", "rad", minimum=0.1, maximum=3.14)
     directions: int = quantity(151, "evenly spaced directions", minimum=3, maximum=1001)
     goal_tolerance_m: float = quantity(0.25, "the goal is reached within this", "m", minimum=0.01, maximum=10.0)
-    lidar_x_m: float = quantity(0.055, "lidar forward of base_link", "m", minimum=-10.0, maximum=10.0)
-    lidar_y_m: float = quantity(0.0, "lidar left of base_link", "m", minimum=-10.0, maximum=10.0, optional=True)
-    lidar_yaw_rad: float = quantity(
-        0.0, "direction of angle 0 of a scan in base_link", "rad", minimum=-3.15, maximum=3.15, optional=True
-    )
     turning_radius_m: float = quantity(
         0.0, "furthest corner from base_link; 0: that of the half sizes", "m", minimum=0.0, maximum=10.0, optional=True
     )
     guard: GuardConfig = field(default_factory=GuardConfig)
-
-    @property
-    def lidar(self) -> Pose2D:
-        """Pose of the lidar in base_link."""
-        return Pose2D(self.lidar_x_m, self.lidar_y_m, self.lidar_yaw_rad)
 
 
 class GapPlanner(Planner):
@@ -121,7 +111,6 @@ class GapPlanner(Planner):
         return free_distances(points, self._directions, self.config.robot_radius_m, self.config.look_ahead_m)
 
     def _bearing(self, free: FloatArray, points: FloatArray, goal_bearing: float, needed_m: float) -> float | None:
-        """Return the bearing to steer for, None if no gap is open."""
         is_open = free >= needed_m - 1e-9
         if not is_open.any():
             is_open = free >= max(float(free.max()) - 1e-9, self.config.least_free_m)
@@ -153,7 +142,6 @@ class GapPlanner(Planner):
         return Decision(Velocity2D(speed, rate), diagnostics=figures)
 
     def _clear_ahead(self, points: FloatArray) -> float:
-        """Return the distance from the robot's front to what lies straight ahead, in metres."""
         config = self.config
         in_the_way = points[(np.abs(points[:, 1]) <= config.half_width_m + config.margin_m) & (points[:, 0] > 0.0), 0]
         nearest_m = float(in_the_way.min()) if len(in_the_way) else math.inf
@@ -169,10 +157,7 @@ def returns(scan: Scan, lidar: Pose2D, within_m: float) -> FloatArray:
 
 
 def free_distances(points: FloatArray, directions: FloatArray, radius_m: float, longest_m: float) -> FloatArray:
-    """Return how far a disc at the origin can go in each direction (k,) before it touches a point (n, 2).
-
-    At most `longest_m`. Points inside the disc at the start block the half plane that they lie in.
-    """
+    """Return how far, up to `longest_m`, a disc at the origin can go in each direction (k,) before a point (n, 2)."""
     if len(points) == 0:
         return np.full(len(directions), longest_m)
     along = np.outer(np.cos(directions), points[:, 0]) + np.outer(np.sin(directions), points[:, 1])

@@ -33,7 +33,6 @@ def _queue(other, there, told, gain, costs, pending, queue, end):  # type: ignor
 
 @njit(inline="always")
 def _release(pending, queue, first, end):  # type: ignore[no-untyped-def]
-    """Mark the cells of a queue as no longer queued."""
     for k in range(first, end):
         pending[np.uint64(queue[k])] = 0
 
@@ -141,10 +140,7 @@ def search(costs, cols, prices, ends, bounded, neutral, limits, work):  # type: 
 
 @njit(cache=True)
 def is_same(costs, cols, price, potentials, seen, windows):  # type: ignore[no-untyped-def]
-    """Tell whether the last `search` would go the same way: whether no price that it has looked at has changed.
-
-    It has looked at the prices of the cells that it reached and of their neighbours, if these are not on the border.
-    """
+    """Tell whether no price that the last `search` has looked at, where it came and beside it, has changed."""
     last_row = len(costs) // cols - 1
     for k in range(2):
         potential, window = potentials[k], windows[k]
@@ -173,11 +169,7 @@ def forget(potential, cols, window):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def poses_along(points, frame, half_cell):  # type: ignore[no-untyped-def]
-    """Return poses (n + 1, 3) in metres, yaw 0, of points (n, 2) in cells from the goal to the start, and their steps.
-
-    The last pose is left to the goal, but for its position, (x, y) in `frame`, by which the last step is known.
-    frame: (origin x, origin y, resolution, x, y). steps: (2, n), from each pose to the next.
-    """
+    """Return poses (n + 1, 3), yaw 0, of points in cells from goal to start (n, 2), and the steps (2, n) between."""
     n, (origin_x, origin_y, resolution, x, y) = len(points), frame
     poses, steps = np.empty((n + 1, 3)), np.empty((2, n))
     for k in range(n):
@@ -188,26 +180,3 @@ def poses_along(points, frame, half_cell):  # type: ignore[no-untyped-def]
     for k in range(n):
         steps[0, k], steps[1, k] = poses[k + 1, 0] - poses[k, 0], poses[k + 1, 1] - poses[k, 1]
     return poses, steps
-
-
-@njit(cache=True)
-def visible_points(plan, x, y, radius):  # type: ignore[no-untyped-def]
-    """Return first and end of the points of a plan (n, 2 or more) within the radius, up to where it leaves it."""
-    first = 0
-    while first < len(plan) and not math.hypot(plan[first, 0] - x, plan[first, 1] - y) <= radius:
-        first += 1
-    if first == len(plan):
-        return 0, 0
-    end = first
-    while end < len(plan) and math.hypot(plan[end, 0] - x, plan[end, 1] - y) <= radius:
-        end += 1
-    return first, end
-
-
-@njit(cache=True)
-def passed_points(plan, x, y, keep):  # type: ignore[no-untyped-def]
-    """Return the number of points of a plan (n, 2 or more) before the first one nearer than `keep`; all if none is."""
-    for k in range(len(plan)):
-        if math.hypot(plan[k, 0] - x, plan[k, 1] - y) < keep:
-            return k
-    return len(plan)

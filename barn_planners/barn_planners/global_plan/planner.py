@@ -66,12 +66,9 @@ class GlobalPlanner:
 
     def __init__(self, config: GlobalPlanConfig):
         self.config = config
-        self._price: npt.NDArray[np.floating] = cell_prices(config)
-        self._gain: npt.NDArray[np.floating] = math.sqrt(0.5) * self._price
         self._kind: type[np.floating] = np.float32 if config.as_navfn else np.float64
-        if config.as_navfn:
-            self._price = self._price.astype(np.float32)
-            self._gain = (0.707106781 * self._price.astype(np.float64)).astype(np.float32)
+        self._price = cell_prices(config).astype(self._kind)
+        self._gain = ((0.707106781 if config.as_navfn else math.sqrt(0.5)) * cell_prices(config)).astype(self._kind)
         self._task: tuple[Any, ...] | None = None
         self._fit((1, 1))
 
@@ -117,7 +114,6 @@ class GlobalPlanner:
         return GlobalPlan(self._poses(costmap, self._points[:n], goal_pose))
 
     def _fit(self, shape: tuple[int, ...]) -> None:
-        """Make work space for grids of this shape, without a last plan."""
         rows, cols = self._shape = shape
         self._task = None
         neutral = self.config.neutral_cost
@@ -134,7 +130,6 @@ class GlobalPlanner:
         self._points = np.empty((int(4 * (rows + cols) / self.config.step_cells), 2), self._kind)
 
     def _poses(self, costmap: Costmap, cells: npt.NDArray[np.floating], goal: Pose2D) -> FloatArray:
-        """Return the poses along a plan (n, 2) in cells from the goal to the start, and the goal."""
         frame = (*costmap.grid, goal.x, goal.y)
         poses: FloatArray
         poses, steps = kernels.poses_along(
@@ -156,7 +151,6 @@ def cell_prices(config: GlobalPlanConfig) -> npt.NDArray[np.float64]:
 
 
 def _inner_cell(pose: Pose2D, costmap: Costmap) -> tuple[int, int] | None:
-    """Return the cell of a pose, None on the border of the grid and off it."""
     cell, (rows, cols) = costmap.world_to_cell(pose.x, pose.y), costmap.costs.shape
     return cell if cell and 1 <= cell[0] < rows - 1 and 1 <= cell[1] < cols - 1 else None
 
@@ -171,11 +165,14 @@ def moved_plan(plan: FloatArray, frame: Pose2D) -> FloatArray:
 
 def visible_slice(plan: FloatArray, pose: Pose2D, radius_m: float) -> slice:
     """Return the part of a plan (n, 2 or more) that is within the radius of the pose, up to where it leaves it."""
-    first, end = kernels.visible_points(plan, pose.x, pose.y, radius_m)
-    return slice(first, end)
+    near = np.hypot(plan[:, 0] - pose.x, plan[:, 1] - pose.y) <= radius_m
+    if not near.any():
+        return slice(0, 0)
+    first = int(near.argmax())
+    return slice(first, len(plan) if near[first:].all() else first + int(near[first:].argmin()))
 
 
 def passed_points(plan: FloatArray, pose: Pose2D, keep_m: float) -> int:
     """Return the number of points before the first one nearer than `keep_m` to the pose; all if there is none."""
-    passed: int = kernels.passed_points(plan, pose.x, pose.y, keep_m)
-    return passed
+    near = np.hypot(plan[:, 0] - pose.x, plan[:, 1] - pose.y) < keep_m
+    return int(near.argmax()) if near.any() else len(plan)

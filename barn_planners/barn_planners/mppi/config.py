@@ -1,7 +1,8 @@
 """Settings of model predictive path integral control and its preset."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 from barn_planners.costmap.costmap import CostmapConfig, GlobalCostmapConfig
 from barn_planners.navigation.loop import NavigationConfig
@@ -94,22 +95,15 @@ class MppiConfig(Checked):
 
 
 # The Jackal's outline with Nav2's padding, and an inflation large enough to act in time.
-_LOCAL = CostmapConfig(
-    resolution_m=0.06,
-    size_m=5.0,
-    footprint_half_length_m=0.254,
-    footprint_half_width_m=0.215,
-    footprint_padding_m=0.01,
-    inflation_radius_m=0.8,
-    cost_scaling_per_m=3.0,
-)
-_GLOBAL = GlobalCostmapConfig(
-    footprint_half_length_m=0.254,
-    footprint_half_width_m=0.215,
-    footprint_padding_m=0.01,
-    inflation_radius_m=0.8,
-    cost_scaling_per_m=3.0,
-)
+_BODY: dict[str, Any] = {
+    "footprint_half_length_m": 0.254,
+    "footprint_half_width_m": 0.215,
+    "footprint_padding_m": 0.01,
+    "inflation_radius_m": 0.8,
+    "cost_scaling_per_m": 3.0,
+}
+_LOCAL = replace(CostmapConfig(resolution_m=0.06, size_m=5.0), **_BODY)
+_GLOBAL = replace(GlobalCostmapConfig(), **_BODY)
 
 
 @dataclass(frozen=True)

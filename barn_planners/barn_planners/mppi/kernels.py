@@ -90,10 +90,7 @@ def _lethal_within(cells):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _touches(grid, lethal, corners):  # type: ignore[no-untyped-def]
-    """Tell whether the edges between corners (n, 2) touch a lethal cell or leave the grid, as `edge_cost` does.
-
-    It need not look at the edges where the box around them holds no lethal cell.
-    """
+    """Tell what `edge_cost` does; it need not look at the edges where the box around them holds no lethal cell."""
     cells, origin_x, origin_y, resolution = grid
     rows, cols = cells.shape
     low_row, end_row, low_col, end_col = rows, 0, cols, 0
@@ -111,10 +108,7 @@ def _touches(grid, lethal, corners):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def add_moving_costs(costs, xs, ys, step_s, discs, reach, weight):  # type: ignore[no-untyped-def]
-    """Add the costs of trajectories that come within `reach` of discs (k, 5) that keep their velocities.
-
-    discs: centre x, y, velocity, radius. The first meeting costs the weight now, half of it at the last step.
-    """
+    """Add the costs of meeting discs (k, 5) in constant motion: the weight now, half of it at the last step."""
     steps, samples = xs.shape
     for k in range(samples):
         for t in range(steps):
@@ -128,17 +122,6 @@ def add_moving_costs(costs, xs, ys, step_s, discs, reach, weight):  # type: igno
             if met:
                 costs[k] += weight * (1.0 - 0.5 * t / steps)
                 break
-
-
-@njit(cache=True)
-def nearest_point(path, x, y):  # type: ignore[no-untyped-def]
-    """Return the number of the path's point (n, 2) nearest to (x, y), the first of equals."""
-    best, best_square = 0, math.inf
-    for i in range(len(path)):
-        square = (path[i, 0] - x) ** 2 + (path[i, 1] - y) ** 2
-        if square < best_square:
-            best, best_square = i, square
-    return best
 
 
 @njit(cache=True)
@@ -248,10 +231,7 @@ def add_control_costs(costs, controls, nominal, spread, limits, dt, gamma, limit
 
 @njit(cache=True)
 def resample(points, spacing, most):  # type: ignore[no-untyped-def]
-    """Return (m, 2) points at even spacing along a line through points (n, 2), at most `most`, the first included.
-
-    The line's end is appended if there is room and it is not reached exactly.
-    """
+    """Return (m, 2) points at even spacing along a line, at most `most`, the first included, and the last with room."""
     out = np.empty((most, 2))
     out[0] = points[0]
     count, carried = 1, 0.0
@@ -273,5 +253,4 @@ def resample(points, spacing, most):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _wrapped(angle):  # type: ignore[no-untyped-def]
-    """Return the angle in [-pi, pi)."""
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))

@@ -26,9 +26,8 @@ from barn_planners.costmap.costmap import INSCRIBED, Costmap, CostmapConfig
 from barn_planners.interface import FloatArray, PlannerView
 from barn_planners.mppi import kernels, sampling
 from barn_planners.mppi.config import MppiConfig, MppiPlannerConfig
-from barn_planners.navigation.controller import Control, ControlInput, Controller
 from barn_planners.navigation.guard import ProgressCheck
-from barn_planners.navigation.loop import NavigationPlanner
+from barn_planners.navigation.loop import Control, ControlInput, Controller, NavigationPlanner
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
 from barn_planners.robots import fitted
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D, wrap_angle
@@ -163,7 +162,6 @@ class MppiController(Controller):
             kernels.add_align_costs(costs, xs, ys, start, path.points, path.arc, path.clear, stride, weight)
 
     def _advance(self) -> Velocity2D:
-        """Return the first control and shift the solution by one step."""
         first = self._solution[0]
         self._sent = np.concatenate([self._sent[1:], first[None]])
         self._solution = np.concatenate([self._solution[1:], self._solution[-1:]])
@@ -181,7 +179,7 @@ class _Path:
     @classmethod
     def ahead(cls, inputs: ControlInput, config: MppiConfig) -> _Path:
         """Return the path from the plan's point nearest to the robot."""
-        nearest = kernels.nearest_point(inputs.visible, inputs.pose.x, inputs.pose.y)
+        nearest = ((inputs.visible[:, :2] - (inputs.pose.x, inputs.pose.y)) ** 2).sum(axis=1).argmin()
         most = 2 + int(config.path_ahead_m / config.path_spacing_m)
         return cls(kernels.resample(inputs.visible[nearest:, :2], config.path_spacing_m, most), inputs.costmap)
 
@@ -196,10 +194,7 @@ class _Path:
 
 
 def lowest_cost_in_reach(config: CostmapConfig, resolution: float) -> int:
-    """Return the lowest cost of a cell at which the robot's outline may still reach a lethal cell.
-
-    At a lower cost the footprint need not be checked. A cell's diagonal allows for rounding at both ends.
-    """
+    """Return the lowest cost of a cell from which the outline, and a cell's diagonal, may reach a lethal one."""
     reach_m = config.circumscribed_m + math.sqrt(2.0) * resolution
     if not config.soft_costs or reach_m > config.inflation_radius_m:
         return 0

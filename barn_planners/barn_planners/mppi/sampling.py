@@ -64,7 +64,6 @@ def _next(words):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _share(bits):  # type: ignore[no-untyped-def]
-    """Return a number in [0, 1) of 24 bits."""
     return np.float32(bits >> np.uint32(8)) * np.float32(1.0 / 16777216.0)
 
 
@@ -180,10 +179,7 @@ def smoothed(controls, sent, weights):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def hold_within(controls, limits, change, start):  # type: ignore[no-untyped-def]
-    """Hold controls (steps, 2) within limits (lowest speed, highest speed, highest yaw rate), and changes from `start`.
-
-    change: as of `rollout`; start: speed and yaw rate now.
-    """
+    """Hold controls (steps, 2) within limits, and changes (as of `rollout`) from `start`, speed and yaw rate now."""
     (speed, rate), slowest, fastest, fastest_turn = start, limits[0], limits[1], limits[2]
     for t in range(len(controls)):
         wanted_speed = min(max(controls[t, 0], slowest), fastest)

@@ -16,6 +16,22 @@ _INTERRUPTION_NS = nanoseconds(1.0)
 
 
 @dataclass(frozen=True)
+class LidarPlace(Checked):
+    """Where the lidar is on the robot."""
+
+    lidar_x_m: float = quantity(0.055, "lidar forward of base_link", "m", minimum=-10.0, maximum=10.0)
+    lidar_y_m: float = quantity(0.0, "lidar left of base_link", "m", minimum=-10.0, maximum=10.0, optional=True)
+    lidar_yaw_rad: float = quantity(
+        0.0, "direction of angle 0 of a scan in base_link", "rad", minimum=-3.15, maximum=3.15, optional=True
+    )
+
+    @property
+    def lidar(self) -> Pose2D:
+        """Pose of the lidar in base_link."""
+        return Pose2D(self.lidar_x_m, self.lidar_y_m, self.lidar_yaw_rad)
+
+
+@dataclass(frozen=True)
 class GuardConfig(Checked):
     """When a scan without any return means that the lidar is blind, not that nothing is there."""
 

@@ -1,15 +1,16 @@
 """The navigation loop around a local planner, as in move_base: costmaps, global plan, control, recovery."""
 
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from barn_planners.costmap.costmap import CostmapConfig, GlobalCostmapConfig, RollingCostmap, global_costmap
+from barn_planners.costmap.costmap import Costmap, CostmapConfig, GlobalCostmapConfig, RollingCostmap, global_costmap
 from barn_planners.global_plan.planner import GlobalPlanConfig, GlobalPlanner, moved_plan, passed_points, visible_slice
 from barn_planners.interface import Decision, FloatArray, Observation, Planner, PlannerStatus, PlannerView, Task
-from barn_planners.navigation.controller import Control, ControlInput, Controller
-from barn_planners.navigation.guard import GuardConfig, ObservationGuard
+from barn_planners.navigation.guard import GuardConfig, LidarPlace, ObservationGuard
 from barn_planners.navigation.recovery import Recovery, RecoveryConfig
-from barn_worlds.base.config import Checked, quantity
-from barn_worlds.base.types import STOP, Pose2D, nanoseconds
+from barn_worlds.base.config import quantity
+from barn_worlds.base.types import STOP, Pose2D, Velocity2D, nanoseconds
 
 # In the paper's trials no stop was sent while a goal waited for its plan: the robot's watchdog stopped it 0.25 s after
 # the last command, which came one control period before the goal.
@@ -17,14 +18,9 @@ PAPER_HOLD_S = 0.2
 
 
 @dataclass(frozen=True)
-class NavigationConfig(Checked):
+class NavigationConfig(LidarPlace):
     """Settings of all planners that follow a global plan."""
 
-    lidar_x_m: float = quantity(0.055, "lidar forward of base_link", "m", minimum=-10.0, maximum=10.0)
-    lidar_y_m: float = quantity(0.0, "lidar left of base_link", "m", minimum=-10.0, maximum=10.0, optional=True)
-    lidar_yaw_rad: float = quantity(
-        0.0, "direction of angle 0 of a scan in base_link", "rad", minimum=-3.15, maximum=3.15, optional=True
-    )
     control_period_s: float = quantity(
         0.05, "time between two commands; observations in between are skipped", "s", minimum=0.005, maximum=1.0
     )
@@ -58,10 +54,50 @@ class NavigationConfig(Checked):
     recovery: RecoveryConfig = field(default_factory=RecoveryConfig)
     guard: GuardConfig = field(default_factory=GuardConfig)
 
-    @property
-    def lidar(self) -> Pose2D:
-        """Pose of the lidar in base_link."""
-        return Pose2D(self.lidar_x_m, self.lidar_y_m, self.lidar_yaw_rad)
+
+@dataclass(frozen=True, slots=True)
+class ControlInput:
+    """The input of a controller in one cycle, all in the odom frame.
+
+    plan: (n, 3) x, y m, yaw rad, the whole global plan, ending in `goal`.
+    visible: (m, 3), its part from the robot on that lies within the local costmap.
+    new_plan: whether there is a new global plan since the controller was last called.
+    """
+
+    stamp_ns: int
+    pose: Pose2D
+    velocity: Velocity2D
+    costmap: Costmap
+    plan: FloatArray
+    visible: FloatArray
+    goal: Pose2D
+    new_plan: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Control:
+    """The output of a controller; `command` is None if no valid one was found, and `reason` says why."""
+
+    command: Velocity2D | None
+    goal_reached: bool = False
+    reason: str = ""
+    diagnostics: Mapping[str, float] = field(default_factory=dict)
+
+
+class Controller(ABC):
+    """A local planner that follows a plan, such as DWA or E-Band; one object serves trial after trial."""
+
+    @abstractmethod
+    def reset(self, seed: int) -> None:
+        """Begin a new trial and forget the last one."""
+
+    @abstractmethod
+    def control(self, inputs: ControlInput) -> Control:
+        """Return one command; must not raise, whatever the input."""
+
+    def view(self) -> PlannerView:
+        """Return the local plan, band or candidates of the last cycle, in the odom frame."""
+        return PlannerView()
 
 
 class NavigationPlanner(Planner):
@@ -79,6 +115,8 @@ class NavigationPlanner(Planner):
     def start(self, task: Task, seed: int) -> None:
         """Begin a new trial: forget costmaps, plan and recovery."""
         self._task = task
+        self._map_given = task.map is not None
+        self._follows_in_map = self._map_given and self.config.local_costmap_in_map
         self._local = RollingCostmap(self.config.local_costmap)
         self._global = global_costmap(self.config.global_costmap, task.map, task.goal)
         self._global.beams = self._local.beams
@@ -128,25 +166,13 @@ class NavigationPlanner(Planner):
         if self._task is None:
             return PlannerView()
         plan = None if self._plan is None else self._plan[:, :2]
-        in_planning_frame = self._follows_in_map
-        return replace(
-            self.controller.view(), plan=plan, costmap=self._local.as_map(), in_planning_frame=in_planning_frame
-        )
-
-    @property
-    def _map_given(self) -> bool:
-        return self._task is not None and self._task.map is not None
-
-    @property
-    def _follows_in_map(self) -> bool:
-        return self._map_given and self.config.local_costmap_in_map
+        costmap, in_map = self._local.as_map(), self._follows_in_map
+        return replace(self.controller.view(), plan=plan, costmap=costmap, in_planning_frame=in_map)
 
     def _robot(self, observation: Observation) -> Pose2D:
-        """Return the robot's pose in the frame of the local costmap."""
         return observation.pose if self._follows_in_map else observation.odometry.pose
 
-    def _prepare(self, observation: Observation) -> None:
-        """Let the controller know more of an observation before it is asked; there is nothing for most."""
+    def _prepare(self, observation: Observation) -> None: ...
 
     def _goal_sent_again(self, stamp_ns: int) -> bool:
         """Tell whether the goal was re-sent since the last cycle; it then waits for a plan and starts over."""
@@ -179,7 +205,6 @@ class NavigationPlanner(Planner):
         return found.poses[:, :2]
 
     def _act(self, observation: Observation, goal: Pose2D, fresh: FloatArray | None) -> Decision:
-        """Control, wait or recover, and return the decision of the cycle."""
         stamp = observation.stamp_ns
         if not self._waiting and not self._recovery.active:
             control = self._control(observation, goal)
@@ -211,7 +236,6 @@ class NavigationPlanner(Planner):
         return Decision(command, PlannerStatus.RECOVERING, self._cause, fresh)
 
     def _control(self, observation: Observation, goal: Pose2D) -> Control:
-        """Transform the plan to the frame of the local costmap and call the controller."""
         plan = self._plan
         if plan is None:
             return Control(None, reason=self._problem)

@@ -56,20 +56,17 @@ class Recovery:
     def missing_plan(self, stamp_ns: int) -> None:
         """Record a cycle without a plan; starts recovery when patience runs out."""
         if stamp_ns - self._plan_ns > nanoseconds(self.config.planner_patience_s):
-            self._begin(for_plan=True)
+            self.active = self._for_plan = True
 
     def missing_command(self, stamp_ns: int) -> None:
         """Record a cycle without a valid command; starts recovery when patience runs out."""
         if stamp_ns - self._control_ns > nanoseconds(self.config.controller_patience_s):
-            self._begin(for_plan=False)
+            self.active, self._for_plan = True, False
 
     def step(
         self, stamp_ns: int, pose: Pose2D, local: Costmap, clear: tuple[tuple[Costmap, Pose2D], ...]
     ) -> Velocity2D:
-        """Continue recovery for one cycle and return its command.
-
-        pose: robot in the frame of the local costmap; clear: the costmaps to clear, each with the robot in its frame.
-        """
+        """Continue for a cycle and return its command; clear: costmaps to clear, each with the robot in its frame."""
         command = None
         if self._turn is not None:
             command = self._turn.step(pose, local)
@@ -89,10 +86,6 @@ class Recovery:
             self.active = False
             self._plan_ns = self._control_ns = stamp_ns
         return command or Velocity2D()
-
-    def _begin(self, *, for_plan: bool) -> None:
-        self.active = True
-        self._for_plan = for_plan
 
 
 class _Turn:
@@ -114,5 +107,4 @@ class _Turn:
 
 
 def _turn_is_free(pose: Pose2D, angle: float, costmap: Costmap) -> bool:
-    """Tell whether the padded footprint stays free while it turns left by the angle."""
     return all(costmap.has_room(pose.x, pose.y, pose.yaw + 0.02 * k) for k in range(int(angle / 0.02) + 1))

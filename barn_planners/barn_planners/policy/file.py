@@ -28,9 +28,7 @@ from barn_worlds.formats.npz import Arrays, NpzFormat
 ACTIVATIONS = ("tanh", "relu")
 OUTPUTS = ("clip", "tanh")
 MOST_LAYERS = 16
-WIDEST_LAYER = 65536
 FORMAT = NpzFormat("a policy file", "policy.json", schema=1, largest_file=64 * 1024 * 1024, largest=64 * 1024 * 1024)
-_KEYS = {"schema", "layers", "activation", "output", "observation", "action", "about"}
 
 
 class PolicyError(BarnError):
@@ -51,7 +49,7 @@ class Policy:
     biases: tuple[npt.NDArray[np.float32], ...]
     activation: str = "tanh"
     output: str = "clip"
-    about: Mapping[str, Any] = field(default_factory=dict)
+    about: Mapping[str, object] = field(default_factory=dict)
     where: str = "policy"
 
     def __post_init__(self) -> None:
@@ -81,6 +79,19 @@ class Policy:
         return [len(self.weights[0]), *(len(biases) for biases in self.biases)]
 
 
+@dataclass(frozen=True)
+class _Header:
+    """What the header of a file must hold."""
+
+    schema: int
+    layers: list[int]
+    activation: str
+    output: str
+    observation: PolicyObservation
+    action: PolicyAction
+    about: dict[str, Any]
+
+
 class PolicyNetwork:
     """Evaluates a policy, summing in a fixed order: the same bits with any number of threads."""
 
@@ -104,9 +115,9 @@ class PolicyNetwork:
 
 
 @njit(cache=True)
-def affine(values: FloatArray, weights: FloatArray, biases: FloatArray) -> FloatArray:
+def affine(values, weights, biases):  # type: ignore[no-untyped-def]
     """Return values (n,) @ weights (n, m) + biases (m,)."""
-    out: FloatArray = biases.copy()
+    out = biases.copy()
     for i in range(len(values)):
         for j in range(len(out)):
             out[j] += values[i] * weights[i, j]
@@ -136,34 +147,22 @@ def write_policy(path: Path, policy: Policy) -> None:
 def read_policy(path: Path) -> Policy:
     """Return the policy of a file; PolicyError if it is damaged or of another version."""
     try:
-        header, arrays = FORMAT.read(path)
-        _check_header(path, header)
-        layers = range(len(header["layers"]) - 1)
-        weights = tuple(_array(path, arrays, f"weights_{k}", 2) for k in layers)
-        biases = tuple(_array(path, arrays, f"biases_{k}", 1) for k in layers)
-        observation = from_dict(PolicyObservation, header["observation"], f"{path}: observation")
-        action = from_dict(PolicyAction, header["action"], f"{path}: action")
-        policy = Policy(
-            observation, action, weights, biases, header["activation"], header["output"], header["about"], str(path)
-        )
+        content, arrays = FORMAT.read(path)
+        if not isinstance(content.get("about"), dict):
+            raise PolicyError(f"{path}: about must be a mapping")
+        header = from_dict(_Header, content, str(path))
+        if not 2 <= len(header.layers) <= MOST_LAYERS + 1:
+            raise PolicyError(f"{path}: layers must be 2 to {MOST_LAYERS + 1} sizes, got {len(header.layers)}")
+        count = len(header.layers) - 1
+        weights = tuple(_array(path, arrays, f"weights_{k}", 2) for k in range(count))
+        biases = tuple(_array(path, arrays, f"biases_{k}", 1) for k in range(count))
+        rest = (header.activation, header.output, header.about, str(path))
+        policy = Policy(header.observation, header.action, weights, biases, *rest)
     except (WorldError, ConfigError) as error:
         raise PolicyError(str(error)) from None
-    if policy.layers != header["layers"]:
-        raise PolicyError(f"{path}: its header has layers of {header['layers']}, the file has {policy.layers}")
+    if policy.layers != list(header.layers):
+        raise PolicyError(f"{path}: its header has layers of {list(header.layers)}, the file has {policy.layers}")
     return policy
-
-
-def _check_header(path: Path, header: Mapping[str, Any]) -> None:
-    """Raise PolicyError unless the header has the right keys with values of the right types."""
-    wrong = sorted(set(header) ^ _KEYS)
-    if wrong:
-        raise PolicyError(f"{path}: its header must have the keys {', '.join(sorted(_KEYS))}; check {wrong[0]!r:.40}")
-    layers = header["layers"]
-    whole = isinstance(layers, list) and all(type(width) is int and 1 <= width <= WIDEST_LAYER for width in layers)
-    if not whole or not 2 <= len(layers) <= MOST_LAYERS + 1:
-        raise PolicyError(f"{path}: layers must be 2 to {MOST_LAYERS + 1} sizes up to {WIDEST_LAYER}")
-    if not isinstance(header["about"], dict):
-        raise PolicyError(f"{path}: about must be a mapping")
 
 
 def _array(path: Path, arrays: Arrays, name: str, dimensions: int) -> npt.NDArray[np.float32]:

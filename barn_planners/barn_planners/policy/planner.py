@@ -17,15 +17,15 @@ from typing import Any
 from numba import njit
 
 from barn_planners.gap.planner import returns
-from barn_planners.interface import Decision, FloatArray, Observation, Planner, PlannerStatus, Task
-from barn_planners.navigation.guard import GuardConfig, ObservationGuard, ProgressCheck
+from barn_planners.interface import Decision, Observation, Planner, PlannerStatus, Task
+from barn_planners.navigation.guard import GuardConfig, LidarPlace, ObservationGuard, ProgressCheck
 from barn_planners.policy.file import Policy, PolicyNetwork, read_policy
 from barn_planners.policy.space import ObservationEncoder
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
 from barn_planners.robots import fitted
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
+from barn_worlds.base.types import STOP, Scan, Velocity2D
 from barn_worlds.robots.robot import Robot
 
 _SPACING_M = 0.04  # between checked poses, along the path of the outline's fastest corner
@@ -37,7 +37,7 @@ _CHANGES = sorted(
 
 
 @dataclass(frozen=True)
-class SafetyConfig(Checked):
+class SafetyConfig(LidarPlace):
     """A shield against collisions, for a Jackal."""
 
     enabled: bool = quantity(True, "avoid collisions; false: the policy alone drives")
@@ -46,11 +46,6 @@ class SafetyConfig(Checked):
     braking_mps2: float = quantity(4.0, "assumed deceleration", "m/s2", minimum=0.1, maximum=20.0)
     half_length_m: float = quantity(0.254, "half the robot's length", "m", minimum=0.01, maximum=5.0)
     half_width_m: float = quantity(0.215, "half the robot's width", "m", minimum=0.01, maximum=5.0)
-    lidar_x_m: float = quantity(0.055, "lidar forward of base_link", "m", minimum=-10.0, maximum=10.0)
-    lidar_y_m: float = quantity(0.0, "lidar left of base_link", "m", minimum=-10.0, maximum=10.0, optional=True)
-    lidar_yaw_rad: float = quantity(
-        0.0, "direction of angle 0 of a scan in base_link", "rad", minimum=-3.15, maximum=3.15, optional=True
-    )
 
 
 @dataclass(frozen=True)
@@ -126,14 +121,11 @@ def shipped_policy() -> Path:
 
 
 def safe_command(wanted: Velocity2D, moving: Velocity2D, scan: Scan, config: SafetyConfig) -> Velocity2D:
-    """Return the wanted command if it is safe, else its safe replacement.
-
-    moving: velocity of the robot now.
-    """
+    """Return the wanted command if it is safe, else its safe replacement; moving: velocity of the robot now."""
     speed = max(abs(wanted.linear), abs(moving.linear))
     time_s = config.reaction_s + 0.5 * speed / config.braking_mps2
     reach_m = math.hypot(config.half_length_m, config.half_width_m)
-    lidar = Pose2D(config.lidar_x_m, config.lidar_y_m, config.lidar_yaw_rad)
+    lidar = config.lidar
     points = returns(scan, lidar, speed * time_s + reach_m + config.margin_m + math.hypot(lidar.x, lidar.y))
     if not len(points):
         return wanted
@@ -149,13 +141,8 @@ def safe_command(wanted: Velocity2D, moving: Velocity2D, scan: Scan, config: Saf
 
 
 @njit(cache=True)
-def least_gap(
-    points: FloatArray, linear: float, angular: float, steps: int, step_s: float, half_length: float, half_width: float
-) -> float:
-    """Return the least distance in m of points (n, 2) from the robot's outline, driving from the origin.
-
-    Checked are the poses at `step_s`, 2 `step_s`, ... `steps` times `step_s`; 0 for points inside the outline.
-    """
+def least_gap(points, linear, angular, steps, step_s, half_length, half_width):  # type: ignore[no-untyped-def]
+    """Return the least distance of points (n, 2) from the outline at `steps` poses driven to; 0 for points inside."""
     least = math.inf
     for k in range(1, steps + 1):
         time_s = k * step_s

@@ -24,7 +24,6 @@ from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D, Scan, Velocity2D
 
 Vector = npt.NDArray[np.float32]
-Limits = tuple[np.float32, float, float, float]
 
 ACTIONS = 2
 _BEYOND_LIDAR = 5  # entries after those of the lidar
@@ -74,14 +73,13 @@ class PolicyAction(Checked):
 
     def command(self, action: npt.NDArray[np.floating]) -> Velocity2D:
         """Return the velocity of an action (2,), clipped to -1 and 1; NaN stays NaN."""
-        forward, turn = (min(max(part, -1.0), 1.0) for part in action.tolist())
-        speed = self.min_speed_mps + 0.5 * (forward + 1.0) * (self.max_speed_mps - self.min_speed_mps)
-        return Velocity2D(speed, turn * self.max_yaw_rate_radps)
+        return Velocity2D(*self.commands(action[None])[0].tolist())
 
     def commands(self, actions: npt.NDArray[np.floating]) -> FloatArray:
         """Return the speeds and yaw rates (n, 2) of actions (n, 2), as `command` does."""
-        given = np.empty((len(actions), ACTIONS))
-        command_rows(actions.astype(np.float64), self.min_speed_mps, self.max_speed_mps, self.max_yaw_rate_radps, given)
+        given = np.clip(actions.astype(np.float64), -1.0, 1.0)
+        given[:, 0] = self.min_speed_mps + 0.5 * (given[:, 0] + 1.0) * (self.max_speed_mps - self.min_speed_mps)
+        given[:, 1] *= self.max_yaw_rate_radps
         return given
 
 
@@ -101,26 +99,24 @@ class ObservationEncoder:
         """Return in one line why this policy cannot use such scans, or an empty text."""
         geometry = (len(scan.ranges), scan.angle_min, scan.angle_increment)
         if geometry != self._geometry:
-            self._geometry = geometry
-            self._problem = self._fit(scan)
+            self._geometry, self._problem = geometry, self._fit(scan)
         return self._problem
 
     def encode(self, observation: Observation, goal: Pose2D) -> Vector:
-        """Return the vector (size,) for readings and a goal in the planning frame.
-
-        Raises ConfigError if there is a `problem` with the scan.
-        """
-        problem = self.problem(observation.scan)
-        if problem:
-            raise ConfigError(problem)
-        scan, pose, velocity = observation.scan, observation.pose, observation.odometry.velocity
-        ranges = scan.ranges if scan.angle_increment > 0.0 else scan.ranges[::-1]
-        seen = np.empty(self.config.size, np.float32)
-        encode_one(
-            ranges, (pose.x, pose.y, pose.yaw), (goal.x, goal.y), (velocity.linear, velocity.angular),
-            self._first, self._end, np.float32(scan.range_min), self._limits, seen,
-        )  # fmt: skip
-        return seen
+        """Return the vector (size,) for readings and a goal in the planning frame; ConfigError for a `problem`."""
+        pose, velocity = observation.pose, observation.odometry.velocity
+        seen = np.empty((1, self.config.size), np.float32)
+        self.encode_all(
+            observation.scan,
+            observation.scan.ranges[None],
+            np.array([[pose.x, pose.y, pose.yaw]]),
+            np.array([[goal.x, goal.y]]),
+            np.array([[velocity.linear, velocity.angular]]),
+            np.zeros(1, np.intp),
+            seen,
+        )
+        vector: Vector = seen[0]
+        return vector
 
     def encode_all(
         self, scan: Scan, ranges: Vector, poses: FloatArray, goals: FloatArray, velocities: FloatArray,
@@ -131,13 +127,11 @@ class ObservationEncoder:
         ranges (n, beams); poses (n, 3): x, y, yaw in the planning frame, in which goals (n, 2) are; velocities (n, 2):
         as the odometry measures them.
         """
-        problem = self.problem(scan)
-        if problem:
+        if problem := self.problem(scan):
             raise ConfigError(problem)
-        encode_rows(
-            ranges, poses, goals, velocities, which, self._first, self._end, np.float32(scan.range_min), self._limits,
-            seen,
-        )  # fmt: skip
+        ordered = ranges if scan.angle_increment > 0.0 else ranges[:, ::-1]
+        readings = (ordered, poses, goals, velocities)
+        _encode(*readings, which, self._first, self._end, np.float32(scan.range_min), self._limits, seen)
 
     def _fit(self, scan: Scan) -> str:
         """Store which beams fall into which sector; a sector between two beams uses the one to its left."""
@@ -160,61 +154,30 @@ class ObservationEncoder:
         return ""
 
 
-@njit(cache=True)
-def command_rows(
-    actions: FloatArray, min_speed_mps: float, max_speed_mps: float, max_yaw_rate_radps: float, given: FloatArray
-) -> None:
-    """Fill `given` (n, 2); see `PolicyAction.commands`."""
-    for i in range(len(actions)):
-        forward, turn = _clipped(actions[i, 0]), _clipped(actions[i, 1])
-        given[i, 0] = min_speed_mps + 0.5 * (forward + 1.0) * (max_speed_mps - min_speed_mps)
-        given[i, 1] = turn * max_yaw_rate_radps
-
-
-@njit(cache=True)
-def _clipped(part: float) -> float:
-    """Return a number within -1 and 1; NaN stays NaN."""
-    part = -1.0 if part < -1.0 else part
-    return 1.0 if part > 1.0 else part
-
-
 @njit(cache=True, nogil=True)
-def encode_rows(
-    ranges: Vector, poses: FloatArray, goals: FloatArray, velocities: FloatArray, which: npt.NDArray[np.intp],
-    first: npt.NDArray[np.intp], end: int, range_min: np.float32, limits: Limits, seen: Vector,
-) -> None:  # fmt: skip
-    """Fill the rows `which` of `seen`; see `ObservationEncoder.encode_all`."""
+def _encode(  # type: ignore[no-untyped-def]
+    ranges, poses, goals, velocities, which, first, end, range_min, limits, seen
+):
+    """Fill the rows `which` of `seen`; limits: range, distance to the goal, speed and yaw rate that count as 1."""
+    count, (furthest, furthest_goal, fastest, fastest_turn) = len(first), limits
     for i in which:
-        pose, goal = (poses[i, 0], poses[i, 1], poses[i, 2]), (goals[i, 0], goals[i, 1])
-        velocity = velocities[i, 0], velocities[i, 1]
-        encode_one(ranges[i], pose, goal, velocity, first, end, range_min, limits, seen[i])
+        nearest_returns(ranges[i], first, end, range_min, furthest, seen[i, :count])
+        x, y, yaw = poses[i]
+        goal_x, goal_y = goals[i]
+        c, s = math.cos(yaw), math.sin(yaw)
+        back = (math.pi - yaw) % (2.0 * math.pi) - math.pi
+        back_c, back_s = math.cos(back), math.sin(back)
+        ahead = -c * x - s * y + back_c * goal_x - back_s * goal_y
+        left = s * x - c * y + back_s * goal_x + back_c * goal_y
+        bearing = math.atan2(left, ahead)
+        seen[i, count] = min(math.hypot(ahead, left) / furthest_goal, 1.0)
+        seen[i, count + 1], seen[i, count + 2] = math.cos(bearing), math.sin(bearing)
+        seen[i, count + 3] = min(max(velocities[i, 0] / fastest, -1.0), 1.0)
+        seen[i, count + 4] = min(max(velocities[i, 1] / fastest_turn, -1.0), 1.0)
 
 
 @njit(cache=True)
-def encode_one(
-    ranges: Vector, pose: tuple[float, float, float], goal: tuple[float, float], velocity: tuple[float, float],
-    first: npt.NDArray[np.intp], end: int, range_min: np.float32, limits: Limits, seen: Vector,
-) -> None:  # fmt: skip
-    """Fill `seen` (size,); limits: range, distance to the goal, speed and yaw rate that count as 1."""
-    count, (x, y, yaw), (goal_x, goal_y), (speed, yaw_rate) = len(first), pose, goal, velocity
-    furthest, furthest_goal, fastest, fastest_turn = limits
-    nearest_returns(ranges, first, end, range_min, furthest, seen[:count])
-    c, s = math.cos(yaw), math.sin(yaw)
-    back = (math.pi - yaw) % (2.0 * math.pi) - math.pi
-    back_c, back_s = math.cos(back), math.sin(back)
-    ahead = -c * x - s * y + back_c * goal_x - back_s * goal_y
-    left = s * x - c * y + back_s * goal_x + back_c * goal_y
-    bearing = math.atan2(left, ahead)
-    seen[count] = min(math.hypot(ahead, left) / furthest_goal, 1.0)
-    seen[count + 1], seen[count + 2] = math.cos(bearing), math.sin(bearing)
-    seen[count + 3] = min(max(speed / fastest, -1.0), 1.0)
-    seen[count + 4] = min(max(yaw_rate / fastest_turn, -1.0), 1.0)
-
-
-@njit(cache=True)
-def nearest_returns(
-    ranges: Vector, first: npt.NDArray[np.intp], end: int, range_min: np.float32, limit: np.float32, shares: Vector
-) -> None:
+def nearest_returns(ranges, first, end, range_min, limit, shares):  # type: ignore[no-untyped-def]
     """Fill `shares` (n,) with the nearest return of each sector by the limit; 0 if all its returns are too near (-inf).
 
     If a sector has other returns, those that are too near are ignored, since only the robot itself can be so near.
@@ -222,12 +185,6 @@ def nearest_returns(
 
     first (n,): first beam of each sector, of which it has at least one; end: beam after the last one's last.
     """
-    if _one_each(first, end):
-        own = ranges[first[0] : end]
-        for sector in range(len(shares)):  # without a branch, for several of them at once
-            nearest = own[sector] if own[sector] < limit else limit
-            shares[sector] = np.float32(0.0) if nearest < range_min else nearest / limit
-        return
     for sector in range(len(shares)):
         start = first[sector]
         stop = first[sector + 1] if sector + 1 < len(first) else end
@@ -239,12 +196,3 @@ def nearest_returns(
                 too_near = True
         nothing = (too_near and not seen) or nearest < range_min
         shares[sector] = np.float32(0.0) if nothing else nearest / limit
-
-
-@njit(cache=True)
-def _one_each(first: npt.NDArray[np.intp], end: int) -> bool:
-    """Tell whether each sector has one beam."""
-    rising: bool = end - first[0] == len(first)
-    for sector in range(1, len(first)):
-        rising &= first[sector] > first[sector - 1]
-    return rising

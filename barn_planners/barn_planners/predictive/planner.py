@@ -1,6 +1,12 @@
 """Follow-the-gap and MPPI that predict what moves: discs tracked in the scans, each with a constant velocity.
 
 Everything else is as in `gap` and `mppi`, so that a comparison tells what prediction is worth.
+
+Returns are split into clusters where neighbours lie apart. A circle is fitted to each (I. Kasa, "A circle fitting
+procedure and its error analysis", IEEE Trans. Instrumentation and Measurement 25(1), 1976), since its centre, unlike
+the mean of the returns, does not wander as the robot drives past. Circles that are too large, or that the returns do
+not lie on, are walls and are left out. Tracks are continued by the nearest circle and filtered with fixed gains
+(an alpha-beta filter). A track counts once it has been seen often enough and moves.
 """
 
 import math
@@ -15,13 +21,139 @@ from barn_planners.mppi import kernels
 from barn_planners.mppi.config import MppiPlannerConfig
 from barn_planners.mppi.planner import MppiController
 from barn_planners.navigation.loop import NavigationPlanner
-from barn_planners.predictive.tracking import Tracker, TrackerConfig
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
 from barn_planners.robots import fitted
-from barn_worlds.base.config import quantity
-from barn_worlds.base.types import Pose2D
+from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.types import NANOSECONDS, Pose2D
 
 _NOTHING = np.empty((0, 5))
+
+
+@dataclass(frozen=True)
+class TrackerConfig(Checked):
+    """Settings of the tracker; the defaults are for people and robots at up to 3 m/s, seen 20 times a second."""
+
+    within_m: float = quantity(8.0, "returns that are further away are left out", "m", minimum=0.5, maximum=100.0)
+    split_m: float = quantity(0.25, "distance of neighbouring returns that splits clusters", "m", minimum=0.01)
+    least_returns: int = quantity(6, "fewest returns of a cluster", minimum=3, maximum=1000)
+    most_radius_m: float = quantity(0.9, "largest radius of a circle", "m", minimum=0.05, maximum=10.0)
+    roundness_m: float = quantity(0.03, "largest mean distance of its returns from a circle", "m", minimum=0.001)
+    match_m: float = quantity(0.5, "a circle continues a track if its centre is this near", "m", minimum=0.01)
+    position_gain: float = quantity(0.5, "share of a measured offset taken over", minimum=0.0, maximum=1.0)
+    velocity_gain: float = quantity(0.15, "share of an offset's speed taken over", minimum=0.0, maximum=1.0)
+    sightings: int = quantity(6, "a track counts once it has been seen this often", minimum=1, maximum=1000)
+    least_speed_mps: float = quantity(0.25, "a track that is slower stands", "m/s", minimum=0.0, maximum=10.0)
+    forget_s: float = quantity(0.3, "a track not seen for longer ends", "s", minimum=0.0, maximum=60.0)
+
+
+@dataclass
+class _Track:
+    centre: FloatArray
+    velocity: FloatArray
+    radius_m: float
+    seen_ns: int
+    sightings: int = 1
+
+
+class Tracker:
+    """Follows discs from scan to scan; deterministic."""
+
+    def __init__(self, config: TrackerConfig, lidar: Pose2D) -> None:
+        self.config = config
+        self._lidar = lidar
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._tracks: list[_Track] = []
+        self._last_ns: int | None = None
+
+    def update(self, observation: Observation) -> FloatArray:
+        """Take a scan; return the discs that move, (k, 5): centre x, y (m) and velocity (m/s) in odom, radius (m)."""
+        stamp_ns = observation.stamp_ns
+        if self._last_ns is not None and stamp_ns <= self._last_ns:
+            return self.moving()
+        period_s = 0.0 if self._last_ns is None else (stamp_ns - self._last_ns) / NANOSECONDS
+        self._last_ns = stamp_ns
+        for track in self._tracks:
+            track.centre = track.centre + period_s * track.velocity
+        found = self._circles(observation)
+        self._match(found, period_s, stamp_ns)
+        limit_ns = self.config.forget_s * NANOSECONDS
+        self._tracks = [track for track in self._tracks if stamp_ns - track.seen_ns <= limit_ns]
+        return self.moving()
+
+    def moving(self) -> FloatArray:
+        """Return the discs that move, (k, 5), as of the last scan."""
+        config = self.config
+        rows = [
+            (*track.centre.tolist(), *track.velocity.tolist(), track.radius_m)
+            for track in self._tracks
+            if track.sightings >= config.sightings and math.hypot(*track.velocity.tolist()) >= config.least_speed_mps
+        ]
+        return np.array(rows, np.float64).reshape(-1, 5)
+
+    def _circles(self, observation: Observation) -> list[tuple[FloatArray, float]]:
+        """Return centre (2,) in odom and radius of the circle of each round cluster."""
+        config, scan = self.config, observation.scan
+        ranges = scan.ranges.astype(np.float64)
+        seen = np.flatnonzero((ranges >= scan.range_min) & (ranges <= min(scan.range_max, config.within_m)))
+        if len(seen) < config.least_returns:
+            return []
+        lidar, angles = self._lidar, scan.angles()[seen] + self._lidar.yaw
+        local = np.stack([lidar.x + ranges[seen] * np.cos(angles), lidar.y + ranges[seen] * np.sin(angles)], axis=1)
+        points = observation.odometry.pose.transform(local)
+        apart = (np.hypot(*np.diff(points, axis=0).T) > config.split_m) | (np.diff(seen) > 2)
+        found = []
+        for cluster in np.split(points, np.flatnonzero(apart) + 1):
+            if len(cluster) >= config.least_returns:
+                centre, radius_m, roundness_m = fitted_circle(cluster)
+                if radius_m <= config.most_radius_m and roundness_m <= config.roundness_m:
+                    found.append((centre, radius_m))
+        return found
+
+    def _match(self, found: list[tuple[FloatArray, float]], period_s: float, stamp_ns: int) -> None:
+        """Continue tracks with circles, the nearest pair first; what is left begins tracks."""
+        config, tracks = self.config, self._tracks
+        pairs = sorted(
+            (float(np.hypot(*(centre - track.centre))), place, index)
+            for place, track in enumerate(tracks)
+            for index, (centre, _) in enumerate(found)
+        )
+        taken_tracks, taken = set(), set()
+        for away_m, place, index in pairs:
+            if away_m > config.match_m or place in taken_tracks or index in taken:
+                continue
+            taken_tracks.add(place)
+            taken.add(index)
+            track, (centre, radius_m) = tracks[place], found[index]
+            offset = centre - track.centre
+            track.centre = track.centre + config.position_gain * offset
+            if period_s > 0.0:
+                # the first steps tell the velocity as a whole, later ones refine it
+                gain = max(config.velocity_gain, 1.0 / track.sightings)
+                track.velocity = track.velocity + gain * offset / period_s
+            track.radius_m += config.position_gain * (radius_m - track.radius_m)
+            track.seen_ns, track.sightings = stamp_ns, track.sightings + 1
+        tracks += [
+            _Track(centre, np.zeros(2), radius_m, stamp_ns)
+            for index, (centre, radius_m) in enumerate(found)
+            if index not in taken
+        ]
+
+
+def fitted_circle(points: FloatArray) -> tuple[FloatArray, float, float]:
+    """Return centre (2,), radius and mean distance of points (n, 2) from their circle; infinite for a line."""
+    middle = points.mean(axis=0)
+    off = points - middle
+    square = (off**2).sum(axis=1)
+    matrix, right = off.T @ off, off.T @ (square - square.mean())
+    if np.linalg.det(matrix) <= 1e-12 * max(float(np.trace(matrix)) ** 2, 1e-300):
+        return middle, math.inf, math.inf
+    centre = 0.5 * np.linalg.solve(matrix, right)
+    radius_m = math.sqrt(float(centre @ centre) + float(square.mean()))
+    roundness_m = float(np.abs(np.hypot(*(off - centre).T) - radius_m).mean())
+    return middle + centre, radius_m, roundness_m
 
 
 @dataclass(frozen=True)
@@ -57,7 +189,7 @@ class PredictiveGapPlanner(GapPlanner):
     def _free_distances(self, observation: Observation, points: FloatArray) -> FloatArray:
         free = super()._free_distances(observation, points)
         config = self._predictive
-        discs = in_frame_of(self._tracker.update(observation), observation.odometry.pose)
+        discs = moved(self._tracker.update(observation), observation.odometry.pose.inverse())
         if not len(discs) or config.max_speed_mps <= 0.0:
             return free
         longest_m = min(config.look_ahead_m, config.horizon_s * config.max_speed_mps)
@@ -107,11 +239,6 @@ class PredictiveNavigationPlanner(NavigationPlanner):
         self._predicting.discs = discs if in_odom else moved(discs, robot @ observation.odometry.pose.inverse())
 
 
-def in_frame_of(discs: FloatArray, robot: Pose2D) -> FloatArray:
-    """Return discs (k, 5) of the odom frame in that of a robot at a pose there."""
-    return moved(discs, robot.inverse())
-
-
 def moved(discs: FloatArray, by: Pose2D) -> FloatArray:
     """Return discs (k, 5) in another frame, in which the present one has a pose."""
     if not len(discs):
@@ -121,11 +248,7 @@ def moved(discs: FloatArray, by: Pose2D) -> FloatArray:
 
 
 def meeting_distances(discs: FloatArray, directions: FloatArray, radius_m: float, speed_mps: float) -> FloatArray:
-    """Return how far (n,) a disc of a radius comes from the origin in each direction (n,) before it meets another.
-
-    It drives at a constant speed while discs (k, 5) keep their velocities; infinite where it meets none. One that is
-    being touched counts only while the two close in on each other.
-    """
+    """Return how far (n,) a disc comes from the origin in each direction before it meets one of discs (k, 5)."""
     ways = np.stack([np.cos(directions), np.sin(directions)], axis=1)[:, None, :]
     relative = discs[None, :, 2:4] / speed_mps - ways  # per metre driven
     offset = discs[None, :, :2]

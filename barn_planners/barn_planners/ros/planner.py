@@ -27,8 +27,7 @@ from std_srvs.srv import Trigger
 from barn_planners.interface import Observation
 from barn_planners.registry import planner_config, planner_entry
 from barn_planners.runtime.messages import PlannerMessages
-from barn_planners.runtime.session import PlannerSession, goal_problem
-from barn_planners.runtime.sync import SyncConfig, Synchroniser
+from barn_planners.runtime.session import PlannerSession, SyncConfig, Synchroniser, goal_problem
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import BarnError
 from barn_worlds.base.types import STOP, OccupancyMap, Pose2D, Scan
@@ -41,7 +40,7 @@ from barn_worlds.ros.topics import publisher, subscribe
 T = TypeVar("T")
 
 _SHOWN = (topics.PLAN, topics.LOCAL_PLAN, topics.COSTMAP, topics.BAND, topics.CANDIDATES, topics.DIAGNOSTICS)
-_LAST_COMMAND_S = 2.0  # at most, where one who listens has gone without a word
+_LAST_COMMAND_S = 20.0  # only for listeners that were killed, which DDS forgets after as long
 
 
 @dataclass(frozen=True)

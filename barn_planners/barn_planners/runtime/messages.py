@@ -12,8 +12,11 @@ from barn_worlds.base.types import NANOSECONDS, STOP, Velocity2D, nanoseconds
 from barn_worlds.messages import topics
 from barn_worlds.messages.cdr import Template, make
 from barn_worlds.messages.encode import (
+    CYLINDER,
+    DELETE_ALL,
     ERROR,
     FINE,
+    LINE_STRIP,
     STAMP_FIELDS,
     WARNING,
     PathEncoder,
@@ -21,8 +24,8 @@ from barn_worlds.messages.encode import (
     encode_diagnostics,
     encode_map,
     encode_twist,
+    marker,
 )
-from barn_worlds.messages.markers import CYLINDER, DELETE_ALL, LINE_STRIP, marker
 from barn_worlds.messages.topics import Frames, Outgoing, Topic
 
 MOST_SHOWN = 20

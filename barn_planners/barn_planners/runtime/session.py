@@ -1,13 +1,19 @@
-"""The core of a planner's node: tasks, readiness, restarts and which command to send."""
+"""The core of a planner's node: readings to observations, tasks, readiness, restarts and which command to send."""
 
 import math
+from collections import OrderedDict
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from barn_planners.interface import Decision, Observation, Planner, PlannerStatus, Task
-from barn_worlds.base.types import NANOSECONDS, STOP, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
+from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.types import NANOSECONDS, STOP, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D, nanoseconds
 
+T = TypeVar("T")
+
+_KEPT = 200  # readings of a source
 _NEW_GOAL_NS = NANOSECONDS  # after a pause this long an equal goal is a new one
 
 
@@ -123,3 +129,139 @@ def _equal(one: OccupancyMap, other: OccupancyMap) -> bool:
         other.origin_x,
         other.origin_y,
     ) and np.array_equal(one.data, other.data)
+
+
+@dataclass(frozen=True)
+class SyncConfig(Checked):
+    """How old a reading may be that is combined with a scan."""
+
+    odometry_age_s: float = quantity(
+        0.25, "oldest odometry that is combined with a scan", "s", minimum=0.0, maximum=60.0
+    )
+    pose_age_s: float = quantity(
+        600.0, "oldest localisation, extrapolated by odometry, that is combined with a scan", "s", minimum=0.0
+    )
+
+
+class Synchroniser:
+    """Collects readings and returns an observation for each scan once its readings have arrived.
+
+    If a source sends one reading per scan with the scan's own stamp, as a simulator in lockstep does, that reading is
+    used and waited for. Otherwise the latest reading not after the scan is used, as soon as a later one or the next
+    scan shows that none with the scan's stamp will come. After a scan without a match the source is not waited for
+    until it matches a stamp again.
+    """
+
+    def __init__(self, config: SyncConfig, *, use_pose: bool):
+        self.config = config
+        self._use_pose = use_pose
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all readings."""
+        self._odometry: _History[Odometry] = _History()
+        self._poses: _History[Pose2D] = _History()
+        self._scan: Scan | None = None
+        self._last_ns: int | None = None
+        self.skipped = 0
+        self.restarted = False
+        self.missing = "no scan yet"
+
+    def add_odometry(self, odometry: Odometry) -> Observation | None:
+        """Add odometry; returns the observation that it completes."""
+        self._odometry.add(odometry.stamp_ns, odometry, self._last_ns)
+        return self._complete(overtaken=False)
+
+    def add_pose(self, stamp_ns: int, pose: Pose2D) -> Observation | None:
+        """Add the robot's pose in the map frame; returns the observation that it completes."""
+        self._poses.add(stamp_ns, pose, self._last_ns)
+        return self._complete(overtaken=False)
+
+    def add_scan(self, scan: Scan) -> list[Observation]:
+        """Add a scan; returns the observations that it completes, which may include that of the scan before.
+
+        A scan older than the last one means that time has restarted: all older readings are dropped and `restarted`
+        is set.
+        """
+        newest = self._scan.stamp_ns if self._scan is not None else self._last_ns
+        if newest is not None and scan.stamp_ns < newest:
+            self.reset()
+            self.restarted = True
+        overtaken = self._complete(overtaken=True)
+        if self._scan is not None:
+            self.skipped += 1
+        self._scan = scan
+        completed = self._complete(overtaken=False)
+        return [observation for observation in (overtaken, completed) if observation is not None]
+
+    def _complete(self, *, overtaken: bool) -> Observation | None:
+        """Return the observation of the pending scan if it is complete; `overtaken`: do not wait any longer."""
+        scan = self._scan
+        if scan is None:
+            return None
+        stamp = scan.stamp_ns
+        if not self._odometry.settled(stamp, overtaken):
+            self.missing = "no odometry yet"
+            return None
+        if self._use_pose and not self._poses.settled(stamp, overtaken):
+            self.missing = "no localisation yet"
+            return None
+        odometry = self._odometry.latest(stamp, nanoseconds(self.config.odometry_age_s))
+        if odometry is None:
+            self.missing = f"no odometry of the last {self.config.odometry_age_s:g} s"
+            return None
+        pose = self._pose(stamp, odometry) if self._use_pose else odometry.pose
+        if pose is None:
+            self.missing = "no localisation yet"
+            return None
+        self._scan, self._last_ns, self.missing = None, stamp, ""
+        return Observation(stamp, odometry, scan, pose)
+
+    def _pose(self, stamp_ns: int, odometry: Odometry) -> Pose2D | None:
+        """Return the pose in the map frame: localised at this stamp, or earlier and extrapolated by odometry."""
+        exact = self._poses.at(stamp_ns)
+        if exact is not None and odometry.stamp_ns == stamp_ns:
+            return exact
+        pose_ns = self._poses.latest_stamp(stamp_ns)
+        pose = self._poses.latest(stamp_ns, nanoseconds(self.config.pose_age_s))
+        if pose is None or pose_ns is None:
+            return None
+        then = self._odometry.latest(pose_ns, nanoseconds(self.config.odometry_age_s))
+        if then is None:
+            return pose
+        return pose @ (then.pose.inverse() @ odometry.pose)
+
+
+class _History(Generic[T]):
+    """The last readings of one source by stamp, and whether it sends one per scan."""
+
+    def __init__(self) -> None:
+        self._readings: OrderedDict[int, T] = OrderedDict()
+        self._per_scan = True
+
+    def add(self, stamp_ns: int, reading: T, last_scan_ns: int | None) -> None:
+        self._readings[stamp_ns] = reading
+        if stamp_ns == last_scan_ns:
+            self._per_scan = True
+        while len(self._readings) > _KEPT:
+            self._readings.popitem(last=False)
+
+    def at(self, stamp_ns: int) -> T | None:
+        return self._readings.get(stamp_ns)
+
+    def settled(self, stamp_ns: int, overtaken: bool) -> bool:
+        """Tell whether there is a reading and no better one is expected."""
+        if stamp_ns in self._readings:
+            self._per_scan = True
+            return True
+        if overtaken or (self._readings and max(self._readings) > stamp_ns):
+            self._per_scan = False
+        return not self._per_scan and self.latest_stamp(stamp_ns) is not None
+
+    def latest_stamp(self, stamp_ns: int) -> int | None:
+        return max((stamp for stamp in self._readings if stamp <= stamp_ns), default=None)
+
+    def latest(self, stamp_ns: int, age_ns: int) -> T | None:
+        """Return the last reading not after the stamp and not older than the age."""
+        stamp = self.latest_stamp(stamp_ns)
+        return None if stamp is None or stamp_ns - stamp > age_ns else self._readings[stamp]

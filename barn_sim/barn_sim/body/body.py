@@ -1,31 +1,28 @@
 """A PyBullet client with the robot in it, stepped one tick at a time."""
 
 import math
-from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
 
 from barn_sim.body.bullet import PhysicsClient, add_body, bullet
-from barn_sim.body.handover import LEVEL, STILL, Placed, come_back
 from barn_sim.body.model import RobotModel, Shape
 from barn_sim.body.tyres import Tyres
 from barn_sim.config import PhysicsConfig
-from barn_sim.motion.free_motion import Quaternion, Triple
-from barn_sim.motion.readouts import motion
+from barn_sim.motion.free_motion import Triple
 from barn_sim.motion.state import Fleet, set_body
-from barn_sim.motion.ticks import follow, place_at_rest, push
+from barn_sim.motion.ticks import LEVEL, STILL, State, follow, place_at_rest, way_back
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.types import Pose2D, Velocity2D
+from barn_worlds.base.types import Pose2D
 
 # Bodies created in the same order in an empty client and stepped alike move alike, to the last bit.
 # Ticks after which the broad phase balances the same branches of its tree again, as far as it has levels among fixed
 # obstacles: only those that have just become bodies are in it, so six levels are plenty.
 _CYCLE = 64
-_ORIGIN = (0.0, 0.0, 0.0)
 _ENGINE = {"numSubSteps": 0, "numSolverIterations": 20, "deterministicOverlappingPairs": 1}
 
-Moved = tuple[Triple, Quaternion, Triple, Triple]
+
+_tyres_of = cache(Tyres)
 
 
 class Body:
@@ -33,8 +30,8 @@ class Body:
 
     PyBullet has the body from the first tick on that it is to move. client: PyBullet's number of the client, -1 before;
     id: the robot's body in it; ground: the body that obstacles stand on (the robot touches it only through its tyres).
-    fleet, index: whose state it keeps; a robot of its own without them. stays: whether ground and robot stay in the
-    engine for whoever uses it next, which they can where obstacles are fixed.
+    fleet, index: whose state it keeps. stays: whether ground and robot stay in the engine for whoever uses it next,
+    which they can where obstacles are fixed.
     """
 
     def __init__(
@@ -43,8 +40,8 @@ class Body:
         config: PhysicsConfig,
         start: Pose2D,
         client: PhysicsClient,
-        fleet: Fleet | None = None,
-        index: int = 0,
+        fleet: Fleet,
+        index: int,
         *,
         stays: bool = False,
     ) -> None:
@@ -53,18 +50,17 @@ class Body:
         self.client = self.id = self.ground = -1
         self._model = model
         self._config = config
-        self._fleet = Fleet.of(1) if fleet is None else fleet
-        self._index = index
-        settings = self._fleet.settings
-        tyres = tyres_of(model, config)
+        self._fleet, self._index = fleet, index
+        settings = fleet.settings
+        tyres = _tyres_of(model, config)
         if not settings["tick_ns"]:
             set_body(settings, model, config, tyres.stiffness, tyres.damping)
             settings["first_inverse_inertia"] = first_inverse_inertia_of(model)
         self._start = _resting(model, tyres, start)
-        robot = self._fleet.robots[index]
+        robot = fleet.robots[index]
         robot["wheels"][: len(tyres.wheels), :5], robot["known"] = tyres.wheels, True
         robot["position"], robot["heading"] = self._start
-        place_at_rest(self._fleet.robots, settings, index)
+        place_at_rest(fleet.robots, settings, index)
 
     def enter(self) -> None:
         """Let PyBullet have the body, at the robot's start unless it goes on in place of the last one."""
@@ -101,35 +97,20 @@ class Body:
             self.client, _make_shapes(self._model, self.client), *self._start, self._model.mass_kg, **dynamics
         )
 
-    def _push(self, centre: Sequence[float], force: Sequence[float], torque: Sequence[float]) -> None:
-        """Let Bullet advance by a tick."""
-        # positional arguments, which PyBullet parses faster
-        bullet.applyExternalForce(self.id, -1, force, centre, bullet.WORLD_FRAME, self.client)
-        bullet.applyExternalTorque(self.id, -1, torque, bullet.WORLD_FRAME, self.client)
-        self._physics.tick()
-
-    def step(self, left_m_s: float, right_m_s: float) -> None:
-        """Advance one tick in Bullet with the wheel rims at these speeds."""
-        robots, settings = self._fleet.robots, self._fleet.settings
-        self.move(*push(robots, settings, self._index, left_m_s, right_m_s)[1:])
-
     def move(self, centre: Triple, force: Triple, torque: Triple) -> Triple:
         """Advance one tick in Bullet under a force (N) at the centre of mass and a torque (N m).
 
         Returns x, y, yaw of base_link after it.
         """
+        # positional arguments, which PyBullet parses faster
+        bullet.applyExternalForce(self.id, -1, force, centre, bullet.WORLD_FRAME, self.client)
+        bullet.applyExternalTorque(self.id, -1, torque, bullet.WORLD_FRAME, self.client)
+        self._physics.tick()
+        placed = bullet.getBasePositionAndOrientation(self.id, self.client)
+        moved = *placed, *bullet.getBaseVelocity(self.id, self.client)
         fleet, index = self._fleet, self._index
-        now: Triple = follow(fleet.robots, fleet.settings, index, *self.pushed(centre, force, torque), fleet.noise)
+        now: Triple = follow(fleet.robots, fleet.settings, index, moved, fleet.noise)
         return now
-
-    def pushed(self, centre: Triple, force: Triple, torque: Triple) -> Moved:
-        """Do as `move` in Bullet alone; return position, attitude, velocity and spin."""
-        if self.id < 0:
-            self.enter()
-        self._push(centre, force, torque)
-        position, attitude = bullet.getBasePositionAndOrientation(self.id, self.client)
-        velocity, spin = bullet.getBaseVelocity(self.id, self.client)
-        return position, attitude, velocity, spin
 
     def come_back(self) -> None:
         """Bring the body in Bullet to where the robot has gone without it; no guest may be in the client.
@@ -144,9 +125,9 @@ class Body:
         missing = ticks - 1 - self._physics.engine.ticks  # before the last
         if self._stays or ticks == 1:
             missing = (missing - 1) % _CYCLE + 1
-        start, torque, end = come_back(robots, settings, index, missing > 0)
+        start, torque, end = way_back(robots, settings, index, missing > 0)
         if missing:
-            self._set((_ORIGIN, LEVEL, STILL, STILL))
+            self._set((STILL, LEVEL, STILL, STILL))
         for _ in range(missing):
             self._physics.tick()
         self._set(start)
@@ -154,30 +135,15 @@ class Body:
         self._physics.tick()
         self._set(end)
 
-    def _set(self, placed: Placed) -> None:
+    def _set(self, placed: State) -> None:
         position, heading, velocity, spin = placed
         bullet.resetBasePositionAndOrientation(self.id, position, heading, self.client)
         bullet.resetBaseVelocity(self.id, velocity, spin, self.client)
 
-    @property
-    def pose(self) -> Pose2D:
-        """Pose of base_link now."""
-        return Pose2D(*motion(self._fleet.robots, self._fleet.settings, self._index)[:3])
-
-    def velocity(self) -> Velocity2D:
-        """Return forward speed of base_link and yaw rate."""
-        return Velocity2D(*motion(self._fleet.robots, self._fleet.settings, self._index)[3:])
-
-
-@cache
-def tyres_of(model: RobotModel, config: PhysicsConfig) -> Tyres:
-    """Return the tyres of a robot."""
-    return Tyres(model, config)
-
 
 def _resting(model: RobotModel, tyres: Tyres, start: Pose2D) -> tuple[list[float], tuple[float, ...]]:
     """Return position of the centre of mass and quaternion of a robot at rest."""
-    height, roll, pitch = tyres.rest()
+    height, roll, pitch = tyres.rest
     attitude = bullet.getQuaternionFromEuler([roll, pitch, start.yaw])
     offset = np.array(bullet.getMatrixFromQuaternion(attitude)).reshape(3, 3) @ model.centre_of_mass
     return [start.x + offset[0], start.y + offset[1], height], attitude

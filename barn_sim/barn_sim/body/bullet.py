@@ -1,4 +1,4 @@
-"""PyBullet: imported without the line that it prints on standard error, its engines, bodies and rays."""
+"""PyBullet: imported without the line that it prints on standard error, its engines and bodies."""
 
 import importlib
 import os
@@ -6,12 +6,6 @@ import sys
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
-
-import numpy as np
-
-from barn_worlds.base.arrays import Floats
-from barn_worlds.base.types import Pose2D, Scan
-from barn_worlds.worlds.world import World
 
 
 def _silenced_import() -> Any:
@@ -198,31 +192,3 @@ def add_body(
     # so that Bullet uses the inertia just set from the first tick on
     bullet.resetBasePositionAndOrientation(body, position, attitude, physicsClientId=client)
     return body
-
-
-class BulletRays:
-    """A world's upright cylinders in a physics client of their own: a slower, independent reference for the lidar."""
-
-    def __init__(self, world: World) -> None:
-        self._client = bullet.connect(bullet.DIRECT)
-        height = world.cylinder_height_m
-        shape = bullet.createCollisionShape(
-            bullet.GEOM_CYLINDER, radius=world.cylinder_radius_m, height=height, physicsClientId=self._client
-        )
-        for x, y in world.cylinders_m.tolist():
-            bullet.createMultiBody(0.0, shape, -1, [x, y, height / 2.0], physicsClientId=self._client)
-
-    def rays(self, scan: Scan, sensor: Pose2D, height_m: float = 0.3) -> tuple[list[list[float]], list[list[float]]]:
-        """Return start and end of each beam of a scan, for a sensor at this pose in the map frame."""
-        angles = scan.angles() + sensor.yaw
-        reach = np.array([sensor.x, sensor.y]) + scan.range_max * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        return [[sensor.x, sensor.y, height_m]] * len(angles), [[x, y, height_m] for x, y in reach.tolist()]
-
-    def ranges(self, starts: list[list[float]], ends: list[list[float]], range_max: float) -> Floats:
-        """Return the distance (n,) to the first hit of each ray, +inf without one."""
-        hits = bullet.rayTestBatch(starts, ends, physicsClientId=self._client)
-        return np.array([hit[2] * range_max if hit[0] >= 0 else np.inf for hit in hits])
-
-    def close(self) -> None:
-        """Release the physics client."""
-        bullet.disconnect(physicsClientId=self._client)

@@ -72,25 +72,6 @@ def nearest_gap(segments: Floats, x: float, y: float, yaw: float, extent: Floats
 
 
 @njit(cache=True)
-def nearest_of(
-    segments: Floats, chosen: Bools, wanted: bool, x: float, y: float, yaw: float, extent: Floats, within: float
-) -> float:
-    """Return the distance in m from the robot's rectangle to the nearest of the segments whose `chosen` is as wanted.
-
-    Infinite unless it is below `within`.
-    """
-    nearest = math.inf
-    far = math.hypot(max(-extent[0], extent[2]), max(-extent[1], extent[3])) + within
-    for i in range(len(segments)):
-        ax, ay, bx, by = segments[i]
-        reach = far + abs(bx - ax) + abs(by - ay)
-        if chosen[i] == wanted and abs(ax - x) < reach and abs(ay - y) < reach:
-            gap = robot_gap(segments[i], x, y, yaw, extent)
-            nearest = min(nearest, gap if gap < within else math.inf)
-    return nearest
-
-
-@njit(cache=True)
 def robot_gap(segment: Floats, x: float, y: float, yaw: float, extent: Floats) -> float:
     """Return the distance in m from the robot's rectangle to a segment (4,), 0 where it overlaps."""
     c, s = math.cos(yaw), math.sin(yaw)

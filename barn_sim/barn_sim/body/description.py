@@ -26,13 +26,13 @@ def describe(chassis: Chassis, wheels: Sequence[str]) -> str:
     for name, place in zip(wheels, chassis.wheels_m, strict=True):
         link = SubElement(robot, "link", name=f"{name}_link")
         size = {"radius": _text(chassis.wheel_radius_m), "length": _text(chassis.wheel_width_m)}
-        _shapes(link, "cylinder", size, "dark", rpy=_ACROSS)
+        _shape(link, "cylinder", size, "dark", rpy=_ACROSS)
         joint = _joint(robot, f"{name}_link", "continuous", place, f"{name}_joint")
         SubElement(joint, "axis", xyz="0 1 0")
     for k, (x, y) in enumerate(chassis.casters_m):
         radius = 0.5 * max(chassis.ground_clearance_m, _SMALLEST_BALL_M)
         link = SubElement(robot, "link", name=f"caster_{k}_link")
-        _seen(link, "sphere", {"radius": _text(radius)}, "dark")
+        _shape(link, "sphere", {"radius": _text(radius)}, "dark", ("visual",))
         _joint(robot, f"caster_{k}_link", "fixed", (x, y, radius - chassis.base_height_m))
     SubElement(robot, "link", name="lidar_link")
     _joint(robot, "lidar_link", "fixed", (0.0, 0.0, 0.0), "lidar_joint")
@@ -53,24 +53,21 @@ def _body(robot: Element, chassis: Chassis) -> None:
     at = _text(0.5 * (x_min + x_max), 0.5 * (y_min + y_max), middle)
     if chassis.round:
         size = {"radius": _text(chassis.footprint_radius_m), "length": _text(height)}
-        _shapes(link, "cylinder", size, "body", xyz=at)
+        _shape(link, "cylinder", size, "body", xyz=at)
     else:
-        _shapes(link, "box", {"size": _text(x_max - x_min, y_max - y_min, height)}, "body", xyz=at)
+        _shape(link, "box", {"size": _text(x_max - x_min, y_max - y_min, height)}, "body", xyz=at)
     _joint(robot, "chassis_link", "fixed", (0.0, 0.0, 0.0), "chassis_joint")
 
 
-def _shapes(link: Element, kind: str, size: dict[str, str], colour: str, **origin: str) -> None:
-    """Add a shape to collide with and the same to see."""
-    part = SubElement(link, "collision")
-    SubElement(part, "origin", origin)
-    SubElement(SubElement(part, "geometry"), kind, size)
-    _seen(link, kind, size, colour, **origin)
-
-
-def _seen(link: Element, kind: str, size: dict[str, str], colour: str, **origin: str) -> None:
-    part = SubElement(link, "visual")
-    SubElement(part, "origin", origin)
-    SubElement(SubElement(part, "geometry"), kind, size)
+def _shape(
+    link: Element, kind: str, size: dict[str, str], colour: str, tags: Sequence[str] = ("collision", "visual"),
+    **origin: str,
+) -> None:  # fmt: skip
+    """Add a shape to collide with and the same to see, or one of them."""
+    for tag in tags:
+        part = SubElement(link, tag)
+        SubElement(part, "origin", origin)
+        SubElement(SubElement(part, "geometry"), kind, size)
     SubElement(part, "material", name=colour)
 
 

@@ -11,47 +11,21 @@ from barn_worlds.base.types import Velocity2D, nanoseconds
 class DriveController:
     """Latency, watchdog, limits, kinematics and lag of the motors between a command and the wheels.
 
-    fleet, index: whose state it keeps; else a robot of its own.
+    fleet, index: whose state it keeps.
     """
 
-    def __init__(
-        self,
-        config: DriveConfig,
-        track_m: float,
-        tick_s: float,
-        fleet: Fleet | None = None,
-        index: int = 0,
-    ) -> None:
-        self.fleet = Fleet.of(1) if fleet is None else fleet
-        self._index = index
+    def __init__(self, config: DriveConfig, track_m: float, tick_s: float, fleet: Fleet, index: int) -> None:
+        self.fleet, self._index = fleet, index
         self._latency_ns = nanoseconds(config.command_latency_s)
         set_drive(self.fleet.settings, config, track_m, tick_s)
         self.fleet.robots[index]["timed_out"] = True
 
     def command(self, velocity: Velocity2D, now_ns: int) -> None:
         """Take a command that arrives now."""
-        arrival_ns = now_ns + self._latency_ns
-        if not add_command(self.fleet.robots, self.fleet.pending, self._index, arrival_ns, *_parts(velocity)):
+        command = self._index, now_ns + self._latency_ns, velocity.linear, velocity.angular
+        if not add_command(self.fleet.robots, self.fleet.pending, *command):
             self.fleet = self.fleet.with_room()
-            add_command(self.fleet.robots, self.fleet.pending, self._index, arrival_ns, *_parts(velocity))
-
-    def advance(self, now_ns: int) -> None:
-        """Set the rim speeds for the step that begins now."""
-        drive_wheels(self.fleet.robots, self.fleet.pending, self.fleet.settings, self._index, now_ns)
-
-    @property
-    def left_m_s(self) -> float:
-        """Speed of the wheel rims on the left."""
-        return float(self.fleet.robots[self._index]["left_m_s"])
-
-    @property
-    def right_m_s(self) -> float:
-        """Speed of the wheel rims on the right."""
-        return float(self.fleet.robots[self._index]["right_m_s"])
-
-
-def _parts(velocity: Velocity2D) -> tuple[float, float]:
-    return velocity.linear, velocity.angular
+            add_command(self.fleet.robots, self.fleet.pending, *command)
 
 
 @njit(cache=True)
@@ -67,14 +41,8 @@ def add_command(robots: Records, pending: Floats, index: int, arrival_ns: int, l
 
 
 @njit(cache=True)
-def drive_wheels(robots: Records, pending: Floats, settings: Records, index: int, now_ns: int) -> None:
-    """Set the rim speeds of a robot for the tick that begins now."""
-    turn_wheels(robots[index], pending, index, settings[0], now_ns)
-
-
-@njit(cache=True)
 def turn_wheels(robot: Record, pending: Floats, index: int, settings: Record, now_ns: int) -> None:
-    """Set the rim speeds of a record for the tick that begins now."""
+    """Set the rim speeds of a robot for the tick that begins now."""
     while robot.pending > 0 and pending[index, 0, 0] <= now_ns:
         robot.target_since_ns = int(pending[index, 0, 0])
         robot.target_speed, robot.target_turn = pending[index, 0, 1], pending[index, 0, 2]

@@ -4,43 +4,20 @@ import math
 
 from numba import njit
 
+from barn_sim.motion.free_motion import Matrix, Triple
 from barn_worlds.base.arrays import Floats
 
 SWEEPS = 100
 TOLERANCE = 1e-8  # of an impulse, in N s: 1e-9 m/s of the Jackal
-SURELY = 1.0 - 1e-12  # more than squares are rounded by
-TINY, HUGE, NOTHING = 2.0**-459, 2.0**511, 2.0**-54  # of `hypot`
+_SURELY = 1.0 - 1e-12  # more than squares are rounded by
+_TINY, _HUGE, _NOTHING = 2.0**-459, 2.0**511, 2.0**-54  # of `hypot`
 
-Triple = tuple[float, float, float]
 Levers = tuple[float, float, float, float, float, float]
 Rims = tuple[float, float, float, float]
-Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
 Motion = tuple[float, float, float, float, float]
 
 
-@njit(cache=True, error_model="numpy")
-def solve_friction(
-    motion: Motion,
-    left: float,
-    right: float,
-    arms: Floats,
-    limits: Floats,
-    turn: Matrix,
-    inverse: Matrix,
-    inverse_mass: float,
-    impulses: Floats,
-    work: Floats,
-) -> Motion:
-    """Find the friction impulses (n, 2) of the wheels; return the motion (vx, vy, wx, wy, wz) with their effect.
-
-    limits (n,): largest impulse of each wheel, N s; `impulses` is the start of the iteration, then its result.
-    work (n, 8): room for what is needed on the way.
-    """
-    motion, rims = begin_friction(motion, left, right, arms, limits, turn, inverse, inverse_mass, impulses, work)
-    return sweep_friction(motion, rims, arms, limits, inverse_mass, impulses, work)
-
-
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def begin_friction(
     motion: Motion,
     left: float,
@@ -53,17 +30,19 @@ def begin_friction(
     impulses: Floats,
     work: Floats,
 ) -> tuple[Motion, Rims]:
-    """Begin the iteration of `solve_friction`; return the motion and how fast the rims go: along x left, right, y.
+    """Begin to find the friction impulses (n, 2) of the wheels, from those of the last tick, which are replaced.
 
-    Fills in rows of `work`: six levers and the step, as `prepare` has them, and the square of a length surely allowed.
+    limits (n,): largest impulse of each wheel, N s. Returns the motion with the effect of the impulses, and how fast
+    the rims go: along x left, right, along y left, right. Fills in rows of `work` (n, 8): levers and the step, as
+    `levers_of` has them, and the square of a length surely allowed.
     """
     length = max(hypot(turn[1][1], -turn[0][1]), 1e-12)
     rolling_x, rolling_y = turn[1][1] / length, -turn[0][1] / length
     for i in range(len(arms)):
         row, arm = work[i], (arms[i, 0], arms[i, 1], arms[i, 2])
-        row[6], levers = prepare(arm, inverse, inverse_mass)
+        row[6], levers = levers_of(arm, inverse, inverse_mass)
         row[0], row[1], row[2], row[3], row[4], row[5] = levers
-        row[7] = SURELY * limits[i] * limits[i]
+        row[7] = _SURELY * limits[i] * limits[i]
         x, y = _clipped(impulses[i, 0], impulses[i, 1], limits[i], row[7])
         impulses[i, 0], impulses[i, 1] = x, y
         motion = after(motion, row, inverse_mass, x, y)
@@ -93,21 +72,13 @@ def sweep_friction(
     return vx, vy, wx, wy, wz
 
 
-@njit(cache=True, error_model="numpy")
-def prepare(arm: Triple, inverse: Matrix, inverse_mass: float) -> tuple[float, Levers]:
+@njit(cache=True, error_model="numpy", forceinline=True)
+def levers_of(arm: Triple, inverse: Matrix, inverse_mass: float) -> tuple[float, Levers]:
     """Return step and levers of a wheel.
 
     The step is the inverse of the largest eigenvalue of the contact's 2 x 2 matrix. Levers are the change of spin
     about x, y and z per impulse along x and along y in turn.
     """
-    levers, (mean, half, beside) = effect_of(arm, inverse, inverse_mass)
-    largest: float = mean + hypot(half, beside)
-    return 1.0 / largest, levers
-
-
-@njit(cache=True, error_model="numpy")
-def effect_of(arm: Triple, inverse: Matrix, inverse_mass: float) -> tuple[Levers, Triple]:
-    """Return levers of a wheel, and of its contact's matrix the mean of the diagonal, half the difference, the rest."""
     x, y, z = arm
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = inverse
     levers = (
@@ -116,7 +87,8 @@ def effect_of(arm: Triple, inverse: Matrix, inverse_mass: float) -> tuple[Levers
     a = inverse_mass + levers[2] * z - levers[4] * y
     b = levers[3] * z - levers[5] * y
     c = inverse_mass + levers[5] * x - levers[1] * z
-    return levers, (0.5 * (a + c), 0.5 * (a - c), b)
+    largest: float = 0.5 * (a + c) + hypot(0.5 * (a - c), b)
+    return 1.0 / largest, levers
 
 
 @njit(cache=True, inline="always")
@@ -131,7 +103,7 @@ def after(motion: Motion, row: Floats | Levers, inverse_mass: float, x: float, y
     )
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _clipped(x: float, y: float, limit: float, surely: float) -> tuple[float, float]:
     """Return an impulse, shortened to the limit; surely: square of a length that needs no closer look."""
     if x * x + y * y < surely:
@@ -144,28 +116,22 @@ def _clipped(x: float, y: float, limit: float, surely: float) -> tuple[float, fl
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def clipped_abreast(x: float, y: float, limit: float, surely: float) -> tuple[float, float, bool]:
-    """Return what `_clipped` does, without a branch, and whether it is right; `hypot_abreast` says when."""
-    length, usual = hypot_abreast(x, y)
-    beyond, allowed = length > limit, x * x + y * y < surely
-    scale = limit / length
-    scale = scale if beyond & (not allowed) else 1.0
-    return x * scale, y * scale, usual | allowed
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def hypot_abreast(x: float, y: float) -> tuple[float, bool]:
-    """Return what `hypot` does, without a branch, and whether it is right: not where lengths are tiny or huge."""
+    """Return what `_clipped` does, without a branch, and whether it is right: not where lengths are tiny or huge."""
     across, along = abs(x), abs(y)
     low = across if across < along else along
     high = along if across < along else across
-    length = math.sqrt(x * x + y * y)
+    squared = x * x + y * y
+    length = math.sqrt(squared)
     steep, flat = length - low, length - high
     steep_error = high * (2.0 * steep - high) + (steep - 2.0 * (high - low)) * steep
     flat_error = 2.0 * flat * (high - 2.0 * low) + ((4.0 * flat - low) * low + flat * flat)
     error = steep_error if length <= 2.0 * low else flat_error
     length = length - error / (2.0 * length)
-    length = high + low if low <= high * NOTHING else length
-    return length, ((low >= TINY) | (low == 0.0)) & (high <= HUGE)
+    length = high + low if low <= high * _NOTHING else length
+    beyond, allowed = length > limit, squared < surely
+    scale = limit / length
+    scale = scale if beyond & (not allowed) else 1.0
+    return x * scale, y * scale, allowed | (((low >= _TINY) | (low == 0.0)) & (high <= _HUGE))
 
 
 @njit(cache=True, error_model="numpy")
@@ -178,9 +144,9 @@ def hypot(x: float, y: float) -> float:
     low, high = abs(x), abs(y)
     if low > high:
         low, high = high, low
-    if not (low >= TINY and high <= HUGE):
+    if not (low >= _TINY and high <= _HUGE):
         return math.hypot(x, y)
-    if low <= high * NOTHING:
+    if low <= high * _NOTHING:
         return high + low
     length = math.sqrt(x * x + y * y)
     if length <= 2.0 * low:

@@ -16,13 +16,13 @@ from barn_sim.body.bullet import PhysicsClient, add_body, bullet
 from barn_sim.body.cylinders import Bools
 from barn_sim.body.obstacles import PASSED_BY, tick_gap_m
 from barn_sim.config import SimulatorConfig
+from barn_sim.motion.free_motion import fill
 from barn_sim.motion.state import Record, Records
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import seconds
 from barn_worlds.geometry.bodies import moving_bodies, wall_bodies
 from barn_worlds.geometry.kernels import gaps_to_rectangle
-from barn_worlds.geometry.shapes import body_shapes
-from barn_worlds.moving.tracks import Table, evaluate, evaluate_one
+from barn_worlds.moving.tracks import Table, evaluate
 from barn_worlds.worlds.world import World
 
 _MASS_KG = 1e6
@@ -30,8 +30,6 @@ _LEAVE_GAP_M = 0.1  # beyond what makes a body
 _ROBOT_GROUP = 1  # of Bullet's collision filter
 _LONG_S = 1e6  # beyond any trial
 _TICKS_AHEAD = 2  # that the hand-over to Bullet looks ahead, so that jumps are seen in time
-_TICKS_FORESEEN = 20  # most ticks for which positions are looked up where the highest speed would tell too little
-_ROBOT_M_S = 1.0  # speed of a robot for which they are, any: what it has covered is measured
 
 
 class Movers:
@@ -52,7 +50,7 @@ class Movers:
         self._lift_m_s = config.physics.gravity_m_s2 * config.physics.tick_s  # what a tick of free fall takes away
         walls, tracks = world.walls, world.tracks
         self._walls = len(walls)
-        self._shapes = np.concatenate([body_shapes(wall_bodies(walls)), body_shapes(moving_bodies(tracks, phase_s))])
+        self._shapes = np.concatenate([wall_bodies(walls).shapes(), moving_bodies(tracks, phase_s).shapes()])
         self._velocities = np.zeros((len(self._shapes), 2))
         self._heights = np.concatenate([[wall.height_m for wall in walls], tracks.height_m])
         self._fastest_m_s: Floats = np.concatenate([np.zeros(len(walls)), tracks.fastest_mps])
@@ -154,69 +152,15 @@ def _look(
     """See `Movers.look`; reach_m (n,): how near each may come to the robot without PyBullet; fastest_m_s (n,)."""
     robot: Record = robots[index]
     stamp_ns = robot.stamp_ns
-    times_s = 1e-9 * (stamp_ns + np.arange(_TICKS_AHEAD + 1 + _TICKS_FORESEEN) * tick_ns) + phase_s
-    clear_m = np.full(len(shapes), np.inf)
-    for time_s in times_s[: _TICKS_AHEAD + 1]:
-        _place(time_s, table, shapes, velocities, walls)
-        clear_m = np.minimum(clear_m, gaps_to_rectangle(shapes, robot.x, robot.y, robot.yaw, extent) - reach_m)
-    nearest, fastest = math.inf, 0.0
-    for k in range(len(shapes)):
-        nearest, fastest = min(nearest, clear_m[k]), max(fastest, fastest_m_s[k])
-    robot.movers_looked_from[0], robot.movers_looked_from[1], robot.movers_looked_from[2] = robot.x, robot.y, robot.yaw
-    robot.movers_looked_ns = stamp_ns
-    if 0.0 < nearest < 1e-9 * tick_ns * _TICKS_FORESEEN * fastest:
-        pose = (robot.x, robot.y, robot.yaw)
-        ticks, nearest = _foresee(
-            times_s, tick_ns, table, shapes, velocities, walls, clear_m, reach_m, fastest_m_s, pose, extent
-        )
-        robot.movers_clearance_m, robot.movers_speed_m_s = nearest, 0.0
-        robot.movers_until_ns = stamp_ns + (ticks + 1) * tick_ns
-        return
-    time_s, left_s = times_s[0], _LONG_S
+    nearest, left_s = math.inf, _LONG_S
+    for ahead in range(_TICKS_AHEAD + 1):
+        _place(1e-9 * (stamp_ns + ahead * tick_ns) + phase_s, table, shapes, velocities, walls)
+        gaps = gaps_to_rectangle(shapes, robot.x, robot.y, robot.yaw, extent) - reach_m
+        nearest = min(nearest, gaps.min())
     period, phase = table[4], table[5]
     for k in range(len(period)):
-        left_s = min(left_s, period[k] - (time_s + phase[k]) % period[k])
-    robot.movers_clearance_m, robot.movers_speed_m_s = nearest, fastest
+        left_s = min(left_s, period[k] - (1e-9 * stamp_ns + phase_s + phase[k]) % period[k])
+    fill(robot.movers_looked_from, (robot.x, robot.y, robot.yaw))
+    robot.movers_looked_ns = stamp_ns
+    robot.movers_clearance_m, robot.movers_speed_m_s = nearest, fastest_m_s.max()
     robot.movers_until_ns = stamp_ns + math.floor(1e9 * left_s) - (_TICKS_AHEAD + 1) * tick_ns
-
-
-@njit(cache=True)
-def _foresee(
-    times_s: Floats,
-    tick_ns: int,
-    table: Table,
-    shapes: Floats,
-    velocities: Floats,
-    walls: int,
-    clear_m: Floats,
-    reach_m: Floats,
-    fastest_m_s: Floats,
-    pose: tuple[float, float, float],
-    extent: Floats,
-) -> tuple[int, float]:
-    """Return for how many ticks from now the robot may go without a look, and how far (m).
-
-    times_s: into the motions, of the ticks from now. clear_m (n,): how far each shape is from where it matters in the
-    first of them, which are looked at each time.
-    """
-    horizon_s = 1e-9 * tick_ns * _TICKS_FORESEEN
-    nearest = math.inf
-    chosen = np.empty(len(shapes), np.int64)
-    count = 0
-    for k in range(len(shapes)):
-        left_m = clear_m[k] - fastest_m_s[k] * horizon_s
-        if k < walls or left_m >= _ROBOT_M_S * horizon_s:
-            nearest = min(nearest, left_m)
-        else:
-            nearest = min(nearest, clear_m[k])
-            chosen[count] = k
-            count += 1
-    for ticks in range(1, _TICKS_FORESEEN + 1):
-        near = nearest
-        for k in chosen[:count]:
-            evaluate_one(k - walls, times_s[_TICKS_AHEAD + ticks], table, shapes[walls:, :2], velocities[walls:])
-            near = min(near, gaps_to_rectangle(shapes[k : k + 1], pose[0], pose[1], pose[2], extent)[0] - reach_m[k])
-        if near <= 1e-9 * tick_ns * ticks * _ROBOT_M_S:
-            return ticks - 1, nearest
-        nearest = near
-    return _TICKS_FORESEEN, nearest

@@ -159,7 +159,14 @@ class Obstacles:
                 np.array(indices), states, robot.x, robot.y, robot.yaw, self._extent, self._cylinders.centres,
                 self.radius_m, self._half, _LIMITS, self._states, self.segments, self._pushed, self._displaced,
             )  # fmt: skip
-        self.dismiss(robot)
+        self._ticks += 1
+        if self._ticks % _SWEEP_TICKS:
+            return
+        needed = self._near(self.bodied, robot, self._rest_gap_m, TOUCH_GAP_M)
+        self._needed[needed] = self._ticks
+        for index in [index for index in self._bodies if self._ticks - self._needed[index] > REST_TICKS]:
+            self._client.send_away(self._bodies.pop(index))
+            self.bodied[index] = self._pushed[index] = False
 
     def _state(self, body: int) -> tuple[float, ...]:
         position, attitude = bullet.getBasePositionAndOrientation(body, physicsClientId=self._client.id)
@@ -170,17 +177,6 @@ class Obstacles:
         """Tell whether the robot's body touches any cylinder."""
         contacts = bullet.getContactPoints(bodyA=robot, physicsClientId=self._client.id)
         return any(contact[8] <= 0.0 or contact[9] > 0.0 for contact in contacts)  # distance, normal force
-
-    def dismiss(self, robot: Pose2D) -> None:
-        """Count a tick, and remove bodies at rest that neither the robot nor a pushed cylinder is near."""
-        self._ticks += 1
-        if self._ticks % _SWEEP_TICKS:
-            return
-        needed = self._near(self.bodied, robot, self._rest_gap_m, TOUCH_GAP_M)
-        self._needed[needed] = self._ticks
-        for index in [index for index in self._bodies if self._ticks - self._needed[index] > REST_TICKS]:
-            self._client.send_away(self._bodies.pop(index))
-            self.bodied[index] = self._pushed[index] = False
 
     @property
     def radius_m(self) -> float:

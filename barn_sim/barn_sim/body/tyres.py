@@ -22,58 +22,34 @@ import numpy as np
 from numba import njit, types
 from numba.extending import intrinsic
 
-from barn_sim.body.friction import Matrix, Motion, solve_friction
+from barn_sim.body.friction import Motion
 from barn_sim.body.model import RobotModel
 from barn_sim.config import PhysicsConfig
-from barn_sim.motion.free_motion import triple
+from barn_sim.motion.free_motion import Matrix, Quaternion, Triple, triple
 from barn_sim.motion.state import Record
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import ConfigError
-
-Triple = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
 
 _STABLE = 1.9  # of the 2 at which an explicit integration begins to grow
 
 
 class Tyres:
-    """Wheels and casters of a robot on level ground at z = 0; wheels (n, 5): see `act_on_body`.
+    """Wheels and casters of a robot on level ground at z = 0; wheels (n, 5): hub and impulse, see `stand`.
 
     A caster counts as a ball of the wheels' radius. Raises ConfigError if the body is too light for the physics step.
+    stiffness (N/m) and damping (N s/m): of a tyre. rest: height of the centre of mass, roll and pitch at which the
+    robot stands still (small angles).
     """
 
     def __init__(self, model: RobotModel, config: PhysicsConfig) -> None:
-        self._hubs = np.concatenate([model.wheels, model.casters]) - model.centre_of_mass
-        self._radius = model.wheel_radius_m
-        self._deflection_m = config.tyre_deflection_m
-        share = model.mass_kg / len(self._hubs)
-        stiffness = share * config.gravity_m_s2 / config.tyre_deflection_m
-        damping = 2.0 * config.tyre_damping_ratio * math.sqrt(stiffness * share)
-        self.stiffness, self.damping = stiffness, damping  # N/m, N s/m
-        self.wheels = np.zeros((len(self._hubs), 5))  # hub, then the last impulse
-        self.wheels[:, :3] = self._hubs
-        self._require_stable(model, config.tick_s, stiffness, damping)
-        self._rest = self._at_rest()
-
-    def _require_stable(self, model: RobotModel, tick_s: float, stiffness: float, damping: float) -> None:
-        """Raise ConfigError if heaving, rolling or pitching would grow from tick to tick."""
-        x, y = self._hubs[:, 0], self._hubs[:, 1]
-        sinks = np.column_stack([np.ones(len(x)), y, -x])  # of each contact with height, roll and pitch
-        inertia = np.array([model.mass_kg, model.inertia[0], model.inertia[1]])
-        modes = np.linalg.eigvals((sinks.T @ sinks) / inertia[:, None]).real.max()
-        growth = modes * tick_s * (damping + 0.5 * stiffness * tick_s)
-        if growth > _STABLE:
-            raise ConfigError(
-                f"robot {model.name}: chassis.inertia_kg_m2 is too small for a body on tyres in physics steps of"
-                f" {tick_s:g} s (physics.tick_s): it would shake ever more"
-            )
-
-    def rest(self) -> Triple:
-        """Return height of the centre of mass, roll and pitch at which the robot stands still (small angles)."""
-        return self._rest
-
-    def _at_rest(self) -> Triple:
-        x, y = self._hubs[:, 0], self._hubs[:, 1]
+        hubs = np.concatenate([model.wheels, model.casters]) - model.centre_of_mass
+        share = model.mass_kg / len(hubs)
+        self.stiffness = share * config.gravity_m_s2 / config.tyre_deflection_m
+        self.damping = 2.0 * config.tyre_damping_ratio * math.sqrt(self.stiffness * share)
+        self.wheels = np.zeros((len(hubs), 5))
+        self.wheels[:, :3] = hubs
+        self._require_stable(model, config.tick_s)
+        x, y = hubs[:, 0], hubs[:, 1]
         # deflection of a tyre is -(height - reach) - y roll + x pitch; loads carry the weight and have no moment
         system = np.array(
             [
@@ -82,9 +58,22 @@ class Tyres:
                 [-x.sum(), -(x * y).sum(), (x * x).sum()],
             ]
         )
-        weight = np.array([len(x) * self._deflection_m, 0.0, 0.0])
+        weight = np.array([len(x) * config.tyre_deflection_m, 0.0, 0.0])
         lowered, roll, pitch = np.linalg.solve(system, weight).tolist()
-        return float(self._radius - self._hubs[0, 2] + lowered), roll, pitch
+        self.rest: Triple = float(model.wheel_radius_m - hubs[0, 2] + lowered), roll, pitch
+
+    def _require_stable(self, model: RobotModel, tick_s: float) -> None:
+        """Raise ConfigError if heaving, rolling or pitching would grow from tick to tick."""
+        x, y = self.wheels[:, 0], self.wheels[:, 1]
+        sinks = np.column_stack([np.ones(len(x)), y, -x])  # of each contact with height, roll and pitch
+        inertia = np.array([model.mass_kg, model.inertia[0], model.inertia[1]])
+        modes = np.linalg.eigvals((sinks.T @ sinks) / inertia[:, None]).real.max()
+        growth = modes * tick_s * (self.damping + 0.5 * self.stiffness * tick_s)
+        if growth > _STABLE:
+            raise ConfigError(
+                f"robot {model.name}: chassis.inertia_kg_m2 is too small for a body on tyres in physics steps of"
+                f" {tick_s:g} s (physics.tick_s): it would shake ever more"
+            )
 
 
 def _fused(_context, a, b, c):  # type: ignore[no-untyped-def]
@@ -118,55 +107,26 @@ def offset_of_centre(arm: Triple, attitude: Quaternion) -> Triple:
 @njit(cache=True, error_model="numpy")
 def place(position: Triple, attitude: Quaternion, arm: Floats) -> Triple:
     """Return x, y, yaw of base_link; `arm` (3,) leads from there to the centre of mass."""
-    x, y, sine, cosine = placed(position, attitude, triple(arm))
-    return x, y, math.atan2(sine, cosine)
-
-
-@njit(cache=True, error_model="numpy")
-def placed(position: Triple, attitude: Quaternion, arm: Triple) -> Quaternion:
-    """Return x and y of base_link, and what is in proportion to the sine and the cosine of its yaw."""
-    offset = offset_of_centre(arm, attitude)
+    offset = offset_of_centre(triple(arm), attitude)
     x, y, z, w = attitude
-    return position[0] - offset[0], position[1] - offset[1], 2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)
+    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return position[0] - offset[0], position[1] - offset[1], yaw
 
 
-@njit(cache=True)
-def act_on_body(
-    position: Triple,
-    attitude: Quaternion,
-    velocity: Triple,
-    spin: Triple,
-    left: float,
-    right: float,
-    wheels: Floats,
-    fixed: Record,
-) -> tuple[Triple, Triple]:
-    """Return force in N and torque in N m about the centre of mass, world frame.
-
-    position, attitude, velocity, spin: of the centre of mass in the world frame, before the tick; left, right: speed of
-    the wheel rims in m/s. wheels (n, 17): hub in m, impulse of the last solution in N s, which is replaced, and room;
-    the first `grips` are wheels, left and right in turn, the others casters. fixed: a record of SETTINGS.
-    """
-    impulses, arms, limits, work = wheels[:, 3:5], wheels[:, 5:8], wheels[:, 8], wheels[:, 9:]
-    motion, turn, inverse, carried = stand(position, attitude, velocity, spin, wheels, fixed)
-    grips, inverse_mass = fixed.grips, fixed.inverse_mass
-    solve_friction(
-        motion, left, right, arms[:grips], limits[:grips], turn, inverse, inverse_mass, impulses[:grips], work
-    )
-    return forces(carried, wheels, fixed.tick_s)
-
-
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def stand(
     position: Triple, attitude: Quaternion, velocity: Triple, spin: Triple, wheels: Floats, fixed: Record
 ) -> tuple[Motion, Matrix, Matrix, Triple]:
-    """Begin as `act_on_body`: fill in arms and limits of friction of the wheels.
+    """Begin a tick of a body on its wheels: fill in where they touch the ground, and the limits of their friction.
+
+    position, attitude, velocity, spin: of the centre of mass in the world frame. wheels (n, 17): hub in m, impulse of
+    the last solution in N s, arm from the centre of mass to the ground in m, limit of the impulse, and room for
+    `friction`; the first `grips` are wheels, left and right in turn, the others casters. fixed: a record of SETTINGS.
 
     Returns vx, vy and spin after the tick without friction, rotation and inverse inertia in the world frame, and what
     the loads do: force along z, torque about x and y.
     """
-    tick, friction = fixed.tick_s, fixed.friction
-    arms, loads = wheels[:, 5:8], wheels[:, 8]
+    tick, arms, loads = fixed.tick_s, wheels[:, 5:8], wheels[:, 8]
     turn = rotation(attitude)
     inverse = world_inertia(turn, triple(fixed.inverse_inertia))
     wheel_loads(
@@ -178,25 +138,18 @@ def stand(
         fz += loads[i]
         tx += arms[i, 1] * loads[i]
         ty -= arms[i, 0] * loads[i]
-        loads[i] = friction * tick * loads[i]
-    return carried_on(velocity, spin, inverse, tx, ty, tick), turn, inverse, (fz, tx, ty)
-
-
-@njit(cache=True, error_model="numpy")
-def carried_on(velocity: Triple, spin: Triple, inverse: Matrix, tx: float, ty: float, tick: float) -> Motion:
-    """Return vx, vy and spin after a tick without friction; tx, ty: torque of the loads about x and y."""
-    return (
-        velocity[0],
-        velocity[1],
+        loads[i] = fixed.friction * tick * loads[i]
+    spins = (
         spin[0] + tick * _product(inverse[0], (tx, ty, 0.0)),
         spin[1] + tick * _product(inverse[1], (tx, ty, 0.0)),
         spin[2] + tick * _product(inverse[2], (tx, ty, 0.0)),
     )
+    return (velocity[0], velocity[1], *spins), turn, inverse, (fz, tx, ty)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def forces(carried: Triple, wheels: Floats, tick: float) -> tuple[Triple, Triple]:
-    """Return force and torque of `act_on_body`, of what the loads do and the impulses of the wheels."""
+    """Return force (N) and torque (N m) about the centre of mass, of what the loads do and the wheels' impulses."""
     fx = fy = tz = 0.0
     fz, tx, ty = carried
     for i in range(len(wheels)):
@@ -239,7 +192,7 @@ def _product(row: Triple, vector: Triple) -> float:
     return result
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def wheel_loads(
     height: float,
     turn: Matrix,
@@ -256,30 +209,13 @@ def wheel_loads(
 
     height, sinking: of the centre of mass, m and m/s; turn: rotation of the body; hubs (n, 3).
     """
-    lowest = below_hub(turn, radius)
-    for i in range(len(hubs)):
-        arm = arm_of(turn, triple(hubs[i]), lowest)
-        arms[i, 0], arms[i, 1], arms[i, 2] = arm
-        loads[i] = load_on(arm, height, sinking, spin, stiffness, damping)
-
-
-@njit(cache=True, error_model="numpy")
-def below_hub(turn: Matrix, radius: float) -> Triple:
-    """Return the vector from the hub of a wheel to its lowest point; turn: rotation of the body."""
     axle_x, axle_y, axle_z = turn[0][1], turn[1][1], turn[2][1]
     level = math.sqrt(max(1.0 - axle_z * axle_z, 1e-12))
-    return radius * axle_z * axle_x / level, radius * axle_z * axle_y / level, -(radius * level)
-
-
-@njit(cache=True, error_model="numpy")
-def arm_of(turn: Matrix, hub: Triple, below: Triple) -> Triple:
-    """Return the vector from the centre of mass to the lowest point of a wheel."""
-    return _product(turn[0], hub) + below[0], _product(turn[1], hub) + below[1], _product(turn[2], hub) + below[2]
-
-
-@njit(cache=True, error_model="numpy")
-def load_on(arm: Triple, height: float, sinking: float, spin: Triple, stiffness: float, damping: float) -> float:
-    """Return the load in N on a wheel; height, sinking: see `wheel_loads`."""
-    depth = -(height + arm[2])
-    rising = sinking + spin[0] * arm[1] - spin[1] * arm[0]
-    return max(stiffness * depth - damping * rising, 0.0) if depth > 0.0 else 0.0
+    below = radius * axle_z * axle_x / level, radius * axle_z * axle_y / level, -(radius * level)
+    for i in range(len(hubs)):
+        hub, arm = triple(hubs[i]), arms[i]
+        for k in range(3):
+            arm[k] = _product(turn[k], hub) + below[k]
+        depth = -(height + arm[2])
+        rising = sinking + spin[0] * arm[1] - spin[1] * arm[0]
+        loads[i] = max(stiffness * depth - damping * rising, 0.0) if depth > 0.0 else 0.0

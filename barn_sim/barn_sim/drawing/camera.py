@@ -23,8 +23,8 @@ from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.base.types import Pose2D
 from barn_worlds.drawing.palette import GOAL, MOVER, START, TRAIL
 from barn_worlds.geometry.bodies import Bodies
+from barn_worlds.robots.files import STANDARD
 from barn_worlds.robots.robot import Chassis, Triple
-from barn_worlds.robots.standard import STANDARD
 from barn_worlds.worlds.scene import TrialScene
 
 Pixels = npt.NDArray[np.uint8]
@@ -100,10 +100,9 @@ class Studio:
         low, high = known.min(axis=0) - 0.5, known.max(axis=0) + 0.5
         self.bounds_m = (*low.tolist(), *high.tolist())
         self._add_ground(low, high)
-        for cylinders, colour in ((scene.obstacles, _OBSTACLE), (scene.walls, _WALL)):
-            for first in range(0, len(cylinders.centres_m), _IN_A_MESH):
-                some = cylinders.centres_m[first : first + _IN_A_MESH]
-                self._mesh(colour, **pillars(some, cylinders.radius_m, cylinders.height_m))
+        for centres_m, colour in ((scene.obstacles_m, _OBSTACLE), (scene.walls_m, _WALL)):
+            for first in range(0, len(centres_m), _IN_A_MESH):
+                self._mesh(colour, **pillars(centres_m[first : first + _IN_A_MESH], scene.radius_m, scene.height_m))
         for pose, colour in ((scene.start, START), (scene.goal, GOAL)):
             if pose is not None:
                 self._mesh(colour, **pillars(np.array([[pose.x, pose.y]]), _DISC_M, 0.008))

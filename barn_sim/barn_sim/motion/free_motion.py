@@ -7,9 +7,6 @@ in the same order. So they give the same bits, and a body can change between Bul
 Bullet stores the attitude as a matrix. It makes that matrix from a quaternion after each tick, and a quaternion from
 the matrix whenever one is asked for, which is not the same to the last bit. Here the first is called the `heading`,
 from which all else follows, the second the `attitude`. Quaternions are x, y, z, w.
-
-What is inlined by force is long and stands in loops of `lanes`, which are vector instructions only without a
-call.
 """
 
 import math
@@ -66,28 +63,16 @@ def attitude_of(basis: Matrix) -> Quaternion:
     return (xz + zx) * t, (yz + zy) * t, s * 0.5, (yx - xy) * t
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def turned(attitude: Quaternion, spin: Triple, tick: float) -> Quaternion:
     """Return the heading after a tick with this spin in rad/s (btTransformUtil::integrateTransform)."""
-    rate = rate_of(spin, tick)
-    half = 0.5 * rate * tick
-    return turned_by(attitude, spin, rate, math.sin(half), math.cos(half), tick)
-
-
-@njit(cache=True, error_model="numpy")
-def rate_of(spin: Triple, tick: float) -> float:
-    """Return how fast a body turns about the axis of its spin, rad/s, as far as Bullet lets it."""
     squared = spin[0] * spin[0] + spin[1] * spin[1] + spin[2] * spin[2]
     rate = math.sqrt(squared) if squared > _EPSILON else 0.0
-    return _LARGEST_TURN / tick if rate * tick > _LARGEST_TURN else rate
-
-
-@njit(cache=True, error_model="numpy")
-def turned_by(attitude: Quaternion, spin: Triple, rate: float, sine: float, cosine: float, tick: float) -> Quaternion:
-    """Return the heading of `turned`, given its rate and sine and cosine of half the angle."""
+    rate = _LARGEST_TURN / tick if rate * tick > _LARGEST_TURN else rate
+    half = 0.5 * rate * tick
     series = 0.5 * tick - (tick * tick * tick) * 0.020833333333 * rate * rate
-    part = series if rate < _SLOW else sine / rate
-    return _normalised(_product((spin[0] * part, spin[1] * part, spin[2] * part, cosine), attitude))
+    part = series if rate < _SLOW else math.sin(half) / rate
+    return _normalised(_product((spin[0] * part, spin[1] * part, spin[2] * part, math.cos(half)), attitude))
 
 
 @njit(cache=True, error_model="numpy")
@@ -131,8 +116,8 @@ def _dot(a: Triple, b: Triple) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def gyration(attitude: Quaternion, spin: Triple, inverse_inertia: Triple, tick: float) -> Triple:
+@njit(cache=True, error_model="numpy")
+def _gyration(attitude: Quaternion, spin: Triple, inverse_inertia: Triple, tick: float) -> Triple:
     """Return the change of the spin in a tick by the body's own inertia (computeGyroscopicImpulseImplicit_Body)."""
     ix, iy, iz = 1.0 / inverse_inertia[0], 1.0 / inverse_inertia[1], 1.0 / inverse_inertia[2]
     x, y, z = _rotated((-attitude[0], -attitude[1], -attitude[2], attitude[3]), spin)
@@ -177,10 +162,10 @@ def _column(matrix: Matrix, k: int) -> Triple:
     return matrix[0][k], matrix[1][k], matrix[2][k]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy")
 def spun(tensor: Matrix, attitude: Quaternion, spin: Triple, torque: Triple, inverse: Triple, tick: float) -> Triple:
     """Return the spin after a tick under a torque; tensor: inverse inertia in the world frame."""
-    gyro = gyration(attitude, spin, inverse, tick)
+    gyro = _gyration(attitude, spin, inverse, tick)
     return (
         spin[0] + (_dot(_column(tensor, 0), torque) * tick + gyro[0]),
         spin[1] + (_dot(_column(tensor, 1), torque) * tick + gyro[1]),
@@ -199,7 +184,7 @@ def still_turning(
     """
     basis, tensor = basis_of(stale), world_tensor(basis_of(stale), inverse)
     wanted = basis_of(heading)
-    gyro = gyration(attitude, spin, inverse, tick)
+    gyro = _gyration(attitude, spin, inverse, tick)
     inertia = 1.0 / inverse[0], 1.0 / inverse[1], 1.0 / inverse[2]
     first = (0.0, 0.0, 0.0)
     for k in range(_CANDIDATES):

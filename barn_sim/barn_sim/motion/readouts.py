@@ -1,4 +1,4 @@
-"""What is read of the state of robots in compiled code: poses, speeds and wheels."""
+"""What is read of the state of robots in compiled code: poses and speeds."""
 
 import math
 
@@ -7,7 +7,7 @@ from numba import njit
 from barn_sim.body.tyres import offset_of_centre
 from barn_sim.motion.free_motion import fill, quaternion, triple
 from barn_sim.motion.state import Record, Records
-from barn_sim.sensors.estimates import observed_odometry, wrap
+from barn_sim.sensors.odometry import read_odometry, wrap
 from barn_worlds.base.arrays import Floats, Integers
 
 
@@ -23,7 +23,7 @@ def read_all(
     """Fill the rows `indices` of stamps (n,), true and measured poses (n, 3) and measured velocities (n, 2)."""
     for index in indices:
         robot: Record = robots[index]
-        x, y, yaw, speed, turn = observed_odometry(robot, robot.yaw, robot.spin[2])
+        x, y, yaw, speed, turn = read_odometry(robots, index)
         stamps_ns[index] = robot.stamp_ns
         fill(truths[index], (robot.x, robot.y, through_quaternion(robot.yaw)))
         fill(odometry[index], (x, y, through_quaternion(yaw)))
@@ -40,22 +40,8 @@ def through_quaternion(yaw: float) -> float:
 def motion(robots: Records, settings: Records, index: int) -> tuple[float, float, float, float, float]:
     """Return x, y, yaw, forward speed and yaw rate of base_link."""
     robot: Record = robots[index]
-    return robot.x, robot.y, robot.yaw, forward_speed(robot, settings[0]), robot.spin[2]
-
-
-@njit(cache=True)
-def wheels(robots: Records, index: int) -> tuple[float, float, float, float]:
-    """Return angles (rad) and rim speeds (m/s) of the wheels: left, right, left, right."""
-    robot: Record = robots[index]
-    return robot.left_rad, robot.right_rad, robot.left_m_s, robot.right_m_s
-
-
-@njit(cache=True)
-def forward_speed(robot: Record, fixed: Record) -> float:
-    """Return the forward speed of base_link."""
-    x, y, z = offset_of_centre(triple(fixed.centre), quaternion(robot.attitude))
+    x, y, z = offset_of_centre(triple(settings[0].centre), quaternion(robot.attitude))
     velocity, spin = robot.velocity, robot.spin
     vx = velocity[0] - (spin[1] * z - spin[2] * y)
     vy = velocity[1] - (spin[2] * x - spin[0] * z)
-    speed: float = vx * math.cos(robot.yaw) + vy * math.sin(robot.yaw)
-    return speed
+    return robot.x, robot.y, robot.yaw, vx * math.cos(robot.yaw) + vy * math.sin(robot.yaw), spin[2]

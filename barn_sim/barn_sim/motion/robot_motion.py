@@ -31,8 +31,8 @@ from barn_sim.body.obstacles import Obstacles, cylinders_of, tick_gap_m
 from barn_sim.config import SimulatorConfig
 from barn_sim.motion.readouts import motion
 from barn_sim.motion.state import ROBOT, Fleet
-from barn_sim.motion.ticks import Push, advance, free_tick, keep_on
-from barn_sim.sensors.estimates import FusedOdometry
+from barn_sim.motion.ticks import Push, advance, free_tick
+from barn_sim.sensors.odometry import FusedOdometry
 from barn_worlds.base.types import Pose2D, Velocity2D
 from barn_worlds.worlds.world import World
 
@@ -59,7 +59,7 @@ class RobotMotion:
         self.model = model_of(config.chassis)
         self._index = index
         self._free_motion = free_motion
-        # Among obstacles that neither move nor can be moved, Bullet and the compiled code take turns in fewer calls.
+        # Where obstacles neither move nor can be moved, engines can be left to other robots in between.
         self._fixed = not (config.obstacles.movable or world.walls or world.moving)
         self._tick_ns = config.tick_ns
         self._odometry_ns = self._tick_ns * config.ticks(1.0 / config.odometry.rate_hz)
@@ -128,26 +128,19 @@ class RobotMotion:
 
     def run(self, left: int, push: Push | None = None) -> None:
         """Advance by the ticks left, for which there is noise; push: of the first one, if it has begun already."""
-        wakes = True  # whether a fixed cylinder may be so near that it becomes a body
+        fleet, segments = self.drive.fleet, self.obstacles.segments
         while left:
             if push is None:
-                left, push = self._advance_free(left)
-            elif self._fixed:
-                left, push, wakes = self._move_among_fixed(left - 1, push, wakes)
+                # free ticks, up to one in which something may be touched: that has begun with a push
+                left, push = advance(
+                    fleet.robots, fleet.pending, fleet.settings, self._index, segments, fleet.noise, left
+                )
             else:
                 if not self._moves_past_movers(push):
                     self._move_in_bullet(push)
                 left, push = left - 1, None
         if self._fixed and self._away[self._index]:
             self._body.leave()
-
-    def _advance_free(self, left: int) -> tuple[int, Push]:
-        """Advance while nothing is near; return the ticks left, and the push of the next, in which that may change."""
-        fleet, segments = self.drive.fleet, self.obstacles.segments
-        found: tuple[int, Push] = advance(
-            fleet.robots, fleet.pending, fleet.settings, self._index, segments, fleet.noise, left
-        )
-        return found
 
     def _moves_past_movers(self, push: Push) -> bool:
         """End a tick that has begun by free motion, if a look at the movers shows none of them near; tell whether.
@@ -161,10 +154,13 @@ class RobotMotion:
         return bool(free_tick(fleet.robots, fleet.settings, index, self.obstacles.segments, fleet.noise, push))
 
     def _move_in_bullet(self, push: Push) -> None:
-        """Let Bullet end a tick that has begun."""
+        """Let Bullet end a tick that has begun, with the body handed over first if it was moved without Bullet."""
         place, centre, force, torque = push
         body, obstacles, index = self._body, self.obstacles, self._index
-        self._hand_over()
+        if body.id < 0:
+            body.enter()
+        if self._away[index]:
+            body.come_back()
         obstacles.prepare(*place)
         near_mover = self.movers is not None and self.movers.prepare(*place, self.stamp_ns)
         now = body.move(centre, force, torque)
@@ -175,31 +171,3 @@ class RobotMotion:
             self._touched = self._touched or obstacles.touched_by(body.id)
         # Deep within another body, Bullet turns the robot as free motion does not: its heading is not known then.
         self._in_bullet[index] = among_bodies or not self._free_motion or not self._known[index]
-
-    def _move_among_fixed(self, left: int, push: Push, wakes: bool) -> tuple[int, Push | None, bool]:
-        """Let Bullet end a tick that has begun, and advance by the ticks left until Bullet has to move the body again.
-
-        One compiled call does what `_move_in_bullet` does after Bullet, and the free ticks behind it. wakes: whether a
-        cylinder may be so near that it becomes a body. Returns ticks left, the push of the next, and `wakes` for it.
-        """
-        place, centre, force, torque = push
-        body, obstacles, fleet, index = self._body, self.obstacles, self.drive.fleet, self._index
-        self._hand_over()
-        if wakes:
-            obstacles.prepare(*place)
-        moved, awake = body.pushed(centre, force, torque), obstacles.awake
-        left, push, touches, wakes = keep_on(
-            fleet.robots, fleet.pending, fleet.settings, index, obstacles.segments, fleet.noise, left, moved,
-            obstacles.bodied, awake or not self._free_motion,
-        )  # fmt: skip
-        if awake:
-            obstacles.dismiss(Pose2D(*push[0]))
-            self._touched = self._touched or (touches and obstacles.touched_by(body.id))
-        return left, push, wakes
-
-    def _hand_over(self) -> None:
-        """Let Bullet have the body where it is now."""
-        if self._body.id < 0:
-            self._body.enter()
-        if self._away[self._index]:
-            self._body.come_back()

@@ -35,7 +35,7 @@ ROBOT = np.dtype(
         ("x", _NUMBER),  # of base_link
         ("y", _NUMBER),
         ("yaw", _NUMBER),
-        ("wheels", _NUMBER, (_CONTACTS, 17)),  # see barn_sim.body.tyres.act_on_body; the first `contacts` of them
+        ("wheels", _NUMBER, (_CONTACTS, 17)),  # see barn_sim.body.tyres.stand; the first `contacts` of them
         # where Bullet has the body: it lags while the body is integrated without it
         ("in_bullet", _YES),  # whether Bullet has to move it in the next tick
         ("away", _WHOLE),  # ticks since Bullet moved it
@@ -108,7 +108,8 @@ SETTINGS = np.dtype(
         ("odometry_ns", _WHOLE),
         ("yaw_noise_rad", _NUMBER),
         ("yaw_rate_noise_rad_s", _NUMBER),
-        ("extent", _NUMBER, 4),
+        ("extent", _NUMBER, 4),  # of the robot's shapes in base_link: x_min, y_min, x_max, y_max
+        ("reach_m", _NUMBER),  # from base_link to the farthest corner of that
     ],
     align=True,
 )
@@ -163,4 +164,5 @@ def set_body(settings: Records, model: RobotModel, config: PhysicsConfig, stiffn
     settings["inverse_mass"], settings["inverse_inertia"] = 1.0 / model.mass_kg, 1.0 / model.inertia
     settings["weight"] = model.mass_kg * config.gravity_m_s2
     settings["per_metre"] = config.tick_s / model.wheel_radius_m
-    settings["extent"] = model.extent()
+    x_min, y_min, x_max, y_max = settings["extent"] = model.extent()
+    settings["reach_m"] = math.hypot(max(abs(x_min), abs(x_max)), max(abs(y_min), abs(y_max)))

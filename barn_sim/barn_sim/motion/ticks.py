@@ -2,17 +2,17 @@
 
 A tick begins with a push: the drive sets the wheels, the ground acts on them. Then the body moves. Where no obstacle is
 near it touches nothing, and `free_motion` moves it with the same bits as Bullet does. Otherwise Bullet moves it,
-and the state follows; `barn_sim.body.handover` has what that takes.
+and the state follows; `way_back` has what it takes to bring the body there.
 """
 
 import math
 
-import numpy as np
 from numba import njit
 
-from barn_sim.body.cylinders import Bools, nearest_gap, nearest_of
+from barn_sim.body.cylinders import nearest_gap
 from barn_sim.body.drive import turn_wheels
-from barn_sim.body.tyres import act_on_body, place
+from barn_sim.body.friction import Motion, Rims, begin_friction, sweep_friction
+from barn_sim.body.tyres import forces, place, stand
 from barn_sim.motion.free_motion import (
     Quaternion,
     Triple,
@@ -21,17 +21,19 @@ from barn_sim.motion.free_motion import (
     fill,
     quaternion,
     spun,
+    still_turning,
     triple,
     turned,
     world_tensor,
 )
 from barn_sim.motion.state import Record, Records
-from barn_sim.sensors.estimates import integrate_wheels, renew_noise, wrap
-from barn_worlds.base.arrays import Floats, Integers
+from barn_sim.sensors.odometry import integrate_wheels, renew_noise, wrap
+from barn_worlds.base.arrays import Floats
 
-Push = tuple[Triple, Triple, Triple, Triple]
+Push = tuple[Triple, Triple, Triple, Triple]  # pose of base_link, centre of mass (m), force (N), torque (N m)
+State = tuple[Triple, Quaternion, Triple, Triple]  # position, heading or attitude, velocity, spin
 
-STILL = 0.0, 0.0, 0.0
+STILL, LEVEL = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
 _MORE = 1.1
 
 
@@ -48,14 +50,14 @@ def advance(
     """Advance a robot by so many ticks, as long as it is free; return the ticks left and how the next one begins.
 
     segments (m, 4): axes of the cylinders seen from above. noise (n, k, 2): see `Fleet`. If ticks are left, the first
-    has begun: Bullet is to move the body under the push: pose of base_link, centre of mass (m), force (N), torque.
+    has begun: Bullet is to move the body under the push.
     """
     robot: Record = robots[index]
     fixed: Record = settings[0]
     for left in range(ticks, 0, -1):
         turn_wheels(robot, pending, index, fixed, robot.stamp_ns)
         pushed = push_on(robot, fixed)
-        if not end_free_tick(robots, settings, index, segments, noise, pushed):
+        if not (clear_of_movers(robot, fixed) and end_if_clear(robot, fixed, segments, noise[index], pushed)):
             return left, pushed
     return 0, (STILL, STILL, STILL, STILL)
 
@@ -64,55 +66,25 @@ def advance(
 def free_tick(robots: Records, settings: Records, index: int, segments: Floats, noise: Floats, pushed: Push) -> bool:
     """End a tick that has begun with a push without Bullet, if nothing is near; no mover is, as was just found."""
     robot: Record = robots[index]
-    fixed: Record = settings[0]
-    if robot.in_bullet or robot.movers_clearance_m <= 0.0 or not _clear(robot, fixed, segments, pushed):
+    return robot.movers_clearance_m > 0.0 and end_if_clear(robot, settings[0], segments, noise[index], pushed)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def end_if_clear(robot: Record, fixed: Record, segments: Floats, noise: Floats, pushed: Push) -> bool:
+    """End a tick that has begun with a push without Bullet, if no cylinder is near; tell whether."""
+    if robot.in_bullet or not _clear(robot, fixed, segments, pushed):
         return False
     _move(robot, fixed, pushed[2], pushed[3])
-    _measure(robot, fixed, noise, index)
+    _measure(robot, fixed, noise)
     return True
 
 
 @njit(cache=True)
-def end_free_tick(
-    robots: Records, settings: Records, index: int, segments: Floats, noise: Floats, pushed: Push
-) -> bool:
-    """End a tick that has begun with a push without Bullet, if nothing is near; tell whether."""
-    robot: Record = robots[index]
-    fixed: Record = settings[0]
-    if robot.in_bullet or not clear_of_movers(robot, fixed) or not _clear(robot, fixed, segments, pushed):
-        return False
-    _move(robot, fixed, pushed[2], pushed[3])
-    _measure(robot, fixed, noise, index)
-    return True
-
-
-@njit(cache=True)
-def without_noise(robots: Records, settings: Records, indices: Integers, ticks: int, rows: int) -> Integers:
-    """Return those of the robots `indices` whose odometry needs more than its `rows` of noise for so many ticks."""
-    fixed: Record = settings[0]
-    found, count = np.empty(len(indices), np.int64), 0
-    for index in indices:
-        robot: Record = robots[index]
-        if (robot.stamp_ns + ticks * fixed.tick_ns) // fixed.odometry_ns >= robot.noise_from + rows:
-            found[count] = index
-            count += 1
-    return found[:count]
-
-
-@njit(cache=True)
-def follow(
-    robots: Records,
-    settings: Records,
-    index: int,
-    position: Triple,
-    attitude: Quaternion,
-    velocity: Triple,
-    spin: Triple,
-    noise: Floats,
-) -> Triple:
+def follow(robots: Records, settings: Records, index: int, moved: State, noise: Floats) -> Triple:
     """Take over what Bullet made of a tick, and end it; return x, y, yaw of base_link."""
     robot: Record = robots[index]
     fixed: Record = settings[0]
+    position, attitude, velocity, spin = moved
     heading = turned(quaternion(robot.attitude), spin, fixed.tick_s)
     # Bullet does something else with a body that is deep within another, then its heading cannot be known
     robot.known = robot.known and attitude_of(basis_of(heading)) == attitude
@@ -122,48 +94,27 @@ def follow(
     fill(robot.velocity, velocity)
     fill(robot.spin, spin)
     robot.away = 0
-    _measure(robot, fixed, noise, index)
+    _measure(robot, fixed, noise[index])
     return robot.x, robot.y, robot.yaw
 
 
 @njit(cache=True)
-def keep_on(
-    robots: Records,
-    pending: Floats,
-    settings: Records,
-    index: int,
-    segments: Floats,
-    noise: Floats,
-    ticks: int,
-    moved: tuple[Triple, Quaternion, Triple, Triple],
-    awake: Bools,
-    held: bool,
-) -> tuple[int, Push, bool, bool]:
-    """Take over what Bullet made of a tick among fixed cylinders, and advance by the ticks after it, as `advance` does.
+def way_back(robots: Records, settings: Records, index: int, level: bool) -> tuple[State, Triple, State]:
+    """Return how to bring a body in Bullet, with all that Bullet stores of it, to where the robot has gone without it.
 
-    moved: position, attitude, velocity and spin after the tick; awake (m,): which cylinders are bodies in Bullet; held:
-    whether Bullet has to go on. Returns what `advance` does, the pose in the push if no ticks are left, too, and
-    whether the robot is so near to a cylinder that is a body that they may touch, and to one that has to become one.
+    level: whether Bullet has left it level and still in the tick before; else where the robot was then. Returns state
+    of the body at the start of the last tick, which makes its inertia, the torque in it, and its state afterwards.
     """
     robot: Record = robots[index]
     fixed: Record = settings[0]
-    follow(robots, settings, index, moved[0], moved[1], moved[2], moved[3], noise)
-    robot.in_bullet = held or not robot.known
-    touches = nearest_of(segments, awake, True, robot.x, robot.y, robot.yaw, fixed.extent, robot.near_m) < robot.near_m
-    left, pushed = advance(robots, pending, settings, index, segments, noise, ticks)
-    if left == 0:
-        pushed = ((robot.x, robot.y, robot.yaw), STILL, STILL, STILL)
-    within = robot.near_m
-    wakes = nearest_of(segments, awake, False, robot.x, robot.y, robot.yaw, fixed.extent, within) < within
-    return left, pushed, touches, wakes
-
-
-@njit(cache=True)
-def push(robots: Records, settings: Records, index: int, left_m_s: float, right_m_s: float) -> Push:
-    """Set the rim speeds of a robot; return how a tick begins."""
-    robot: Record = robots[index]
-    robot.left_m_s, robot.right_m_s = left_m_s, right_m_s
-    return push_on(robot, settings[0])
+    heading, velocity, spin = quaternion(robot.heading), triple(robot.velocity), triple(robot.spin)
+    before = quaternion(robot.heading_before)
+    _, torque = still_turning(
+        quaternion(robot.attitude_before), spin, heading, LEVEL if level else before, triple(fixed.inverse_inertia),
+        fixed.tick_s,
+    )  # fmt: skip
+    start = triple(robot.position_before), before, velocity, spin
+    return start, torque, (triple(robot.position), heading, velocity, spin)
 
 
 @njit(cache=True)
@@ -171,26 +122,36 @@ def place_at_rest(robots: Records, settings: Records, index: int) -> None:
     """Complete the state of a robot at rest, of which position and heading are known."""
     robot: Record = robots[index]
     fill(robot.attitude, attitude_of(basis_of(quaternion(robot.heading))))
-    _place(robot, settings[0])
+    robot.x, robot.y, robot.yaw = place(triple(robot.position), quaternion(robot.attitude), settings[0].centre)
 
 
 @njit(cache=True)
 def push_on(robot: Record, fixed: Record) -> Push:
     """Return how a tick begins for a record, of which the rim speeds are set."""
-    position = triple(robot.position)
-    force, torque = act_on_body(
-        position, quaternion(robot.attitude), triple(robot.velocity), triple(robot.spin),
-        robot.left_m_s, robot.right_m_s, robot.wheels[: fixed.contacts], fixed,
+    motion, rims, carried = begin_push(robot, fixed)
+    wheels = robot.wheels[: fixed.contacts]
+    grip = wheels[: fixed.grips]
+    sweep_friction(motion, rims, grip[:, 5:8], grip[:, 8], fixed.inverse_mass, grip[:, 3:5], grip[:, 9:])
+    force, torque = forces(carried, wheels, fixed.tick_s)
+    return (robot.x, robot.y, robot.yaw), triple(robot.position), force, torque
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def begin_push(robot: Record, fixed: Record) -> tuple[Motion, Rims, Triple]:
+    """Do as `push_on` up to the iteration for friction; return motion and rims for it, and what the loads do."""
+    wheels = robot.wheels[: fixed.contacts]
+    motion, turn, inverse, carried = stand(
+        triple(robot.position), quaternion(robot.attitude), triple(robot.velocity), triple(robot.spin), wheels, fixed
+    )
+    grip = wheels[: fixed.grips]
+    motion, rims = begin_friction(
+        motion, robot.left_m_s, robot.right_m_s, grip[:, 5:8], grip[:, 8], turn, inverse, fixed.inverse_mass,
+        grip[:, 3:5], grip[:, 9:],
     )  # fmt: skip
-    return (robot.x, robot.y, robot.yaw), position, force, torque
+    return motion, rims, carried
 
 
-@njit(cache=True)
-def _place(robot: Record, fixed: Record) -> None:
-    robot.x, robot.y, robot.yaw = place(triple(robot.position), quaternion(robot.attitude), fixed.centre)
-
-
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _move(robot: Record, fixed: Record, force: Triple, torque: Triple) -> None:
     """Move the body for a tick as Bullet does; see `barn_sim.motion.free_motion`."""
     tick, inverse_mass = fixed.tick_s, fixed.inverse_mass
@@ -212,39 +173,33 @@ def _move(robot: Record, fixed: Record, force: Triple, torque: Triple) -> None:
     robot.away += 1
 
 
-@njit(cache=True)
-def _measure(robot: Record, fixed: Record, noise: Floats, index: int) -> None:
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _measure(robot: Record, fixed: Record, noise: Floats) -> None:
     """End a tick: place the robot, turn its wheels, let its odometry know."""
-    _place(robot, fixed)
-    count_tick(robot, fixed, noise, index)
-
-
-@njit(cache=True)
-def count_tick(robot: Record, fixed: Record, noise: Floats, index: int) -> None:
-    """End a tick of a robot that is where it is then: turn its wheels, let its odometry know."""
-    integrate_wheels(robot, fixed.tick_s, robot.left_m_s, robot.right_m_s, robot.yaw)
+    robot.x, robot.y, robot.yaw = place(triple(robot.position), quaternion(robot.attitude), fixed.centre)
+    integrate_wheels(robot, fixed.tick_s)
     robot.left_rad += robot.left_m_s * fixed.per_metre
     robot.right_rad += robot.right_m_s * fixed.per_metre
     robot.stamp_ns += fixed.tick_ns
     if robot.stamp_ns % fixed.odometry_ns == 0:
-        renew_noise(robot, fixed, noise[index, robot.stamp_ns // fixed.odometry_ns - robot.noise_from])
+        renew_noise(robot, fixed, noise[robot.stamp_ns // fixed.odometry_ns - robot.noise_from])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _clear(robot: Record, fixed: Record, segments: Floats, pushed: Push) -> bool:
     """Tell whether no cylinder is near, nor can be after a tick that begins with a push.
 
     Distances are computed only once the robot may have covered the last one.
     """
     extent, covered = fixed.extent, _covered(robot, fixed, pushed[2], pushed[3])
-    if _moved(robot, extent, robot.looked_from) + covered < robot.clearance_m:
+    if _moved(robot, fixed, robot.looked_from) + covered < robot.clearance_m:
         return True
-    robot.looked_from[0], robot.looked_from[1], robot.looked_from[2] = robot.x, robot.y, robot.yaw
+    fill(robot.looked_from, (robot.x, robot.y, robot.yaw))
     robot.clearance_m = nearest_gap(segments, robot.x, robot.y, robot.yaw, extent) - robot.near_m
     return bool(covered < robot.clearance_m)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _covered(robot: Record, fixed: Record, force: Triple, torque: Triple) -> float:
     """Return more than any point of the robot covers in a free tick that begins with this push."""
     tick, centre, inverse = fixed.tick_s, fixed.centre, fixed.inverse_inertia
@@ -252,8 +207,8 @@ def _covered(robot: Record, fixed: Record, force: Triple, torque: Triple) -> flo
     y = robot.velocity[1] + force[1] * fixed.inverse_mass * tick
     twist = (abs(torque[0]) + abs(torque[1])) * max(inverse[0], inverse[1]) + abs(torque[2]) * inverse[2]
     spin = abs(robot.spin[0]) + abs(robot.spin[1]) + abs(robot.spin[2]) + twist * tick
-    reach = _reach(fixed.extent) + abs(centre[0]) + abs(centre[1]) + abs(centre[2])
-    return float(_MORE * tick * (math.hypot(x, y) + spin * reach))
+    reach = fixed.reach_m + abs(centre[0]) + abs(centre[1]) + abs(centre[2])
+    return float(_MORE * tick * (math.sqrt(x * x + y * y) + spin * reach))
 
 
 @njit(cache=True)
@@ -264,18 +219,12 @@ def clear_of_movers(robot: Record, fixed: Record) -> bool:
     if robot.stamp_ns >= robot.movers_until_ns:
         return False
     passed = 1e-9 * (robot.stamp_ns - robot.movers_looked_ns)
-    covered = _moved(robot, fixed.extent, robot.movers_looked_from) + robot.movers_speed_m_s * passed
+    covered = _moved(robot, fixed, robot.movers_looked_from) + robot.movers_speed_m_s * passed
     return bool(covered < robot.movers_clearance_m)
 
 
 @njit(cache=True)
-def _moved(robot: Record, extent: Floats, pose: Floats) -> float:
+def _moved(robot: Record, fixed: Record, pose: Floats) -> float:
     """Return how far any point of the robot may have gone since it was at a pose."""
-    turn = abs(wrap(robot.yaw - pose[2]))
-    moved = math.hypot(pose[0] - robot.x, pose[1] - robot.y)
-    return moved + turn * _reach(extent)
-
-
-@njit(cache=True)
-def _reach(extent: Floats) -> float:
-    return math.hypot(max(abs(extent[0]), abs(extent[2])), max(abs(extent[1]), abs(extent[3])))
+    x, y = pose[0] - robot.x, pose[1] - robot.y
+    return float(math.sqrt(x * x + y * y) + abs(wrap(robot.yaw - pose[2])) * fixed.reach_m)

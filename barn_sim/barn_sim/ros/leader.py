@@ -28,10 +28,6 @@ from barn_worlds.ros.topics import own_identity
 Done = tuple[bool, str]  # whether, and why not
 
 
-def _nothing() -> None:
-    """End a turn of the executor."""
-
-
 class Leader:
     """Serves the requests of a line in the executor of the node, one after the other.
 
@@ -54,8 +50,7 @@ class Leader:
         self.awaited = False
         self._name: str = node.get_name()
         self._reset, self._pause = reset, pause
-        self._line = line
-        self._executor = executor
+        self._line, self._executor = line, executor
         self._identity = own_identity(node).hex()
         node.add_on_set_parameters_callback(self._judge_change)
         threading.Thread(target=self._listen, daemon=True).start()
@@ -74,14 +69,13 @@ class Leader:
                 continue
             self.heard_ns = request["heard"]
             if self.awaited:  # a task is a turn of the executor, which takes as long as an instant's messages
-                self._executor.create_task(_nothing)
+                self._executor.create_task(lambda: None)
 
     def _serve(self, request: dict[str, Any]) -> None:
-        ok, text = self._do(request)
+        ok, text = self._do(request["do"], request)
         self._line.send(answer=request["number"], ok=ok, text=text)
 
-    def _do(self, request: dict[str, Any]) -> Done:
-        what = request["do"]
+    def _do(self, what: str, request: dict[str, Any]) -> Done:
         if what == "introduce":
             return True, self._identity
         if what == "pause":
@@ -89,13 +83,8 @@ class Leader:
         if what == "reset":
             self.heard_ns = 0
             return self._reset()
-        if what == "set_parameters":
-            return self._set(request["values"])
-        return False, f"unknown request {what!r}"
-
-    def _set(self, values: dict[str, Any]) -> Done:
         try:
-            self.config = replace_dotted(self.config, values, "parameter")
+            self.config = replace_dotted(self.config, request["values"], "parameter")
         except BarnError as error:
             return False, str(error)
         return True, ""

@@ -1,30 +1,15 @@
-"""Node that simulates a robot in a world, in lockstep with a planner or freely.
+"""Node that simulates a robot in a world, in lockstep with a planner or freely; the README has its topics and services.
 
-Publishes
-    /clock (rosgraph_msgs/Clock): simulated time, first at every instant; never runs backwards
-    odom (nav_msgs/Odometry): fused odometry, from the start pose
-    ground_truth/odom (nav_msgs/Odometry): the true pose in the map frame and the true velocity
-    scan (sensor_msgs/LaserScan): last at every instant
-    amcl_pose (geometry_msgs/PoseWithCovarianceStamped): estimated pose in the map frame
-    collision (std_msgs/Bool): contact with an obstacle since the last message
-    joint_states (sensor_msgs/JointState): the wheels
-    robot_description (std_msgs/String, latched): URDF
-    /tf, /tf_static (tf2_msgs/TFMessage): map to odom to base_link, and the fixed frames; where tf2_msgs is installed
-    /diagnostics (diagnostic_msgs/DiagnosticArray): once a second
-Subscribes
-    cmd_vel (geometry_msgs/Twist or TwistStamped)
-Services
-    ~/reset (std_srvs/Trigger): restart with the present parameters at the next whole second
-    ~/pause (std_srvs/SetBool): pause or resume time; the answer has counts and the number of connections
-    ~/step (std_srvs/Trigger): while paused, advance one control period with the last command
 Parameters: the fields of `SimulatorNodeConfig` and `RunConfig`. With `robot` set at the start, those of drive, lidar,
 odometry and friction that are not set have its values. Set later, it changes the body at the next reset, they do not.
 With a private line to an evaluator, that alone leads it (`barn_sim.ros.leader`): the services and changes of parameters
 are refused to everybody, and reported as interference.
 """
 
+import math
 import signal
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -39,13 +24,12 @@ from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import SetBool, Trigger
 
 from barn_sim.config import RunConfig, SimulatorNodeConfig, with_robot
-from barn_sim.ros.leader import Leader
-from barn_sim.ros.loops import FreeRunning, Lockstep, publish_readings, step
+from barn_sim.ros.leader import Done, Leader
 from barn_sim.ros.topics import CommandInput, Outputs, diagnosis
-from barn_sim.ros.trial import SimulatedTrial, begin, next_origin
+from barn_sim.ros.trial import SimulatedTrial, begin
 from barn_sim.simulator import warm_up
 from barn_worlds.base.errors import BarnError
-from barn_worlds.base.types import Velocity2D, nanoseconds
+from barn_worlds.base.types import NANOSECONDS, Velocity2D, nanoseconds
 from barn_worlds.messages.topics import SIMULATOR_DIAGNOSTICS
 from barn_worlds.robots.files import load_robot
 from barn_worlds.ros.parameters import check_with, current, declare, warn_of_unknown
@@ -54,16 +38,18 @@ from barn_worlds.ros.private_line import PrivateLine
 _LOOK_PERIOD_S = 0.1
 _IDLE_CLOCK_PERIOD_S = 0.2
 _AHEAD = 5  # instants that an evaluator need not have heard; publishers keep ten messages of a topic
+_LONGEST_WAIT_S = 0.05  # so that a stop of the node is noticed in time
+_LARGEST_DEBT_S = 0.5  # of wall-clock time; a machine that is further behind does not catch up
 
 
 class SimulatorNode(Node):
     """The node; raises BarnError if its parameters do not name a world.
 
-    trial: the present trial; paused: whether its time stands still; stopping: whether the node should end.
+    While it waits, the executor serves subscriptions and services, which may pause or replace the trial.
     """
 
-    def __init__(self, executor: SingleThreadedExecutor, **options: Any) -> None:
-        super().__init__("simulator", **options)
+    def __init__(self, executor: SingleThreadedExecutor) -> None:
+        super().__init__("simulator")
         self.stopping = False
         self._executor = executor
         self._config = declare(self, SimulatorNodeConfig(), read_only=True)
@@ -73,18 +59,18 @@ class SimulatorNode(Node):
         line = PrivateLine(descriptor, lambda: not self.stopping) if descriptor >= 0 else None
         warn_of_unknown(self)
         warm_up()
-        self.trial: SimulatedTrial = begin(self._defaults, self._config, next_origin(0))
-        self.paused = self._config.start_paused
-        self.outputs = Outputs(self, self._config, line)
-        self.outputs.publish(self.trial.messages.constant())
-        self._loop = Lockstep() if self._config.lockstep else FreeRunning()
+        self.trial: SimulatedTrial = begin(self._defaults, self._config)
+        self._paused = self._config.start_paused
+        self._paced: SimulatedTrial | None = None  # the trial that `_due_s` is of
+        self._due_s = 0.0
+        self._outputs = Outputs(self, self._config, line)
+        self._outputs.publish(self.trial.messages.constant())
         self._commands = CommandInput(self, self._config.command_type, self._take)
         self._leader = None
         if line is not None:
-            self._leader = Leader(self, self._defaults, line, executor, reset=self.reset, pause=self.pause)
-        self.create_service(Trigger, "~/reset", partial(self._answer, "reset", lambda _: self.reset()))
-        self.create_service(SetBool, "~/pause", partial(self._answer, "pause", lambda asked: self.pause(asked.data)))
-        self.create_service(Trigger, "~/step", partial(self._answer, "step", lambda _: self.step()))
+            self._leader = Leader(self, self._defaults, line, executor, reset=self._reset, pause=self._pause)
+        self.create_service(Trigger, "~/reset", partial(self._answer, "reset", lambda _: self._reset()))
+        self.create_service(SetBool, "~/pause", partial(self._answer, "pause", lambda asked: self._pause(asked.data)))
         wall = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_LOOK_PERIOD_S, self._commands.look, clock=wall)
         self.create_timer(SIMULATOR_DIAGNOSTICS.period_s, self._report, clock=wall)
@@ -93,76 +79,104 @@ class SimulatorNode(Node):
 
     def run(self) -> None:
         """Simulate until the node should stop."""
+        turn = self._advance_in_lockstep if self._config.lockstep else self._advance_freely
         while not self.stopping:
-            self._loop.turn(self)
+            turn()
 
-    def ahead(self) -> bool:
+    def _advance_in_lockstep(self) -> None:
+        """Publish the readings of an instant, wait for one command, advance one control period."""
+        trial = self.trial
+        # an evaluator that cannot keep up is waited for: publishers keep few messages, and what they drop no bag has
+        if self._paused or (not trial.published and self._is_ahead()):
+            self._serve(_LONGEST_WAIT_S)
+            return
+        if not trial.published:
+            trial.answer = None
+            self._outputs.publish(trial.readings())
+        deadline = time.monotonic() + trial.config.command_wait_s
+        while trial.answer is None:
+            remaining = deadline - time.monotonic()
+            if remaining <= 0.0:
+                trial.missed += 1
+                break
+            self._serve(min(remaining, _LONGEST_WAIT_S))
+            if self._paused or self.stopping or self.trial is not trial:
+                return
+        command, trial.answer = trial.answer, None
+        trial.simulator.step(command)
+        trial.published = False
+
+    def _is_ahead(self) -> bool:
         """Tell whether the evaluator, if one leads the node, has yet to hear as much as may be on its way to it."""
         if self._leader is None:
             return False
         trial, leader = self.trial, self._leader
         leader.awaited = True  # first, so that nothing is heard unnoticed between looking and waiting
         heard_ns = leader.heard_ns
-        leader.awaited = heard_ns is not None and (
-            trial.now_ns - max(heard_ns, trial.origin_ns) >= _AHEAD * nanoseconds(trial.config.control_period_s)
-        )
+        ahead_ns = trial.now_ns - max(heard_ns, trial.origin_ns) if heard_ns is not None else 0
+        leader.awaited = ahead_ns >= _AHEAD * nanoseconds(trial.config.control_period_s)
         return leader.awaited
 
-    def serve(self, timeout_s: float) -> None:
-        """Run one callback, waiting for it no longer than given."""
+    def _advance_freely(self) -> None:
+        """Advance to the next reading, publish what is due then, and wait for the wall clock."""
+        trial, config = self.trial, self.trial.config
+        if self._paused:
+            self._paced = None
+            self._serve(_LONGEST_WAIT_S)
+            return
+        if trial is not self._paced:
+            self._paced, self._due_s = trial, time.monotonic()
+        if not trial.published:
+            self._outputs.publish(trial.due_readings())
+        ticks = math.gcd(config.ticks(1.0 / config.odometry.rate_hz), config.ticks(1.0 / config.lidar.rate_hz))
+        if trial.answer is not None:
+            trial.simulator.command(trial.answer)
+            trial.answer = None
+        trial.simulator.advance(ticks)
+        self._outputs.publish(trial.due_readings())
+        now_s, factor = time.monotonic(), config.real_time_factor
+        lasts_s = ticks * config.tick_ns / NANOSECONDS
+        self._due_s = now_s if factor == 0.0 else max(self._due_s + lasts_s / factor, now_s - _LARGEST_DEBT_S)
+        self._serve(0.0)
+        while not self.stopping and self.trial is trial and (left_s := self._due_s - time.monotonic()) > 0.0:
+            self._serve(min(left_s, _LONGEST_WAIT_S))
+
+    def _serve(self, timeout_s: float) -> None:
         self._executor.spin_once(timeout_sec=timeout_s)
 
     def _describe(self) -> str:
-        trial = self.trial
-        factor = trial.config.real_time_factor
+        config, factor = self.trial.config, self.trial.config.real_time_factor
         pace = f"{factor:g} x real time" if factor else "as fast as possible"
-        mode = "lockstep" if self._config.lockstep else pace
-        paused = ", paused" if self.paused else ""
-        return f"world {trial.world_name} of {trial.config.dataset}, seed {trial.config.seed}, {mode}{paused}"
+        mode = ("lockstep" if self._config.lockstep else pace) + (", paused" if self._paused else "")
+        return f"world {self.trial.world_name} of {config.dataset}, seed {config.seed}, {mode}"
 
     def _take(self, velocity: Velocity2D) -> None:
-        if self.trial.is_first_invalid(velocity):
+        if not velocity.is_finite() and not self.trial.simulator.invalid_commands:
             self.get_logger().error(f"cmd_vel: not a number: {velocity}; the robot stops")
         self.trial.take(velocity)
 
-    def reset(self) -> tuple[bool, str]:
-        """Begin a new trial with the present parameters; return whether there is one, and what became of the last."""
+    def _reset(self) -> Done:
         before = self.trial
         try:
             config = self._leader.config if self._leader is not None else current(self, self._defaults)
-            trial = begin(config, self._config, next_origin(before.now_ns))
+            trial = begin(config, self._config, before.now_ns)
         except BarnError as error:
             self.get_logger().error(f"reset: {error}")
             return False, str(error)
         self.trial = trial
-        before.close()
-        self.outputs.publish([*trial.messages.constant(), trial.messages.clock(trial.now_ns)])
-        self._commands.begin_trial()
+        before.simulator.close()
+        self._outputs.publish([*trial.messages.constant(), trial.messages.clock(trial.now_ns)])
+        self._commands.look()
         return True, f"{self._describe()}; before: {before.summary()}"
 
-    def pause(self, on: bool) -> tuple[bool, str]:
-        """Stop or resume time; return True, counts and the number of connections."""
-        self.paused = on
+    def _pause(self, on: bool) -> Done:
+        self._paused = on
         self._commands.look()
-        connected = (
-            f"{self.outputs.scan_subscriptions()} scan subscriptions, {self._commands.publishers()} command publishers"
-        )
+        scans, publishers = self._outputs.scan_subscriptions(), self._commands.publishers()
+        connected = f"{scans} scan subscriptions, {publishers} command publishers"
         return True, f"{self.trial.summary()}; connected: {connected}"
 
-    def step(self) -> tuple[bool, str]:
-        """Advance one control period with the last command; return whether that was possible, and counts."""
-        trial = self.trial
-        if not self.paused:
-            return False, "not paused"
-        if not trial.published:
-            publish_readings(trial, self.outputs)
-        trial.answer = trial.last
-        step(trial)
-        publish_readings(trial, self.outputs)
-        return True, trial.summary()
-
-    def _answer(self, name: str, serve: Callable[[Any], tuple[bool, str]], request: Any, response: Any) -> Any:
-        """Answer a call of a service."""
+    def _answer(self, name: str, serve: Callable[[Any], Done], request: object, response: Any) -> Any:
         if self._leader is not None:
             response.success, response.message = False, self._leader.refuse(f"called {self.get_name()}/{name}")
         else:
@@ -171,15 +185,13 @@ class SimulatorNode(Node):
 
     def _repeat_clock(self) -> None:
         """Repeat time and transforms while paused, for nodes that start late or wait for them."""
-        if self.paused:
+        if self._paused:
             messages, now_ns = self.trial.messages, self.trial.now_ns
-            self.outputs.publish([messages.clock(now_ns), messages.last_transforms(now_ns)])
+            self._outputs.publish([messages.clock(now_ns), messages.last_transforms(now_ns)])
 
     def _report(self) -> None:
-        factor = self._loop.achieved_factor if isinstance(self._loop, FreeRunning) else None
-        state = "paused" if self.paused else "running"
-        discreet = self._leader is not None
-        self.outputs.publish([diagnosis(self.trial, self._commands, state, factor, discreet=discreet)])
+        state = "paused" if self._paused else "running"
+        self._outputs.publish([diagnosis(self.trial, self._commands, state, discreet=self._leader is not None)])
 
 
 def _of_robot(node: Node) -> RunConfig:
@@ -216,7 +228,7 @@ def main(args: list[str] | None = None) -> int:
         return 1
     finally:
         if node is not None:
-            node.trial.close()
+            node.trial.simulator.close()
             node.destroy_node()
         rclpy.try_shutdown()
     return 0

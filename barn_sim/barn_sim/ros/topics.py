@@ -1,6 +1,5 @@
 """The topics of the simulator node: the commands that it takes, and what it publishes, its status included."""
 
-import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
@@ -20,91 +19,62 @@ from barn_worlds.ros.topics import optional_publisher, publisher, subscribe
 
 _COMMANDS = {"twist": CMD_VEL, "twist_stamped": CMD_VEL_STAMPED}
 _KINDS = {topic.type_name: kind for kind, topic in _COMMANDS.items()}
-_PUBLISHED = (
-    topics.CLOCK,
-    topics.ODOM,
-    topics.GROUND_TRUTH,
-    topics.AMCL_POSE,
-    topics.COLLISION,
-    topics.JOINT_STATES,
-    topics.ROBOT_DESCRIPTION,
-    topics.SIMULATOR_DIAGNOSTICS,
-    topics.TF,
-    topics.TF_STATIC,
-)
 # What a trial is judged by: goes over the private line, if there is one, and before it is published.
-_JUDGED = {topic.name for topic in (topics.CLOCK, topics.ODOM, topics.GROUND_TRUTH, topics.COLLISION)}
+_JUDGED = (topics.CLOCK, topics.ODOM, topics.GROUND_TRUTH, topics.COLLISION)
+_JUDGED_NAMES = {topic.name for topic in _JUDGED}
+_OTHERS = (topics.AMCL_POSE, topics.JOINT_STATES, topics.ROBOT_DESCRIPTION, SIMULATOR_DIAGNOSTICS)
+_PUBLISHED = (*_JUDGED, *_OTHERS, topics.TF, topics.TF_STATIC)
 _TRUE = (topics.GROUND_TRUTH, topics.COLLISION)
 _FAULTS = ("missed_commands", "invalid_commands")
 
 
 class CommandInput:
-    """Subscribes to cmd_vel as Twist or TwistStamped.
-
-    `kind` is the type subscribed to, "twist" or "twist_stamped"; `complaint` says what is wrong with the publishers
-    on the topic, or is empty.
-    """
+    """Subscribes to cmd_vel by `kind`, "twist" or "twist_stamped"; `complaint`: what is wrong with its publishers."""
 
     def __init__(self, node: Node, wanted: str, take: Callable[[Velocity2D], None]) -> None:
         self.complaint = ""
         self.kind = "twist" if wanted == "auto" else wanted
-        self._node = node
+        self._node, self._take = node, take
         self._fixed = wanted != "auto"
-        self._take = take
         self._topic = node.resolve_topic_name(CMD_VEL.name)
-        self._subscription: Subscription | None = None
-        self._complained = False
         self._reliable = True
-        self._subscribe()
+        self._subscription = self._subscribe()
 
-    def _subscribe(self) -> None:
-        if self._subscription is not None:
-            self._node.destroy_subscription(self._subscription)
+    def _subscribe(self) -> Subscription:
         topic = _COMMANDS[self.kind]
         read = partial(decode.command, type_name=topic.type_name)
         qos = topic.qos if self._reliable else replace(topic.qos, reliability="best_effort")
-        self._subscription = subscribe(self._node, topic, read, self._take, qos)
+        return subscribe(self._node, topic, read, self._take, qos)
 
     def publishers(self) -> int:
         """Return the number of publishers of commands."""
-        return 0 if self._subscription is None else int(self._subscription.get_publisher_count())
-
-    def begin_trial(self) -> None:
-        """Allow one complaint in the new trial."""
-        self._complained = False
-        self.look()
+        return int(self._subscription.get_publisher_count())
 
     def look(self) -> None:
-        """Check the publishers on the topic: adopt their type and reliability, or complain, once per trial."""
+        """Check the publishers on the topic: adopt their type and reliability, or complain."""
         publishers = self._node.get_publishers_info_by_topic(self._topic)
-        types = sorted({info.topic_type for info in publishers})
-        kinds = [_KINDS[name] for name in types if name in _KINDS]
+        kinds = sorted(_KINDS[info.topic_type] for info in publishers if info.topic_type in _KINDS)
         kind = kinds[0] if not self._fixed and kinds and self.kind not in kinds else self.kind
         # a reliable subscription does not receive from a best-effort publisher
         guaranteed = all(info.qos_profile.reliability is not ReliabilityPolicy.BEST_EFFORT for info in publishers)
+        name = _COMMANDS[kind].type_name
         if publishers and (kind, guaranteed) != (self.kind, self._reliable):
             self.kind, self._reliable = kind, guaranteed
-            self._subscribe()
+            self._node.destroy_subscription(self._subscription)
+            self._subscription = self._subscribe()
             delivery = "reliably" if guaranteed else "best-effort"
-            name = _COMMANDS[kind].type_name.rpartition("/")[2]
-            self._node.get_logger().info(f"{self._topic}: commands come {delivery} as {name}")
-        wrong = [
-            f"{info.topic_type} of {info.node_name}" for info in publishers if _KINDS.get(info.topic_type) != self.kind
-        ]
-        self.complaint = ""
-        if wrong:
-            expected = _COMMANDS[self.kind].type_name
-            self.complaint = f"{self._topic}: not heard: {', '.join(sorted(wrong))}; this run expects {expected}"
-            if not self._complained:
-                self._complained = True
-                self._node.get_logger().error(self.complaint)
+            self._node.get_logger().info(f"{self._topic}: commands come {delivery} as {name.rpartition('/')[2]}")
+        wrong = sorted(f"{info.topic_type} of {info.node_name}" for info in publishers if info.topic_type != name)
+        complaint = f"{self._topic}: not heard: {', '.join(wrong)}; this run expects {name}" if wrong else ""
+        if complaint and complaint != self.complaint:
+            self._node.get_logger().error(complaint)
+        self.complaint = complaint
 
 
 class Outputs:
-    """Publish messages on the topics of the simulator; transforms only where their type is installed.
+    """Publishes messages; transforms only where their type is installed, the truth only where it is asked for.
 
-    What a trial is judged by also goes over the private line, if there is one. The truth is published only where the
-    configuration says so.
+    What a trial is judged by also goes over the private line, if there is one.
     """
 
     def __init__(self, node: Node, config: SimulatorNodeConfig, line: PrivateLine | None = None) -> None:
@@ -121,10 +91,9 @@ class Outputs:
     def publish(self, messages: Iterable[Outgoing]) -> None:
         """Publish messages, in their order."""
         for topic, data in messages:
-            if self._line is not None and topic.name in _JUDGED:
+            if self._line is not None and topic.name in _JUDGED_NAMES:
                 self._line.publish(topic.name, data)
-            sender = self._publishers.get(topic.name)
-            if sender is not None:
+            if (sender := self._publishers.get(topic.name)) is not None:
                 sender.publish(data)
 
     def scan_subscriptions(self) -> int:
@@ -132,30 +101,15 @@ class Outputs:
         return self._scan.get_subscription_count()
 
 
-def diagnosis(
-    trial: SimulatedTrial, commands: CommandInput, state: str, real_time_factor: float | None, *, discreet: bool = False
-) -> Outgoing:
-    """Return the report: an error if commands are not heard, a warning if some were missed or were not numbers.
-
-    real_time_factor: achieved; None in lockstep, NaN while it is not known. discreet: without what would tell a planner
-    under test which world it is in.
-    """
+def diagnosis(trial: SimulatedTrial, commands: CommandInput, state: str, *, discreet: bool = False) -> Outgoing:
+    """Return the report; discreet: without what would tell a planner under test which world it is in."""
     counts = trial.counts()
     faults = [f"{counts[key]} {key.replace('_', ' ')}" for key in _FAULTS if counts[key]]
-    level = WARNING if faults else FINE
-    if commands.complaint:
-        level = ERROR
-        faults.insert(0, commands.complaint)
-    values: dict[str, object] = {
-        "state": state,
-        **({} if discreet else {"world": trial.world_name, "seed": trial.config.seed}),
-        "simulated_s": f"{seconds(trial.simulator.stamp_ns):.3f}",
-        "command_type": commands.kind,
-        **counts,
-    }
-    if real_time_factor is not None and not math.isnan(real_time_factor):
-        values["real_time_factor"] = f"{real_time_factor:.3f}"
-    texts = {key: str(value) for key, value in values.items()}
-    message = "; ".join(faults) or state
+    level = ERROR if commands.complaint else WARNING if faults else FINE
+    texts = {"state": state}
+    texts |= {} if discreet else {"world": trial.world_name, "seed": str(trial.config.seed)}
+    texts |= {"simulated_s": f"{seconds(trial.simulator.stamp_ns):.3f}", "command_type": commands.kind}
+    texts |= {key: str(value) for key, value in counts.items()}
+    message = "; ".join(filter(None, (commands.complaint, *faults))) or state
     data = encode_diagnostics(trial.now_ns, level, "simulator", message, texts, hardware_id="simulated jackal")
     return Outgoing(SIMULATOR_DIAGNOSTICS, data)

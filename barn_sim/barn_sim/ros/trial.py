@@ -1,11 +1,13 @@
-"""One trial of the simulator node: a simulator, the start of its time, and counters."""
+"""One trial of the simulator node: a simulator, the start of its time, its messages and counters."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from barn_sim.config import RunConfig, SimulatorNodeConfig
 from barn_sim.messages import SimulatorMessages
 from barn_sim.simulator import Simulator
-from barn_worlds.base.types import NANOSECONDS, Velocity2D
+from barn_worlds.base.types import NANOSECONDS, Velocity2D, nanoseconds
+from barn_worlds.messages.topics import Outgoing
 from barn_worlds.worlds.dataset import open_dataset
 
 
@@ -13,8 +15,8 @@ from barn_worlds.worlds.dataset import open_dataset
 class SimulatedTrial:
     """A simulator whose time 0 is `origin_ns` of the clock, and its messages.
 
-    answer: the command for the last published instant; last: the latest command, for single steps; missed: how often
-    lockstep got no command in time; extra: commands that arrived when none was expected.
+    published: whether the readings of this instant are. answer: the command for them; missed: how often lockstep got
+    none in time; extra: commands that arrived when none was expected.
     """
 
     config: RunConfig
@@ -24,28 +26,46 @@ class SimulatedTrial:
     world_name: str
     published: bool = False
     answer: Velocity2D | None = None
-    last: Velocity2D | None = None
     commands: int = 0
     missed: int = 0
     extra: int = 0
-    _invalid_seen: bool = False
 
     @property
     def now_ns(self) -> int:
         """The time on the clock."""
         return self.origin_ns + self.simulator.stamp_ns
 
-    def is_first_invalid(self, velocity: Velocity2D) -> bool:
-        """Tell whether a command is the first of the trial that is not finite."""
-        first = not velocity.is_finite() and not self._invalid_seen
-        self._invalid_seen = self._invalid_seen or first
-        return first
-
     def take(self, velocity: Velocity2D) -> None:
         """Store a command for the next step; an extra one replaces the one before."""
         self.commands += 1
         self.extra += self.answer is not None
-        self.answer = self.last = velocity
+        self.answer = velocity
+
+    def readings(self) -> Iterator[Outgoing]:
+        """Yield all readings of this instant, the scan last."""
+        self.published = True
+        return self.messages.sensors(self.simulator.sense(), self.now_ns)
+
+    def due_readings(self) -> Iterator[Outgoing]:
+        """Yield the time and those readings whose period ends now."""
+        self.published = True
+        simulator, messages, now_ns = self.simulator, self.messages, self.now_ns
+        scanned = self._ends(self.config.lidar.rate_hz)
+        odometry = simulator.read_odometry()
+        yield messages.clock(now_ns)
+        if scanned:
+            yield messages.localisation(simulator.read_localisation(odometry.pose), odometry.pose, now_ns)
+        if self._ends(self.config.odometry.rate_hz):
+            yield messages.odometry(odometry, now_ns)
+            yield messages.truth(simulator.read_truth(), now_ns)
+            yield messages.transforms(odometry.pose, now_ns)
+            yield messages.collision(simulator.read_collision())
+            yield messages.joints(simulator.read_joints(), now_ns)
+        if scanned:
+            yield messages.scan(simulator.read_scan(), now_ns)
+
+    def _ends(self, rate_hz: float) -> bool:
+        return self.simulator.stamp_ns % nanoseconds(1.0 / rate_hz) == 0
 
     def counts(self) -> dict[str, int]:
         """Return the counters by name."""
@@ -61,21 +81,12 @@ class SimulatedTrial:
         counts = ", ".join(f"{number} {name.replace('_', ' ')}" for name, number in self.counts().items())
         return f"{self.simulator.stamp_ns / NANOSECONDS:.2f} s simulated, {counts}"
 
-    def close(self) -> None:
-        """Release the simulator."""
-        self.simulator.close()
 
-
-def begin(config: RunConfig, node: SimulatorNodeConfig, origin_ns: int) -> SimulatedTrial:
-    """Return a new trial; BarnError if its world or its robot cannot be read."""
+def begin(config: RunConfig, node: SimulatorNodeConfig, before_ns: int = 0) -> SimulatedTrial:
+    """Return a new trial from the next whole second on; BarnError if its world or its robot cannot be read."""
     config = config.with_chassis()
     world = open_dataset(config.dataset).load(config.world)
     simulator = Simulator(world, config, config.start, config.seed)
     scan_period_s = config.control_period_s if node.lockstep else 1.0 / config.lidar.rate_hz
     messages = SimulatorMessages(config, node.frames, scan_period_s, config.start)
-    return SimulatedTrial(config, simulator, messages, origin_ns, world.name)
-
-
-def next_origin(now_ns: int) -> int:
-    """Return the next whole second."""
-    return (now_ns // NANOSECONDS + 1) * NANOSECONDS
+    return SimulatedTrial(config, simulator, messages, (before_ns // NANOSECONDS + 1) * NANOSECONDS, world.name)

@@ -15,7 +15,7 @@ from numba import njit
 
 from barn_sim.config import LidarConfig
 from barn_sim.motion.state import Record, Records
-from barn_sim.sensors.estimates import wrap
+from barn_sim.sensors.odometry import wrap
 from barn_worlds.base.arrays import Integers
 from barn_worlds.base.types import Pose2D, Scan
 from barn_worlds.geometry.kernels import enters
@@ -94,7 +94,7 @@ def _directions(angle_min: float, increment: float, beams: int) -> Array:
     return np.stack([np.cos(angles), np.sin(angles)], axis=1)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def scan_all(
     robots: Records,
     indices: Integers,

@@ -10,11 +10,11 @@ nodes and the tables of the documentation::
 """
 
 import dataclasses
-import math
+import sys
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field
 from enum import Enum
-from functools import cache
+from functools import cache, partial
 from operator import attrgetter
 from typing import Any, TypeVar, cast
 
@@ -85,18 +85,7 @@ def quantity(
     return field(default=default, metadata={_QUANTITY: about})
 
 
-def required(
-    description: str,
-    unit: str = "",
-    *,
-    minimum: float | None = None,
-    maximum: float | None = None,
-    choices: tuple[str, ...] = (),
-) -> Any:
-    """Declare a field of a `Checked` dataclass that has no default; see `Quantity`."""
-    return field(metadata={_QUANTITY: Quantity(description, unit, minimum, maximum, choices)})
-
-
+required: Callable[..., Any] = partial(quantity, MISSING)  # as `quantity`, for a field that has no default
 OPTIONAL = {_QUANTITY: Quantity("", optional=True)}  # metadata of an optional field of any dataclass
 
 
@@ -203,7 +192,7 @@ def replace_dotted(config: T, changes: Mapping[str, Any], where: str) -> T:
     """
     merged = cast(dict[str, Any], cattrs.unstructure(config))
     known = dict(_dotted(merged))
-    for name, value in _flat(config, changes):
+    for name, value in _flat(known, changes):
         if name not in known:
             raise ConfigError(f"{where}: unknown parameter {shown(name)}{suggest(name, known)}")
         parents, _, last = name.rpartition(".")
@@ -219,12 +208,12 @@ def _dotted(mapping: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str,
             yield from _dotted(value, f"{prefix}{name}.")
 
 
-def _flat(config: object, changes: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+def _flat(known: Mapping[str, Any], changes: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Yield changes by dotted name; a mapping for a nested configuration yields one per key."""
     for name, value in changes.items():
-        inner = getattr(config, str(name), None)
-        if dataclasses.is_dataclass(inner) and isinstance(value, Mapping):
-            yield from _flat(inner, value, f"{prefix}{name}.")
+        nested = known.get(f"{prefix}{name}")  # empty where it is a mapping of whatever its user puts there
+        if nested and isinstance(nested, dict) and isinstance(value, Mapping):
+            yield from _flat(known, value, f"{prefix}{name}.")
         else:
             yield f"{prefix}{name}", value
 
@@ -264,22 +253,15 @@ def _first_cause(error: BaseException, path: str = "") -> str:
 
 def _check(name: str, about: Quantity, value: object) -> None:
     plain = value.value if isinstance(value, Enum) else value
-    numbers = plain if isinstance(plain, tuple) else (plain,)
-    for number in numbers:
+    for number in plain if isinstance(plain, tuple) else (plain,):
         if about.choices and number not in about.choices:
-            raise ConfigError(f"{name} must be {about.allowed()}, got {shown(number)}{_near(number, about.choices)}")
+            hint = suggest(number, about.choices)
+            near = hint if "did you mean" in hint else ""
+            raise ConfigError(f"{name} must be {about.allowed()}, got {shown(number)}{near}")
         if isinstance(number, bool) or not isinstance(number, (int, float)):
             continue
-        low = -_LARGEST_INTEGER if about.minimum is None else about.minimum
-        high = _LARGEST_INTEGER if about.maximum is None else about.maximum
-        if isinstance(number, float):  # without a limit any finite number will do
-            low = -math.inf if about.minimum is None else low
-            high = math.inf if about.maximum is None else high
-        if not low <= number <= high or (isinstance(number, float) and not math.isfinite(number)):
-            kind = "finite" if isinstance(number, float) else "of 64 bits"
+        kind, most = ("finite", sys.float_info.max) if isinstance(number, float) else ("of 64 bits", _LARGEST_INTEGER)
+        low = -most if about.minimum is None else about.minimum
+        high = most if about.maximum is None else about.maximum
+        if not low <= number <= high:
             raise ConfigError(f"{name} must be {about.allowed() or kind}, got {shown(number)}")
-
-
-def _near(value: object, choices: tuple[str, ...]) -> str:
-    hint = suggest(value, choices)
-    return hint if "did you mean" in hint else ""

@@ -13,7 +13,6 @@ from barn_worlds.robots.robot import Robot
 
 _BEYOND = 0.35  # of the longer side, that is drawn around the robot
 _SEEN = 0.6  # of the longer side, to which the field of view is drawn
-_ROUND_MARKS = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01)
 
 
 def robot_figure(robot: Robot) -> Figure:
@@ -31,7 +30,6 @@ def robot_figure(robot: Robot) -> Figure:
     axes.set(xlim=(left - around, right + around), ylim=(low - around, high + around), aspect="equal")
     axes.set(xlabel="x, forward [m]", ylabel="y, left [m]")
     axes.set_title(f"{robot.name}: {robot.length_m:.3f} x {robot.width_m:.3f} m, {robot.chassis.mass_kg:.3g} kg")
-    _draw_scale(axes, (left - 0.8 * around, low - 0.7 * around), max(robot.length_m, robot.width_m))
     figure.legend(loc="outside lower center", ncols=3, fontsize="small")
     return figure
 
@@ -59,11 +57,3 @@ def _draw_lidar(axes: Axes, robot: Robot) -> None:
     name = f"lidar, {last - first:.0f}°, {lidar.range_max_m:g} m"
     axes.add_patch(Wedge(place, reach, first, last, facecolor=INFLATED, edgecolor=SCAN, zorder=1))
     axes.plot(*place, marker="o", color=SCAN, linestyle="", zorder=4, label=name)
-
-
-def _draw_scale(axes: Axes, place: tuple[float, float], size_m: float) -> None:
-    """Draw a bar of a round length, at most a third of the robot's."""
-    length = next((mark for mark in _ROUND_MARKS if mark <= size_m / 3.0), _ROUND_MARKS[-1])
-    x, y = place
-    axes.plot([x, x + length], [y, y], color=OBSTACLE, linewidth=3, solid_capstyle="butt")
-    axes.annotate(f"{length:g} m", (x, y), (0, 4), textcoords="offset points", fontsize="small")

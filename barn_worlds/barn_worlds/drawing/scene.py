@@ -50,8 +50,8 @@ def draw_scene(axes: Axes, scene: TrialScene, *, faint: bool = False) -> None:
     faint: all but start and goal in one light colour, for maps on which trajectories are what counts.
     """
     draw_bodies(axes, scene.boxes)
-    discs(axes, scene.walls.centres_m, scene.walls.radius_m, facecolor=FAINT if faint else WALL)
-    discs(axes, scene.obstacles.centres_m, scene.obstacles.radius_m, facecolor=FAINT if faint else OBSTACLE)
+    discs(axes, scene.walls_m, scene.radius_m, facecolor=FAINT if faint else WALL)
+    discs(axes, scene.obstacles_m, scene.radius_m, facecolor=FAINT if faint else OBSTACLE)
     look: dict[str, Any] = {"color": FAINT, "linestyle": "--", "linewidth": 1.4}
     axes.plot(*scene.path_m.T, **look if faint else {"color": WALL, "linestyle": ":", "linewidth": 1.0})
     above: dict[str, Any] = {"zorder": 6} if faint else {}

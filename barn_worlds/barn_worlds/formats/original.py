@@ -12,8 +12,8 @@ from barn_worlds.base.files import new_folder, write_bytes
 from barn_worlds.formats import gazebo, map_server
 from barn_worlds.formats.npz import read_npy, to_npy
 from barn_worlds.formats.single import STANDARD_RESOLUTION_M, planned
+from barn_worlds.robots.files import STANDARD
 from barn_worlds.robots.robot import Robot
-from barn_worlds.robots.standard import STANDARD
 from barn_worlds.worlds.cspace import configuration_space
 from barn_worlds.worlds.world import Provenance, World, checked_grid
 

@@ -7,8 +7,8 @@ from barn_worlds.base.arrays import BoolGrid, Cells
 from barn_worlds.base.errors import WorldError
 from barn_worlds.formats import gazebo, map_server, world_yaml
 from barn_worlds.formats.npz import read_npy
+from barn_worlds.robots.files import STANDARD
 from barn_worlds.robots.robot import Robot
-from barn_worlds.robots.standard import STANDARD
 from barn_worlds.worlds.cspace import configuration_space
 from barn_worlds.worlds.path_planner import plan_through
 from barn_worlds.worlds.world import Provenance, World, checked_grid

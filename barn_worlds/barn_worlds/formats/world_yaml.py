@@ -1,10 +1,9 @@
 """One world as YAML that people read and write: cells, path, walls and moving obstacles."""
 
 import json
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
@@ -80,29 +79,13 @@ def write_world_yaml(world: World, path: Path) -> None:
 
 def world_yaml(world: World) -> str:
     """Return a world as YAML. Provenance is not in it."""
-    letters = np.where(world.grid, _FILLED, _FREE)
-    content: dict[str, Any] = {
-        "schema_version": SCHEMA_VERSION,
-        "name": world.name,
-        "cell_m": world.resolution_m,
-        "footprint_cells": world.footprint_cells,
-        "cells": [world.rows, world.cols],
-        "path": _turns(world.path),
-    }
-    if world.corner_m is not None:
-        content["corner_m"] = list(world.corner_m)
-    if world.grid.any():
-        content["grid"] = ["".join(row) for row in letters.tolist()]
-    content["walls"] = [_plain(wall) for wall in world.walls]
-    content["moving"] = [_plain(one) for one in world.moving]
-    plain = json.loads(json.dumps(content))  # lists for tuples, nothing twice: the reader refuses aliases
-    return yaml.safe_dump(plain, sort_keys=False, default_flow_style=None, width=120)
-
-
-def _plain(item: Wall | MovingObstacle) -> dict[str, Any]:
-    """Return what differs from its default as plain data."""
-    usual = {one.name: one.default for one in fields(item)}
-    return {key: value for key, value in as_dict(item).items() if key in ("name", "shape") or value != usual[key]}
+    grid = tuple("".join(row) for row in np.where(world.grid, _FILLED, _FREE).tolist()) if world.grid.any() else ()
+    path = tuple((row, column) for row, column in _turns(world.path))
+    size = world.resolution_m, world.footprint_cells, (world.rows, world.cols)
+    told = WorldFile(world.name, *size, path, grid, world.corner_m, world.walls, world.moving)
+    plain = json.loads(json.dumps(as_dict(told)))  # lists for tuples, nothing twice: the reader refuses aliases
+    content = {"schema_version": SCHEMA_VERSION, **plain}
+    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)
 
 
 def _path(corners: tuple[tuple[int, int], ...], shape: tuple[int, ...]) -> Cells:

@@ -39,6 +39,16 @@ class Bodies(NamedTuple):
             found.append((radius * circle if radius else (_CORNERS * size) @ turned) + (x, y))
         return found
 
+    def shapes(self) -> Floats:
+        """Return them as the shapes (n, 7) of `geometry.kernels`."""
+        return shape_rows(self.poses[:, :2], self.radius_m, self.size_m, self.poses[:, 2])
+
+
+def shape_rows(centres: Points, radius_m: Floats, size_m: Points, yaw_rad: Floats) -> Floats:
+    """Return shapes (n, 7) of centres (n, 2), radii (n,) of cylinders, sizes (n, 2) of boxes and headings (n,)."""
+    sides = np.column_stack([np.cos(yaw_rad), np.sin(yaw_rad)])
+    return np.column_stack([centres, radius_m, 0.5 * size_m, sides])
+
 
 def moving_bodies(tracks: Tracks, time_s: float) -> Bodies:
     """Return moving obstacles where they are at a time."""

@@ -1,7 +1,6 @@
 """A robot's body seen from above: a rectangle, a disc or a convex polygon, with its distances and times to contact."""
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from functools import cache
 
@@ -16,34 +15,40 @@ from barn_worlds.geometry.kernels import (
     times_to_polygon,
     times_to_rectangle,
 )
+from barn_worlds.robots.files import STANDARD
 from barn_worlds.robots.robot import Chassis
-from barn_worlds.robots.standard import STANDARD
 
 
-class Footprint(ABC):
-    """A convex outline in base_link, in metres.
+class Footprint:
+    """A convex outline in base_link, in metres: a polygon, or a disc about base_link.
 
-    corners_m: (k, 2), counter-clockwise; of a disc, a polygon around it to be drawn. extent_m: x_min, y_min, x_max,
-    y_max. radius_m: of a disc about base_link, 0 for anything else.
+    corners_m: (k, 2), counter-clockwise; of a disc, a polygon around it to be drawn. radius_m: of a disc, else 0.
+    extent_m: x_min, y_min, x_max, y_max.
     """
 
-    def __init__(self, corners_m: Floats, extent_m: Floats, radius_m: float = 0.0) -> None:
-        self.corners_m, self.extent_m, self.radius_m = corners_m, extent_m, radius_m
+    def __init__(self, corners_m: Floats, radius_m: float = 0.0) -> None:
+        self.corners_m, self.radius_m = corners_m, radius_m
+        self._core = np.zeros((1, 2)) if radius_m else corners_m
+        self.extent_m = np.concatenate([self._core.min(axis=0) - radius_m, self._core.max(axis=0) + radius_m])
 
     def plain(self) -> dict[str, object]:
         """Return what a page draws it by: corners, radius, and how far its front is ahead of base_link."""
         front_m = float(self.extent_m[2])
         return {"corners": self.corners_m.tolist(), "radius": self.radius_m, "front": front_m}
 
-    @abstractmethod
     def distances(self, x: Floats, y: Floats) -> Floats:
         """Return the distances in m of points in base_link from the outline; below zero inside, minus the depth."""
+        if self.radius_m:
+            return np.hypot(x, y) - self.radius_m
+        found = np.empty(np.shape(x))
+        polygon_gaps(x.ravel(), y.ravel(), self._core, found.reshape(-1))
+        return found
 
-    @abstractmethod
     def gaps(self, shapes: Floats, x: float, y: float, yaw: float) -> Floats:
-        """Return the distances (n,) in m from the robot at a pose to shapes (n, 7) of `geometry.shapes`, 0 inside."""
+        """Return the distances (n,) in m from the robot at a pose to shapes (n, 7) of `geometry.kernels`, 0 inside."""
+        found: Floats = gaps_to_polygon(shapes, x, y, yaw, self._core, self.radius_m)
+        return found
 
-    @abstractmethod
     def times_to_contact(
         self, shapes: Floats, velocities: Floats, x: float, y: float, yaw: float, speed: float
     ) -> Floats:
@@ -52,18 +57,29 @@ class Footprint(ABC):
         velocities (n, 2): of the shapes, m/s; the robot goes straight ahead at `speed`. A box counts as the disc around
         it.
         """
+        found: Floats = times_to_polygon(shapes, velocities, x, y, yaw, speed, self._core, self.radius_m)
+        return found
 
-    @abstractmethod
     def nearest(self, x: float, y: float) -> Floats:
         """Return the point (2,) of the outline's inside or edge that is nearest to a point in base_link."""
+        if self.radius_m:
+            far = math.hypot(x, y)
+            return np.array([x, y]) * (min(1.0, self.radius_m / far) if far > 0.0 else 1.0)
+        if polygon_gap(x, y, self._core) <= 0.0:
+            return np.array([x, y])
+        starts, sides = self._core, np.roll(self._core, -1, axis=0) - self._core
+        along = np.clip(((np.array([x, y]) - starts) * sides).sum(axis=1) / (sides**2).sum(axis=1), 0.0, 1.0)
+        points = starts + along[:, None] * sides
+        nearest: Floats = points[np.hypot(points[:, 0] - x, points[:, 1] - y).argmin()]
+        return nearest
 
 
 class Rectangle(Footprint):
-    """A rectangle along x and y from x_min, y_min, x_max, y_max."""
+    """A rectangle along x and y from x_min, y_min, x_max, y_max; the same in shorter times."""
 
     def __init__(self, extent_m: Sequence[float]) -> None:
         left, low, right, high = extent_m
-        super().__init__(np.array([[left, low], [right, low], [right, high], [left, high]]), np.array(extent_m))
+        super().__init__(np.array([[left, low], [right, low], [right, high], [left, high]]))
 
     def distances(self, x: Floats, y: Floats) -> Floats:
         """Return the distances of points, see `Footprint`."""
@@ -91,65 +107,9 @@ class Rectangle(Footprint):
         return np.clip([x, y], self.extent_m[:2], self.extent_m[2:])
 
 
-class Polygon(Footprint):
-    """A convex polygon of corners (k, 2); of a single corner and a radius, a disc, see `Disc`."""
-
-    def __init__(self, corners_m: Floats) -> None:
-        super().__init__(corners_m, np.concatenate([corners_m.min(axis=0), corners_m.max(axis=0)]))
-        self._core = corners_m
-
-    def distances(self, x: Floats, y: Floats) -> Floats:
-        """Return the distances of points, see `Footprint`."""
-        found = np.empty(np.shape(x))
-        polygon_gaps(x.ravel(), y.ravel(), self._core, found.reshape(-1))
-        return found
-
-    def gaps(self, shapes: Floats, x: float, y: float, yaw: float) -> Floats:
-        """Return the distances from shapes, see `Footprint`."""
-        found: Floats = gaps_to_polygon(shapes, x, y, yaw, self._core, self.radius_m)
-        return found
-
-    def times_to_contact(
-        self, shapes: Floats, velocities: Floats, x: float, y: float, yaw: float, speed: float
-    ) -> Floats:
-        """Return the times to contact with shapes, see `Footprint`."""
-        found: Floats = times_to_polygon(shapes, velocities, x, y, yaw, speed, self._core, self.radius_m)
-        return found
-
-    def nearest(self, x: float, y: float) -> Floats:
-        """Return the nearest point, see `Footprint`."""
-        if polygon_gap(x, y, self._core) <= 0.0:
-            return np.array([x, y])
-        starts, sides = self._core, np.roll(self._core, -1, axis=0) - self._core
-        along = np.clip(((np.array([x, y]) - starts) * sides).sum(axis=1) / (sides**2).sum(axis=1), 0.0, 1.0)
-        points = starts + along[:, None] * sides
-        nearest: Floats = points[np.hypot(points[:, 0] - x, points[:, 1] - y).argmin()]
-        return nearest
-
-
-class Disc(Polygon):
-    """A disc about base_link; corners (k, 2): those of a polygon around it, to be drawn."""
-
-    def __init__(self, radius_m: float, corners_m: Floats) -> None:
-        super().__init__(np.zeros((1, 2)))
-        self.corners_m, self.radius_m = corners_m, radius_m
-        self.extent_m = np.array([-radius_m, -radius_m, radius_m, radius_m])
-
-    def distances(self, x: Floats, y: Floats) -> Floats:
-        """Return the distances of points, see `Footprint`."""
-        return np.hypot(x, y) - self.radius_m
-
-    def nearest(self, x: float, y: float) -> Floats:
-        """Return the nearest point, see `Footprint`."""
-        far = math.hypot(x, y)
-        return np.array([x, y]) * (min(1.0, self.radius_m / far) if far > 0.0 else 1.0)
-
-
 @cache
 def contact_of(chassis: Chassis = STANDARD.chassis) -> Footprint:
     """Return what can touch of a robot: the hull of its footprint, or body and wheels where the body is less."""
-    if chassis.round:
-        return Disc(chassis.footprint_radius_m, np.array(chassis.hull_m))
     if chassis.rectangular or any(chassis.body_m):
         return Rectangle(chassis.contact_extent_m)
-    return Polygon(np.array(chassis.hull_m))
+    return Footprint(np.array(chassis.hull_m), chassis.footprint_radius_m)

@@ -13,22 +13,6 @@ def area(corners: Sequence[Corner]) -> float:
     return 0.5 * sum(x * v - u * y for (x, y), (u, v) in sides)
 
 
-def crossing(corners: Sequence[Corner]) -> tuple[int, int] | None:
-    """Return the numbers (from 1) of two sides that cross or touch without being neighbours, or None.
-
-    Side k leads from corner k to the next. Two corners in one place are a touch, too.
-    """
-    count = len(corners)
-    sides = [(corners[k], corners[(k + 1) % count]) for k in range(count)]
-    for i in range(count):
-        if sides[i][0] == sides[i][1]:
-            return i + 1, (i + 1) % count + 1
-        for j in range(i + 2, count):
-            if (j + 1) % count != i and _meet(*sides[i], *sides[j]):
-                return i + 1, j + 1
-    return None
-
-
 def contains(corners: Sequence[Corner], point: Corner, slack_m: float = 1e-9) -> bool:
     """Tell whether a point is in a convex polygon of counter-clockwise corners, or within `slack_m` of it."""
     sides = zip(corners, [*corners[1:], *corners[:1]], strict=True)
@@ -80,20 +64,6 @@ def _chain(ordered: Sequence[Corner]) -> list[Corner]:
 def _turn(a: Corner, b: Corner, c: Corner) -> float:
     """Return twice the area of a triangle, positive if it turns left."""
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-
-
-def _meet(a: Corner, b: Corner, c: Corner, d: Corner) -> bool:
-    """Tell whether two line segments have a point in common."""
-    turns = _turn(a, b, c), _turn(a, b, d), _turn(c, d, a), _turn(c, d, b)
-    if turns[0] * turns[1] < 0.0 and turns[2] * turns[3] < 0.0:
-        return True
-    ends = ((a, b, c), (a, b, d), (c, d, a), (c, d, b))
-    return any(turn == 0.0 and _between(*end) for turn, end in zip(turns, ends, strict=True))
-
-
-def _between(a: Corner, b: Corner, point: Corner) -> bool:
-    """Tell whether a point of the line through a and b is on the segment between them."""
-    return all(min(a[k], b[k]) <= point[k] <= max(a[k], b[k]) for k in (0, 1))
 
 
 def _side(a: Corner, b: Corner) -> tuple[float, float, float]:

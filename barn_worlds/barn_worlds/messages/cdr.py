@@ -16,21 +16,8 @@ from rosbags.typesys.store import Typestore
 
 ENCAPSULATION_BYTES = 4  # in front of every CDR message; alignment counts after them
 Message: TypeAlias = Any  # of the class that rosbags makes of its type
-_FORMATS = {
-    "bool": "?",
-    "byte": "B",
-    "char": "B",
-    "int8": "b",
-    "uint8": "B",
-    "int16": "h",
-    "uint16": "H",
-    "int32": "i",
-    "uint32": "I",
-    "int64": "q",
-    "uint64": "Q",
-    "float32": "f",
-    "float64": "d",
-}
+_SMALL = {"bool": "?", "byte": "B", "char": "B", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H"}
+_FORMATS = {**_SMALL, "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q", "float32": "f", "float64": "d"}
 
 
 @cache

@@ -1,7 +1,7 @@
 """The suite's types from serialised messages of any sender; MessageError for malformed bytes.
 
-Little-endian CDR, the usual form, is read in place. Big-endian CDR is converted first. Types that need not be read
-fast are left to the rosbags library.
+Only little-endian CDR, the form that all machines of today send, is read. Types that need not be read fast are left to
+the rosbags library.
 """
 
 import math
@@ -15,15 +15,14 @@ import numpy as np
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import MessageError
 from barn_worlds.base.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D, yaw_from_quaternion
-from barn_worlds.messages.cdr import Message, deserialise, serialise
-from barn_worlds.messages.markers import ADD, CYLINDER, LINE_LIST, LINE_STRIP, SPHERE
+from barn_worlds.messages.cdr import Message, deserialise
+from barn_worlds.messages.encode import ADD, CYLINDER, LINE_LIST, LINE_STRIP, SPHERE
 
 T = TypeVar("T")
 Points = Floats
 
-_LITTLE, _BIG = b"\x00\x01", b"\x00\x00"  # the first two of the four bytes in front of every message
-_HEADERS = {_LITTLE: struct.Struct("<iII"), _BIG: struct.Struct(">iII")}  # seconds, nanoseconds, length of the frame
-_HEADER = _HEADERS[_LITTLE]
+_LITTLE = b"\x00\x01"  # the first two of the four bytes in front of every message
+_HEADER = struct.Struct("<iII")  # seconds, nanoseconds, length of the frame
 _LENGTH = struct.Struct("<I")
 _TWIST = struct.Struct("<d32xd")  # linear x to angular z
 _POSE_AND_TWIST = struct.Struct("<2d8x4d288xd32xd288x")  # each with its covariance
@@ -55,29 +54,28 @@ class Markers(NamedTuple):
     lines: list[Points]
 
 
-def header(data: bytes) -> Header:
-    """Return the header of a message of any type that begins with one."""
-    try:
-        sec, nanosec, length = _HEADERS[data[:2]].unpack_from(data, 4)
-        return Header(sec * NANOSECONDS + nanosec, _text(_part(data, 16, length)))
-    except (*_MALFORMED, KeyError) as error:
-        raise MessageError(f"not a message with a header ({error})") from None
-
-
 def _reads(type_name: str) -> Callable[[Callable[[bytes], T]], Callable[[bytes], T]]:
-    """Let a function that reads little-endian messages of a type take all, and raise MessageError for what is none."""
+    """Let a function that reads messages of a type raise MessageError for what is none."""
 
     def wrap(read: Callable[[bytes], T]) -> Callable[[bytes], T]:
         @wraps(read)
         def checked(data: bytes) -> T:
+            _check_encoding(data, type_name)
             try:
-                return read(data if data[:2] == _LITTLE else serialise(_message(data, type_name)))
+                return read(data)
             except _MALFORMED as error:
                 raise MessageError(f"not a message of type {type_name} ({error})") from None
 
         return checked
 
     return wrap
+
+
+@_reads("std_msgs/msg/Header")
+def header(data: bytes) -> Header:
+    """Return the header of a message of any type that begins with one."""
+    sec, nanosec, length = _HEADER.unpack_from(data, 4)
+    return Header(sec * NANOSECONDS + nanosec, _text(_part(data, 16, length)))
 
 
 @_reads("rosgraph_msgs/msg/Clock")
@@ -129,7 +127,7 @@ def command(data: bytes, type_name: str) -> Velocity2D:
 
 def pose(data: bytes) -> Pose2D:
     """Return the pose of geometry_msgs/PoseStamped."""
-    return _pose_of(_message(data, "geometry_msgs/msg/PoseStamped").pose)
+    return _pose_of(whole(data, "geometry_msgs/msg/PoseStamped").pose)
 
 
 @_reads("geometry_msgs/msg/PoseArray")
@@ -143,7 +141,7 @@ def poses(data: bytes) -> Points:
 
 def pose_with_covariance(data: bytes) -> Pose2D:
     """Return the pose of geometry_msgs/PoseWithCovarianceStamped."""
-    return _pose_of(_message(data, "geometry_msgs/msg/PoseWithCovarianceStamped").pose.pose)
+    return _pose_of(whole(data, "geometry_msgs/msg/PoseWithCovarianceStamped").pose.pose)
 
 
 @_reads("nav_msgs/msg/Odometry")
@@ -166,7 +164,7 @@ def scan(data: bytes) -> Scan:
 
 def occupancy_map(data: bytes) -> OccupancyMap:
     """Return the map of nav_msgs/OccupancyGrid; MessageError where its size and data disagree or it is rotated."""
-    message = _message(data, "nav_msgs/msg/OccupancyGrid")
+    message = whole(data, "nav_msgs/msg/OccupancyGrid")
     about, origin = message.info, _pose_of(message.info.origin)
     if len(message.data) != about.height * about.width:
         raise MessageError(f"map data has {len(message.data)} cells, its size says {about.height} x {about.width}")
@@ -178,14 +176,14 @@ def occupancy_map(data: bytes) -> OccupancyMap:
 
 def path(data: bytes) -> Points:
     """Return the points (n, 2) of nav_msgs/Path in metres."""
-    poses = _message(data, "nav_msgs/msg/Path").poses
+    poses = whole(data, "nav_msgs/msg/Path").poses
     return np.array([(one.pose.position.x, one.pose.position.y) for one in poses], np.float64).reshape(-1, 2)
 
 
 def markers(data: bytes) -> Markers:
     """Return discs and lines of visualization_msgs/MarkerArray, all in the frame of the first."""
     discs, lines, frame = [], [], ""
-    for marker in _message(data, "visualization_msgs/msg/MarkerArray").markers:
+    for marker in whole(data, "visualization_msgs/msg/MarkerArray").markers:
         frame = frame or marker.header.frame_id
         if marker.action != ADD:
             continue
@@ -202,19 +200,24 @@ def transforms(data: bytes) -> list[Transform]:
     """Return what tf2_msgs/TFMessage holds."""
     return [
         Transform(one.header.frame_id, one.child_frame_id, _planar(one.transform.translation, one.transform.rotation))
-        for one in _message(data, "tf2_msgs/msg/TFMessage").transforms
+        for one in whole(data, "tf2_msgs/msg/TFMessage").transforms
     ]
 
 
 def diagnostics(data: bytes) -> list[dict[str, str]]:
     """Return the values of each status of diagnostic_msgs/DiagnosticArray, by key."""
-    statuses = _message(data, "diagnostic_msgs/msg/DiagnosticArray").status
+    statuses = whole(data, "diagnostic_msgs/msg/DiagnosticArray").status
     return [{value.key: value.value for value in status.values} for status in statuses]
 
 
-def _message(data: bytes, type_name: str) -> Message:
-    if data[:2] not in (_LITTLE, _BIG):
+def _check_encoding(data: bytes, type_name: str) -> None:
+    if data[:2] != _LITTLE:
         raise MessageError(f"not a message of type {type_name} in plain CDR, it begins with 0x{data[:2].hex()}")
+
+
+def whole(data: bytes, type_name: str) -> Message:
+    """Return all of a message of any type; MessageError for malformed bytes."""
+    _check_encoding(data, type_name)
     try:
         return deserialise(data, type_name)
     except Exception as error:  # the library raises errors of any kind for malformed bytes

@@ -13,6 +13,9 @@ from barn_worlds.messages.cdr import Message, Template, deserialise, layout, mak
 
 STAMP_FIELDS = ("header.stamp.sec", "header.stamp.nanosec")
 FINE, WARNING, ERROR = 0, 1, 2  # levels of diagnostic_msgs/DiagnosticStatus
+# Constants of visualization_msgs/Marker: types and actions.
+CUBE, SPHERE, CYLINDER, LINE_STRIP, LINE_LIST, TEXT_VIEW_FACING = 1, 2, 3, 4, 5, 9
+ADD, DELETE_ALL = 0, 3
 _LITTLE_ENDIAN = b"\x00\x01\x00\x00"  # in front of every message; those without texts and lengths are packed at once
 _POSE_BYTES = 56  # x, y, z of the position, x, y, z, w of the orientation
 
@@ -225,6 +228,30 @@ def header(frame: str, stamp_ns: int = 0) -> Message:
     """Return std_msgs/Header as an object, for a message made by `make`."""
     made = make("std_msgs/msg/Header", frame_id=frame)
     made.stamp.sec, made.stamp.nanosec = divmod(stamp_ns, NANOSECONDS)
+    return made
+
+
+def marker(
+    frame: str,
+    namespace: str,
+    kind: int = 0,
+    *,
+    index: int = 0,
+    action: int = ADD,
+    colour: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
+    stamp_ns: int = 0,
+) -> Message:
+    """Return visualization_msgs/Marker as an object; colour: red, green, blue, opacity."""
+    made = make(
+        "visualization_msgs/msg/Marker",
+        header=header(frame, stamp_ns),
+        ns=namespace,
+        id=index,
+        type=kind,
+        action=action,
+        color=make("std_msgs/msg/ColorRGBA", **dict(zip("rgba", colour, strict=True))),
+    )
+    made.pose.orientation.w = 1.0
     return made
 
 

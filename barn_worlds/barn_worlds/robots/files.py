@@ -10,8 +10,7 @@ import yaml
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import ConfigError, shown, suggest
 from barn_worlds.base.text_files import read_yaml
-from barn_worlds.robots.robot import Robot
-from barn_worlds.robots.urdf import chassis_of
+from barn_worlds.robots.robot import Chassis, Robot
 
 SCHEMA_VERSION = 1
 ENDINGS = (".yaml", ".yml")
@@ -55,8 +54,7 @@ def _read(path: Path) -> Robot:
     if not isinstance(name, str) or not name:
         raise ConfigError(f"{path}: name must be the name of the robot, got {shown(name)}")
     chassis, drive = (_section(content, key, path) for key in ("chassis", "drive"))
-    of_urdf = chassis_of(_beside(path, content.pop("urdf"))) if "urdf" in content else {}
-    content["chassis"] = {"name": name, **of_urdf, **chassis}
+    content["chassis"] = {"name": name, **chassis}
     content["drive"] = {_MULTIPLIER: 1.0, **drive}
     robot = from_dict(Robot, content, str(path))
     needed = dict(_NEEDED)
@@ -76,10 +74,12 @@ def _section(content: dict[str, Any], key: str, path: Path) -> dict[str, Any]:
     return given
 
 
-def _beside(path: Path, urdf: object) -> Path:
-    if not isinstance(urdf, str) or Path(urdf).name != urdf:
-        raise ConfigError(f"{path}: urdf must name a file beside it, got {shown(urdf)}")
-    return path.parent / urdf
-
-
 ROBOTS: Mapping[str, Robot] = {name: _read(file) for name, file in shipped_robots().items()}
+
+
+STANDARD = load_robot("jackal")
+
+
+def other_name(chassis: Chassis) -> str:
+    """Return the name of a robot, empty if it is the one that is meant where none is named."""
+    return "" if chassis == STANDARD.chassis else chassis.name

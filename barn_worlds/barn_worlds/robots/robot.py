@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from barn_worlds.base.config import Checked, quantity, required
-from barn_worlds.geometry.polygon import Corner, area, contains, crossing, hull, nearest_side_m, regular
+from barn_worlds.geometry.polygon import Corner, area, contains, hull, nearest_side_m, regular
 from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
 
 KINDS = ("skid_steer", "differential")
@@ -145,16 +145,9 @@ class Chassis(Checked):
     @property
     def wheels_m(self) -> tuple[Triple, ...]:
         """Centres of the wheels: left and right of the front axle, if there are two, then of the rear or only one."""
-        front, rear = self.axles_m
-        half = 0.5 * self.track_m
-        axles = (front, rear) if self.wheelbase_m else (rear,)
+        half, ahead = 0.5 * self.track_m, 0.5 * self.wheelbase_m
+        axles = (self.axle_x_m + ahead, self.axle_x_m - ahead) if self.wheelbase_m else (self.axle_x_m,)
         return tuple((x, side, self.wheel_z_m) for x in axles for side in (half, -half))
-
-    @property
-    def axles_m(self) -> tuple[float, float]:
-        """X of the front and of the rear axle, equal if there is one."""
-        half = 0.5 * self.wheelbase_m
-        return self.axle_x_m + half, self.axle_x_m - half
 
     def _check_footprint(self) -> None:
         one = "is the outline of a robot that is not round; one of footprint_m and footprint_radius_m must be given"
@@ -164,8 +157,6 @@ class Chassis(Checked):
         corners = self.footprint_m
         self._require_points("footprint_m")
         self.require(3 <= len(corners) <= MOST_CORNERS, "footprint_m", f"must have 3 to {MOST_CORNERS} corners")
-        if sides := crossing(corners):
-            self.require(False, "footprint_m", f"must not cross or touch itself: sides {sides[0]} and {sides[1]} meet")
         self.require(area(corners) > 0.0, "footprint_m", "must run counter-clockwise around some area")
         self.require(contains(self.hull_m, (0.0, 0.0)), "footprint_m", "must have base_link, the origin, inside")
 

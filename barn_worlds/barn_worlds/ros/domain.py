@@ -1,10 +1,10 @@
 """Reserving a ROS domain, so that trials that run side by side on this host do not hear each other."""
 
-import fcntl
+import errno
 import os
-import tempfile
+import socket
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from barn_worlds.base.errors import ConfigError
@@ -19,17 +19,22 @@ _PORTS_PER_DOMAIN = 250
 def reserved_domain(environment: Mapping[str, str]) -> Iterator[int]:
     """Reserve a free domain while the context lasts. If ROS_DOMAIN_ID is set in the environment, it is that one.
 
-    The domain is locked by a file; the system releases the lock even if this process is killed.
-    Raises ConfigError if ROS_DOMAIN_ID is not a number, if another run of this user has it, or if no domain is free.
+    A domain is reserved by an abstract socket of its name; the system releases it even if this process is killed.
+    Raises ConfigError if ROS_DOMAIN_ID is not a number, if another run has it, or if no domain is free.
     """
     given = environment.get("ROS_DOMAIN_ID", "")
     if given and (not given.isdecimal() or int(given) > 232):
         raise ConfigError(f"ROS_DOMAIN_ID must be from 0 to 232, got {given!r}")
-    with ExitStack() as kept:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as name:
         for number in [int(given)] if given else _candidates():
-            if kept.enter_context(_locked(number)):
-                yield number
-                return
+            try:
+                name.bind(f"\0barn_ros_domain_{number}")
+            except OSError as error:
+                if error.errno != errno.EADDRINUSE:
+                    raise
+                continue
+            yield number
+            return
     if given:
         raise ConfigError(f"ROS_DOMAIN_ID {given}: another run uses this domain; choose another, or leave it unset")
     raise ConfigError(f"no free ROS domain among {DOMAINS.start} to {DOMAINS.stop - 1}: set ROS_DOMAIN_ID")
@@ -47,37 +52,7 @@ def _candidates() -> list[int]:
     return [number for number in (*DOMAINS[first:], *DOMAINS[:first]) if number not in busy]
 
 
-@contextmanager
-def _locked(number: int) -> Iterator[bool]:
-    """Try to lock a domain while the context lasts and give whether that is so."""
-    lock = os.open(_runtime_folder() / f"domain_{number}.lock", os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
-    try:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            locked = True
-        except BlockingIOError:
-            locked = False
-        yield locked
-    finally:
-        os.close(lock)
-
-
-def _runtime_folder() -> Path:
-    """Return this user's folder for locks; ConfigError if it belongs to another user."""
-    base = os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()
-    folder = Path(base) / f"barn-{os.getuid()}"
-    try:
-        folder.mkdir(mode=0o700, exist_ok=True)
-        owner = folder.lstat()
-    except OSError as error:
-        raise ConfigError(f"{folder}: {error.strerror or error}") from None
-    if owner.st_uid != os.getuid() or folder.is_symlink():
-        raise ConfigError(f"{folder}: belongs to another user")
-    return folder
-
-
 def _busy_domains() -> set[int]:
-    """Return the domains whose ports are in use on this host."""
     busy = set()
     for table in ("/proc/net/udp", "/proc/net/udp6"):
         with suppress(OSError):

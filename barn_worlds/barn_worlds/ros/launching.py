@@ -9,17 +9,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
-from launch.actions import (
-    DeclareLaunchArgument,
-    EmitEvent,
-    GroupAction,
-    IncludeLaunchDescription,
-    OpaqueFunction,
-    RegisterEventHandler,
-)
+from launch.actions import DeclareLaunchArgument, GroupAction, IncludeLaunchDescription, OpaqueFunction, Shutdown
 from launch.condition import Condition
-from launch.event_handlers import OnProcessExit
-from launch.events import Shutdown
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
@@ -56,27 +47,27 @@ class NodeLaunch:
 
     def description(self) -> LaunchDescription:
         """Return the node with its arguments."""
-        declared = [argument(name, "", about) for name, (_, about) in self._kinds().items() if name != SIM_TIME[0]]
+        declared = [argument(name, "", about) for name, (_, about) in self._kinds().items()]
         if self.use_sim_time is not None:
             declared.append(argument(SIM_TIME[0], str(self.use_sim_time).lower(), SIM_TIME[1]))
         declared += [argument(topic_argument(name), name, f"topic to use for {name}") for name in self.topics]
         declared += [argument(name, default, about) for name, (default, about) in USUAL.items()]
         return LaunchDescription([*declared, OpaqueFunction(function=self._make)])
 
-    def _kinds(self) -> dict[str, tuple[Any, str]]:
+    def _kinds(self) -> dict[str, tuple[type, str]]:
         """Return type and meaning of each parameter that is an argument."""
         kinds: dict[str, tuple[Any, str]] = {name: (str, about) for name, about in self.more.items()}
         for name, about, value in (found for config in self.configs for found in fields_of(config)):
             if "." not in name and name not in self.leave_out:
                 kinds[name] = (list[str] if isinstance(value, tuple) else type(value), about.text())
-        if self.use_sim_time is not None:
-            kinds[SIM_TIME[0]] = (bool, SIM_TIME[1])
         return kinds
 
     def _make(self, context: LaunchContext) -> list[LaunchDescriptionEntity]:
+        kinds = {name: kind for name, (kind, _) in self._kinds().items()}
+        kinds |= {SIM_TIME[0]: bool} if self.use_sim_time is not None else {}
         given = {
             name: ParameterValue(LaunchConfiguration(name), value_type=kind)
-            for name, (kind, _) in self._kinds().items()
+            for name, kind in kinds.items()
             if LaunchConfiguration(name).perform(context)
         }
         file = LaunchConfiguration("params_file").perform(context)
@@ -89,11 +80,9 @@ class NodeLaunch:
             remappings=[(name, LaunchConfiguration(topic_argument(name))) for name in self.topics],
             arguments=["--ros-args", "--log-level", LaunchConfiguration("log_level")],
             output="screen",
+            on_exit=[Shutdown(reason=f"the {self.executable} has ended")] if self.ends_launch else None,
         )
-        if not self.ends_launch:
-            return [node]
-        end = EmitEvent(event=Shutdown(reason=f"the {self.executable} has ended"))
-        return [node, RegisterEventHandler(OnProcessExit(target_action=node, on_exit=[end]))]
+        return [node]
 
 
 def argument(name: str, default: object, description: str) -> DeclareLaunchArgument:

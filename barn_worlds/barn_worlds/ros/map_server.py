@@ -1,12 +1,7 @@
-"""Serves the map and the path of one world.
+"""Serves map (nav_msgs/OccupancyGrid) and plan (nav_msgs/Path) of one world, latched, in the map frame.
 
-Publishes (latched: reliable, transient local)
-    map (nav_msgs/OccupancyGrid): obstacles and containment, in the map frame
-    plan (nav_msgs/Path): the world's path, in the map frame
-Services
-    ~/reload (std_srvs/Trigger): publish the world that the parameters name now; on failure the old one stays and the
-    answer gives the reason
-Parameters: the fields of `MapServerConfig`.
+~/reload (std_srvs/Trigger) publishes the world that the parameters, the fields of `MapServerConfig`, name now; on
+failure the old one stays and the answer gives the reason.
 """
 
 import sys
@@ -65,10 +60,9 @@ class MapServer(Node):
 
     def _reload(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
-            response.message = f"serving {self.publish().name}"
-            response.success = True
+            response.success, response.message = True, f"serving {self.publish().name}"
         except BarnError as error:
-            response.message = str(error)
+            response.success, response.message = False, str(error)
             self.get_logger().error(response.message)
         return response
 
@@ -76,18 +70,14 @@ class MapServer(Node):
 def main(args: list[str] | None = None) -> int:
     """Run the node until it is told to stop; return 1, with one line of reason, if it cannot start."""
     rclpy.init(args=args)
-    node = None
     try:
-        node = MapServer()
-        rclpy.spin(node)
+        rclpy.spin(MapServer())
     except BarnError as error:
         print(f"map_server: {error}", file=sys.stderr)
         return 1
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
     finally:
-        if node is not None:
-            node.destroy_node()
         rclpy.try_shutdown()
     return 0
 

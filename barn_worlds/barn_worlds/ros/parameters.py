@@ -13,22 +13,18 @@ from barn_worlds.base.errors import BarnError, ConfigError, suggest
 
 T = TypeVar("T")
 
-_LARGEST_INTEGER = 2**63 - 1
-
 
 def declare(node: Node, config: T, *, read_only: bool = False) -> T:
     """Declare every field of `config` as a parameter and return the configuration with what the user set.
 
-    Nested fields get dotted names. Raises ConfigError in one line, naming the parameter, for a
-    value that is not allowed.
+    Nested fields get dotted names. Raises ConfigError in one line for a value that is not allowed.
     """
     changes = {}
     for name, about, default in fields_of(config):
-        value = _plain(default)
-        described = descriptor(about, value, read_only=read_only)
+        value = list(default) if isinstance(default, tuple) else default
         if not node.has_parameter(name):
             try:
-                node.declare_parameter(name, value, described, ignore_override=False)
+                node.declare_parameter(name, value, _descriptor(about, value, read_only=read_only))
             except ParameterException as error:
                 raise ConfigError(f"parameters of {node.get_name()}: {error}") from None
         changes[name] = _typed(node.get_parameter(name).value, default)
@@ -70,8 +66,7 @@ def current(node: Node, config: T) -> T:
     return _updated(config, (node.get_parameter(name) for name, _, _ in fields_of(config)))
 
 
-def descriptor(about: Quantity, value: object, *, read_only: bool = False) -> ParameterDescriptor:
-    """Return the descriptor of a parameter: meaning, unit and range."""
+def _descriptor(about: Quantity, value: object, *, read_only: bool) -> ParameterDescriptor:
     unit = f" [{about.unit}]" if about.unit else ""
     described = ParameterDescriptor(
         description=about.description + unit, additional_constraints=about.allowed(), read_only=read_only
@@ -80,23 +75,17 @@ def descriptor(about: Quantity, value: object, *, read_only: bool = False) -> Pa
     described.dynamic_typing = isinstance(value, (float, list))
     if about.minimum is None and about.maximum is None:
         return described
+    kind, largest = (float, 1.7e308) if isinstance(value, float) else (int, 2**63 - 1)
+    low = kind(-largest if about.minimum is None else about.minimum)
+    high = kind(largest if about.maximum is None else about.maximum)
     if isinstance(value, float):
-        low = -1.7e308 if about.minimum is None else float(about.minimum)
-        high = 1.7e308 if about.maximum is None else float(about.maximum)
-        described.floating_point_range = [FloatingPointRange(from_value=low, to_value=high, step=0.0)]
+        described.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
     elif isinstance(value, int) and not isinstance(value, bool):
-        low_count = -_LARGEST_INTEGER if about.minimum is None else int(about.minimum)
-        high_count = _LARGEST_INTEGER if about.maximum is None else int(about.maximum)
-        described.integer_range = [IntegerRange(from_value=low_count, to_value=high_count, step=0)]
+        described.integer_range = [IntegerRange(from_value=low, to_value=high)]
     return described
 
 
-def _plain(value: object) -> Any:
-    return list(value) if isinstance(value, tuple) else getattr(value, "value", value)
-
-
 def _typed(value: Any, like: Any) -> Any:
-    """Return a parameter's value as plain data of the kind that the configuration field wants."""
     if isinstance(like, tuple):
         one = isinstance(value, (str, bool, int, float))
         return [value] if one else list(value or ())

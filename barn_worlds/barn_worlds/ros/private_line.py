@@ -13,8 +13,8 @@ import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-_READING, _OBJECT = b"R", b"J"
-_HEAD = struct.Struct("<qB")  # time of sending in ns, length of the topic's name
+_READING = b"R"  # first byte of a packet; JSON begins with a brace
+_HEAD = struct.Struct("<cqB")  # that, time of sending in ns, length of the topic's name
 _LARGEST = 1 << 20
 _WAIT_S = 0.05
 # Of packets that nobody has read yet, the sender's own accounting included: some 20 instants. A simulator that is not
@@ -28,9 +28,6 @@ class Reading(NamedTuple):
     topic: str
     data: bytes
     sent_ns: int
-
-
-Packet = Reading | dict[str, Any]
 
 
 def pair() -> tuple[socket.socket, socket.socket]:
@@ -51,37 +48,32 @@ class PrivateLine:
     def publish(self, topic: str, data: bytes) -> None:
         """Send a reading."""
         name = topic.encode()
-        self._send(_READING + _HEAD.pack(time.time_ns(), len(name)) + name + data)
+        self._send(_HEAD.pack(_READING, time.time_ns(), len(name)) + name + data)
 
     def send(self, **content: object) -> None:
         """Send an object of JSON."""
-        self._send(_OBJECT + json.dumps(content).encode())
+        self._send(json.dumps(content).encode())
 
-    def receive(self, *, wait: bool = False) -> Packet | None:
+    def receive(self, *, wait: bool = False) -> Reading | dict[str, Any] | None:
         """Return the next packet; None if there is none now, or, with `wait`, once the other end is gone."""
         try:
             packet = self._socket.recv(_LARGEST, 0 if wait else socket.MSG_DONTWAIT)
         except BlockingIOError:
             return None
         if packet[:1] == _READING:
-            sent_ns, length = _HEAD.unpack_from(packet, 1)
-            begin = 1 + _HEAD.size
-            return Reading(packet[begin : begin + length].decode(), packet[begin + length :], sent_ns)
-        if packet[:1] == _OBJECT:
-            content: dict[str, Any] = json.loads(packet[1:])
-            return content
-        return None
+            _, sent_ns, length = _HEAD.unpack_from(packet)
+            end = _HEAD.size + length
+            return Reading(packet[_HEAD.size : end].decode(), packet[end:], sent_ns)
+        content: dict[str, Any] | None = json.loads(packet) if packet else None
+        return content
 
     def _send(self, packet: bytes) -> None:
-        while self._waits() and not self._sent(packet):
-            select.select([], [self._socket], [], _WAIT_S)
-
-    def _sent(self, packet: bytes) -> bool:
-        """Try to send a packet and tell whether it need not be tried again."""
-        try:
-            self._socket.send(packet, socket.MSG_DONTWAIT)
-        except BlockingIOError:
-            return False
-        except (BrokenPipeError, ConnectionResetError):
-            pass  # the supervisor, which keeps both ends open, is gone, and this process is about to be ended
-        return True
+        while self._waits():
+            try:
+                self._socket.send(packet, socket.MSG_DONTWAIT)
+            except BlockingIOError:
+                select.select([], [self._socket], [], _WAIT_S)
+                continue
+            except (BrokenPipeError, ConnectionResetError):
+                pass  # the supervisor, which keeps both ends open, is gone, and this process is about to be ended
+            return

@@ -29,10 +29,8 @@ def profile(qos: Qos) -> QoSProfile:
 
 
 def own_identity(node: Node) -> bytes:
-    """Return the identity (GID) of an endpoint of this process, which begins as those of its other endpoints do.
-
-    Told by a publisher on a topic that nobody else can know of; names of nodes can be taken by anybody.
-    """
+    """Return the identity (GID) of an endpoint of this process, which begins as those of its other endpoints do."""
+    # of a publisher on a topic that nobody else can know of; names of nodes can be taken by anybody
     probe = node.create_publisher(Empty, f"_barn_{secrets.token_hex(16)}", 1)
     try:
         (info,) = node.get_publishers_info_by_topic(probe.topic_name)
@@ -51,17 +49,13 @@ def message_class(type_name: str) -> Any | None:
 
 
 def publisher(node: Node, topic: Topic, qos: Qos | None = None) -> Publisher:
-    """Return a publisher of a topic, which takes serialised messages; ImportError if its type is not installed."""
-    found = optional_publisher(node, topic, qos)
-    if found is None:
-        raise ImportError(f"{topic.name}: the message type {topic.type_name} is not installed")
-    return found
+    """Return a publisher of a topic, which takes serialised messages."""
+    return node.create_publisher(message_class(topic.type_name), topic.name, profile(qos or topic.qos))
 
 
-def optional_publisher(node: Node, topic: Topic, qos: Qos | None = None) -> Publisher | None:
+def optional_publisher(node: Node, topic: Topic) -> Publisher | None:
     """Return a publisher of a topic, None if its type is not installed."""
-    kind = message_class(topic.type_name)
-    return None if kind is None else node.create_publisher(kind, topic.name, profile(qos or topic.qos))
+    return publisher(node, topic) if message_class(topic.type_name) is not None else None
 
 
 def subscribe(
@@ -79,9 +73,8 @@ def subscribe(
             content = decode(data)
         except MessageError as error:
             node.get_logger().error(f"{topic.name} refused: {error}")
-            return
-        take(content)
+        else:
+            take(content)
 
-    kind = message_class(topic.type_name)
-    quality = profile(qos or topic.qos)
+    kind, quality = message_class(topic.type_name), profile(qos or topic.qos)
     return node.create_subscription(kind, topic.name, on_data, quality, raw=True, event_callbacks=event_callbacks)

@@ -1,6 +1,7 @@
 """Data sets: numbered worlds from the package itself, a folder or a file, all used the same way."""
 
 import hashlib
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -11,8 +12,8 @@ from typing import Any
 from barn_worlds.base.errors import WorldError, suggest
 from barn_worlds.formats import original, own, single
 from barn_worlds.formats.world_yaml import ENDING
+from barn_worlds.robots.files import STANDARD
 from barn_worlds.robots.robot import Robot
-from barn_worlds.robots.standard import STANDARD
 from barn_worlds.worlds.world import World
 
 _MOST_KEPT = 1000
@@ -137,3 +138,41 @@ def _own(path: Path) -> Dataset:
     content = own.read_own(path)
     readers = {index: partial(content.world, position) for position, index in enumerate(content.indices)}
     return Dataset(str(content.manifest["name"]), readers, manifest=content.manifest)
+
+
+LONGEST_SPEC = 10_000
+_FORM = re.compile(r"(\d{1,9})(?:-(\d{1,9})|:(\d{1,9})(?::(\d{1,9}))?)?")
+_FORMS = "a number, first-last, start:stop or start:stop:step, several joined by commas, or all"
+
+
+def select_worlds(spec: str, indices: Iterable[int]) -> list[int]:
+    """Return the numbers that `spec` selects from `indices`, in its order, each once.
+
+    "7" must exist. The ranges "0-49" (both ends included) and "0:300:6" (like a Python range, end excluded) select the
+    numbers that exist, at least one. "1,4,7-9" joins, "all" is all. WorldError for anything else.
+    """
+    known = sorted(set(indices))
+    if len(spec) > LONGEST_SPEC:
+        raise WorldError(f"selection of worlds must have at most {LONGEST_SPEC} characters, got {len(spec)}")
+    if not known:
+        raise WorldError("there are no worlds to select from")
+    chosen: dict[int, None] = {}
+    for part in spec.split(","):
+        chosen.update(dict.fromkeys(_part(part.strip(), spec, known)))
+    return list(chosen)
+
+
+def _part(part: str, spec: str, known: list[int]) -> list[int]:
+    if part == "all":
+        return known
+    match = _FORM.fullmatch(part)
+    if match is None:
+        raise WorldError(f"worlds {spec!r:.80}: {part!r:.40} is not {_FORMS}")
+    first, last, stop, step = match.groups()
+    if step and not int(step):
+        raise WorldError(f"worlds {spec!r:.80}: the step in {part!r} must be at least 1")
+    wanted = range(int(first), int(stop) if stop else int(last or first) + 1, int(step or 1))
+    found = [index for index in known if index in wanted]
+    if not found:
+        raise WorldError(f"worlds {spec!r:.80}: no world {part} among the {len(known)} from {known[0]} to {known[-1]}")
+    return found

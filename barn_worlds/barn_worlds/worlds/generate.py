@@ -1,6 +1,7 @@
 """Generating worlds and whole data sets from a seed (paper, section III-A)."""
 
 import dataclasses
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,11 +12,52 @@ from numba import njit
 from barn_worlds.base.arrays import BoolGrid, Integers
 from barn_worlds.base.config import Checked, as_dict, quantity
 from barn_worlds.base.errors import ConfigError, WorldError
-from barn_worlds.formats.own import Order, read_own, write_own
+from barn_worlds.formats.own import Order, write_own
+from barn_worlds.robots.files import STANDARD
+from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.cspace import configuration_space, through_region
-from barn_worlds.worlds.parameters import TABLE_I, WorldParameters
-from barn_worlds.worlds.path_planner import DEFAULT, PathConfig, plan_path
+from barn_worlds.worlds.path_planner import INFLATION_CELLS, INFLATION_WEIGHT, LARGEST_TURN, plan_path
 from barn_worlds.worlds.world import Provenance, World
+
+LARGEST_GENERATED_SIDE = 500
+
+
+@dataclass(frozen=True)
+class WorldParameters(Checked):
+    """What a world is generated with (paper, section III-A and Table I)."""
+
+    initial_fill: float = quantity(0.20, "initial share of filled cells", minimum=0.0, maximum=1.0)
+    smoothing_iterations: int = quantity(3, "iterations of the cellular automaton", minimum=0, maximum=100)
+    fill_threshold: int = quantity(5, "filled neighbours that make a cell filled, at least", minimum=0, maximum=9)
+    clear_threshold: int = quantity(1, "filled neighbours that make a cell free, at most", minimum=-1, maximum=8)
+    rows: int = quantity(30, "cells across, side walls included", minimum=3, maximum=LARGEST_GENERATED_SIDE)
+    cols: int = quantity(30, "cells along the driving direction", minimum=2, maximum=LARGEST_GENERATED_SIDE)
+    resolution_m: float = quantity(0.15, "size of a cell", "m", minimum=0.01, maximum=10.0)
+    footprint_cells: int = quantity(5, "odd side of the robot's square footprint", minimum=1, maximum=101)
+    attempts: int = quantity(1_000_000, "grids tried until one has a way through", minimum=1, maximum=10_000_000)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.require(self.footprint_cells % 2 == 1, "footprint_cells", "must be odd")
+        below = f"must be below fill_threshold ({self.fill_threshold})"
+        self.require(self.clear_threshold < self.fill_threshold, "clear_threshold", below)
+
+
+def cell_m(robot: Robot) -> float:
+    """Return the size of a cell in worlds for a robot: the Jackal's 0.15 m in its own size, in whole millimetres.
+
+    The robot then takes as many cells as the Jackal, 5 x 5, and passages are as wide for it.
+    """
+    standard_m, own_m = WorldParameters().resolution_m, STANDARD.reach_m
+    return math.ceil(1000.0 * standard_m * robot.reach_m / own_m - 1e-6) / 1000.0
+
+
+TABLE_I: tuple[WorldParameters, ...] = tuple(
+    WorldParameters(initial_fill=fill, smoothing_iterations=iterations)
+    for fill in (0.15, 0.20, 0.25, 0.30)
+    for iterations in (2, 3, 4)
+)
+
 
 MOST_WORLDS = 100_000
 NARROWNESS = "minus the mean distance in cells from the path's cells to the closest occupied C-space cell"
@@ -28,25 +70,22 @@ class DatasetParameters(Checked):
     name: str = quantity("barn300", "name of the data set")
     seed: int = quantity(2020, "seed of all randomness", minimum=0, maximum=2**63 - 1)
     worlds_per_set: int = quantity(25, "worlds made with each parameter set", minimum=1, maximum=MOST_WORLDS)
-    worlds: int = quantity(0, "worlds in all, dealt to the sets in turn; 0: worlds_per_set each", minimum=0)
     keep: int = quantity(
         0, "worlds kept of those made, evenly spread over their order; 0: all", minimum=0, maximum=MOST_WORLDS
     )
     robot: str = quantity("", "robot that the worlds are made for, if it is not the Jackal")
     sets: tuple[WorldParameters, ...] = TABLE_I
-    path: PathConfig = DEFAULT
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 1 <= sum(self.counts) <= MOST_WORLDS:
+        if not 1 <= self.made <= MOST_WORLDS:
             raise ConfigError(f"sets and worlds_per_set must make 1 to {MOST_WORLDS} worlds")
-        self.require(self.keep <= sum(self.counts), "keep", f"must be at most the {sum(self.counts)} worlds made")
+        self.require(self.keep <= self.made, "keep", f"must be at most the {self.made} worlds made")
 
     @property
-    def counts(self) -> tuple[int, ...]:
-        """Number of worlds of each parameter set."""
-        each, left = divmod(self.worlds, len(self.sets)) if self.sets else (0, 0)
-        return tuple(each + (s < left) if self.worlds else self.worlds_per_set for s in range(len(self.sets)))
+    def made(self) -> int:
+        """Number of worlds that are made of all sets."""
+        return self.worlds_per_set * len(self.sets)
 
 
 def generate_world(
@@ -54,7 +93,6 @@ def generate_world(
     generator: np.random.Generator,
     name: str = "generated",
     *,
-    path_config: PathConfig = DEFAULT,
     seed: tuple[int, ...] = (),
 ) -> World:
     """Return a random world; grids without a way through are discarded.
@@ -69,7 +107,7 @@ def generate_world(
         if region is None:
             continue
         start, goal = (_any(np.flatnonzero(region[:, column]), generator) for column in (0, -1))
-        path = plan_path(cspace, (start, 0), (goal, parameters.cols - 1), path_config)
+        path = plan_path(cspace, (start, 0), (goal, parameters.cols - 1))
         if path is not None:
             provenance = Provenance("generated", parameters=as_dict(parameters), seed=seed, path_source="planned")
             return World(name, grid, path, parameters.resolution_m, parameters.footprint_cells, provenance)
@@ -86,20 +124,13 @@ def generate_dataset(parameters: DatasetParameters, progress: Callable[[int, int
     there are. progress: called after each world with the number made so far and the total.
     """
     worlds: list[World] = []
-    for s, (world_parameters, count) in enumerate(zip(parameters.sets, parameters.counts, strict=True)):
-        for k in range(count):
+    for s, of_set in enumerate(parameters.sets):
+        for k in range(parameters.worlds_per_set):
             generator = np.random.default_rng(np.random.SeedSequence(parameters.seed, spawn_key=(s, k)))
-            worlds.append(
-                generate_world(
-                    world_parameters,
-                    generator,
-                    f"{parameters.name}_{s}_{k}",
-                    path_config=parameters.path,
-                    seed=(parameters.seed, s, k),
-                )
-            )
+            name = f"{parameters.name}_{s}_{k}"
+            worlds.append(generate_world(of_set, generator, name, seed=(parameters.seed, s, k)))
             if progress is not None:
-                progress(len(worlds), sum(parameters.counts))
+                progress(len(worlds), parameters.made)
     return worlds
 
 
@@ -115,27 +146,20 @@ def narrowness(world: World) -> float:
     return -float(np.mean(closest))
 
 
-def by_narrowness(worlds: Sequence[World]) -> Order:
-    """Return the order of rising narrowness, used until a better score is available."""
-    return Order(NARROWNESS, tuple(narrowness(world) for world in worlds))
-
-
 def ranked_dataset(
-    parameters: DatasetParameters,
-    rank: Callable[[Sequence[World]], Order] = by_narrowness,
-    progress: Callable[[int, int], None] | None = None,
+    parameters: DatasetParameters, progress: Callable[[int, int], None] | None = None
 ) -> tuple[list[World], Order]:
-    """Return the worlds of a data set that are kept, and their order.
+    """Return the worlds of a data set that are kept, and their order, which is that of rising narrowness.
 
     The first and the last in order are always among those kept.
     """
     worlds = generate_dataset(parameters, progress)
-    order = rank(worlds)
-    if not parameters.keep:
-        return worlds, order
-    every = np.argsort(order.scores, kind="stable")
-    kept = every[np.linspace(0, len(worlds) - 1, parameters.keep).round().astype(np.int64)]
-    return [worlds[k] for k in kept], Order(order.by, tuple(order.scores[k] for k in kept))
+    scores = [narrowness(world) for world in worlds]
+    kept = list(range(len(worlds)))
+    if parameters.keep:
+        every = np.argsort(scores, kind="stable")
+        kept = every[np.linspace(0, len(worlds) - 1, parameters.keep).round().astype(np.int64)].tolist()
+    return [worlds[k] for k in kept], Order(NARROWNESS, tuple(scores[k] for k in kept))
 
 
 def reordered(worlds: Sequence[World], order: Order) -> dict[int, World]:
@@ -147,31 +171,22 @@ def reordered(worlds: Sequence[World], order: Order) -> dict[int, World]:
 
 
 def write_dataset(
-    target: Path,
-    parameters: DatasetParameters | None = None,
-    rank: Callable[[Sequence[World]], Order] = by_narrowness,
-    progress: Callable[[int, int], None] | None = None,
+    target: Path, parameters: DatasetParameters | None = None, progress: Callable[[int, int], None] | None = None
 ) -> None:
-    """Generate a data set, number it by rising score and write it as a .npz file with a manifest beside it.
+    """Generate a data set, number it by rising narrowness and write it as a .npz file with a manifest beside it.
 
-    `write_dataset(Path("barn300.npz"))` makes what the package ships. rank: returns the scores, predicted or measured.
+    `write_dataset(Path("barn300.npz"))` makes the worlds that the package ships.
     """
     chosen = parameters or DatasetParameters()
-    worlds, order = ranked_dataset(chosen, rank, progress)
-    about: dict[str, object] = {"seed": chosen.seed, "worlds_per_set": chosen.counts[0]}
+    about: dict[str, object] = {"seed": chosen.seed, "worlds_per_set": chosen.worlds_per_set}
     about |= {key: value for key, value in (("keep", chosen.keep), ("robot", chosen.robot)) if value}
-    about["path_planner"] = as_dict(chosen.path)
-    write_ordered(target, chosen.name, worlds, order, about)
-
-
-def renumber_dataset(source: Path, target: Path, order: Order) -> None:
-    """Write the worlds of a data set file renumbered by other scores, one per world in the present order."""
-    content = read_own(source)
-    positions = np.argsort(content.indices)
-    worlds = [content.world(int(position)) for position in positions]
-    about = ("seed", "worlds_per_set", "keep", "robot", "path_planner")
-    kept = {key: value for key, value in content.manifest.items() if key in about}
-    write_ordered(target, str(content.manifest["name"]), worlds, order, kept)
+    about["path_planner"] = {
+        "search": "original",
+        "largest_turn_steps": LARGEST_TURN,
+        "inflation_cells": INFLATION_CELLS,
+        "inflation_weight": INFLATION_WEIGHT,
+    }
+    write_ordered(target, chosen.name, *ranked_dataset(chosen, progress), about)
 
 
 def write_ordered(
@@ -199,7 +214,8 @@ def grow(parameters: WorldParameters, generator: np.random.Generator) -> BoolGri
 
 def iterations(parameters: WorldParameters, generator: np.random.Generator) -> Iterator[BoolGrid]:
     """Yield the random grid and then the grid after each smoothing iteration (as in Fig. 1 of the paper)."""
-    grid = random_fill(parameters, generator)
+    grid: BoolGrid = generator.random((parameters.rows, parameters.cols)) < parameters.initial_fill
+    grid[[0, -1]] = True  # the side walls
     yield grid
     for _ in range(parameters.smoothing_iterations):
         grid = smooth(grid, parameters.fill_threshold, parameters.clear_threshold)
@@ -207,26 +223,14 @@ def iterations(parameters: WorldParameters, generator: np.random.Generator) -> I
         yield grid
 
 
-def random_fill(parameters: WorldParameters, generator: np.random.Generator) -> BoolGrid:
-    """Return a grid filled at random, with its first and last row, the side walls, filled completely."""
-    grid: BoolGrid = generator.random((parameters.rows, parameters.cols)) < parameters.initial_fill
-    grid[[0, -1]] = True
-    return grid
-
-
-def smooth(grid: BoolGrid, fill_threshold: int = 5, clear_threshold: int = 1) -> BoolGrid:
+@njit(cache=True)
+def smooth(grid: BoolGrid, fill_threshold: int, clear_threshold: int) -> BoolGrid:
     """Return the grid after one iteration; every cell looks at the grid before it.
 
     A cell with at least `fill_threshold` filled cells among its 8 neighbours is filled. One with at most
     `clear_threshold` is cleared. Any other stays as it is. Cells above the first and below the last row count as filled
     (corners included), cells beside the first and the last column as free.
     """
-    smoothed: BoolGrid = _smooth(np.ascontiguousarray(grid), fill_threshold, clear_threshold)
-    return smoothed
-
-
-@njit(cache=True)
-def _smooth(grid: BoolGrid, fill_threshold: int, clear_threshold: int) -> BoolGrid:
     rows, cols = grid.shape
     smoothed = np.empty((rows, cols), np.bool_)
     for row in range(rows):

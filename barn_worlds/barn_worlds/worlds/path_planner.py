@@ -2,13 +2,11 @@
 
 import heapq
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 
 from barn_worlds.base.arrays import BoolGrid, Cells, Floats, Integers
-from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import WorldError
 from barn_worlds.worlds.cspace import through_region
 
@@ -19,38 +17,17 @@ _STRAIGHT_FIRST = np.array([0, 4, 2, 6, 1, 3, 7, 5])
 _NO_DIRECTION = 8
 
 
-@dataclass(frozen=True)
-class PathConfig(Checked):
-    """How the path is searched.
-
-    `original` repeats the published paths cell by cell (all 50 of the shared ones, apart from their first cell, which
-    is there twice). Where that finds nothing, and with `complete`, A* over cells and directions finds a path if there
-    is one; it is shorter and nearer to obstacles (by 1.4 and 0.2 cells in the mean over the shared worlds).
-    """
-
-    search: str = quantity("original", "order of the search", choices=("original", "complete"))
-    largest_turn_steps: int = quantity(
-        1, "largest turn between two steps, in steps of 45 degrees", minimum=1, maximum=4
-    )
-    inflation_cells: float = quantity(
-        2.0, "cells this close to obstacles are searched later", "cells", minimum=0.0, maximum=20.0
-    )
-    inflation_weight: float = quantity(
-        5.0, "penalty at distance 1, inversely proportional to the distance", "cells", minimum=0.0, maximum=1000.0
-    )
+# With these all 50 of the shared paths are repeated cell by cell, apart from their first cell, which is there twice.
+LARGEST_TURN = 1  # between two steps, in steps of 45 degrees
+INFLATION_CELLS, INFLATION_WEIGHT = 2.0, 5.0  # cells this close to obstacles are searched later, by weight / distance
 
 
-DEFAULT = PathConfig()
-
-
-def plan_path(
-    cspace: BoolGrid, start: tuple[int, int], goal: tuple[int, int], config: PathConfig = DEFAULT
-) -> Cells | None:
+def plan_path(cspace: BoolGrid, start: tuple[int, int], goal: tuple[int, int]) -> Cells | None:
     """Return a path (n, 2) of free cells from start to goal, both included, or None if there is none.
 
     Steps go to the 8 neighbours, but not between two occupied cells that touch at a corner; turns are limited. The
-    inflation term, weight / distance to the closest occupied cell, affects a cell's priority but not its cost. The
-    same input gives the same path. Raises WorldError for a cell outside the grid.
+    inflation term affects a cell's priority but not its cost. Where the original's search finds nothing, A* over cells
+    and directions finds a path if there is one. Raises WorldError for a cell outside the grid.
     """
     rows, cols = cspace.shape
     for row, column in (start, goal):
@@ -60,15 +37,15 @@ def plan_path(
             return None
     free = np.ascontiguousarray(~cspace)
     first, last = start[0] * cols + start[1], goal[0] * cols + goal[1]
-    penalty = inflation(cspace, config)
-    for complete in (False, True) if config.search == "original" else (True,):
-        path: Cells = search(free, penalty, first, last, config.largest_turn_steps, complete)
+    penalty = inflation(cspace)
+    for complete in (False, True):
+        path: Cells = search(free, penalty, first, last, complete)
         if len(path):
             return path
     return None
 
 
-def plan_through(cspace: BoolGrid, config: PathConfig = DEFAULT) -> Cells | None:
+def plan_through(cspace: BoolGrid) -> Cells | None:
     """Return a path (n, 2) from the first to the last column, or None if there is none.
 
     Start and goal are the cells in the first and the last column that are closest to the middle of the region that
@@ -78,24 +55,24 @@ def plan_through(cspace: BoolGrid, config: PathConfig = DEFAULT) -> Cells | None
     if region is None:
         return None
     ends = [_middle(np.flatnonzero(region[:, column])) for column in (0, -1)]
-    return plan_path(cspace, (ends[0], 0), (ends[1], cspace.shape[1] - 1), config)
+    return plan_path(cspace, (ends[0], 0), (ends[1], cspace.shape[1] - 1))
 
 
-def inflation(cspace: BoolGrid, config: PathConfig = DEFAULT) -> Floats:
+def inflation(cspace: BoolGrid) -> Floats:
     """Return the penalty on each cell's priority (rows, cols): weight / distance, 0 beyond the inflation distance.
 
     Distances are Euclidean, in cells, to occupied C-space cells; the border of the grid is no obstacle.
     """
     rows, cols = cspace.shape
-    reach = math.floor(config.inflation_cells)
+    reach = math.floor(INFLATION_CELLS)
     padded = np.pad(cspace, reach)
     penalty = np.zeros((rows, cols))
     for down in range(-reach, reach + 1):
         for right in range(-reach, reach + 1):
             distance = math.hypot(down, right)
-            if 0.0 < distance <= config.inflation_cells:
+            if 0.0 < distance <= INFLATION_CELLS:
                 near = padded[reach + down : reach + down + rows, reach + right : reach + right + cols]
-                np.maximum(penalty, near * (config.inflation_weight / distance), out=penalty)
+                np.maximum(penalty, near * (INFLATION_WEIGHT / distance), out=penalty)
     return penalty
 
 
@@ -105,7 +82,7 @@ def _middle(rows: Integers) -> int:
 
 
 @njit(cache=True)
-def search(free: BoolGrid, penalty: Floats, start: int, goal: int, largest_turn: int, complete: bool) -> Cells:
+def search(free: BoolGrid, penalty: Floats, start: int, goal: int, complete: bool) -> Cells:
     """Return a path (n, 2) of free cells (rows, cols), expanded in order of cost so far plus penalty; empty if none.
 
     Unless complete, it is the search of the original. A cell is discovered without a heuristic. An open cell that is
@@ -134,7 +111,7 @@ def search(free: BoolGrid, penalty: Floats, start: int, goal: int, largest_turn:
         if cell == goal:
             return _trace(parent, state, states, cols)
         for turn in _STRAIGHT_FIRST:
-            if _turned(direction[state], turn) > largest_turn:
+            if _turned(direction[state], turn) > LARGEST_TURN:
                 continue
             target = _step(free, cell, turn)
             if target < 0:

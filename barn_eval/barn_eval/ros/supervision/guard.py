@@ -1,9 +1,9 @@
 """Run one command and see to it that nothing of it is left, whatever happens to the process that asked for it.
 
 Started as a script of its own, with nothing but the standard library, as `python guard.py FD -- COMMAND...`. FD is a
-socket to the supervisor. The guard reports "started PID", "exited CODE" (negative: the signal) or "failed REASON"
-there, one per line. When the supervisor writes "stop", or its end of the socket closes because it died, the command
-and all its descendants are ended: by SIGINT first, as Ctrl-C does it, then SIGTERM, then SIGKILL.
+socket to the supervisor, which is told there how the command has ended, as an event of `channel`. When the supervisor
+writes, or its end of the socket closes because it died, the command and all its descendants are ended: by SIGINT first,
+as Ctrl-C does it, then SIGTERM, then SIGKILL.
 What the command prints goes to the guard's own output, of a great deal the beginning and the end.
 
 The guard is two processes, of which the second does the work: if either is killed, at the same time as the supervisor
@@ -12,6 +12,7 @@ seen to go first, reports nothing and is lost.
 """
 
 import ctypes
+import json
 import os
 import select
 import signal
@@ -19,7 +20,6 @@ import socket
 import subprocess
 import sys
 import time
-from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -32,69 +32,63 @@ PATIENCE_S = ((signal.SIGINT, 5.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 5.0)
 _ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT)  # of the guard itself
 _ORPHANS_PATIENCE_S = 0.5  # for what is left when the command itself has ended
 HEAD_BYTES = TAIL_BYTES = 5_000_000  # of what one start of a command prints
+_LIBC = ctypes.CDLL(None, use_errno=True)
 
 
 def main(arguments: list[str]) -> int:
     """Run the command given behind "--" and return 0 once nothing of it is left."""
-    libc = ctypes.CDLL(None, use_errno=True)
+    _LIBC.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)  # for orphans of the second
     first = os.getpid()
-    libc.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)  # for orphans of the second
     second = os.fork()
     if second:
         return _stand_by(second)
     wake = _wake_on_signals()
-    _end_with(libc, first, signal.SIGTERM)
-    libc.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)  # orphans of the command become children of the guard
-    return _guard(libc, arguments[2:], socket.socket(fileno=int(arguments[0])), wake)
+    _end_with(first, signal.SIGTERM)
+    _LIBC.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)  # orphans of the command become children of the guard
+    return _guard(arguments[2:], socket.socket(fileno=int(arguments[0])), wake)
 
 
 def _stand_by(second: int) -> int:
     """Wait for the second process; if it is killed, end what it has left."""
-    for entry in os.listdir("/proc/self/fd"):  # noqa: PTH208 (the link is the other's, and so is what is handed down)
-        if int(entry) > 2:
-            with suppress(OSError):
-                os.close(int(entry))
+    os.closerange(3, os.sysconf("SC_OPEN_MAX"))  # the link is the other's, and so is what is handed down
     for number in _ENDING:
         signal.signal(number, signal.SIG_IGN)
     os.waitpid(second, 0)
     while left := _family():
-        for pid in left:
-            with suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
+        _signal_all(left, signal.SIGKILL)
         time.sleep(0.01)
     return 0
 
 
-def _end_with(libc: ctypes.CDLL, parent: int, number: int) -> None:
+def _end_with(parent: int, number: int) -> None:
     """Have this process signalled when its parent dies, or end now if that has happened."""
-    libc.prctl(_PR_SET_PDEATHSIG, number, 0, 0, 0)
+    _LIBC.prctl(_PR_SET_PDEATHSIG, number, 0, 0, 0)
     if os.getppid() != parent:
         os._exit(1)
 
 
-def _guard(libc: ctypes.CDLL, command: list[str], supervisor: socket.socket, wake: socket.socket) -> int:
+def _guard(command: list[str], supervisor: socket.socket, wake: socket.socket) -> int:
     supervisor.setblocking(False)
-    output, writer = _Output.with_pipe()
+    output = _Output()
     try:
         child = subprocess.Popen(  # noqa: S603
             command,
             start_new_session=True,
             close_fds=False,  # what the supervisor hands down is for the command
-            stdout=writer,
-            stderr=writer,
-            preexec_fn=_prepare(libc, supervisor.fileno()),  # noqa: PLW1509 (no threads here)
+            stdout=output.writer,
+            stderr=output.writer,
+            preexec_fn=_prepare(supervisor.fileno()),  # noqa: PLW1509 (no threads here)
         )
     except OSError as error:
-        _report(supervisor, f"failed {command[0]}: {error.strerror or error}")
+        _report(supervisor, f"cannot be started: {command[0]}: {error.strerror or error}")
         return 0
     finally:
-        os.close(writer)
-    _report(supervisor, f"started {child.pid}")
+        os.close(output.writer)
     ordered = _wait(child, supervisor, wake, output)
     _end(child, supervisor, output, hurried=not ordered)
     output.finish()
     if ordered:
-        _report(supervisor, f"exited {child.wait()}")
+        _report(supervisor, _described(child.wait()))
     return 0
 
 
@@ -109,12 +103,12 @@ def _wake_on_signals() -> socket.socket:
     return reader
 
 
-def _prepare(libc: ctypes.CDLL, supervisor: int) -> Callable[[], None]:
+def _prepare(supervisor: int) -> Callable[[], None]:
     guard = os.getpid()
 
     def prepare() -> None:
         os.close(supervisor)
-        _end_with(libc, guard, signal.SIGKILL)  # the command dies with the guard
+        _end_with(guard, signal.SIGKILL)  # the command dies with the guard
         for number in (signal.SIGCHLD, *_ENDING):
             signal.signal(number, signal.SIG_DFL)
 
@@ -124,50 +118,43 @@ def _prepare(libc: ctypes.CDLL, supervisor: int) -> Callable[[], None]:
 class _Output:
     """What a command prints, by a pipe: the first bytes are passed on at once, the last of the others at the end."""
 
-    def __init__(self, reader: int) -> None:
-        self.reader: int | None = reader
-        self._room = HEAD_BYTES
-        self._tail: deque[bytes] = deque()
-        self._kept = self._dropped = 0
-
-    @classmethod
-    def with_pipe(cls) -> tuple["_Output", int]:
-        """Return it with the end of its pipe that the command writes to."""
-        reader, writer = os.pipe()
+    def __init__(self) -> None:
+        reader, self.writer = os.pipe()
         os.set_blocking(reader, False)
-        return cls(reader), writer
-
-    @property
-    def waited_for(self) -> list[Any]:
-        """What to select on for more to read."""
-        return [] if self.reader is None else [self.reader]
+        self.readers: list[Any] = [reader]  # none once all has been read
+        self._room = HEAD_BYTES
+        self._tail = bytearray()
+        self._dropped = 0
 
     def read(self) -> None:
-        """Take in some of what has been printed; after its end there is nothing to wait for."""
-        if self.reader is None:
-            return
-        try:
-            data = os.read(self.reader, 1 << 16)
-        except BlockingIOError:
-            return
-        if not data:
-            os.close(self.reader)
-            self.reader = None
-        _print(data[: self._room])
-        rest, self._room = data[self._room :], max(0, self._room - len(data))
-        self._tail.append(rest)
-        self._kept += len(rest)
-        while self._kept - len(self._tail[0]) > TAIL_BYTES:
-            self._dropped += len(self._tail[0])
-            self._kept -= len(self._tail.popleft())
+        """Take in some of what has been printed."""
+        for reader in self.readers:
+            try:
+                data = os.read(reader, 1 << 16)
+            except BlockingIOError:
+                return
+            if not data:
+                os.close(reader)
+                self.readers = []
+            _print(data[: self._room])
+            self._tail += data[self._room :]
+            self._room = max(0, self._room - len(data))
+            if len(self._tail) > 2 * TAIL_BYTES:
+                self._cut()
 
     def finish(self) -> None:
         """Pass on the rest, the command and its descendants having ended."""
-        while self.reader is not None and select.select([self.reader], [], [], 0.0)[0]:
+        while select.select(self.readers, [], [], 0.0)[0]:
             self.read()
+        self._cut()
         if self._dropped:
             _print(f"\n[{self._dropped} bytes are left out here]\n".encode())
-        _print(b"".join(self._tail))
+        _print(bytes(self._tail))
+
+    def _cut(self) -> None:
+        excess = max(0, len(self._tail) - TAIL_BYTES)
+        del self._tail[:excess]
+        self._dropped += excess
 
 
 def _print(data: bytes) -> None:
@@ -180,9 +167,9 @@ def _print(data: bytes) -> None:
 def _wait(child: subprocess.Popen[bytes], supervisor: socket.socket, wake: socket.socket, output: _Output) -> bool:
     """Return when the command has ended by itself, or is to be ended, and whether the supervisor knows why."""
     while child.poll() is None:
-        ready, _, _ = select.select([supervisor, wake, *output.waited_for], [], [])
+        ready, _, _ = select.select([supervisor, wake, *output.readers], [], [])
         if supervisor in ready:
-            return True  # "stop", or the end of the supervisor
+            return True  # it has written, or has ended
         output.read()
         if wake in ready and set(wake.recv(64)) & set(_ENDING):
             return False
@@ -190,20 +177,23 @@ def _wait(child: subprocess.Popen[bytes], supervisor: socket.socket, wake: socke
 
 
 def _end(child: subprocess.Popen[bytes], supervisor: socket.socket, output: _Output, *, hurried: bool) -> None:
-    """End the command and its descendants; hurried, as after a second "stop", without patience."""
+    """End the command and its descendants; hurried, as after a second word of the supervisor, without patience."""
     _drain(supervisor)
     for number, patience_s in PATIENCE_S:
         if hurried and number != signal.SIGKILL:
             continue
-        if not _descendants(child):
+        if not (left := _descendants(child)):
             return
-        _signal_all(child, number)
+        with suppress(ProcessLookupError):
+            os.killpg(child.pid, number)
+        if number != signal.SIGINT:
+            _signal_all(left, number)  # those that have left the command's process group, too
         sent_s = time.monotonic()
         while _descendants(child) and not (hurried and number != signal.SIGKILL):
             waited_s = time.monotonic() - sent_s
             if waited_s > (patience_s if child.returncode is None else _ORPHANS_PATIENCE_S):
                 break
-            ready, _, _ = select.select([supervisor, *output.waited_for], [], [], 0.02)
+            ready, _, _ = select.select([supervisor, *output.readers], [], [], 0.02)
             output.read()
             hurried = supervisor in ready and _drain(supervisor)
 
@@ -217,26 +207,18 @@ def _drain(supervisor: socket.socket) -> bool:
     return False
 
 
-def _signal_all(child: subprocess.Popen[bytes], number: int) -> None:
-    """Signal the command's process group; from SIGTERM on also descendants that have left it."""
-    with suppress(ProcessLookupError):
-        os.killpg(child.pid, number)
-    if number != signal.SIGINT:
-        for pid in _descendants(child):
-            with suppress(ProcessLookupError):
-                os.kill(pid, number)
+def _signal_all(pids: list[int], number: int) -> None:
+    for pid in pids:
+        with suppress(ProcessLookupError):
+            os.kill(pid, number)
 
 
 def _descendants(child: subprocess.Popen[bytes]) -> list[int]:
     """Return the living descendants of the guard, after reaping the dead ones."""
     child.poll()
-    while True:
-        try:
-            pid, _ = os.waitpid(-1, os.WNOHANG) if child.returncode is not None else (0, 0)
-        except ChildProcessError:
-            break
-        if pid == 0:
-            break
+    with suppress(ChildProcessError):
+        while child.returncode is not None and os.waitpid(-1, os.WNOHANG)[0]:
+            pass
     return _family()
 
 
@@ -255,9 +237,17 @@ def _family() -> list[int]:
     return sorted(family - {os.getpid()})
 
 
-def _report(supervisor: socket.socket, line: str) -> None:
+def _described(code: int) -> str:
+    """Return how a process ended in words; a negative code is a signal."""
+    if code >= 0:
+        return f"exited with code {code}"
+    names = {one.value: one.name for one in signal.Signals}
+    return f"was killed by {names.get(-code, f'signal {-code}')}"
+
+
+def _report(supervisor: socket.socket, how: str) -> None:
     with suppress(OSError):
-        supervisor.sendall(line.encode() + b"\n")
+        supervisor.sendall(json.dumps({"event": "ended", "how": how}).encode() + b"\n")
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ import yaml
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.experiments.request import command_words
 from barn_eval.experiments.ros_config import PlannerLink, RosSetup
-from barn_eval.ros.loopback import LOOPBACK, LOOPBACK_VARIABLE
 from barn_eval.ros.supervision import start
 from barn_sim.config import SimulatorConfig, robot_of
 from barn_worlds.base.config import as_dict
@@ -20,8 +19,12 @@ from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.files import write_whole
 from barn_worlds.robots.files import ROBOTS, robot_text
 
+_LOOPBACK = Path(__file__).parents[2] / "data" / "dds" / "loopback.xml"  # keeps Fast DDS on the loopback interface
 _WHEELS_MARK = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
-_PROFILES = {"FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"}  # the user's own for Fast DDS
+_PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
+_PROFILES = {_PROFILE, "FASTDDS_DEFAULT_PROFILES_FILE"}  # the user's own for Fast DDS
+_BUFFERS = ("RCUTILS_LOGGING_BUFFERED_STREAM", "PYTHONUNBUFFERED")
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
 @dataclass(frozen=True)
@@ -49,18 +52,10 @@ class NodeProcess:
 
 def simulator(setup: RosSetup, line: int, robot: str) -> NodeProcess:
     """Return the simulator of a robot, by name or file; world, start and seed come from the evaluator."""
-    parameters = {
-        "robot": robot,
-        "lockstep": setup.lockstep,
-        "start_paused": True,
-        "command_type": setup.command_type,
-        "real_time_factor": setup.real_time_factor,
-        "command_wait_s": setup.command_wait_s,
-        "ground_truth": setup.ground_truth,
-        "evaluator_fd": line,
-        **_frames(setup, "map_frame", "odom_frame", "base_frame", "lidar_frame"),
-    }
-    return NodeProcess("simulator", _node("barn_sim.ros.simulator:main"), parameters, _names(setup))
+    shared = ("lockstep", "command_type", "real_time_factor", "command_wait_s", "ground_truth")
+    frames = ("map_frame", "odom_frame", "base_frame", "lidar_frame")
+    parameters = {"robot": robot, "start_paused": True, "evaluator_fd": line, **_values(setup, *shared, *frames)}
+    return _node("simulator", "barn_sim.ros.simulator:main", parameters, setup)
 
 
 def robot_of_simulator(config: SimulatorConfig, folder: Path) -> str:
@@ -85,10 +80,10 @@ def planner(choice: PlannerChoice, experiment: Experiment) -> NodeProcess:
         "use_map": experiment.protocol.map_given,
         "use_sim_time": True,
         "command_type": "twist_stamped" if setup.command_type == "twist_stamped" else "twist",
-        **_frames(setup, "map_frame", "odom_frame", "base_frame"),
+        **_values(setup, "map_frame", "odom_frame", "base_frame"),
+        **overrides,
     }
-    node = _node("barn_planners.ros.planner:main")
-    return NodeProcess("planner", node, parameters | _nested(overrides), _names(setup))
+    return _node("planner", "barn_planners.ros.planner:main", parameters, setup)
 
 
 def evaluator(assignment: Path, setup: RosSetup, supervisor: int, simulator: int) -> NodeProcess:
@@ -96,7 +91,7 @@ def evaluator(assignment: Path, setup: RosSetup, supervisor: int, simulator: int
     shared = {field.name for field in fields(PlannerLink)}
     parameters = {key: value for key, value in as_dict(setup).items() if key in shared}
     parameters |= {"assignment": str(assignment), "supervisor_fd": supervisor, "simulator_fd": simulator}
-    return NodeProcess("evaluator", _node("barn_eval.ros.evaluator:main"), parameters, _names(setup))
+    return _node("evaluator", "barn_eval.ros.evaluator:main", parameters, setup)
 
 
 def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
@@ -104,14 +99,12 @@ def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
 
     Their own domain, the loopback interface only, one thread each for their kernels.
     """
-    defaults = {
-        "RCUTILS_LOGGING_BUFFERED_STREAM": "1",
-        "PYTHONUNBUFFERED": "1",
-        "OMP_NUM_THREADS": "1",
-        "OPENBLAS_NUM_THREADS": "1",
-        "NUMBA_NUM_THREADS": "1",
-    }
-    return defaults | dict(inherited) | _transport(inherited) | {"ROS_DOMAIN_ID": str(domain)}
+    return (
+        dict.fromkeys((*_BUFFERS, *_THREADS), "1")
+        | dict(inherited)
+        | _transport(inherited)
+        | {"ROS_DOMAIN_ID": str(domain)}
+    )
 
 
 def _transport(inherited: Mapping[str, str]) -> dict[str, str]:
@@ -124,9 +117,19 @@ def _transport(inherited: Mapping[str, str]) -> dict[str, str]:
     asked = inherited.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     fast = inherited.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp").startswith("rmw_fastrtps")
     if asked == "LOCALHOST" and fast and not inherited.keys() & _PROFILES:
-        return {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT", LOOPBACK_VARIABLE: str(LOOPBACK)}
+        return {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT", _PROFILE: str(_LOOPBACK)}
     transports = inherited.get("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
     return {"ROS_AUTOMATIC_DISCOVERY_RANGE": asked, "FASTDDS_BUILTIN_TRANSPORTS": transports}
+
+
+def reach() -> str:
+    """Return how far this process looks for others, in the words of ROS.
+
+    The profile may be that of another installation of the package, from which the process was started.
+    """
+    if Path(os.environ.get(_PROFILE, "")).parts[-3:] == _LOOPBACK.parts[-3:]:
+        return "LOCALHOST"
+    return os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
 
 
 def foreign_environment(ours: Mapping[str, str]) -> dict[str, str]:
@@ -142,25 +145,11 @@ def foreign_environment(ours: Mapping[str, str]) -> dict[str, str]:
     return theirs | ({"LD_LIBRARY_PATH": os.pathsep.join(kept)} if kept else {})
 
 
-def _frames(setup: RosSetup, *names: str) -> dict[str, str]:
+def _values(setup: RosSetup, *names: str) -> dict[str, Any]:
     return {name: getattr(setup, name) for name in names}
 
 
-def _names(setup: RosSetup) -> tuple[str, ...]:
+def _node(name: str, entry: str, parameters: Mapping[str, Any], setup: RosSetup) -> NodeProcess:
     namespace = [f"__ns:=/{setup.namespace.strip('/')}"] if setup.namespace.strip("/") else []
-    return tuple(part for rule in (*namespace, *setup.remap) for part in ("-r", rule))
-
-
-def _node(entry: str) -> tuple[str, ...]:
-    return sys.executable, start.__file__, entry
-
-
-def _nested(dotted: Mapping[str, Any]) -> dict[str, Any]:
-    nested: dict[str, Any] = {}
-    for name, value in dotted.items():
-        *parents, last = name.split(".")
-        node = nested
-        for parent in parents:
-            node = node.setdefault(parent, {})
-        node[last] = value
-    return nested
+    names = tuple(part for rule in (*namespace, *setup.remap) for part in ("-r", rule))
+    return NodeProcess(name, (sys.executable, start.__file__, entry), parameters, names)

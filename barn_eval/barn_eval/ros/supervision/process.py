@@ -12,13 +12,14 @@ from contextlib import suppress
 from pathlib import Path
 
 from barn_eval.ros.supervision import guard
-from barn_eval.ros.supervision.channel import LineReader
+from barn_eval.ros.supervision.channel import EventChannel
 from barn_worlds.base.errors import BarnError, ConfigError
 
 _MARK = "BARN_GUARD"
 _FULL_LOG_BYTES = 10_000_000  # of all starts: then it begins anew, and one before it is kept
 _LINE = 300  # characters of a line that a message quotes
-_GRACE_S = sum(patience_s for _, patience_s in guard.PATIENCE_S) + 2.0
+# Only a guard that hangs takes longer: it may wait for the processor, and for the disk that takes what was printed.
+_GRACE_S = sum(patience_s for _, patience_s in guard.PATIENCE_S) + 60.0
 
 
 class ProcessError(BarnError):
@@ -26,11 +27,9 @@ class ProcessError(BarnError):
 
 
 class GuardedProcess:
-    """One start of a command: its guard, its log file and what is known of how it fares.
+    """One start of a command: its guard, its log file and, once it is known, its `end` in words.
 
-    lost: whether it ended because its guard did.
-
-    handed: sockets that the command inherits under the same numbers.
+    lost: whether it ended because its guard did. handed: sockets that the command inherits under the same numbers.
     Raises ConfigError where the log cannot be written.
     """
 
@@ -42,17 +41,13 @@ class GuardedProcess:
         log: Path,
         handed: Sequence[socket.socket] = (),
     ) -> None:
-        self.name = name
-        self.log = log
-        self.pid: int | None = None
-        self.started_s = time.monotonic()
+        self.name, self.log = name, log
         self.end: str | None = None
         self.lost = False
         self._asked = False
         self._mark = uuid.uuid4().hex
         ours, theirs = socket.socketpair()
-        self._news = LineReader(ours)
-        passed = [theirs.fileno(), *(one.fileno() for one in handed)]
+        self._news = EventChannel(ours)
         try:
             if log.exists() and log.stat().st_size > _FULL_LOG_BYTES:
                 log.replace(log.with_name(f"{log.name}.1"))
@@ -63,7 +58,7 @@ class GuardedProcess:
                     stdin=subprocess.DEVNULL,
                     stdout=output,
                     stderr=subprocess.STDOUT,
-                    pass_fds=passed,
+                    pass_fds=[one.fileno() for one in (theirs, *handed)],
                     start_new_session=True,
                 )
         except OSError as error:
@@ -82,11 +77,12 @@ class GuardedProcess:
         return self.end is not None
 
     def read(self) -> None:
-        """Take in the news that have come; afterwards `pid` and `end` are up to date."""
-        for line in [] if self.ended else self._news.read():
-            self._take(line.decode())
-        if self._news.closed and not self.ended:
-            self._lost()
+        """Take in the news that have come."""
+        if not self.ended:
+            for event in self._news.receive():
+                self.end = event["how"]
+            if self._news.closed and not self.ended:
+                self._lost()
 
     def ask_to_stop(self) -> None:
         """Begin to end the process; asking again changes nothing."""
@@ -96,8 +92,7 @@ class GuardedProcess:
 
     def stop_now(self) -> None:
         """Leave a process that was asked to stop no more time."""
-        with suppress(OSError):
-            self._news.socket.send(b"stop\n")
+        self._news.send("stop")
 
     def stop(self) -> None:
         """End the process and all that it started, and return when it has ended."""
@@ -112,19 +107,10 @@ class GuardedProcess:
     def wait(self, limit_s: float) -> None:
         """Return when the process has ended, or after that time."""
         deadline = time.monotonic() + limit_s
+        self.read()
         while not self.ended and time.monotonic() < deadline:
+            time.sleep(0.005)
             self.read()
-            if not self.ended:
-                time.sleep(0.005)
-
-    def _take(self, line: str) -> None:
-        word, _, rest = line.partition(" ")
-        if word == "started":
-            self.pid = int(rest)
-        elif word == "exited":
-            self.end = describe(int(rest))
-        else:
-            self.end = f"cannot be started: {rest}"
 
     def _lost(self) -> None:
         """End what a guard has left that was killed: its command dies with it, what that has started has its mark."""
@@ -145,16 +131,6 @@ def _carrying(mark: str) -> list[int]:
             if entry.name.isdigit() and entry_text in (entry / "environ").read_bytes().split(b"\0"):
                 found.append(int(entry.name))  # of a process that has ended, the environment is empty
     return found
-
-
-def describe(code: int) -> str:
-    """Return how a process ended in words; a negative code is a signal."""
-    if code >= 0:
-        return f"exited with code {code}"
-    try:
-        return f"was killed by {signal.Signals(-code).name}"
-    except ValueError:
-        return f"was killed by signal {-code}"
 
 
 def last_lines(log: Path, count: int = 10) -> str:

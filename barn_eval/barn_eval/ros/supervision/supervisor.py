@@ -1,12 +1,14 @@
 """Run trials of a planner over ROS: simulator, planner and evaluator as processes, started, watched and ended."""
 
+import json
 import math
 import os
 import selectors
 import signal
 import socket
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 
@@ -20,7 +22,9 @@ from barn_eval.trials.outcome import ENVIRONMENT
 from barn_eval.trials.result import from_json_line
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trial import handled
+from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.files import write_whole
 from barn_worlds.ros import private_line
 from barn_worlds.ros.domain import in_use, reserved_domain
 
@@ -35,13 +39,12 @@ def run_ros_trials(
     logs: Path | None = None,
     notice: Callable[[str], None] = lambda _: None,
     environment: Mapping[str, str] = os.environ,
-) -> Iterator[Record]:
+) -> Generator[Record, None, None]:
     """Run trials of one planner of an experiment and yield what is to be kept of each once it has ended.
 
-    logs: folder of what the nodes print [store.folder/logs]. notice: gets a line about each process that has ended
-    unasked. environment: of the nodes; its ROS domain is taken, if it names one. All processes have ended when the
-    iteration has, whatever ends it, and also if this process is killed. Raises ProcessError, with the last lines of a
-    log, where the nodes cannot be run, and ConfigError for what is not allowed.
+    notice: gets a line about each process that has ended unasked. environment: of the nodes. All processes have ended
+    when the iteration has, whatever ends it, and also if this process is killed. Raises ProcessError, with the last
+    lines of a log, where the nodes cannot be run, and ConfigError for what is not allowed.
     """
     if not trials:
         return
@@ -52,9 +55,8 @@ def run_ros_trials(
         raise ConfigError(f"{logs}: {error.strerror or error}") from None
     with reserved_domain(environment) as domain, handled(signal.SIGTERM, _end):
         shared = in_use(domain)
-        supervisor = Supervisor(
-            experiment, trials, store, logs, nodes.environment(environment, domain), notice, look_first=shared
-        )
+        given = nodes.environment(environment, domain)
+        supervisor = Supervisor(experiment, trials, store, logs, given, notice, look_first=shared)
         try:
             yield from supervisor.run()
         finally:
@@ -76,34 +78,31 @@ class Supervisor:
         environment: Mapping[str, str],
         notice: Callable[[str], None],
         *,
-        look_first: bool = False,
+        look_first: bool,
     ) -> None:
-        self._experiment = experiment
+        (planner,) = (one for one in experiment.planners if one.name == trials[0].planner)
         self._trials = {spec.trial_id: spec for spec in trials}  # those without a result
-        self._store = store
-        self._logs = logs
-        self._environment = environment
-        self._notice = notice
+        self._logs, self._environment, self._notice = logs, environment, notice
         self._evaluator: EventChannel | None = None
         self._processes: dict[str, GuardedProcess] = {}
         self._due: dict[str, float] = {}  # processes to be started, and when
         self._started_s: dict[str, float] = {}
         self._lost_evaluators = 0
-        self._look_first = look_first
         self._trial = ""
         self._done = False
-        (planner,) = (one for one in experiment.planners if one.name == trials[0].planner)
         # Both ends stay open here, for a simulator or an evaluator that is started in place of one that has ended.
         self._line, self._far_line = private_line.pair()
-        self._robot = nodes.robot_of_simulator(experiment.simulator, logs)
+        robot = nodes.robot_of_simulator(experiment.simulator, logs)
         self._others = {
-            "simulator": nodes.simulator(experiment.ros, self._line.fileno(), self._robot),
+            "simulator": nodes.simulator(experiment.ros, self._line.fileno(), robot),
             "planner": nodes.planner(planner, experiment),
         }
+        alone = replace(experiment, planners=(planner,))
+        self._assignment = Assignment(alone, (), (), str(store.folder), store.pictures, robot, look_first)
 
     def run(self) -> Iterator[Record]:
         """Yield records as they come, until there is one of each trial."""
-        for name in ("evaluator",) if self._look_first else (*self._others, "evaluator"):
+        for name in ("evaluator",) if self._assignment.look_first else (*self._others, "evaluator"):
             self._plan_start(name)
         while not self._done:
             self._start_due()
@@ -141,7 +140,7 @@ class Supervisor:
         self._far_line.close()
 
     def _await_news(self) -> None:
-        wait_s = min([0.5, *(max(0.0, at - time.monotonic()) for at in self._due.values())])
+        wait_s = max(0.0, min([0.5, *(at - time.monotonic() for at in self._due.values())]))
         with selectors.DefaultSelector() as selector:
             for process in self._processes.values():
                 selector.register(process, selectors.EVENT_READ)
@@ -150,30 +149,31 @@ class Supervisor:
             selector.select(wait_s)
 
     def _start_due(self) -> None:
-        for name, at in list(self._due.items()):
-            if at <= time.monotonic() and name not in self._processes:
-                del self._due[name]
-                if name == "evaluator":
-                    self._start_evaluator()
-                else:
-                    self._start(self._others[name], [self._line] if name == "simulator" else [])
+        for name in [name for name, at in self._due.items() if at <= time.monotonic() and name not in self._processes]:
+            del self._due[name]
+            if name == "evaluator":
+                self._start_evaluator()
+            else:
+                self._start(self._others[name], [self._line] if name == "simulator" else [])
 
     def _start_evaluator(self) -> None:
         ours, theirs = socket.socketpair()
         path = self._logs / "assignment.json"
-        trials, self._look_first, first = list(self._trials.values()), False, self._look_first
-        Assignment.of(self._experiment, trials, self._store, self._robot, look_first=first).write(path)
+        worlds = tuple(dict.fromkeys(spec.index for spec in self._trials.values()))
+        assigned = replace(self._assignment, trials=tuple(self._trials), worlds=worlds)
+        write_whole(path, json.dumps(as_dict(assigned)).encode())
+        self._assignment = replace(self._assignment, look_first=False)
         with theirs:
             handed = [theirs, self._far_line]
-            self._start(nodes.evaluator(path, self._experiment.ros, *(one.fileno() for one in handed)), handed)
+            setup = self._assignment.experiment.ros
+            self._start(nodes.evaluator(path, setup, theirs.fileno(), self._far_line.fileno()), handed)
         self._evaluator = EventChannel(ours)
 
     def _start(self, node: NodeProcess, handed: Sequence[socket.socket]) -> None:
-        log = self._logs / f"{node.name}.log"
         command = node.with_parameter_file(self._logs)
         self._started_s[node.name] = time.monotonic()
         environment = nodes.foreign_environment(self._environment) if node.foreign else self._environment
-        self._processes[node.name] = GuardedProcess(node.name, command, environment, log, handed)
+        self._processes[node.name] = GuardedProcess(node.name, command, environment, self._log(node.name), handed)
 
     def _handle(self, event: dict[str, str]) -> None:
         kind, name = event["event"], event.get("name", "")
@@ -186,7 +186,8 @@ class Supervisor:
         elif kind == "start" and name not in self._processes:
             self._plan_start(name)
         elif kind == "refused":
-            raise ProcessError(event["reason"] + self._log_of(event["reason"]))
+            concerned = [name for name in self._others if f"the {name} " in event["reason"]]
+            raise ProcessError("; ".join([event["reason"], *(last_lines(self._log(name)) for name in concerned[:1])]))
         elif kind == "done":
             self._done = True
 
@@ -210,21 +211,17 @@ class Supervisor:
         self._evaluator = None
         self._lost_evaluators += 1
         if self._lost_evaluators >= _EVALUATOR_STARTS:
-            times = f"{_EVALUATOR_STARTS} times in a row"
-            raise ProcessError(f"the evaluator {process.end}, {times}; {last_lines(process.log)}")
+            lost = f"the evaluator {process.end}, {_EVALUATOR_STARTS} times in a row"
+            raise ProcessError(f"{lost}; {last_lines(process.log)}")
         for name in (*self._others, "evaluator"):
             if name not in self._processes:
                 self._plan_start(name)
 
     def _plan_start(self, name: str) -> None:
-        """Have a process started, but no more often than once a second."""
         self._due.setdefault(name, self._started_s.get(name, -math.inf) + _FRESH_S)
 
-    def _log_of(self, reason: str) -> str:
-        for name in self._others:
-            if f"the {name} " in reason:
-                return "; " + last_lines(self._logs / f"{name}.log")
-        return ""
+    def _log(self, name: str) -> Path:
+        return self._logs / f"{name}.log"
 
 
 def _end(number: int, _frame: FrameType | None) -> None:

@@ -1,4 +1,4 @@
-"""All that a reproduction has found, as plain data: the page and the figures are drawn from it and nothing else."""
+"""What a reproduction consists of and all that it has found, as plain data: page and figures come from it alone."""
 
 from __future__ import annotations
 
@@ -9,24 +9,41 @@ from pathlib import Path
 from typing import Any
 
 from barn_eval.experiments.run_file import provenance
-from barn_eval.studies.reproduction.config import ReproduceConfig
-from barn_eval.studies.reproduction.new_worlds import TransferFinding
-from barn_eval.studies.reproduction.table_ii import MetricsFinding
-from barn_eval.studies.reproduction.trials import TrialsFinding
+from barn_eval.studies.reproduction.paper import REPETITIONS
+from barn_eval.studies.reproduction.trials import MetricsFinding, TrialsFinding
 from barn_metrics.model.evaluation import Evaluation
-from barn_worlds.base.config import as_dict, from_dict
+from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.text_files import finite, read_json
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
+
+
+@dataclass(frozen=True)
+class ReproduceConfig(Checked):
+    """What decides the outcome.
+
+    strata: the worlds, in the order of the data set, are cut into so many parts, one drawn from each; 0 takes all.
+    """
+
+    dataset: str = quantity("barn300", "data set: a name, folder or file")
+    strata: int = quantity(
+        0, "parts of the order of which one world each is taken, 0 for all", minimum=0, maximum=10_000
+    )
+    repetitions: int = quantity(REPETITIONS, "trials per world and planner", minimum=2, maximum=99)
+    seed: int = quantity(0, "all randomness comes from it", minimum=0, maximum=2**31)
+    folds: int = quantity(10, "parts that held-out worlds are taken in", minimum=2, maximum=100)
+    repeats: int = quantity(5, "how often they are drawn anew", minimum=1, maximum=100)
+
+
+QUICK = ReproduceConfig(strata=40, folds=5, repeats=1)
 
 
 @dataclass(frozen=True)
 class Scope:
     """What was run.
 
-    dataset_worlds: number of worlds of the data set; worlds: number of those with trials. sensor: what is changed for
-    the trials in new worlds, by name; simulator: the same of the paper's trials.
+    dataset_worlds: number of worlds of the data set; worlds: number of those with trials.
     """
 
     config: ReproduceConfig
@@ -34,8 +51,6 @@ class Scope:
     dataset_worlds: int
     worlds: int
     protocol: str
-    simulator: dict[str, Any]
-    sensor: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -46,13 +61,12 @@ class Findings:
     metrics: MetricsFinding
     trials: TrialsFinding
     learning: Evaluation
-    transfer: TransferFinding
     schema_version: int = SCHEMA_VERSION
 
 
 @dataclass(frozen=True)
 class Origin:
-    """Commits, versions and machines of all sessions of the campaigns and of this analysis, each named once."""
+    """Commits, versions and machines of all sessions of the campaign and of this analysis, each named once."""
 
     commits: tuple[str, ...]
     versions: tuple[dict[str, str], ...]
@@ -60,7 +74,7 @@ class Origin:
 
     @classmethod
     def of(cls, earlier: Iterable[Mapping[str, Any]]) -> Origin:
-        """Return what the sessions of campaigns and this process have been made with."""
+        """Return what the sessions of a campaign and this process have been made with."""
         sessions = [*earlier, provenance()]
         return cls(
             tuple(dict.fromkeys(str(session["commit"] or "not known") for session in sessions)),

@@ -7,7 +7,6 @@ writes the page in a folder anew from the numbers there, after its wording or fi
 
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -15,11 +14,11 @@ from matplotlib.figure import Figure
 from barn_eval.analysis.planners import colours, spelling
 from barn_eval.pages.figures import label_axes, new_figure, style, write_figure
 from barn_eval.pages.template import render
-from barn_eval.studies.reproduction import paper, tables
+from barn_eval.studies.reproduction import paper
 from barn_eval.studies.reproduction.findings import Findings, Origin, read_findings, to_json
-from barn_eval.studies.reproduction.model import SHIPPED
 from barn_eval.trials.outcome import Outcome
-from barn_metrics.model.evaluation import RIDGE
+from barn_metrics.bootstrap import Interval, number
+from barn_metrics.model.evaluation import RIDGE, RIDGE_TITLE, WEIGHTS
 from barn_metrics.report import TABLE_II
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.files import write_whole
@@ -27,10 +26,10 @@ from barn_worlds.base.text_files import read_json
 from barn_worlds.drawing.palette import INK, PLANNERS
 
 NAME = "results"
+HOLDS, FAILS, OPEN = "holds", "does not hold", "not decided"
 _PLANNERS = (*paper.PLANNERS, "both")
 _COLOURS = dict(zip(_PLANNERS, colours(_PLANNERS), strict=True))
 _TITLES = {name: spelling(name) for name in paper.PLANNERS} | {"both": "both planners"}
-_MARKERS = {"dwa": "o", "eband": "s"}
 
 
 def write_results(findings: Findings, origin: Origin, folder: Path) -> Path:
@@ -59,15 +58,17 @@ def page(findings: Findings, origin: Origin) -> str:
         origin=origin,
         paper=paper,
         table_ii=TABLE_II,
-        tables=tables,
         outcomes=[one.value for one in Outcome],
+        variance=float(np.var(findings.learning.difficulty)),
+        above=above,
+        compared=compared,
     )
 
 
 def write_figures(findings: Findings, folder: Path) -> None:
     """Write results_*.png; StoreError if one cannot be written."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name, draw in (("worlds", worlds_figure), ("model", model_figure), ("transfer", transfer_figure)):
+    for name, draw in (("worlds", worlds_figure), ("model", model_figure)):
         with style():
             figure = draw(findings)
         write_figure(figure, folder / f"results_{name}.png")
@@ -89,7 +90,7 @@ def worlds_figure(findings: Findings) -> Figure:
         label_axes(axes, "", "time per metre [s/m]", _TITLES[name])
     place = {row.world: number for number, row in enumerate(rows, 1)}
     drawn_at = [place[world] for world in found.world_numbers]
-    predicted = found.score(SHIPPED).predictions
+    predicted = found.score(WEIGHTS).predictions
     panels[-1].scatter(drawn_at, predicted, marker=".", s=14, color=INK, zorder=3, label="the suite's model, held out")
     panels[-1].set_xlabel("worlds from easy to difficult, by the mean over both planners' trials")
     panels[-1].set_xlim(0.5, len(rows) + 0.5)
@@ -102,7 +103,7 @@ def model_figure(findings: Findings) -> Figure:
     """Return measured against predicted difficulty of worlds held out, by ridge regression and the suite's model."""
     figure = new_figure(5.6)
     found = findings.learning
-    titles = {RIDGE: "ridge regression on the five metrics", SHIPPED: "the suite's model"}
+    titles = {RIDGE: RIDGE_TITLE, WEIGHTS: "the suite's model"}
     for axes, (name, model) in zip(figure.subplots(1, 2, sharex=True, sharey=True), titles.items(), strict=True):
         score = found.score(name)
         axes.scatter(score.predictions, found.difficulty, s=14, color=PLANNERS[0], label="held out")
@@ -113,38 +114,25 @@ def model_figure(findings: Findings) -> Figure:
     return figure
 
 
-def transfer_figure(findings: Findings) -> Figure:
-    """Return Fig. 8: measured against predicted time per metre in new worlds."""
-    worlds, fit = findings.transfer.worlds, findings.transfer.figure
-    figure = new_figure(6.2)
-    axes = figure.subplots()
-    every = np.array([row.predicted_s_per_m for row in worlds])
-    shown = [row for row in worlds if row.in_figure]
-    others = [row for row in worlds if not row.in_figure]
-    x, other_x = (np.array([row.predicted_s_per_m for row in some]) for some in (shown, others))
-    for shift, planner in ((-0.004, "dwa"), (0.004, "eband")):
-        look: dict[str, Any] = {"marker": _MARKERS[planner], "color": _COLOURS[planner]}
-        if others:
-            means = [row.mean_s_per_m[planner] for row in others]
-            axes.scatter(other_x, means, s=12, alpha=0.3, label=f"{_TITLES[planner]}, other new worlds", **look)
-        axes.errorbar(
-            x + shift * np.ptp(x),
-            [row.mean_s_per_m[planner] for row in shown],
-            yerr=[row.spread_s_per_m[planner] for row in shown],
-            ls="none",
-            capsize=3,
-            label=f"{_TITLES[planner]}, mean and spread",
-            **look,
-        )
-    ends = np.array([every.min(), every.max()])
-    for name, line in fit.lines.items():
-        heights = line.intercept_s_per_m.estimate + line.slope.estimate * ends
-        axes.plot(ends, heights, color=_COLOURS[name], lw=1.6, label=f"line of {_TITLES[name]}")
-    axes.plot(ends, ends, color=INK, lw=1.0, ls="--", label="equal")
-    slopes = ", ".join(f"{_TITLES[name]} {line.slope.estimate:.2f}" for name, line in fit.lines.items())
-    label_axes(axes, "predicted time per metre [s/m]", "measured time per metre [s/m]", f"slopes: {slopes}")
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    return figure
+def above(interval: Interval, value: float = 0.0) -> str:
+    """Return the verdict on whether a figure is above a value."""
+    if interval.low is None or interval.high is None:
+        return OPEN
+    return HOLDS if interval.low > value else FAILS if interval.high < value else OPEN
+
+
+def contains(interval: Interval, value: float) -> str:
+    """Return whether a value lies within an interval, yes or no."""
+    return "yes" if interval.low is not None and above(interval, value) == OPEN else "no"
+
+
+def compared(published: float, ours: Interval | float | None, digits: int = 2) -> str:
+    """Return four cells: a published number, ours, their difference, whether the published one is in our interval."""
+    value = ours.estimate if isinstance(ours, Interval) else ours
+    shown = ours.text(digits) if isinstance(ours, Interval) else number(value, digits)
+    within = contains(ours, published) if isinstance(ours, Interval) else ""
+    change = "" if value is None else f"{value - published:+.{digits}f}"
+    return f"{number(published, digits)} | {shown} | {change} | {within}"
 
 
 if __name__ == "__main__":

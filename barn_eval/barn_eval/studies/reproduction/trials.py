@@ -1,8 +1,9 @@
-"""What the 3000 trials say: times as the paper counts them, failures, and worlds from easy to difficult (Fig. 6)."""
+"""What worlds and trials say: Table II, times as the paper counts them, failures, worlds by difficulty (Fig. 6)."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -10,13 +11,20 @@ import numpy.typing as npt
 from barn_eval.analysis.means import mean_interval
 from barn_eval.analysis.significance import proportion
 from barn_eval.analysis.statistics import rank_correlation
-from barn_eval.studies.intervals import deviation, over_worlds, split_correlation
 from barn_eval.studies.reproduction import paper
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import TrialResult
+from barn_metrics import bootstrap
 from barn_metrics.bootstrap import Interval
+from barn_metrics.formula import CORRECTED, PUBLISHED
+from barn_metrics.metrics import METRICS
+from barn_metrics.report import metrics_table
 from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.errors import ConfigError
+from barn_worlds.worlds.dataset import Dataset
+
+# Deviations of very few worlds have no bias correction that could be trusted.
+over_worlds = partial(bootstrap.over_worlds, method="percentile")
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,24 +46,10 @@ class PlannerTrials:
 
 
 @dataclass(frozen=True)
-class Parts:
-    """What a difference in mean time (ours minus published) is made of; the parts add up to `total_s`.
-
-    successes_s: from the time of successes; share_s: from how many trials fail; penalty_s: from what a failure counts.
-    """
-
-    total_s: float
-    successes_s: float
-    share_s: float
-    penalty_s: float
-
-
-@dataclass(frozen=True)
 class PlannerFinding:
     """One planner's figures as `paper.PublishedTrials` names them, with 95 % intervals over worlds.
 
-    failure_time_s: what a failure counts on average, None without failures. sure_worlds: number of worlds in which no
-    trial fails, sure_spread_s_per_m: the spread in these. parts: why the mean time differs from the published one.
+    failure_time_s: what a failure counts on average, None without failures.
     """
 
     planner: str
@@ -70,10 +64,6 @@ class PlannerFinding:
     failure_time_s: float | None
     easy_s: float
     hard_s: float
-    halves: float
-    sure_worlds: int
-    sure_spread_s_per_m: float | None
-    parts: Parts
 
 
 @dataclass(frozen=True)
@@ -90,7 +80,7 @@ class TrialsFinding:
     """All that the trials say.
 
     worlds: from easy to difficult. spread_correlation: Spearman's, of mean and spread of both planners' trials.
-    spread_difference, normalised_difference: DWA's minus E-Band's. steeper: how much faster DWA's time grows than
+    spread_difference: DWA's minus E-Band's. steeper: how much faster DWA's time grows than
     E-Band's from the easiest to the hardest tenth, s.
     """
 
@@ -98,8 +88,6 @@ class TrialsFinding:
     worlds: tuple[WorldRow, ...]
     spread_correlation: Interval
     planners_correlation: Interval
-    halves: float
-    normalised_difference: Interval
     spread_difference: Interval
     steeper_s: Interval
 
@@ -149,8 +137,6 @@ def trials_finding(results: Sequence[TrialResult], found: Mapping[str, PlannerTr
         rows,
         rank_correlation((both.mean(axis=1), worlds), (both.std(axis=1), worlds), seed),
         rank_correlation((dwa.mean(axis=1), worlds), (eband.mean(axis=1), worlds), seed),
-        split_correlation(both, both.shape[1] // 2),
-        mean_interval(dwa.mean(axis=1) - eband.mean(axis=1), worlds),
         mean_interval(dwa.std(axis=1) - eband.std(axis=1), worlds),
         _steeper(found, seed),
     )
@@ -162,13 +148,12 @@ def _planner(
     outcomes = Counter(one.outcome for one in results if one.planner == planner)
     failed, worlds = ~trials.succeeded, trials.world_of_each
     times, tenth = trials.time_s.ravel(), _tenth(len(order))
-    spreads, sure = trials.normalised_s_per_m.std(axis=1), trials.succeeded.all(axis=1)
     return PlannerFinding(
         planner=planner,
         trials=times.size,
         outcomes={outcome.value: outcomes[outcome] for outcome in Outcome if outcomes[outcome]},
         normalised_s_per_m=mean_interval(trials.normalised_s_per_m.ravel(), worlds),
-        spread_s_per_m=mean_interval(spreads, trials.worlds),
+        spread_s_per_m=mean_interval(trials.normalised_s_per_m.std(axis=1), trials.worlds),
         over_worlds_s_per_m=deviation(trials.normalised_s_per_m.mean(axis=1), seed),
         time_s=mean_interval(times, worlds),
         success_time_s=mean_interval(np.where(failed.ravel(), np.nan, times), worlds),
@@ -176,25 +161,7 @@ def _planner(
         failure_time_s=float(trials.time_s[failed].mean()) if failed.any() else None,
         easy_s=float(trials.time_s[order[:tenth]].mean()),
         hard_s=float(trials.time_s[order[-tenth:]].mean()),
-        halves=split_correlation(trials.normalised_s_per_m, trials.time_s.shape[1] // 2),
-        sure_worlds=int(sure.sum()),
-        sure_spread_s_per_m=float(spreads[sure].mean()) if sure.any() else None,
-        parts=_parts(trials, paper.TRIALS[planner]),
     )
-
-
-def _parts(trials: PlannerTrials, published: paper.PublishedTrials) -> Parts:
-    """Return the difference of (1 - f) s + f c: f the share of failures, s and c times of successes and failures."""
-    failed = ~trials.succeeded
-    share = float(failed.mean())
-    success_s = published.success_time_s if failed.all() else float(trials.time_s[trials.succeeded].mean())
-    failure_s = float(trials.time_s[failed].mean()) if failed.any() else published.failure_time_s
-    mean_share = (share + published.failure_share) / 2.0
-    gap_s = (failure_s + published.failure_time_s - success_s - published.success_time_s) / 2.0
-    successes_s = (success_s - published.success_time_s) * (1.0 - mean_share)
-    share_s = (share - published.failure_share) * gap_s
-    penalty_s = (failure_s - published.failure_time_s) * mean_share
-    return Parts(successes_s + share_s + penalty_s, successes_s, share_s, penalty_s)
 
 
 def _tenth(worlds: int) -> int:
@@ -216,3 +183,55 @@ def _steeper(found: Mapping[str, PlannerTrials], seed: int) -> Interval:
         return found
 
     return over_worlds(rise, len(difficulty), seed)
+
+
+def deviation(values: Floats, seed: int) -> Interval:
+    """Return the standard deviation (population) of one value per world (n,)."""
+    return over_worlds(lambda drawn: values[drawn].std(axis=-1), len(values), seed)
+
+
+@dataclass(frozen=True)
+class MetricRow:
+    """One metric over all worlds of the data set, with 95 % intervals over worlds.
+
+    minimum, maximum: over the cells of all paths, for tortuosity over paths. corrected_mean, corrected_std: by
+    the corrected formula, from which the published one (historical visibility, uneven dispersion, four axes) differs.
+    """
+
+    name: str
+    title: str
+    minimum: float
+    maximum: float
+    mean: Interval
+    std: Interval
+    corrected_mean: float
+    corrected_std: float
+
+
+@dataclass(frozen=True)
+class MetricsFinding:
+    """Table II of the data set, by the formula that reproduces the published numbers from the published worlds."""
+
+    worlds: int
+    rows: tuple[MetricRow, ...]
+
+
+def metrics_finding(dataset: Dataset, seed: int) -> MetricsFinding:
+    """Return the table of a whole data set."""
+    table, corrected = (metrics_table(dataset, formula) for formula in (PUBLISHED, CORRECTED))
+    rows = []
+    for metric, values in zip(METRICS, table.values.T, strict=True):
+        ours, better = table.summary_of(metric), corrected.summary_of(metric)
+        rows.append(
+            MetricRow(
+                metric.name,
+                metric.title,
+                ours.get("cell_minimum", ours["minimum"]),
+                ours.get("cell_maximum", ours["maximum"]),
+                mean_interval(values, np.arange(len(values))),
+                deviation(values, seed),
+                better["mean"],
+                better["std"],
+            )
+        )
+    return MetricsFinding(len(table.worlds), tuple(rows))

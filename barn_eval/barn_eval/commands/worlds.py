@@ -1,0 +1,218 @@
+"""`barn worlds`: generate, sample, move, convert and list worlds."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import click
+
+from barn_eval import worlds
+from barn_eval.commands.options import (
+    COUNT,
+    FILE,
+    PATH,
+    console,
+    json_option,
+    print_json,
+    progress,
+    say,
+    seed_option,
+    settings_option,
+    worlds_option,
+)
+from barn_eval.commands.tables import table
+from barn_eval.worlds.sets import FORMATS, Form
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.moving.generate import class_named
+from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.worlds.generate import WorldParameters
+
+robot_option = click.option(
+    "--robot", default="jackal", help="Robot that paths are planned for: a name (see barn robots) or a YAML file."
+)
+# Of how obstacles move: heading, name of the figure, and its format.
+_MOTION = (
+    (">obstacles", "obstacles", ".1f"),
+    (">m/s", "mean_speed_mps", ".2f"),
+    (">from", "slowest_mps", ".2f"),
+    (">to", "fastest_mps", ".2f"),
+    (">period [s]", "period_s", ".1f"),
+    (">crossings /min", "crossings_per_min", ".1f"),
+    (">occupied", "occupied_share", ".3f"),
+)
+
+
+@click.group("worlds")
+def command() -> None:
+    """Generate, sample, move, convert and list worlds."""
+
+
+@command.command()
+@click.argument("target", type=PATH)
+@seed_option(2020)
+@click.option("--per-set", default=25, type=COUNT, help="Worlds per parameter set.")
+@settings_option("--set", "parameters", "One parameter set of your own", WorldParameters())
+@robot_option
+@click.option(
+    "--keep",
+    default=0,
+    show_default=False,
+    type=click.IntRange(0),
+    help="Keep so many, evenly spread from wide to narrow [default: all].",
+)
+def generate(target: Path, **options: Any) -> None:
+    """Generate a data set: TARGET.npz, or a folder in the original layout.
+
+    Without --set the twelve parameter sets of the paper's Table I are used.
+    """
+    with progress("worlds") as share:
+        made = worlds.generate(target, **options, progress=lambda made, total: share(made / total))
+    say(f"{len(made)} worlds in {target}")
+
+
+@command.command()
+@click.argument("target", type=FILE)
+@click.option(
+    "--difficulty",
+    "wanted",
+    required=True,
+    metavar="LOW:HIGH",
+    help="Predicted time per metre [s/m]; one of them may be left out.",
+)
+@click.option("--from", "source", help="Data set to draw from; without, worlds are generated.")
+@click.option("--count", default=10, type=click.IntRange(1, 100_000), help="Number of worlds.")
+@seed_option()
+@click.option("--weights", type=FILE, help="Difficulty model [default: the shipped one].")
+def sample(target: Path, wanted: str, **options: Any) -> None:
+    """Write COUNT worlds of a wanted difficulty to TARGET.npz, numbered from the easiest.
+
+    Difficulty is the time per metre that the model predicts for a world.
+    """
+    target = target.with_suffix(".npz")
+    made = worlds.sample(target, *parse_range(wanted), **options)
+    say(f"{len(made)} worlds in {target}")
+
+
+def parse_range(text: str) -> tuple[float, float]:
+    """Return the limits of LOW:HIGH, infinite where one is left out; ConfigError for anything else."""
+    low, colon, high = map(str.strip, text.partition(":"))
+    try:
+        if not colon:
+            raise ValueError
+        return float(low or "-inf"), float(high or "inf")
+    except ValueError:
+        raise ConfigError(f"--difficulty must be LOW:HIGH, got {text!r}") from None
+
+
+@command.command()
+@click.argument("target", type=FILE)
+@click.option("--class", "classes", default="easy,medium,hard", help="Classes of motion, joined by commas.")
+@click.option("--per-class", default=20, type=click.IntRange(1, 10_000), help="Arenas of each class.")
+@seed_option()
+@settings_option("--set", "parameters", "Parameter of the classes", class_named("easy"))
+@click.option("--in", "source", help="Data set whose worlds get moving obstacles; without, arenas are made.")
+@click.option("--crossing", is_flag=True, help="Obstacles go to and fro across the path, as people cross a corridor.")
+@click.option("--obstacles", type=click.IntRange(1, 500), help="Obstacles of a world [default: drawn from the class].")
+@worlds_option
+def move(target: Path, classes: str, **options: Any) -> None:
+    """Generate worlds in which obstacles move: TARGET.npz.
+
+    Without --in they are arenas as in DynaBARN. With it, the worlds of a data set get moving obstacles of one class.
+    """
+    made = worlds.generate_moving(target, [name.strip() for name in classes.split(",")], **options)
+    say(f"{len(made)} worlds in {target.with_suffix('.npz')}")
+
+
+@command.command()
+@click.argument("source")
+@click.argument("target", type=PATH)
+@click.option(
+    "--format", "form", type=click.Choice(FORMATS), help="What to write [default: npz for TARGET.npz, else original]."
+)
+@click.option("--movable", is_flag=True, help="Obstacles of Gazebo worlds can be pushed, as in the paper's trials.")
+@worlds_option
+@robot_option
+@click.option("--resize", is_flag=True, help="Make the cells of the grids as large as `generate` does for the robot.")
+@click.option(
+    "--order",
+    metavar="FILE:COLUMN",
+    help="Number the worlds by rising score, of a CSV file with a column `world`; rows of one world are averaged. An"
+    " experiment's results.csv is one.",
+)
+def convert(
+    source: str,
+    target: Path,
+    form: Form | None,
+    movable: bool,
+    select: str,
+    robot: str,
+    resize: bool,
+    order: str | None,
+) -> None:
+    """Read worlds of any known format and write them for the suite or other programs, or in another order.
+
+    npz is a data set in one file, original the layout of the original data set. sdf (current Gazebo), sdf_classic
+    (Gazebo Classic), map (map_server's pgm and yaml), yaml, tracks (CSV of moving obstacles) and png write a file per
+    world into the folder TARGET.
+    """
+    form = form or ("npz" if target.suffix == ".npz" or order else "original")
+    if order is not None:
+        if form != "npz" or select != "all" or resize:
+            raise ConfigError("--order is for whole data sets, written as npz")
+        scores, colon, column = order.rpartition(":")
+        if not colon:
+            raise ConfigError(f"--order {order}: must be FILE:COLUMN")
+        target = target.with_suffix(".npz")
+        written = worlds.order(source, target, scores, column)
+    else:
+        written = worlds.load(source, select, robot=robot)
+        if resize:
+            written = worlds.resize(written, robot)
+        target = worlds.save(written, target, form, movable=movable)
+    say(f"{len(written)} worlds in {target}")
+
+
+@command.command("list")
+@click.argument("source", required=False)
+@worlds_option
+@click.option("--motion", is_flag=True, help="How the obstacles of SOURCE move, by class: means over the worlds.")
+@json_option
+def show_list(source: str | None, select: str, motion: bool, as_json: bool) -> None:
+    """List the data sets that come with the suite, or the worlds of SOURCE.
+
+    Motion is that of the first 100 s. Crossings are of the straight line from start to goal by the centres of
+    obstacles; occupied is the share of that line that obstacles cover.
+    """
+    if motion and source is None:
+        raise click.UsageError("--motion needs SOURCE")
+    entries: list[dict[str, Any]]
+    if motion:
+        found = worlds.motion(str(source), select)
+        entries = [{"class": name, "worlds": count, **asdict(figures)} for name, count, figures in found]
+        columns = ("class", ">n", *(heading for heading, _, _ in _MOTION))
+        rows = [(one["class"], one["worlds"], *(f"{one[key]:{form}}" for _, key, form in _MOTION)) for one in entries]
+    else:
+        entries = _datasets() if source is None else _worlds(source, select)
+        columns = tuple(entries[0])
+        rows = [tuple(f"{one:.2f}" if isinstance(one, float) else one for one in entry.values()) for entry in entries]
+    print_json(entries) if as_json else console.print(table(columns, rows))
+
+
+def _datasets() -> list[dict[str, Any]]:
+    opened = [open_dataset(name) for name in worlds.datasets()]
+    return [{"data set": one.name, "worlds": len(one.indices), "checksum": one.checksum[:16]} for one in opened]
+
+
+def _worlds(source: str, select: str) -> list[dict[str, Any]]:
+    return [
+        {
+            "world": index,
+            "name": world.name,
+            "cells": f"{world.rows} x {world.cols}",
+            "filled": int(world.grid.sum()),
+            "path [m]": world.path_length_m,
+            "source": world.provenance.source,
+            "checksum": world.checksum[:16],
+        }
+        for index, world in worlds.load(source, select).items()
+    ]
