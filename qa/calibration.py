@@ -1,14 +1,14 @@
 """How closely planners agree with published trials of the same worlds (the paper's, Sec. IV)."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from barn_eval.analysis.means import mean_interval
-from barn_eval.analysis.published import TimedTrials, read_published
+from barn_eval.analysis.published import FAILURE_TIME_S, TimedTrials, read_published
 from barn_eval.analysis.significance import proportion
 from barn_eval.analysis.sources import Entry, read_entries
 from barn_eval.analysis.statistics import rank_correlation, repetition_spread
@@ -132,12 +132,12 @@ def _common(entry: Entry, published: TimedTrials, reference: Path) -> tuple[Time
             f"{reference}: the path of world {other} is {published.lengths_m[other]:.3f} m there and "
             f"{ours.lengths_m[other]:.3f} m in the results of {entry.label}: these are other worlds"
         )
-    return ours.only(shared), published.only(shared)
+    return _only(ours, shared), _only(published, shared)
 
 
 def _calibration(entry: Entry, ours: TimedTrials, published: TimedTrials) -> Calibration:
     easy = _easy_worlds(published)
-    equal = ours.with_equal_failures(), published.with_equal_failures()
+    equal = _equal_failures(ours), _equal_failures(published)
     return Calibration(
         label=entry.label,
         planner=entry.planner,
@@ -156,8 +156,8 @@ def _calibration(entry: Entry, ours: TimedTrials, published: TimedTrials) -> Cal
 
 
 def _side(trials: TimedTrials, easy: tuple[int, ...]) -> Side:
-    quick = trials.only(easy)
-    means = quick.by_world(quick.times_s).values()
+    quick = _only(trials, easy)
+    means = _by_world(quick, quick.times_s).values()
     succeeded = trials.normalised_s_per_m[~trials.failed]
     return Side(
         trials=len(trials.failed),
@@ -173,7 +173,7 @@ def _side(trials: TimedTrials, easy: tuple[int, ...]) -> Side:
 def _joint(pairs: Mapping[str, tuple[TimedTrials, TimedTrials]]) -> Joint:
     """Return the agreement of the planners' mean in the worlds that all of them have."""
     worlds, mine, theirs = _means_of_planners(list(pairs.values()))
-    equal = [(ours.with_equal_failures(), published.with_equal_failures()) for ours, published in pairs.values()]
+    equal = [(_equal_failures(ours), _equal_failures(published)) for ours, published in pairs.values()]
     return Joint(
         tuple(pairs),
         len(worlds),
@@ -184,7 +184,7 @@ def _joint(pairs: Mapping[str, tuple[TimedTrials, TimedTrials]]) -> Joint:
 
 def _means_of_planners(pairs: Sequence[tuple[TimedTrials, TimedTrials]]) -> tuple[Integers, Floats, Floats]:
     """Return the worlds (n,) that all planners have and the mean of the planners there, ours and published (n,)."""
-    means = [[side.by_world(side.normalised_s_per_m) for side in pair] for pair in pairs]
+    means = [[_by_world(side, side.normalised_s_per_m) for side in pair] for pair in pairs]
     shared = sorted(set.intersection(*(set(ours) for ours, _ in means)))
     mine, theirs = (
         np.array([np.mean([of_planner[side][world] for of_planner in means]) for world in shared]) for side in (0, 1)
@@ -209,13 +209,13 @@ def _together(entries: Sequence[Entry]) -> list[list[str]]:
 
 
 def _easy_worlds(published: TimedTrials) -> tuple[int, ...]:
-    means = published.by_world(published.times_s)
+    means = _by_world(published, published.times_s)
     quickest = sorted(means, key=lambda world: (means[world], world))
     return tuple(sorted(quickest[: math.ceil(EASY_SHARE * len(quickest))]))
 
 
 def _world_times(ours: TimedTrials, published: TimedTrials) -> tuple[WorldTimes, ...]:
-    mine, theirs = (side.by_world(side.times_s) for side in (ours, published))
+    mine, theirs = (_by_world(side, side.times_s) for side in (ours, published))
     failed = [{world: int(side.failed[side.worlds == world].sum()) for world in mine} for side in (ours, published)]
     return tuple(WorldTimes(one, mine[one], theirs[one], failed[0][one], failed[1][one]) for one in mine)
 
@@ -230,7 +230,23 @@ def _correlation(ours: TimedTrials, published: TimedTrials) -> Interval:
 
 def _bias_percent(ours: TimedTrials, published: TimedTrials) -> Interval:
     """Return how far our mean time per metre is from the published one; every world counts alike."""
-    mine, theirs = (np.array(list(side.by_world(side.normalised_s_per_m).values())) for side in (ours, published))
+    mine, theirs = (np.array(list(_by_world(side, side.normalised_s_per_m).values())) for side in (ours, published))
     ratio = over_worlds(lambda drawn: mine[drawn].sum(axis=-1) / theirs[drawn].sum(axis=-1), len(mine))
     low, high = (None if limit is None else 100.0 * (limit - 1.0) for limit in (ratio.low, ratio.high))
     return Interval(100.0 * (ratio.estimate - 1.0), low, high)
+
+
+def _equal_failures(trials: TimedTrials) -> TimedTrials:
+    """Return trials with every failure counted as `FAILURE_TIME_S`."""
+    return replace(trials, times_s=np.where(trials.failed, FAILURE_TIME_S, trials.times_s))
+
+
+def _only(trials: TimedTrials, worlds: Collection[int]) -> TimedTrials:
+    """Return the trials in some of the worlds."""
+    kept = np.isin(trials.worlds, sorted(worlds))
+    return TimedTrials(trials.worlds[kept], trials.times_s[kept], trials.failed[kept], trials.lengths_m)
+
+
+def _by_world(trials: TimedTrials, values: Floats) -> dict[int, float]:
+    """Return the mean of one value per trial (n,) over each world's trials, worlds ascending."""
+    return {int(world): float(values[trials.worlds == world].mean()) for world in np.unique(trials.worlds)}

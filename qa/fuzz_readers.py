@@ -31,7 +31,7 @@ from barn_eval.experiments.run_file import RunFile
 from barn_eval.experiments.store import Record
 from barn_eval.experiments.track import from_track_line, track_line
 from barn_eval.learning.difficulty import read_scores
-from barn_eval.pages.replay.facts import facts, subtitle
+from barn_eval.pages.replay.page import facts, subtitle
 from barn_eval.pages.replay.payload import payload
 from barn_eval.pages.template import script_json
 from barn_eval.trials.outcome import Outcome, Verdict

@@ -253,11 +253,11 @@ def test_info(command):
 
 def test_bench(command, tiny, tmp_path):
     settings = ("--set", f"dataset={tiny}", "--set", "repeats=1", "--set", "ros=false")
-    command = ("bench", "--planners", "gap", *settings, "--json")
-    code, out, _ = command(*command)
+    words = ("bench", "--planners", "gap", *settings, "--json")
+    code, out, _ = command(*words)
     assert code == 0
     (tmp_path / "before.json").write_text(out)
-    code, later, _ = command(*command, "--against", tmp_path / "before.json")
+    code, later, _ = command(*words, "--against", tmp_path / "before.json")
     names = [figure["name"] for figure in json.loads(out)["figures"] if figure["better"] != "neither"]
     assert code == 0 and [one["name"] for one in json.loads(later)["changes"]] == names
     figures = {figure["name"]: figure for figure in json.loads(out)["figures"]}

@@ -252,8 +252,8 @@ def test_figures_are_drawn_onto_axes_of_matplotlib(driven):
     assert len(axes.collections) >= len(driven.planners) and axes.get_legend() is not None
     plt.close(figure)
     assert driven.plot().figure.axes
-    with pytest.raises(ConfigError, match="overview"):
-        driven.plot("overview", ax=axes)
+    with pytest.raises(ConfigError, match="distributions"):
+        driven.plot("distributions", ax=axes)
 
 
 def test_the_same_call_resumes_and_other_objects_are_refused(driven):

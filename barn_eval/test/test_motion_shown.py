@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import yaml
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import to_rgb
 from PIL import Image
 from rich.console import Console
 from test_replay import without
@@ -25,16 +24,14 @@ from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoic
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import Request
 from barn_eval.experiments.run import run_experiment
-from barn_eval.pages.replay.facts import facts
 from barn_eval.pages.replay.files import write_replay
-from barn_eval.pages.replay.page import replay_page
+from barn_eval.pages.replay.page import facts, replay_page
 from barn_eval.pages.replay.payload import bounds, payload
-from barn_eval.pages.report.overlay import overlay
+from barn_eval.pages.report.maps import overlay
 from barn_eval.pages.report.page import build_report, report_page
 from barn_eval.pages.report.trial_data import trial_data
 from barn_eval.trials.protocol import DYNABARN
 from barn_eval.trials.spec import TrialSpec, simulator_config
-from barn_worlds.drawing.palette import MOVER
 from barn_worlds.geometry.bodies import Bodies, wall_bodies
 from barn_worlds.messages.topics import MOVING
 from barn_worlds.worlds.dataset import open_dataset
@@ -61,13 +58,6 @@ def bag(folder):
 @pytest.fixture(scope="module")
 def world():
     return open_dataset("dynabarn60").load(WORLD)
-
-
-def coloured(path):
-    """The share of a picture's pixels that are as moving obstacles are, more or less."""
-    pixels = np.asarray(Image.open(path).convert("RGB"), float)
-    opaque = 0.8 * 255.0 * np.array(to_rgb(MOVER)) + 0.2 * 255.0
-    return (np.abs(pixels - opaque).max(axis=2) < 6.0).mean()
 
 
 def standing(count):
@@ -148,11 +138,7 @@ def test_a_page_has_what_moves_in_millimetres_and_the_measures_made_for_it(bag):
 
 
 def test_pictures_and_films_show_what_moves(bag, tmp_path):
-    write_replay(bag, png=tmp_path / "end.png", gif=tmp_path / "trial.gif", frames_per_s=1.0, speed=4.0)
-    assert 0.002 < coloured(tmp_path / "end.png") < 0.1
     still = without(bag, tmp_path / "still", "/moving_obstacles")
-    write_replay(still, png=tmp_path / "still.png")
-    assert coloured(tmp_path / "still.png") < 0.001
     for camera in ("chase", "top", "side"):
         seen = [tmp_path / f"{camera}_{name}.png" for name in ("moving", "still")]
         for one, source in zip(seen, (bag, still), strict=True):

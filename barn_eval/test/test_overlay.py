@@ -11,7 +11,7 @@ import barn_eval as barn
 from barn_eval.analysis.planners import colours
 from barn_eval.analysis.sources import read_entries
 from barn_eval.experiments.track import from_track_line
-from barn_eval.pages.report.overlay import choose, overlay
+from barn_eval.pages.report.maps import choose, overlay
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.worlds.dataset import open_dataset
 
@@ -28,7 +28,7 @@ def drawn(figure, kind):
 
 
 def test_each_trial_is_drawn_where_it_drove_in_the_colour_of_its_planner(folder):
-    chosen = choose(read_entries([folder]), 0, (), "")
+    chosen, _ = choose(read_entries([folder]), 0, (), "")
     assert sorted(one.result.planner for one in chosen) == ["dwa", "gap", "gap"]
     figure = overlay([folder], 0)
     lines = drawn(figure, LineCollection)

@@ -10,12 +10,11 @@ from test_compare import results
 
 from barn_eval.analysis.compare import compare, holm_adjusted
 from barn_eval.analysis.leaderboard import board
+from barn_eval.analysis.means import Columns
 from barn_eval.analysis.measures import MEASURES
-from barn_eval.analysis.ranking import rank, rank_results
 from barn_eval.analysis.significance import paired_difference
 from barn_eval.analysis.sources import Entry, Source
-from barn_eval.analysis.statistics import Columns
-from barn_eval.analysis.verdict import cautions, pair_verdict, results_verdict, verdict
+from barn_eval.analysis.verdict import cautions, pair_verdict, rank, rank_results, results_verdict, verdict
 from barn_worlds.base.errors import ConfigError
 
 TIME = MEASURES["normalised_time_s_per_m"]
@@ -47,7 +46,7 @@ def test_clear_differences_make_ranks_in_the_order_of_the_means():
 
 def test_two_tests_that_are_clear_each_are_not_so_together_after_holm():
     a = planner(0.0, 1)
-    b = a._replace(values=a.values + 0.24 + np.repeat(np.linspace(-1.0, 1.0, 30), 2))
+    b = replace(a, values=a.values + 0.24 + np.repeat(np.linspace(-1.0, 1.0, 30), 2))
     alone = rank({"a": a, "b": b}, larger_is_better=False)
     assert alone.p[0, 1] <= 0.05 < 3.0 * alone.p[0, 1]
     beside = rank({"a": a, "b": b, "c": a}, larger_is_better=False)
@@ -58,7 +57,8 @@ def test_two_tests_that_are_clear_each_are_not_so_together_after_holm():
 
 def test_a_chain_shares_a_rank_though_its_ends_differ():
     """The middle one cannot be told from either end, so that no rank may part it from them."""
-    values, worlds, repetitions, *_ = planner(0.0, 1)
+    middle = planner(0.0, 1)
+    values, worlds, repetitions = middle.values, middle.worlds, middle.repetitions
     noise = np.random.default_rng(5).normal(0.0, 4.0, len(values))
     wide = values + 0.6 + noise - noise.mean()
     found = rank(
@@ -80,7 +80,7 @@ def test_nobody_is_ahead_where_all_means_are_equal():
 
 def test_ranks_are_of_the_trials_that_all_have():
     a, b = planner(0.0, 1), planner(3.0, 2)
-    spoilt = b._replace(values=np.where(b.worlds == 7, np.nan, b.values))
+    spoilt = replace(b, values=np.where(b.worlds == 7, np.nan, b.values))
     found = rank({"a": a, "b": spoilt}, larger_is_better=False)
     assert (found.worlds, found.trials) == (29, 58)
     rest = a.worlds != 7

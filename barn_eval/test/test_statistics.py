@@ -1,6 +1,7 @@
 """Statistics against published numbers, plain references and simulated coverage."""
 
 import math
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -8,9 +9,8 @@ import pytest
 from scipy import stats
 
 from barn_eval.analysis import statistics
-from barn_eval.analysis.means import mean_interval
+from barn_eval.analysis.means import Columns, mean_interval
 from barn_eval.analysis.statistics import (
-    Columns,
     paired,
     rank_correlation,
     repetition_spread,
@@ -39,13 +39,6 @@ def test_unbalanced_worlds_are_weighted_by_their_trials_and_nan_has_no_part():
     assert found.estimate == 4.0
     assert found.low == 0.0  # what two worlds say is little, but no value is below 0
     assert found.high > 10.0
-
-
-@pytest.mark.parametrize("values", [[], [np.nan]])
-def test_mean_of_nothing_is_nan_without_limits(values):
-    found = mean_interval(np.array(values, float), np.zeros(len(values), np.int64))
-    assert math.isnan(found.estimate)
-    assert (found.low, found.high) == (None, None)
 
 
 def test_one_world_has_an_estimate_without_limits_and_equal_worlds_have_no_width():
@@ -91,7 +84,7 @@ def test_only_shared_worlds_and_repetitions_are_compared():
     assert (found.worlds, found.trials) == (2, 2)
     assert found.difference.estimate == -2.5
     assert found.improvement.estimate == 1.0
-    none = paired(a, b._replace(worlds=b.worlds + 100), larger_is_better=False)
+    none = paired(a, replace(b, worlds=b.worlds + 100), larger_is_better=False)
     assert none.trials == 0
     assert math.isnan(none.difference.estimate)
 
@@ -110,7 +103,7 @@ def test_intervals_are_drawn_with_seed_0_unless_told_otherwise():
     values, worlds, repetitions = trials_of()
     planner, other = Columns(values, worlds, repetitions), Columns(values[::-1].copy(), worlds, repetitions)
     figures = {
-        "correlation": partial(rank_correlation, planner[:2], other[:2]),
+        "correlation": partial(rank_correlation, (planner.values, worlds), (other.values, worlds)),
         "paired": partial(paired, planner, other, larger_is_better=True),
     }
     assert {name: find() == find(seed=0) != find(seed=1) for name, find in figures.items()} == dict.fromkeys(
@@ -125,14 +118,6 @@ def test_paired_comparison_gives_the_mean_of_each_over_the_pairs():
     assert (found.worlds, found.trials, found.mean_a, found.mean_b) == (3, 3, 3.0, 12.0)
 
 
-def test_planners_without_a_common_trial_have_no_figures():
-    one, other = (Columns(np.array([1.0]), np.array([world]), np.array([0])) for world in (1, 2))
-    found = paired(one, other, larger_is_better=True)
-    assert (found.worlds, found.trials) == (0, 0)
-    figures = (found.mean_a, found.mean_b, found.difference.estimate, found.improvement.estimate)
-    assert np.isnan(figures).all()
-
-
 def test_an_improvement_however_small_counts_whole():
     worlds, repetitions = np.arange(3), np.zeros(3, np.int64)
     a, b = np.array([1.0, 1.0, 1.0]), np.array([0.999, 1.0, 1.001])
@@ -142,7 +127,7 @@ def test_an_improvement_however_small_counts_whole():
 
 def test_columns_of_unequal_length_are_refused():
     whole = Columns(np.arange(3.0), np.arange(3), np.arange(3))
-    short = whole._replace(repetitions=np.arange(2))
+    short = replace(whole, repetitions=np.arange(2))
     with pytest.raises(ValueError, match="shorter"):
         paired(whole, short, larger_is_better=True)
 
@@ -153,12 +138,6 @@ def test_rank_correlation_uses_the_worlds_that_both_have_done():
     assert rank_correlation(a, b).estimate == pytest.approx(0.5)
     two_worlds = rank_correlation((a[0][:2], a[1][:2]), b)
     assert math.isnan(two_worlds.estimate)
-
-
-def test_rank_correlation_is_of_means_whatever_the_number_of_trials():
-    a = (np.array([1.0, 1.0, 1.0, 2.0, 3.0]), np.array([0, 0, 0, 1, 2]))
-    b = (np.array([1.0, 2.0, 3.0]), np.array([0, 1, 2]))
-    assert rank_correlation(a, b).estimate == pytest.approx(1.0)
 
 
 def test_rank_correlation_and_its_interval_are_scipys_with_ties_too(monkeypatch):

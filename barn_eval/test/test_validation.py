@@ -8,8 +8,8 @@ import pytest
 from click.testing import CliRunner
 
 from barn_eval.analysis import significance
-from barn_eval.analysis.statistics import Columns
-from barn_eval.analysis.variance import components
+from barn_eval.analysis.means import Columns
+from barn_eval.analysis.significance import components
 from barn_eval.commands.validate import command
 from barn_eval.studies import validation
 from barn_eval.studies.validation import Check, checks, equal_planners, statistics_page
@@ -49,7 +49,7 @@ def test_each_target_is_met_within_chance(monkeypatch, group, settings, simulati
 def test_a_verdict_that_knows_only_the_failures_it_saw_would_be_found_out(monkeypatch):
     """What the audit of the old verdicts found: failures that were not drawn were not thought of."""
     only(monkeypatch, UNLIKE=((50, 5),), UNLIKE_FAILURES=(0.02,))
-    monkeypatch.setattr(Columns, "counted", None)
+    monkeypatch.setattr(Columns, "counted", False)
     unlike, _ = checks(200, seed=4)
     assert unlike.verdict == "missed"
 
@@ -67,7 +67,7 @@ def test_an_interval_over_trials_would_be_found_out(monkeypatch):
 
 def test_a_board_without_holm_would_be_found_out(monkeypatch):
     only(monkeypatch, BOARD_PLANNERS=validation.BOARD_PLANNERS)
-    monkeypatch.setattr("barn_eval.analysis.ranking.holm", list)
+    monkeypatch.setattr("barn_eval.analysis.verdict.holm", list)
     (board,) = checks(30)
     assert board.verdict == "missed"
     assert board.found > 0.25
@@ -75,11 +75,11 @@ def test_a_board_without_holm_would_be_found_out(monkeypatch):
 
 def test_equal_planners_share_their_worlds_and_nothing_else():
     draws = [equal_planners(2, 300, np.random.default_rng([1, number])) for number in range(5)]
-    values = np.array([[one[0] for one in pair] for pair in draws])
+    values = np.array([[one.values for one in pair] for pair in draws])
     failed = (values == 10.0).astype(float)
     assert failed.mean() == pytest.approx(0.07, abs=0.02)
     assert values[0][0].tolist() != values[0][1].tolist()
-    parts = [components(one.ravel(), draws[0][0][1]) for one in failed[:, 0]]
+    parts = [components(one.ravel(), draws[0][0].worlds) for one in failed[:, 0]]
     correlation = np.mean([one.between / (one.between + one.within) for one in parts])
     assert correlation == pytest.approx(0.67, abs=0.12)
     assert np.corrcoef(values[:, 0].ravel(), values[:, 1].ravel())[0, 1] > 0.4

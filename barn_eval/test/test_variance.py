@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from barn_eval.analysis.significance import paired_difference
-from barn_eval.analysis.variance import (
+from barn_eval.analysis.significance import (
     Components,
     components,
     detectable_difference,
     half_width,
+    paired_difference,
     worlds_for_difference,
     worlds_for_half_width,
 )

@@ -13,9 +13,7 @@ from report_work import EVIL, campaign, drive
 
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.rows import ResultRows, sealed
-from barn_eval.pages.live import server as watching
-from barn_eval.pages.live.server import Watch
-from barn_eval.pages.live.state import CampaignState, state_of
+from barn_eval.pages.live.server import CampaignState, Watch, state_of
 from barn_worlds.base.errors import ConfigError
 
 
@@ -108,12 +106,6 @@ def test_the_page_and_replays_are_served_and_nothing_else(folder):
         assert get(page, "/state", {"Host": "127.0.0.1:1"})[0] == 200
     with pytest.raises(OSError, match="refused"):
         get(page, "/")
-
-
-def test_only_so_many_requests_are_answered_at_a_time(folder, monkeypatch):
-    monkeypatch.setattr(watching, "MOST_REQUESTS", 0)
-    with Watch(folder, port=0) as page:
-        assert get(page, "/")[0] == 503
 
 
 def test_nothing_is_written_and_a_taken_port_is_told(folder):

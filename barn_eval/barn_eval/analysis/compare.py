@@ -4,17 +4,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, combinations
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
+from barn_eval.analysis.means import Columns
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of, with_motion
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import holm
-from barn_eval.analysis.sources import by_planner, late_text, partial_note, require_same_task
-from barn_eval.analysis.statistics import Columns, Paired, paired, rank_correlation
+from barn_eval.analysis.sources import Source, by_planner, late_text, partial_text, read_source, require_same_task
+from barn_eval.analysis.statistics import Paired, paired, rank_correlation
 from barn_eval.experiments.folder import read_results
-from barn_eval.experiments.run_file import RunFile
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.errors import BarnError, ConfigError, suggest
@@ -92,19 +92,14 @@ class Comparison:
         ]
 
 
-def compare(
-    a: Sequence[TrialResult],
-    b: Sequence[TrialResult],
-    label_a: str = "",
-    label_b: str = "",
-) -> Comparison:
+def compare(a: Sequence[TrialResult], b: Sequence[TrialResult], label_a: str = "", label_b: str = "") -> Comparison:
     """Compare the results of one planner with those of another, or of the same one under other settings.
 
     Raises BarnError for results that cannot be paired: of different protocols, of worlds that are not the same, of
     other seeds, or with no trial in common.
     """
     check_pairs(a, b)
-    time = MEASURES["normalised_time_s_per_m"]
+    first, second = (columns(one, MEASURES["normalised_time_s_per_m"]) for one in (a, b))
     return Comparison(
         label_a or a[0].planner,
         label_b or b[0].planner,
@@ -114,21 +109,18 @@ def compare(
         len(a),
         len(b),
         tuple(_row(a, b, MEASURES[key]) for key in with_motion(COMPARED, a, b)),
-        rank_correlation(columns(a, time)[:2], columns(b, time)[:2]),
+        rank_correlation((first.values, first.worlds), (second.values, second.worlds)),
     )
 
 
 def holm_adjusted(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
     """Return comparisons by the same measures with their p-values after Holm, for each measure over all pairs."""
     adjusted = [holm([row.paired.p for row in rows]) for rows in zip(*(one.rows for one in comparisons), strict=True)]
-    return tuple(
-        replace(
-            one,
-            rows=tuple(replace(row, p_holm=p[place]) for row, p in zip(one.rows, adjusted, strict=True)),
-            pairs=len(comparisons),
-        )
-        for place, one in enumerate(comparisons)
-    )
+    made = []
+    for one, p_holm in zip(comparisons, zip(*adjusted, strict=True), strict=True):
+        rows = tuple(replace(row, p_holm=p) for row, p in zip(one.rows, p_holm, strict=True))
+        made.append(replace(one, rows=rows, pairs=len(comparisons)))
+    return tuple(made)
 
 
 def compare_folders(
@@ -140,9 +132,7 @@ def compare_folders(
     folder. progress: gets the share of the pairs that is done. ConfigError if nothing is left to compare, BarnError as
     `compare`.
     """
-    one_folder = selected_results(a)
-    chosen = one_folder, one_folder if b is None else selected_results(b)
-    (folder_a, _, first), (folder_b, _, second) = chosen
+    (source_a, first), (source_b, second) = chosen = selected_results(a), selected_results(b or a)
     pairs: list[tuple[str, ...]]
     if b is None:
         pairs = list(combinations(first, 2))
@@ -156,44 +146,36 @@ def compare_folders(
         raise ConfigError(
             f"{a} has {', '.join(first)} and {b} has {', '.join(second)}: choose planners as FOLDER:PLANNER"
         )
-    places = [folder_a.resolve().name, folder_b.resolve().name]
-    if places[0] == places[1]:
-        places = [str(folder_a), str(folder_b)]
-    require_same_task([folder_a, folder_b])
+    folders = [source_a.path, source_b.path]
+    require_same_task(folders)
+    places = list(dict.fromkeys(path.resolve().name for path in folders))
+    places = places if len(places) == 2 else list(map(str, folders))
     found = []
     for done, (one, other) in enumerate(pairs, 1):
         labels = [f"{spelling(one)} ({place})" for place in places] if one == other else [one, other]
         found.append(compare(first[one], second[other], *labels))
         progress(done / len(pairs))
-    notes = [partial_note(one.folder, one.trials) for one in chosen]
-    notes += [late_text(one.folder, [*chain.from_iterable(one.planners.values())]) for one in chosen]
-    robot = RunFile.read(folder_a).robot_name()
-    return [replace(one, notes=tuple(filter(None, dict.fromkeys(notes))), robot=robot) for one in holm_adjusted(found)]
+    notes = [partial_text(source) for source, _ in chosen]
+    notes += [late_text(source.path, [*chain.from_iterable(groups.values())]) for source, groups in chosen]
+    told = tuple(filter(None, dict.fromkeys(notes)))
+    return [replace(one, notes=told, robot=source_a.robot) for one in holm_adjusted(found)]
 
 
-class Selection(NamedTuple):
-    """A folder of results, how many it holds in all, and those of the planners that were chosen, by name."""
-
-    folder: Path
-    trials: int
-    planners: dict[str, list[TrialResult]]
-
-
-def selected_results(source: Path) -> Selection:
-    """Return the results of FOLDER, or of FOLDER:PLANNER or FOLDER:PLANNER,PLANNER.
+def selected_results(path: Path) -> tuple[Source, dict[str, list[TrialResult]]]:
+    """Return a folder, given as FOLDER, FOLDER:PLANNER or FOLDER:PLANNER,PLANNER, with the results of these planners.
 
     BarnError if the folder has no results, ConfigError if a planner has none in it.
     """
     chosen: list[str] = []
-    if not source.exists() and ":" in source.name:
-        folder, _, names = str(source).rpartition(":")
-        source, chosen = Path(folder), names.split(",")
-    results = read_results(source)
-    groups = by_planner(results)
+    if not path.exists() and ":" in path.name:
+        folder, _, names = str(path).rpartition(":")
+        path, chosen = Path(folder), names.split(",")
+    source = read_source(path, read_results(path))
+    groups = by_planner(source.results)
     for name in chosen:
         if name not in groups:
-            raise ConfigError(f"{source}: has no planner {name!r}{suggest(name, groups)}")
-    return Selection(source, len(results), {name: groups[name] for name in chosen} if chosen else groups)
+            raise ConfigError(f"{path}: has no planner {name!r}{suggest(name, groups)}")
+    return source, {name: groups[name] for name in chosen or groups}
 
 
 def _row(a: Sequence[TrialResult], b: Sequence[TrialResult], measure: Measure) -> PairedMeasure:
@@ -204,15 +186,13 @@ def _row(a: Sequence[TrialResult], b: Sequence[TrialResult], measure: Measure) -
 
 def columns(results: Sequence[TrialResult], measure: Measure) -> Columns:
     """Return a measure of results as statistics take it."""
-    of_failure = measure.as_failure
-    return Columns(
-        measure.values(results),
-        np.array([result.world for result in results], np.int64),
-        np.array([result.repetition for result in results], np.int64),
-        None if of_failure is None else np.array([not result.scores.success for result in results], np.int64),
-        None if of_failure is None else np.array([of_failure(result) for result in results], np.float64),
-        measure.best,
-    )
+    worlds, repetitions = (np.array([getattr(one, of) for one in results], np.int64) for of in ("world", "repetition"))
+    made = Columns(measure.values(results), worlds, repetitions)
+    if (of_failure := measure.as_failure) is None:
+        return made
+    failures = np.array([not result.scores.success for result in results], np.int64)
+    as_failure = np.array([of_failure(result) for result in results], np.float64)
+    return replace(made, failures=failures, as_failure=as_failure, best=measure.best)
 
 
 def check_pairs(a: Sequence[TrialResult], b: Sequence[TrialResult]) -> None:

@@ -1,11 +1,10 @@
 """Worlds from easy to difficult, and bands of them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from itertools import groupby
 
 import numpy as np
 
@@ -15,9 +14,6 @@ from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.result import TrialResult
 from barn_worlds.base.errors import WorldError
 from barn_worlds.worlds.world import World
-
-if TYPE_CHECKING:
-    from barn_metrics.model import DifficultyModel
 
 IN_BANDS = ("success", "traversal_time_s", "normalised_time_s_per_m", "challenge")
 MOST_BANDS = 4
@@ -60,10 +56,8 @@ class Band:
 
 def by_world(results: Sequence[TrialResult]) -> dict[int, list[TrialResult]]:
     """Return results by world, worlds ascending."""
-    groups: dict[int, list[TrialResult]] = {}
-    for result in sorted(results, key=lambda one: (one.world, one.repetition)):
-        groups.setdefault(result.world, []).append(result)
-    return groups
+    ordered = sorted(results, key=lambda one: (one.world, one.repetition))
+    return {world: list(group) for world, group in groupby(ordered, lambda one: one.world)}
 
 
 def difficulty(entries: Sequence[Entry]) -> Difficulty:
@@ -73,9 +67,8 @@ def difficulty(entries: Sequence[Entry]) -> Difficulty:
     shared = set.intersection(*map(set, groups)) or known
     rows = []
     for world in shared:
-        times = [
-            np.array([one.scores.normalised_time_s_per_m for one in group[world]]) for group in groups if world in group
-        ]
+        there = (group[world] for group in groups if world in group)
+        times = [np.array([one.scores.normalised_time_s_per_m for one in trials]) for trials in there]
         rows.append((float(np.mean([part.mean() for part in times])), world, float(np.concatenate(times).std())))
     rows.sort()
     means, worlds, spreads = zip(*rows, strict=True)
@@ -101,16 +94,11 @@ def predicted(order: Difficulty, worlds: Mapping[int, World]) -> tuple[float, ..
     from barn_metrics.model import load_model  # noqa: PLC0415 (scipy)
 
     model = load_model()
-    return tuple(_predicted(model, worlds.get(number)) for number in order.worlds)
-
-
-def _predicted(model: DifficultyModel, world: World | None) -> float:
-    if world is None:
-        return math.nan
-    try:
-        return model.predict(world).difficulty_s_per_m
-    except WorldError:  # no path leads through it
-        return math.nan
+    found = dict.fromkeys(order.worlds, math.nan)
+    for number in set(worlds).intersection(found):
+        with suppress(WorldError):  # no path leads through it
+            found[number] = model.predict(worlds[number]).difficulty_s_per_m
+    return tuple(found.values())
 
 
 def bands(entries: Sequence[Entry], order: Difficulty) -> list[Band]:
@@ -119,16 +107,11 @@ def bands(entries: Sequence[Entry], order: Difficulty) -> list[Band]:
     if count < 2:
         return []
     groups = [by_world(entry.results) for entry in entries]
+    names = ["easiest", *(f"{number} of {count}" for number in range(2, count)), "hardest"]
     made = []
-    for number, part in enumerate(np.array_split(np.arange(len(order.worlds)), count), 1):
+    for name, part in zip(names, np.array_split(np.arange(len(order.worlds)), count), strict=True):
         worlds = tuple(order.worlds[index] for index in part)
         limits = order.order_s_per_m[part[0]], order.order_s_per_m[part[-1]]
         results = ([one for world in worlds for one in group.get(world, [])] for group in groups)
-        made.append(Band(_name(number, count), worlds, limits, tuple(summarise(one, IN_BANDS) for one in results)))
+        made.append(Band(name, worlds, limits, tuple(summarise(one, IN_BANDS) for one in results)))
     return made
-
-
-def _name(number: int, count: int) -> str:
-    if number == 1:
-        return "easiest"
-    return "hardest" if number == count else f"{number} of {count}"

@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of
-from barn_eval.analysis.ranking import Ranking, rank_results
 from barn_eval.analysis.sources import Entry, Source, labelled, read_entries, require_same_task
 from barn_eval.analysis.summary import SCORED, Summary, summarise
 from barn_eval.analysis.text_table import counted
-from barn_eval.analysis.verdict import cautions
+from barn_eval.analysis.verdict import Ranking, cautions, rank_results
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.worlds.dataset import select_worlds
 
@@ -73,21 +72,16 @@ def leaderboard(paths: Sequence[Path], ranking: str = "", worlds: str = "all") -
         require_same_task([entry.source.path for entry in entries])
     return [
         board(labelled(entries), MEASURES[RANKINGS[ranking]] if ranking else metric_of(entries[0].results))
-        for _, entries in sorted(groups.items(), key=_size)
+        for _, entries in sorted(groups.items(), key=lambda one: (one[0][0], -len(one[1][0].results), one[0][1]))
     ]
 
 
 def board_rows(boards: Sequence[Board]) -> list[dict[str, Any]]:
     """Return a row per place: board, rank, tied, planner, better_than, and the columns of the planner's summary."""
     return [
-        {
-            "board": board.title,
-            "rank": one.rank,
-            "tied": one.tied,
-            "planner": one.entry.label,
-            "better_than": list(one.better_than),
-            **one.summary.columns(),
-        }
+        {"board": board.title, "rank": one.rank, "tied": one.tied, "planner": one.entry.label}
+        | {"better_than": list(one.better_than)}
+        | one.summary.columns()
         for board in boards
         for one in board.places
     ]
@@ -95,16 +89,15 @@ def board_rows(boards: Sequence[Board]) -> list[dict[str, Any]]:
 
 def board(entries: Sequence[Entry], measure: Measure) -> Board:
     """Return the board of at least one entry of the same task; ConfigError if two cannot be ranked together."""
-    by_label = {entry.label: entry for entry in entries}
-    found = rank_results({label: entry.results for label, entry in by_label.items()}, measure)
+    found = rank_results({entry.label: entry.results for entry in entries}, measure)
     places = []
-    for place, label in enumerate(found.names):
-        entry, below = by_label[label], range(place + 1, len(found.names))
+    for place, entry in enumerate(sorted(entries, key=lambda one: found.names.index(one.label))):
+        better_than = (name for other, name in enumerate(found.names) if other > place and found.clear(place, other))
         places.append(
             Place(
                 found.ranks[place],
                 found.ranks.count(found.ranks[place]) > 1,
-                tuple(found.names[other] for other in below if found.clear(place, other)),
+                tuple(better_than),
                 entry,
                 summarise(entry.results, (*SCORED, "contact_s")),
                 configuration_hash(entry.source, entry.planner),
@@ -117,13 +110,10 @@ def board(entries: Sequence[Entry], measure: Measure) -> Board:
 
 def configuration_hash(source: Source, planner: str) -> str:
     """Return a short name of the configuration that a planner was run with: equal ones have equal names."""
-    planners = [one for one in source.configuration.get("planners", ()) if _name(one) == planner]
-    text = json.dumps({**source.configuration, "planners": planners}, sort_keys=True)
+    listed = source.configuration.get("planners", ())
+    own = [one for one in listed if (one.get("name") if isinstance(one, Mapping) else one) == planner]
+    text = json.dumps({**source.configuration, "planners": own}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:12]
-
-
-def _name(planner: object) -> object:
-    return planner.get("name") if isinstance(planner, Mapping) else planner
 
 
 def _in_worlds(entries: Sequence[Entry], worlds: str) -> list[Entry]:
@@ -140,11 +130,6 @@ def _kind(entry: Entry) -> tuple[str, str]:
     worlds = sorted({(result.world, result.world_checksum) for result in entry.results})
     seeds = sorted({(result.campaign_seed, result.repetition) for result in entry.results})
     return protocols.pop(), hashlib.sha256(repr((worlds, seeds)).encode()).hexdigest()
-
-
-def _size(item: tuple[tuple[str, str], list[Entry]]) -> tuple[str, int, str]:
-    (protocol, worlds), entries = item
-    return protocol, -len(entries[0].results), worlds
 
 
 def _title(entry: Entry) -> str:

@@ -7,14 +7,15 @@ and Donner 2008, "Construction of confidence limits about effect measures"; Newc
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from scipy.optimize import brentq
 
-from barn_eval.analysis.significance import effective_trials, wilson
-from barn_eval.analysis.variance import t_quantile
+from barn_eval.analysis.significance import Components, components, effective_trials, proportion, t_quantile, wilson
 from barn_metrics.bootstrap import LEVEL, Interval
 from barn_worlds.base.arrays import Floats, Integers
 
@@ -22,32 +23,62 @@ _STRAIGHT = 1e-9  # skewness below which a distribution counts as symmetric
 _SMALLEST_P = 1e-7
 
 
-@dataclass(frozen=True, eq=False)
-class Counted:
-    """Trials with the value that each counts with.
+def _none() -> npt.NDArray[Any]:
+    return np.empty(0)
 
-    values (n,): finite. failures (n,): of 0 and 1. as_failure (n,): what each counts with, or would, as a failure.
-    worlds (n,): their numbers. best: the best value that a trial can have.
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """A measure of some trials.
+
+    values, worlds, repetitions (n,): of each trial. failures (n,): of 0 and 1, as_failure (n,): what each counts with,
+    or would, as a failure; empty where failures have no value of their own. best: the best value that there can be.
     """
 
     values: Floats
-    failures: Integers
-    as_failure: Floats
     worlds: Integers
-    best: float
+    repetitions: Integers
+    failures: Integers = field(default_factory=_none)
+    as_failure: Floats = field(default_factory=_none)
+    best: float = 0.0
+
+    def at(self, places: Integers) -> "Columns":
+        """Return the trials at these places."""
+        values, worlds, repetitions = self.values[places], self.worlds[places], self.repetitions[places]
+        if not self.counted:
+            return Columns(values, worlds, repetitions)
+        return Columns(values, worlds, repetitions, self.failures[places], self.as_failure[places], self.best)
 
     @property
-    def mean(self) -> float:
-        """The mean of all values."""
-        return float(np.mean(self.values))
+    def counted(self) -> bool:
+        """Whether failures have a value of their own, which is finite as are all values."""
+        return len(self.failures) > 0
+
+    def mean(self) -> Interval:
+        """Return the mean of the values that are finite, with its interval, which holds no value that cannot be."""
+        known = np.flatnonzero(np.isfinite(self.values))
+        ordered = self.at(known[np.lexsort((self.values[known], self.worlds[known]))])
+        found = counted_interval(ordered) if ordered.counted else mean_interval(ordered.values, ordered.worlds)
+        if found.low is None or found.high is None:
+            return found
+        low = max(0.0, found.low) if ordered.values.min() >= 0.0 else found.low
+        return replace(found, low=low, high=min(found.high, self.best) if self.best > 0.0 else found.high)
+
+    def parts(self) -> Components:
+        """Return the variance of the values, all of them finite."""
+        return replace(components(self.values, self.worlds), unseen=self.unseen)
+
+    def failure_share(self) -> Interval | None:
+        """Return the share of failures, None where they have no value of their own."""
+        return proportion(self.failures, self.worlds) if self.counted else None
 
     @property
-    def failure_share(self) -> float:
-        """The share of failures."""
-        return float(np.mean(self.failures))
+    def unseen(self) -> tuple[float, ...]:
+        """What a failure costs, if it counts and none was seen."""
+        return (abs(self.cost),) if self.counted and not self.failures.any() else ()
 
     @cached_property
-    def world(self) -> Integers:
+    def _world(self) -> Integers:
         """The position of each trial's world among those that there are (n,)."""
         places: Integers = np.unique(self.worlds, return_inverse=True)[1]
         return places
@@ -55,7 +86,7 @@ class Counted:
     @cached_property
     def succeeding_worlds(self) -> int:
         """In how many worlds there is a success."""
-        return len(np.unique(self.world[self.failures == 0]))
+        return len(np.unique(self._world[self.failures == 0]))
 
     @cached_property
     def success_mean(self) -> float:
@@ -67,26 +98,21 @@ class Counted:
         """How much a success is worth above a failure: below 0 where small values are better."""
         return self.success_mean - float(np.mean(self.as_failure))
 
-    @property
-    def unseen(self) -> tuple[float, ...]:
-        """What a failure costs, if none was seen."""
-        return () if self.failures.any() else (abs(self.cost),)
-
     @cached_property
     def residuals(self) -> Floats:
         """What the successes of each world add to the error of the mean, by its linearisation as a ratio (m,)."""
         successes = 1.0 - self.failures
-        counts = np.bincount(self.world, successes)
+        counts = np.bincount(self._world, successes)
         if self.succeeding_worlds < 2:
             return np.zeros(len(counts))
-        errors = np.bincount(self.world, successes * self.values) - self.success_mean * counts
-        found: Floats = (1.0 - self.failure_share) * errors / counts.sum()
+        errors = np.bincount(self._world, successes * self.values) - self.success_mean * counts
+        found: Floats = (1.0 - float(np.mean(self.failures))) * errors / counts.sum()
         return found
 
     @cached_property
     def failure_residuals(self) -> Floats:
         """What the share of failures in each world adds to the error of the mean (m,)."""
-        found: Floats = np.bincount(self.world, self.failures - self.failure_share) / len(self.values)
+        found: Floats = np.bincount(self._world, self.failures - float(np.mean(self.failures))) / len(self.values)
         return -self.cost * found
 
     @cached_property
@@ -104,39 +130,36 @@ class Counted:
         return (more, fewer) if self.cost > 0.0 else (-fewer, -more)
 
 
-def mean_interval(values: Floats, worlds: Integers, level: float = LEVEL) -> Interval:
-    """Return the mean of values (n,) with limits by `ratio_interval`; values that are NaN have no part in it."""
+def mean_interval(values: Floats, worlds: Integers) -> Interval:
+    """Return the mean of values (n,) over worlds with limits; values that are NaN have no part in it.
+
+    Limits are Student's, of the mean's linearisation as a ratio, with Hall's transformation against skewness (1992, "On
+    the removal of skewness by transformation").
+    """
     known = np.isfinite(values)
     order = np.lexsort((values[known], worlds[known]))  # sums must not depend on the order of the trials
     values, worlds = values[known][order], worlds[known][order]
     _, world = np.unique(worlds, return_inverse=True)
     sums, counts = (np.bincount(world, weights).astype(np.float64) for weights in (values, None))
-    return ratio_interval(sums, counts, level)
-
-
-def ratio_interval(numerators: Floats, denominators: Floats, level: float = LEVEL) -> Interval:
-    """Return the mean of one figure per world (n,) over that of another of the same worlds, with limits.
-
-    Student's, of the ratio's linearisation, with Hall's transformation against skewness (Hall 1992, "On the removal of
-    skewness by transformation").
-    """
-    if not len(numerators):
+    if not len(sums):
         return Interval(math.nan)
-    ratio = float(numerators.sum() / denominators.sum())
-    if len(numerators) < 2:
-        return Interval(ratio)
-    below, above = _errors((numerators - ratio * denominators) / denominators.sum(), len(numerators), level)
-    return Interval(ratio, ratio - below, ratio + above)
+    mean = float(sums.sum() / counts.sum())
+    if len(sums) < 2:
+        return Interval(mean)
+    below, above = _errors((sums - mean * counts) / counts.sum(), len(sums), LEVEL)
+    return Interval(mean, mean - below, mean + above)
 
 
-def counted_interval(trials: Counted, level: float = LEVEL) -> Interval:
+def counted_interval(trials: Columns) -> Interval:
     """Return the mean of trials that count failures, with limits that allow for failures that were not seen."""
-    errors = _errors(trials.residuals, trials.succeeding_worlds, level)
-    failed = trials.failure_errors(level)
-    return _joined(trials.mean, errors, failed, _correlation(trials.residuals, trials.failure_residuals))
+    errors = _errors(trials.residuals, trials.succeeding_worlds, LEVEL)
+    failed = trials.failure_errors(LEVEL)
+    return _joined(
+        float(np.mean(trials.values)), errors, failed, _correlation(trials.residuals, trials.failure_residuals)
+    )
 
 
-def difference_interval(a: Counted, b: Counted, level: float = LEVEL) -> Interval:
+def difference_interval(a: Columns, b: Columns, level: float = LEVEL) -> Interval:
     """Return the mean of A less that of B, trial by trial of the same worlds, with limits as of `counted_interval`.
 
     The successes' part is paired by world. Failures that come in the same worlds cancel as far as they are seen to.
@@ -147,10 +170,10 @@ def difference_interval(a: Counted, b: Counted, level: float = LEVEL) -> Interva
     shared = _correlation(a.failure_residuals, b.failure_residuals)
     failed = _together(a_below, b_above, -shared), _together(a_above, b_below, -shared)
     joint = _correlation(driven, a.failure_residuals - b.failure_residuals)
-    return _joined(a.mean - b.mean, errors, failed, joint)
+    return _joined(float(np.mean(a.values)) - float(np.mean(b.values)), errors, failed, joint)
 
 
-def difference_p(a: Counted, b: Counted) -> float:
+def difference_p(a: Columns, b: Columns) -> float:
     """Return the smallest alpha at which the interval of level 1 - alpha leaves out 0; 1 where there is none."""
 
     def beyond(alpha: float) -> float:

@@ -4,9 +4,8 @@ Tables, comparisons, rankings, pages and figures name measures by their key and 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from operator import attrgetter
-from typing import Literal
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 
@@ -15,7 +14,6 @@ from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Interval, number
 from barn_worlds.base.arrays import Floats
 
-Value = Callable[[TrialResult], float | None]
 Better = Literal["larger", "smaller", ""]
 
 
@@ -23,22 +21,35 @@ Better = Literal["larger", "smaller", ""]
 class Measure:
     """A figure of a trial.
 
-    key: its column in the tables of results, or its own name where there is none. value: of a trial, None where it has
-    none. better: which way is. successes_only: whether means and comparisons leave failed trials out. maximum: the
-    highest value there can be, where readers need it. percent: whether it lies in 0 to 1 and is shown in percent.
-    as_failure: what a trial counts with, or would, as a failure; None where failures have no value of their own.
+    path: of the field of a result that has it, in parts that not all trials have. better: which way is.
+    successes_only: whether means and comparisons leave failed trials out. maximum: the highest value there can be,
+    where readers need it. percent: whether it lies in 0 to 1 and is shown in percent. as_failure: what a trial counts
+    with, or would, as a failure; None where failures have no value of their own. of: what it is computed by where no
+    field has it.
     """
 
-    key: str
+    path: str
     label: str
     unit: str
     digits: int
-    value: Value
     better: Better = ""
     successes_only: bool = False
     maximum: float | None = None
     percent: bool = False
     as_failure: Callable[[TrialResult], float] | None = None
+    of: Callable[[TrialResult], float] | None = None
+
+    @property
+    def key(self) -> str:
+        """Its column in the tables of results, or its own name where there is none."""
+        return self.path.rpartition(".")[2]
+
+    def value(self, result: TrialResult) -> float | None:
+        """Return the figure of a trial, None where it has none."""
+        found: Any = result
+        for name in self.path.split("."):
+            found = getattr(found, name, None)
+        return self.of(result) if self.of else found
 
     @property
     def title(self) -> str:
@@ -85,86 +96,57 @@ class Measure:
         return f"{name}{of} [{unit}]" if unit else f"{name}{of}"
 
 
-def _field(
-    path: str,
-    label: str,
-    unit: str,
-    digits: int,
-    better: Better = "",
-    *,
-    successes_only: bool = False,
-    maximum: float | None = None,
-    percent: bool = False,
-    as_failure: Callable[[TrialResult], float] | None = None,
-) -> Measure:
-    """Return the measure of a field of a result, given by its path."""
-    key = path.rpartition(".")[2]
-    return Measure(key, label, unit, digits, attrgetter(path), better, successes_only, maximum, percent, as_failure)
-
-
 def _nothing(_: TrialResult) -> float:
     return 0.0
 
 
-_FAILURE_TIME = attrgetter("scores.failure_time_s")
+def _failure_s(result: TrialResult) -> float:
+    return result.scores.failure_time_s
+
+
+def _failure_s_per_m(result: TrialResult) -> float:
+    return result.scores.failure_time_s / result.scores.path_length_m
 
 
 def _path_ratio(result: TrialResult) -> float:
     return result.measures.driven_m / result.scores.path_length_m
 
 
-def _of_motion(key: str, label: str, unit: str, digits: int, better: Better = "") -> Measure:
-    """Return the measure of a field of `Encounters`, which only trials among moving obstacles have."""
-    return Measure(key, label, unit, digits, lambda result: getattr(result.motion, key, None), better)
-
-
-_MOVING = (
-    _of_motion("moving_clearance_m", "smallest clearance to what moves", "m", 3, "larger"),
-    _of_motion("time_to_collision_s", "shortest time to collision", "s", 2, "larger"),
-    _of_motion("near_s", "time within 0.5 m of what moves", "s", 2, "smaller"),
-    replace(_of_motion("path_over_straight", "driven by straight length", "", 3, "smaller"), successes_only=True),
-    replace(
-        _of_motion("time_over_straight", "time by that of the straight run", "", 3, "smaller"), successes_only=True
-    ),
-    _of_motion("hit_robot_mps", "own speed when hit", "m/s", 2, "smaller"),
-    _of_motion("hit_closing_mps", "closing speed when hit", "m/s", 2, "smaller"),
-    replace(_of_motion("hit_robot_share", "own share of the closing speed", "", 1, "smaller"), percent=True),
-)
-MOVING = tuple(one.key for one in _MOVING)
-
+_TIME = "scores.normalised_time_s_per_m"
 _ALL = (
-    _field("scores.success", "success", "", 1, "larger", percent=True, as_failure=_nothing),
-    _field("scores.traversal_time_s", "time", "s", 2, "smaller", successes_only=True),
-    _field("scores.scored_time_s", "time as counted", "s", 2, "smaller", as_failure=_FAILURE_TIME),
-    _field(
-        "scores.normalised_time_s_per_m",
-        "time per metre as counted",
-        "s/m",
-        3,
-        "smaller",
-        as_failure=lambda result: result.scores.failure_time_s / result.scores.path_length_m,
-    ),
-    _field("scores.optimal_time_s", "optimal time", "s", 2),
-    _field("scores.challenge", "challenge metric", "", 3, "larger", maximum=0.5, as_failure=_nothing),
-    _field("scores.challenge_2022", "challenge metric of 2022", "", 3, "larger", maximum=0.25, as_failure=_nothing),
-    _field("measures.driven_m", "driven length", "m", 3, "smaller", successes_only=True),
-    Measure("path_ratio", "driven by path length", "", 3, _path_ratio, "smaller", successes_only=True),
-    _field("measures.mean_speed_mps", "mean speed", "m/s", 3),
-    _field("measures.min_clearance_m", "smallest clearance", "m", 3, "larger"),
-    _field("measures.mean_clearance_m", "mean clearance", "m", 3, "larger"),
-    _field("measures.contact_s", "time in contact", "s", 3, "smaller"),
-    _field("measures.rms_jerk_mps3", "rms jerk", "m/s3", 2, "smaller"),
-    _field("measures.rotation_rad", "rotation", "rad", 2, "smaller", successes_only=True),
-    _field("recoveries", "recoveries", "", 2),
-    _field("measures.unanswered_cycles", "unanswered cycles", "", 2, "smaller"),
-    _field("wall_clock.missed_cycles", "missed cycles", "", 2, "smaller"),
-    _field("wall_clock.compute_p50_ms", "compute time per cycle, p50", "ms", 2, "smaller"),
-    _field("wall_clock.compute_p95_ms", "compute time per cycle, p95", "ms", 2, "smaller"),
-    _field("wall_clock.compute_max_ms", "compute time per cycle, max", "ms", 2, "smaller"),
-    _field("wall_clock.real_time_factor", "times real time", "", 1),
-    *_MOVING,
+    Measure("scores.success", "success", "", 1, "larger", percent=True, as_failure=_nothing),
+    Measure("scores.traversal_time_s", "time", "s", 2, "smaller", successes_only=True),
+    Measure("scores.scored_time_s", "time as counted", "s", 2, "smaller", as_failure=_failure_s),
+    Measure(_TIME, "time per metre as counted", "s/m", 3, "smaller", as_failure=_failure_s_per_m),
+    Measure("scores.optimal_time_s", "optimal time", "s", 2),
+    Measure("scores.challenge", "challenge metric", "", 3, "larger", maximum=0.5, as_failure=_nothing),
+    Measure("scores.challenge_2022", "challenge metric of 2022", "", 3, "larger", maximum=0.25, as_failure=_nothing),
+    Measure("measures.driven_m", "driven length", "m", 3, "smaller", successes_only=True),
+    Measure("path_ratio", "driven by path length", "", 3, "smaller", successes_only=True, of=_path_ratio),
+    Measure("measures.mean_speed_mps", "mean speed", "m/s", 3),
+    Measure("measures.min_clearance_m", "smallest clearance", "m", 3, "larger"),
+    Measure("measures.mean_clearance_m", "mean clearance", "m", 3, "larger"),
+    Measure("measures.contact_s", "time in contact", "s", 3, "smaller"),
+    Measure("measures.rms_jerk_mps3", "rms jerk", "m/s3", 2, "smaller"),
+    Measure("measures.rotation_rad", "rotation", "rad", 2, "smaller", successes_only=True),
+    Measure("recoveries", "recoveries", "", 2),
+    Measure("measures.unanswered_cycles", "unanswered cycles", "", 2, "smaller"),
+    Measure("wall_clock.missed_cycles", "missed cycles", "", 2, "smaller"),
+    Measure("wall_clock.compute_p50_ms", "compute time per cycle, p50", "ms", 2, "smaller"),
+    Measure("wall_clock.compute_p95_ms", "compute time per cycle, p95", "ms", 2, "smaller"),
+    Measure("wall_clock.compute_max_ms", "compute time per cycle, max", "ms", 2, "smaller"),
+    Measure("wall_clock.real_time_factor", "times real time", "", 1),
+    Measure("motion.moving_clearance_m", "smallest clearance to what moves", "m", 3, "larger"),
+    Measure("motion.time_to_collision_s", "shortest time to collision", "s", 2, "larger"),
+    Measure("motion.near_s", "time within 0.5 m of what moves", "s", 2, "smaller"),
+    Measure("motion.path_over_straight", "driven by straight length", "", 3, "smaller", successes_only=True),
+    Measure("motion.time_over_straight", "time by that of the straight run", "", 3, "smaller", successes_only=True),
+    Measure("motion.hit_robot_mps", "own speed when hit", "m/s", 2, "smaller"),
+    Measure("motion.hit_closing_mps", "closing speed when hit", "m/s", 2, "smaller"),
+    Measure("motion.hit_robot_share", "own share of the closing speed", "", 1, "smaller", percent=True),
 )
 MEASURES = {one.key: one for one in _ALL}
+MOVING = tuple(one.key for one in _ALL if one.path.startswith("motion."))
 
 
 def with_motion(keys: Sequence[str], *groups: Sequence[TrialResult]) -> tuple[str, ...]:

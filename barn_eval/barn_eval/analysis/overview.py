@@ -13,22 +13,19 @@ import yaml
 from barn_eval.analysis.compare import Comparison, compare, holm_adjusted
 from barn_eval.analysis.difficulty import Band, Difficulty, bands
 from barn_eval.analysis.measures import metric_of, with_motion
-from barn_eval.analysis.reasons import reasons
 from barn_eval.analysis.sources import Entry, Source
 from barn_eval.analysis.summary import DRIVEN, SCORED, Summary, summarise
 from barn_eval.analysis.tables import bands_table, comparison_table, headline_table, measures_table, outcomes_table
 from barn_eval.analysis.text_table import TextTable
 from barn_eval.analysis.verdict import results_verdict
-from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.ros_config import RosSetup
-from barn_eval.trials.protocol import PROTOCOLS, Protocol
+from barn_eval.trials.protocol import PROTOCOLS
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import simulator_config
-from barn_sim.config import SimulatorConfig, robot_of
+from barn_sim.config import robot_of
 from barn_worlds.base.config import Checked, as_dict, fields_of
 from barn_worlds.base.errors import BarnError
-from barn_worlds.robots.files import ROBOTS, other_name
-from barn_worlds.robots.robot import Robot
+from barn_worlds.robots.files import ROBOTS
 
 MOST_PAIRS = 45  # of ten entries; more would be no table to read
 
@@ -44,10 +41,7 @@ class Refusal:
 
 @dataclass(frozen=True)
 class Overview:
-    """What a report says in figures; summaries in the order of entries.
-
-    verdict: the same in a sentence or two. reasons: where and why, a sentence each.
-    """
+    """What a report says in figures; summaries in the order of entries. verdict: the same in a sentence or two."""
 
     summaries: tuple[Summary, ...]
     order: Difficulty
@@ -55,7 +49,6 @@ class Overview:
     comparisons: tuple[Comparison, ...]
     refusals: tuple[Refusal, ...]
     verdict: str
-    reasons: tuple[str, ...]
 
 
 def analyse(
@@ -78,7 +71,6 @@ def analyse(
         holm_adjusted([one for one in found if isinstance(one, Comparison)]),
         tuple(one for one in found if isinstance(one, Refusal)),
         _verdict(entries),
-        reasons(entries, summaries, in_bands, metric_of(entries[0].results)),
     )
 
 
@@ -121,12 +113,9 @@ class Repeat:
 def repeat(source: Source) -> Repeat:
     """Return how the results of a source are made again."""
     try:
-        return _repeat(source.experiment)
+        experiment = source.experiment
     except BarnError as error:
         return Repeat("", note=f"this version of the suite does not read the configuration: {error}")
-
-
-def _repeat(experiment: Experiment) -> Repeat:
     words = ["barn", "run", "--dataset", experiment.dataset, "--worlds", experiment.worlds]
     words += ["--repetitions", str(experiment.repetitions), "--seed", str(experiment.seed), "--mode", experiment.mode]
     names = [f"{one.name}:{one.preset}" if one.preset else one.name for one in experiment.planners]
@@ -134,31 +123,23 @@ def _repeat(experiment: Experiment) -> Repeat:
     for one in experiment.planners:
         words += _settings("--set", {f"{one.name}.{key}": value for key, value in one.overrides.items()})
         words += ["--planner-command", f"{one.name}={one.command}"] if one.command else []
-    own = PROTOCOLS.get(experiment.protocol.name) == experiment.protocol
-    words += ["--protocol", experiment.protocol.name if own else "protocol.yaml"]
-    robot, robot_words, robot_note = _robot(experiment.simulator)
-    words += robot_words
-    words += _settings("--sim", _changed(experiment.simulator, simulator_config(experiment.protocol, None, robot)))
+    protocol, notes = experiment.protocol, []
+    own = PROTOCOLS.get(protocol.name) == protocol
+    words += ["--protocol", protocol.name if own else "protocol.yaml"]
+    if live := [one.name for one in experiment.planners if one.source]:
+        notes.append(f"Given as Python objects, not by a command: {', '.join(live)}.")
+    robot = None
+    if name := source.robot:
+        robot = ROBOTS.get(name)
+        shipped = robot is not None and robot.chassis == source.chassis
+        words += ["--robot", name if shipped else f"{name}.yaml"]
+        if not shipped:
+            robot = robot_of(experiment.simulator)
+            notes.append(f"Robot {name} is from a file, which is not kept with results.")
+    words += _settings("--sim", _changed(experiment.simulator, simulator_config(protocol, None, robot)))
     words += [*_settings("--ros", _changed(experiment.ros, RosSetup())), "--out", "results"]
-    live = [one.name for one in experiment.planners if one.source]
-    note = f"Given as Python objects, not by a command: {', '.join(live)}." if live else ""
-    note = " ".join(filter(None, (note, robot_note)))
-    return Repeat(shlex.join(words), "" if own else _yaml(experiment.protocol), note)
-
-
-def _robot(simulator: SimulatorConfig) -> tuple[Robot | None, list[str], str]:
-    """Return the robot of a configuration, the option that names it, and what is to be known of its file."""
-    name = simulator.chassis.name
-    if not other_name(simulator.chassis):
-        return None, [], ""
-    shipped = ROBOTS.get(name)
-    if shipped is not None and shipped.chassis == simulator.chassis:
-        return shipped, ["--robot", name], ""
-    return (
-        robot_of(simulator),
-        ["--robot", f"{name}.yaml"],
-        f"Robot {name} is from a file, which is not kept with results.",
-    )
+    text = "" if own else yaml.safe_dump({"schema_version": 1} | as_dict(protocol), sort_keys=False)
+    return Repeat(shlex.join(words), text, " ".join(notes))
 
 
 def _changed(config: Checked, standard: Checked) -> dict[str, Any]:
@@ -169,7 +150,3 @@ def _changed(config: Checked, standard: Checked) -> dict[str, Any]:
 
 def _settings(option: str, values: Mapping[str, Any]) -> list[str]:
     return [word for key, value in values.items() for word in (option, f"{key}={json.dumps(value)}")]
-
-
-def _yaml(protocol: Protocol) -> str:
-    return yaml.safe_dump({"schema_version": 1} | as_dict(protocol), sort_keys=False)

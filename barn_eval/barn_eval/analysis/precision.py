@@ -1,21 +1,17 @@
 """How many worlds and repetitions a wanted precision needs, told from results that are there."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from barn_eval.analysis.compare import check_pairs, columns
+from barn_eval.analysis.means import Columns
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of
 from barn_eval.analysis.planners import spelling
-from barn_eval.analysis.statistics import Columns, difference, matched_trials
+from barn_eval.analysis.significance import Components, half_width, worlds_for_difference, worlds_for_half_width
+from barn_eval.analysis.statistics import difference, matched_trials
 from barn_eval.analysis.text_table import TextTable, counted
-from barn_eval.analysis.variance import (
-    Components,
-    half_width,
-    worlds_for_difference,
-    worlds_for_half_width,
-)
 from barn_eval.analysis.verdict import cautions
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import number
@@ -84,12 +80,19 @@ def precision(
     found = MEASURES[measure] if measure else metric_of(next(iter(results.values())))
     if difference_wanted is not None and len(results) != 2:
         raise ConfigError(f"a difference needs two planners; there are {len(results)}: {', '.join(results)}")
-    figures = [_of_planner(spelling(name), columns(own, found), found) for name, own in results.items()]
     counts = (repetitions,) if repetitions else REPETITIONS
-    needs = [need for one in figures for need in _for_mean(one, half_width_wanted, counts)]
+    figures, needs = [], []
+    for name, own in results.items():
+        every = columns(own, found)
+        known = every.at(np.flatnonzero(np.isfinite(every.values)))
+        one = _figure(spelling(name), known, known.parts, found)
+        wanted = half_width_wanted or DEFAULT_SHARE * abs(one.mean)
+        needs += [Need(one.of, "half_width", wanted, n, worlds_for_half_width(one.parts, wanted, n)) for n in counts]
+        figures.append(one)
     if len(results) == 2:
         pair = _pair(results, found)
-        needs += _for_difference(pair, difference_wanted or DEFAULT_SHARE * abs(figures[0].mean), counts)
+        wanted = difference_wanted or DEFAULT_SHARE * abs(figures[0].mean)
+        needs += [Need(pair.of, "difference", wanted, n, worlds_for_difference(pair.parts, wanted, n)) for n in counts]
         figures.append(pair)
     notes = list(cautions(max(one.worlds for one in figures)))
     if all(one.trials == one.worlds for one in figures):
@@ -101,17 +104,11 @@ def figures_table(made: Precision) -> TextTable:
     """Return the components of variance of each figure; a row each."""
     measure = MEASURES[made.measure]
     scale = 100.0 if measure.percent else 1.0
-    rows = [
-        (
-            one.of,
-            measure.number(one.mean),
-            f"+- {measure.number(one.half_width)}",
-            number(scale**2 * one.parts.between, 4),
-            number(scale**2 * one.parts.within, 4),
-            f"{one.trials} in {one.worlds}",
-        )
-        for one in made.figures
-    ]
+    rows = []
+    for one in made.figures:
+        parts = (number(scale**2 * part, 4) for part in (one.parts.between, one.parts.within))
+        mean = (measure.number(one.mean), f"+- {measure.number(one.half_width)}")
+        rows.append((one.of, *mean, *parts, f"{one.trials} in {one.worlds}"))
     head = ("", measure.heading, "95 %", "variance between worlds", "within a world", "trials in worlds")
     return TextTable("variance", "What there is", head, tuple(rows), caption=" ".join(made.notes))
 
@@ -129,11 +126,6 @@ def needs_table(made: Precision) -> TextTable:
     return TextTable("needs", f"Worlds needed, {measure.heading}", ("per world", *by_question), tuple(rows))
 
 
-def _of_planner(of: str, trials: Columns, measure: Measure) -> Figure:
-    known = trials.at(np.flatnonzero(np.isfinite(trials.values)))
-    return _figure(of, known, known.parts, measure)
-
-
 def _pair(results: Mapping[str, Sequence[TrialResult]], measure: Measure) -> Figure:
     (a, first), (b, second) = results.items()
     check_pairs(first, second)
@@ -149,14 +141,3 @@ def _figure(of: str, trials: Columns, parts: Callable[[], Components], measure: 
     found, repetitions = parts(), max(1, round(len(trials.values) / count))
     width = half_width(found, count, repetitions)
     return Figure(of, float(trials.values.mean()), count, len(trials.values), repetitions, found, width)
-
-
-def _for_mean(figure: Figure, wanted: float | None, counts: Sequence[int]) -> Iterator[Need]:
-    wanted = wanted or DEFAULT_SHARE * abs(figure.mean)
-    for count in counts:
-        yield Need(figure.of, "half_width", wanted, count, worlds_for_half_width(figure.parts, wanted, count))
-
-
-def _for_difference(figure: Figure, wanted: float, counts: Sequence[int]) -> Iterator[Need]:
-    for count in counts:
-        yield Need(figure.of, "difference", wanted, count, worlds_for_difference(figure.parts, wanted, count))

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,6 @@ from barn_worlds.base.text_files import read_csv
 # How failures stand in the paper's table: exactly 30 s, or cut off at 50 s.
 FAILURE_TIME_S = 30.0
 LIMIT_S = 50.0
-LARGEST_NUMBER = 999_999_999  # of a world, as in names of files
 SAME_LENGTH_M = 0.001  # path lengths of the same world: tables hold them with six decimals
 _COLUMN = re.compile(r"(.+)_([1-9][0-9]*)")
 
@@ -44,19 +43,6 @@ class TimedTrials:
         lengths_m: Floats = np.array([self.lengths_m[int(world)] for world in self.worlds])
         return self.times_s / lengths_m
 
-    def with_equal_failures(self) -> TimedTrials:
-        """Return the trials with every failure counted as `FAILURE_TIME_S`."""
-        return replace(self, times_s=np.where(self.failed, FAILURE_TIME_S, self.times_s))
-
-    def only(self, worlds: Collection[int]) -> TimedTrials:
-        """Return the trials in some of the worlds."""
-        kept = np.isin(self.worlds, sorted(worlds))
-        return TimedTrials(self.worlds[kept], self.times_s[kept], self.failed[kept], self.lengths_m)
-
-    def by_world(self, values: Floats) -> dict[int, float]:
-        """Return the mean of one value per trial (n,) over each world's trials, worlds ascending."""
-        return {int(world): float(values[self.worlds == world].mean()) for world in np.unique(self.worlds)}
-
     def other_length(self, lengths_m: Iterable[tuple[int, float]]) -> int | None:
         """Return the first of some worlds, given with their path lengths, that has another length here."""
         return next((world for world, one in lengths_m if abs(one - self.lengths_m[world]) > SAME_LENGTH_M), None)
@@ -67,17 +53,15 @@ def read_published(path: Path) -> dict[str, TimedTrials]:
     lengths: dict[int, float] = {}
     times: dict[str, list[tuple[int, float]]] = {}
     for where, row in read_csv(path, ("world", "path_length_m")):
-        world = int(_number(where, "world", row["world"], whole=True))
-        if world in lengths:
-            raise ConfigError(f"{where}: world {world} is there already")
-        lengths[world] = _number(where, "path_length_m", row["path_length_m"])
+        if not re.fullmatch("[0-9]{1,9}", row["world"]) or int(row["world"]) in lengths:
+            raise ConfigError(f"{where}: world must be another whole number, got {shown(row['world'])}")
+        world = int(row["world"])
+        lengths[world] = _above_zero(where, "path_length_m", row["path_length_m"])
         for column, text in row.items():
             if match := _COLUMN.fullmatch(column):
-                times.setdefault(match[1], []).append((world, _number(where, column, text)))
-    if not lengths:
-        raise ConfigError(f"{path}: must have at least one world")
+                times.setdefault(match[1], []).append((world, _above_zero(where, column, text)))
     if not times:
-        raise ConfigError(f"{path}: has no columns of times, such as dwa_1")
+        raise ConfigError(f"{path}: must have at least one world and columns of times, such as dwa_1")
     return {planner: _trials(found, lengths) for planner, found in times.items()}
 
 
@@ -87,13 +71,11 @@ def _trials(found: list[tuple[int, float]], lengths: Mapping[int, float]) -> Tim
     return TimedTrials(np.array([world for world, _ in found], np.int64), times, failed, lengths)
 
 
-def _number(where: str, column: str, text: str, *, whole: bool = False) -> float:
+def _above_zero(where: str, column: str, text: str) -> float:
     try:
         value = float(text)
     except ValueError:
         value = math.nan
-    if whole and not (0.0 <= value <= LARGEST_NUMBER and value.is_integer()):
-        raise ConfigError(f"{where}: {column} must be a whole number from 0 to {LARGEST_NUMBER}, got {shown(text)}")
-    if not whole and not (value > 0.0 and math.isfinite(value)):
+    if not 0.0 < value < math.inf:
         raise ConfigError(f"{where}: {column} must be a number above 0, got {shown(text)}")
     return value

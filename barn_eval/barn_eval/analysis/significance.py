@@ -4,13 +4,13 @@ Functions take one value per trial and, beside it, the number of its world. A wo
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from scipy import special
 
-from barn_eval.analysis.variance import Components, components, t_quantile
 from barn_metrics.bootstrap import LEVEL, Interval, number
 from barn_worlds.base.arrays import Floats, Integers
 
@@ -18,6 +18,48 @@ ALPHA = 1.0 - LEVEL  # a difference is clear from this p-value down
 FLIPS = 10_000
 _ENUMERATED_WORLDS = 13  # up to so many worlds all sign patterns are tried, 8192 at most
 _TOLERANCE = 1e-9  # of a sum that is rounded differently for another order of signs
+POWER = 0.8
+_MOST_WORLDS = 1_000_000
+
+
+@dataclass(frozen=True)
+class Components:
+    """Variance of a figure, or of a paired difference, between worlds and between the trials of a world.
+
+    unseen: what a failure costs of each planner that has not failed so far, of which the variance knows nothing.
+    """
+
+    between: float
+    within: float
+    unseen: tuple[float, ...] = ()
+
+    def standard_error(self, worlds: int, repetitions: int) -> float:
+        """Return the standard error of the mean over so many worlds with so many trials each."""
+        return math.sqrt((self.between + self.within / repetitions) / worlds)
+
+
+def components(values: Floats, worlds: Integers) -> Components:
+    """Return the components of variance of one value per trial (n,) by the analysis of variance (Searle 1971).
+
+    Worlds may have different numbers of trials. With one trial a world all variance counts as that between worlds.
+    """
+    _, world = np.unique(worlds, return_inverse=True)
+    counts = np.bincount(world)
+    trials, groups = len(values), len(counts)
+    means = np.bincount(world, values) / counts
+    if trials == groups:
+        return Components(float(np.var(values, ddof=1)) if trials > 1 else math.nan, 0.0)
+    within = float(np.sum((values - means[world]) ** 2)) / (trials - groups)
+    if groups < 2:
+        return Components(math.nan, within)
+    mean_square = float(np.sum(counts * (means - np.mean(values)) ** 2)) / (groups - 1)
+    size = (trials - float(np.sum(counts**2)) / trials) / (groups - 1)
+    return Components(max(0.0, (mean_square - within) / size), within)
+
+
+def t_quantile(p: float, freedom: int) -> float:
+    """Return the p-quantile of Student's distribution with that many degrees of freedom."""
+    return float(special.stdtrit(freedom, p))
 
 
 @dataclass(frozen=True)
@@ -35,7 +77,7 @@ class Difference:
     parts: Components
 
 
-def proportion(successes: Integers, worlds: Integers, level: float = LEVEL) -> Interval:
+def proportion(successes: Integers, worlds: Integers) -> Interval:
     """Return the share of successes (n,), each 0 or 1, with Wilson's interval for the effective number of trials.
 
     That number is p (1 - p) / v with v the variance of the share as the worlds' own shares show it, at most n; the
@@ -45,7 +87,7 @@ def proportion(successes: Integers, worlds: Integers, level: float = LEVEL) -> I
     if not len(successes):
         return Interval(math.nan)
     p, effective, drawn = effective_trials(successes, worlds)
-    return wilson(p, effective, drawn, level) if drawn > 1 else Interval(p)
+    return wilson(p, effective, drawn, LEVEL) if drawn > 1 else Interval(p)
 
 
 def effective_trials(successes: Integers, worlds: Integers) -> tuple[float, float, int]:
@@ -87,14 +129,10 @@ def paired_difference(differences: Floats, worlds: Integers, seed: int = 0, flip
     reached = np.abs(flipped) >= abs(total) - _TOLERANCE * float(np.abs(sums).sum())
     with np.errstate(divide="ignore", invalid="ignore"):
         groups = np.stack([(total + flipped) / (counts.sum() + size), (total - flipped) / (counts.sum() - size)])
-    low = np.where(np.isnan(groups), -np.inf, groups).min(axis=0)
-    high = np.where(np.isnan(groups), np.inf, groups).max(axis=0)
-    limits = (
-        float(np.quantile(low, ALPHA, method="lower")),
-        float(np.quantile(high, LEVEL, method="higher")),
-    )
-    bounded = all(map(math.isfinite, limits))
-    interval = Interval(mean, *limits) if bounded else Interval(mean)
+    low = np.where(np.isfinite(groups), groups, -np.inf).min(axis=0)  # a group of none has no mean
+    high = np.where(np.isfinite(groups), groups, np.inf).max(axis=0)
+    limits = float(np.quantile(low, ALPHA, method="lower")), float(np.quantile(high, LEVEL, method="higher"))
+    interval = Interval(mean, *limits) if all(map(math.isfinite, limits)) else Interval(mean)
     return Difference(interval, float(reached.mean()), len(numbers), len(differences), components(differences, worlds))
 
 
@@ -129,3 +167,44 @@ def _signs(worlds: int, seed: int, flips: int) -> Floats:
         minus = np.random.default_rng(seed).integers(0, 2, (flips + 1, worlds))
         minus[0] = 0
     return np.where(minus == 1, -1.0, 1.0)
+
+
+def half_width(found: Components, worlds: int, repetitions: int, level: float = LEVEL) -> float:
+    """Return half the width of the interval of a mean over so many worlds with so many trials each.
+
+    It is of what has been seen, and of failures that could come (Wilson's share).
+    """
+    if worlds < 2:
+        return math.inf
+    quantile = t_quantile(0.5 + level / 2.0, worlds - 1)
+    share = quantile**2 / (worlds + quantile**2)
+    return math.hypot(quantile * found.standard_error(worlds, repetitions), *(cost * share for cost in found.unseen))
+
+
+def detectable_difference(found: Components, worlds: int, repetitions: int, level: float = LEVEL) -> float:
+    """Return the difference that a test at that level finds 8 times in 10."""
+    if worlds < 2:
+        return math.inf
+    by_chance = t_quantile(POWER, worlds - 1) * found.standard_error(worlds, repetitions)
+    return half_width(found, worlds, repetitions, level) + by_chance
+
+
+def worlds_for_half_width(found: Components, wanted: float, repetitions: int) -> int | None:
+    """Return the fewest worlds whose interval is no wider than +- `wanted`; None above a million."""
+    return _fewest(lambda worlds: half_width(found, worlds, repetitions) <= wanted)
+
+
+def worlds_for_difference(found: Components, wanted: float, repetitions: int, level: float = LEVEL) -> int | None:
+    """Return the fewest worlds in which a difference of `wanted` is found 8 times in 10; None above a million."""
+    return _fewest(lambda worlds: detectable_difference(found, worlds, repetitions, level) <= wanted)
+
+
+def _fewest(enough: Callable[[int], bool]) -> int | None:
+    """Return the smallest number from 2 that is enough, where all above it are."""
+    if not enough(_MOST_WORLDS):
+        return None
+    low, high = 1, _MOST_WORLDS
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if enough(middle) else (middle, high)
+    return high

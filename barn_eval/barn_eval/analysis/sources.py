@@ -1,7 +1,7 @@
 """Runs and campaigns on disk, and the planners in them, each with a label and a colour of its own."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
@@ -84,10 +84,14 @@ def read_source(path: Path, rows: Sequence[TrialResult] | None = None) -> Source
     """
     run = RunFile.read(path)
     results = read_results(path) if rows is None else results_of(run, path, rows)
+    names = _named(run.experiment)
+    names += sorted({one.planner for one in results}.difference(names))
+    # in the order of the plan, so that nothing tells which worker was faster
+    results.sort(key=lambda one: (one.world, one.repetition, names.index(one.planner)))
     return Source(
         path,
         "campaign" if len(_named(run.experiment)) > 1 else "run",
-        tuple(sorted(results, key=_place(run.experiment))),
+        tuple(results),
         run.experiment,
         run.sessions,
         _planned(run.experiment),
@@ -95,35 +99,25 @@ def read_source(path: Path, rows: Sequence[TrialResult] | None = None) -> Source
     )
 
 
-def partial_note(path: Path, trials: int) -> str:
-    """Return in one line that a folder with so many trials is not finished, or an empty text."""
-    try:
-        planned = _planned(RunFile.read(path).experiment)
-    except BarnError:
-        return ""
-    return partial_text(path, trials, planned)
-
-
-def partial_text(path: Path, trials: int, planned: int | None) -> str:
+def partial_text(source: Source) -> str:
     """Return that so many of the trials that are planned are in a folder, an empty text if all are."""
-    return f"{path} is partial: {trials} of {planned} trials" if planned and planned > trials else ""
+    trials, planned = len(source.results), source.planned
+    return f"{source.path} is partial: {trials} of {planned} trials" if planned and planned > trials else ""
 
 
 def late_text(path: Path, results: Sequence[TrialResult]) -> str:
     """Return how many trials in a folder are marked for late commands, an empty text if none is."""
     late = sum(result.wall_clock.late for result in results)
-    if not late:
-        return ""
-    return (
+    text = (
         f"{late} of {len(results)} trials in {path} are marked: more than {MOST_MISSED:.0%} of their control periods"
         " had no command in time, so they tell of the machine as well as of the planner"
     )
+    return text if late else ""
 
 
 def read_entries(paths: Sequence[Path]) -> list[Entry]:
     """Return the planners of all folders, in the order given; ConfigError if a folder is named twice."""
-    resolved = [path.resolve() for path in paths]
-    for path, count in Counter(resolved).items():
+    for path, count in Counter(path.resolve() for path in paths).items():
         if count > 1:
             raise ConfigError(f"{path}: is named twice")
     return entries_of([read_source(path) for path in paths])
@@ -131,25 +125,19 @@ def read_entries(paths: Sequence[Path]) -> list[Entry]:
 
 def entries_of(sources: Sequence[Source]) -> list[Entry]:
     """Return the planners of all sources, told apart."""
-    return labelled(
-        [
-            Entry("", "", source, planner, tuple(results))
-            for source in sources
-            for planner, results in by_planner(source.results).items()
-        ]
-    )
+    groups = ((source, *one) for source in sources for one in by_planner(source.results).items())
+    return labelled([Entry("", "", source, planner, tuple(results)) for source, planner, results in groups])
 
 
 def labelled(entries: Sequence[Entry]) -> list[Entry]:
     """Return entries with labels and colours by which they are told apart beside each other."""
     planners = [entry.planner for entry in entries]
-    folders = [f" ({entry.source.path.resolve().name})" for entry in entries]
     labels = [
-        spelling(planner) + (folder if planners.count(planner) > 1 else "")
-        for planner, folder in zip(planners, folders, strict=True)
+        spelling(one.planner) + (f" ({one.source.path.resolve().name})" if planners.count(one.planner) > 1 else "")
+        for one in entries
     ]
     if len(set(labels)) < len(labels):
-        labels = [f"{spelling(entry.planner)} ({entry.source.path})" for entry in entries]
+        labels = [f"{spelling(one.planner)} ({one.source.path})" for one in entries]
     marks = zip(entries, labels, colours(planners), strict=True)
     return [replace(entry, label=label, colour=colour) for entry, label, colour in marks]
 
@@ -159,16 +147,15 @@ def require_same_task(folders: Sequence[Path]) -> None:
 
     A task is everything but worlds and planners: protocol, simulator, robot.
     """
-    tasks = [(folder, RunFile.read(folder).task()) for folder in folders]
-    for folder, task in tasks[1:]:
-        one, other = (chassis_in(found["simulator"]).name for found in (tasks[0][1], task))
+    (first, known), *others = [(folder, RunFile.read(folder).task()) for folder in folders]
+    for folder, task in others:
+        one, other = (chassis_in(found["simulator"]).name for found in (known, task))
         if one != other:
-            raise ConfigError(f"different robots cannot be compared: {one} in {tasks[0][0]}, {other} in {folder}")
-        found = first_difference(tasks[0][1], task)
-        if found is not None:
+            raise ConfigError(f"different robots cannot be compared: {one} in {first}, {other} in {folder}")
+        if found := first_difference(known, task):
             key, before, now = found
             raise ConfigError(
-                f"different tasks cannot be compared: {key} is {before!r} in {tasks[0][0]}, {now!r} in {folder}"
+                f"different tasks cannot be compared: {key} is {before!r} in {first}, {now!r} in {folder}"
             )
 
 
@@ -187,20 +174,15 @@ def read_worlds(results: Iterable[tuple[TrialResult, str]]) -> dict[str, World |
     for result, dataset in results:
         if result.world_checksum in found:
             continue
+        world: World | str
         try:
             world = opened(dataset).load(result.world)
+            if world.checksum != result.world_checksum:
+                world = f"world {result.world} of {dataset} is not the one it ran in any more"
         except (WorldError, OSError) as error:
-            found[result.world_checksum] = f"its world cannot be read: {error}"
-            continue
-        other = f"world {result.world} of {dataset} is not the one it ran in any more"
-        found[result.world_checksum] = world if world.checksum == result.world_checksum else other
+            world = f"its world cannot be read: {error}"
+        found[result.world_checksum] = world
     return found
-
-
-def _place(configuration: Mapping[str, Any]) -> Callable[[TrialResult], tuple[int, int, int, str]]:
-    """Return the sorting key for the order of the plan, so that a report does not tell which worker was faster."""
-    places = {name: place for place, name in reversed(list(enumerate(_named(configuration))))}
-    return lambda one: (one.world, one.repetition, places.get(one.planner, len(places)), one.planner)
 
 
 def _named(configuration: Mapping[str, Any]) -> list[str]:

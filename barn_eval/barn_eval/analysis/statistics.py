@@ -8,64 +8,13 @@ for any order of the trials.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
-from barn_eval.analysis.means import Counted, counted_interval, difference_interval, difference_p, mean_interval
-from barn_eval.analysis.significance import FLIPS, Difference, paired_difference, proportion
-from barn_eval.analysis.variance import Components, components
+from barn_eval.analysis.means import Columns, difference_interval, difference_p
+from barn_eval.analysis.significance import FLIPS, Components, Difference, paired_difference
 from barn_metrics.bootstrap import Interval, over_worlds, spearman
 from barn_worlds.base.arrays import Floats, Integers
-
-
-class Columns(NamedTuple):
-    """A measure of some trials.
-
-    values, worlds, repetitions (n,): of each trial. failures (n,): of 0 and 1, as_failure (n,): what each counts with,
-    or would, as a failure, best: the best value that there can be; failures None where they have no value of their own.
-    """
-
-    values: Floats
-    worlds: Integers
-    repetitions: Integers
-    failures: Integers | None = None
-    as_failure: Floats | None = None
-    best: float = 0.0
-
-    def at(self, places: Integers) -> "Columns":
-        """Return the trials at these places."""
-        values, worlds, repetitions = self.values[places], self.worlds[places], self.repetitions[places]
-        if self.failures is None or self.as_failure is None:
-            return Columns(values, worlds, repetitions)
-        return Columns(values, worlds, repetitions, self.failures[places], self.as_failure[places], self.best)
-
-    @property
-    def counted(self) -> Counted | None:
-        """The trials with what failures count, None where they have no value of their own."""
-        if self.failures is None or self.as_failure is None or not len(self.values):
-            return None
-        return Counted(self.values, self.failures, self.as_failure, self.worlds, self.best)
-
-    def mean(self) -> Interval:
-        """Return the mean of the values that are finite, with its interval, which holds no value that cannot be."""
-        known = np.flatnonzero(np.isfinite(self.values))
-        ordered = self.at(known[np.lexsort((self.values[known], self.worlds[known]))])
-        counted = ordered.counted
-        found = mean_interval(ordered.values, ordered.worlds) if counted is None else counted_interval(counted)
-        if found.low is None or found.high is None:
-            return found
-        low = max(0.0, found.low) if ordered.values.min() >= 0.0 else found.low
-        return replace(found, low=low, high=min(found.high, self.best) if self.best > 0.0 else found.high)
-
-    def parts(self) -> Components:
-        """Return the variance of the values, all of them finite."""
-        counted = self.counted
-        return replace(components(self.values, self.worlds), unseen=() if counted is None else counted.unseen)
-
-    def failure_share(self) -> Interval | None:
-        """Return the share of failures, None where they have no value of their own."""
-        return None if self.failures is None else proportion(self.failures, self.worlds)
 
 
 @dataclass(frozen=True)
@@ -117,14 +66,13 @@ def difference(a: Columns, b: Columns, seed: int = 0, flips: int = FLIPS) -> Dif
     seems better than one of the same mean that is slower and has failed as rarely so far.
     """
     found = paired_difference(a.values - b.values, a.worlds, seed, flips)
-    one, other = a.counted, b.counted
-    if one is None or other is None:
+    if not (a.counted and b.counted and found.trials):
         return found
     return replace(
         found,
-        interval=_hull(found.interval, difference_interval(one, other)),
-        p=max(found.p, difference_p(one, other)),
-        parts=replace(found.parts, unseen=one.unseen + other.unseen),
+        interval=_hull(found.interval, difference_interval(a, b)),
+        p=max(found.p, difference_p(a, b)),
+        parts=replace(found.parts, unseen=a.unseen + b.unseen),
     )
 
 
@@ -183,14 +131,9 @@ def _places(columns: Columns) -> dict[tuple[int, int], int]:
     return {(world, repetition): k for k, (world, repetition, value) in enumerate(keys) if math.isfinite(value)}
 
 
-def _in_order(values: Floats, worlds: Integers) -> tuple[Floats, tuple[Integers, Integers]]:
-    """Return the values sorted by world and size, so that sums do not depend on the order of trials."""
-    order = np.lexsort((values, worlds))
-    return values[order], np.unique(worlds[order], return_inverse=True)
-
-
 def _groups(values: Floats, worlds: Integers) -> dict[int, Floats]:
-    """Return the values of each world that are finite, worlds ascending."""
+    """Return the values of each world that are finite, by size, so that no sum depends on the order of the trials."""
     known = np.isfinite(values)
-    values, (numbers, world) = _in_order(values[known], worlds[known])
-    return {int(number): values[world == index] for index, number in enumerate(numbers)}
+    order = np.lexsort((values[known], worlds[known]))
+    values, worlds = values[known][order], worlds[known][order]
+    return {int(number): values[worlds == number] for number in np.unique(worlds)}

@@ -1,17 +1,19 @@
 """What results say together: rates and means of each planner with their uncertainty, and each pair of planners."""
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from barn_eval.analysis.compare import Comparison, columns, compare, holm_adjusted
-from barn_eval.analysis.measures import MEASURES, with_motion
+from barn_eval.analysis.measures import MEASURES, Measure, metric_of, with_motion
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import proportion
-from barn_eval.analysis.sources import by_planner
+from barn_eval.analysis.sources import Entry, by_planner
 from barn_eval.analysis.statistics import repetition_spread
 from barn_eval.analysis.verdict import results_verdict
 from barn_eval.trials.outcome import Outcome
@@ -62,11 +64,17 @@ class Summary:
         means = {name: value for key in SCORED for name, value in self[key].columns(key).items()}
         return {"trials": self.trials, "worlds": self.worlds} | means
 
-    def scores(self) -> dict[str, Any]:
-        """Return what is scored as plain data."""
+    def as_json(self) -> dict[str, Any]:
+        """Return the summary as plain data."""
         counts = {"trials": self.trials, "worlds": self.worlds, "outcomes": dict(self.outcomes)}
         means = {_JSON_NAMES.get(key, key): as_dict(self[key]) for key in SCORED}
-        return counts | means | {"spread_s_per_m": self.spread_s_per_m}
+        figures = [
+            {"key": key, "name": MEASURES[key].title, "unit": MEASURES[key].unit, "value": as_dict(value)}
+            for key, value in self.means.items()
+            if key not in SCORED
+        ]
+        scores = counts | means | {"spread_s_per_m": self.spread_s_per_m}
+        return {"planner": self.planner, "scores": scores, "figures": figures}
 
 
 @dataclass(frozen=True)
@@ -82,19 +90,8 @@ class CampaignSummary:
 
     def as_json(self) -> dict[str, Any]:
         """Return the summary as plain data."""
-        planners = [
-            {
-                "planner": one.planner,
-                "scores": one.scores(),
-                "figures": [
-                    {"key": key, "name": MEASURES[key].title, "unit": MEASURES[key].unit, "value": as_dict(one[key])}
-                    for key in one.means
-                    if key not in SCORED
-                ],
-            }
-            for one in self.planners
-        ]
         comparisons = [as_dict(one) for one in self.comparisons]
+        planners = [one.as_json() for one in self.planners]
         return {"planners": planners, "comparisons": comparisons, "verdict": self.verdict}
 
 
@@ -117,11 +114,34 @@ def summarise(results: Sequence[TrialResult], keys: Sequence[str] = SCORED) -> S
 def summarise_campaign(results: Sequence[TrialResult]) -> CampaignSummary:
     """Return the summary of at least one result; planners in the order in which they come."""
     groups = by_planner(results)
-    names = list(groups)
     keys = with_motion(SCORED + DRIVEN, *groups.values())
-    pairs = [(a, b) for number, a in enumerate(names) for b in names[number + 1 :]]
     return CampaignSummary(
         tuple(summarise(group, keys) for group in groups.values()),
-        holm_adjusted([compare(groups[a], groups[b]) for a, b in pairs]),
+        holm_adjusted([compare(groups[a], groups[b]) for a, b in combinations(groups, 2)]),
         results_verdict({spelling(name): group for name, group in groups.items()}),
     )
+
+
+def bars(entries: Sequence[Entry], summaries: Sequence[Summary]) -> list[dict[str, Any]]:
+    """Return the bars, best first: label, colour, estimate in words, lengths in percent of the longest."""
+    metric = metric_of(entries[0].results)
+    shown = [metric.shown(one[metric.key]) for one in summaries]
+    limits = [(one.estimate, _or(one.low, one.estimate), _or(one.high, one.estimate)) for one in shown]
+    most = max((value for row in limits for value in row if math.isfinite(value)), default=0.0) or 1.0
+    rows = []
+    for place in sorted_by(metric, summaries):
+        bar, low, high = (100.0 * max(value, 0.0) / most if math.isfinite(value) else 0.0 for value in limits[place])
+        entry, text = entries[place], metric.text(summaries[place][metric.key])
+        rows.append({"label": entry.label, "colour": entry.colour, "text": text, "bar": bar, "low": low, "high": high})
+    return rows
+
+
+def sorted_by(measure: Measure, summaries: Sequence[Summary]) -> list[int]:
+    """Return the places of summaries from best to worst by a measure; what has no value comes last."""
+    sign = -1.0 if measure.better == "larger" else 1.0
+    values = [one[measure.key].estimate for one in summaries]
+    return sorted(range(len(values)), key=lambda at: (values[at] != values[at], sign * values[at], at))
+
+
+def _or(value: float | None, other: float) -> float:
+    return other if value is None else value

@@ -6,9 +6,8 @@ from barn_eval.analysis.compare import Comparison
 from barn_eval.analysis.difficulty import IN_BANDS, Band
 from barn_eval.analysis.measures import MEASURES, Measure
 from barn_eval.analysis.planners import spelling
-from barn_eval.analysis.reasons import sorted_by
 from barn_eval.analysis.significance import ALPHA
-from barn_eval.analysis.summary import Summary
+from barn_eval.analysis.summary import Summary, sorted_by
 from barn_eval.analysis.text_table import TextTable, counted
 from barn_eval.analysis.verdict import few_worlds
 from barn_eval.trials.result import TrialResult
@@ -31,24 +30,14 @@ def trials_table(results: Sequence[TrialResult], title: str) -> TextTable:
 
 def headline_table(labels: Sequence[str], summaries: Sequence[Summary], metric: Measure) -> TextTable:
     """Return rates, times and scores, a planner per row from best to worst by a metric, which comes first."""
-    keys = headline_keys(metric)
+    keys = [metric.key, *(key for key in _HEADLINE if key != metric.key)]
+    rows = []
+    for place in sorted_by(metric, summaries):
+        one = summaries[place]
+        cells = (_counted_text(MEASURES[key], one) for key in keys)
+        rows.append((labels[place], f"{one.trials} in {one.worlds}", *cells, _spread(one)))
     columns = ("planner", "trials in worlds", *(MEASURES[key].heading for key in keys), SPREAD)
-    rows = [
-        (
-            labels[place],
-            f"{one.trials} in {one.worlds}",
-            *(_counted_text(MEASURES[key], one) for key in keys),
-            _spread(one),
-        )
-        for place in sorted_by(metric, summaries)
-        for one in [summaries[place]]
-    ]
     return TextTable("headline", "Success, time and scores with 95 % intervals", columns, tuple(rows))
-
-
-def headline_keys(metric: Measure) -> list[str]:
-    """Return the measures of the headline, the metric of the protocol first."""
-    return [metric.key, *(key for key in _HEADLINE if key != metric.key)]
 
 
 def measures_table(labels: Sequence[str], summaries: Sequence[Summary], keys: Sequence[str]) -> TextTable:
@@ -87,16 +76,12 @@ def bands_table(labels: Sequence[str], bands: Sequence[Band]) -> TextTable:
     """Return success and time of each planner in each band."""
     rows = []
     for band in bands:
+        low, high = band.limits_s_per_m
+        name = f"{band.name} ({counted(len(band.worlds), 'world')}, {low:.2f} to {high:.2f} s/m)"
         for label, one in zip(labels, band.summaries, strict=True):
-            rows.append((band_name(band), label, str(one.trials), *(MEASURES[key].text(one[key]) for key in IN_BANDS)))
+            rows.append((name, label, str(one.trials), *(MEASURES[key].text(one[key]) for key in IN_BANDS)))
     columns = ("band", "planner", "trials", *(MEASURES[key].heading for key in IN_BANDS))
     return TextTable("bands", "Success and time by difficulty band, 95 % intervals", columns, tuple(rows), texts=2)
-
-
-def band_name(band: Band) -> str:
-    """Return what a band is called in tables, with how many worlds it has and how difficult they are."""
-    low, high = band.limits_s_per_m
-    return f"{band.name} ({counted(len(band.worlds), 'world')}, {low:.2f} to {high:.2f} s/m)"
 
 
 def comparison_table(found: Comparison, name: str = "comparison") -> TextTable:
@@ -105,17 +90,9 @@ def comparison_table(found: Comparison, name: str = "comparison") -> TextTable:
     rows = []
     for one in found.rows:
         measure, pair = MEASURES[one.key], one.paired
-        rows.append(
-            (
-                measure.heading,
-                measure.number(pair.mean_a),
-                measure.number(pair.mean_b),
-                measure.text(pair.difference),
-                _p_cell(one.p_holm),
-                pair.improvement.text(),
-                str(pair.trials),
-            )
-        )
+        figures = (measure.number(pair.mean_a), measure.number(pair.mean_b), measure.text(pair.difference))
+        p_text = ("<0.001" if one.p_holm < 0.001 else number(one.p_holm, 3)) + (" *" if one.p_holm <= ALPHA else "")
+        rows.append((measure.heading, *figures, p_text, pair.improvement.text(), str(pair.trials)))
     p = f"p (Holm, {found.pairs} pairs)" if found.pairs > 1 else "p"
     columns = ("measure", a, b, "difference and 95 % interval", p, f"P({a} is better)", "pairs of trials")
     title = f"{a} against {b}, {found.protocol} protocol, same worlds and seeds"
@@ -128,11 +105,6 @@ def _counted_text(measure: Measure, summary: Summary) -> str:
     """Return an estimate with its limits and, where failed trials are left out, how many it is of."""
     of = f" of {summary.outcomes.get('success', 0)}" if measure.successes_only else ""
     return measure.text(summary[measure.key]) + of
-
-
-def _p_cell(p: float) -> str:
-    """Return a p-value as a figure of a table; * marks one that is clear."""
-    return ("<0.001" if p < 0.001 else number(p, 3)) + (" *" if p <= ALPHA else "")
 
 
 def _spread(summary: Summary) -> str:

@@ -3,6 +3,7 @@
 import csv
 import io
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 _LATEX = {
@@ -55,6 +56,11 @@ def latex_text(text: str) -> str:
 def counted(number: int, noun: str) -> str:
     """Return a number of things, such as "1 trial" or "2 trials"."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def joined(names: Sequence[str]) -> str:
+    """Return names as a sentence lists them, such as "a, b and c"."""
+    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
 
 def one_line(text: str) -> str:

@@ -1,18 +1,101 @@
-"""What a comparison says in a sentence or two: who is better, by how much and how sure, or what it takes to tell."""
+"""Planners from best to worst by one figure, with a test of each pair, and what that says in a sentence or two.
+
+Those that cannot be told apart share a rank.
+"""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
 
-from barn_eval.analysis.compare import Comparison
+from barn_eval.analysis.compare import Comparison, check_pairs, columns
+from barn_eval.analysis.means import Columns
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of
 from barn_eval.analysis.planners import spelling
-from barn_eval.analysis.ranking import Ranking, rank_results
-from barn_eval.analysis.significance import ALPHA, Difference, p_text
+from barn_eval.analysis.significance import ALPHA, FLIPS, POWER, Difference, holm, p_text, worlds_for_difference
 from barn_eval.analysis.sources import Source, late_text, partial_text
-from barn_eval.analysis.text_table import counted
-from barn_eval.analysis.variance import POWER, worlds_for_difference
+from barn_eval.analysis.statistics import difference, matched_trials
+from barn_eval.analysis.text_table import counted, joined
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Interval, number
+from barn_worlds.base.errors import BarnError, ConfigError
+
+_FLIPS_PER_PAIR = 40  # so that the smallest p-value, times the number of pairs, is below ALPHA
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """Planners from best to worst, on the trials that all of them have.
+
+    means: of each. differences: by places (i, j), i the better one, of the value of i minus that of j. p: of these,
+    after Holm for `tests` pairs. failures: the share of failures of each, None where they have no value of their own.
+    """
+
+    names: tuple[str, ...]
+    means: tuple[float, ...]
+    worlds: int
+    trials: int
+    differences: Mapping[tuple[int, int], Difference]
+    p: Mapping[tuple[int, int], float]
+    tests: int
+    failures: tuple[Interval | None, ...]
+
+    def clear(self, better: int, worse: int) -> bool:
+        """Tell whether one place is clearly better than a later one."""
+        return self.p[better, worse] <= ALPHA
+
+    @property
+    def leaders(self) -> tuple[int, ...]:
+        """The places that are not clearly worse than the first."""
+        return tuple(place for place in range(len(self.names)) if place == 0 or not self.clear(0, place))
+
+    @property
+    def ranks(self) -> tuple[int, ...]:
+        """The rank of each place: a new one begins where all above are clearly better than all from there on.
+
+        So planners whose difference is not clear always share a rank. Within a rank some may differ clearly, if others
+        lie between them.
+        """
+        ranks: list[int] = []
+        for place in range(len(self.names)):
+            rest = range(place, len(self.names))
+            begins = all(self.clear(better, worse) for better in range(place) for worse in rest)
+            ranks.append(place + 1 if begins else ranks[-1])
+        return tuple(ranks)
+
+
+def rank_results(results: Mapping[str, Sequence[TrialResult]], measure: Measure) -> Ranking:
+    """Rank at least one planner by the results of each; ConfigError if two have not done the same task."""
+    try:
+        for a, b in combinations(results, 2):
+            check_pairs(results[a], results[b])
+    except BarnError as error:
+        raise ConfigError(f"{a} and {b} cannot be ranked against each other: {error}") from None
+    values = {name: columns(own, measure) for name, own in results.items()}
+    return rank(values, larger_is_better=measure.better == "larger")
+
+
+def rank(planners: Mapping[str, Columns], *, larger_is_better: bool, seed: int = 0) -> Ranking:
+    """Rank at least one planner, each given by its trials, on those that all have a value for."""
+    rows = dict(zip(planners, matched_trials(list(planners.values())), strict=True))
+    means = {name: float(row.values.mean()) if len(row.values) else math.nan for name, row in rows.items()}
+    sign = -1.0 if larger_is_better else 1.0
+    names = sorted(planners, key=lambda name: (sign * means[name], name))
+    places = list(combinations(range(len(names)), 2))
+    flips = max(FLIPS, _FLIPS_PER_PAIR * len(places))
+    differences = {(i, j): difference(rows[names[i]], rows[names[j]], seed, flips) for i, j in places}
+    worlds = rows[names[0]].worlds
+    return Ranking(
+        tuple(names),
+        tuple(means[name] for name in names),
+        len(set(worlds.tolist())),
+        len(worlds),
+        differences,
+        dict(zip(places, holm([differences[place].p for place in places]), strict=True)),
+        len(places),
+        tuple(rows[name].failure_share() for name in names),
+    )
+
 
 FEW_WORLDS = 10
 _SENTENCES = {
@@ -48,13 +131,13 @@ def verdict(ranking: Ranking, measure: Measure) -> str:
     if count == 1:
         return _SENTENCES["alone"].format(**words)
     if count > 2 and len(set(ranking.means)) == 1:
-        return _SENTENCES["equal"].format(**words, others=_joined(list(ranking.names[1:])))
+        return _SENTENCES["equal"].format(**words, others=joined(list(ranking.names[1:])))
     next_best = leaders[1] if len(leaders) > 1 else 1
     found, name, mean = ranking.differences[0, next_best], ranking.names[next_best], ranking.means[next_best]
     words |= {"b": name, "mean_b": _value(measure, mean)}
     words |= {"p": p_text(ranking.p[0, next_best]), "after": " after Holm" if ranking.tests > 1 else ""}
     words |= {"difference": _difference(measure, found.interval, name, mean)}
-    words |= {"rest": _joined([ranking.names[place] for place in leaders[1:]])}
+    words |= {"rest": joined([ranking.names[place] for place in leaders[1:]])}
     kinds = {(False, True): "better", (True, True): "open", (False, False): "leads", (True, False): "ahead"}
     text = _SENTENCES[kinds[len(leaders) > 1, count == 2]].format(**words, how=_HOW.format(**words))
     text += _failures(ranking, (0, next_best))
@@ -76,11 +159,18 @@ def pair_verdict(found: Comparison) -> str:
     turned = (one.mean_a < one.mean_b) == row.larger_is_better
     if turned:
         names, means, interval = names[::-1], means[::-1], interval.mirrored()
-    difference = Difference(interval, one.p, one.worlds, one.trials, one.parts)
-    places = {(0, 1): difference}
+    found_by = Difference(interval, one.p, one.worlds, one.trials, one.parts)
     failures = one.failures[::-1] if turned else one.failures
-    p = {(0, 1): row.p_holm}
-    ranking = Ranking(tuple(names), tuple(means), one.worlds, one.trials, places, p, found.pairs, failures)
+    ranking = Ranking(
+        tuple(names),
+        tuple(means),
+        one.worlds,
+        one.trials,
+        {(0, 1): found_by},
+        {(0, 1): row.p_holm},
+        found.pairs,
+        failures,
+    )
     return verdict(ranking, measure)
 
 
@@ -88,25 +178,24 @@ def cautions(worlds: int, sources: Iterable[Source] = ()) -> tuple[str, ...]:
     """Return what to be careful about: so few worlds, folders that are not finished, and late commands."""
     notes = [few_worlds(worlds)]
     for one in sources:
-        notes += [partial_text(one.path, len(one.results), one.planned), late_text(one.path, one.results)]
+        notes += [partial_text(one), late_text(one.path, one.results)]
     return tuple(filter(None, notes))
 
 
 def few_worlds(worlds: int) -> str:
     """Return a warning if there are fewer than ten worlds, else an empty text."""
-    if worlds >= FEW_WORLDS:
-        return ""
-    return (
+    text = (
         f"Only {counted(worlds, 'world')}: with fewer than {FEW_WORLDS}, intervals and tests are rough, and hardly any"
         " difference is clear."
     )
+    return text if worlds < FEW_WORLDS else ""
 
 
 def _failures(ranking: Ranking, places: Iterable[int]) -> str:
     """Return what share of failures of these planners cannot be ruled out, as a sentence."""
     limits = [(ranking.names[place], ranking.failures[place]) for place in places]
     known = [f"{number(100.0 * one.high, 1)} % of {name}'s" for name, one in limits if one and one.high is not None]
-    return f" Failures in up to {_joined(known)} trials cannot be ruled out." if known else ""
+    return f" Failures in up to {joined(known)} trials cannot be ruled out." if known else ""
 
 
 def _wanted(found: Difference, tests: int) -> str:
@@ -136,7 +225,3 @@ def _difference(measure: Measure, interval: Interval, other: str, mean: float) -
 
 def _value(measure: Measure, value: float) -> str:
     return measure.number(value) + (" %" if measure.percent else f" {measure.unit}".rstrip())
-
-
-def _joined(names: list[str]) -> str:
-    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))

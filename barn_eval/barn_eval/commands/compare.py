@@ -23,7 +23,7 @@ def command(a: Path, b: Path | None, as_json: bool) -> None:
     FOLDER:PLANNER chooses one of several planners, FOLDER:PLANNER,PLANNER some. Where both folders hold several and
     none is chosen, planners of the same name are compared.
     """
-    with progress("comparing") as (_, share):
+    with progress("comparing") as share:
         found = compare_folders(a, b, progress=share)
     if as_json:
         print_json([as_dict(one) | {"verdict": pair_verdict(one)} for one in found])

@@ -67,11 +67,11 @@ def print_json(content: object) -> None:
 
 
 @contextmanager
-def progress(text: str) -> Iterator[tuple[Callable[[str], None], Callable[[float], None]]]:
-    """Show a bar on a terminal; yield what changes its text, and what tells it the share that is done."""
+def progress(text: str) -> Iterator[Callable[[float], None]]:
+    """Show a bar on a terminal; yield what tells it the share that is done."""
     with Progress(console=notes, transient=True, disable=not notes.is_terminal) as bar:
         task = bar.add_task(text, total=1.0)
-        yield (lambda now: bar.update(task, description=now)), (lambda done: bar.update(task, completed=done))
+        yield lambda done: bar.update(task, completed=done)
 
 
 def say(*lines: object) -> None:

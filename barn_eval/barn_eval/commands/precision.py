@@ -40,7 +40,7 @@ def command(
     FOLDER:PLANNER, or FOLDER:PLANNER,PLANNER, chooses one or two of several planners. Wanted values are in the unit of
     the measure, of success as a share such as 0.05.
     """
-    results = selected_results(folder).planners
+    _, results = selected_results(folder)
     found = precision(results, half_width, difference, measure=measure, repetitions=repetitions)
     if as_json:
         print_json(as_dict(found))

@@ -21,18 +21,16 @@ from barn_sim.drawing.camera import CAMERAS
     help="A page (.html), the end as a picture (.png), an animation (.gif) or a film (.mp4, needs ffmpeg), repeatable"
     " [default: NAME.html].",
 )
-@click.option("--camera", type=click.Choice(CAMERAS), help="Picture, GIF and film in three dimensions, seen so.")
+@click.option("--camera", type=click.Choice(CAMERAS), default="top", help="How picture, GIF and film are seen.")
 @click.option("--fps", default=10.0, type=click.FloatRange(1.0, 60.0), help="Frames per second.")
 @click.option("--speed", default=2.0, type=click.FloatRange(0.1, 100.0), help="Of GIF and film.")
-def command(bags: tuple[Path, ...], out: tuple[Path, ...], camera: str | None, fps: float, speed: float) -> None:
+def command(bags: tuple[Path, ...], out: tuple[Path, ...], camera: str, fps: float, speed: float) -> None:
     """Draw the trial of a bag: a rosbag2 folder (MCAP or SQLite) or an .mcap file.
 
     Several BAGS are drawn beside each other on one clock; their page also overlays them and aligns them in progress
     along the path. Nothing but the bags is needed. One that is cut off is shown as far as it goes.
     """
     files: dict[str, Any] = {**replay_files(out)}
-    with progress("drawing" if {"gif", "mp4"} & set(files) or camera else "reading") as (_, share):
-        written = write_replay(
-            bags, **files, frames_per_s=fps, speed=speed, camera=camera or "", note=say, progress=share
-        )
+    with progress("drawing" if {"gif", "mp4"} & set(files) else "reading") as share:
+        written = write_replay(bags, **files, frames_per_s=fps, speed=speed, camera=camera, note=say, progress=share)
     say(*written)

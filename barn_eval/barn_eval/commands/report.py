@@ -32,7 +32,7 @@ def command(
     if out.is_dir():
         raise click.UsageError(f"--out {out}: is a folder, name a file")
     beside = out.with_name(f"{out.stem}_assets") if assets else None
-    with progress("reading results") as (note, share):
+    with progress("making the report") as share:
         write_report(
             folders,
             out,
@@ -41,7 +41,6 @@ def command(
             hardest=hardest,
             difficulty=difficulty,
             replays=out.with_name(f"{out.stem}_replays") if replays else None,
-            note=note,
             progress=share,
         )
     say(out)

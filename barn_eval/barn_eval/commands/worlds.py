@@ -65,7 +65,7 @@ def generate(target: Path, **options: Any) -> None:
 
     Without --set the twelve parameter sets of the paper's Table I are used.
     """
-    with progress("worlds") as (_, share):
+    with progress("worlds") as share:
         made = worlds.generate(target, **options, progress=lambda made, total: share(made / total))
     say(f"{len(made)} worlds in {target}")
 

@@ -4,27 +4,29 @@ Figures are drawn in black on nothing. In a page what is black takes the colour 
 paper as well.
 """
 
+import html
 import itertools
 import re
+from base64 import b64encode
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import matplotlib as mpl
 import numpy as np
-import numpy.typing as npt
 from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
+from matplotlib.style import context
 
-from barn_eval.pages.notebook import image
 from barn_eval.pages.template import themed
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval
+from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.files import write_whole
 from barn_worlds.drawing import palette
@@ -34,43 +36,22 @@ from barn_worlds.drawing.palette import FAINT, INK, WHITE
 WIDTH_IN = 12.0  # at 96 pixels per inch the width of a page for 1280 pixels
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 # By hue and lightness; failures of the machinery share one colour, their names are in the table of trials.
-_OUTCOMES = {
+OUTCOME_COLOURS = dict.fromkeys(Outcome, palette.SKY) | {
     Outcome.SUCCESS: palette.GREEN,
     Outcome.COLLISION: palette.VERMILION,
     Outcome.TIMEOUT: palette.YELLOW,
     Outcome.NO_FIRST_MOTION: palette.PINK,
 }
-_OTHER_OUTCOME = palette.SKY
 _DECIMALS = re.compile(r"(\.\d\d)\d+")  # of pixels, beyond what a page shows
 _COLUMN_PX = 860
 _numbers = itertools.count(1)  # of figures: their identifiers are their own in a page that shows several
-_STYLE: Any = {
-    "svg.fonttype": "path",
-    "svg.hashsalt": "barn",
-    "pdf.fonttype": 42,
-    "font.size": 10.5,
-    "text.color": INK,
-    "axes.edgecolor": INK,
-    "axes.labelcolor": INK,
-    "axes.titlecolor": INK,
-    "axes.titlesize": 11,
-    "axes.titlelocation": "left",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.facecolor": "none",
-    "figure.facecolor": "none",
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "grid.color": FAINT,
-    "grid.alpha": 0.35,
-    "legend.frameon": False,
-    "legend.fontsize": 10,
-}
+_IN_INK = ("text.color", "axes.edgecolor", "axes.labelcolor", "axes.titlecolor", "xtick.color", "ytick.color")
 
 
 def style() -> AbstractContextManager[None]:
     """Return the context in which figures are made and written."""
-    return mpl.rc_context(_STYLE)
+    own = resources.files("barn_eval") / "data" / "figures.mplstyle"
+    return context([str(own), dict.fromkeys(_IN_INK, INK) | {"grid.color": FAINT}])
 
 
 def new_figure(height_in: float, width_in: float = WIDTH_IN) -> Figure:
@@ -85,11 +66,6 @@ def marker_of(index: int) -> str:
     return MARKERS[(index + index // len(MARKERS)) % len(MARKERS)]
 
 
-def outcome_colour(outcome: Outcome) -> str:
-    """Return the colour of an outcome."""
-    return _OUTCOMES.get(outcome, _OTHER_OUTCOME)
-
-
 def label_axes(axes: Axes, x: str, y: str, title: str = "") -> None:
     """Name both axes, with units, and draw a faint grid."""
     axes.set_xlabel(x)
@@ -100,24 +76,16 @@ def label_axes(axes: Axes, x: str, y: str, title: str = "") -> None:
 
 
 def points(
-    axes: Axes, places: npt.ArrayLike, found: Sequence[Interval], colour: str, marker: str, *, flat: bool = False
+    axes: Axes, x: Sequence[Interval] | Floats, y: Sequence[Interval], colour: str, marker: str, size: float = 6
 ) -> ErrorbarContainer:
-    """Draw estimates with their limits at places along x; flat: along y. Return what a legend shows of them."""
-    middle, low, high = np.array([(one.estimate, one.low, one.high) for one in found], np.float64).T  # None: NaN
-    lengths = np.array([np.maximum(middle - low, 0.0), np.maximum(high - middle, 0.0)])
-    x, y = (middle, places) if flat else (places, middle)
-    bars: dict[str, Any] = {"xerr" if flat else "yerr": lengths}
-    return axes.errorbar(x, y, **bars, color=colour, marker=marker, linestyle="", capsize=3, markersize=6)
-
-
-def point(axes: Axes, x: Interval, y: Interval, colour: str, marker: str) -> ErrorbarContainer:
-    """Draw an estimate of two measures with the limits of both; return what a legend shows of it."""
-    bars = {}
-    for name, one in (("xerr", x), ("yerr", y)):
-        middle, low, high = (np.nan if value is None else value for value in (one.estimate, one.low, one.high))
-        bars[name] = [[max(middle - low, 0.0)], [max(high - middle, 0.0)]]
-    look: dict[str, Any] = {"color": colour, "marker": marker, "linestyle": "", "capsize": 3, "markersize": 8}
-    return axes.errorbar([x.estimate], [y.estimate], xerr=bars["xerr"], yerr=bars["yerr"], **look)
+    """Draw estimates with their limits at places along x, or at estimates; return what a legend shows of them."""
+    shown: dict[str, Any] = {"x": x}
+    for name, found in (("x", x), ("y", y)):
+        if not isinstance(found, np.ndarray):
+            middle, low, high = np.array([(one.estimate, one.low, one.high) for one in found], np.float64).T
+            shown[name] = middle
+            shown[f"{name}err"] = np.array([np.maximum(middle - low, 0.0), np.maximum(high - middle, 0.0)])
+    return axes.errorbar(**shown, color=colour, marker=marker, linestyle="", capsize=3, markersize=size)
 
 
 class ReportFigure(NamedTuple):
@@ -197,12 +165,6 @@ class Plot:
         return re.sub(r'width="[^"]*" height="[^"]*"', f'width="{_COLUMN_PX}" style="max-width: 100%"', text, count=1)
 
 
-def legend_below(figure: Figure, handles: Sequence[Any], labels: Sequence[str] = ()) -> None:
-    """Put a legend of plain texts under the figure; without labels, those of the handles."""
-    texts = [plain(text) for text in labels or (str(one.get_label()) for one in handles)]
-    figure.legend(handles, texts, loc="outside lower center", ncols=min(6, len(texts)))
-
-
 def plain(text: str) -> str:
     """Return a text that matplotlib shows as it is: no mathematics, no line breaks, at most 40 characters."""
     shown = " ".join(text.split()).replace("$", r"\$")
@@ -214,3 +176,29 @@ def _content(figure: Figure, kind: str) -> bytes:
     """Return the content of a file without what differs from one writing to the next."""
     with style():
         return figure_bytes(figure, kind, 110)
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page or picture that is one file; a notebook shows it."""
+
+    path: Path
+
+    def __fspath__(self) -> str:
+        """Return the path, for whatever opens files."""
+        return str(self.path)
+
+    def _repr_html_(self) -> str | None:
+        if self.path.suffix == ".html":
+            content = html.escape(self.path.read_text("utf-8"))
+            return f'<iframe srcdoc="{content}" style="width: 100%; height: 45em; border: 0"></iframe>'
+        return image("image/gif", self.path.read_bytes(), self.path.stem) if self.path.suffix == ".gif" else None
+
+    def _repr_png_(self) -> bytes | None:
+        return self.path.read_bytes() if self.path.suffix == ".png" else None
+
+
+def image(kind: str, content: bytes, about: str) -> str:
+    """Return a picture, given by its media type and content, as an element of a page."""
+    source = f"data:{kind};base64,{b64encode(content).decode()}"
+    return f'<img alt="{html.escape(about)}" style="max-width: 100%" src="{source}">'

@@ -11,12 +11,11 @@ from barn_eval.analysis.leaderboard import board_rows
 from barn_eval.analysis.leaderboard import leaderboard as rank
 from barn_eval.experiments.check import FolderCheck, check_folder
 from barn_eval.pages import LOOPBACK
-from barn_eval.pages.figures import Plot, style
+from barn_eval.pages.figures import Page, Plot, style
 from barn_eval.pages.live.server import Watch
-from barn_eval.pages.notebook import Page
 from barn_eval.pages.replay.files import write_replay
 from barn_eval.pages.report.leaderboard import write_boards
-from barn_eval.pages.report.overlay import overlay as drawn
+from barn_eval.pages.report.maps import overlay as drawn
 from barn_eval.pages.report.page import write_report
 from barn_eval.results.frames import frame_of
 from barn_worlds.base.errors import ConfigError, shown
@@ -145,7 +144,7 @@ def replay(
     *,
     frames_per_s: float = 10.0,
     speed: float = 2.0,
-    camera: Literal["", "chase", "top", "side"] = "",
+    camera: Literal["chase", "top", "side"] = "top",
 ) -> Page:
     """Write the replay of a bag, or of several on one clock.
 
@@ -155,7 +154,7 @@ def replay(
             after the bag.
         frames_per_s: Of animation and film [1/s].
         speed: Of animation and film, in multiples of the trial's own.
-        camera: Draw picture, animation and film in three dimensions, seen so.
+        camera: How picture, animation and film are seen.
 
     Returns:
         The page or picture, which a notebook shows.

@@ -28,9 +28,9 @@ from barn_eval.experiments.live import LivePlanner, Planners, split_planners
 from barn_eval.experiments.rows import results_table, timing_table
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.experiments.store import Record, Store
-from barn_eval.pages.figures import Plot
-from barn_eval.pages.notebook import Page
-from barn_eval.pages.report.catalogue import CHARTS, figure_of, plot
+from barn_eval.pages.figures import Page, Plot
+from barn_eval.pages.report.charts import CHARTS
+from barn_eval.pages.report.page import figure_of, plot
 from barn_eval.results.folders import Folder, compare, overlay, replay, replay_files, report
 from barn_eval.results.frames import frame, frame_of
 from barn_eval.results.trial import Trial
@@ -177,7 +177,7 @@ class Results:
         """Draw a figure of a report.
 
         Args:
-            what: worlds (time per metre in each), outcomes (of each trial), distributions, overview, compute, trade,
+            what: worlds (time per metre in each), outcomes (of each trial), distributions, compute, trade,
                 bands, paired or hardest (maps of worlds with the trajectories of their trials).
             ax: Axes of matplotlib to draw onto, as many as the figure has panels; for worlds one.
 

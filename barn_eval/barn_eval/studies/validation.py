@@ -10,12 +10,11 @@ from itertools import product
 
 import numpy as np
 
-from barn_eval.analysis.means import mean_interval
-from barn_eval.analysis.ranking import rank
+from barn_eval.analysis.means import Columns, mean_interval
 from barn_eval.analysis.significance import ALPHA, proportion
-from barn_eval.analysis.statistics import Columns, difference
+from barn_eval.analysis.statistics import difference
 from barn_eval.analysis.text_table import TextTable
-from barn_eval.analysis.verdict import FEW_WORLDS
+from barn_eval.analysis.verdict import FEW_WORLDS, rank
 from barn_eval.pages.template import render
 from barn_metrics.bootstrap import Interval, number
 from barn_worlds.base.arrays import Floats, Integers

@@ -4,6 +4,7 @@ The trial itself has no part in it: whoever runs it is not slowed down, and noth
 """
 
 import threading
+from contextlib import AbstractContextManager
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,7 @@ def require_sdk() -> None:
         raise ConfigError(MISSING)
 
 
-class LiveView:
+class LiveView(AbstractContextManager["LiveView"]):
     """A server that Foxglove connects to, following the trials of a folder until it is closed; a context manager.
 
     ConfigError where the SDK is not installed, or the address cannot be had.
@@ -57,10 +58,6 @@ class LiveView:
         self._thread = threading.Thread(target=self._follow, daemon=True)
         self._thread.start()
 
-    def __enter__(self) -> "LiveView":
-        """Return the view."""
-        return self
-
     def __exit__(self, *_: object) -> None:
         """Close it."""
         self.close()
@@ -72,20 +69,17 @@ class LiveView:
         self._server.stop()
 
     def _follow(self) -> None:
-        follower: TrialFollower | None = None
+        follower = TrialFollower(self._folder)
         while not self._over.wait(_PERIOD_S):
             if not any(channel.has_sinks() for channel in self._channels.values()):
-                if follower is not None:
-                    follower.close()
-                follower = None
+                follower.close()
+                follower = TrialFollower(self._folder)
                 continue
-            follower = follower or TrialFollower(self._folder)
             try:
                 self._send(*follower.read())
             except (BarnError, OSError):  # a damaged or vanished bag: the next trial has another
                 follower.close()
-        if follower is not None:
-            follower.close()
+        follower.close()
 
     def _send(self, another: bool, heard: list[RawMessage]) -> None:
         if another:
@@ -117,12 +111,8 @@ class _Listener:
     def __init__(self, asked: set[int]) -> None:
         self._asked = asked
 
-    def on_subscribe(self, _client: Any, channel: Any) -> None:
-        """Take in that a client has subscribed to a channel."""
-        self._asked.add(channel.id)
-
     def __getattr__(self, name: str) -> Any:
-        """Return what ignores any other event."""
-        if name.startswith("on_"):
-            return lambda *_: None
-        raise AttributeError(name)
+        """Return what takes in that a client has subscribed to a channel, or ignores any other event."""
+        if not name.startswith("on_"):
+            raise AttributeError(name)
+        return lambda *about: self._asked.add(about[1].id) if name == "on_subscribe" else None

@@ -1,32 +1,152 @@
-"""The server of a campaign's page: the page, its state and replays of its bags, and no other file."""
+"""The page of a run or campaign, which updates itself: its state, from its files alone, and the server of the two."""
 
 import json
 import threading
-from collections import OrderedDict
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from datetime import datetime, timedelta
+from functools import lru_cache
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from ipaddress import ip_address
 from pathlib import Path
 from socket import gethostname
 from socketserver import TCPServer
-from types import TracebackType
+from typing import Any
 from urllib.parse import unquote, urlsplit
 
+from barn_eval.analysis.measures import metric_of
+from barn_eval.analysis.planners import spelling
+from barn_eval.analysis.sources import Source, entries_of, read_source
+from barn_eval.analysis.summary import bars, summarise
+from barn_eval.analysis.verdict import cautions, results_verdict
+from barn_eval.bags import BAGS
 from barn_eval.bags.recorded import read_recorded
+from barn_eval.experiments.rows import FILE_NAME, ResultRows
+from barn_eval.experiments.run_file import RunFile
 from barn_eval.pages import LOOPBACK, PAGE_PORT
-from barn_eval.pages.live.state import CampaignState, campaign_page
 from barn_eval.pages.replay.page import replay_page
+from barn_eval.pages.template import render, themed
+from barn_eval.trials.identity import task_line
+from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.result import TrialResult
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.base.text_files import finite
 
-MOST_REQUESTS = 16  # at a time
+MOST_LISTED = 50  # trials and failures
+_RECENT = 60  # trials, from whose times the rate is taken
 _IDLE_S = 10.0  # after which a connection that says nothing is closed
 _KEPT_REPLAYS = 4
 _POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; connect-src 'self'"
-_HTML, _JSON = "text/html; charset=utf-8", "application/json"
+_HTML, _TEXT = "text/html; charset=utf-8", "text/plain; charset=utf-8"
 
 
-class Watch:
+class CampaignState:
+    """The state of a folder as plain data, computed anew only when its results have changed."""
+
+    def __init__(self, folder: Path) -> None:
+        RunFile.read(folder)
+        self.folder = folder
+        self._seen: tuple[int, int] | None = None
+        self._state: dict[str, Any] = {}
+
+    def read(self) -> dict[str, Any]:
+        """Return the state: progress, verdict, bars, failures and last trials; "problem" where files cannot be read."""
+        path = self.folder / FILE_NAME
+        found = path.stat() if path.exists() else None
+        seen = (found.st_size, found.st_mtime_ns) if found else (0, 0)
+        if seen != self._seen or not self._state:
+            try:
+                self._state = state_of(self.folder)
+            except (BarnError, OSError) as error:
+                self._state = {"title": self.folder.resolve().name, "problem": str(error)}
+            self._seen = seen
+        return self._state
+
+    def bag(self, trial_id: str) -> Path:
+        """Return the bag of a trial of this folder; ConfigError if it has none, or if that lies elsewhere."""
+        bag = self.folder / BAGS / trial_id
+        known = trial_id in {result.trial_id for result in ResultRows(self.folder).read()}
+        if not known or not bag.is_dir() or self.folder.resolve() not in bag.resolve().parents:
+            raise ConfigError(f"{trial_id[:100]!r}: there is no bag of a trial of this name")
+        return bag
+
+
+def state_of(folder: Path) -> dict[str, Any]:
+    """Return how an experiment stands; BarnError if its files do not belong together."""
+    rows = ResultRows(folder).read()
+    source = read_source(folder, rows)
+    results = source.results
+    state: dict[str, Any] = {
+        "title": folder.resolve().name,
+        "problem": "",
+        "done": len(results),
+        "planned": source.planned,
+        "again": sum(not row.counts for row in rows),
+        "outcomes": [(_words(name), count) for name, count in Counter(one.outcome for one in results).most_common()],
+        **_pace(rows, source.planned),
+        "failures": [_trial(folder, row) for row in rows[::-1] if not row.scores.success][:MOST_LISTED],
+        "latest": [_trial(folder, row) for row in rows[::-1][:MOST_LISTED]],
+    }
+    return state | (_leader(source) if results else {"verdict": "No trial has ended yet.", "bars": [], "notes": []})
+
+
+def _leader(source: Source) -> dict[str, Any]:
+    entries = entries_of([source])
+    metric = metric_of(source.results)
+    summaries = [summarise(entry.results, (metric.key,)) for entry in entries]
+    first = source.results[0]
+    try:
+        told = results_verdict({entry.label: entry.results for entry in entries})
+    except BarnError as error:
+        told = str(error)
+    return {
+        "task": task_line(first.protocol, first.task),
+        "metric": metric.heading,
+        "verdict": told,
+        "notes": cautions(max(one.worlds for one in summaries)),
+        "bars": [bar | {"colour": themed(bar["colour"])} for bar in bars(entries, summaries)],
+    }
+
+
+def _pace(rows: Sequence[TrialResult], planned: int | None) -> dict[str, Any]:
+    """Return when the last trial ended (ISO 8601), trials per minute of the last ones, and seconds left at that."""
+    ends = sorted(end for end in map(_end, rows[-_RECENT:]) if end is not None)
+    span_s = (ends[-1] - ends[0]).total_seconds() if ends else 0.0
+    if span_s <= 0.0:
+        return {"last": ends[-1].isoformat() if ends else "", "per_minute": None, "left_s": None}
+    rate = (len(ends) - 1) / span_s
+    left = max(0, planned - sum(row.counts for row in rows)) / rate if planned else None
+    return {"last": ends[-1].isoformat(), "per_minute": 60.0 * rate, "left_s": left}
+
+
+def _end(row: TrialResult) -> datetime | None:
+    try:
+        began = datetime.fromisoformat(row.wall_clock.started_at)
+    except ValueError:  # rows of the evaluator do not say
+        return None
+    return began + timedelta(seconds=row.wall_clock.duration_s) if began.tzinfo else None
+
+
+def _trial(folder: Path, row: TrialResult) -> dict[str, Any]:
+    return {
+        "id": row.trial_id,
+        "planner": spelling(row.planner),
+        "world": row.world,
+        "outcome": _words(row.outcome),
+        "detail": row.detail,
+        "counts": row.counts,
+        "time_s": row.scores.traversal_time_s if row.scores.success else None,
+        "bag": (folder / BAGS / row.trial_id).is_dir(),
+    }
+
+
+def _words(outcome: Outcome) -> str:
+    return outcome.value.replace("_", " ")
+
+
+class Watch(AbstractContextManager["Watch"]):
     """The page of a folder, served from a thread until it is closed; a context manager.
 
     host: an address of this machine. port: 0 takes any that is free. Raises ConfigError in one line for a folder
@@ -34,9 +154,9 @@ class Watch:
     """
 
     def __init__(self, folder: str | Path, *, host: str = LOOPBACK, port: int = PAGE_PORT) -> None:
-        pages = _Pages(CampaignState(Path(folder)))
+        state = CampaignState(Path(folder))
         try:
-            self._server = _Server((host, port), pages)
+            self._server = _Server((host, port), state)
         except (OSError, OverflowError) as error:
             reason = getattr(error, "strerror", None) or error
             raise ConfigError(f"host {host!r}, port {port}: cannot be served: {reason}") from None
@@ -46,13 +166,7 @@ class Watch:
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
         self._thread.start()
 
-    def __enter__(self) -> "Watch":
-        """Return the page."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close it."""
         self.close()
 
@@ -63,42 +177,27 @@ class Watch:
         self._thread.join()
 
 
-class _Pages:
+class _Server(ThreadingHTTPServer):
     """What is served, computed for one request at a time."""
 
-    def __init__(self, state: CampaignState) -> None:
-        self._state = state
-        self._replays: OrderedDict[str, bytes] = OrderedDict()
-        self._lock = threading.Lock()
-
-    def get(self, path: str) -> tuple[str, bytes] | None:
-        """Return type and content of a path, None where there is nothing; BarnError for a bag that cannot be read."""
-        with self._lock:
-            if path == "/":
-                return _HTML, campaign_page(self._state).encode()
-            if path == "/state":
-                return _JSON, json.dumps(finite(self._state.read()), allow_nan=False).encode()
-            if path.startswith("/replay/"):
-                return _HTML, self._replay(unquote(path.removeprefix("/replay/")))
-            return None
-
-    def _replay(self, trial_id: str) -> bytes:
-        bag = self._state.bag(trial_id)
-        if trial_id not in self._replays:
-            self._replays[trial_id] = replay_page(read_recorded(bag)).encode()
-            if len(self._replays) > _KEPT_REPLAYS:
-                self._replays.popitem(last=False)
-        return self._replays[trial_id]
-
-
-class _Server(ThreadingHTTPServer):
     daemon_threads = True
-    allow_reuse_address = True
 
-    def __init__(self, address: tuple[str, int], pages: _Pages) -> None:
-        self.pages = pages
-        self.slots = threading.BoundedSemaphore(MOST_REQUESTS)
+    def __init__(self, address: tuple[str, int], state: CampaignState) -> None:
+        self.state = state
+        self.lock = threading.Lock()
+        self.replay = lru_cache(_KEPT_REPLAYS)(lambda bag: replay_page(read_recorded(bag)))
         super().__init__(address, _Handler)
+
+    def page(self, path: str) -> tuple[HTTPStatus, str, str]:
+        """Return status, content and type of a path; BarnError for a bag that cannot be read."""
+        with self.lock:
+            if path == "/":
+                return HTTPStatus.OK, render("campaign.html", data=self.state.read()), _HTML
+            if path == "/state":
+                return HTTPStatus.OK, json.dumps(finite(self.state.read()), allow_nan=False), "application/json"
+            if path.startswith("/replay/"):
+                return HTTPStatus.OK, self.replay(self.state.bag(unquote(path.removeprefix("/replay/")))), _HTML
+        return HTTPStatus.NOT_FOUND, "there is nothing here", _TEXT
 
     def server_bind(self) -> None:
         """Bind without asking a name server what the address is called."""
@@ -123,33 +222,22 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Answer with a page, or with a line that says why not."""
-        if not self.server.slots.acquire(blocking=False):
-            self._send(HTTPStatus.SERVICE_UNAVAILABLE, "text/plain; charset=utf-8", b"busy")
-            return
-        try:
-            self._answer()
-        finally:
-            self.server.slots.release()
+        self._send(*self._answer())
 
-    def _answer(self) -> None:
+    def _answer(self) -> tuple[HTTPStatus, str, str]:
         if not self.server.allowed(self.headers.get("Host", "")):
-            self._send(HTTPStatus.FORBIDDEN, "text/plain; charset=utf-8", b"not the name of this machine")
-            return
+            return HTTPStatus.FORBIDDEN, "not the name of this machine", _TEXT
         try:
-            found = self.server.pages.get(urlsplit(self.path).path)
+            return self.server.page(urlsplit(self.path).path)
         except (BarnError, OSError, ValueError) as error:
-            self._send(HTTPStatus.NOT_FOUND, "text/plain; charset=utf-8", str(error).encode())
-            return
-        if found is None:
-            self._send(HTTPStatus.NOT_FOUND, "text/plain; charset=utf-8", b"there is nothing here")
-        else:
-            self._send(HTTPStatus.OK, *found)
+            return HTTPStatus.NOT_FOUND, str(error), _TEXT
 
-    def _send(self, status: HTTPStatus, kind: str, content: bytes) -> None:
+    def _send(self, status: HTTPStatus, content: str, kind: str) -> None:
+        data = content.encode()
         self.send_response(status)
         for name, value in (
             ("Content-Type", kind),
-            ("Content-Length", str(len(content))),
+            ("Content-Length", str(len(data))),
             ("Content-Security-Policy", _POLICY),
             ("X-Content-Type-Options", "nosniff"),
             ("Referrer-Policy", "no-referrer"),
@@ -157,7 +245,7 @@ class _Handler(BaseHTTPRequestHandler):
         ):
             self.send_header(name, value)
         self.end_headers()
-        self.wfile.write(content)
+        self.wfile.write(data)
 
     def log_message(self, format: str, *args: object) -> None:
         """Say nothing: a line per request would drown what matters."""

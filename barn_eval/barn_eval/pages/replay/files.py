@@ -5,21 +5,28 @@ import shutil
 import subprocess
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageDraw, ImageFont
+from scipy.ndimage import uniform_filter1d
 
+from barn_eval.analysis.planners import spelling
+from barn_eval.bags.decode import specified
 from barn_eval.bags.recorded import Recorded, read_recorded
 from barn_eval.pages import Progress
-from barn_eval.pages.replay.camera import camera_frames
-from barn_eval.pages.replay.page import replay_page
-from barn_eval.pages.replay.plan_view import plan_frames
+from barn_eval.pages.replay.page import outcome_by, planner_of, replay_page
 from barn_eval.pages.template import write_page
-from barn_sim.drawing.camera import Pixels
+from barn_sim.config import LidarConfig
+from barn_sim.drawing.camera import CAMERAS, SIZES, Pixels, Studio, camera_at
+from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import ConfigError, one_line
 from barn_worlds.base.files import replacing
+from barn_worlds.base.types import Pose2D
 from barn_worlds.drawing.files import gif_bytes
+from barn_worlds.drawing.palette import PAGE, WHITE
 
 MOST_BAGS = 6
 MOST_FRAMES = 3000
@@ -35,79 +42,53 @@ def write_replay(
     mp4: Path | None = None,
     frames_per_s: float = 10.0,
     speed: float = 2.0,
-    camera: str = "",
+    camera: str = CAMERAS[1],
     note: Callable[[str], None] = lambda _: None,
     progress: Progress = lambda _: None,
 ) -> list[Path]:
     """Write the trials of bags to files and return these; without any, to a page named after the first bag.
 
-    Args:
-        bags: one, or several to be shown beside each other.
-        html: file of the page.
-        png: file of a picture of the end.
-        gif: file of an animation.
-        mp4: file of a film, for which ffmpeg is needed.
-        frames_per_s: of animation and film.
-        speed: of animation and film, in multiples of the trial's own.
-        camera: "chase", "top" or "side" draws picture, animation and film in three dimensions.
-        note: gets a line for each thing that is amiss with a bag.
-        progress: gets the share of the frames that is drawn.
-
-    Raises:
-        BagError: for a bag that cannot be read.
-        ConfigError: for too many bags or frames, and for what cannot be drawn or written.
+    frames_per_s, speed, camera: of picture, animation and film, as `barn.replay` has them. note: gets a line for each
+    thing that is amiss with a bag. progress: gets the share of the frames that is drawn. BagError for a bag that cannot
+    be read, ConfigError for too many bags or frames, and for what cannot be drawn or written.
     """
-    paths = [bags] if isinstance(bags, Path) else list(bags)
-    if not 1 <= len(paths) <= MOST_BAGS:
-        raise ConfigError(f"a replay shows 1 to {MOST_BAGS} bags, got {len(paths)}")
-    if camera and not (png or gif or mp4):
-        raise ConfigError("a camera draws pictures, GIFs and films: name a file that ends in .png, .gif or .mp4")
-    found = [read_recorded(path) for path in paths]
-    for recorded in found:
-        for line in recorded.notes:
-            note(f"note: {line}" if len(found) == 1 else f"note: {recorded.name}: {line}")
+    found = _read([bags] if isinstance(bags, Path) else bags, note)
     if not (html or png or gif or mp4):
         names = [recorded.name.removesuffix(".mcap") for recorded in found]
         html = Path(f"{'_and_'.join(names[:2])}.html")
     if html:
         write_page(html, replay_page(*found))
-    write_frames(found, camera, png=png, gif=gif, mp4=mp4, frames_per_s=frames_per_s, speed=speed, progress=progress)
-    return [path for path in (html, png, gif, mp4) if path]
-
-
-def write_frames(
-    found: Sequence[Recorded],
-    camera: str = "",
-    *,
-    png: Path | None = None,
-    gif: Path | None = None,
-    mp4: Path | None = None,
-    frames_per_s: float = 10.0,
-    speed: float = 2.0,
-    progress: Progress = lambda _: None,
-) -> None:
-    """Write the end of recorded trials as a picture, and all of them as animation and film; as `write_replay`."""
-
-    def frames(times_s: Sequence[float], finer: int) -> Iterator[Pixels]:
-        return camera_frames(found, camera, times_s, finer) if camera else plan_frames(found, times_s)
-
     end_s = max(float(recorded.times_s[-1]) for recorded in found)
+
+    def frames(times_s: Sequence[float], finer: int = 1) -> Iterator[Pixels]:
+        views = (camera_frames(recorded, camera, times_s, finer) for recorded in found)
+        for number, beside in enumerate(zip(*views, strict=True), 1):
+            progress(number / len(times_s))
+            yield np.hstack(beside)
+
     if png:
         content = io.BytesIO()
         Image.fromarray(next(frames([end_s], 2))).save(content, "PNG")
         write_page(png, content.getvalue())
     times_s = _frame_times(end_s, frames_per_s, speed, found[0].name) if gif or mp4 else []
     if gif:
-        _save_gif(_counted(frames(times_s, 1), len(times_s), progress), gif, frames_per_s)
+        images = (
+            Image.fromarray(frame).quantize(64, _KEEPS_RARE, dither=Image.Dither.NONE) for frame in frames(times_s)
+        )
+        write_page(gif, gif_bytes(images, frames_per_s))
     if mp4:
-        _save_mp4(_counted(frames(times_s, 1), len(times_s), progress), mp4, frames_per_s)
+        _save_mp4(frames(times_s), mp4, frames_per_s)
+    return [path for path in (html, png, gif, mp4) if path]
 
 
-def _counted(frames: Iterator[Pixels], count: int, progress: Progress) -> Iterator[Pixels]:
-    """Yield frames, and tell of each that it is drawn."""
-    for number, frame in enumerate(frames, 1):
-        progress(number / count)
-        yield frame
+def _read(paths: Sequence[Path], note: Callable[[str], None]) -> list[Recorded]:
+    if not 1 <= len(paths) <= MOST_BAGS:
+        raise ConfigError(f"a replay shows 1 to {MOST_BAGS} bags, got {len(paths)}")
+    found = [read_recorded(path) for path in paths]
+    for recorded in found:
+        for line in recorded.notes:
+            note(f"note: {line}" if len(found) == 1 else f"note: {recorded.name}: {line}")
+    return found
 
 
 def _frame_times(end_s: float, frames_per_s: float, speed: float, name: str) -> list[float]:
@@ -116,12 +97,6 @@ def _frame_times(end_s: float, frames_per_s: float, speed: float, name: str) -> 
     if count > MOST_FRAMES:
         raise ConfigError(f"{name}: {count} frames are too many, at most {MOST_FRAMES}; raise --speed")
     return [min(end_s, index * speed / frames_per_s) for index in range(count)]
-
-
-def _save_gif(frames: Iterator[Pixels], path: Path, frames_per_s: float) -> None:
-    """Write frames as an animation that plays for ever."""
-    images = (Image.fromarray(frame).quantize(64, _KEEPS_RARE, dither=Image.Dither.NONE) for frame in frames)
-    write_page(path, gif_bytes(images, frames_per_s))
 
 
 def _save_mp4(frames: Iterator[Pixels], path: Path, frames_per_s: float) -> None:
@@ -157,3 +132,58 @@ def _encode(ffmpeg: str, frames: Iterator[Pixels], frames_per_s: float, path: Pa
                 process.stdin.write(frame.tobytes())
         _, complaint = process.communicate()
     return complaint.decode(errors="replace") if process.returncode else None
+
+
+_STEADY_S = 1.2  # over which the camera's own pose is the mean of the robot's
+
+
+def camera_frames(recorded: Recorded, camera: str, times_s: Sequence[float], finer: int) -> Iterator[Pixels]:
+    """Yield a trial as a camera sees it at times.
+
+    camera: "chase", "top" or "side". finer: how many times as large frames are drawn, for smooth edges. ConfigError
+    where the world is not known.
+    """
+    scene = recorded.scene
+    if scene is None:
+        raise ConfigError(
+            f"{recorded.name}: its world is not known, so a camera has nothing to look at; .html shows it"
+        )
+    steady = _steadied(recorded)
+    lidar = replace(LidarConfig(), mount_x_m=recorded.lidar.x)
+    if height := specified(recorded.trial, "lidar", "mount_z_m"):
+        lidar = replace(lidar, mount_y_m=recorded.lidar.y, mount_z_m=height[0])
+    moving = recorded.moving
+    trail_m, bodies = recorded.poses[:, :2], None
+    if moving is not None:
+        scene, bodies = scene._replace(boxes=moving.walls), moving.bodies
+    with Studio(scene, lidar, trail_m=trail_m, moving=bodies, chassis=recorded.chassis) as studio:
+        for time_s in times_s:
+            index = recorded.index_at(time_s)
+            view = camera_at(camera, Pose2D(*steady[index].tolist()), studio.bounds_m)
+            pose = Pose2D(*recorded.poses[index].tolist())
+            shown: dict[str, Any] = {"driven": index, "finer": finer}
+            if moving is not None:
+                now_s = float(recorded.times_s[index])
+                shown |= {"places": moving.placed(now_s).poses[:, :2], "passed": np.concatenate(moving.trails(now_s))}
+            pixels = studio.picture(pose, view, SIZES[camera], **shown)
+            yield _captioned(pixels, recorded, time_s)
+
+
+def _steadied(recorded: Recorded) -> Floats:
+    """Return poses (n, 3) that are means of the robot's over a while, yaw without jumps."""
+    poses = np.column_stack([recorded.poses[:, :2], np.unwrap(recorded.poses[:, 2])])
+    period_s = float(np.median(np.diff(recorded.times_s))) if len(poses) > 1 else _STEADY_S
+    size = 2 * round(0.5 * _STEADY_S / max(period_s, 1e-3)) + 1
+    return np.asarray(uniform_filter1d(poses, size, axis=0, mode="nearest"))
+
+
+def _captioned(pixels: Pixels, recorded: Recorded, time_s: float) -> Pixels:
+    """Write below on the left whose trial it is, and the time."""
+    picture, font = Image.fromarray(pixels), ImageFont.load_default(16)
+    named = spelling(planner_of(recorded)) or recorded.name
+    text = f"{named[:40]}   {time_s:5.1f} s   {outcome_by(recorded, time_s)}".rstrip()
+    draw, place = ImageDraw.Draw(picture), (12, picture.height - 26)
+    left, above, right, below = draw.textbbox(place, text, font=font)
+    draw.rounded_rectangle((left - 6, above - 5, right + 6, below + 5), 4, fill=WHITE)
+    draw.text(place, text, fill=PAGE["ink"][0], font=font)
+    return np.asarray(picture)

@@ -9,10 +9,14 @@ import numpy.typing as npt
 from barn_eval.bags.movers import LONGEST_BEYOND_S, TRAIL_S
 from barn_eval.bags.recorded import Recorded, Shown
 from barn_eval.experiments.track import pack
-from barn_eval.pages.shape_arrays import in_millimetres, shape_array
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import OccupancyMap, Pose2D
+from barn_worlds.geometry.bodies import Bodies, moving_bodies, wall_bodies
+from barn_worlds.worlds.world import World
 
+Packable = npt.NDArray[Any]
+_CLOSED_M = 0.01
+_FARTHEST_M = 32.0  # that whole millimetres of two bytes reach
 MOST_BEAMS = 240
 MOST_POINTS = 120
 MOST_COSTMAPS = 120
@@ -22,7 +26,7 @@ _COST_LEVELS = 12
 
 def payload(recorded: Recorded) -> dict[str, Any]:
     """Return the data of a replay page: `pack`ed arrays and what describes them."""
-    arrays: dict[str, npt.NDArray[Any]] = {
+    arrays: dict[str, Packable] = {
         "times": recorded.times_s.astype("f4"),
         "poses": recorded.poses.astype("f4"),
         "speeds": recorded.speeds.astype("f4"),
@@ -31,11 +35,11 @@ def payload(recorded: Recorded) -> dict[str, Any]:
     }
     content: dict[str, Any] = {
         "outline": recorded.outline.plain(),
-        "lidar": [recorded.lidar.x, recorded.lidar.y, recorded.lidar.yaw],
+        "lidar": _plain(recorded.lidar),
         "bounds": bounds(recorded),
-        "goal": _goal(recorded),
+        "goal": _plain(recorded.goal_pose()),
         "frame": recorded.frame,
-        "start": _start(recorded),
+        "start": _plain(recorded.scene.start if recorded.scene else None),
         "goal_distance": recorded.scene.goal_distance_m if recorded.scene else 0.0,
         "scene": _scene(recorded, arrays),
         "moving": _moving(recorded, arrays),
@@ -50,13 +54,19 @@ def payload(recorded: Recorded) -> dict[str, Any]:
     content["outcomes"] = [[shown.time_s, shown.content] for shown in recorded.outcomes]
     if recorded.map is not None:
         content["map"] = _grid(recorded.map, Pose2D(0.0, 0.0, 0.0))
-        arrays["map"] = (recorded.map.data.ravel() >= 50).astype("u1") + 2 * (recorded.map.data.ravel() < 0).astype(
-            "u1"
-        )
+        cells = recorded.map.data.ravel()
+        arrays["map"] = (cells >= 50).astype("u1") + 2 * (cells < 0).astype("u1")
     content["scan"] = _scans(recorded, arrays)
-    for name, shown in line_layers(recorded).items():
-        _lines(recorded, name, shown, arrays)
-    _discs(recorded, arrays)
+    for name, layer in (("plan", recorded.plans), ("local_plan", recorded.local_plans)):
+        _lines(recorded, name, layer, arrays)
+    for name, shapes in (("candidates", recorded.candidates), ("band", recorded.bands)):
+        _lines(recorded, name, shapes, arrays)
+    discs = [  # at the times of the bands' lines
+        np.column_stack([recorded.to_frame(one).transform(one.content.discs[:, :2]), one.content.discs[:, 2]])
+        for one in recorded.bands
+    ]
+    arrays["bubble_ends"] = np.cumsum([0, *map(len, discs)]).astype("i4")
+    arrays["bubbles"] = np.concatenate([np.empty((0, 3)), *discs]).astype("f4")
     content["costmaps"] = _costmaps(recorded, arrays)
     return content | {"packed": pack(arrays)}
 
@@ -106,12 +116,11 @@ def progress_m(recorded: Recorded) -> Floats | None:
     return furthest
 
 
-def _start(recorded: Recorded) -> list[float] | None:
-    start = recorded.scene.start if recorded.scene else None
-    return None if start is None else [start.x, start.y, start.yaw]
+def _plain(pose: Pose2D | None) -> list[float] | None:
+    return None if pose is None else [pose.x, pose.y, pose.yaw]
 
 
-def _scene(recorded: Recorded, arrays: dict[str, npt.NDArray[Any]]) -> dict[str, float] | None:
+def _scene(recorded: Recorded, arrays: dict[str, Packable]) -> dict[str, float] | None:
     """Add the centres of obstacles, walls and of what has been pushed by the end, and the path; return their radius."""
     scene = recorded.scene
     if scene is None:
@@ -123,7 +132,7 @@ def _scene(recorded: Recorded, arrays: dict[str, npt.NDArray[Any]]) -> dict[str,
     return {"radius": scene.radius_m}
 
 
-def _moving(recorded: Recorded, arrays: dict[str, npt.NDArray[Any]]) -> dict[str, Any] | None:
+def _moving(recorded: Recorded, arrays: dict[str, Packable]) -> dict[str, Any] | None:
     """Add shapes and places of moving obstacles, and of walls between them; return what describes them."""
     moving = recorded.moving
     if moving is None:
@@ -136,18 +145,13 @@ def _moving(recorded: Recorded, arrays: dict[str, npt.NDArray[Any]]) -> dict[str
     return {"there": there, "step": step_m, "trail": TRAIL_S, "beyond": LONGEST_BEYOND_S}
 
 
-def _goal(recorded: Recorded) -> list[float] | None:
-    goal = recorded.goal_pose()
-    return None if goal is None else [goal.x, goal.y, goal.yaw]
-
-
 def _grid(grid: OccupancyMap, where: Pose2D) -> list[float]:
     """Return width, height, resolution, corner and the pose of the frame it is in."""
     rows, columns = grid.data.shape
     return [columns, rows, grid.resolution, grid.origin_x, grid.origin_y, where.x, where.y, where.yaw]
 
 
-def _scans(recorded: Recorded, arrays: dict[str, npt.NDArray[Any]]) -> dict[str, float] | None:
+def _scans(recorded: Recorded, arrays: dict[str, Packable]) -> dict[str, float] | None:
     """Add the ranges of evenly chosen beams in centimetres; scans of another shape than the first are left out."""
     if not recorded.scans:
         return None
@@ -158,62 +162,24 @@ def _scans(recorded: Recorded, arrays: dict[str, npt.NDArray[Any]]) -> dict[str,
     seen = np.isfinite(ranges) & (ranges >= first.range_min) & (ranges < _NO_RANGE / 100.0)
     arrays["scan_times"] = np.array([shown.time_s for shown in alike], "f4")
     arrays["scan_ranges"] = np.where(seen, np.round(np.where(seen, ranges, 0.0) * 100.0), _NO_RANGE).astype("u2")
-    return {
-        "beams": ranges.shape[1],
-        "angle_min": first.angle_min,
-        "angle_step": first.angle_increment * stride,
-        "no_range": _NO_RANGE,
-    }
+    angles = {"angle_min": first.angle_min, "angle_step": first.angle_increment * stride}
+    return {"beams": ranges.shape[1], **angles, "no_range": _NO_RANGE}
 
 
-def line_layers(recorded: Recorded) -> dict[str, Sequence[Shown]]:
-    """Return what a planner shows as lines, by the name of the layer."""
-    return {
-        "plan": recorded.plans,
-        "local_plan": recorded.local_plans,
-        "candidates": recorded.candidates,
-        "band": recorded.bands,
-    }
-
-
-def placed_lines(recorded: Recorded, shown: Shown) -> list[Floats]:
-    """Return the lines (k, 2) that were shown, in the frame of the trial's poses."""
-    where = recorded.to_frame(shown)
-    lines = getattr(shown.content, "lines", [shown.content])  # a plan is a line itself
-    return [where.transform(line) for line in lines if len(line)]
-
-
-def placed_discs(recorded: Recorded, shown: Shown) -> Floats:
-    """Return the discs (k, 3) of a band, x, y and radius, in the frame of the trial's poses."""
-    found = shown.content.discs
-    return np.column_stack([recorded.to_frame(shown).transform(found[:, :2]), found[:, 2]])
-
-
-def _lines(recorded: Recorded, name: str, shown: Sequence[Shown], arrays: dict[str, npt.NDArray[Any]]) -> None:
+def _lines(recorded: Recorded, name: str, shown: Sequence[Shown], arrays: dict[str, Packable]) -> None:
     """Add polylines: points, where each line begins among them, and which lines are shown from which time on."""
-    points: list[Floats] = []
-    first_line = [0]
-    for one in shown:
-        points += map(_thinned, placed_lines(recorded, one))
-        first_line.append(len(points))
-    ends = np.cumsum([0, *(len(line) for line in points)])
+    lines = []
+    for one in shown:  # a plan is a line itself
+        where, found = recorded.to_frame(one), getattr(one.content, "lines", [one.content])
+        lines.append([_thinned(where.transform(line)) for line in found if len(line)])
+    points = [line for some in lines for line in some]
     arrays[f"{name}_times"] = np.array([one.time_s for one in shown], "f4")
-    arrays[f"{name}_lines"] = np.array(first_line, "i4")
-    arrays[f"{name}_ends"] = ends.astype("i4")
+    arrays[f"{name}_lines"] = np.cumsum([0, *map(len, lines)]).astype("i4")
+    arrays[f"{name}_ends"] = np.cumsum([0, *map(len, points)]).astype("i4")
     arrays[f"{name}_points"] = np.concatenate([*points, np.empty((0, 2))]).astype("f4")
 
 
-def _discs(recorded: Recorded, arrays: dict[str, npt.NDArray[Any]]) -> None:
-    """Add the bubbles of bands; their times are those of the band's lines."""
-    discs, ends = [np.empty((0, 3))], [0]
-    for one in recorded.bands:
-        discs.append(placed_discs(recorded, one))
-        ends.append(ends[-1] + len(discs[-1]))
-    arrays["bubble_ends"] = np.array(ends, "i4")
-    arrays["bubbles"] = np.concatenate(discs).astype("f4")
-
-
-def _costmaps(recorded: Recorded, arrays: dict[str, npt.NDArray[Any]]) -> list[list[float]]:
+def _costmaps(recorded: Recorded, arrays: dict[str, Packable]) -> list[list[float]]:
     """Add costs in a few levels, 0 free and unknown, and return what describes each grid."""
     stride = max(1, -(-len(recorded.costmaps) // MOST_COSTMAPS))
     chosen = recorded.costmaps[::stride]
@@ -229,3 +195,29 @@ def _thinned(line: Floats) -> Floats:
         return line
     thinned: Floats = line[np.linspace(0, len(line) - 1, MOST_POINTS).round().astype(int)]
     return thinned
+
+
+def shape_array(bodies: Bodies) -> Packable:
+    """Return x, y, yaw, radius and both sizes of bodies, one after the other, as `Shapes` in motion.js reads them."""
+    return np.column_stack([bodies.poses, bodies.radius_m, bodies.size_m]).astype("f4")
+
+
+def in_millimetres(values_m: Floats) -> tuple[Packable, float]:
+    """Return metres as whole millimetres of two bytes and the step 0.001, or as they are and 1 where they are large."""
+    if np.abs(values_m).max(initial=0.0) < _FARTHEST_M:
+        return np.round(1000.0 * values_m).astype("i2"), 0.001
+    return values_m.astype("f4"), 1.0
+
+
+def motion_arrays(world: World, arrays: dict[str, Packable]) -> dict[str, float]:
+    """Add the motions of a world's obstacles as polynomials, their shapes and the walls; return what describes them."""
+    arrays["box_walls"] = shape_array(wall_bodies(world.walls))
+    arrays["mover_shapes"] = shape_array(moving_bodies(world.tracks, 0.0))
+    first, begin, duration, coefficients, period, phase = world.tracks.table
+    arrays["mover_first"] = first.astype("i4")
+    arrays["mover_begin"], arrays["mover_duration"] = begin.astype("f4"), duration.astype("f4")
+    arrays["mover_coefficients"], step_m = in_millimetres(coefficients)
+    arrays["mover_periods"], arrays["mover_phases"] = period.astype("f4"), phase.astype("f4")
+    ends = coefficients[first[1:] - 1].sum(axis=2) - coefficients[first[:-1], :, 0]
+    arrays["mover_closed"] = (np.hypot(*ends.T) < _CLOSED_M).astype("u1")
+    return {"powers": coefficients.shape[2], "step": step_m, "trail": TRAIL_S}

@@ -15,11 +15,9 @@ from barn_eval.analysis.measures import MEASURES, Measure, metric_of, safety_of
 from barn_eval.analysis.overview import Overview
 from barn_eval.analysis.significance import ALPHA
 from barn_eval.analysis.sources import Entry
-from barn_eval.analysis.summary import summarise
-from barn_eval.pages.figures import label_axes, marker_of, outcome_colour, plain, point, points
+from barn_eval.pages.figures import OUTCOME_COLOURS, label_axes, marker_of, plain, points
 from barn_eval.pages.report.trials import DrivenTrial
 from barn_eval.trials.outcome import Outcome
-from barn_metrics.bootstrap import Interval
 from barn_worlds.base.arrays import Floats
 from barn_worlds.drawing.palette import FAINT, INK, NO_TRIAL, WHITE
 from barn_worlds.worlds.world import World
@@ -67,32 +65,48 @@ class Legend(NamedTuple):
     labels: Sequence[str] = ()
 
 
-def overview(panels: Sequence[Axes], data: ChartData) -> Legend:
-    """Draw entries of one protocol at a glance: its metric and success of each, and its time in each world.
+class Panels(NamedTuple):
+    """The panels of a figure that makes its own: height in inches, columns and rows, what they share."""
 
-    Bars are 95 % intervals over worlds.
-    """
-    *left, right = panels
-    for axes, measure in zip(left, (data.metric, MEASURES["success"]), strict=True):
-        for place, entry in enumerate(data.entries):
-            mean = measure.shown(summarise(entry.results, (measure.key,))[measure.key])
-            points(axes, [place], [mean], entry.colour, marker_of(place), flat=True)
-        label_axes(axes, measure.heading, "")
-        axes.set_yticks(range(len(data.entries)), [plain(name) for name in data.labels])
-        axes.set_ylim(len(data.entries) - 0.5, -0.5)
-        axes.set_xlim(left=0)
-    for place, entry in enumerate(data.entries):
-        worlds = by_world(entry.results)
-        means = [_TIME.values(trials).mean() for trials in worlds.values()]
-        right.plot(list(worlds), means, linestyle="", marker=marker_of(place), color=entry.colour, alpha=0.8)
-    label_axes(right, "world", _TIME.heading)
-    right.xaxis.set_major_locator(MaxNLocator(integer=True))
-    right.set_ylim(bottom=0)
-    return Legend()
+    height_in: float
+    columns: int = 1
+    rows: int = 1
+    sharex: bool = False
+    sharey: bool = False
 
 
-def worlds(panels: Sequence[Axes], data: ChartData) -> Legend:
-    """Draw the counted time per metre of each world, worlds from easy to difficult (the paper's Fig. 6)."""
+Drawing = Callable[[Sequence[Axes], ChartData], Legend]
+Layout = Callable[[ChartData], Panels | None]
+
+
+class Chart(NamedTuple):
+    """A figure by its name. layout: None where there is nothing to show in it."""
+
+    name: str
+    about: str
+    layout: Layout
+    draw: Drawing
+
+
+CHARTS: dict[str, Chart] = {}
+
+
+def chart(about: str, layout: Layout) -> Callable[[Drawing], Drawing]:
+    """Return what enters a function into the catalogue as the figure of its name."""
+
+    def entered(draw: Drawing) -> Drawing:
+        name = draw.__name__.removeprefix("_")
+        CHARTS[name] = Chart(name, about, layout, draw)
+        return draw
+
+    return entered
+
+
+@chart(
+    "Time per metre as counted of each planner in each world, worlds from easy to difficult",
+    lambda _: Panels(4.4),
+)
+def _worlds(panels: Sequence[Axes], data: ChartData) -> Legend:
     (axes,), order = panels, data.order
     rank = np.array(order.predicted_s_per_m or np.arange(1, len(order.worlds) + 1))
     mean, spread = np.array(order.mean_s_per_m), np.array(order.spread_s_per_m)
@@ -115,17 +129,20 @@ def worlds(panels: Sequence[Axes], data: ChartData) -> Legend:
     return Legend(handles, [*names, *data.labels])
 
 
-def banded(data: ChartData) -> list[Measure]:
+def _banded(data: ChartData) -> list[Measure]:
     """Return what is drawn by band of difficulty."""
     return [MEASURES[key] for key in dict.fromkeys((data.metric.key, "success", _TIME.key))]
 
 
-def bands(panels: Sequence[Axes], data: ChartData) -> Legend:
-    """Draw success and time by band of difficulty, with 95 % intervals."""
+@chart(
+    "Metric, success and time per metre by band of difficulty, with 95 % intervals",
+    lambda data: Panels(3.9, len(_banded(data))) if data.overview().bands else None,
+)
+def _bands(panels: Sequence[Axes], data: ChartData) -> Legend:
     found, count = data.overview().bands, len(data.entries)
-    places = np.arange(len(found))
+    places = np.arange(len(found), dtype=np.float64)
     handles = []
-    for axes, measure in zip(panels, banded(data), strict=True):
+    for axes, measure in zip(panels, _banded(data), strict=True):
         for index, entry in enumerate(data.entries):
             shift = (index - (count - 1) / 2) * min(0.16, 0.6 / count)
             means = [measure.shown(band.summaries[index][measure.key]) for band in found]
@@ -136,17 +153,24 @@ def bands(panels: Sequence[Axes], data: ChartData) -> Legend:
     return Legend(handles[:count], data.labels)
 
 
-def strip_heights(data: ChartData) -> list[int]:
+def _strip_heights(data: ChartData) -> list[int]:
     """Return the number of lines of each entry's strip."""
     return [max(one.repetition for one in entry.results) + 1 for entry in data.entries]
 
 
-def outcomes(panels: Sequence[Axes], data: ChartData) -> Legend:
-    """Draw the outcome of every trial: worlds across from easy to difficult, an entry per strip, a trial per line."""
-    order, colours = data.order, [NO_TRIAL, *(outcome_colour(outcome) for outcome in _OUTCOMES)]
+@chart(
+    "Outcome of every trial in every world",
+    lambda data: Panels(
+        1.4 + sum(0.28 + min(0.15 * height, 1.2) for height in _strip_heights(data)),
+        rows=len(data.entries),
+        sharex=True,
+    ),
+)
+def _outcomes(panels: Sequence[Axes], data: ChartData) -> Legend:
+    order, colours = data.order, [NO_TRIAL, *OUTCOME_COLOURS.values()]
     column = {world: index for index, world in enumerate(order.worlds)}
     there: set[int] = set()
-    for axes, entry, height in zip(panels, data.entries, strip_heights(data), strict=True):
+    for axes, entry, height in zip(panels, data.entries, _strip_heights(data), strict=True):
         cells = np.zeros((height, len(order.worlds)), np.int64)
         for one in entry.results:
             if one.world in column:
@@ -165,26 +189,29 @@ def outcomes(panels: Sequence[Axes], data: ChartData) -> Legend:
     return Legend([Patch(color=colours[one]) for one in shown], [names[one] for one in shown])
 
 
-def paired(panels: Sequence[Axes], data: ChartData) -> Legend:
-    """Draw differences of pairs of entries with their 95 % intervals; filled where the difference is clear."""
+@chart(
+    "Paired differences between planners with 95 % intervals; filled where the difference is clear",
+    lambda data: (
+        Panels(1.3 + 0.36 * len(data.overview().comparisons), 3, sharey=True) if data.overview().comparisons else None
+    ),
+)
+def _paired(panels: Sequence[Axes], data: ChartData) -> Legend:
     comparisons, success = data.overview().comparisons, MEASURES["success"]
     successes, times = ([one.row(key) for one in comparisons] for key in (success.key, _TIME.key))
     rates = [success.shown(row.paired.difference) for row in successes]
+    spans, chances = [row.paired.difference for row in times], [row.paired.improvement for row in times]
     first, second = "first better", "second better"
     drawn = (
         ("difference in success [percentage points]", 0.0, (second, first), successes, rates),
-        (f"difference in {_TIME.heading}", 0.0, (first, second), times, [row.paired.difference for row in times]),
-        (
-            "probability that the first is faster",
-            0.5,
-            (second, first),
-            times,
-            [row.paired.improvement for row in times],
-        ),
+        (f"difference in {_TIME.heading}", 0.0, (first, second), times, spans),
+        ("probability that the first is faster", 0.5, (second, first), times, chances),
     )
     for axes, (title, neutral, (left, right), rows, intervals) in zip(panels, drawn, strict=True):
         for place, (row, interval) in enumerate(zip(rows, intervals, strict=True)):
-            _difference(axes, place, interval, clear=row.p_holm <= ALPHA)
+            if interval.low is not None and interval.high is not None:
+                axes.plot([interval.low, interval.high], [place, place], color=INK, linewidth=1.6)
+            inside = INK if row.p_holm <= ALPHA else WHITE
+            axes.plot(interval.estimate, place, "o", color=INK, markerfacecolor=inside)
         axes.axvline(neutral, color=INK, linewidth=1.0, linestyle="--")
         label_axes(axes, title, "")
         for side, text, at in (("left", f"← {left}", 0.0), ("right", f"{right} →", 1.0)):
@@ -195,8 +222,11 @@ def paired(panels: Sequence[Axes], data: ChartData) -> Legend:
     return Legend()
 
 
-def distributions(panels: Sequence[Axes], data: ChartData) -> Legend:
-    """Draw the share of trials up to each value of time per metre, clearance, speed and jerk."""
+@chart(
+    "Cumulative distributions over trials of time per metre, clearance, speed and jerk",
+    lambda _: Panels(3.6, 4),
+)
+def _distributions(panels: Sequence[Axes], data: ChartData) -> Legend:
     handles = {}
     for axes, key in zip(panels, _DISTRIBUTED, strict=True):
         for entry, dashes in zip(data.entries, _DASHES * len(data.entries), strict=False):
@@ -209,22 +239,23 @@ def distributions(panels: Sequence[Axes], data: ChartData) -> Legend:
     return Legend(list(handles.values()), list(handles))
 
 
-def safety(data: ChartData) -> list[Measure]:
+def _safety(data: ChartData) -> list[Measure]:
     """Return what speed is drawn against: clearance, and contact where there was any."""
     measures = [safety_of([one for entry in data.entries for one in entry.results])]
     touched = any(summary["contact_s"].estimate > 0.0 for summary in data.overview().summaries)
     return [*measures, MEASURES["contact_s"]] if touched else measures
 
 
-def trade(panels: Sequence[Axes], data: ChartData) -> Legend:
-    """Draw the counted time per metre of each planner over its clearance, and over its contact.
-
-    Bars are 95 % intervals; the better corner is named.
-    """
+@chart(
+    "Speed against safety: mean time per metre as counted over smallest clearance, and over time in contact"
+    " where there was any, with 95 % intervals of both",
+    lambda data: Panels(4.2, len(_safety(data)), sharey=True),
+)
+def _trade(panels: Sequence[Axes], data: ChartData) -> Legend:
     handles: list[Any] = []
-    for axes, measure in zip(panels, safety(data), strict=True):
+    for axes, measure in zip(panels, _safety(data), strict=True):
         handles = [
-            point(axes, summary[measure.key], summary[_TIME.key], entry.colour, marker_of(index))
+            points(axes, [summary[measure.key]], [summary[_TIME.key]], entry.colour, marker_of(index), 8)
             for index, (entry, summary) in enumerate(zip(data.entries, data.overview().summaries, strict=True))
         ]
         larger = measure.better == "larger"
@@ -236,13 +267,16 @@ def trade(panels: Sequence[Axes], data: ChartData) -> Legend:
     return Legend(handles, data.labels)
 
 
-def computed(data: ChartData) -> bool:
+def _computed(data: ChartData) -> bool:
     """Tell whether the planners' computing time is known of any trial."""
     return any(len(_known(MEASURES[key], entry)) for key in _COMPUTE.values() for entry in data.entries)
 
 
-def compute(panels: Sequence[Axes], data: ChartData) -> Legend:
-    """Draw the planner's time per cycle: of each trial its median, 95th percentile and largest."""
+@chart(
+    "Planner's computing time per cycle over trials: box from quartile to quartile, whiskers 5 to 95 %",
+    lambda data: Panels(1.3 + 0.42 * len(data.entries), 3, sharex=True, sharey=True) if _computed(data) else None,
+)
+def _compute(panels: Sequence[Axes], data: ChartData) -> Legend:
     entries = data.entries
     for axes, (title, key) in zip(panels, _COMPUTE.items(), strict=True):
         groups = [_known(MEASURES[key], entry) for entry in entries]
@@ -274,10 +308,3 @@ def _known(measure: Measure, entry: Entry) -> Floats:
     values = measure.values(entry.results)
     known: Floats = np.sort(values[np.isfinite(values)])
     return known
-
-
-def _difference(axes: Axes, place: int, found: Interval, *, clear: bool) -> None:
-    if found.low is not None and found.high is not None:
-        axes.plot([found.low, found.high], [place, place], color=INK, linewidth=1.6)
-    inside = INK if clear else WHITE
-    axes.plot(found.estimate, place, "o", color=INK, markerfacecolor=inside)

@@ -1,27 +1,42 @@
 """Maps of worlds with the trajectories of trials in them."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from barn_eval.analysis.difficulty import Difficulty
-from barn_eval.analysis.sources import Source
-from barn_eval.pages.figures import marker_of
-from barn_eval.pages.report.charts import ChartData, Legend
-from barn_eval.pages.report.trials import DrivenTrial
-from barn_worlds.base.errors import BarnError
-from barn_worlds.drawing.palette import FAINT, GOAL, INK, MOVER, START
-from barn_worlds.drawing.scene import draw_arrow, draw_outlines, draw_scene, draw_ways, ways
+from barn_eval.analysis.sources import Entry, Source, read_entries
+from barn_eval.experiments.track import CHANNELS
+from barn_eval.pages.figures import marker_of, new_figure, plain
+from barn_eval.pages.report.charts import ChartData, Legend, Panels, chart
+from barn_eval.pages.report.trials import DrivenTrial, driven_trials
+from barn_eval.trials.outcome import Outcome
+from barn_worlds.base.errors import BarnError, ConfigError, suggest
+from barn_worlds.drawing.palette import CONTACT, FAINT, GOAL, INK, MOVER, START
+from barn_worlds.drawing.scene import (
+    draw_arrow,
+    draw_contacts,
+    draw_outlines,
+    draw_scene,
+    draw_trail,
+    draw_ways,
+    scale_speeds,
+    ways,
+)
 from barn_worlds.geometry.bodies import moving_bodies
 from barn_worlds.worlds.scene import TrialScene, scene_of
 from barn_worlds.worlds.world import World
 
-PER_ROW = 4
+_PER_ROW = 4
 _WAY_STEP_S, _LONGEST_WAY_S = 0.1, 200.0
 _SHORTEST_ARROW_M = 0.3
 
@@ -34,16 +49,11 @@ def hardest_maps(
     return {number: (worlds[number], [one for one in drives if one.result.world == number]) for number in numbers}
 
 
-def rows(data: ChartData) -> int:
-    """Return how many rows of maps there are."""
-    return -(-len(data.hardest) // PER_ROW)
-
-
-def hardest(panels: Sequence[Axes], data: ChartData) -> Legend:
-    """Draw the hardest worlds with the trails of their trials; a cross is where a trial ended that failed.
-
-    Start and goal are those of the protocol, where the configuration can be read.
-    """
+@chart(
+    "The hardest worlds with all trajectories that were recorded",
+    lambda data: Panels(4.9 * _rows(data) + 0.5, _PER_ROW, _rows(data)) if data.hardest else None,
+)
+def _hardest(panels: Sequence[Axes], data: ChartData) -> Legend:
     for axes in panels[len(data.hardest) :]:
         axes.set_axis_off()
     for axes, (number, (world, drives)) in zip(panels, data.hardest.items(), strict=False):
@@ -65,6 +75,10 @@ def hardest(panels: Sequence[Axes], data: ChartData) -> Legend:
     ]
     handles += motion_handles() if any(world.moving for world, _ in data.hardest.values()) else []
     return Legend(handles, [str(one.get_label()) for one in handles])
+
+
+def _rows(data: ChartData) -> int:
+    return -(-len(data.hardest) // _PER_ROW)
 
 
 def _draw_map(axes: Axes, world: World, drives: Sequence[DrivenTrial]) -> None:
@@ -140,3 +154,105 @@ def motion_handles() -> list[Line2D]:
     hit = Line2D([], [], marker="o", markersize=9, markerfacecolor=MOVER + "55", markeredgecolor=MOVER, linestyle="")
     hit.set_label("what was hit")
     return [way, hit]
+
+
+COLOURED_BY = ("planner", "speed")
+_SPEED = CHANNELS.index("speed")
+_HEIGHT_IN, _SIDE_IN = 8.0, 3.4  # the latter for labels and legend
+_ARENA_IN = 1.2  # more for worlds that are as wide as high
+
+
+def overlay(
+    folders: Sequence[Path], world: int, *, by: str = "planner", planners: Sequence[str] = (), outcome: str = ""
+) -> Figure:
+    """Return the figure of the trials of folders in one world, coloured by planner or by speed.
+
+    planners, outcome: only these. ConfigError where there is no such trial, or worlds of that number differ.
+    """
+    if by not in COLOURED_BY:
+        raise ConfigError(f"by: must be one of {', '.join(COLOURED_BY)}, got {by!r}{suggest(by, COLOURED_BY)}")
+    chosen, found = choose(read_entries(folders), world, planners, outcome)
+    scene = scene_under(chosen[0].entry.source, found)
+    left, below, right, above = _bounds(scene, chosen)
+    side_in = _SIDE_IN + (_ARENA_IN if found.corner_m is not None else 0.0)
+    figure = new_figure(_HEIGHT_IN, side_in + (_HEIGHT_IN - 1.0) * (right - left) / (above - below))
+    axes = figure.add_subplot()
+    draw_scene(axes, scene)
+    draw_motion(axes, found, chosen)
+    trails = [_draw_trial(axes, found, driven, by) for driven in chosen]
+    if by == "speed":
+        scale_speeds(axes, trails)
+    axes.set(xlim=(left, right), ylim=(below, above), aspect="equal", xlabel="x [m]", ylabel="y [m]")
+    axes.set_title(f"world {world}: {len(chosen)} trial{'s' if len(chosen) > 1 else ''}")
+    handles = _legend(chosen, by) + (motion_handles() if found.moving else [])
+    figure.legend(handles, [str(one.get_label()) for one in handles], loc="outside right upper")
+    return figure
+
+
+def choose(
+    entries: Sequence[Entry], world: int, planners: Sequence[str], outcome: str
+) -> tuple[list[DrivenTrial], World]:
+    """Return the trials in a world of these planners and with this outcome, or of all, and the world."""
+    known, outcomes = {entry.planner for entry in entries}, {one.value for one in Outcome}
+    for name in set(planners) - known:
+        there = ", ".join(sorted(known))
+        raise ConfigError(f"planner {name!r}: has no trial here{suggest(name, known)}; there are {there}")
+    if outcome and outcome not in outcomes:
+        allowed = ", ".join(sorted(outcomes))
+        raise ConfigError(f"outcome {outcome!r}: must be one of {allowed}{suggest(outcome, outcomes)}")
+    numbers = sorted({one.world for entry in entries for one in entry.results})
+    if world not in numbers:
+        raise ConfigError(f"world {world}: no trial of it; there are trials of {', '.join(map(str, numbers[:12]))}")
+    wanted = []
+    for entry in entries:
+        own = (one for one in entry.results if one.world == world and outcome in ("", one.outcome.value))
+        wanted += [replace(entry, results=tuple(own))] if entry.planner in (planners or known) else []
+    drives, worlds = driven_trials(wanted)
+    found = [one for one in drives if one.track is not None]
+    if not found:
+        why = "its trials have no tracks" if drives else "no trial of it is of this kind"
+        raise ConfigError(f"world {world}: {why}")
+    for one in found:
+        if one.result.world_checksum != found[0].result.world_checksum:
+            paths = f"{found[0].entry.source.path} and {one.entry.source.path}"
+            raise ConfigError(f"world {world}: is not the same in {paths}")
+    if found[0].problem:
+        raise ConfigError(f"world {world}: {found[0].problem}")
+    return found, worlds[found[0].result.world_checksum]
+
+
+def _bounds(scene: TrialScene, chosen: Sequence[DrivenTrial]) -> tuple[float, float, float, float]:
+    goal = scene.ends_m()[-1:] + [0.0, scene.goal_distance_m]
+    trails = (one.poses[:, :2] for one in chosen)
+    points = np.vstack([scene.cylinders_m, scene.ends_m(), goal, *scene.boxes.outlines(), *trails])
+    (left, below), (right, above) = points.min(axis=0) - 0.3, points.max(axis=0) + 0.3
+    return float(left), float(below), float(right), float(above)
+
+
+def _draw_trial(axes: Axes, world: World, driven: DrivenTrial, by: str) -> LineCollection:
+    assert driven.track is not None
+    colour, poses, corners_m = driven.entry.colour, driven.poses, driven.entry.source.outline.corners_m
+    speeds = driven.track.samples[:, _SPEED] if by == "speed" else None
+    trail = draw_trail(axes, poses[:, :2], speeds, colour)
+    draw_outlines(axes, poses[[0, -1]], corners_m, colour, linewidth=1.2, zorder=4)
+    draw_contacts(axes, poses[driven.track.contact, :2])
+    draw_touched(axes, world, driven)
+    return trail
+
+
+def _legend(chosen: Sequence[DrivenTrial], by: str) -> list[Line2D]:
+    """Return an entry per planner, with its outcomes, and those of start, goal and contact."""
+    handles = []
+    for label, colour in {one.entry.label: one.entry.colour for one in chosen}.items():
+        ended = Counter(one.result.outcome.value for one in chosen if one.entry.label == label)
+        told = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in ended.items())
+        marker: dict[str, Any] = {} if by == "planner" else {"marker": "s", "linestyle": "", "markerfacecolor": "none"}
+        handles.append(Line2D([], [], color=colour, linewidth=2.0, label=f"{plain(label)}\n{told}", **marker))
+    marks: dict[str, dict[str, Any]] = {
+        "start": {"color": START, "marker": "o"},
+        "goal": {"color": GOAL, "marker": "*", "markersize": 11},
+        "robot at both ends": {"color": INK, "marker": "s", "markerfacecolor": "none"},
+    }
+    if any(one.track is not None and one.track.contact.any() for one in chosen):
+        marks["contact"] = {"color": CONTACT, "marker": "x"}
+    return handles + [Line2D([], [], linestyle="", label=label, **look) for label, look in marks.items()]

@@ -1,37 +1,99 @@
 """A report from its folders to the page, and the figures and tables beside it."""
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from barn_eval.analysis.difficulty import PREDICTED, by_prediction, predicted
 from barn_eval.analysis.difficulty import difficulty as order_of
 from barn_eval.analysis.measures import metric_of
 from barn_eval.analysis.overview import Overview, analyse, repeat, tables
 from barn_eval.analysis.sources import Entry, read_entries, require_same_task
+from barn_eval.analysis.summary import bars
 from barn_eval.analysis.text_table import TextTable
 from barn_eval.analysis.verdict import cautions
 from barn_eval.bags.recorded import read_recorded
 from barn_eval.experiments.folder import REPLAYS
 from barn_eval.pages import DIFFICULTIES, Progress
-from barn_eval.pages.figures import ReportFigure
+from barn_eval.pages.figures import ReportFigure, finished, new_figure, plain, style
 from barn_eval.pages.replay.page import replay_page
-from barn_eval.pages.report import maps
-from barn_eval.pages.report.bars import bars
-from barn_eval.pages.report.catalogue import CHARTS, DEFAULT_HARDEST, finish
-from barn_eval.pages.report.charts import ChartData
+from barn_eval.pages.report.charts import CHARTS, Chart, ChartData
+from barn_eval.pages.report.maps import hardest_maps
 from barn_eval.pages.report.processes import run_forked
 from barn_eval.pages.report.trial_data import trial_data
 from barn_eval.pages.report.trials import DrivenTrial, driven_trials, worlds_by_number
 from barn_eval.pages.template import render, write_page
 from barn_eval.trials.identity import task_line
-from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.worlds.world import World
 
-Note = Callable[[str], None]
+DEFAULT_HARDEST = 8  # worlds that are drawn as maps
+
+
+def draw(chart: Chart, data: ChartData, ax: Axes | Sequence[Axes] | None = None) -> list[Axes]:
+    """Draw a figure of the catalogue and return its axes, none where it has nothing to show.
+
+    ax: what to draw onto, as many as the figure has panels; without, a figure of its own.
+    """
+    layout = chart.layout(data)
+    if layout is None:
+        return []
+    count = layout.rows * layout.columns
+    if ax is None:
+        height_in, columns, rows, sharex, sharey = layout
+        grid = new_figure(height_in).subplots(rows, columns, sharex=sharex, sharey=sharey, squeeze=False)
+        panels = list(grid.ravel())
+    else:
+        panels = [ax] if isinstance(ax, Axes) else list(ax)
+        if len(panels) != count:
+            raise ConfigError(f"ax: the figure {chart.name!r} has {count} panels, got {len(panels)} axes")
+    legend = chart.draw(panels, data)
+    texts = [plain(text) for text in legend.labels]
+    if legend.handles and ax is None:
+        figure_of(panels).legend(legend.handles, texts, loc="outside lower center", ncols=min(6, len(texts)))
+    elif legend.handles:
+        panels[0].legend(legend.handles, texts)
+    return panels
+
+
+def figure_of(panels: Sequence[Axes]) -> Figure:
+    """Return the figure that axes are in."""
+    figure = panels[0].get_figure(root=True)
+    assert figure is not None
+    return figure
+
+
+def plot(name: str, entries: Sequence[Entry], ax: Axes | Sequence[Axes] | None = None) -> list[Axes]:
+    """Draw the figure of that name of planners' results, onto axes or a figure of its own, and return its axes.
+
+    ConfigError for an unknown name, a wrong number of axes, and where there is nothing to draw.
+    """
+    if name not in CHARTS:
+        raise ConfigError(f"unknown figure {name!r}{suggest(name, CHARTS)}")
+    order, shown = order_of(entries), {}
+    if name == "hardest":
+        drives, worlds = driven_trials(entries)
+        shown = hardest_maps(order, drives, worlds_by_number(drives, worlds), DEFAULT_HARDEST)
+    overview = cache(lambda: analyse(entries, order, lambda jobs: [job() for job in jobs]))
+    with style():
+        panels = draw(CHARTS[name], ChartData(entries, order, overview, hardest=shown), ax)
+    if not panels:
+        raise ConfigError(f"figure {name!r}: these results have nothing to show in it")
+    return panels
+
+
+def finish(chart: Chart, data: ChartData, *, pdf: bool) -> ReportFigure | None:
+    """Return a figure of the catalogue as pages have it, None where it has nothing to show."""
+    with style():
+        panels = draw(chart, data)
+        return finished(figure_of(panels), chart.name, chart.about, pdf=pdf) if panels else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,27 +103,23 @@ class Report:
     data: what its figures are drawn of. pdf: whether they are drawn as PDF too. progress: gets the share that is done.
     """
 
+    entries: Sequence[Entry]
+    overview: Overview
     data: ChartData
-    tables: tuple[TextTable, ...]
-    drives: tuple[DrivenTrial, ...]
+    drives: Sequence[DrivenTrial]
     worlds: Mapping[str, World]
     pdf: bool
     progress: Progress
 
-    @property
-    def entries(self) -> Sequence[Entry]:
-        """The planners."""
-        return self.data.entries
-
-    @property
-    def overview(self) -> Overview:
-        """What it says in figures."""
-        return self.data.overview()
+    @cached_property
+    def tables(self) -> list[TextTable]:
+        """All tables, the headline first."""
+        return tables(self.entries, self.overview)
 
     @cached_property
     def figures(self) -> dict[str, ReportFigure]:
         """Its figures by name, each drawn in the process that finishes it: figures of matplotlib change by pickling."""
-        jobs = [partial(finish, chart, self.data, pdf=self.pdf) for chart in CHARTS.values() if chart.on_page]
+        jobs = [partial(finish, chart, self.data, pdf=self.pdf) for chart in reversed(CHARTS.values())]
         made = run_forked(jobs, lambda share: self.progress(0.5 + 0.5 * share))
         return {one.name: one for one in made if one is not None}
 
@@ -69,7 +127,6 @@ class Report:
 def build_report(
     paths: Sequence[Path],
     hardest: int = DEFAULT_HARDEST,
-    note: Note = lambda _: None,
     *,
     difficulty: str = DIFFICULTIES[0],
     progress: Progress = lambda _: None,
@@ -77,7 +134,7 @@ def build_report(
 ) -> Report:
     """Read folders and compute what their report shows; BarnError in one line for what is no run or campaign.
 
-    note: gets a line at each step that takes time. difficulty: "trials" orders worlds by the trials themselves, "model"
+    difficulty: "trials" orders worlds by the trials themselves, "model"
     by the difficulty that the model predicts, so that no trial is used twice. progress: gets the share that is done.
     """
     if difficulty not in DIFFICULTIES:
@@ -89,11 +146,10 @@ def build_report(
     if difficulty == "model":
         order = by_prediction(order, numbered)
     learned = entries[0].results[0].protocol == PREDICTED and difficulty == "trials"
-    note(f"computing intervals and comparisons of {len(drives)} trials")
     found = analyse(entries, order, lambda jobs: run_forked(jobs, lambda share: progress(0.5 * share)))
-    shown = maps.hardest_maps(order, drives, numbered, hardest)
+    shown = hardest_maps(order, drives, numbered, hardest)
     data = ChartData(entries, order, lambda: found, predicted(order, numbered) if learned else (), shown)
-    return Report(data, tuple(tables(entries, found)), tuple(drives), worlds, pdf, progress)
+    return Report(entries, found, data, drives, worlds, pdf, progress)
 
 
 def write_report(
@@ -105,40 +161,23 @@ def write_report(
     hardest: int = DEFAULT_HARDEST,
     difficulty: str = DIFFICULTIES[0],
     replays: Path | None = None,
-    note: Note = lambda _: None,
     progress: Progress = lambda _: None,
 ) -> Report:
-    """Write the report of folders of results as one page and return what it shows.
+    """Write the report of runs and campaigns, finished or not, as one page, and return what it shows.
 
-    Args:
-        folders: runs and campaigns, finished or not.
-        out: file of the page.
-        assets: a folder that gets figures as SVG and PDF and tables as CSV and LaTeX.
-        title: of the page [that of its planners].
-        hardest: how many worlds are drawn as maps.
-        difficulty: what worlds are ordered by, "trials" or "model".
-        replays: a folder that gets a page for each bag, which the report links to.
-        note: gets a line at each step that takes time.
-        progress: gets the share that is done.
-
-    Raises:
-        BarnError: for what is no run or campaign, and for folders of different tasks.
-        StoreError: for a file that cannot be written.
+    assets: a folder that gets figures as SVG and PDF, and tables as CSV and LaTeX. replays: a folder that gets a page
+    for each bag, which the report links to. The rest is as in `build_report`, and so are errors.
     """
     pdf = assets is not None
-    made = build_report(folders, hardest, note, difficulty=difficulty, progress=progress, pdf=pdf)
-    note("drawing figures and writing the page")
+    made = build_report(folders, hardest, difficulty=difficulty, progress=progress, pdf=pdf)
     named = title or "Navigation benchmark: " + ", ".join(entry.label for entry in made.entries)
-    write_page(out, report_page(made, named, replay_links(made, out, replays, note)))
+    write_page(out, report_page(made, named, replay_links(made, out, replays)))
     if assets is not None:
-        note("writing figures and tables")
         write_assets(made, assets)
     return made
 
 
-def replay_links(
-    report: Report, out: Path, replays: Path | None = None, note: Note = lambda _: None
-) -> dict[Path, str]:
+def replay_links(report: Report, out: Path, replays: Path | None = None) -> dict[Path, str]:
     """Return the address of each trial's replay as seen from a page, by its bag; draw those that are wanted.
 
     Pages that lie in the folder of a source, in replays/, are linked to wherever there are any.
@@ -148,7 +187,6 @@ def replay_links(
         source, trial_id = drive.entry.source, drive.result.trial_id
         bag, page = source.bag(trial_id), source.path / REPLAYS / f"{trial_id}.html"
         if replays is not None and bag.exists():
-            note(f"drawing the replay of {trial_id}")
             page = replays / f"{source.path.resolve().name}_{trial_id}.html"
             write_page(page, replay_page(read_recorded(bag)))
         if page.is_file():
@@ -191,10 +229,11 @@ def write_assets(report: Report, folder: Path) -> None:
 
 def flatten(content: object, name: str = "") -> list[tuple[str, str]]:
     """Return the leaves of nested data as dotted names and texts."""
-    if isinstance(content, Mapping) and content:
-        return [row for key, value in content.items() for row in flatten(value, f"{name}.{key}" if name else str(key))]
-    if isinstance(content, (list, tuple)) and any(isinstance(one, (Mapping, list, tuple)) for one in content):
-        return [row for index, value in enumerate(content) for row in flatten(value, f"{name}.{index}")]
+    inner: Mapping[Any, object] = content if isinstance(content, Mapping) else {}
     if isinstance(content, (list, tuple)):
-        return [(name, ", ".join(map(str, content)))]
-    return [(name, "" if content is None else str(content))]
+        if not any(isinstance(one, (Mapping, list, tuple)) for one in content):
+            return [(name, ", ".join(map(str, content)))]
+        inner = dict(enumerate(content))
+    if not inner:
+        return [(name, "" if content is None else str(content))]
+    return [row for key, value in inner.items() for row in flatten(value, f"{name}.{key}".removeprefix("."))]

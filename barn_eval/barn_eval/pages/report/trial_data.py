@@ -9,9 +9,9 @@ import numpy as np
 from barn_eval.analysis.measures import MEASURES, with_motion
 from barn_eval.analysis.sources import Entry, Source
 from barn_eval.experiments.track import CHANNELS, NO_NUMBER, pack
+from barn_eval.pages.replay.payload import motion_arrays
 from barn_eval.pages.report.maps import known_scene
 from barn_eval.pages.report.trials import DrivenTrial
-from barn_eval.pages.shape_arrays import motion_arrays
 from barn_worlds.worlds.world import World
 
 # The page's table has these columns, with their digits (None: a text), then those of measures.
@@ -39,13 +39,16 @@ def trial_data(
     links: to the page of a replay, by the path of its bag.
     """
     measures = with_motion(_MEASURES, [drive.result for drive in drives])
+    named = [MEASURES[key] for key in measures]
+    columns: list[dict[str, Any]] = [
+        {"name": name, "title": name, "unit": "", "digits": digits} for name, digits in _COLUMNS.items()
+    ]
+    columns += [{"name": one.key, "title": one.label, "unit": one.unit, "digits": one.digits} for one in named]
     numbers = {entry: number for number, entry in enumerate(entries)}
     sources = {drive.result.world_checksum: drive.entry.source for drive in drives}
     return {
-        "columns": _columns(measures),
-        "entries": [
-            {"label": entry.label, "colour": entry.colour, "folder": str(entry.source.path)} for entry in entries
-        ],
+        "columns": columns,
+        "entries": [{"label": one.label, "colour": one.colour, "folder": str(one.source.path)} for one in entries],
         "trials": [_trial(drive, numbers[drive.entry], links or {}, measures) for drive in drives],
         "worlds": {checksum: _world(world, sources.get(checksum)) for checksum, world in worlds.items()},
         "channels": CHANNELS,
@@ -57,6 +60,9 @@ def trial_data(
 def _trial(drive: DrivenTrial, number: int, links: Mapping[Path, str], measures: Sequence[str]) -> dict[str, Any]:
     entry, result, motion = drive.entry, drive.result, drive.result.motion
     bag = entry.source.bag(result.trial_id)
+    cells: list[Any] = [entry.label, result.world, result.repetition + 1, result.outcome.value]
+    values = (MEASURES[key].value(result) for key in measures)
+    cells += [None if value is None else round(value, 4) for value in values]
     return {
         "id": result.trial_id,
         "entry": number,
@@ -67,41 +73,19 @@ def _trial(drive: DrivenTrial, number: int, links: Mapping[Path, str], measures:
         "problem": drive.problem,
         "bag": str(bag) if bag.exists() else "",
         "replay": links.get(bag, ""),
-        "cells": [
-            entry.label,
-            result.world,
-            result.repetition + 1,
-            result.outcome.value,
-            *(_rounded(MEASURES[key].value(result)) for key in measures),
-        ],
+        "cells": cells,
         "track": None if drive.track is None else drive.track.packed,
     } | ({} if motion is None else {"phase": motion.phase_s, "touched": motion.touched})
 
 
-def _columns(keys: Sequence[str]) -> list[dict[str, Any]]:
-    measures = [MEASURES[key] for key in keys]
-    return [
-        *({"name": name, "title": name, "unit": "", "digits": digits} for name, digits in _COLUMNS.items()),
-        *({"name": one.key, "title": one.label, "unit": one.unit, "digits": one.digits} for one in measures),
-    ]
-
-
 def _world(world: World, source: Source | None) -> dict[str, Any]:
     arrays = {"cylinders": world.cylinders_m.astype("f4"), "path": world.path_m().astype("f4")}
+    step = 1.0
     if max(map(abs, world.bounds_m)) < 32.0:
-        arrays = {name: np.round(1000.0 * values).astype("i2") for name, values in arrays.items()}
-    step = 0.001 if arrays["path"].dtype == np.int16 else 1.0
+        arrays, step = {name: np.round(1000.0 * values).astype("i2") for name, values in arrays.items()}, 0.001
     ends = known_scene(source, world).ends_m() if source else np.empty((0, 2))
-    content: dict[str, Any] = {
-        "radius": world.cylinder_radius_m,
-        "bounds": list(world.bounds_m),
-        "step": step,
-        "ends": ends.round(3).tolist(),
-    }
+    content: dict[str, Any] = {"radius": world.cylinder_radius_m, "bounds": list(world.bounds_m), "step": step}
+    content["ends"] = ends.round(3).tolist()
     if world.moving or world.walls:
         content["moving"] = motion_arrays(world, arrays)
     return content | {"packed": pack(arrays)}
-
-
-def _rounded(value: float | None) -> float | None:
-    return None if value is None else round(value, 4)
