@@ -80,7 +80,7 @@ class Policy:
 
 
 @dataclass(frozen=True)
-class _Header:
+class _PolicyHeader:
     """What the header of a file must hold."""
 
     schema: int
@@ -150,7 +150,7 @@ def read_policy(path: Path) -> Policy:
         content, arrays = FORMAT.read(path)
         if not isinstance(content.get("about"), dict):
             raise PolicyError(f"{path}: about must be a mapping")
-        header = from_dict(_Header, content, str(path))
+        header = from_dict(_PolicyHeader, content, str(path))
         if not 2 <= len(header.layers) <= MOST_LAYERS + 1:
             raise PolicyError(f"{path}: layers must be 2 to {MOST_LAYERS + 1} sizes, got {len(header.layers)}")
         count = len(header.layers) - 1
