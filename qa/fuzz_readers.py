@@ -57,6 +57,7 @@ from barn_worlds.formats.single import read_world
 from barn_worlds.messages.cdr import jazzy_types, make, serialise
 from barn_worlds.messages.topics import GROUND_TRUTH, ODOM
 from barn_worlds.robots.files import load_robot, shipped_robots
+from barn_worlds.robots.urdf import chassis_of
 from barn_worlds.worlds.dataset import open_dataset
 
 Mutate = Callable[[random.Random, bytes, Sequence[bytes]], bytes]
@@ -232,12 +233,18 @@ def _protocol_seeds(_: Path) -> list[bytes]:
     return [b"schema_version: 1\nbase: challenge\nname: slow\nlimit_s: 200.0\nstart: {x_m: 1.0}\n", whole]
 
 
-def _robot_seeds(_: Path) -> list[bytes]:
-    return [path.read_bytes() for path in shipped_robots().values()]
+def _robot_seeds(folder: Path, ending: str) -> list[bytes]:
+    jackal = shipped_robots()["jackal"]
+    (folder / "jackal.urdf").write_bytes(jackal.with_suffix(".urdf").read_bytes())
+    return [path.read_bytes() for path in sorted(jackal.parent.glob(f"*{ending}"))]
 
 
 def _robot(path: Path) -> None:
     description_text(with_robot(SimulatorConfig(), load_robot(path)).chassis)
+
+
+def _urdf(path: Path) -> None:
+    chassis_of(path)
 
 
 def _csv(path: Path) -> None:
@@ -383,7 +390,8 @@ READERS = {
     "run": Reader("run.json", lambda folder: _beside(folder, "run.json"), _run, _json),
     "campaign": Reader("input.yaml", lambda _: list(_REQUESTS), _request),
     "protocol": Reader("input.yaml", _protocol_seeds, _protocol),
-    "robot": Reader("input.yaml", _robot_seeds, _robot),
+    "robot": Reader("input.yaml", lambda folder: _robot_seeds(folder, ".yaml"), _robot),
+    "urdf": Reader("input.urdf", lambda folder: _robot_seeds(folder, ".urdf"), _urdf),
     "csv": Reader(
         "input.csv", lambda _: [b"world,path_length_m,dwa_1,dwa_2\n0,10.5,20.0,30.0\n1,11.5,25.0,50.0\n"], _csv
     ),

@@ -8,7 +8,9 @@ import pytest
 rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from geometry_msgs.msg import TwistStamped  # noqa: E402
+from rclpy.duration import Duration  # noqa: E402
 from simulator_peer import TRIAL, Peer, Process, assert_equal, commands, read, says, stamp_of  # noqa: E402
+from std_srvs.srv import Trigger  # noqa: E402
 
 from barn_sim.config import PRESETS  # noqa: E402
 from barn_sim.simulator import Simulator  # noqa: E402
@@ -85,6 +87,24 @@ def test_while_paused_time_stands_still_and_is_repeated(peer: Peer) -> None:
     assert not peer.heard["/scan"]
 
 
+def test_single_steps_repeat_the_last_command_and_need_a_pause(peer: Peer) -> None:
+    peer.fresh_trial(drive__command_latency_s=0.0, **TRIAL)
+    peer.send(Velocity2D(0.5, 0.0))
+    assert peer.commands.wait_for_all_acked(Duration(seconds=600.0))
+    for _ in range(20):  # longer than the watchdog would let it run
+        assert peer.call(Trigger, "/simulator/step", Trigger.Request()).success
+    peer.wait(lambda: len(peer.heard["/ground_truth/odom"]) == 21)  # that of the start and one for each step
+    stamps = [stamp_of(message) for message in peer.heard["/scan"]]
+    assert stamps[-1] - stamps[0] == 20 * 50_000_000
+    truth = read(decode.odometry, peer.heard["/ground_truth/odom"][-1])
+    assert truth.velocity.linear == pytest.approx(0.5, abs=0.01)
+    peer.set(drive__command_latency_s=0.08)
+    assert peer.pause(False).success
+    refused = peer.call(Trigger, "/simulator/step", Trigger.Request())
+    assert not refused.success
+    assert "not paused" in refused.message
+
+
 def test_values_that_are_not_allowed_are_refused_with_the_reason(peer: Peer) -> None:
     results = peer.set(lidar__beams=0, seed=-1, localisation__mode="amlc")
     assert [result.successful for result in results] == [False] * 3
@@ -92,7 +112,7 @@ def test_values_that_are_not_allowed_are_refused_with_the_reason(peer: Peer) -> 
     assert "amcl" in results[2].reason
 
 
-def test_a_reset_that_cannot_be_donesays_why_and_changes_nothing(peer: Peer) -> None:
+def test_a_reset_that_cannot_be_done_says_why_and_changes_nothing(peer: Peer) -> None:
     peer.fresh_trial(**TRIAL)
     assert all(result.successful for result in peer.set(world=99999))
     answer = peer.reset()

@@ -70,6 +70,20 @@ def test_every_motion_of_dynabarn_is_where_gazebo_classic_puts_it_at_1000_times(
         assert np.abs(positions[:, k] - gazebo_positions(keys, period_s, times_s)).max() < 1e-9
 
 
+def test_a_motion_of_dynabarn_repeats_and_jumps_from_its_last_key_to_its_first(profiles):
+    jumps = 0
+    for one in profiles.values():
+        keys, period_s = one.motion.keys, one.motion.period_s
+        table, tracks = np.array(keys), Tracks([one])
+        for turn in range(3):
+            at, _ = tracks.over(table[:-1, 0] + turn * period_s + 1e-12)
+            assert np.abs(at[:, 0] - table[:-1, 1:]).max() < 1e-9
+            before, _ = tracks.at((turn + 1) * period_s - 1e-9)
+            assert np.abs(before - table[-1, 1:]).max() < 1e-7
+        jumps += math.dist(keys[0][1:], keys[-1][1:]) > 1e-3
+    assert jumps == 469 - 31  # the others are closed, with the tangent of a closed curve at both ends
+
+
 @given(
     st.lists(st.tuples(st.floats(-10, 10), st.floats(-10, 10)), min_size=2, max_size=8),
     st.lists(st.floats(0.01, 20), min_size=8, max_size=8),
@@ -97,6 +111,18 @@ def test_a_linear_motion_is_straight_between_its_keys_and_rests_at_the_last():
     assert np.allclose(velocities[:, 0], [[2.0, 0.0], [0.0, 1.0], [0.0, 0.0], [2.0, 0.0]], atol=1e-12)
 
 
+def test_a_closed_polynomial_is_its_value_at_the_share_of_its_period_and_has_no_jump():
+    # x = 4 s (1 - s), y = 1 + s - s^3 over the share s
+    motion = Motion("polynomial", 8.0, coefficients_m=((0.0, 1.0), (4.0, 1.0), (-4.0, 0.0), (0.0, -1.0)))
+    tracks = Tracks([obstacle(motion)])
+    for time_s in (0.0, 1.0, 5.0, 7.999, 11.0):
+        share = time_s % 8.0 / 8.0
+        positions, velocities = tracks.at(time_s)
+        assert np.allclose(positions[0], [4 * share * (1 - share), 1 + share - share**3], atol=1e-12)
+        assert np.allclose(velocities[0], np.array([4 - 8 * share, 1 - 3 * share**2]) / 8.0, atol=1e-12)
+    assert np.abs(tracks.at(8.0 - 1e-9)[0] - tracks.at(0.0)[0]).max() < 1e-8
+
+
 def test_velocities_are_how_fast_positions_change(profiles):
     tracks = Tracks(list(profiles.values())[::20])
     step_s, generator = 1e-6, np.random.default_rng(1)
@@ -110,8 +136,8 @@ def test_velocities_are_how_fast_positions_change(profiles):
 
 def test_obstacles_of_all_kinds_are_found_together_and_none_at_all_too():
     several = [obstacle(Motion(kind, 6.0, KEYS), name=kind, phase_s=1.0) for kind in ("gazebo", "linear")]
-    straight = Motion("linear", 4.0, KEYS)
-    several.append(MovingObstacle("box", "box", size_x_m=1.0, size_y_m=2.0, yaw_rad=0.3, motion=straight))
+    circle = Motion("polynomial", 3.0, coefficients_m=((1.0, 1.0), (2.0, 3.0), (-2.0, -3.0)))
+    several.append(MovingObstacle("box", "box", size_x_m=1.0, size_y_m=2.0, yaw_rad=0.3, motion=circle))
     tracks = Tracks(several)
     assert tracks.names == ("gazebo", "linear", "box")
     assert tracks.radius_m.tolist() == [0.5, 0.5, 0.0] and tracks.size_m.tolist()[2] == [1.0, 2.0]
@@ -121,19 +147,19 @@ def test_obstacles_of_all_kinds_are_found_together_and_none_at_all_too():
 
 
 WRONG_MOTIONS = {
-    "one key": ({"keys": KEYS[:1]}, "keys must be 2 to 10000, got ((0.0, 1.0, 2.0),)"),
-    "no keys": ({}, "keys must be 2 to 10000, got ()"),
-    "a million keys": ({"keys": KEYS[:1] * 10**6}, f"keys must be 2 to {MOST_KEYS}, got (("),
+    "one key": ({"keys": KEYS[:1]}, "keys of a gazebo motion must be 2 to 10000, got 1"),
+    "no keys": ({}, "keys of a gazebo motion must be 2 to 10000, got 0"),
+    "a million keys": ({"keys": KEYS[:1] * 10**6}, f"keys of a gazebo motion must be 2 to {MOST_KEYS}, got 1000000"),
     "out of order": (
         {"keys": (KEYS[0], KEYS[2], KEYS[1])},
-        "keys[2] must be later than the key before, got 1 s",
+        "keys[2] must be later than the key before, at 4 s, got 1 s",
     ),
-    "same time": ({"keys": (KEYS[0], KEYS[0])}, "keys[1] must be later than the key before, got 0 s"),
+    "same time": ({"keys": (KEYS[0], KEYS[0])}, "keys[1] must be later than the key before, at 0 s, got 0 s"),
     "before the start": ({"keys": ((-1.0, 0.0, 0.0), *KEYS)}, "keys[0] must not be before 0 s, got -1 s"),
-    "NaN": ({"keys": (*KEYS, (5.0, math.nan, 0.0))}, "keys[3] must be finite, up to 10000 m, got (5.0, nan, 0.0)"),
+    "NaN": ({"keys": (*KEYS, (5.0, math.nan, 0.0))}, "keys[3] must be finite, up to 10000 m, got [5.0, nan, 0.0]"),
     "infinite": ({"keys": (*KEYS, (5.0, 0.0, math.inf))}, "keys[3] must be finite, up to 10000 m"),
     "NaN time": ({"keys": ((0.0, 0.0, 0.0), (math.nan, 0.0, 0.0))}, "keys[1] must be finite"),
-    "two numbers": ({"keys": (KEYS[0], (1.0, 2.0))}, "keys[1] must be time, x and y, got (1.0, 2.0)"),
+    "two numbers": ({"keys": (KEYS[0], (1.0, 2.0))}, "keys[1] must be time, x and y, got 2 numbers"),
     "short period": (
         {"keys": KEYS, "period_s": 3.0},
         "period_s must not be shorter than the time of the last key, 4 s, got 3.0",
@@ -141,7 +167,19 @@ WRONG_MOTIONS = {
     "NaN period": ({"keys": KEYS, "period_s": math.nan}, "period_s must be from 0.001 to 100000 s, got nan"),
     "unknown kind": (
         {"keys": KEYS, "kind": "gazeboo"},
-        "kind must be one of gazebo, linear, got 'gazeboo'; did",
+        "kind must be one of gazebo, linear, polynomial, got 'gazeboo'; did",
+    ),
+    "coefficients too": (
+        {"keys": KEYS, "coefficients_m": ((0.0, 0.0), (0.0, 0.0))},
+        "coefficients_m must be left out for a gazebo motion",
+    ),
+    "open polynomial": (
+        {"kind": "polynomial", "coefficients_m": ((0.0, 0.0), (1.0, 0.0))},
+        "coefficients_m must end where they begin, to 1e-06 m, but end 1 m off",
+    ),
+    "high polynomial": (
+        {"kind": "polynomial", "coefficients_m": ((0.0, 0.0),) * 17},
+        "coefficients_m of a polynomial motion must be 2 to 16, got 17",
     ),
 }
 

@@ -14,6 +14,7 @@ from barn_worlds.geometry.polygon import area, contains, hull, regular
 from barn_worlds.robots.files import ROBOTS, load_robot, robot_text, shipped_robots
 from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
 from barn_worlds.robots.robot import Chassis, Robot
+from barn_worlds.robots.urdf import LARGEST_URDF_BYTES, chassis_of, rotation
 
 BURGER = shipped_robots()["turtlebot3_burger"]
 HUSKY = shipped_robots()["husky"]
@@ -67,7 +68,7 @@ def test_the_sizes_are_those_of_the_data_sheets():
     }
 
 
-def test_the_jackal_has_the_defaults():
+def test_the_jackal_has_the_defaults_and_the_body_of_its_urdf():
     robot = load_robot("jackal")
     assert (robot.drive, robot.lidar, robot.odometry) == (DriveConfig(), LidarConfig(), OdometryConfig())
     assert robot.chassis.mass_kg == pytest.approx(16.523 + 4 * 0.477)
@@ -131,6 +132,8 @@ WRONG = {
     "two lidars": ({"lidar": [{}, {}]}, "lidar must be a mapping"),
     "no chassis": ({"chassis": 3}, "chassis must be a mapping"),
     "version": ({"schema_version": 2}, "schema_version must be 1, got 2"),
+    "URDF elsewhere": ({"urdf": "../jackal.urdf"}, "urdf must name a file beside it"),
+    "no URDF": ({"urdf": "none.urdf"}, r"none\.urdf: No such file"),
 }  # fmt: skip
 
 
@@ -155,6 +158,71 @@ def test_a_wrong_file_is_answered_in_one_line(changed, what):
 def test_a_differential_drive_stands_on_one_axle_and_casters(changed, changes, said):
     with pytest.raises(ConfigError, match=said):
         load_robot(changed(changes, BURGER))
+
+
+def test_keys_in_the_yaml_win_over_the_urdf(changed, tmp_path):
+    (tmp_path / "mine.urdf").write_text(shipped_robots()["jackal"].with_suffix(".urdf").read_text("utf-8"), "utf-8")
+    mine = load_robot(changed({"urdf": "mine.urdf", "chassis.mass_kg": 30.0}, shipped_robots()["jackal"]))
+    jackal = load_robot("jackal")
+    assert mine == replace(jackal, chassis=replace(jackal.chassis, mass_kg=30.0))
+
+
+TURNED = """<robot name="r">
+  <link name="base_footprint"/><link name="base_link"/>
+  <joint name="a" type="fixed"><parent link="base_footprint"/><child link="base_link"/><origin xyz="0 0 0.2"/></joint>
+  <link name="bar"><inertial><origin xyz="0 1 0"/><mass value="2"/>
+    <inertia ixx="1" iyy="2" izz="2.5" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="b" type="fixed"><parent link="base_link"/><child link="bar"/>
+    <origin xyz="1 0 0" rpy="0 0 1.5707963267948966"/></joint>
+  <link name="wheel_left"><collision><geometry><cylinder radius="0.1" length="0.02"/></geometry></collision></link>
+  <joint name="c" type="continuous"><parent link="base_link"/><child link="wheel_left"/>
+    <origin xyz="0.3 0.2 -0.1" rpy="-1.57 0 0"/></joint>
+  <link name="wheel_right"/>
+  <joint name="d" type="continuous"><parent link="base_link"/><child link="wheel_right"/>
+    <origin xyz="0.3 -0.2 -0.1"/></joint>
+</robot>"""
+
+
+def test_links_of_a_urdf_are_placed_and_turned_by_their_joints(tmp_path):
+    path = tmp_path / "r.urdf"
+    path.write_text(TURNED, "utf-8")
+    found = chassis_of(path)
+    assert found["mass_kg"] == 2.0
+    assert found["centre_of_mass_m"] == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)  # 1 ahead, 1 back
+    assert found["inertia_kg_m2"] == pytest.approx((2.0, 1.0, 2.5))
+    assert found["base_height_m"] == pytest.approx(0.2)
+    assert (found["track_m"], found["wheelbase_m"], found["axle_x_m"]) == pytest.approx((0.4, 0.0, 0.3))
+    assert (found["wheel_radius_m"], found["wheel_width_m"], found["wheel_z_m"]) == pytest.approx((0.1, 0.02, -0.1))
+
+
+def test_a_rotation_is_about_fixed_axes():
+    assert rotation(0.0, 0.0, 0.5 * math.pi) @ [1.0, 0.0, 0.0] == pytest.approx([0.0, 1.0, 0.0])
+    turned = rotation(0.3, -0.2, 0.5)
+    assert turned @ turned.T == pytest.approx(np.eye(3))
+    assert turned[2, 0] == pytest.approx(math.sin(0.2))
+
+
+@pytest.mark.parametrize(
+    "text, said",
+    [
+        ("<robot><link/></robot>", "'name'"),
+        ("<robot", "unclosed token"),
+        ('<!DOCTYPE r [<!ENTITY a "b">]><robot>&a;</robot>', "EntitiesForbidden"),
+        ("<robot name='r'><link name='x'/></robot>", "must have a link base_link"),
+        ("<robot name='r'><link name='base_link'/></robot>", "no link has a mass"),
+        (TURNED.replace('value="2"', 'value="inf"'), "none that is a number"),
+        (TURNED.replace('xyz="0 1 0"', 'xyz="0 1"'), "must be three numbers: '0 1'"),
+        (TURNED.replace('<mass value="2"/>', ""), "without <mass>"),
+        (TURNED.replace('<parent link="base_footprint"/>', '<parent link="bar"/>'), "joints make a ring"),
+        (TURNED + " " * LARGEST_URDF_BYTES, "more than the allowed"),
+    ],
+)
+def test_a_wrong_urdf_is_answered_in_one_line(tmp_path, text, said):
+    path = tmp_path / "r.urdf"
+    path.write_text(text, "utf-8")
+    with pytest.raises(ConfigError, match=said) as raised:
+        chassis_of(path)
+    assert str(raised.value).startswith(str(path))
 
 
 def test_axles_are_where_the_kind_of_drive_has_them():

@@ -71,6 +71,7 @@ class SimulatorNode(Node):
             self._leader = Leader(self, self._defaults, line, executor, reset=self._reset, pause=self._pause)
         self.create_service(Trigger, "~/reset", partial(self._answer, "reset", lambda _: self._reset()))
         self.create_service(SetBool, "~/pause", partial(self._answer, "pause", lambda asked: self._pause(asked.data)))
+        self.create_service(Trigger, "~/step", partial(self._answer, "step", lambda _: self._step()))
         wall = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_LOOK_PERIOD_S, self._commands.look, clock=wall)
         self.create_timer(SIMULATOR_DIAGNOSTICS.period_s, self._report, clock=wall)
@@ -175,6 +176,18 @@ class SimulatorNode(Node):
         scans, publishers = self._outputs.scan_subscriptions(), self._commands.publishers()
         connected = f"{scans} scan subscriptions, {publishers} command publishers"
         return True, f"{self.trial.summary()}; connected: {connected}"
+
+    def _step(self) -> Done:
+        """Advance one control period with the last command, while time stands still."""
+        trial = self.trial
+        if not self._paused:
+            return False, "not paused"
+        if not trial.published:
+            self._outputs.publish(trial.readings())
+        trial.answer = None
+        trial.simulator.step(trial.last)
+        self._outputs.publish(trial.readings())
+        return True, trial.summary()
 
     def _answer(self, name: str, serve: Callable[[Any], Done], request: object, response: Any) -> Any:
         if self._leader is not None:

@@ -15,8 +15,8 @@ from barn_worlds.worlds.dataset import open_dataset
 class SimulatedTrial:
     """A simulator whose time 0 is `origin_ns` of the clock, and its messages.
 
-    published: whether the readings of this instant are. answer: the command for them; missed: how often lockstep got
-    none in time; extra: commands that arrived when none was expected.
+    published: whether the readings of this instant are. answer: the command for them; last: the last one that came;
+    missed: how often lockstep got none in time; extra: commands that arrived when none was expected.
     """
 
     config: RunConfig
@@ -26,6 +26,7 @@ class SimulatedTrial:
     world_name: str
     published: bool = False
     answer: Velocity2D | None = None
+    last: Velocity2D | None = None
     commands: int = 0
     missed: int = 0
     extra: int = 0
@@ -39,7 +40,7 @@ class SimulatedTrial:
         """Store a command for the next step; an extra one replaces the one before."""
         self.commands += 1
         self.extra += self.answer is not None
-        self.answer = velocity
+        self.answer = self.last = velocity
 
     def readings(self) -> Iterator[Outgoing]:
         """Yield all readings of this instant, the scan last."""

@@ -7,20 +7,21 @@ the time alone.
 import json
 import math
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from barn_worlds.base.arrays import BoolGrid, Floats
+from barn_worlds.base.arrays import Floats
 from barn_worlds.base.config import Checked, as_dict, quantity
 from barn_worlds.base.errors import ConfigError, WorldError, shown
 
 MOST_MOVING = 1000  # obstacles of a world
 MOST_WALLS = 1000
 MOST_KEYS = 10_000  # of a motion
-KINDS = ("gazebo", "linear")
+MOST_COEFFICIENTS = 16
+KINDS = ("gazebo", "linear", "polynomial")
 SHAPES = ("cylinder", "box")
+CLOSED_M = 1e-6  # how far apart begin and end of a closed polynomial may be
 
 _FARTHEST_M = 10_000.0
 _LARGEST_M = 1000.0
@@ -39,32 +40,36 @@ class Motion(Checked):
     is half the step to its neighbour; if the first and the last key are one place it is that of a closed curve. (Below
     a millionth of a segment Gazebo rounds down to the key; this does not.) linear: straight between keys. Both rest at
     the last key until the period ends, then jump to the first; they rest at the first key before its time.
+
+    polynomial: coefficients (x, y in m) of the powers 0, 1, 2, ... of the share of the period that has passed; they
+    must end where they begin, so there is no jump.
     """
 
     kind: str = quantity("gazebo", "how positions between keys are found", choices=KINDS)
     period_s: float = quantity(10.0, "time after which it repeats", "s", minimum=0.001, maximum=_LONGEST_PERIOD_S)
     keys: tuple[tuple[float, float, float], ...] = ()
+    coefficients_m: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.require(2 <= len(self.keys) <= MOST_KEYS, "keys", f"must be 2 to {MOST_KEYS}")
-        limits = np.array([_LONGEST_PERIOD_S, _FARTHEST_M, _FARTHEST_M])
-        self._demand(np.array([len(key) == 3 for key in self.keys]), "must be time, x and y, got {}", self.keys)
-        table = np.array(self.keys, np.float64)
-        rule = f"must be finite, up to {_FARTHEST_M:g} m, got {{}}"
-        within: BoolGrid = np.all(np.abs(table) <= limits, axis=1)
-        self._demand(within, rule, self.keys)
-        times_s = table[:, 0]
-        self._demand(times_s >= 0.0, "must not be before 0 s, got {:g} s", times_s)
-        self._demand(np.diff(times_s, prepend=-1.0) > 0.0, "must be later than the key before, got {:g} s", times_s)
-        rule = f"must not be shorter than the time of the last key, {times_s[-1]:g} s"
-        self.require(self.period_s >= times_s[-1], "period_s", rule)
+        polynomial = self.kind == "polynomial"
+        given, other = ("coefficients_m", "keys") if polynomial else ("keys", "coefficients_m")
+        most = MOST_COEFFICIENTS if polynomial else MOST_KEYS
+        number = len(getattr(self, given))
+        self._demand(2 <= number <= most, given, f"of a {self.kind} motion must be 2 to {most}, got {number}")
+        self._demand(not getattr(self, other), other, f"must be left out for a {self.kind} motion")
+        if polynomial:
+            self._check_closed()
+        else:
+            self._check_keys()
 
     def pieces(self) -> tuple[Floats, Floats, Floats]:
         """Return begin (n,) and duration (n,) in s of n pieces, and their coefficients (n, 2, k) in m.
 
         coefficients: of x and y, of the powers 0, 1, ... of the share of the piece that has passed.
         """
+        if self.kind == "polynomial":
+            return np.zeros(1), np.array([self.period_s]), np.array(self.coefficients_m).T[None]
         table = np.array(self.keys)
         begin, points = table[:, 0], table[:, 1:]
         steps = np.diff(points, axis=0)
@@ -75,11 +80,41 @@ class Motion(Checked):
         cubic = np.stack([points[:-1], out, 3.0 * steps - 2.0 * out - into, out + into - 2.0 * steps], axis=2)
         return begin[:-1], np.diff(begin), cubic
 
-    def _demand(self, hold: BoolGrid, rule: str, values: Sequence[object] | Floats) -> None:
-        """Raise ConfigError for the first key for which something does not hold."""
-        if not hold.all():
-            place = int(hold.argmin())
-            raise ConfigError(f"keys[{place}] {rule.format(values[place])}")
+    def _check_keys(self) -> None:
+        table = self._table("keys", self.keys, 3, "time, x and y")
+        times_s = table[:, 0]
+        early, late = times_s < 0.0, np.diff(times_s) <= 0.0
+        if early.any():
+            self._demand(False, f"keys[{early.argmax()}]", f"must not be before 0 s, got {times_s.min():g} s")
+        if late.any():
+            place = int(late.argmax())
+            rule = f"must be later than the key before, at {times_s[place]:g} s, got {times_s[place + 1]:g} s"
+            self._demand(False, f"keys[{place + 1}]", rule)
+        rule = f"must not be shorter than the time of the last key, {times_s[-1]:g} s"
+        self.require(self.period_s >= times_s[-1], "period_s", rule)
+
+    def _check_closed(self) -> None:
+        table = self._table("coefficients_m", self.coefficients_m, 2, "x and y")
+        gap_m = max(abs(math.fsum(axis)) for axis in table[1:].T.tolist())
+        rule = f"must end where they begin, to {CLOSED_M:g} m, but end {gap_m:g} m off"
+        self._demand(gap_m <= CLOSED_M, "coefficients_m", rule)
+
+    def _table(self, name: str, rows: tuple[tuple[float, ...], ...], width: int, meaning: str) -> Floats:
+        """Return rows of numbers as an array (n, width)."""
+        place = next((k for k, row in enumerate(rows) if len(row) != width), None)
+        if place is not None:
+            self._demand(False, f"{name}[{place}]", f"must be {meaning}, got {len(rows[place])} numbers")
+        table: Floats = np.array(rows, np.float64)
+        limits = [_LONGEST_PERIOD_S, _FARTHEST_M, _FARTHEST_M][-width:]
+        wrong = ~(np.abs(table) <= limits).all(axis=1)
+        if wrong.any():
+            place = int(wrong.argmax())
+            self._demand(False, f"{name}[{place}]", f"must be finite, up to {_FARTHEST_M:g} m, got {list(rows[place])}")
+        return table
+
+    def _demand(self, holds: bool, name: str, rule: str) -> None:
+        if not holds:
+            raise ConfigError(f"{name} {rule}")
 
 
 def _tangents(points: Floats) -> Floats:
@@ -152,6 +187,4 @@ def checked_scene(
 def scene_content(walls: tuple[Wall, ...], moving: tuple[MovingObstacle, ...]) -> bytes:
     """Return all that walls and moving obstacles are, apart from their names, as bytes to make a checksum of."""
     plain = [as_dict(wall) for wall in walls], [{**as_dict(one), "name": ""} for one in moving]
-    for one in plain[1]:
-        one["motion"]["coefficients_m"] = ()  # there when the checksums of shipped data sets were made
     return json.dumps(plain, sort_keys=True, separators=(",", ":")).encode()

@@ -11,6 +11,7 @@ from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import ConfigError, shown, suggest
 from barn_worlds.base.text_files import read_yaml
 from barn_worlds.robots.robot import Chassis, Robot
+from barn_worlds.robots.urdf import chassis_of
 
 SCHEMA_VERSION = 1
 ENDINGS = (".yaml", ".yml")
@@ -54,7 +55,8 @@ def _read(path: Path) -> Robot:
     if not isinstance(name, str) or not name:
         raise ConfigError(f"{path}: name must be the name of the robot, got {shown(name)}")
     chassis, drive = (_section(content, key, path) for key in ("chassis", "drive"))
-    content["chassis"] = {"name": name, **chassis}
+    of_urdf = chassis_of(_beside(path, content.pop("urdf"))) if "urdf" in content else {}
+    content["chassis"] = {"name": name, **of_urdf, **chassis}
     content["drive"] = {_MULTIPLIER: 1.0, **drive}
     robot = from_dict(Robot, content, str(path))
     needed = dict(_NEEDED)
@@ -72,6 +74,12 @@ def _section(content: dict[str, Any], key: str, path: Path) -> dict[str, Any]:
     if not isinstance(given, dict):
         raise ConfigError(f"{path}: {key} must be a mapping of names to values, got {shown(given)}")
     return given
+
+
+def _beside(path: Path, urdf: object) -> Path:
+    if not isinstance(urdf, str) or Path(urdf).name != urdf:
+        raise ConfigError(f"{path}: urdf must name a file beside it, got {shown(urdf)}")
+    return path.parent / urdf
 
 
 ROBOTS: Mapping[str, Robot] = {name: _read(file) for name, file in shipped_robots().items()}
