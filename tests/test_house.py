@@ -9,13 +9,13 @@ import pytest
 
 TOOL = Path(__file__).resolve().parents[1] / "qa" / "house.py"
 MOST = {
-    "lines of Python": 43_000,
+    "lines of Python": 39_800,
     "lines of JavaScript": 1_400,
-    "lines of tests": 30_300,
+    "lines of tests": 29_700,
     "lines of the longest function": 78,
-    "imports inside functions": 15,
-    "exceptions from rules (noqa)": 39,
-    "signatures with a bare Any": 37,
+    "imports inside functions": 14,
+    "exceptions from rules (noqa)": 37,
+    "signatures with a bare Any": 35,
     "class names used twice": 0,
     "leaf commands": 24,
     "options of commands": 117,
