@@ -167,7 +167,7 @@ class SimulatorNode(Node):
         self.trial = trial
         before.simulator.close()
         self._outputs.publish([*trial.messages.constant(), trial.messages.clock(trial.now_ns)])
-        self._commands.look()
+        self._commands.begin_trial()
         return True, f"{self._describe()}; before: {before.summary()}"
 
     def _pause(self, on: bool) -> Done:

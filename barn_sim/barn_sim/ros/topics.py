@@ -37,7 +37,7 @@ class CommandInput:
         self._node, self._take = node, take
         self._fixed = wanted != "auto"
         self._topic = node.resolve_topic_name(CMD_VEL.name)
-        self._reliable = True
+        self._complained, self._reliable = False, True
         self._subscription = self._subscribe()
 
     def _subscribe(self) -> Subscription:
@@ -50,8 +50,13 @@ class CommandInput:
         """Return the number of publishers of commands."""
         return int(self._subscription.get_publisher_count())
 
+    def begin_trial(self) -> None:
+        """Allow one complaint in the new trial."""
+        self._complained = False
+        self.look()
+
     def look(self) -> None:
-        """Check the publishers on the topic: adopt their type and reliability, or complain."""
+        """Check the publishers on the topic: adopt their type and reliability, or complain, once per trial."""
         publishers = self._node.get_publishers_info_by_topic(self._topic)
         kinds = sorted(_KINDS[info.topic_type] for info in publishers if info.topic_type in _KINDS)
         kind = kinds[0] if not self._fixed and kinds and self.kind not in kinds else self.kind
@@ -65,10 +70,10 @@ class CommandInput:
             delivery = "reliably" if guaranteed else "best-effort"
             self._node.get_logger().info(f"{self._topic}: commands come {delivery} as {name.rpartition('/')[2]}")
         wrong = sorted(f"{info.topic_type} of {info.node_name}" for info in publishers if info.topic_type != name)
-        complaint = f"{self._topic}: not heard: {', '.join(wrong)}; this run expects {name}" if wrong else ""
-        if complaint and complaint != self.complaint:
-            self._node.get_logger().error(complaint)
-        self.complaint = complaint
+        self.complaint = f"{self._topic}: not heard: {', '.join(wrong)}; this run expects {name}" if wrong else ""
+        if wrong and not self._complained:  # not at each change: at first a node's name may not be known
+            self._complained = True
+            self._node.get_logger().error(self.complaint)
 
 
 class Outputs:
