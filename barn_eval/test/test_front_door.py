@@ -152,7 +152,7 @@ def test_what_a_difficulty_model_predicts_is_checked_against_trials(tmp_path):
     lines = [f"{number},{one.path_length_m:.9f},8.0,9.0" for number, one in worlds.items()]
     table = tmp_path / "times.csv"
     table.write_text("\n".join(["world,path_length_m,dwa_1,eband_1", *lines]) + "\n")
-    found = barn.difficulty.check(table, dataset=str(tmp_path / "worlds.npz"))
+    found = barn.difficulty.evaluate(table, weights="shipped", folds=3, dataset=str(tmp_path / "worlds.npz"))
     assert (found.worlds, found.trials) == (len(worlds), 2 * len(worlds))
     with pytest.raises(BarnError, match=r"weights\.bin: must end in \.npz"):
         barn.difficulty.train(table, tmp_path / "weights.bin")

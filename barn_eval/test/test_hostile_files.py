@@ -12,9 +12,10 @@ import pyarrow.parquet
 import pytest
 from test_campaign_runner import record
 
+from barn_eval.experiments.check import _parquet_problem
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.folder import opened
-from barn_eval.experiments.rows import sealed
+from barn_eval.experiments.rows import results_table, sealed
 from barn_eval.results import Results
 
 GAP = Experiment(worlds="0,9", planners=(PlannerChoice("gap"), PlannerChoice("dwa")))
@@ -162,7 +163,9 @@ def test_a_parquet_table_of_any_number_of_rows(refused, tmp_path):
     pyarrow.parquet.write_table(table, tmp_path / "t.parquet", compression="zstd")
     assert (tmp_path / "t.parquet").stat().st_size < 20_000
     told = refused("difficulty", "train", "t.parquet", "--out", "w.npz")
-    assert told == "t.parquet: must have at most 1000000 rows, has 2000000"
+    assert told == "t.parquet: must be a folder of results or a table of published times (.csv)"
+    problem = _parquet_problem((tmp_path / "t.parquet").read_bytes(), results_table([]))
+    assert problem == "has 2000000 rows or columns that are not those of results.jsonl"
 
 
 @pytest.mark.parametrize(

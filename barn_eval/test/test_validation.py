@@ -83,7 +83,7 @@ def test_equal_planners_share_their_worlds_and_nothing_else():
     correlation = np.mean([one.between / (one.between + one.within) for one in parts])
     assert correlation == pytest.approx(0.67, abs=0.12)
     assert np.corrcoef(values[:, 0].ravel(), values[:, 1].ravel())[0, 1] > 0.4
-    assert draws[0][0][2].tolist()[:4] == [0, 1, 2, 0]
+    assert draws[0][0].repetitions.tolist()[:4] == [0, 1, 2, 0]
 
 
 @pytest.mark.parametrize(

@@ -33,6 +33,8 @@ def read_trials(source: Path, dataset: str = "") -> tuple[dict[int, World], Tria
     """
     if source.suffix == ".csv" and not source.is_dir():
         return _of_published(source, open_dataset(dataset or source.resolve().parent))
+    if source.is_file():
+        raise ConfigError(f"{source}: must be a folder of results or a table of published times (.csv)")
     found = read_source(source)
     worlds = open_dataset(dataset or str(found.configuration.get("dataset")))
     known = {(world := worlds.load(index)).checksum: (index, world) for index in worlds.indices}

@@ -164,7 +164,10 @@ def camera_frames(recorded: Recorded, camera: str, times_s: Sequence[float], fin
             shown: dict[str, Any] = {"driven": index, "finer": finer}
             if moving is not None:
                 now_s = float(recorded.times_s[index])
-                shown |= {"places": moving.placed(now_s).poses[:, :2], "passed": np.concatenate(moving.trails(now_s))}
+                shown |= {
+                    "places": moving.placed(now_s).poses[:, :2],
+                    "passed": np.vstack([np.empty((0, 2)), *moving.trails(now_s)]),
+                }
             pixels = studio.picture(pose, view, SIZES[camera], **shown)
             yield _captioned(pixels, recorded, time_s)
 
