@@ -128,15 +128,15 @@ def changed(text, **changes):
 WRONG = {
     "keys out of order": (
         {"moving__motion__keys": [[0, 0, 0], [2, 0, 0], [1, 0, 0]]},
-        "moving[0].motion.keys[2] must be later than the key before, got 1 s",
+        "moving[0].motion.keys[2] must be later than the key before, at 2 s, got 1 s",
     ),
     "NaN": (
         {"moving__motion__keys": [[0, 0, 0], [2, float("nan"), 0]]},
-        "moving[0].motion.keys[1] must be finite, up to 10000 m, got (2.0, nan, 0.0)",
+        "moving[0].motion.keys[1] must be finite, up to 10000 m, got [2.0, nan, 0.0]",
     ),
     "one key": (
         {"moving__motion__keys": [[0, 0, 0]]},
-        "moving[0].motion.keys must be 2 to 10000, got ((0.0, 0.0, 0.0),)",
+        "moving[0].motion.keys of a gazebo motion must be 2 to 10000, got 1",
     ),
     "short period": (
         {"moving__motion__period_s": 3.0},
@@ -144,7 +144,7 @@ WRONG = {
     ),
     "too many keys": (
         {"moving__motion__keys": [[0, 0, 0] for _ in range(20_000)]},
-        "moving[0].motion.keys must be 2 to 10000, got ((",
+        "moving[0].motion.keys of a gazebo motion must be 2 to 10000, got 20000",
     ),
     "a million keys": ({}, "more than the allowed 1000000 bytes"),
     "a key of text": ({"moving__motion__keys": [[0, 0, "a"]]}, "moving[0].motion.keys[0][2] must be a number, got 'a'"),
@@ -186,7 +186,7 @@ def repack(path, name, array):
     ("name", "array", "message"),
     [
         ("motion_rows", np.array([3, 2, 4]), "is damaged: "),
-        ("motion_rows", np.array([3, -3, 9]), "keys must be 2 to 10000"),
+        ("motion_rows", np.array([3, -3, 9]), "keys of a gazebo motion must be 2 to 10000"),
         ("motion", np.zeros((9, 2)), "keys[0] must be time, x and y"),
         ("moving", np.array([2, 0, 4]), "world 8 is damaged: index 3 is out of bounds"),
         ("moving", np.array([2, 0, 3, 2]), "world 7 is damaged: "),
