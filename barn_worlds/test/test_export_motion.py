@@ -28,7 +28,7 @@ MOVING = (
         size_x_m=1.0,
         size_y_m=2.0,
         yaw_rad=0.5,
-        motion=Motion("linear", 8.0, KEYS),
+        motion=Motion("polynomial", 8.0, coefficients_m=((0.0, 1.0), (4.0, 1.0), (-4.0, 0.0), (0.0, -1.0))),
     ),
 )
 
@@ -138,6 +138,10 @@ def test_pictures_of_one_and_many_worlds_are_written(world, small_world, tmp_pat
     assert len(coloured(Image.open(tmp_path / "one.png"), (0xD1, 0x83, 0xAF))) > 500
     sheet = sheet_figure({0: world, 1: small_world})
     (axes,) = sheet.axes
-    found = [path.vertices.mean(axis=0) for one in axes.collections for path in one.get_paths()]
+    found = [
+        0.5 * (path.vertices.min(axis=0) + path.vertices.max(axis=0))
+        for one in axes.collections
+        for path in one.get_paths()
+    ]
     places = (world.tracks.at(0.0)[0] - [-10.25, 10.25]) / 0.5 * [1.0, -1.0] + [-0.5, 5.5]  # cells from the corner
     assert all(np.hypot(*(np.array(found) - place).T).min() < 0.1 for place in places)

@@ -29,7 +29,7 @@ MOVING = (
         size_x_m=0.3,
         size_y_m=1.7,
         yaw_rad=0.3,
-        motion=Motion("linear", 4.3, KEYS),
+        motion=Motion("polynomial", 3.3, coefficients_m=((0.1, 0.2), (1.0, 2.0), (-1.0, -2.0))),
     ),
     MovingObstacle("again", radius_m=0.25, motion=Motion("gazebo", 5.0, KEYS)),
 )
@@ -186,7 +186,7 @@ def repack(path, name, array):
     ("name", "array", "message"),
     [
         ("motion_rows", np.array([3, 2, 4]), "is damaged: "),
-        ("motion_rows", np.array([3, -3, 9]), "keys of a gazebo motion must be 2 to 10000"),
+        ("motion_rows", np.array([3, -3, 9]), "motion must be 2 to 10000"),
         ("motion", np.zeros((9, 2)), "keys[0] must be time, x and y"),
         ("moving", np.array([2, 0, 4]), "world 8 is damaged: index 3 is out of bounds"),
         ("moving", np.array([2, 0, 3, 2]), "world 7 is damaged: "),

@@ -88,8 +88,10 @@ class OwnFile:
         for name, (shape, *sizes), k in zip(
             names, rows, _part(a["obstacle_motion"], a["moving"], position), strict=True
         ):
-            keys = tuple(map(tuple, _part(a["motion"], a["motion_rows"], int(k)).tolist()))
-            motion = Motion(KINDS[int(a["motion_kind"][k])], float(a["motion_period_s"][k]), keys)
+            kind, period_s = KINDS[int(a["motion_kind"][k])], float(a["motion_period_s"][k])
+            table = tuple(map(tuple, _part(a["motion"], a["motion_rows"], int(k)).tolist()))
+            polynomial = kind == "polynomial"  # whose rows are power, x and y, not time, x and y
+            motion = Motion(kind, period_s, *(((), tuple(row[1:] for row in table)) if polynomial else (table,)))
             values = dict(zip(_OBSTACLE, sizes, strict=True))
             moving.append(MovingObstacle(name, SHAPES[int(shape)], **values, motion=motion))
         x_m, y_m = map(float, a["corner_m"][position])
@@ -178,9 +180,13 @@ def _scenes(worlds: Sequence[World]) -> Arrays:
         "obstacle_motion": np.array([motions[one.motion] for one in obstacles], np.int32),
         "motion_kind": np.array([KINDS.index(motion.kind) for motion in motions], np.uint8),
         "motion_period_s": np.array([motion.period_s for motion in motions]),
-        "motion_rows": np.array([len(motion.keys) for motion in motions], np.int32),
-        "motion": _table([key for motion in motions for key in motion.keys], 3),
+        "motion_rows": np.array([len(_rows_of(motion)) for motion in motions], np.int32),
+        "motion": _table([row for motion in motions for row in _rows_of(motion)], 3),
     }
+
+
+def _rows_of(motion: Motion) -> Sequence[tuple[float, float, float]]:
+    return motion.keys or [(power, x, y) for power, (x, y) in enumerate(motion.coefficients_m)]
 
 
 def _table(rows: Sequence[Sequence[float]], width: int) -> Floats:
