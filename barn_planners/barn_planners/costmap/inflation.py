@@ -14,7 +14,12 @@ _BAND = 64  # rows, which a cache holds
 
 @njit(cache=True)
 def refresh(lethal, costs, by_square, squares, dirty, by_front=False):  # type: ignore[no-untyped-def]
-    """Bring costs up to date where cells of the dirty window became or ceased to be lethal, and empty the window."""
+    """Bring costs up to date where cells of the dirty window became or ceased to be lethal, and empty the window.
+
+    by_front: as `inflate_by_front` has it.
+
+    A scan clears most marks and sets them again, so that few cells of the window have changed in the end.
+    """
     if dirty[1] <= dirty[0]:
         return
     rows, cols = lethal.shape
@@ -33,7 +38,11 @@ def refresh(lethal, costs, by_square, squares, dirty, by_front=False):  # type: 
 
 @njit(cache=True)
 def _changed_boxes(lethal, costs, dirty, highest, near, boxes):  # type: ignore[no-untyped-def]
-    """Find boxes of cells whose cost does not tell whether they are lethal; return how many, one if too many."""
+    """Find the cells of the dirty window whose cost does not tell whether they are lethal; return how many boxes.
+
+    A box is a window as `dirty`. A cell joins the first box of which it is at most `near` cells off; all cells make
+    one box where there would be too many.
+    """
     count = 0
     for row in range(dirty[0], dirty[1]):
         marked, cost = lethal[row, dirty[2] : dirty[3]], costs[row, dirty[2] : dirty[3]]
@@ -67,7 +76,10 @@ def _join(boxes, count, row, col, near):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def shift(lethal, costs, by_square, squares, d_row, d_col):  # type: ignore[no-untyped-def]
-    """Move a grid: cell (i, j) gets what was in (i + d_row, j + d_col), nothing where that was off the grid."""
+    """Move a grid: cell (i, j) gets what was in (i + d_row, j + d_col), nothing where that was off the grid.
+
+    Only costs beside the edges can change by that, and they are recomputed where there are any.
+    """
     rows, cols = lethal.shape
     _move(lethal, d_row, d_col)
     _move(costs, d_row, d_col)
@@ -83,7 +95,8 @@ def shift(lethal, costs, by_square, squares, d_row, d_col):  # type: ignore[no-u
 @njit(cache=True)
 def _inflate_strip(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, col_hi):  # type: ignore[no-untyped-def]
     """Recompute the costs of a window, which may extend beyond the grid, where costs are near."""
-    (rows, cols), reach = costs.shape, len(squares) - 2
+    rows, cols = costs.shape
+    reach = len(squares) - 2
     top, bottom, left, right = rows, -1, cols, -1
     for row in range(max(0, row_lo - reach), min(rows, row_hi + reach)):
         for col in range(max(0, col_lo - reach), min(cols, col_hi + reach)):
@@ -97,17 +110,31 @@ def _inflate_strip(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, co
 
 @njit(cache=True)
 def _move(layer, d_row, d_col):  # type: ignore[no-untyped-def]
+    """Move the cells of a layer as `shift` does, in place."""
     rows, cols = layer.shape
-    before, first, end = layer.copy(), max(0, -d_col), min(cols, cols - d_col)
-    layer[:] = 0
-    for row in range(max(0, -d_row), min(rows, rows - d_row)):
-        for col in range(first, end):
-            layer[row, col] = before[row + d_row, col + d_col]
+    if abs(d_row) >= rows or abs(d_col) >= cols:
+        layer[:] = 0
+        return
+    cells, before, step = layer.reshape(rows * cols), layer.copy().reshape(rows * cols), d_row * cols + d_col
+    source, target = (before[step:], cells) if step > 0 else (before, cells[-step:])
+    for k in range(len(cells) - abs(step)):
+        target[k] = source[k]
+    if d_row > 0:
+        layer[rows - d_row :] = 0
+    else:
+        layer[:-d_row] = 0
+    if d_col > 0:
+        layer[:, cols - d_col :] = 0
+    else:
+        layer[:, :-d_col] = 0
 
 
 @njit(cache=True)
 def inflate(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, col_hi):  # type: ignore[no-untyped-def]
-    """Give each cell of a window the cost of its distance to the nearest lethal cell, up to n outside of it."""
+    """Recompute the costs of a window: each cell gets the cost of its distance to the nearest lethal cell.
+
+    Lethal cells up to n outside the window count. Rows follow each other in one line, so that the loops are long.
+    """
     reach = len(squares) - 2
     width = col_hi - col_lo + 2 * reach
     band = min(_BAND, row_hi - row_lo)
@@ -139,7 +166,10 @@ def _copy_marks(lethal, marks, row_lo, row_hi, col_lo, far):  # type: ignore[no-
 
 @njit(cache=True)
 def _spread(found, nearest, apart, squares):  # type: ignore[no-untyped-def]
-    """Write the least of square plus square of the offset, of cells up to n to both sides that are `apart`."""
+    """Write the least of square plus square of the offset, of cells up to n to both sides that are `apart`.
+
+    nearest[0] is for found[n * apart].
+    """
     reach = len(squares) - 2
     centre = found[reach * apart :]
     for k in range(len(nearest)):
@@ -198,7 +228,10 @@ def inflate_by_front(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, 
 
 @njit(cache=True)
 def _append(queue, count, square, cell, source):  # type: ignore[no-untyped-def]
-    """Append a cell and where its front began to those of a square of the distance; return the number of all."""
+    """Append a cell and where its front began to those of a square of the distance; return the number of all.
+
+    queue: (n, 3) cell, source and number of the next one of that square; the first and the last one of each square.
+    """
     cells, first, last = queue
     cells[count, 0], cells[count, 1], cells[count, 2] = cell, source, -1
     if first[square] < 0:

@@ -13,7 +13,10 @@ from barn_planners.global_plan.kernels import UNREACHED
 
 @njit(cache=True)
 def gradient(potential, cols, cell, blocked_slope):  # type: ignore[no-untyped-def]
-    """Return the unit descent (column, row) at a cell's centre, `blocked_slope` if unreached; (0, 0) on the border."""
+    """Return the unit descent direction (column, row) at the centre of a cell; (0, 0) on a plateau or the border.
+
+    At an unreached cell it points, with `blocked_slope`, to the reached neighbours.
+    """
     row, col = cell // cols, cell % cols
     if row < 1 or col < 1 or col >= cols - 1 or row >= potential.size // cols - 1:
         return 0.0, 0.0
@@ -27,6 +30,7 @@ def gradient(potential, cols, cell, blocked_slope):  # type: ignore[no-untyped-d
 
 @njit(cache=True)
 def _slope(potential, cell, offset, blocked_slope):  # type: ignore[no-untyped-def]
+    """Return the descent along one axis, with neighbours `offset` cells before and after; see `gradient`."""
     value = potential[np.uint64(cell)]
     before, after = potential[np.uint64(cell - offset)], potential[np.uint64(cell + offset)]
     if value >= UNREACHED:
@@ -54,15 +58,44 @@ def _lowest_neighbour(potential, cols, cell):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _interpolated(potential, cols, row, col, fx, fy, blocked_slope):  # type: ignore[no-untyped-def]
-    """Return the descent direction (column, row) between the centres of (row + 0 or 1, col + 0 or 1), bilinear."""
+def _walled(potential, cols, cell):  # type: ignore[no-untyped-def]
+    """Tell whether a cell or one of its 8 neighbours is unreached."""
+    for d_row in (-1, 0, 1):
+        for d_col in (-1, 0, 1):
+            if potential[cell + d_row * cols + d_col] >= UNREACHED:
+                return True
+    return False
+
+
+@njit(cache=True)
+def _find_corners(potential, cols, row, col, blocked_slope, last, corners):  # type: ignore[no-untyped-def]
+    """Write the gradients (4, 2) of the cells (row + 0 or 1, col + 0 or 1), row by row.
+
+    last: row and column of which `corners` holds the gradients; those that both have are kept.
+    """
+    last_row, last_col = last
+    if row == last_row and col == last_col:
+        return
+    kept = corners.copy()
+    for i in range(2):
+        for j in range(2):
+            was_row, was_col = row + i - last_row, col + j - last_col
+            if 0 <= was_row <= 1 and 0 <= was_col <= 1:
+                gx, gy = kept[2 * was_row + was_col, 0], kept[2 * was_row + was_col, 1]
+            else:
+                gx, gy = gradient(potential, cols, (row + i) * cols + col + j, blocked_slope)
+            corners[2 * i + j, 0], corners[2 * i + j, 1] = gx, gy
+
+
+@njit(cache=True)
+def _interpolated(corners, fx, fy):  # type: ignore[no-untyped-def]
+    """Return the descent direction (column, row) between the centres of four cells, bilinear."""
     dx = dy = 0.0
     for i in range(2):
         for j in range(2):
             weight = (fy if i else 1.0 - fy) * (fx if j else 1.0 - fx)
-            gx, gy = gradient(potential, cols, (row + i) * cols + col + j, blocked_slope)
-            dx += weight * gx
-            dy += weight * gy
+            dx += weight * corners[2 * i + j, 0]
+            dy += weight * corners[2 * i + j, 1]
     return dx, dy
 
 
@@ -75,6 +108,7 @@ def descend(potential, cols, start, goal, step, neutral, blocked_slope, points):
     """
     rows = potential.size // cols
     x, y = float(goal % cols), float(goal // cols)
+    corners, last = np.empty((4, 2)), (-2, -2)
     for n in range(len(points)):
         row, col = math.floor(y + 0.5), math.floor(x + 0.5)
         if row < 0 or col < 0 or row >= rows or col >= cols:
@@ -88,9 +122,11 @@ def descend(potential, cols, start, goal, step, neutral, blocked_slope, points):
         points[n, 0], points[n, 1] = x, y
         to_and_fro = n >= 2 and points[n - 2, 0] == x and points[n - 2, 1] == y
         dx = dy = 0.0
-        if not to_and_fro and not _beside_wall(potential, cols, cell):
+        if not to_and_fro and not _walled(potential, cols, cell):
             low_row, low_col = math.floor(y), math.floor(x)
-            dx, dy = _interpolated(potential, cols, low_row, low_col, x - low_col, y - low_row, blocked_slope)
+            _find_corners(potential, cols, low_row, low_col, blocked_slope, last, corners)
+            last = low_row, low_col
+            dx, dy = _interpolated(corners, x - low_col, y - low_row)
         norm = math.hypot(dx, dy)
         if norm > 0.0:
             x += step * dx / norm
@@ -162,6 +198,7 @@ def _rounded(offset):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _length(x, y):  # type: ignore[no-untyped-def]
+    """Return the length of a vector in single precision."""
     return np.float32(math.sqrt(np.float64(x) * np.float64(x) + np.float64(y) * np.float64(y)))
 
 
@@ -202,7 +239,10 @@ def _beside_wall(potential, cols, cell):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _lowest_in_whole_numbers(potential, cols, cell):  # type: ignore[no-untyped-def]
-    """Return the cell of lowest potential of a cell and its neighbours, rounded down; the lowest if beyond 32 bits."""
+    """Return the cell of lowest potential of a cell and its 8 neighbours, each compared with a number rounded down.
+
+    A potential beyond whole numbers of 32 bits becomes the lowest of them.
+    """
     best, lowest = cell, -(2.0**31)
     if potential[cell] < 2.0**31:
         lowest = math.floor(potential[cell])

@@ -180,3 +180,26 @@ def poses_along(points, frame, half_cell):  # type: ignore[no-untyped-def]
     for k in range(n):
         steps[0, k], steps[1, k] = poses[k + 1, 0] - poses[k, 0], poses[k + 1, 1] - poses[k, 1]
     return poses, steps
+
+
+@njit(cache=True)
+def visible_points(plan, x, y, radius):  # type: ignore[no-untyped-def]
+    """Return first and end of the points of a plan (n, 2 or more) within the radius, up to where it leaves it."""
+    first = 0
+    while first < len(plan) and not math.hypot(plan[first, 0] - x, plan[first, 1] - y) <= radius:
+        first += 1
+    if first == len(plan):
+        return 0, 0
+    end = first
+    while end < len(plan) and math.hypot(plan[end, 0] - x, plan[end, 1] - y) <= radius:
+        end += 1
+    return first, end
+
+
+@njit(cache=True)
+def passed_points(plan, x, y, keep):  # type: ignore[no-untyped-def]
+    """Return the number of points of a plan (n, 2 or more) before the first one nearer than `keep`; all if none is."""
+    for k in range(len(plan)):
+        if math.hypot(plan[k, 0] - x, plan[k, 1] - y) < keep:
+            return k
+    return len(plan)

@@ -165,14 +165,11 @@ def moved_plan(plan: FloatArray, frame: Pose2D) -> FloatArray:
 
 def visible_slice(plan: FloatArray, pose: Pose2D, radius_m: float) -> slice:
     """Return the part of a plan (n, 2 or more) that is within the radius of the pose, up to where it leaves it."""
-    near = np.hypot(plan[:, 0] - pose.x, plan[:, 1] - pose.y) <= radius_m
-    if not near.any():
-        return slice(0, 0)
-    first = int(near.argmax())
-    return slice(first, len(plan) if near[first:].all() else first + int(near[first:].argmin()))
+    first, end = kernels.visible_points(plan, pose.x, pose.y, radius_m)
+    return slice(first, end)
 
 
 def passed_points(plan: FloatArray, pose: Pose2D, keep_m: float) -> int:
     """Return the number of points before the first one nearer than `keep_m` to the pose; all if there is none."""
-    near = np.hypot(plan[:, 0] - pose.x, plan[:, 1] - pose.y) < keep_m
-    return int(near.argmax()) if near.any() else len(plan)
+    passed: int = kernels.passed_points(plan, pose.x, pose.y, keep_m)
+    return passed
