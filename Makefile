@@ -7,7 +7,8 @@ VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
 OUT ?= out/demo
 BENCH ?= out/bench.json
-COMPILE := uv pip compile --universal --python-version 3.10 --no-header --no-emit-index-url --no-emit-find-links --quiet
+# extras stay in the lock: an older pip refuses `coverage[toml]` once a release newer than the locked one is out
+COMPILE := uv pip compile --universal --no-strip-extras --python-version 3.10 --no-header --no-emit-index-url --no-emit-find-links --quiet
 export RCUTILS_LOGGING_BUFFERED_STREAM ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
