@@ -5,6 +5,7 @@ PYTHON ?= python3
 PACKAGES := barn_worlds barn_sim barn_planners barn_metrics barn_eval
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
+WHEELS := wheels/$(shell $(PYTHON) -c 'import sys; print("cp%d%d" % sys.version_info[:2])')
 OUT ?= out/demo
 BENCH ?= out/bench.json
 # extras stay in the lock: an older pip refuses `coverage[toml]` once a release newer than the locked one is out
@@ -12,7 +13,7 @@ COMPILE := uv pip compile --universal --no-strip-extras --python-version 3.10 --
 export RCUTILS_LOGGING_BUFFERED_STREAM ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: demo test lint bench-check generated docs figures animation mutation coverage audit install extras lock clean
+.PHONY: demo test lint bench-check generated docs figures animation mutation coverage audit install extras wheels lock clean
 .DELETE_ON_ERROR:
 # all targets install into one environment
 .NOTPARALLEL:
@@ -73,8 +74,18 @@ $(VENV)/compiled: $(VENV)/installed
 	$(BIN)/python -c "from barn_sim.simulator import warm_up; warm_up()"
 	touch $@
 
-$(VENV)/requirements: requirements.lock
-	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+# PyBullet has no wheel for Python 3.12: this compiles it, from the source that the lock names, for all environments to
+# come, which takes about ten minutes
+wheels: $(BIN)/python
+	mkdir -p $(WHEELS)
+	sed -n '/^pybullet/,/[^\\]$$/p' requirements.lock > $(WHEELS)/pybullet.lock
+	$(BIN)/python -m pip wheel --no-deps --disable-pip-version-check --wheel-dir $(WHEELS) -r $(WHEELS)/pybullet.lock
+
+$(BIN)/python:
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/requirements: requirements.lock | $(BIN)/python
+	test ! -d $(WHEELS) || $(BIN)/python -m pip install --quiet --no-index --no-deps --find-links $(WHEELS) pybullet
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
 	touch $@
 
@@ -89,8 +100,7 @@ $(VENV)/extras: requirements-extra.lock $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-extra.lock
 	touch $@
 
-$(VENV)/docs: requirements-docs.lock
-	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+$(VENV)/docs: requirements-docs.lock | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-docs.lock
 	touch $@
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = ("*.md", "docs/**/*.md", "barn_*/README.md", "barn_*/barn_*/data/*.md", "examples/**/README.md")
+ASSETS = ("docs/site.css", "docs/iframe-worker.js")
 LINK = re.compile(r"\]\(([^)\s#]+)|<img src=\"([^\"]+)\"")
 
 
@@ -30,7 +31,7 @@ def targets(page: Path) -> set[Path]:
 def lay_out(folder: Path) -> None:
     """Make the folder anew."""
     shutil.rmtree(folder, ignore_errors=True)
-    for path in {*pages(), *(target for page in pages() for target in targets(page)), ROOT / "docs" / "site.css"}:
+    for path in {*pages(), *(target for page in pages() for target in targets(page)), *map(ROOT.joinpath, ASSETS)}:
         place = folder / path.relative_to(ROOT)
         place.parent.mkdir(parents=True, exist_ok=True)
         place.symlink_to(path)

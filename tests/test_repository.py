@@ -1,6 +1,10 @@
 """What the repository states more than once is the same everywhere: its version and its checks."""
 
+import json
+import os
 import re
+import subprocess
+import sys
 from collections import Counter
 from importlib import import_module
 from pathlib import Path
@@ -102,3 +106,51 @@ def test_no_two_files_of_tests_have_the_same_name():
     """pytest imports them all into one process."""
     names = [path.name for top in (*PACKAGES, "") for path in (ROOT / top).glob("test*/*.py")]
     assert sorted(name for name, count in Counter(names).items() if count > 1) == ["conftest.py"]
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_package_xml_has_a_key_for_each_library_or_says_that_there_is_none(package, monkeypatch):
+    text = text_of(f"{package}/package.xml")
+    keys = {node.text for node in ElementTree.fromstring(text).iter("exec_depend")}
+    without = set(re.findall(r"\w+", "".join(re.findall("<!-- without a rosdep key: (.*) -->", text))))
+    monkeypatch.chdir(ROOT / package)
+    required = {re.match(r"\w+", one)[0].lower() for one in run_setup("setup.py", stop_after="init").install_requires}
+    of_library = {"pillow": "python3-pil", "pyyaml": "python3-yaml"}
+    for library in required - set(PACKAGES):
+        key = of_library.get(library, f"python3-{library}")
+        assert (library in without) != bool({key, f"{key}-pip"} & keys), library
+
+
+@pytest.mark.skipif("ROSDISTRO" not in os.environ, reason="ROSDISTRO names no checkout of ros/rosdistro")
+@pytest.mark.parametrize("package", PACKAGES)
+def test_rosdep_knows_every_key(package):
+    lists = Path(os.environ["ROSDISTRO"])
+    known = {*PACKAGES}
+    for name in ("base", "python"):
+        known |= set(yaml.safe_load((lists / "rosdep" / f"{name}.yaml").read_text("utf-8")))
+    for name, about in yaml.safe_load((lists / "jazzy/distribution.yaml").read_text("utf-8"))["repositories"].items():
+        known |= set(about.get("release", {}).get("packages", [name]))
+    about = ElementTree.fromstring(text_of(f"{package}/package.xml"))
+    assert {node.text for kind in ("exec_depend", "test_depend") for node in about.iter(kind)} <= known
+
+
+def test_a_release_says_what_the_citation_says():
+    citation, zenodo = yaml.safe_load(text_of("CITATION.cff")), json.loads(text_of(".zenodo.json"))
+    assert (zenodo["title"], zenodo["license"]) == (citation["title"], citation["license"])
+    assert zenodo["creators"] == [{"name": author["name"]} for author in citation["authors"]]
+    assert zenodo["keywords"] == citation["keywords"]
+    assert zenodo["related_identifiers"][0]["identifier"] == citation["references"][0]["identifiers"][0]["value"]
+
+
+def test_a_tag_is_released_only_with_its_version_and_notes():
+    def release(*words):
+        command = [sys.executable, ROOT / "qa/release.py", *words]
+        return subprocess.run(command, check=False, capture_output=True, text=True)
+
+    assert release("check", f"v{__version__}").returncode == 0
+    assert release("notes", __version__).stdout.strip() in text_of("CHANGELOG.md")
+    other = release("check", "v99.0.0")
+    assert (other.returncode, other.stderr) == (
+        1, f"Error: the tag is v99.0.0, the suite is {__version__}: v{__version__} is due\n"
+    )  # fmt: skip
+    assert "repository-code: https://host/barn" in release("citation", "https://host/barn").stdout
