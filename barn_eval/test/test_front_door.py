@@ -348,18 +348,23 @@ def test_what_cannot_be_handed_to_a_worker_is_said(tmp_path):
     assert one.outcome is Outcome.TIMEOUT
 
 
-def test_what_goes_wrong_in_a_planner_of_ones_own_is_an_outcome(tmp_path):
+def test_what_goes_wrong_in_a_planner_of_ones_own_is_an_outcome(tmp_path, capfd):
     def broken(observation):
         raise KeyError("speed")
 
     def talks(observation):
         return "left"
 
-    results = barn.run(0, [broken, talks], SHORT, workers=1, out=tmp_path, progress=False)
+    results = barn.run(0, [broken, talks], SHORT, workers=1, out=tmp_path, repetitions=2)
     told = {one.planner: one.detail for one in results.trials}
+    line = broken.__code__.co_firstlineno + 1
     assert {one.outcome for one in results.trials} == {Outcome.PLANNER_DIED}
-    assert told["broken"] == "KeyError: 'speed'"
-    assert told["talks"] == "TypeError: a planner's function must return (m/s, rad/s), got 'left'"
+    assert told["broken"] == f"KeyError: 'speed' (test_front_door.py, line {line})"
+    assert told["talks"].startswith("TypeError: a planner's function must return (m/s, rad/s), got 'left' (")
+    shown = capfd.readouterr().err
+    where = f'test_front_door.py", line {line}, in broken\n    raise KeyError("speed")'
+    assert shown.count(where) == 1
+    assert where in (tmp_path / "tracebacks" / "broken_w0000_r01.txt").read_text("utf-8")
 
     class Unmade(Steady):
         def __init__(self):

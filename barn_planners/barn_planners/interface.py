@@ -33,7 +33,16 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """Readings at `stamp_ns`; `pose` is the robot's pose in the planning frame, `odometry` as measured."""
+    """What a planner is given in a control cycle.
+
+    Attributes:
+        stamp_ns: Simulated time since the trial's start, in nanoseconds.
+        odometry: As measured: `pose` (`x`, `y` in m, `yaw` in rad) in the odom frame, which begins where the robot
+            starts; `velocity` (`linear` in m/s, `angular` in rad/s) in base_link.
+        scan: `ranges`, float32 of shape (beams,), in m, +inf where nothing was seen (REP-117); `angles()`, float64 of
+            shape (beams,), in rad in the lidar's frame, 0 ahead and positive to the left; `range_min` and `range_max`.
+        pose: The robot in the planning frame, that of the goal: map if a map is given, else odom.
+    """
 
     stamp_ns: int
     odometry: Odometry

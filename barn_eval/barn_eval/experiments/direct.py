@@ -3,6 +3,7 @@
 import time
 from collections.abc import Sequence
 from contextlib import closing, suppress
+from dataclasses import replace
 
 from barn_eval.bags.recorder import Recorder
 from barn_eval.bags.trial_bag import TrialBag
@@ -47,7 +48,7 @@ def run_direct_trial(
     )
     if recorder is not None:
         finish_bag(recorder, finished)
-    return finished
+    return replace(finished, traceback=run.trial.traceback)
 
 
 def warm_up(spec: TrialSpec, *, with_planner: bool) -> None:

@@ -9,6 +9,7 @@ OUT/timing.parquet, .csv        the wall-clock figures
 OUT/bags/TRIAL_ID/              rosbag2 directories, where asked for
 OUT/pictures/TRIAL_ID.png       likewise
 OUT/losses/TRIAL_ID.txt         what is known of attempts that gave no result
+OUT/tracebacks/TRIAL_ID.txt     of planners that raised an exception in mode direct
 OUT/logs/                       of mode ros: what the nodes printed
 OUT/replays/                    pages of replays, and bags made for them afterwards
 """
@@ -36,7 +37,7 @@ from barn_worlds.base.files import PARTIAL, remove_partial
 from barn_worlds.formats.own import write_own
 from barn_worlds.worlds.world import World
 
-LOSSES, REPLAYS = "losses", "replays"
+LOSSES, REPLAYS, TRACEBACKS = "losses", "replays", "tracebacks"
 _LOCK = ".lock"
 
 
@@ -79,9 +80,9 @@ class ExperimentFolder:
         self._rows.append(result)
         self._done.add(result.trial_id)
 
-    def note_loss(self, trial_id: str, text: str) -> None:
-        """Keep what is known of an attempt that gave no result; StoreError if it cannot be written."""
-        path = self.path / LOSSES / f"{trial_id}.txt"
+    def note(self, kind: str, trial_id: str, text: str) -> None:
+        """Keep a text on a trial in the folder LOSSES or TRACEBACKS; StoreError if it cannot be written."""
+        path = self.path / kind / f"{trial_id}.txt"
         try:
             path.parent.mkdir(exist_ok=True)
             with path.open("a", encoding="utf-8") as file:
@@ -238,6 +239,6 @@ def _remove(path: Path) -> None:
     """Remove what an experiment has written, and nothing else."""
     for name in (RUN_FILE, FILE_NAME, TRACKS_NAME, *TABLE_FILES, WORLDS, f"{Path(WORLDS).stem}.manifest.json"):
         (path / name).unlink(missing_ok=True)
-    for name in (BAGS, PICTURES, LOSSES, LOGS, REPLAYS):
+    for name in (BAGS, PICTURES, LOSSES, TRACEBACKS, LOGS, REPLAYS):
         if (path / name).is_dir():
             shutil.rmtree(path / name)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from barn_eval.experiments.engine import Done, Engine, Job, Lost, Note, Part, Refused, Report, Work
 from barn_eval.experiments.experiment import Execution
-from barn_eval.experiments.folder import ExperimentFolder
+from barn_eval.experiments.folder import LOSSES, TRACEBACKS, ExperimentFolder
 from barn_eval.experiments.store import Record
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.result import TrialResult
@@ -56,7 +56,7 @@ def run_remaining(
 
 @dataclass
 class _Loop:
-    """What is known while an experiment runs: jobs that wait, jobs that are out, and losses by trial."""
+    """What is known while an experiment runs: jobs that wait and are out, losses by trial, planners that raised."""
 
     folder: ExperimentFolder
     execution: Execution
@@ -64,6 +64,7 @@ class _Loop:
     waiting: deque[Job]
     out: dict[str, Job] = field(default_factory=dict)
     losses: Counter[str] = field(default_factory=Counter)
+    failed: set[str] = field(default_factory=set)
     lost_in_a_row: int = 0
 
     def take(self, report: Report) -> Iterator[Event]:
@@ -79,6 +80,7 @@ class _Loop:
         else:
             if report.result is not None:
                 self.lost_in_a_row = 0
+                yield from self._tell(report.result)
                 yield self._keep(report)
             if isinstance(report, Done):
                 del self.out[report.key]
@@ -90,7 +92,7 @@ class _Loop:
         self.losses[spec.trial_id] += 1
         attempt = self.losses[spec.trial_id]
         text = f"attempt {attempt} on {report.worker}: {report.reason}\n{report.traceback}".rstrip()
-        self.folder.note_loss(spec.trial_id, text)
+        self.folder.note(LOSSES, spec.trial_id, text)
         yield Loss(spec.trial_id, attempt, report.reason)
         if self.lost_in_a_row >= execution.losses:
             raise ExperimentError(f"{self.lost_in_a_row} attempts in a row were lost, the last one: {report.reason}")
@@ -99,6 +101,17 @@ class _Loop:
             yield self._give_up(spec, report, attempt)
         if job.trials:
             self.waiting.appendleft(job)
+
+    def _tell(self, record: Record) -> Iterator[Note]:
+        """Keep the traceback of a planner that raised an exception, and show the first of each planner."""
+        result = record.result
+        if record.traceback:
+            self.folder.note(TRACEBACKS, result.trial_id, record.traceback)
+            if result.planner not in self.failed:
+                yield Note(
+                    result.trial_id, "", f"planner {result.planner}, in {result.trial_id}:\n{record.traceback.rstrip()}"
+                )
+            self.failed.add(result.planner)
 
     def _keep(self, report: Done | Part) -> TrialResult:
         record: Record = report.result

@@ -23,10 +23,11 @@ PICTURES, LOGS = "pictures", "logs"
 
 @dataclass(frozen=True)
 class Record:
-    """What is kept of a trial: its result and the line of its track, None where nothing was driven."""
+    """What is kept of a trial: its result, the line of its track, None where nothing was driven, and a traceback."""
 
     result: TrialResult
     track: str | None
+    traceback: str = ""
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class Store:
             from barn_eval.experiments.picture import draw_trial  # noqa: PLC0415 (matplotlib takes a second to load)
 
             draw_trial(finished, self.folder / PICTURES / f"{result.trial_id}.png")
-        return Record(result, track_line(finished))
+        return Record(result, track_line(finished), finished.traceback)
 
     def _bag(self, trial_id: str) -> Path:
         return self.folder / BAGS / trial_id

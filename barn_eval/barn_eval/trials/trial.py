@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import signal
 import threading
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from types import FrameType
 from typing import TypeVar
 
@@ -66,7 +68,7 @@ class RunningTrial:
     """The part of a trial that is the same however it is run: a session in one process, over ROS, or by a learner.
 
     Instant by instant it takes the reading, then the command that answers it. It reads no clock. recoveries: how often
-    the planner began to recover, None if it has not said how it fares.
+    the planner began to recover, None if it has not said how it fares. traceback: of the exception that it raised.
     """
 
     def __init__(self, spec: TrialSpec, *, logged: bool = True) -> None:
@@ -74,6 +76,7 @@ class RunningTrial:
         self.referee = Referee(spec.rules, spec.course)
         self.log = TrajectoryLog()
         self.recoveries: int | None = None
+        self.traceback = ""
         self._logged = logged
         self._status = ""
 
@@ -124,6 +127,7 @@ class RunningTrial:
             detail = f"no answer within {limit_s:g} s of wall-clock time"
             self.referee.fail(Outcome.PLANNER_STALLED, detail)
         except Exception as error:  # whatever it is, it belongs in the result
+            self.traceback = traceback.format_exc()
             self.referee.fail(Outcome.PLANNER_DIED, error_line(error))
         return None
 
@@ -132,13 +136,15 @@ class RunningTrial:
 class FinishedTrial:
     """A trial that has ended: what was asked for, the result, and what the robot did.
 
-    cylinders_m: (k, 2) where the world's cylinders stood at the end, None where it is not known.
+    cylinders_m: (k, 2) where the world's cylinders stood at the end, None where it is not known. traceback: of the
+    exception that the planner raised.
     """
 
     spec: TrialSpec
     result: TrialResult
     trajectory: Trajectory
     cylinders_m: Floats | None = None
+    traceback: str = ""
 
 
 def conclude(
@@ -180,6 +186,8 @@ def conclude(
 
 
 def error_line(error: Exception) -> str:
-    """Return an error of a planner or simulator in one line, for the detail of a verdict."""
+    """Return an error of a planner or simulator in one line, with where it was raised, for the detail of a verdict."""
     lines = str(error).splitlines()
-    return f"{type(error).__name__}: {lines[0]}"[:300] if lines else type(error).__name__
+    said = f"{type(error).__name__}: {lines[0]}"[:300] if lines else type(error).__name__
+    frames = traceback.extract_tb(error.__traceback__)
+    return f"{said} ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else said

@@ -87,6 +87,7 @@ class Supervisor:
         self._processes: dict[str, GuardedProcess] = {}
         self._due: dict[str, float] = {}  # processes to be started, and when
         self._started_s: dict[str, float] = {}
+        self._seen_ending: set[str] = set()
         self._lost_evaluators = 0
         self._trial = ""
         self._done = False
@@ -198,7 +199,11 @@ class Supervisor:
         process.stop()
         if how.startswith("cannot be started"):
             raise ProcessError(f"the {process.name} {how}")
-        self._notice(f"{process.name} {how}" + (f" in trial {self._trial}" if self._trial else ""))
+        said = f"{process.name} {how}" + (f" in trial {self._trial}" if self._trial else "")
+        if process.name not in self._seen_ending:  # what it wrote last, before the noise of others' ends
+            said += f"; {last_lines(process.log)}"
+        self._seen_ending.add(process.name)
+        self._notice(said)
         if process.name == "evaluator":
             self._evaluator_lost(process)
         elif self._evaluator is not None:
