@@ -16,7 +16,7 @@ import pytest
 from launch_files import launch_arguments
 
 import barn_eval
-from barn_eval.commands.main import cli
+from barn_eval.commands.main import COMMANDS, MORE, cli
 from barn_eval.commands.options import parse_settings
 from barn_eval.experiments.ros_config import RosSetup
 from barn_eval.trials.outcome import Outcome
@@ -51,7 +51,7 @@ def words_of(line):
     return shlex.split(line, comments=True)
 
 
-@pytest.mark.parametrize("line", list(commands("barn")))
+@pytest.mark.parametrize("line", [*commands("barn"), *(example for example, _ in MORE.values())])
 def test_barn_takes_what_is_shown(line):
     words = words_of(line)[1:]
     command, name = cli, "barn"
@@ -68,6 +68,11 @@ def test_barn_takes_what_is_shown(line):
         if isinstance(value, str) and isinstance(parameter.type, (click.Choice, click.IntRange, click.FloatRange)):
             parameter.type.convert(value, parameter, context)
     check_values(name, values)
+
+
+def test_the_help_of_each_command_names_a_page():
+    assert MORE.keys() == COMMANDS.keys()
+    assert all((ROOT / page).is_file() for _, page in MORE.values())
 
 
 def check_values(name, values):

@@ -50,7 +50,7 @@ def driven(lab: Lab, kind: str, outcome: str, detail: str = "", more: Sequence[o
 
 
 _QUICK = ("--execution", "attempts=1", "--execution", "trial_limit_s=8")
-_DIED = "The trial ends as planner_died with the reason in one line; exit code 0."
+_DIED = "The trial ends as planner_died with the reason in one line; exit code 3."
 _STALLED = "The trial ends as planner_stalled after the limit on a trial's time; no process is left."
 _LOST = "The worker is lost, the trial is tried 3 times and then ends as planner_died."
 for _kind, _done, _must, _more, _outcome, _detail in (
@@ -79,7 +79,7 @@ for _kind, _done, _must, _more, _outcome, _detail in (
 def eats_memory(lab: Lab) -> str:
     """The planner takes memory without end; the process may have 4 GB.
 
-    The trial ends as planner_died with MemoryError; exit code 0.
+    The trial ends as planner_died with MemoryError; exit code 3.
     """
     return driven(lab, "memory", "planner_died", "MemoryError", memory=4_000_000_000)
 

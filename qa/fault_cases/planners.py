@@ -65,7 +65,7 @@ def ended_children(lab: Lab, outcome: str) -> str:
 
 
 def _ends(what: str) -> str:
-    return f"The trial ends as {what}, by the planner's fault; exit code 0 and nothing is left."
+    return f"The trial ends as {what}, by the planner's fault; nothing is left."
 
 
 for _kind, _done, _outcome, _detail in (
@@ -145,7 +145,7 @@ for _kind, _done, _detail in (
     ("wrong-topic", "The planner publishes on another topic.", "/command_velocity"),
     ("no-odometry", "The planner does not subscribe to /odom.", "/odom"),
 ):
-    _must = "The trial ends as planner_not_ready, with what is missing; exit code 0."
+    _must = "The trial ends as planner_not_ready, with what is missing; exit code 3."
     _more = ("--ros", "patience.start_s=40")
     add(
         FAMILY,
@@ -191,7 +191,7 @@ def prints_without_end(lab: Lab) -> str:
 def eats_memory(lab: Lab) -> str:
     """The planner takes memory without end, of which it may have 2.5 GB.
 
-    The trial ends as planner_died; exit code 0.
+    The trial ends as planner_died; exit code 3.
     """
     limited = by_command(SCRIPT, "eats", lab.folder, prefix="prlimit --as=2500000000 ")
     lab.barn(*ros(lab, *limited, command_s=60))

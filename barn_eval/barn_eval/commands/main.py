@@ -34,6 +34,27 @@ COMMANDS = {
     "info": "Show what is installed, and what is off and why.",
 }
 
+MORE = {  # an example of each, and where to read on
+    "demo": ("barn demo", "README.md"),
+    "run": ("barn run --worlds 0:300:60 --planners dwa,gap --out out/first", "docs/campaigns.md"),
+    "check": ("barn check out/first", "docs/campaigns.md"),
+    "compare": ("barn compare out/dwa out/eband", "docs/statistics.md"),
+    "precision": ("barn precision out/dwa --half-width 0.02", "docs/statistics.md"),
+    "leaderboard": ("barn leaderboard out/dwa out/eband --out board.html", "docs/reports.md"),
+    "report": ("barn report out/first", "docs/reports.md"),
+    "replay": ("barn replay out/demo/bags/dwa_w0120_r00 --out replay.html", "docs/reports.md"),
+    "watch": ("barn watch out/first", "docs/campaigns.md"),
+    "show": ("barn show 0 --out world.png", "docs/reports.md"),
+    "worlds": ("barn worlds list barn300", "barn_worlds/README.md"),
+    "metrics": ("barn metrics barn300 --worlds 0:300:60", "docs/metrics.md"),
+    "difficulty": ("barn difficulty predict barn300 --worlds 0:300:60", "docs/metrics.md"),
+    "robots": ("barn robots jackal", "docs/robots.md"),
+    "reproduce": ("barn reproduce --quick", "docs/results.md"),
+    "validate": ("barn validate", "docs/statistics.md"),
+    "bench": ("barn bench", "docs/results.md"),
+    "info": ("barn info", "docs/troubleshooting.md"),
+}
+
 
 def _print_version(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
     """Print the version, and the commit where the source is in a repository."""
@@ -57,7 +78,9 @@ class LazyGroup(click.Group):
         """Return a command, imported now."""
         name = {"campaign": "run"}.get(cmd_name, cmd_name)
         if name in COMMANDS:
-            return cast(click.Command, import_module(f"{__package__}.{name}").command)
+            command = cast(click.Command, import_module(f"{__package__}.{name}").command)
+            command.epilog = "Example: {}\n\nMore: {} in the suite's repository".format(*MORE[name])
+            return command
         if name not in _added():
             raise click.UsageError(f"unknown command {name!r}{suggest(name, self.list_commands(ctx))}")
         return cast(click.Command, _added()[name].load())
@@ -102,7 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command and exit.
 
     0: done. 1: a mistake in the input (told in one line). 3: done, but trials are left without a score, as something
-    other than the planner failed. 130: interrupted.
+    other than the planner failed, or no planner drove to the end of any. 130: interrupted.
     """
     sys.exit(_exit_code(arguments))
 

@@ -19,6 +19,7 @@ from barn_eval.experiments.request import Request, read_request
 from barn_eval.experiments.ros_config import BAGS, MODES, RosSetup
 from barn_eval.experiments.run import Plan, plan_experiment
 from barn_eval.ros.work import run_request
+from barn_eval.trials.outcome import NOT_DRIVEN
 from barn_eval.trials.result import TrialResult
 from barn_sim.config import SimulatorConfig
 from barn_worlds.base.config import as_dict
@@ -47,7 +48,7 @@ NOT_SCORED = 3  # the exit code
 @settings_option(
     "--set",
     "settings",
-    "A planner's parameter, its name without PLANNER where there is one planner",
+    "A planner's parameter (barn_planners/README.md lists them), its name without PLANNER where there is one planner",
     metavar="[PLANNER.]KEY=VALUE",
 )
 @settings_option("--sim", "simulator", "Of the simulator", SimulatorConfig())
@@ -97,7 +98,8 @@ def carry_out(request: Request, *, overwrite: bool, as_json: bool, view: bool = 
         say(f"stopped; finished trials are in {request.out}, the same command resumes")
         raise
     _print(request, results, as_json)
-    return 0 if all(result.counts for result in results) else NOT_SCORED
+    whole = all(result.counts for result in results)
+    return 0 if whole and any(result.outcome not in NOT_DRIVEN for result in results) else NOT_SCORED
 
 
 def _print(request: Request, results: Sequence[TrialResult], as_json: bool) -> None:

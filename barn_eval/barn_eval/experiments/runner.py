@@ -3,6 +3,7 @@
 from collections import Counter, deque
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field, replace
+from textwrap import indent
 
 from barn_eval.experiments.engine import Done, Engine, Job, Lost, Note, Part, Refused, Report, Work
 from barn_eval.experiments.experiment import Execution
@@ -108,9 +109,8 @@ class _Loop:
         if record.traceback:
             self.folder.note(TRACEBACKS, result.trial_id, record.traceback)
             if result.planner not in self.failed:
-                yield Note(
-                    result.trial_id, "", f"planner {result.planner}, in {result.trial_id}:\n{record.traceback.rstrip()}"
-                )
+                told = indent(record.traceback.rstrip(), "  ")
+                yield Note(result.trial_id, "", f"planner {result.planner}, in {result.trial_id}:\n{told}")
             self.failed.add(result.planner)
 
     def _keep(self, report: Done | Part) -> TrialResult:
