@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import Any
 
 from barn_planners.interface import Planner
-from barn_worlds.base.config import Checked, replace_dotted
+from barn_worlds.base.config import Checked, fields_of, replace_dotted
 from barn_worlds.base.errors import ConfigError, shown, suggest
 from barn_worlds.robots.robot import Robot
 
@@ -40,12 +40,15 @@ class PlannerEntry:
     build: makes the planner from its configuration. presets: configurations by name, the recommended one first. A
     planner that needs no settings per protocol has only the preset "default". fit: returns what a robot other than the
     Jackal changes of a configuration, by dotted name, or raises ConfigError if it cannot be driven; None: nothing.
+    speed_cap: returns the highest speed in m/s, forwards or backwards, that a planner of a configuration commands, and
+    is held to; None: the highest `max_speed_mps` of the configuration.
     """
 
     build: Callable[[Any], Planner]
     presets: Mapping[str, Checked]
     summary: str = ""
     fit: Callable[[Any, Robot], dict[str, Any]] | None = None
+    speed_cap: Callable[[Any], float] | None = None
     config_class: type[Checked] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -97,6 +100,15 @@ def planner_config(name: str, preset: str = "challenge", overrides: Mapping[str,
     if preset not in known:
         raise ConfigError(f"planner {name!r}: unknown preset {shown(preset)}{suggest(preset, known)}")
     return replace_dotted(known[preset], overrides, f"planner {name!r}")
+
+
+def speed_cap_mps(name: str, config: Checked) -> float:
+    """Return the speed cap that a planner of this configuration declares, 0 where it declares none."""
+    declared = planner_entry(name).speed_cap
+    if declared is not None:
+        return declared(config)
+    caps = (value for key, _, value in fields_of(config) if key.rpartition(".")[2] == "max_speed_mps")
+    return max(caps, default=0.0)
 
 
 def make_planner(name: str, preset: str = "challenge", overrides: Mapping[str, Any] = _NOTHING) -> Planner:

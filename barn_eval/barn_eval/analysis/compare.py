@@ -26,6 +26,7 @@ COMPARED = (
     "normalised_time_s_per_m",
     "challenge",
     "challenge_2022",
+    "efficiency",
     "driven_m",
     "min_clearance_m",
     "contact_s",

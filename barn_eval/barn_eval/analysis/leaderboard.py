@@ -19,6 +19,7 @@ from barn_worlds.worlds.dataset import select_worlds
 RANKINGS = {
     "challenge": "challenge",
     "challenge_2022": "challenge_2022",
+    "efficiency": "efficiency",
     "success": "success",
     "time": "normalised_time_s_per_m",
 }

@@ -121,6 +121,8 @@ _ALL = (
     Measure("scores.optimal_time_s", "optimal time", "s", 2),
     Measure("scores.challenge", "challenge metric", "", 3, "larger", maximum=0.5, as_failure=_nothing),
     Measure("scores.challenge_2022", "challenge metric of 2022", "", 3, "larger", maximum=0.25, as_failure=_nothing),
+    Measure("scores.efficiency", "efficiency", "", 1, "larger", percent=True, as_failure=_nothing),
+    Measure("scores.least_time_s", "least time possible", "s", 2),
     Measure("measures.driven_m", "driven length", "m", 3, "smaller", successes_only=True),
     Measure("path_ratio", "driven by path length", "", 3, "smaller", successes_only=True, of=_path_ratio),
     Measure("measures.mean_speed_mps", "mean speed", "m/s", 3),

@@ -21,7 +21,15 @@ from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.config import as_dict
 
-SCORED = ("success", "traversal_time_s", "scored_time_s", "normalised_time_s_per_m", "challenge", "challenge_2022")
+SCORED = (
+    "success",
+    "traversal_time_s",
+    "scored_time_s",
+    "normalised_time_s_per_m",
+    "challenge",
+    "challenge_2022",
+    "efficiency",
+)
 DRIVEN = (
     "driven_m",
     "path_ratio",

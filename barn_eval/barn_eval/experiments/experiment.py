@@ -14,7 +14,7 @@ from barn_eval.experiments.ros_config import BAGS, ENGINES, MODES, RosSetup
 from barn_eval.trials import identity
 from barn_eval.trials.protocol import CHALLENGE, Protocol
 from barn_eval.trials.spec import TrialSpec, simulator_config
-from barn_planners.registry import planner_config
+from barn_planners.registry import planner_config, speed_cap_mps
 from barn_planners.robots import lidar_place, parameters_for
 from barn_sim.config import SimulatorConfig, robot_of
 from barn_worlds.base.config import Checked, as_dict, quantity
@@ -35,6 +35,14 @@ class PlannerChoice(Checked):
     overrides: dict[str, Any] = field(default_factory=dict)
     command: str = quantity("", "of mode ros: command that starts it, in place of a node of the suite")
     source: str = quantity("", "of a planner given as a Python object: SHA-256 of its source, or unknown")
+    max_speed_mps: float = quantity(
+        0.0,
+        "of a planner with a command or a source: the highest speed that it commands, and is held to; 0: the robot's",
+        "m/s",
+        minimum=0.0,
+        maximum=100.0,
+        optional=True,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -42,6 +50,8 @@ class PlannerChoice(Checked):
             raise ConfigError(f"planner {shown(self.name)}: a name must be 1 to 60 letters, digits, '_', '-' or '.'")
         if (self.command or self.source) and (self.preset or self.overrides):
             raise ConfigError(f"planner {self.name!r}: presets and parameters are for planners of the registry")
+        if self.registered and self.max_speed_mps:
+            raise ConfigError(f"planner {self.name!r}: its speed cap follows from its parameters, it takes no other")
 
     @property
     def registered(self) -> bool:
@@ -83,8 +93,10 @@ class Experiment(Checked):
         if self.ros != RosSetup():
             raise ConfigError("settings of ros need mode ros")
 
-    def settings(self, planner: PlannerChoice) -> tuple[str, dict[str, Any], str]:
-        """Return preset, parameters and fingerprint of a planner; ConfigError for parameters that it does not take.
+    def settings(self, planner: PlannerChoice) -> tuple[str, dict[str, Any], str, float]:
+        """Return preset, parameters, fingerprint and declared speed cap of a planner.
+
+        ConfigError for parameters that it does not take.
 
         What a planner of the registry takes from the robot (`barn_planners.robots`) follows from the simulator; another
         place of the lidar is refused.
@@ -92,7 +104,9 @@ class Experiment(Checked):
         preset = "" if planner.source else planner.preset or self.protocol.planner_preset
         overrides = dict(planner.overrides)
         if not planner.registered:
-            return preset, overrides, identity.fingerprint({"command": planner.command, "source": planner.source})
+            known: dict[str, Any] = {"command": planner.command, "source": planner.source}
+            known |= {"max_speed_mps": planner.max_speed_mps} if planner.max_speed_mps else {}
+            return preset, overrides, identity.fingerprint(known), planner.max_speed_mps
         overrides = parameters_for(planner.name, preset, overrides, robot_of(self.simulator))
         lidar = self.simulator.lidar
         for key, place in lidar_place(planner_config(planner.name, preset, overrides), lidar).items():
@@ -103,8 +117,9 @@ class Experiment(Checked):
                     f" {what.rpartition('_')[2]} (simulator parameter lidar.mount_{what})"
                 )
             overrides[key] = place
-        resolved = as_dict(planner_config(planner.name, preset, overrides))
-        return preset, overrides, identity.fingerprint({"planner": planner.name} | resolved)
+        config = planner_config(planner.name, preset, overrides)
+        fingerprint = identity.fingerprint({"planner": planner.name} | as_dict(config))
+        return preset, overrides, fingerprint, speed_cap_mps(planner.name, config)
 
     def trials(
         self, worlds: Iterable[int] | None = None, *, dataset: Dataset | None = None, started_by_hand: bool = False
@@ -117,7 +132,7 @@ class Experiment(Checked):
         BarnError in one line if a world cannot be read or driven in.
         """
         settings = {
-            one.name: (one.preset, one.overrides, "") if started_by_hand else self.settings(one)
+            one.name: (one.preset, one.overrides, "", 0.0) if started_by_hand else self.settings(one)
             for one in self.planners
         }
         dataset = dataset or open_dataset(self.dataset)
@@ -140,9 +155,10 @@ class Experiment(Checked):
                     campaign_seed=self.seed,
                     repetition=repetition,
                     planner_config=fingerprint,
+                    declared_mps=declared_mps,
                 )
                 for repetition in range(self.repetitions)
-                for planner, (preset, overrides, fingerprint) in settings.items()
+                for planner, (preset, overrides, fingerprint, declared_mps) in settings.items()
             ]
         return found
 

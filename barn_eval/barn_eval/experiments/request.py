@@ -28,6 +28,7 @@ from barn_worlds.worlds.dataset import Dataset
 from barn_worlds.worlds.world import World
 
 SCHEMA_VERSION = 1
+_CAP = "max_speed_mps"
 _EXECUTION = tuple(field.name for field in fields(Execution))
 _KEYS = (*(field.name for field in fields(Experiment)), *_EXECUTION, "execution", "out", "planner_command", "robot")
 _NAMED_COMMAND = re.compile(r"([A-Za-z0-9][A-Za-z0-9_.-]*)=(.*)", re.DOTALL)
@@ -187,7 +188,16 @@ def _with_settings(
             hint = suggest(name, found)
             raise ConfigError(f"{where}parameters of planner {shown(name)}, which is not among them{hint}")
         found[name] = {**found[name], **changes}
-    return tuple(replace(planner, overrides=found[planner.name]) for planner in planners)
+    return tuple(_changed(planner, dict(found[planner.name]), where) for planner in planners)
+
+
+def _changed(planner: PlannerChoice, changes: dict[str, Any], where: str) -> PlannerChoice:
+    """Return a planner with its parameters; of one that the suite does not make, the only one is its speed cap."""
+    cap_mps = planner.max_speed_mps
+    if not planner.registered and _CAP in changes:
+        rule = f"{where}planner {planner.name!r}: {_CAP} must be a number"
+        cap_mps = float(_given(changes.pop(_CAP), (int, float), rule))
+    return replace(planner, overrides=changes, max_speed_mps=cap_mps)
 
 
 def _setting(key: str, value: object, planners: Sequence[PlannerChoice]) -> tuple[str, Mapping[str, Any]]:

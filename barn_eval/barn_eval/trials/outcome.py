@@ -73,6 +73,8 @@ class Scores:
     traversal_time_s: on the protocol's clock, None if it never started. scored_time_s: the same for a success, what
     the protocol counts for anything else. normalised_time_s_per_m: scored time by the path's arc length.
     failure_time_s: the most that a failure would count with.
+    least_time_s: below which no time on the clock can be (`barn_eval.trials.limit`). efficiency: that by the traversal
+    time of a success, 0 for anything else. Both None where it was not computed.
     challenge, challenge_2022: the challenge metric with the clip of today (at most 0.5) and of 2022 (at most 0.25).
     """
 
@@ -86,10 +88,12 @@ class Scores:
     challenge: float
     challenge_2022: float
     failure_time_s: float
+    least_time_s: float | None = None
+    efficiency: float | None = None
 
 
-def score(verdict: Verdict, course: Course, protocol: Protocol) -> Scores:
-    """Return the scores of a trial."""
+def score(verdict: Verdict, course: Course, protocol: Protocol, least_time_s: float | None = None) -> Scores:
+    """Return the scores of a trial, with its efficiency where the least time is given."""
     scored_s = scored_time_s(verdict, protocol)
     return Scores(
         success=verdict.outcome is Outcome.SUCCESS,
@@ -102,7 +106,15 @@ def score(verdict: Verdict, course: Course, protocol: Protocol) -> Scores:
         challenge=challenge_metric(verdict, course.optimal_time_s, CHALLENGE_CLIP),
         challenge_2022=challenge_metric(verdict, course.optimal_time_s, CHALLENGE_CLIP_2022),
         failure_time_s=max(protocol.failure_time_s, protocol.timeout_time_s),
+        least_time_s=least_time_s,
+        efficiency=None if least_time_s is None else _efficiency(verdict, least_time_s),
     )
+
+
+def _efficiency(verdict: Verdict, least_time_s: float) -> float:
+    if verdict.outcome is not Outcome.SUCCESS or verdict.traversal_time_s is None:
+        return 0.0
+    return least_time_s / verdict.traversal_time_s if verdict.traversal_time_s > 0.0 else 1.0
 
 
 def scored_time_s(verdict: Verdict, protocol: Protocol) -> float:

@@ -9,6 +9,7 @@ from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import Course, Protocol
 from barn_worlds.base.types import Pose2D, Velocity2D, seconds
 
+_ROUNDING = 1e-6  # of a command, which may have been a number of 32 bits
 _ONLY = np.arange(1)  # the trial of a referee among its states
 
 
@@ -28,11 +29,12 @@ class Standing:
 class Referee:
     """Judge one trial; the first verdict stands, whatever comes after it.
 
-    Readings come in order of time. Stamps may start anywhere: all times count from the first reading.
+    Readings come in order of time. Stamps may start anywhere: all times count from the first reading. declared_mps: the
+    speed cap that the planner has declared and is held to, 0 for none.
     """
 
-    def __init__(self, protocol: Protocol, course: Course) -> None:
-        self._protocol = protocol
+    def __init__(self, protocol: Protocol, course: Course, declared_mps: float = 0.0) -> None:
+        self._protocol, self._declared_mps = protocol, declared_mps
         self._verdict: Verdict | None = None
         self._stamp_ns, self._contact = np.zeros_like(_ONLY), np.zeros_like(_ONLY, np.bool_)
         self._odometry, self._truth = np.zeros((len(_ONLY), 3)), np.zeros((len(_ONLY), 3))
@@ -80,10 +82,15 @@ class Referee:
         return self.verdict
 
     def command(self, command: Velocity2D) -> Verdict | None:
-        """Take a command on its way to the robot; one that is not finite ends the trial."""
-        if self.verdict is None and not command.is_finite():
+        """Take a command on its way to the robot; one that is not finite, or above the speed cap, ends the trial."""
+        wrong, cap_mps = "", self._declared_mps
+        if not command.is_finite():
+            wrong = "is not finite"
+        elif 0.0 < cap_mps * (1.0 + _ROUNDING) < abs(command.linear):
+            wrong = f"is above the planner's declared speed cap of {cap_mps:g} m/s"
+        if wrong and self.verdict is None:
             return self.fail(
-                Outcome.INVALID_COMMAND, f"command ({command.linear!r} m/s, {command.angular!r} rad/s) is not finite"
+                Outcome.INVALID_COMMAND, f"command ({command.linear!r} m/s, {command.angular!r} rad/s) {wrong}"
             )
         return self.verdict
 

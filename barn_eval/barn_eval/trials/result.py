@@ -77,7 +77,8 @@ class TrialResult:
     command or source (`barn_eval.trials.identity`), empty for a planner started by hand. metric: the measure that the
     protocol ranks planners by. fault: who failed: planner, simulator or environment; empty after a success, and in rows
     of versions that did not say. remarks: what else is to be known, such as who subscribed to the truth. motion: of
-    worlds in which obstacles move, whose rows alone have it.
+    worlds in which obstacles move, whose rows alone have it. speed_cap_mps: the highest speed that the robot took from
+    the planner, which is what the planner declared or else the robot's own limit; None in rows of versions before.
     """
 
     trial_id: str
@@ -104,6 +105,7 @@ class TrialResult:
     metric: str = ""
     fault: str = ""
     remarks: str = ""
+    speed_cap_mps: float | None = None
     motion: Encounters | None = field(default=None, metadata=OPTIONAL)
     wall_clock: WallClock = field(default_factory=WallClock)
     schema_version: int = SCHEMA_VERSION

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from barn_eval.trials import identity, seeds
+from barn_eval.trials.limit import least_time_s, top_speed_mps
 from barn_eval.trials.protocol import Course, Protocol
 from barn_eval.trials.result import trial_id
 from barn_sim.config import PRESETS, SimulatorConfig, with_robot
@@ -27,7 +28,8 @@ class TrialSpec:
     """What a trial is: equal specifications give equal results, wherever and whenever they run.
 
     index: number of the world in its data set. overrides: dotted names of planner parameters to values. planner_config:
-    fingerprint of the planner's configuration.
+    fingerprint of the planner's configuration. declared_mps: the highest speed that the planner says it commands, 0 if
+    it does not say.
     """
 
     dataset: str
@@ -41,6 +43,7 @@ class TrialSpec:
     campaign_seed: int
     repetition: int
     planner_config: str = ""
+    declared_mps: float = 0.0
 
     @property
     def trial_id(self) -> str:
@@ -81,6 +84,16 @@ class TrialSpec:
     def course(self) -> Course:
         """Start, goal and lengths of the world under the protocol."""
         return _course(self.rules, self.world)
+
+    @property
+    def speed_cap_mps(self) -> float:
+        """The highest speed that the robot takes from the planner: as declared, at most its own."""
+        return top_speed_mps(self.simulator, self.declared_mps)
+
+    @cached_property
+    def least_time_s(self) -> float:
+        """A time on the clock that no trial of this robot at this speed cap falls below."""
+        return least_time_s(self.rules, self.course, self.world, self.simulator, self.speed_cap_mps)
 
     @cached_property
     def goal(self) -> Pose2D:

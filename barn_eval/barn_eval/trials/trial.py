@@ -73,7 +73,7 @@ class RunningTrial:
 
     def __init__(self, spec: TrialSpec, *, logged: bool = True) -> None:
         self.spec = spec
-        self.referee = Referee(spec.rules, spec.course)
+        self.referee = Referee(spec.rules, spec.course, spec.declared_mps)
         self.log = TrajectoryLog()
         self.recoveries: int | None = None
         self.traceback = ""
@@ -160,7 +160,7 @@ def conclude(
     remarks: str = "",
 ) -> FinishedTrial:
     """Return the finished trial with its scores and measures; mode is "direct" or "ros"."""
-    world, scores = spec.world, score(verdict, spec.course, spec.protocol)
+    world, scores = spec.world, score(verdict, spec.course, spec.protocol, spec.least_time_s)
     traversal_s = scores.traversal_time_s if scores.success else None
     outline = contact_of(spec.simulator.chassis)
     result = TrialResult(
@@ -179,6 +179,7 @@ def conclude(
         metric=spec.protocol.metric,
         fault=verdict.fault,
         remarks=remarks,
+        speed_cap_mps=spec.speed_cap_mps,
         motion=encounters(trajectory, world, spec.phase_s, outline, spec.course, spec.rules, traversal_s),
         wall_clock=wall_clock or WallClock(),
     )

@@ -160,6 +160,11 @@ def least_gap(points, linear, angular, steps, step_s, half_length, half_width): 
     return least
 
 
+def _speed_cap_mps(config: PolicyConfig) -> float:
+    action = read_policy(Path(config.policy_path) if config.policy_path else shipped_policy()).action
+    return max(abs(action.min_speed_mps), abs(action.max_speed_mps))
+
+
 def _fitted(config: PolicyConfig, robot: Robot) -> dict[str, Any]:
     """Return the shield and the distances for a robot; what its policy sees and commands is in the policy's file."""
     if not config.policy_path:
@@ -174,4 +179,5 @@ ENTRY = PlannerEntry(
     {ANY_PROTOCOL: PolicyConfig()},
     "a learned policy from a file, with a stop before collisions",
     _fitted,
+    _speed_cap_mps,
 )

@@ -15,7 +15,7 @@ from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.text_files import markdown_table
 
 _TIME = "normalised_time_s_per_m"  # contact costs nothing by it, so that it is shown what there was
-_BESIDE = ("success", "traversal_time_s", _TIME)
+_BESIDE = ("success", "efficiency", "traversal_time_s", _TIME)
 _TRACE = ("trials", "folder", "configuration", "bags")
 _FIGURES = slice(2, -1 - len(_TRACE))  # columns
 

@@ -73,7 +73,7 @@ def planner(choice: PlannerChoice, experiment: Experiment) -> NodeProcess:
     setup = experiment.ros
     if choice.command:
         return NodeProcess("planner", tuple(command_words(choice.command)), {}, foreign=True)
-    preset, overrides, _ = experiment.settings(choice)
+    preset, overrides, *_ = experiment.settings(choice)
     parameters: dict[str, Any] = {
         "planner": choice.name,
         "preset": preset,

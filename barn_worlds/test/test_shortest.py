@@ -1,0 +1,87 @@
+"""The bound of the shortest way: never above the shortest way, and hardly below it."""
+
+import heapq
+import math
+
+import numpy as np
+import pytest
+
+from barn_worlds.geometry.shortest import CORNERS, MOST_CYLINDERS, shortest_way_m
+
+SIDE, STEP = 41, 0.05  # of the grid that ways are searched on by force, in m
+MOVES = [(i, j) for i in range(-3, 4) for j in range(-3, 4) if math.gcd(i, j) == 1]
+ANGLE = math.atan(1.0 / 3.0)  # the largest between two moves: a way of them is at most this much longer than a free one
+LONGER = 1.0 / math.cos(0.5 * ANGLE)
+
+
+def free(a, b, centres, radius):
+    """Tell whether a segment keeps clear of discs."""
+    shares = np.clip(((centres - a) @ (b - a)) / ((b - a) @ (b - a)), 0.0, 1.0)
+    return bool((np.hypot(*(a + shares[:, None] * (b - a) - centres).T) >= radius).all())
+
+
+def by_force(start, goal, centres, radius):
+    """Return the shortest way on a grid, in m, inf without one: never shorter than the shortest way there is."""
+    cost, heap = {start: 0.0}, [(0.0, start)]
+    while heap:
+        so_far, here = heapq.heappop(heap)
+        if here == goal:
+            return so_far
+        if so_far > cost[here]:
+            continue
+        for i, j in MOVES:
+            there = here[0] + i, here[1] + j
+            total = so_far + STEP * math.hypot(i, j)
+            if min(there) < 0 or max(there) >= SIDE or total >= cost.get(there, math.inf):
+                continue
+            if free(STEP * np.array(here), STEP * np.array(there), centres, radius):
+                cost[there] = total
+                heapq.heappush(heap, (total, there))
+    return math.inf
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_bound_lies_at_or_below_the_shortest_way_on_a_fine_grid(seed):
+    rng = np.random.default_rng(seed)
+    radius = rng.uniform(0.1, 0.25)
+    centres = rng.uniform(0.3, 1.7, (9, 2))
+    found = by_force((0, 20), (40, 20), centres, radius)
+    bound = shortest_way_m(np.array([0.0, 1.0]), np.array([2.0, 1.0]), centres, radius)
+    assert 2.0 <= bound <= found
+    assert bound >= found / LONGER - 0.1  # what the grid's ways are longer by, and by which they keep off the discs
+
+
+def test_around_one_disc_the_bound_is_the_taut_string_but_for_the_corners():
+    away, radius = 2.0, 0.5
+    exact = 2.0 * (math.sqrt(away**2 - radius**2) + radius * math.asin(radius / away))
+    bound = shortest_way_m(np.array([-away, 0.0]), np.array([away, 0.0]), np.zeros((1, 2)), radius)
+    inner = radius * math.cos(math.pi / CORNERS)
+    least = 2.0 * (math.sqrt(away**2 - inner**2) + inner * math.asin(inner / away))
+    assert least - 1e-9 <= bound <= exact
+
+
+def test_a_row_of_discs_is_gone_around_at_its_nearer_end():
+    centres = np.array([[0.0, 0.1 * k] for k in range(-10, 31)])
+    bound = shortest_way_m(np.array([-1.0, 0.0]), np.array([1.0, 0.0]), centres, 0.2)
+    corner = math.hypot(1.0, 1.2 - 0.2 * (1.0 - math.cos(math.pi / CORNERS)))
+    assert 2.0 * math.hypot(1.0, 1.0) < bound < 2.0 * corner + 0.2
+
+
+def test_through_a_gap_only_a_disc_goes_that_fits():
+    wall = np.array([[0.0, 0.1 * k] for k in range(-30, 31) if abs(k) > 3])
+    ends = np.array([-1.0, 0.0]), np.array([1.0, 0.0])
+    assert shortest_way_m(*ends, wall, 0.39) == 2.0
+    assert shortest_way_m(*ends, wall, 0.41) > 6.0
+
+
+@pytest.mark.parametrize(
+    "centres",
+    [
+        np.empty((0, 2)),
+        np.array([[math.cos(0.1 * k), math.sin(0.1 * k)] for k in range(63)]),
+        np.tile([5.0, 5.0], (MOST_CYLINDERS + 1, 1)),
+    ],
+    ids=["no discs", "shut in", "too many"],
+)
+def test_the_straight_line_is_the_bound_where_no_other_is_found(centres):
+    assert shortest_way_m(np.zeros(2), np.array([3.0, 4.0]), centres, 0.2) == 5.0
