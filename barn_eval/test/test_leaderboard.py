@@ -4,6 +4,7 @@ import html
 import json
 import re
 import shutil
+from dataclasses import replace
 
 import pytest
 from report_work import EVIL, campaign, drive
@@ -11,6 +12,7 @@ from report_work import EVIL, campaign, drive
 from barn_eval.analysis.leaderboard import configuration_hash, leaderboard
 from barn_eval.analysis.planners import colours
 from barn_eval.analysis.sources import read_source
+from barn_eval.experiments.rows import ResultRows
 from barn_eval.pages.report.leaderboard import markdown, page
 from barn_eval.trials.protocol import PAPER_2020
 from barn_worlds.base.errors import BarnError
@@ -39,6 +41,39 @@ def test_campaigns_of_the_same_worlds_share_a_board_and_others_have_their_own(ru
     boards = leaderboard([one, fewer, two], "time")
     assert [[row.entry.planner for row in board.places] for board in boards] == [["gap", "twin"], ["dwa"]]
     assert "8 worlds" in boards[0].title
+
+
+def capped(folder, caps_mps):
+    """Rewrite the speed caps of a folder's rows, by planner."""
+    rows = ResultRows(folder)
+    rows.replace([replace(row, speed_cap_mps=caps_mps[row.planner]) for row in rows.read()])
+    return folder
+
+
+def test_planners_of_another_class_of_speed_caps_have_a_board_of_their_own(run, tmp_path):
+    planners = ("gap", "dwa", "creeper", "racer", "unknown")
+    caps = {"gap": 0.5, "dwa": 0.26, "creeper": 0.25, "racer": 2.0, "unknown": None}
+    folder = capped(campaign(tmp_path / "one", run, planners=planners, bags=0), caps)
+    boards = leaderboard([folder])
+    assert [{place.entry.planner for place in board.places} for board in boards] == [
+        *({"unknown"}, {"creeper"}, {"gap", "dwa"}, {"racer"})
+    ]
+    assert ["m/s" in board.title for board in boards] == [False, True, True, True]
+    assert "up to 0.25 m/s" in boards[1].title and "up to 2 m/s" in boards[3].title
+
+
+def test_two_settings_of_a_planner_are_named_by_what_differs(run, tmp_path):
+    one = campaign(tmp_path / "one", run, planners=("dwa",), bags=0)
+    two = campaign(tmp_path / "two", run, planners=("dwa",), faster=0.5, bags=0)
+    file = two / "run.json"
+    content = json.loads(file.read_text())
+    content["experiment"]["planners"][0]["overrides"] = {"dwa.obstacle_weight": 0.0, "dwa.path_weight": 3.0}
+    file.write_text(json.dumps(content))
+    (board,) = leaderboard([one, two])
+    assert {place.entry.label for place in board.places} == {"DWA", "DWA (obstacle_weight=0.0, path_weight=3.0)"}
+    three = campaign(tmp_path / "three", run, planners=("dwa",), faster=0.7, bags=0)
+    (board,) = leaderboard([one, two, three])
+    assert {place.entry.label for place in board.places} == {"DWA (one)", "DWA (two)", "DWA (three)"}
 
 
 def test_a_board_may_be_of_some_worlds_alone(run, tmp_path, command):

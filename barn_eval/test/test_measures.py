@@ -44,11 +44,11 @@ def test_whatever_is_compared_has_a_better_side():
 def test_a_robot_does_better_that_arrives_sooner_farther_from_obstacles_and_smoother():
     sides = {side: {key for key, one in MEASURES.items() if one.better == side} for side in ("larger", "smaller", "")}
     assert sides["larger"] == {
-        *("success", "challenge", "challenge_2022", "min_clearance_m", "mean_clearance_m"),
+        *("success", "challenge", "challenge_2022", "efficiency", "min_clearance_m", "mean_clearance_m"),
         *("moving_clearance_m", "time_to_collision_s"),
     }
-    assert sides[""] == {"optimal_time_s", "mean_speed_mps", "recoveries", "real_time_factor"}
-    assert len(sides["smaller"]) == len(MEASURES) - 11
+    assert sides[""] == {"optimal_time_s", "least_time_s", "mean_speed_mps", "recoveries", "real_time_factor"}
+    assert len(sides["smaller"]) == len(MEASURES) - 13
 
 
 def test_what_a_robot_drives_counts_where_it_arrives():
@@ -69,6 +69,8 @@ def test_measures_of_a_trial_are_written_with_units_and_as_many_decimals_as_they
         "optimal time [s]": "3.00",
         "challenge metric (of 0.5)": "0.290",
         "challenge metric of 2022 (of 0.25)": "0.250",
+        "efficiency [%]": "50.0",
+        "least time possible [s]": "5.05",
         "driven length [m]": "5.500",
         "driven by path length": "1.100",
         "mean speed [m/s]": "0.500",

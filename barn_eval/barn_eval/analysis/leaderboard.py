@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -44,7 +45,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Board:
-    """The planners of one protocol and set of worlds, which alone can be ranked against each other, by a measure.
+    """The planners of one protocol, set of worlds and class of speed caps, which alone can be ranked, by a measure.
 
     ranking: with the tests of all pairs. notes: what to be careful about.
     """
@@ -57,7 +58,7 @@ class Board:
 
 
 def leaderboard(paths: Sequence[Path], ranking: str = "", worlds: str = "all") -> list[Board]:
-    """Return a board for each protocol and set of worlds, of the worlds chosen such as "0-49".
+    """Return a board for each protocol, set of worlds and class of speed caps, of the worlds chosen such as "0-49".
 
     Raises BarnError in one line for what cannot be read, and for two tasks under the name of one protocol.
 
@@ -66,14 +67,14 @@ def leaderboard(paths: Sequence[Path], ranking: str = "", worlds: str = "all") -
     """
     if ranking and ranking not in RANKINGS:
         raise ConfigError(f"unknown ranking {ranking!r}{suggest(ranking, RANKINGS)}")
-    groups: dict[tuple[str, str], list[Entry]] = {}
+    groups: dict[tuple[str, str, float], list[Entry]] = {}
     for entry in _in_worlds(read_entries(paths), worlds):
         groups.setdefault(_kind(entry), []).append(entry)
     for entries in groups.values():
         require_same_task([entry.source.path for entry in entries])
     return [
         board(labelled(entries), MEASURES[RANKINGS[ranking]] if ranking else metric_of(entries[0].results))
-        for _, entries in sorted(groups.items(), key=lambda one: (one[0][0], -len(one[1][0].results), one[0][1]))
+        for _, entries in sorted(groups.items(), key=lambda one: (one[0][0], -len(one[1][0].results), *one[0][1:]))
     ]
 
 
@@ -123,14 +124,23 @@ def _in_worlds(entries: Sequence[Entry], worlds: str) -> list[Entry]:
     return [entry for entry in kept if entry.results]
 
 
-def _kind(entry: Entry) -> tuple[str, str]:
-    """Return protocol and worlds of an entry; ConfigError if its trials follow several protocols."""
+def _kind(entry: Entry) -> tuple[str, str, float]:
+    """Return protocol, worlds and class of an entry; ConfigError if its trials follow several protocols."""
     protocols = {result.protocol for result in entry.results}
     if len(protocols) > 1:
         raise ConfigError(f"{entry.source.path}: {entry.planner} has trials of several protocols")
     worlds = sorted({(result.world, result.world_checksum) for result in entry.results})
     seeds = sorted({(result.campaign_seed, result.repetition) for result in entry.results})
-    return protocols.pop(), hashlib.sha256(repr((worlds, seeds)).encode()).hexdigest()
+    return protocols.pop(), hashlib.sha256(repr((worlds, seeds)).encode()).hexdigest(), speed_class_mps(entry)
+
+
+def speed_class_mps(entry: Entry) -> float:
+    """Return the upper end of the class of an entry's speed cap: each class is twice the one before, 0.5 m/s is one.
+
+    0 for rows of versions that had no caps.
+    """
+    cap_mps = max(result.speed_cap_mps or 0.0 for result in entry.results)
+    return 0.5 * 2.0 ** math.ceil(math.log2(cap_mps / 0.5) - 1e-9) if cap_mps else 0.0
 
 
 def _title(entry: Entry) -> str:
@@ -138,4 +148,6 @@ def _title(entry: Entry) -> str:
     worlds = counted(len({result.world for result in results}), "world")
     dataset = ", ".join(sorted({result.dataset for result in results}))
     seeds = ", ".join(map(str, sorted({result.campaign_seed for result in results})))
-    return f"{results[0].protocol} protocol, {worlds} of {dataset}, seed {seeds}, {robot}task {results[0].task}"
+    fastest = speed_class_mps(entry)
+    caps = f"up to {fastest:g} m/s, " if fastest else ""
+    return f"{results[0].protocol} protocol, {worlds} of {dataset}, seed {seeds}, {caps}{robot}task {results[0].task}"

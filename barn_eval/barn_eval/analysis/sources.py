@@ -130,16 +130,40 @@ def entries_of(sources: Sequence[Source]) -> list[Entry]:
 
 
 def labelled(entries: Sequence[Entry]) -> list[Entry]:
-    """Return entries with labels and colours by which they are told apart beside each other."""
+    """Return entries with labels and colours by which they are told apart beside each other.
+
+    Entries of one planner have in their labels the settings in which they differ, or else their folders.
+    """
     planners = [entry.planner for entry in entries]
-    labels = [
-        spelling(one.planner) + (f" ({one.source.path.resolve().name})" if planners.count(one.planner) > 1 else "")
-        for one in entries
-    ]
-    if len(set(labels)) < len(labels):
-        labels = [f"{spelling(one.planner)} ({one.source.path})" for one in entries]
+    same = {planner: [one for one in entries if one.planner == planner] for planner in planners}
+    choices = (
+        [spelling(one.planner) + _differing(one, same[one.planner]) for one in entries],
+        [
+            spelling(one.planner) + (f" ({one.source.path.resolve().name})" if len(same[one.planner]) > 1 else "")
+            for one in entries
+        ],
+        [f"{spelling(one.planner)} ({one.source.path})" for one in entries],
+    )
+    labels = next((one for one in choices if len(set(one)) == len(one)), choices[-1])
     marks = zip(entries, labels, colours(planners), strict=True)
     return [replace(entry, label=label, colour=colour) for entry, label, colour in marks]
+
+
+def _differing(entry: Entry, others: Sequence[Entry]) -> str:
+    """Return the settings of an entry's planner that others of the planner have not, in brackets."""
+    own, known = _settings(entry), [_settings(other) for other in others]
+    names = [f"{key.rpartition('.')[2]}={own[key]}" for key in own if any(one.get(key) != own[key] for one in known)]
+    return f" ({', '.join(names)})" if names else ""
+
+
+def _settings(entry: Entry) -> dict[str, Any]:
+    """Return what was set of an entry's planner, however malformed its configuration."""
+    planners = entry.source.configuration.get("planners")
+    listed = planners if isinstance(planners, list) else ()
+    own = next((one for one in listed if isinstance(one, dict) and one.get("name") == entry.planner), {})
+    overrides = own.get("overrides")
+    named = {key: own[key] for key in ("preset", "max_speed_mps") if own.get(key)}
+    return named | (overrides if isinstance(overrides, dict) else {})
 
 
 def require_same_task(folders: Sequence[Path]) -> None:

@@ -71,7 +71,7 @@ def compare(a: Folder, b: Folder) -> pd.DataFrame:
 
 def leaderboard(
     folders: Folders,
-    by: Literal["", "challenge", "challenge_2022", "success", "time"] = "",
+    by: Literal["", "challenge", "challenge_2022", "efficiency", "success", "time"] = "",
     out: str | Path | None = None,
     *,
     worlds: str = "all",

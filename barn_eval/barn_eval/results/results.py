@@ -92,7 +92,8 @@ class Results:
         """A row per planner: trials, worlds, and means of what is scored with the limits of their 95 % intervals.
 
         Columns: planner, trials, worlds, and for each of success (share), traversal_time_s (of successes),
-        scored_time_s, normalised_time_s_per_m, challenge and challenge_2022 the mean, NAME_low and NAME_high.
+        scored_time_s, normalised_time_s_per_m, challenge, challenge_2022 and efficiency the mean, NAME_low and
+        NAME_high.
         """
         return frame_of({"planner": name} | summarise(one).columns() for name, one in by_planner(self.trials).items())
 

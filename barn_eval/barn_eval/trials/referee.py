@@ -83,16 +83,16 @@ class Referee:
 
     def command(self, command: Velocity2D) -> Verdict | None:
         """Take a command on its way to the robot; one that is not finite, or above the speed cap, ends the trial."""
-        wrong, cap_mps = "", self._declared_mps
+        if self.verdict is not None:
+            return self.verdict
         if not command.is_finite():
-            wrong = "is not finite"
-        elif 0.0 < cap_mps * (1.0 + _ROUNDING) < abs(command.linear):
-            wrong = f"is above the planner's declared speed cap of {cap_mps:g} m/s"
-        if wrong and self.verdict is None:
             return self.fail(
-                Outcome.INVALID_COMMAND, f"command ({command.linear!r} m/s, {command.angular!r} rad/s) {wrong}"
+                Outcome.INVALID_COMMAND, f"command ({command.linear!r} m/s, {command.angular!r} rad/s) is not finite"
             )
-        return self.verdict
+        if 0.0 < self._declared_mps * (1.0 + _ROUNDING) < abs(command.linear):
+            cap = f"declared speed cap of {self._declared_mps:g} m/s"
+            return self.fail(Outcome.INVALID_COMMAND, f"command of {command.linear!r} m/s is above the planner's {cap}")
+        return None
 
     def fail(self, outcome: Outcome, detail: str, blamed: str = "") -> Verdict:
         """End the trial for a reason that no reading shows, such as a process that died; `blamed` as in `Verdict`."""
