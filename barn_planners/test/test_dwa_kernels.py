@@ -68,7 +68,7 @@ def prepared(costs, pose):
 
 def wavefront_from(state, seeds):
     wave = wavefront.new_wavefront(ROWS, COLS)
-    wavefront.begin(wave, state, np.array([padded(cell) for cell in seeds]))
+    wavefront.begin(*wave[:4], state, np.array([padded(cell) for cell in seeds]))
     return wave
 
 
@@ -80,7 +80,7 @@ def test_waves_count_the_steps_around_what_blocks(seed):
     wave, again = wavefront_from(state, seeds), wavefront_from(state, seeds[:1])
     expected = plain_wavefront(passable, seeds)
     cells = list(np.ndindex(ROWS, COLS))
-    wavefront.begin(again, state, np.array([padded(cell) for cell in seeds]))
+    wavefront.begin(*again[:4], state, np.array([padded(cell) for cell in seeds]))
     for one in (wave, again):
         np.random.default_rng(seed).shuffle(cells)  # in whatever order cells are asked for
         for cell in cells:
@@ -129,7 +129,7 @@ def test_edges_cost_what_the_costmap_says_also_where_only_those_that_moved_are_l
     costs[:, 60:] = 0
     ground, seen = Ground(costs, clearance(costs, (5, 65, 10, 80)), GRID, outline), set()
     for _ in range(200):
-        corners, highest = np.full((len(outline), 3), -1), 0
+        corners, highest = np.full(len(outline), -1), 0
         x, y, yaw = rng.uniform(-2.2, 2.7), rng.uniform(-1.7, 2.2), rng.uniform(-4, 4)
         for _ in range(4):
             edge = costmap_kernels.edge_cost(costs, costmap_kernels.placed(outline, x, y, yaw), *ORIGIN, RESOLUTION)

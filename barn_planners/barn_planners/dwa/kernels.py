@@ -163,29 +163,32 @@ def edges_cost(costs, clear, grid, outline, x, y, cos_yaw, sin_yaw, corners, hig
 
     That is where an edge touches a lethal cell or leaves the grid, as for `edge_cost` of a costmap. The first arguments
     are those of `Ground`, one by one: taking an array out of a tuple for each pose would count references.
-    corners: int64 (n, 3), cells of the corners at the pose before, whose edges are part of `highest`; takes those of
-    this pose. Edges that have not moved are skipped. All are -1 before the first pose.
+    corners: int64 (n,), cells of the corners at the pose before, whose edges are part of `highest`; takes those of this
+    pose. Edges that have not moved are skipped. All are -1 before the first pose.
     """
     rows, cols = costs.shape
-    moved = False
-    for k in range(len(outline)):
+    last = len(outline) - 1
+    along, across = outline[last, 0], outline[last, 1]
+    row, col = row_col(grid, x + cos_yaw * along - sin_yaw * across, y + sin_yaw * along + cos_yaw * across)
+    if row < 0 or row >= rows or col < 0 or col >= cols:
+        return -1
+    last_row, last_col = row, col
+    last_moved = moved = row * cols + col != corners[last]
+    for k in range(last):
         along, across = outline[k, 0], outline[k, 1]
-        row, col = row_col(grid, x + cos_yaw * along - sin_yaw * across, y + sin_yaw * along + cos_yaw * across)
-        if row < 0 or row >= rows or col < 0 or col >= cols:
+        end_row, end_col = row_col(grid, x + cos_yaw * along - sin_yaw * across, y + sin_yaw * along + cos_yaw * across)
+        if end_row < 0 or end_row >= rows or end_col < 0 or end_col >= cols:
             return -1
-        here = row != corners[k, 0] or col != corners[k, 1]
-        corners[k, 0], corners[k, 1], corners[k, 2] = row, col, here
-        moved |= here
-    if not moved:
-        return highest
-    row, col, moved = corners[-1, 0], corners[-1, 1], corners[-1, 2] != 0
-    for k in range(len(outline)):
-        end_row, end_col, here = corners[k, 0], corners[k, 1], corners[k, 2] != 0
+        here = end_row * cols + end_col != corners[k]
         if moved or here:
             highest = along_edge(costs, clear, row, col, end_row, end_col, highest)
             if highest < 0:
                 return -1
+            corners[k] = end_row * cols + end_col
         row, col, moved = end_row, end_col, here
+    if moved or last_moved:
+        highest = along_edge(costs, clear, row, col, last_row, last_col, highest)
+        corners[last] = last_row * cols + last_col
     return highest
 
 
@@ -217,7 +220,7 @@ def rollout(scene, start, motion, weights, row):  # type: ignore[no-untyped-def]
     dt = motion.time_s / steps
     ground, path, goal = scene
     costs, clear, grid, outline = ground
-    obstacle, corners = 0, np.full((len(outline), 3), -1)
+    obstacle, corners = 0, np.full(len(outline), -1)
     row[COST] = TOUCHES
     for k in range(steps):
         cos_yaw, sin_yaw = math.cos(yaw), math.sin(yaw)

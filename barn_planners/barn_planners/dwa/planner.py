@@ -179,10 +179,10 @@ class _Fields:
         kernels.open_around(costmap.costs, window, self._clear)
         first, spans = costmap.footprint_spans(pose)
         wavefront.blocked(costmap.costs, first, spans, self._blocked)
-        wavefront.begin(self._path, self._blocked, seeds[:count])
+        wavefront.begin(*self._path[:4], self._blocked, seeds[:count])
         if robot_blocks_goal:
             wavefront.blocked(costmap.costs, first, spans[:0], self._blocked)
-        wavefront.begin(self._goal, self._blocked, seeds[count - 1 : count])
+        wavefront.begin(*self._goal[:4], self._blocked, seeds[count - 1 : count])
         grid = Grid(costmap.origin_x, costmap.origin_y, 1.0 / costmap.resolution)
         return Scene(Ground(self._costs, self._clear, grid, costmap.outline), self._path, self._goal)
 

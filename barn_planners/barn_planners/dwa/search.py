@@ -16,12 +16,14 @@ from barn_planners.dwa.kernels import (
     END_X,
     END_Y,
     END_YAW,
+    GOAL,
+    OBSTACLE,
+    PATH,
     SPEED,
     TOUCHES,
     TURN,
     approach,
     edges_cost,
-    rollout,
     row_col,
     step_count,
     steps_at,
@@ -50,12 +52,20 @@ class Choice(NamedTuple):
 
 
 class _Work(NamedTuple):
-    """Work space of a search: headings (slots, poses, 3) yaw, cosine, sine; their turns and steps; places; corners."""
+    """What all samples of a search share.
+
+    headings (slots, poses, 3): yaw, cosine, sine; heading_of (slots, 2): their turns and steps; places (poses, 2): x, y.
+    corners: as of `edges_cost`; first_corners, highest: corners and highest cost where all begin. reach: of the outline
+    in cells; where it is this open around the robot, its edges meet no cost.
+    """
 
     headings: npt.NDArray[np.float64]
     heading_of: npt.NDArray[np.float64]
     places: npt.NDArray[np.float64]
     corners: npt.NDArray[np.int64]
+    first_corners: npt.NDArray[np.int64]
+    highest: int
+    reach: int
 
 
 @njit(cache=True)
@@ -67,25 +77,31 @@ def find_best(scene, start, motion, weights, table, choice):  # type: ignore[no-
     """
     table[:, COST] = TOUCHES
     costs, clear, grid, outline = scene.ground
-    corners, cos_yaw, sin_yaw = np.full((len(outline), 3), -1), math.cos(start.yaw), math.sin(start.yaw)
-    at_start = edges_cost(costs, clear, grid, outline, start.x, start.y, cos_yaw, sin_yaw, corners, 0)
-    if at_start < 0:
+    corners, cos_yaw, sin_yaw = np.full(len(outline), -1), math.cos(start.yaw), math.sin(start.yaw)
+    highest = edges_cost(costs, clear, grid, outline, start.x, start.y, cos_yaw, sin_yaw, corners, 0)
+    if highest < 0:
         return -1
-    most = 1
+    cell = row_col(grid, start.x, start.y)
+    if steps_at(scene.path, *cell) >= UNREACHED or steps_at(scene.goal, *cell) >= UNREACHED:
+        return -1
+    most, reach = 1, 0.0
+    for k in range(len(outline)):
+        reach = max(reach, math.hypot(outline[k, 0], outline[k, 1]))
     for k in range(len(table)):
         most = max(most, step_count(table[k, SPEED], table[k, TURN], motion))
     headings, heading_of = np.empty((choice.slots, most + 1, 3)), np.zeros((choice.slots, 2))
-    work = _Work(headings, heading_of, np.empty((most, 2)), corners)
-    best, best_cost = _best_drive(scene, start, motion, weights, table, choice, work, at_start)
-    best = _best_turn(scene, start, motion, weights, table, choice, work, at_start, best, best_cost)
+    cells = math.ceil(reach * grid.per_m)
+    work = _Work(headings, heading_of, np.empty((most, 2)), corners.copy(), corners, highest, cells)
+    best, best_cost = _best_drive(scene, start, motion, weights, table, choice, work)
+    best, best_cost = _best_turn(scene, start, motion, weights, table, choice, work, best, best_cost)
     if best >= 0:
-        rollout(scene, start, motion, weights, table[best])
+        table[best, COST] = best_cost
     return best
 
 
 @njit(cache=True)
-def _best_drive(scene, start, motion, weights, table, choice, work, at_start):  # type: ignore[no-untyped-def]
-    """Return the best row that drives forward and its cost; at_start: highest cost under the edges at the start."""
+def _best_drive(scene, start, motion, weights, table, choice, work):  # type: ignore[no-untyped-def]
+    """Return the best row that drives forward and its cost."""
     best, best_cost = -1, math.inf
     least_of, least = math.inf, 0.0  # a speed, and what samples of it cost at least
     for n in range(-1, choice.drives):
@@ -94,7 +110,7 @@ def _best_drive(scene, start, motion, weights, table, choice, work, at_start):  
             continue
         if best >= 0 and table[k, SPEED] != least_of:
             least_of = table[k, SPEED]
-            least = _least(scene, start, motion, weights, least_of) + weights.obstacle * at_start
+            least = _least(scene, start, motion, weights, least_of) + weights.obstacle * work.highest
         if least > best_cost:
             continue
         # of equal costs the first row wins
@@ -105,9 +121,9 @@ def _best_drive(scene, start, motion, weights, table, choice, work, at_start):  
 
 
 @njit(cache=True)
-def _best_turn(scene, start, motion, weights, table, choice, work, at_start, best, best_cost):  # type: ignore[no-untyped-def]
+def _best_turn(scene, start, motion, weights, table, choice, work, best, best_cost):  # type: ignore[no-untyped-def]
     ahead_best = math.inf
-    least = _least(scene, start, motion, weights, 0.0) + weights.obstacle * at_start
+    least = _least(scene, start, motion, weights, 0.0) + weights.obstacle * work.highest
     for k in range(choice.drives, len(table)):
         row, slot = table[k], k % choice.slots
         if least > best_cost or not (choice.left if row[TURN] > 0.0 else choice.right):
@@ -115,12 +131,10 @@ def _best_turn(scene, start, motion, weights, table, choice, work, at_start, bes
         cost = _cost(scene, start, motion, weights, row, best_cost, work, slot)
         if cost < 0.0 or cost > best_cost:
             continue
-        end = step_count(row[SPEED], row[TURN], motion) - 1
-        row[END_X], row[END_Y], row[END_YAW] = work.places[end, 0], work.places[end, 1], work.headings[slot, end, 0]
         ahead = _goal_ahead(scene, row, choice.lookahead_m, choice.past_blocked)
         if ahead < ahead_best:
             best, best_cost, ahead_best = k, cost, ahead
-    return best
+    return best, best_cost
 
 
 @njit(cache=True)
@@ -146,39 +160,57 @@ def _goal_ahead(scene, row, lookahead, past_blocked):  # type: ignore[no-untyped
 
 @njit(cache=True)
 def _cost(scene, start, motion, weights, row, limit, work, slot):  # type: ignore[no-untyped-def]
-    """Return the cost of a sample as `rollout` does; -1 if it is not allowed or, perhaps, if it is above the limit."""
-    ground, path, goal = scene
-    costs, clear, grid, outline = ground
-    rows, cols = costs.shape
+    """Fill a row as `rollout` does, but for the cost, and return that; -1 if not allowed or above the limit."""
+    rows, cols = scene.ground.costs.shape
     steps = step_count(row[SPEED], row[TURN], motion)
-    headings, heading_of, places, corners = work.headings[slot], work.heading_of[slot], work.places, work.corners
-    path_state, goal_state = path.state, goal.state
+    headings, heading_of, places = work.headings[slot], work.heading_of[slot], work.places
     if heading_of[0] != row[TURN] or heading_of[1] != steps:
         heading_of[0], heading_of[1] = row[TURN], steps
         _turn(start, row[TURN], steps, motion, headings)
     _drive(start, row[SPEED], steps, motion, headings, places)
-    end_row, end_col = row_col(grid, places[steps - 1, 0], places[steps - 1, 1])
+    end_row, end_col = row_col(scene.ground.grid, places[steps - 1, 0], places[steps - 1, 1])
     if end_row < 0 or end_row >= rows or end_col < 0 or end_col >= cols:
         return -1.0
-    to_path, to_goal = steps_at(path, end_row, end_col), steps_at(goal, end_row, end_col)
+    to_path, to_goal = steps_at(scene.path, end_row, end_col), steps_at(scene.goal, end_row, end_col)
     if to_path >= UNREACHED or to_goal >= UNREACHED:
         return -1.0
     at_end = weights.path * to_path + weights.goal * to_goal
-    highest = 0
-    for stride in (_COARSE, 1):
-        corners[:] = -1
-        for k in range(0, steps, stride):
-            x, y = places[k, 0], places[k, 1]
-            highest = edges_cost(costs, clear, grid, outline, x, y, headings[k, 1], headings[k, 2], corners, highest)
-            if highest < 0 or at_end + weights.obstacle * highest > limit:
-                return -1.0
-            at_row, at_col = row_col(grid, x, y)
-            cell = np.uint64((at_row + 1) * (cols + 2) + at_col + 1)
-            if path_state[cell] != REACHED and steps_to(path, cell) >= UNREACHED:
-                return -1.0
-            if goal_state[cell] != REACHED and steps_to(goal, cell) >= UNREACHED:
-                return -1.0
+    if at_end + weights.obstacle * work.highest > limit:
+        return -1.0
+    highest = _highest(scene, weights.obstacle, limit - at_end, steps, headings, work)
+    if highest < 0 or at_end + weights.obstacle * highest > limit:
+        return -1.0
+    row[END_X], row[END_Y], row[END_YAW] = places[steps - 1, 0], places[steps - 1, 1], headings[steps - 1, 0]
+    row[PATH], row[GOAL], row[OBSTACLE] = to_path, to_goal, highest
     return at_end + weights.obstacle * highest
+
+
+@njit(cache=True)
+def _highest(scene, weight, most, steps, headings, work):  # type: ignore[no-untyped-def]
+    """Return the highest cost along a rollout, or a lower one that is worth more than `most`; -1 if not allowed."""
+    ground, path, goal = scene
+    costs, clear, grid, outline = ground
+    rows, cols = costs.shape
+    path_state, goal_state = path.state, goal.state
+    highest, reach, corners, places = work.highest, work.reach, work.corners, work.places
+    for stride in (_COARSE, 1):
+        corners[:] = work.first_corners
+        for k in range(stride, steps, stride):
+            if stride == 1 and k % _COARSE == 0:
+                continue  # has been looked at
+            x, y = places[k, 0], places[k, 1]
+            row, col = row_col(grid, x, y)
+            if not (0 <= row < rows and 0 <= col < cols) or clear[row, col] <= reach:
+                c, s = headings[k, 1], headings[k, 2]
+                highest = edges_cost(costs, clear, grid, outline, x, y, c, s, corners, highest)
+                if highest < 0 or weight * highest > most + 1e-6:
+                    return highest
+            cell = np.uint64((row + 1) * (cols + 2) + col + 1)
+            if path_state[cell] != REACHED and steps_to(path, cell) >= UNREACHED:
+                return -1
+            if goal_state[cell] != REACHED and steps_to(goal, cell) >= UNREACHED:
+                return -1
+    return highest
 
 
 @njit(cache=True)

@@ -81,16 +81,19 @@ def plan_cells(plan, origin_x, origin_y, resolution, rows, cols, cells):  # type
 
 
 @njit(cache=True)
-def begin(front, blocked_cells, seeds):  # type: ignore[no-untyped-def]
-    """Let a wavefront start anew from its seeds, 0 wherever they are; blocked_cells: as `blocked` writes it."""
-    front.state[:] = blocked_cells
+def begin(distances, state, queue, ends, blocked_cells, seeds):  # type: ignore[no-untyped-def]
+    """Let a wavefront, of the first four arrays, start anew from its seeds, 0 wherever they are.
+
+    blocked_cells: as `blocked` writes it.
+    """
+    state[:] = blocked_cells
     tail = 0
     for seed in seeds:
-        if front.state[seed] != REACHED:
-            front.distances[seed], front.state[seed] = 0, REACHED
-            front.queue[tail] = seed
+        if state[seed] != REACHED:
+            distances[seed], state[seed] = 0, REACHED
+            queue[tail] = seed
             tail += 1
-    front.ends[HEAD], front.ends[TAIL] = 0, tail
+    ends[HEAD], ends[TAIL] = 0, tail
 
 
 @njit(cache=True)
