@@ -54,7 +54,7 @@ class Choice(NamedTuple):
 class _Work(NamedTuple):
     """What all samples of a search share.
 
-    headings (slots, poses, 3): yaw, cosine, sine; heading_of (slots, 2): their turns and steps; places (poses, 2): x, y.
+    headings (slots, poses, 3): yaw, cosine, sine; heading_of (slots, 2): their turns and steps; places (poses, 2).
     corners: as of `edges_cost`; first_corners, highest: corners and highest cost where all begin. reach: of the outline
     in cells; where it is this open around the robot, its edges meet no cost.
     """
