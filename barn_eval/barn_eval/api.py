@@ -4,13 +4,16 @@ import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import wraps
 from pathlib import Path
-from typing import Any, Literal, ParamSpec
+from typing import Any, Concatenate, Literal, ParamSpec
 
+import pandas as pd
 from rich.console import Console
 
+from barn_eval.analysis.sweep import sweep_board, sweep_rows
 from barn_eval.experiments.live import LivePlanner, Planners, split_planners
 from barn_eval.experiments.request import Request, read_request
 from barn_eval.experiments.run import Plan, plan_experiment
+from barn_eval.experiments.sweep import Sweep, grid
 from barn_eval.results import Results
 from barn_eval.ros.work import run_request
 from barn_eval.trials.protocol import Protocol
@@ -127,8 +130,58 @@ def _plan_of(call: Callable[P, Results]) -> Callable[P, Plan]:
 plan = _plan_of(run)
 
 
+def _sweep_of(call: Callable[P, Results]) -> Callable[Concatenate[Sweep, P], pd.DataFrame]:
+    """Return the function that calls `run` for each of several settings."""
+
+    @wraps(call)
+    def sweep(parameters: Sweep, /, *args: P.args, **kwargs: P.kwargs) -> pd.DataFrame:
+        given = inspect.signature(call).bind(*args, **kwargs)
+        given.apply_defaults()
+        (path, options, settings, worlds), live = _options(given.arguments)
+        made = grid(parameters, path, options, settings, worlds)
+        for setting in made:
+            setting.write_files()
+            console = Console(stderr=True, quiet=not given.arguments["progress"])
+            run_request(setting.request, console, live, overwrite=bool(given.arguments["overwrite"]))
+        return pd.DataFrame(sweep_rows(sweep_board(made[0].request.out.parent)))
+
+    sweep.__doc__ = """Run every combination of values of a planner's parameters, and return them, best first.
+
+    Each setting has a folder of its own below `out`.
+
+    Args:
+        parameters: Values by parameter, as {"dwa.path_weight": [0.3, 0.6, 1.2]}; of the only planner.
+        {of_run}
+
+    Returns:
+        A row per setting: rank, `level_with_best` (not clearly worse than the best), a column per parameter, the metric
+        and other figures with their 95 % intervals, and its folder.
+
+    Raises:
+        BarnError: Something is not possible as it was asked for; one line says what.
+    """.replace("{of_run}", (call.__doc__ or "").partition("Args:")[2].partition("\n\n")[0].strip())
+    signature = inspect.signature(call)
+    first = inspect.Parameter("parameters", inspect.Parameter.POSITIONAL_ONLY, annotation=Sweep)
+    sweep.__signature__ = signature.replace(  # type: ignore[attr-defined]
+        parameters=[first, *signature.parameters.values()], return_annotation=pd.DataFrame
+    )
+    return sweep
+
+
+sweep = _sweep_of(run)
+
+
 def _asked(arguments: Mapping[str, Any]) -> tuple[Request, dict[str, LivePlanner]]:
     """Return what arguments of `run` ask for, and the planners among them that are Python objects."""
+    options, live = _options(arguments)
+    return read_request(*options), live
+
+
+_Options = tuple[Path | None, Mapping[str, Any], Mapping[str, Any] | None, Mapping[int, World] | None]
+
+
+def _options(arguments: Mapping[str, Any]) -> tuple[_Options, dict[str, LivePlanner]]:
+    """Return the arguments of `read_request` for those of `run`, and the planners that are Python objects."""
     given = {name: value for name, value in arguments.items() if name not in ("overwrite", "progress")}
     file, settings, planners = (given.pop(name) for name in ("file", "settings", "planners"))
     chosen, live = split_planners(planners) if planners is not None else (None, {})
@@ -140,7 +193,7 @@ def _asked(arguments: Mapping[str, Any]) -> tuple[Request, dict[str, LivePlanner
     if not (worlds is None or isinstance(worlds, str)):
         worlds, given_worlds = _numbers(worlds)
     options = given | {"worlds": worlds, "planners": chosen}
-    return read_request(Path(file) if file else None, options, settings, given_worlds), live
+    return (Path(file) if file else None, options, settings, given_worlds), live
 
 
 def _numbers(worlds: object) -> tuple[str, dict[int, World] | None]:

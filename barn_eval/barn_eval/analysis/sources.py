@@ -13,6 +13,7 @@ from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.folder import read_results, results_of
 from barn_eval.experiments.rows import TrackRows
 from barn_eval.experiments.run_file import RunFile
+from barn_eval.experiments.sweep import expanded
 from barn_eval.trials.identity import first_difference
 from barn_eval.trials.result import MOST_MISSED, TrialResult
 from barn_sim.config import chassis_in
@@ -116,7 +117,11 @@ def late_text(path: Path, results: Sequence[TrialResult]) -> str:
 
 
 def read_entries(paths: Sequence[Path]) -> list[Entry]:
-    """Return the planners of all folders, in the order given; ConfigError if a folder is named twice."""
+    """Return the planners of all folders, in the order given; ConfigError if a folder is named twice.
+
+    The folder of a sweep stands for those of its settings.
+    """
+    paths = expanded(paths)
     for path, count in Counter(path.resolve() for path in paths).items():
         if count > 1:
             raise ConfigError(f"{path}: is named twice")

@@ -9,7 +9,9 @@ import click
 
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.summary import summarise, summarise_campaign
+from barn_eval.analysis.sweep import sweep_board, sweep_rows, sweep_table
 from barn_eval.analysis.tables import comparison_table, summary_table, trials_table
+from barn_eval.analysis.verdict import verdict
 from barn_eval.commands.options import FILE, FOLDER, SEED, console, json_option, notes, print_json, say, settings_option
 from barn_eval.commands.tables import FittedTable, rich_table, table
 from barn_eval.commands.watch import viewed
@@ -18,6 +20,7 @@ from barn_eval.experiments.progress import MOST_LINES, clock
 from barn_eval.experiments.request import Request, read_request
 from barn_eval.experiments.ros_config import BAGS, MODES, RosSetup
 from barn_eval.experiments.run import Plan, plan_experiment
+from barn_eval.experiments.sweep import Setting, grid, sweep_of
 from barn_eval.ros.work import run_request
 from barn_eval.trials.outcome import NOT_DRIVEN
 from barn_eval.trials.result import TrialResult
@@ -51,6 +54,12 @@ NOT_SCORED = 3  # the exit code
     "A planner's parameter (barn_planners/README.md lists them), its name without PLANNER where there is one planner",
     metavar="[PLANNER.]KEY=VALUE",
 )
+@click.option(
+    "--sweep",
+    multiple=True,
+    metavar="KEY=V1,V2,...",
+    help="Run each value of a parameter, and all combinations of several; repeatable.",
+)
 @settings_option("--sim", "simulator", "Of the simulator", SimulatorConfig())
 @settings_option("--ros", "ros", "Of mode ros", RosSetup())
 @settings_option("--execution", "execution", "How it is run, which changes no result", Execution())
@@ -65,6 +74,7 @@ NOT_SCORED = 3  # the exit code
 def command(
     file: Path | None,
     settings: dict[str, Any],
+    sweep: tuple[str, ...],
     overwrite: bool,
     dry_run: bool,
     as_json: bool,
@@ -78,6 +88,10 @@ def command(
     end; bags to OUT/bags, pictures to OUT/pictures.
     """
     given = {key: value for key, value in options.items() if value not in (None, (), {})}
+    if swept := sweep_of(file, sweep):
+        if dry_run or view:
+            raise click.UsageError("a sweep is run without --dry-run and --view")
+        return _sweep(grid(swept, file, given, settings), overwrite=overwrite, as_json=as_json)
     request = read_request(file, given, settings)
     if not dry_run:
         return carry_out(request, overwrite=overwrite, as_json=as_json, view=view)
@@ -100,6 +114,23 @@ def carry_out(request: Request, *, overwrite: bool, as_json: bool, view: bool = 
     _print(request, results, as_json)
     whole = all(result.counts for result in results)
     return 0 if whole and any(result.outcome not in NOT_DRIVEN for result in results) else NOT_SCORED
+
+
+def _sweep(settings: Sequence[Setting], *, overwrite: bool, as_json: bool) -> int:
+    """Run one setting after the other and print them in order."""
+    for number, setting in enumerate(settings, 1):
+        say(f"setting {number} of {len(settings)}: {setting.name}")
+        setting.write_files()
+        run_request(setting.request, notes, overwrite=overwrite)
+    folder = settings[0].request.out.parent
+    found = sweep_board(folder)
+    if as_json:
+        print_json({"verdict": verdict(found.ranking, found.measure), "settings": sweep_rows(found)})
+        return 0
+    console.print(verdict(found.ranking, found.measure), markup=False, highlight=False)
+    console.print(rich_table(sweep_table(found)))
+    say(f"folders of settings in {folder}; barn report {folder} draws them")
+    return 0
 
 
 def _print(request: Request, results: Sequence[TrialResult], as_json: bool) -> None:

@@ -30,7 +30,11 @@ from barn_worlds.worlds.world import World
 SCHEMA_VERSION = 1
 _CAP = "max_speed_mps"
 _EXECUTION = tuple(field.name for field in fields(Execution))
-_KEYS = (*(field.name for field in fields(Experiment)), *_EXECUTION, "execution", "out", "planner_command", "robot")
+_KEYS = (
+    *(field.name for field in fields(Experiment)),
+    *_EXECUTION,
+    *("execution", "out", "planner_command", "robot", "sweep"),
+)
 _NAMED_COMMAND = re.compile(r"([A-Za-z0-9][A-Za-z0-9_.-]*)=(.*)", re.DOTALL)
 
 
@@ -70,6 +74,7 @@ def read_request(
     for key in content:
         if key not in _KEYS:
             raise ConfigError(f"{where}unknown key {shown(key)}{suggest(key, _KEYS)}")
+    content.pop("sweep", None)  # of `sweep.py`, which asks for one experiment after the other
     out = Path(_given(content.pop("out") or None, (str, Path), f"{where}out must name a folder for the results"))
     execution = _changes(content.pop("execution", None), f"{where}execution")
     execution |= {name: content.pop(name) for name in _EXECUTION if name in content}

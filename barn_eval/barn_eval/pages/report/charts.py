@@ -15,6 +15,8 @@ from barn_eval.analysis.measures import MEASURES, Measure, metric_of, safety_of
 from barn_eval.analysis.overview import Overview
 from barn_eval.analysis.significance import ALPHA
 from barn_eval.analysis.sources import Entry
+from barn_eval.analysis.sweep import parameters_of
+from barn_eval.experiments.sweep import values_of
 from barn_eval.pages.figures import OUTCOME_COLOURS, label_axes, marker_of, plain, points
 from barn_eval.pages.report.trials import DrivenTrial
 from barn_eval.trials.outcome import Outcome
@@ -219,6 +221,46 @@ def _paired(panels: Sequence[Axes], data: ChartData) -> Legend:
     names = [f"{plain(one.a)} - {plain(one.b)}" for one in comparisons]
     panels[0].set_yticks(range(len(comparisons)), names)
     panels[0].set_ylim(len(comparisons) - 0.4, -0.6)
+    return Legend()
+
+
+def _swept(data: ChartData) -> Panels | None:
+    return Panels(3.8) if len(parameters_of(data.entries)) in (1, 2) else None
+
+
+@chart("The protocol's metric over the parameters of a sweep, with 95 % intervals where there is one", _swept)
+def _sweep(panels: Sequence[Axes], data: ChartData) -> Legend:
+    (axes,), names, metric = panels, parameters_of(data.entries), data.metric
+    places = [tuple(values_of(entry.source.path).values()) for entry in data.entries]
+    means = [metric.shown(summary[metric.key]) for summary in data.overview().summaries]
+    levels = [
+        sorted(dict.fromkeys(one), key=lambda value: (str(type(value)), value)) for one in zip(*places, strict=True)
+    ]
+    ticks = [[f"{value:g}" if isinstance(value, float) else value for value in level] for level in levels]
+    if len(names) == 1:
+        numeric = all(isinstance(value, float) for value in levels[0])
+        along = np.array([value if numeric else levels[0].index(value) for (value,) in places], float)
+        order = np.argsort(along)
+        axes.plot(along[order], [means[place].estimate for place in order], color=FAINT, linewidth=1.2)
+        points(axes, along, means, data.entries[0].colour, "o")
+        if not numeric or len(along) <= 12:
+            axes.set_xticks(np.sort(along), ticks[0])
+        label_axes(axes, names[0], metric.heading)
+        return Legend()
+    values = np.full((len(levels[1]), len(levels[0])), np.nan)
+    for (x, y), mean in zip(places, means, strict=True):
+        values[levels[1].index(y), levels[0].index(x)] = mean.estimate
+    drawn = axes.imshow(values, origin="lower", aspect="auto", cmap="viridis")
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    figure.colorbar(drawn, ax=axes, label=metric.heading)
+    middle = 0.4 * np.nanmin(values) + 0.6 * np.nanmax(values)
+    for (row, column), value in np.ndenumerate(values):
+        axes.text(column, row, f"{value:.3g}", ha="center", va="center", color=WHITE if value < middle else INK)
+    axes.set_xticks(range(len(ticks[0])), ticks[0])
+    axes.set_yticks(range(len(ticks[1])), ticks[1])
+    label_axes(axes, *names)
+    axes.grid(visible=False)
     return Legend()
 
 

@@ -21,6 +21,7 @@ from barn_eval.analysis.text_table import TextTable
 from barn_eval.analysis.verdict import cautions
 from barn_eval.bags.recorded import read_recorded
 from barn_eval.experiments.folder import REPLAYS
+from barn_eval.experiments.sweep import expanded
 from barn_eval.pages import DIFFICULTIES, Progress
 from barn_eval.pages.figures import ReportFigure, finished, new_figure, plain, style
 from barn_eval.pages.replay.page import replay_page
@@ -140,7 +141,7 @@ def build_report(
     if difficulty not in DIFFICULTIES:
         raise ConfigError(f"difficulty {difficulty!r}: must be one of {', '.join(DIFFICULTIES)}")
     entries = tuple(read_entries(paths))
-    require_same_task(paths)
+    require_same_task(expanded(paths))
     drives, worlds = driven_trials(entries)
     numbered, order = worlds_by_number(drives, worlds), order_of(entries)
     if difficulty == "model":

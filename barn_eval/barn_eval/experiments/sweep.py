@@ -1,0 +1,200 @@
+"""Settings of one planner side by side: each is an experiment of its own, in a folder that its values name."""
+
+import itertools
+import math
+import re
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from barn_eval.experiments.experiment import PlannerChoice
+from barn_eval.experiments.request import SCHEMA_VERSION, Request, command_words, read_request
+from barn_eval.experiments.run_file import RUN_FILE
+from barn_worlds.base.errors import ConfigError, shown, suggest
+from barn_worlds.base.files import read_bytes, write_bytes
+from barn_worlds.base.text_files import parse_yaml, read_yaml
+from barn_worlds.worlds.world import World
+
+MOST_SETTINGS = 400
+PARAMETERS = "parameters"  # the folder of parameter files that were written for settings
+_VALUE = re.compile(r"([^=,]+)=([^=,]+)")
+Sweep = Mapping[str, Sequence[Any]]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A point of the grid: its name, the values by the short names of parameters, and what is run for it.
+
+    files: what parameter files of a planner that a command starts are to hold.
+    """
+
+    name: str
+    values: Mapping[str, Any]
+    request: Request
+    files: Mapping[Path, bytes]
+
+    def write_files(self) -> None:
+        """Write its parameter files."""
+        for path, content in self.files.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_bytes(path, content)
+
+
+def parse_sweep(texts: Sequence[str]) -> dict[str, list[Any]]:
+    """Return the values of each parameter from texts "KEY=V1,V2,..."; ConfigError for anything else."""
+    found: dict[str, list[Any]] = {}
+    for text in texts:
+        key, _, values = text.partition("=")
+        listed = parse_yaml(f"[{values}]", f"--sweep {shown(text)}")
+        if not key.strip() or not listed or not isinstance(listed, list) or key in found:
+            raise ConfigError(f"--sweep {shown(text)}: must be KEY=V1,V2,..., each key given once")
+        found[key.strip()] = listed
+    return found
+
+
+def sweep_of(path: Path | None, texts: Sequence[str]) -> Mapping[str, Sequence[Any]]:
+    """Return the sweep that is asked for by texts, or else by a file; empty if there is none."""
+    asked = read_yaml(path, SCHEMA_VERSION).get("sweep") if path and not texts else None
+    if asked is not None and not isinstance(asked, Mapping):
+        raise ConfigError(f"{path}: sweep must be a mapping of parameters to lists of values, got {shown(asked)}")
+    return asked or parse_sweep(texts)
+
+
+def grid(
+    sweep: Sweep,
+    path: Path | None,
+    options: Mapping[str, Any],
+    settings: Mapping[str, Any] | None = None,
+    worlds: Mapping[int, World] | None = None,
+) -> list[Setting]:
+    """Return every combination of the values, as requests for folders below the one that is asked for.
+
+    A key is a parameter of the only planner: of one of the suite's, by its dotted name; of one that a command starts, a
+    ROS parameter, which is set by `-p`, or, where the command has a `--params-file`, a dotted key of that file, of
+    which each setting gets a copy. The other arguments are those of `read_request`.
+    """
+    base = read_request(path, options, settings, worlds)
+    planners = base.experiment.planners
+    if len(planners) != 1:
+        raise ConfigError(f"a sweep is of one planner, got {', '.join(one.name for one in planners)}")
+    _require_values(sweep)
+    names = _short(list(sweep))
+    found = []
+    for values in itertools.product(*sweep.values()):
+        named = dict(zip(names, values, strict=True))
+        name = ",".join(f"{key}={_text(value)}" for key, value in named.items())
+        folder = re.sub(r"[^A-Za-z0-9_.=,+-]", "_", name)
+        changes = dict(zip(sweep, values, strict=True))
+        files: dict[Path, bytes] = {}
+        asked, own = {**options, "out": base.out / folder}, dict(settings or {})
+        if planners[0].command:
+            asked["planner_command"], files = _with_parameters(
+                planners[0], changes, base.out / PARAMETERS / f"{folder}.yaml"
+            )
+        else:
+            own |= changes
+        request = read_request(path, asked, own, worlds)
+        request.experiment.settings(request.experiment.planners[0])  # refuses what the planner does not take
+        found.append(Setting(name, named, request, files))
+    if len({one.request.out for one in found}) < len(found):
+        raise ConfigError("a sweep names one value twice")
+    return found
+
+
+def swept_folders(path: Path) -> list[Path]:
+    """Return the folders of the settings below a folder of a sweep, by their values; none if it is no such folder."""
+    if (path / RUN_FILE).exists() or not path.is_dir():
+        return []
+    found = [one for one in path.iterdir() if values_of(one) and (one / RUN_FILE).exists()]
+    return sorted(found, key=lambda one: [(str(type(value)), value) for value in values_of(one).values()])
+
+
+def expanded(paths: Sequence[Path]) -> list[Path]:
+    """Return folders of experiments, with those of settings in place of the folder of a sweep."""
+    return [one for path in paths for one in (swept_folders(path) or [path])]
+
+
+def values_of(path: Path) -> dict[str, Any]:
+    """Return the values that the folder of a setting is named by; empty if it is no such folder."""
+    parts = [_VALUE.fullmatch(part) for part in path.name.split(",")]
+    return {part[1]: _number(part[2]) for part in parts if part} if all(parts) else {}
+
+
+def _require_values(sweep: Sweep) -> None:
+    for key, values in sweep.items():
+        if not isinstance(values, Sequence) or isinstance(values, str) or not values:
+            raise ConfigError(f"sweep of {shown(key)}: must be a list of values, got {shown(values)}")
+        for value in values:
+            if not isinstance(value, str | bool | int | float):
+                raise ConfigError(
+                    f"sweep of {shown(key)}: a value must be a number, a text, true or false, got {value!r}"
+                )
+    if (count := math.prod(len(values) for values in sweep.values())) > MOST_SETTINGS:
+        raise ConfigError(f"a sweep may have {MOST_SETTINGS} settings, these are {count}")
+
+
+def _short(keys: Sequence[str]) -> list[str]:
+    """Return the last part of dotted names, whole names where that is not enough to tell them apart."""
+    last = [key.rpartition(".")[2] for key in keys]
+    return last if len(set(last)) == len(last) else [key.replace("=", "_") for key in keys]
+
+
+def _text(value: object) -> str:
+    return (
+        f"{value:.10g}" if isinstance(value, float) else str(value).lower() if isinstance(value, bool) else str(value)
+    )
+
+
+def _number(text: str) -> Any:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _with_parameters(planner: PlannerChoice, changes: Mapping[str, Any], file: Path) -> tuple[str, dict[Path, bytes]]:
+    """Return the command that starts a planner with changed parameters, and the parameter file that it then needs."""
+    words, files = command_words(planner.command), {}
+    if "--params-file" in words[:-1]:
+        place = words.index("--params-file") + 1
+        source = Path(words[place])
+        content = parse_yaml(read_bytes(source), str(source))
+        if not isinstance(content, dict):
+            raise ConfigError(f"{source}: must be a mapping of nodes to ros__parameters")
+        for key, value in changes.items():
+            _set(content, key, value, source)
+        files[file.absolute()] = yaml.safe_dump(content, sort_keys=False).encode()
+        words[place] = str(file.absolute())
+    else:
+        words += [] if "--ros-args" in words else ["--ros-args"]
+        words += [word for key, value in changes.items() for word in ("-p", f"{key}:={_text(value)}")]
+    return f"{planner.name}={shlex.join(words)}", files
+
+
+def _set(content: Mapping[str, Any], key: str, value: object, source: Path) -> None:
+    """Change the only parameter of that name in the content of a parameter file, where it is "NODE.key" or "key"."""
+    places = {
+        f"{node}.{name}": (mapping, last)
+        for node, about in content.items()
+        if isinstance(about, dict) and isinstance(about.get("ros__parameters"), dict)
+        for name, mapping, last in _leaves(about["ros__parameters"])
+    }
+    found = [place for name, place in places.items() if key in (name, name.partition(".")[2])]
+    if len(found) != 1:
+        names = sorted({name.partition(".")[2] for name in places} | set(places))
+        problem = f"has several parameters {key!r}; name the node" if found else f"has no parameter {key!r}"
+        raise ConfigError(f"{source}: {problem}{'' if found else suggest(key, names)}")
+    mapping, last = found[0]
+    mapping[last] = value
+
+
+def _leaves(mapping: dict[str, Any], before: str = "") -> list[tuple[str, dict[str, Any], str]]:
+    found = []
+    for key, value in mapping.items():
+        name = f"{before}{key}"
+        found += _leaves(value, f"{name}.") if isinstance(value, dict) else [(name, mapping, key)]
+    return found
