@@ -1,5 +1,7 @@
+import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from barn_eval.bags.decode import planner_status
@@ -10,7 +12,14 @@ from barn_eval.trials.protocol import CHALLENGE, PoseRule
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_eval.trials.trial import RunningTrial
 from barn_worlds.base.types import Odometry, Pose2D, Velocity2D
-from barn_worlds.messages.encode import FINE, OdometryEncoder, encode_bool, encode_diagnostics, encode_twist
+from barn_worlds.messages.encode import (
+    FINE,
+    OdometryEncoder,
+    PathEncoder,
+    encode_bool,
+    encode_diagnostics,
+    encode_twist,
+)
 from barn_worlds.messages.topics import CMD_VEL
 from barn_worlds.worlds.dataset import open_dataset
 
@@ -66,6 +75,19 @@ def test_readings_and_commands_pair_up_as_in_a_direct_trial(adapter):
     assert trajectory.stamps_ns.tolist() == [k * PERIOD for k in range(5)]
     assert trajectory.truth[:, 0].tolist() == [0.03 * k for k in range(5)]
     assert trajectory.command[:, 0].tolist() == [0.1 * k for k in range(5)]
+    assert adapter.trial.verdict is None
+
+
+@pytest.mark.parametrize(("frame", "expected"), [("/odom", [math.nan, 0.2, 0.2]), ("map", [math.nan] * 3)])
+def test_a_plan_counts_from_the_reading_after_it_if_it_is_in_the_frame_of_plans(adapter, frame, expected):
+    plan = Message("/plan", PathEncoder(frame).encode(np.array([[-1.0, 0.2], [9.0, 0.2]]), ORIGIN), 0)
+    for k in range(3):
+        one = tick(k, 0.05 * k)
+        one.messages.insert(4, plan)  # before the command
+        adapter.take(one)
+    trajectory = adapter.trial.log.trajectory()
+    np.testing.assert_allclose(trajectory.off_plan_m, expected)
+    adapter.take(tick(3, 0.15, extra=[("/plan", "no plan")]))
     assert adapter.trial.verdict is None
 
 

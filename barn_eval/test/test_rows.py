@@ -41,7 +41,7 @@ def result(number: int = 0) -> TrialResult:
         outcome=Outcome.SUCCESS,
         detail="",
         scores=Scores(True, 10.1, 10.1, 12.0, 5.0, 2.02, 3.0, 0.29, 0.25, 30.0, 5.05, 0.5),
-        measures=Measures(5.5, 1.1, 0.5, 0.1, 0.3, 0.0, 0, 0.2, 1.0, 0),
+        measures=Measures(5.5, 1.1, 0.5, 0.1, 0.3, 0.0, 0, 0.2, 1.0, 0, 0.4, 7.5, 3.0, 6.0, 0.01, 0.02, 0.15),
     )
 
 

@@ -1,5 +1,6 @@
 """Measures of trajectories against cases worked out by hand and a slow reference."""
 
+import itertools
 import math
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from barn_eval.trials.trajectory import TrajectoryLog, clearances, measure
+from barn_eval.trials.trajectory import Trajectory, TrajectoryLog, clearances, distance_to, measure
 from barn_worlds.base.types import Odometry, Pose2D, Velocity2D
 from barn_worlds.geometry.footprint import Rectangle
 
@@ -100,6 +101,74 @@ def test_jerk_needs_three_readings_at_different_times():
     assert jerk([0, PERIOD_NS]) is None
     assert jerk([0, PERIOD_NS, 2 * PERIOD_NS]) == 0.0
     assert jerk([0, PERIOD_NS, PERIOD_NS, 2 * PERIOD_NS]) is None
+
+
+def plainly(trajectory):
+    """The measures that controllers are compared by, in plain loops."""
+    times = [stamp / 1e9 for stamp in trajectory.stamps_ns.tolist()]
+    rates = trajectory.velocity[:, 1].tolist()
+    changes = [(b - a) / (t - s) for a, b, s, t in zip(rates, rates[1:], times, times[1:], strict=False)]
+    jerks = [(b - a) / (0.5 * (times[k + 2] - times[k])) for k, (a, b) in enumerate(itertools.pairwise(changes))]
+    given = [row for row in trajectory.command.tolist() if not math.isnan(row[0])]
+    steps = [[b[axis] - a[axis] for a, b in itertools.pairwise(given)] for axis in (0, 1)]
+    return {
+        "rms_yaw_jerk_radps3": math.sqrt(sum(one**2 for one in jerks) / len(jerks)),
+        "speed_variation_mps": sum(abs(one) for one in steps[0]),
+        "turn_variation_radps": sum(abs(one) for one in steps[1]),
+        "rms_speed_step_mps": math.sqrt(sum(one**2 for one in steps[0]) / len(steps[0])),
+        "rms_turn_step_radps": math.sqrt(sum(one**2 for one in steps[1]) / len(steps[1])),
+    }
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_controllers_are_compared_by_is_what_plain_loops_give(seed):
+    rng = np.random.default_rng(seed)
+    count = 30
+    stamps_ns = np.cumsum(rng.integers(1, 100, count)) * 1_000_000
+    command = rng.uniform(-1.0, 1.0, (count, 2))
+    command[rng.random(count) < 0.2] = np.nan  # nothing was sent: the last command holds
+    velocity = rng.uniform(-1.0, 1.0, (count, 2))
+    one = Trajectory(stamps_ns, rng.uniform(0.0, 1.0, (count, 3)), velocity, command, np.zeros(count, np.bool_))
+    found = measure(one, FAR, 0.075, EXTENT)
+    for key, expected in plainly(one).items():
+        assert getattr(found, key) == pytest.approx(expected), key
+
+
+def test_time_near_an_obstacle_is_that_up_to_readings_there():
+    ahead = [Pose2D(x, 0.0, 0.0) for x in (0.0, 0.60, 0.65, 0.5, 0.66)]
+    measures = measure(drive(ahead), np.array([[1.0, 0.0]]), 0.075, EXTENT)  # touched at 0.675 m
+    assert measures.near_contact_s == pytest.approx(3 * PERIOD_NS / 1e9)
+    assert measure(drive(ahead), np.empty((0, 2)), 0.075, EXTENT).near_contact_s == 0.0
+
+
+def test_no_two_commands_have_no_steps():
+    for commands in (False, True):
+        measures = measure(drive([Pose2D(0.0, 0.0, 0.0)] * 1, commands=commands), FAR, 0.075, EXTENT)
+        assert (measures.speed_variation_mps, measures.rms_turn_step_radps, measures.off_plan_m) == (None, None, None)
+
+
+def test_the_distance_from_the_plan_is_to_the_last_published_one_that_answers_an_earlier_reading():
+    log = TrajectoryLog()
+    for stamp_ns in range(0, 1_100_000_000, 250_000_000):
+        log.reading(Odometry(stamp_ns, Pose2D(9.0, 9.0, 0.0), Velocity2D(0.0, 0.0)), False, Pose2D(1.0, 1.0, 0.0))
+    log.plan(np.array([[0.0, 0.0], [4.0, 0.0]]), 0)
+    log.plan(np.array([[0.0, 0.9], [4.0, 0.9]]), 499_999_999)  # too soon
+    log.plan(np.array([[5.0, 1.0], [4.0, 1.0]]), 500_000_000)
+    for wrong in (np.empty((0, 2)), np.array([[math.nan, 0.0]]), np.zeros((3, 3))):
+        log.plan(wrong, 1_000_000_000)
+    found = log.trajectory()
+    np.testing.assert_allclose(found.off_plan_m, [math.nan, 1.0, 1.0, 3.0, 3.0])
+    assert measure(found, FAR, 0.075, EXTENT).off_plan_m == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_distance_from_a_line_is_that_of_its_nearest_point(seed):
+    rng = np.random.default_rng(seed)
+    line, (x, y) = rng.uniform(-1.0, 1.0, (6, 2)), rng.uniform(-2.0, 2.0, 2)
+    line[3] = line[2]
+    dense = np.concatenate([np.linspace(a, b, 2001) for a, b in itertools.pairwise(line)])
+    assert distance_to(line, x, y) == pytest.approx(np.hypot(*(dense - [x, y]).T).min(), abs=2e-3)
+    assert distance_to(line[:1], x, y) == pytest.approx(math.hypot(x - line[0, 0], y - line[0, 1]))
 
 
 def test_readings_without_an_answer_are_counted_but_for_the_last():

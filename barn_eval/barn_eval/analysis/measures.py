@@ -11,6 +11,7 @@ import numpy as np
 
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.result import TrialResult
+from barn_eval.trials.trajectory import CLOSE_M
 from barn_metrics.bootstrap import Interval, number
 from barn_worlds.base.arrays import Floats
 
@@ -130,6 +131,13 @@ _ALL = (
     Measure("measures.mean_clearance_m", "mean clearance", "m", 3, "larger"),
     Measure("measures.contact_s", "time in contact", "s", 3, "smaller"),
     Measure("measures.rms_jerk_mps3", "rms jerk", "m/s3", 2, "smaller"),
+    Measure("measures.near_contact_s", f"time within {CLOSE_M:g} m of obstacles", "s", 2, "smaller"),
+    Measure("measures.rms_yaw_jerk_radps3", "rms angular jerk", "rad/s3", 1, "smaller"),
+    Measure("measures.speed_variation_mps", "total variation of speed commands", "m/s", 2, "smaller"),
+    Measure("measures.turn_variation_radps", "total variation of turn commands", "rad/s", 2, "smaller"),
+    Measure("measures.rms_speed_step_mps", "rms step of speed commands", "m/s", 4, "smaller"),
+    Measure("measures.rms_turn_step_radps", "rms step of turn commands", "rad/s", 4, "smaller"),
+    Measure("measures.off_plan_m", "mean distance from the plan", "m", 3, "smaller"),
     Measure("measures.rotation_rad", "rotation", "rad", 2, "smaller", successes_only=True),
     Measure("recoveries", "recoveries", "", 2),
     Measure("measures.unanswered_cycles", "unanswered cycles", "", 2, "smaller"),

@@ -122,6 +122,8 @@ class _DirectTrial:
         if answer is None or answer.decision is None:
             return None
         self.trial.report(answer.decision.status.value)
+        if answer.decision.plan is not None:
+            self.trial.plan(answer.decision.plan, sensors.stamp_ns)
         for bag in self._bags:
             bag.answer(answer.command, answer.decision, self._session.planner, sensors.stamp_ns)
         if answer.command is not None:

@@ -1,6 +1,7 @@
 """From messages to a trial: readings and commands are read off them, tick by tick, and what is recorded is told."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -8,6 +9,7 @@ from typing import NamedTuple
 from barn_eval.bags.decode import planner_status
 from barn_eval.ros.sequencer import Message, Tick
 from barn_eval.trials.trial import RunningTrial
+from barn_worlds.base.errors import MessageError
 from barn_worlds.base.types import Odometry, seconds
 from barn_worlds.messages import decode
 
@@ -22,6 +24,7 @@ class TrialTopics(NamedTuple):
     command: str
     scan: str
     diagnostics: str
+    plan: str = "/plan"
 
     @property
     def of_simulator(self) -> tuple[str, ...]:
@@ -36,11 +39,14 @@ class TrialAdapter:
     commands that answer them. Times count from the origin.
 
     response_times_s: from each scan to the command that follows it, in wall-clock time, transport included; waited_s is
-    their sum. commands_ns: when commands came, the clock being at `now_ns`.
+    their sum. plan_frame: in which plans count. commands_ns: when commands came, the clock being at `now_ns`.
     """
 
-    def __init__(self, topics: TrialTopics, trial: RunningTrial, origin_ns: int, command_type: str) -> None:
+    def __init__(
+        self, topics: TrialTopics, trial: RunningTrial, origin_ns: int, command_type: str, plan_frame: str = "odom"
+    ) -> None:
         self.trial = trial
+        self._plan_frame = plan_frame
         self.response_times_s: list[float] = []
         self.waited_s = 0.0
         self.commands_ns: list[int] = []
@@ -79,13 +85,24 @@ class TrialAdapter:
         elif message.topic == topics.diagnostics:
             if status := planner_status(message.data):
                 self.trial.report(status)
+        elif message.topic == topics.plan:
+            self._plan(message)
         elif message.topic == topics.command:
-            self.commands_ns.append(self.now_ns)
-            if self._scan_sent_ns is not None:
-                self.response_times_s.append(seconds(message.sent_ns - self._scan_sent_ns))
-                self.waited_s += self.response_times_s[-1]
-                self._scan_sent_ns = None
-            self.trial.command(decode.command(message.data, self._command_type))
+            self._command(message)
+
+    def _command(self, message: Message) -> None:
+        self.commands_ns.append(self.now_ns)
+        if self._scan_sent_ns is not None:
+            self.response_times_s.append(seconds(message.sent_ns - self._scan_sent_ns))
+            self.waited_s += self.response_times_s[-1]
+            self._scan_sent_ns = None
+        self.trial.command(decode.command(message.data, self._command_type))
+
+    def _plan(self, message: Message) -> None:
+        with suppress(MessageError):  # a planner may publish something else there
+            header = decode.header(message.data)
+            if header.frame.lstrip("/") == self._plan_frame:
+                self.trial.plan(decode.path(message.data), header.stamp_ns - self._origin_ns)
 
     def _read(self) -> bool:
         """Hand the reading that has come together to the trial, if there is one; return whether the trial is over."""

@@ -24,7 +24,7 @@ from barn_eval.trials.outcome import ENVIRONMENT, Outcome, Verdict
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trial import RunningTrial
 from barn_worlds.base.types import nanoseconds, seconds
-from barn_worlds.messages.topics import CLOCK, CMD_VEL, COLLISION, DIAGNOSTICS, GROUND_TRUTH, ODOM, SCAN
+from barn_worlds.messages.topics import CLOCK, CMD_VEL, COLLISION, DIAGNOSTICS, GROUND_TRUTH, ODOM, PLAN, SCAN
 from barn_worlds.ros.private_line import PrivateLine
 
 _LOOK_S = 0.2  # between two looks at the graph while a trial runs
@@ -45,13 +45,14 @@ class RunContext:
         self._simulator_name = resolve_node_name(node, config.simulator_node)
         self.view = GraphView(node)
         self.session = Session(node, supervisor, self._forget)
-        judged = (CLOCK, ODOM, GROUND_TRUTH, COLLISION, CMD_VEL, SCAN, DIAGNOSTICS)
+        judged = (CLOCK, ODOM, GROUND_TRUTH, COLLISION, CMD_VEL, SCAN, DIAGNOSTICS, PLAN)
         self.topics = topics = TrialTopics(*(node.resolve_topic_name(topic.name) for topic in judged))
         self.subscriber = Subscriber(node)
         self.channel = self._connect()
         own = [node.resolve_topic_name(topic.name) for topic in TOPICS]
         self.integrity = Integrity(self.view, self.channel, self._simulator_name, topics, own)
-        self.recording = Recording(node, self.subscriber, config.bag_exclude, needed=(topics.scan, topics.diagnostics))
+        needed = topics.scan, topics.diagnostics, topics.plan
+        self.recording = Recording(node, self.subscriber, config.bag_exclude, needed)
         simulator = self.channel or SimulatorServices(self.session, self._simulator_name, SIMULATOR)
         self.simulator = SimulatorClient(self.session, simulator.ask, config.patience, dataset, robot)
         self.planner = PlannerClient(self.session, self.view, config)
@@ -228,7 +229,9 @@ class RosTrial:
             context.recording.begin(self._recorder, origin_ns)
             context.recording.show([first_scene(self._spec, origin_ns)], origin_ns, self._recorder)
         command_type = context.subscriber.topics()[context.topics.command]
-        return TrialAdapter(context.topics, self.trial, origin_ns, command_type)
+        config, map_given = context.config, self._spec.protocol.map_given
+        plan_frame = (config.map_frame if map_given else config.odom_frame).lstrip("/")
+        return TrialAdapter(context.topics, self.trial, origin_ns, command_type, plan_frame)
 
     def _take(self, tick: Tick) -> None:
         if self.adapter is None:

@@ -8,13 +8,16 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_eval.trials.protocol import Course, Protocol
-from barn_worlds.base.types import NANOSECONDS, Odometry, Velocity2D
+from barn_worlds.base.types import NANOSECONDS, Odometry, Pose2D, Velocity2D, nanoseconds
 from barn_worlds.geometry.bodies import shape_rows, wall_bodies
 from barn_worlds.geometry.footprint import Footprint
+from barn_worlds.messages.topics import PLAN
 from barn_worlds.moving.tracks import Tracks
 from barn_worlds.worlds.world import World
 
 Floats = npt.NDArray[np.float64]
+CLOSE_M = 0.1  # from an obstacle, so that it counts as near contact
+MOST_POINTS = 10_000  # of a plan
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +26,7 @@ class Trajectory:
 
     stamps_ns: (n,) int64. truth: (n, 3) x, y m, yaw rad in the map frame. velocity: (n, 2) true forward speed m/s and
     yaw rate rad/s. command: (n, 2) the command answering each reading, NaN where there was none. contact: (n,) bool.
+    off_plan_m: (n,) from the planner's last plan, NaN where there was none; None where plans were not taken down.
     """
 
     stamps_ns: npt.NDArray[np.int64]
@@ -30,6 +34,7 @@ class Trajectory:
     velocity: Floats
     command: Floats
     contact: npt.NDArray[np.bool_]
+    off_plan_m: Floats | None = None
 
 
 class TrajectoryLog:
@@ -40,9 +45,12 @@ class TrajectoryLog:
         self._rows: list[tuple[float, ...]] = []
         self._contact: list[bool] = []
         self._commands: list[tuple[float, float]] = []
+        self._places: list[tuple[float, float]] = []
+        self._plans: list[tuple[int, Floats]] = []
 
-    def reading(self, truth: Odometry, collision: bool) -> None:
-        """Add the true state at an instant."""
+    def reading(self, truth: Odometry, collision: bool, place: Pose2D | None = None) -> None:
+        """Add the true state at an instant; place: of the robot in the frame of its plans."""
+        self._places.append((np.nan, np.nan) if place is None else (place.x, place.y))
         self._stamps.append(truth.stamp_ns)
         pose, velocity = truth.pose, truth.velocity
         self._rows.append((pose.x, pose.y, pose.yaw, velocity.linear, velocity.angular))
@@ -54,6 +62,16 @@ class TrajectoryLog:
         if self._commands:
             self._commands[-1] = (command.linear, command.angular)
 
+    def plan(self, points: Floats, stamp_ns: int) -> None:
+        """Add a plan (n, 2) that answers the reading of an instant, as often as plans are published.
+
+        It may come after later readings. What is no plan is left out.
+        """
+        if self._plans and stamp_ns - self._plans[-1][0] < nanoseconds(PLAN.period_s):
+            return
+        if points.ndim == 2 and points.shape[1] == 2 and 0 < len(points) <= MOST_POINTS and np.isfinite(points).all():
+            self._plans.append((stamp_ns, points.astype(np.float64)))
+
     def trajectory(self) -> Trajectory:
         """Return what has been collected."""
         rows = np.array(self._rows, np.float64).reshape(-1, 5)
@@ -63,7 +81,14 @@ class TrajectoryLog:
             rows[:, 3:],
             np.array(self._commands, np.float64).reshape(-1, 2),
             np.array(self._contact, np.bool_),
+            self._off_plan(),
         )
+
+    def _off_plan(self) -> Floats:
+        """Return the distance (n,) at each reading from the last plan that answers an earlier one."""
+        last = np.searchsorted([stamp_ns for stamp_ns, _ in self._plans], self._stamps) - 1
+        rows = zip(last.tolist(), self._places, strict=True)
+        return np.array([distance_to(self._plans[k][1], *place) if k >= 0 else np.nan for k, place in rows], np.float64)
 
 
 @dataclass(frozen=True)
@@ -74,6 +99,10 @@ class Measures:
     min_clearance_m, mean_clearance_m: from the outline of what can touch of the robot to the nearest cylinder as it
     stood at the start (below zero: overlap), the mean over time. rms_jerk_mps3: of the forward speed.
     rotation_rad: sum of absolute turns. unanswered_cycles: readings that no command answered.
+
+    near_contact_s: time within `CLOSE_M` of a cylinder. rms_yaw_jerk_radps3: of the yaw rate. From each command to the
+    next: speed_variation_mps, turn_variation_radps the sum of absolute steps, rms_speed_step_mps, rms_turn_step_radps
+    the root of the mean squared step. off_plan_m: mean distance from the planner's last plan.
     """
 
     driven_m: float
@@ -86,6 +115,13 @@ class Measures:
     rms_jerk_mps3: float | None
     rotation_rad: float
     unanswered_cycles: int
+    near_contact_s: float | None = None
+    rms_yaw_jerk_radps3: float | None = None
+    speed_variation_mps: float | None = None
+    turn_variation_radps: float | None = None
+    rms_speed_step_mps: float | None = None
+    rms_turn_step_radps: float | None = None
+    off_plan_m: float | None = None
 
 
 def measure(trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outline: Footprint) -> Measures:
@@ -98,6 +134,13 @@ def measure(trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outlin
     clearance = clearances(trajectory.truth, cylinders_m, radius_m, outline)
     turns = np.abs((steps[:, 2] + np.pi) % (2.0 * np.pi) - np.pi)
     began = trajectory.contact & ~np.concatenate(([False], trajectory.contact[:-1]))
+    near = clearance[1:] < CLOSE_M if clearance.size else np.zeros(len(periods_ns), np.bool_)
+    jumps = np.diff(trajectory.command[~np.isnan(trajectory.command[:, 0])], axis=0)
+    variation: list[float | None] = [None] * 4
+    if len(jumps):
+        variation = [*np.abs(jumps).sum(axis=0).tolist(), *np.sqrt((jumps**2).mean(axis=0)).tolist()]
+    off_plan = np.empty(0) if trajectory.off_plan_m is None else trajectory.off_plan_m
+    off_plan = off_plan[~np.isnan(off_plan)]
     return Measures(
         driven_m=driven,
         driven_ratio=driven / straight if straight > 0.0 else None,
@@ -106,10 +149,27 @@ def measure(trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outlin
         mean_clearance_m=float(clearance.mean()) if clearance.size else None,
         contact_s=float(periods_ns[trajectory.contact[1:]].sum()) / NANOSECONDS,
         contacts=int(began.sum()),
-        rms_jerk_mps3=_rms_jerk(trajectory),
+        rms_jerk_mps3=_rms_jerk(trajectory, 0),
         rotation_rad=float(turns.sum()),
         unanswered_cycles=int(np.isnan(trajectory.command[:-1, 0]).sum()),
+        near_contact_s=float(periods_ns[near].sum()) / NANOSECONDS,
+        rms_yaw_jerk_radps3=_rms_jerk(trajectory, 1),
+        speed_variation_mps=variation[0],
+        turn_variation_radps=variation[1],
+        rms_speed_step_mps=variation[2],
+        rms_turn_step_radps=variation[3],
+        off_plan_m=float(off_plan.mean()) if off_plan.size else None,
     )
+
+
+def distance_to(line: Floats, x: float, y: float) -> float:
+    """Return the distance in m of a point from a line through points (n, 2)."""
+    away, sides = np.array([x, y]) - line, np.diff(line, axis=0)
+    if not len(sides):
+        return float(np.hypot(*away[0]))
+    squares = np.maximum((sides**2).sum(axis=1), 1e-300)
+    along = np.clip((away[:-1] * sides).sum(axis=1) / squares, 0.0, 1.0)
+    return float(np.hypot(*(away[:-1] - along[:, None] * sides).T).min())
 
 
 def clearances(poses: Floats, cylinders_m: Floats, radius_m: float, outline: Footprint) -> Floats:
@@ -131,12 +191,12 @@ def clearances(poses: Floats, cylinders_m: Floats, radius_m: float, outline: Foo
     return nearest
 
 
-def _rms_jerk(trajectory: Trajectory) -> float | None:
-    """Return the root mean square of the second difference of the true forward speed, evenly sampled."""
+def _rms_jerk(trajectory: Trajectory, axis: int) -> float | None:
+    """Return the root mean square of the second difference of the true forward speed (0) or yaw rate (1)."""
     periods = np.diff(trajectory.stamps_ns) / NANOSECONDS
     if len(periods) < 2 or not (periods > 0.0).all():
         return None
-    acceleration = np.diff(trajectory.velocity[:, 0]) / periods
+    acceleration = np.diff(trajectory.velocity[:, axis]) / periods
     jerk = np.diff(acceleration) / (0.5 * (periods[1:] + periods[:-1]))
     return float(np.sqrt(np.mean(jerk**2)))
 

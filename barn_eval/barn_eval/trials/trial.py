@@ -18,7 +18,7 @@ from barn_eval.trials.result import TrialResult, WallClock
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import Floats, Trajectory, TrajectoryLog, encounters, measure
 from barn_planners.interface import PlannerStatus
-from barn_worlds.base.types import Odometry, Velocity2D
+from barn_worlds.base.types import Odometry, Pose2D, Velocity2D
 from barn_worlds.geometry.footprint import contact_of
 
 T = TypeVar("T")
@@ -103,7 +103,7 @@ class RunningTrial:
     def read(self, odometry: Odometry, truth: Odometry, collision: bool) -> Verdict | None:
         """Take what is measured at an instant, of which the stamp is that of the truth; return the verdict by now."""
         if self._logged:
-            self.log.reading(truth, collision)
+            self.log.reading(truth, collision, self._place(odometry, truth))
         return self.referee.observe(truth.stamp_ns, odometry.pose, truth.pose, collision)
 
     def command(self, command: Velocity2D) -> Verdict | None:
@@ -111,6 +111,16 @@ class RunningTrial:
         if self._logged:
             self.log.command(command)
         return self.referee.command(command)
+
+    def plan(self, points: Floats, stamp_ns: int) -> None:
+        """Take a plan (n, 2) of the planner, in its planning frame."""
+        if self._logged:
+            self.log.plan(points, stamp_ns)
+
+    def _place(self, odometry: Odometry, truth: Odometry) -> Pose2D:
+        """Return where the robot is in the frame of its plans: in truth on a map, as measured without one."""
+        rules = self.spec.protocol
+        return Pose2D(0.0, rules.map_offset_m(), 0.0) @ truth.pose if rules.map_given else odometry.pose
 
     def report(self, status: str) -> None:
         """Take what the planner says of how it fares, a value of `PlannerStatus`."""
