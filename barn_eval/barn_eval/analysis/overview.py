@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import math
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -86,7 +87,8 @@ def tables(entries: Sequence[Entry], found: Overview) -> list[TextTable]:
     """Return all tables, the headline first."""
     labels, summaries = [entry.label for entry in entries], found.summaries
     metric = metric_of(entries[0].results)
-    driven = [key for key in summaries[0].means if key not in SCORED]
+    keys = [key for key in summaries[0].means if key not in SCORED]
+    driven = [key for key in keys if any(math.isfinite(one[key].estimate) for one in summaries)]
     made = [headline_table(labels, summaries, metric), measures_table(labels, summaries, driven)]
     if found.bands:
         made.append(bands_table(labels, found.bands))

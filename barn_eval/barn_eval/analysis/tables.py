@@ -15,7 +15,7 @@ from barn_metrics.bootstrap import number
 
 SPREAD = "spread over a world's trials [s/m]"
 _TRIAL = ("traversal_time_s", "normalised_time_s_per_m", "challenge", "min_clearance_m", "real_time_factor")
-_HEADLINE = ("success", "efficiency", "traversal_time_s", "normalised_time_s_per_m", "challenge", "challenge_2022")
+_HEADLINE = ("success", "efficiency", "traversal_time_s", "normalised_time_s_per_m", "challenge")
 
 
 def trials_table(results: Sequence[TrialResult], title: str) -> TextTable:
