@@ -38,6 +38,7 @@ def run(
     repetitions: int | None = None,
     seed: int | None = None,
     settings: Settings | None = None,
+    compute: Literal["declared", "measured"] | None = None,
     simulator: Settings | None = None,
     mode: Literal["direct", "ros"] | None = None,
     planner_command: str | Sequence[str] | None = None,
@@ -80,6 +81,7 @@ def run(
         repetitions: Trials per world and planner, 1 to 99. Default: 1.
         seed: Seed that all others come from. Default: 0.
         settings: Parameters by planner, as {"dwa": {"dwa.max_speed_mps": 0.4}}.
+        compute: What trials charge for computing: what planners declare ("declared", the default) or what is measured.
         simulator: Parameters of the simulator by dotted name.
         mode: "direct" (default), all in one process, or "ros", nodes of ROS 2.
         planner_command: In mode ros, the command that starts a planner of one's own, or several "NAME=COMMAND".

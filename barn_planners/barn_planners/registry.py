@@ -13,6 +13,7 @@ from types import MappingProxyType
 from typing import Any
 
 from barn_planners.interface import Planner
+from barn_worlds.base.compute import Compute
 from barn_worlds.base.config import Checked, fields_of, replace_dotted
 from barn_worlds.base.errors import ConfigError, shown, suggest
 from barn_worlds.robots.robot import Robot
@@ -41,7 +42,8 @@ class PlannerEntry:
     planner that needs no settings per protocol has only the preset "default". fit: returns what a robot other than the
     Jackal changes of a configuration, by dotted name, or raises ConfigError if it cannot be driven; None: nothing.
     speed_cap: returns the highest speed in m/s, forwards or backwards, that a planner of a configuration commands, and
-    is held to; None: the highest `max_speed_mps` of the configuration.
+    is held to; None: the highest `max_speed_mps` of the configuration. compute: how long a cycle takes on the reference
+    computer, which trials charge in simulated time; None: nothing is declared, and it drives without delay.
     """
 
     build: Callable[[Any], Planner]
@@ -49,6 +51,7 @@ class PlannerEntry:
     summary: str = ""
     fit: Callable[[Any, Robot], dict[str, Any]] | None = None
     speed_cap: Callable[[Any], float] | None = None
+    compute: Compute | None = None
     config_class: type[Checked] = field(init=False)
 
     def __post_init__(self) -> None:

@@ -100,19 +100,19 @@ class Simulator:
             )
         return self._sensed
 
-    def step(self, command: Velocity2D | None) -> Sensors:
-        """Send a command, or none, and return the readings one control period later."""
+    def step(self, command: Velocity2D | None, delay_ns: int = 0) -> Sensors:
+        """Send a command, or none, and return the readings one control period later; it arrives after a delay."""
         if command is not None:
-            self.command(command)
+            self.command(command, delay_ns)
         self.advance(self._ticks_per_step)
         return self.sense()
 
-    def command(self, velocity: Velocity2D) -> None:
-        """Send a command; it arrives now."""
+    def command(self, velocity: Velocity2D, delay_ns: int = 0) -> None:
+        """Send a command; it arrives after a delay, and none that was sent before it may arrive later."""
         if not velocity.is_finite():
             self.invalid_commands += 1
             velocity = STOP
-        self.motion.drive.command(Velocity2D(float(velocity.linear), float(velocity.angular)), self.stamp_ns)
+        self.motion.drive.command(Velocity2D(float(velocity.linear), float(velocity.angular)), self.stamp_ns + delay_ns)
 
     def advance(self, ticks: int) -> None:
         """Advance by a number of physics ticks."""

@@ -12,7 +12,15 @@ from barn_eval.analysis.means import Columns
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of, with_motion
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import holm
-from barn_eval.analysis.sources import Source, by_planner, late_text, partial_text, read_source, require_same_task
+from barn_eval.analysis.sources import (
+    Source,
+    assumed_text,
+    by_planner,
+    late_text,
+    partial_text,
+    read_source,
+    require_same_task,
+)
 from barn_eval.analysis.statistics import Paired, paired, rank_correlation
 from barn_eval.experiments.folder import read_results
 from barn_eval.trials.result import TrialResult
@@ -157,7 +165,9 @@ def compare_folders(
         found.append(compare(first[one], second[other], *labels))
         progress(done / len(pairs))
     notes = [partial_text(source) for source, _ in chosen]
-    notes += [late_text(source.path, [*chain.from_iterable(groups.values())]) for source, groups in chosen]
+    for source, groups in chosen:
+        together = [*chain.from_iterable(groups.values())]
+        notes += [late_text(source.path, together), assumed_text(source.path, together)]
     told = tuple(filter(None, dict.fromkeys(notes)))
     return [replace(one, notes=told, robot=source_a.robot) for one in holm_adjusted(found)]
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of
-from barn_eval.analysis.sources import Entry, Source, labelled, read_entries, require_same_task
+from barn_eval.analysis.sources import Entry, Source, compute_way, labelled, read_entries, require_same_task
 from barn_eval.analysis.summary import SCORED, Summary, summarise
 from barn_eval.analysis.text_table import counted
 from barn_eval.analysis.verdict import Ranking, cautions, rank_results
@@ -45,7 +45,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Board:
-    """The planners of one protocol, set of worlds and class of speed caps, which alone can be ranked, by a measure.
+    """The planners that can be ranked together, by a measure: of one protocol, worlds, class of speed caps, computing.
 
     ranking: with the tests of all pairs. notes: what to be careful about.
     """
@@ -58,7 +58,7 @@ class Board:
 
 
 def leaderboard(paths: Sequence[Path], ranking: str = "", worlds: str = "all") -> list[Board]:
-    """Return a board for each protocol, set of worlds and class of speed caps, of the worlds chosen such as "0-49".
+    """Return a board for each protocol, set of worlds, class of speed caps and way of computing, of worlds as "0-49".
 
     Raises BarnError in one line for what cannot be read, and for two tasks under the name of one protocol.
 
@@ -67,7 +67,7 @@ def leaderboard(paths: Sequence[Path], ranking: str = "", worlds: str = "all") -
     """
     if ranking and ranking not in RANKINGS:
         raise ConfigError(f"unknown ranking {ranking!r}{suggest(ranking, RANKINGS)}")
-    groups: dict[tuple[str, str, float], list[Entry]] = {}
+    groups: dict[tuple[str, str, float, str], list[Entry]] = {}
     for entry in _in_worlds(read_entries(paths), worlds):
         groups.setdefault(_kind(entry), []).append(entry)
     for entries in groups.values():
@@ -124,14 +124,16 @@ def _in_worlds(entries: Sequence[Entry], worlds: str) -> list[Entry]:
     return [entry for entry in kept if entry.results]
 
 
-def _kind(entry: Entry) -> tuple[str, str, float]:
-    """Return protocol, worlds and class of an entry; ConfigError if its trials follow several protocols."""
+def _kind(entry: Entry) -> tuple[str, str, float, str]:
+    """Return what an entry shares with a board; ConfigError if its trials follow several protocols."""
     protocols = {result.protocol for result in entry.results}
     if len(protocols) > 1:
         raise ConfigError(f"{entry.source.path}: {entry.planner} has trials of several protocols")
     worlds = sorted({(result.world, result.world_checksum) for result in entry.results})
     seeds = sorted({(result.campaign_seed, result.repetition) for result in entry.results})
-    return protocols.pop(), hashlib.sha256(repr((worlds, seeds)).encode()).hexdigest(), speed_class_mps(entry)
+    met = hashlib.sha256(repr((worlds, seeds)).encode()).hexdigest()
+    way = compute_way(entry.results)
+    return protocols.pop(), met, speed_class_mps(entry), "too slow" if way.startswith("its score") else way
 
 
 def speed_class_mps(entry: Entry) -> float:
@@ -150,4 +152,7 @@ def _title(entry: Entry) -> str:
     seeds = ", ".join(map(str, sorted({result.campaign_seed for result in results})))
     fastest = speed_class_mps(entry)
     caps = f"up to {fastest:g} m/s, " if fastest else ""
-    return f"{results[0].protocol} protocol, {worlds} of {dataset}, seed {seeds}, {caps}{robot}task {results[0].task}"
+    way = compute_way(results)
+    way = "free computing on a faster computer" if way.startswith("its score") else way
+    shared = ", ".join(filter(None, (f"{caps}{robot}task {results[0].task}", way)))
+    return f"{results[0].protocol} protocol, {worlds} of {dataset}, seed {seeds}, {shared}"

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from barn_eval.analysis.planners import colours, spelling
@@ -15,7 +16,7 @@ from barn_eval.experiments.rows import TrackRows
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.experiments.sweep import expanded
 from barn_eval.trials.identity import first_difference
-from barn_eval.trials.result import MOST_MISSED, TrialResult
+from barn_eval.trials.result import DECLARED, FREE, MEASURED, MOST_MISSED, REAL_TIME, TrialResult, assumption
 from barn_sim.config import chassis_in
 from barn_worlds.base.config import from_dict
 from barn_worlds.base.errors import BarnError, ConfigError, WorldError
@@ -114,6 +115,33 @@ def late_text(path: Path, results: Sequence[TrialResult]) -> str:
         " had no command in time, so they tell of the machine as well as of the planner"
     )
     return text if late else ""
+
+
+def compute_way(results: Sequence[TrialResult]) -> str:
+    """Return in words what trials of a planner charge for its computing; those of unlike ways are not ranked together.
+
+    Of a planner that is charged nothing it says whether it fits the control period of the reference computer, in the
+    median of its trials. Empty for rows of versions that did not say.
+    """
+    ways = sorted({result.compute for result in results if result.compute})
+    if ways != [FREE]:
+        return " and ".join(_WAYS[way] for way in ways)
+    computers = [one.wall_clock.computer for one in results if one.wall_clock.computer is not None]
+    return assumption(median(computers) if computers else 0.0) or _WAYS[FREE]
+
+
+_WAYS = {
+    DECLARED: "computing as declared",
+    MEASURED: "computing as measured",
+    FREE: "computing free",
+    REAL_TIME: "computing in real time",
+}
+
+
+def assumed_text(path: Path, results: Sequence[TrialResult]) -> str:
+    """Return which planners of a folder do not fit the control period and are not charged for it; empty if none."""
+    ways = ((spelling(name), compute_way(one)) for name, one in by_planner(results).items())
+    return "; ".join(f"{name} in {path}: {way}" for name, way in ways if way.startswith("its score"))
 
 
 def read_entries(paths: Sequence[Path]) -> list[Entry]:

@@ -13,7 +13,7 @@ from barn_eval.analysis.means import Columns
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import ALPHA, FLIPS, POWER, Difference, holm, p_text, worlds_for_difference
-from barn_eval.analysis.sources import Source, late_text, partial_text
+from barn_eval.analysis.sources import Source, assumed_text, late_text, partial_text
 from barn_eval.analysis.statistics import difference, matched_trials
 from barn_eval.analysis.text_table import counted, joined
 from barn_eval.trials.result import TrialResult
@@ -178,7 +178,7 @@ def cautions(worlds: int, sources: Iterable[Source] = ()) -> tuple[str, ...]:
     """Return what to be careful about: so few worlds, folders that are not finished, and late commands."""
     notes = [few_worlds(worlds)]
     for one in sources:
-        notes += [partial_text(one), late_text(one.path, one.results)]
+        notes += [partial_text(one), late_text(one.path, one.results), assumed_text(one.path, one.results)]
     return tuple(filter(None, notes))
 
 

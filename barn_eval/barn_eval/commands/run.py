@@ -62,7 +62,12 @@ NOT_SCORED = 3  # the exit code
 )
 @settings_option("--sim", "simulator", "Of the simulator", SimulatorConfig())
 @settings_option("--ros", "ros", "Of mode ros", RosSetup())
-@settings_option("--execution", "execution", "How it is run, which changes no result", Execution())
+@settings_option(
+    "--execution",
+    "execution",
+    "How it is run, which changes no result but by compute (declared or measured)",
+    Execution(),
+)
 @click.option("--workers", type=click.IntRange(0), help="Trials at a time [default: as processors].")
 @click.option("--bags", type=click.Choice(BAGS), help="Which trials are recorded [default: none].")
 @click.option("--pictures/--no-pictures", default=None, help="Draw each trial [default: no].")

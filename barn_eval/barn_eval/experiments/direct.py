@@ -7,9 +7,10 @@ from dataclasses import replace
 
 from barn_eval.bags.recorder import Recorder
 from barn_eval.bags.trial_bag import TrialBag
+from barn_eval.experiments.pace import Stopwatch, pace
 from barn_eval.experiments.store import finish_bag
 from barn_eval.trials.outcome import Outcome, Verdict
-from barn_eval.trials.result import WallClock
+from barn_eval.trials.result import MEASURED, WallClock, packed_delays
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trial import FinishedTrial, RunningTrial, conclude, error_line
 from barn_planners.interface import Observation, Planner
@@ -18,6 +19,7 @@ from barn_planners.runtime.session import Answer, PlannerSession
 from barn_sim.body.bullet import PhysicsClient
 from barn_sim.sensors.readings import Sensors
 from barn_sim.simulator import Simulator
+from barn_worlds.base.compute import Turnaround
 from barn_worlds.base.types import STOP, Velocity2D
 
 _ready: set[tuple[str, str]] = set()  # what this process has warmed up; it decides no result
@@ -42,9 +44,12 @@ def run_direct_trial(
         "direct",
         verdict,
         run.trial.log.trajectory(),
-        wall_clock=WallClock.of(duration_s, run.answer_times_s, factor),
+        wall_clock=WallClock.of(duration_s, run.answer_times_s, factor).on(
+            pace(), spec.protocol.control_period_s, spec.way
+        ),
         recoveries=run.trial.recoveries or 0,
         cylinders_m=run.cylinders_m,
+        delays=packed_delays(run.turnaround.delays_ns) if spec.way == MEASURED else "",
     )
     if recorder is not None:
         finish_bag(recorder, finished)
@@ -77,6 +82,7 @@ class _DirectTrial:
     def __init__(self, spec: TrialSpec, planner: Planner, bags: Sequence[TrialBag]) -> None:
         self.trial = RunningTrial(spec)
         self.answer_times_s: list[float] = []
+        self.turnaround = Turnaround(spec.compute, spec.planner_seed, spec.recorded_ns)
         self.cylinders_m = spec.world.cylinders_m.copy()
         self._spec, self._bags = spec, bags
         self._session = PlannerSession(planner, seed=spec.planner_seed, use_map=spec.protocol.map_given)
@@ -93,13 +99,14 @@ class _DirectTrial:
                 for bag in self._bags:
                     bag.reading(sensors)
                 over = trial.read(sensors.odometry, sensors.truth, sensors.collision)
-                command = None if over else self._decide(sensors)
+                busy = over or not self.turnaround.free(sensors.stamp_ns)
+                command, delay_ns = (None, 0) if busy else self._decide(sensors)
                 self._show_standing(sensors.stamp_ns)
                 if trial.verdict is not None:
                     self._see_moved(simulator, sensors.stamp_ns)
                     return trial.verdict
                 try:
-                    sensors = simulator.step(command)
+                    sensors = simulator.step(command, delay_ns)
                 except Exception as error:  # whatever it is, it belongs in the result
                     verdict = trial.referee.fail(Outcome.SIMULATOR_DIED, error_line(error))
                     self._show_standing(sensors.stamp_ns)
@@ -111,16 +118,19 @@ class _DirectTrial:
             self._session.set_map(self._spec.map)
         self._session.set_goal(self._spec.goal)
 
-    def _decide(self, sensors: Sensors) -> Velocity2D | None:
-        """Return the command that answers readings, None where there is none."""
+    def _decide(self, sensors: Sensors) -> tuple[Velocity2D | None, int]:
+        """Return the command that answers readings, None where there is none, and after how many ns it arrives."""
         pose = sensors.localisation if self._spec.protocol.map_given else sensors.odometry.pose
         observation = Observation(sensors.stamp_ns, sensors.odometry, sensors.scan, pose)
         limit_s = STALL_LIMIT_S if self.answer_times_s else FIRST_LIMIT_S
-        began = time.perf_counter()
+        stopwatch = Stopwatch()
         answer = self.trial.ask(lambda: _checked(self._session.answer(observation)), limit_s)
-        self.answer_times_s.append(time.perf_counter() - began)
+        self.answer_times_s.append(stopwatch.elapsed_s())
+        # in whole microseconds, as they are kept
+        measured_ns = 1000 * round(1e6 * pace() * self.answer_times_s[-1]) if self._spec.way == MEASURED else None
+        delay_ns = self.turnaround.take(sensors.stamp_ns, measured_ns)
         if answer is None or answer.decision is None:
-            return None
+            return None, 0
         self.trial.report(answer.decision.status.value)
         if answer.decision.plan is not None:
             self.trial.plan(answer.decision.plan, sensors.stamp_ns)
@@ -128,7 +138,7 @@ class _DirectTrial:
             bag.answer(answer.command, answer.decision, self._session.planner, sensors.stamp_ns)
         if answer.command is not None:
             self.trial.command(answer.command)
-        return answer.command
+        return answer.command, delay_ns
 
     def _show_standing(self, stamp_ns: int) -> None:
         for bag in self._bags:

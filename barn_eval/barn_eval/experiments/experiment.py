@@ -7,23 +7,34 @@ decides how soon they are there, and may change from one session to the next.
 import os
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from barn_eval.experiments.ros_config import BAGS, ENGINES, MODES, RosSetup
 from barn_eval.trials import identity
 from barn_eval.trials.protocol import CHALLENGE, Protocol
+from barn_eval.trials.result import DECLARED, FREE, MEASURED, REAL_TIME
 from barn_eval.trials.spec import TrialSpec, simulator_config
-from barn_planners.registry import planner_config, speed_cap_mps
+from barn_planners.registry import planner_config, planner_entry, speed_cap_mps
 from barn_planners.robots import lidar_place, parameters_for
 from barn_sim.config import SimulatorConfig, robot_of
-from barn_worlds.base.config import Checked, as_dict, quantity
+from barn_worlds.base.compute import Compute
+from barn_worlds.base.config import Checked, as_dict, fields_of, quantity
 from barn_worlds.base.errors import ConfigError, shown
 from barn_worlds.worlds.dataset import Dataset, open_dataset, select_worlds
 
 # Names of planners become names of files.
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,59}")
 NO_SOURCE = "unknown"
+
+
+COMPUTE_KEYS = tuple(field.name for field in fields(Compute))
+
+
+def _declared(name: str) -> float:
+    """Return a field of `Compute` as one of a choice, where it counts in place of what the registry declares."""
+    about = next(about for key, about, _ in fields_of(Compute()) if key == name)
+    return quantity(0.0, about.description, "s", minimum=about.minimum, maximum=about.maximum, optional=True)
 
 
 @dataclass(frozen=True)
@@ -43,6 +54,9 @@ class PlannerChoice(Checked):
         maximum=100.0,
         optional=True,
     )
+    delay_s: float = _declared("delay_s")
+    delay_p95_s: float = _declared("delay_p95_s")
+    period_s: float = _declared("period_s")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -52,11 +66,22 @@ class PlannerChoice(Checked):
             raise ConfigError(f"planner {self.name!r}: presets and parameters are for planners of the registry")
         if self.registered and self.max_speed_mps:
             raise ConfigError(f"planner {self.name!r}: its speed cap follows from its parameters, it takes no other")
+        self.stated()  # checks it
 
     @property
     def registered(self) -> bool:
         """Whether the suite makes the planner itself, from its registry."""
         return not (self.command or self.source)
+
+    def stated(self) -> Compute:
+        """Return what the choice itself says of the time that the planner computes."""
+        return Compute(**{key: getattr(self, key) for key in COMPUTE_KEYS})
+
+    @property
+    def compute(self) -> Compute:
+        """How long the planner computes for a cycle: as the choice says, else as the registry declares, if it does."""
+        own = self.stated()
+        return own if own.declared or not self.registered else planner_entry(self.name).compute or own
 
 
 @dataclass(frozen=True)
@@ -72,6 +97,13 @@ class Experiment(Checked):
     seed: int = quantity(0, "seed that all others come from", minimum=0, maximum=2**62)
     mode: str = quantity("direct", "one process or ROS nodes", choices=MODES)
     bags: str = quantity("none", "which trials keep a bag", choices=BAGS)
+    compute: str = quantity(
+        DECLARED,
+        "what trials charge for a planner's computing: what it declares, if it does, or what is measured, at this"
+        " machine's pace",
+        choices=(DECLARED, MEASURED),
+        optional=True,
+    )
     ros: RosSetup = field(default_factory=RosSetup)
 
     def __post_init__(self) -> None:
@@ -82,6 +114,7 @@ class Experiment(Checked):
         for name in names:
             if names.count(name) > 1:
                 raise ConfigError(f"planners names {name!r} twice; make two experiments and use `barn compare` on them")
+        self._require_measurable()
         if self.mode == "ros":
             for planner in self.planners:
                 if planner.source:
@@ -93,6 +126,16 @@ class Experiment(Checked):
         if self.ros != RosSetup():
             raise ConfigError("settings of ros need mode ros")
 
+    def _require_measurable(self) -> None:
+        if self.mode == "ros" and self.compute == MEASURED:
+            raise ConfigError("compute measured needs mode direct; over ROS, ros.lockstep=false charges all time")
+
+    def way(self, compute: Compute) -> str:
+        """Return what its trials charge for the computing of a planner that declares this."""
+        if self.mode == "ros" and not self.ros.lockstep:
+            return REAL_TIME
+        return MEASURED if self.compute == MEASURED else DECLARED if compute.declared else FREE
+
     def settings(self, planner: PlannerChoice) -> tuple[str, dict[str, Any], str, float]:
         """Return preset, parameters, fingerprint and declared speed cap of a planner.
 
@@ -103,9 +146,11 @@ class Experiment(Checked):
         """
         preset = "" if planner.source else planner.preset or self.protocol.planner_preset
         overrides = dict(planner.overrides)
+        computing = {"compute": as_dict(planner.compute)} if planner.compute.declared else {}
         if not planner.registered:
             known: dict[str, Any] = {"command": planner.command, "source": planner.source}
             known |= {"max_speed_mps": planner.max_speed_mps} if planner.max_speed_mps else {}
+            known |= computing
             return preset, overrides, identity.fingerprint(known), planner.max_speed_mps
         overrides = parameters_for(planner.name, preset, overrides, robot_of(self.simulator))
         lidar = self.simulator.lidar
@@ -118,7 +163,7 @@ class Experiment(Checked):
                 )
             overrides[key] = place
         config = planner_config(planner.name, preset, overrides)
-        fingerprint = identity.fingerprint({"planner": planner.name} | as_dict(config))
+        fingerprint = identity.fingerprint({"planner": planner.name} | as_dict(config) | computing)
         return preset, overrides, fingerprint, speed_cap_mps(planner.name, config)
 
     def trials(
@@ -135,6 +180,7 @@ class Experiment(Checked):
             one.name: (one.preset, one.overrides, "", 0.0) if started_by_hand else self.settings(one)
             for one in self.planners
         }
+        computes = {one.name: Compute() if started_by_hand else one.compute for one in self.planners}
         dataset = dataset or open_dataset(self.dataset)
         found = []
         chosen = tuple(select_worlds(self.worlds, dataset.indices) if worlds is None else worlds)
@@ -156,6 +202,8 @@ class Experiment(Checked):
                     repetition=repetition,
                     planner_config=fingerprint,
                     declared_mps=declared_mps,
+                    compute=computes[planner],
+                    way=self.way(computes[planner]),
                 )
                 for repetition in range(self.repetitions)
                 for planner, (preset, overrides, fingerprint, declared_mps) in settings.items()

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
+from barn_eval.experiments.experiment import COMPUTE_KEYS, Execution, Experiment, PlannerChoice
 from barn_eval.experiments.folder import new_folder
 from barn_eval.experiments.ros_config import RosSetup
 from barn_eval.experiments.run_file import WORLDS
@@ -78,6 +78,8 @@ def read_request(
     out = Path(_given(content.pop("out") or None, (str, Path), f"{where}out must name a folder for the results"))
     execution = _changes(content.pop("execution", None), f"{where}execution")
     execution |= {name: content.pop(name) for name in _EXECUTION if name in content}
+    if "compute" in execution:  # which changes results, and so is the experiment's
+        content.setdefault("compute", execution.pop("compute"))
     if worlds is not None:
         content["dataset"] = str((out / WORLDS).absolute())
     experiment = _experiment(content, settings or {}, where)
@@ -198,6 +200,16 @@ def _with_settings(
 
 def _changed(planner: PlannerChoice, changes: dict[str, Any], where: str) -> PlannerChoice:
     """Return a planner with its parameters; of one that the suite does not make, the only one is its speed cap."""
+    computing: dict[str, Any] = {}
+    for key in [key for key in changes if key.startswith("compute.")]:
+        name = key.removeprefix("compute.")
+        if name not in COMPUTE_KEYS:
+            raise ConfigError(
+                f"{where}planner {planner.name!r}: unknown parameter {key!r}{suggest(name, COMPUTE_KEYS)}"
+            )
+        rule = f"{where}planner {planner.name!r}: {key} must be a number"
+        computing[name] = float(_given(changes.pop(key), (int, float), rule))
+    planner = replace(planner, **computing)
     cap_mps = planner.max_speed_mps
     if not planner.registered and _CAP in changes:
         rule = f"{where}planner {planner.name!r}: {_CAP} must be a number"

@@ -144,7 +144,7 @@ def _write_all(file: FileIO, data: bytes) -> None:
         view = view[file.write(view) :]
 
 
-_APART = ("wall_clock", "motion")  # not among the columns of every table
+_APART = ("wall_clock", "motion", "delays")  # not among the columns of every table
 _COLUMNS: dict[type, pa.DataType] = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}
 
 

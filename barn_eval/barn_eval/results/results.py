@@ -35,7 +35,7 @@ from barn_eval.results.folders import Folder, compare, overlay, replay, replay_f
 from barn_eval.results.frames import frame, frame_of
 from barn_eval.results.trial import Trial
 from barn_eval.ros.work import work_of
-from barn_eval.trials.result import TrialResult
+from barn_eval.trials.result import TrialResult, unpacked_delays
 from barn_worlds.base.errors import ConfigError, suggest
 
 
@@ -258,6 +258,8 @@ class Results:
         if choice.source and self._live[name].choice().source != choice.source:
             raise ConfigError(f"planner {name!r} is not the one of these results: its source differs")
         (spec,) = (one for one in experiment.trials([result.world]) if one.trial_id == result.trial_id)
+        if result.delays:
+            spec = replace(spec, recorded_ns=unpacked_delays(result.delays))
         kept: list[object] = []  # what mode ros reports on the way
         work = work_of(experiment, Execution(workers=1), Store(folder.absolute(), bags), self._live)
         done = work.run(Job(result.trial_id, (spec,)), kept.append)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import base64
+import binascii
 import json
+import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,8 +18,12 @@ from barn_worlds.base.config import OPTIONAL, as_dict, from_dict
 from barn_worlds.base.errors import ConfigError, shown
 from barn_worlds.base.text_files import parse_json
 
+# What a trial charges for a planner's computing, in simulated time: what it declares; what is measured; nothing; or,
+# where the simulator does not wait, all that it takes.
+DECLARED, MEASURED, FREE, REAL_TIME = "declared", "measured", "free", "real_time"
 MOST_MISSED = 0.02  # share of control periods without a command in time, in a trial that is not marked
 SCHEMA_VERSION = 2
+_MOST_DELAY_BYTES = 1 << 24
 
 
 @dataclass(frozen=True)
@@ -24,6 +31,9 @@ class WallClock:
     """Wall-clock figures, the only ones of a result that do not repeat.
 
     compute_*_ms: time a planner took per cycle, over ROS from scan to command; None where there was no command.
+    pace: of the machine, by which these become times on the reference computer (`barn_eval.experiments.pace`).
+    computer: of a direct trial that charges nothing, the 95th percentile there by the control period: how fast a
+    computer its score assumes; note: the same in words, where the planner does not fit.
     missed_cycles: control periods without a command in time (ros mode); missed_share: of all since the first command.
     started_at, worker, attempts: of a campaign's trial: when (UTC, ISO 8601), where, and at which attempt it ran.
     """
@@ -33,6 +43,9 @@ class WallClock:
     compute_p50_ms: float | None = None
     compute_p95_ms: float | None = None
     compute_max_ms: float | None = None
+    pace: float | None = None
+    computer: float | None = None
+    note: str = ""
     missed_cycles: int = 0
     missed_share: float = 0.0
     started_at: str = ""
@@ -53,7 +66,16 @@ class WallClock:
         if answer_times_s:
             figures = (1e3 * np.percentile(answer_times_s, [50.0, 95.0, 100.0])).tolist()
         middle, high, longest = figures
-        return cls(duration_s, real_time_factor, middle, high, longest, missed_cycles, missed_share)
+        return cls(
+            duration_s, real_time_factor, middle, high, longest, missed_cycles=missed_cycles, missed_share=missed_share
+        )
+
+    def on(self, pace: float, period_s: float, way: str) -> WallClock:
+        """Return the figures of a machine of that pace, which say whether a planner that is charged nothing fits."""
+        if way != FREE or self.compute_p95_ms is None:
+            return replace(self, pace=pace)
+        computer = 1e-3 * self.compute_p95_ms * pace / period_s
+        return replace(self, pace=pace, computer=computer, note=assumption(computer))
 
     @property
     def late(self) -> bool:
@@ -64,7 +86,7 @@ class WallClock:
     def remark(self) -> str:
         """How late commands were, in words; an empty text if the trial is not marked for it."""
         missed = f"{self.missed_cycles} control periods ({self.missed_share:.1%}) without a command in time"
-        return missed if self.late else ""
+        return "; ".join(filter(None, (missed if self.late else "", self.note)))
 
 
 @dataclass(frozen=True)
@@ -79,6 +101,8 @@ class TrialResult:
     of versions that did not say. remarks: what else is to be known, such as who subscribed to the truth. motion: of
     worlds in which obstacles move, whose rows alone have it. speed_cap_mps: the highest speed that the robot took from
     the planner, which is what the planner declared or else the robot's own limit; None in rows of versions before.
+    compute: what was charged for the planner's computing: "declared", "measured", "free" or "real_time"; empty in rows
+    of versions before. delays: those that were measured, packed by `packed_delays`.
     """
 
     trial_id: str
@@ -106,6 +130,8 @@ class TrialResult:
     fault: str = ""
     remarks: str = ""
     speed_cap_mps: float | None = None
+    compute: str = ""
+    delays: str = field(default="", metadata=OPTIONAL)
     motion: Encounters | None = field(default=None, metadata=OPTIONAL)
     wall_clock: WallClock = field(default_factory=WallClock)
     schema_version: int = SCHEMA_VERSION
@@ -120,6 +146,27 @@ class TrialResult:
         content = as_dict(self)
         del content["wall_clock"]
         return content
+
+
+def assumption(computer: float) -> str:
+    """Return in words what kind of computer a score assumes, empty where the reference computer will do."""
+    return f"its score assumes a computer {computer:.2g} times as fast" if computer > 1.0 else ""
+
+
+def packed_delays(delays_ns: Sequence[int]) -> str:
+    """Return delays in whole microseconds as a text."""
+    whole = np.diff(np.array(delays_ns, np.int64) // 1000, prepend=0).astype("<i4")
+    return base64.b64encode(zlib.compress(whole.tobytes(), 9)).decode()
+
+
+def unpacked_delays(text: str) -> tuple[int, ...]:
+    """Return delays in ns of a text; ConfigError where it holds none."""
+    try:
+        stream = zlib.decompressobj()
+        data = stream.decompress(base64.b64decode(text, validate=True), _MOST_DELAY_BYTES)
+        return tuple((1000 * np.cumsum(np.frombuffer(data, "<i4"), dtype=np.int64)).tolist())
+    except (binascii.Error, zlib.error, ValueError) as error:
+        raise ConfigError(f"delays of a row cannot be read: {error}") from None
 
 
 def trial_id(planner: str, world: int, repetition: int) -> str:

@@ -11,9 +11,10 @@ import numpy as np
 from barn_eval.trials import identity, seeds
 from barn_eval.trials.limit import least_time_s, top_speed_mps
 from barn_eval.trials.protocol import Course, Protocol
-from barn_eval.trials.result import trial_id
+from barn_eval.trials.result import FREE, trial_id
 from barn_sim.config import PRESETS, SimulatorConfig, with_robot
 from barn_sim.seeds import phase_s
+from barn_worlds.base.compute import NOTHING, Compute
 from barn_worlds.base.config import as_dict, replace_dotted
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.base.types import OccupancyMap, Pose2D
@@ -29,7 +30,8 @@ class TrialSpec:
 
     index: number of the world in its data set. overrides: dotted names of planner parameters to values. planner_config:
     fingerprint of the planner's configuration. declared_mps: the highest speed that the planner says it commands, 0 if
-    it does not say.
+    it does not say. compute: what it declares of its computing; way: what is charged for that, as in `TrialResult`.
+    recorded_ns: delays of a trial that was measured, which are charged again.
     """
 
     dataset: str
@@ -44,6 +46,9 @@ class TrialSpec:
     repetition: int
     planner_config: str = ""
     declared_mps: float = 0.0
+    compute: Compute = NOTHING
+    way: str = FREE
+    recorded_ns: tuple[int, ...] = ()
 
     @property
     def trial_id(self) -> str:
@@ -110,6 +115,7 @@ class TrialSpec:
         """Return everything that determines the trial as plain data, all configuration resolved."""
         course = self.course
         phase = {"phase_s": self.phase_s} if self.world.moving else {}
+        computing = {"compute": as_dict(self.compute)} if self.compute.declared else {}
         return {
             "trial_id": self.trial_id,
             "dataset": self.dataset,
@@ -122,6 +128,7 @@ class TrialSpec:
                 "preset": self.preset,
                 "overrides": dict(self.overrides),
                 "fingerprint": self.planner_config,
+                **computing,
             },
             "protocol": as_dict(self.protocol),
             "simulator": as_dict(self.simulator),

@@ -168,6 +168,7 @@ def conclude(
     planner_verdict: str | None = None,
     cylinders_m: Floats | None = None,
     remarks: str = "",
+    delays: str = "",
 ) -> FinishedTrial:
     """Return the finished trial with its scores and measures; mode is "direct" or "ros"."""
     world, scores = spec.world, score(verdict, spec.course, spec.protocol, spec.least_time_s)
@@ -190,6 +191,8 @@ def conclude(
         fault=verdict.fault,
         remarks=remarks,
         speed_cap_mps=spec.speed_cap_mps,
+        compute=spec.way,
+        delays=delays,
         motion=encounters(trajectory, world, spec.phase_s, outline, spec.course, spec.rules, traversal_s),
         wall_clock=wall_clock or WallClock(),
     )

@@ -1,0 +1,162 @@
+"""What trials charge for a planner's computing, and what is said where they charge nothing."""
+
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import barn_eval as barn
+from barn_eval.analysis.leaderboard import leaderboard
+from barn_eval.analysis.sources import assumed_text
+from barn_eval.commands.main import cli
+from barn_eval.experiments import direct
+from barn_eval.experiments.experiment import Experiment, PlannerChoice
+from barn_eval.experiments.pace import Stopwatch
+from barn_eval.experiments.run_file import RunFile
+from barn_eval.trials.result import WallClock, packed_delays, unpacked_delays
+from barn_planners.gap.planner import ENTRY
+from barn_planners.interface import Decision, Observation, Planner, Task
+from barn_worlds.base.compute import Compute, Turnaround
+from barn_worlds.base.errors import ConfigError
+
+WORLDS = "60,150"
+FAST = 60.0  # pace of the machine that this one is taken for, so that little has to be burnt
+
+
+class Busy(Planner):
+    """The planner gap that burns 5 ms of this computer's time in each cycle, 0.3 s of the reference computer's."""
+
+    def __init__(self) -> None:
+        self._gap = ENTRY.build(ENTRY.presets["default"])
+
+    def start(self, task: Task, seed: int) -> None:
+        self._gap.start(task, seed)
+
+    def step(self, observation: Observation) -> Decision:
+        until = time.thread_time() + 0.3 / FAST
+        while time.thread_time() < until:
+            pass
+        return self._gap.step(observation)
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, barn.Results]:
+    """Busy without a declaration, with one, and measured; and gap itself."""
+    folder = tmp_path_factory.mktemp("compute")
+    common = {"worlds": WORLDS, "engine": "inline", "progress": False}
+    gap = barn.run(planners="gap", out=folder / "gap", **common)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(direct, "pace", lambda: FAST)
+        return {
+            "gap": gap,
+            "free": barn.run(planners={"busy": Busy}, out=folder / "free", **common),
+            "measured": barn.run(planners={"busy": Busy}, compute="measured", out=folder / "measured", **common),
+            "declared": barn.run(
+                planners="gap", settings={"gap.compute.delay_s": 0.3}, out=folder / "declared", **common
+            ),
+        }
+
+
+def metric(results: barn.Results) -> float:
+    return sum(one.scores.challenge for one in results.trials)
+
+
+def test_a_slow_planner_that_declares_nothing_drives_free_and_is_marked(runs: dict[str, barn.Results]) -> None:
+    free, gap = runs["free"].trials[0], runs["gap"].trials[0]
+    assert free.scores.traversal_time_s == gap.scores.traversal_time_s
+    assert free.compute == gap.compute == "free"
+    assert free.wall_clock.computer is not None and free.wall_clock.computer > 5.0
+    assert "its score assumes a computer" in free.wall_clock.note
+    assert "busy in" in assumed_text(runs["free"].folder, runs["free"].trials)
+
+
+def test_what_is_charged_makes_the_score_worse(runs: dict[str, barn.Results]) -> None:
+    assert metric(runs["measured"]) < metric(runs["free"])
+    assert metric(runs["declared"]) < metric(runs["gap"])
+    assert [runs[name].trials[0].compute for name in ("measured", "declared")] == ["measured", "declared"]
+
+
+def test_a_measured_trial_is_repeated_to_the_bit(runs: dict[str, barn.Results]) -> None:
+    again = barn.load(runs["measured"].folder, planners={"busy": Busy})
+    assert again.trials[0].delays
+    assert again.rerun(0) == ""  # at this machine's own pace
+
+
+def test_a_board_does_not_mix_ways_of_computing(runs: dict[str, barn.Results]) -> None:
+    boards = leaderboard([one.folder for one in runs.values()])
+    assert len(boards) == 4
+    assert sum("faster computer" in one.title for one in boards) == 1
+
+
+def test_the_declaration_is_in_the_fingerprint(runs: dict[str, barn.Results]) -> None:
+    assert runs["declared"].trials[0].planner_config != runs["gap"].trials[0].planner_config
+    assert runs["declared"].trials[0].task == runs["gap"].trials[0].task
+
+
+def test_the_shell_takes_a_declaration_and_measuring(tmp_path: Path) -> None:
+    given = ["run", "--planner", "gap", "--worlds", "0", "--workers", "1", "--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(
+        cli, [*given, "--set", "compute.delay_s=0.2", "--set", "compute.period_s=0.25", "--execution", "engine=inline"]
+    )
+    assert done.exit_code == 0, done.output
+    (choice,) = RunFile.read(tmp_path / "out").experiment["planners"]
+    assert (choice["delay_s"], choice["period_s"]) == (0.2, 0.25)
+    measured = CliRunner().invoke(cli, [*given, "--execution", "compute=measured", "--dry-run", "--overwrite"])
+    assert measured.exit_code == 0, measured.output
+
+
+@pytest.mark.parametrize(
+    ("settings", "named"),
+    [({"gap.compute.dely_s": 0.1}, "delay_s"), ({"gap.compute.delay_p95_s": 0.1}, "delay_p95_s")],
+)
+def test_a_wrong_declaration_is_refused(settings: dict[str, float], named: str) -> None:
+    with pytest.raises(ConfigError, match=named):
+        barn.plan(planners="gap", worlds=0, settings=settings)
+
+
+def test_measuring_is_refused_over_ros() -> None:
+    with pytest.raises(ConfigError, match="measured needs mode direct"):
+        Experiment(mode="ros", compute="measured")
+
+
+def test_a_choice_overrides_what_the_registry_declares() -> None:
+    assert not PlannerChoice("gap").compute.declared
+    assert PlannerChoice("mine", command="run me", delay_s=0.1).compute == Compute(delay_s=0.1)
+
+
+def test_no_cycle_begins_before_the_last_one_has_taken_effect() -> None:
+    turnaround = Turnaround(Compute(delay_s=0.12, period_s=0.2), 1)
+    begun = [k * 50_000_000 for k in range(10) if turnaround.free(k * 50_000_000) and turnaround.take(k * 50_000_000)]
+    assert begun == [0, 200_000_000, 400_000_000]
+    assert turnaround.delays_ns == [120_000_000] * 3
+
+
+def test_delays_are_drawn_from_the_seed_with_the_quantiles_declared() -> None:
+    def drawn(seed: int) -> list[int]:
+        turnaround = Turnaround(Compute(delay_s=0.05, delay_p95_s=0.1), seed)
+        return [turnaround.take(0) for _ in range(20_000)]
+
+    assert drawn(1) == drawn(1) != drawn(2)
+    assert np.quantile(drawn(1), [0.5, 0.95]) == pytest.approx([5e7, 1e8], rel=0.03)
+
+
+def test_delays_are_kept_in_whole_microseconds() -> None:
+    assert unpacked_delays(packed_delays([1_000, 5_000_000, 2_000])) == (1_000, 5_000_000, 2_000)
+    with pytest.raises(ConfigError, match="delays of a row"):
+        unpacked_delays("no")
+
+
+def test_a_planner_that_waits_is_charged_the_wait() -> None:
+    stopwatch = Stopwatch()
+    time.sleep(0.02)
+    assert stopwatch.elapsed_s() >= 0.02
+
+
+def test_the_figures_of_a_faster_machine_say_the_same_planner_does_not_fit() -> None:
+    clock = WallClock.of(1.0, [0.04] * 20, None)
+    assert clock.on(2.0, 0.05, "free").note == "its score assumes a computer 1.6 times as fast"
+    assert clock.on(1.0, 0.05, "free").note == ""
+    assert clock.on(2.0, 0.05, "declared") == replace(clock, pace=2.0)
