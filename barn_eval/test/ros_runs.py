@@ -37,9 +37,9 @@ _PATIENCE = Patience(
 )  # fmt: skip
 PATIENT = RosSetup(command_wait_s=_LONG_S, patience=_PATIENCE)  # no verdict hangs on the pace of the machine
 EACH = replace(PATIENT, restart_planner="each_trial")
-MANAGED = replace(PATIENT, command_wait_s=20.0)  # what a scan costs that comes while nodes become active
-# So, but for a planner's silence: for tests that wait for it in full. Longer than any pause of a planner that answers.
-QUICK = RosSetup(patience=replace(_PATIENCE, command_s=15.0))
+MANAGED = replace(PATIENT, command_wait_s=5.0)  # what a scan costs that comes while nodes become active
+# So, but for a planner's silence: for tests that wait for it in full. It counts by the evaluator's own progress.
+QUICK = RosSetup(patience=replace(_PATIENCE, command_s=5.0))
 
 
 @pytest.fixture(autouse=True)

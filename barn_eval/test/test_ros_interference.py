@@ -32,7 +32,6 @@ def test_scores_cannot_be_forged(tmp_path):
         planner_command=foreign(FOREIGN, tmp_path / "starts", "drives", *said, "drives"),
         repetitions=len(said) + 2,
     )
-    # The first trial of a run waits until DDS has forgotten processes of before; test_integrity.py has that.
     first, *results, last = drive(tmp_path / "run", plan)
     assert {kind: result.detail for kind, result in zip(said, results, strict=True)} == said
     assert {result.outcome for result in results} == {Outcome.INTERFERENCE}

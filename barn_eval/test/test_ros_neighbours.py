@@ -69,13 +69,13 @@ def test_a_managed_planner_gets_its_goal_by_action_and_gives_its_own_verdict(tmp
 
 
 def test_a_managed_node_that_stays_inactive_is_named(tmp_path, with_more_messages):
-    patience = replace(PATIENT.patience, lifecycle_s=25.0, settle_s=60.0)  # the node has to tell its state within them
+    patience = replace(PATIENT.patience, lifecycle_s=8.0, settle_s=60.0)  # the node has to tell its state within them
     setup = replace(MANAGED, goal_by="action", planner_node="managed", lifecycle_nodes=("/absent",), patience=patience)
     plan = make_plan(ros=setup, planner="managed", planner_command=foreign(NEIGHBOUR, "inactive", tmp_path / "notes"))
     (result,) = drive(tmp_path / "run", plan)
     assert result.outcome is Outcome.PLANNER_NOT_READY
     assert result.detail.removesuffix("; use_sim_time is off in /managed") == (
-        "the lifecycle node /absent is not there; the lifecycle node /managed is inactive (waited 25 s)"
+        "the lifecycle node /absent is not there; the lifecycle node /managed is inactive (waited 8 s)"
     )
 
 
@@ -88,14 +88,14 @@ def test_an_action_whose_type_is_not_installed_is_one_line(tmp_path):
 
 def test_what_is_missing_is_said(tmp_path):
     # the limit for all but the first, so that nothing is waited for that has to come
-    setup = replace(PATIENT, restart_planner="each_trial", patience=replace(PATIENT.patience, gate_s=15.0))
+    setup = replace(PATIENT, restart_planner="each_trial", patience=replace(PATIENT.patience, gate_s=5.0))
     command = foreign(FOREIGN, tmp_path / "starts", "drives", "elsewhere")
     driven, absent = drive(tmp_path / "run", make_plan(ros=setup, planner="x", planner_command=command, repetitions=2))
     assert driven.outcome is Outcome.TIMEOUT
     assert absent.outcome is Outcome.PLANNER_NOT_READY
     assert re.search(
         r"no publisher on /cmd_vel; .*; no node of a planner is seen on ROS domain \d+, discovery range LOCALHOST: "
-        r"compare the planner's environment \(waited 15 s\)$",
+        r"compare the planner's environment \(waited 5 s\)$",
         absent.detail,
     )
 
@@ -111,14 +111,14 @@ def test_a_planner_by_the_wall_clock_is_told_from_one_without_guarantee_of_deliv
 
 
 def test_the_node_that_leads_the_planner_is_waited_for(tmp_path):
-    patience = replace(PATIENT.patience, gate_s=15.0)
+    patience = replace(PATIENT.patience, gate_s=5.0)
     setup = replace(PATIENT, planner_node="late", restart_planner="each_trial", patience=patience)
     command = foreign(FOREIGN, tmp_path / "starts", "late", "drives")
     late, absent = drive(tmp_path / "run", make_plan(ros=setup, planner="x", planner_command=command, repetitions=2))
     assert late.outcome is Outcome.TIMEOUT
     assert int((tmp_path / "starts.heard").read_text()) >= 2  # asked again where an answer is slow to come
     assert absent.outcome is Outcome.PLANNER_NOT_READY
-    assert absent.detail == "the node /late (planner_node) is not there (waited 15 s)"
+    assert absent.detail == "the node /late (planner_node) is not there (waited 5 s)"
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ import struct
 import subprocess
 import sys
 import threading
-import time
 from collections import Counter
 from contextlib import suppress
 from dataclasses import replace
@@ -214,7 +213,7 @@ def test_every_fault_of_a_planner_is_an_outcome_and_the_next_trial_runs(tmp_path
     assert by_kind["dies"].detail == "the planner was killed by SIGKILL"
     assert by_kind["exits"].detail == "the planner exited with code 3"
     assert by_kind["silent"].wall_clock.missed_cycles >= 1
-    assert "no command for 15 s" in by_kind["hangs"].detail
+    assert "no command for 5 s" in by_kind["hangs"].detail
     for kind in ("nan", "dies", "exits", "hangs"):
         # 30 good cycles went before, and are in the trajectory
         assert by_kind[kind].measures.driven_m > 0.3, kind
@@ -235,7 +234,7 @@ def test_a_free_running_trial_with_late_commands_is_marked(tmp_path):
 def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_left):  # noqa: F811
     protocol = replace(SHORT, limit_s=10.0, timeout_time_s=10.0, collision_ends_trial=False)
     command = foreign(FOREIGN, tmp_path / "starts", "drives")
-    plan = make_plan(protocol, planner="drives", planner_command=command, repetitions=4)
+    plan = make_plan(protocol, planner="drives", planner_command=command, repetitions=3)
     folder = tmp_path / "run"
     simulator, evaluator = "barn_sim.ros.simulator", "barn_eval.ros.evaluator"
 
@@ -243,17 +242,10 @@ def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_l
         for pid in pids:
             os.kill(pid, signal.SIGKILL)
 
-    def suspend():
-        (pid,) = node_process(nothing_left, evaluator)
-        os.kill(pid, signal.SIGSTOP)
-        time.sleep(10.0)  # more than the evaluator takes for a delay
-        os.kill(pid, signal.SIGCONT)
-
     deeds = {
         0: lambda: kill(node_process(nothing_left, simulator)),
         1: lambda: kill(node_process(nothing_left, evaluator)),
-        2: suspend,
-        3: lambda: kill(guards(nothing_left, str(FOREIGN))),
+        2: lambda: kill(guards(nothing_left, str(FOREIGN))),
     }
 
     def disturb():
@@ -266,14 +258,13 @@ def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_l
     threading.Thread(target=disturb, daemon=True).start()
     notices = []
     results = list(drive(folder, plan, notices.append))
-    assert [result.repetition for result in results] == [0, 1, 2, 3]
+    assert [result.repetition for result in results] == [0, 1, 2]
     expected = [
         "simulator was killed by SIGKILL in trial drives_w0000_r00",
         "drives_w0000_r00 is repeated: simulator_died, the simulator was killed by SIGKILL",
         "evaluator was killed by SIGKILL in trial drives_w0000_r01",
-        "drives_w0000_r02 is repeated: environment_failed, the evaluator was suspended for ",
-        "planner was lost with its guard in trial drives_w0000_r03",
-        "drives_w0000_r03 is repeated: planner_died, the planner was lost with its guard",
+        "planner was lost with its guard in trial drives_w0000_r02",
+        "drives_w0000_r02 is repeated: planner_died, the planner was lost with its guard",
     ]
     assert [text for text in expected if not any(notice.startswith(text) for notice in notices)] == []
     undisturbed = list(drive(tmp_path / "undisturbed", plan))

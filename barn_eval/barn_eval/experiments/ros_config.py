@@ -25,9 +25,10 @@ def _limit(default_s: float, description: str, minimum_s: float = 0.1, maximum_s
 
 @dataclass(frozen=True)
 class Patience(Checked):
-    """How long the evaluator waits for the others, in wall-clock time.
+    """How long the evaluator waits for the others.
 
-    Only through these limits can a slow machine change an outcome.
+    Time counts by the evaluator's own turns: what it spends suspended or waiting for a processor does not count. Only
+    through these limits can a slow machine change an outcome.
     """
 
     start_s: float = _limit(180.0, "in place of the next two before the first trial, when kernels may be compiled")

@@ -19,7 +19,7 @@ from barn_worlds.ros.topics import own_identity
 
 LEASE_S = 30.0  # DDS forgets a process that was killed after some 20 s
 _UNNAMED = "an unnamed node"
-_DISCOVERY_S = 3.0  # within which DDS has told of whoever was there before
+_DISCOVERY_S = 3.0  # within which DDS has told of whoever is there, and not of those killed before it was asked
 _SEND_GOAL = "/_action/send_goal"
 
 
@@ -130,7 +130,6 @@ class Integrity:
     topics: TrialTopics
     ours: Collection[str]
     _remarks: set[str] = field(default_factory=set)
-    _patience_s: float = LEASE_S
 
     @property
     def remarks(self) -> str:
@@ -149,17 +148,14 @@ class Integrity:
         def speaker() -> str:
             return _said(self._spoken())
 
-        if session.wait(speaker, _DISCOVERY_S) and not session.wait(lambda: not speaker(), LEASE_S):
+        if session.wait(speaker, _DISCOVERY_S) and not session.wait(lambda: not speaker(), _DISCOVERY_S):
             what = f"{speaker()} there, as only the trials' own simulator may"
             raise ConfigError(f"ROS_DOMAIN_ID {domain}: {what}; end it, or leave ROS_DOMAIN_ID unset")
 
     def require(self, session: Session) -> None:
         """Raise TrialEnded if somebody interferes."""
-        # What DDS still shows of processes that were killed before there was this evaluator is given time to go; by
-        # hand a simulator can be started afresh at any time.
-        limit_s = self._patience_s
-        self._patience_s = 0.0 if self.channel is not None else LEASE_S
-        if not session.wait(lambda: not self.look(), limit_s):
+        # what DDS shows of a simulator is given time to go where, by hand, another may have been started in its place
+        if not session.wait(lambda: not self.look(), LEASE_S if self.channel is None else 0.0):
             raise TrialEnded(Outcome.INTERFERENCE, self.look())
 
     def look(self) -> str:

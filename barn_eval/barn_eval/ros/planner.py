@@ -1,6 +1,5 @@
 """The planner under test as the evaluator meets it: any node that takes scans and sends commands."""
 
-import time
 from collections.abc import Callable
 
 from rclpy.node import Node
@@ -79,7 +78,7 @@ class PlannerClient:
 
         def missing() -> str:
             nonlocal finding, complete_since, wrong_since
-            now, finding = time.monotonic(), inspect(self._view.graph(), self._needs)
+            now, finding = self._session.now_s, inspect(self._view.graph(), self._needs)
             known = not finding.missing and bool(self._name or finding.command_node)
             complete_since = (complete_since or now) if known else None
             wrong_since = (wrong_since or now) if finding.outcome is Outcome.WRONG_MESSAGE_TYPE else None
@@ -100,13 +99,13 @@ class PlannerClient:
         self.goal.begin(self._goal_message(spec, stamp_ns))
         if not self._remote.offers("ready"):
             return
-        deadline = time.monotonic() + self._patience.gate_s
-        repeat_at = time.monotonic() + _REPEAT_S
+        deadline_s = self._session.now_s + self._patience.gate_s
+        repeat_s = self._session.now_s + _REPEAT_S
         while refused := self._refused(lambda: self._remote.trigger("ready", self._patience.service_s)):
-            if time.monotonic() > deadline:
+            if self._session.now_s > deadline_s:
                 raise TrialEnded(Outcome.PLANNER_NOT_READY, refused)
-            if time.monotonic() > repeat_at:
-                repeat_at += _REPEAT_S
+            if self._session.now_s > repeat_s:
+                repeat_s += _REPEAT_S
                 self.repeat_goal(spec, stamp_ns)
             self._session.sleep(0.02, PLANNER)
 

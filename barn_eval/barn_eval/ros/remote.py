@@ -1,6 +1,5 @@
 """Talking to another node by standard services: parameters, triggers, switches, states."""
 
-import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -90,10 +89,10 @@ class RemoteNode:
         if client is None:
             client = self._session.node.create_client(kind, f"{self.name}/{service}")
             self._clients[service] = client
-        deadline = time.monotonic() + limit_s
+        deadline_s = self._session.now_s + limit_s
         if not self._session.wait(client.service_is_ready, limit_s, self._watched):
             raise ServiceTimeout(f"no service {self.name}/{service} within {limit_s:g} s")
-        while (left_s := deadline - time.monotonic()) > 0.0:
+        while (left_s := deadline_s - self._session.now_s) > 0.0:
             future = client.call_async(request)
             if self._session.wait(future.done, min(left_s, again_s), self._watched):
                 return future.result()

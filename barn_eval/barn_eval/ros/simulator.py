@@ -127,11 +127,11 @@ class SimulatorClient:
     def await_connections(self, scan_subscriptions: int, command_publishers: int) -> bool:
         """Wait until the simulator is connected with as many others; False if it is not within the limit."""
         # what is on the graph need not be connected yet, and the first scan of a trial must not be lost
-        deadline = time.monotonic() + self._patience.connection_s
+        deadline_s = self._session.now_s + self._patience.connection_s
         while connected := _CONNECTED.search(self._pause(True)):  # None of a simulator that does not say
             if int(connected[1]) >= scan_subscriptions and int(connected[2]) >= command_publishers:
                 break
-            if time.monotonic() > deadline:
+            if self._session.now_s > deadline_s:
                 return False
             self._session.sleep(_LOOK_S, PLANNER, SIMULATOR)
         return True

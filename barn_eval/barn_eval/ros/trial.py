@@ -28,8 +28,8 @@ from barn_worlds.messages.topics import CLOCK, CMD_VEL, COLLISION, DIAGNOSTICS, 
 from barn_worlds.ros.private_line import PrivateLine
 
 _LOOK_S = 0.2  # between two looks at the graph while a trial runs
-# Outcomes of a planner that is there and yet does nothing, of which the cause is looked for.
-_UNEXPLAINED = (Outcome.NO_FIRST_MOTION, Outcome.PLANNER_STALLED, Outcome.PLANNER_NOT_READY)
+# Outcomes of a planner that is there and yet does nothing, of which the cause is looked for, the first two by asking it.
+_UNEXPLAINED = (Outcome.NO_FIRST_MOTION, Outcome.PLANNER_NOT_READY, Outcome.PLANNER_STALLED)
 
 
 class RunContext:
@@ -116,7 +116,6 @@ class RosTrial:
                 self._queue.hand_over(self._take, all_of_it=True)
             verdict = self.trial.referee.fail(end.outcome, end.detail, end.blamed)
             self._show_standing()
-        context.session.end_trial()
         if (found := context.integrity.look()) and verdict.fault != ENVIRONMENT:
             verdict = replace(verdict, outcome=Outcome.INTERFERENCE, detail=found, blamed="")
         self.planner_verdict = context.planner.goal.verdict
@@ -126,11 +125,10 @@ class RosTrial:
     def _explained(self, verdict: Verdict) -> Verdict:
         if verdict.outcome not in _UNEXPLAINED:
             return verdict
+        clock = self._context.planner.clock_fault() if verdict.outcome in _UNEXPLAINED[:2] else ""
         told = self.planner_verdict not in (None, "executing")
         own = f"its own verdict: {self.planner_verdict}" if told else ""
-        return replace(
-            verdict, detail="; ".join(filter(None, [verdict.detail, self._context.planner.clock_fault(), own]))
-        )
+        return replace(verdict, detail="; ".join(filter(None, [verdict.detail, clock, own])))
 
     def _prepare(self) -> TrialQueue:
         context, patience = self._context, self._context.config.patience
@@ -187,20 +185,19 @@ class RosTrial:
 
     def _follow(self, queue: TrialQueue) -> Verdict:
         session = self._context.session
-        began_s = look_s = time.monotonic()
-        watchdog = Watchdog(self._context.config.patience, began_s, queue.commands)
+        began_s, look_s = time.monotonic(), session.now_s
+        watchdog = Watchdog(self._context.config.patience, session.now_s, queue.commands)
         goal_period_ns = nanoseconds(self._spec.protocol.goal_period_s)
         goal_ns = queue.now_ns + goal_period_ns
         while True:
             session.spin()
             queue.read()
             queue.hand_over(self._take)
-            now_s = time.monotonic()
-            self.wall_s = now_s - began_s
+            self.wall_s = time.monotonic() - began_s
             if self.trial.verdict is not None:
                 return self.trial.verdict
             session.check(PLANNER, SIMULATOR)
-            if now_s >= look_s:
+            if (now_s := session.now_s) >= look_s:
                 look_s = now_s + _LOOK_S
                 self._look(watchdog, now_s)
             watchdog.hear(now_s, queue.ticks, queue.commands)
