@@ -13,7 +13,9 @@ from typing import Any
 from rich.console import Console
 
 from barn_eval.experiments.experiment import Execution
-from barn_eval.experiments.run_file import provenance
+from barn_eval.experiments.ros_config import RosSetup
+from barn_eval.experiments.run_file import isolation, provenance
+from barn_eval.ros.work import isolation_text
 from barn_eval.studies import bench as measuring
 from barn_eval.studies.bench import Measurement
 from barn_eval.studies.reproduction import run as reproduction
@@ -138,6 +140,7 @@ def _ros() -> dict[str, str]:
     found = {name: os.environ.get(name, "") for name in names}
     if find_spec("rclpy") is not None:
         found["middleware"] = _middleware()
+    found["isolation"] = isolation_text(RosSetup()) or f"planners over ROS: {isolation()}"
     return found
 
 

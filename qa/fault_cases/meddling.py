@@ -1,9 +1,13 @@
 """Planners that try to change their score."""
 
+import signal
+import time
+from contextlib import suppress
 from functools import partial
+from pathlib import Path
 
 from fault_cases.kit import Lab, add, ending, hold
-from fault_cases.planners import FOREIGN, by_command, judged, ros
+from fault_cases.planners import FOREIGN, SCRIPT, by_command, driven, judged, ros
 
 FAMILY = "meddling"
 
@@ -62,3 +66,87 @@ add(
         judged(lab, "invalid_command", "not finite"),
     )[1],
 )
+
+
+def _signalled(lab: Lab, what: str, number: int, isolate: bool, expected: str) -> str:
+    words = by_command(SCRIPT, "signals", lab.folder, what, int(number))
+    run = ros(lab, *words, "--ros", f"isolate={str(isolate).lower()}")
+    killed = what == "run" and not isolate
+    lab.barn(*run, code=-signal.SIGKILL if killed else None)
+    if killed:
+        lab.until(lambda: not lab.processes(), "the end of all processes")
+        lab.barn(*run, code=None)
+    row = lab.row()
+    said = f"{ending(row)}, attempt {row['wall_clock']['attempts']} {row['wall_clock']['repeated']}".strip()
+    hold((lab.folder / "done").exists() is not isolate, "the planner found the process" if isolate else "it found none")
+    fault = "planner" if expected != "repeated" else row["fault"]
+    hold(row["fault"] == fault and not row["scores"]["success"], said)
+    hold((expected if expected != "repeated" else "timeout") in said, said)
+    hold((row["wall_clock"]["attempts"] > 1) is (expected == "repeated"), said)
+    return said
+
+
+for _name in ("simulator", "evaluator", "guard", "worker", "run"):
+    for _number in (signal.SIGKILL, signal.SIGSTOP, signal.SIGTERM):
+        add(
+            FAMILY,
+            f"{_number.name.lower()}-for-the-{_name}",
+            f"The planner looks for the {_name} of its run, to send it {_number.name}.",
+            "It sees none of the suite's processes; the trial runs to its timeout at the first attempt.",
+            partial(_signalled, what=_name, number=_number, isolate=True, expected="timeout"),
+        )
+for _name, _number, _expected in (
+    ("simulator", signal.SIGKILL, "nothing tells that"),
+    ("simulator", signal.SIGTERM, "nothing tells that"),
+    ("simulator", signal.SIGSTOP, "nothing tells that"),
+    ("evaluator", signal.SIGKILL, "interference: the evaluator was killed"),
+    ("guard", signal.SIGKILL, "nothing tells that"),
+    ("worker", signal.SIGKILL, "repeated"),
+    ("run", signal.SIGKILL, "repeated"),
+):
+    add(
+        FAMILY,
+        f"{_number.name.lower()}-for-the-{_name}-where-it-can",
+        f"The planner sends {_number.name} to the {_name} of its run, once, in a run with --ros isolate=false.",
+        "The row says that the trial was repeated, and why."
+        if _expected == "repeated"
+        else "The trial is not repeated and counts as the planner's failure.",
+        partial(_signalled, what=_name, number=_number, isolate=False, expected=_expected),
+    )
+add(
+    FAMILY,
+    "kills-its-parent",
+    "The planner sends SIGKILL to its parent, the first process that it sees.",
+    "The kernel drops it: the trial runs to its timeout.",
+    partial(driven, kind="kills-its-parent", outcome="timeout"),
+)
+
+
+def _bounded(lab: Lab, kind: str, outcome: str, words: str) -> str:
+    run = lab.start(*ros(lab, *by_command(SCRIPT, kind, lab.folder), bags="all", limit_s=20.0))
+    peak_mb = 0
+    while run.poll() is None:
+        for pid in lab.nodes("barn_eval.ros.evaluator"):
+            with suppress(OSError, StopIteration):
+                lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+                peak_mb = max(peak_mb, int(next(one for one in lines if "VmHWM" in one).split()[1]) // 1000)
+        hold(lab.left_s, "")
+        time.sleep(0.1)
+    said = judged(lab, outcome, words)
+    hold(peak_mb < 3000, f"the evaluator took {peak_mb} MB; {said}")
+    return f"{said}; evaluator at most {peak_mb} MB, trial {lab.row()['wall_clock']['duration_s']:.0f} s"
+
+
+for _kind, _done, _outcome, _words in (
+    ("crowd", "The planner makes 5,000 topics in the midst of a trial.", "interference", "topics are on the graph"),
+    ("meet", "The planner makes 400 nodes in the midst of a trial.", "interference", "nodes are on the graph"),
+    ("floods", "The planner publishes 4 MB at 50 Hz on a topic of its own, and answers.", "collision", ""),
+    ("floods-slowly", "The planner publishes 1 MB at 50 Hz on a topic of its own, and answers.", "collision", ""),
+):
+    add(
+        FAMILY,
+        _kind,
+        _done,
+        "The trial ends at once, and names that; or it goes on, and the evaluator's memory stays below 3 GB.",
+        partial(_bounded, kind=_kind, outcome=_outcome, words=_words),
+    )

@@ -210,29 +210,6 @@ def closes_its_files(lab: Lab) -> str:
 
 
 @case(FAMILY)
-def kills_its_guard(lab: Lab) -> str:
-    """The planner kills the process that guards it, each time that it drives.
-
-    The planner dies with its guard; the trial is tried three times and kept apart from the score, with exit code 3.
-    """
-    lab.barn(*ros(lab, *by_command(SCRIPT, "kills-its-guard", lab.folder)), code=3)
-    hold(lab.row()["fault"] == "environment", lab.row())
-    return ending(lab.row())
-
-
-@case(FAMILY)
-def kills_the_simulator(lab: Lab) -> str:
-    """The planner finds the simulator of its run, with its guards, and kills them, each time that it drives.
-
-    It gains nothing: the trial is tried three times and kept apart from the score, with exit code 3.
-    """
-    lab.barn(*ros(lab, *by_command(SCRIPT, "kills-the-simulator", lab.folder)), code=3)
-    row = lab.row()
-    hold(row["fault"] in ("simulator", "environment"), ending(row))
-    return f"{ending(row)}, fault of the {row['fault']}"
-
-
-@case(FAMILY)
 def does_not_exist(lab: Lab) -> str:
     """The planner's command names a program that is not there.
 

@@ -10,9 +10,20 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from threading import Thread
 
 GOOD_CYCLES = 10
+MARK = "BARN_TOOL_SESSION"
+# Processes of the suite by what their command lines have, and that of the planner has not.
+SUITE = {
+    "simulator": "barn_sim.ros.simulator:",
+    "evaluator": "barn_eval.ros.evaluator:",
+    "guard": "guard.py",
+    "worker": "experiments.worker",
+    "run": "-m barn_eval run",
+}
 KIND, FOLDER = sys.argv[1], Path(sys.argv[2])
 
 if KIND == "import":
@@ -27,7 +38,9 @@ from geometry_msgs.msg import PoseStamped, Twist, TwistStamped  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from sensor_msgs.msg import LaserScan  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
 
+KEPT: list[object] = []
 SLEEP = [sys.executable, "-c", "import time; time.sleep(600)"]
 
 
@@ -37,26 +50,18 @@ def note(*pids: int) -> None:
         file.write("".join(f"{pid}\n" for pid in pids))
 
 
-def parents() -> list[int]:
-    """Return the process ids of this one's ancestors, the guard first."""
-    found, pid = [], os.getpid()
-    while pid > 1:
-        pid = int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[1])
-        found.append(pid)
-    return found
-
-
-def siblings() -> None:
-    """Kill every simulator that belongs to this run: the children of the guards of the same supervisor."""
-    supervisor = next(pid for pid in parents() if b"guard.py" not in Path(f"/proc/{pid}/cmdline").read_bytes())
+def signal_suite(what: str, number: int) -> None:
+    """Signal, once, all processes of this run, and of no other, that are called so."""
+    if (FOLDER / "done").exists():
+        return
+    mark = f"{MARK}={os.environ[MARK]}".encode()
     for entry in Path("/proc").iterdir():
-        if entry.name.isdigit() and b"barn_sim.ros.simulator" in (entry / "cmdline").read_bytes():
-            ancestors, pid = [], int(entry.name)
-            while pid > 1:
-                pid = int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[1])
-                ancestors.append(pid)
-            if supervisor in ancestors:
-                os.kill(int(entry.name), signal.SIGKILL)
+        with suppress(OSError):
+            if entry.name.isdigit() and mark in (entry / "environ").read_bytes().split(b"\0"):
+                words = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+                if SUITE[what] in words and int(entry.name) != 1:
+                    (FOLDER / "done").touch()
+                    os.kill(int(entry.name), number)
 
 
 def escape() -> None:
@@ -90,6 +95,35 @@ def loop() -> None:
         pass
 
 
+def crowd(planner: Node) -> None:
+    """Make 5,000 topics in the midst of a trial."""
+    KEPT.extend(planner.create_publisher(Twist, f"crowd_{k}", 1) for k in range(5000))
+
+
+def meet(_: Node) -> None:
+    """Make 400 nodes in the midst of a trial."""
+    KEPT.extend(rclpy.create_node(f"crowd_{k}", enable_rosout=False) for k in range(400))
+
+
+def flood(planner: Node, megabytes: int, rate_hz: float) -> None:
+    """Publish messages of so many megabytes at a rate from now on, while the scans are answered."""
+    sender, message = planner.create_publisher(String, "flood", 10), String(data=megabytes * 1_000_000 * "x")
+
+    def send() -> None:
+        while True:
+            sender.publish(message)
+            time.sleep(1.0 / rate_hz)
+
+    Thread(target=send, daemon=True).start()
+
+
+# What is done by a node: its deed gets it.
+NODE_DEEDS: dict[str, Callable[[Node], object]] = {
+    "crowd": crowd,
+    "meet": meet,
+    "floods": lambda planner: flood(planner, 4, 50.0),
+    "floods-slowly": lambda planner: flood(planner, 1, 50.0),
+}
 DEEDS: dict[str, Callable[[], object]] = {
     "first-scan": lambda: sys.exit("cannot read a scan"),
     "segfault": lambda: ctypes.string_at(0),
@@ -100,8 +134,8 @@ DEEDS: dict[str, Callable[[], object]] = {
     "eats": eat,
     "shuts-down": rclpy.try_shutdown,
     "closes-files": lambda: os.closerange(3, 256),
-    "kills-its-guard": lambda: os.kill(os.getppid(), signal.SIGKILL),
-    "kills-the-simulator": siblings,
+    "kills-its-parent": lambda: os.kill(os.getppid(), signal.SIGKILL),
+    "signals": lambda: signal_suite(sys.argv[3], int(sys.argv[4])),
     "escapes": escape,
     "has-children": lambda: note(*(subprocess.Popen(SLEEP, start_new_session=True).pid for _ in range(3))),
     "kills-its-group": lambda: os.killpg(0, signal.SIGKILL),
@@ -138,9 +172,10 @@ class RosPlanner(Node):
     def answer(self, _: LaserScan) -> None:
         """Answer a scan."""
         self.cycles += 1
-        again = KIND == "kills-the-simulator" and self.cycles % GOOD_CYCLES == 0
-        if KIND in DEEDS and (again or self.cycles == (1 if KIND == "first-scan" else GOOD_CYCLES)):
+        if KIND in DEEDS and self.cycles == (1 if KIND == "first-scan" else GOOD_CYCLES):
             DEEDS[KIND]()
+        if KIND in NODE_DEEDS and self.cycles == GOOD_CYCLES:
+            NODE_DEEDS[KIND](self)
         if KIND == "crashes" and self.cycles == GOOD_CYCLES:
             raise RuntimeError("out of ideas")
         self.commands.publish(self.command())

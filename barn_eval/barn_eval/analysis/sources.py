@@ -26,6 +26,8 @@ from barn_worlds.robots.robot import Chassis
 from barn_worlds.worlds.dataset import open_dataset, select_worlds
 from barn_worlds.worlds.world import World
 
+_NAMED = 5  # trials made at a second attempt that a message names
+
 
 @dataclass(frozen=True, eq=False)
 class Source:
@@ -108,13 +110,17 @@ def partial_text(source: Source) -> str:
 
 
 def late_text(path: Path, results: Sequence[TrialResult]) -> str:
-    """Return how many trials in a folder are marked for late commands, an empty text if none is."""
+    """Return how many trials in a folder are marked, for late commands or a second attempt; empty if none is."""
     late = sum(result.wall_clock.late for result in results)
     text = (
         f"{late} of {len(results)} trials in {path} are marked: more than {MOST_MISSED:.0%} of their control periods"
         " had no command in time, so they tell of the machine as well as of the planner"
     )
-    return text if late else ""
+    again = [result for result in results if result.wall_clock.attempts > 1]
+    named = ", ".join(f"{one.trial_id}: {one.wall_clock.retried}" for one in again[:_NAMED])
+    more = f" and {len(again) - _NAMED} more" if len(again) > _NAMED else ""
+    repeated = f"{len(again)} of {len(results)} trials in {path} were not made at the first attempt: {named}{more}"
+    return "; ".join(filter(None, (text if late else "", repeated if again else "")))
 
 
 def compute_way(results: Sequence[TrialResult]) -> str:

@@ -106,4 +106,4 @@ def _ending(result: TrialResult) -> str:
     ending = f"{result.outcome.value} ({result.detail})" if result.detail else result.outcome.value
     if result.scores.success:
         ending = f"success in {result.scores.traversal_time_s:.2f} s"
-    return ", ".join(filter(None, (ending, result.wall_clock.remark)))
+    return ", ".join(filter(None, (ending, result.wall_clock.remark, result.wall_clock.retried)))

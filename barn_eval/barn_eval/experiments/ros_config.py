@@ -96,6 +96,10 @@ class RosSetup(PlannerLink):
     lidar_frame: str = quantity("lidar_link", "frame of the scans")
     ground_truth: bool = quantity(False, "publish the true pose and contacts; rows name who reads them")
 
+    isolate: bool = quantity(
+        True, "the planner's processes see and signal only each other, where the kernel offers that"
+    )
+
     def __post_init__(self) -> None:
         super().__post_init__()
         for rule in self.remap:

@@ -6,9 +6,11 @@ import json
 import os
 import platform
 import subprocess
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -52,6 +54,24 @@ def commit_of(folder: Path) -> str:
 def machine() -> dict[str, Any]:
     """Return what wall-clock figures depend on."""
     return {"processor": _processor(), "cores": os.cpu_count(), "system": platform.platform()}
+
+
+@cache
+def isolation() -> str:
+    """Return what keeps a planner's processes over ROS from the suite's, or why nothing does.
+
+    "apart": in namespaces of their own they neither see nor signal these; "visible": they only see them.
+    """
+    script = Path(__file__).parents[1] / "ros" / "supervision" / "guard.py"
+    asked = subprocess.run(  # noqa: S603
+        [sys.executable, "-I", "-S", str(script), "probe"], capture_output=True, text=True, check=False
+    )
+    return asked.stdout.strip() or "cannot be asked"
+
+
+def isolated() -> bool:
+    """Tell whether no planner over ROS can signal the suite's processes."""
+    return isolation() in ("apart", "visible")
 
 
 def provenance() -> dict[str, Any]:
@@ -160,6 +180,8 @@ class RunFile:
     def with_session(self, execution: Execution) -> RunFile:
         """Return the same with a session that begins now."""
         session = {"started_at": datetime.now(timezone.utc).isoformat(timespec="seconds")}
+        if self.experiment.get("mode") == "ros":
+            session["isolation"] = isolation() if self.experiment["ros"]["isolate"] else "not asked for"
         return replace(self, sessions=(*self.sessions, session | {"execution": as_dict(execution)} | provenance()))
 
     def write(self) -> None:

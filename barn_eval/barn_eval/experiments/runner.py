@@ -120,7 +120,7 @@ class _Loop:
             record.result.wall_clock,
             started_at=report.started_at,
             worker=report.worker,
-            attempts=self.losses[trial_id] + 1,
+            attempts=max(record.result.wall_clock.attempts, self.losses[trial_id] + 1),
         )
         result = replace(record.result, wall_clock=clock)
         self.folder.append(Record(result, record.track))

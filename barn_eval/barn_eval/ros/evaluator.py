@@ -11,6 +11,7 @@ import socket
 import sys
 import time
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import rclpy
@@ -22,7 +23,7 @@ from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.experiments.store import Record, Store, finish_bag
 from barn_eval.ros.adapter import missed_periods, missed_share
 from barn_eval.ros.session import PLANNER, SIMULATOR, Abandoned, TrialEnded
-from barn_eval.ros.supervision.channel import Assignment, EventChannel
+from barn_eval.ros.supervision.channel import NOT_TOLD, Assignment, EventChannel
 from barn_eval.ros.trial import RosTrial, RunContext
 from barn_eval.trials.outcome import ENVIRONMENT, Outcome, Verdict
 from barn_eval.trials.protocol import load_protocol
@@ -90,7 +91,7 @@ def run_assigned(node: Node, config: EvaluatorConfig, supervisor: EventChannel) 
         context.integrity.require_alone(session, os.environ.get("ROS_DOMAIN_ID", ""))
         for name in (SIMULATOR, PLANNER):
             session.tell("start", name=name)
-    Runner(context, assignment.store, keep).run(assignment.specs())
+    Runner(context, assignment.store, keep, apart=assignment.apart).run(assignment.specs())
     session.tell("done")
 
 
@@ -118,11 +119,14 @@ def run_alone(node: Node, config: EvaluatorConfig) -> None:
 class Runner:
     """Runs trial after trial, each with its bag and row, and puts the others right again after a fault.
 
-    keep: takes what is to be kept of each trial once its bag and picture are in the store.
+    keep: takes what is to be kept of each trial once its bag and picture are in the store. apart: the planner cannot
+    have ended another process; by hand nobody says.
     """
 
-    def __init__(self, context: RunContext, store: Store, keep: Callable[[Record], None]) -> None:
-        self._context, self._store, self._keep = context, store, keep
+    def __init__(
+        self, context: RunContext, store: Store, keep: Callable[[Record], None], *, apart: bool = True
+    ) -> None:
+        self._context, self._store, self._keep, self._apart = context, store, keep, apart
         self._failed_starts = self._driven = 0
 
     def run(self, trials: Iterable[TrialSpec]) -> None:
@@ -137,7 +141,7 @@ class Runner:
         with self._store.recorder(spec.trial_id) as recorder:
             fresh = not self._driven or self._failed_starts > 0  # processes that have just been started
             trial = RosTrial(self._context, spec, recorder, first=fresh)
-            verdict = trial.run()
+            verdict = self._to_blame(trial.run(), trial)
             missed = self._settle(verdict)
             self._driven += trial.released
             if self._is_to_be_repeated(verdict, trial):
@@ -158,6 +162,12 @@ class Runner:
         self._keep(self._store.keep(finished))
         return True
 
+    def _to_blame(self, verdict: Verdict, trial: RosTrial) -> Verdict:
+        """Return the verdict with the planner to blame for whatever ends a trial of its that it may have ended."""
+        if not trial.released or self._apart or verdict.fault not in (SIMULATOR, ENVIRONMENT):
+            return verdict
+        return replace(verdict, detail=f"{verdict.detail}; {NOT_TOLD}", blamed=PLANNER)
+
     def _is_to_be_repeated(self, verdict: Verdict, trial: RosTrial) -> bool:
         """Tell whether a trial is worth another start: it did not begin, or the planner is not to blame for its end."""
         # a planner may end between two trials, for instance because it has reached its goal: its successor drives
@@ -169,8 +179,7 @@ class Runner:
         self._failed_starts += 1
         if self._failed_starts < STARTS:
             if trial.released:
-                why = f"{verdict.outcome.value}, {verdict.detail}"
-                self._context.session.note(f"{trial.trial.spec.trial_id} is repeated: {why}")
+                self._context.session.tell("repeated", reason=f"{verdict.outcome.value}, {verdict.detail}")
             return True
         self._failed_starts = 0
         if not self._driven:

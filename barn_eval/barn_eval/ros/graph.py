@@ -19,6 +19,7 @@ from barn_worlds.ros.topics import own_identity
 
 LEASE_S = 30.0  # DDS forgets a process that was killed after some 20 s
 _UNNAMED = "an unnamed node"
+_MOST_TOPICS, _MOST_SERVICES, _MOST_NODES = 1000, 4000, 300  # on the graph of a trial; Nav2 has some 100, 250 and 30
 _DISCOVERY_S = 3.0  # within which DDS has told of whoever is there, and not of those killed before it was asked
 _SEND_GOAL = "/_action/send_goal"
 
@@ -32,7 +33,21 @@ class GraphView:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._own = own_identity(node)[:PARTICIPANT_BYTES]
-        self._gone: dict[bytes, float] = {}  # until when they are left out
+        self._gone: dict[bytes, float] = {}  # participants, and until when they are left out
+
+    def crowd(self) -> str:
+        """Return of what there is more than can be looked at in a moment, in words; empty if of nothing.
+
+        The time for a look grows with the square of these numbers, and anybody can make them grow.
+        """
+        counted = (
+            (len(self._node.get_topic_names_and_types()), _MOST_TOPICS, "topics"),
+            (len(self._node.get_service_names_and_types()), _MOST_SERVICES, "services"),
+            (len(self._node.get_node_names()), _MOST_NODES, "nodes"),
+        )
+        return "; ".join(
+            f"{count} {what} are on the graph, more than {most}" for count, most, what in counted if count > most
+        )
 
     def graph(self) -> Graph:
         """Return all endpoints of other nodes that are alive as far as known."""
@@ -80,9 +95,10 @@ class GraphView:
     def leave_out(self, belongs: Callable[[Endpoint], bool]) -> None:
         """Leave out what processes that have ended still have on the graph, given whether an endpoint is theirs."""
         until_s = time.monotonic() + LEASE_S  # what DDS has not forgotten by then is alive after all
-        for endpoint in self.graph().endpoints:
+        topics = [topic for topic, _ in self._node.get_topic_names_and_types()][:_MOST_TOPICS]
+        for endpoint in (one for topic in topics for one in (*self.publishers(topic), *self.subscriptions(topic))):
             if belongs(endpoint):
-                self._gone[endpoint.identity] = until_s
+                self._gone[endpoint.participant] = until_s
 
     def _endpoints(self, topic: str, infos: list[TopicEndpointInfo]) -> list[Endpoint]:
         return [
@@ -95,7 +111,7 @@ class GraphView:
                 latched=info.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL,
             )
             for info in infos
-            if self._gone.get(identity := bytes(info.endpoint_gid), 0.0) <= time.monotonic()
+            if self._gone.get((identity := bytes(info.endpoint_gid))[:PARTICIPANT_BYTES], 0.0) <= time.monotonic()
             and not identity.startswith(self._own)
         ]
 
@@ -160,6 +176,8 @@ class Integrity:
 
     def look(self) -> str:
         """Return in one line who interferes and how, an empty text if nobody does."""
+        if crowd := self.view.crowd():
+            return crowd
         self._remark()
         return self._deed() or self._foreign_publisher()
 

@@ -128,7 +128,7 @@ class PlannerClient:
         return f"use_sim_time is off in {self._remote.name}" if simulated is False else ""
 
     def _wait_for(self, missing: Callable[[], str], limit_s: float, what: str = "the planner: ") -> None:
-        if text := self._session.wait_for(what, missing, limit_s, PLANNER):
+        if text := self._session.wait_for(what, lambda: self._view.crowd() or missing(), limit_s, PLANNER):
             raise TrialEnded(Outcome.PLANNER_NOT_READY, f"{text} (waited {limit_s:g} s)")
 
     def _goal_message(self, spec: TrialSpec, stamp_ns: int) -> bytes:

@@ -4,6 +4,7 @@ A trial in lockstep brings some thousand messages a second. Taking them in bulk 
 callbacks would, and the processor time is the simulator's and the planner's.
 """
 
+from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -14,14 +15,21 @@ from rclpy.subscription import Subscription
 
 from barn_eval.ros.adapter import TrialTopics
 from barn_eval.ros.sequencer import Message, Tick, TickSequencer
+from barn_eval.ros.session import TrialEnded
 from barn_eval.ros.simulator import SimulatorChannel
+from barn_eval.trials.outcome import Outcome
 from barn_worlds.base.errors import MessageError
 from barn_worlds.messages import decode
 from barn_worlds.messages.topics import Qos
 from barn_worlds.ros.topics import message_class, profile
 
 _TOLD_EVERY = 2  # ticks
-_DEPTH = 2000  # messages of a topic that may wait to be read: several seconds in lockstep
+# Messages of a topic that may wait to be read, several seconds in lockstep; of one that is only recorded.
+_DEPTH, _DEPTH_RECORDED = 2000, 256
+# Bytes that are read at a time, that wait for their tick to be complete, and that are taken in all in a trial; and how
+# often in a row there may be more to read than that. What is beyond is more than can be looked at or kept.
+_TURN_BYTES, _WAITING_BYTES, _TRIAL_BYTES = 32 << 20, 512 << 20, 4 << 30
+_FULL_TURNS = 20
 
 
 class PolledGroup(CallbackGroup):
@@ -46,15 +54,19 @@ class _HeardTopic:
 class Subscriber:
     """All topics that are judged or recorded.
 
-    A latched message is kept, since every bag needs it although it was sent only once.
+    A latched message is kept, since every bag needs it although it was sent only once. full_turns: how often in a row
+    not all could be read at once.
     """
 
     def __init__(self, node: Node) -> None:
+        self.full_turns = 0
         self._node = node
         self._group = PolledGroup()
         self._topics: dict[str, _HeardTopic] = {}
 
-    def subscribe(self, topic: str, type_name: str, *, reliable: bool = True, latched: bool = False) -> bool:
+    def subscribe(
+        self, topic: str, type_name: str, *, reliable: bool = True, latched: bool = False, judged: bool = True
+    ) -> bool:
         """Subscribe to a topic, or anew if its type or reliability has changed; False for a type not installed."""
         known = self._topics.get(topic)
         if known is not None and (known.type_name, known.reliable) == (type_name, reliable):
@@ -64,7 +76,8 @@ class Subscriber:
             return False
         if known is not None and known.subscription is not None:
             self._node.destroy_subscription(known.subscription)
-        qos = Qos("reliable" if reliable else "best_effort", "transient_local" if latched else "volatile", _DEPTH)
+        depth = _DEPTH if judged else _DEPTH_RECORDED
+        qos = Qos("reliable" if reliable else "best_effort", "transient_local" if latched else "volatile", depth)
         subscription = self._node.create_subscription(
             kind, topic, lambda _: None, profile(qos), raw=True, callback_group=self._group
         )
@@ -85,19 +98,22 @@ class Subscriber:
         return [topic for topic, one in known.items() if one and one.get_publisher_count() < publishers[topic]]
 
     def read(self, take: Callable[[Message], None]) -> None:
-        """Hand over all messages that have arrived, topic by topic."""
+        """Hand over the messages that have arrived, topic by topic, those subscribed to first if they are too many."""
+        left = _TURN_BYTES
         for topic, known in self._topics.items():
             if known.subscription is None:
                 continue
             with (handle := known.subscription.handle):
                 # What an executor and rclpy.wait_for_message call, too. rclpy has no public way without an executor,
                 # which takes one message a turn.
-                while (taken := handle.take_message(known.subscription.msg_type, True)) is not None:
+                while left > 0 and (taken := handle.take_message(known.subscription.msg_type, True)) is not None:
                     data, about = taken
+                    left -= len(data)
                     message = Message(topic, data, about["source_timestamp"])
                     if known.latched:
                         known.last = message
                     take(message)
+        self.full_turns = self.full_turns + 1 if left <= 0 else 0
 
     def latched(self) -> list[Message]:
         """Return the last message of each latched topic."""
@@ -122,6 +138,19 @@ class TrialQueue:
         self._released = False
         self._sequencer = TickSequencer(fenced=channel is not None)
         self._heard_ns = self._told_ns = self._told_ticks = 0
+        self._bytes: Counter[str] = Counter()  # taken, by topic
+        self._waiting = 0  # bytes of these that have not been handed over
+        self._exceeded = False
+
+    def require_bounded(self) -> None:
+        """Raise TrialEnded, once, naming the topic, if more comes than can be read or kept."""
+        total = self._bytes.total()
+        exceeded = self._waiting > _WAITING_BYTES or total > _TRIAL_BYTES or self._subscriber.full_turns > _FULL_TURNS
+        if exceeded and not self._exceeded:
+            self._exceeded = True
+            topic, most = self._bytes.most_common(1)[0]
+            text = f"{most / 1e6:.0f} MB on {topic}, more than can be kept up with"
+            raise TrialEnded(Outcome.INTERFERENCE, text)
 
     def read(self) -> None:
         """Take in what has arrived, and let a simulator on the line know every few ticks how far DDS has caught up."""
@@ -148,12 +177,15 @@ class TrialQueue:
         if not self._released:
             return
         for tick in self._sequencer.rest() if all_of_it else self._sequencer.complete():
+            self._waiting -= sum(len(message.data) for message in tick.messages)
             if self.origin_ns is not None and tick.stamp_ns >= self.origin_ns:
                 take(tick)
 
     def _take(self, message: Message) -> None:
         if message.sent_ns < self._reset_ns:
             return
+        self._bytes[message.topic] += len(message.data)
+        self._waiting += len(message.data)
         if message.topic != self._topics.clock:
             self.commands += message.topic == self._topics.command
             self._sequencer.add(message)

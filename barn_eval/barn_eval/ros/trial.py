@@ -28,7 +28,7 @@ from barn_worlds.messages.topics import CLOCK, CMD_VEL, COLLISION, DIAGNOSTICS, 
 from barn_worlds.ros.private_line import PrivateLine
 
 _LOOK_S = 0.2  # between two looks at the graph while a trial runs
-# Outcomes of a planner that is there and yet does nothing, of which the cause is looked for, the first two by asking it.
+# Outcomes of a planner that is there and yet does nothing, of which the cause is sought, the first two by asking it.
 _UNEXPLAINED = (Outcome.NO_FIRST_MOTION, Outcome.PLANNER_NOT_READY, Outcome.PLANNER_STALLED)
 
 
@@ -152,6 +152,7 @@ class RosTrial:
         planner.instruct(self._spec, queue.now_ns)
         queue.release()
         self.released = True
+        context.session.tell("released")
         return queue
 
     def _await_connections(self) -> None:
@@ -192,6 +193,7 @@ class RosTrial:
         while True:
             session.spin()
             queue.read()
+            queue.require_bounded()
             queue.hand_over(self._take)
             self.wall_s = time.monotonic() - began_s
             if self.trial.verdict is not None:

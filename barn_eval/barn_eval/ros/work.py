@@ -12,7 +12,9 @@ from barn_eval.experiments.engine import DirectWork, Emit, Job, Work
 from barn_eval.experiments.experiment import Execution, Experiment
 from barn_eval.experiments.live import LivePlanner
 from barn_eval.experiments.request import Request
+from barn_eval.experiments.ros_config import RosSetup
 from barn_eval.experiments.run import run_experiment
+from barn_eval.experiments.run_file import isolated, isolation
 from barn_eval.experiments.store import LOGS, Store
 from barn_eval.ros.supervision import run_ros_trials
 from barn_eval.trials.result import TrialResult
@@ -68,6 +70,17 @@ def work_of(experiment: Experiment, execution: Execution, store: Store, live: Ma
     return RosWork(experiment, store, execution.processes)
 
 
+def isolation_text(setup: RosSetup) -> str:
+    """Return that nothing keeps planners from the suite's processes, and why; empty if something does."""
+    if setup.isolate and isolated():
+        return ""
+    why = isolation() if setup.isolate else "isolate=false"
+    return (
+        f"planners are not kept apart from the suite's processes ({why}): a trial in which one of those ends counts as"
+        " their failure"
+    )
+
+
 def run_request(
     request: Request, console: Console, live: Mapping[str, LivePlanner] | None = None, *, overwrite: bool = False
 ) -> list[TrialResult]:
@@ -75,4 +88,6 @@ def run_request(
 
     live: its planners that are Python objects, by name.
     """
+    if request.experiment.mode == "ros" and (text := isolation_text(request.experiment.ros)):
+        console.print(text, markup=False, highlight=False, soft_wrap=True)
     return run_experiment(request, console, partial(work_of, live=live or {}), overwrite=overwrite)

@@ -36,6 +36,7 @@ class WallClock:
     computer its score assumes; note: the same in words, where the planner does not fit.
     missed_cycles: control periods without a command in time (ros mode); missed_share: of all since the first command.
     started_at, worker, attempts: of a campaign's trial: when (UTC, ISO 8601), where, and at which attempt it ran.
+    repeated: why each attempt before that one had to be given up after the robot had been released.
     """
 
     duration_s: float = 0.0
@@ -51,6 +52,7 @@ class WallClock:
     started_at: str = ""
     worker: str = ""
     attempts: int = 1
+    repeated: str = ""
 
     @classmethod
     def of(
@@ -87,6 +89,11 @@ class WallClock:
         """How late commands were, in words; an empty text if the trial is not marked for it."""
         missed = f"{self.missed_cycles} control periods ({self.missed_share:.1%}) without a command in time"
         return "; ".join(filter(None, (missed if self.late else "", self.note)))
+
+    @property
+    def retried(self) -> str:
+        """At which attempt the trial was made and why not at the first, in words; empty for the first."""
+        return f"attempt {self.attempts} ({self.repeated or 'its worker was lost'})" if self.attempts > 1 else ""
 
 
 @dataclass(frozen=True)

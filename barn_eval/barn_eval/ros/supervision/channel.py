@@ -2,8 +2,9 @@
 
 With NAME planner or simulator, and WHOM empty where that is to blame itself, the supervisor sends to the evaluator
 {"event": "exited", "name": NAME, "how": TEXT, "blamed": WHOM}, and the evaluator to the supervisor
-{"event": "trial", "id": TRIAL_ID}, {"event": "result", "row": LINE, "track": LINE} (lines of results.jsonl and
-tracks.jsonl), {"event": "stop", "name": NAME}, {"event": "start", "name": NAME}, {"event": "note", "text": TEXT},
+{"event": "trial", "id": TRIAL_ID}, {"event": "released"} of that trial, {"event": "repeated", "reason": TEXT} where it
+is begun again after that, {"event": "result", "row": LINE, "track": LINE} (lines of results.jsonl and tracks.jsonl),
+{"event": "stop", "name": NAME}, {"event": "start", "name": NAME}, {"event": "note", "text": TEXT},
 {"event": "refused", "reason": TEXT}, {"event": "done"}. A guard sends {"event": "ended", "how": TEXT}.
 What the evaluator is to do comes as a file, the `Assignment`: it is more than parameters can hold.
 """
@@ -17,6 +18,8 @@ from pathlib import Path
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.store import Store
 from barn_eval.trials.spec import TrialSpec
+
+NOT_TOLD = "nothing tells that from the planner's doing"
 
 
 class EventChannel:
@@ -61,7 +64,7 @@ class Assignment:
     """Trials of the one planner of an experiment, by name, and where their bags and pictures go.
 
     robot: name or file of the robot, for the simulator node. look_first: nothing else has been started; the evaluator
-    has it started once it has seen that nobody is in the way.
+    has it started once it has seen that nobody is in the way. apart: the planner cannot signal the suite's processes.
     """
 
     experiment: Experiment
@@ -71,6 +74,7 @@ class Assignment:
     pictures: bool
     robot: str
     look_first: bool = False
+    apart: bool = False
 
     @property
     def store(self) -> Store:

@@ -1,7 +1,10 @@
 """Run one command and see to it that nothing of it is left, whatever happens to the process that asked for it.
 
-Started as a script of its own, with nothing but the standard library, as `python guard.py FD -- COMMAND...`. FD is a
-socket to the supervisor, which is told there how the command has ended, as an event of `channel`. When the supervisor
+Started as a script of its own, with nothing but the standard library, as `python guard.py FD KIND -- COMMAND...`. FD is
+a socket to the supervisor, which is told there how the command has ended, as an event of `channel`. KIND is "suite" for
+a process of the suite, "planner" for one under test, which the kernel is to end first when memory runs out, and "apart"
+for one that besides gets a user, PID and mount namespace of its own, in which it can neither see nor signal any process
+but its own. `python guard.py probe` prints whether the kernel allows that. When the supervisor
 writes, or its end of the socket closes because it died, the command and all its descendants are ended: by SIGINT first,
 as Ctrl-C does it, then SIGTERM, then SIGKILL.
 What the command prints goes to the guard's own output, of a great deal the beginning and the end.
@@ -32,11 +35,17 @@ PATIENCE_S = ((signal.SIGINT, 5.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 5.0)
 _ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT)  # of the guard itself
 _ORPHANS_PATIENCE_S = 0.5  # for what is left when the command itself has ended
 HEAD_BYTES = TAIL_BYTES = 5_000_000  # of what one start of a command prints
+SUITE, PLANNER, APART = "suite", "planner", "apart"
+_FIRST_TO_GO = "500"  # added to what the kernel's choice goes by when memory runs out, of at most 1000
+_NEW_MOUNTS, _NEW_USERS, _NEW_PIDS = 0x00020000, 0x10000000, 0x20000000  # flags of unshare
+_PRIVATE_MOUNTS = 0x4000 | 0x40000  # recursively
 _LIBC = ctypes.CDLL(None, use_errno=True)
 
 
 def main(arguments: list[str]) -> int:
     """Run the command given behind "--" and return 0 once nothing of it is left."""
+    if arguments == ["probe"]:
+        return _probe()
     _LIBC.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)  # for orphans of the second
     first = os.getpid()
     second = os.fork()
@@ -45,7 +54,102 @@ def main(arguments: list[str]) -> int:
     wake = _wake_on_signals()
     _end_with(first, signal.SIGTERM)
     _LIBC.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)  # orphans of the command become children of the guard
-    return _guard(arguments[2:], socket.socket(fileno=int(arguments[0])), wake)
+    return _guard(arguments[3:], arguments[1], socket.socket(fileno=int(arguments[0])), wake)
+
+
+def _probe() -> int:
+    """Print in a line what keeps a planner apart here, and return 0 if it cannot signal the suite's processes."""
+    reader, writer = os.pipe()
+    try:
+        _leave_namespaces()
+        if not (child := os.fork()):
+            os.write(writer, b"apart" if _mount_own_proc() else b"visible")
+            os._exit(0)
+        os.waitpid(child, 0)
+    except OSError as error:
+        print(f"{error.strerror}")
+        return 1
+    print(os.read(reader, 16).decode())
+    return 0
+
+
+def _checked(result: int, what: str) -> None:
+    if result != 0:
+        raise OSError(ctypes.get_errno(), f"{what}: {os.strerror(ctypes.get_errno())}")
+
+
+def _leave_namespaces() -> None:
+    """Put this process into a user namespace of its own, and its children to come into a PID namespace; OSError."""
+    user, group = os.getuid(), os.getgid()
+    _checked(_LIBC.unshare(_NEW_USERS | _NEW_PIDS), "no namespaces for users and processes")
+    for name, content in (("setgroups", "deny"), ("uid_map", f"{user} {user} 1"), ("gid_map", f"{group} {group} 1")):
+        Path(f"/proc/self/{name}").write_text(content, "ascii")
+
+
+def _mount_own_proc() -> bool:
+    """Show in /proc only the processes of this namespace, and tell whether that is allowed: in many containers not."""
+    if _LIBC.unshare(_NEW_MOUNTS) or _LIBC.mount(None, b"/", None, _PRIVATE_MOUNTS, None):
+        return False
+    return bool(_LIBC.mount(b"proc", b"/proc", b"proc", 0, None) == 0)
+
+
+class _ApartProcess:
+    """A command in a PID namespace of its own, as `subprocess.Popen` has one; it ends with all that it has started.
+
+    pid: of the namespace's first process, which leads the command's session, tells by a pipe how it has ended, and with
+    which the kernel ends all others. OSError if the command cannot be started.
+    """
+
+    def __init__(self, command: list[str], output: int, before: Callable[[], None]) -> None:
+        self.returncode: int | None = None
+        _leave_namespaces()
+        self._end, told = os.pipe()
+        if not (pid := os.fork()):
+            _be_first(command, output, before, told)
+        self.pid = pid
+        os.close(told)
+        if os.read(self._end, 1) != b"+":
+            self.wait()
+            raise OSError(0, os.read(self._end, 4096).decode() or "ended at its start")
+
+    def poll(self) -> int | None:
+        """Return how it has ended, None if it has not."""
+        return self.wait(os.WNOHANG)
+
+    def wait(self, options: int = 0) -> int | None:
+        """Wait for the end and return it; without a word of the first process, that was killed."""
+        if self.returncode is None and os.waitpid(self.pid, options)[0]:
+            text = os.read(self._end, 4096)
+            self.returncode = int(text) if text.lstrip(b"-").isdigit() else -signal.SIGKILL
+        return self.returncode
+
+
+def _be_first(command: list[str], output: int, before: Callable[[], None], told: int) -> None:
+    """Be the first process of a namespace: start the command, take in orphans, and end with the command."""
+    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    os.setsid()
+    _mount_own_proc()
+    for number in _ENDING:
+        signal.signal(number, signal.SIG_IGN)
+    signal.set_wakeup_fd(-1)
+    try:
+        child = subprocess.Popen(  # noqa: S603
+            command,
+            close_fds=False,
+            stdout=output,
+            stderr=output,
+            preexec_fn=before,  # noqa: PLW1509
+        )
+    except OSError as error:
+        os.write(told, f"-{error.strerror or error}".encode())
+        os._exit(1)
+    os.closerange(0, told)
+    os.closerange(told + 1, os.sysconf("SC_OPEN_MAX"))
+    os.write(told, b"+")
+    while (ended := os.wait())[0] != child.pid:
+        pass
+    os.write(told, str(os.waitstatus_to_exitcode(ended[1])).encode())
+    os._exit(0)
 
 
 def _stand_by(second: int) -> int:
@@ -67,18 +171,23 @@ def _end_with(parent: int, number: int) -> None:
         os._exit(1)
 
 
-def _guard(command: list[str], supervisor: socket.socket, wake: socket.socket) -> int:
+def _guard(command: list[str], kind: str, supervisor: socket.socket, wake: socket.socket) -> int:
     supervisor.setblocking(False)
     output = _Output()
+    prepare = _prepare(supervisor.fileno(), kind)
+    child: _Child
     try:
-        child = subprocess.Popen(  # noqa: S603
-            command,
-            start_new_session=True,
-            close_fds=False,  # what the supervisor hands down is for the command
-            stdout=output.writer,
-            stderr=output.writer,
-            preexec_fn=_prepare(supervisor.fileno()),  # noqa: PLW1509 (no threads here)
-        )
+        if kind == APART:
+            child = _ApartProcess(command, output.writer, prepare)
+        else:
+            child = subprocess.Popen(  # noqa: S603
+                command,
+                start_new_session=True,
+                close_fds=False,  # what the supervisor hands down is for the command
+                stdout=output.writer,
+                stderr=output.writer,
+                preexec_fn=prepare,  # noqa: PLW1509 (no threads here)
+            )
     except OSError as error:
         _report(supervisor, f"cannot be started: {command[0]}: {error.strerror or error}")
         return 0
@@ -88,8 +197,11 @@ def _guard(command: list[str], supervisor: socket.socket, wake: socket.socket) -
     _end(child, supervisor, output, hurried=not ordered)
     output.finish()
     if ordered:
-        _report(supervisor, _described(child.wait()))
+        _report(supervisor, _described(child.wait() or 0))
     return 0
+
+
+_Child = subprocess.Popen[bytes] | _ApartProcess
 
 
 def _wake_on_signals() -> socket.socket:
@@ -103,12 +215,16 @@ def _wake_on_signals() -> socket.socket:
     return reader
 
 
-def _prepare(supervisor: int) -> Callable[[], None]:
+def _prepare(supervisor: int, kind: str) -> Callable[[], None]:
     guard = os.getpid()
 
     def prepare() -> None:
         os.close(supervisor)
-        _end_with(guard, signal.SIGKILL)  # the command dies with the guard
+        # the command dies with the guard, or with the first process of its namespace
+        _end_with(1 if kind == APART else guard, signal.SIGKILL)
+        if kind != SUITE:
+            with suppress(OSError):
+                Path("/proc/self/oom_score_adj").write_text(_FIRST_TO_GO, "ascii")
         for number in (signal.SIGCHLD, *_ENDING):
             signal.signal(number, signal.SIG_DFL)
 
@@ -164,7 +280,7 @@ def _print(data: bytes) -> None:
             data = data[os.write(sys.stdout.fileno(), data) :]
 
 
-def _wait(child: subprocess.Popen[bytes], supervisor: socket.socket, wake: socket.socket, output: _Output) -> bool:
+def _wait(child: "_Child", supervisor: socket.socket, wake: socket.socket, output: _Output) -> bool:
     """Return when the command has ended by itself, or is to be ended, and whether the supervisor knows why."""
     while child.poll() is None:
         ready, _, _ = select.select([supervisor, wake, *output.readers], [], [])
@@ -176,7 +292,7 @@ def _wait(child: subprocess.Popen[bytes], supervisor: socket.socket, wake: socke
     return True
 
 
-def _end(child: subprocess.Popen[bytes], supervisor: socket.socket, output: _Output, *, hurried: bool) -> None:
+def _end(child: "_Child", supervisor: socket.socket, output: _Output, *, hurried: bool) -> None:
     """End the command and its descendants; hurried, as after a second word of the supervisor, without patience."""
     _drain(supervisor)
     for number, patience_s in PATIENCE_S:
@@ -213,7 +329,7 @@ def _signal_all(pids: list[int], number: int) -> None:
             os.kill(pid, number)
 
 
-def _descendants(child: subprocess.Popen[bytes]) -> list[int]:
+def _descendants(child: "_Child") -> list[int]:
     """Return the living descendants of the guard, after reaping the dead ones."""
     child.poll()
     with suppress(ChildProcessError):

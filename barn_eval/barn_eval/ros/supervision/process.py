@@ -30,6 +30,7 @@ class GuardedProcess:
     """One start of a command: its guard, its log file and, once it is known, its `end` in words.
 
     lost: whether it ended because its guard did. handed: sockets that the command inherits under the same numbers.
+    kind: what the guard is told that it guards.
     Raises ConfigError where the log cannot be written.
     """
 
@@ -40,6 +41,7 @@ class GuardedProcess:
         environment: Mapping[str, str],
         log: Path,
         handed: Sequence[socket.socket] = (),
+        kind: str = guard.SUITE,
     ) -> None:
         self.name, self.log = name, log
         self.end: str | None = None
@@ -53,7 +55,7 @@ class GuardedProcess:
                 log.replace(log.with_name(f"{log.name}.1"))
             with log.open("ab") as output:
                 self._guard = subprocess.Popen(  # noqa: S603
-                    [sys.executable, "-I", "-S", guard.__file__, str(theirs.fileno()), "--", *command],
+                    [sys.executable, "-I", "-S", guard.__file__, str(theirs.fileno()), kind, "--", *command],
                     env=dict(environment) | {_MARK: self._mark},
                     stdin=subprocess.DEVNULL,
                     stdout=output,

@@ -13,15 +13,17 @@ from pathlib import Path
 from types import FrameType
 
 from barn_eval.experiments.experiment import Experiment
+from barn_eval.experiments.run_file import isolated
 from barn_eval.experiments.store import LOGS, Record, Store
-from barn_eval.ros.supervision import nodes
-from barn_eval.ros.supervision.channel import Assignment, EventChannel
+from barn_eval.ros.supervision import guard, nodes
+from barn_eval.ros.supervision.channel import NOT_TOLD, Assignment, EventChannel
 from barn_eval.ros.supervision.nodes import NodeProcess
 from barn_eval.ros.supervision.process import GuardedProcess, ProcessError, last_lines
-from barn_eval.trials.outcome import ENVIRONMENT
-from barn_eval.trials.result import from_json_line
+from barn_eval.trials.outcome import ENVIRONMENT, Outcome, Verdict
+from barn_eval.trials.result import TrialResult, from_json_line
 from barn_eval.trials.spec import TrialSpec
-from barn_eval.trials.trial import handled
+from barn_eval.trials.trajectory import TrajectoryLog
+from barn_eval.trials.trial import conclude, handled
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.files import write_whole
@@ -89,7 +91,15 @@ class Supervisor:
         self._started_s: dict[str, float] = {}
         self._seen_ending: set[str] = set()
         self._lost_evaluators = 0
+        self._apart = experiment.ros.isolate and isolated()
         self._trial = ""
+        # Whether the robot has been released, and why trials are repeated in which it had been. The file names the last
+        # of them: if that has no row when a run begins, the run before ended in its midst.
+        self._driving = False
+        self._repeats: dict[str, list[str]] = {}
+        self._released = logs / "released"
+        if self._released.exists() and (trial := self._released.read_text("utf-8")) in self._trials:
+            self._repeats[trial] = ["the run was ended"]
         self._done = False
         # Both ends stay open here, for a simulator or an evaluator that is started in place of one that has ended.
         self._line, self._far_line = private_line.pair()
@@ -99,7 +109,7 @@ class Supervisor:
             "planner": nodes.planner(planner, experiment),
         }
         alone = replace(experiment, planners=(planner,))
-        self._assignment = Assignment(alone, (), (), str(store.folder), store.pictures, robot, look_first)
+        self._assignment = Assignment(alone, (), (), str(store.folder), store.pictures, robot, look_first, self._apart)
 
     def run(self) -> Iterator[Record]:
         """Yield records as they come, until there is one of each trial."""
@@ -113,15 +123,20 @@ class Supervisor:
             if self._evaluator is not None:
                 for event in self._evaluator.receive():
                     if event["event"] == "result":
-                        result = from_json_line(event["row"], "result of the evaluator")
-                        self._lost_evaluators = 0
-                        del self._trials[result.trial_id]
-                        yield Record(result, event["track"] or None)
+                        yield self._record(from_json_line(event["row"], "result of the evaluator"), event["track"])
                     else:
                         self._handle(event)
             for process in list(self._processes.values()):
                 if process.ended and not self._done:
-                    self._ended(process)
+                    yield from self._ended(process)
+
+    def _record(self, result: TrialResult, track: str) -> Record:
+        """Return what is kept of a trial, with why it was repeated."""
+        self._lost_evaluators = 0
+        del self._trials[result.trial_id]
+        repeats = self._repeats.pop(result.trial_id, [])
+        clock = replace(result.wall_clock, attempts=1 + len(repeats), repeated="; ".join(repeats))
+        return Record(replace(result, wall_clock=clock), track or None)
 
     def stop(self) -> None:
         """End all processes, at the same time."""
@@ -174,12 +189,18 @@ class Supervisor:
         command = node.with_parameter_file(self._logs)
         self._started_s[node.name] = time.monotonic()
         environment = nodes.foreign_environment(self._environment) if node.foreign else self._environment
-        self._processes[node.name] = GuardedProcess(node.name, command, environment, self._log(node.name), handed)
+        kind = guard.SUITE if node.name != "planner" else guard.APART if self._apart else guard.PLANNER
+        self._processes[node.name] = GuardedProcess(node.name, command, environment, self._log(node.name), handed, kind)
 
     def _handle(self, event: dict[str, str]) -> None:
         kind, name = event["event"], event.get("name", "")
         if kind == "trial":
-            self._trial = event["id"]
+            self._trial, self._driving = event["id"], False
+        elif kind == "released":
+            self._driving = True
+            self._released.write_text(self._trial, "utf-8")
+        elif kind == "repeated":
+            self._repeat(event["reason"])
         elif kind == "note":
             self._notice(event["text"])
         elif kind == "stop" and name in self._processes:
@@ -192,8 +213,13 @@ class Supervisor:
         elif kind == "done":
             self._done = True
 
-    def _ended(self, process: GuardedProcess) -> None:
-        """Tell the evaluator of a process that has ended: it says when to start it afresh."""
+    def _repeat(self, reason: str) -> None:
+        """Note why a trial is repeated that had begun."""
+        self._repeats.setdefault(self._trial, []).append(reason)
+        self._notice(f"{self._trial} is repeated: {reason}")
+
+    def _ended(self, process: GuardedProcess) -> Iterator[Record]:
+        """Tell the evaluator of a process that has ended: it says when to start it afresh; yield what that costs."""
         how = process.end or ""
         del self._processes[process.name]
         process.stop()
@@ -205,19 +231,29 @@ class Supervisor:
         self._seen_ending.add(process.name)
         self._notice(said)
         if process.name == "evaluator":
-            self._evaluator_lost(process)
+            yield from self._evaluator_lost(process)
         elif self._evaluator is not None:
             self._evaluator.send("exited", name=process.name, how=how, blamed=ENVIRONMENT if process.lost else "")
         else:
             self._plan_start(process.name)
 
-    def _evaluator_lost(self, process: GuardedProcess) -> None:
-        """Start another evaluator, which repeats the trial that has no result."""
+    def _evaluator_lost(self, process: GuardedProcess) -> Iterator[Record]:
+        """Start another evaluator, which repeats the trial that has no result; if the planner may have ended it, no."""
         self._evaluator = None
         self._lost_evaluators += 1
-        if self._lost_evaluators >= _EVALUATOR_STARTS:
-            lost = f"the evaluator {process.end}, {_EVALUATOR_STARTS} times in a row"
-            raise ProcessError(f"{lost}; {last_lines(process.log)}")
+        lost, again = f"the evaluator {process.end}", self._lost_evaluators < _EVALUATOR_STARTS
+        if self._trial in self._trials and self._driving:
+            if self._apart and again:
+                self._repeat(lost)
+            else:
+                verdict = Verdict(Outcome.INTERFERENCE, f"{lost}; {NOT_TOLD}", None, 0.0, 0.0)
+                empty = TrajectoryLog().trajectory()
+                yield self._record(conclude(self._trials[self._trial], "ros", verdict, empty).result, "")
+        elif not again:
+            raise ProcessError(f"{lost}, {_EVALUATOR_STARTS} times in a row; {last_lines(process.log)}")
+        if not self._trials:
+            self._done = True
+            return
         for name in (*self._others, "evaluator"):
             if name not in self._processes:
                 self._plan_start(name)
