@@ -29,6 +29,11 @@ class View:
     def subscriptions(self, topic):
         return [endpoint for endpoint in self._subscriptions if endpoint.topic == topic]
 
+    def crowd(self):
+        return self.crowded
+
+    crowded = ""
+
     def clients_of(self, name):
         assert name == "/simulator"
         return list(self._clients)
@@ -52,6 +57,12 @@ def ordinary():
 
 def integrity(view, line):
     return Integrity(view, line, "/simulator", TOPICS, ours=("/score",))
+
+
+def test_a_graph_too_large_to_be_looked_at_is_interference():
+    view = View(ordinary())
+    view.crowded = "5000 topics are on the graph, more than 1000"
+    assert integrity(view, Channel()).look() == view.crowded
 
 
 @pytest.mark.parametrize("line", [Channel(), None], ids=["private line", "by hand"])

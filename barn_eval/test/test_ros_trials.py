@@ -267,6 +267,11 @@ def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_l
         "drives_w0000_r02 is repeated: planner_died, the planner was lost with its guard",
     ]
     assert [text for text in expected if not any(notice.startswith(text) for notice in notices)] == []
+    assert [(result.wall_clock.attempts, result.wall_clock.repeated) for result in results] == [
+        (2, "simulator_died, the simulator was killed by SIGKILL"),
+        (2, "the evaluator was killed by SIGKILL"),
+        (2, "planner_died, the planner was lost with its guard"),
+    ]
     undisturbed = list(drive(tmp_path / "undisturbed", plan))
     assert [result.repeatable() for result in results] == [result.repeatable() for result in undisturbed]
     assert {result.outcome for result in results} == {Outcome.TIMEOUT}

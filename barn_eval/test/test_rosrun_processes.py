@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 from waiting import alive, parent, until
 
-from barn_eval.ros.supervision import nodes
+from barn_eval.experiments.run_file import isolated, isolation
+from barn_eval.ros.supervision import guard, nodes
 from barn_eval.ros.supervision.channel import EventChannel
 from barn_eval.ros.supervision.process import GuardedProcess, last_lines
 from barn_worlds.base.errors import ConfigError
@@ -195,3 +196,28 @@ def test_a_foreign_command_gets_the_environment_without_our_wheels():
     assert nodes.foreign_environment(inherited) == {"PATH": "/bin", "LD_LIBRARY_PATH": "/opt/theirs/lib"}
     assert nodes.foreign_environment({mark: "1", "LD_LIBRARY_PATH": ours}) == {}
     assert nodes.foreign_environment({"A": "b"}) == {"A": "b"}
+
+
+@pytest.mark.skipif(not isolated(), reason=f"the kernel keeps no planner apart here: {isolation()}")
+def test_a_planner_kept_apart_sees_and_signals_no_process_but_its_own_and_its_end_is_told(tmp_path):
+    script = f"""
+    import os, signal
+    seen = [entry for entry in os.listdir("/proc") if entry.isdigit()]
+    try:
+        os.kill({os.getpid()}, 0)
+    except ProcessLookupError:
+        print("sees", len(seen), "has the user", os.getuid())
+    os.kill(os.getppid(), signal.SIGKILL)  # the first process of the namespace, which does not mind
+    os.kill(os.getpid(), signal.SIGKILL)
+    """
+    log, command = tmp_path / "apart.log", [sys.executable, "-c", textwrap.dedent(script)]
+    process = GuardedProcess("apart", command, os.environ, log, kind=guard.APART)
+    process.wait(600.0)
+    process.stop()
+    assert process.end == "was killed by SIGKILL"
+    if isolation() == "apart":
+        assert log.read_text() == f"sees 2 has the user {os.getuid()}\n"
+    process = GuardedProcess("nobody", ["/no/such/command"], os.environ, log, kind=guard.APART)
+    process.wait(600.0)
+    assert process.end == "cannot be started: /no/such/command: No such file or directory"
+    process.stop()

@@ -181,7 +181,7 @@ def prints_without_end(lab: Lab) -> str:
     Its log keeps 5 MB of the beginning and 5 MB of the end; the trial has a verdict.
     """
     ended: Ended = lab.barn(*ros(lab, *by_command(SCRIPT, "loud", lab.folder), command_s=120))
-    size = sum(path.stat().st_size for path in (lab.out / "logs").glob("planner.log*"))
+    size = sum(path.stat().st_size for path in (lab.out / "logs").rglob("planner.log*"))
     hold(5e6 < size < 10.5e6, f"{size} bytes of log")
     hold(len(ended.text) < 5000, "the log is printed")
     return f"{ending(lab.row())}; {size / 1e6:.1f} MB of log"

@@ -145,7 +145,9 @@ def opened(
         if results and dropped:
             ResultRows(path).replace(results)
         elif not results:
-            _remove(path)
+            # the logs of the same experiment tell of trials that ended with a run before, in their midst
+            same = not overwrite and asked.path.exists() and RunFile.read(path).experiment == asked.experiment
+            _remove(path, logs=not same)
         if worlds is not None and not (path / WORLDS).exists():
             write_own(path / WORLDS, Path(WORLDS).stem, worlds)
         replace(asked, sessions=sessions).with_session(execution).write()
@@ -235,10 +237,10 @@ def results_of(run: RunFile, path: Path, rows: Sequence[TrialResult]) -> list[Tr
     return results
 
 
-def _remove(path: Path) -> None:
-    """Remove what an experiment has written, and nothing else."""
+def _remove(path: Path, *, logs: bool) -> None:
+    """Remove what an experiment has written, its logs where that is asked for, and nothing else."""
     for name in (RUN_FILE, FILE_NAME, TRACKS_NAME, *TABLE_FILES, WORLDS, f"{Path(WORLDS).stem}.manifest.json"):
         (path / name).unlink(missing_ok=True)
-    for name in (BAGS, PICTURES, LOSSES, TRACEBACKS, LOGS, REPLAYS):
+    for name in (BAGS, PICTURES, LOSSES, TRACEBACKS, *((LOGS,) if logs else ()), REPLAYS):
         if (path / name).is_dir():
             shutil.rmtree(path / name)

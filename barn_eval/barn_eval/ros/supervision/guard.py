@@ -109,8 +109,9 @@ class _ApartProcess:
         self.pid = pid
         os.close(told)
         if os.read(self._end, 1) != b"+":
+            reason = os.read(self._end, 4096).decode()
             self.wait()
-            raise OSError(0, os.read(self._end, 4096).decode() or "ended at its start")
+            raise OSError(0, reason or "ended at its start")
 
     def poll(self) -> int | None:
         """Return how it has ended, None if it has not."""
@@ -124,6 +125,20 @@ class _ApartProcess:
         return self.returncode
 
 
+def _started(
+    command: list[str], output: int, before: Callable[[], None], *, start_new_session: bool = False
+) -> subprocess.Popen[bytes]:
+    """Start a command, which inherits what the supervisor hands down; there are no threads here."""
+    return subprocess.Popen(  # noqa: S603
+        command,
+        start_new_session=start_new_session,
+        close_fds=False,
+        stdout=output,
+        stderr=output,
+        preexec_fn=before,  # noqa: PLW1509
+    )
+
+
 def _be_first(command: list[str], output: int, before: Callable[[], None], told: int) -> None:
     """Be the first process of a namespace: start the command, take in orphans, and end with the command."""
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
@@ -133,13 +148,7 @@ def _be_first(command: list[str], output: int, before: Callable[[], None], told:
         signal.signal(number, signal.SIG_IGN)
     signal.set_wakeup_fd(-1)
     try:
-        child = subprocess.Popen(  # noqa: S603
-            command,
-            close_fds=False,
-            stdout=output,
-            stderr=output,
-            preexec_fn=before,  # noqa: PLW1509
-        )
+        child = _started(command, output, before)
     except OSError as error:
         os.write(told, f"-{error.strerror or error}".encode())
         os._exit(1)
@@ -180,14 +189,7 @@ def _guard(command: list[str], kind: str, supervisor: socket.socket, wake: socke
         if kind == APART:
             child = _ApartProcess(command, output.writer, prepare)
         else:
-            child = subprocess.Popen(  # noqa: S603
-                command,
-                start_new_session=True,
-                close_fds=False,  # what the supervisor hands down is for the command
-                stdout=output.writer,
-                stderr=output.writer,
-                preexec_fn=prepare,  # noqa: PLW1509 (no threads here)
-            )
+            child = _started(command, output.writer, prepare, start_new_session=True)
     except OSError as error:
         _report(supervisor, f"cannot be started: {command[0]}: {error.strerror or error}")
         return 0
