@@ -189,12 +189,22 @@ def test_near_cylinders_are_found_by_distance_alone() -> None:
     segments, none = np.hstack([points, points]), np.zeros(300, np.bool_)
     pushed = none.copy()
     pushed[:3] = True
-    found = near_cylinders(segments, ~none, pushed, 0.1, -0.2, 0.5, EXTENT, 0.075, 0.03, 0.005)
+    found, free_m = near_cylinders(segments, ~none, pushed, 0.1, -0.2, 0.5, EXTENT, 0.075, 0.03, 0.005)
     near_robot = [robot_gap(segment, 0.1, -0.2, 0.5, EXTENT) < 0.105 for segment in segments]
     near_pushed = (np.hypot(*(points[:, None] - points[None, :3]).transpose(2, 0, 1)) < 0.155).any(axis=1)
     assert found.tolist() == np.flatnonzero(np.array(near_robot) | near_pushed).tolist()
-    few = near_cylinders(segments, none, pushed, 0.1, -0.2, 0.5, EXTENT, 0.075, 0.03, 0.005)
+    few, _ = near_cylinders(segments, none, pushed, 0.1, -0.2, 0.5, EXTENT, 0.075, 0.03, 0.005)
     assert len(few) == 0
+    assert free_m <= 0.0  # what is pushed may come near by itself
+
+
+def test_the_robot_may_go_as_far_as_is_said_before_others_are_near() -> None:
+    rng = np.random.default_rng(3)
+    points = rng.uniform(-1.0, 1.0, (60, 2))
+    segments, none = np.hstack([points, points]), np.zeros(60, np.bool_)
+    found, free_m = near_cylinders(segments, ~none, none, 0.1, -0.2, 0.5, EXTENT, 0.075, 0.03, 0.005)
+    gaps = np.array([robot_gap(segment, 0.1, -0.2, 0.5, EXTENT) - 0.105 for segment in segments])
+    assert 0.0 < free_m <= np.delete(gaps, found).min()
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.005, 0.3, 1.5])

@@ -5,6 +5,7 @@ comes from generators or seeds that are passed in.
 """
 
 import math
+from bisect import bisect_left, bisect_right
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -42,13 +43,13 @@ class Curriculum:
         self.config = config or CurriculumConfig()
         self.level = self.config.first_level
         self._dataset = dataset
+        last = max(1, len(dataset.indices) - 1)
+        self._levels = [place / last for place in range(len(dataset.indices))]
         self._recent: deque[bool] = deque(maxlen=self.config.window)
 
     def between(self, low: float, high: float) -> tuple[int, ...]:
         """Return the numbers of the worlds of these levels, both included, easiest first."""
-        order = self._dataset.indices
-        last = max(1, len(order) - 1)
-        return tuple(index for place, index in enumerate(order) if low <= place / last <= high)
+        return self._dataset.indices[bisect_left(self._levels, low) : bisect_right(self._levels, high)]
 
     def draw(self, generator: np.random.Generator, low: float = 0.0, high: float | None = None) -> tuple[int, World]:
         """Return number and world of one drawn evenly from those of a level from `low` to `high` (default: `level`).

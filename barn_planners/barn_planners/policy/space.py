@@ -185,6 +185,12 @@ def nearest_returns(ranges, first, end, range_min, limit, shares):  # type: igno
 
     first (n,): first beam of each sector, of which it has at least one; end: beam after the last one's last.
     """
+    if end - first[0] == len(first) and first[-1] == end - 1:
+        own = ranges[first[0] : end]
+        for sector in range(len(shares)):  # a beam each: without a branch, for several of them at once
+            nearest = own[sector] if own[sector] < limit else limit
+            shares[sector] = np.float32(0.0) if nearest < range_min else nearest / limit
+        return
     for sector in range(len(shares)):
         start = first[sector]
         stop = first[sector + 1] if sector + 1 < len(first) else end

@@ -30,8 +30,10 @@ def near_cylinders(
     radius: float,
     robot_within: float,
     pushed_within: float,
-) -> Integers:
-    """Return the indices of the cylinders in `among` that are near the robot or near a pushed one.
+) -> tuple[Integers, float]:
+    """Return the indices of the cylinders in `among` that are near the robot or near a pushed one, and a distance.
+
+    Any point of the robot may go so far before others are near it, m; 0 if any cylinder is pushed.
 
     segments (n, 4) m; extent: x_min, y_min, x_max, y_max of the robot about its pose x, y, yaw. Near means a gap below
     `robot_within` to the robot, or below `pushed_within` to a cylinder in `pushed`.
@@ -40,13 +42,20 @@ def near_cylinders(
     found = np.empty(len(segments), np.int64)
     count = 0
     pushing = np.flatnonzero(pushed)
+    free = math.inf if len(pushing) == 0 else 0.0
     for i in range(len(segments)):
         if not among[i]:
             continue
         ax, ay, bx, by = segments[i]
         reach = far + abs(bx - ax) + abs(by - ay)
-        near = abs(ax - x) < reach and abs(ay - y) < reach
-        near = near and robot_gap(segments[i], x, y, yaw, extent) < radius + robot_within
+        beyond = max(abs(ax - x), abs(ay - y)) - reach
+        near = False
+        if beyond < 0.0:
+            gap = robot_gap(segments[i], x, y, yaw, extent)
+            near = gap < radius + robot_within
+            beyond = max(0.0, gap - radius - robot_within)
+        if not near:
+            free = min(free, beyond)
         for j in pushing:
             cx, cy, dx, dy = segments[j]
             reach = 2.0 * radius + pushed_within + abs(bx - ax) + abs(by - ay) + abs(dx - cx) + abs(dy - cy)
@@ -55,7 +64,7 @@ def near_cylinders(
         if near:
             found[count] = i
             count += 1
-    return found[:count]
+    return found[:count], free - _ROUNDING_M
 
 
 @njit(cache=True)

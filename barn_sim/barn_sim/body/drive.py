@@ -49,7 +49,8 @@ def turn_wheels(robot: Record, pending: Floats, index: int, settings: Record, no
         robot.timed_out = False
         robot.pending -= 1
         for k in range(robot.pending):
-            pending[index, k] = pending[index, k + 1]
+            for column in range(3):  # a row at once would be copied in between
+                pending[index, k, column] = pending[index, k + 1, column]
     if now_ns - robot.target_since_ns >= settings.timeout_ns and not robot.timed_out:
         robot.target_speed = robot.target_turn = 0.0
         robot.timed_out = True

@@ -106,22 +106,28 @@ class Obstacles:
         self.bodied, self._pushed, self._displaced = np.zeros((3, count), np.bool_)
         self.undisturbed = True
         self._ticks = 0
+        # where the robot was when bodies were made last, and how far it may go from there until others are near
+        self._looked_from, self._free_m = (0.0, 0.0, 0.0), 0.0
+        self._reach_m = math.hypot(*np.abs(extent).reshape(2, 2).max(axis=0))
         self._needed = np.zeros(count, np.int64)  # tick at which a body was last near anything that moves
 
     def prepare(self, x: float, y: float, yaw: float) -> None:
         """Make bodies of the cylinders that could be touched in the next tick by a robot at this pose."""
-        robot = Pose2D(x, y, yaw)
-        for index in self._near(~self.bodied, robot, self._wake_gap_m, TOUCH_GAP_M):
+        last_x, last_y, last_yaw = self._looked_from
+        if math.hypot(x - last_x, y - last_y) + abs(yaw - last_yaw) * self._reach_m < self._free_m:
+            return
+        self._looked_from = x, y, yaw
+        near, self._free_m = self._near(~self.bodied, x, y, yaw, self._wake_gap_m)
+        for index in near:
             self._bodies[index] = self._make(index)
             self.bodied[index] = True
             self._needed[index] = self._ticks
 
-    def _near(self, among: Bools, robot: Pose2D, robot_within_m: float, pushed_within_m: float) -> list[int]:
-        found: list[int] = near_cylinders(
-            self.segments, among, self._pushed, robot.x, robot.y, robot.yaw, self._extent,
-            self.radius_m, robot_within_m, pushed_within_m,
-        ).tolist()  # fmt: skip
-        return found
+    def _near(self, among: Bools, x: float, y: float, yaw: float, robot_within_m: float) -> tuple[list[int], float]:
+        found, free_m = near_cylinders(
+            self.segments, among, self._pushed, x, y, yaw, self._extent, self.radius_m, robot_within_m, TOUCH_GAP_M
+        )
+        return found.tolist(), free_m
 
     def _make(self, index: int) -> int:
         client, cylinders, config, state = self._client, self._cylinders, self._config, self._states[index].tolist()
@@ -153,7 +159,7 @@ class Obstacles:
         """Copy the bodies' states after a tick, and remove the bodies that nothing is near any more."""
         indices = [index for index in self._bodies if self._cylinders.movable[index]]
         if indices:
-            self.undisturbed = False
+            self.undisturbed, self._free_m = False, 0.0
             states = np.array([self._state(self._bodies[index]) for index in indices])
             follow_cylinders(
                 np.array(indices), states, robot.x, robot.y, robot.yaw, self._extent, self._cylinders.centres,
@@ -162,11 +168,12 @@ class Obstacles:
         self._ticks += 1
         if self._ticks % _SWEEP_TICKS:
             return
-        needed = self._near(self.bodied, robot, self._rest_gap_m, TOUCH_GAP_M)
+        needed, _ = self._near(self.bodied, robot.x, robot.y, robot.yaw, self._rest_gap_m)
         self._needed[needed] = self._ticks
         for index in [index for index in self._bodies if self._ticks - self._needed[index] > REST_TICKS]:
             self._client.send_away(self._bodies.pop(index))
             self.bodied[index] = self._pushed[index] = False
+            self._free_m = 0.0
 
     def _state(self, body: int) -> tuple[float, ...]:
         position, attitude = bullet.getBasePositionAndOrientation(body, physicsClientId=self._client.id)

@@ -2,7 +2,8 @@
 
 In the iteration for friction each step waits for the one before, and it takes a few sweeps for most robots but a
 hundred for some. So sweeps are done for several robots at once, each in a lane of vector instructions. A robot keeps
-its lane until it has no tick left, then the next one takes it.
+its lane until it has no tick left, then the next one takes it. When there is none, the last lane takes its place, so
+that the few robots left at the end do not pay for lanes that nobody needs.
 """
 
 import numpy as np
@@ -16,7 +17,7 @@ from barn_sim.motion.state import Record, Records
 from barn_sim.motion.ticks import Push, advance, begin_push, clear_of_movers, end_if_clear
 from barn_worlds.base.arrays import Floats, Integers
 
-LANES = 24
+LANES = 32
 _FEW = 3  # robots that are faster one after the other
 # Rows, each of LANES numbers, in an array of one dimension, so that the compiler knows how far apart they are: motion,
 # the largest change of an impulse in a sweep, whether `clipped_abreast` was wrong, sweeps done; and of each wheel those
@@ -35,41 +36,67 @@ def advance_all(
     commands (n, 2): given now, there must be room for them. segments (n, m, 4): those of each robot's world, the first
     `cylinders` (n,) of a row.
     """
-    fixed: Record = settings[0]
-    rows, wheels = np.zeros(_ROWS * LANES), np.zeros(fixed.grips * _WHEEL_ROWS * LANES)
-    held, begun, done = np.full(LANES, -1), np.zeros((LANES, 12)), np.zeros(LANES, np.int64)
     for index in indices:
-        robot: Record = robots[index]
-        add_command(robots, pending, index, robot.stamp_ns + latency_ns, commands[index, 0], commands[index, 1])
+        stamp_ns = robots[index].stamp_ns
+        add_command(robots, pending, index, stamp_ns + latency_ns, commands[index, 0], commands[index, 1])
         left[index] = ticks
-        if len(indices) <= _FEW:
-            left[index], push = advance(
-                robots, pending, settings, index, segments[index, : cylinders[index]], noise, ticks
-            )
-            _fill(pushes[index], push)
-    taken = 0 if len(indices) > _FEW else len(indices)
-    while True:
-        for lane in range(LANES):
-            index = held[lane]
-            if index >= 0 and not done[lane]:
-                continue
+    rows, wheels = np.zeros(_ROWS * LANES), np.zeros(settings[0].grips * _WHEEL_ROWS * LANES)
+    held, done, begun = np.zeros(LANES, np.int64), np.zeros(LANES, np.int64), np.zeros((LANES, 12))
+    _advance(
+        robots, pending, settings, segments, cylinders, noise, indices, left, pushes, rows, wheels, held, begun, done
+    )
+
+
+@njit(cache=True, _nrt=False)
+def _advance(
+    robots: Records, pending: Floats, settings: Records, segments: Floats, cylinders: Integers, noise: Floats,
+    indices: Integers, left: Integers, pushes: Floats, rows: Floats, wheels: Floats, held: Integers, begun: Floats,
+    done: Integers,
+) -> None:  # fmt: skip
+    """Do as `advance_all`, given the commands; `_nrt=False` spares every call the counting of references to arrays."""
+    fixed: Record = settings[0]
+    if len(indices) <= _FEW:
+        for index in indices:
             near = segments[index, : cylinders[index]]
-            if index < 0 or not _end(
-                robots, settings, near, noise, index, rows, wheels, begun[lane], lane, left, pushes[index]
-            ):
+            left[index], push = advance(robots, pending, settings, index, near, noise, left[index])
+            _fill(pushes[index], push)
+        return
+    used = min(LANES, len(indices))
+    for lane in range(used):
+        held[lane] = indices[lane]
+        _begin(robots, pending, settings, held[lane], rows, wheels, begun[lane], lane)
+    taken = used
+    while used:
+        while _sweep(rows, wheels, done, fixed.grips, fixed.inverse_mass, used) == 0:
+            pass
+        for lane in range(used - 1, -1, -1):
+            if not done[lane]:
+                continue
+            index = held[lane]
+            near = segments[index, : cylinders[index]]
+            if not _end(robots, settings, near, noise, index, rows, wheels, begun[lane], lane, left, pushes[index]):
                 if taken == len(indices):
-                    held[lane] = -1
+                    used -= 1
+                    held[lane] = held[used]
+                    _copy(rows, wheels, begun, used, lane, fixed.grips)
                     continue
                 held[lane] = index = indices[taken]
                 taken += 1
             _begin(robots, pending, settings, index, rows, wheels, begun[lane], lane)
-        if held.max() < 0:
-            return
-        while _sweep(rows, wheels, done, fixed.grips, fixed.inverse_mass, held) == 0:
-            pass
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
+def _copy(rows: Floats, wheels: Floats, begun: Floats, lane: int, to: int, grips: int) -> None:
+    """Move what is in a lane to another."""
+    for row in range(begun.shape[1]):
+        begun[to, row] = begun[lane, row]
+    for row in range(_ROWS):
+        rows[row * LANES + to] = rows[row * LANES + lane]
+    for row in range(grips * _WHEEL_ROWS):
+        wheels[row * LANES + to] = wheels[row * LANES + lane]
+
+
+@njit(cache=True, _nrt=False)
 def _begin(
     robots: Records, pending: Floats, settings: Records, index: int, rows: Floats, wheels: Floats, begun: Floats,
     lane: int,
@@ -92,7 +119,7 @@ def _begin(
         to[_RIM * LANES], to[(_RIM + 1) * LANES] = rims[i % 2], rims[2 + i % 2]
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def _end(
     robots: Records, settings: Records, near: Floats, noise: Floats, index: int, rows: Floats, wheels: Floats,
     begun: Floats, lane: int, left: Integers, pushes: Floats,
@@ -124,27 +151,27 @@ def _fill(rows: Floats, push: Push) -> None:
         fill(rows[k], push[k])
 
 
-@njit(cache=True, error_model="numpy")
-def _sweep(rows: Floats, wheels: Floats, done: Integers, grips: int, inverse_mass: float, held: Integers) -> int:
-    """Do a sweep of `sweep_friction` in every lane; fill in which are done (LANES,), and return how many."""
-    for k in range(LANES):
+@njit(cache=True, error_model="numpy", _nrt=False)
+def _sweep(rows: Floats, wheels: Floats, done: Integers, grips: int, inverse_mass: float, used: int) -> int:
+    """Do a sweep of `sweep_friction` in the lanes in use; fill in which are done (LANES,), and return how many."""
+    width = (used + 3) // 4 * 4  # whole vectors; what is computed in the lanes beyond, nobody reads
+    for k in range(width):
         rows[_LARGEST * LANES + k] = 0.0
     for i in range(grips):
-        _sweep_wheel(rows, wheels[i * _WHEEL_ROWS * LANES : (i + 1) * _WHEEL_ROWS * LANES], inverse_mass)
-    for k in range(LANES):
+        _sweep_wheel(rows, wheels[i * _WHEEL_ROWS * LANES : (i + 1) * _WHEEL_ROWS * LANES], inverse_mass, width)
+    for k in range(width):
         rows[_SWEEPS * LANES + k] += 1.0
         over = (rows[_LARGEST * LANES + k] < TOLERANCE) | (rows[_SWEEPS * LANES + k] >= SWEEPS)
-        over = (over | (rows[_WRONG * LANES + k] > 0.0)) & (held[k] >= 0)
-        done[k] = 1 if over else 0
+        done[k] = 1 if over | (rows[_WRONG * LANES + k] > 0.0) else 0
     count = 0
-    for k in range(LANES):
+    for k in range(used):
         count += done[k]
     return count
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _sweep_wheel(rows: Floats, wheel: Floats, inverse_mass: float) -> None:
-    for k in range(LANES):
+@njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)
+def _sweep_wheel(rows: Floats, wheel: Floats, inverse_mass: float, width: int) -> None:
+    for k in range(width):
         x, y, z = wheel[_ARM * LANES + k], wheel[(_ARM + 1) * LANES + k], wheel[(_ARM + 2) * LANES + k]
         vx, vy, wx = rows[k], rows[LANES + k], rows[2 * LANES + k]
         wy, wz = rows[3 * LANES + k], rows[4 * LANES + k]

@@ -37,7 +37,7 @@ STILL, LEVEL = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
 _MORE = 1.1
 
 
-@njit(cache=True)
+@njit(cache=True, _nrt=False)
 def advance(
     robots: Records,
     pending: Floats,
