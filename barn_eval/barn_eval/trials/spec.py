@@ -150,7 +150,7 @@ def _task(protocol: Protocol, simulator: SimulatorConfig) -> str:
     return identity.fingerprint(identity.task(protocol, simulator))
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=512)
 def _course(rules: Protocol, world: World) -> Course:
     return rules.course(world)
 

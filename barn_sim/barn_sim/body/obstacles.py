@@ -97,6 +97,7 @@ class Obstacles:
         self._rest_gap_m = max(REST_GAP_M, 2.0 * wake_gap_m)
         self._passed = passed
         self._half = 0.5 * cylinders.height_m
+        self._any_movable = bool(cylinders.movable.any())
         states = np.zeros((len(cylinders.centres), 7))  # position and quaternion
         states[:, :2], states[:, 2], states[:, 6] = cylinders.centres, self._half, 1.0
         self._states, self.segments = states, np.column_stack([cylinders.centres, cylinders.centres])
@@ -157,7 +158,7 @@ class Obstacles:
 
     def follow(self, robot: Pose2D) -> None:
         """Copy the bodies' states after a tick, and remove the bodies that nothing is near any more."""
-        indices = [index for index in self._bodies if self._cylinders.movable[index]]
+        indices = [index for index in self._bodies if self._cylinders.movable[index]] if self._any_movable else []
         if indices:
             self.undisturbed, self._free_m = False, 0.0
             states = np.array([self._state(self._bodies[index]) for index in indices])

@@ -14,7 +14,7 @@ from barn_sim.body.friction import SWEEPS, TOLERANCE, after, clipped_abreast, sw
 from barn_sim.body.tyres import forces
 from barn_sim.motion.free_motion import fill, triple
 from barn_sim.motion.state import Record, Records
-from barn_sim.motion.ticks import Push, advance, begin_push, clear_of_movers, end_if_clear
+from barn_sim.motion.ticks import BARE, Push, advance, begin_push, clear_of_movers, end_if_clear
 from barn_worlds.base.arrays import Floats, Integers
 
 LANES = 32
@@ -47,13 +47,13 @@ def advance_all(
     )
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, **BARE)
 def _advance(
     robots: Records, pending: Floats, settings: Records, segments: Floats, cylinders: Integers, noise: Floats,
     indices: Integers, left: Integers, pushes: Floats, rows: Floats, wheels: Floats, held: Integers, begun: Floats,
     done: Integers,
 ) -> None:  # fmt: skip
-    """Do as `advance_all`, given the commands; `_nrt=False` spares every call the counting of references to arrays."""
+    """Do as `advance_all`, given the commands."""
     fixed: Record = settings[0]
     if len(indices) <= _FEW:
         for index in indices:
@@ -85,7 +85,7 @@ def _advance(
             _begin(robots, pending, settings, index, rows, wheels, begun[lane], lane)
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, **BARE)
 def _copy(rows: Floats, wheels: Floats, begun: Floats, lane: int, to: int, grips: int) -> None:
     """Move what is in a lane to another."""
     for row in range(begun.shape[1]):
@@ -96,7 +96,7 @@ def _copy(rows: Floats, wheels: Floats, begun: Floats, lane: int, to: int, grips
         wheels[row * LANES + to] = wheels[row * LANES + lane]
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, **BARE)
 def _begin(
     robots: Records, pending: Floats, settings: Records, index: int, rows: Floats, wheels: Floats, begun: Floats,
     lane: int,
@@ -119,7 +119,7 @@ def _begin(
         to[_RIM * LANES], to[(_RIM + 1) * LANES] = rims[i % 2], rims[2 + i % 2]
 
 
-@njit(cache=True, _nrt=False)
+@njit(cache=True, **BARE)
 def _end(
     robots: Records, settings: Records, near: Floats, noise: Floats, index: int, rows: Floats, wheels: Floats,
     begun: Floats, lane: int, left: Integers, pushes: Floats,
@@ -151,7 +151,7 @@ def _fill(rows: Floats, push: Push) -> None:
         fill(rows[k], push[k])
 
 
-@njit(cache=True, error_model="numpy", _nrt=False)
+@njit(cache=True, error_model="numpy", **BARE)
 def _sweep(rows: Floats, wheels: Floats, done: Integers, grips: int, inverse_mass: float, used: int) -> int:
     """Do a sweep of `sweep_friction` in the lanes in use; fill in which are done (LANES,), and return how many."""
     width = (used + 3) // 4 * 4  # whole vectors; what is computed in the lanes beyond, nobody reads
@@ -169,7 +169,7 @@ def _sweep(rows: Floats, wheels: Floats, done: Integers, grips: int, inverse_mas
     return count
 
 
-@njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)
+@njit(cache=True, error_model="numpy", forceinline=True, **BARE)
 def _sweep_wheel(rows: Floats, wheel: Floats, inverse_mass: float, width: int) -> None:
     for k in range(width):
         x, y, z = wheel[_ARM * LANES + k], wheel[(_ARM + 1) * LANES + k], wheel[(_ARM + 2) * LANES + k]
