@@ -35,6 +35,7 @@ def run(
     file: str | Path | None = None,
     dataset: str | Path | None = None,
     robot: str | Path | Robot | None = None,
+    course: Sequence[float] | None = None,
     repetitions: int | None = None,
     seed: int | None = None,
     settings: Settings | None = None,
@@ -78,6 +79,7 @@ def run(
         file: A YAML file that says all this; arguments count in place of what it says.
         dataset: A name ("barn300" is the default), a folder or a file of worlds.
         robot: A name ("jackal" is the default), a YAML file or a `Robot`.
+        course: Start x, y, yaw and goal x, y of every world [m, rad], in place of its own or the protocol's.
         repetitions: Trials per world and planner, 1 to 99. Default: 1.
         seed: Seed that all others come from. Default: 0.
         settings: Parameters by planner, as {"dwa": {"dwa.max_speed_mps": 0.4}}.

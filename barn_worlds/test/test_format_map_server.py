@@ -10,6 +10,7 @@ from PIL import Image
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.types import OccupancyMap
 from barn_worlds.formats.map_server import grid_of, read_map, write_map
+from barn_worlds.formats.single import read_world
 from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
@@ -74,12 +75,14 @@ def test_original_maps_give_the_original_grids(original_folder):
     assert all(maps.load(index).checksum == worlds.load(index).checksum for index in maps.indices)
 
 
-def test_any_other_map_is_taken_as_it_is(tmp_path):
-    data = np.zeros((8, 20), np.int8)
+def test_any_other_map_is_taken_as_it_is_in_its_place(tmp_path):
+    data = np.zeros((20, 30), np.int8)
     data[[0, -1]], data[3, :4] = 100, -1
     write_map(OccupancyMap(data, 0.15, 3.0, 4.0), tmp_path / "room.yaml")
-    grid = grid_of(read_map(tmp_path / "room.yaml"))
-    assert np.array_equal(grid, data.T != 0)
+    world = read_world(tmp_path / "room.yaml")
+    assert np.array_equal(world.grid, data.T != 0)
+    assert (world.corner_m, len(world.containment_m)) == ((3.0, 4.0), 0)
+    assert world.bounds_m == pytest.approx((3.0, 4.0, 7.5, 7.0))
 
 
 @pytest.mark.parametrize(

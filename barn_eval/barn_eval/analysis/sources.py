@@ -17,12 +17,13 @@ from barn_eval.experiments.run_file import RunFile
 from barn_eval.experiments.sweep import expanded
 from barn_eval.trials.identity import first_difference
 from barn_eval.trials.result import DECLARED, FREE, MEASURED, MOST_MISSED, REAL_TIME, TrialResult, assumption
-from barn_sim.config import chassis_in
+from barn_sim.config import chassis_in, robot_of
 from barn_worlds.base.config import from_dict
-from barn_worlds.base.errors import BarnError, ConfigError, WorldError
+from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.geometry.footprint import Footprint, contact_of
 from barn_worlds.robots.files import other_name
 from barn_worlds.robots.robot import Chassis
+from barn_worlds.worlds.course import for_robot
 from barn_worlds.worlds.dataset import open_dataset, select_worlds
 from barn_worlds.worlds.world import World
 
@@ -230,19 +231,22 @@ def by_planner(results: Iterable[TrialResult]) -> dict[str, list[TrialResult]]:
     return groups
 
 
-def read_worlds(results: Iterable[tuple[TrialResult, str]]) -> dict[str, World | str]:
-    """Return the worlds of results, each given with its data set, by checksum; a text says why there is none."""
+def read_worlds(results: Iterable[tuple[TrialResult, Source]]) -> dict[str, World | str]:
+    """Return the worlds of results, each given with its source, by checksum; a text says why there is none."""
     opened = cache(open_dataset)
     found: dict[str, World | str] = {}
-    for result, dataset in results:
+    for result, source in results:
         if result.world_checksum in found:
             continue
         world: World | str
+        dataset = str(source.configuration.get("dataset", result.dataset))
         try:
             world = opened(dataset).load(result.world)
             if world.checksum != result.world_checksum:
+                world = for_robot(world, robot_of(source.experiment.simulator), source.experiment.course)
+            if world.checksum != result.world_checksum:
                 world = f"world {result.world} of {dataset} is not the one it ran in any more"
-        except (WorldError, OSError) as error:
+        except (BarnError, OSError) as error:
             world = f"its world cannot be read: {error}"
         found[result.world_checksum] = world
     return found

@@ -50,6 +50,28 @@ def settings_option(
     return click.option(option, name, multiple=True, metavar=metavar, callback=read, help=text)
 
 
+def read_course(_: click.Context, __: click.Parameter, given: str | None) -> tuple[float, ...] | None:
+    """Return the numbers of "X,Y,YAW:X,Y"; ConfigError for anything else."""
+    if given is None:
+        return None
+    start, colon, goal = given.partition(":")
+    try:
+        numbers = tuple(float(number) for number in (*start.split(","), *goal.split(",")))
+    except ValueError:
+        numbers = ()
+    if not colon or len(start.split(",")) != 3 or len(numbers) not in (5, 6):
+        raise ConfigError(f"--course {shown(given)}: must be X,Y,YAW:X,Y of start and goal, in m and rad")
+    return numbers
+
+
+course_option = click.option(
+    "--course",
+    metavar="X,Y,YAW:X,Y",
+    callback=read_course,
+    help="Start and goal in every world, in m and rad [default: the world's own, else the protocol's].",
+)
+
+
 def parse_settings(settings: tuple[str, ...], option: str) -> dict[str, Any]:
     """Return texts "key=value" as a mapping; values are read as YAML. ConfigError for anything else."""
     changes: dict[str, Any] = {}

@@ -12,7 +12,18 @@ from barn_eval.analysis.summary import summarise, summarise_campaign
 from barn_eval.analysis.sweep import sweep_board, sweep_rows, sweep_table
 from barn_eval.analysis.tables import comparison_table, summary_table, trials_table
 from barn_eval.analysis.verdict import verdict
-from barn_eval.commands.options import FILE, FOLDER, SEED, console, json_option, notes, print_json, say, settings_option
+from barn_eval.commands.options import (
+    FILE,
+    FOLDER,
+    SEED,
+    console,
+    course_option,
+    json_option,
+    notes,
+    print_json,
+    say,
+    settings_option,
+)
 from barn_eval.commands.tables import FittedTable, rich_table, table
 from barn_eval.commands.watch import viewed
 from barn_eval.experiments.experiment import Execution
@@ -39,6 +50,7 @@ NOT_SCORED = 3  # the exit code
 @click.option("--dataset", help="Data set: a name, folder or file [default: barn300].")
 @click.option("--protocol", help="challenge, dynabarn, known_map, paper2020 or a YAML file [default: challenge].")
 @click.option("--robot", help="A name (see barn robots) or a YAML file [default: jackal].")
+@course_option
 @click.option("--repetitions", type=click.IntRange(1, 99), help="Trials per world and planner [default: 1].")
 @click.option("--seed", type=SEED, help="Seed of everything random [default: 0].")
 @click.option("--mode", type=click.Choice(MODES), help="One process or ROS nodes [default: direct].")

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from barn_eval import worlds as world_sets
-from barn_eval.commands.options import FILE, PATH, say
+from barn_eval.commands.options import FILE, PATH, course_option, say
 from barn_eval.results import overlay
 from barn_metrics.world_figure import draw_world_figure
 
@@ -18,6 +18,7 @@ from barn_metrics.world_figure import draw_world_figure
     type=FILE,
     help="Picture (.png), of trials also .svg or .pdf, of a world that moves also .gif [default: named after WORLDS].",
 )
+@course_option
 @click.option("--metrics", "with_metrics", is_flag=True, help="Draw a map of each difficulty metric as well.")
 @click.option("--trials", multiple=True, type=PATH, help="Draw the trials of this folder in it; repeatable.")
 @click.option("--by", type=click.Choice(("planner", "speed")), help="What trials are coloured by [default: planner].")
@@ -27,6 +28,7 @@ def command(
     worlds: str,
     dataset: str,
     out: Path | None,
+    course: tuple[float, ...] | None,
     with_metrics: bool,
     trials: tuple[Path, ...],
     by: str | None,
@@ -35,8 +37,9 @@ def command(
 ) -> None:
     """Draw a world, several on one sheet, or trials over one.
 
-    WORLDS are numbers in the data set, such as 120, 0:300:60 or all, or a file or folder of worlds. Moving obstacles
-    are drawn at time 0, with their tracks and arrows along them.
+    WORLDS are numbers in the data set, such as 120, 0:300:60 or all, or a file or folder of worlds. Start, goal and
+    path are those that the Jackal drives by: the world's own, else the challenge's. Moving obstacles are drawn at time
+    0, with their tracks and arrows along them.
     """
     numbers = worlds == "all" or (worlds[:1].isdecimal() and not Path(worlds).exists())
     if trials:
@@ -58,5 +61,5 @@ def command(
     if with_metrics:
         draw_world_figure(found[first], target)
     else:
-        world_sets.write_figure(found, target)
+        world_sets.write_figure(found, target, course=course or ())
     say(target)

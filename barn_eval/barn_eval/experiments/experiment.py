@@ -105,6 +105,9 @@ class Experiment(Checked):
         optional=True,
     )
     ros: RosSetup = field(default_factory=RosSetup)
+    course: tuple[float, ...] = quantity(
+        (), "start x, y, yaw and goal x, y of all its worlds, in m and rad, in place of their own", optional=True
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -181,7 +184,7 @@ class Experiment(Checked):
             for one in self.planners
         }
         computes = {one.name: Compute() if started_by_hand else one.compute for one in self.planners}
-        dataset = dataset or open_dataset(self.dataset)
+        dataset = (dataset or open_dataset(self.dataset)).driven(robot_of(self.simulator), self.course)
         found = []
         chosen = tuple(select_worlds(self.worlds, dataset.indices) if worlds is None else worlds)
         dataset.require_fit(robot_of(self.simulator), chosen)

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from barn_worlds.base.arrays import Points
 from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.base.errors import ConfigError, shown, suggest
 from barn_worlds.base.text_files import parse_yaml, read_yaml
@@ -138,6 +139,8 @@ class Protocol(Checked):
 
     def course(self, world: World) -> Course:
         """Return start, goal and lengths of a world; ConfigError where it has no path, or is none for the protocol."""
+        if world.start is not None and world.goal is not None:
+            return self._own_course(world, world.start, world.goal)
         if self.arena != (world.corner_m is not None):
             is_one, fitting = ("is no arena", CHALLENGE) if self.arena else ("is an arena", DYNABARN)
             raise ConfigError(
@@ -149,10 +152,26 @@ class Protocol(Checked):
         anchors = {"map": (0.0, 0.0), "path_first": tuple(path[0].tolist()), "path_last": tuple(path[-1].tolist())}
         start = self.start.resolve(anchors)
         goal = self.goal.resolve(anchors | {"start": (start.x, start.y)})
+        return self._along(start, path, goal, world.path_length_m)
+
+    def _own_course(self, world: World, start: Pose2D, goal: Pose2D) -> Course:
+        """Return the course of a world that has start and goal of its own."""
+        if self.historical_map:
+            raise ConfigError(
+                f"world {world.name}: has a start and a goal of its own; protocol {self.name} is for those of its rules"
+            )
+        if start.distance(goal) <= self.goal_distance_m:
+            raise ConfigError(
+                f"world {world.name}: start and goal are {start.distance(goal):.2f} m apart, which is arrival under "
+                f"protocol {self.name}"
+            )
+        return self._along(start, world.path_m(), goal, world.path_length_m)
+
+    def _along(self, start: Pose2D, path: Points, goal: Pose2D, path_length_m: float) -> Course:
         whole = np.vstack(([start.x, start.y], path, [goal.x, goal.y]))
         reference_m = float(np.hypot(*np.diff(whole, axis=0).T).sum())
         optimal_s = reference_m / self.reference_speed_mps
-        return Course(start, goal, world.path_length_m, reference_m, optimal_s)
+        return Course(start, goal, path_length_m, reference_m, optimal_s)
 
     def sized(self, world: World, chassis: Chassis) -> "Protocol":
         """Return the rules for a robot in a world: themselves, for the standard one and in worlds of standard cells.

@@ -1,12 +1,13 @@
 """Data sets: those that there are, read, changed, drawn and written."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 from barn_eval.learning.difficulty import read_scores
 from barn_eval.pages.figures import Plot
+from barn_eval.trials.protocol import CHALLENGE, DYNABARN
 from barn_metrics.formula import PUBLISHED
 from barn_metrics.metrics import world_metrics
 from barn_metrics.world_figure import world_figure as metrics_figure
@@ -23,10 +24,12 @@ from barn_worlds.formats.tracks_csv import write_tracks
 from barn_worlds.formats.world_yaml import write_world_yaml
 from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.robot import Robot
+from barn_worlds.worlds.course import for_robot
 from barn_worlds.worlds.dataset import open_dataset, select_worlds, shipped
 from barn_worlds.worlds.generate import cell_m, write_ordered
 from barn_worlds.worlds.world import World
 
+Course = Sequence[float]
 Form = Literal["sdf", "sdf_classic", "map", "original", "npz", "yaml", "tracks", "png"]
 FORMATS: tuple[Form, ...] = ("sdf", "sdf_classic", "map", "original", "npz", "yaml", "tracks", "png")
 
@@ -156,36 +159,52 @@ def order(source: str | Path, out: str | Path, scores: str | Path, by: str) -> d
     return write_ordered(target, target.stem, list(map(dataset.load, dataset.indices)), ranked, about)
 
 
-def draw(shown: World | Mapping[int, World], *, metrics: bool = False) -> Plot:
+def draw(
+    shown: World | Mapping[int, World], *, metrics: bool = False, robot: str | Path = "jackal", course: Course = ()
+) -> Plot:
     """Return a figure of one world, or of many on a sheet.
+
+    Start, goal and path of one world are those that are driven: its own, else those of protocol challenge (of an arena,
+    dynabarn).
 
     Args:
         shown: The world, or worlds by number.
         metrics: Whether a map of each difficulty metric is drawn as well, of one world.
+        robot: What drives.
+        course: Start x, y, yaw and goal x, y [m, rad] in place of the world's own.
 
     Raises:
-        BarnError: Metrics are asked for of several worlds, or of one that has none.
+        BarnError: Start or goal is blocked, or no way leads from one to the other. Metrics or a course are
+            asked for of several worlds, or metrics of one that has none.
     """
     if isinstance(shown, Mapping):
         if metrics:
             raise ConfigError("metrics are drawn of one world, not of several")
+        if course:
+            raise ConfigError("a course is drawn in one world, not in several")
         return Plot(sheet_figure(shown), f"{len(shown)} worlds")
-    return Plot(metrics_figure(shown) if metrics else world_figure(shown), shown.name)
+    if metrics:
+        return Plot(metrics_figure(shown), shown.name)
+    driven = for_robot(shown, load_robot(robot), course)
+    rules = DYNABARN if driven.corner_m is not None else CHALLENGE
+    ends = rules.course(driven)
+    return Plot(world_figure(driven, ends.start, ends.goal, rules.goal_distance_m), shown.name)
 
 
-def write_figure(shown: Mapping[int, World], target: str | Path) -> None:
+def write_figure(shown: Mapping[int, World], target: str | Path, *, course: Course = ()) -> None:
     """Write a picture of worlds, on a sheet if they are several, or an animation of one that moves.
 
     Args:
         shown: The worlds by number.
         target: File, .png or .gif.
+        course: As for `draw`.
 
     Raises:
         BarnError: An animation is asked for of several worlds or of one that does not move.
     """
     first, *others = shown.values()
     if Path(target).suffix != ".gif":
-        write_png(draw(shown if others else first).figure, Path(target))
+        write_png(draw(shown if others else first, course=course).figure, Path(target))
     elif others:
         raise WorldError(f"an animation shows one world, got {len(shown)}; select one with --worlds")
     else:
@@ -207,7 +226,7 @@ def _write_each(target: Path, chosen: Mapping[int, World], form: Form, movable: 
             elif form == "tracks":
                 write_tracks(world, folder / f"tracks_{index}.csv")
             elif form == "map":
-                write_map(world.occupancy_map(), folder / f"map_{index}")
+                write_map(world.occupancy_map(), folder / f"map_{index}", course=world.course_numbers)
             else:
                 flavour, ending = ("classic", ".world") if form == "sdf_classic" else ("gz", ".sdf")
                 write_sdf(world, folder / f"world_{index}{ending}", flavour, movable=movable)

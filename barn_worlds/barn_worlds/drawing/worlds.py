@@ -47,9 +47,14 @@ _ARROWS = 4  # along a track
 _LONGEST_TRACK_S = 200.0
 
 
-def world_figure(world: World) -> Figure:
-    """Return a picture of one world; moving obstacles with their tracks, where they are at time 0."""
-    figure, axes = _figure(world)
+def world_figure(
+    world: World, start: Pose2D | None = None, goal: Pose2D | None = None, reached_m: float = 0.0
+) -> Figure:
+    """Return a picture of one world; moving obstacles with their tracks, where they are at time 0.
+
+    start, goal: what is driven, with how near to the goal counts as arrival; without, the ends of the path.
+    """
+    figure, axes = _figure(world, start, goal, reached_m)
     _draw_moving(axes, world, arrows=_ARROWS)
     axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), borderaxespad=0.0, frameon=False)
     return figure
@@ -88,7 +93,9 @@ def sheet_figure(worlds: Mapping[int, World]) -> Figure:
     return figure
 
 
-def _figure(world: World) -> tuple[Figure, Axes]:
+def _figure(
+    world: World, start: Pose2D | None = None, goal: Pose2D | None = None, reached_m: float = 0.0
+) -> tuple[Figure, Axes]:
     """Return a figure of what stands in a world, and its axes in metres."""
     left, below, right, above = world.bounds_m
     size = (6.4, min(30.0, 1.2 + 4.2 * (above - below) / (right - left)))
@@ -100,11 +107,12 @@ def _figure(world: World) -> tuple[Figure, Axes]:
     axes.imshow(inflated, cmap=ListedColormap([INFLATED]), extent=extent, origin="lower", interpolation="nearest")
     hollow = world.cell_centres_m(np.argwhere(geometry.hollow(world.grid)))
     discs(axes, hollow, world.cylinder_radius_m, color=HOLLOW)
-    start, goal = (Pose2D(x, y, 0.0) for x, y in world.path_m()[[0, -1]].tolist())
-    draw_scene(axes, scene_of(world, start, goal))
+    first, last = (Pose2D(x, y, 0.0) for x, y in world.path_m()[[0, -1]].tolist())
+    draw_scene(axes, scene_of(world, start or first, goal or last, reached_m))
     if world.grid.any():
         axes.scatter([], [], marker="s", color=INFLATED, label="C-space obstacle")
         axes.scatter([], [], color=OBSTACLE, label="obstacle")
+    above = max(above, goal.y + reached_m + 0.2) if goal else above
     axes.set(xlim=(left, right), ylim=(below, above), aspect="equal", xlabel="x [m]", ylabel="y [m]")
     moving = f", {len(world.moving)} moving obstacles" if world.moving else ""
     axes.set_title(f"{world.name}: path {world.path_length_m:.2f} m{moving}", parse_math=False)

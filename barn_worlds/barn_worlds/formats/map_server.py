@@ -1,6 +1,7 @@
 """Maps in the format of map_server: an 8-bit grey image and a .yaml file."""
 
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,23 +35,34 @@ class MapFile(Checked):
     occupied_thresh: float = required("occupied above this chance", minimum=0.0, maximum=1.0)
     free_thresh: float = required("free below this chance", minimum=0.0, maximum=1.0)
     mode: str = quantity("trinary", "how grey values are read", choices=("trinary",))
+    start: tuple[float, ...] = quantity((), "x, y in m and yaw in rad of a world's start", optional=True)
+    goal: tuple[float, ...] = quantity((), "x, y in m (and yaw in rad) of its goal", optional=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         most = f"must be at most occupied_thresh ({self.occupied_thresh:g})"
         self.require(self.free_thresh <= self.occupied_thresh, "free_thresh", most)
         self.require(self.origin[2] == 0.0, "origin", "must have a yaw of 0")
+        self.require(bool(self.start) == bool(self.goal), "start" if self.goal else "goal", "must be given, too")
+        self.require(len(self.start) in (0, 3), "start", "must be x, y and yaw")
+        self.require(len(self.goal) in (0, 2, 3), "goal", "must be x and y, or x, y and yaw")
         self.require("\0" not in self.image, "image", "must be the name of a file")
 
 
-def write_map(grid: OccupancyMap, path: Path, image: str = "") -> None:
-    """Write a map as NAME.yaml (`path`, with or without the ending) and the image NAME.pgm (or `image`)."""
+def write_map(grid: OccupancyMap, path: Path, image: str = "", course: Sequence[float] = ()) -> None:
+    """Write a map as NAME.yaml (`path`, with or without the ending) and the image NAME.pgm (or `image`).
+
+    course: x, y and yaw of start and goal, which are kept with it.
+    """
     target = path if path.suffix == ".yaml" else path.with_name(path.name + ".yaml")
     origin = float(grid.origin_x), float(grid.origin_y), 0.0
     # the grey value of unknown cells lies between the thresholds
-    about = as_dict(MapFile(image or f"{target.stem}.pgm", float(grid.resolution), origin, 0, 0.65, 0.196))
+    ends = tuple(course[:3]), tuple(course[3:])
+    name = image or f"{target.stem}.pgm"
+    about = as_dict(MapFile(name, float(grid.resolution), origin, 0, 0.65, 0.196, "trinary", *ends))
     write_bytes(target.with_name(about["image"]), pgm(grid))
-    write_bytes(target, yaml.safe_dump({**about, "origin": list(origin)}, sort_keys=False).encode())
+    plain = {key: list(value) if isinstance(value, tuple) else value for key, value in about.items()}
+    write_bytes(target, yaml.safe_dump(plain, sort_keys=False).encode())
 
 
 def pgm(grid: OccupancyMap) -> bytes:
@@ -71,9 +83,12 @@ def read_about(path: Path) -> MapFile:
         raise WorldError(str(error)) from None
 
 
-def read_map(path: Path) -> OccupancyMap:
-    """Return the map of a .yaml file in map_server's trinary mode; WorldError if it is malformed."""
-    about = read_about(path)
+def read_map(path: Path, about: MapFile | None = None) -> OccupancyMap:
+    """Return the map of a .yaml file in map_server's trinary mode; WorldError if it is malformed.
+
+    about: what `read_about` has already read of it.
+    """
+    about = about or read_about(path)
     shade = _read_image(path.parent / about.image)[::-1] / 255.0
     chance = shade if about.negate else 1.0 - shade
     data = np.full(shade.shape, UNKNOWN, np.int8)
@@ -82,11 +97,10 @@ def read_map(path: Path) -> OccupancyMap:
     return OccupancyMap(data, about.resolution, *about.origin[:2])
 
 
-def grid_of(grid: OccupancyMap) -> BoolGrid:
-    """Return the cells (rows, cols) of a world that a map shows, True where it is not free.
+def grid_of(grid: OccupancyMap) -> BoolGrid | None:
+    """Return the grid (rows, cols) of the world that a map shows with its containment, None for any other map.
 
-    A map of a whole world, with its containment, gives that world's grid. The obstacles may be in their true places or
-    one cell too near, as in the original maps. Any other map is taken as it is: rows along x.
+    The obstacles may be in their true places or one cell too near, as in the original maps.
     """
     filled = grid.data != 0
     height, width = filled.shape
@@ -100,7 +114,7 @@ def grid_of(grid: OccupancyMap) -> BoolGrid:
             if np.array_equal(whole, filled):
                 candidates.append(inside)
     if not candidates:
-        return np.ascontiguousarray(filled.T)
+        return None
     # If both fit, one of them has an empty last column, without side walls.
     walled = [inside for inside in candidates if inside[[0, -1]].all()]
     return (walled or candidates)[0]

@@ -14,6 +14,7 @@ from barn_worlds.base.errors import ConfigError, WorldError, one_line
 from barn_worlds.base.files import LARGEST_FILE, write_bytes
 from barn_worlds.formats.npz import Arrays, NpzFormat
 from barn_worlds.moving.motion import KINDS, SHAPES, Motion, MovingObstacle, Wall
+from barn_worlds.worlds.course import course_of
 from barn_worlds.worlds.world import LARGEST_SIDE, Provenance, World
 
 _WITH_SCENES = 2  # the schema of data sets in which anything is no static world; it has the arrays of `_scenes` as well
@@ -74,7 +75,8 @@ class OwnFile:
             float(a["resolution_m"][position]),
             int(a["footprint_cells"][position]),
             Provenance(about["source"], str(self.path), parameters, tuple(about["seed"]), about["path_source"]),
-            *(self._scene(position, about["moving"]) if self.manifest["schema"] == _WITH_SCENES else ()),
+            *(self._scene(position, about["moving"]) if self.manifest["schema"] == _WITH_SCENES else ((), (), None)),
+            *(course_of(about["course"], "course") if "course" in about else ()),
         )
 
     def _scene(
@@ -159,6 +161,7 @@ def _manifest(name: str, worlds: Mapping[int, World], about: Mapping[str, Any]) 
                 "seed": list(world.provenance.seed),
                 "path_source": world.provenance.path_source,
                 "sha256": world.checksum,
+                **({"course": list(world.course_numbers)} if world.course_numbers else {}),
             }
         )
     made_by = f"barn_worlds {barn_worlds.__version__}"

@@ -1,14 +1,17 @@
-"""One world from one file: .npy grid, Gazebo world, map_server map or the suite's own YAML."""
+"""One world from one file: .npy grid, Gazebo world, map of map_server or MovingAI, or the suite's own YAML."""
 
 import re
 from pathlib import Path
 
+import numpy as np
+
 from barn_worlds.base.arrays import BoolGrid, Cells
 from barn_worlds.base.errors import WorldError
-from barn_worlds.formats import gazebo, map_server, world_yaml
+from barn_worlds.formats import gazebo, map_server, moving_ai, world_yaml
 from barn_worlds.formats.npz import read_npy
 from barn_worlds.robots.files import STANDARD
 from barn_worlds.robots.robot import Robot
+from barn_worlds.worlds.course import course_of, open_world, with_course
 from barn_worlds.worlds.cspace import configuration_space
 from barn_worlds.worlds.path_planner import plan_through
 from barn_worlds.worlds.world import Provenance, World, checked_grid
@@ -16,7 +19,7 @@ from barn_worlds.worlds.world import Provenance, World, checked_grid
 STANDARD_RESOLUTION_M = 0.15
 GAZEBO_ENDINGS = (".world", ".world.gz", ".sdf", ".sdf.gz")
 MAP_ENDINGS = (".yaml", ".yml")
-ENDINGS = (*GAZEBO_ENDINGS, world_yaml.ENDING, *MAP_ENDINGS, ".npy")
+ENDINGS = (*GAZEBO_ENDINGS, world_yaml.ENDING, *MAP_ENDINGS, moving_ai.ENDING, ".npy")
 
 _FOLDERS = ("grid_files", "world_files", "map_files")
 
@@ -43,25 +46,45 @@ def read_world(path: Path, robot: Robot = STANDARD, name: str = "") -> World:
 
     The path comes from path_N.npy in the same folder or in a sibling folder path_files (N: the number in the file's
     name). Without such a file it is planned through the C-space of `robot`. A .npy grid has cells of 0.15 m. A
-    .world.yaml has a name and a path of its own.
+    .world.yaml has a name and a path of its own. A map that does not show a world of BARN with its containment is taken
+    as it is, in its place; start and goal are those of its .yaml file, else chosen for `robot`.
     """
     check_ending(path)
     kind, resolution_m = ending(path), STANDARD_RESOLUTION_M
+    called = name or path.name[: -len(kind)]
     if kind == world_yaml.ENDING:
         return world_yaml.read_world_yaml(path)
     if kind in GAZEBO_ENDINGS:
         source, (grid, resolution_m) = "world_file", gazebo.read_grid(path)
-    elif kind in MAP_ENDINGS:
-        occupancy = map_server.read_map(path)
-        source, grid, resolution_m = "map", map_server.grid_of(occupancy), occupancy.resolution
-        grid = checked_grid(grid, str(path))
+    elif kind in (*MAP_ENDINGS, moving_ai.ENDING):
+        return _of_map(path, kind, robot, called)
     else:
         source, grid = "npy", checked_grid(read_npy(path), str(path))
     footprint_cells = robot.footprint_cells(resolution_m)
     given = _path_beside(path)
     cells = read_npy(given) if given else planned(grid, footprint_cells, str(path))
     provenance = Provenance(source, str(path), path_source="given" if given else "planned")
-    return World(name or path.name[: -len(kind)], grid, cells, resolution_m, footprint_cells, provenance)
+    return World(called, grid, cells, resolution_m, footprint_cells, provenance)
+
+
+def _of_map(path: Path, kind: str, robot: Robot, name: str) -> World:
+    if kind == moving_ai.ENDING:
+        grid = moving_ai.read_grid(path)
+        return open_world(name, grid, moving_ai.CELL_M, (0.0, 0.0), robot, Provenance("map", str(path)))
+    about = map_server.read_about(path)
+    occupancy = map_server.read_map(path, about)
+    ends = course_of((*about.start, *about.goal), f"{path}: start and goal") if about.start else None
+    inside = map_server.grid_of(occupancy)
+    if inside is None:
+        whole = checked_grid(np.ascontiguousarray((occupancy.data != 0).T), str(path))
+        corner = occupancy.origin_x, occupancy.origin_y
+        return open_world(name, whole, occupancy.resolution, corner, robot, Provenance("map", str(path)), ends)
+    grid, footprint_cells = checked_grid(inside, str(path)), robot.footprint_cells(occupancy.resolution)
+    given = _path_beside(path)
+    cells = read_npy(given) if given else planned(grid, footprint_cells, str(path))
+    provenance = Provenance("map", str(path), path_source="given" if given else "planned")
+    world = World(name, grid, cells, occupancy.resolution, footprint_cells, provenance)
+    return with_course(world, robot, ends) if ends else world
 
 
 def planned(grid: BoolGrid, footprint_cells: int, where: str) -> Cells:

@@ -14,6 +14,7 @@ from barn_worlds.base.errors import WorldError
 from barn_worlds.base.files import write_bytes
 from barn_worlds.base.text_files import read_yaml
 from barn_worlds.moving.motion import MovingObstacle, Wall
+from barn_worlds.worlds.course import course_of
 from barn_worlds.worlds.world import LARGEST_NAME, LARGEST_SIDE, Provenance, World
 
 ENDING = ".world.yaml"
@@ -38,6 +39,8 @@ class WorldFile(Checked):
     path: tuple[tuple[int, int], ...] = ()
     grid: tuple[str, ...] = ()
     corner_m: tuple[float, float] | None = None
+    start: tuple[float, ...] = quantity((), "x, y in m and yaw in rad of the start", optional=True)
+    goal: tuple[float, ...] = quantity((), "x, y in m (and yaw in rad) of the goal", optional=True)
     walls: tuple[Wall, ...] = ()
     moving: tuple[MovingObstacle, ...] = ()
 
@@ -49,8 +52,18 @@ class WorldFile(Checked):
         try:
             grid = self._filled()
             path = _path(self.path, grid.shape)
+            ends = course_of((*self.start, *self.goal), "start and goal") if self.start or self.goal else ()
             return World(
-                self.name, grid, path, self.cell_m, self.footprint_cells, about, self.walls, self.moving, self.corner_m
+                self.name,
+                grid,
+                path,
+                self.cell_m,
+                self.footprint_cells,
+                about,
+                self.walls,
+                self.moving,
+                self.corner_m,
+                *ends,
             )
         except WorldError as error:
             raise WorldError(f"{where}: {error}") from None
@@ -82,7 +95,8 @@ def world_yaml(world: World) -> str:
     grid = tuple("".join(row) for row in np.where(world.grid, _FILLED, _FREE).tolist()) if world.grid.any() else ()
     path = tuple((row, column) for row, column in _turns(world.path))
     size = world.resolution_m, world.footprint_cells, (world.rows, world.cols)
-    told = WorldFile(world.name, *size, path, grid, world.corner_m, world.walls, world.moving)
+    ends = world.course_numbers[:3], world.course_numbers[3:]
+    told = WorldFile(world.name, *size, path, grid, world.corner_m, *ends, world.walls, world.moving)
     plain = json.loads(json.dumps(as_dict(told)))  # lists for tuples, nothing twice: the reader refuses aliases
     content = {"schema_version": SCHEMA_VERSION, **plain}
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)

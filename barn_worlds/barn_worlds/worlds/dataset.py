@@ -2,8 +2,8 @@
 
 import hashlib
 import re
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from importlib import resources
 from pathlib import Path
@@ -14,6 +14,7 @@ from barn_worlds.formats import original, own, single
 from barn_worlds.formats.world_yaml import ENDING
 from barn_worlds.robots.files import STANDARD
 from barn_worlds.robots.robot import Robot
+from barn_worlds.worlds.course import for_robot
 from barn_worlds.worlds.world import World
 
 _MOST_KEPT = 1000
@@ -51,6 +52,13 @@ class Dataset:
                 self._kept.clear()
             self._kept[index] = self.readers[index]()
         return self._kept[index]
+
+    def driven(self, robot: Robot, course: Sequence[float] = ()) -> "Dataset":
+        """Return the data set with its worlds as a robot drives them (`worlds.course.for_robot`)."""
+        return replace(self, readers={index: partial(self._for_robot, index, robot, course) for index in self.readers})
+
+    def _for_robot(self, index: int, robot: Robot, course: Sequence[float]) -> World:
+        return for_robot(self.load(index), robot, course)
 
     def require_fit(self, robot: Robot, indices: Iterable[int]) -> None:
         """Raise WorldError if the data set was generated for another robot, and this one takes more cells of a world.
@@ -124,7 +132,7 @@ def _folder(path: Path, robot: Robot) -> Dataset:
     packed = [file for file in files if file.suffix == ".npz"]
     if len(packed) == 1:
         return _own(packed[0])
-    kinds = ((ENDING,), single.GAZEBO_ENDINGS, single.MAP_ENDINGS, (".npy",))
+    kinds = ((ENDING,), single.GAZEBO_ENDINGS, single.MAP_ENDINGS, (".map",), (".npy",))
     by_kind = ([file for file in files if single.ending(file) in kind] for kind in kinds)
     worlds = next((some for some in by_kind if some), [])
     worlds = [file for file in worlds if not file.name.startswith(("path_", "cspace_", "metrics_"))]

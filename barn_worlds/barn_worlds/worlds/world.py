@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from barn_worlds.base.arrays import BoolGrid, Cells, Points
 from barn_worlds.base.errors import WorldError
-from barn_worlds.base.types import OccupancyMap
+from barn_worlds.base.types import OccupancyMap, Pose2D
 from barn_worlds.moving.motion import MovingObstacle, Wall, checked_scene, scene_content
 from barn_worlds.moving.tracks import Tracks
 from barn_worlds.worlds import cells as geometry
@@ -33,7 +33,7 @@ class Provenance:
 
     source: "generated", "original", "world_file", "npy", "map" or "memory". path: the file it was read from.
     parameters, seed: what it was generated with (entropy and spawn key of its SeedSequence). path_source: "given",
-    or "planned" where the file had no path.
+    "planned" where the file had no path, or "chosen" where start and goal were chosen as well.
     """
 
     source: str = "memory"
@@ -54,6 +54,8 @@ class World:
 
     walls, moving: what stands and moves there beside the grid's cylinders, in the same frame; the C-space knows nothing
     of them. corner_m: in an arena, where cell (0, 0) has its outer corner. An arena has no containment.
+
+    start, goal: in the map frame, both or none; without, the protocol says where they are (`worlds.course`).
     """
 
     name: str
@@ -65,6 +67,8 @@ class World:
     walls: tuple[Wall, ...] = ()
     moving: tuple[MovingObstacle, ...] = ()
     corner_m: tuple[float, float] | None = None
+    start: Pose2D | None = None
+    goal: Pose2D | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not 0 < len(self.name) <= LARGEST_NAME:
@@ -85,6 +89,8 @@ class World:
         object.__setattr__(self, "moving", moving)
         if self.corner_m is not None and not all(abs(side) <= FARTHEST_CORNER_M for side in self.corner_m):
             raise WorldError(f"{self.name}: corner must be within {FARTHEST_CORNER_M:g} m, got {self.corner_m}")
+        if (self.start is None) != (self.goal is None):
+            raise WorldError(f"{self.name}: start and goal must both be given, or none")
 
     @property
     def rows(self) -> int:
@@ -166,6 +172,18 @@ class World:
         centres: Points = (cells + 0.5) * self.resolution_m + np.array(self.corner_m)
         return centres
 
+    def containing_cells(self, points: Points) -> Cells:
+        """Return the cells (n, 2) in which points (n, 2) in metres lie; they may be outside the grid."""
+        if self.corner_m is None:
+            return geometry.containing_cells(points, self.rows, self.resolution_m)
+        cells: Cells = np.floor((points - np.array(self.corner_m)) / self.resolution_m).astype(np.int64)
+        return cells
+
+    @cached_property
+    def occupied(self) -> BoolGrid:
+        """Filled cells (rows, cols), with those that the walls of an arena reach into."""
+        return self.grid if self.corner_m is None else _read_only(self.occupancy_map().data.T > 0)
+
     @cached_property
     def tracks(self) -> Tracks:
         """Where the moving obstacles are at any time."""
@@ -184,6 +202,12 @@ class World:
             occupy_box(found, (wall.x_m, wall.y_m), (wall.size_x_m, wall.size_y_m), wall.yaw_rad)
         return found
 
+    @property
+    def course_numbers(self) -> tuple[float, ...]:
+        """x, y and yaw of start and goal, (6,); empty without."""
+        ends = (self.start, self.goal) if self.start is not None and self.goal is not None else ()
+        return tuple(float(number) for end in ends if end for number in (end.x, end.y, end.yaw))
+
     @cached_property
     def checksum(self) -> str:
         """SHA-256 of grid, path, resolution, footprint and what stands and moves beside it, without names."""
@@ -194,6 +218,8 @@ class World:
         digest.update(self.path.astype("<i8").tobytes())
         if self.corner_m is not None:
             digest.update(np.array(self.corner_m, "<f8").tobytes())
+        if self.start is not None and self.goal is not None:
+            digest.update(np.array(self.course_numbers, "<f8").tobytes())
         if self.walls or self.moving:
             digest.update(scene_content(self.walls, self.moving))
         return digest.hexdigest()

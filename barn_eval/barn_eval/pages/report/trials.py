@@ -46,8 +46,7 @@ class DrivenTrial:
 def driven_trials(entries: Sequence[Entry]) -> tuple[list[DrivenTrial], dict[str, World]]:
     """Return the trials of entries in their order, and their worlds by checksum."""
     results = [(entry, result) for entry in entries for result in entry.results]
-    named = ((one, str(entry.source.configuration.get("dataset", one.dataset))) for entry, one in results)
-    found = read_worlds(named)
+    found = read_worlds((one, entry.source) for entry, one in results)
     drives = []
     for place, (entry, result) in enumerate(results):
         track, world = kept_track(entry.source, result), found[result.world_checksum]
