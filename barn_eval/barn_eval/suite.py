@@ -14,7 +14,7 @@ from rich.console import Console
 
 from barn_eval.experiments.experiment import Execution
 from barn_eval.experiments.ros_config import RosSetup
-from barn_eval.experiments.run_file import isolation, provenance
+from barn_eval.experiments.run_file import isolation, provenance, ros_problem
 from barn_eval.ros.work import isolation_text
 from barn_eval.studies import bench as measuring
 from barn_eval.studies.bench import Measurement
@@ -108,7 +108,7 @@ def bench(
         planner_config(name)
     setup = replace_dotted(BenchSetup(), settings or {}, "settings")
     world = None if setup.world < 0 else setup.world
-    over_ros = setup.ros and find_spec("rclpy") is not None
+    over_ros = setup.ros and not ros_problem()
     return measuring.bench(setup.dataset, world, list(planners), setup.repeats, ros=over_ros, note=note)
 
 
@@ -126,6 +126,8 @@ def info() -> dict[str, Any]:
     """Return what is installed, which ROS there is, what is off and why, planners, data sets and machine."""
     found = {name: bool((shutil.which if name == "ffmpeg" else find_spec)(name)) for name in OPTIONAL}
     off = {name: f"off: {name} is not installed; {remedy}" for name, (_, remedy) in OPTIONAL.items()}
+    if found["rclpy"] and (problem := ros_problem()):
+        found["rclpy"], off["rclpy"] = False, f"off: {problem}; {OPTIONAL['rclpy'][1]}"
     return provenance() | {
         "ros": _ros(),
         "optional": {name: "on" if there else off[name] for name, there in found.items()},
@@ -138,7 +140,7 @@ def _ros() -> dict[str, str]:
     """Return what of ROS there is, as text."""
     names = ("ROS_DISTRO", "RMW_IMPLEMENTATION", "ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE", "AMENT_PREFIX_PATH")
     found = {name: os.environ.get(name, "") for name in names}
-    if find_spec("rclpy") is not None:
+    if not ros_problem():
         found["middleware"] = _middleware()
     found["isolation"] = isolation_text(RosSetup()) or f"planners over ROS: {isolation()}"
     return found

@@ -1,5 +1,6 @@
 """Planners that others have written: goals by action, managed nodes, other names, and what is said of their faults."""
 
+import json
 import os
 import re
 import shlex
@@ -175,3 +176,20 @@ def test_an_evaluator_that_is_interrupted_again_and_again_ends_without_a_traceba
     assert "Traceback" not in said
     # a signal that comes after Python's own handlers have gone ends what is left of the process
     assert evaluator.returncode in (1, -signal.SIGINT)
+
+
+def test_the_rclpy_of_another_python_is_off_and_refused_before_anything_starts(tmp_path, monkeypatch):
+    other = tmp_path / "other" / "rclpy"
+    other.mkdir(parents=True)
+    (other / "__init__.py").touch()
+    (other / "_rclpy_pybind11.cpython-27-x86_64-linux-gnu.so").touch()
+    command = [sys.executable, "-m", "barn_eval"]
+    environment = os.environ | {"PYTHONPATH": str(other.parent)}
+    info = subprocess.run([*command, "info", "--json"], env=environment, capture_output=True, check=True)
+    off = json.loads(info.stdout)["optional"]["rclpy"]
+    assert off.startswith(f"off: rclpy of {other} is of another Python (cpython-27-x86_64-linux-gnu.so)")
+    words = ["run", "--mode", "ros", "--worlds", "0", "--planner", "gap", "--out", str(tmp_path / "out")]
+    refused = subprocess.run([*command, *words], env=environment, capture_output=True, text=True, check=False)
+    assert refused.returncode == 1
+    assert f"mode ros: rclpy of {other} is of another Python" in refused.stderr
+    assert not (tmp_path / "out").exists()

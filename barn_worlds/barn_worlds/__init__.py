@@ -1,3 +1,9 @@
 """Worlds of the BARN navigation benchmark: generator, geometry, data sets, formats, map server."""
 
+from pathlib import Path as _Path
+
+from barn_worlds.base import kernel_cache as _kernel_cache
+
 __version__ = "0.1.0"
+
+_kernel_cache.prepare(_Path(__file__).parent)

@@ -18,7 +18,8 @@ def command(as_json: bool) -> None:
     number, plus, changes = content["commit"].partition("+")  # in the length that fits a terminal; --json has all
     installed = [*content["versions"].items(), ("commit", number[:12] + plus + changes or "not known")]
     parts = [(suite.OPTIONAL[name][0], state) for name, state in content["optional"].items()]
-    folders = {name: value.split(":") for name, value in content["ros"].items()}
+    ros = content["ros"].items()
+    folders = {name: value.split(":") if name.endswith("_PATH") else [value] for name, value in ros}
     parts += [(name, one[0] or "not set" if len(one) == 1 else f"{len(one)} folders") for name, one in folders.items()]
     parts.append(("machine", f"{content['machine']['processor']}, {content['machine']['cores']} cores"))
     parts += [("planners", ", ".join(content["planners"])), ("data sets", ", ".join(content["data_sets"]))]

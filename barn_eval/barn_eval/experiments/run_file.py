@@ -11,7 +11,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from functools import cache
+from importlib.machinery import EXTENSION_SUFFIXES
 from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +56,18 @@ def commit_of(folder: Path) -> str:
 def machine() -> dict[str, Any]:
     """Return what wall-clock figures depend on."""
     return {"processor": _processor(), "cores": os.cpu_count(), "system": platform.platform()}
+
+
+def ros_problem() -> str:
+    """Return why there is no ROS for this Python, empty if there is: not installed, or that of another Python."""
+    spec = find_spec("rclpy")
+    if spec is None or not spec.submodule_search_locations:
+        return "rclpy is not installed"
+    (folder, *_) = map(Path, spec.submodule_search_locations)
+    built = sorted(path.name.partition(".")[2] for path in folder.glob("_rclpy_pybind11.*"))
+    if not built or any(f".{ending}" in EXTENSION_SUFFIXES for ending in built):
+        return ""
+    return f"rclpy of {folder} is of another Python ({', '.join(built)}); this is {platform.python_version()}"
 
 
 @cache

@@ -14,11 +14,12 @@ from barn_eval.experiments.live import LivePlanner
 from barn_eval.experiments.request import Request
 from barn_eval.experiments.ros_config import RosSetup
 from barn_eval.experiments.run import run_experiment
-from barn_eval.experiments.run_file import isolated, isolation
+from barn_eval.experiments.run_file import isolated, isolation, ros_problem
 from barn_eval.experiments.store import LOGS, Store
 from barn_eval.ros.supervision import run_ros_trials
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import TrialSpec
+from barn_worlds.base.errors import ConfigError
 
 
 @dataclass(frozen=True)
@@ -88,6 +89,8 @@ def run_request(
 
     live: its planners that are Python objects, by name.
     """
+    if request.experiment.mode == "ros" and (problem := ros_problem()):
+        raise ConfigError(f"mode ros: {problem}; install the ROS 2 wheels for this Python or use that of ROS")
     if request.experiment.mode == "ros" and (text := isolation_text(request.experiment.ros)):
         console.print(text, markup=False, highlight=False, soft_wrap=True)
     return run_experiment(request, console, partial(work_of, live=live or {}), overwrite=overwrite)
