@@ -16,7 +16,10 @@ from barn_eval.worlds import generate
 
 ROOT = Path(__file__).resolve().parents[1]
 # By name what `barn worlds generate` is told. barn300 is numbered by measured times: barn_worlds/README.md says how.
-DATA_SETS: dict[str, dict[str, Any]] = {"barn_tb4": {"robot": "turtlebot4", "seed": 4, "keep": 100}}
+DATA_SETS: dict[str, dict[str, Any]] = {
+    "barn_tb4": {"robot": "turtlebot4", "seed": 4, "keep": 100},
+    "barn_hard": {"parameters": {"kind": "all"}, "seed": 32},
+}
 
 
 def write_data_set(name: str, folder: Path) -> Path:

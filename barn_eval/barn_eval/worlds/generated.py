@@ -15,15 +15,18 @@ from barn_worlds.robots.files import load_robot, other_name
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.generate import (
+    NARROWNESS,
     TABLE_I,
     DatasetParameters,
     WorldParameters,
     cell_m,
+    narrowness,
     ranked_dataset,
     reordered,
     write_dataset,
     write_ordered,
 )
+from barn_worlds.worlds.hard import hard_worlds
 from barn_worlds.worlds.world import World
 
 Progress = Callable[[int, int], None]
@@ -51,7 +54,8 @@ def generate(
         per_set: Worlds per parameter set.
         seed: All randomness comes from it.
         parameters: One set of your own, by name (see `barn_worlds.worlds.generate.WorldParameters`); without, the
-            twelve of the paper's Table I.
+            twelve of the paper's Table I. With a key `kind` ("all", "doors", "dead_ends", "turns", "clutter") they are
+            those of `barn_worlds.worlds.hard.HardParameters`, and `per_set` worlds of each kind are made.
         robot: What paths are planned for; cells are in its size, 5 x 5 of them to a robot, unless parameters say how
             large they are.
         keep: How many to keep, evenly spread over the order from wide to narrow; 0 for all.
@@ -64,6 +68,8 @@ def generate(
     if target is not None:
         require_new(target)
     driven = load_robot(robot)
+    if parameters and "kind" in parameters:
+        return _hard(target, per_set, seed, parameters, driven, keep, progress)
     asked = DatasetParameters(
         target.stem if target else "generated",
         seed,
@@ -76,6 +82,30 @@ def generate(
         write_dataset(target, asked, progress=progress)
         return load(target)
     numbered = reordered(*ranked_dataset(asked, progress=progress))
+    if target is not None:
+        write_layout(target, numbered)
+    return numbered
+
+
+def _hard(
+    target: Path | None,
+    per_kind: int,
+    seed: int,
+    parameters: Mapping[str, object],
+    robot: Robot,
+    keep: int,
+    progress: Progress | None,
+) -> dict[int, World]:
+    """Make hard worlds, write them where asked, and return them by number."""
+    if keep:
+        raise ConfigError("keep is not for hard worlds, of which all are kept")
+    name = target.stem if target else "hard"
+    worlds = hard_worlds(parameters, per_kind, seed, robot, name, progress)
+    order = Order(NARROWNESS, tuple(map(narrowness, worlds)))
+    about = {"seed": seed, "robot": other_name(robot.chassis)}
+    if target is not None and target.suffix == ".npz":
+        return write_ordered(target, name, worlds, order, about)
+    numbered = reordered(worlds, order)
     if target is not None:
         write_layout(target, numbered)
     return numbered
