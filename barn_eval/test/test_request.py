@@ -166,7 +166,8 @@ def test_nodes_of_the_suite_and_commands_of_others_drive_side_by_side(tmp_path):
 )
 def test_a_command_gives_its_planner_a_name(command, name):
     options = {"mode": "ros", "planner_command": command, "out": "x"}
-    assert read_request(None, options).experiment.planners == (PlannerChoice(name, command=command),)
+    (planner,) = read_request(None, options).experiment.planners
+    assert (planner.name, planner.command) == (name, command)
 
 
 def test_a_command_is_not_filed_under_a_name_of_the_suite_by_accident():
@@ -239,3 +240,27 @@ def test_mistakes_in_the_file_name_it(tmp_path, text, words):
         read_request(path, {})
     assert str(error.value).startswith(str(path))
     assert words in str(error.value)
+
+
+def test_files_that_a_command_names_are_known_by_their_content(tmp_path):
+    parameters, script = tmp_path / "p.yaml", tmp_path / "planner.py"
+    parameters.write_text("a: 1")
+    script.touch()
+    command = f"python {script} --params-file {parameters} params_file:={parameters} other.yaml --fast=yes"
+
+    file = tmp_path / "c.yaml"
+    file.write_text(f"schema_version: 1\nmode: ros\nplanners: [{{name: mine, command: '{command}'}}]\n")
+
+    def made():
+        asked = [read_request(file, {}), read_request(None, {"planner_command": command, "mode": "ros"})]
+        return [one.experiment for one in asked]
+
+    before = [one.planners[0].files for one in made()]
+    assert before[0] == before[1]
+    assert set(before[0]) == {str(parameters), str(script)}
+    earlier = [one.settings(one.planners[0])[2] for one in made()]
+    parameters.write_text("a: 2")
+    changed = made()[0]
+    assert changed.planners[0].files[str(script)] == before[0][str(script)]
+    assert changed.planners[0].files[str(parameters)] != before[0][str(parameters)]
+    assert changed.settings(changed.planners[0])[2] not in earlier

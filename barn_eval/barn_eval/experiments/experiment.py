@@ -19,7 +19,7 @@ from barn_planners.registry import planner_config, planner_entry, speed_cap_mps
 from barn_planners.robots import lidar_place, parameters_for
 from barn_sim.config import SimulatorConfig, robot_of
 from barn_worlds.base.compute import Compute
-from barn_worlds.base.config import Checked, as_dict, fields_of, quantity
+from barn_worlds.base.config import OPTIONAL, Checked, as_dict, fields_of, quantity
 from barn_worlds.base.errors import ConfigError, shown
 from barn_worlds.worlds.dataset import Dataset, open_dataset, select_worlds
 
@@ -39,7 +39,10 @@ def _declared(name: str) -> float:
 
 @dataclass(frozen=True)
 class PlannerChoice(Checked):
-    """A planner of an experiment; with a command or a source, the name is only what results are filed under."""
+    """A planner of an experiment; with a command or a source, the name is only what results are filed under.
+
+    files: SHA-256 of those that the command names, by their names there, so that a run is not resumed with others.
+    """
 
     name: str = quantity("dwa", "name of the planner")
     preset: str = quantity("", "preset of its parameters, empty for that of the protocol")
@@ -57,6 +60,7 @@ class PlannerChoice(Checked):
     delay_s: float = _declared("delay_s")
     delay_p95_s: float = _declared("delay_p95_s")
     period_s: float = _declared("period_s")
+    files: dict[str, str] = field(default_factory=dict, metadata=OPTIONAL)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -153,7 +157,7 @@ class Experiment(Checked):
         if not planner.registered:
             known: dict[str, Any] = {"command": planner.command, "source": planner.source}
             known |= {"max_speed_mps": planner.max_speed_mps} if planner.max_speed_mps else {}
-            known |= computing
+            known |= computing | ({"files": planner.files} if planner.files else {})
             return preset, overrides, identity.fingerprint(known), planner.max_speed_mps
         overrides = parameters_for(planner.name, preset, overrides, robot_of(self.simulator))
         lidar = self.simulator.lidar

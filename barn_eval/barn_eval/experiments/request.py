@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from barn_eval.experiments.command_files import command_files
 from barn_eval.experiments.experiment import COMPUTE_KEYS, Execution, Experiment, PlannerChoice
 from barn_eval.experiments.folder import new_folder
 from barn_eval.experiments.ros_config import RosSetup
@@ -169,9 +170,9 @@ def _planners(given: object, commands: object, where: str) -> tuple[PlannerChoic
         else:
             rule = "give it as NAME=COMMAND where there are several planners"
             raise ConfigError(f"planner command {shown(text)}: {rule}")
-        command_words(command)
+        files = command_files(command_words(command))
         number = next((number for number, one in found.items() if one.name == name), len(found))
-        found[number] = replace(found.get(number, PlannerChoice(name)), command=command)
+        found[number] = replace(found.get(number, PlannerChoice(name)), command=command, files=files)
     return tuple(found.values()) if found or given is not None else (PlannerChoice(),)
 
 
@@ -182,7 +183,10 @@ def _planner(entry: Any, where: str) -> PlannerChoice:
         name, _, preset = entry.strip().partition(":")
         return PlannerChoice(name, preset)
     made = from_dict(PlannerChoice, entry, f"{where}planners")
-    return replace(made, name=planner_name(made.command)) if made.command and "name" not in entry else made
+    if not made.command:
+        return made
+    name = made.name if "name" in entry else planner_name(made.command)
+    return replace(made, name=name, files=command_files(command_words(made.command)))
 
 
 def _with_settings(

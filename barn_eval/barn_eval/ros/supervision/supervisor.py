@@ -4,6 +4,7 @@ import json
 import math
 import os
 import selectors
+import shutil
 import signal
 import socket
 import time
@@ -31,6 +32,7 @@ from barn_worlds.ros import private_line
 from barn_worlds.ros.domain import in_use, reserved_domain
 
 _EVALUATOR_STARTS = 3  # evaluators that may be lost in a row without a result in between
+_LARGEST_KEPT = 1 << 20  # bytes of a file that a planner's command names and that is kept beside its logs
 _FRESH_S = 1.0  # shortest time from one start of a process to the next
 
 
@@ -108,6 +110,9 @@ class Supervisor:
             "simulator": nodes.simulator(experiment.ros, self._line.fileno(), robot),
             "planner": nodes.planner(planner, experiment),
         }
+        for text in planner.files:
+            if Path(text).is_file() and Path(text).stat().st_size <= _LARGEST_KEPT:
+                shutil.copyfile(text, logs / f"{planner.files[text][:12]}_{Path(text).name}")
         alone = replace(experiment, planners=(planner,))
         self._assignment = Assignment(alone, (), (), str(store.folder), store.pictures, robot, look_first, self._apart)
 
