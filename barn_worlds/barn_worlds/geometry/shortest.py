@@ -19,7 +19,7 @@ from numba import njit
 from barn_worlds.base.arrays import Floats
 
 CORNERS = 32  # of a polygon, whose inner radius is then 0.5 % less than the disc's
-MOST_CYLINDERS = 20_000  # that are searched among; the straight line is a bound, too
+MOST_CYLINDERS = 2000  # that are searched among, in a second or two; the straight line is a bound, too
 _TOUCHING = math.sin(math.pi / CORNERS)
 _ROUNDING = 1e-9
 
