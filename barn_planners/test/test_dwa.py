@@ -8,8 +8,9 @@ import pytest
 
 from barn_planners.costmap.costmap import LETHAL, CostmapConfig, RollingCostmap
 from barn_planners.dwa.config import DwaConfig, dwa_presets
+from barn_planners.dwa.kernels import SPEED, TURN
 from barn_planners.dwa.memory import DwaMemory
-from barn_planners.dwa.planner import DwaController, forward_samples, turn_samples
+from barn_planners.dwa.planner import DwaController, samples
 from barn_planners.navigation.loop import ControlInput
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
@@ -31,11 +32,22 @@ def inputs(pose=HERE, velocity=STOP, goal=AHEAD, lethal=()) -> ControlInput:
     return ControlInput(0, pose, velocity, costmap, plan, plan, goal, True)
 
 
+def forward_samples(config, velocity, end_distance_m):
+    table, drives = samples(config, velocity, end_distance_m)
+    return table[:drives, [SPEED, TURN]]
+
+
+def turn_samples(config, velocity):
+    table, drives = samples(config, velocity, 9.0, escaping=True)
+    assert drives == 0 and not table[:, SPEED].any()
+    return table[:, TURN]
+
+
 def test_forward_samples_open_the_window_of_one_period():
-    samples = forward_samples(QUIRKY, Velocity2D(0.3, 0.2), end_distance_m=9.0)
-    assert samples.shape == (6 * 20, 2)
-    np.testing.assert_allclose(np.unique(samples[:, 0]), np.linspace(0.1, 0.5, 6))
-    turns = samples[:20, 1]
+    found = forward_samples(QUIRKY, Velocity2D(0.3, 0.2), end_distance_m=9.0)
+    assert found.shape == (6 * 20, 2)
+    np.testing.assert_allclose(np.unique(found[:, 0]), np.linspace(0.1, 0.5, 6))
+    turns = found[:20, 1]
     assert turns[0] == 0.0 and turns[1] == pytest.approx(-0.8) and turns.max() < 1.2 - 0.05
     np.testing.assert_allclose(np.diff(turns[1:]), 2.0 / 19)
     with_highest = forward_samples(DwaConfig(), Velocity2D(0.3, 0.2), end_distance_m=9.0)

@@ -68,7 +68,7 @@ def prepared(costs, pose):
 
 def wavefront_from(state, seeds):
     wave = wavefront.new_wavefront(ROWS, COLS)
-    wavefront.begin(*wave[:4], state, np.array([padded(cell) for cell in seeds]))
+    wavefront.begin(wave, state, np.array([padded(cell) for cell in seeds]))
     return wave
 
 
@@ -80,7 +80,7 @@ def test_waves_count_the_steps_around_what_blocks(seed):
     wave, again = wavefront_from(state, seeds), wavefront_from(state, seeds[:1])
     expected = plain_wavefront(passable, seeds)
     cells = list(np.ndindex(ROWS, COLS))
-    wavefront.begin(*again[:4], state, np.array([padded(cell) for cell in seeds]))
+    wavefront.begin(again, state, np.array([padded(cell) for cell in seeds]))
     for one in (wave, again):
         np.random.default_rng(seed).shuffle(cells)  # in whatever order cells are asked for
         for cell in cells:

@@ -122,7 +122,7 @@ def beam_directions(yaw, angle_min, angle_increment, count):  # type: ignore[no-
     return directions
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_scan(lethal, dirty, grid, sensor, directions, ranges, limits):  # type: ignore[no-untyped-def]
     """Clear along every beam with a return, then mark the cell of every hit nearer than the obstacle range.
 
@@ -131,18 +131,20 @@ def add_scan(lethal, dirty, grid, sensor, directions, ranges, limits):  # type: 
     `beam_directions` has them; limits: (range_min, range_max of the scan, raytrace range, obstacle range).
     """
     rows, cols = lethal.shape
-    cells, ends = lethal.reshape(rows * cols), np.empty((len(ranges), 2), np.int64)
+    cells, ends = lethal.reshape(rows * cols), np.empty((2, len(ranges)))
     range_min, range_max, raytrace_range, obstacle_range = limits
-    sensor_x, sensor_y = sensor
+    (origin_x, origin_y, resolution), (sensor_x, sensor_y) = grid, sensor
+    for i in range(len(ranges)):  # of all beams, as floats, so that the loop takes several at once
+        r = min(float(ranges[i]), raytrace_range)
+        ends[0, i] = np.floor((sensor_y + r * directions[i, 1] - origin_y) / resolution)
+        ends[1, i] = np.floor((sensor_x + r * directions[i, 0] - origin_x) / resolution)
     row, col = _cell(grid, sensor_x, sensor_y)
     inside = 0 <= row < rows and 0 <= col < cols
     last_row, last_col = row - 1, col - 1
     for i in range(len(ranges)):
-        r = float(ranges[i])
-        if not (range_min <= r < range_max):
+        if not (range_min <= float(ranges[i]) < range_max):
             continue
-        end_row, end_col = _end_of_beam(grid, sensor, directions, i, min(r, raytrace_range))
-        ends[i, 0], ends[i, 1] = end_row, end_col
+        end_row, end_col = int(ends[0, i]), int(ends[1, i])
         if end_row == last_row and end_col == last_col:
             continue
         last_row, last_col = end_row, end_col
@@ -154,24 +156,18 @@ def add_scan(lethal, dirty, grid, sensor, directions, ranges, limits):  # type: 
         r = float(ranges[i])
         if not (range_min <= r < range_max) or r >= obstacle_range:
             continue
-        row, col = ends[i, 0], ends[i, 1]
+        row, col = int(ends[0, i]), int(ends[1, i])
         if r > raytrace_range:
-            row, col = _end_of_beam(grid, sensor, directions, i, r)
+            row, col = _cell(grid, sensor_x + r * directions[i, 0], sensor_y + r * directions[i, 1])
         if 0 <= row < rows and 0 <= col < cols and not lethal[row, col] & MARK:
             lethal[row, col] |= MARK
             touch(dirty, row, col)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _cell(grid, x, y):  # type: ignore[no-untyped-def]
     origin_x, origin_y, resolution = grid
     return math.floor((y - origin_y) / resolution), math.floor((x - origin_x) / resolution)
-
-
-@njit(cache=True)
-def _end_of_beam(grid, sensor, directions, number, length):  # type: ignore[no-untyped-def]
-    x, y = sensor
-    return _cell(grid, x + length * directions[number, 0], y + length * directions[number, 1])
 
 
 @njit(cache=True)

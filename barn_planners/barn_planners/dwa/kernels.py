@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from barn_planners.costmap.kernels import line_between, next_cell
-from barn_planners.dwa.wavefront import UNREACHED, Wavefront, steps_to
+from barn_planners.costmap.kernels import footprint_spans, line_between, next_cell, placed
+from barn_planners.dwa.wavefront import UNREACHED, Wavefront, begin, blocked, plan_cells, steps_to
 
 TOUCHES = -1.0
 NO_WAY = -2.0
@@ -109,6 +109,51 @@ def turn_samples(low, high, turns, slowest, skip_slow, added_up):  # type: ignor
             rates[kept] = max(rate, slowest) if rate > 0.0 else min(rate, -slowest)
             kept += 1
     return rates[:kept]
+
+
+@njit(cache=True)
+def sample_table(speeds, turns, counts, highest, slowest, skip_slow, added_up):  # type: ignore[no-untyped-def]
+    """Return the table of samples, all else 0, and how many of them drive forward.
+
+    speeds: lowest and highest; turns: lowest and highest rate; counts: of both, no speeds if none may drive forward.
+    """
+    forward, (low, high) = np.empty((0, 2)), turns
+    if counts[0] > 0:
+        forward = forward_samples(speeds[0], speeds[1], low, high, counts[0], counts[1], highest, added_up)
+    in_place = turn_samples(low, high, counts[1], slowest, skip_slow, added_up)
+    drives = len(forward)
+    table = np.zeros((drives + len(in_place), OBSTACLE + 1))
+    table[:drives, : TURN + 1] = forward
+    table[drives:, TURN] = in_place
+    return table, drives
+
+
+@njit(cache=True)
+def prepare(costs, fields, plan, frame, pose, outline, reach, robot_blocks_goal):  # type: ignore[no-untyped-def]
+    """Bring fields up to date for a cycle; return whether the plan has cells on the grid.
+
+    fields: copy of the costs, `clear`, cells that block, those of the plan, wavefronts to it and to its end. frame:
+    outer corner of the first cell, side of a cell; reach: metres that rollouts may lead from the pose (x, y, yaw);
+    robot_blocks_goal: the robot's own cells are not freed for distances from the plan's end.
+    """
+    (copy, clear, walls, seeds, path, goal), (rows, cols) = fields, costs.shape
+    (origin_x, origin_y, resolution), (x, y, yaw) = frame, pose
+    count = plan_cells(plan, origin_x, origin_y, resolution, rows, cols, seeds)
+    if count == 0:
+        return False
+    for row in range(rows):
+        for col in range(cols):
+            copy[row, col] = costs[row, col]
+    low_row, high_row = math.floor((y - reach - origin_y) / resolution), math.floor((y + reach - origin_y) / resolution)
+    low_col, high_col = math.floor((x - reach - origin_x) / resolution), math.floor((x + reach - origin_x) / resolution)
+    open_around(costs, (low_row - 1, high_row + 2, low_col - 1, high_col + 2), clear)
+    first, spans = footprint_spans(placed(outline, x, y, yaw), origin_x, origin_y, resolution)
+    blocked(costs, first, spans, walls)
+    begin(path, walls, seeds[:count])
+    if robot_blocks_goal:
+        blocked(costs, first, spans[:0], walls)
+    begin(goal, walls, seeds[count - 1 : count])
+    return True
 
 
 @njit(cache=True)

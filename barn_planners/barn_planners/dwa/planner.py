@@ -24,7 +24,12 @@ from barn_worlds.base.types import Pose2D, Velocity2D
 
 _COLUMNS = kernels.OBSTACLE + 1
 _MAX_PLAN_CELLS = 4096
-_FIGURES = ("cost", "path_distance_cells", "goal_distance_cells", "obstacle_cost")
+_FIGURES = {
+    "cost": kernels.COST,
+    "path_distance_cells": kernels.PATH,
+    "goal_distance_cells": kernels.GOAL,
+    "obstacle_cost": kernels.OBSTACLE,
+}
 
 
 class DwaController(Controller):
@@ -57,7 +62,7 @@ class DwaController(Controller):
 
     def control(self, inputs: ControlInput) -> Control:
         """Choose a velocity; once the goal's position is reached, turn to its heading."""
-        end = Pose2D(*(float(value) for value in inputs.visible[-1]))
+        end = Pose2D(*inputs.visible[-1].tolist())
         if inputs.pose.distance(end) <= self.config.xy_tolerance_m:
             if self.config.roll_out_goal_turn and not self._goal_turn.reached(inputs, end):
                 self._drive(inputs, end)
@@ -96,29 +101,21 @@ class DwaController(Controller):
         if scene is None:
             self._table = np.empty((0, _COLUMNS))
             return Control(None, reason="the plan lies off the local costmap")
-        drives = forward_samples(self.config, inputs.velocity, pose.distance(end))
-        turns = turn_samples(self.config, inputs.velocity)
-        if self._memory.escaping:
-            drives = drives[:0]
-        self._table = np.zeros((len(drives) + len(turns), _COLUMNS))
-        self._table[: len(drives), :2] = drives
-        self._table[len(drives) :, kernels.TURN] = turns
+        self._table, drives = samples(self.config, inputs.velocity, pose.distance(end), escaping=self._memory.escaping)
         weights = self._weights(costmap.resolution)
-        slots = max(1, len(drives) // self.config.speed_samples)
+        slots = max(1, drives // self.config.speed_samples)
         ahead = (self.config.heading_lookahead_m, self.config.turn_past_blocked)
-        choice = Choice(len(drives), *self._memory.allowed_turns(), *ahead, self._likely, slots)
+        choice = Choice(drives, *self._memory.allowed_turns(), *ahead, self._likely, slots)
         best = find_best(scene, start, self._motion, weights, self._table, choice)
         self._unscored = (scene, weights)
         if best < 0:
             return self._escape(scene, start, weights, pose)
         self._likely = best
-        row = self._table[best]
-        speed, turn = float(row[kernels.SPEED]), float(row[kernels.TURN])
+        row = self._table[best].tolist()
+        speed, turn = row[kernels.SPEED], row[kernels.TURN]
         self._memory.chose(pose, speed, turn)
         self._chosen = (speed, turn)
-        columns = (kernels.COST, kernels.PATH, kernels.GOAL, kernels.OBSTACLE)
-        figures = dict(zip(_FIGURES, row[list(columns)].tolist(), strict=True))
-        return Control(Velocity2D(speed, turn), diagnostics=figures)
+        return Control(Velocity2D(speed, turn), diagnostics={name: row[column] for name, column in _FIGURES.items()})
 
     def _has_room(self, inputs: ControlInput, command: Velocity2D) -> bool:
         pose, velocity = inputs.pose, inputs.velocity
@@ -159,30 +156,17 @@ class _Fields:
     def __init__(self, shape: tuple[int, ...]):
         rows, cols = shape
         self.shape = shape
-        self._path = wavefront.new_wavefront(rows, cols)
-        self._goal = wavefront.new_wavefront(rows, cols)
-        self._costs = np.empty(shape, np.uint8)
-        self._clear = np.empty(shape, np.int16)
-        self._blocked = np.empty((rows + 2) * (cols + 2), np.uint8)
-        self._seeds = np.empty(_MAX_PLAN_CELLS, np.int64)
+        self._path, self._goal = wavefront.new_wavefront(rows, cols), wavefront.new_wavefront(rows, cols)
+        self._costs, self._clear = np.empty(shape, np.uint8), np.empty(shape, np.int16)
+        work = np.empty((rows + 2) * (cols + 2), np.uint8), np.empty(_MAX_PLAN_CELLS, np.int64)
+        self._all = (self._costs, self._clear, *work, self._path, self._goal)
 
     def scene(self, inputs: ControlInput, reach_m: float, robot_blocks_goal: bool) -> Scene | None:
         """Return the scene of a cycle, None if the plan lies off the costmap; reach_m: how far rollouts may lead."""
-        costmap, pose, seeds = inputs.costmap, inputs.pose, self._seeds
-        rows, cols = costmap.costs.shape
-        count = wavefront.plan_cells(inputs.visible, *costmap.grid, rows, cols, seeds)
-        if count == 0:
+        costmap, pose = inputs.costmap, inputs.pose
+        at = (inputs.visible, costmap.grid, (pose.x, pose.y, pose.yaw), costmap.outline)
+        if not kernels.prepare(costmap.costs, self._all, *at, reach_m, robot_blocks_goal):
             return None
-        self._costs[:] = costmap.costs
-        low, high = costmap.cell(pose.x - reach_m, pose.y - reach_m), costmap.cell(pose.x + reach_m, pose.y + reach_m)
-        window = (low[0] - 1, high[0] + 2, low[1] - 1, high[1] + 2)
-        kernels.open_around(costmap.costs, window, self._clear)
-        first, spans = costmap.footprint_spans(pose)
-        wavefront.blocked(costmap.costs, first, spans, self._blocked)
-        wavefront.begin(*self._path[:4], self._blocked, seeds[:count])
-        if robot_blocks_goal:
-            wavefront.blocked(costmap.costs, first, spans[:0], self._blocked)
-        wavefront.begin(*self._goal[:4], self._blocked, seeds[count - 1 : count])
         grid = Grid(costmap.origin_x, costmap.origin_y, 1.0 / costmap.resolution)
         return Scene(Ground(self._costs, self._clear, grid, costmap.outline), self._path, self._goal)
 
@@ -195,28 +179,25 @@ def _single_precision(inputs: ControlInput) -> ControlInput:
     return replace(inputs, pose=Pose2D(x, y, yaw), velocity=Velocity2D(linear, angular))
 
 
-def forward_samples(config: DwaConfig, velocity: Velocity2D, end_distance_m: float) -> FloatArray:
-    """Return the samples (n, 2) of speed and turn that drive forward, no faster than to the end of the visible plan."""
-    change = config.acceleration_mps2 * config.window_period_s
+def samples(
+    config: DwaConfig, velocity: Velocity2D, end_distance_m: float, *, escaping: bool = False
+) -> tuple[FloatArray, int]:
+    """Return the table of samples, unscored, and how many drive forward; the others turn in place.
+
+    None drives faster than to the end of the visible plan, and none forward while the robot escapes.
+    """
+    change, turn_change = (
+        rate * config.window_period_s for rate in (config.acceleration_mps2, config.turn_acceleration_radps2)
+    )
     fastest = min(config.max_speed_mps, end_distance_m / config.sim_time_s)
     high = max(min(fastest, velocity.linear + change), config.min_speed_mps)
     low = max(config.min_speed_mps, velocity.linear - change)
-    shape = (config.speed_samples, config.turn_samples, config.sample_highest_turn, config.single_precision)
-    samples: FloatArray = kernels.forward_samples(low, high, *_turn_window(config, velocity), *shape)
-    return samples
-
-
-def turn_samples(config: DwaConfig, velocity: Velocity2D) -> FloatArray:
-    """Return the sampled turn rates in place (n,), none slower than the slowest allowed."""
-    shape = (config.turn_samples, config.min_turn_in_place_radps, config.skip_slow_turns, config.single_precision)
-    turns: FloatArray = kernels.turn_samples(*_turn_window(config, velocity), *shape)
-    return turns
-
-
-def _turn_window(config: DwaConfig, velocity: Velocity2D) -> tuple[float, float]:
-    change = config.turn_acceleration_radps2 * config.window_period_s
-    low = max(-config.max_turn_radps, velocity.angular - change)
-    return low, min(config.max_turn_radps, velocity.angular + change)
+    lowest = max(-config.max_turn_radps, velocity.angular - turn_change)
+    highest = min(config.max_turn_radps, velocity.angular + turn_change)
+    counts = (0 if escaping else config.speed_samples, config.turn_samples)
+    shape = (config.sample_highest_turn, config.min_turn_in_place_radps, config.skip_slow_turns)
+    table, drives = kernels.sample_table((low, high), (lowest, highest), counts, *shape, config.single_precision)
+    return table, drives
 
 
 ENTRY = PlannerEntry(

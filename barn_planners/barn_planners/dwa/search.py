@@ -31,6 +31,8 @@ from barn_planners.dwa.kernels import (
 from barn_planners.dwa.wavefront import REACHED, UNREACHED, borders_reached, least_beyond, steps_to
 
 _COARSE = 6  # poses between two of those that are checked first
+_ROUNDING_CELLS = 1.0e-4  # far more than places are off by roundings
+_STRAIGHT_RAD = 1.0e-9
 
 
 class Choice(NamedTuple):
@@ -103,15 +105,11 @@ def find_best(scene, start, motion, weights, table, choice):  # type: ignore[no-
 def _best_drive(scene, start, motion, weights, table, choice, work):  # type: ignore[no-untyped-def]
     """Return the best row that drives forward and its cost."""
     best, best_cost = -1, math.inf
-    least_of, least = math.inf, 0.0  # a speed, and what samples of it cost at least
     for n in range(-1, choice.drives):
         k = choice.likely if n < 0 else n
         if k >= choice.drives or n == choice.likely:
             continue
-        if best >= 0 and table[k, SPEED] != least_of:
-            least_of = table[k, SPEED]
-            least = _least(scene, start, motion, weights, least_of) + weights.obstacle * work.highest
-        if least > best_cost:
+        if best >= 0 and _least(scene, start, motion, weights, table[k], work.highest) > best_cost:
             continue
         # of equal costs the first row wins
         cost = _cost(scene, start, motion, weights, table[k], best_cost, work, k % choice.slots)
@@ -123,10 +121,11 @@ def _best_drive(scene, start, motion, weights, table, choice, work):  # type: ig
 @njit(cache=True)
 def _best_turn(scene, start, motion, weights, table, choice, work, best, best_cost):  # type: ignore[no-untyped-def]
     ahead_best = math.inf
-    least = _least(scene, start, motion, weights, 0.0) + weights.obstacle * work.highest
     for k in range(choice.drives, len(table)):
         row, slot = table[k], k % choice.slots
-        if least > best_cost or not (choice.left if row[TURN] > 0.0 else choice.right):
+        if not (choice.left if row[TURN] > 0.0 else choice.right):
+            continue
+        if _least(scene, start, motion, weights, row, work.highest) > best_cost:
             continue
         cost = _cost(scene, start, motion, weights, row, best_cost, work, slot)
         if cost < 0.0 or cost > best_cost:
@@ -213,23 +212,44 @@ def _highest(scene, weight, most, steps, headings, work):  # type: ignore[no-unt
     return highest
 
 
-@njit(cache=True)
-def _least(scene, start, motion, weights, speed):  # type: ignore[no-untyped-def]
-    """Return what samples of a speed cost at least for their distances: the least of all cells that they can reach."""
+@njit(inline="always")
+def _least(scene, start, motion, weights, row, at_start):  # type: ignore[no-untyped-def]
+    """Return what a sample costs at least: its distances where it ends, without the poses on the way there.
+
+    From where speed and turn have reached the sample's, steps add up to a geometric series. Added up one by one they
+    end elsewhere by roundings, so all cells that are as near as that count.
+    """
     path, goal, grid = scene.path, scene.goal, scene.ground.grid
-    rows, cols = scene.ground.costs.shape
-    change = abs(start.speed - speed)
-    reach = (abs(speed) * motion.time_s + change * change / (2.0 * motion.acceleration)) * grid.per_m + 1.0
-    row, col = (start.y - grid.y) * grid.per_m, (start.x - grid.x) * grid.per_m
-    path_steps, path_state, path_next = path.distances, path.state, least_beyond(path)
-    goal_steps, goal_state, goal_next = goal.distances, goal.state, least_beyond(goal)
-    least = math.inf
-    for i in range(max(0, math.floor(row - reach)), min(rows, math.floor(row + reach) + 1)):
-        for j in range(max(0, math.floor(col - reach)), min(cols, math.floor(col + reach) + 1)):
-            cell = np.uint64((i + 1) * (cols + 2) + j + 1)
-            to_path = path_steps[cell] if path_state[cell] == REACHED else path_next
-            to_goal = goal_steps[cell] if goal_state[cell] == REACHED else goal_next
-            least = min(least, weights.path * to_path + weights.goal * to_goal)
+    x, y, yaw, speed, turn = start
+    steps = step_count(row[SPEED], row[TURN], motion)
+    left, dt = steps - 1, motion.time_s / steps
+    while left > 0 and (speed != row[SPEED] or turn != row[TURN]):
+        speed = approach(row[SPEED], speed, motion.acceleration * dt)
+        x += speed * math.cos(yaw) * dt
+        y += speed * math.sin(yaw) * dt
+        turn = approach(row[TURN], turn, motion.turn_acceleration * dt)
+        yaw += turn * dt
+        left -= 1
+    half = 0.5 * turn * dt
+    chord = speed * dt * (math.sin(left * half) / math.sin(half) if abs(half) > _STRAIGHT_RAD else left)
+    middle = yaw + (left - 1) * half
+    at_row = (y + chord * math.sin(middle) - grid.y) * grid.per_m
+    at_col = (x + chord * math.cos(middle) - grid.x) * grid.per_m
+    rows = (math.floor(at_row - _ROUNDING_CELLS), math.floor(at_row + _ROUNDING_CELLS) + 1)
+    cols = (math.floor(at_col - _ROUNDING_CELLS), math.floor(at_col + _ROUNDING_CELLS) + 1)
+    to_path = _least_steps(path.distances, path.state, path.columns, least_beyond(path), rows, cols)
+    to_goal = _least_steps(goal.distances, goal.state, goal.columns, least_beyond(goal), rows, cols)
+    return weights.path * to_path + weights.goal * to_goal + weights.obstacle * at_start
+
+
+@njit(inline="always")
+def _least_steps(distances, state, columns, beyond, rows, cols):  # type: ignore[no-untyped-def]
+    """Return the least steps to cells of rows and columns, half open; `beyond` for those that are not reached yet."""
+    least = UNREACHED
+    for row in range(max(0, rows[0]), min(len(state) // columns - 2, rows[1])):
+        for col in range(max(0, cols[0]), min(columns - 2, cols[1])):
+            cell = np.uint64((row + 1) * columns + col + 1)
+            least = min(least, distances[cell] if state[cell] == REACHED else beyond)
     return least
 
 

@@ -81,19 +81,18 @@ def plan_cells(plan, origin_x, origin_y, resolution, rows, cols, cells):  # type
 
 
 @njit(cache=True)
-def begin(distances, state, queue, ends, blocked_cells, seeds):  # type: ignore[no-untyped-def]
-    """Let a wavefront, of the first four arrays, start anew from its seeds, 0 wherever they are.
-
-    blocked_cells: as `blocked` writes it.
-    """
-    state[:] = blocked_cells
+def begin(front, blocked_cells, seeds):  # type: ignore[no-untyped-def]
+    """Let a wavefront start anew from its seeds, 0 wherever they are; blocked_cells: as `blocked` writes it."""
+    distances, state, queue = front.distances, front.state, front.queue
+    for cell in range(len(state)):  # an assignment of the whole would take ten times as long
+        state[cell] = blocked_cells[cell]
     tail = 0
     for seed in seeds:
         if state[seed] != REACHED:
             distances[seed], state[seed] = 0, REACHED
             queue[tail] = seed
             tail += 1
-    ends[HEAD], ends[TAIL] = 0, tail
+    front.ends[HEAD], front.ends[TAIL] = 0, tail
 
 
 @njit(cache=True)
@@ -124,11 +123,12 @@ def _spread(front, wanted):  # type: ignore[no-untyped-def]
         head += one
         steps = distances[cell] + np.int32(1)
         for other in (cell - one, cell + one, cell - row, cell + row):
-            if state[other] == OPEN:
-                state[other] = REACHED
-                distances[other] = steps
-                queue[tail] = other
-                tail += one
+            # nothing branches on a state: half of such branches would be guessed wrongly
+            is_open = state[other] == OPEN
+            distances[other] = steps if is_open else distances[other]
+            state[other] = REACHED if is_open else state[other]
+            queue[tail] = other
+            tail += np.uint64(is_open)
     front.ends[HEAD], front.ends[TAIL] = head, tail
 
 

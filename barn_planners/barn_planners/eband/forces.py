@@ -9,12 +9,25 @@ import math
 
 from numba import njit
 
-from barn_planners.eband.kernels import RADIUS, YAW, X, Y, bridge, measure, overlaps, put, radius_at, refine, wrapped
+from barn_planners.eband.kernels import (
+    RADIUS,
+    YAW,
+    X,
+    Y,
+    bridge,
+    measure,
+    overlaps,
+    place,
+    put,
+    radius_at,
+    refine,
+    wrapped,
+)
 
 _CLOSE_M = 0.01
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _pull(band, i, x, y, yaw, metres_per_rad):  # type: ignore[no-untyped-def]
     """Return the unit vector from (x, y) to bubble i, with the turn to its heading by the distance; zero if close."""
     dx, dy = band[i, X] - x, band[i, Y] - y
@@ -24,7 +37,7 @@ def _pull(band, i, x, y, yaw, metres_per_rad):  # type: ignore[no-untyped-def]
     return dx / distance, dy / distance, metres_per_rad * wrapped(band[i, YAW] - yaw) / distance
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def force_on(band, i, x, y, radius, yaw, grid, gains):  # type: ignore[no-untyped-def]
     """Return force and torque on bubble i of the band if it were at this pose with this radius.
 
@@ -126,3 +139,21 @@ def renew(band, n, grid, gains, work):  # type: ignore[no-untyped-def]
     """Recompute radii and refine, in place; return the new length."""
     n = measure(band, n, grid)
     return n if n < 0 else refine(band, n, grid, gains, work)
+
+
+@njit(cache=True)
+def from_plan(band, poses, grid, gains, work):  # type: ignore[no-untyped-def]
+    """Make a band from poses (n, 3), no more than it has room for; return its length."""
+    place(band, poses, gains)
+    return renew(band, len(poses), grid, gains, work)
+
+
+@njit(cache=True)
+def optimise(band, moved, n, grid, gains, work, sweeps):  # type: ignore[no-untyped-def]
+    """Renew a band, in place unless that fails, and relax it to `moved`; return the new lengths of both."""
+    moved[:n] = band[:n]
+    n = renew(moved, n, grid, gains, work)
+    if n < 0:
+        return n, n
+    band[:n] = moved[:n]
+    return n, relax(moved, n, grid, gains, work, sweeps)

@@ -26,6 +26,7 @@ REASONS = {
 }
 
 X, Y, RADIUS, YAW = range(4)  # columns of a band
+_TURN = 2.0 * math.pi
 _STACK = 64  # no recursion: numba cannot cache it
 
 
@@ -58,7 +59,7 @@ def band_work(capacity: int) -> BandWork:
     return BandWork(np.zeros((capacity, 4)), np.zeros((capacity, 2), np.int64), *stacks)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def radius_at(grid, x, y):  # type: ignore[no-untyped-def]
     """Return the radius of a bubble at a point; off the grid, the radius for the lowest cost."""
     costs, origin_x, origin_y, resolution, radii = grid
@@ -84,17 +85,21 @@ def put(bubbles, a, others, b):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def place(band, poses):  # type: ignore[no-untyped-def]
-    """Set centres and headings of the first bubbles to poses (n, 3)."""
+def place(band, poses, gains):  # type: ignore[no-untyped-def]
+    """Set centres and, where they count, headings of the first bubbles to poses (n, 3)."""
     for k in range(len(poses)):
-        band[k, X], band[k, Y], band[k, YAW] = poses[k, 0], poses[k, 1], poses[k, 2]
+        band[k, X], band[k, Y] = poses[k, 0], poses[k, 1]
+        band[k, YAW] = poses[k, 2] if gains.metres_per_rad > 0.0 else 0.0
 
 
 @njit(cache=True)
 def wrapped(angle):  # type: ignore[no-untyped-def]
     """Return an angle in (-pi, pi]."""
-    angle = angle % (2.0 * math.pi)
-    return angle - 2.0 * math.pi if angle > math.pi else angle
+    if abs(angle) < _TURN:  # to the last bit what the division gives, which takes longer
+        angle += _TURN if angle < 0.0 else 0.0
+    else:
+        angle %= _TURN
+    return angle - _TURN if angle > math.pi else angle
 
 
 @njit(cache=True)
@@ -232,7 +237,8 @@ def connect_front(band, n, x, y, yaw, grid, gains, work):  # type: ignore[no-unt
 def append_back(band, n, poses, grid, gains, work):  # type: ignore[no-untyped-def]
     """Append poses (k, 3) after the first bubble that overlaps them, or after a bridge from the end; return n."""
     nodes, radius = work.nodes, radius_at(grid, poses[0, 0], poses[0, 1])
-    nodes[1, X], nodes[1, Y], nodes[1, RADIUS], nodes[1, YAW] = poses[0, 0], poses[0, 1], radius, poses[0, 2]
+    place(nodes[1:], poses[:1], gains)
+    nodes[1, RADIUS] = radius
     end = -1
     for i in range(n - 1):
         if overlaps(nodes, 1, band, i, gains.min_overlap):
@@ -249,6 +255,6 @@ def append_back(band, n, poses, grid, gains, work):  # type: ignore[no-untyped-d
         end = n - 1
     if end + len(poses) > len(band):
         return FULL
-    place(band[end:], poses)
+    place(band[end:], poses, gains)
     added = measure(band[end:], len(poses), grid)
     return added if added < 0 else end + added

@@ -8,10 +8,9 @@ import math
 
 import numpy as np
 
-from barn_planners.costmap.costmap import INSCRIBED, LETHAL, Costmap
-from barn_planners.eband import kernels
+from barn_planners.costmap.costmap import INSCRIBED, LETHAL, Costmap, CostmapConfig
+from barn_planners.eband import forces, kernels
 from barn_planners.eband.config import EBandConfig, eband_presets
-from barn_planners.eband.forces import relax, renew
 from barn_planners.global_plan.planner import visible_slice
 from barn_planners.interface import FloatArray, PlannerView
 from barn_planners.navigation.loop import Control, ControlInput, Controller, NavigationPlanner
@@ -42,6 +41,7 @@ class ElasticBand:
         self._band = np.zeros((config.capacity, 4))
         self._trial = np.zeros((config.capacity, 4))
         self._count = 0
+        self._gains_for: CostmapConfig | None = None
 
     @property
     def bubbles(self) -> FloatArray:
@@ -56,8 +56,7 @@ class ElasticBand:
         """Make the band from a plan (n, 3), one bubble per pose, refined; return why it failed."""
         if len(poses) > len(self._trial):
             return kernels.REASONS[kernels.FULL]
-        kernels.place(self._trial, self._headed(poses))
-        return self._adopt(renew(self._trial, len(poses), *self._context(costmap)))
+        return self._adopt(forces.from_plan(self._trial, poses, *self._context(costmap)))
 
     def connect(self, pose: Pose2D, costmap: Costmap) -> str:
         """Connect the front of the band to the robot; return why it failed."""
@@ -69,26 +68,22 @@ class ElasticBand:
     def append(self, poses: FloatArray, costmap: Costmap) -> str:
         """Append poses (n, 3) to the band; return why it failed."""
         self._copy()
-        return self._adopt(kernels.append_back(self._trial, self._count, self._headed(poses), *self._context(costmap)))
+        return self._adopt(kernels.append_back(self._trial, self._count, poses, *self._context(costmap)))
 
     def optimise(self, costmap: Costmap) -> str:
         """Adapt the band to the costmap; return why it failed. What fails while it moves leaves it refined."""
-        context = self._context(costmap)
-        self._copy()
-        problem = self._adopt(renew(self._trial, self._count, *context))
-        if problem:
-            return problem
-        self._copy()
-        return self._adopt(relax(self._trial, self._count, *context, self._config.sweeps))
-
-    def _headed(self, poses: FloatArray) -> FloatArray:
-        return poses if self._config.headings else np.column_stack([poses[:, :2], np.zeros(len(poses))])
+        bands = (self._band, self._trial, self._count)
+        renewed, moved = forces.optimise(*bands, *self._context(costmap), self._config.sweeps)
+        if renewed >= 0:
+            self._count = renewed
+        return self._adopt(moved)
 
     def _context(
         self, costmap: Costmap
     ) -> tuple[tuple[object, float, float, float, FloatArray], kernels.BandGains, kernels.BandWork]:
-        gains = self._config.gains(costmap.config.circumscribed_m)
-        return (costmap.costs, *costmap.grid, self._radii), gains, self._work
+        if costmap.config is not self._gains_for:
+            self._gains_for, self._gains = costmap.config, self._config.gains(costmap.config.circumscribed_m)
+        return (costmap.costs, *costmap.grid, self._radii), self._gains, self._work
 
     def _copy(self) -> None:
         self._trial[: self._count] = self._band[: self._count]
@@ -184,7 +179,7 @@ class EBandController(Controller):
             "bearing_rad": bearing,
             "distance_to_band_end_m": to_end,
         }
-        if self._turns_finally(pose.inverse() @ Pose2D(end_x, end_y, goal_yaw)):
+        if self._turns_finally(pose, Pose2D(end_x, end_y, goal_yaw)):
             turn = wrap_angle(goal_yaw - pose.yaw)
             if abs(turn) <= config.yaw_tolerance_rad:
                 self._final_turn = False
@@ -200,10 +195,13 @@ class EBandController(Controller):
         speed = min(max(speed, config.min_speed_mps), config.max_speed_mps)
         return Control(Velocity2D(float(speed), self._rate(bearing)), diagnostics=figures)
 
-    def _turns_finally(self, end: Pose2D) -> bool:
-        """Tell whether the band's end, in base_link, is reached; once it is, the full tolerance applies."""
-        share = 1.0 if self._final_turn else _FINAL_TURN_SHARE
-        self._final_turn = max(abs(end.x), abs(end.y)) <= share * self.config.xy_tolerance_m
+    def _turns_finally(self, pose: Pose2D, end: Pose2D) -> bool:
+        """Tell whether the band's end is reached, ahead and aside; once it is, the full tolerance applies."""
+        limit_m = (1.0 if self._final_turn else _FINAL_TURN_SHARE) * self.config.xy_tolerance_m
+        self._final_turn = False
+        if pose.distance(end) <= 2.0 * limit_m:
+            off = pose.inverse() @ end
+            self._final_turn = max(abs(off.x), abs(off.y)) <= limit_m
         return self._final_turn
 
     def _rate(self, turn: float, slowest: float = 0.0) -> float:

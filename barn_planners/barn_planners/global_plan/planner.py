@@ -133,7 +133,7 @@ class GlobalPlanner:
         frame = (*costmap.grid, goal.x, goal.y)
         poses: FloatArray
         poses, steps = kernels.poses_along(
-            cells.astype(np.float64), frame, 0.5 if self.config.half_cell_offset else 0.0
+            cells.astype(np.float64, copy=False), frame, 0.5 if self.config.half_cell_offset else 0.0
         )
         if not self.config.zero_intermediate_yaw:
             poses[:-1, 2] = np.arctan2(steps[1], steps[0])
