@@ -99,7 +99,7 @@ for _name, _number, _expected in (
     ("simulator", signal.SIGKILL, "nothing tells that"),
     ("simulator", signal.SIGTERM, "nothing tells that"),
     ("simulator", signal.SIGSTOP, "nothing tells that"),
-    ("evaluator", signal.SIGKILL, "interference: the evaluator was killed"),
+    ("evaluator", signal.SIGKILL, "interference: the evaluator was"),
     ("guard", signal.SIGKILL, "nothing tells that"),
     ("worker", signal.SIGKILL, "repeated"),
     ("run", signal.SIGKILL, "repeated"),
