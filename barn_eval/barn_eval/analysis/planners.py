@@ -18,13 +18,20 @@ def colours(planners: Sequence[str]) -> list[str]:
     """Return the colour of each planner of a figure.
 
     The suite's own planners have theirs wherever they are; others, and a planner that is there again, take those that
-    are left, in their order. After seven all colours come again.
+    are left, in their order, a light one after a dark one and the other way round. After seven all colours come again.
     """
-    chosen: dict[int, str] = {}
-    for place, planner in enumerate(planners):
-        if planner in _COLOURS and planner not in planners[:place]:
-            chosen[place] = _COLOURS[planner]
-    free = [colour for colour in _OTHERS if colour not in chosen.values()] or _OTHERS
-    rest = (place for place in range(len(planners)) if place not in chosen)
-    chosen |= {place: free[count % len(free)] for count, place in enumerate(rest)}
-    return [chosen[place] for place in range(len(planners))]
+    own = [_COLOURS.get(name) if name not in planners[:place] else None for place, name in enumerate(planners)]
+    chosen: list[str] = []
+    free: list[str] = []
+    for colour in own:
+        free = free or [one for one in _OTHERS if one not in own and one not in chosen] or list(_OTHERS)
+        if colour is None:
+            other = [one for one in free if chosen and _dark(one) != _dark(chosen[-1])]
+            colour = (other or free)[0]
+            free.remove(colour)
+        chosen.append(colour)
+    return chosen
+
+
+def _dark(colour: str) -> bool:
+    return PLANNERS.index(colour) % 2 == 0

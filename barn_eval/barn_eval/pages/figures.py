@@ -35,12 +35,12 @@ from barn_worlds.drawing.palette import FAINT, INK, WHITE
 
 WIDTH_IN = 12.0  # at 96 pixels per inch the width of a page for 1280 pixels
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-# By hue and lightness; failures of the machinery share one colour, their names are in the table of trials.
-OUTCOME_COLOURS = dict.fromkeys(Outcome, palette.SKY) | {
-    Outcome.SUCCESS: palette.GREEN,
-    Outcome.COLLISION: palette.VERMILION,
-    Outcome.TIMEOUT: palette.YELLOW,
-    Outcome.NO_FIRST_MOTION: palette.PINK,
+# Failures of the machinery share one colour, their names are in the table of trials.
+OUTCOME_COLOURS = dict.fromkeys(Outcome, palette.BROKEN) | {
+    Outcome.SUCCESS: palette.SUCCEEDED,
+    Outcome.COLLISION: palette.COLLIDED,
+    Outcome.TIMEOUT: palette.TIMED_OUT,
+    Outcome.NO_FIRST_MOTION: palette.UNMOVED,
 }
 _DECIMALS = re.compile(r"(\.\d\d)\d+")  # of pixels, beyond what a page shows
 _COLUMN_PX = 860

@@ -1,12 +1,14 @@
 """The colours of all that is drawn: figures, pages, films and pictures of worlds, each named by what it stands for.
 
-Hues are Okabe and Ito's, which colour-blind readers can tell apart and which differ in lightness as well.
+Hues of scenes are Okabe and Ito's, which colour-blind readers can tell apart. Planners are dark and light in turn: each
+has 3:1 against the paper, and a dark one 3:1 against a light one (WCAG 2.2, 1.4.11).
 """
 
 BLUE, ORANGE, PINK, SKY, GREEN, VERMILION = "#0072B2", "#E69F00", "#CC79A7", "#56B4E9", "#009E73", "#D55E00"
-YELLOW, GREY, WHITE = "#F0E442", "#7F7F7F", "#ffffff"
-# Planners take these in their order; yellow is left out, it is lost on white.
-PLANNERS = (BLUE, ORANGE, PINK, SKY, GREEN, VERMILION, GREY)
+WHITE = "#ffffff"
+# Planners take these in their order, on white; below, the same on dark paper.
+PLANNERS = ("#0A38A8", "#EE6A18", "#7D1F08", "#25A48F", "#1D1030", "#C96CF1", "#513159")
+_PLANNERS_ON_DARK = ("#4a63ea", "#ffbe73", "#cd2a20", "#6ff0d0", "#8a5a94", "#e3b5ff", "#56808a")
 
 # A scene.
 START, GOAL, ROUTE = BLUE, GREEN, VERMILION
@@ -16,7 +18,9 @@ MOVER, MOVER_ON_TRACK = "#7b5a8c", PINK  # the latter where its track is drawn b
 ROBOT, TRAIL, CONTACT, SCAN = ORANGE, BLUE, "#b84600", VERMILION
 PLAN, LOCAL_PLAN, BAND, CANDIDATE = GREEN, PINK, SKY, "#8a8f98"
 # A figure: black takes the colour of a page's text.
-INK, FAINT, NO_TRIAL = "#010101", "#8a8f98", "#b8bcc4"
+INK, FAINT = "#010101", "#8a8f98"
+# How a trial ended: light where it succeeded, dark where it failed, white where there was none.
+SUCCEEDED, COLLIDED, TIMED_OUT, UNMOVED, BROKEN = "#25a48f", "#8c1d04", "#241a6b", "#6a1a6a", "#474747"
 
 # Of a page, by the name of its style sheet's property: on white and on dark paper. Print is on white.
 PAGE = {
@@ -43,6 +47,4 @@ PAGE = {
     "cost": ("#8e7cc3", "#a594d6"),
 }
 # What a planner's colour is on dark paper.
-PLANNERS_ON_DARK = dict(
-    zip(PLANNERS, ("#5db4ea", "#f0b429", "#e9a5cc", "#b4dffa", "#35c79c", "#ff8a4c", "#b0b0b0"), strict=True)
-)
+PLANNERS_ON_DARK = dict(zip(PLANNERS, _PLANNERS_ON_DARK, strict=True))
