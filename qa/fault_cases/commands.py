@@ -63,7 +63,7 @@ def markup_as_names(lab: Lab) -> str:
 
 
 def _shown(lab: Lab, *folders: object) -> str:
-    lab.barn("report", *folders, "--out", "report.html", "--no-assets", "--title", TAG)
+    lab.barn("report", *folders, "--out", "report.html", "--no-assets", "--set", f"title={TAG}")
     lab.barn("leaderboard", *folders, "--out", "board.html", "--out", "board.md")
     for page in ("report.html", "board.html"):
         text = (lab.folder / page).read_text()

@@ -26,6 +26,7 @@ from barn_eval.experiments.folder import read_results
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.errors import BarnError, ConfigError, suggest
+from barn_worlds.worlds.dataset import open_dataset
 
 COMPARED = (
     "success",
@@ -64,7 +65,7 @@ class Comparison:
 
     metric: key of the measure that the protocol ranks planners by. rank_correlation: Spearman's, of the counted time
     per metre over worlds. pairs: how many are compared together. notes: what to know of the folders, such as that one
-    is not finished. robot: its name, empty for the Jackal.
+    is not finished. robot: its name, empty for the Jackal. available: how many worlds the data set has, 0 if unknown.
     """
 
     a: str
@@ -79,11 +80,12 @@ class Comparison:
     pairs: int = 1
     notes: tuple[str, ...] = ()
     robot: str = ""
+    available: int = 0
 
     @property
     def worlds(self) -> int:
-        """The number of worlds with a pair of trials."""
-        return max(row.paired.worlds for row in self.rows)
+        """The number of worlds with a pair of trials that the metric is known of."""
+        return self.row(self.metric).paired.worlds
 
     def row(self, key: str) -> PairedMeasure:
         """Return the comparison by one measure."""
@@ -101,25 +103,43 @@ class Comparison:
         ]
 
 
-def compare(a: Sequence[TrialResult], b: Sequence[TrialResult], label_a: str = "", label_b: str = "") -> Comparison:
+def compare(
+    a: Sequence[TrialResult],
+    b: Sequence[TrialResult],
+    label_a: str = "",
+    label_b: str = "",
+    keys: Sequence[str] = COMPARED,
+) -> Comparison:
     """Compare the results of one planner with those of another, or of the same one under other settings.
 
-    Raises BarnError for results that cannot be paired: of different protocols, of worlds that are not the same, of
-    other seeds, or with no trial in common.
+    keys: of the measures; the metric of the protocol is among them in any case. Raises BarnError for results that
+    cannot be paired: of different protocols, of worlds that are not the same, of other seeds, or with no trial in
+    common.
     """
     check_pairs(a, b)
     first, second = (columns(one, MEASURES["normalised_time_s_per_m"]) for one in (a, b))
+    metric = metric_of(a).key
+    compared = with_motion(keys if metric in keys else (metric, *keys), a, b)
     return Comparison(
         label_a or a[0].planner,
         label_b or b[0].planner,
         a[0].protocol,
         a[0].task,
-        metric_of(a).key,
+        metric,
         len(a),
         len(b),
-        tuple(_row(a, b, MEASURES[key]) for key in with_motion(COMPARED, a, b)),
+        tuple(_row(a, b, MEASURES[key]) for key in compared),
         rank_correlation((first.values, first.worlds), (second.values, second.worlds)),
+        available=worlds_of(a),
     )
+
+
+def worlds_of(results: Sequence[TrialResult]) -> int:
+    """Return how many worlds the data set of results has, 0 where it is not at hand."""
+    try:
+        return len(open_dataset(results[0].dataset).indices)
+    except (BarnError, IndexError, OSError):
+        return 0
 
 
 def holm_adjusted(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
@@ -133,13 +153,17 @@ def holm_adjusted(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
 
 
 def compare_folders(
-    a: Path, b: Path | None = None, *, progress: Callable[[float], None] = lambda _: None
+    a: Path,
+    b: Path | None = None,
+    *,
+    keys: Sequence[str] = COMPARED,
+    progress: Callable[[float], None] = lambda _: None,
 ) -> list[Comparison]:
     """Compare the results of two folders, each FOLDER or FOLDER:PLANNER, finished or not, or the planners of one.
 
     Where both hold several planners and none is chosen, planners of the same name are compared; their labels have the
-    folder. progress: gets the share of the pairs that is done. ConfigError if nothing is left to compare, BarnError as
-    `compare`.
+    folder. keys: of the measures. progress: gets the share of the pairs that is done. ConfigError if nothing is left to
+    compare, BarnError as `compare`.
     """
     (source_a, first), (source_b, second) = chosen = selected_results(a), selected_results(b or a)
     pairs: list[tuple[str, ...]]
@@ -161,8 +185,8 @@ def compare_folders(
     places = places if len(places) == 2 else list(map(str, folders))
     found = []
     for done, (one, other) in enumerate(pairs, 1):
-        labels = [f"{spelling(one)} ({place})" for place in places] if one == other else [one, other]
-        found.append(compare(first[one], second[other], *labels))
+        name_a, name_b = (f"{spelling(one)} ({place})" for place in places) if one == other else (one, other)
+        found.append(compare(first[one], second[other], name_a, name_b, keys))
         progress(done / len(pairs))
     notes = [partial_text(source) for source, _ in chosen]
     for source, groups in chosen:
@@ -187,6 +211,17 @@ def selected_results(path: Path) -> tuple[Source, dict[str, list[TrialResult]]]:
         if name not in groups:
             raise ConfigError(f"{path}: has no planner {name!r}{suggest(name, groups)}")
     return source, {name: groups[name] for name in chosen or groups}
+
+
+def groups_of(a: Path, b: Path | None = None) -> dict[str, list[TrialResult]]:
+    """Return results by planner of one folder or two, given as for `selected_results`, each by its own name."""
+    chosen = [selected_results(path) for path in (a, b) if path is not None]
+    names = [name for _, groups in chosen for name in groups]
+    return {
+        spelling(name) + (f" ({source.path})" if names.count(name) > 1 else ""): results
+        for source, groups in chosen
+        for name, results in groups.items()
+    }
 
 
 def _row(a: Sequence[TrialResult], b: Sequence[TrialResult], measure: Measure) -> PairedMeasure:

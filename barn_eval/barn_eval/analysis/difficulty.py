@@ -27,14 +27,13 @@ class Difficulty:
     """Worlds from easy to difficult.
 
     worlds: their numbers; mean_s_per_m: counted time per metre, averaged over all trials of the world, each entry
-    weighing the same (the paper's measure, Sec. IV-B); spread_s_per_m: standard deviation over its trials.
+    weighing the same (the paper's measure, Sec. IV-B).
     left_out: worlds that some entry has no trial of. predicted_s_per_m: what the worlds are ordered by where that is
     the difficulty model's prediction, so that the order does not come from the trials that it is shown with.
     """
 
     worlds: tuple[int, ...]
     mean_s_per_m: tuple[float, ...]
-    spread_s_per_m: tuple[float, ...]
     left_out: int
     predicted_s_per_m: tuple[float, ...] = ()
 
@@ -69,10 +68,10 @@ def difficulty(entries: Sequence[Entry]) -> Difficulty:
     for world in shared:
         there = (group[world] for group in groups if world in group)
         times = [np.array([one.scores.normalised_time_s_per_m for one in trials]) for trials in there]
-        rows.append((float(np.mean([part.mean() for part in times])), world, float(np.concatenate(times).std())))
+        rows.append((float(np.mean([part.mean() for part in times])), world))
     rows.sort()
-    means, worlds, spreads = zip(*rows, strict=True)
-    return Difficulty(worlds, means, spreads, len(known) - len(shared))
+    means, worlds = zip(*rows, strict=True)
+    return Difficulty(worlds, means, len(known) - len(shared))
 
 
 def by_prediction(order: Difficulty, worlds: Mapping[int, World]) -> Difficulty:
@@ -80,13 +79,13 @@ def by_prediction(order: Difficulty, worlds: Mapping[int, World]) -> Difficulty:
 
     WorldError where it can judge none.
     """
-    found = zip(predicted(order, worlds), order.worlds, order.mean_s_per_m, order.spread_s_per_m, strict=True)
+    found = zip(predicted(order, worlds), order.worlds, order.mean_s_per_m, strict=True)
     rows = sorted(row for row in found if not math.isnan(row[0]))
     if not rows:
         raise WorldError("the difficulty of these worlds cannot be predicted: none of them is at hand")
-    values, numbers, means, spreads = zip(*rows, strict=True)
+    values, numbers, means = zip(*rows, strict=True)
     left_out = order.left_out + len(order.worlds) - len(rows)
-    return Difficulty(numbers, means, spreads, left_out, values)
+    return Difficulty(numbers, means, left_out, values)
 
 
 def predicted(order: Difficulty, worlds: Mapping[int, World]) -> tuple[float, ...]:

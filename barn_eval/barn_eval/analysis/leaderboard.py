@@ -11,8 +11,9 @@ from typing import Any
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of
 from barn_eval.analysis.sources import Entry, Source, compute_way, labelled, read_entries, require_same_task
 from barn_eval.analysis.summary import SCORED, Summary, summarise
-from barn_eval.analysis.text_table import counted
+from barn_eval.analysis.text_table import counted, joined
 from barn_eval.analysis.verdict import Ranking, cautions, rank_results
+from barn_eval.trials.result import TrialResult
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.worlds.dataset import select_worlds
 
@@ -60,6 +61,7 @@ class Board:
 def leaderboard(paths: Sequence[Path], ranking: str = "", worlds: str = "all") -> list[Board]:
     """Return a board for each protocol, set of worlds, class of speed caps and way of computing, of worlds as "0-49".
 
+    Entries with trials of the same worlds and seeds stand on one board, which is of the trials that all of them have.
     Raises BarnError in one line for what cannot be read, and for two tasks under the name of one protocol.
 
     Planners are ordered by the mean of what is ranked by, without `ranking` the metric of the protocol. Those whose
@@ -67,15 +69,16 @@ def leaderboard(paths: Sequence[Path], ranking: str = "", worlds: str = "all") -
     """
     if ranking and ranking not in RANKINGS:
         raise ConfigError(f"unknown ranking {ranking!r}{suggest(ranking, RANKINGS)}")
-    groups: dict[tuple[str, str, float, str], list[Entry]] = {}
+    groups: dict[tuple[str, float, str], list[Entry]] = {}
     for entry in _in_worlds(read_entries(paths), worlds):
         groups.setdefault(_kind(entry), []).append(entry)
-    for entries in groups.values():
-        require_same_task([entry.source.path for entry in entries])
-    return [
-        board(labelled(entries), MEASURES[RANKINGS[ranking]] if ranking else metric_of(entries[0].results))
-        for _, entries in sorted(groups.items(), key=lambda one: (one[0][0], -len(one[1][0].results), *one[0][1:]))
-    ]
+    made = []
+    for _, several in sorted(groups.items()):
+        for entries in _in_common(several):
+            require_same_task([entry.source.path for entry in entries])
+            measure = MEASURES[RANKINGS[ranking]] if ranking else metric_of(entries[0].results)
+            made.append(board(labelled(entries), measure))
+    return made
 
 
 def board_rows(boards: Sequence[Board]) -> list[dict[str, Any]]:
@@ -107,6 +110,9 @@ def board(entries: Sequence[Entry], measure: Measure) -> Board:
             )
         )
     notes = cautions(found.worlds, dict.fromkeys(entry.source for entry in entries))
+    more = [entry.label for entry in entries if len(entry.results) < _trials_of(entry)]
+    if more:
+        notes = (f"Ranked on the {counted(found.worlds, 'world')} that all have; {joined(more)} have more.", *notes)
     return Board(_title(entries[0]), measure, tuple(places), found, notes)
 
 
@@ -124,16 +130,36 @@ def _in_worlds(entries: Sequence[Entry], worlds: str) -> list[Entry]:
     return [entry for entry in kept if entry.results]
 
 
-def _kind(entry: Entry) -> tuple[str, str, float, str]:
+def _in_common(entries: Sequence[Entry]) -> list[list[Entry]]:
+    """Return entries by board, those with most trials first, with the trials that all of a board have."""
+    boards: list[tuple[set[tuple[Any, ...]], list[Entry]]] = []
+    for entry in sorted(entries, key=lambda one: -len(one.results)):
+        own = {_trial(one) for one in entry.results}
+        place = next((at for at, (shared, _) in enumerate(boards) if shared & own), len(boards))
+        shared, members = boards[place] if place < len(boards) else (own, [])
+        boards[place : place + 1] = [(shared & own, [*members, entry])]
+    return [
+        [replace(one, results=tuple(row for row in one.results if _trial(row) in shared)) for one in members]
+        for shared, members in boards
+    ]
+
+
+def _trials_of(entry: Entry) -> int:
+    return sum(one.planner == entry.planner for one in entry.source.results)
+
+
+def _trial(result: TrialResult) -> tuple[Any, ...]:
+    """Return what is equal for trials that can be compared."""
+    return result.world, result.world_checksum, result.campaign_seed, result.repetition
+
+
+def _kind(entry: Entry) -> tuple[str, float, str]:
     """Return what an entry shares with a board; ConfigError if its trials follow several protocols."""
     protocols = {result.protocol for result in entry.results}
     if len(protocols) > 1:
         raise ConfigError(f"{entry.source.path}: {entry.planner} has trials of several protocols")
-    worlds = sorted({(result.world, result.world_checksum) for result in entry.results})
-    seeds = sorted({(result.campaign_seed, result.repetition) for result in entry.results})
-    met = hashlib.sha256(repr((worlds, seeds)).encode()).hexdigest()
     way = compute_way(entry.results)
-    return protocols.pop(), met, speed_class_mps(entry), "too slow" if way.startswith("its score") else way
+    return protocols.pop(), speed_class_mps(entry), "too slow" if way.startswith("its score") else way
 
 
 def speed_class_mps(entry: Entry) -> float:

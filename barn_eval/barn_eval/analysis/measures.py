@@ -14,6 +14,7 @@ from barn_eval.trials.result import TrialResult
 from barn_eval.trials.trajectory import CLOSE_M
 from barn_metrics.bootstrap import Interval, number
 from barn_worlds.base.arrays import Floats
+from barn_worlds.base.errors import ConfigError, suggest
 
 Better = Literal["larger", "smaller", ""]
 
@@ -163,6 +164,14 @@ def with_motion(keys: Sequence[str], *groups: Sequence[TrialResult]) -> tuple[st
     """Return keys of measures, and those made for moving obstacles where each group has trials among such."""
     moving = bool(groups) and all(any(one.motion is not None for one in group) for group in groups)
     return (*keys, *MOVING) if moving else tuple(keys)
+
+
+def measures_named(names: Sequence[str]) -> tuple[str, ...]:
+    """Return keys of measures as they are; ConfigError for one that the catalogue does not have."""
+    for name in names:
+        if name not in MEASURES:
+            raise ConfigError(f"unknown measure {name!r}{suggest(name, MEASURES)}")
+    return tuple(dict.fromkeys(names))
 
 
 def metric_of(results: Sequence[TrialResult]) -> Measure:

@@ -11,17 +11,17 @@ from typing import Any
 
 import yaml
 
-from barn_eval.analysis.compare import Comparison, compare, holm_adjusted
+from barn_eval.analysis.compare import COMPARED, Comparison, compare, holm_adjusted
 from barn_eval.analysis.difficulty import Band, Difficulty, bands
 from barn_eval.analysis.measures import metric_of, with_motion
+from barn_eval.analysis.reasons import where, why
 from barn_eval.analysis.sources import Entry, Source
 from barn_eval.analysis.summary import DRIVEN, SCORED, Summary, summarise
 from barn_eval.analysis.tables import bands_table, comparison_table, headline_table, measures_table, outcomes_table
 from barn_eval.analysis.text_table import TextTable
-from barn_eval.analysis.verdict import results_verdict
+from barn_eval.analysis.verdict import Verdict, results_verdict
 from barn_eval.experiments.ros_config import RosSetup
 from barn_eval.trials.protocol import PROTOCOLS
-from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import simulator_config
 from barn_sim.config import robot_of
 from barn_worlds.base.config import Checked, as_dict, fields_of
@@ -42,65 +42,78 @@ class Refusal:
 
 @dataclass(frozen=True)
 class Overview:
-    """What a report says in figures; summaries in the order of entries. verdict: the same in a sentence or two."""
+    """What a report says in figures; summaries in the order of entries.
+
+    verdict: by the metric, None where `refusals` says why there is none. where, why: planners differ, and in what.
+    """
 
     summaries: tuple[Summary, ...]
     order: Difficulty
     bands: tuple[Band, ...]
     comparisons: tuple[Comparison, ...]
     refusals: tuple[Refusal, ...]
-    verdict: str
+    verdict: Verdict | None
+    where: Mapping[str, str]
+    why: Sequence[str]
 
 
 def analyse(
-    entries: Sequence[Entry], order: Difficulty, run: Callable[[Sequence[Callable[[], Any]]], list[Any]]
+    entries: Sequence[Entry],
+    order: Difficulty,
+    run: Callable[[Sequence[Callable[[], Any]]], list[Any]],
+    columns: Sequence[str] = (),
 ) -> Overview:
     """Return what a report says in figures of at least one entry, all of one task.
 
-    run: calls jobs, the longest first, and returns what they return.
+    run: calls jobs, the longest first, and returns what they return. columns: keys of more measures.
     """
     pairs = list(itertools.combinations(entries, 2))[:MOST_PAIRS]
-    keys = with_motion(SCORED + DRIVEN, *(entry.results for entry in entries))
-    jobs: list[Callable[[], Any]] = [partial(_compared, a.label, a.results, b.label, b.results) for a, b in pairs]
+    keys = tuple(dict.fromkeys((*with_motion(SCORED + DRIVEN, *(entry.results for entry in entries)), *columns)))
+    compared = tuple(dict.fromkeys((*COMPARED, *columns)))
+    jobs: list[Callable[[], Any]] = [partial(_compared, a, b, compared) for a, b in pairs]
     jobs += [partial(summarise, entry.results, keys) for entry in entries]
     *found, in_bands = run([*jobs, partial(bands, entries, order)])
     summaries = tuple(found[len(pairs) :])
+    comparisons = holm_adjusted([one for one in found if isinstance(one, Comparison)])
+    told = _verdict(entries)
     return Overview(
         summaries,
         order,
         tuple(in_bands),
-        holm_adjusted([one for one in found if isinstance(one, Comparison)]),
+        comparisons,
         tuple(one for one in found if isinstance(one, Refusal)),
-        _verdict(entries),
+        told,
+        where(entries, in_bands) if told else {},
+        why(comparisons),
     )
 
 
-def _verdict(entries: Sequence[Entry]) -> str:
-    """Return what planners say by the metric of their protocol; an empty text where `refusals` says why they do not."""
+def _verdict(entries: Sequence[Entry]) -> Verdict | None:
+    """Return what planners say by the metric of their protocol; None where `refusals` says why they do not."""
     try:
         return results_verdict({entry.label: entry.results for entry in entries})
     except BarnError:
-        return ""
+        return None
 
 
-def tables(entries: Sequence[Entry], found: Overview) -> list[TextTable]:
-    """Return all tables, the headline first."""
+def tables(entries: Sequence[Entry], found: Overview, columns: Sequence[str] = ()) -> list[TextTable]:
+    """Return all tables, the headline first, which has the measures named by columns, where there are any."""
     labels, summaries = [entry.label for entry in entries], found.summaries
     metric = metric_of(entries[0].results)
     keys = [key for key in summaries[0].means if key not in SCORED]
     driven = [key for key in keys if any(math.isfinite(one[key].estimate) for one in summaries)]
-    made = [headline_table(labels, summaries, metric), measures_table(labels, summaries, driven)]
+    made = [headline_table(labels, summaries, metric, columns), measures_table(labels, summaries, driven)]
     if found.bands:
         made.append(bands_table(labels, found.bands))
     made += [comparison_table(one, f"paired_{index}") for index, one in enumerate(found.comparisons, 1)]
     return [*made, outcomes_table(labels, summaries)]
 
 
-def _compared(label_a: str, a: Sequence[TrialResult], label_b: str, b: Sequence[TrialResult]) -> Comparison | Refusal:
+def _compared(a: Entry, b: Entry, keys: Sequence[str]) -> Comparison | Refusal:
     try:
-        return compare(a, b, label_a, label_b)
+        return compare(a.results, b.results, a.label, b.label, keys)
     except BarnError as error:
-        return Refusal(label_a, label_b, str(error))
+        return Refusal(a.label, b.label, str(error))
 
 
 @dataclass(frozen=True)

@@ -23,9 +23,10 @@ def colours(planners: Sequence[str]) -> list[str]:
     own = [_COLOURS.get(name) if name not in planners[:place] else None for place, name in enumerate(planners)]
     chosen: list[str] = []
     free: list[str] = []
-    for colour in own:
+    for known in own:
         free = free or [one for one in _OTHERS if one not in own and one not in chosen] or list(_OTHERS)
-        if colour is None:
+        colour = known or ""
+        if not known:
             other = [one for one in free if chosen and _dark(one) != _dark(chosen[-1])]
             colour = (other or free)[0]
             free.remove(colour)

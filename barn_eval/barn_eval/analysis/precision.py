@@ -7,7 +7,7 @@ import numpy as np
 
 from barn_eval.analysis.compare import check_pairs, columns
 from barn_eval.analysis.means import Columns
-from barn_eval.analysis.measures import MEASURES, Measure, metric_of
+from barn_eval.analysis.measures import MEASURES, Measure, measures_named, metric_of
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import Components, half_width, worlds_for_difference, worlds_for_half_width
 from barn_eval.analysis.statistics import difference, matched_trials
@@ -15,7 +15,7 @@ from barn_eval.analysis.text_table import TextTable, counted
 from barn_eval.analysis.verdict import cautions
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import number
-from barn_worlds.base.errors import ConfigError, suggest
+from barn_worlds.base.errors import ConfigError
 
 REPETITIONS = (1, 2, 3, 5, 10)
 DEFAULT_SHARE = 0.05  # of the mean, wanted unless something else is
@@ -75,9 +75,7 @@ def precision(
     unless given. measure: its key, without one the metric of the protocol. ConfigError in one line, by the names of the
     command's options, for what cannot be told.
     """
-    if measure and measure not in MEASURES:
-        raise ConfigError(f"unknown measure {measure!r}{suggest(measure, MEASURES)}")
-    found = MEASURES[measure] if measure else metric_of(next(iter(results.values())))
+    found = MEASURES[measures_named([measure])[0]] if measure else metric_of(next(iter(results.values())))
     if difference_wanted is not None and len(results) != 2:
         raise ConfigError(f"a difference needs two planners; there are {len(results)}: {', '.join(results)}")
     counts = (repetitions,) if repetitions else REPETITIONS

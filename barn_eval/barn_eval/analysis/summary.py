@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -133,22 +133,43 @@ def summarise_campaign(results: Sequence[TrialResult]) -> CampaignSummary:
     return CampaignSummary(
         tuple(summarise(group, keys) for group in groups.values()),
         holm_adjusted([compare(groups[a], groups[b]) for a, b in combinations(groups, 2)]),
-        results_verdict({spelling(name): group for name, group in groups.items()}),
+        str(results_verdict({spelling(name): group for name, group in groups.items()})),
     )
 
 
-def bars(entries: Sequence[Entry], summaries: Sequence[Summary]) -> list[dict[str, Any]]:
-    """Return the bars, best first: label, colour, estimate in words, lengths in percent of the longest."""
+class Bars(NamedTuple):
+    """Bars of planners, best first, over the trials that all of them have.
+
+    rows: label, colour, estimate in words, and lengths in percent of the axis. limit: its end. worlds: how many.
+    """
+
+    rows: list[dict[str, Any]]
+    limit: str
+    worlds: int
+
+
+def bars(entries: Sequence[Entry]) -> Bars:
+    """Return bars of the metric. The axis ends at its limit where it has one, else at the longest."""
     metric = metric_of(entries[0].results)
+    groups = in_common([entry.results for entry in entries])
+    summaries = [summarise(group, (metric.key,)) for group in groups]
     shown = [metric.shown(one[metric.key]) for one in summaries]
     limits = [(one.estimate, _or(one.low, one.estimate), _or(one.high, one.estimate)) for one in shown]
-    most = max((value for row in limits for value in row if math.isfinite(value)), default=0.0) or 1.0
+    longest = max((value for row in limits for value in row if math.isfinite(value)), default=0.0) or 1.0
+    most = 100.0 if metric.percent else metric.maximum or longest
     rows = []
     for place in sorted_by(metric, summaries):
         bar, low, high = (100.0 * max(value, 0.0) / most if math.isfinite(value) else 0.0 for value in limits[place])
         entry, text = entries[place], metric.text(summaries[place][metric.key])
         rows.append({"label": entry.label, "colour": entry.colour, "text": text, "bar": bar, "low": low, "high": high})
-    return rows
+    return Bars(rows, f"{most:.3g}", len({one.world for one in groups[0]}))
+
+
+def in_common(groups: Sequence[Sequence[TrialResult]]) -> list[list[TrialResult]]:
+    """Return of each planner's results those of worlds and repetitions that all have; all where there are none."""
+    keys = [{(one.world, one.repetition) for one in group} for group in groups]
+    shared = set.intersection(*keys) or set.union(*keys)
+    return [[one for one in group if (one.world, one.repetition) in shared] for group in groups]
 
 
 def sorted_by(measure: Measure, summaries: Sequence[Summary]) -> list[int]:

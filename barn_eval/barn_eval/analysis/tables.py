@@ -1,6 +1,7 @@
 """Tables of trials, planners, bands of difficulty and comparisons; names and digits are the catalogue's."""
 
 from collections.abc import Sequence
+from math import isfinite
 
 from barn_eval.analysis.compare import Comparison
 from barn_eval.analysis.difficulty import IN_BANDS, Band
@@ -28,9 +29,15 @@ def trials_table(results: Sequence[TrialResult], title: str) -> TextTable:
     return TextTable("trials", title, ("trial", "outcome", *(one.trial_heading for one in measures)), tuple(rows), 2)
 
 
-def headline_table(labels: Sequence[str], summaries: Sequence[Summary], metric: Measure) -> TextTable:
-    """Return rates, times and scores, a planner per row from best to worst by a metric, which comes first."""
-    keys = [metric.key, *(key for key in _HEADLINE if key != metric.key)]
+def headline_table(
+    labels: Sequence[str], summaries: Sequence[Summary], metric: Measure, columns: Sequence[str] = ()
+) -> TextTable:
+    """Return measures, a planner per row from best to worst by a metric, which comes first.
+
+    columns: keys of the measures; rates, times and scores unless given.
+    """
+    known = (key for key in _HEADLINE if any(isfinite(one[key].estimate) for one in summaries))  # not of older rows
+    keys = tuple(dict.fromkeys((metric.key, *(columns or known))))
     rows = []
     for place in sorted_by(metric, summaries):
         one = summaries[place]

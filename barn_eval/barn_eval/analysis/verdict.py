@@ -1,14 +1,15 @@
-"""Planners from best to worst by one figure, with a test of each pair, and what that says in a sentence or two.
+"""Planners from best to worst by one figure, with a test of each pair, and what that says: a sentence, and details.
 
 Those that cannot be told apart share a rank.
 """
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import NamedTuple
 
-from barn_eval.analysis.compare import Comparison, check_pairs, columns
+from barn_eval.analysis.compare import Comparison, check_pairs, columns, worlds_of
 from barn_eval.analysis.means import Columns
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of
 from barn_eval.analysis.planners import spelling
@@ -29,6 +30,7 @@ class Ranking:
 
     means: of each. differences: by places (i, j), i the better one, of the value of i minus that of j. p: of these,
     after Holm for `tests` pairs. failures: the share of failures of each, None where they have no value of their own.
+    available: how many worlds their data set has, 0 where that is not known.
     """
 
     names: tuple[str, ...]
@@ -39,6 +41,7 @@ class Ranking:
     p: Mapping[tuple[int, int], float]
     tests: int
     failures: tuple[Interval | None, ...]
+    available: int = 0
 
     def clear(self, better: int, worse: int) -> bool:
         """Tell whether one place is clearly better than a later one."""
@@ -72,7 +75,8 @@ def rank_results(results: Mapping[str, Sequence[TrialResult]], measure: Measure)
     except BarnError as error:
         raise ConfigError(f"{a} and {b} cannot be ranked against each other: {error}") from None
     values = {name: columns(own, measure) for name, own in results.items()}
-    return rank(values, larger_is_better=measure.better == "larger")
+    found = rank(values, larger_is_better=measure.better == "larger")
+    return replace(found, available=worlds_of(next(iter(results.values()))))
 
 
 def rank(planners: Mapping[str, Columns], *, larger_is_better: bool, seed: int = 0) -> Ranking:
@@ -100,57 +104,71 @@ def rank(planners: Mapping[str, Columns], *, larger_is_better: bool, seed: int =
 FEW_WORLDS = 10
 _SENTENCES = {
     "nothing": "There is no trial that all planners have.",
-    "alone": "{a} is the only planner: {title} {mean_a} ({extent}).",
-    "equal": "{a}, {others} have the same {title}, {mean_a} ({extent}): they cannot be told apart.",
-    "better": "{a} is better than {b}: {title} {mean_a} against {mean_b}, {how}.",
-    "open": "{a} and {b} cannot be told apart: {title} {mean_a} against {mean_b}, {how}.",
-    "leads": "{a} is better than all others: {title} {mean_a} against {mean_b} of {b}, the next, {how}.",
-    "ahead": "{a} is ahead, but {rest} cannot be told apart from it: {title} {mean_a} against {mean_b} of {b}, {how}.",
+    "alone": "{a} is the only planner: {title} {mean_a}.",
+    "equal": "{a}, {others} have the same {title}, {mean_a}: they cannot be told apart.",
+    "better": "{a} is better than {b}: {title} {mean_a} against {mean_b}.",
+    "open": "{a} and {b} cannot be told apart: {title} {mean_a} against {mean_b}.",
+    "leads": "{a} is better than all others: {title} {mean_a} against {mean_b} of {b}, the next.",
+    "ahead": "{a} is ahead, but {rest} cannot be told apart from it: {title} {mean_a} against {mean_b} of {b}.",
 }
-_HOW = "a difference of {difference} ({p}{after}, {extent})"
 _WANTED = {
     "few": " With fewer than {fewest} worlds no difference can be clear.",
     "equal": " The means are equal; more worlds would only narrow the interval.",
     "hopeless": " No number of worlds up to a million would tell so small a difference.",
+    "beyond": " The {available} worlds of this set cannot tell such a difference: it would take about {needed} with"
+    " {repetitions} each.",
     "worlds": " To tell such a difference {times:g} times in 10, about {needed} worlds with {repetitions}"
     " each would be needed.",
 }
 
 
-def verdict(ranking: Ranking, measure: Measure) -> str:
+class Verdict(NamedTuple):
+    """What a ranking says: in a short sentence, and how sure that is. As text, both."""
+
+    short: str
+    details: str = ""
+
+    def __str__(self) -> str:
+        """Return all of it."""
+        return f"{self.short} {self.details}".rstrip()
+
+
+def verdict(ranking: Ranking, measure: Measure) -> Verdict:
     """Return what a ranking by a measure says: the leader, or those who cannot be told from it, and how sure that is.
 
     The number of worlds needed is for a power of 0.8, with as many repetitions, and for the test after Holm.
     """
     if not ranking.trials:
-        return _SENTENCES["nothing"]
+        return Verdict(_SENTENCES["nothing"])
     count, leaders = len(ranking.names), ranking.leaders
     trials = counted(ranking.trials, "trial") if count == 1 else counted(ranking.trials, "pair") + " of trials"
+    extent = f"{counted(ranking.worlds, 'world')}, {trials}"
     words = {"a": ranking.names[0], "title": measure.title, "mean_a": _value(measure, ranking.means[0])}
-    words["extent"] = f"{counted(ranking.worlds, 'world')}, {trials}"
     if count == 1:
-        return _SENTENCES["alone"].format(**words)
+        return Verdict(_SENTENCES["alone"].format(**words), f"Over {extent}.")
     if count > 2 and len(set(ranking.means)) == 1:
-        return _SENTENCES["equal"].format(**words, others=joined(list(ranking.names[1:])))
+        told = _SENTENCES["equal"].format(**words, others=joined(list(ranking.names[1:])))
+        return Verdict(told, f"Over {extent}.")
     next_best = leaders[1] if len(leaders) > 1 else 1
     found, name, mean = ranking.differences[0, next_best], ranking.names[next_best], ranking.means[next_best]
     words |= {"b": name, "mean_b": _value(measure, mean)}
-    words |= {"p": p_text(ranking.p[0, next_best]), "after": " after Holm" if ranking.tests > 1 else ""}
-    words |= {"difference": _difference(measure, found.interval, name, mean)}
     words |= {"rest": joined([ranking.names[place] for place in leaders[1:]])}
     kinds = {(False, True): "better", (True, True): "open", (False, False): "leads", (True, False): "ahead"}
-    text = _SENTENCES[kinds[len(leaders) > 1, count == 2]].format(**words, how=_HOW.format(**words))
-    text += _failures(ranking, (0, next_best))
-    return text + _wanted(found, ranking.tests) if len(leaders) > 1 else text
+    after = " after Holm" if ranking.tests > 1 else ""
+    details = f"The difference is {_difference(measure, found.interval, name, mean)}"
+    details += f" ({p_text(ranking.p[0, next_best])}{after}, {extent}).{_failures(ranking, (0, next_best))}"
+    if len(leaders) > 1:
+        details += _wanted(found, ranking)
+    return Verdict(_SENTENCES[kinds[len(leaders) > 1, count == 2]].format(**words), details)
 
 
-def results_verdict(results: Mapping[str, Sequence[TrialResult]]) -> str:
+def results_verdict(results: Mapping[str, Sequence[TrialResult]]) -> Verdict:
     """Return what the results of at least one planner, of one protocol, say by its metric; errors as `rank_results`."""
     measure = metric_of(next(iter(results.values())))
     return verdict(rank_results(results, measure), measure)
 
 
-def pair_verdict(found: Comparison) -> str:
+def pair_verdict(found: Comparison) -> Verdict:
     """Return what a comparison of two planners says by the metric of its protocol."""
     measure = MEASURES[found.metric]
     row = found.row(measure.key)
@@ -170,6 +188,7 @@ def pair_verdict(found: Comparison) -> str:
         {(0, 1): row.p_holm},
         found.pairs,
         failures,
+        found.available,
     )
     return verdict(ranking, measure)
 
@@ -198,20 +217,21 @@ def _failures(ranking: Ranking, places: Iterable[int]) -> str:
     return f" Failures in up to {joined(known)} trials cannot be ruled out." if known else ""
 
 
-def _wanted(found: Difference, tests: int) -> str:
+def _wanted(found: Difference, ranking: Ranking) -> str:
     """Return what it would take to tell a difference that is not clear, as a sentence."""
     # All worlds on one side are the clearest result that the test knows: p = 2 / 2^worlds.
-    fewest = math.ceil(1.0 + math.log2(tests / ALPHA))
+    fewest = math.ceil(1.0 + math.log2(ranking.tests / ALPHA))
     size, repetitions = abs(found.interval.estimate), max(1, round(found.trials / found.worlds))
     if size == 0.0:
         return _WANTED["equal"]
     if found.worlds < fewest:
         return _WANTED["few"].format(fewest=fewest)
-    needed = worlds_for_difference(found.parts, size, repetitions, 1.0 - ALPHA / tests)
+    needed = worlds_for_difference(found.parts, size, repetitions, 1.0 - ALPHA / ranking.tests)
     if needed is None:
         return _WANTED["hopeless"]
     words = {"needed": max(needed, found.worlds + 1), "repetitions": counted(repetitions, "trial")}
-    return _WANTED["worlds"].format(**words, times=10.0 * POWER)
+    kind = "beyond" if 0 < ranking.available < needed else "worlds"
+    return _WANTED[kind].format(**words, times=10.0 * POWER, available=ranking.available)
 
 
 def _difference(measure: Measure, interval: Interval, other: str, mean: float) -> str:

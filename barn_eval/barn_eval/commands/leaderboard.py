@@ -25,11 +25,11 @@ def command(folders: tuple[Path, ...], by: str | None, out: tuple[Path, ...], wo
     with notes.status("ranking"):
         boards = leaderboard(folders, by or "", worlds)
     if as_json:
-        verdicts = [verdict(board.ranking, board.measure) for board in boards]
+        verdicts = [str(verdict(board.ranking, board.measure)) for board in boards]
         print_json({"verdicts": verdicts, "places": board_rows(boards)})
     elif not out:
         for board in boards:
-            for line in (verdict(board.ranking, board.measure), *board.notes):
+            for line in (*filter(None, verdict(board.ranking, board.measure)), *board.notes):
                 console.print(line, markup=False, highlight=False)
             console.print(rich_table(board_table(board)))
     for path in out:

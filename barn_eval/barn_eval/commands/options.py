@@ -29,6 +29,11 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON i
 worlds_option = click.option("--worlds", "select", default="all", help="Which, such as 0-49.")
 
 
+def keys_of(text: str) -> tuple[str, ...]:
+    """Return names that are separated by commas."""
+    return tuple(filter(None, map(str.strip, text.split(","))))
+
+
 def seed_option(default: int = 0) -> Callable[[Command], Command]:
     """Return the option that gives the seed."""
     return click.option("--seed", default=default, type=SEED, help="All randomness comes from it.")

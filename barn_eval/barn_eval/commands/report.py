@@ -1,20 +1,31 @@
 """`barn report`: experiments as one page."""
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import click
 
-from barn_eval.commands.options import PATH, progress, say
+from barn_eval.commands.options import PATH, keys_of, progress, say, settings_option
 from barn_eval.pages import DIFFICULTIES
-from barn_eval.pages.report.page import write_report
+from barn_eval.pages.report.page import DEFAULT_HARDEST, write_report
+from barn_worlds.base.config import Checked, from_dict, quantity
+
+
+@dataclass(frozen=True)
+class Look(Checked):
+    """What is chosen now and then."""
+
+    columns: str = quantity("", "measures of the tables, columns of the results, such as success,challenge")
+    hardest: int = quantity(DEFAULT_HARDEST, "worlds drawn as maps", minimum=0, maximum=40)
+    title: str = quantity("", "title of the page")
+    width_mm: float = quantity(0.0, "width of figures in OUT_assets, 0 for that of the page", "mm", minimum=0.0)
 
 
 @click.command("report")
 @click.argument("folders", nargs=-1, required=True, type=PATH)
 @click.option("--out", default="report.html", type=PATH, help="The page.")
 @click.option("--assets/--no-assets", default=True, help="Write figures and tables into OUT_assets as well.")
-@click.option("--title", default="", show_default=False, help="Title of the page.")
-@click.option("--hardest", default=8, type=click.IntRange(0, 40), help="Worlds drawn as maps.")
 @click.option(
     "--difficulty",
     type=click.Choice(DIFFICULTIES),
@@ -22,25 +33,29 @@ from barn_eval.pages.report.page import write_report
     help="What worlds are ordered by: the trials themselves, or the model's prediction.",
 )
 @click.option("--replays", is_flag=True, help="Draw the replay of each bag into OUT_replays and link to it.")
+@settings_option("--set", "settings", "Of the page and its figures", Look())
 def command(
-    folders: tuple[Path, ...], out: Path, assets: bool, title: str, hardest: int, difficulty: str, replays: bool
+    folders: tuple[Path, ...], out: Path, assets: bool, difficulty: str, replays: bool, settings: dict[str, Any]
 ) -> None:
     """Write the report of FOLDERS of experiments, finished or not.
 
-    Figures go beside the page as SVG and PDF, tables as CSV and LaTeX.
+    Figures go beside the page as SVG and PDF, tables as CSV and LaTeX. --set width_mm=88 fits a column.
     """
     if out.is_dir():
         raise click.UsageError(f"--out {out}: is a folder, name a file")
+    look = from_dict(Look, settings, "--set")
     beside = out.with_name(f"{out.stem}_assets") if assets else None
     with progress("making the report") as share:
         write_report(
             folders,
             out,
             assets=beside,
-            title=title,
-            hardest=hardest,
+            title=look.title,
+            hardest=look.hardest,
             difficulty=difficulty,
             replays=out.with_name(f"{out.stem}_replays") if replays else None,
+            columns=keys_of(look.columns),
+            width_mm=look.width_mm or None,
             progress=share,
         )
     say(out)

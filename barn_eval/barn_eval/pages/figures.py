@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from markupsafe import Markup, escape
+from matplotlib import rcParams
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.container import ErrorbarContainer
@@ -44,14 +45,26 @@ OUTCOME_COLOURS = dict.fromkeys(Outcome, palette.BROKEN) | {
 }
 _DECIMALS = re.compile(r"(\.\d\d)\d+")  # of pixels, beyond what a page shows
 _COLUMN_PX = 860
+_TYPE = ("xtick.labelsize", "ytick.labelsize", "legend.fontsize")
+_IN_PAPERS = dict.fromkeys(_TYPE, 7.0) | {"font.size": 8.0, "axes.titlesize": 8.0, "axes.labelsize": 8.0}
+_IN_PAPERS |= {"lines.markersize": 4.0, "legend.handlelength": 1.6, "legend.columnspacing": 1.0}
 _numbers = itertools.count(1)  # of figures: their identifiers are their own in a page that shows several
 _IN_INK = ("text.color", "axes.edgecolor", "axes.labelcolor", "axes.titlecolor", "xtick.color", "ytick.color")
 
 
-def style() -> AbstractContextManager[None]:
-    """Return the context in which figures are made and written."""
+def style(width_mm: float | None = None) -> AbstractContextManager[None]:
+    """Return the context in which figures are made and written.
+
+    width_mm: of a figure in a paper, whose type is of 7 to 9 pt whatever its width.
+    """
     own = resources.files("barn_eval") / "data" / "figures.mplstyle"
-    return context([str(own), dict.fromkeys(_IN_INK, INK) | {"grid.color": FAINT}])
+    sizes = _IN_PAPERS if width_mm else {}
+    return context([str(own), dict.fromkeys(_IN_INK, INK) | {"grid.color": FAINT} | sizes])
+
+
+def small() -> float:
+    """Return the size of small type in points, within `style`."""
+    return float(rcParams["legend.fontsize"])
 
 
 def new_figure(height_in: float, width_in: float = WIDTH_IN) -> Figure:

@@ -108,6 +108,8 @@ def report(
     hardest: int = 8,
     difficulty: Literal["trials", "model"] = "trials",
     replays: str | Path | None = None,
+    columns: Sequence[str] = (),
+    width_mm: float | None = None,
 ) -> Page:
     """Write the report of one or several folders of results as a page that needs nothing but itself.
 
@@ -119,6 +121,8 @@ def report(
         hardest: Number of worlds drawn as maps.
         difficulty: What worlds are ordered by, the trials or the prediction of the model.
         replays: Folder for a page of each bag, which the report links to.
+        columns: Measures of its tables, columns of `Results.table`. Default: success, times and scores.
+        width_mm: Width of the figures in `assets` [mm]; their type is of 7 to 9 pt then.
 
     Returns:
         The page, which a notebook shows.
@@ -134,6 +138,8 @@ def report(
         hardest=hardest,
         difficulty=difficulty,
         replays=Path(replays) if replays else None,
+        columns=columns,
+        width_mm=width_mm,
     )
     return Page(Path(out))
 

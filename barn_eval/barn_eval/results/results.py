@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from rich.console import Console
 
 from barn_eval.analysis.measures import metric_of
+from barn_eval.analysis.paper import paper_table
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.precision import precision
 from barn_eval.analysis.sources import Source, by_planner, entries_of, read_source
@@ -135,7 +136,7 @@ class Results:
         """
         groups = {spelling(name): group for name, group in by_planner(self.trials).items()}
         notes = cautions(len({one.world for one in self.trials}), [self._source])
-        return " ".join((results_verdict(groups), *notes))
+        return " ".join((str(results_verdict(groups)), *notes))
 
     def precision(
         self,
@@ -170,17 +171,40 @@ class Results:
         found = precision(chosen, half_width, difference, measure=measure, repetitions=repetitions)
         return frame_of((asdict(one) for one in found.needs), worlds="Int64")
 
+    def latex(self, columns: Sequence[str] = (), *, caption: str = "", label: str = "tab:planners") -> str:
+        """Return a table of the planners for a paper, in LaTeX with the package booktabs.
+
+        Bold are the best by each measure, and those that are not clearly worse, as `verdict` judges it.
+
+        Args:
+            columns: Measures, columns of `table`. Default: the protocol's metric, success, time and clearance.
+            caption: Its caption. Default: what the figures are, and of how many worlds.
+            label: By which a text refers to it.
+
+        Returns:
+            A table environment.
+
+        Raises:
+            BarnError: A measure is not known, or the label not one of LaTeX.
+        """
+        groups = {spelling(name): group for name, group in by_planner(self.trials).items()}
+        return paper_table(groups, columns, caption=caption, label=label)
+
     @overload
-    def plot(self, what: str = ..., ax: None = None) -> Plot: ...
+    def plot(self, what: str = ..., ax: None = None, *, width_mm: float | None = ...) -> Plot: ...
     @overload
     def plot(self, what: str = ..., *, ax: Axes | Sequence[Axes]) -> list[Axes]: ...
-    def plot(self, what: str = "worlds", ax: Axes | Sequence[Axes] | None = None) -> Plot | list[Axes]:
+    def plot(
+        self, what: str = "worlds", ax: Axes | Sequence[Axes] | None = None, *, width_mm: float | None = None
+    ) -> Plot | list[Axes]:
         """Draw a figure of a report.
 
         Args:
             what: worlds (time per metre in each), outcomes (of each trial), distributions, compute, trade,
                 bands, paired or hardest (maps of worlds with the trajectories of their trials).
             ax: Axes of matplotlib to draw onto, as many as the figure has panels; for worlds one.
+            width_mm: Width of the figure in a paper [mm], such as 88 for a column and 180 for two. Its type is of 7 to
+                9 pt then; `save` writes it as PDF with embedded fonts.
 
         Returns:
             The figure (matplotlib's own is its `figure`), or the axes where these were given.
@@ -188,7 +212,7 @@ class Results:
         Raises:
             BarnError: There is no such figure or nothing to show in it, or it has another number of panels.
         """
-        panels = plot(what, entries_of([self._source]), ax)
+        panels = plot(what, entries_of([self._source]), ax, width_mm)
         return Plot(figure_of(panels), CHARTS[what].about) if ax is None else panels
 
     def replay(self, trial: str, out: str | Path | None = None) -> Page:

@@ -53,7 +53,8 @@ function show(state) {
   byId("progress").value = state.planned ? state.done / state.planned : 0;
   byId("outcomes").textContent = state.outcomes.map(([name, count]) => `${name} ${count}`).join(", ");
   byId("verdict").textContent = state.verdict;
-  byId("metric").textContent = state.metric ? `${state.metric}, means with 95 % intervals` : "";
+  byId("details").textContent = state.details;
+  byId("metric").textContent = state.metric ? `${state.metric} that all planners have, with 95 % intervals` : "";
   byId("bars").replaceChildren(...state.bars.flatMap(bar));
   byId("notes").replaceChildren(...state.notes.map((text) => element("p", { className: "note", textContent: text })));
   fill("failures", state.failures);

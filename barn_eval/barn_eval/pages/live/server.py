@@ -19,8 +19,9 @@ from urllib.parse import unquote, urlsplit
 from barn_eval.analysis.measures import metric_of
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.sources import Source, entries_of, read_source
-from barn_eval.analysis.summary import bars, summarise
-from barn_eval.analysis.verdict import cautions, results_verdict
+from barn_eval.analysis.summary import bars
+from barn_eval.analysis.text_table import counted
+from barn_eval.analysis.verdict import Verdict, cautions, results_verdict
 from barn_eval.bags import BAGS
 from barn_eval.bags.recorded import read_recorded
 from barn_eval.experiments.rows import FILE_NAME, ResultRows
@@ -28,7 +29,6 @@ from barn_eval.experiments.run_file import RunFile
 from barn_eval.pages import LOOPBACK, PAGE_PORT
 from barn_eval.pages.replay.page import replay_page
 from barn_eval.pages.template import render, themed
-from barn_eval.trials.identity import task_line
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import TrialResult
 from barn_worlds.base.errors import BarnError, ConfigError
@@ -89,24 +89,25 @@ def state_of(folder: Path) -> dict[str, Any]:
         "failures": [_trial(folder, row) for row in rows[::-1] if not row.scores.success][:MOST_LISTED],
         "latest": [_trial(folder, row) for row in rows[::-1][:MOST_LISTED]],
     }
-    return state | (_leader(source) if results else {"verdict": "No trial has ended yet.", "bars": [], "notes": []})
+    nothing = {"verdict": "No trial has ended yet.", "details": "", "bars": [], "notes": []}
+    return state | (_leader(source) if results else nothing)
 
 
 def _leader(source: Source) -> dict[str, Any]:
     entries = entries_of([source])
     metric = metric_of(source.results)
-    summaries = [summarise(entry.results, (metric.key,)) for entry in entries]
-    first = source.results[0]
+    first, shown = source.results[0], bars(entries)
     try:
         told = results_verdict({entry.label: entry.results for entry in entries})
     except BarnError as error:
-        told = str(error)
+        told = Verdict(str(error))
     return {
-        "task": task_line(first.protocol, first.task),
-        "metric": metric.heading,
-        "verdict": told,
-        "notes": cautions(max(one.worlds for one in summaries)),
-        "bars": [bar | {"colour": themed(bar["colour"])} for bar in bars(entries, summaries)],
+        "task": f"Protocol {first.protocol}, robot {source.robot or 'Jackal'}",
+        "metric": f"{metric.heading}, from 0 to {shown.limit}: means over {counted(shown.worlds, 'world')}",
+        "verdict": told.short,
+        "details": told.details,
+        "notes": cautions(shown.worlds),
+        "bars": [bar | {"colour": themed(bar["colour"])} for bar in shown.rows],
     }
 
 

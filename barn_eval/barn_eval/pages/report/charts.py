@@ -10,6 +10,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
+from barn_eval.analysis.compare import PairedMeasure
 from barn_eval.analysis.difficulty import Difficulty, by_world
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of, safety_of
 from barn_eval.analysis.overview import Overview
@@ -17,11 +18,12 @@ from barn_eval.analysis.significance import ALPHA
 from barn_eval.analysis.sources import Entry
 from barn_eval.analysis.sweep import parameters_of
 from barn_eval.experiments.sweep import values_of
-from barn_eval.pages.figures import OUTCOME_COLOURS, label_axes, marker_of, plain, points
+from barn_eval.pages.figures import OUTCOME_COLOURS, WIDTH_IN, label_axes, marker_of, plain, points, small
 from barn_eval.pages.report.trials import DrivenTrial
 from barn_eval.trials.outcome import Outcome
+from barn_metrics.bootstrap import Interval
 from barn_worlds.base.arrays import Floats
-from barn_worlds.drawing.palette import FAINT, INK, NO_TRIAL, WHITE
+from barn_worlds.drawing.palette import FAINT, INK, WHITE
 from barn_worlds.worlds.world import World
 
 _OUTCOMES = tuple(Outcome)
@@ -31,6 +33,8 @@ _PREDICTED = "difficulty as predicted [s/m]"
 _NAMED_WORLDS = 40  # up to which each world has its number below it
 _DISTRIBUTED = ("normalised_time_s_per_m", "min_clearance_m", "mean_speed_mps", "rms_jerk_mps3")
 _COMPUTE = {"median": "compute_p50_ms", "95th percentile": "compute_p95_ms", "largest": "compute_max_ms"}
+_NARROWEST_IN, _IN_PAPERS = 1.6, 0.62  # a panel of a paper; its height to that on a page
+_WINDOWS = 15  # of a line of running means
 _DASHES = ("-", "--", "-.", ":")
 
 
@@ -75,6 +79,14 @@ class Panels(NamedTuple):
     rows: int = 1
     sharex: bool = False
     sharey: bool = False
+    width_in: float = WIDTH_IN
+
+    def fitted(self, width_in: float) -> "Panels":
+        """Return the same panels in a figure of a paper, in as many columns as there is room for."""
+        columns = max(1, min(self.columns, int(width_in / _NARROWEST_IN)))
+        rows = -(-self.rows * self.columns // columns)
+        height_in = _IN_PAPERS * self.height_in * rows / self.rows
+        return self._replace(height_in=height_in, columns=columns, rows=rows, width_in=width_in)
 
 
 Drawing = Callable[[Sequence[Axes], ChartData], Legend]
@@ -105,46 +117,56 @@ def chart(about: str, layout: Layout) -> Callable[[Drawing], Drawing]:
 
 
 @chart(
-    "Time per metre as counted of each planner in each world, worlds from easy to difficult",
+    "Time per metre as counted of each planner in each world, worlds from easy to difficult; lines are running means",
     lambda _: Panels(4.4),
 )
 def _worlds(panels: Sequence[Axes], data: ChartData) -> Legend:
     (axes,), order = panels, data.order
     rank = np.array(order.predicted_s_per_m or np.arange(1, len(order.worlds) + 1))
-    mean, spread = np.array(order.mean_s_per_m), np.array(order.spread_s_per_m)
-    band = axes.fill_between(rank, mean - spread, mean + spread, color=FAINT, alpha=0.3, linewidth=0)
-    handles: list[Any] = [*axes.plot(rank, mean, color=INK, linewidth=1.6), band]
-    names = ["mean over planners", "± standard deviation of its trials"]
-    if np.isfinite(data.predicted_s_per_m).any():
-        handles += axes.plot(rank, data.predicted_s_per_m, color=INK, linewidth=0.9, linestyle=":")
-        names.append("predicted")
+    handles: list[Any] = []
+    window = max(1, len(rank) // _WINDOWS)
+    look: dict[str, Any] = {"alpha": 0.3, "markersize": 3} if window > 1 else {"markersize": 5}
     for index, entry in enumerate(data.entries):
         groups = by_world(entry.results)
         times = [_TIME.values(groups.get(world, [])) for world in order.worlds]
-        values = [part.mean() if len(part) else np.nan for part in times]
-        look: dict[str, Any] = {"s": 16 if len(rank) > 60 else 34, "alpha": 0.8, "lw": 0}
-        handles.append(axes.scatter(rank, values, color=entry.colour, marker=marker_of(index), **look))
+        values = np.array([part.mean() if len(part) else np.nan for part in times])
+        marker, colour = marker_of(index), entry.colour
+        axes.plot(rank, values, color=colour, marker=marker, linestyle="", markeredgewidth=0, **look)
+        dashes = _DASHES[index % len(_DASHES)]
+        middle = _running(values, window)
+        line: dict[str, Any] = {"linestyle": dashes, "linewidth": 1.6, "markevery": max(1, len(middle) // 12)}
+        handles += axes.plot(_running(rank, window), middle, color=colour, marker=marker, markersize=5, **line)
+    names = data.labels
+    if np.isfinite(data.predicted_s_per_m).any():
+        handles += axes.plot(rank, data.predicted_s_per_m, color=INK, linewidth=0.9, linestyle=":")
+        names.append("predicted")
     label_axes(axes, _PREDICTED if order.predicted_s_per_m else _RANK, _TIME.heading)
     if not order.predicted_s_per_m:
         _world_ticks(axes, order)
     axes.set_ylim(bottom=0)
-    return Legend(handles, [*names, *data.labels])
+    return Legend(handles, names)
 
 
-def _banded(data: ChartData) -> list[Measure]:
-    """Return what is drawn by band of difficulty."""
+def _running(values: Floats, window: int) -> Floats:
+    """Return the means of so many neighbours (n - window + 1,)."""
+    found: Floats = np.lib.stride_tricks.sliding_window_view(values, window).mean(axis=1)
+    return found
+
+
+def _differing(data: ChartData) -> list[Measure]:
+    """Return what is drawn by band of difficulty, and of pairs of planners."""
     return [MEASURES[key] for key in dict.fromkeys((data.metric.key, "success", _TIME.key))]
 
 
 @chart(
     "Metric, success and time per metre by band of difficulty, with 95 % intervals",
-    lambda data: Panels(3.9, len(_banded(data))) if data.overview().bands else None,
+    lambda data: Panels(3.9, len(_differing(data))) if data.overview().bands else None,
 )
 def _bands(panels: Sequence[Axes], data: ChartData) -> Legend:
     found, count = data.overview().bands, len(data.entries)
     places = np.arange(len(found), dtype=np.float64)
     handles = []
-    for axes, measure in zip(panels, _banded(data), strict=True):
+    for axes, measure in zip(panels, _differing(data), strict=True):
         for index, entry in enumerate(data.entries):
             shift = (index - (count - 1) / 2) * min(0.16, 0.6 / count)
             means = [measure.shown(band.summaries[index][measure.key]) for band in found]
@@ -169,7 +191,7 @@ def _strip_heights(data: ChartData) -> list[int]:
     ),
 )
 def _outcomes(panels: Sequence[Axes], data: ChartData) -> Legend:
-    order, colours = data.order, [NO_TRIAL, *OUTCOME_COLOURS.values()]
+    order, colours = data.order, [WHITE, *OUTCOME_COLOURS.values()]
     column = {world: index for index, world in enumerate(order.worlds)}
     there: set[int] = set()
     for axes, entry, height in zip(panels, data.entries, _strip_heights(data), strict=True):
@@ -188,37 +210,33 @@ def _outcomes(panels: Sequence[Axes], data: ChartData) -> Legend:
     _world_ticks(panels[-1], order)
     names = ["no trial", *(outcome.value.replace("_", " ") for outcome in _OUTCOMES)]
     shown = sorted(there)
-    return Legend([Patch(color=colours[one]) for one in shown], [names[one] for one in shown])
+    patches = [Patch(facecolor=colours[one], edgecolor=INK, linewidth=0.5) for one in shown]
+    return Legend(patches, [names[one] for one in shown])
+
+
+def _pairs_layout(data: ChartData) -> Panels | None:
+    pairs = len(data.overview().comparisons)
+    return Panels(1.3 + 0.3 * pairs, len(_differing(data)) + 1, sharey=True) if pairs else None
 
 
 @chart(
-    "Paired differences between planners with 95 % intervals; filled where the difference is clear",
-    lambda data: (
-        Panels(1.3 + 0.36 * len(data.overview().comparisons), 3, sharey=True) if data.overview().comparisons else None
-    ),
+    "Differences between planners in the same worlds with 95 % intervals, filled where clear. To the left of the dashed"
+    " line the planner named on the left is better, to the right the one on the right",
+    _pairs_layout,
 )
 def _paired(panels: Sequence[Axes], data: ChartData) -> Legend:
-    comparisons, success = data.overview().comparisons, MEASURES["success"]
-    successes, times = ([one.row(key) for one in comparisons] for key in (success.key, _TIME.key))
-    rates = [success.shown(row.paired.difference) for row in successes]
-    spans, chances = [row.paired.difference for row in times], [row.paired.improvement for row in times]
-    first, second = "first better", "second better"
-    drawn = (
-        ("difference in success [percentage points]", 0.0, (second, first), successes, rates),
-        (f"difference in {_TIME.heading}", 0.0, (first, second), times, spans),
-        ("probability that the first is faster", 0.5, (second, first), times, chances),
-    )
-    for axes, (title, neutral, (left, right), rows, intervals) in zip(panels, drawn, strict=True):
-        for place, (row, interval) in enumerate(zip(rows, intervals, strict=True)):
-            if interval.low is not None and interval.high is not None:
-                axes.plot([interval.low, interval.high], [place, place], color=INK, linewidth=1.6)
-            inside = INK if row.p_holm <= ALPHA else WHITE
-            axes.plot(interval.estimate, place, "o", color=INK, markerfacecolor=inside)
-        axes.axvline(neutral, color=INK, linewidth=1.0, linestyle="--")
-        label_axes(axes, title, "")
-        for side, text, at in (("left", f"← {left}", 0.0), ("right", f"{right} →", 1.0)):
-            axes.text(at, 1.02, text, transform=axes.transAxes, ha=side, va="bottom", fontsize=9)
-    names = [f"{plain(one.a)} - {plain(one.b)}" for one in comparisons]
+    comparisons = data.overview().comparisons
+    for axes, measure in zip(panels, _differing(data), strict=False):
+        rows = [one.row(measure.key) for one in comparisons]
+        _draw_differences(axes, rows, [measure.shown(row.paired.difference) for row in rows], 0.0)
+        unit = "percentage points" if measure.percent else measure.unit
+        label_axes(axes, f"difference [{unit}]" if unit else "difference", "", measure.title)
+        if measure.better == "smaller":
+            axes.invert_xaxis()  # right is always in favour of the same planner
+    rows = [one.row(data.metric.key) for one in comparisons]
+    _draw_differences(panels[-1], rows, [row.paired.improvement for row in rows], 0.5)
+    label_axes(panels[-1], "probability", "", "better in a trial")
+    names = [f"{plain(one.b)} \u25c2 \u25b8 {plain(one.a)}" for one in comparisons]
     panels[0].set_yticks(range(len(comparisons)), names)
     panels[0].set_ylim(len(comparisons) - 0.4, -0.6)
     return Legend()
@@ -264,6 +282,14 @@ def _sweep(panels: Sequence[Axes], data: ChartData) -> Legend:
     return Legend()
 
 
+def _draw_differences(axes: Axes, rows: Sequence[PairedMeasure], found: Sequence[Interval], neutral: float) -> None:
+    for place, (row, interval) in enumerate(zip(rows, found, strict=True)):
+        if interval.low is not None and interval.high is not None:
+            axes.plot([interval.low, interval.high], [place, place], color=INK, linewidth=1.6)
+        axes.plot(interval.estimate, place, "o", color=INK, markerfacecolor=INK if row.p_holm <= ALPHA else WHITE)
+    axes.axvline(neutral, color=INK, linewidth=1.0, linestyle="--")
+
+
 @chart(
     "Cumulative distributions over trials of time per metre, clearance, speed and jerk",
     lambda _: Panels(3.6, 4),
@@ -304,7 +330,7 @@ def _trade(panels: Sequence[Axes], data: ChartData) -> Legend:
         label_axes(axes, measure.heading, "" if axes is not panels[0] else _TIME.heading)
         corner = "faster and safer ↘" if larger else "↙ faster and safer"
         x, side = (0.99, "right") if larger else (0.01, "left")
-        axes.text(x, 0.02, corner, transform=axes.transAxes, ha=side, va="bottom", fontsize=9)
+        axes.text(x, 0.02, corner, transform=axes.transAxes, ha=side, va="bottom", fontsize=small())
         axes.margins(0.15)
     return Legend(handles, data.labels)
 
@@ -342,7 +368,7 @@ def _world_ticks(axes: Axes, order: Difficulty) -> None:
     if len(order.worlds) > _NAMED_WORLDS:
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         return
-    axes.set_xticks(range(1, len(order.worlds) + 1), list(map(str, order.worlds)), fontsize=9)
+    axes.set_xticks(range(1, len(order.worlds) + 1), list(map(str, order.worlds)), fontsize=small())
     axes.set_xlabel("world, from easy to difficult [number]")
 
 

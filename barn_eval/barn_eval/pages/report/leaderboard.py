@@ -36,7 +36,8 @@ def markdown(boards: Sequence[Board]) -> str:
         for cells, row in zip(rows, table.rows, strict=True):
             cells[_FIGURES] = row[_FIGURES]  # whose brackets are no links
         named = replace(board.ranking, names=tuple(map(_escaped, board.ranking.names)))
-        parts += [f"## {_escaped(table.title)}", verdict(named, board.measure), *map(_escaped, board.notes)]
+        parts += [f"## {_escaped(table.title)}", *filter(None, verdict(named, board.measure))]
+        parts += map(_escaped, board.notes)
         parts += [table.caption, markdown_table(table.columns, rows)]
     return "\n\n".join(parts) + "\n"
 

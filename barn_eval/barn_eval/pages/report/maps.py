@@ -37,6 +37,7 @@ from barn_worlds.worlds.scene import TrialScene, scene_of
 from barn_worlds.worlds.world import World
 
 _PER_ROW = 4
+_WIDTH_IN, _MAP_IN, _AROUND_IN = 16.0, 3.3, 1.0  # the figure's width and a map's; its title and labels
 _WAY_STEP_S, _LONGEST_WAY_S = 0.1, 200.0
 _SHORTEST_ARROW_M = 0.3
 
@@ -51,7 +52,7 @@ def hardest_maps(
 
 @chart(
     "The hardest worlds with all trajectories that were recorded",
-    lambda data: Panels(4.9 * _rows(data) + 0.5, _PER_ROW, _rows(data)) if data.hardest else None,
+    lambda data: _layout(data) if data.hardest else None,
 )
 def _hardest(panels: Sequence[Axes], data: ChartData) -> Legend:
     for axes in panels[len(data.hardest) :]:
@@ -77,8 +78,23 @@ def _hardest(panels: Sequence[Axes], data: ChartData) -> Legend:
     return Legend(handles, [str(one.get_label()) for one in handles])
 
 
-def _rows(data: ChartData) -> int:
-    return -(-len(data.hardest) // _PER_ROW)
+def _layout(data: ChartData) -> Panels:
+    """Return panels in which maps are as wide as there is room."""
+    rows = -(-len(data.hardest) // _PER_ROW)
+    sizes = [_seen(world, drives) for world, drives in data.hardest.values()]
+    steepest = max((above - below) / (right - left) for left, below, right, above in sizes)
+    return Panels((_MAP_IN * steepest + _AROUND_IN) * rows + 0.4, _PER_ROW, rows, width_in=_WIDTH_IN)
+
+
+def _seen(world: World, drives: Sequence[DrivenTrial]) -> tuple[float, float, float, float]:
+    """Return left, below, right and above of what a map shows."""
+    scene = known_scene(drives[0].entry.source, world)
+    left, below, right, above = world.bounds_m
+    whole = np.array([below, above] if world.corner_m is not None else [])  # all of an arena
+    seen = np.concatenate([whole, scene.ends_m()[:, 1], *(drive.poses[:, 1] for drive in drives)])
+    first, last = scene.path_m[[0, -1], 1]
+    low, high = max(below, seen.min(initial=first) - 0.8), max(above, last, seen.max(initial=above)) + 0.6
+    return left, float(low), right, float(high)
 
 
 def _draw_map(axes: Axes, world: World, drives: Sequence[DrivenTrial]) -> None:
@@ -96,13 +112,8 @@ def _draw_map(axes: Axes, world: World, drives: Sequence[DrivenTrial]) -> None:
             marks += axes.plot(*trail[-1], color=colour, marker="x", markersize=9, markeredgewidth=2.4, zorder=5)
         for number, mark in enumerate(marks):
             mark.set_gid(f"trial-{drive.place}-{number}")  # by which the page hides what its filters leave out
-    left, below, right, above = world.bounds_m
-    axes.set_xlim(left, right)
-    whole = np.array([below, above] if world.corner_m is not None else [])  # all of an arena
-    seen = np.concatenate([whole, scene.ends_m()[:, 1], *(drive.poses[:, 1] for drive in drives)])
-    first, last = scene.path_m[[0, -1], 1]
-    axes.set_ylim(max(below, seen.min(initial=first) - 0.8), max(above, last, seen.max(initial=above)) + 0.6)
-    axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
+    left, below, right, above = _seen(world, drives)
+    axes.set(xlim=(left, right), ylim=(below, above), aspect="equal", xlabel="x [m]", ylabel="y [m]")
     axes.grid(visible=True)
     axes.set_axisbelow(True)
 

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from barn_eval.analysis.difficulty import PREDICTED, by_prediction, predicted
 from barn_eval.analysis.difficulty import difficulty as order_of
-from barn_eval.analysis.measures import metric_of
+from barn_eval.analysis.measures import measures_named, metric_of
 from barn_eval.analysis.overview import Overview, analyse, repeat, tables
 from barn_eval.analysis.sources import Entry, read_entries, require_same_task
 from barn_eval.analysis.summary import bars
@@ -31,26 +31,30 @@ from barn_eval.pages.report.processes import run_forked
 from barn_eval.pages.report.trial_data import trial_data
 from barn_eval.pages.report.trials import DrivenTrial, driven_trials, worlds_by_number
 from barn_eval.pages.template import render, write_page
-from barn_eval.trials.identity import task_line
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.worlds.world import World
 
 DEFAULT_HARDEST = 8  # worlds that are drawn as maps
 
 
-def draw(chart: Chart, data: ChartData, ax: Axes | Sequence[Axes] | None = None) -> list[Axes]:
+def draw(
+    chart: Chart, data: ChartData, ax: Axes | Sequence[Axes] | None = None, width_mm: float | None = None
+) -> list[Axes]:
     """Draw a figure of the catalogue and return its axes, none where it has nothing to show.
 
-    ax: what to draw onto, as many as the figure has panels; without, a figure of its own.
+    ax: what to draw onto, as many as the figure has panels; without, a figure of its own. width_mm: of that.
     """
     layout = chart.layout(data)
     if layout is None:
         return []
     count = layout.rows * layout.columns
     if ax is None:
-        height_in, columns, rows, sharex, sharey = layout
-        grid = new_figure(height_in).subplots(rows, columns, sharex=sharex, sharey=sharey, squeeze=False)
-        panels = list(grid.ravel())
+        height_in, columns, rows, sharex, sharey, width_in = layout.fitted(width_mm / 25.4) if width_mm else layout
+        figure = new_figure(height_in, width_in)
+        grid = figure.subplots(rows, columns, sharex=sharex, sharey=sharey, squeeze=False)
+        panels, spare = list(grid.ravel()[:count]), grid.ravel()[count:]
+        for axes in spare:
+            axes.remove()
     else:
         panels = [ax] if isinstance(ax, Axes) else list(ax)
         if len(panels) != count:
@@ -58,7 +62,9 @@ def draw(chart: Chart, data: ChartData, ax: Axes | Sequence[Axes] | None = None)
     legend = chart.draw(panels, data)
     texts = [plain(text) for text in legend.labels]
     if legend.handles and ax is None:
-        figure_of(panels).legend(legend.handles, texts, loc="outside lower center", ncols=min(6, len(texts)))
+        figure = figure_of(panels)
+        most = min(6, int(figure.get_figwidth() / 1.1))
+        figure.legend(legend.handles, texts, loc="outside lower center", ncols=min(most, len(texts)))
     elif legend.handles:
         panels[0].legend(legend.handles, texts)
     return panels
@@ -71,10 +77,15 @@ def figure_of(panels: Sequence[Axes]) -> Figure:
     return figure
 
 
-def plot(name: str, entries: Sequence[Entry], ax: Axes | Sequence[Axes] | None = None) -> list[Axes]:
+def plot(
+    name: str,
+    entries: Sequence[Entry],
+    ax: Axes | Sequence[Axes] | None = None,
+    width_mm: float | None = None,
+) -> list[Axes]:
     """Draw the figure of that name of planners' results, onto axes or a figure of its own, and return its axes.
 
-    ConfigError for an unknown name, a wrong number of axes, and where there is nothing to draw.
+    width_mm: as of `draw`. ConfigError for an unknown name, a wrong number of axes, and where there is nothing to draw.
     """
     if name not in CHARTS:
         raise ConfigError(f"unknown figure {name!r}{suggest(name, CHARTS)}")
@@ -83,17 +94,24 @@ def plot(name: str, entries: Sequence[Entry], ax: Axes | Sequence[Axes] | None =
         drives, worlds = driven_trials(entries)
         shown = hardest_maps(order, drives, worlds_by_number(drives, worlds), DEFAULT_HARDEST)
     overview = cache(lambda: analyse(entries, order, lambda jobs: [job() for job in jobs]))
-    with style():
-        panels = draw(CHARTS[name], ChartData(entries, order, overview, hardest=shown), ax)
+    with style(checked_width(width_mm)):
+        panels = draw(CHARTS[name], ChartData(entries, order, overview, hardest=shown), ax, width_mm)
     if not panels:
         raise ConfigError(f"figure {name!r}: these results have nothing to show in it")
     return panels
 
 
-def finish(chart: Chart, data: ChartData, *, pdf: bool) -> ReportFigure | None:
-    """Return a figure of the catalogue as pages have it, None where it has nothing to show."""
-    with style():
-        panels = draw(chart, data)
+def checked_width(width_mm: float | None) -> float | None:
+    """Return the width of a figure in a paper; ConfigError for one that no paper has."""
+    if width_mm is not None and not 60.0 <= width_mm <= 400.0:
+        raise ConfigError(f"width_mm: must lie in 60 to 400, got {width_mm!r}")
+    return width_mm
+
+
+def finish(chart: Chart, data: ChartData, *, pdf: bool, width_mm: float | None = None) -> ReportFigure | None:
+    """Return a figure of the catalogue as pages have it, or papers; None where it has nothing to show."""
+    with style(width_mm):
+        panels = draw(chart, data, width_mm=width_mm)
         return finished(figure_of(panels), chart.name, chart.about, pdf=pdf) if panels else None
 
 
@@ -101,7 +119,8 @@ def finish(chart: Chart, data: ChartData, *, pdf: bool) -> ReportFigure | None:
 class Report:
     """All that a report shows.
 
-    data: what its figures are drawn of. pdf: whether they are drawn as PDF too. progress: gets the share that is done.
+    data: what its figures are drawn of. columns: keys of the measures of its tables, those usual without any. pdf:
+    whether figures are drawn as PDF too. progress: gets the share that is done.
     """
 
     entries: Sequence[Entry]
@@ -109,13 +128,14 @@ class Report:
     data: ChartData
     drives: Sequence[DrivenTrial]
     worlds: Mapping[str, World]
+    columns: Sequence[str]
     pdf: bool
     progress: Progress
 
     @cached_property
     def tables(self) -> list[TextTable]:
         """All tables, the headline first."""
-        return tables(self.entries, self.overview)
+        return tables(self.entries, self.overview, self.columns)
 
     @cached_property
     def figures(self) -> dict[str, ReportFigure]:
@@ -130,16 +150,19 @@ def build_report(
     hardest: int = DEFAULT_HARDEST,
     *,
     difficulty: str = DIFFICULTIES[0],
+    columns: Sequence[str] = (),
     progress: Progress = lambda _: None,
     pdf: bool = True,
 ) -> Report:
     """Read folders and compute what their report shows; BarnError in one line for what is no run or campaign.
 
     difficulty: "trials" orders worlds by the trials themselves, "model"
-    by the difficulty that the model predicts, so that no trial is used twice. progress: gets the share that is done.
+    by the difficulty that the model predicts, so that no trial is used twice. columns: keys of the measures of its
+    tables. progress: gets the share that is done.
     """
     if difficulty not in DIFFICULTIES:
         raise ConfigError(f"difficulty {difficulty!r}: must be one of {', '.join(DIFFICULTIES)}")
+    keys = measures_named(columns)
     entries = tuple(read_entries(paths))
     require_same_task(expanded(paths))
     drives, worlds = driven_trials(entries)
@@ -147,10 +170,10 @@ def build_report(
     if difficulty == "model":
         order = by_prediction(order, numbered)
     learned = entries[0].results[0].protocol == PREDICTED and difficulty == "trials"
-    found = analyse(entries, order, lambda jobs: run_forked(jobs, lambda share: progress(0.5 * share)))
+    found = analyse(entries, order, lambda jobs: run_forked(jobs, lambda share: progress(0.5 * share)), keys)
     shown = hardest_maps(order, drives, numbered, hardest)
     data = ChartData(entries, order, lambda: found, predicted(order, numbered) if learned else (), shown)
-    return Report(entries, found, data, drives, worlds, pdf, progress)
+    return Report(entries, found, data, drives, worlds, keys, pdf, progress)
 
 
 def write_report(
@@ -162,19 +185,22 @@ def write_report(
     hardest: int = DEFAULT_HARDEST,
     difficulty: str = DIFFICULTIES[0],
     replays: Path | None = None,
+    columns: Sequence[str] = (),
+    width_mm: float | None = None,
     progress: Progress = lambda _: None,
 ) -> Report:
     """Write the report of runs and campaigns, finished or not, as one page, and return what it shows.
 
     assets: a folder that gets figures as SVG and PDF, and tables as CSV and LaTeX. replays: a folder that gets a page
-    for each bag, which the report links to. The rest is as in `build_report`, and so are errors.
+    for each bag, which the report links to. width_mm: of the figures in assets. The rest is as in `build_report`, and
+    so are errors.
     """
-    pdf = assets is not None
-    made = build_report(folders, hardest, difficulty=difficulty, progress=progress, pdf=pdf)
+    pdf = assets is not None and checked_width(width_mm) is None
+    made = build_report(folders, hardest, difficulty=difficulty, columns=columns, progress=progress, pdf=pdf)
     named = title or "Navigation benchmark: " + ", ".join(entry.label for entry in made.entries)
     write_page(out, report_page(made, named, replay_links(made, out, replays)))
     if assets is not None:
-        write_assets(made, assets)
+        write_assets(made, assets, width_mm)
     return made
 
 
@@ -198,7 +224,7 @@ def replay_links(report: Report, out: Path, replays: Path | None = None) -> dict
 def report_page(report: Report, title: str, links: Mapping[Path, str] | None = None) -> str:
     """Return the page of a report; texts from files are text in it. links: of `replay_links`."""
     sources = list(dict.fromkeys(entry.source for entry in report.entries))
-    first = report.entries[0].results[0]
+    first, leaders = report.entries[0].results[0], bars(report.entries)
     return render(
         "report.html",
         title=title,
@@ -206,25 +232,30 @@ def report_page(report: Report, title: str, links: Mapping[Path, str] | None = N
         tables={table.name: table for table in report.tables},
         paired=[table for table in report.tables if table.name.startswith("paired_")],
         sources=[(source, repeat(source)) for source in sources],
-        task=task_line(first.protocol, first.task, sources[0].robot),
-        leaders=bars(report.entries, report.overview.summaries),
+        robot=sources[0].robot or "Jackal",
+        first=first,
+        leaders=leaders,
         metric=metric_of(report.entries[0].results).heading,
         predicted=first.protocol == PREDICTED,
-        notes=cautions(max(one.worlds for one in report.overview.summaries), sources),
+        notes=cautions(leaders.worlds, sources),
         tracks=sum(drive.track is not None for drive in report.drives),
         moving=any(world.moving or world.walls for world in report.worlds.values()),
         flatten=flatten,
-        data=trial_data(report.entries, report.drives, report.worlds, links)
+        data=trial_data(report.entries, report.drives, report.worlds, links, report.columns)
         | {"bands": [{"name": band.name, "worlds": band.worlds} for band in report.overview.bands]},
     )
 
 
-def write_assets(report: Report, folder: Path) -> None:
-    """Write figures as SVG and PDF and tables as CSV and LaTeX into a folder."""
+def write_assets(report: Report, folder: Path, width_mm: float | None = None) -> None:
+    """Write figures as SVG and PDF, of a paper's width if it is given, and tables as CSV and LaTeX into a folder."""
     for table in report.tables:
         write_page(folder / f"{table.name}.csv", table.csv())
         write_page(folder / f"{table.name}.tex", table.latex())
-    for picture in report.figures.values():
+    figures = list(report.figures.values())
+    if width_mm is not None:
+        jobs = [partial(finish, CHARTS[one.name], report.data, pdf=True, width_mm=width_mm) for one in figures]
+        figures = run_forked(jobs, lambda _: None)
+    for picture in figures:
         picture.write(folder)
 
 

@@ -33,12 +33,13 @@ def trial_data(
     drives: Sequence[DrivenTrial],
     worlds: Mapping[str, World],
     links: Mapping[Path, str] | None = None,
+    keys: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Return what the page's script needs; drives are all trials in the order of the entries.
 
-    links: to the page of a replay, by the path of its bag.
+    links: to the page of a replay, by the path of its bag. keys: of the measures shown, those usual without any.
     """
-    measures = with_motion(_MEASURES, [drive.result for drive in drives])
+    measures = keys or with_motion(_MEASURES, [drive.result for drive in drives])
     named = [MEASURES[key] for key in measures]
     columns: list[dict[str, Any]] = [
         {"name": name, "title": name, "unit": "", "digits": digits} for name, digits in _COLUMNS.items()
