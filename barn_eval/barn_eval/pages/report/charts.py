@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from textwrap import fill
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,10 +31,10 @@ _OUTCOMES = tuple(Outcome)
 _TIME = MEASURES["normalised_time_s_per_m"]
 _RANK = "world, from easy to difficult [rank]"
 _PREDICTED = "difficulty as predicted [s/m]"
-_NAMED_WORLDS = 40  # up to which each world has its number below it
+_NAMED_PER_IN = 3.4  # worlds, up to which each has its number below it
 _DISTRIBUTED = ("normalised_time_s_per_m", "min_clearance_m", "mean_speed_mps", "rms_jerk_mps3")
 _COMPUTE = {"median": "compute_p50_ms", "95th percentile": "compute_p95_ms", "largest": "compute_max_ms"}
-_NARROWEST_IN, _IN_PAPERS = 1.6, 0.62  # a panel of a paper; its height to that on a page
+_NARROW_IN, _NARROWEST_IN, _IN_PAPERS = 2.2, 1.6, 0.55  # panels of a paper; their height to that on a page
 _WINDOWS = 15  # of a line of running means
 _DASHES = ("-", "--", "-.", ":")
 
@@ -83,7 +84,7 @@ class Panels(NamedTuple):
 
     def fitted(self, width_in: float) -> "Panels":
         """Return the same panels in a figure of a paper, in as many columns as there is room for."""
-        columns = max(1, min(self.columns, int(width_in / _NARROWEST_IN)))
+        columns = max(1, min(self.columns, int(width_in / (_NARROWEST_IN if self.sharey else _NARROW_IN))))
         rows = -(-self.rows * self.columns // columns)
         height_in = _IN_PAPERS * self.height_in * rows / self.rows
         return self._replace(height_in=height_in, columns=columns, rows=rows, width_in=width_in)
@@ -229,8 +230,8 @@ def _paired(panels: Sequence[Axes], data: ChartData) -> Legend:
     for axes, measure in zip(panels, _differing(data), strict=False):
         rows = [one.row(measure.key) for one in comparisons]
         _draw_differences(axes, rows, [measure.shown(row.paired.difference) for row in rows], 0.0)
-        unit = "percentage points" if measure.percent else measure.unit
-        label_axes(axes, f"difference [{unit}]" if unit else "difference", "", measure.title)
+        unit = "% points" if measure.percent else measure.unit
+        label_axes(axes, f"difference [{unit}]" if unit else "difference", "", fill(measure.title, 16))
         if measure.better == "smaller":
             axes.invert_xaxis()  # right is always in favour of the same planner
     rows = [one.row(data.metric.key) for one in comparisons]
@@ -365,7 +366,8 @@ def _compute(panels: Sequence[Axes], data: ChartData) -> Legend:
 
 def _world_ticks(axes: Axes, order: Difficulty) -> None:
     """Write the number of each world below its rank, where there is room for all of them."""
-    if len(order.worlds) > _NAMED_WORLDS:
+    figure = axes.get_figure(root=True)
+    if figure is None or len(order.worlds) > _NAMED_PER_IN * figure.get_figwidth():
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         return
     axes.set_xticks(range(1, len(order.worlds) + 1), list(map(str, order.worlds)), fontsize=small())
