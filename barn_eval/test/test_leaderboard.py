@@ -12,7 +12,7 @@ from report_work import EVIL, campaign, drive
 from barn_eval.analysis.leaderboard import configuration_hash, leaderboard
 from barn_eval.analysis.planners import colours
 from barn_eval.analysis.sources import read_source
-from barn_eval.experiments.rows import ResultRows
+from barn_eval.experiments.rows import ResultRows, sealed
 from barn_eval.pages.report.leaderboard import markdown, page
 from barn_eval.trials.protocol import PAPER_2020
 from barn_worlds.base.errors import BarnError
@@ -34,13 +34,20 @@ def test_a_clear_difference_gives_ranks_and_the_same_results_a_tie(run, tmp_path
     assert [(row.rank, row.tied) for row in board.places] == [(1, True)] * 3
 
 
-def test_campaigns_of_the_same_worlds_share_a_board_and_others_have_their_own(run, tmp_path):
+def test_campaigns_are_ranked_on_the_worlds_in_common_and_without_any_have_boards_of_their_own(run, tmp_path):
     one = campaign(tmp_path / "one", run, planners=("gap",), bags=0)
     two = campaign(tmp_path / "two", run, planners=("twin",), bags=0)
     fewer = campaign(tmp_path / "fewer", run, planners=("dwa",), worlds=4, bags=0)
+    (board,) = leaderboard([one, fewer, two], "time")
+    assert {row.entry.planner: row.summary.worlds for row in board.places} == {"gap": 4, "twin": 4, "dwa": 4}
+    assert "4 worlds" in board.title
+    assert board.notes[0] == "Ranked on the 4 worlds that all have; gap and twin have more."
+    lines = (fewer / "results.jsonl").read_text().splitlines()
+    rows = [{key: value for key, value in json.loads(line).items() if key != "crc32"} for line in lines]
+    moved = (sealed(json.dumps(row | {"campaign_seed": row["campaign_seed"] + 1})) + "\n" for row in rows)
+    (fewer / "results.jsonl").write_text("".join(moved))
     boards = leaderboard([one, fewer, two], "time")
     assert [[row.entry.planner for row in board.places] for board in boards] == [["gap", "twin"], ["dwa"]]
-    assert "8 worlds" in boards[0].title
 
 
 def capped(folder, caps_mps):
@@ -92,7 +99,9 @@ def test_planners_are_told_apart_within_a_board_alone(run, tmp_path):
     boards = leaderboard([fewer, one])
     marks = [{(place.entry.label, place.entry.colour) for place in board.places} for board in boards]
     gap, dwa = colours(["gap", "dwa"])
-    assert marks == [{("gap", gap), ("DWA", dwa)}, {("DWA", dwa)}]
+    assert len(marks) == 1 and {colour for label, colour in marks[0] if label == "gap"} == {gap}
+    assert len(marks[0]) == len({colour for _, colour in marks[0]}) == 3
+    assert dwa in {colour for _, colour in marks[0]}
     again = campaign(tmp_path / "again", run, bags=0)
     (board,) = leaderboard([one, again])
     assert {place.entry.label for place in board.places} == {"gap (one)", "DWA (one)", "gap (again)", "DWA (again)"}
@@ -160,8 +169,8 @@ def test_a_board_begins_with_its_verdict_and_what_to_be_careful_about(run, tmp_p
     folder = campaign(tmp_path / "one_two", run, faster=2.0, bags=0)
     (board,) = leaderboard([folder])
     text = markdown([board])
-    verdict, few, about = text.split("\n\n")[2:5]
-    assert verdict.startswith("gap and DWA cannot be told apart: challenge metric 0.")
+    short, verdict, few, about = text.split("\n\n")[2:6]
+    assert short.startswith("gap and DWA cannot be told apart: challenge metric 0.")
     assert re.search(
         r"Failures in up to \d+\.\d % of gap's and \d+\.\d % of DWA's trials cannot be ruled out\.", verdict
     )

@@ -73,7 +73,7 @@ def test_a_chain_shares_a_rank_though_its_ends_differ():
 
 def test_nobody_is_ahead_where_all_means_are_equal():
     found = rank({name: planner(0.0, 1) for name in ("a", "b", "c")}, larger_is_better=False)
-    text = verdict(found, TIME)
+    text = str(verdict(found, TIME))
     assert text.startswith("a, b and c have the same time per metre as counted, ") and "30 worlds" in text
     assert "ahead" not in text
 
@@ -120,7 +120,7 @@ def test_the_same_planner_with_another_seed_shares_its_rank_on_a_board_of_eight(
 def sentence(offset, noise=1.0, worlds=20, name="B", **more):
     """The verdict on A, and on B that is so much slower."""
     a, b = planner(10.0, 1, worlds), planner(10.0 + offset, 2, worlds, noise)
-    return verdict(rank({"A": a, name: b} | more, larger_is_better=False), TIME)
+    return str(verdict(rank({"A": a, name: b} | more, larger_is_better=False), TIME))
 
 
 def test_a_clear_verdict_has_size_unit_interval_percent_p_and_numbers():
@@ -129,7 +129,7 @@ def test_a_clear_verdict_has_size_unit_interval_percent_p_and_numbers():
     found = paired_difference(b.values - a.values, a.worlds)
     one = found.interval
     assert text.startswith(f"A is better than B: time per metre as counted {a.values.mean():.3f} s/m against")
-    assert f"a difference of {one.estimate:.3f} [{one.low:.3f}, {one.high:.3f}] s/m" in text
+    assert f"The difference is {one.estimate:.3f} [{one.low:.3f}, {one.high:.3f}] s/m" in text
     assert (
         f"or {100.0 * one.estimate / b.values.mean():.1f} % of B's (p < 0.001, 20 worlds, 40 pairs of trials)." in text
     )
@@ -142,7 +142,7 @@ def test_an_open_verdict_has_the_number_of_worlds_that_are_needed():
     assert needed > 20
     assert "With fewer than 6 worlds no difference can be clear" in sentence(5.0, worlds=5)
     same = planner(0.0, 1)
-    assert "means are equal" in verdict(rank({"A": same, "B": same}, larger_is_better=False), TIME)
+    assert "means are equal" in verdict(rank({"A": same, "B": same}, larger_is_better=False), TIME).details
 
 
 def test_verdicts_on_several_planners_name_the_leader_or_the_group():
@@ -152,17 +152,17 @@ def test_verdicts_on_several_planners_name_the_leader_or_the_group():
     text = sentence(0.0, C=planner(40.0, 3, 20))
     assert re.match(r"[AB] is ahead, but [AB] cannot be told apart from it", text)
     assert " C" not in text
-    assert verdict(rank({"A": planner(0.0, 1)}, larger_is_better=False), TIME).startswith("A is the only planner")
+    assert verdict(rank({"A": planner(0.0, 1)}, larger_is_better=False), TIME).short.startswith("A is the only planner")
 
 
 def test_a_verdict_is_by_the_metric_of_the_protocol():
     good = results(worlds=12)
     worse = [replace(one, scores=replace(one.scores, challenge=0.0)) for one in results("eband", worlds=12)]
-    paper = results_verdict({"DWA": good, "E-Band": worse})
+    paper = results_verdict({"DWA": good, "E-Band": worse}).short
     assert "time per metre as counted" in paper
     assert "cannot be told apart" in paper
     challenge = [[replace(one, protocol="challenge") for one in part] for part in (good, worse)]
-    assert results_verdict(dict(zip(("DWA", "E-Band"), challenge, strict=True))).startswith(
+    assert results_verdict(dict(zip(("DWA", "E-Band"), challenge, strict=True))).short.startswith(
         "DWA is better than E-Band: challenge metric"
     )
 
@@ -171,7 +171,7 @@ def test_the_verdict_on_a_pair_is_that_of_its_table_either_way_round():
     a, b = results(), [replace(one, planner="eband") for one in results("eband", slower_s=5.0)]
     first, second = pair_verdict(compare(a, b)), pair_verdict(compare(b, a))
     assert first == second
-    assert first.startswith("DWA is better than E-Band")
+    assert first.short.startswith("DWA is better than E-Band")
     assert results_verdict({"DWA": a, "E-Band": b}) == first
 
 
@@ -198,3 +198,11 @@ def test_few_worlds_and_unfinished_folders_are_told(tmp_path):
     assert few.startswith("Only 9 worlds")
     assert partial == f"{tmp_path} is partial: 6 of 20 trials"
     assert cautions(10, [replace(source, planned=6), replace(source, planned=None)]) == ()
+
+
+def test_a_set_that_is_too_small_to_tell_is_said_to_be():
+    a, b = planner(10.0, 1, 20), planner(10.05, 2, 20)
+    found = replace(rank({"A": a, "B": b}, larger_is_better=False), available=21)
+    assert (
+        "The 21 worlds of this set cannot tell such a difference: it would take about" in verdict(found, TIME).details
+    )

@@ -14,12 +14,14 @@ import numpy as np
 import pytest
 from browser import violations
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from report_work import EVIL, campaign, drive, recorded_track
 
 from barn_eval.analysis.difficulty import predicted
 from barn_eval.analysis.overview import repeat
 from barn_eval.analysis.significance import proportion
 from barn_eval.analysis.sources import Source, read_entries, read_source
+from barn_eval.analysis.summary import bars
 from barn_eval.analysis.text_table import TextTable, latex_text
 from barn_eval.commands.main import main
 from barn_eval.commands.run import command as run_command
@@ -28,9 +30,10 @@ from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import read_request
 from barn_eval.experiments.rows import sealed
 from barn_eval.experiments.track import NO_NUMBER
+from barn_eval.pages.figures import Plot, style
 from barn_eval.pages.report import page as report_module
 from barn_eval.pages.report.charts import CHARTS
-from barn_eval.pages.report.page import build_report, draw, plot, report_page, write_assets, write_report
+from barn_eval.pages.report.page import build_report, draw, figure_of, plot, report_page, write_assets, write_report
 from barn_eval.pages.report.trial_data import trial_data
 from barn_eval.pages.template import colour_sheet, script_json
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN, load_protocol
@@ -39,6 +42,8 @@ from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.drawing.palette import PLANNERS
 from barn_worlds.worlds.dataset import open_dataset
+
+SHOWN = [one for one in CHARTS.values() if one.name != "sweep"]  # which is of sweeps alone
 
 
 @pytest.fixture(scope="module")
@@ -153,7 +158,7 @@ def test_prediction_is_drawn_only_of_trials_like_those_that_it_was_learned_from(
     report = build_report([campaign(tmp_path / "campaign", run, protocol=load_protocol(protocol))])
     (axes,) = draw(CHARTS["worlds"], report.data)
     names = [text.get_text() for legend in axes.figure.legends for text in legend.get_texts()]
-    assert "mean over planners" in names
+    assert names[:2] == ["gap", "DWA"]
     assert ("predicted" in names) == (protocol == "paper2020")
     assert ("Predicted: by the difficulty model" in report_page(report, "A title")) == (protocol == "paper2020")
 
@@ -227,11 +232,18 @@ def test_planners_of_one_name_are_told_apart_and_other_protocols_not_compared(fo
 def test_the_page_begins_with_the_verdict_and_a_warning_of_few_worlds(report):
     text = report_page(report, "whole")
     verdict = report.overview.verdict
-    assert verdict.startswith("gap and DWA cannot be told apart: challenge metric 0.")
-    assert verdict in html.unescape(text)
+    assert (
+        verdict.short.startswith("gap and DWA cannot be told apart: challenge metric 0.")
+        and verdict.short.count(".") == 3
+    )
+    assert f'<p class="verdict">{verdict.short}</p>\n  <p>{verdict.details}</p>' in html.unescape(text)
     task = report.entries[0].results[0].task
     assert re.fullmatch("[0-9a-f]{12}", task)
-    assert text.index(f"Protocol challenge, task {task}.") < text.index(html.escape(verdict[:20]))
+    assert (
+        text.index("Protocol challenge, robot Jackal")
+        < text.index(verdict.short)
+        < text.index(f"Task {task}: a checksum")
+    )
     assert text.index("Only 8 worlds") < text.index('id="headline"')
 
 
@@ -244,9 +256,81 @@ def test_the_first_screen_has_bars_and_the_headline_the_metric_first(report):
     times = [row[headline.columns.index("time of successes [s]")] for row in headline.rows]
     assert all(time.endswith(f" of {gap.outcomes['success']}") for time in times)
     widths = re.findall(r'class="bar" style="width: ([0-9.]+)%', text)
-    assert float(widths[1]) / float(widths[0]) == pytest.approx(
-        dwa["challenge"].estimate / gap["challenge"].estimate, rel=1e-3
-    )
+    expected = [100.0 * one["challenge"].estimate / 0.5 for one in (gap, dwa)]
+    assert list(map(float, widths)) == pytest.approx(expected, abs=0.01)
+    assert "challenge metric (of 0.5), from 0 to 0.5: means over the 8 worlds that all planners have" in text
+
+
+def test_bars_and_verdict_are_of_the_worlds_that_all_planners_have(folder, tmp_path):
+    part = tmp_path / "part"
+    shutil.copytree(folder, part, ignore=shutil.ignore_patterns("bags"))
+    rows = [json.loads(line) for line in (part / "results.jsonl").read_text().splitlines()]
+    lines = (part / "results.jsonl").read_text().splitlines(keepends=True)
+    kept = [line for line, row in zip(lines, rows, strict=True) if row["planner"] == "gap" or row["world"] < 5]
+    (part / "results.jsonl").write_text("".join(kept))
+    made = build_report([part], hardest=0)
+    shown = bars(made.entries)
+    means = re.search(r"metric ([0-9.]+) against ([0-9.]+)\.", made.overview.verdict.short)
+    assert [row["text"].split()[0] for row in shown.rows] == list(means.groups())
+    assert shown.worlds == 5 and "Only 5 worlds" in report_page(made, "part")
+
+
+def test_where_and_why_name_every_planner_and_claim_nothing_beyond_the_tests(run, tmp_path):
+    made = build_report([campaign(tmp_path / "three", run, ("gap", "dwa", "eband"), worlds=8, bags=0)], hardest=0)
+    assert made.overview.where.keys() == {band.name for band in made.overview.bands}
+    for text in made.overview.where.values():
+        assert all(name in text for name in ("gap", "DWA", "E-Band"))
+    assert len(made.overview.why) == 3
+    for text, found in zip(made.overview.why, made.overview.comparisons, strict=True):
+        assert text.startswith(f"{found.a} and {found.b} ")
+        clear, unclear = (*re.split(", not in | do not differ clearly in ", text), "")[:2]
+        for row in found.rows:
+            if row.key in ("success", "traversal_time_s", "challenge"):
+                assert row.measure in (clear if row.p_holm <= 0.05 else unclear)
+    page = html.unescape(report_page(made, "three"))
+    assert all(text in page for text in (*made.overview.where.values(), *made.overview.why))
+
+
+def test_differences_are_drawn_of_the_metric_in_favour_of_who_is_named_there(report):
+    with style():
+        first, *others = draw(CHARTS["paired"], report.data)
+    titles = [" ".join(axes.get_title(loc="left").split()) for axes in (first, *others)]
+    assert titles == ["challenge metric", "success", "time per metre as counted", "better in a trial"]
+    (found,) = report.overview.comparisons
+    assert [label.get_text() for label in first.get_yticklabels()] == ["DWA \u25c2 \u25b8 gap"] and found.a == "gap"
+    assert [axes.xaxis_inverted() for axes in (first, *others)] == [False, False, True, False]
+    drawn = first.lines[1].get_xydata().tolist()
+    assert drawn == [[found.row("challenge").paired.difference.estimate, 0.0]]
+
+
+def test_columns_of_tables_are_those_chosen(folder, capsys):
+    made = build_report([folder], hardest=0, columns=["mean_speed_mps", "success"])
+    assert made.tables[0].columns[2:5] == ("challenge metric (of 0.5)", "mean speed [m/s]", "success [%]")
+    data = trial_data(made.entries, made.drives, {}, keys=made.columns)
+    assert [one["name"] for one in data["columns"]][4:] == ["mean_speed_mps", "success"]
+    with pytest.raises(ConfigError, match="unknown measure 'mean_sped_mps'; did you mean 'mean_speed_mps'"):
+        build_report([folder], columns=["mean_sped_mps"])
+    with pytest.raises(SystemExit):
+        main(["report", str(folder), "--set", "colums=success"])
+    assert "did you mean 'columns'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("width_mm", [88.0, 180.0])
+@pytest.mark.parametrize("chart", SHOWN, ids=lambda one: one.name)
+def test_figures_of_a_paper_have_its_width_and_type_of_7_to_9_pt(report, chart, width_mm):
+    with style(width_mm):
+        figure = figure_of(draw(chart, report.data, width_mm=width_mm))
+    assert figure.get_figwidth() == pytest.approx(width_mm / 25.4)
+    sizes = {text.get_fontsize() for text in figure.findobj(Text) if text.get_text()}
+    assert sizes and all(7.0 <= size <= 9.0 for size in sizes)
+
+
+def test_a_pdf_has_its_fonts_embedded(report, tmp_path):
+    plot = Plot(figure_of(report_module.plot("trade", report.entries, width_mm=88.0)), "")
+    content = plot.save(tmp_path / "trade.pdf").read_bytes()
+    assert content.count(b"/FontFile2") >= 1 and b"/Type3" not in content
+    with pytest.raises(ConfigError, match="width_mm: must lie in 60 to 400, got 8"):
+        report_module.plot("trade", report.entries, width_mm=8)
 
 
 def test_worlds_can_be_ordered_by_what_the_model_predicts(folder):
@@ -272,7 +356,7 @@ def test_speed_is_drawn_over_safety_with_the_limits_of_both(report):
         np.testing.assert_allclose(up.get_segments()[0][:, 1], [time.low, time.high])
 
 
-@pytest.mark.parametrize("chart", CHARTS.values(), ids=lambda one: one.name)
+@pytest.mark.parametrize("chart", SHOWN, ids=lambda one: one.name)
 def test_a_figure_can_be_drawn_onto_axes_of_others(report, chart):
     own = plot(chart.name, report.entries)
     panels = Figure().subplots(1, len(own), squeeze=False)[0]
@@ -290,7 +374,7 @@ def test_a_figure_that_there_is_nothing_for_is_refused(report):
         plot("wrlds", report.entries)
     with pytest.raises(ConfigError, match="figure 'paired': these results have nothing to show in it"):
         plot("paired", report.entries[:1])
-    assert set(CHARTS) == set(report.figures)
+    assert set(CHARTS) == {*report.figures, "sweep"}
 
 
 def test_the_hardest_worlds_are_shown_from_start_to_goal(report):
@@ -317,7 +401,8 @@ def test_a_trial_with_a_bag_links_to_its_replay(folder, tmp_path):
 
 def test_planners_have_the_colours_of_the_page_in_its_figures(report):
     svg = report.figures["worlds"].element
-    assert "var(--c-0072b2, #0072b2)" in svg
+    colour = report.entries[0].colour.lower()
+    assert f"var(--c-{colour[1:]}, {colour})" in svg
     assert "currentColor" in svg
     style = colour_sheet()
     dark = style[style.index("@media screen and (prefers-color-scheme: dark)") :]

@@ -22,6 +22,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
 from matplotlib.style import context
 
 from barn_eval.pages.template import themed
@@ -64,7 +65,7 @@ def style(width_mm: float | None = None) -> AbstractContextManager[None]:
 
 def small() -> float:
     """Return the size of small type in points, within `style`."""
-    return float(rcParams["legend.fontsize"])
+    return FontProperties(size=rcParams["legend.fontsize"]).get_size_in_points()
 
 
 def new_figure(height_in: float, width_in: float = WIDTH_IN) -> Figure:
