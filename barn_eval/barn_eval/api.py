@@ -155,6 +155,7 @@ def _sweep_of(call: Callable[P, Results]) -> Callable[Concatenate[Sweep, P], pd.
 
     Args:
         parameters: Values by parameter, as {"dwa.path_weight": [0.3, 0.6, 1.2]}; of the only planner.
+            {"latency": [0, 0.1, 0.3]} is the delay in s of the commands of all planners.
         {of_run}
 
     Returns:

@@ -39,6 +39,17 @@ def test_every_job_is_reported_once_and_workers_are_kept(engine):
     assert {threads for _, _, threads in seen} == {"1"}
 
 
+def test_a_worker_that_is_stopped_is_given_up_as_the_machines_fault():
+    engine = LocalEngine(Deeds(), workers=1, trial_limit_s=1.0)
+    started(engine)
+    report = all_reports(engine, {"a": ("die", signal.SIGSTOP)})["a"]
+    assert isinstance(report, Lost)
+    assert report.stalled and not report.overtime
+    assert report.reason.endswith("as the machine stood still")
+    assert isinstance(all_reports(engine, {"b": ("echo", 1)})["b"], Done)
+    engine.close()
+
+
 def test_environment_of_workers_does_not_leak(engine, monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     monkeypatch.delenv("MKL_NUM_THREADS", raising=False)

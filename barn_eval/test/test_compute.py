@@ -1,5 +1,6 @@
 """What trials charge for a planner's computing, and what is said where they charge nothing."""
 
+import json
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from barn_eval.experiments import direct
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.experiments.pace import Stopwatch
 from barn_eval.experiments.run_file import RunFile
+from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.result import WallClock, packed_delays, unpacked_delays
 from barn_planners.gap.planner import ENTRY
 from barn_planners.interface import Decision, Observation, Planner, Task
@@ -160,3 +162,34 @@ def test_the_figures_of_a_faster_machine_say_the_same_planner_does_not_fit() -> 
     assert clock.on(2.0, 0.05, "free").note == "its score assumes a computer 1.6 times as fast"
     assert clock.on(1.0, 0.05, "free").note == ""
     assert clock.on(2.0, 0.05, "declared") == replace(clock, pace=2.0)
+
+
+def test_latency_drives_each_planner_at_each_delay(tmp_path: Path) -> None:
+    given = ["run", "--planners", "gap,dwa", "--worlds", "60", "--out", str(tmp_path / "late"), "--workers", "1"]
+    done = CliRunner().invoke(cli, [*given, "--latency", "0,0.3", "--json"])
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)["settings"]
+    assert [(one["planner"], one["latency"]) for one in found] == [
+        ("dwa", 0.0), ("dwa", 0.3), ("gap", 0.0), ("gap", 0.3),
+    ]  # fmt: skip
+    again = barn.sweep(
+        {"latency": [0, 0.3]}, planners=["gap", "dwa"], worlds=60, out=tmp_path / "late", workers=1, progress=False
+    )
+    assert list(again["challenge"]) == [one["challenge"] for one in found]
+    assert len(set(again["challenge"])) == 4
+    assert CliRunner().invoke(cli, [*given, "--latency", "0,x"]).exit_code
+
+
+def test_lockstep_over_ros_charges_what_one_process_does(tmp_path: Path) -> None:
+    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+    settings = {"gap.compute.delay_s": 0.12, "gap.compute.delay_p95_s": 0.3}
+    short = replace(CHALLENGE, name="short", limit_s=4.0, timeout_time_s=4.0)
+    direct_row, ros_row = (
+        barn.run(60, "gap", short, settings=settings, mode=mode, out=tmp_path / mode, workers=1, progress=False)
+        .trials[0]
+        .repeatable()
+        for mode in ("direct", "ros")
+    )
+    assert direct_row | {"mode": "ros"} == ros_row
+    tracks = [(tmp_path / mode / "tracks.jsonl").read_text() for mode in ("direct", "ros")]
+    assert tracks[0] == tracks[1]

@@ -1,7 +1,12 @@
 """Trials in one process: repeatable to the last byte, and ended by every fault in its own way."""
 
+import os
+import signal
+import subprocess
+import time
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pybullet
@@ -15,7 +20,11 @@ from barn_eval.bags.recorded import read_recorded
 from barn_eval.bags.recorder import Recorder
 from barn_eval.experiments import direct
 from barn_eval.experiments.direct import run_direct_trial
+from barn_eval.experiments.engine import DirectWork, Job, Lost, attempt
+from barn_eval.experiments.live import LivePlanner
 from barn_eval.experiments.picture import draw_trial
+from barn_eval.experiments.store import Store
+from barn_eval.trials import trial
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, PAPER_2020
 from barn_eval.trials.result import from_json_line, to_json_line
@@ -131,8 +140,34 @@ def test_a_planner_that_hangs_is_stopped(open_world, monkeypatch, fault):
     monkeypatch.setattr(direct, "STALL_LIMIT_S", 0.3)
     finished = run_direct_trial(spec_of(open_world), planner=Faulty(fault))
     assert finished.result.outcome is Outcome.PLANNER_STALLED
-    assert "0.3 s of wall-clock time" in finished.result.detail
+    assert "0.3 s of its own time" in finished.result.detail
     assert run_direct_trial(spec_of(open_world), planner=Straight()).result.outcome is not Outcome.PLANNER_STALLED
+
+
+def test_a_process_that_is_stopped_in_a_cycle_is_not_the_planners_fault(open_world, monkeypatch):
+    monkeypatch.setattr(direct, "STALL_LIMIT_S", 0.8)
+
+    class Stopped(Straight):
+        cycles = 0
+
+        def step(self, observation):
+            self.cycles += 1
+            if self.cycles == 5:
+                subprocess.Popen(["sh", "-c", f"sleep 2; kill -CONT {os.getpid()}"])  # the fault that is tried
+                os.kill(os.getpid(), signal.SIGSTOP)
+            return super().step(observation)
+
+    stopped, straight = (run_direct_trial(spec_of(open_world), planner=one).result for one in (Stopped(), Straight()))
+    assert stopped.repeatable() == straight.repeatable()
+
+
+def test_a_machine_that_stalls_for_good_is_told_from_the_planner(open_world, monkeypatch):
+    monkeypatch.setattr(trial, "STALLED", 0.0)
+    work = DirectWork(Store(Path()), {"straight": LivePlanner("straight", lambda _: time.sleep(60.0))})
+    report = attempt(work, "key", "here", Job("key", (spec_of(open_world),)), lambda _: None)
+    assert isinstance(report, Lost)
+    assert report.stalled and not report.overtime
+    assert "the machine stalled" in report.reason
 
 
 def test_only_the_first_answer_has_time_to_compile(open_world, monkeypatch):
@@ -151,7 +186,7 @@ def test_a_planner_that_never_moves(open_world):
 
 
 def test_a_simulator_that_fails_is_an_outcome(open_world, monkeypatch):
-    def fail(_self, _command):
+    def fail(_self, _command, _delay_ns):
         raise ArithmeticError("the physics blew up")
 
     monkeypatch.setattr("barn_sim.simulator.Simulator.step", fail)

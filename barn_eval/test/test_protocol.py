@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from barn_eval.trials import identity
+from barn_eval.trials.outcome import Outcome, Verdict, score
 from barn_eval.trials.protocol import (
     CHALLENGE,
+    CHALLENGE_2022,
+    CHALLENGE_2022_03,
     DYNABARN,
     PAPER_2020,
     PROTOCOLS,
@@ -222,7 +225,7 @@ def test_a_file_may_stand_alone(tmp_path):
         ("schema_version: 1\nname: x\nbase: paper2020\nstart: 3\n", "start must be a mapping"),
         ("schema_version: 1\nname: x\nbase: paper2020\nstart: {x_min_m: 1, x_max_m: 0}\n", "x_min_m must be at most"),
         ("schema_version: 1\nbase: paper2020\nlimit_s: 3\n", "missing key 'name'"),
-        ("schema_version: 1\nname: x\n", "missing key 'goal' (or a base: challenge, dynabarn, known_map, paper2020)"),
+        ("schema_version: 1\nname: x\n", "missing key 'goal' (or a base: challenge, dynabarn, known_map, paper2020, "),
         ("schema_version: 1\nname: x\ngoal: {}\n", "missing key 'start'"),
         ("- 1\n", "must be a mapping"),
         ("a: [\n", "not YAML"),
@@ -251,3 +254,20 @@ def test_a_start_cannot_be_counted_from_itself(open_world, key):
 
 def test_names_lead_to_the_protocols():
     assert {name: load_protocol(name) for name in PROTOCOLS} == PROTOCOLS
+
+
+def test_the_challenge_by_its_years(open_world):
+    courses = [one.course(open_world) for one in (CHALLENGE, CHALLENGE_2022, CHALLENGE_2022_03)]
+    assert [course.start.x for course in courses] == [-2.25, -2.0, -2.0]
+    assert [one.goal_distance_m for one in (CHALLENGE, CHALLENGE_2022, CHALLENGE_2022_03)] == [1.0, 1.0, 0.5]
+    assert [one.metric for one in (CHALLENGE, CHALLENGE_2022, CHALLENGE_2022_03)] == [
+        "challenge", "challenge_2022", "challenge",
+    ]  # fmt: skip
+    assert "clipped" not in as_dict(CHALLENGE) and "look_period_s" not in as_dict(CHALLENGE)
+
+
+def test_the_first_rules_do_not_clip(open_world):
+    course = CHALLENGE_2022_03.course(open_world)
+    for times in (1.5, 3.0, 12.0):
+        verdict = Verdict(Outcome.SUCCESS, "", times * course.optimal_time_s, 0.0, 0.0)
+        assert score(verdict, course, CHALLENGE_2022_03).challenge == pytest.approx(1.0 / times)

@@ -52,6 +52,17 @@ def test_success_is_timed_from_the_first_motion_to_the_goal():
     assert verdict.duration_s == pytest.approx((10 + 80) * 0.05)
 
 
+def test_a_protocol_that_looks_ten_times_a_second_sees_everything_at_its_looks():
+    looking = replace(CHALLENGE, look_period_s=0.1)
+    positions = [0.0] * 10 + [0.05 * step for step in range(200)]
+    verdict = judge(looking, positions)
+    # 0.15 m is passed at step 13 and seen at 14; 4 m at step 90, which is a look.
+    assert verdict.traversal_time_s == pytest.approx((90 - 14) * 0.05)
+    touched = judge(looking, [0.0] * 10, contacts=(3,))
+    assert (touched.outcome, touched.duration_s) == (Outcome.COLLISION, pytest.approx(4 * 0.05))
+    assert judge(looking, [0.0] * 4, contacts=(3,)) is None
+
+
 def test_arrival_at_exactly_the_goal_distance_counts():
     protocol = replace(CHALLENGE, goal_distance_m=0.5)
     assert judge(protocol, [0.0, 4.4999]) is None

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
+from barn_worlds.base.compute import Compute
 from barn_worlds.base.config import OPTIONAL, Checked, from_dict, quantity
 from barn_worlds.base.types import Pose2D, nanoseconds
 from barn_worlds.messages.topics import FRAMES, Frames
@@ -271,6 +272,9 @@ class RunConfig(SimulatorConfig):
     command_wait_s: float = quantity(
         5.0, "how long lockstep waits for a command, in real time", "s", minimum=0.001, maximum=3600.0
     )
+
+    compute: Compute = field(default_factory=Compute)
+    compute_seed: int = quantity(0, "seed of the planner's delays in lockstep", minimum=0)
 
     def with_chassis(self) -> "RunConfig":
         """Return the configuration with the chassis of its robot; ConfigError if there is no such robot."""

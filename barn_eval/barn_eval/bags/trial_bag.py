@@ -62,10 +62,11 @@ class TrialBag:
             self._record([Outgoing(topics.MAP, data)], first.stamp_ns)
         self._record([first_scene(self._spec, first.stamp_ns)], first.stamp_ns)
 
-    def reading(self, sensors: Sensors) -> None:
-        """Record the readings of an instant and the goal, where it is sent again."""
+    def reading(self, sensors: Sensors, *, asked: bool = True) -> None:
+        """Record the readings of an instant, the scan where the planner is asked, and the goal where it is sent."""
         stamp_ns = sensors.stamp_ns
-        self._record(self._simulator.sensors(sensors, stamp_ns), stamp_ns)
+        readings = self._simulator.sensors(sensors, stamp_ns)
+        self._record((one for one in readings if asked or one.topic is not topics.SCAN), stamp_ns)
         self._record(moving_scene(self._spec, stamp_ns, stamp_ns), stamp_ns)
         if self._next_goal_ns is not None and stamp_ns >= self._next_goal_ns:
             self._record([Outgoing(topics.GOAL_POSE, self._goal.encode(self._spec.goal, stamp_ns))], stamp_ns)

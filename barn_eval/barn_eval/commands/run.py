@@ -31,7 +31,7 @@ from barn_eval.experiments.progress import MOST_LINES, clock
 from barn_eval.experiments.request import Request, read_request
 from barn_eval.experiments.ros_config import BAGS, MODES, RosSetup
 from barn_eval.experiments.run import Plan, plan_experiment
-from barn_eval.experiments.sweep import Setting, grid, sweep_of
+from barn_eval.experiments.sweep import LATENCY, Setting, grid, parse_sweep, sweep_of
 from barn_eval.ros.work import run_request
 from barn_eval.trials.outcome import NOT_DRIVEN
 from barn_eval.trials.result import TrialResult
@@ -72,6 +72,7 @@ NOT_SCORED = 3  # the exit code
     metavar="KEY=V1,V2,...",
     help="Run each value of a parameter, and all combinations of several; repeatable.",
 )
+@click.option("--latency", metavar="S1,S2,...", help="Drive each planner with commands that come so much late, in s.")
 @settings_option("--sim", "simulator", "Of the simulator", SimulatorConfig())
 @settings_option("--ros", "ros", "Of mode ros", RosSetup())
 @settings_option(
@@ -92,6 +93,7 @@ def command(
     file: Path | None,
     settings: dict[str, Any],
     sweep: tuple[str, ...],
+    latency: str | None,
     overwrite: bool,
     dry_run: bool,
     as_json: bool,
@@ -105,7 +107,9 @@ def command(
     end; bags to OUT/bags, pictures to OUT/pictures.
     """
     given = {key: value for key, value in options.items() if value not in (None, (), {})}
-    if swept := sweep_of(file, sweep):
+    if latency and sweep:
+        raise click.UsageError("--latency is a sweep of its own, without --sweep")
+    if swept := parse_sweep([f"{LATENCY}={latency}"]) if latency else sweep_of(file, sweep):
         if dry_run or view:
             raise click.UsageError("a sweep is run without --dry-run and --view")
         return _sweep(grid(swept, file, given, settings), overwrite=overwrite, as_json=as_json)

@@ -97,7 +97,7 @@ class _DirectTrial:
                 bag.begin(sensors)
             while True:
                 for bag in self._bags:
-                    bag.reading(sensors)
+                    bag.reading(sensors, asked=self.turnaround.free(sensors.stamp_ns))
                 over = trial.read(sensors.odometry, sensors.truth, sensors.collision)
                 busy = over or not self.turnaround.free(sensors.stamp_ns)
                 command, delay_ns = (None, 0) if busy else self._decide(sensors)

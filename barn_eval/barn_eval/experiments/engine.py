@@ -12,6 +12,7 @@ from typing import Any
 from barn_eval.experiments.live import LivePlanner
 from barn_eval.experiments.store import Record, Store
 from barn_eval.trials.spec import TrialSpec
+from barn_eval.trials.trial import MachineStalledError
 from barn_worlds.base.errors import BarnError
 
 # Workers share the processors already; and the order in which threads add up numbers must not decide a result.
@@ -107,11 +108,15 @@ class Note(JobReport):
 
 @dataclass(frozen=True)
 class Lost(JobReport):
-    """A job without a result, because its worker died, took too long or failed; it may be tried again."""
+    """A job without a result, because its worker died, took too long or failed; it may be tried again.
+
+    stalled: the machine stood still, so that the planner is not to blame.
+    """
 
     reason: str
     traceback: str = ""
     overtime: bool = False
+    stalled: bool = False
 
 
 @dataclass(frozen=True)
@@ -141,7 +146,8 @@ def attempt(work: Work, key: str, worker: str, job: object, send: Callable[[Repo
     except BarnError as error:
         return Refused(key, worker, str(error))
     except Exception as error:
-        return Lost(key, worker, f"{type(error).__name__}: {error}", traceback.format_exc())
+        stalled = isinstance(error, MachineStalledError)
+        return Lost(key, worker, f"{type(error).__name__}: {error}", traceback.format_exc(), stalled=stalled)
 
 
 def now() -> str:

@@ -15,12 +15,16 @@ import time
 from contextlib import suppress
 from dataclasses import replace
 from multiprocessing.connection import Connection, wait
+from pathlib import Path
 
 import cloudpickle
 
 from barn_eval.experiments.engine import ENVIRONMENT, Engine, Lost, Note, Part, Report, Work
 from barn_eval.experiments.worker import GRACE_S
+from barn_eval.trials.trial import queued_s
 from barn_worlds.base.errors import ConfigError
+
+_LONGEST_GAP_S = 10.0  # between two looks at workers; a longer one is that of a process that was stopped
 
 
 class LocalEngine(Engine):
@@ -41,6 +45,7 @@ class LocalEngine(Engine):
         self._environment = os.environ | ENVIRONMENT | path
         self._limit_s = trial_limit_s or float("inf")
         self._workers: list[_Worker | None] = [None] * workers
+        self._looked_s = time.monotonic()
 
     @property
     def slots(self) -> int:
@@ -64,14 +69,23 @@ class LocalEngine(Engine):
         busy = {worker.connection: worker for worker in self._workers if worker is not None and worker.key is not None}
         first = min((worker.deadline for worker in busy.values()), default=0.0)
         ready = wait(list(busy), max(0.0, min(limit_s, first - time.monotonic())))
+        self._allow_for_stops()
         reports = []
         for connection, worker in busy.items():
             if connection in ready:
                 reports.append(worker.report(self._limit_s))
-            elif time.monotonic() >= worker.deadline:
+            elif time.monotonic() >= worker.deadline and not worker.has_second_try(self._limit_s):
                 reports.append(worker.give_up(f"no result within {self._limit_s:g} s of wall-clock time"))
         self._workers = [None if worker is not None and worker.dead else worker for worker in self._workers]
         return reports
+
+    def _allow_for_stops(self) -> None:
+        """Put deadlines off by the time in which this process, or a worker, stood still."""
+        now_s = time.monotonic()
+        gap_s, self._looked_s = now_s - self._looked_s, now_s
+        for worker in self._workers:
+            if worker is not None and worker.key is not None:
+                worker.stand_still(gap_s, self._limit_s, all_did=gap_s > _LONGEST_GAP_S)
 
     def close(self) -> None:
         """Ask all workers to end, and kill those that do not within their time."""
@@ -93,6 +107,8 @@ class _Worker:
         self.key: str | None = None
         self.deadline = 0.0
         self.dead = False
+        self._queued_s = self._stood_s = 0.0
+        self._stalled = False
         ours, theirs = socket.socketpair()
         safe = ["-P"] if sys.version_info >= (3, 11) else []  # modules are not to be found in the present folder
         before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])  # until it has said how it takes Ctrl-C
@@ -113,6 +129,7 @@ class _Worker:
     def submit(self, key: str, job: object, limit_s: float) -> bool:
         """Send a job and return whether the worker was there to take it."""
         self.key, self.deadline = key, time.monotonic() + limit_s
+        self._queued_s, self._stood_s, self._stalled = queued_s(self.process.pid), 0.0, False
         try:
             self.connection.send((key, job))
         except OSError:
@@ -132,11 +149,35 @@ class _Worker:
             self.key = None
         return report
 
+    def stand_still(self, gap_s: float, limit_s: float, *, all_did: bool) -> None:
+        """Put the deadline off by a time in which the worker was stopped, or everything was; by the limit at most."""
+        if self._stood_s < limit_s and (all_did or self._is_stopped()):
+            self.deadline += gap_s
+            self._stood_s += gap_s
+
+    def has_second_try(self, limit_s: float) -> bool:
+        """Tell, at the deadline, whether it has been put off once more, as the machine withheld its processor."""
+        queued = queued_s(self.process.pid) - self._queued_s
+        if self._stalled or (queued < 0.5 * limit_s and self._stood_s < limit_s):
+            return False
+        self._stalled = True
+        self.deadline += limit_s
+        return True
+
+    def _is_stopped(self) -> bool:
+        try:
+            stat = Path(f"/proc/{self.process.pid}/stat").read_text("utf-8", "replace")
+        except OSError:
+            return False
+        return stat.rpartition(") ")[2][:1] in ("T", "t")
+
     def give_up(self, reason: str) -> Report:
         """End the worker because of its job."""
         self.process.terminate()
         self.join(GRACE_S)
         self.kill()
+        if self._stalled:
+            return replace(self._lost(f"{reason}, as the machine stood still"), stalled=True)
         return replace(self._lost(reason), overtime=True)
 
     def ask_to_end(self) -> None:

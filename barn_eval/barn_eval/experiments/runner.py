@@ -40,10 +40,11 @@ def run_remaining(
 ) -> Generator[Event, None, None]:
     """Run what an experiment lacks; yield each result once it is on the disk, each loss, and what workers note.
 
-    A trial that is lost at every attempt gets a result too: planner_stalled if it exceeded its wall-clock time in the
-    last, else planner_died in mode direct, where the planner shares the worker's process, and simulator_died in mode
-    ros, where it cannot touch the worker. Raises ExperimentError for what the user has to remove, StoreError if a
-    result cannot be written. The engine is left to the caller to close.
+    A trial that is lost at every attempt gets a result too, by the last of them: environment_failed if the machine
+    stood still, planner_stalled if it exceeded its wall-clock time, else planner_died in mode direct, where the planner
+    shares the worker's process, and simulator_died in mode ros, where it cannot touch the worker. Raises
+    ExperimentError for what the user has to remove, StoreError if a result cannot be written. The engine is left to the
+    caller to close.
     """
     loop = _Loop(folder, execution, mode, deque(work.jobs(folder.remaining)))
     while loop.waiting or loop.out:
@@ -130,6 +131,7 @@ class _Loop:
     def _give_up(self, spec: TrialSpec, report: Lost, attempt: int) -> TrialResult:
         lost = Outcome.PLANNER_DIED if self.mode == "direct" else Outcome.SIMULATOR_DIED
         outcome = Outcome.PLANNER_STALLED if report.overtime else lost
+        outcome = Outcome.ENVIRONMENT_FAILED if report.stalled else outcome
         verdict = Verdict(outcome, f"{report.reason}, at the last of {attempt} attempts", None, 0.0, 0.0)
         result = conclude(spec, self.mode, verdict, TrajectoryLog().trajectory()).result
         result = replace(result, wall_clock=replace(result.wall_clock, worker=report.worker, attempts=attempt))

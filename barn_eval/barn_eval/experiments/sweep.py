@@ -5,7 +5,7 @@ import math
 import re
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from barn_worlds.base.text_files import parse_yaml, read_yaml
 from barn_worlds.worlds.world import World
 
 MOST_SETTINGS = 400
+LATENCY = "latency"
 PARAMETERS = "parameters"  # the folder of parameter files that were written for settings
 _VALUE = re.compile(r"([^=,]+)=([^=,]+)")
 Sweep = Mapping[str, Sequence[Any]]
@@ -75,9 +76,12 @@ def grid(
 
     A key is a parameter of the only planner: of one of the suite's, by its dotted name; of one that a command starts, a
     ROS parameter, which is set by `-p`, or, where the command has a `--params-file`, a dotted key of that file, of
-    which each setting gets a copy. The other arguments are those of `read_request`.
+    which each setting gets a copy. The key "latency" alone is the delay in s of all planners. The other arguments are
+    those of `read_request`.
     """
     base = read_request(path, options, settings, worlds)
+    if list(sweep) == [LATENCY]:
+        return [_late(delay_s, base.out, path, options, settings, worlds) for delay_s in _delays(sweep[LATENCY])]
     planners = base.experiment.planners
     if len(planners) != 1:
         raise ConfigError(f"a sweep is of one planner, got {', '.join(one.name for one in planners)}")
@@ -103,6 +107,33 @@ def grid(
     if len({one.request.out for one in found}) < len(found):
         raise ConfigError("a sweep names one value twice")
     return found
+
+
+def _delays(values: Sequence[Any]) -> list[float]:
+    _require_values({LATENCY: values})
+    if any(isinstance(value, str | bool) for value in values) or len(set(values)) < len(values):
+        raise ConfigError(f"latency: must be delays in s, each named once, got {shown(list(values))}")
+    return list(map(float, values))
+
+
+def _late(
+    delay_s: float,
+    out: Path,
+    path: Path | None,
+    options: Mapping[str, Any],
+    settings: Mapping[str, Any] | None,
+    worlds: Mapping[int, World] | None,
+) -> Setting:
+    """Return the setting in which the commands of all planners come late; at 0 they compute as they declare."""
+    name = f"{LATENCY}={_text(delay_s)}"
+    request = read_request(path, {**options, "out": out / name}, settings, worlds)
+    experiment = request.experiment
+    if delay_s:
+        late = [
+            replace(one, delay_s=delay_s, delay_p95_s=0.0, period_s=one.compute.period_s) for one in experiment.planners
+        ]
+        experiment = replace(experiment, planners=tuple(late))
+    return Setting(name, {LATENCY: delay_s}, replace(request, experiment=experiment), {})
 
 
 def swept_folders(path: Path) -> list[Path]:

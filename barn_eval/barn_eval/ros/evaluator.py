@@ -210,7 +210,9 @@ class Runner:
         period_s = 1.0 / rate_hz if rate_hz else spec.protocol.control_period_s
         silence_s = max(spec.simulator.drive.command_timeout_s, 2.0 * period_s)
         period_ns, came = nanoseconds(period_s), (adapter.commands_ns, adapter.now_ns)
-        missed = max(waited, missed_periods(*came, period_ns, nanoseconds(silence_s)))
+        missed = waited
+        if not spec.compute.declared:  # while one that declares its computing is at it, it owes no command
+            missed = max(missed, missed_periods(*came, period_ns, nanoseconds(silence_s)))
         return WallClock.of(lasted_s, adapter.response_times_s, factor, missed, missed_share(missed, *came, period_ns))
 
 

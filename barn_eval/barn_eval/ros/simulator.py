@@ -116,7 +116,13 @@ class SimulatorClient:
         limit_s, start = self._patience.simulator_s, spec.course.start
         values = {name: value for name, _, value in fields_of(spec.simulator)} | self._given
         values |= {"world": spec.index, "seed": spec.simulator_seed}
-        values |= {"start_x_m": start.x, "start_y_m": start.y, "start_yaw_rad": start.yaw}
+        values |= {f"compute.{name}": value for name, _, value in fields_of(spec.compute)}
+        values |= {
+            "compute_seed": spec.planner_seed,
+            "start_x_m": start.x,
+            "start_y_m": start.y,
+            "start_yaw_rad": start.yaw,
+        }
         self._ask("introduce", start_limit_s)
         self._ask("pause", limit_s, on=True)
         self._ask("set_parameters", limit_s, values=values)

@@ -1,5 +1,6 @@
 """How a trial can end, and what that is worth: times, times per metre and the metric of the BARN Challenge."""
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 
@@ -61,9 +62,10 @@ class Verdict:
         return self.blamed or _BLAMED.get(self.outcome, PLANNER)
 
 
-# Clips of the traversal time in multiples of the optimal time (BARN Challenge rules, since 2023 and in 2022).
+# Clips of the traversal time in multiples of the optimal time (BARN Challenge rules, since 2024, and in 2022 and 2023).
 CHALLENGE_CLIP = (2.0, 8.0)
 CHALLENGE_CLIP_2022 = (4.0, 8.0)
+UNCLIPPED = (0.0, math.inf)  # as before 2022-04-05
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,8 @@ class Scores:
     failure_time_s: the most that a failure would count with.
     least_time_s: below which no time on the clock can be (`barn_eval.trials.limit`). efficiency: that by the traversal
     time of a success, 0 for anything else. Both None where it was not computed.
-    challenge, challenge_2022: the challenge metric with the clip of today (at most 0.5) and of 2022 (at most 0.25).
+    challenge, challenge_2022: the challenge metric with the clip of today (at most 0.5; none under a protocol that
+    is not `clipped`) and of 2022 (at most 0.25).
     """
 
     success: bool
@@ -103,7 +106,7 @@ def score(verdict: Verdict, course: Course, protocol: Protocol, least_time_s: fl
         path_length_m=course.path_length_m,
         normalised_time_s_per_m=scored_s / course.path_length_m,
         optimal_time_s=course.optimal_time_s,
-        challenge=challenge_metric(verdict, course.optimal_time_s, CHALLENGE_CLIP),
+        challenge=challenge_metric(verdict, course.optimal_time_s, CHALLENGE_CLIP if protocol.clipped else UNCLIPPED),
         challenge_2022=challenge_metric(verdict, course.optimal_time_s, CHALLENGE_CLIP_2022),
         failure_time_s=max(protocol.failure_time_s, protocol.timeout_time_s),
         least_time_s=least_time_s,

@@ -1,6 +1,7 @@
 """Trial protocols as data: where to start and end, when the clock runs, what ends a trial, how a failure counts.
 
-Four are built in. "challenge" is the yearly BARN Challenge, "dynabarn" what it does in its worlds 300 to 359, where
+Six are built in. "challenge" is the BARN Challenge since 2024, "challenge_2022" that of 2022 and 2023,
+"challenge_2022_03" its first rules, "dynabarn" what it does in its worlds 300 to 359, where
 obstacles move. "known_map" gives the planner a true map and a noisy pose in it. "paper2020" reproduces how the original
 scripts ran and judged the trials of the BARN paper. Others come from a YAML file, which may be derived from one of
 these::
@@ -36,7 +37,7 @@ SCHEMA_VERSION = 1
 _UNLIMITED_M = 1000.0  # of x, in a rule that sets no limit
 ANCHORS = ("map", "path_first", "path_last", "start")
 SOURCES = ("odometry", "truth")
-METRICS = ("challenge", "normalised_time_s_per_m")
+METRICS = ("challenge", "challenge_2022", "normalised_time_s_per_m")
 
 
 @dataclass(frozen=True)
@@ -130,6 +131,15 @@ class Protocol(Checked):
     timeout_time_s: float = quantity(30.0, "time that a trial cut off at the limit counts with", "s", minimum=0.0)
     reference_speed_mps: float = quantity(2.0, "speed of the optimal time", "m/s", minimum=0.01, maximum=100.0)
     metric: str = quantity("normalised_time_s_per_m", "measure that planners are ranked by", choices=METRICS)
+    clipped: bool = quantity(True, "the time in the challenge metric is clipped to 2 T to 8 T", optional=True)
+    look_period_s: float = quantity(
+        0.0,
+        "simulated time between two looks at the robot, by which a trial is judged; 0: each reading",
+        "s",
+        minimum=0.0,
+        maximum=10.0,
+        optional=True,
+    )
     arena: bool = quantity(False, "made for arenas, worlds without the containment of BARN", optional=True)
     random_phase: bool = quantity(
         True,
@@ -254,4 +264,4 @@ PROTOCOLS: dict[str, Protocol] = {}
 _TEXT = (files("barn_eval") / "data" / "protocols.yaml").read_text("utf-8")
 for _name, _content in parse_yaml(_TEXT, "protocols.yaml").items():
     PROTOCOLS[_name] = from_dict(Protocol, _based(_content | {"name": _name}, _name), _name)
-CHALLENGE, DYNABARN, KNOWN_MAP, PAPER_2020 = PROTOCOLS.values()
+CHALLENGE, DYNABARN, KNOWN_MAP, PAPER_2020, CHALLENGE_2022, CHALLENGE_2022_03 = PROTOCOLS.values()

@@ -16,14 +16,18 @@ RUNNING, SUCCESS, COLLISION, TIMEOUT, NO_FIRST_MOTION, CLOCK_BACK, ODOMETRY_LOST
 # A trial in numbers, first what of its protocol decides. clock_start_m, goal_m: distances that start the clock and end
 # the trial; goal_x, goal_y: what is to be reached. stamp_ns: of the last reading, which is not taken if it
 # is at fault; first_ns, last_ns: of those taken; clock_ns: at which the clock started; from_x, from_y: where the motion
-# that starts it is counted from; x, y: the true position; left_m: to the goal.
+# that starts it is counted from; x, y: the true position; left_m: to the goal. next_look_ns, touched: when a protocol
+# that does not look at each reading looks next, and whether there has been a contact by then.
 _FIELDS = [
     *[(name, np.float64) for name in ("clock_start_m", "goal_m", "goal_x", "goal_y")],
-    *[(name, np.int64) for name in ("first_motion_ns", "limit_ns")],
+    *[(name, np.int64) for name in ("first_motion_ns", "limit_ns", "look_ns")],
     *[(name, np.bool_) for name in ("contact_ends", "clock_by_truth", "goal_by_truth")],
-    *[(name, np.int64) for name in ("code", "stamp_ns", "first_ns", "last_ns", "clock_ns", "contact_ns")],
+    *[
+        (name, np.int64)
+        for name in ("code", "stamp_ns", "first_ns", "last_ns", "clock_ns", "contact_ns", "next_look_ns")
+    ],
     *[(name, np.float64) for name in ("from_x", "from_y", "x", "y", "left_m")],
-    *[(name, np.bool_) for name in ("begun", "clock_started")],
+    *[(name, np.bool_) for name in ("begun", "clock_started", "touched")],
 ]
 STATE = np.dtype((np.record, _FIELDS))
 States = npt.NDArray[np.void]
@@ -35,6 +39,7 @@ def states_of(protocol: Protocol, course: Course) -> States:
     states["clock_start_m"], states["goal_m"] = protocol.clock_start_distance_m, protocol.goal_distance_m
     states["first_motion_ns"] = nanoseconds(protocol.first_motion_limit_s)
     states["limit_ns"] = nanoseconds(protocol.limit_s)
+    states["look_ns"] = nanoseconds(protocol.look_period_s)
     states["contact_ends"] = protocol.collision_ends_trial
     states["clock_by_truth"] = protocol.clock_start_source == "truth"
     states["goal_by_truth"] = protocol.goal_source == "truth"
@@ -74,15 +79,20 @@ def _observe(state: np.record, now_ns: int, odometry: Floats, truth: Floats, con
         return
     moved, arrived = truth if state.clock_by_truth else odometry, truth if state.goal_by_truth else odometry
     if not state.begun:
-        state.begun, state.first_ns, state.last_ns = True, now_ns, now_ns
+        state.begun, state.first_ns, state.last_ns, state.next_look_ns = True, now_ns, now_ns, now_ns
         state.from_x, state.from_y = moved[0], moved[1]
     if contact:
         state.contact_ns += now_ns - state.last_ns
     state.last_ns, state.x, state.y = now_ns, truth[0], truth[1]
+    state.left_m = math.hypot(arrived[0] - state.goal_x, arrived[1] - state.goal_y)
+    state.touched = contact or (state.touched and state.look_ns > 0)
+    if now_ns < state.next_look_ns:
+        return
+    while state.look_ns > 0 and state.next_look_ns <= now_ns:
+        state.next_look_ns += state.look_ns
     if not state.clock_started and math.hypot(moved[0] - state.from_x, moved[1] - state.from_y) > state.clock_start_m:
         state.clock_started, state.clock_ns = True, now_ns
-    state.left_m = math.hypot(arrived[0] - state.goal_x, arrived[1] - state.goal_y)
-    state.code = _judged(state, contact)
+    state.code = _judged(state, state.touched)
 
 
 @njit(cache=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
+import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -18,7 +19,7 @@ from barn_eval.trials.result import TrialResult, WallClock
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import Floats, Trajectory, TrajectoryLog, encounters, measure
 from barn_planners.interface import PlannerStatus
-from barn_worlds.base.types import Odometry, Pose2D, Velocity2D
+from barn_worlds.base.types import NANOSECONDS, Odometry, Pose2D, Velocity2D
 from barn_worlds.geometry.footprint import contact_of
 
 T = TypeVar("T")
@@ -43,25 +44,70 @@ class DeadlineError(BaseException):
     """The limit has passed; not an Exception, so that a planner that catches those does not swallow it."""
 
 
+class MachineStalledError(Exception):
+    """The machine gave a planner so little of its processor that nothing can be said of the planner."""
+
+
+class _Stalled(BaseException):
+    """As `DeadlineError`, by no fault of the planner."""
+
+
+STALLED = 10.0  # wall-clock time in multiples of a limit after which the machine, not the planner, is given up
+
+
+class _OwnTime:
+    """What a thread takes of its own accord: processor time, and time in which it waits; not what is withheld from it.
+
+    A processor that is busy with others is withheld, and so is the time of a process that is stopped, in which no look
+    comes.
+    """
+
+    def __init__(self, period_s: float) -> None:
+        self._period_s = period_s
+        self._used_s, self._queued_s = time.thread_time(), queued_s()
+        self.began_s = self._looked_s = time.monotonic()
+        self._seen_s = 0.0
+
+    def look(self) -> float:
+        """Return it in s; to be called once a period, in the thread."""
+        now_s = time.monotonic()
+        self._seen_s += min(now_s - self._looked_s, 2.0 * self._period_s)
+        self._looked_s = now_s
+        return max(time.thread_time() - self._used_s, self._seen_s - (queued_s() - self._queued_s))
+
+
+def queued_s(process: str | int = "self") -> float:
+    """Return how long the main thread of a process has waited for a processor, 0 where the system does not tell."""
+    try:
+        return int(Path(f"/proc/{process}/schedstat").read_text("ascii").split()[1]) / NANOSECONDS
+    except (OSError, IndexError, ValueError):
+        return 0.0
+
+
 @contextmanager
 def deadline(limit_s: float) -> Iterator[None]:
-    """Raise DeadlineError in what takes longer, so that a planner that hangs cannot hang everything.
+    """Raise DeadlineError in what takes longer of its own time, so that a planner that hangs cannot hang everything.
 
     Works by an interval timer: in the main thread only (elsewhere nothing is limited), and in compiled code not before
     it returns.
     """
-    with handled(signal.SIGALRM, _expired) as armed:
+    period_s = min(1.0, limit_s / 4.0)
+    own = _OwnTime(period_s)
+
+    def look(_signal: int, _frame: FrameType | None) -> None:
+        if own.look() >= limit_s:
+            raise DeadlineError
+        if time.monotonic() - own.began_s >= STALLED * limit_s:
+            raise _Stalled
+
+    with handled(signal.SIGALRM, look) as armed:
         if armed:
-            signal.setitimer(signal.ITIMER_REAL, limit_s)
+            signal.setitimer(signal.ITIMER_REAL, period_s, period_s)
         try:
             yield
         finally:
             if armed:
                 signal.setitimer(signal.ITIMER_REAL, 0.0)
-
-
-def _expired(_signal: int, _frame: FrameType | None) -> None:
-    raise DeadlineError
 
 
 class RunningTrial:
@@ -134,8 +180,11 @@ class RunningTrial:
             with deadline(limit_s):
                 return call()
         except DeadlineError:
-            detail = f"no answer within {limit_s:g} s of wall-clock time"
+            detail = f"no answer within {limit_s:g} s of its own time"
             self.referee.fail(Outcome.PLANNER_STALLED, detail)
+        except _Stalled:
+            text = f"a cycle had less than {limit_s:g} s of its own in {STALLED * limit_s:g} s: the machine stalled"
+            raise MachineStalledError(text) from None
         except Exception as error:  # whatever it is, it belongs in the result
             self.traceback = traceback.format_exc()
             self.referee.fail(Outcome.PLANNER_DIED, error_line(error))

@@ -95,7 +95,7 @@ class SimulatorNode(Node):
             trial.answer = None
             self._outputs.publish(trial.readings())
         deadline = time.monotonic() + trial.config.command_wait_s
-        while trial.answer is None:
+        while trial.asked and trial.answer is None:
             remaining = deadline - time.monotonic()
             if remaining <= 0.0:
                 trial.missed += 1
@@ -103,9 +103,7 @@ class SimulatorNode(Node):
             self._serve(min(remaining, _LONGEST_WAIT_S))
             if self._paused or self.stopping or self.trial is not trial:
                 return
-        command, trial.answer = trial.answer, None
-        trial.simulator.step(command)
-        trial.published = False
+        trial.step()
 
     def _is_ahead(self) -> bool:
         """Tell whether the evaluator, if one leads the node, has yet to hear as much as may be on its way to it."""

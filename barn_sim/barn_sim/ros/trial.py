@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from barn_sim.config import RunConfig, SimulatorNodeConfig
 from barn_sim.messages import SimulatorMessages
 from barn_sim.simulator import Simulator
+from barn_worlds.base.compute import Turnaround
 from barn_worlds.base.types import NANOSECONDS, Velocity2D, nanoseconds
-from barn_worlds.messages.topics import Outgoing
+from barn_worlds.messages.topics import SCAN, Outgoing
 from barn_worlds.worlds.dataset import open_dataset
 
 
@@ -15,8 +16,9 @@ from barn_worlds.worlds.dataset import open_dataset
 class SimulatedTrial:
     """A simulator whose time 0 is `origin_ns` of the clock, and its messages.
 
-    published: whether the readings of this instant are. answer: the command for them; last: the last one that came;
-    missed: how often lockstep got none in time; extra: commands that arrived when none was expected.
+    turnaround: when, in lockstep, the planner is asked and its commands take effect. published: whether the readings of
+    this instant are; asked: whether the planner is to answer them. answer: the command for them; last: the last one
+    that came; missed: how often lockstep got none in time; extra: commands that arrived when none was expected.
     """
 
     config: RunConfig
@@ -24,7 +26,9 @@ class SimulatedTrial:
     messages: SimulatorMessages
     origin_ns: int
     world_name: str
+    turnaround: Turnaround
     published: bool = False
+    asked: bool = True
     answer: Velocity2D | None = None
     last: Velocity2D | None = None
     commands: int = 0
@@ -43,9 +47,17 @@ class SimulatedTrial:
         self.answer = self.last = velocity
 
     def readings(self) -> Iterator[Outgoing]:
-        """Yield all readings of this instant, the scan last."""
-        self.published = True
-        return self.messages.sensors(self.simulator.sense(), self.now_ns)
+        """Yield all readings of this instant, the scan last; without the scan while the planner still computes."""
+        self.published, self.asked = True, self.turnaround.free(self.simulator.stamp_ns)
+        found = self.messages.sensors(self.simulator.sense(), self.now_ns)
+        return (one for one in found if self.asked or one.topic is not SCAN)
+
+    def step(self) -> None:
+        """Advance one control period with the answer to the readings, when that takes effect."""
+        delay_ns = self.turnaround.take(self.simulator.stamp_ns) if self.asked else 0
+        command, self.answer = self.answer, None
+        self.simulator.step(command, delay_ns)
+        self.published = False
 
     def due_readings(self) -> Iterator[Outgoing]:
         """Yield the time and those readings whose period ends now."""
@@ -90,4 +102,6 @@ def begin(config: RunConfig, node: SimulatorNodeConfig, before_ns: int = 0) -> S
     simulator = Simulator(world, config, config.start, config.seed)
     scan_period_s = config.control_period_s if node.lockstep else 1.0 / config.lidar.rate_hz
     messages = SimulatorMessages(config, node.frames, scan_period_s, config.start)
-    return SimulatedTrial(config, simulator, messages, (before_ns // NANOSECONDS + 1) * NANOSECONDS, world.name)
+    origin_ns = (before_ns // NANOSECONDS + 1) * NANOSECONDS
+    turnaround = Turnaround(config.compute, config.compute_seed)
+    return SimulatedTrial(config, simulator, messages, origin_ns, world.name, turnaround)
