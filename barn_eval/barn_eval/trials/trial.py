@@ -65,15 +65,12 @@ class _OwnTime:
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
         self._used_s, self._queued_s = time.thread_time(), queued_s()
-        self.began_s = self._looked_s = time.monotonic()
-        self._seen_s = 0.0
+        self.seen_s = 0.0
 
     def look(self) -> float:
-        """Return it in s; to be called once a period, in the thread."""
-        now_s = time.monotonic()
-        self._seen_s += min(now_s - self._looked_s, 2.0 * self._period_s)
-        self._looked_s = now_s
-        return max(time.thread_time() - self._used_s, self._seen_s - (queued_s() - self._queued_s))
+        """Return it in s; to be called once a period, in the thread. seen_s: what has passed of periods, at least."""
+        self.seen_s += self._period_s
+        return max(time.thread_time() - self._used_s, self.seen_s - (queued_s() - self._queued_s))
 
 
 def queued_s(process: str | int = "self") -> float:
@@ -97,7 +94,7 @@ def deadline(limit_s: float) -> Iterator[None]:
     def look(_signal: int, _frame: FrameType | None) -> None:
         if own.look() >= limit_s:
             raise DeadlineError
-        if time.monotonic() - own.began_s >= STALLED * limit_s:
+        if own.seen_s >= STALLED * limit_s:
             raise _Stalled
 
     with handled(signal.SIGALRM, look) as armed:
