@@ -21,6 +21,7 @@ from barn_eval.trials.result import WallClock, trial_id
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import BarnError
+from barn_worlds.base.text_files import finite
 
 
 def results(planner="dwa", slower_s=0.0, worlds=20, seed=0):
@@ -207,8 +208,8 @@ def folders(tmp_path):
     return tmp_path
 
 
-def invoke(*arguments):
-    return CliRunner().invoke(compare_command, [*map(str, arguments)], catch_exceptions=False)
+def invoke(*arguments, **more):
+    return CliRunner().invoke(compare_command, [*map(str, arguments)], catch_exceptions=False, **more)
 
 
 def test_command_compares_folders(folders):
@@ -250,7 +251,7 @@ def test_planners_of_one_folder_are_compared_with_each_other(folders):
     (found,) = json.loads(invoke(chosen, "--json").output)
     assert (found["a"], found["b"]) == ("dwa", "gap")
     pair = as_dict(compare_folders(folders / "three:dwa", folders / "three:gap")[0])
-    assert found["rows"] == json.loads(json.dumps(pair["rows"]))
+    assert found["rows"] == json.loads(json.dumps(finite(pair["rows"])))
     with pytest.raises(BarnError, match="has one planner only, dwa; name a second folder"):
         compare_folders(folders / "a")
 
@@ -304,3 +305,50 @@ def test_command_names_what_is_missing(folders):
     (folders / "run.json.away").rename(folders / "a" / "run.json")
     with pytest.raises(BarnError, match="has no planner 'ebnd'; did you mean 'eband'"):
         invoke(folders / "a", f"{folders / 'both'}:ebnd")
+
+
+@pytest.mark.parametrize(
+    ("slower_s", "margin", "decision", "code"),
+    [
+        (0.0, "scored_time_s:2", "not worse", 0),
+        (0.0, "scored_time_s:10%", "not worse", 0),
+        (5.0, "scored_time_s:2", "worse", 4),
+        (5.0, "scored_time_s:5", "not shown", 5),
+        (5.0, "scored_time_s:30%", "not worse", 0),
+    ],
+)
+def test_a_planner_must_be_shown_not_to_be_worse(tmp_path, slower_s, margin, decision, code):
+    """Nobody fails here, but each may in up to 17 % of its trials."""
+    a, b = results(), results("eband", slower_s)
+    counted = [[replace(one, scores=replace(one.scores, failure_time_s=20.0)) for one in part] for part in (a, b)]
+    folders = [write_folder(tmp_path / part[0].planner, part, worlds="0-19") for part in counted]
+    done = invoke(*folders, "--fail-if-worse", margin, "--json", standalone_mode=False)
+    assert done.return_value == code
+    (found,) = json.loads(done.stdout)[0]["decisions"]
+    assert (found["decision"], found["measure"]) == (decision, "scored_time_s")
+    assert found["loss"] == pytest.approx(slower_s, abs=0.5)
+    words = {0: "eband is not worse than dwa by more than", 4: "eband is worse than", 5: "it is not shown that eband"}
+    assert words[code] in " ".join(invoke(*folders, "--fail-if-worse", margin).output.split())
+
+
+def test_what_cannot_be_told_apart_is_not_shown_to_be_no_worse(folders):
+    """Four worlds have no limits at all."""
+    done = invoke(folders / "a", folders / "b", "--fail-if-worse", "path_ratio:1", "--json", standalone_mode=False)
+    assert done.return_value == 5
+    content = json.loads(done.stdout)[0]
+    assert content["rows"][-1]["key"] == "path_ratio"
+    assert content["decisions"][0]["high"] is None
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("sucess:1", "unknown measure 'sucess'; did you mean 'success'"),
+        ("success", "must be MEASURE:MARGIN"),
+        ("success:-1", "must be MEASURE:MARGIN"),
+        ("success:x%", "must be MEASURE:MARGIN"),
+    ],
+)
+def test_margins_that_say_nothing_are_told(folders, text, words):
+    with pytest.raises(BarnError, match=words):
+        invoke(folders / "a", folders / "b", "--fail-if-worse", text)

@@ -5,14 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from barn_eval.analysis.means import (
-    Columns,
-    counted_interval,
-    difference_interval,
-    difference_p,
-    mean_interval,
-)
-from barn_eval.analysis.significance import proportion
+from barn_eval.analysis.means import Columns, mean_interval
+from barn_eval.analysis.significance import Share, paired_difference, share_of
+from barn_eval.analysis.statistics import difference
 
 
 def counted(values, failures, worlds, as_failure=0.0, best=0.5):
@@ -60,64 +55,86 @@ def test_nothing_has_no_mean(values):
 
 def test_one_world_has_no_limits():
     assert mean_interval(np.array([1.0, 2.0]), np.array([4, 4])).low is None
-    assert counted_interval(counted([0.3, 0.2], [0, 0], [1, 1])).low is None
+    assert counted([0.3, 0.2], [0, 0], [1, 1]).mean().low is None
 
 
 def test_failures_that_were_not_seen_lower_the_lower_limit():
+    """By the limit of none in four: 1 - 0.025^(1/4)."""
     trials = counted([0.30, 0.31, 0.29, 0.30], [0] * 4, range(4))
-    unseen = proportion(np.zeros(4, np.int64), np.arange(4)).high
-    found = counted_interval(trials)
-    assert found.estimate - found.low >= unseen * trials.success_mean
-    assert found.high - found.estimate == pytest.approx(
-        mean_interval(trials.values, trials.worlds).high - found.estimate
-    )
+    found, seen = trials.mean(), mean_interval(trials.values, trials.worlds)
+    assert found.low == pytest.approx(0.30 * 0.025**0.25)
+    assert found.high == seen.high
 
 
 def test_a_failure_that_counts_less_than_a_success_raises_the_mean_of_times():
     """As under the paper's rules, where giving up counts 30 s and a slow success up to 50 s."""
-    found = counted_interval(counted([40.0, 41.0, 39.0, 42.0, 40.5], [0] * 5, range(5), as_failure=30.0))
+    found = counted([40.0, 41.0, 39.0, 42.0, 40.5], [0] * 5, range(5), as_failure=30.0, best=0.0).mean()
     assert found.estimate - found.low > found.high - found.estimate
 
 
 def test_where_nothing_succeeded_a_success_may_be_worth_the_best():
-    """Of ten failures, one more trial may succeed in the share that Wilson's interval allows."""
-    found = counted_interval(counted([0.0] * 10, [1] * 10, range(10)))
-    unseen = proportion(np.ones(10, np.int64), np.arange(10)).low
-    assert (found.estimate, found.low, found.high) == pytest.approx((0.0, 0.0, 0.5 * (1.0 - unseen)))
+    found = counted([0.0] * 10, [1] * 10, range(10)).mean()
+    assert (found.estimate, found.low, found.high) == pytest.approx((0.0, 0.0, 0.5 * (1.0 - 0.025**0.1)))
 
 
 def test_one_that_always_fails_is_worse_than_one_that_never_does():
-    never, always = (
-        counted([1.0] * 12, [0] * 12, range(12), best=1.0),
-        counted([0.0] * 12, [1] * 12, range(12), best=1.0),
-    )
-    assert difference_interval(never, always).low > 0.3
-    assert difference_p(never, always) < 0.01
+    never, always = (counted([value] * 12, [1 - int(value)] * 12, range(12), best=1.0) for value in (1.0, 0.0))
+    found = difference(never, always)
+    assert found.interval.low > 0.3
+    assert found.p < 0.01
 
 
-def test_the_p_value_is_where_the_interval_meets_zero():
-    generator = np.random.default_rng(3)
-    effect = generator.normal(0.0, 0.04, 60)
-    a, b = (draw(generator, 60, 2, 0.02, mean, effect=effect) for mean in (0.30, 0.28))
-    p = difference_p(a, b)
-    assert 1e-6 < p < 1.0
-    assert not difference_interval(a, b, 1.0 - 0.99 * p).excludes(0.0)
-    assert difference_interval(a, b, 1.0 - 1.01 * p).excludes(0.0)
-    assert difference_p(b, a) == pytest.approx(p, rel=1e-6)
+def test_few_failing_worlds_count_each_as_one_trial_and_more_tell_how_alike_trials_are():
+    worlds = np.repeat(np.arange(20), 5)
+    one = np.zeros(100, np.int64)
+    one[:3] = 1
+    assert share_of(one, worlds).effective == 20.0
+    single = np.zeros(100, np.int64)
+    single[::20] = 1  # five worlds, once each: as if trials were independent
+    assert share_of(single, worlds).effective == 100.0
+    alike = np.repeat(np.arange(20) < 5, 5).astype(np.int64)
+    assert share_of(alike, worlds).effective == pytest.approx(19.0)
 
 
-def test_a_difference_turns_with_its_sides():
+def test_a_share_beyond_its_limit_has_a_p_value_below_five_percent():
+    share = Share(0.08, 50.0)
+    assert share.limits == pytest.approx((0.0222, 0.1923), abs=1e-4)  # Clopper and Pearson, 4 of 50
+    assert share.p_above(share.limits[1]) == pytest.approx(0.05)
+    assert share.p_above(1.0) == 0.0
+
+
+def test_a_difference_is_clear_where_its_interval_leaves_out_zero_and_turns_with_its_sides():
     generator = np.random.default_rng(4)
-    a, b = draw(generator, 30, 3, 0.05, 0.30), draw(generator, 30, 3, 0.1, 0.25)
-    one, other = difference_interval(a, b), difference_interval(b, a).mirrored()
-    assert (one.low, one.high) == pytest.approx((other.low, other.high))
+    for mean in (0.30, 0.28, 0.26):
+        effect = generator.normal(0.0, 0.04, 60)
+        a, b = (draw(generator, 60, 2, 0.02, one, effect=effect) for one in (0.30, mean))
+        found, turned = difference(a, b), difference(b, a)
+        assert (found.p <= 0.05) == found.interval.excludes(0.0)
+        assert (turned.p, turned.interval.mirrored().low) == pytest.approx((found.p, found.interval.low))
+
+
+def test_a_difference_that_failures_not_seen_would_turn_is_not_clear():
+    """B is better by 5 % in each of 50 worlds, but may fail in 7 %; in 100 worlds, in 4 %."""
+    for worlds, clear in ((50, False), (100, True)):
+        a, b = (counted([value] * worlds, [0] * worlds, range(worlds)) for value in (0.285, 0.30))
+        assert paired_difference(a.values - b.values, a.worlds).p < 0.001
+        found = difference(a, b)
+        assert (found.p <= 0.05) is clear
+        assert found.interval.high == pytest.approx(-0.015 + 0.30 * (1.0 - 0.025 ** (1.0 / worlds)))
+
+
+def test_failures_that_both_have_in_the_same_worlds_cancel():
+    failures = [1] * 5 + [0] * 45
+    a, b = (counted([0.0] * 5 + [value] * 45, failures, range(50)) for value in (0.30, 0.20))
+    assert a.excess(b).share == 0.0
+    assert difference(a, b).p < 0.01
 
 
 @pytest.mark.parametrize(("worlds", "repetitions", "failing"), [(10, 1, 0.03), (20, 5, 0.005), (50, 5, 0.1)])
 def test_means_of_planners_that_rarely_fail_are_covered(worlds, repetitions, failing):
     """At least 93 % in the long run; 13 of 300 are three standard errors."""
     generator = np.random.default_rng(worlds)
-    found = [counted_interval(draw(generator, worlds, repetitions, failing, 0.30)) for _ in range(300)]
+    found = [draw(generator, worlds, repetitions, failing, 0.30).mean() for _ in range(300)]
     truth = 0.30 * (1.0 - failing)
     assert sum(one.low <= truth <= one.high for one in found) >= 0.93 * 300 - 13
 
@@ -130,7 +147,7 @@ def test_a_steady_planner_and_a_quick_one_that_fails_are_rarely_told_apart_at_eq
         effect = generator.normal(0.0, 0.04, 50)
         steady = draw(generator, 50, 5, 0.0, 0.28, effect=effect)
         quick = draw(generator, 50, 5, failing, 0.28 / (1.0 - failing), effect=effect / (1.0 - failing))
-        alarms += difference_interval(steady, quick).excludes(0.0)
+        alarms += difference(steady, quick, flips=1000).p <= 0.05
     assert alarms <= 0.06 * 200 + 10
 
 

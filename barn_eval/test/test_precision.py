@@ -10,6 +10,7 @@ from test_compare import folders, results  # noqa: F401 (a fixture)
 
 from barn_eval.analysis.measures import MEASURES
 from barn_eval.analysis.precision import REPETITIONS, figures_table, needs_table, precision
+from barn_eval.analysis.ranking import ranking_power, ranking_table
 from barn_eval.analysis.significance import components, half_width, worlds_for_difference, worlds_for_half_width
 from barn_eval.commands.precision import command
 from barn_worlds.base.errors import ConfigError
@@ -49,10 +50,13 @@ def test_what_the_results_cannot_say_is_said():
     single = [one for one in results(worlds=4) if one.repetition == 0]
     few, alone = precision({"dwa": single}).notes
     assert few.startswith("Only 4 worlds")
-    assert "one trial per world" in alone
+    assert alone.startswith("With one trial per world nothing is known of how alike")
+    assert {one.repetitions for one in precision({"dwa": single}).needs} == {1}
     with pytest.raises(ConfigError, match="DWA: 1 world with time per metre as counted cannot say"):
         precision({"dwa": results(worlds=1)})
-    with pytest.raises(ConfigError, match="a difference needs two planners; there are 1: dwa"):
+    with pytest.raises(
+        ConfigError, match="a difference needs two planners; there are 1: dwa; choose two as FOLDER:PLANNER,PLANNER"
+    ):
         precision({"dwa": results()}, difference_wanted=0.1)
     with pytest.raises(ConfigError, match="unknown measure 'succes'; did you mean 'success'"):
         precision({"dwa": results()}, measure="succes")
@@ -68,6 +72,55 @@ def test_tables_have_a_row_for_each_figure_and_number_of_repetitions():
     assert [row[1] for row in table.rows] == [str(one.worlds) for one in found.needs if one.of == "DWA"]
 
 
+def test_a_set_that_is_too_small_is_said_to_be(folders):  # noqa: F811 (a fixture)
+    of_300 = [replace(one, dataset="barn300") for one in results()]
+    found = precision({"dwa": of_300}, half_width_wanted=0.001)
+    assert found.available == 300
+    assert found.notes[-1].startswith("The set has 300 worlds")
+    assert {row[1] for row in needs_table(found).rows} == {"over 300"}
+    three = {"dwa": results(), "eband": results("eband"), "gap": results("gap")}
+    assert precision(three).notes[0] == "For a difference choose two of the 3 planners as FOLDER:PLANNER,PLANNER."
+
+
+def test_draws_of_worlds_rank_planners_the_surer_the_more_there_are():
+    """A planner that is better in all worlds is so in each draw; one by the mean alone in large draws."""
+    times = np.random.default_rng(1).normal(4.0, 0.5, 60)
+    lead = {"best": -3.0, "second": 0.0, "third": np.random.default_rng(2).normal(0.12, 0.3, 60)}
+    made = {
+        name: [
+            replace(one, scores=replace(one.scores, normalised_time_s_per_m=float((times + ahead)[one.world])))
+            for one in results(name, worlds=60)
+            if one.repetition == 0
+        ]
+        for name, ahead in lead.items()
+    }
+    for own in made.values():  # what a failure counts: little more than a success
+        own[:] = [replace(one, scores=replace(one.scores, failure_time_s=5.0 * 4.1)) for one in own]
+    (pair,) = ranking_power({name: made[name] for name in ("best", "second")})
+    assert (pair.planners, pair.shares[10], pair.enough) == (("best", "second"), 1.0, 1)
+    (three,) = ranking_power(made)
+    assert three.differing == (("best", "second"), ("best", "third"), ("second", "third"))
+    assert three.shares[10] < three.shares[20] < three.shares[50]
+    assert 1 < three.enough < 60
+    generator, right = np.random.default_rng(5), 0
+    for _ in range(1000):
+        right += lead["third"][generator.integers(0, 60, 20)].mean() > 0.0
+    assert three.shares[20] == pytest.approx(right / 1000, abs=0.05)
+    cells = ranking_table([pair, three]).rows
+    assert [row[-1] for row in cells] == ["1", str(three.enough)]
+    with pytest.raises(ConfigError, match="unknown measure 'sucess'; did you mean 'success'"):
+        ranking_power(made, ["sucess"])
+    with pytest.raises(ConfigError, match="a ranking needs two planners; there is best only"):
+        ranking_power({"best": made["best"]})
+
+
+def test_planners_that_do_not_differ_have_no_right_order():
+    same = {"dwa": results(), "eband": results("eband")}
+    (found,) = ranking_power(same)
+    assert (found.differing, found.shares, found.enough) == ((), {}, None)
+    assert ranking_table([found]).rows[0][-1] == "over 20"
+
+
 def test_the_command_takes_one_or_two_planners_of_a_folder(folders):  # noqa: F811
     def invoke(*arguments):
         return CliRunner().invoke(command, [*map(str, arguments)], catch_exceptions=False)
@@ -81,6 +134,13 @@ def test_the_command_takes_one_or_two_planners_of_a_folder(folders):  # noqa: F8
     content = json.loads(invoke(f"{both}:eband,dwa", "--json").output)
     assert content["figures"][2]["of"] == "E-Band - DWA"
     assert "Worlds needed" in invoke(both).output
+    powers = json.loads(
+        invoke("--ranking", both, both, "--measure", "success", "--measure", "challenge", "--json").output
+    )
+    assert [one["measure"] for one in powers] == ["success", "challenge"] * 2
+    assert "DWA and E-Band 0 of 1 over 4" in " ".join(invoke("--ranking", both).output.split())
+    with pytest.raises(ConfigError, match="only --ranking takes several"):
+        invoke(both, both)
     assert "--half-width" in invoke(both, "--half-width", "0").output
     with pytest.raises(ConfigError, match="has no planner 'dwo'; did you mean 'dwa'"):
         invoke(f"{both}:dwo")

@@ -33,6 +33,12 @@ class Interval:
         """Tell whether there are limits and a value lies outside them."""
         return self.low is not None and self.high is not None and not self.low <= value <= self.high
 
+    def reaching(self, *values: float) -> Interval:
+        """Return the estimate with limits that hold these values as well, none where it has none."""
+        if self.low is None or self.high is None:
+            return self
+        return Interval(self.estimate, min(self.low, *values), max(self.high, *values))
+
     def scaled(self, factor: float) -> Interval:
         """Return the interval in another unit; factor is above 0."""
         low, high = (None if limit is None else factor * limit for limit in (self.low, self.high))

@@ -41,6 +41,8 @@ COMPARED = (
     "contact_s",
     "rms_jerk_mps3",
     "rotation_rad",
+    "compute_p50_ms",
+    "compute_p95_ms",
 )
 
 

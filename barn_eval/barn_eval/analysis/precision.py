@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from barn_eval.analysis.compare import check_pairs, columns
+from barn_eval.analysis.compare import check_pairs, columns, worlds_of
 from barn_eval.analysis.means import Columns
 from barn_eval.analysis.measures import MEASURES, Measure, measures_named, metric_of
 from barn_eval.analysis.planners import spelling
@@ -19,6 +19,7 @@ from barn_worlds.base.errors import ConfigError
 
 REPETITIONS = (1, 2, 3, 5, 10)
 DEFAULT_SHARE = 0.05  # of the mean, wanted unless something else is
+_CHOICE = "FOLDER:PLANNER,PLANNER"
 
 
 @dataclass(frozen=True)
@@ -53,12 +54,16 @@ class Need:
 
 @dataclass(frozen=True)
 class Precision:
-    """What results say about their own precision by a measure, named by its key, and what more would take."""
+    """What results say about their own precision by a measure, named by its key, and what more would take.
+
+    available: how many worlds the data set has, 0 if unknown.
+    """
 
     measure: str
     figures: tuple[Figure, ...]
     needs: tuple[Need, ...]
     notes: tuple[str, ...]
+    available: int = 0
 
 
 def precision(
@@ -77,8 +82,11 @@ def precision(
     """
     found = MEASURES[measures_named([measure])[0]] if measure else metric_of(next(iter(results.values())))
     if difference_wanted is not None and len(results) != 2:
-        raise ConfigError(f"a difference needs two planners; there are {len(results)}: {', '.join(results)}")
-    counts = (repetitions,) if repetitions else REPETITIONS
+        raise ConfigError(
+            f"a difference needs two planners; there are {len(results)}: {', '.join(results)}; choose two as {_CHOICE}"
+        )
+    alike_unknown = all(len({one.world for one in own}) == len(own) for own in results.values())
+    counts = (repetitions,) if repetitions else REPETITIONS[:1] if alike_unknown else REPETITIONS
     figures, needs = [], []
     for name, own in results.items():
         every = columns(own, found)
@@ -93,9 +101,19 @@ def precision(
         needs += [Need(pair.of, "difference", wanted, n, worlds_for_difference(pair.parts, wanted, n)) for n in counts]
         figures.append(pair)
     notes = list(cautions(max(one.worlds for one in figures)))
-    if all(one.trials == one.worlds for one in figures):
-        notes.append("With one trial per world, all variance counts as that between worlds: repetitions seem useless.")
-    return Precision(found.key, tuple(figures), tuple(needs), tuple(notes))
+    if alike_unknown:
+        notes.append(
+            "With one trial per world nothing is known of how alike the trials of a world are, nor of what repetitions"
+            " would bring: drive some worlds with --repetitions 3 to tell."
+        )
+    if len(results) > 2:
+        notes.append(f"For a difference choose two of the {len(results)} planners as {_CHOICE}.")
+    available = worlds_of(next(iter(results.values())))
+    if available and any(one.worlds is None or one.worlds > available for one in needs):
+        notes.append(
+            f"The set has {available} worlds: where more are needed it cannot tell; barn worlds generate makes more."
+        )
+    return Precision(found.key, tuple(figures), tuple(needs), tuple(notes), available)
 
 
 def figures_table(made: Precision) -> TextTable:
@@ -118,7 +136,9 @@ def needs_table(made: Precision) -> TextTable:
     by_question: dict[str, dict[int, str]] = {}
     for one in made.needs:
         question = words[one.kind].format(of=one.of, wanted=measure.number(one.wanted))
-        by_question.setdefault(question, {})[one.repetitions] = str(one.worlds or "over a million")
+        beyond = made.available and (one.worlds is None or one.worlds > made.available)
+        text = f"over {made.available}" if beyond else str(one.worlds or "over a million")
+        by_question.setdefault(question, {})[one.repetitions] = text
     counts = list(dict.fromkeys(one.repetitions for one in made.needs))
     rows = [(counted(count, "trial"), *(found[count] for found in by_question.values())) for count in counts]
     return TextTable("needs", f"Worlds needed, {measure.heading}", ("per world", *by_question), tuple(rows))

@@ -18,6 +18,7 @@ ALPHA = 1.0 - LEVEL  # a difference is clear from this p-value down
 FLIPS = 10_000
 _ENUMERATED_WORLDS = 13  # up to so many worlds all sign patterns are tried, 8192 at most
 _TOLERANCE = 1e-9  # of a sum that is rounded differently for another order of signs
+_TELLING_WORLDS = 3
 POWER = 0.8
 _MOST_WORLDS = 1_000_000
 
@@ -77,35 +78,73 @@ class Difference:
     parts: Components
 
 
+@dataclass(frozen=True)
+class Share:
+    """A share of trials, and the number of independent trials that would tell it as well."""
+
+    share: float
+    effective: float
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """The 95 % interval of Clopper and Pearson (1934)."""
+        p, n = self.share, self.effective
+        low = float(special.betaincinv(p * n, n - p * n + 1.0, ALPHA / 2.0)) if p > 0.0 else 0.0
+        return low, upper_share(p, n)
+
+    def p_above(self, share: float) -> float:
+        """Return the two-sided p-value of a true share that is above this one."""
+        if share >= 1.0:
+            return 0.0
+        seen = self.share * self.effective
+        return min(1.0, 2.0 * float(special.betaincc(seen + 1.0, self.effective - seen, share)))
+
+
+def upper_share(share: float, effective: float) -> float:
+    """Return the upper limit of a share of so many independent trials."""
+    seen = share * effective
+    return float(special.betaincinv(seen + 1.0, effective - seen, 1.0 - ALPHA / 2.0)) if share < 1.0 else 1.0
+
+
+def share_of(values: Floats | Integers, worlds: Integers) -> Share:
+    """Return the mean of values (n,) in 0 to 1 as a share.
+
+    Where fewer than three worlds have any, they tell little of how alike trials of a world are: each world then counts
+    as one trial.
+    """
+    p, effective, drawn = effective_trials(values, worlds)
+    few = len(np.unique(worlds[values > 0.0])) < _TELLING_WORLDS
+    return Share(p, float(drawn) if few else max(1.0, effective))
+
+
 def proportion(successes: Integers, worlds: Integers) -> Interval:
     """Return the share of successes (n,), each 0 or 1, with Wilson's interval for the effective number of trials.
 
-    That number is p (1 - p) / v with v the variance of the share as the worlds' own shares show it, at most n; the
-    quantile is Student's with one degree of freedom less than worlds (Franco et al. 2019, "Comparative study of
+    The quantile is Student's with one degree of freedom less than worlds (Franco et al. 2019, "Comparative study of
     confidence intervals for proportions in complex sample surveys"). Where all worlds are alike, each counts once.
     """
     if not len(successes):
         return Interval(math.nan)
     p, effective, drawn = effective_trials(successes, worlds)
-    return wilson(p, effective, drawn, LEVEL) if drawn > 1 else Interval(p)
-
-
-def effective_trials(successes: Integers, worlds: Integers) -> tuple[float, float, int]:
-    """Return a share of successes (n,), the number of independent trials that would tell it as well, and of worlds."""
-    _, world = np.unique(worlds, return_inverse=True)
-    p, trials, drawn = float(np.mean(successes)), len(successes), int(world.max()) + 1
-    # The variance of a ratio of sums over worlds, by its linearisation.
-    residuals = np.bincount(world, successes - p)
-    variance = float(residuals @ residuals) * drawn / max(1, drawn - 1) / trials**2
-    return p, min(p * (1.0 - p) / variance, trials) if variance > 0.0 else float(drawn), drawn
-
-
-def wilson(p: float, effective: float, worlds: int, level: float) -> Interval:
-    """Return Wilson's interval of a share, by Student's quantile of one degree of freedom less than worlds."""
-    z = t_quantile(0.5 + level / 2.0, worlds - 1)
+    if drawn < 2:
+        return Interval(p)
+    z = t_quantile(0.5 + LEVEL / 2.0, drawn - 1)
     middle = (p + z * z / (2.0 * effective)) / (1.0 + z * z / effective)
     half = z * math.sqrt(p * (1.0 - p) / effective + (z / (2.0 * effective)) ** 2) / (1.0 + z * z / effective)
     return Interval(p, max(0.0, middle - half), min(1.0, middle + half))
+
+
+def effective_trials(values: Floats | Integers, worlds: Integers) -> tuple[float, float, int]:
+    """Return a share (n,), the number of independent trials that would tell it as well, and of worlds.
+
+    That number is p (1 - p) / v with v the variance of the share as the worlds' own shares show it, at most n.
+    """
+    _, world = np.unique(worlds, return_inverse=True)
+    p, trials, drawn = float(np.mean(values)), len(values), int(world.max()) + 1
+    # The variance of a ratio of sums over worlds, by its linearisation.
+    residuals = np.bincount(world, values - p)
+    variance = float(residuals @ residuals) * drawn / max(1, drawn - 1) / trials**2
+    return p, min(p * (1.0 - p) / variance, trials) if variance > 0.0 else float(drawn), drawn
 
 
 def paired_difference(differences: Floats, worlds: Integers, seed: int = 0, flips: int = FLIPS) -> Difference:
@@ -123,8 +162,8 @@ def paired_difference(differences: Floats, worlds: Integers, seed: int = 0, flip
     numbers, world = np.unique(worlds, return_inverse=True)
     sums, counts = np.bincount(world, differences), np.bincount(world)
     mean = float(sums.sum() / counts.sum())
-    signs = _signs(len(numbers), seed, flips)
-    flipped, size = signs @ sums, signs @ counts
+    signs = sign_patterns(len(numbers), seed, flips)
+    flipped, size = (signs @ np.stack([sums, counts], axis=1)).T
     total = float(sums.sum())
     reached = np.abs(flipped) >= abs(total) - _TOLERANCE * float(np.abs(sums).sum())
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -156,7 +195,7 @@ def p_text(p: float) -> str:
 
 
 @lru_cache(maxsize=4)
-def _signs(worlds: int, seed: int, flips: int) -> Floats:
+def sign_patterns(worlds: int, seed: int, flips: int) -> Floats:
     """Return patterns of signs (m, worlds), that of the data first: all of them for few worlds, else drawn ones.
 
     Kept, since all measures of a comparison have the same worlds.
@@ -172,13 +211,12 @@ def _signs(worlds: int, seed: int, flips: int) -> Floats:
 def half_width(found: Components, worlds: int, repetitions: int, level: float = LEVEL) -> float:
     """Return half the width of the interval of a mean over so many worlds with so many trials each.
 
-    It is of what has been seen, and of failures that could come (Wilson's share).
+    It is of what has been seen, or of failures that could come if that is more.
     """
     if worlds < 2:
         return math.inf
-    quantile = t_quantile(0.5 + level / 2.0, worlds - 1)
-    share = quantile**2 / (worlds + quantile**2)
-    return math.hypot(quantile * found.standard_error(worlds, repetitions), *(cost * share for cost in found.unseen))
+    seen = t_quantile(0.5 + level / 2.0, worlds - 1) * found.standard_error(worlds, repetitions)
+    return max(seen, *(cost * upper_share(0.0, worlds) for cost in found.unseen), 0.0)
 
 
 def detectable_difference(found: Components, worlds: int, repetitions: int, level: float = LEVEL) -> float:

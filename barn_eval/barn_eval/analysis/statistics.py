@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from barn_eval.analysis.means import Columns, difference_interval, difference_p
+from barn_eval.analysis.means import Columns
 from barn_eval.analysis.significance import FLIPS, Components, Difference, paired_difference
 from barn_metrics.bootstrap import Interval, over_worlds, spearman
 from barn_worlds.base.arrays import Floats, Integers
@@ -62,16 +62,23 @@ def matched_trials(columns: Sequence[Columns]) -> list[Columns]:
 def difference(a: Columns, b: Columns, seed: int = 0, flips: int = FLIPS) -> Difference:
     """Return the mean difference of matched trials, each as `paired_difference` has it.
 
-    Where failures count, limits and p-value allow for failures that were not seen as well: by the test alone, a planner
-    seems better than one of the same mean that is slower and has failed as rarely so far.
+    Where failures count, it is clear only if it keeps its sign when the better one fails as often as its failures so
+    far allow: by the test alone, a quick planner that fails rarely seems better than a steady one of the same mean as
+    long as no failure was drawn. Limits hold what either one's failures would make of the difference.
     """
     found = paired_difference(a.values - b.values, a.worlds, seed, flips)
     if not (a.counted and b.counted and found.trials):
         return found
+    size, p, ends = found.interval.estimate, found.p, []
+    for one, other, cost in ((a, b, a.cost), (b, a, -b.cost)):
+        more = one.excess(other)
+        ends.append(size - cost * (more.limits[1] - more.share))
+        if size * cost > 0.0:
+            p = max(p, more.p_above(more.share + size / cost))
     return replace(
         found,
-        interval=_hull(found.interval, difference_interval(a, b)),
-        p=max(found.p, difference_p(a, b)),
+        interval=found.interval.reaching(*ends),
+        p=p,
         parts=replace(found.parts, unseen=a.unseen + b.unseen),
     )
 
@@ -110,13 +117,6 @@ def rank_correlation(a: tuple[Floats, Integers], b: tuple[Floats, Integers], see
         return Interval(math.nan)
     x, y = (np.array([groups[world].mean() for world in shared]) for groups in (first, second))
     return over_worlds(lambda drawn: spearman(x[drawn], y[drawn]), len(shared), seed)
-
-
-def _hull(a: Interval, b: Interval) -> Interval:
-    """Return the estimate of A with limits that hold both intervals; none where one of them has none."""
-    if a.low is None or a.high is None or b.low is None or b.high is None:
-        return Interval(a.estimate)
-    return Interval(a.estimate, min(a.low, b.low), max(a.high, b.high))
 
 
 def _chance(a: Floats, b: Floats) -> float:

@@ -79,14 +79,14 @@ def rank_results(results: Mapping[str, Sequence[TrialResult]], measure: Measure)
     return replace(found, available=worlds_of(next(iter(results.values()))))
 
 
-def rank(planners: Mapping[str, Columns], *, larger_is_better: bool, seed: int = 0) -> Ranking:
+def rank(planners: Mapping[str, Columns], *, larger_is_better: bool, seed: int = 0, flips: int = FLIPS) -> Ranking:
     """Rank at least one planner, each given by its trials, on those that all have a value for."""
     rows = dict(zip(planners, matched_trials(list(planners.values())), strict=True))
     means = {name: float(row.values.mean()) if len(row.values) else math.nan for name, row in rows.items()}
     sign = -1.0 if larger_is_better else 1.0
     names = sorted(planners, key=lambda name: (sign * means[name], name))
     places = list(combinations(range(len(names)), 2))
-    flips = max(FLIPS, _FLIPS_PER_PAIR * len(places))
+    flips = max(flips, _FLIPS_PER_PAIR * len(places))
     differences = {(i, j): difference(rows[names[i]], rows[names[j]], seed, flips) for i, j in places}
     worlds = rows[names[0]].worlds
     return Ranking(

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from barn_eval.analysis.compare import COMPARED, compare_folders, groups_of
+from barn_eval.analysis.margins import Margin, decide_margin
 from barn_eval.analysis.measures import measures_named
 from barn_eval.analysis.paper import paper_table
 from barn_eval.analysis.tables import comparison_table
@@ -21,24 +22,44 @@ from barn_worlds.base.config import as_dict
 @click.argument("b", type=PATH, required=False)
 @click.option("--columns", default="", show_default=False, help="Measures, such as success,challenge.")
 @click.option("--latex", type=FILE, help="Write the planners as a table of a paper, the best in bold.")
+@click.option(
+    "--fail-if-worse",
+    "margins",
+    multiple=True,
+    metavar="MEASURE:MARGIN",
+    help="End with exit code 0 only if B is shown to be worse than A by no more than this, such as challenge:0.01 or"
+    " compute_p95_ms:10% of A's mean; repeatable.",
+)
 @json_option
-def command(a: Path, b: Path | None, columns: str, latex: Path | None, as_json: bool) -> None:
+def command(a: Path, b: Path | None, columns: str, latex: Path | None, margins: tuple[str, ...], as_json: bool) -> int:
     """Compare A with B: folders of experiments, finished or not. Without B, the planners of A with each other.
 
     FOLDER:PLANNER chooses one of several planners, FOLDER:PLANNER,PLANNER some. Where both folders hold several and
     none is chosen, planners of the same name are compared.
+
+    With --fail-if-worse, the exit code is 4 if B is worse than A by more than a margin, 5 if that is neither shown nor
+    ruled out at 95 %.
     """
-    keys = measures_named(keys_of(columns))
+    keys, wanted = measures_named(keys_of(columns)), [Margin.parse(one) for one in margins]
     with progress("comparing") as share:
-        found = compare_folders(a, b, keys=keys or COMPARED, progress=share)
+        compared = dict.fromkeys((*(keys or COMPARED), *(one.measure for one in wanted)))
+        found = compare_folders(a, b, keys=list(compared), progress=share)
+    decided = [[decide_margin(one, margin) for margin in wanted] for one in found]
     if latex is not None:
         write_page(latex, paper_table(groups_of(a, b), keys))
         say(latex)
     if as_json:
-        print_json([as_dict(one) | {"verdict": str(pair_verdict(one))} for one in found])
-        return
-    console.print(task_line(found[0].protocol, found[0].task, found[0].robot), highlight=False)
-    for one in found:
-        for line in pair_verdict(one):
-            console.print(line, markup=False, highlight=False)
-        console.print(rich_table(comparison_table(one)))
+        print_json(
+            [
+                as_dict(one) | {"verdict": str(pair_verdict(one)), "decisions": [as_dict(each) for each in own]}
+                for one, own in zip(found, decided, strict=True)
+            ]
+        )
+    else:
+        console.print(task_line(found[0].protocol, found[0].task, found[0].robot), highlight=False)
+        for one, own in zip(found, decided, strict=True):
+            for line in (*pair_verdict(one), *(each.text for each in own)):
+                console.print(line, markup=False, highlight=False)
+            console.print(rich_table(comparison_table(one)))
+    kinds = {each.decision for own in decided for each in own}
+    return 4 if "worse" in kinds else 5 if "not shown" in kinds else 0

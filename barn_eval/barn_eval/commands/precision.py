@@ -6,16 +6,18 @@ import click
 
 from barn_eval.analysis.compare import selected_results
 from barn_eval.analysis.precision import figures_table, needs_table, precision
+from barn_eval.analysis.ranking import ranking_power, ranking_table
 from barn_eval.commands.options import COUNT, PATH, console, json_option, print_json
 from barn_eval.commands.tables import rich_table
 from barn_eval.trials.identity import task_line
 from barn_worlds.base.config import as_dict
+from barn_worlds.base.errors import ConfigError
 
 _ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
 
 
 @click.command("precision")
-@click.argument("folder", type=PATH)
+@click.argument("folders", nargs=-1, required=True, type=PATH)
 @click.option("--half-width", type=_ABOVE_ZERO, help="Half the 95 % interval wanted of a mean [default: 5 % of it].")
 @click.option(
     "--difference",
@@ -23,25 +25,39 @@ _ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
     help="Difference of two planners to be found 8 times in 10 [default: 5 % of the first one's mean].",
 )
 @click.option(
-    "--measure", default="", show_default=False, help="A column of the results [default: the metric of the protocol]."
+    "--measure",
+    "measures",
+    multiple=True,
+    help="A column of the results, with --ranking repeatable [default: the metric of the protocol].",
 )
 @click.option("--repetitions", type=COUNT, help="Trials per world [default: 1, 2, 3, 5 and 10].")
+@click.option("--ranking", is_flag=True, help="Say how many worlds bring planners into the right order; many FOLDERS.")
 @json_option
 def command(
-    folder: Path,
+    folders: tuple[Path, ...],
     half_width: float | None,
     difference: float | None,
-    measure: str,
+    measures: tuple[str, ...],
     repetitions: int | None,
+    ranking: bool,
     as_json: bool,
 ) -> None:
-    """Say how many worlds a wanted precision needs, from the results in FOLDER.
+    """Say how many worlds a wanted precision needs, from the results in FOLDERS, one unless --ranking is given.
 
     FOLDER:PLANNER, or FOLDER:PLANNER,PLANNER, chooses one or two of several planners. Wanted values are in the unit of
     the measure, of success as a share such as 0.05.
     """
-    _, results = selected_results(folder)
-    found = precision(results, half_width, difference, measure=measure, repetitions=repetitions)
+    if ranking:
+        powers = [one for folder in folders for one in ranking_power(selected_results(folder)[1], measures)]
+        if as_json:
+            print_json([as_dict(one) for one in powers])
+        else:
+            console.print(rich_table(ranking_table(powers)))
+        return
+    if len(folders) > 1 or len(measures) > 1:
+        raise ConfigError("only --ranking takes several folders or measures")
+    _, results = selected_results(folders[0])
+    found = precision(results, half_width, difference, measure="".join(measures), repetitions=repetitions)
     if as_json:
         print_json(as_dict(found))
         return

@@ -16,6 +16,7 @@ from barn_eval.analysis.measures import metric_of
 from barn_eval.analysis.paper import paper_table
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.precision import precision
+from barn_eval.analysis.ranking import ranking_power
 from barn_eval.analysis.sources import Source, by_planner, entries_of, read_source
 from barn_eval.analysis.summary import summarise, summarise_campaign
 from barn_eval.analysis.tables import headline_table
@@ -189,6 +190,28 @@ class Results:
         """
         groups = {spelling(name): group for name, group in by_planner(self.trials).items()}
         return paper_table(groups, columns, caption=caption, label=label)
+
+    def ranking(self, measures: Sequence[str] = ()) -> pd.DataFrame:
+        """Return how often draws of some worlds bring the planners that differ into the right order.
+
+        Args:
+            measures: Columns of `table`, without any the protocol's metric.
+
+        Returns:
+            A row per measure and number of worlds: dataset, measure, worlds, share, and enough, the fewest worlds from
+            which the share is 95 % (missing: not even all are).
+
+        Raises:
+            BarnError: There is one planner only, or a measure is not known.
+        """
+        return frame_of(
+            (
+                {"dataset": one.dataset, "measure": one.measure, "worlds": n, "share": share, "enough": one.enough}
+                for one in ranking_power(by_planner(self.trials), measures)
+                for n, share in one.shares.items()
+            ),
+            enough="Int64",
+        )
 
     @overload
     def plot(self, what: str = ..., ax: None = None, *, width_mm: float | None = ...) -> Plot: ...
