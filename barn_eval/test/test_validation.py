@@ -12,8 +12,9 @@ from barn_eval.analysis import significance
 from barn_eval.analysis.means import Columns
 from barn_eval.analysis.significance import components
 from barn_eval.commands.validate import command
-from barn_eval.studies import validation
-from barn_eval.studies.validation import GROUPS, Check, checks, equal_planners, statistics_page
+from barn_eval.studies import simulations, validation
+from barn_eval.studies.simulations import GROUPS, equal_planners
+from barn_eval.studies.validation import Check, checks, statistics_page
 from barn_metrics.bootstrap import Interval
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "statistics.md"
@@ -59,7 +60,7 @@ def test_a_verdict_that_knows_only_the_failures_it_saw_would_be_found_out(monkey
 
 def test_an_interval_over_trials_would_be_found_out(monkeypatch):
     over_trials = significance.proportion
-    monkeypatch.setattr(validation, "proportion", lambda some, worlds: over_trials(some, np.arange(len(worlds))))
+    monkeypatch.setattr(simulations, "proportion", lambda some, worlds: over_trials(some, np.arange(len(worlds))))
     found = list(checks(300, groups=[some("share", (300, 5, 0.3, 0.9), (300, 5, 0.7, 0.7))]))
     assert [one.verdict for one in found] == ["missed"] * 2
     assert all(share < 0.85 for one in found for share in one.found)
@@ -106,7 +107,7 @@ def test_the_command_ends_with_1_if_a_target_is_missed(monkeypatch, tmp_path):
     assert "barn validate --simulations 20 --seed 3" in out.read_text()
     assert "| seed 3 [%] | seed 4 [%] |" in out.read_text()
     assert "50 worlds x 3" in runner.invoke(command, arguments, standalone_mode=False).stdout
-    monkeypatch.setattr(validation, "proportion", lambda *_: Interval(0.5, 0.5, 0.5))
+    monkeypatch.setattr(simulations, "proportion", lambda *_: Interval(0.5, 0.5, 0.5))
     assert runner.invoke(command, arguments, standalone_mode=False).return_value == 1
 
 
@@ -117,7 +118,7 @@ def test_the_page_is_what_the_command_writes():
     every = [line for line in text.splitlines() if line.endswith((" met |", " met within chance |", " missed |"))]
     assert len(every) == sum(len(group.settings) for group in GROUPS.values())
     assert not any("missed" in line for line in every)
-    page = statistics_page(list(checks(groups=[GROUPS["share"]])), 0)
+    page = statistics_page(list(checks(groups=[GROUPS["share"]])), 0, PAGE.with_name("ranking.json"))
     assert every[:8] == [line for line in page.splitlines() if line.startswith("| the 95 %")]
     assert text.startswith(page.partition("| in simulations")[0])
     assert text.endswith(page.rpartition("\n\nThe error is")[2])

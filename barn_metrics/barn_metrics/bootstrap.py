@@ -114,12 +114,26 @@ def over_worlds(
     return Interval(estimate, estimate, estimate) if len(drawn) and np.ptp(drawn) == 0.0 else Interval(estimate)
 
 
-def spearman(a: Floats, b: Floats) -> Floats:
+def spearman(a: Floats | Integers, b: Floats | Integers) -> Floats:
     """Return the rank correlation along the last axis, NaN where one side does not vary."""
-    from scipy import stats  # noqa: PLC0415 (as above)
-
-    first, second = (stats.rankdata(one, axis=-1) for one in (a, b))
+    first, second = (_ranks(one) for one in (a, b))
     first, second = (one - one.mean(axis=-1, keepdims=True) for one in (first, second))
     with np.errstate(invalid="ignore", divide="ignore"):
         found: Floats = (first * second).sum(axis=-1) / np.sqrt((first**2).sum(axis=-1) * (second**2).sum(axis=-1))
     return found
+
+
+def _ranks(values: Floats | Integers) -> Floats:
+    """Return average ranks along the last axis; of whole numbers from 0 on by counting, several times as fast."""
+    if not np.issubdtype(values.dtype, np.integer):
+        from scipy import stats  # noqa: PLC0415 (as above)
+
+        found: Floats = stats.rankdata(values, axis=-1)
+        return found
+    rows = values.reshape(-1, values.shape[-1])
+    kinds = int(rows.max()) + 1
+    places = rows + kinds * np.arange(len(rows))[:, None]
+    counts = np.bincount(places.ravel(), minlength=kinds * len(rows)).reshape(len(rows), kinds)
+    ranks = np.cumsum(counts, axis=1) - (counts - 1) / 2.0
+    by_place: Floats = ranks.ravel()[places]
+    return by_place.reshape(values.shape)

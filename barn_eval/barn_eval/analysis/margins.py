@@ -37,7 +37,7 @@ class Margin:
 
 
 @dataclass(frozen=True)
-class Decision:
+class MarginTest:
     """Whether B is worse than A by more than a margin, both in the unit of the measure.
 
     decision: "not worse" where the 95 % interval of the loss lies within the margin, "worse" where it lies beyond it,
@@ -68,7 +68,7 @@ class Decision:
         return f"{words[self.decision]} ({measure.title}; upper limit of the loss: {high})"
 
 
-def decide_margin(found: Comparison, margin: Margin) -> Decision:
+def decide_margin(found: Comparison, margin: Margin) -> MarginTest:
     """Return what a comparison, which has the measure among its rows, says of B by a margin."""
     row = found.row(margin.measure)
     of_a_less_b = row.paired.difference
@@ -77,4 +77,4 @@ def decide_margin(found: Comparison, margin: Margin) -> Decision:
     decision: Literal["not worse", "worse", "not shown"] = "not shown"
     if loss.low is not None and loss.high is not None:
         decision = "not worse" if loss.high <= limit else "worse" if loss.low > limit else decision
-    return Decision(found.a, found.b, margin.measure, limit, loss.estimate, loss.low, loss.high, decision)
+    return MarginTest(found.a, found.b, margin.measure, limit, loss.estimate, loss.low, loss.high, decision)

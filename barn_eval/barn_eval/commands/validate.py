@@ -15,7 +15,11 @@ from barn_eval.studies.validation import checks_table, statistics_page
 @click.command("validate")
 @click.option("--simulations", default=400, type=click.IntRange(10, 1_000_000), help="So many per check.")
 @seed_option()
-@click.option("--out", type=FILE, help="Write the page of the documentation that says it, .md.")
+@click.option(
+    "--out",
+    type=FILE,
+    help="Write the page of the documentation that says it, .md; with ranking.json beside it, that table as well.",
+)
 @json_option
 def command(simulations: int, seed: int, out: Path | None, as_json: bool) -> int:
     """Simulate trials and count how often intervals cover the truth and tests raise a false alarm.
@@ -34,5 +38,5 @@ def command(simulations: int, seed: int, out: Path | None, as_json: bool) -> int
     else:
         console.print(rich_table(checks_table(found, seed)))
     if out is not None:
-        write_page(out, statistics_page(found, seed))
+        write_page(out, statistics_page(found, seed, out.with_name("ranking.json")))
     return int(any(one.verdict == "missed" for one in found))
