@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from barn_eval.analysis.compare import compare_folders
@@ -153,3 +154,20 @@ def test_every_beginning_of_the_trials_is_like_the_whole():
         worlds = {spec.index for spec in order[:count]}
         assert sorted(worlds) == list(range(0, 64, 128 // count))
     assert fair_order(specs[:2]) == specs[:2]
+
+
+def test_the_map_that_is_given_holds_start_and_goal():
+    def given(protocol):
+        asked = Experiment(worlds="100", protocol=protocol, simulator=simulator_config(protocol))
+        (spec,) = asked.trials()
+        return spec, spec.map
+
+    spec, known = given(PROTOCOLS["known_map"])
+    own = spec.world.occupancy_map()
+    rows, cols = own.data.shape
+    assert np.array_equal(known.data[:rows, :cols], own.data)
+    assert not known.data[rows:].any()
+    for pose in (spec.course.start, spec.course.goal):
+        assert 0 <= (pose.y - known.origin_y) / known.resolution < known.data.shape[0] - 1
+    spec, known = given(PROTOCOLS["paper2020"])
+    assert np.array_equal(known.data, spec.world.occupancy_map(historical=True).data)

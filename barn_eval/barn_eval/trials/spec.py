@@ -109,7 +109,7 @@ class TrialSpec:
     @cached_property
     def map(self) -> OccupancyMap | None:
         """The map that the planner is given, if any, as it comes out of a message."""
-        return _map(self.protocol, self.world) if self.protocol.map_given else None
+        return _map(self.protocol, self.world, self.course) if self.protocol.map_given else None
 
     def description(self) -> dict[str, Any]:
         """Return everything that determines the trial as plain data, all configuration resolved."""
@@ -144,6 +144,8 @@ class TrialSpec:
 
 # What trials have in common is worked out once.
 
+_BEYOND_M = 1.0  # which a map goes on beyond a start or a goal that its world does not hold
+
 
 @lru_cache(maxsize=64)
 def _task(protocol: Protocol, simulator: SimulatorConfig) -> str:
@@ -156,12 +158,26 @@ def _course(rules: Protocol, world: World) -> Course:
 
 
 @lru_cache(maxsize=64)
-def _map(protocol: Protocol, world: World) -> OccupancyMap:
+def _map(protocol: Protocol, world: World, course: Course) -> OccupancyMap:
     standard = math.isclose(world.resolution_m, STANDARD_CELL_M)
     grid = world.occupancy_map(historical=standard and protocol.historical_map)
     # Worlds of other cells never had such a map; theirs is off as a whole, by as much as the pose is.
     off_m = 0.0 if standard else protocol.map_offset_m()
-    return replace(grid, resolution=float(np.float32(grid.resolution)), origin_y=grid.origin_y + off_m)
+    grid = replace(grid, resolution=float(np.float32(grid.resolution)), origin_y=grid.origin_y + off_m)
+    return _reaching(_reaching(grid, course.start), course.goal)
+
+
+def _reaching(grid: OccupancyMap, pose: Pose2D) -> OccupancyMap:
+    """Return a map with free cells up to a metre beyond a pose that is off it: a planner could not plan there."""
+    (rows, cols), size = grid.data.shape, grid.resolution
+    row, col = math.floor((pose.y - grid.origin_y) / size), math.floor((pose.x - grid.origin_x) / size)
+    if 0 <= row < rows and 0 <= col < cols:
+        return grid
+    beyond = math.ceil(_BEYOND_M / size)
+    below, left = max(0, beyond - row), max(0, beyond - col)
+    above, right = max(0, row + 1 + beyond - rows), max(0, col + 1 + beyond - cols)
+    data = np.pad(grid.data, ((below, above), (left, right)))
+    return OccupancyMap(data, size, grid.origin_x - left * size, grid.origin_y - below * size)
 
 
 def simulator_config(
