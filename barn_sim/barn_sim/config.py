@@ -4,6 +4,7 @@ Unless another source is named, values are those of a Clearpath Jackal J100 with
 configuration of its drivers and models.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
@@ -153,6 +154,11 @@ class SimulatorConfig(Checked):
         """Length of a physics step in nanoseconds."""
         return nanoseconds(self.physics.tick_s)
 
+    @property
+    def scan_steps(self) -> int:
+        """Control steps from one scan to the next, rounded up: a scan comes with the readings of a step."""
+        return max(1, math.ceil(1.0 / (self.lidar.rate_hz * self.control_period_s) - 1e-6))
+
     def ticks(self, period_s: float) -> int:
         """Return the number of physics steps in a period, rounded."""
         return round(nanoseconds(period_s) / self.tick_ns)
@@ -169,6 +175,7 @@ def with_robot(config: Config, robot: Robot) -> Config:
     standard = SimulatorConfig()
     drive = _with_noise(robot.drive, config.drive, standard.drive, "command_latency_s")
     lidar = _with_noise(robot.lidar, config.lidar, standard.lidar, "noise_m")
+    lidar = lidar if lidar.noise_m else replace(lidar, noise_share=0.0)
     odometry = _with_noise(robot.odometry, config.odometry, standard.odometry, "yaw_noise_rad", "yaw_rate_noise_rad_s")
     physics = replace(config.physics, wheel_friction=robot.wheel_friction)
     return replace(config, chassis=robot.chassis, physics=physics, drive=drive, lidar=lidar, odometry=odometry)

@@ -26,8 +26,8 @@ ORIGIN = Pose2D(0.0, 0.0, 0.0)
 class SimulatorMessages:
     """The messages of one trial.
 
-    scan_period_s: time between two scans, the control period if None. start: initial pose of the robot in the map
-    frame, for the first transforms.
+    scan_period_s: time between two scans, if None that in whole control periods. start: initial pose of the robot
+    in the map frame, for the first transforms.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class SimulatorMessages:
     ) -> None:
         self._config = config
         self._frames = frames
-        self._scan_period_s = config.control_period_s if scan_period_s is None else scan_period_s
+        self._scan_period_s = config.scan_steps * config.control_period_s if scan_period_s is None else scan_period_s
         self._odometry = OdometryEncoder(frames.of(topics.ODOM), frames.base)
         self._truth = OdometryEncoder(frames.of(topics.GROUND_TRUTH), frames.base)
         self._localisation = PoseWithCovarianceEncoder(frames.of(topics.AMCL_POSE), _variances(config.localisation))
@@ -58,7 +58,7 @@ class SimulatorMessages:
         yield Outgoing(topics.TF_STATIC, encode_fixed_transforms(frames.base, fixed, yaws))
 
     def sensors(self, sensors: Sensors, stamp_ns: int) -> Iterator[Outgoing]:
-        """Yield the messages of an instant whose time is `stamp_ns`: the time first, the scan last."""
+        """Yield the messages of an instant whose time is `stamp_ns`: the time first, last the scan if it is of now."""
         yield self.clock(stamp_ns)
         yield self.odometry(sensors.odometry, stamp_ns)
         yield self.truth(sensors.truth, stamp_ns)
@@ -66,7 +66,8 @@ class SimulatorMessages:
         yield self.transforms(sensors.odometry.pose, stamp_ns)
         yield self.collision(sensors.collision)
         yield self.joints(sensors.joints, stamp_ns)
-        yield self.scan(sensors.scan, stamp_ns)
+        if sensors.scan.stamp_ns == sensors.stamp_ns:
+            yield self.scan(sensors.scan, stamp_ns)
 
     def clock(self, stamp_ns: int) -> Outgoing:
         """Return the time."""

@@ -4,7 +4,7 @@ import numpy as np
 
 from barn_worlds.worlds.world import World
 
-LIDAR, ODOMETRY, LOCALISATION, PHASE = range(4)
+LIDAR, ODOMETRY, LOCALISATION, PHASE, BIAS = range(5)
 
 
 def generator(seed: int, child: int) -> np.random.Generator:

@@ -13,7 +13,7 @@ from barn_sim.sensors.lidar import Lidar, Singles
 from barn_sim.sensors.localisation import localisation_of
 from barn_sim.sensors.particles import ParticleLocalisation
 from barn_sim.sensors.readings import Joints, Sensors
-from barn_worlds.base.types import STOP, Odometry, Pose2D, Scan, Velocity2D
+from barn_worlds.base.types import STOP, Odometry, Pose2D, Scan, Velocity2D, nanoseconds
 from barn_worlds.worlds.world import World
 
 
@@ -68,7 +68,10 @@ class Simulator:
             world, config, start, self.phase_s, engine,
             generator(seed, seeds.ODOMETRY), self._fleet, index, free_motion=free_motion,
         )  # fmt: skip
+        if config.odometry.gyro_bias_rad_s or config.odometry.wheel_radius_error:
+            self.motion.odometry.draw_errors(config.odometry, generator(seed, seeds.BIAS))
         self.lidar = Lidar(config.lidar, generator(seed, seeds.LIDAR))
+        self._scan_period_ns = config.scan_steps * nanoseconds(config.control_period_s)
         self._scan_height_m = config.lidar.mount_z_m - float(self.motion.model.footing[2])
         self._ticks_per_step = config.ticks(config.control_period_s)
         self._localisation = None
@@ -85,14 +88,21 @@ class Simulator:
         """Time since the start."""
         return self.motion.stamp_ns
 
+    @property
+    def scan_is_due(self) -> bool:
+        """Whether the lidar has a new scan since the last readings; the first have one."""
+        if self._sensed is None or self.config.scan_steps == 1:
+            return True
+        return self.stamp_ns - self._sensed.scan.stamp_ns >= self._scan_period_ns
+
     def sense(self) -> Sensors:
-        """Return the readings of this instant; a second call returns the same."""
+        """Return the readings of this instant; a second call returns the same. The scan is the last, with its stamp."""
         if self._sensed is None or self._sensed.stamp_ns != self.stamp_ns:
             odometry = self.read_odometry()
             self._sensed = Sensors(
                 self.stamp_ns,
                 odometry,
-                self.read_scan(),
+                self._sensed.scan if self._sensed and not self.scan_is_due else self.read_scan(),
                 self.read_truth(),
                 self.read_localisation(odometry.pose),
                 self.read_collision(),
@@ -116,6 +126,8 @@ class Simulator:
 
     def advance(self, ticks: int) -> None:
         """Advance by a number of physics ticks."""
+        if self.lidar.sweeps:
+            self.motion.remember()
         self.motion.advance(ticks)
 
     def read_odometry(self) -> Odometry:
@@ -162,7 +174,8 @@ class Simulator:
         centres, tilted = obstacles.seen_at(self._scan_height_m)
         shapes = None if movers is None else movers.seen_at(self.stamp_ns, self._scan_height_m)
         pose, _ = self.motion.place()
-        return lidar.scan(self.stamp_ns, pose, centres, obstacles.radius_m, tilted, shapes, noise)
+        sweep = self.motion.poses_at(self.stamp_ns - lidar.ages_ns) if lidar.sweeps else None
+        return lidar.scan(self.stamp_ns, pose, centres, obstacles.radius_m, tilted, shapes, noise, sweep)
 
     def close(self) -> None:
         """Release the physics client if the simulator created it; closing again does nothing."""

@@ -99,7 +99,9 @@ class _DirectTrial:
                 for bag in self._bags:
                     bag.reading(sensors, asked=self.turnaround.free(sensors.stamp_ns))
                 over = trial.read(sensors.odometry, sensors.truth, sensors.collision)
-                busy = over or not self.turnaround.free(sensors.stamp_ns)
+                # a planner answers scans, here as over ROS; in between its last command stays in force
+                scanned = sensors.scan.stamp_ns == sensors.stamp_ns
+                busy = over or not scanned or not self.turnaround.free(sensors.stamp_ns)
                 command, delay_ns = (None, 0) if busy else self._decide(sensors)
                 self._show_standing(sensors.stamp_ns)
                 if trial.verdict is not None:

@@ -207,7 +207,7 @@ class Runner:
         if (adapter := trial.adapter) is None:
             return WallClock.of(lasted_s, [], factor, waited)
         spec, rate_hz = trial.trial.spec, self._context.config.planner_rate_hz
-        period_s = 1.0 / rate_hz if rate_hz else spec.protocol.control_period_s
+        period_s = 1.0 / rate_hz if rate_hz else spec.simulator.scan_steps * spec.simulator.control_period_s
         silence_s = max(spec.simulator.drive.command_timeout_s, 2.0 * period_s)
         period_ns, came = nanoseconds(period_s), (adapter.commands_ns, adapter.now_ns)
         missed = waited

@@ -59,6 +59,8 @@ class Batch:
         self.readings = Readings.of(count, config.lidar.beams)
         self.engines: list[PhysicsEngine] = []
         self._ticks = config.ticks(config.control_period_s)
+        self._scan_ns = config.scan_steps * nanoseconds(config.control_period_s) if config.scan_steps > 1 else 0
+        self._plain = True
         self._simulators: list[Simulator | None] = [None] * count
         self._segments = np.zeros((count, 0, 4))
         self._circles = np.zeros((count, 2, 0))
@@ -70,6 +72,7 @@ class Batch:
     def put(self, index: int, simulator: Simulator) -> None:
         """Take a simulator into the batch, instead of the one that was there."""
         self._simulators[index] = simulator
+        self._plain = simulator.lidar.plain
         self._drawn[index] = _AHEAD
         self.readings.collisions[index] = False
         self._disturbed.discard(index)
@@ -105,6 +108,9 @@ class Batch:
         last = (robots["stamp_ns"][which] + self._ticks * settings["tick_ns"]) // settings["odometry_ns"]
         for index in which[last >= robots["noise_from"][which] + fleet.noise.shape[1]].tolist():
             self._simulator(index).motion.draw_noise(self._ticks)
+        if not self._plain:
+            for index in which.tolist():
+                self._simulator(index).motion.remember()
         left, pushes = np.zeros(len(commands), np.int64), np.zeros((len(commands), 4, 3))
         advance_all(
             robots, fleet.pending, settings, self._segments, self._cylinders, fleet.noise, self._ticks, which, commands,
@@ -121,14 +127,21 @@ class Batch:
     def read(self, which: Integers) -> None:
         """Read the sensors; simulators whose cylinders have moved take their scans themselves."""
         readings, drawn = self.readings, self._drawn
-        for index in which[drawn[which] == _AHEAD].tolist():
+        scanned = which
+        if self._scan_ns:  # the others keep their last scans
+            scanned = which[self.fleet.robots["stamp_ns"][which] % self._scan_ns == 0]
+        if not self._plain:
+            for index in scanned.tolist():
+                readings.ranges[index] = self._simulator(index).read_scan().ranges
+            scanned = scanned[:0]
+        for index in scanned[drawn[scanned] == _AHEAD].tolist():
             self._simulator(index).lidar.draw(self._noise[index])
             drawn[index] = 0
-        others = sorted(self._disturbed.intersection(which.tolist()))
+        others = sorted(self._disturbed.intersection(scanned.tolist()))
         for index in others:
             readings.ranges[index] = self._simulator(index).read_scan(self._noise[index, drawn[index]]).ranges
             drawn[index] += 1
-        upright = np.setdiff1d(which, others, assume_unique=True) if others else which
+        upright = np.setdiff1d(scanned, others, assume_unique=True) if others else scanned
         if len(upright):
             lidar = self._simulator(int(upright[0])).lidar
             mount = lidar.mount.x, lidar.mount.y, lidar.mount.yaw

@@ -19,6 +19,7 @@ the odometry's next updates is drawn before (`draw_noise`), each once and in ord
 """
 
 import math
+from collections import deque
 
 import numpy as np
 
@@ -33,6 +34,7 @@ from barn_sim.motion.readouts import motion
 from barn_sim.motion.state import ROBOT, Fleet
 from barn_sim.motion.ticks import Push, advance, free_tick
 from barn_sim.sensors.odometry import FusedOdometry
+from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import Pose2D, Velocity2D
 from barn_worlds.worlds.world import World
 
@@ -81,6 +83,7 @@ class RobotMotion:
             robots[name] for name in ("stamp_ns", "away", "known", "in_bullet")
         )
         self._touched = False
+        self._past: deque[tuple[int, float, float, float]] = deque(maxlen=config.ticks(1.0 / config.lidar.rate_hz) + 2)
         self._placed: tuple[int, tuple[Pose2D, Velocity2D]] | None = None
         self.odometry.update(0)
 
@@ -107,6 +110,18 @@ class RobotMotion:
             x, y, yaw, linear, angular = motion(fleet.robots, fleet.settings, self._index)
             self._placed = stamp_ns, (Pose2D(x, y, yaw), Velocity2D(linear, angular))
         return self._placed[1]
+
+    def remember(self) -> None:
+        """Store the pose of now, for `poses_at`."""
+        pose = self.place()[0]
+        self._past.append((self.stamp_ns, pose.x, pose.y, pose.yaw))
+
+    def poses_at(self, stamps_ns: Floats) -> Floats:
+        """Return poses (n, 3) of base_link at times up to now, by lines between those remembered."""
+        pose = self.place()[0]
+        past = np.array([*self._past, (self.stamp_ns, pose.x, pose.y, pose.yaw)])
+        past[:, 3] = np.unwrap(past[:, 3])
+        return np.column_stack([np.interp(stamps_ns, past[:, 0], past[:, k]) for k in (1, 2, 3)])
 
     def take_touch(self) -> bool:
         """Tell whether the robot has touched anything since the last call."""

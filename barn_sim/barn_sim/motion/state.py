@@ -73,6 +73,8 @@ ROBOT = np.dtype(
         ("odometry_x", _NUMBER),
         ("odometry_y", _NUMBER),
         ("odometry_speed", _NUMBER),
+        ("gyro_bias", _NUMBER),  # rad/s
+        ("speed_factor", _NUMBER),  # by which the wheels' speed is misread
         ("noise_from", _WHOLE),  # update that the first row of its noise is for
     ],
     align=True,

@@ -85,7 +85,7 @@ class SimulatorNode(Node):
             turn()
 
     def _advance_in_lockstep(self) -> None:
-        """Publish the readings of an instant, wait for one command, advance one control period."""
+        """Publish the readings of an instant, wait for one command if they have a scan, advance one control period."""
         trial = self.trial
         # an evaluator that cannot keep up is waited for: publishers keep few messages, and what they drop no bag has
         if self._paused or (not trial.published and self._is_ahead()):

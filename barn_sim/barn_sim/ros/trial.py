@@ -48,8 +48,10 @@ class SimulatedTrial:
 
     def readings(self) -> Iterator[Outgoing]:
         """Yield all readings of this instant, the scan last; without the scan while the planner still computes."""
-        self.published, self.asked = True, self.turnaround.free(self.simulator.stamp_ns)
-        found = self.messages.sensors(self.simulator.sense(), self.now_ns)
+        sensors = self.simulator.sense()
+        scanned = sensors.scan.stamp_ns == sensors.stamp_ns
+        self.published, self.asked = True, scanned and self.turnaround.free(self.simulator.stamp_ns)
+        found = self.messages.sensors(sensors, self.now_ns)
         return (one for one in found if self.asked or one.topic is not SCAN)
 
     def step(self) -> None:
@@ -100,7 +102,7 @@ def begin(config: RunConfig, node: SimulatorNodeConfig, before_ns: int = 0) -> S
     config = config.with_chassis()
     world = open_dataset(config.dataset).load(config.world)
     simulator = Simulator(world, config, config.start, config.seed)
-    scan_period_s = config.control_period_s if node.lockstep else 1.0 / config.lidar.rate_hz
+    scan_period_s = None if node.lockstep else 1.0 / config.lidar.rate_hz
     messages = SimulatorMessages(config, node.frames, scan_period_s, config.start)
     origin_ns = (before_ns // NANOSECONDS + 1) * NANOSECONDS
     turnaround = Turnaround(config.compute, config.compute_seed)

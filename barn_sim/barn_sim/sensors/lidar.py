@@ -17,7 +17,7 @@ from barn_sim.config import LidarConfig
 from barn_sim.motion.state import Record, Records
 from barn_sim.sensors.odometry import wrap
 from barn_worlds.base.arrays import Integers
-from barn_worlds.base.types import Pose2D, Scan
+from barn_worlds.base.types import NANOSECONDS, Pose2D, Scan
 from barn_worlds.geometry.kernels import enters
 
 Array = npt.NDArray[np.float64]
@@ -27,6 +27,7 @@ Frame = tuple[float, float, float, float]
 
 ROUGH_RAD = 5e-4  # error of `rough_angle`
 _SPANS = 8  # rows of `cast_spans`
+_EDGE_M = 0.2  # between neighbours that do not see the same thing
 
 
 class Lidar:
@@ -43,7 +44,12 @@ class Lidar:
         self._range_max = float(np.float32(config.range_max_m))
         self.directions = _directions(self._angle_min, self._increment, config.beams)
         self.fan = (self._angle_min, self._increment, self._range_max)
-        self.limits = (config.noise_m, self._range_min, self._range_max)
+        self.limits = (config.noise_m, config.noise_share, self._range_min, self._range_max)
+        self._mixed, self._dropped = config.mixed_share, config.dropout_share
+        self.sweeps = config.sweeps
+        turn_s = (config.angle_max_rad - config.angle_min_rad) / (2.0 * math.pi * config.rate_hz)
+        # of each beam, before the last one; only whoever sweeps has the others earlier
+        self.ages_ns = NANOSECONDS * turn_s * np.linspace(1.0, 0.0, config.beams) * config.sweeps
         self._ranges = np.empty(config.beams)
 
     def scan(
@@ -55,28 +61,59 @@ class Lidar:
         tilted: Array | None = None,
         shapes: Array | None = None,
         noise: Singles | None = None,
+        sweep: Array | None = None,
     ) -> Scan:
         """Take a scan from the robot's pose.
 
         centres (n, 2): of upright cylinders in metres, in the frame of the pose; radius_m: of all cylinders.
         tilted (m, 7): others as centre x, y and height above the scan plane, unit vector of the axis, half length.
         shapes (k, 7): cylinders of other sizes and boxes, see `barn_worlds.geometry.kernels`. noise (n,): drawn before.
+        sweep (n, 3): poses of the robot for each beam, instead of the one.
         """
-        sensor = robot @ self.mount
         ranges = self._ranges
         ranges.fill(np.inf)
-        frame = (sensor.x, sensor.y, math.cos(sensor.yaw), math.sin(sensor.yaw))
-        cast_circles(ranges, self.directions, self.fan, frame, centres, radius_m)
-        if tilted is not None and len(tilted):
-            cast_cylinders(ranges, self.directions, frame, tilted, radius_m)
-        if shapes is not None:
-            cast_shapes(ranges, self.directions, self.fan, frame, shapes)
+        if sweep is not None:
+            frames, turn = self._frames(sweep)
+            some = [np.zeros((0, 7)) if these is None else these for these in (tilted, shapes)]
+            cast_sweep(ranges, self.directions, self.fan, frames, turn, centres, radius_m, *some)
+        else:
+            sensor = robot @ self.mount
+            frame = (sensor.x, sensor.y, math.cos(sensor.yaw), math.sin(sensor.yaw))
+            cast_circles(ranges, self.directions, self.fan, frame, centres, radius_m)
+            if tilted is not None and len(tilted):
+                cast_cylinders(ranges, self.directions, frame, tilted, radius_m)
+            if shapes is not None:
+                cast_shapes(ranges, self.directions, self.fan, frame, shapes)
         measured = np.empty(len(ranges), np.float32)
+        if self._mixed:
+            self._mix(ranges)
         if noise is None:
             noise = np.empty(len(ranges), np.float32)
             self.draw(noise)
         measure(ranges, noise, *self.limits, measured)
+        if self._dropped:
+            measured[self._rng.random(len(measured)) < self._dropped] = np.inf
         return self.scan_of(stamp_ns, measured)
+
+    def _frames(self, poses: Array) -> tuple[Array, float]:
+        """Return frames (n, 4) of the sensor for poses (n, 3) of the robot, and how far it turns from the last, rad."""
+        x, y, yaw = poses.T
+        c, s, seen = np.cos(yaw), np.sin(yaw), yaw + self.mount.yaw
+        at = x + c * self.mount.x - s * self.mount.y, y + s * self.mount.x + c * self.mount.y
+        return np.stack([*at, np.cos(seen), np.sin(seen)], axis=1), float(np.abs(yaw - yaw[-1]).max())
+
+    def _mix(self, ranges: Array) -> None:
+        """Let beams on the near side of an edge read something between its sides, evenly, as often as configured."""
+        chances, between = self._rng.random((2, len(ranges)))
+        true = np.minimum(ranges, self._range_max)
+        beside = np.maximum(np.append(true[1:], true[-1]), np.insert(true[:-1], 0, true[0]))
+        mixed = (beside - true > _EDGE_M) & (chances < self._mixed)
+        ranges[mixed] = (true + between * (beside - true))[mixed]
+
+    @property
+    def plain(self) -> bool:
+        """Whether a scan is of one instant, with no more than noise."""
+        return not (self.sweeps or self._mixed or self._dropped)
 
     def draw(self, noise: Singles) -> None:
         """Draw the noise of a scan (n,), or of several (k, n), standard normal."""
@@ -103,7 +140,7 @@ def scan_all(
     directions: Array,
     fan: Triple,
     mount: Triple,
-    limits: Triple,
+    limits: Frame,
     noise: Singles,
     drawn: Integers,
     measured: Singles,
@@ -111,8 +148,8 @@ def scan_all(
     """Fill the rows `indices` of `measured` (n, beams) with scans among upright cylinders.
 
     circles (n, 2, m): x and y of the centres in each robot's world, the first `cylinders` (n,) of them; mount: x, y
-    (m) and yaw (rad) in base_link; limits: standard deviation, shortest and longest range; noise (n, k, beams): whose
-    row `drawn` (n,) is used up.
+    (m) and yaw (rad) in base_link; limits: standard deviation, its share of a range, shortest and longest range; noise
+    (n, k, beams): whose row `drawn` (n,) is used up.
     """
     ranges, spans = np.empty(len(directions)), np.empty((_SPANS, circles.shape[2]))
     for index in indices:
@@ -124,7 +161,7 @@ def scan_all(
         ranges[:] = np.inf
         xs, ys = circles[index, 0, : cylinders[index]], circles[index, 1, : cylinders[index]]
         cast_spans(ranges, directions, fan, frame, xs, ys, robot.radius_m, spans)
-        measure(ranges, noise[index, drawn[index]], limits[0], limits[1], limits[2], measured[index])
+        measure(ranges, noise[index, drawn[index]], limits[0], limits[1], limits[2], limits[3], measured[index])
         drawn[index] += 1
 
 
@@ -139,6 +176,48 @@ def cast_circles(ranges: Array, directions: Array, fan: Triple, frame: Frame, ce
     for i in range(len(centres)):
         circles[0, i], circles[1, i] = centres[i, 0], centres[i, 1]
     cast_spans(ranges, directions, fan, frame, circles[0], circles[1], radius, spans)
+
+
+@njit(cache=True)
+def cast_sweep(
+    ranges: Array, directions: Array, fan: Triple, frames: Array, turn: float, centres: Array, radius: float,
+    tilted: Array, shapes: Array,
+) -> None:  # fmt: skip
+    """Lower `ranges` (n,) to the first hits of beams that have a frame (n, 4) each, as they do at one instant.
+
+    turn: how far the sensor turns from its last frame, rad. A circle is compared with the beams that may hit it from
+    wherever the sensor is meanwhile.
+    """
+    angle_min, increment, range_max = fan
+    count, (x, y, c, s) = len(ranges), frames[-1]
+    shift, whole = np.hypot(frames[:, 0] - x, frames[:, 1] - y).max(), 2.0 * math.pi
+    for i in range(len(centres)):
+        dx, dy = centres[i, 0] - x, centres[i, 1] - y
+        distance = math.hypot(dx, dy)
+        if not distance - radius - shift <= range_max:
+            continue
+        half = whole
+        if distance > radius + 2.0 * shift:
+            half = math.asin(shift / distance) + math.asin(radius / (distance - shift)) + turn + increment
+        middle = math.atan2(c * dy - s * dx, c * dx + s * dy) - angle_min
+        after = 0
+        for lap in range(-1, 2):
+            low, high = middle + lap * whole - half, middle + lap * whole + half
+            first, last = max(after, math.floor(low / increment)), min(count - 1, math.ceil(high / increment))
+            for beam in range(first, last + 1):
+                ax, ay = centres[i, 0] - frames[beam, 0], centres[i, 1] - frames[beam, 1]
+                ahead = frames[beam, 2] * ax + frames[beam, 3] * ay
+                left = frames[beam, 2] * ay - frames[beam, 3] * ax
+                if ax * ax + ay * ay <= radius * radius:
+                    ranges[beam] = 0.0
+                else:
+                    _cast_circle(ranges, directions, beam, beam, ahead, left, radius)
+            after = max(after, last + 1)
+    for beam in range(count):
+        frame = (frames[beam, 0], frames[beam, 1], frames[beam, 2], frames[beam, 3])
+        one, ahead_only = ranges[beam : beam + 1], directions[beam : beam + 1]
+        cast_cylinders(one, ahead_only, frame, tilted, radius)
+        cast_shapes(one, ahead_only, (angle_min + beam * increment, increment, range_max), frame, shapes)
 
 
 @njit(cache=True)
@@ -323,9 +402,15 @@ def _hit(
 
 
 @njit(cache=True)
-def measure(ranges: Array, noise: Singles, std: float, range_min: float, range_max: float, measured: Singles) -> None:
-    """Fill `measured` (n,) float32 with noisy ranges, -inf below `range_min` and +inf above `range_max`."""
+def measure(
+    ranges: Array, noise: Singles, std: float, share: float, range_min: float, range_max: float, measured: Singles
+) -> None:
+    """Fill `measured` (n,) float32 with noisy ranges, -inf below `range_min` and +inf above `range_max`.
+
+    Their standard deviation is `std`, or where that is more the share of the range.
+    """
     for beam in range(len(ranges)):
-        distance = ranges[beam] + std * noise[beam]
+        wide = share * min(ranges[beam], range_max)
+        distance = ranges[beam] + (wide if wide > std else std) * noise[beam]
         within = np.inf if distance > range_max else distance
         measured[beam] = -np.inf if distance < range_min else within

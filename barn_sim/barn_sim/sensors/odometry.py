@@ -16,7 +16,7 @@ class FusedOdometry:
 
     The filter trusts the IMU's absolute yaw. So the heading has that sensor's noise but does not drift, while the
     position drifts with every slip of the wheels. Noise is drawn once per update, at the odometry's own rate, whether
-    or not the update is read.
+    or not the update is read. A biased gyro without a compass makes the heading drift, in proportion to time.
     """
 
     def __init__(
@@ -35,6 +35,13 @@ class FusedOdometry:
         settings["yaw_noise_rad"], settings["yaw_rate_noise_rad_s"] = config.yaw_noise_rad, config.yaw_rate_noise_rad_s
         settings["odometry_ns"] = nanoseconds(1.0 / config.rate_hz)
         self._fleet.robots[index]["start_yaw"] = start_yaw
+        self._fleet.robots[index]["speed_factor"] = 1.0
+
+    def draw_errors(self, config: OdometryConfig, rng: np.random.Generator) -> None:
+        """Draw the errors that stay for a trial: of the gyro and of the wheels' radius."""
+        robot, (gyro, radius) = self._fleet.robots[self._index], rng.standard_normal(2)
+        robot["gyro_bias"] = config.gyro_bias_rad_s * gyro
+        robot["speed_factor"] = 1.0 + config.wheel_radius_error * radius
 
     def update(self, number: int) -> None:
         """Make the update of this number the present one."""
@@ -62,7 +69,7 @@ class FusedOdometry:
 @njit(cache=True)
 def integrate_wheels(robot: Record, tick_s: float) -> None:
     """Integrate the odometry of a robot by one tick."""
-    robot.odometry_speed = 0.5 * (robot.left_m_s + robot.right_m_s)
+    robot.odometry_speed = 0.5 * (robot.left_m_s + robot.right_m_s) * robot.speed_factor
     heading = robot.yaw - robot.start_yaw + robot.yaw_error
     robot.odometry_x += tick_s * robot.odometry_speed * math.cos(heading)
     robot.odometry_y += tick_s * robot.odometry_speed * math.sin(heading)
@@ -70,9 +77,10 @@ def integrate_wheels(robot: Record, tick_s: float) -> None:
 
 @njit(cache=True)
 def renew_noise(robot: Record, settings: Record, row: Floats) -> None:
-    """Give a robot the noise of a new update, from a row (2,) of standard normal numbers."""
-    robot.yaw_error = settings.yaw_noise_rad * row[0]
-    robot.yaw_rate_error = settings.yaw_rate_noise_rad_s * row[1]
+    """Give a robot the noise of a new update, from a row (2,) of standard normal numbers, and what has drifted."""
+    drift = robot.gyro_bias * 1e-9 * robot.stamp_ns
+    robot.yaw_error = settings.yaw_noise_rad * row[0] + drift
+    robot.yaw_rate_error = settings.yaw_rate_noise_rad_s * row[1] + robot.gyro_bias
 
 
 @njit(cache=True)

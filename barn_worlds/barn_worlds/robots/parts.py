@@ -47,20 +47,40 @@ class DriveConfig(Checked):
 
 @dataclass(frozen=True)
 class LidarConfig(Checked):
-    """A planar laser scanner; all beams of a scan are taken at one instant."""
+    """A planar laser scanner; all beams of a scan are taken at one instant, unless it sweeps."""
 
     beams: int = quantity(720, "number of beams", minimum=1, maximum=20000)
     angle_min_rad: float = quantity(-2.35619, "direction of the first beam", "rad", minimum=-math.pi, maximum=math.pi)
     angle_max_rad: float = quantity(2.35619, "direction of the last beam", "rad", minimum=-math.pi, maximum=math.pi)
     range_min_m: float = quantity(0.1, "anything nearer reads -inf", "m", minimum=0.0, maximum=10.0)
     range_max_m: float = quantity(30.0, "anything further reads +inf", "m", minimum=0.1, maximum=1000.0)
-    rate_hz: float = quantity(50.0, "scans per second when the simulator runs freely", "Hz", minimum=0.1, maximum=200.0)
+    rate_hz: float = quantity(50.0, "scans per second", "Hz", minimum=0.1, maximum=200.0)
     noise_m: float = quantity(0.001, "standard deviation of a range", "m", minimum=0.0, maximum=1.0)
     mount_x_m: float = quantity(0.055, "position forward of base_link", "m", minimum=-10.0, maximum=10.0)
     mount_z_m: float = quantity(0.241, "height above base_link", "m", minimum=-1.0, maximum=10.0)
     mount_y_m: float = quantity(0.0, "position left of base_link", "m", minimum=-10.0, maximum=10.0, optional=True)
     mount_yaw_rad: float = quantity(
         0.0, "direction of angle 0 of a scan, from base_link's x", "rad", minimum=-3.15, maximum=3.15, optional=True
+    )
+    noise_share: float = quantity(
+        0.0,
+        "that standard deviation as a share of the range, where it is larger",
+        minimum=0.0,
+        maximum=0.5,
+        optional=True,
+    )
+    sweeps: bool = quantity(
+        False, "beams are taken one after the other, each from where the robot is as the mirror turns", optional=True
+    )
+    mixed_share: float = quantity(
+        0.0,
+        "share of the beams beside an edge that read a range between its two sides (mixed pixels)",
+        minimum=0.0,
+        maximum=1.0,
+        optional=True,
+    )
+    dropout_share: float = quantity(
+        0.0, "share of the beams that read +inf whatever is there", minimum=0.0, maximum=1.0, optional=True
     )
 
     def __post_init__(self) -> None:
@@ -79,4 +99,19 @@ class OdometryConfig(Checked):
     yaw_noise_rad: float = quantity(0.005, "standard deviation of the yaw", "rad", minimum=0.0, maximum=1.0)
     yaw_rate_noise_rad_s: float = quantity(
         0.005, "standard deviation of the yaw rate", "rad/s", minimum=0.0, maximum=1.0
+    )
+    gyro_bias_rad_s: float = quantity(
+        0.0,
+        "standard deviation, over trials, of a constant error of the yaw rate, by which the yaw drifts",
+        "rad/s",
+        minimum=0.0,
+        maximum=1.0,
+        optional=True,
+    )
+    wheel_radius_error: float = quantity(
+        0.0,
+        "standard deviation, over trials, of the error of the wheels' radius as a share, by which speed is misread",
+        minimum=0.0,
+        maximum=0.5,
+        optional=True,
     )
