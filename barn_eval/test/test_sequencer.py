@@ -45,6 +45,16 @@ def test_in_order():
     assert sorted_out([*done, *sequencer.rest()]) == in_order(20)
 
 
+def test_a_command_may_come_as_late_as_the_scan_after_its_own():
+    sequencer = TickSequencer(scan_ticks=4)
+    for number in range(5):
+        sequencer.tick(50 * number, 1000 * number)
+    assert not list(sequencer.complete())
+    sequencer.add(Message("/cmd_vel", b"", 900))
+    sequencer.tick(250, 5000)
+    assert sorted_out(sequencer.complete()) == [(0, ["/cmd_vel"], {0})]
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_any_order_across_topics_gives_the_same_ticks(seed):
     # Each topic keeps its own order; across topics anything may be late by up to one tick.

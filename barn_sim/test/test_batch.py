@@ -57,10 +57,11 @@ def test_a_batch_reads_what_each_robot_reads_by_itself(simulator, robot, movable
     config = with_robot(config, load_robot(robot))
     batch = Batch(len(STARTS), config)
     alone = [simulator(config, index) for index in range(len(STARTS))]
+    for index in range(len(alone)):
+        batch.put(index, simulator(config, index, batch.fleet))
+    batch.read(np.arange(len(alone)))
     for index, one in enumerate(alone):
-        member = simulator(config, index, batch.fleet)
-        batch.put(index, member)
-        assert np.array_equal(member.sense().scan.ranges, one.sense().scan.ranges)
+        assert np.array_equal(batch.readings.ranges[index], one.sense().scan.ranges)
     hit = np.zeros(len(STARTS), np.bool_)
     for step in range(STEPS):
         commands = np.array([[0.6, 0.9 * math.sin(0.1 * step + index)] for index in range(len(STARTS))])

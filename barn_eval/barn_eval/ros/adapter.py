@@ -1,5 +1,6 @@
 """From messages to a trial: readings and commands are read off them, tick by tick, and what is recorded is told."""
 
+import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -122,7 +123,7 @@ def missed_periods(commands_ns: Sequence[int], now_ns: int, period_ns: int, sile
     which the robot stands still, is taken for the planner's will.
     """
     pauses_ns = (later - earlier for earlier, later in pairwise((*commands_ns, now_ns)))
-    return sum(max(0, round(pause_ns / period_ns) - 1) for pause_ns in pauses_ns if pause_ns <= silence_ns)
+    return sum(max(0, math.ceil(pause_ns / period_ns - 0.5) - 1) for pause_ns in pauses_ns if pause_ns <= silence_ns)
 
 
 def missed_share(missed: int, commands_ns: Sequence[int], now_ns: int, period_ns: int) -> float:

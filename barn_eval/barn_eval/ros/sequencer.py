@@ -11,10 +11,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from operator import attrgetter
 
-# A tick is complete when this many later ones have begun. One is not enough: a command is handed to the simulator
-# and to the recorder one after the other, so that the next tick may overtake it. In lockstep it cannot be two ticks
-# late: the planner has to answer in between.
-LATER_TICKS = 2
+# A tick is complete when the tick after the next scan's has begun. The next tick is not enough: a command is handed to
+# the simulator and to the recorder one after the other, so that ticks may overtake it. In lockstep those beyond the
+# next scan cannot: the planner has to answer that before.
+LATER_TICKS = 2  # where every tick has a scan
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,10 +39,11 @@ class TickSequencer:
     """Sort messages by the ticks of /clock; those that were sent before the first tick belong to that.
 
     fenced: ticks come by a faster way than other messages, so that a later tick shows only what is complete once it has
-    been heard by theirs as well.
+    been heard by theirs as well. scan_ticks: from one scan to the next.
     """
 
-    def __init__(self, *, fenced: bool = False) -> None:
+    def __init__(self, *, fenced: bool = False, scan_ticks: int = 1) -> None:
+        self._later = LATER_TICKS + scan_ticks - 1
         self._heard_ns = 0 if fenced else None
         self._open: deque[Tick] = deque()
         self._early: list[Message] = []
@@ -80,8 +81,8 @@ class TickSequencer:
     def complete(self) -> Iterator[Tick]:
         """Yield the ticks to which nothing can come any more, oldest first."""
         self._settle()
-        while len(self._open) > LATER_TICKS:
-            if self._heard_ns is not None and self._open[LATER_TICKS].stamp_ns > self._heard_ns:
+        while len(self._open) > self._later:
+            if self._heard_ns is not None and self._open[self._later].stamp_ns > self._heard_ns:
                 return
             yield self._open.popleft()
 

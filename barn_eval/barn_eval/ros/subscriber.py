@@ -129,14 +129,19 @@ class TrialQueue:
     """
 
     def __init__(
-        self, subscriber: Subscriber, topics: TrialTopics, reset_ns: int, channel: SimulatorChannel | None
+        self,
+        subscriber: Subscriber,
+        topics: TrialTopics,
+        reset_ns: int,
+        channel: SimulatorChannel | None,
+        scan_steps: int = 1,
     ) -> None:
         self.origin_ns: int | None = None
         self.now_ns = self.ticks = self.commands = 0
         self._subscriber, self._topics, self._channel = subscriber, topics, channel
         self._reset_ns = reset_ns
         self._released = False
-        self._sequencer = TickSequencer(fenced=channel is not None)
+        self._sequencer = TickSequencer(fenced=channel is not None, scan_ticks=scan_steps)
         self._heard_ns = self._told_ns = self._told_ticks = 0
         self._bytes: Counter[str] = Counter()  # taken, by topic
         self._waiting = 0  # bytes of these that have not been handed over

@@ -143,7 +143,9 @@ class RosTrial:
             simulator.release()
             planner.await_active()
             reset_ns = simulator.prepare(self._spec, patience.simulator_s)
-        self._queue = queue = TrialQueue(context.subscriber, context.topics, reset_ns, context.channel)
+        self._queue = queue = TrialQueue(
+            context.subscriber, context.topics, reset_ns, context.channel, self._spec.simulator.scan_steps
+        )
         found = planner.await_presence(limits_s[1])
         context.subscriber.subscribe(context.topics.command, found.command_type, reliable=found.command_reliable)
         self._await_connections()

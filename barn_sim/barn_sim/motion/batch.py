@@ -15,6 +15,7 @@ from barn_sim.simulator import Simulator
 from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.types import nanoseconds
 
+_NEVER_NS = -(2**62)
 _AHEAD = 8  # scans whose noise is drawn at once
 
 
@@ -60,6 +61,7 @@ class Batch:
         self.engines: list[PhysicsEngine] = []
         self._ticks = config.ticks(config.control_period_s)
         self._scan_ns = config.scan_steps * nanoseconds(config.control_period_s) if config.scan_steps > 1 else 0
+        self._scanned_ns = np.zeros(count, np.int64)
         self._plain = True
         self._simulators: list[Simulator | None] = [None] * count
         self._segments = np.zeros((count, 0, 4))
@@ -72,7 +74,7 @@ class Batch:
     def put(self, index: int, simulator: Simulator) -> None:
         """Take a simulator into the batch, instead of the one that was there."""
         self._simulators[index] = simulator
-        self._plain = simulator.lidar.plain
+        self._plain, self._scanned_ns[index] = simulator.lidar.plain, _NEVER_NS
         self._drawn[index] = _AHEAD
         self.readings.collisions[index] = False
         self._disturbed.discard(index)
@@ -127,9 +129,10 @@ class Batch:
     def read(self, which: Integers) -> None:
         """Read the sensors; simulators whose cylinders have moved take their scans themselves."""
         readings, drawn = self.readings, self._drawn
-        scanned = which
-        if self._scan_ns:  # the others keep their last scans
-            scanned = which[self.fleet.robots["stamp_ns"][which] % self._scan_ns == 0]
+        now_ns = self.fleet.robots["stamp_ns"][which]
+        due = now_ns - self._scanned_ns[which] >= self._scan_ns  # the others keep their last scans
+        scanned = which[due]
+        self._scanned_ns[scanned] = now_ns[due]
         if not self._plain:
             for index in scanned.tolist():
                 readings.ranges[index] = self._simulator(index).read_scan().ranges

@@ -30,7 +30,7 @@ class DriveConfig(Checked):
         0.5, "a command older than this stops the robot (ROS 1 Jackal 0.25)", "s", minimum=0.01, maximum=60.0
     )
     command_latency_s: float = quantity(
-        0.08, "time from a command's arrival until it takes effect", "s", minimum=0.0, maximum=1.0
+        0.08, "time from a command's arrival until it takes effect (assumed)", "s", minimum=0.0, maximum=1.0
     )
     motor_lag_s: float = quantity(
         0.0,
