@@ -24,7 +24,7 @@ Decided = Literal["better", "worse", "futile", "continue", "open"]
 
 
 @dataclass(frozen=True)
-class Look:
+class LookResult:
     """What a look at a plan says of B against A.
 
     decided: B is "better" or "worse"; "futile" where that would hardly come out any more; "continue" until the next;
@@ -46,7 +46,7 @@ def decide(
     larger_is_better: bool,
     seed: int = 0,
     flips: int = FLIPS,
-) -> Look:
+) -> LookResult:
     """Return what the first look says that decides, or the last that there are worlds for.
 
     A look decides if its sum of differences is beyond a bound that equal planners reach in 5 % of all plans at most, at
@@ -66,7 +66,7 @@ def decide(
     sums = np.bincount(came, b.values - a.values, minlength=looks[-1]).astype(np.float64)
     patterns = sign_patterns(looks[-1], seed, flips)
     alive, used, crossed = np.ones(len(patterns), bool), 0.0, False
-    found = Look("continue", 0, Interval(math.nan))
+    found = LookResult("continue", 0, Interval(math.nan))
     for look in (one for one in looks if one <= len(np.unique(came))):
         share, own = look / looks[-1], sums[:look]
         sizes = np.where(alive, np.abs(patterns[:, :look] @ own), -1.0)
@@ -81,7 +81,7 @@ def decide(
             decided = "better" if (plain.interval.estimate > 0.0) == larger_is_better else "worse"
         elif decided == "continue" and share >= 0.5 and _chance_left(own, share) < _FUTILE_BELOW:
             decided = "futile"
-        found = Look(decided, look, plain.interval)
+        found = LookResult(decided, look, plain.interval)
         if decided != "continue":
             break
     return found
