@@ -249,7 +249,7 @@ def test_worlds_in_memory_are_driven_in_and_kept(tmp_path):
 def test_figures_are_drawn_onto_axes_of_matplotlib(driven):
     figure, axes = plt.subplots()
     assert driven.plot(ax=axes) == [axes]
-    assert len(axes.collections) >= len(driven.planners) and axes.get_legend() is not None
+    assert len(axes.lines) >= len(driven.planners) and axes.get_legend() is not None
     plt.close(figure)
     assert driven.plot().figure.axes
     with pytest.raises(ConfigError, match="distributions"):

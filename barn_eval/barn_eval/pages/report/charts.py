@@ -287,7 +287,7 @@ def _draw_differences(axes: Axes, rows: Sequence[PairedMeasure], found: Sequence
     for place, (row, interval) in enumerate(zip(rows, found, strict=True)):
         if interval.low is not None and interval.high is not None:
             axes.plot([interval.low, interval.high], [place, place], color=INK, linewidth=1.6)
-        axes.plot(interval.estimate, place, "o", color=INK, markerfacecolor=INK if row.p_holm <= ALPHA else WHITE)
+        axes.plot(interval.estimate, place, "o", color=INK, markerfacecolor=INK if row.p_holm <= ALPHA else "none")
     axes.axvline(neutral, color=INK, linewidth=1.0, linestyle="--")
 
 
