@@ -59,7 +59,7 @@ def test_what_a_robot_drives_counts_where_it_arrives():
 
 def test_measures_of_a_trial_are_written_with_units_and_as_many_decimals_as_they_carry():
     one = moved()
-    timed = replace(one, recoveries=2, wall_clock=WallClock(12.0, 31.416, 1.111, 2.222, 3.333, 4))
+    timed = replace(one, recoveries=2, wall_clock=WallClock(12.0, 31.416, 1.111, 2.222, 3.333, missed_cycles=4))
     written = {measure.trial_heading: measure.number(measure.value(timed)) for measure in MEASURES.values()}
     assert written == {
         "success [%]": "100.0",

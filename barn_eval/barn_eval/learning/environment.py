@@ -178,6 +178,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
             simulator=self._simulator,
             campaign_seed=seed,
             repetition=repetition,
+            declared_mps=self.config.action.cap_mps,
         )
         known[index] = spec, way_points(world, spec.course, self.config.reward.progress_along)
         return known[index]

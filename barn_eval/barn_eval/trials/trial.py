@@ -141,7 +141,8 @@ class RunningTrial:
     @property
     def scores(self) -> Scores | None:
         """What the verdict is worth, None while the trial runs."""
-        return None if self.verdict is None else score(self.verdict, self.spec.course, self.spec.protocol)
+        spec = self.spec
+        return None if self.verdict is None else score(self.verdict, spec.course, spec.protocol, spec.least_time_s)
 
     def read(self, odometry: Odometry, truth: Odometry, collision: bool) -> Verdict | None:
         """Take what is measured at an instant, of which the stamp is that of the truth; return the verdict by now."""

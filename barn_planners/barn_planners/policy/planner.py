@@ -161,8 +161,7 @@ def least_gap(points, linear, angular, steps, step_s, half_length, half_width): 
 
 
 def _speed_cap_mps(config: PolicyConfig) -> float:
-    action = read_policy(Path(config.policy_path) if config.policy_path else shipped_policy()).action
-    return max(abs(action.min_speed_mps), abs(action.max_speed_mps))
+    return read_policy(Path(config.policy_path) if config.policy_path else shipped_policy()).action.cap_mps
 
 
 def _fitted(config: PolicyConfig, robot: Robot) -> dict[str, Any]:

@@ -82,6 +82,11 @@ class PolicyAction(Checked):
         given[:, 1] *= self.max_yaw_rate_radps
         return given
 
+    @property
+    def cap_mps(self) -> float:
+        """The highest speed that it commands, forwards or backwards."""
+        return max(abs(self.min_speed_mps), abs(self.max_speed_mps))
+
 
 class ObservationEncoder:
     """Makes the vectors of a `PolicyObservation`; stores which beams of a scan fall into which sector."""
