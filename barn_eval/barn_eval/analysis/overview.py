@@ -19,7 +19,7 @@ from barn_eval.analysis.sources import Entry, Source
 from barn_eval.analysis.summary import DRIVEN, SCORED, Summary, summarise
 from barn_eval.analysis.tables import bands_table, comparison_table, headline_table, measures_table, outcomes_table
 from barn_eval.analysis.text_table import TextTable
-from barn_eval.analysis.verdict import Verdict, results_verdict
+from barn_eval.analysis.verdict import Conclusion, results_verdict
 from barn_eval.experiments.ros_config import RosSetup
 from barn_eval.trials.protocol import PROTOCOLS
 from barn_eval.trials.spec import simulator_config
@@ -52,7 +52,7 @@ class Overview:
     bands: tuple[Band, ...]
     comparisons: tuple[Comparison, ...]
     refusals: tuple[Refusal, ...]
-    verdict: Verdict | None
+    verdict: Conclusion | None
     where: Mapping[str, str]
     why: Sequence[str]
 
@@ -88,7 +88,7 @@ def analyse(
     )
 
 
-def _verdict(entries: Sequence[Entry]) -> Verdict | None:
+def _verdict(entries: Sequence[Entry]) -> Conclusion | None:
     """Return what planners say by the metric of their protocol; None where `refusals` says why they do not."""
     try:
         return results_verdict({entry.label: entry.results for entry in entries})

@@ -122,7 +122,7 @@ _WANTED = {
 }
 
 
-class Verdict(NamedTuple):
+class Conclusion(NamedTuple):
     """What a ranking says: in a short sentence, and how sure that is. As text, both."""
 
     short: str
@@ -133,22 +133,22 @@ class Verdict(NamedTuple):
         return f"{self.short} {self.details}".rstrip()
 
 
-def verdict(ranking: Ranking, measure: Measure) -> Verdict:
+def verdict(ranking: Ranking, measure: Measure) -> Conclusion:
     """Return what a ranking by a measure says: the leader, or those who cannot be told from it, and how sure that is.
 
     The number of worlds needed is for a power of 0.8, with as many repetitions, and for the test after Holm.
     """
     if not ranking.trials:
-        return Verdict(_SENTENCES["nothing"])
+        return Conclusion(_SENTENCES["nothing"])
     count, leaders = len(ranking.names), ranking.leaders
     trials = counted(ranking.trials, "trial") if count == 1 else counted(ranking.trials, "pair") + " of trials"
     extent = f"{counted(ranking.worlds, 'world')}, {trials}"
     words = {"a": ranking.names[0], "title": measure.title, "mean_a": _value(measure, ranking.means[0])}
     if count == 1:
-        return Verdict(_SENTENCES["alone"].format(**words), f"Over {extent}.")
+        return Conclusion(_SENTENCES["alone"].format(**words), f"Over {extent}.")
     if count > 2 and len(set(ranking.means)) == 1:
         told = _SENTENCES["equal"].format(**words, others=joined(list(ranking.names[1:])))
-        return Verdict(told, f"Over {extent}.")
+        return Conclusion(told, f"Over {extent}.")
     next_best = leaders[1] if len(leaders) > 1 else 1
     found, name, mean = ranking.differences[0, next_best], ranking.names[next_best], ranking.means[next_best]
     words |= {"b": name, "mean_b": _value(measure, mean)}
@@ -159,16 +159,16 @@ def verdict(ranking: Ranking, measure: Measure) -> Verdict:
     details += f" ({p_text(ranking.p[0, next_best])}{after}, {extent}).{_failures(ranking, (0, next_best))}"
     if len(leaders) > 1:
         details += _wanted(found, ranking)
-    return Verdict(_SENTENCES[kinds[len(leaders) > 1, count == 2]].format(**words), details)
+    return Conclusion(_SENTENCES[kinds[len(leaders) > 1, count == 2]].format(**words), details)
 
 
-def results_verdict(results: Mapping[str, Sequence[TrialResult]]) -> Verdict:
+def results_verdict(results: Mapping[str, Sequence[TrialResult]]) -> Conclusion:
     """Return what the results of at least one planner, of one protocol, say by its metric; errors as `rank_results`."""
     measure = metric_of(next(iter(results.values())))
     return verdict(rank_results(results, measure), measure)
 
 
-def pair_verdict(found: Comparison) -> Verdict:
+def pair_verdict(found: Comparison) -> Conclusion:
     """Return what a comparison of two planners says by the metric of its protocol."""
     measure = MEASURES[found.metric]
     row = found.row(measure.key)

@@ -21,7 +21,7 @@ from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.sources import Source, entries_of, read_source
 from barn_eval.analysis.summary import bars
 from barn_eval.analysis.text_table import counted
-from barn_eval.analysis.verdict import Verdict, cautions, results_verdict
+from barn_eval.analysis.verdict import Conclusion, cautions, results_verdict
 from barn_eval.bags import BAGS
 from barn_eval.bags.recorded import read_recorded
 from barn_eval.experiments.rows import FILE_NAME, ResultRows
@@ -100,7 +100,7 @@ def _leader(source: Source) -> dict[str, Any]:
     try:
         told = results_verdict({entry.label: entry.results for entry in entries})
     except BarnError as error:
-        told = Verdict(str(error))
+        told = Conclusion(str(error))
     return {
         "task": f"Protocol {first.protocol}, robot {source.robot or 'Jackal'}",
         "metric": f"{metric.heading}, from 0 to {shown.limit}: means over {counted(shown.worlds, 'world')}",
