@@ -163,8 +163,8 @@ def _map(protocol: Protocol, world: World, course: Course) -> OccupancyMap:
     grid = world.occupancy_map(historical=standard and protocol.historical_map)
     # Worlds of other cells never had such a map; theirs is off as a whole, by as much as the pose is.
     off_m = 0.0 if standard else protocol.map_offset_m()
-    grid = replace(grid, resolution=float(np.float32(grid.resolution)), origin_y=grid.origin_y + off_m)
-    return _reaching(_reaching(grid, course.start), course.goal)
+    grid = _reaching(_reaching(grid, course.start), course.goal)
+    return replace(grid, resolution=float(np.float32(grid.resolution)), origin_y=grid.origin_y + off_m)
 
 
 def _reaching(grid: OccupancyMap, pose: Pose2D) -> OccupancyMap:
