@@ -72,10 +72,12 @@ def leaderboard(paths: Sequence[Path], ranking: str = "", worlds: str = "all") -
     groups: dict[tuple[str, float, str], list[Entry]] = {}
     for entry in _in_worlds(read_entries(paths), worlds):
         groups.setdefault(_kind(entry), []).append(entry)
+    for protocol in {kind[0] for kind in groups}:  # also where boards are apart for another reason
+        for entries in _in_common([one for kind in groups if kind[0] == protocol for one in groups[kind]]):
+            require_same_task([entry.source.path for entry in entries])
     made = []
     for _, several in sorted(groups.items()):
         for entries in _in_common(several):
-            require_same_task([entry.source.path for entry in entries])
             measure = MEASURES[RANKINGS[ranking]] if ranking else metric_of(entries[0].results)
             made.append(board(labelled(entries), measure))
     return made
