@@ -23,6 +23,9 @@ MOVING, MOVING_WORLD = "dynabarn60", 5
 # What draws the others.
 ELSEWHERE = {
     "trial.gif": "make animation",
+    "barn_hard.png": "barn show 0:100:5 --dataset barn_hard --out docs/figures/barn_hard.png",
+    "office.png": "barn show out/office.yaml --out docs/figures/office.png, after docs/tutorials/own_world.md",
+    "garden.png": "barn show out/garden.map --out docs/figures/garden.png, after docs/tutorials/own_world.md",
     "learning_curve.png": "python examples/train_policy.py, its curve.png (ten minutes)",
     "fidelity_defaults.png": "python qa/calibrate.py FOLDER --reference TABLE --figure, with the published times",
 }

@@ -42,12 +42,13 @@ def expected_of(config, sent):
 def test_robots_over_ros_equal_the_core_to_the_last_bit(start_node, tmp_path):
     """TurtleBot 4 by its name at the start, then another by its file at a reset, with all of its parameters."""
     robot = load_robot("turtlebot4")
-    process, peer = start_node(robot="turtlebot4", **{"lidar.noise_m": 0.02})
+    each = {"rate_hz": 20.0, "sweeps": False}  # a scan for each command
+    process, peer = start_node(robot="turtlebot4", **{f"lidar.{key}": value for key, value in each.items()})
     peer.fresh_trial(**TRIAL)
     sent = commands(60)
     peer.drive(sent)
     config = with_robot(RunConfig(), robot)
-    config = replace(config, lidar=replace(config.lidar, noise_m=0.02))  # what was set has precedence
+    config = replace(config, lidar=replace(config.lidar, **each))  # what was set has precedence
     assert_equal(peer.heard, expected_of(config, sent))
     assert tuple(peer.heard["/joint_states"][0].name) == joint_names(robot.chassis)
     peer.wait(lambda: peer.description == robot_description(config.lidar, robot.chassis))
@@ -56,6 +57,7 @@ def test_robots_over_ros_equal_the_core_to_the_last_bit(start_node, tmp_path):
     file = tmp_path / "mine.yaml"
     file.write_text(shipped_robots()["turtlebot3_waffle"].read_text("utf-8"), "utf-8")
     config = with_robot(RunConfig(), other)
+    config = replace(config, lidar=replace(config.lidar, **each))
     named = {
         f"{part}.{key}": value
         for part in ("drive", "lidar", "odometry")
