@@ -34,8 +34,9 @@ def keep(folder, asked):
     return folder
 
 
-def test_four_protocols_are_offered():
-    assert list(PROTOCOLS) == ["challenge", "dynabarn", "known_map", "paper2020"]
+def test_six_protocols_are_offered():
+    names = ["challenge", "challenge_2022", "challenge_2022_03", "dynabarn", "known_map", "paper2020"]
+    assert sorted(PROTOCOLS) == names
     assert KNOWN_MAP.map_given
     assert not KNOWN_MAP.historical_map
     assert KNOWN_MAP.collision_ends_trial
