@@ -42,7 +42,7 @@ def expected_of(config, sent):
 def test_robots_over_ros_equal_the_core_to_the_last_bit(start_node, tmp_path):
     """TurtleBot 4 by its name at the start, then another by its file at a reset, with all of its parameters."""
     robot = load_robot("turtlebot4")
-    each = {"rate_hz": 20.0, "sweeps": False}  # a scan for each command
+    each = {"rate_hz": 20.0, "sweeps": False, "noise_m": 0.02}  # a scan for each command
     process, peer = start_node(robot="turtlebot4", **{f"lidar.{key}": value for key, value in each.items()})
     peer.fresh_trial(**TRIAL)
     sent = commands(60)
