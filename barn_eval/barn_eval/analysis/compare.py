@@ -28,7 +28,7 @@ from barn_metrics.bootstrap import Interval
 from barn_worlds.base.errors import BarnError, ConfigError, suggest
 from barn_worlds.worlds.dataset import open_dataset
 
-COMPARED = (
+SCORED = (
     "success",
     "traversal_time_s",
     "scored_time_s",
@@ -36,6 +36,9 @@ COMPARED = (
     "challenge",
     "challenge_2022",
     "efficiency",
+)
+COMPARED = (
+    *SCORED,
     "driven_m",
     "min_clearance_m",
     "contact_s",

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from barn_eval.analysis.compare import SCORED
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of
 from barn_eval.analysis.sources import Entry, Source, compute_way, labelled, read_entries, require_same_task
-from barn_eval.analysis.summary import SCORED, Summary, summarise
+from barn_eval.analysis.summary import Summary, summarise
 from barn_eval.analysis.text_table import counted, joined
 from barn_eval.analysis.verdict import Ranking, cautions, rank_results
 from barn_eval.trials.result import TrialResult

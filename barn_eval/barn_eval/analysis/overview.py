@@ -11,12 +11,12 @@ from typing import Any
 
 import yaml
 
-from barn_eval.analysis.compare import COMPARED, Comparison, compare, holm_adjusted
+from barn_eval.analysis.compare import COMPARED, SCORED, Comparison, compare, holm_adjusted
 from barn_eval.analysis.difficulty import Band, Difficulty, bands
 from barn_eval.analysis.measures import metric_of, with_motion
 from barn_eval.analysis.reasons import where, why
 from barn_eval.analysis.sources import Entry, Source
-from barn_eval.analysis.summary import DRIVEN, SCORED, Summary, summarise
+from barn_eval.analysis.summary import DRIVEN, Summary, summarise
 from barn_eval.analysis.tables import bands_table, comparison_table, headline_table, measures_table, outcomes_table
 from barn_eval.analysis.text_table import TextTable
 from barn_eval.analysis.verdict import Conclusion, results_verdict

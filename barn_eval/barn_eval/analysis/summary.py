@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from barn_eval.analysis.compare import Comparison, columns, compare, holm_adjusted
+from barn_eval.analysis.compare import SCORED, Comparison, columns, compare, holm_adjusted
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of, with_motion
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import proportion
@@ -21,15 +21,6 @@ from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.config import as_dict
 
-SCORED = (
-    "success",
-    "traversal_time_s",
-    "scored_time_s",
-    "normalised_time_s_per_m",
-    "challenge",
-    "challenge_2022",
-    "efficiency",
-)
 DRIVEN = (
     "driven_m",
     "path_ratio",
