@@ -93,7 +93,8 @@ def test_single_steps_repeat_the_last_command_and_need_a_pause(peer: Peer) -> No
     assert peer.commands.wait_for_all_acked(Duration(seconds=600.0))
     for _ in range(20):  # longer than the watchdog would let it run
         assert peer.call(Trigger, "/simulator/step", Trigger.Request()).success
-    peer.wait(lambda: len(peer.heard["/ground_truth/odom"]) == 21)  # that of the start and one for each step
+    topics = ("/ground_truth/odom", "/scan")  # on each, that of the start and one for each step
+    peer.wait(lambda: all(len(peer.heard[topic]) == 21 for topic in topics))
     stamps = [stamp_of(message) for message in peer.heard["/scan"]]
     assert stamps[-1] - stamps[0] == 20 * 50_000_000
     truth = read(decode.odometry, peer.heard["/ground_truth/odom"][-1])
