@@ -14,8 +14,8 @@ from barn_eval.analysis.leaderboard import leaderboard
 from barn_eval.analysis.sources import assumed_text
 from barn_eval.commands.main import cli
 from barn_eval.experiments import direct
+from barn_eval.experiments.direct import Stopwatch
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
-from barn_eval.experiments.pace import Stopwatch
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.result import WallClock, packed_delays, unpacked_delays

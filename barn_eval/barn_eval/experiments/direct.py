@@ -1,13 +1,16 @@
 """A trial in one process: simulator, planner and bag around one `RunningTrial`, without any middleware."""
 
+import resource
 import time
 from collections.abc import Sequence
 from contextlib import closing, suppress
 from dataclasses import replace
+from functools import cache
+
+import numpy as np
 
 from barn_eval.bags.recorder import Recorder
 from barn_eval.bags.trial_bag import TrialBag
-from barn_eval.experiments.pace import Stopwatch, pace
 from barn_eval.experiments.store import finish_bag
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.result import MEASURED, WallClock, packed_delays
@@ -27,6 +30,9 @@ _engine = PhysicsClient()  # of all trials of this process, one after the other;
 
 # Wall-clock time that a planner may take to answer; the first time it may have kernels to compile.
 FIRST_LIMIT_S, STALL_LIMIT_S = 300.0, 30.0
+
+NOMINAL_S = 0.006  # of the fixed loop on the reference computer, whose cores are at 2 to 3 GHz
+_REPEATS = 7
 
 
 def run_direct_trial(
@@ -157,3 +163,44 @@ def _checked(answer: Answer) -> Answer:
     if not isinstance(answer.command, (Velocity2D, type(None))):
         raise TypeError(f"command must be a Velocity2D or None, got {answer.command!r}")
     return answer
+
+
+def reference_loop() -> float:
+    """Do a fixed amount of work as planners have it, plain Python and small arrays, and return its result."""
+    total, ranges = 0.0, np.linspace(0.1, 10.0, 720)
+    for k in range(1600):
+        near = np.minimum(ranges, 1.0 + 0.0025 * k)
+        total += float(near @ ranges) + sum(i * 0.5 for i in range(60))
+    return total
+
+
+@cache
+def pace() -> float:
+    """Return reference seconds per second of this processor, measured once per process: above 1 on a faster one."""
+    taken = []
+    for _ in range(_REPEATS):
+        began = time.thread_time()
+        reference_loop()
+        taken.append(time.thread_time() - began)
+    return NOMINAL_S / max(min(taken), 1e-6)
+
+
+class Stopwatch:
+    """Times what this thread does from the moment that it is made.
+
+    That is the processor's time, so that other work on the machine costs nothing; but the wall clock's where the thread
+    gave its processor away to wait: for a graphics card, another thread, a sleep.
+    """
+
+    def __init__(self) -> None:
+        self._waits = _waits()
+        self._wall_s, self._used_s = time.perf_counter(), time.thread_time()
+
+    def elapsed_s(self) -> float:
+        """Return the time so far."""
+        used_s, wall_s = time.thread_time() - self._used_s, time.perf_counter() - self._wall_s
+        return wall_s if _waits() > self._waits else min(used_s, wall_s)
+
+
+def _waits() -> int:
+    return resource.getrusage(resource.RUSAGE_THREAD).ru_nvcsw

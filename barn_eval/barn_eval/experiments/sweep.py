@@ -81,7 +81,8 @@ def grid(
     """
     base = read_request(path, options, settings, worlds)
     if list(sweep) == [LATENCY]:
-        return [_late(delay_s, base.out, path, options, settings, worlds) for delay_s in _delays(sweep[LATENCY])]
+        asked_s = {delay_s: {**options, "out": base.out / f"{LATENCY}={_text(delay_s)}"} for delay_s in _delays(sweep)}
+        return [_late(delay_s, read_request(path, asked, settings, worlds)) for delay_s, asked in asked_s.items()]
     planners = base.experiment.planners
     if len(planners) != 1:
         raise ConfigError(f"a sweep is of one planner, got {', '.join(one.name for one in planners)}")
@@ -109,31 +110,23 @@ def grid(
     return found
 
 
-def _delays(values: Sequence[Any]) -> list[float]:
-    _require_values({LATENCY: values})
+def _delays(sweep: Sweep) -> list[float]:
+    _require_values(sweep)
+    values = sweep[LATENCY]
     if any(isinstance(value, str | bool) for value in values) or len(set(values)) < len(values):
         raise ConfigError(f"latency: must be delays in s, each named once, got {shown(list(values))}")
     return list(map(float, values))
 
 
-def _late(
-    delay_s: float,
-    out: Path,
-    path: Path | None,
-    options: Mapping[str, Any],
-    settings: Mapping[str, Any] | None,
-    worlds: Mapping[int, World] | None,
-) -> Setting:
+def _late(delay_s: float, request: Request) -> Setting:
     """Return the setting in which the commands of all planners come late; at 0 they compute as they declare."""
-    name = f"{LATENCY}={_text(delay_s)}"
-    request = read_request(path, {**options, "out": out / name}, settings, worlds)
     experiment = request.experiment
     if delay_s:
         late = [
             replace(one, delay_s=delay_s, delay_p95_s=0.0, period_s=one.compute.period_s) for one in experiment.planners
         ]
         experiment = replace(experiment, planners=tuple(late))
-    return Setting(name, {LATENCY: delay_s}, replace(request, experiment=experiment), {})
+    return Setting(request.out.name, {LATENCY: delay_s}, replace(request, experiment=experiment), {})
 
 
 def swept_folders(path: Path) -> list[Path]:

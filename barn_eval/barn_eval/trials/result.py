@@ -31,7 +31,7 @@ class WallClock:
     """Wall-clock figures, the only ones of a result that do not repeat.
 
     compute_*_ms: time a planner took per cycle, over ROS from scan to command; None where there was no command.
-    pace: of the machine, by which these become times on the reference computer (`barn_eval.experiments.pace`).
+    pace: of the machine, by which these become times on the reference computer (`barn_eval.experiments.direct.pace`).
     computer: of a direct trial that charges nothing, the 95th percentile there by the control period: how fast a
     computer its score assumes; note: the same in words, where the planner does not fit.
     missed_cycles: control periods without a command in time (ros mode); missed_share: of all since the first command.

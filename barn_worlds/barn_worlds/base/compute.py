@@ -14,7 +14,7 @@ _Z95 = 1.6448536269514722  # 95th percentile of the standard normal distribution
 
 @dataclass(frozen=True)
 class Compute(Checked):
-    """What a planner takes for a cycle on the reference computer (`barn_eval.experiments.pace`).
+    """What a planner takes for a cycle on the reference computer (`barn_eval.experiments.direct.pace`).
 
     A command takes effect `delay_s` after the readings that it answers; the next cycle begins with the first readings
     after that, and no earlier than `period_s` after the last one. All zero: nothing is declared.
