@@ -97,14 +97,11 @@ def either_world(request) -> World:
 
 
 @pytest.fixture(scope="session")
-def walled_world() -> World:
+def walled_world(open_world) -> World:
     """The same with a wall across, whose gap of one cell lets the path through but no robot."""
-    grid = np.zeros((30, 30), np.bool_)
-    grid[[0, 29]] = True
-    path = np.stack([np.full(30, 15), np.arange(30)], axis=1)
-    grid[:, 10] = True
-    grid[15, 10] = False
-    return World("walled", grid, path)
+    grid = open_world.grid.copy()
+    grid[:, 10] = np.arange(30) != 15
+    return replace(open_world, name="walled", grid=grid)
 
 
 @pytest.fixture(scope="module")

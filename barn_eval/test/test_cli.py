@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import shutil
 import signal
 import subprocess
@@ -266,67 +267,67 @@ def test_bench(command, tiny, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "complaint"),
+    ("words", "complaint"),
     [
-        (["rnu"], "unknown command 'rnu'; did you mean 'run'?"),
-        (["replay"], "Missing argument 'BAGS...'"),
-        (["run", "--dataset", "nowhere", "--out", "x"], "nowhere: no such file, folder or data set"),
-        (["run", "--dataset", "TINY", "--worlds", "9", "--out", "x"], "no world 9"),
-        (["run", "--dataset", "TINY", "--worlds", "a-b", "--out", "x"], "'a-b' is not a number"),
-        (["run", "--dataset", "TINY", "--planner", "daw", "--out", "x"], "unknown planner 'daw'; did you mean 'dwa'?"),
-        (["run", "--dataset", "TINY", "--planner", "dwa:papre2020", "--out", "x"], "did you mean 'paper2020'?"),
-        (
-            ["run", "--dataset", "TINY", "--set", "dwa.max_sped_mps=1", "--out", "x"],
-            "did you mean 'dwa.max_speed_mps'?",
-        ),
-        (["run", "--dataset", "TINY", "--set", "max_speed_mps=1", "--out", "x"], "did you mean 'dwa.max_speed_mps'?"),
-        (["run", "--dataset", "TINY", "--set", "dwa.max_speed_mps=fast", "--out", "x"], "must be a number, got 'fast'"),
-        (["run", "--dataset", "TINY", "--set", "dwa.max_speed_mps", "--out", "x"], "must be key=value"),
-        (["run", "--dataset", "TINY", "--set", "a=1", "--set", "a=2", "--out", "x"], "each key given once"),
-        (["run", "--dataset", "TINY", "--set", "a=[", "--out", "x"], "--set 'a=[': not YAML: "),
-        (["run", "--dataset", "TINY", "--set", "a=!!int x", "--out", "x"], "--set 'a=!!int x': not YAML: "),
-        (["run", "--dataset", "TINY", "--sim", "lidar.beems=1", "--out", "x"], "did you mean 'lidar.beams'?"),
-        (["run", "--dataset", "TINY", "--sim", "obstacles.movable=false", "--out", "x"], "given by protocol challenge"),
-        (["run", "--dataset", "TINY", "--ros", "lockstp=true", "--out", "x"], "did you mean 'lockstep'?"),
-        (["run", "--dataset", "TINY", "--protocol", "chalenge", "--out", "x"], "did you mean 'challenge'?"),
-        (["run", "--dataset", "TINY", "--protocol", "no.yaml", "--out", "x"], "no.yaml: No such file"),
-        (["run", "--dataset", "TINY", "--mode", "rose", "--out", "x"], "'rose' is not one of"),
-        (["run", "--dataset", "TINY", "--seed", "-1", "--out", "x"], "--seed"),
-        (["run", "--dataset", "TINY", "--repetitions", "0", "--out", "x"], "--repetitions"),
-        (
-            ["run", "--dataset", "TINY", "--planner-command", "x", "--out", "x"],
-            "a planner command needs mode ros",
-        ),
-        (
-            ["run", "--dataset", "TINY", "--mode", "ros", "--planner", "a/b", "--planner-command", "x", "--out", "x"],
-            "'a/b'",
-        ),
-        (["demo", "--dataset", "nowhere"], "nowhere: no such file"),
-        (["show", "4", "--dataset", "TINY"], "no world 4"),
-        (["show", "nothing.world"], "nothing.world: no such file"),
-        (["show", "TINY", "--metrics"], "--metrics draws one world"),
-        (["show", "0", "--by", "speed"], "--by needs --trials"),
-        (["metrics", "nowhere"], "nowhere: no such file"),
-        (["metrics", "TINY", "--formula", "publishd"], "did you mean 'published'?"),
-        (["metrics", "TINY", "--out", "/dev/null/x.csv"], "/dev/null"),
-        (["worlds", "generate", "TINY"], "exists already"),
-        (["worlds", "generate", "x.npz", "--set", "initial_fil=0.1"], "did you mean 'initial_fill'?"),
-        (["worlds", "generate", "x.npz", "--set", "initial_fill=2.0"], "initial_fill must be from 0 to 1"),
-        (["worlds", "generate", "x.npz", "--robot", "jakal"], "did you mean 'jackal'?"),
-        (["worlds", "convert", "nowhere", "x.npz"], "nowhere: no such file"),
-        (["worlds", "convert", "TINY", "x", "--format", "map", "--movable"], "movable obstacles are for Gazebo worlds"),
-        (["worlds", "convert", "TINY", "x", "--order", "scores.csv"], "--order scores.csv: must be FILE:COLUMN"),
-        (["worlds", "list", "TINY", "--worlds", "7-9"], "no world 7-9"),
-        (["worlds", "list", "--motion"], "--motion needs SOURCE"),
-        (["worlds", "lst"], "No such command 'lst'. Did you mean"),
-        (["robots", "--check"], "--out and --check need ROBOT"),
-        (["bench", "--planners", "daw"], "unknown planner 'daw'"),
-        (["bench", "--set", "world=999"], "no world 999"),
-        (["bench", "--against", "nowhere.json"], "--against nowhere.json: not a result of barn bench --json"),
+        ("rnu", "unknown command 'rnu'; did you mean 'run'?"),
+        ("replay", "Missing argument 'BAGS...'"),
+        ("run --dataset nowhere --out x", "nowhere: no such file, folder or data set"),
+        ("demo --dataset nowhere", "nowhere: no such file"),
+        ("show 4 --dataset TINY", "no world 4"),
+        ("show nothing.world", "nothing.world: no such file"),
+        ("show TINY --metrics", "--metrics draws one world"),
+        ("show 0 --by speed", "--by needs --trials"),
+        ("metrics nowhere", "nowhere: no such file"),
+        ("metrics TINY --formula publishd", "did you mean 'published'?"),
+        ("metrics TINY --out /dev/null/x.csv", "/dev/null"),
+        ("worlds generate TINY", "exists already"),
+        ("worlds generate x.npz --set initial_fil=0.1", "did you mean 'initial_fill'?"),
+        ("worlds generate x.npz --set initial_fill=2.0", "initial_fill must be from 0 to 1"),
+        ("worlds generate x.npz --robot jakal", "did you mean 'jackal'?"),
+        ("worlds convert nowhere x.npz", "nowhere: no such file"),
+        ("worlds convert TINY x --format map --movable", "movable obstacles are for Gazebo worlds"),
+        ("worlds convert TINY x --order scores.csv", "--order scores.csv: must be FILE:COLUMN"),
+        ("worlds list TINY --worlds 7-9", "no world 7-9"),
+        ("worlds list --motion", "--motion needs SOURCE"),
+        ("worlds lst", "No such command 'lst'. Did you mean"),
+        ("robots --check", "--out and --check need ROBOT"),
+        ("bench --planners daw", "unknown planner 'daw'"),
+        ("bench --set world=999", "no world 999"),
+        ("bench --against nowhere.json", "--against nowhere.json: not a result of barn bench --json"),
     ],
 )
-def test_mistakes_are_told_in_one_line(rejected, tiny, arguments, complaint):
-    assert complaint in rejected(*(tiny if argument == "TINY" else argument for argument in arguments))
+def test_mistakes_are_told_in_one_line(rejected, tiny, words, complaint):
+    assert complaint in rejected(*(tiny if word == "TINY" else word for word in shlex.split(words)))
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        ("--worlds 9", "no world 9"),
+        ("--worlds a-b", "'a-b' is not a number"),
+        ("--planner daw", "unknown planner 'daw'; did you mean 'dwa'?"),
+        ("--planner dwa:papre2020", "did you mean 'paper2020'?"),
+        ("--set dwa.max_sped_mps=1", "did you mean 'dwa.max_speed_mps'?"),
+        ("--set max_speed_mps=1", "did you mean 'dwa.max_speed_mps'?"),
+        ("--set dwa.max_speed_mps=fast", "must be a number, got 'fast'"),
+        ("--set dwa.max_speed_mps", "must be key=value"),
+        ("--set a=1 --set a=2", "each key given once"),
+        ("--set 'a=['", "--set 'a=[': not YAML: "),
+        ("--set 'a=!!int x'", "--set 'a=!!int x': not YAML: "),
+        ("--sim lidar.beems=1", "did you mean 'lidar.beams'?"),
+        ("--sim obstacles.movable=false", "given by protocol challenge"),
+        ("--ros lockstp=true", "did you mean 'lockstep'?"),
+        ("--protocol chalenge", "did you mean 'challenge'?"),
+        ("--protocol no.yaml", "no.yaml: No such file"),
+        ("--mode rose", "'rose' is not one of"),
+        ("--seed -1", "--seed"),
+        ("--repetitions 0", "--repetitions"),
+        ("--planner-command x", "a planner command needs mode ros"),
+        ("--mode ros --planner a/b --planner-command x", "'a/b'"),
+    ],
+)
+def test_mistakes_in_a_run_are_told_in_one_line(rejected, tiny, options, complaint):
+    assert complaint in rejected("run", "--dataset", tiny, "--out", "x", *shlex.split(options))
 
 
 @pytest.mark.parametrize(

@@ -45,8 +45,12 @@ def result(number: int = 0) -> TrialResult:
     )
 
 
-def test_rows_come_back_as_they_were(tmp_path):
-    rows = ResultRows(tmp_path)
+@pytest.fixture
+def rows(tmp_path):
+    return ResultRows(tmp_path)
+
+
+def test_rows_come_back_as_they_were(rows):
     assert rows.read() == []
     for number in range(3):
         rows.append(result(number))
@@ -57,8 +61,7 @@ def test_rows_come_back_as_they_were(tmp_path):
     assert from_json_line(to_json_line(moved), "line") == moved
 
 
-def test_a_torn_line_is_left_out_and_cut_off_by_the_next_row(tmp_path):
-    rows = ResultRows(tmp_path)
+def test_a_torn_line_is_left_out_and_cut_off_by_the_next_row(rows):
     rows.append(result(0))
     whole = rows.path.read_bytes()
     for length in (1, len(whole) // 2, len(whole) - 1):
@@ -69,17 +72,24 @@ def test_a_torn_line_is_left_out_and_cut_off_by_the_next_row(tmp_path):
     assert rows.read() == [result(0), result(1)]
 
 
-def test_wrong_rows_are_named_by_file_and_line(tmp_path):
-    rows = ResultRows(tmp_path)
-    line = sealed(to_json_line(result())) + "\n"
-    rows.path.write_text(line + sealed("{}") + "\n")
-    with pytest.raises(ConfigError, match=r"results\.jsonl, line 2: schema_version must be"):
-        rows.read()
-    rows.path.write_text(line + line)
-    with pytest.raises(ConfigError, match=r"results\.jsonl, line 2: trial dwa_w0000_r00 is there already"):
-        rows.read()
-    rows.path.write_bytes(line.encode() + b"\xff\x00\n")
-    with pytest.raises(ConfigError, match=r"line 2: not JSON"):
+LINE = to_json_line(result())
+SEALED = f"{sealed(LINE)}\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (f"{SEALED}{sealed('{}')}\n", "line 2: schema_version must be"),
+        (SEALED * 2, "line 2: trial dwa_w0000_r00 is there already"),
+        (SEALED.encode() + b"\xff\x00\n", "line 2: not JSON"),
+        (f"{LINE}\n", "line 1: damaged or edited: has no crc32"),
+        (json.dumps(json.loads(SEALED) | {"planner": "other"}) + "\n", "line 1: damaged or edited: its crc32 is "),
+    ],
+    ids=["schema", "twice", "bytes", "no checksum", "edited"],
+)
+def test_wrong_rows_are_named_by_file_and_line(rows, content, words):
+    rows.path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(ConfigError, match=rf"results\.jsonl, {words}"):
         rows.read()
 
 
@@ -123,8 +133,7 @@ def file_size_limit():
     signal.signal(signal.SIGXFSZ, handler)
 
 
-def test_a_write_that_fails_half_way_leaves_the_rows_as_they_were(tmp_path, file_size_limit):
-    rows = ResultRows(tmp_path)
+def test_a_write_that_fails_half_way_leaves_the_rows_as_they_were(rows, file_size_limit):
     rows.append(result(0))
     size = rows.path.stat().st_size
     file_size_limit(size + 100)
@@ -152,23 +161,14 @@ def test_wall_clock_is_no_part_of_what_repeats():
     assert slow.repeatable() == result().repeatable()
 
 
-def test_each_line_has_a_checksum_of_its_own_as_its_last_key(tmp_path):
-    rows = ResultRows(tmp_path)
+def test_each_line_has_a_checksum_of_its_own_as_its_last_key(rows):
     rows.append(result(0))
     content = json.loads(rows.path.read_text())
     assert list(content)[-1] == "crc32"
     assert content["crc32"] == f"{zlib.crc32(to_json_line(result(0)).encode()):08x}"
 
 
-def test_a_line_without_a_checksum_is_named(tmp_path):
-    rows = ResultRows(tmp_path)
-    rows.path.write_text(to_json_line(result(0)) + "\n")
-    with pytest.raises(ConfigError, match=r"results\.jsonl, line 1: damaged or edited: has no crc32"):
-        rows.read()
-
-
-def test_a_flipped_bit_anywhere_in_a_row_is_noticed(tmp_path):
-    rows = ResultRows(tmp_path)
+def test_a_flipped_bit_anywhere_in_a_row_is_noticed(rows):
     rows.append(result(0))
     rows.append(result(1))
     whole = rows.path.read_bytes()
@@ -179,14 +179,6 @@ def test_a_flipped_bit_anywhere_in_a_row_is_noticed(tmp_path):
         rows.path.write_bytes(damaged)
         with pytest.raises(ConfigError, match=r"results\.jsonl, line 1: "):
             rows.read()
-
-
-def test_an_edited_row_is_named(tmp_path):
-    rows = ResultRows(tmp_path)
-    rows.append(result(0))
-    rows.path.write_text(json.dumps(json.loads(rows.path.read_text()) | {"planner": "other"}) + "\n")
-    with pytest.raises(ConfigError, match=r"line 1: (damaged or edited|unknown key 'crc32')"):
-        rows.read()
 
 
 @pytest.mark.parametrize(
@@ -201,8 +193,7 @@ def test_an_edited_row_is_named(tmp_path):
     ],
     ids=["NaN", "inf", "10^400", "surrogate", "brackets", "deep"],
 )
-def test_a_row_that_could_not_be_written_again_is_not_read(tmp_path, change):
-    rows = ResultRows(tmp_path)
+def test_a_row_that_could_not_be_written_again_is_not_read(rows, change):
     rows.path.write_text(sealed(change(to_json_line(result()))) + "\n")
     with pytest.raises(ConfigError, match=r"results\.jsonl, line 1: not JSON: ") as raised:
         rows.read()
