@@ -11,7 +11,7 @@ from barn_eval.bags.recorded import read_recorded
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import Request
-from barn_eval.experiments.rows import TrackRows, sealed
+from barn_eval.experiments.rows import TrackRows, sealed, unsealed
 from barn_eval.experiments.run import run_experiment
 from barn_eval.experiments.run_file import RunFile, provenance
 from barn_eval.experiments.track import thinned
@@ -26,6 +26,14 @@ from barn_worlds.geometry.footprint import contact_of
 from barn_worlds.worlds.dataset import open_dataset
 
 EVIL = "</script><script>window.evil=1</script>"
+
+
+def rewrite_rows(folder, change):
+    """Write the rows of a folder again, as `change` makes them of what they were, with checksums that are right."""
+    path = folder / "results.jsonl"
+    rows = change([json.loads(unsealed(line, path.name)) for line in path.read_text().splitlines()])
+    path.write_text("".join(f"{sealed(json.dumps(row))}\n" for row in rows))
+    return rows
 
 
 def recorded_track(bag, world):

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -18,9 +19,8 @@ from barn_eval.experiments.local import LocalEngine
 
 @pytest.fixture
 def engine():
-    engine = LocalEngine(Deeds(), workers=2, trial_limit_s=600.0)
-    yield engine
-    engine.close()
+    with closing(LocalEngine(Deeds(), workers=2, trial_limit_s=600.0)) as engine:
+        yield engine
 
 
 def started(engine):
@@ -40,14 +40,13 @@ def test_every_job_is_reported_once_and_workers_are_kept(engine):
 
 
 def test_a_worker_that_is_stopped_is_given_up_as_the_machines_fault():
-    engine = LocalEngine(Deeds(), workers=1, trial_limit_s=1.0)
-    started(engine)
-    report = all_reports(engine, {"a": ("die", signal.SIGSTOP)})["a"]
-    assert isinstance(report, Lost)
-    assert report.stalled and not report.overtime
-    assert report.reason.endswith("as the machine stood still")
-    assert isinstance(all_reports(engine, {"b": ("echo", 1)})["b"], Done)
-    engine.close()
+    with closing(LocalEngine(Deeds(), workers=1, trial_limit_s=1.0)) as engine:
+        started(engine)
+        report = all_reports(engine, {"a": ("die", signal.SIGSTOP)})["a"]
+        assert isinstance(report, Lost)
+        assert report.stalled and not report.overtime
+        assert report.reason.endswith("as the machine stood still")
+        assert isinstance(all_reports(engine, {"b": ("echo", 1)})["b"], Done)
 
 
 def test_environment_of_workers_does_not_leak(engine, monkeypatch):
@@ -95,12 +94,9 @@ def test_a_result_that_cannot_be_sent_is_a_loss_and_a_large_one_is_not(engine):
 
 def test_a_job_over_its_time_is_lost_even_if_the_worker_ignores_being_told(monkeypatch, tmp_path):
     monkeypatch.setattr(local, "GRACE_S", 0.5)
-    engine = LocalEngine(Deeds(str(tmp_path / "log")), workers=2, trial_limit_s=4.0)
-    try:
+    with closing(LocalEngine(Deeds(str(tmp_path / "log")), workers=2, trial_limit_s=4.0)) as engine:
         reports = all_reports(engine, {"a": ("sleep", 3600), "b": ("ignore_term", 3600)})
         started(engine)
-    finally:
-        engine.close()
     for key in "ab":
         assert reports[key].reason == "no result within 4 s of wall-clock time"
 
@@ -123,12 +119,9 @@ def test_parts_of_a_job_come_before_its_end(engine):
 
 
 def test_the_time_limit_is_one_for_each_part():
-    engine = LocalEngine(Deeds(), workers=1, trial_limit_s=8.0)
-    try:
+    with closing(LocalEngine(Deeds(), workers=1, trial_limit_s=8.0)) as engine:
         started(engine)
         assert isinstance(reports_of_one(engine, ("slow_parts", 3.0))[-1], Done)
-    finally:
-        engine.close()
 
 
 def test_an_idle_worker_that_was_killed_costs_nothing(engine):

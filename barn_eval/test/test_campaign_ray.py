@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 
 import campaign_runs
@@ -40,9 +40,8 @@ def cluster():
 
 @pytest.fixture
 def engine(cluster):
-    engine = RayEngine(Deeds(), workers=0, trial_limit_s=600.0, address=cluster.address)
-    yield engine
-    engine.close()
+    with closing(RayEngine(Deeds(), workers=0, trial_limit_s=600.0, address=cluster.address)) as engine:
+        yield engine
 
 
 def test_jobs_go_to_both_nodes(engine, tmp_path):
@@ -69,13 +68,10 @@ def test_failures_and_mistakes_are_told_apart(engine):
 
 
 def test_a_job_over_its_time_is_lost(cluster, tmp_path):
-    engine = RayEngine(Deeds(), workers=2, trial_limit_s=12.0, address=cluster.address)
-    try:
+    with closing(RayEngine(Deeds(), workers=2, trial_limit_s=12.0, address=cluster.address)) as engine:
         lost = all_reports(engine, {"a": ("meet", (tmp_path / "list", 2))})["a"]
         while not isinstance(all_reports(engine, {"b": ("echo", 1)})["b"], Done):
             pass  # a worker starts within the limit of a job, for which a busy machine may need several
-    finally:
-        engine.close()
     assert lost.reason == "no result within 12 s of wall-clock time"
 
 

@@ -8,11 +8,11 @@ from functools import cache
 from itertools import count as numbers
 
 import pytest
+from report_work import rewrite_rows
 from test_campaign_runner import record
 
 from barn_eval.experiments.experiment import NO_SOURCE, Execution, Experiment, PlannerChoice
 from barn_eval.experiments.folder import opened, read_results
-from barn_eval.experiments.rows import sealed
 from barn_eval.experiments.run_file import RunFile
 from barn_worlds.base.errors import BarnError, ConfigError
 
@@ -105,21 +105,14 @@ def test_what_is_no_experiment_is_refused_in_one_line(tmp_path, text, told):
 @pytest.mark.parametrize("name", ["campaign_seed", "simulator_seed", "planner_seed", "repetition"])
 def test_rows_of_another_seed_are_refused(tmp_path, name):
     keep(tmp_path, GAP, 2)
-    first, second = (json.loads(line) for line in (tmp_path / "results.jsonl").read_text().splitlines())
-    changed = {key: value for key, value in second.items() if key != "crc32"} | {name: second[name] + 7}
-    (tmp_path / "results.jsonl").write_text(f"{sealed(json.dumps(changed))}\n")
-    with pytest.raises(
-        ConfigError, match=rf"{second['trial_id']} has {name} {changed[name]}, must have {second[name]}"
-    ):
+    (row,) = rewrite_rows(tmp_path, lambda rows: [rows[1] | {name: rows[1][name] + 7}])
+    with pytest.raises(ConfigError, match=rf"{row['trial_id']} has {name} {row[name]}, must have {row[name] - 7}"):
         keep(tmp_path, GAP)
-    assert first["trial_id"] != second["trial_id"]
 
 
 def test_a_row_of_another_task_is_refused(tmp_path):
     keep(tmp_path, GAP, 1)
-    row = json.loads((tmp_path / "results.jsonl").read_text())
-    del row["crc32"]
-    (tmp_path / "results.jsonl").write_text(sealed(json.dumps(row | {"task": "0" * 12})) + "\n")
+    rewrite_rows(tmp_path, lambda rows: [rows[0] | {"task": "0" * 12}])
     with pytest.raises(ConfigError, match=r"was run as task 000000000000, but run\.json describes"):
         keep(tmp_path, GAP)
 

@@ -15,7 +15,7 @@ from test_campaign_runner import record
 from barn_eval.experiments.check import _parquet_problem
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.folder import opened
-from barn_eval.experiments.rows import results_table, sealed
+from barn_eval.experiments.rows import results_table, sealed, unsealed
 from barn_eval.results import Results
 
 GAP = Experiment(worlds="0,9", planners=(PlannerChoice("gap"), PlannerChoice("dwa")))
@@ -31,6 +31,12 @@ def good(tmp_path_factory):
             folder.append(record(spec))
         folder.complete()
     return out
+
+
+@pytest.fixture
+def out(good, tmp_path):
+    """A copy of the good folder, to be spoilt."""
+    return shutil.copytree(good, tmp_path / "out")
 
 
 @pytest.fixture
@@ -111,12 +117,9 @@ ROWS = {
 
 
 @pytest.mark.parametrize("case", ROWS)
-def test_a_row(refused, good, tmp_path, case):
-    out = tmp_path / "out"
-    shutil.copytree(good, out)
-    first = json.loads((out / "results.jsonl").read_text().splitlines()[0])
-    del first["crc32"]
-    (out / "results.jsonl").write_text(sealed(ROWS[case](json.dumps(first, separators=(",", ":")))) + "\n")
+def test_a_row(refused, out, case):
+    first = (out / "results.jsonl").read_text().splitlines()[0]
+    (out / "results.jsonl").write_text(sealed(ROWS[case](unsealed(first, case))) + "\n")
     for command in (("report", out), ("compare", f"{out}:gap", f"{out}:dwa"), ("leaderboard", out)):
         assert refused(*command).startswith(f"{out}/results.jsonl, line 1: ")
 
@@ -133,9 +136,7 @@ RUNS = {
 
 
 @pytest.mark.parametrize("case", RUNS)
-def test_a_configuration(refused, good, tmp_path, case):
-    out = tmp_path / "out"
-    shutil.copytree(good, out)
+def test_a_configuration(refused, out, case):
     content = json.loads((out / "run.json").read_text())
     content["experiment"] |= RUNS[case]
     (out / "run.json").write_text(json.dumps(content))

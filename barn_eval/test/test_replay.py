@@ -222,33 +222,26 @@ def test_a_foreign_bag_in_sqlite_with_odometry_alone_is_replayed(bag, tmp_path):
     assert len(recorded.times_s) == len(read_recorded(bag).times_s)
 
 
+def some_of(bag, path, wanted, about):
+    """A copy of a bag with the topics that are wanted, and what is known about its trial, if anything is."""
+    with Reader(bag) as reader, Recorder(path) as recorder:
+        for connection, stamp, data in reader.messages():
+            if wanted(connection.topic):
+                recorder.add_topic(connection.topic, connection.msgtype)
+                recorder.write(connection.topic, data, stamp)
+        if about:
+            recorder.add_metadata("barn.trial", {"specification": json.dumps(about)})
+        recorder.finish()
+    return path
+
+
 @pytest.mark.parametrize("specified", [True, False])
 def test_without_static_transforms_the_lidar_is_where_the_trial_has_it(bag, tmp_path, specified):
     """As in bags of trials over ROS where tf2_msgs is not installed; another's bag says nothing of its lidar."""
-    with Reader(bag) as reader, Recorder(tmp_path / "bare") as recorder:
-        for connection, stamp, data in reader.messages():
-            if connection.topic in ("/ground_truth/odom", "/scan"):
-                recorder.add_topic(connection.topic, connection.msgtype)
-                recorder.write(connection.topic, data, stamp)
-        if specified:
-            about = {"simulator": {"lidar": {"mount_x_m": 0.2}}}
-            recorder.add_metadata("barn.trial", {"specification": json.dumps(about)})
-        recorder.finish()
-    recorded = read_recorded(tmp_path / "bare")
+    about = {"simulator": {"lidar": {"mount_x_m": 0.2}}} if specified else {}
+    recorded = read_recorded(some_of(bag, tmp_path / "bare", {"/ground_truth/odom", "/scan"}.__contains__, about))
     assert recorded.lidar == Pose2D(0.2 if specified else 0.0, 0.0, 0.0)
     assert any("drawn at base_link" in note for note in recorded.notes) != specified
-
-
-def without(bag, path, topic):
-    """A copy of a bag without a topic."""
-    with Reader(bag) as reader, Recorder(path) as recorder:
-        for connection, stamp, data in reader.messages():
-            if connection.topic != topic:
-                recorder.add_topic(connection.topic, connection.msgtype)
-                recorder.write(connection.topic, data, stamp)
-        recorder.add_metadata("barn.trial", {"specification": json.dumps(read_recorded(bag).trial)})
-        recorder.finish()
-    return path
 
 
 def test_the_world_is_that_of_the_bag(bag, tmp_path):
@@ -261,7 +254,7 @@ def test_the_world_is_that_of_the_bag(bag, tmp_path):
     assert (left, below) <= (world.bounds_m[0], world.bounds_m[1])
     assert right >= world.bounds_m[2]
     assert above >= max(world.bounds_m[3], recorded.scene.goal.y + recorded.scene.goal_distance_m)
-    other = read_recorded(without(bag, tmp_path / "other", "/world"))
+    other = read_recorded(some_of(bag, tmp_path / "other", lambda topic: topic != "/world", recorded.trial))
     assert other.scene is None
     assert np.isnan(other.clearance_m).all()
     assert '"scene":null' in replay_page(other)

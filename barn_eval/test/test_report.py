@@ -15,7 +15,7 @@ import pytest
 from browser import violations
 from matplotlib.figure import Figure
 from matplotlib.text import Text
-from report_work import EVIL, campaign, drive, recorded_track
+from report_work import EVIL, campaign, drive, recorded_track, rewrite_rows
 
 from barn_eval.analysis.difficulty import predicted
 from barn_eval.analysis.overview import repeat
@@ -27,7 +27,6 @@ from barn_eval.commands.run import command as run_command
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import read_request
-from barn_eval.experiments.rows import sealed
 from barn_eval.experiments.track import NO_NUMBER
 from barn_eval.pages.figures import Plot, style
 from barn_eval.pages.report import page as report_module
@@ -259,10 +258,7 @@ def test_the_first_screen_has_bars_and_the_headline_the_metric_first(report):
 def test_bars_and_verdict_are_of_the_worlds_that_all_planners_have(folder, tmp_path):
     part = tmp_path / "part"
     shutil.copytree(folder, part, ignore=shutil.ignore_patterns("bags"))
-    rows = [json.loads(line) for line in (part / "results.jsonl").read_text().splitlines()]
-    lines = (part / "results.jsonl").read_text().splitlines(keepends=True)
-    kept = [line for line, row in zip(lines, rows, strict=True) if row["planner"] == "gap" or row["world"] < 5]
-    (part / "results.jsonl").write_text("".join(kept))
+    rewrite_rows(part, lambda rows: [row for row in rows if row["planner"] == "gap" or row["world"] < 5])
     made = build_report([part], hardest=0)
     shown = bars(made.entries)
     means = re.search(r"metric ([0-9.]+) against ([0-9.]+)\.", made.overview.verdict.short)
@@ -438,9 +434,7 @@ def failed(row):
 def test_a_campaign_of_an_odd_kind_is_reported(folder, tmp_path, change, told):
     odd = tmp_path / "odd"
     shutil.copytree(folder, odd, ignore=shutil.ignore_patterns("bags"))
-    rows = change([json.loads(line) for line in (odd / "results.jsonl").read_text().splitlines()])
-    rows = [{key: value for key, value in row.items() if key != "crc32"} for row in rows]
-    (odd / "results.jsonl").write_text("".join(sealed(json.dumps(row)) + "\n" for row in rows))
+    rows = rewrite_rows(odd, change)
     made = build_report([odd])
     page = report_page(made, "odd")
     assert told in page

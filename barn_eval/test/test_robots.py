@@ -119,6 +119,14 @@ def test_the_simulator_node_gets_robots_by_name_and_others_by_a_file(tmp_path):
     assert barn.robots.load(file) == robot_of(heavier)
 
 
+def rows_of_page(cells):
+    """The rows of the tables of the page that have so many cells, by the name of the robot that comes first."""
+    lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in page().splitlines() if line.startswith("| `")]
+    shown = {line[0].split("`")[1]: line[1:] for line in lines if len(line) == cells}
+    assert set(shown) == set(ROBOTS)
+    return shown
+
+
 def page():
     path = Path(__file__).resolve().parents[2] / "docs" / "robots.md"
     if not path.is_file():
@@ -135,10 +143,7 @@ def test_the_file_that_the_page_shows_is_a_robot(tmp_path):
 
 
 def test_the_table_of_the_page_has_the_numbers_of_the_files():
-    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in page().splitlines() if line.startswith("| `")]
-    shown = {row[0].split("`")[1]: row[2:6] for row in rows if len(row) == 7}
-    assert set(shown) == set(ROBOTS)
-    for name, (size, mass, speed, turn) in shown.items():
+    for name, (_, size, mass, speed, turn, _) in rows_of_page(7).items():
         robot = ROBOTS[name]
         long, wide = f"{robot.length_m:.3f}", f"{robot.width_m:.3f}"
         assert size == (f"round, {long}" if robot.chassis.round else f"{long} x {wide}")
@@ -148,10 +153,7 @@ def test_the_table_of_the_page_has_the_numbers_of_the_files():
 
 def test_the_page_shows_what_the_self_test_finds():
     """Cells hold deviations in %, one or two for a robot, in the order in which they are measured."""
-    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in page().splitlines() if line.startswith("| `")]
-    shown = {row[0].strip("`"): row[1:] for row in rows if len(row) == 8}
-    assert set(shown) == set(ROBOTS)
-    for name, cells in shown.items():
+    for name, cells in rows_of_page(8).items():
         told = [float(number) for cell in cells for number in cell.split("; ") if number != "none"]
         measured = [one for one in self_test(ROBOTS[name]) if (one.manoeuvre, one.unit) != ("tightest circle", "m/s")]
         found = [100.0 * one.deviation for one in measured]
