@@ -14,7 +14,9 @@ from barn_planners.eband.kernels import (
     YAW,
     X,
     Y,
+    append_back,
     bridge,
+    connect_front,
     measure,
     overlaps,
     place,
@@ -157,3 +159,24 @@ def optimise(band, moved, n, grid, gains, work, sweeps):  # type: ignore[no-unty
         return n, n
     band[:n] = moved[:n]
     return n, relax(moved, n, grid, gains, work, sweeps)
+
+
+@njit(cache=True)
+def advance(band, trial, n, pose, ahead, grid, gains, work, sweeps):  # type: ignore[no-untyped-def]
+    """Connect a band to a pose (x, y, yaw), append poses (k, 3), and optimise it to `trial`.
+
+    Returns the length of `band`, as the last step that did not fail has left it, that of `trial` or the code of the
+    failure, and whether the poses are appended.
+    """
+    (x, y, yaw), kept = pose, n
+    trial[:n] = band[:n]
+    n = connect_front(trial, n, x, y, yaw, grid, gains, work)
+    if n >= 0 and len(ahead) > 0:
+        kept = n
+        band[:n] = trial[:n]
+        n = append_back(trial, n, ahead, grid, gains, work)
+    if n < 0:
+        return kept, n, False
+    band[:n] = trial[:n]
+    renewed, moved = optimise(band, trial, n, grid, gains, work, sweeps)
+    return n if renewed < 0 else renewed, moved, True

@@ -58,18 +58,6 @@ class ElasticBand:
             return kernels.REASONS[kernels.FULL]
         return self._adopt(forces.from_plan(self._trial, poses, *self._context(costmap)))
 
-    def connect(self, pose: Pose2D, costmap: Costmap) -> str:
-        """Connect the front of the band to the robot; return why it failed."""
-        self._copy()
-        yaw = wrap_angle(pose.yaw) if self._config.headings else 0.0
-        place = (pose.x, pose.y, yaw)
-        return self._adopt(kernels.connect_front(self._trial, self._count, *place, *self._context(costmap)))
-
-    def append(self, poses: FloatArray, costmap: Costmap) -> str:
-        """Append poses (n, 3) to the band; return why it failed."""
-        self._copy()
-        return self._adopt(kernels.append_back(self._trial, self._count, poses, *self._context(costmap)))
-
     def optimise(self, costmap: Costmap) -> str:
         """Adapt the band to the costmap; return why it failed. What fails while it moves leaves it refined."""
         bands = (self._band, self._trial, self._count)
@@ -78,15 +66,22 @@ class ElasticBand:
             self._count = renewed
         return self._adopt(moved)
 
+    def advance(self, pose: Pose2D, ahead: FloatArray, costmap: Costmap) -> tuple[bool, str]:
+        """Connect the front to the robot, append poses (n, 3), or none, and adapt; return if appended, and what failed.
+
+        What fails leaves the band as the steps before it made it.
+        """
+        yaw = wrap_angle(pose.yaw) if self._config.headings else 0.0
+        task = (self._band, self._trial, self._count, (pose.x, pose.y, yaw), ahead)
+        self._count, moved, appended = forces.advance(*task, *self._context(costmap), self._config.sweeps)
+        return appended, self._adopt(moved)
+
     def _context(
         self, costmap: Costmap
     ) -> tuple[tuple[object, float, float, float, FloatArray], kernels.BandGains, kernels.BandWork]:
         if costmap.config is not self._gains_for:
             self._gains_for, self._gains = costmap.config, self._config.gains(costmap.config.circumscribed_m)
         return (costmap.costs, *costmap.grid, self._radii), self._gains, self._work
-
-    def _copy(self) -> None:
-        self._trial[: self._count] = self._band[: self._count]
 
     def _adopt(self, count: int) -> str:
         if count < 0:
@@ -145,13 +140,11 @@ class EBandController(Controller):
             if problem:
                 return problem
             self._banded, self._visible_end = True, shown.stop
-        problem = self._band.connect(inputs.pose, inputs.costmap)
-        if not problem and shown.stop > self._visible_end:
-            begin = max(self._visible_end, shown.start)
-            problem = self._band.append(inputs.plan[begin : shown.stop], inputs.costmap)
-            if not problem:
-                self._visible_end = shown.stop
-        return problem or self._band.optimise(inputs.costmap)
+        ahead = inputs.plan[max(self._visible_end, shown.start) : shown.stop]
+        appended, problem = self._band.advance(inputs.pose, ahead, inputs.costmap)
+        if appended:
+            self._visible_end = max(self._visible_end, shown.stop)
+        return problem
 
     def _take_plan(self, inputs: ControlInput, shown: FloatArray) -> str:
         """Make a new band; if the plan is in collision, clear the marks once and try again."""
