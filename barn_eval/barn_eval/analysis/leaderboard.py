@@ -19,13 +19,8 @@ from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.worlds.dataset import select_worlds
 
 # What planners may be ranked by: the name of the option, and the key of its measure.
-RANKINGS = {
-    "challenge": "challenge",
-    "challenge_2022": "challenge_2022",
-    "efficiency": "efficiency",
-    "success": "success",
-    "time": "normalised_time_s_per_m",
-}
+RANKINGS = {key: key for key in ("challenge", "challenge_2022", "efficiency", "success")}
+RANKINGS |= {"time": "normalised_time_s_per_m"}
 
 
 @dataclass(frozen=True)
@@ -113,7 +108,8 @@ def board(entries: Sequence[Entry], measure: Measure) -> Board:
             )
         )
     notes = cautions(found.worlds, dict.fromkeys(entry.source for entry in entries))
-    more = [entry.label for entry in entries if len(entry.results) < _trials_of(entry)]
+    trials = {entry: sum(one.planner == entry.planner for one in entry.source.results) for entry in entries}
+    more = [entry.label for entry in entries if len(entry.results) < trials[entry]]
     if more:
         notes = (f"Ranked on the {counted(found.worlds, 'world')} that all have; {joined(more)} have more.", *notes)
     return Board(_title(entries[0]), measure, tuple(places), found, notes)
@@ -145,10 +141,6 @@ def _in_common(entries: Sequence[Entry]) -> list[list[Entry]]:
         [replace(one, results=tuple(row for row in one.results if _trial(row) in shared)) for one in members]
         for shared, members in boards
     ]
-
-
-def _trials_of(entry: Entry) -> int:
-    return sum(one.planner == entry.planner for one in entry.source.results)
 
 
 def _trial(result: TrialResult) -> tuple[Any, ...]:

@@ -4,6 +4,7 @@ Functions take one value per trial and, beside it, the number of its world. A wo
 """
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -180,13 +181,10 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
     NaN stands for a test that could not be made; it stays NaN and does not count.
     """
-    known = [index for index, p in enumerate(p_values) if not math.isnan(p)]
-    adjusted = [math.nan] * len(p_values)
-    largest = 0.0
-    for place, index in enumerate(sorted(known, key=lambda index: p_values[index])):
-        largest = max(largest, min(1.0, (len(known) - place) * p_values[index]))
-        adjusted[index] = largest
-    return adjusted
+    p: Floats = np.array(p_values, np.float64)
+    order = np.argsort(p, kind="stable")[: np.count_nonzero(~np.isnan(p))]  # NaN comes last
+    p[order] = np.maximum.accumulate(np.minimum(1.0, np.arange(len(order), 0, -1) * p[order]))
+    return list(map(float, p))
 
 
 def p_text(p: float) -> str:
@@ -239,10 +237,6 @@ def worlds_for_difference(found: Components, wanted: float, repetitions: int, le
 
 def _fewest(enough: Callable[[int], bool]) -> int | None:
     """Return the smallest number from 2 that is enough, where all above it are."""
-    if not enough(_MOST_WORLDS):
-        return None
-    low, high = 1, _MOST_WORLDS
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (low, middle) if enough(middle) else (middle, high)
-    return high
+    numbers = range(2, _MOST_WORLDS + 1)
+    place = bisect_left(numbers, True, key=enough)
+    return numbers[place] if place < len(numbers) else None

@@ -243,11 +243,10 @@ def _paired(panels: Sequence[Axes], data: ChartData) -> Legend:
     return Legend()
 
 
-def _swept(data: ChartData) -> Panels | None:
-    return Panels(3.8) if len(parameters_of(data.entries)) in (1, 2) else None
-
-
-@chart("The protocol's metric over the parameters of a sweep, with 95 % intervals where there is one", _swept)
+@chart(
+    "The protocol's metric over the parameters of a sweep, with 95 % intervals where there is one",
+    lambda data: Panels(3.8) if len(parameters_of(data.entries)) in (1, 2) else None,
+)
 def _sweep(panels: Sequence[Axes], data: ChartData) -> Legend:
     (axes,), names, metric = panels, parameters_of(data.entries), data.metric
     places = [tuple(values_of(entry.source.path).values()) for entry in data.entries]

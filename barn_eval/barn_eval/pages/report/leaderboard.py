@@ -1,5 +1,6 @@
 """A leaderboard as a table, as Markdown and as an HTML page."""
 
+import html
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -76,5 +77,4 @@ def board_table(board: Board) -> TextTable:
 
 def _escaped(text: str) -> str:
     """Return a text in which nothing is Markdown or HTML."""
-    plain = one_line(text).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
-    return re.sub(r"([\\*_`\[\]#])", r"\\\1", plain)
+    return re.sub(r"([\\*_`\[\]#])", r"\\\1", html.escape(one_line(text), quote=False))
