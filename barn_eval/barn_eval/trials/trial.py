@@ -59,18 +59,23 @@ class _OwnTime:
     """What a thread takes of its own accord: processor time, and time in which it waits; not what is withheld from it.
 
     A processor that is busy with others is withheld, and so is the time of a process that is stopped, in which no look
-    comes.
+    comes. Waiting counts from the first look on: before, nobody asks the system, which takes longer than short work.
     """
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
-        self._used_s, self._queued_s = time.thread_time(), queued_s()
+        self._used_s = time.thread_time()
+        self._queued_s: float | None = None
         self.seen_s = 0.0
 
     def look(self) -> float:
         """Return it in s; to be called once a period, in the thread. seen_s: what has passed of periods, at least."""
-        self.seen_s += self._period_s
-        return max(time.thread_time() - self._used_s, self.seen_s - (queued_s() - self._queued_s))
+        queued = queued_s()
+        if self._queued_s is None:
+            self._queued_s = queued
+        else:
+            self.seen_s += self._period_s
+        return max(time.thread_time() - self._used_s, self.seen_s - (queued - self._queued_s))
 
 
 def queued_s(process: str | int = "self") -> float:
