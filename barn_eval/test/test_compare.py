@@ -32,35 +32,25 @@ def results(planner="dwa", slower_s=0.0, worlds=20, seed=0):
         own_s = draw.uniform(10.0, 30.0)
         for repetition in range(3):
             time_s = own_s + slower_s + draw.normal(0.0, 0.5)
-            one = a_result(world)
-            scores = replace(
-                one.scores, traversal_time_s=time_s, scored_time_s=time_s, normalised_time_s_per_m=time_s / 5.0
-            )
-            found.append(
-                replace(
-                    one,
-                    trial_id=trial_id(planner, world, repetition),
-                    planner=planner,
-                    repetition=repetition,
-                    simulator_seed=100 * world + repetition,
-                    scores=scores,
-                )
-            )
+            times = {"traversal_time_s": time_s, "scored_time_s": time_s, "normalised_time_s_per_m": time_s / 5.0}
+            named = {"trial_id": trial_id(planner, world, repetition), "simulator_seed": 100 * world + repetition}
+            one = replace(a_result(world), planner=planner, repetition=repetition, **named)
+            found.append(scored(one, **times))
     return found
 
 
+def scored(one, **scores):
+    """A result with some of its scores changed."""
+    return replace(one, scores=replace(one.scores, **scores))
+
+
 def failed(one):
-    scores = replace(one.scores, success=False, scored_time_s=50.0, challenge=0.0)
-    return replace(one, outcome=Outcome.TIMEOUT, scores=scores)
-
-
-def rows_of(found):
-    return {row.measure: row for row in found.rows}
+    return scored(replace(one, outcome=Outcome.TIMEOUT), success=False, scored_time_s=50.0, challenge=0.0)
 
 
 def test_a_difference_that_worlds_hide_is_found_by_pairs():
     found = compare(results(), results("eband", slower_s=1.0))
-    row = rows_of(found)["time as counted"]
+    row = found.row("scored_time_s")
     assert row.paired.trials == 60
     assert row.paired.difference.estimate == pytest.approx(-1.0, abs=1e-9)
     assert row.paired.improvement.estimate > 0.8
@@ -73,10 +63,8 @@ def test_a_comparison_says_who_is_better_by_each_measure():
     good = results(worlds=3)
     worse_scores = {"success": False, "scored_time_s": 50.0, "normalised_time_s_per_m": 9.9, "challenge": 0.0}
     worse = {"min_clearance_m": 0.05, "contact_s": 1.0, "rms_jerk_mps3": 2.0}
-    bad = [
-        replace(one, scores=replace(one.scores, **worse_scores), measures=replace(one.measures, **worse))
-        for one in results("eband", worlds=3)
-    ]
+    bad = [scored(one, **worse_scores) for one in results("eband", worlds=3)]
+    bad = [replace(one, measures=replace(one.measures, **worse)) for one in bad]
     found = compare(good, bad)
     better = {key: found.row(key).paired.improvement.estimate for key in (*worse_scores, *worse)}
     assert better == dict.fromkeys(better, 1.0)
@@ -118,10 +106,7 @@ def test_a_comparison_is_a_row_of_a_table_by_measure():
 
 def test_rank_correlation_is_of_the_time_per_metre_in_each_world():
     a, b = (
-        [
-            replace(one, scores=replace(one.scores, normalised_time_s_per_m=float(times[one.world])))
-            for one in results(name, worlds=3)
-        ]
+        [scored(one, normalised_time_s_per_m=float(times[one.world])) for one in results(name, worlds=3)]
         for name, times in (("dwa", (1, 2, 3)), ("eband", (10, 30, 20)))
     )
     assert compare(a, b).rank_correlation.estimate == pytest.approx(0.5)
@@ -130,16 +115,16 @@ def test_rank_correlation_is_of_the_time_per_metre_in_each_world():
 def test_time_of_successes_needs_both_to_succeed():
     a, b = results(), results("eband")
     a[0], b[1] = failed(a[0]), failed(b[1])
-    rows = rows_of(compare(a, b))
-    assert rows["success"].paired.trials == 60
-    assert rows["success"].paired.difference.estimate == 0.0
-    assert rows["time of successes"].paired.trials == 58
+    found = compare(a, b)
+    assert found.row("success").paired.trials == 60
+    assert found.row("success").paired.difference.estimate == 0.0
+    assert found.row("traversal_time_s").paired.trials == 58
 
 
 def test_only_what_both_have_is_compared():
     found = compare(results()[:30], results("eband"))
     assert (found.trials_a, found.trials_b) == (30, 60)
-    assert rows_of(found)["success"].paired.trials == 30
+    assert found.row("success").paired.trials == 30
 
 
 @pytest.mark.parametrize(
@@ -187,14 +172,8 @@ def write_folder(path, content, worlds="0-3", protocol=PAPER_2020):
     path.mkdir()
     planners = tuple(PlannerChoice(name) for name in dict.fromkeys(one.planner for one in content))
     repetitions = 1 + max(one.repetition for one in content)
-    asked = Experiment(
-        worlds=worlds,
-        planners=planners,
-        repetitions=repetitions,
-        protocol=protocol,
-        simulator=simulator_config(protocol),
-    )
-    RunFile.of(path, asked, {}).write()
+    rules = {"protocol": protocol, "simulator": simulator_config(protocol)}
+    RunFile.of(path, Experiment(worlds=worlds, planners=planners, repetitions=repetitions, **rules), {}).write()
     for one in content:
         ResultRows(path).append(one)
     return path
@@ -320,7 +299,7 @@ def test_command_names_what_is_missing(folders):
 def test_a_planner_must_be_shown_not_to_be_worse(tmp_path, slower_s, margin, decision, code):
     """Nobody fails here, but each may in up to 17 % of its trials."""
     a, b = results(), results("eband", slower_s)
-    counted = [[replace(one, scores=replace(one.scores, failure_time_s=20.0)) for one in part] for part in (a, b)]
+    counted = [[scored(one, failure_time_s=20.0) for one in part] for part in (a, b)]
     folders = [write_folder(tmp_path / part[0].planner, part, worlds="0-19") for part in counted]
     done = invoke(*folders, "--fail-if-worse", margin, "--json", standalone_mode=False)
     assert done.return_value == code

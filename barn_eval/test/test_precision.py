@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from test_compare import folders, results  # noqa: F401 (a fixture)
+from test_compare import folders, results, scored  # noqa: F401 (a fixture)
+from test_ranking import timed
 
 from barn_eval.analysis.measures import MEASURES
 from barn_eval.analysis.precision import REPETITIONS, figures_table, needs_table, precision
@@ -86,16 +87,10 @@ def test_draws_of_worlds_rank_planners_the_surer_the_more_there_are():
     """A planner that is better in all worlds is so in each draw; one by the mean alone in large draws."""
     times = np.random.default_rng(1).normal(4.0, 0.5, 60)
     lead = {"best": -3.0, "second": 0.0, "third": np.random.default_rng(2).normal(0.12, 0.3, 60)}
-    made = {
-        name: [
-            replace(one, scores=replace(one.scores, normalised_time_s_per_m=float((times + ahead)[one.world])))
-            for one in results(name, worlds=60)
-            if one.repetition == 0
-        ]
+    made = {  # a failure counts little more than a success
+        name: [scored(one, failure_time_s=5.0 * 4.1) for one in timed(name, times + ahead, 60)]
         for name, ahead in lead.items()
     }
-    for own in made.values():  # what a failure counts: little more than a success
-        own[:] = [replace(one, scores=replace(one.scores, failure_time_s=5.0 * 4.1)) for one in own]
     (pair,) = ranking_power({name: made[name] for name in ("best", "second")})
     assert (pair.planners, pair.shares[10], pair.enough) == (("best", "second"), 1.0, 1)
     (three,) = ranking_power(made)

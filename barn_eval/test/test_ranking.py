@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_compare import results
+from test_compare import results, scored
 
 from barn_eval.analysis.compare import compare, holm_adjusted
 from barn_eval.analysis.leaderboard import board
@@ -30,10 +30,8 @@ def planner(offset, seed, worlds=30, noise=1.0):
 
 def timed(name, values, worlds):
     """Results of a planner with these times per metre, one trial in each world."""
-    made = []
-    for one, value in zip([one for one in results(name, worlds=worlds) if one.repetition == 0], values, strict=True):
-        made.append(replace(one, scores=replace(one.scores, normalised_time_s_per_m=float(value))))
-    return tuple(made)
+    firsts = (one for one in results(name, worlds=worlds) if one.repetition == 0)
+    return tuple(scored(one, normalised_time_s_per_m=float(value)) for one, value in zip(firsts, values, strict=True))
 
 
 def test_clear_differences_make_ranks_in_the_order_of_the_means():
@@ -157,7 +155,7 @@ def test_verdicts_on_several_planners_name_the_leader_or_the_group():
 
 def test_a_verdict_is_by_the_metric_of_the_protocol():
     good = results(worlds=12)
-    worse = [replace(one, scores=replace(one.scores, challenge=0.0)) for one in results("eband", worlds=12)]
+    worse = [scored(one, challenge=0.0) for one in results("eband", worlds=12)]
     paper = results_verdict({"DWA": good, "E-Band": worse}).short
     assert "time per metre as counted" in paper
     assert "cannot be told apart" in paper

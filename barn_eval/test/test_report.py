@@ -451,8 +451,7 @@ def test_a_campaign_of_an_odd_kind_is_reported(folder, tmp_path, change, told):
 
 def test_a_report_does_not_tell_which_worker_was_faster(folder, tmp_path):
     shutil.copytree(folder, tmp_path / "other")
-    rows = (tmp_path / "other" / "results.jsonl").read_text().splitlines()
-    (tmp_path / "other" / "results.jsonl").write_text("\n".join(rows[::-1]) + "\n")
+    rewrite_rows(tmp_path / "other", lambda rows: rows[::-1])
     first, second = read_entries([folder]), read_entries([tmp_path / "other"])
     assert [entry.label for entry in second] == ["gap", "DWA"]
     assert [entry.results for entry in second] == [entry.results for entry in first]
