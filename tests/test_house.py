@@ -9,9 +9,9 @@ import pytest
 
 TOOL = Path(__file__).resolve().parents[1] / "qa" / "house.py"
 MOST = {
-    "lines of Python": 43_800,
+    "lines of Python": 43_750,
     "lines of JavaScript": 1_400,
-    "lines of tests": 31_700,
+    "lines of tests": 31_550,
     "lines of the longest function": 82,
     "imports inside functions": 14,
     "exceptions from rules (noqa)": 38,
