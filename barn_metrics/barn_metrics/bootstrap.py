@@ -116,10 +116,14 @@ def over_worlds(
 
 def spearman(a: Floats | Integers, b: Floats | Integers) -> Floats:
     """Return the rank correlation along the last axis, NaN where one side does not vary."""
-    first, second = (_ranks(one) for one in (a, b))
-    first, second = (one - one.mean(axis=-1, keepdims=True) for one in (first, second))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        found: Floats = (first * second).sum(axis=-1) / np.sqrt((first**2).sum(axis=-1) * (second**2).sum(axis=-1))
+    return correlation(_ranks(a), _ranks(b))
+
+
+def correlation(a: Floats, b: Floats) -> Floats:
+    """Return the correlation along the last axis, NaN where one side does not vary."""
+    a, b = (one - one.mean(axis=-1, keepdims=True) for one in (a, b))
+    scale = np.sqrt((a**2).sum(axis=-1) * (b**2).sum(axis=-1))
+    found: Floats = (a * b).sum(axis=-1) / np.where(scale > 1e-12, scale, np.nan)
     return found
 
 

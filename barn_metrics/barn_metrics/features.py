@@ -34,7 +34,6 @@ def world_features(world: World, narrow_clearance_m: float = NARROW_CLEARANCE_M)
     turning = heading_changes(path)
     total = float(np.abs(turning).sum())
     arc = float(lengths.sum())
-    p05, p10, p25, p50 = (float(value) for value in np.percentile(clearance, [5, 10, 25, 50]))
     passages, longest = _stretches(narrow, lengths)
     return {
         "path_length_m": arc,
@@ -43,10 +42,7 @@ def world_features(world: World, narrow_clearance_m: float = NARROW_CLEARANCE_M)
         "lateral_shift_m": abs(int(path[-1, 0]) - int(path[0, 0])) * world.resolution_m,
         # Distance from the path's cells to the surface of the nearest obstacle: lowest, percentiles and mean.
         "clearance_min_m": float(clearance.min()),
-        "clearance_p05_m": p05,
-        "clearance_p10_m": p10,
-        "clearance_p25_m": p25,
-        "clearance_p50_m": p50,
+        **{f"clearance_p{k:02}_m": float(np.percentile(clearance, k)) for k in (5, 10, 25, 50)},
         "clearance_mean_m": float(clearance.mean()),
         # Share of the path's cells with narrow clearance, and stretches of them.
         "narrow_share": float(narrow.mean()),
@@ -59,7 +55,7 @@ def world_features(world: World, narrow_clearance_m: float = NARROW_CLEARANCE_M)
         "turning_rad_per_m": total / arc if arc > 0.0 else 0.0,
         "turning_sharpest_rad": sharpest_turn(turning, lengths, TURNING_WINDOW_M),
         "turns": float(np.count_nonzero(turning)),
-        "reversals": float(_reversals(turning)),
+        "reversals": float(np.count_nonzero(np.diff(np.sign(turning[turning != 0.0])))),  # to the other side
         "narrow_turning_rad": float(np.abs(turning[narrow[1:-1]]).sum()),  # at cells with narrow clearance
         "filled_share": float(world.grid.mean()),
         "free_cspace_share": 1.0 - float(world.cspace.mean()),
@@ -157,9 +153,3 @@ def _stretches(narrow: npt.NDArray[np.bool_], lengths: Floats) -> tuple[int, flo
     along = np.append(0.0, np.cumsum(lengths))
     longest = float((along[end - 1] - along[first]).max()) if len(first) else 0.0
     return len(first), longest
-
-
-def _reversals(turning: Floats) -> int:
-    """Return the number of turns to the left after the right, or the reverse."""
-    signs = np.sign(turning[turning != 0.0])
-    return int(np.count_nonzero(np.diff(signs)))

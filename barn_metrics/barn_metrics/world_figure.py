@@ -7,8 +7,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -72,7 +71,8 @@ def world_figure(world: World, formula: Formula | str = CORRECTED) -> Figure:
     averages = asdict(world_metrics(world, chosen))
     figure = new_figure(_height_px(world))
     panels = figure.subplots(2, 3)
-    _draw_obstacles(panels[0, 0], world)
+    show_cells(panels[0, 0], world.grid)
+    panels[0, 0].set_title(f"Obstacles\n{float(world.grid.mean()):.0%} of the cells filled", fontsize=9)
     _draw_cspace(panels[0, 1], world, averages["tortuosity"])
     maps = metric_maps(world.cspace, chosen)
     places = (panels[0, 2], *panels[1])
@@ -102,30 +102,18 @@ def draw_map(axes: Axes, metric: Metric, values: Floats) -> None:
     finite = values[np.isfinite(values)]
     top = float(finite.max()) if len(finite) and finite.max() > 0.0 else 1.0
     shown = np.ma.masked_invalid(values)
+    norm, ticks = Normalize(0.0, top), None
     if metric.name == "dispersion":  # always even: every opening has two sides
-        steps = np.arange(-1.0, top + 2.0, 2.0)
-        picture = axes.imshow(shown, cmap=colours, norm=BoundaryNorm(steps, colours.N), interpolation="nearest")
-        _colour_bar(axes, picture, metric.unit, ticks=np.arange(0.0, top + 1.0, 2.0))
-    else:
-        picture = axes.imshow(shown, cmap=colours, vmin=0.0, vmax=top, interpolation="nearest")
-        _colour_bar(axes, picture, metric.unit)
+        norm = BoundaryNorm(np.arange(-1.0, top + 2.0, 2.0), colours.N)
+        ticks = np.arange(0.0, top + 1.0, 2.0)
+    picture = axes.imshow(shown, cmap=colours, norm=norm, interpolation="nearest")
     axes.set(xticks=[], yticks=[])
-
-
-def _colour_bar(axes: Axes, picture: ScalarMappable, unit: str, ticks: Floats | None = None) -> None:
-    """Add a colour bar of the panel's height to its right."""
     figure = axes.get_figure()
     assert isinstance(figure, Figure)
     bar = figure.colorbar(picture, cax=axes.inset_axes((1.03, 0.0, 0.05, 1.0)), ticks=ticks)
     bar.minorticks_off()
-    bar.set_label(unit, fontsize=8)
+    bar.set_label(metric.unit, fontsize=8)
     bar.ax.tick_params(labelsize=8, length=2)
-
-
-def _draw_obstacles(axes: Axes, world: World) -> None:
-    show_cells(axes, world.grid)
-    share = float(world.grid.mean())
-    axes.set_title(f"Obstacles\n{share:.0%} of the cells filled", fontsize=9)
 
 
 def _draw_cspace(axes: Axes, world: World, tortuosity: float) -> None:

@@ -4,7 +4,7 @@ Models are trained by repeated k-fold over worlds; intervals are of 95 % over wo
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
@@ -14,8 +14,8 @@ from barn_metrics import bootstrap
 from barn_metrics.bootstrap import Interval
 from barn_metrics.metrics import METRIC_NAMES
 from barn_metrics.model.inputs import inputs_of
-from barn_metrics.model.predictor import DifficultyModel
-from barn_metrics.model.training import HELD_OUT, TITLE, Mask, fold_masks, held_out, train_models, trained_worlds
+from barn_metrics.model.predictor import DifficultyModel, moments
+from barn_metrics.model.training import HELD_OUT, TITLE, fold_masks, held_out, train_models, trained_worlds
 from barn_metrics.model.trials import Trials
 from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.config import Checked, quantity
@@ -106,7 +106,7 @@ def evaluate(
     scores: list[ModelScore] = []
     for name in ([] if apart else [RIDGE]) + [WEIGHTS if model else ROUTES]:
         if model is None or name == RIDGE:
-            predicted, training_mse = _on_folds(_FITS[name], inputs, judged, chosen)
+            predicted, training_mse = _on_folds(name, inputs, judged, chosen)
             title = RIDGE_TITLE if name == RIDGE else TITLE
         else:
             predicted, training_mse = model.difficulty(inputs)[0][None], model.about.get("training_mse", math.nan)
@@ -131,8 +131,7 @@ def ridge(inputs: Floats, targets: Floats) -> Callable[[Floats], Floats]:
 
     The penalty on z-scored inputs is that of the lowest error of predicting each sample from all others.
     """
-    mean, std = inputs.mean(axis=0), inputs.std(axis=0)
-    std = np.where(std > 1e-9, std, 1.0)
+    mean, std = moments(inputs)
     left, singular, right = np.linalg.svd((inputs - mean) / std, full_matrices=False)
     bias = targets.mean()
     along = left.T @ (targets - bias)
@@ -144,27 +143,18 @@ def ridge(inputs: Floats, targets: Floats) -> Callable[[Floats], Floats]:
     return lambda unseen: (unseen - mean) / std @ weights + bias
 
 
-def _fit_ridge(inputs: Floats, trials: Trials, kept: Mask, _seed: int) -> Iterator[Floats]:
-    five, difficulty = inputs[:, : len(METRIC_NAMES)], trials.difficulty()
-    yield from (ridge(five[mask], difficulty[mask])(five) for mask in kept)
-
-
-def _fit_routes(inputs: Floats, trials: Trials, kept: Mask, seed: int) -> Iterator[Floats]:
-    yield from (model.difficulty(inputs)[0] for model in train_models(inputs, trials, kept, seed))
-
-
-# Trains a model per row of a mask (b, w) on inputs (w, d) and trials, from a seed; yields what each predicts for all.
-_Fit = Callable[[Floats, Trials, Mask, int], Iterator[Floats]]
-_FITS: dict[str, _Fit] = {RIDGE: _fit_ridge, ROUTES: _fit_routes}
-
-
-def _on_folds(fit: _Fit, inputs: Floats, trials: Trials, config: EvaluationConfig) -> tuple[Floats, float]:
+def _on_folds(name: str, inputs: Floats, trials: Trials, config: EvaluationConfig) -> tuple[Floats, float]:
     """Return predictions (repeats, w) by models that were trained without the world, and their mean training error."""
-    difficulty = trials.difficulty()
+    difficulty, five = trials.difficulty(), inputs[:, : len(METRIC_NAMES)]
     predicted, training = np.zeros((config.repeats, len(inputs))), []
     for repeat in range(config.repeats):
         kept = fold_masks(len(inputs), config.folds, config.seed + repeat)
-        for mask, given in zip(kept, fit(inputs, trials, kept, config.seed + repeat), strict=True):
+        if name == RIDGE:
+            fitted = [ridge(five[mask], difficulty[mask])(five) for mask in kept]
+        else:
+            models = train_models(inputs, trials, kept, config.seed + repeat)
+            fitted = [model.difficulty(inputs)[0] for model in models]
+        for mask, given in zip(kept, fitted, strict=True):
             predicted[repeat, ~mask] = given[~mask]
             training.append(np.mean((given - difficulty)[mask] ** 2))
     return predicted, float(np.mean(training))
@@ -175,7 +165,9 @@ def _score(
 ) -> ModelScore:
     """Return the errors of predictions (r, w), averaged over their r repeats, against measured times (w,)."""
     squared, means = ((predicted - measured) ** 2).mean(axis=0), predicted.mean(axis=0)
-    absolute = np.abs(predicted - measured).mean(axis=0)
+
+    def mean_of(values: Floats) -> Interval:
+        return over_worlds(lambda drawn: values[drawn].mean(axis=-1), len(measured))
 
     def spearman(drawn: Integers) -> Floats:
         each = [bootstrap.spearman(one[drawn], measured[drawn]) for one in predicted]
@@ -186,18 +178,13 @@ def _score(
         name,
         title,
         training_mse,
-        over_worlds(lambda drawn: squared[drawn].mean(axis=-1), len(measured)),
-        over_worlds(lambda drawn: absolute[drawn].mean(axis=-1), len(measured)),
+        mean_of(squared),
+        mean_of(np.abs(predicted - measured).mean(axis=0)),
         determination(predicted, measured),
         over_worlds(spearman, len(measured)),
-        _gain(np.array(yardstick.predictions), means, measured) if yardstick else None,
+        mean_of((yardstick.predictions - measured) ** 2 - (means - measured) ** 2) if yardstick else None,
         tuple(means.tolist()),
     )
-
-
-def _gain(worse: Floats, better: Floats, measured: Floats) -> Interval:
-    difference = (worse - measured) ** 2 - (better - measured) ** 2
-    return over_worlds(lambda drawn: difference[drawn].mean(axis=-1), len(measured))
 
 
 def determination(predicted: Floats, measured: Floats) -> Interval:
@@ -228,8 +215,9 @@ def noise_ceiling(trials: Trials, seed: int = 0) -> Interval | None:
     factor = fewest / (fewest // 2)
 
     def reliability(drawn: Integers) -> Floats:
-        each = np.mean([_pearson(first[drawn], second[drawn]) for first, second in halves], axis=0)
-        full: Floats = factor * each / (1.0 + (factor - 1.0) * each)
+        each = [bootstrap.correlation(first[drawn], second[drawn]) for first, second in halves]
+        mean = np.nan_to_num(each).mean(axis=0)  # what does not vary agrees with nothing
+        full: Floats = factor * mean / (1.0 + (factor - 1.0) * mean)
         return full
 
     return over_worlds(reliability, len(trials.world_numbers))
@@ -243,11 +231,3 @@ def _split(values: list[list[Floats]], half: int, generator: np.random.Generator
         means.append(np.array(drawn).T)
     mean: Floats = np.mean(means, axis=0)
     return mean
-
-
-def _pearson(a: Floats, b: Floats) -> Floats:
-    """Return the correlation along the last axis; 0 where one side does not vary."""
-    a, b = (one - one.mean(axis=-1, keepdims=True) for one in (a, b))
-    scale = np.sqrt((a**2).sum(axis=-1) * (b**2).sum(axis=-1))
-    found: Floats = np.where(scale > 1e-12, (a * b).sum(axis=-1) / np.maximum(scale, 1e-12), 0.0)
-    return found

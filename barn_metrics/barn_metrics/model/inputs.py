@@ -86,11 +86,8 @@ def _ends(where: ClearanceMap) -> Iterator[tuple[str, float]]:
     The goal is also looked at one cell of the world ahead, where it stands in relation to the obstacles of the original
     maps.
     """
-    for name, (row, column), ahead in (
-        ("start", where.start, 0),
-        ("goal", where.goal, 0),
-        ("goal_ahead", where.goal, 3),
-    ):
+    places = (("start", where.start, 0), ("goal", where.goal, 0), ("goal_ahead", where.goal, 3))
+    for name, (row, column), ahead in places:
         near, far = (_around(where, row, column + ahead, reach) for reach in (2, 4))
         yield f"{name}_clearance_m", near[len(near) // 2, near.shape[1] // 2]
         yield f"{name}_clearance_lowest_m", float(near.min())
@@ -100,11 +97,7 @@ def _ends(where: ClearanceMap) -> Iterator[tuple[str, float]]:
 def _around(where: ClearanceMap, row: int, column: int, reach: int) -> Floats:
     """Return the clearances about a cell, (2 reach + 1, 2 reach + 1), the map's edge repeated."""
     reached = np.arange(-reach, reach + 1)
-    rows, cols = where.clearance_m.shape
-    square: Floats = where.clearance_m[
-        np.ix_(np.clip(row + reached, 0, rows - 1), np.clip(column + reached, 0, cols - 1))
-    ]
-    return square
+    return where.clearance_m.take(row + reached, axis=0, mode="clip").take(column + reached, axis=1, mode="clip")
 
 
 def _along(route: Route, path_length_m: float) -> Iterator[tuple[str, float]]:
@@ -146,12 +139,10 @@ def summary_names() -> tuple[str, ...]:
 
 def inputs_of(worlds: Iterable[World]) -> Floats:
     """Return the inputs of worlds, (n, d); ModelError for an arena."""
-    return np.array([_inputs_of_one(world) for world in worlds])
-
-
-def _inputs_of_one(world: World) -> Floats:
-    if world.corner_m is not None:
-        raise ModelError(f"{world.name}: is an arena; models are of worlds whose obstacles stand on a grid")
-    values = np.array([value for _, value in _inputs(world)])
-    finite: Floats = np.nan_to_num(values, nan=0.0, posinf=_LARGEST, neginf=-_LARGEST)
+    rows = []
+    for world in worlds:
+        if world.corner_m is not None:
+            raise ModelError(f"{world.name}: is an arena; models are of worlds whose obstacles stand on a grid")
+        rows.append(np.array([value for _, value in _inputs(world)]))
+    finite: Floats = np.nan_to_num(rows, nan=0.0, posinf=_LARGEST, neginf=-_LARGEST)
     return finite

@@ -1,6 +1,6 @@
 """The difficulty model: inputs of a world in, predicted time per metre out, its networks evaluated with numpy."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -54,15 +54,18 @@ class RouteNetwork:
             # Zero after the end of a route, so that what follows it does not matter.
             values = np.maximum(_convolved(values, weights, dilation) + bias, 0.0) * present
         means = values.sum(axis=1) / np.maximum(present.sum(axis=1), 1.0)
-        return _connected(np.concatenate([values.max(axis=1), means, plain], axis=1), self.layers)
+        values = np.concatenate([values.max(axis=1), means, plain], axis=1)
+        *hidden, (weights, bias) = self.layers
+        for inner, offset in hidden:
+            values = np.maximum(values @ inner + offset, 0.0)
+        outputs: Floats = values @ weights + bias
+        return outputs
 
 
-def _connected(values: Floats, layers: Sequence[Layer]) -> Floats:
-    for weights, bias in layers[:-1]:
-        values = np.maximum(values @ weights + bias, 0.0)
-    weights, bias = layers[-1]
-    outputs: Floats = values @ weights + bias
-    return outputs
+def moments(values: Floats) -> tuple[Floats, Floats]:
+    """Return mean and standard deviation (d,) of values (n, d); the deviation of what does not vary is 1."""
+    std = values.std(axis=0)
+    return values.mean(axis=0), np.where(std > 1e-9, std, 1.0)
 
 
 def divided(inputs: Floats, mean: Floats, std: Floats) -> tuple[Floats, Floats]:

@@ -87,7 +87,9 @@ def clearance_map(world: World) -> ClearanceMap:
     clearance = distance_transform_edt(~np.kron(squares, np.ones((FINE, FINE), np.bool_))) * cell_m
     reach = round(WIDTH_REACH_M / cell_m)
     width = 2.0 * maximum_filter(clearance, size=2 * reach + 1)
-    ends = np.array([_start_m(world), _goal_m(world)])
+    first, last = world.path_m(historical=True)[[0, -1]]
+    start_x_m = np.clip(first[0], world.bounds_m[0] + _START_MARGIN_M, -_START_MARGIN_M)
+    ends = np.array([(start_x_m, _START_Y_M), (last[0], last[1] + _GOAL_AHEAD_M)])
     # y runs along columns; the first row of cells lies at the lowest x.
     from_y_m = world.bounds_m[3] - (cols + _LEAD_CELLS) * world.resolution_m
     corner = np.array([world.bounds_m[0] - _SIDE_CELLS * world.resolution_m, from_y_m])
@@ -108,17 +110,6 @@ def cheapest_route(where: ClearanceMap, cost_per_m: Floats) -> Route:
     inner = slice(round(0.8 / _SAMPLE_M), -round(0.3 / _SAMPLE_M)) if len(places) > 15 else slice(None)
     clearance, width = where.clearance_m[row, column][inner], where.width_m[row, column][inner]
     return Route(cost * where.cell_m, float(along[-1]), points, heading, clearance, width)
-
-
-def _start_m(world: World) -> tuple[float, float]:
-    x = float(world.path_m(historical=True)[0, 0])
-    low, high = world.bounds_m[0] + _START_MARGIN_M, -_START_MARGIN_M
-    return min(max(x, low), high), _START_Y_M
-
-
-def _goal_m(world: World) -> tuple[float, float]:
-    x, y = world.path_m(historical=True)[-1].tolist()
-    return x, y + _GOAL_AHEAD_M
 
 
 def _smooth(values: Floats) -> Floats:

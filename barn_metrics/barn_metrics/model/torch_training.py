@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from barn_metrics.model.inputs import summary_names
-from barn_metrics.model.predictor import DILATIONS, Layer, RouteNetwork, divided, present_in, side_by_side
+from barn_metrics.model.predictor import DILATIONS, Layer, RouteNetwork, divided, moments, present_in, side_by_side
 from barn_metrics.model.route import PRESENT, mirrored
 from barn_worlds.base.arrays import Floats
 
@@ -56,8 +56,8 @@ class NetworkTraining:
     def __init__(self, inputs: Floats, targets: Floats, config: NetworkConfig, seed: int) -> None:
         self._config = config
         self._chance = torch.Generator().manual_seed(seed)
-        self._mean, self._std = _moments(inputs[:, : len(summary_names())])
-        self.shift, self.spread = _moments(targets)
+        self._mean, self._std = moments(inputs[:, : len(summary_names())])
+        self.shift, self.spread = moments(targets)
         plain, strips = divided(inputs, self._mean, self._std)
         self._plain = _tensor(plain)
         longest = max(int(strips[..., PRESENT].any(axis=(0, 1)).sum()), 1)
@@ -126,13 +126,6 @@ class NetworkTraining:
         *layers, (weights, bias) = map(_arrays, self._layers)
         last = weights * self.spread, bias * self.spread + self.shift
         return RouteNetwork(self._mean, self._std, filters, (*layers, last))
-
-
-def _moments(values: Floats) -> tuple[Floats, Floats]:
-    """Return mean and standard deviation (d,) of values (n, d); the deviation of what does not vary is 1."""
-    mean = values.sum(axis=0) / len(values)
-    std = np.sqrt(((values - mean) ** 2).sum(axis=0) / len(values))
-    return mean, np.where(std > 1e-9, std, 1.0)
 
 
 def _tensor(values: Floats) -> Tensor:
