@@ -68,11 +68,8 @@ def test_worlds_are_known_by_their_checksum_whatever_their_number(source, tmp_pa
 
 def test_trials_that_do_not_count_and_worlds_without_every_planner_are_left_out(tmp_path):
     def lost(result):
-        return (
-            replace(result, outcome=Outcome.ENVIRONMENT_FAILED, fault="environment")
-            if result.trial_id == lost_id
-            else result
-        )
+        failed = replace(result, outcome=Outcome.ENVIRONMENT_FAILED, fault="environment")
+        return failed if result.trial_id == lost_id else result
 
     lost_id = experiment_of("0-11", 1).trials()[0].trial_id
     write_made_up(tmp_path / "out", experiment_of("0-11", 1), change=lost)

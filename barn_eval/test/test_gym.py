@@ -181,7 +181,7 @@ def test_a_collision_terminates(make):
     env.reset(seed=0)
     with pytest.raises(BarnError, match=r"action must be an array of shape \(2,\), got \(3,\)"):
         env.step(np.zeros(3))
-    rewards, terminated, truncated, info = run_out(env, np.array([0.2, 0.0], np.float32))
+    rewards, terminated, truncated, info = run_out(env, FORWARD)
     assert (terminated, truncated, info["outcome"], info["is_success"]) == (True, False, "collision", False)
     assert rewards[-1] < -9.0 and info["scores"]["challenge"] == 0.0 and "contact" in info["detail"]
     with pytest.raises(gymnasium.error.ResetNeeded):
@@ -205,7 +205,7 @@ def test_a_success_terminates_and_the_progress_adds_up(make, open_world, tmp_pat
     env = make(config=EnvConfig(dataset=str(tmp_path / "world_0.npy"), reward=reward))
     _, info = env.reset(seed=0)
     before_m = info["way_left_m"]
-    rewards, terminated, truncated, info = run_out(env, np.array([0.2, 0.0], np.float32))
+    rewards, terminated, truncated, info = run_out(env, FORWARD)
     assert (terminated, truncated, info["outcome"], info["is_success"]) == (True, False, "success", True)
     assert info["scores"]["challenge"] == 0.5
     assert sum(rewards) == pytest.approx(2.0 * (before_m - info["way_left_m"]) + reward.success)
@@ -233,7 +233,7 @@ def test_a_shield_keeps_from_a_collision_and_costs(make):
     config = EnvConfig(worlds="150", safety=SafetyConfig())
     env = make(config=config)
     env.reset(seed=0)
-    rewards = [env.step(np.array([0.2, 0.0], np.float32))[1] for _ in range(150)]
+    rewards = [env.step(FORWARD)[1] for _ in range(150)]
     assert env._place[0].running[0]
     assert min(rewards) < -0.04 and rewards[0] > -0.03
 

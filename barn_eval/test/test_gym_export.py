@@ -72,23 +72,8 @@ def test_what_a_file_cannot_hold_is_refused(vectorised, tmp_path):
 
 @pytest.mark.skipif(not EXAMPLE.is_file(), reason="the repository's examples are not beside this package")
 def test_the_training_script_trains_draws_and_compares(tmp_path):
-    ended = subprocess.run(
-        [
-            sys.executable,
-            str(EXAMPLE),
-            "--steps",
-            "1",
-            "--environments",
-            "8",
-            "--held-out",
-            "1",
-            "--out",
-            str(tmp_path),
-        ],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    command = [sys.executable, EXAMPLE, *["--steps", "1", "--environments", "8", "--held-out", "1", "--out"], tmp_path]
+    ended = subprocess.run(command, capture_output=True, text=True, check=True)
     assert ended.stdout.count("held-out worlds") == 3
     with (tmp_path / "curve.csv").open() as file:
         (row,) = csv.DictReader(file)

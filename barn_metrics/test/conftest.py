@@ -1,4 +1,4 @@
-"""The 50 original worlds of the sample, where they are there, and grids for property-based tests."""
+"""The 50 original worlds of the sample, where they are there, and a sixth of barn300."""
 
 import csv
 import os
@@ -8,6 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+
+from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.worlds.world import World
 
 
 class Original(NamedTuple):
@@ -24,6 +27,12 @@ class Original(NamedTuple):
 def _folder() -> Path:
     beside_repository = Path(__file__).resolve().parents[3] / "shared" / "barn_original"
     return Path(os.environ.get("BARN_ORIGINAL", beside_repository))
+
+
+@pytest.fixture(scope="session")
+def worlds() -> dict[int, World]:
+    dataset = open_dataset("barn300")
+    return {index: dataset.load(index) for index in dataset.indices[::6]}
 
 
 @pytest.fixture(scope="session")

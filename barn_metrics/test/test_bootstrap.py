@@ -1,7 +1,6 @@
 """Intervals over worlds against draws written out, and the one way in which estimates are written."""
 
 import math
-import warnings
 
 import numpy as np
 import pytest
@@ -64,26 +63,16 @@ def test_a_limit_that_is_infinite_is_none():
     assert over_worlds(endless_if_alike, 3) == Interval(1.0)
 
 
-def test_worlds_that_are_all_alike_raise_no_warning():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert over_worlds(lambda drawn: np.ones(drawn.shape[:-1]), 5) == Interval(1.0, 1.0, 1.0)
-
-
-def test_one_world_has_no_limits_and_equal_worlds_have_no_width():
-    for method in ("BCa", "percentile"):
-        assert over_worlds(lambda drawn: drawn.mean(axis=-1), 1, method=method) == Interval(0.0)
-        assert over_worlds(lambda drawn: np.ones(drawn.shape[:-1]), 5, method=method) == Interval(1.0, 1.0, 1.0)
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("method", ["BCa", "percentile"])
+def test_one_world_has_no_limits_and_equal_worlds_have_no_width_and_raise_no_warning(method):
+    assert over_worlds(lambda drawn: drawn.mean(axis=-1), 1, method=method) == Interval(0.0)
+    assert over_worlds(lambda drawn: np.ones(drawn.shape[:-1]), 5, method=method) == Interval(1.0, 1.0, 1.0)
 
 
 def test_numbers_have_no_signed_zero_and_none_is_a_dash():
-    assert [number(value) for value in (-0.004, -0.0, 0.004, -0.006, 12.345)] == [
-        "0.00",
-        "0.00",
-        "0.00",
-        "-0.01",
-        "12.35",
-    ]
+    written = {-0.004: "0.00", -0.0: "0.00", 0.004: "0.00", -0.006: "-0.01", 12.345: "12.35"}
+    assert {value: number(value) for value in written} == written
     assert number(-0.0004, 3) == "0.000"
     assert [number(value) for value in (None, math.nan, -math.inf)] == ["-"] * 3
 

@@ -127,15 +127,11 @@ def test_every_free_cell_equals_the_plain_reference(formula, cspace):
     np.testing.assert_allclose(cell_metrics(cspace, free, formula), expected, rtol=0, atol=1e-9)
 
 
-def test_published_formula_gives_the_published_values(originals):
-    ours = [path_metrics(world.cspace, world.path, "published").as_array() for world in originals]
-    np.testing.assert_allclose(ours, [world.published for world in originals], rtol=0, atol=1e-9)
+@pytest.mark.parametrize(("formula", "within"), [("published", 1e-9), ("corrected", 1e-6)])
+def test_a_formula_gives_the_values_that_it_is_named_after(originals, formula, within):
+    ours = [path_metrics(world.cspace, world.path, formula).as_array() for world in originals]
+    np.testing.assert_allclose(ours, [getattr(world, formula) for world in originals], rtol=0, atol=within)
     assert len(ours) == 50
-
-
-def test_corrected_formula_gives_the_corrected_values(originals):
-    ours = [path_metrics(world.cspace, world.path).as_array() for world in originals]
-    np.testing.assert_allclose(ours, [world.corrected for world in originals], rtol=0, atol=1e-6)
 
 
 def test_published_largest_characteristic_dimension_is_not_that_of_the_published_paths(originals):

@@ -12,21 +12,7 @@ from barn_metrics.model.inputs import input_names, inputs_of
 from barn_metrics.model.route import cheapest_route, clearance_map
 from barn_metrics.model.training import fold_masks, train
 from barn_metrics.model.trials import Trials
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
-
-COUNT = 40
-
-
-@pytest.fixture(scope="module")
-def worlds():
-    dataset = open_dataset("barn300")
-    return {index: dataset.load(index) for index in dataset.indices[:: 300 // COUNT][:COUNT]}
-
-
-@pytest.fixture(scope="module")
-def trials(worlds):
-    return made_trials(worlds)
 
 
 def made_trials(worlds, repetitions=4, noise=0.1):
@@ -142,9 +128,10 @@ def test_ceiling_is_the_known_reliability_of_simulated_trials():
     assert noise_ceiling(single) is None
 
 
-def test_training_needs_worlds(worlds, trials):
+def test_training_needs_worlds(worlds):
+    trials = made_trials(worlds)
     few = trials.only(trials.world_numbers[:9])
     with pytest.raises(ModelError, match="at least 10 worlds with trials of every planner, got 9"):
         train(worlds, few)
     with pytest.raises(ModelError, match="trials of world 0, but not the world itself"):
-        train({7: worlds[7]}, trials)
+        train({6: worlds[6]}, trials)

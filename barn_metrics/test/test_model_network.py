@@ -20,16 +20,9 @@ from barn_metrics.model.route import (
     mirrored,
     route_strip,
 )
-from barn_worlds.worlds.dataset import open_dataset
 
 SUMMED_UP = len(summary_names())
 MIDDLE = HEADING // 2
-
-
-@pytest.fixture(scope="module")
-def inputs():
-    dataset = open_dataset("barn300")
-    return inputs_of(dataset.load(index) for index in dataset.indices[::12])
 
 
 def made_network(outputs=2, seed=4):
@@ -58,8 +51,8 @@ def test_a_strip_shows_the_clearance_along_and_beside_the_route():
     assert strip[gap, 0] < strip[gap, MIDDLE] > strip[gap, HEADING - 1]
 
 
-def test_mirrored_strips_are_those_of_the_mirrored_world():
-    where = clearance_map(open_dataset("barn300").load(150))
+def test_mirrored_strips_are_those_of_the_mirrored_world(worlds):
+    where = clearance_map(worlds[150])
     route = cheapest_route(where, 1.0 / np.clip(where.clearance_m, 0.05, 1.0))
     turned = replace(where, clearance_m=where.clearance_m[::-1])
     other = replace(route, points=[len(where.clearance_m) - 1, 0] + route.points * [-1, 1])
@@ -81,8 +74,8 @@ def test_convolution_is_that_of_plain_loops():
         assert _convolved(values, weights, dilation) == pytest.approx(expected)
 
 
-def test_the_output_for_a_world_depends_on_that_world_alone_and_not_on_its_side(inputs):
-    network = made_network()
+def test_the_output_for_a_world_depends_on_that_world_alone_and_not_on_its_side(worlds):
+    network, inputs = made_network(), inputs_of(list(worlds.values())[::2])
     together = network(inputs)
     assert np.concatenate([network(row[None]) for row in inputs]) == pytest.approx(together, rel=1e-9)
     turned = inputs.copy()

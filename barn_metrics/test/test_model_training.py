@@ -16,12 +16,6 @@ from barn_worlds.worlds.dataset import open_dataset
 torch = pytest.importorskip("torch", reason="networks are trained with PyTorch")
 
 
-@pytest.fixture(scope="module")
-def worlds():
-    dataset = open_dataset("barn300")
-    return {index: dataset.load(index) for index in dataset.indices[::6]}
-
-
 def test_training_repeats_and_numpy_evaluates_it_as_torch_does(worlds):
     from barn_metrics.model.torch_training import NetworkConfig, NetworkTraining, train_network  # noqa: PLC0415 (optional)
 

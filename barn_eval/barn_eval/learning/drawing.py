@@ -50,10 +50,13 @@ class TopView:
         """Return the picture (height, width, 3) of this instant: returns of the lidar, trail and robot."""
         picture = self._world.copy()
         draw = ImageDraw.Draw(picture)
-        spec, pose, scan = episodes.trial(0).spec, _pose(episodes), episodes.scan(0)
-        for place in self._pixels(_passed(episodes)):
+        spec, scan = episodes.trial(0).spec, episodes.scan(0)
+        pose = Pose2D(*episodes.readings.truths[0].tolist())
+        motion_s = spec.phase_s + seconds(int(episodes.readings.stamps_ns[0]))
+        passed_m, _ = spec.world.tracks.over(motion_s - np.arange(0.0, TRAIL_S, _PASSED_STEP_S))
+        for place in self._pixels(passed_m.reshape(-1, 2)):
             draw.circle(place, 2, fill=MOVER)
-        self._fill(draw, moving_bodies(spec.world.tracks, _motion_time_s(episodes)), MOVER)
+        self._fill(draw, moving_bodies(spec.world.tracks, motion_s), MOVER)
         if len(self._trail) > 1:
             draw.line(self._trail, fill=TRAIL, width=2)
         chassis, mount = spec.simulator.chassis, spec.simulator.lidar
@@ -73,18 +76,3 @@ class TopView:
 
     def _pixels(self, points_m: Points) -> list[tuple[float, float]]:
         return [((x - self._left) * _PIXELS_PER_M, (self._top - y) * _PIXELS_PER_M) for x, y in points_m.tolist()]
-
-
-def _pose(episodes: Episodes) -> Pose2D:
-    return Pose2D(*episodes.readings.truths[0].tolist())
-
-
-def _passed(episodes: Episodes) -> Points:
-    """Return where moving obstacles were in the last seconds (k, 2)."""
-    times_s = _motion_time_s(episodes) - np.arange(0.0, TRAIL_S, _PASSED_STEP_S)
-    return episodes.trial(0).spec.world.tracks.over(times_s)[0].reshape(-1, 2)
-
-
-def _motion_time_s(episodes: Episodes) -> float:
-    """Return how far into their motions what moves is."""
-    return episodes.trial(0).spec.phase_s + seconds(int(episodes.readings.stamps_ns[0]))

@@ -1,7 +1,7 @@
 """Many environments at once: `make_vec("barn/Jackal-v0", num_envs=64, vectorization_mode="vector_entry_point")`."""
 
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import gymnasium
 import numpy as np
@@ -42,7 +42,7 @@ class JackalVectorEnv(SyncVectorEnv):
         self._config = replace_dotted(config or EnvConfig(), changes, "environment")
         make = partial(JackalEnv, self._config, opened=open_dataset(self._config.dataset))
         super().__init__([make] * num_envs, autoreset_mode=autoreset_mode)
-        self._jackals = [_jackal(env) for env in self.envs]
+        self._jackals = [cast(JackalEnv, env.unwrapped) for env in self.envs]
         self._episodes = self._jackals[0].episodes(num_envs)
         self._everyone = np.ones(num_envs, np.bool_)
         for index, env in enumerate(self._jackals):
@@ -125,9 +125,3 @@ class JackalVectorEnv(SyncVectorEnv):
         """Close the environments."""
         super().close_extras(**kwargs)
         self._episodes.close()
-
-
-def _jackal(env: gymnasium.Env[Any, Any]) -> JackalEnv:
-    unwrapped = env.unwrapped
-    assert isinstance(unwrapped, JackalEnv)
-    return unwrapped

@@ -68,43 +68,23 @@ def generate(
     if target is not None:
         require_new(target)
     driven = load_robot(robot)
+    named = other_name(driven.chassis)
+    file = target if target is not None and target.suffix == ".npz" else None
     if parameters and "kind" in parameters:
-        return _hard(target, per_set, seed, parameters, driven, keep, progress)
-    asked = DatasetParameters(
-        target.stem if target else "generated",
-        seed,
-        per_set,
-        keep=keep,
-        robot=other_name(driven.chassis),
-        sets=_sets(parameters or {}, driven),
-    )
-    if target is not None and target.suffix == ".npz":
-        write_dataset(target, asked, progress=progress)
-        return load(target)
-    numbered = reordered(*ranked_dataset(asked, progress=progress))
-    if target is not None:
-        write_layout(target, numbered)
-    return numbered
-
-
-def _hard(
-    target: Path | None,
-    per_kind: int,
-    seed: int,
-    parameters: Mapping[str, object],
-    robot: Robot,
-    keep: int,
-    progress: Progress | None,
-) -> dict[int, World]:
-    """Make hard worlds, write them where asked, and return them by number."""
-    if keep:
-        raise ConfigError("keep is not for hard worlds, of which all are kept")
-    name = target.stem if target else "hard"
-    worlds = hard_worlds(parameters, per_kind, seed, robot, name, progress)
-    order = Order(NARROWNESS, tuple(map(narrowness, worlds)))
-    about = {"seed": seed, "robot": other_name(robot.chassis)}
-    if target is not None and target.suffix == ".npz":
-        return write_ordered(target, name, worlds, order, about)
+        if keep:
+            raise ConfigError("keep is not for hard worlds, of which all are kept")
+        name = target.stem if target else "hard"
+        worlds = hard_worlds(parameters, per_set, seed, driven, name, progress)
+        order = Order(NARROWNESS, tuple(map(narrowness, worlds)))
+        if file:
+            return write_ordered(file, name, worlds, order, {"seed": seed, "robot": named})
+    else:
+        name, sets = target.stem if target else "generated", _sets(parameters or {}, driven)
+        asked = DatasetParameters(name, seed, per_set, keep=keep, robot=named, sets=sets)
+        if file:
+            write_dataset(file, asked, progress=progress)
+            return load(file)
+        worlds, order = ranked_dataset(asked, progress=progress)
     numbered = reordered(worlds, order)
     if target is not None:
         write_layout(target, numbered)
