@@ -20,14 +20,13 @@ from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_planners.policy.planner import SafetyConfig
 from barn_planners.policy.space import ACTIONS, Vector
 from barn_planners.robots import fitted, lidar_place
-from barn_sim.config import SimulatorConfig, robot_of
+from barn_sim.config import robot_of
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.base.types import seconds
 from barn_worlds.robots.files import load_robot
 from barn_worlds.worlds.dataset import Dataset, open_dataset, select_worlds
-from barn_worlds.worlds.world import World
 
 RENDER_MODES = ("rgb_array",)
 _MOST_KEPT = 2000  # worlds of which everything is kept
@@ -72,13 +71,13 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         some = replace(self._dataset, readers={index: partial(self._dataset.load, index) for index in chosen})
         self.curriculum = Curriculum(some, self.config.curriculum)
         self.protocol = load_protocol(self.config.protocol)
-        self._simulator = simulator_config(self.protocol, self.config.simulator, robot)
-        self._dataset.require_fit(robot_of(self._simulator), chosen)
+        self.simulator_config = simulator_config(self.protocol, self.config.simulator, robot)
+        self._dataset.require_fit(robot_of(self.simulator_config), chosen)
         self._safety = self._placed(self.config.safety)
         low, high = self.config.observation.bounds()
         self.observation_space = spaces.Box(low, high, dtype=np.float32)
         self.action_space = spaces.Box(-1.0, 1.0, (ACTIONS,), np.float32)
-        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self._simulator.control_period_s))}
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.simulator_config.control_period_s))}
         self._picture: TopView | None = None
         self._place: tuple[Episodes, int] | None = None
         self._joined = False
@@ -86,16 +85,11 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
 
     def episodes(self, count: int = 1) -> Episodes:
         """Return room for so many episodes of this environment."""
-        return Episodes(count, self.config, self._simulator, self._safety)
+        return Episodes(count, self.config, self.simulator_config, self._safety)
 
     def join(self, episodes: Episodes, index: int) -> None:
         """Let the episodes from now on advance among others, instead of by `step`."""
         self._place, self._joined = (episodes, index), True
-
-    @property
-    def simulator_config(self) -> SimulatorConfig:
-        """Configuration of the simulator."""
-        return self._simulator
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
@@ -158,7 +152,12 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self, options: Mapping[str, int], known: dict[int, tuple[TrialSpec, Floats]]
     ) -> tuple[TrialSpec, Floats]:
         """Return a new trial and the way in its world; what `options` do not give is drawn."""
-        index, world = self._world(options.get("world"))
+        index = options.get("world")
+        if index is None:
+            hardest = min(self.curriculum.level if self.config.adaptive else 1.0, self.config.hardest)
+            index, world = self.curriculum.draw(self.np_random, self.config.easiest, hardest)
+        else:
+            world = self._dataset.load(index)
         seed = options.get("campaign_seed")
         seed = int(self.np_random.integers(2**62)) if seed is None else seed
         repetition = options.get("repetition", 0)
@@ -175,7 +174,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
             preset="",
             overrides={},
             protocol=self.protocol,
-            simulator=self._simulator,
+            simulator=self.simulator_config,
             campaign_seed=seed,
             repetition=repetition,
             declared_mps=self.config.action.cap_mps,
@@ -183,22 +182,16 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         known[index] = spec, way_points(world, spec.course, self.config.reward.progress_along)
         return known[index]
 
-    def _world(self, index: int | None) -> tuple[int, World]:
-        if index is not None:
-            return index, self._dataset.load(index)
-        hardest = self.curriculum.level if self.config.adaptive else 1.0
-        return self.curriculum.draw(self.np_random, self.config.easiest, min(hardest, self.config.hardest))
-
     def _placed(self, safety: SafetyConfig) -> SafetyConfig:
         """Return the shield for the robot, its lidar where the simulator has it; ConfigError for another place."""
-        mount_m = self._simulator.lidar.mount_x_m
+        mount_m = self.simulator_config.lidar.mount_x_m
         if safety.lidar_x_m not in (SafetyConfig().lidar_x_m, mount_m):
             raise ConfigError(
                 f"safety.lidar_x_m is {safety.lidar_x_m:g}, but the lidar is mounted at {mount_m:g} m (simulator"
                 " parameter lidar.mount_x_m)"
             )
         placed = replace(safety, lidar_x_m=mount_m)
-        robot = robot_of(self._simulator)
+        robot = robot_of(self.simulator_config)
         return replace_dotted(placed, fitted(placed, robot) | lidar_place(placed, robot.lidar), "safety")
 
     def _info(self, episodes: Episodes) -> dict[str, Any]:
