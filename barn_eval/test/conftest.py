@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from browser import Opened, launch
 from extra_messages import more_messages, with_more_messages
+from report_work import drive
 
 from barn_eval.commands.main import main
 from barn_worlds.moving.motion import Motion, MovingObstacle
@@ -69,6 +70,12 @@ def original() -> Path:
     if not path.is_dir():
         pytest.skip(f"no original worlds at {path} (set BARN_ORIGINAL)")
     return path
+
+
+@pytest.fixture(scope="session")
+def run(tmp_path_factory) -> Path:
+    """The folder of one trial that was driven, for campaigns made of it; nobody changes it."""
+    return drive(tmp_path_factory.mktemp("driven") / "run")
 
 
 @pytest.fixture(scope="session")

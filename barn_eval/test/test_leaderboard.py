@@ -6,7 +6,7 @@ import re
 import shutil
 
 import pytest
-from report_work import EVIL, campaign, drive, rewrite_rows
+from report_work import EVIL, campaign, rewrite_rows
 
 from barn_eval.analysis.leaderboard import configuration_hash, leaderboard
 from barn_eval.analysis.planners import colours
@@ -14,11 +14,6 @@ from barn_eval.analysis.sources import read_source
 from barn_eval.pages.report.leaderboard import markdown, page
 from barn_eval.trials.protocol import PAPER_2020
 from barn_worlds.base.errors import BarnError
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    return drive(tmp_path_factory.mktemp("leaderboard") / "run")
 
 
 def test_a_clear_difference_gives_ranks_and_the_same_results_a_tie(run, tmp_path):

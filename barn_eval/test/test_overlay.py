@@ -5,7 +5,7 @@ import pytest
 from matplotlib.collections import EllipseCollection, LineCollection, PolyCollection
 from matplotlib.colors import to_hex
 from PIL import Image
-from report_work import EVIL, campaign, drive
+from report_work import EVIL, campaign
 
 import barn_eval as barn
 from barn_eval.analysis.planners import colours
@@ -17,10 +17,9 @@ from barn_worlds.worlds.dataset import open_dataset
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def folder(run, tmp_path_factory):
     """Two planners, three trials of world 0 with a track, one of each planner and a repetition."""
-    path = tmp_path_factory.mktemp("overlay")
-    return campaign(path / "campaign", drive(path / "run"), worlds=6)
+    return campaign(tmp_path_factory.mktemp("overlay") / "campaign", run, worlds=6)
 
 
 def drawn(figure, kind):

@@ -2,7 +2,7 @@
 
 import pytest
 from browser import PHONE, violations
-from report_work import campaign, drive
+from report_work import campaign
 
 from barn_eval.analysis.leaderboard import leaderboard
 from barn_eval.pages.live.server import Watch
@@ -18,10 +18,10 @@ BACKGROUND = "getComputedStyle(document.body).backgroundColor"
 
 
 @pytest.fixture(scope="module")
-def addresses(tmp_path_factory):
+def addresses(run, tmp_path_factory):
     """The address of each page."""
     place = tmp_path_factory.mktemp("pages")
-    folder = campaign(place / "campaign", drive(place / "run"))
+    folder = campaign(place / "campaign", run)
     write_report([folder], place / "report.html", hardest=1)
     write_boards(leaderboard([folder]), place / "leaderboard.html")
     write_replay(folder / "bags" / "gap_w0000_r00", html=place / "replay.html")

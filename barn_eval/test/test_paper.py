@@ -5,7 +5,7 @@ import shutil
 import subprocess
 
 import pytest
-from report_work import campaign, drive
+from report_work import campaign
 from test_compare import results
 
 import barn_eval as barn
@@ -16,9 +16,8 @@ ROW = re.compile(r"^\{\}(.*) \\\\$", re.M)
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    place = tmp_path_factory.mktemp("paper")
-    return campaign(place / "campaign", drive(place / "run"), ("gap", "dwa"), bags=0)
+def folder(run, tmp_path_factory):
+    return campaign(tmp_path_factory.mktemp("paper") / "campaign", run, bags=0)
 
 
 def cells(text):

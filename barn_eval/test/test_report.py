@@ -45,11 +45,6 @@ SHOWN = [one for one in CHARTS.values() if one.name != "sweep"]  # which is of s
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    return drive(tmp_path_factory.mktemp("report") / "run")
-
-
-@pytest.fixture(scope="module")
 def folder(run, tmp_path_factory):
     return campaign(tmp_path_factory.mktemp("campaigns") / "campaign", run)
 

@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from report_work import campaign, drive
+from report_work import campaign
 from rich.console import Console
 
 import barn_eval
@@ -21,8 +21,7 @@ WIDTHS = (60, 80, 120)
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    run = drive(tmp_path_factory.mktemp("terminal") / "run")
+def folder(run, tmp_path_factory):
     made = campaign(tmp_path_factory.mktemp("campaigns") / "a_campaign", run, planners=("gap", "dwa", "eband"), bags=1)
     shutil.copytree(made, made.with_name("b"))
     return made
@@ -79,16 +78,12 @@ def test_tables_of_commands_are_whole(folder, tables, monkeypatch, command):
     if command[0] == "info":
         pytest.importorskip("torch")
     monkeypatch.chdir(folder.parent)  # names of files are short: one that is wider than the terminal has to be broken
-    main_code(command)
+    with pytest.raises(SystemExit) as ended:
+        main(command)
+    assert ended.value.code == 0
     assert tables
     for made in tables:
         check_whole(made)
-
-
-def main_code(words):
-    with pytest.raises(SystemExit) as ended:
-        main(words)
-    assert ended.value.code == 0
 
 
 def test_tables_of_runs_and_campaigns_are_whole(folder):

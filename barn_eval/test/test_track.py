@@ -23,11 +23,6 @@ from barn_eval.trials.trajectory import Trajectory
 from barn_worlds.base.errors import ConfigError
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    return drive(tmp_path_factory.mktemp("tracks") / "run")
-
-
 def samples(count, period_s=0.05):
     draw = np.random.default_rng(count)
     rows = draw.normal(size=(count, 9))

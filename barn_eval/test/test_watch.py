@@ -9,17 +9,12 @@ import sys
 from urllib.parse import quote
 
 import pytest
-from report_work import EVIL, campaign, drive
+from report_work import EVIL, campaign
 
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.rows import ResultRows, sealed
 from barn_eval.pages.live.server import CampaignState, Watch, state_of
 from barn_worlds.base.errors import ConfigError
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    return drive(tmp_path_factory.mktemp("watch") / "run")
 
 
 @pytest.fixture
