@@ -26,7 +26,7 @@ class Training(Checked):
 
     planner: str = quantity("", "planner whose times alone are learned, empty for the mean of all")
     dataset: str = quantity("", "where the worlds are, empty for where the results say")
-    seed: int = quantity(0, "all randomness comes from it", minimum=0, maximum=2**62)
+    seed: int = quantity(0, "all randomness comes from it", "", 0, 2**62)
 
 
 @dataclass(frozen=True)

@@ -83,8 +83,8 @@ class BenchSetup(Checked):
     """What `bench` measures."""
 
     dataset: str = quantity("barn300", "data set that the world is from")
-    world: int = quantity(-1, "world of the trials, -1 for the one in the middle", minimum=-1, maximum=1_000_000_000)
-    repeats: int = quantity(3, "the best of so many counts", minimum=1, maximum=100)
+    world: int = quantity(-1, "world of the trials, -1 for the one in the middle", "", -1, 1_000_000_000)
+    repeats: int = quantity(3, "the best of so many counts", "", 1, 100)
     ros: bool = quantity(True, "a trial over ROS is measured, if rclpy is installed")
 
 

@@ -27,14 +27,12 @@ T = TypeVar("T", DriveConfig, LidarConfig, OdometryConfig)
 class PhysicsConfig(Checked):
     """The integration and the ground."""
 
-    tick_s: float = quantity(0.005, "physics step", "s", minimum=0.0005, maximum=0.01)
-    gravity_m_s2: float = quantity(9.81, "acceleration of free fall", "m/s2", minimum=1.0, maximum=30.0)
-    wheel_friction: float = quantity(0.5, "friction coefficient of the wheels on the ground", minimum=0.0, maximum=3.0)
-    chassis_friction: float = quantity(1.0, "friction coefficient of the body", minimum=0.0, maximum=3.0)
-    tyre_deflection_m: float = quantity(
-        0.002, "deflection of a tyre under its share of the weight", "m", minimum=0.0005, maximum=0.01
-    )
-    tyre_damping_ratio: float = quantity(0.5, "damping of that spring, 1 critical", minimum=0.05, maximum=1.0)
+    tick_s: float = quantity(0.005, "physics step", "s", 0.0005, 0.01)
+    gravity_m_s2: float = quantity(9.81, "acceleration of free fall", "m/s2", 1.0, 30.0)
+    wheel_friction: float = quantity(0.5, "friction coefficient of the wheels on the ground", "", 0.0, 3.0)
+    chassis_friction: float = quantity(1.0, "friction coefficient of the body", "", 0.0, 3.0)
+    tyre_deflection_m: float = quantity(0.002, "deflection of a tyre under its share of the weight", "m", 0.0005, 0.01)
+    tyre_damping_ratio: float = quantity(0.5, "damping of that spring, 1 critical", "", 0.05, 1.0)
 
 
 @dataclass(frozen=True)
@@ -47,55 +45,42 @@ class LocalisationConfig(Checked):
     """
 
     mode: str = quantity("exact", "where the pose in the map frame comes from", choices=("exact", "amcl", "particles"))
-    position_std_m: float = quantity(
-        0.04, "standard deviation of the error along x and along y", "m", minimum=0.0, maximum=5.0
-    )
-    yaw_std_rad: float = quantity(0.01, "standard deviation of the yaw error", "rad", minimum=0.0, maximum=3.0)
-    offset_x_m: float = quantity(
-        0.0, "constant offset of the pose along x, as with a shifted map", "m", minimum=-5.0, maximum=5.0
-    )
-    offset_y_m: float = quantity(0.0, "constant offset of the pose along y", "m", minimum=-5.0, maximum=5.0)
-    correlation_updates: float = quantity(
-        5.0, "updates after which an error has decayed to 1/e", minimum=0.01, maximum=1000.0
-    )
-    update_distance_m: float = quantity(0.1, "distance between updates", "m", minimum=0.001, maximum=100.0)
-    update_turn_rad: float = quantity(0.314, "turn between updates", "rad", minimum=0.001, maximum=100.0)
+    position_std_m: float = quantity(0.04, "standard deviation of the error along x and along y", "m", 0.0, 5.0)
+    yaw_std_rad: float = quantity(0.01, "standard deviation of the yaw error", "rad", 0.0, 3.0)
+    offset_x_m: float = quantity(0.0, "constant offset of the pose along x, as with a shifted map", "m", -5.0, 5.0)
+    offset_y_m: float = quantity(0.0, "constant offset of the pose along y", "m", -5.0, 5.0)
+    correlation_updates: float = quantity(5.0, "updates after which an error has decayed to 1/e", "", 0.01, 1000.0)
+    update_distance_m: float = quantity(0.1, "distance between updates", "m", 0.001, 100.0)
+    update_turn_rad: float = quantity(0.314, "turn between updates", "rad", 0.001, 100.0)
     historical_map: bool = quantity(
         False, "particles: the map is that of the original data set, its obstacles one cell nearer than the world's"
     )
     initial_std_m: float = quantity(
-        0.5, "particles: standard deviation around the start along x and along y", "m", minimum=0.0, maximum=10.0
+        0.5, "particles: standard deviation around the start along x and along y", "m", 0.0, 10.0
     )
     initial_yaw_std_rad: float = quantity(
-        0.262, "particles: standard deviation around the heading at the start", "rad", minimum=0.0, maximum=3.0
+        0.262, "particles: standard deviation around the heading at the start", "rad", 0.0, 3.0
     )
-    min_particles: int = quantity(500, "particles: fewest of them", minimum=1, maximum=100_000)
-    max_particles: int = quantity(2000, "particles: most of them, also at the start", minimum=1, maximum=100_000)
-    motion_noise: float = quantity(
-        0.2, "particles: noise of the motion model (alpha 1 to 4 of amcl)", minimum=0.0, maximum=10.0
-    )
-    hit_share: float = quantity(0.5, "particles: weight of hitting a mapped obstacle", minimum=0.0, maximum=1.0)
-    random_share: float = quantity(0.5, "particles: weight of a random range", minimum=0.0, maximum=1.0)
-    hit_std_m: float = quantity(
-        0.2, "particles: standard deviation of a hit from the obstacle", "m", minimum=0.001, maximum=10.0
-    )
-    beams: int = quantity(720, "particles: beams of a scan that are compared with the map", minimum=2, maximum=10_000)
+    min_particles: int = quantity(500, "particles: fewest of them", "", 1, 100_000)
+    max_particles: int = quantity(2000, "particles: most of them, also at the start", "", 1, 100_000)
+    motion_noise: float = quantity(0.2, "particles: noise of the motion model (alpha 1 to 4 of amcl)", "", 0.0, 10.0)
+    hit_share: float = quantity(0.5, "particles: weight of hitting a mapped obstacle", "", 0.0, 1.0)
+    random_share: float = quantity(0.5, "particles: weight of a random range", "", 0.0, 1.0)
+    hit_std_m: float = quantity(0.2, "particles: standard deviation of a hit from the obstacle", "m", 0.001, 10.0)
+    beams: int = quantity(720, "particles: beams of a scan that are compared with the map", "", 2, 10_000)
     correction_delay_s: float = quantity(
         0.0,
         "particles: a new correction takes effect this much later (amcl dates it ahead by transform_tolerance, 1 s on "
         "the Jackal, and a look-up at the present finds the one before)",
         "s",
-        minimum=0.0,
-        maximum=10.0,
+        0.0,
+        10.0,
     )
     recovery_alpha_slow: float = quantity(
-        0.0, "particles: decay of the slow average of weights (amcl), by which a loss is told", minimum=0.0, maximum=1.0
+        0.0, "particles: decay of the slow average of weights (amcl), by which a loss is told", "", 0.0, 1.0
     )
     recovery_alpha_fast: float = quantity(
-        0.0,
-        "particles: decay of the fast one (0.1 on the Jackal); 0: none are drawn anywhere",
-        minimum=0.0,
-        maximum=1.0,
+        0.0, "particles: decay of the fast one (0.1 on the Jackal); 0: none are drawn anywhere", "", 0.0, 1.0
     )
     half_cell_low: bool = quantity(
         True, "particles: cells are taken to be centred on their lower corners (a quirk of amcl)"
@@ -108,14 +93,12 @@ class ObstacleConfig(Checked):
 
     movable: bool = quantity(False, "the grid's cylinders can be pushed over")
     containment_movable: bool = quantity(True, "if so, those of the containment can, too")
-    mass_kg: float = quantity(1.0, "mass of a cylinder", "kg", minimum=0.01, maximum=1000.0)
-    inertia_tilt_kg_m2: float = quantity(
-        0.145833, "moment of inertia about a horizontal axis", "kg m2", minimum=1e-5, maximum=1000.0
-    )
+    mass_kg: float = quantity(1.0, "mass of a cylinder", "kg", 0.01, 1000.0)
+    inertia_tilt_kg_m2: float = quantity(0.145833, "moment of inertia about a horizontal axis", "kg m2", 1e-5, 1000.0)
     inertia_spin_kg_m2: float = quantity(
-        0.125, "moment of inertia about the cylinder's own axis", "kg m2", minimum=1e-5, maximum=1000.0
+        0.125, "moment of inertia about the cylinder's own axis", "kg m2", 1e-5, 1000.0
     )
-    friction: float = quantity(1.0, "friction coefficient of an obstacle", minimum=0.0, maximum=3.0)
+    friction: float = quantity(1.0, "friction coefficient of an obstacle", "", 0.0, 3.0)
     random_phase: bool = quantity(
         True, "moving obstacles begin at a time of their motions drawn from the seed, not at 0", optional=True
     )
@@ -128,9 +111,7 @@ class SimulatorConfig(Checked):
     chassis: given as a whole, by `with_robot`; its fields are not parameters of a node.
     """
 
-    control_period_s: float = quantity(
-        0.05, "duration of a control step, between two commands", "s", minimum=0.005, maximum=1.0
-    )
+    control_period_s: float = quantity(0.05, "duration of a control step, between two commands", "s", 0.005, 1.0)
     physics: PhysicsConfig = field(default_factory=PhysicsConfig)
     drive: DriveConfig = field(default_factory=DriveConfig)
     lidar: LidarConfig = field(default_factory=LidarConfig)
@@ -250,7 +231,7 @@ class SimulatorNodeConfig(Checked):
     lidar_frame: str = quantity(FRAMES.lidar, "frame of the scans")
     ground_truth: bool = quantity(True, "publish the true pose and contacts, which a planner under test must not know")
     evaluator_fd: int = quantity(
-        -1, "private line to the evaluator, from the supervisor; -1 for none", minimum=-1, maximum=1_000_000
+        -1, "private line to the evaluator, from the supervisor; -1 for none", "", -1, 1_000_000
     )
 
     @property
@@ -268,17 +249,15 @@ class RunConfig(SimulatorConfig):
         "name of a robot or path of its YAML file; when the node starts, parameters that are not set have its values",
     )
     dataset: str = quantity("barn300", "name of a shipped data set, or path of a folder or file with worlds")
-    world: int = quantity(0, "number of the world", minimum=0, maximum=999_999_999)
-    start_x_m: float = quantity(-2.25, "x of the start pose in the map frame", "m", minimum=-1e4, maximum=1e4)
-    start_y_m: float = quantity(3.0, "y of the start pose in the map frame", "m", minimum=-1e4, maximum=1e4)
-    start_yaw_rad: float = quantity(1.57, "yaw of the start pose", "rad", minimum=-7.0, maximum=7.0)
+    world: int = quantity(0, "number of the world", "", 0, 999_999_999)
+    start_x_m: float = quantity(-2.25, "x of the start pose in the map frame", "m", -1e4, 1e4)
+    start_y_m: float = quantity(3.0, "y of the start pose in the map frame", "m", -1e4, 1e4)
+    start_yaw_rad: float = quantity(1.57, "yaw of the start pose", "rad", -7.0, 7.0)
     seed: int = quantity(0, "seed of all noise", minimum=0)
     real_time_factor: float = quantity(
-        1.0, "simulated time over real time when running freely, 0 for as fast as possible", minimum=0.0, maximum=1000.0
+        1.0, "simulated time over real time when running freely, 0 for as fast as possible", "", 0.0, 1000.0
     )
-    command_wait_s: float = quantity(
-        5.0, "how long lockstep waits for a command, in real time", "s", minimum=0.001, maximum=3600.0
-    )
+    command_wait_s: float = quantity(5.0, "how long lockstep waits for a command, in real time", "s", 0.001, 3600.0)
 
     compute: Compute = field(default_factory=Compute)
     compute_seed: int = quantity(0, "seed of the planner's delays in lockstep", minimum=0)

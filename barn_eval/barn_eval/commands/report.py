@@ -17,7 +17,7 @@ class Look(Checked):
     """What is chosen now and then."""
 
     columns: str = quantity("", "measures of the tables, columns of the results, such as success,challenge")
-    hardest: int = quantity(DEFAULT_HARDEST, "worlds drawn as maps", minimum=0, maximum=40)
+    hardest: int = quantity(DEFAULT_HARDEST, "worlds drawn as maps", "", 0, 40)
     title: str = quantity("", "title of the page")
     width_mm: float = quantity(0.0, "width of figures in OUT_assets, 0 for that of the page", "mm", minimum=0.0)
 

@@ -34,7 +34,7 @@ COMPUTE_KEYS = tuple(field.name for field in fields(Compute))
 def _declared(name: str) -> float:
     """Return a field of `Compute` as one of a choice, where it counts in place of what the registry declares."""
     about = next(about for key, about, _ in fields_of(Compute()) if key == name)
-    return quantity(0.0, about.description, "s", minimum=about.minimum, maximum=about.maximum, optional=True)
+    return quantity(0.0, about.description, "s", about.minimum, about.maximum, optional=True)
 
 
 @dataclass(frozen=True)
@@ -53,8 +53,8 @@ class PlannerChoice(Checked):
         0.0,
         "of a planner with a command or a source: the highest speed that it commands, and is held to; 0: the robot's",
         "m/s",
-        minimum=0.0,
-        maximum=100.0,
+        0.0,
+        100.0,
         optional=True,
     )
     delay_s: float = _declared("delay_s")
@@ -95,10 +95,10 @@ class Experiment(Checked):
     dataset: str = quantity("barn300", "data set: a name, folder or file")
     worlds: str = quantity("all", "which of its worlds, such as 0, 0-49 or 0:300:6")
     planners: tuple[PlannerChoice, ...] = (PlannerChoice(),)
-    repetitions: int = quantity(1, "trials per world and planner", minimum=1, maximum=99)
+    repetitions: int = quantity(1, "trials per world and planner", "", 1, 99)
     protocol: Protocol = field(default_factory=lambda: CHALLENGE)
     simulator: SimulatorConfig = field(default_factory=lambda: simulator_config(CHALLENGE))
-    seed: int = quantity(0, "seed that all others come from", minimum=0, maximum=2**62)
+    seed: int = quantity(0, "seed that all others come from", "", 0, 2**62)
     mode: str = quantity("direct", "one process or ROS nodes", choices=MODES)
     bags: str = quantity("none", "which trials keep a bag", choices=BAGS)
     compute: str = quantity(
@@ -223,13 +223,13 @@ class Execution(Checked):
     """How an experiment is run; nothing here changes a result."""
 
     engine: str = quantity("local", "what runs the trials", choices=ENGINES)
-    workers: int = quantity(0, "trials at a time, 0 for one per processor", minimum=0, maximum=10_000)
+    workers: int = quantity(0, "trials at a time, 0 for one per processor", "", 0, 10_000)
     address: str = quantity("", "address of a Ray cluster, empty to start one on this machine")
     trial_limit_s: float = quantity(
-        600.0, "wall-clock time after which a trial is given up, 0 for never", "s", minimum=0.0, maximum=1e6
+        600.0, "wall-clock time after which a trial is given up, 0 for never", "s", 0.0, 1e6
     )
-    attempts: int = quantity(3, "attempts at a trial whose worker dies or exceeds that time", minimum=1, maximum=100)
-    losses: int = quantity(20, "trials lost one after the other before it stops", minimum=1, maximum=10_000)
+    attempts: int = quantity(3, "attempts at a trial whose worker dies or exceeds that time", "", 1, 100)
+    losses: int = quantity(20, "trials lost one after the other before it stops", "", 1, 10_000)
     pictures: bool = quantity(False, "draw a picture of each trial")
 
     def __post_init__(self) -> None:

@@ -20,7 +20,7 @@ _REMAP = re.compile(rf"[/~]*{_NAME}(/{_NAME})*:=[/~]*{_NAME}(/{_NAME})*")
 
 
 def _limit(default_s: float, description: str, minimum_s: float = 0.1, maximum_s: float = 3600.0) -> float:
-    return quantity(default_s, description, "s", minimum=minimum_s, maximum=maximum_s)
+    return quantity(default_s, description, "s", minimum_s, maximum_s)
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Patience(Checked):
     clock_s: float = _limit(15.0, "without a tick of /clock, during a trial")
     vanished_s: float = _limit(1.0, "for which a planner may have no publisher on the graph, during a trial", 0.0)
     slowness: float = quantity(
-        50.0, "per simulated second over a minute in which the planner owes its answers", "s", minimum=1.0, maximum=1e6
+        50.0, "per simulated second over a minute in which the planner owes its answers", "s", 1.0, 1e6
     )
     trial_s: float = _limit(3600.0, "for a whole trial", maximum_s=1e6)
 
@@ -73,7 +73,7 @@ class PlannerLink(Checked):
     map_frame: str = quantity("map", "frame of the map, and of the goal where the planner is given a map")
     odom_frame: str = quantity("odom", "frame of the odometry, and of the goal where it is not")
     planner_rate_hz: float = quantity(
-        0.0, "rate at which the planner is to send commands; 0: the protocol's", "Hz", minimum=0.0, maximum=1000.0
+        0.0, "rate at which the planner is to send commands; 0: the protocol's", "Hz", 0.0, 1000.0
     )
     restart_planner: str = quantity(
         "on_fault", "when a supervised planner is started afresh for the next trial", choices=RESTARTS
@@ -88,7 +88,7 @@ class RosSetup(PlannerLink):
     lockstep: bool = quantity(True, "the simulator waits for a command after each scan")
     command_wait_s: float = _limit(5.0, "how long it waits, in wall-clock time", 0.001)
     real_time_factor: float = quantity(
-        1.0, "simulated by real time without lockstep, 0 for as fast as it can", minimum=0.0, maximum=1000.0
+        1.0, "simulated by real time without lockstep, 0 for as fast as it can", "", 0.0, 1000.0
     )
     namespace: str = quantity("", "namespace of simulator and evaluator, and of our planners; such as robot1")
     remap: tuple[str, ...] = quantity((), "topics that go by another name in simulator and evaluator, as FROM:=TO")
@@ -122,13 +122,13 @@ class EvaluatorConfig(PlannerLink):
     planner: str = quantity("planner", "name that the planner has in the results")
     protocol: str = quantity("challenge", "name of the protocol, or a YAML file")
     robot: str = quantity("jackal", "name of the robot, or a YAML file")
-    seed: int = quantity(0, "seed of the run", minimum=0, maximum=2**62)
-    repetitions: int = quantity(1, "trials per world", minimum=1, maximum=99)
+    seed: int = quantity(0, "seed of the run", "", 0, 2**62)
+    repetitions: int = quantity(1, "trials per world", "", 1, 99)
     out: str = quantity("barn_out", "folder of the results; an equal experiment that was begun there is resumed")
     bags: str = quantity("all", "which trials keep a bag", choices=BAGS)
     simulator_node: str = quantity("simulator", "name of the simulator node; relative names are of this namespace")
     publish_map: bool = quantity(True, "publish the map, where the protocol gives one; a map server may do it instead")
     bag_exclude: tuple[str, ...] = quantity(("/parameter_events",), "topics that are not recorded")
     assignment: str = quantity("", "file of what to do, from the supervisor")
-    supervisor_fd: int = quantity(-1, "socket to the supervisor, -1 for none", minimum=-1, maximum=1_000_000)
-    simulator_fd: int = quantity(-1, "private line to the simulator, -1 for none", minimum=-1, maximum=1_000_000)
+    supervisor_fd: int = quantity(-1, "socket to the supervisor, -1 for none", "", -1, 1_000_000)
+    simulator_fd: int = quantity(-1, "private line to the simulator, -1 for none", "", -1, 1_000_000)

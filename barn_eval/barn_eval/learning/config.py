@@ -35,8 +35,8 @@ class EnvConfig(Checked):
 
     dataset: str = quantity("barn300", "data set: a name, folder or file")
     worlds: str = quantity("all", "which of its worlds, such as 0, 0-49 or 0:300:6")
-    easiest: float = quantity(0.0, "level of the easiest worlds drawn, of the order of these", minimum=0.0, maximum=1.0)
-    hardest: float = quantity(1.0, "level of the hardest worlds drawn", minimum=0.0, maximum=1.0)
+    easiest: float = quantity(0.0, "level of the easiest worlds drawn, of the order of these", "", 0.0, 1.0)
+    hardest: float = quantity(1.0, "level of the hardest worlds drawn", "", 0.0, 1.0)
     adaptive: bool = quantity(False, "begin with easy worlds and let the hardest level rise with success")
     curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
     protocol: str = quantity("challenge", "protocol: a name or a YAML file")

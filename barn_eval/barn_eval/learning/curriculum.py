@@ -25,10 +25,10 @@ Difficulty = Callable[[World], float]
 class CurriculumConfig(Checked):
     """How much of a data set is drawn from at first, and when that becomes more."""
 
-    first_level: float = quantity(0.1, "level of the hardest worlds drawn at first", minimum=0.0, maximum=1.0)
-    step: float = quantity(0.05, "what this level rises by", minimum=0.001, maximum=1.0)
-    promotion_rate: float = quantity(0.8, "success rate from which it rises", minimum=0.0, maximum=1.0)
-    window: int = quantity(20, "episodes that this rate is taken over", minimum=1, maximum=1_000_000)
+    first_level: float = quantity(0.1, "level of the hardest worlds drawn at first", "", 0.0, 1.0)
+    step: float = quantity(0.05, "what this level rises by", "", 0.001, 1.0)
+    promotion_rate: float = quantity(0.8, "success rate from which it rises", "", 0.0, 1.0)
+    window: int = quantity(20, "episodes that this rate is taken over", "", 1, 1_000_000)
 
 
 class Curriculum:

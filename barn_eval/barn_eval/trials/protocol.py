@@ -49,12 +49,12 @@ class PoseRule(Checked):
     """
 
     anchor_x: str = quantity("map", "what x is counted from", choices=ANCHORS)
-    x_m: float = quantity(0.0, "x from its anchor", "m", minimum=-1000.0, maximum=1000.0)
-    x_min_m: float = quantity(-1000.0, "lowest x in the map frame", "m", minimum=-1000.0, maximum=1000.0)
-    x_max_m: float = quantity(1000.0, "highest x in the map frame", "m", minimum=-1000.0, maximum=1000.0)
+    x_m: float = quantity(0.0, "x from its anchor", "m", -1000.0, 1000.0)
+    x_min_m: float = quantity(-1000.0, "lowest x in the map frame", "m", -1000.0, 1000.0)
+    x_max_m: float = quantity(1000.0, "highest x in the map frame", "m", -1000.0, 1000.0)
     anchor_y: str = quantity("map", "what y is counted from", choices=ANCHORS)
-    y_m: float = quantity(0.0, "y from its anchor", "m", minimum=-1000.0, maximum=1000.0)
-    yaw_rad: float = quantity(math.pi / 2.0, "heading in the map frame", "rad", minimum=-math.pi, maximum=math.pi)
+    y_m: float = quantity(0.0, "y from its anchor", "m", -1000.0, 1000.0)
+    yaw_rad: float = quantity(math.pi / 2.0, "heading in the map frame", "rad", -math.pi, math.pi)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -103,18 +103,12 @@ class Protocol(Checked):
     name: str = quantity("own", "name of the protocol")
     start: PoseRule = field(default_factory=PoseRule)
     goal: PoseRule = field(default_factory=PoseRule)
-    clock_start_distance_m: float = quantity(
-        math.sqrt(0.1), "motion that starts the clock", "m", minimum=0.0, maximum=100.0
-    )
+    clock_start_distance_m: float = quantity(math.sqrt(0.1), "motion that starts the clock", "m", 0.0, 100.0)
     clock_start_source: str = quantity("odometry", "what that motion is measured by", choices=SOURCES)
-    goal_distance_m: float = quantity(
-        math.sqrt(0.1), "distance to the goal that ends a trial", "m", minimum=0.01, maximum=100.0
-    )
+    goal_distance_m: float = quantity(math.sqrt(0.1), "distance to the goal that ends a trial", "m", 0.01, 100.0)
     goal_source: str = quantity("odometry", "what that distance is measured by", choices=SOURCES)
-    limit_s: float = quantity(50.0, "longest time on the clock, simulated", "s", minimum=0.1, maximum=100_000.0)
-    first_motion_limit_s: float = quantity(
-        30.0, "longest simulated time until the clock starts", "s", minimum=0.1, maximum=100_000.0
-    )
+    limit_s: float = quantity(50.0, "longest time on the clock, simulated", "s", 0.1, 100_000.0)
+    first_motion_limit_s: float = quantity(30.0, "longest simulated time until the clock starts", "s", 0.1, 100_000.0)
     collision_ends_trial: bool = quantity(False, "a contact ends the trial")
     simulator: str = quantity("paper2020", "preset of the simulator that the trial starts from")
     planner_preset: str = quantity("paper2020", "preset of a planner that a run takes unless told otherwise")
@@ -125,19 +119,19 @@ class Protocol(Checked):
         "the map has its obstacles one cell nearer, as the maps of the original data set have; so has then the pose, "
         "which comes from matching scans to that map",
     )
-    goal_period_s: float = quantity(0.1, "time between goals sent, 0 for once", "s", minimum=0.0, maximum=1000.0)
-    control_period_s: float = quantity(0.05, "time between commands in lockstep", "s", minimum=0.001, maximum=10.0)
+    goal_period_s: float = quantity(0.1, "time between goals sent, 0 for once", "s", 0.0, 1000.0)
+    control_period_s: float = quantity(0.05, "time between commands in lockstep", "s", 0.001, 10.0)
     failure_time_s: float = quantity(30.0, "time that a failed trial counts with", "s", minimum=0.0)
     timeout_time_s: float = quantity(30.0, "time that a trial cut off at the limit counts with", "s", minimum=0.0)
-    reference_speed_mps: float = quantity(2.0, "speed of the optimal time", "m/s", minimum=0.01, maximum=100.0)
+    reference_speed_mps: float = quantity(2.0, "speed of the optimal time", "m/s", 0.01, 100.0)
     metric: str = quantity("normalised_time_s_per_m", "measure that planners are ranked by", choices=METRICS)
     clipped: bool = quantity(True, "the time in the challenge metric is clipped to 2 T to 8 T", optional=True)
     look_period_s: float = quantity(
         0.0,
         "simulated time between two looks at the robot, by which a trial is judged; 0: each reading",
         "s",
-        minimum=0.0,
-        maximum=10.0,
+        0.0,
+        10.0,
         optional=True,
     )
     arena: bool = quantity(False, "made for arenas, worlds without the containment of BARN", optional=True)

@@ -34,9 +34,9 @@ over_worlds = partial(bootstrap.over_worlds, resamples=4000)
 class EvaluationConfig(Checked):
     """How models are judged: each fold by a model that was trained on all others, again with other folds."""
 
-    folds: int = quantity(10, "parts that the worlds are divided into", minimum=2, maximum=1000)
-    repeats: int = quantity(5, "divisions", minimum=1, maximum=1000)
-    seed: int = quantity(0, "of divisions and training", minimum=0, maximum=2**62)
+    folds: int = quantity(10, "parts that the worlds are divided into", "", 2, 1000)
+    repeats: int = quantity(5, "divisions", "", 1, 1000)
+    seed: int = quantity(0, "of divisions and training", "", 0, 2**62)
 
 
 @dataclass(frozen=True)

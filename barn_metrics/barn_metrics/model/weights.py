@@ -33,8 +33,8 @@ class _Member(Checked):
     """What the header says of one network."""
 
     kind: str = quantity("sequence", "what its arrays make", choices=("sequence",))
-    weight: float = quantity(1.0, "share in the mean", minimum=0.0, maximum=1.0)
-    layers: int = quantity(2, "fully connected layers", minimum=1, maximum=8)
+    weight: float = quantity(1.0, "share in the mean", "", 0.0, 1.0)
+    layers: int = quantity(2, "fully connected layers", "", 1, 8)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +46,7 @@ class _Header(Checked):
     inputs: str = quantity("strips", "what it sees", choices=("strips",))
     input_names: tuple[str, ...]
     planners: tuple[str, ...]
-    relative_std: float = quantity(0.0, "spread about the prediction", minimum=0.0, maximum=1e6)
+    relative_std: float = quantity(0.0, "spread about the prediction", "", 0.0, 1e6)
     members: tuple[_Member, ...]
     about: dict[str, Any]
     sha256: str

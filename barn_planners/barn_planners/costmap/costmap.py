@@ -38,21 +38,21 @@ _RULE = "must be corners [[x, y], ...] in m of a convex outline around base_link
 class CostmapConfig(Checked):
     """A costmap fed by a lidar; the defaults are the Jackal's local costmap."""
 
-    resolution_m: float = quantity(0.05, "side of a cell", "m", minimum=0.005, maximum=1.0)
-    size_m: float = quantity(10.0, "side of the square around the robot", "m", minimum=1.0, maximum=200.0)
-    footprint_half_length_m: float = quantity(0.21, "half the robot's length", "m", minimum=0.01, maximum=5.0)
-    footprint_half_width_m: float = quantity(0.165, "half the robot's width", "m", minimum=0.01, maximum=5.0)
-    footprint_padding_m: float = quantity(0.1, "padding of the footprint on every side", "m", minimum=-0.1, maximum=2.0)
+    resolution_m: float = quantity(0.05, "side of a cell", "m", 0.005, 1.0)
+    size_m: float = quantity(10.0, "side of the square around the robot", "m", 1.0, 200.0)
+    footprint_half_length_m: float = quantity(0.21, "half the robot's length", "m", 0.01, 5.0)
+    footprint_half_width_m: float = quantity(0.165, "half the robot's width", "m", 0.01, 5.0)
+    footprint_padding_m: float = quantity(0.1, "padding of the footprint on every side", "m", -0.1, 2.0)
     inscribed_radius_m: float = quantity(
         0.0, "distance from an obstacle up to which a cell costs 253; 0: from the padded footprint", "m", minimum=0.0
     )
     inflation_radius_m: float = quantity(0.30, "cells further from any obstacle cost nothing", "m", minimum=0.0)
     cost_scaling_per_m: float = quantity(10.0, "rate at which the cost falls beyond the inscribed radius", "1/m")
     soft_costs: bool = quantity(True, "give cells between the inscribed and the inflation radius a cost below 253")
-    obstacle_range_m: float = quantity(2.5, "hits nearer than this are marked", "m", minimum=0.0, maximum=100.0)
-    raytrace_range_m: float = quantity(3.0, "rays clear up to this distance", "m", minimum=0.0, maximum=100.0)
+    obstacle_range_m: float = quantity(2.5, "hits nearer than this are marked", "m", 0.0, 100.0)
+    raytrace_range_m: float = quantity(3.0, "rays clear up to this distance", "m", 0.0, 100.0)
     clear_footprint: bool = quantity(True, "clear the cells of the padded footprint")
-    recentre_cells: int = quantity(1, "cells that the robot moves before the grid follows", minimum=1, maximum=1000)
+    recentre_cells: int = quantity(1, "cells that the robot moves before the grid follows", "", 1, 1000)
     as_costmap_2d: bool = quantity(
         False,
         "true: rays, footprint and window are costmap_2d's, in its single precision: rays clear as many cells as the "
@@ -118,10 +118,10 @@ class GlobalCostmapConfig(CostmapConfig):
         40.0,
         "side of the square around the robot if there is no map; larger where the goal would be off it",
         "m",
-        minimum=1.0,
-        maximum=_LARGEST_M,
+        1.0,
+        _LARGEST_M,
     )
-    recentre_cells: int = quantity(50, "cells that the robot moves before the grid follows", minimum=1, maximum=1000)
+    recentre_cells: int = quantity(50, "cells that the robot moves before the grid follows", "", 1, 1000)
     static_layer: bool = quantity(True, "use the obstacles of the map, if there is one")
     lidar_marks: bool = quantity(True, "mark what the lidar sees, even with a map")
     map_resolution: bool = quantity(False, "use the map's resolution instead of resolution_m")

@@ -13,39 +13,35 @@ from barn_worlds.base.config import Checked, quantity
 class DwaConfig(Checked):
     """The dynamic window approach; the defaults are the Jackal's."""
 
-    max_speed_mps: float = quantity(0.5, "fastest forward speed", "m/s", minimum=0.01, maximum=10.0)
-    min_speed_mps: float = quantity(0.1, "slowest forward speed that is sampled", "m/s", minimum=0.0, maximum=10.0)
-    max_turn_radps: float = quantity(1.57, "fastest turn sampled", "rad/s", minimum=0.01, maximum=20.0)
-    min_turn_in_place_radps: float = quantity(0.314, "slowest turn in place", "rad/s", minimum=0.0, maximum=20.0)
-    max_goal_turn_radps: float = quantity(1.0, "fastest turn in place at the goal", "rad/s", minimum=0.01, maximum=20.0)
-    acceleration_mps2: float = quantity(10.0, "assumed acceleration", "m/s2", minimum=0.01, maximum=1000.0)
-    turn_acceleration_radps2: float = quantity(20.0, "assumed yaw acceleration", "rad/s2", minimum=0.01, maximum=1000.0)
-    window_period_s: float = quantity(0.05, "time over which the dynamic window opens", "s", minimum=0.005, maximum=1.0)
-    sim_time_s: float = quantity(2.0, "duration of a rollout", "s", minimum=0.1, maximum=10.0)
-    granularity_m: float = quantity(0.02, "distance between poses of a rollout", "m", minimum=0.001, maximum=1.0)
-    turn_granularity_rad: float = quantity(
-        0.02, "a rollout has one pose per this much turn", "rad", minimum=0.001, maximum=1.0
-    )
-    speed_samples: int = quantity(6, "sampled forward speeds", minimum=2, maximum=200)
-    turn_samples: int = quantity(20, "sampled turns for each speed, and in place", minimum=3, maximum=200)
+    max_speed_mps: float = quantity(0.5, "fastest forward speed", "m/s", 0.01, 10.0)
+    min_speed_mps: float = quantity(0.1, "slowest forward speed that is sampled", "m/s", 0.0, 10.0)
+    max_turn_radps: float = quantity(1.57, "fastest turn sampled", "rad/s", 0.01, 20.0)
+    min_turn_in_place_radps: float = quantity(0.314, "slowest turn in place", "rad/s", 0.0, 20.0)
+    max_goal_turn_radps: float = quantity(1.0, "fastest turn in place at the goal", "rad/s", 0.01, 20.0)
+    acceleration_mps2: float = quantity(10.0, "assumed acceleration", "m/s2", 0.01, 1000.0)
+    turn_acceleration_radps2: float = quantity(20.0, "assumed yaw acceleration", "rad/s2", 0.01, 1000.0)
+    window_period_s: float = quantity(0.05, "time over which the dynamic window opens", "s", 0.005, 1.0)
+    sim_time_s: float = quantity(2.0, "duration of a rollout", "s", 0.1, 10.0)
+    granularity_m: float = quantity(0.02, "distance between poses of a rollout", "m", 0.001, 1.0)
+    turn_granularity_rad: float = quantity(0.02, "a rollout has one pose per this much turn", "rad", 0.001, 1.0)
+    speed_samples: int = quantity(6, "sampled forward speeds", "", 2, 200)
+    turn_samples: int = quantity(20, "sampled turns for each speed, and in place", "", 3, 200)
     sample_highest_turn: bool = quantity(
         True, "false: straight ahead replaces the highest turn (a quirk of the original)"
     )
-    path_weight: float = quantity(0.75, "weight of the distance from the plan", minimum=0.0, maximum=1000.0)
-    goal_weight: float = quantity(1.0, "weight of the distance from the end of the plan", minimum=0.0, maximum=1000.0)
-    obstacle_weight: float = quantity(
-        0.1, "weight of the highest cost under the footprint's edges", minimum=0.0, maximum=1000.0
-    )
+    path_weight: float = quantity(0.75, "weight of the distance from the plan", "", 0.0, 1000.0)
+    goal_weight: float = quantity(1.0, "weight of the distance from the end of the plan", "", 0.0, 1000.0)
+    obstacle_weight: float = quantity(0.1, "weight of the highest cost under the footprint's edges", "", 0.0, 1000.0)
     distances_in_metres: bool = quantity(
         False,
         "true: distances count in metres and costs as they are; false: distances in cells (which of them the original "
         "takes is up to a variable that it never sets, so that both occur)",
     )
     heading_lookahead_m: float = quantity(
-        0.325, "how far ahead a turn in place looks for a lower goal distance", "m", minimum=0.0, maximum=5.0
+        0.325, "how far ahead a turn in place looks for a lower goal distance", "m", 0.0, 5.0
     )
     oscillation_reset_m: float = quantity(
-        0.05, "distance after which a turn in place may change direction again", "m", minimum=0.0, maximum=5.0
+        0.05, "distance after which a turn in place may change direction again", "m", 0.0, 5.0
     )
     turn_past_blocked: bool = quantity(
         False,
@@ -67,12 +63,10 @@ class DwaConfig(Checked):
         "original",
         optional=True,
     )
-    escape_speed_mps: float = quantity(
-        -0.5, "escape speed, when nothing else is allowed", "m/s", minimum=-10.0, maximum=0.0
-    )
+    escape_speed_mps: float = quantity(-0.5, "escape speed, when nothing else is allowed", "m/s", -10.0, 0.0)
     escape_through: bool = quantity(False, "escape even into an obstacle (a quirk of the original)")
-    escape_reset_m: float = quantity(0.1, "an escape ends after this distance", "m", minimum=0.0, maximum=5.0)
-    escape_reset_rad: float = quantity(0.1, "or after this turn", "rad", minimum=0.0, maximum=3.2)
+    escape_reset_m: float = quantity(0.1, "an escape ends after this distance", "m", 0.0, 5.0)
+    escape_reset_rad: float = quantity(0.1, "or after this turn", "rad", 0.0, 3.2)
     xy_tolerance_m: float = quantity(0.25, "the goal's position counts as reached within", "m", minimum=0.01)
     yaw_tolerance_rad: float = quantity(0.157, "the goal's heading counts as reached within", "rad", minimum=0.001)
     roll_out_goal_turn: bool = quantity(
@@ -81,7 +75,7 @@ class DwaConfig(Checked):
         "allowed (as in the original); false: turning needs room where the robot stands",
         optional=True,
     )
-    stopped_mps: float = quantity(0.05, "slower than this counts as stopped", "m/s", minimum=0.0001, maximum=1.0)
+    stopped_mps: float = quantity(0.05, "slower than this counts as stopped", "m/s", 0.0001, 1.0)
     stopped_radps: float = quantity(0.05, "turning slower than this counts as stopped", "rad/s", minimum=0.0001)
 
     def __post_init__(self) -> None:

@@ -27,9 +27,9 @@ _NO_WAY = "no way to the goal"
 class GlobalPlanConfig(Checked):
     """How a plan is made from the costs of a costmap."""
 
-    neutral_cost: float = quantity(50.0, "price of a free cell", minimum=1.0, maximum=252.0)
-    cost_factor: float = quantity(0.8, "added to the price of a cell per unit of its cost", minimum=0.0, maximum=10.0)
-    step_cells: float = quantity(0.5, "length of a step down the gradient, in cells", minimum=0.05, maximum=1.0)
+    neutral_cost: float = quantity(50.0, "price of a free cell", "", 1.0, 252.0)
+    cost_factor: float = quantity(0.8, "added to the price of a cell per unit of its cost", "", 0.0, 10.0)
+    step_cells: float = quantity(0.5, "length of a step down the gradient, in cells", "", 0.05, 1.0)
     bounded: bool = quantity(
         True, "skip cells too far from the path to matter, bounded by a first search towards the goal; faster"
     )

@@ -19,10 +19,10 @@ _INTERRUPTION_NS = nanoseconds(1.0)
 class LidarPlace(Checked):
     """Where the lidar is on the robot."""
 
-    lidar_x_m: float = quantity(0.055, "lidar forward of base_link", "m", minimum=-10.0, maximum=10.0)
-    lidar_y_m: float = quantity(0.0, "lidar left of base_link", "m", minimum=-10.0, maximum=10.0, optional=True)
+    lidar_x_m: float = quantity(0.055, "lidar forward of base_link", "m", -10.0, 10.0)
+    lidar_y_m: float = quantity(0.0, "lidar left of base_link", "m", -10.0, 10.0, optional=True)
     lidar_yaw_rad: float = quantity(
-        0.0, "direction of angle 0 of a scan in base_link", "rad", minimum=-3.15, maximum=3.15, optional=True
+        0.0, "direction of angle 0 of a scan in base_link", "rad", -3.15, 3.15, optional=True
     )
 
     @property

@@ -22,9 +22,9 @@ class NavigationConfig(LidarPlace):
     """Settings of all planners that follow a global plan."""
 
     control_period_s: float = quantity(
-        0.05, "time between two commands; observations in between are skipped", "s", minimum=0.005, maximum=1.0
+        0.05, "time between two commands; observations in between are skipped", "s", 0.005, 1.0
     )
-    plan_period_s: float = quantity(0.05, "time between two global plans", "s", minimum=0.0, maximum=60.0)
+    plan_period_s: float = quantity(0.05, "time between two global plans", "s", 0.0, 60.0)
     goal_republish_period_s: float = quantity(
         0.0,
         "the goal is re-sent at this period: control skips that cycle, the last command "

@@ -19,10 +19,10 @@ class RecoveryConfig(Checked):
     clearing_clears: bool = quantity(
         True, "false: clearing steps leave the costmaps as they are (a quirk of the paper's set-up: wrong layer name)"
     )
-    min_turn_radps: float = quantity(0.4, "slowest turn in place", "rad/s", minimum=0.01, maximum=10.0)
-    max_turn_radps: float = quantity(1.0, "fastest turn in place", "rad/s", minimum=0.01, maximum=10.0)
+    min_turn_radps: float = quantity(0.4, "slowest turn in place", "rad/s", 0.01, 10.0)
+    max_turn_radps: float = quantity(1.0, "fastest turn in place", "rad/s", 0.01, 10.0)
     turn_acceleration_radps2: float = quantity(3.2, "assumed deceleration of the turn", "rad/s2", minimum=0.01)
-    turn_tolerance_rad: float = quantity(0.1, "tolerance of a full turn", "rad", minimum=0.0, maximum=3.0)
+    turn_tolerance_rad: float = quantity(0.1, "tolerance of a full turn", "rad", 0.0, 3.0)
 
 
 class Recovery:

@@ -41,11 +41,11 @@ class SafetyConfig(LidarPlace):
     """A shield against collisions, for a Jackal."""
 
     enabled: bool = quantity(True, "avoid collisions; false: the policy alone drives")
-    margin_m: float = quantity(0.03, "margin around the robot", "m", minimum=0.0, maximum=1.0)
-    reaction_s: float = quantity(0.15, "time until a new command takes effect", "s", minimum=0.0, maximum=2.0)
-    braking_mps2: float = quantity(4.0, "assumed deceleration", "m/s2", minimum=0.1, maximum=20.0)
-    half_length_m: float = quantity(0.254, "half the robot's length", "m", minimum=0.01, maximum=5.0)
-    half_width_m: float = quantity(0.215, "half the robot's width", "m", minimum=0.01, maximum=5.0)
+    margin_m: float = quantity(0.03, "margin around the robot", "m", 0.0, 1.0)
+    reaction_s: float = quantity(0.15, "time until a new command takes effect", "s", 0.0, 2.0)
+    braking_mps2: float = quantity(4.0, "assumed deceleration", "m/s2", 0.1, 20.0)
+    half_length_m: float = quantity(0.254, "half the robot's length", "m", 0.01, 5.0)
+    half_width_m: float = quantity(0.215, "half the robot's width", "m", 0.01, 5.0)
 
 
 @dataclass(frozen=True)
@@ -53,11 +53,9 @@ class PolicyConfig(Checked):
     """The policy file, goal tolerance and progress check."""
 
     policy_path: str = quantity("", "policy file (.npz); empty: the one that comes with the package")
-    goal_tolerance_m: float = quantity(0.25, "the goal is reached within this", "m", minimum=0.01, maximum=10.0)
-    progress_distance_m: float = quantity(
-        0.3, "the robot is stuck if it does not move this far", "m", minimum=0.01, maximum=10.0
-    )
-    progress_limit_s: float = quantity(8.0, "within this time", "s", minimum=0.1, maximum=1000.0)
+    goal_tolerance_m: float = quantity(0.25, "the goal is reached within this", "m", 0.01, 10.0)
+    progress_distance_m: float = quantity(0.3, "the robot is stuck if it does not move this far", "m", 0.01, 10.0)
+    progress_limit_s: float = quantity(8.0, "within this time", "s", 0.1, 1000.0)
     safety: SafetyConfig = field(default_factory=SafetyConfig)
     guard: GuardConfig = field(default_factory=GuardConfig)
 

@@ -33,9 +33,9 @@ _BEYOND_LIDAR = 5  # entries after those of the lidar
 class PolicyObservation(Checked):
     """How sensor readings become the observation of a policy."""
 
-    beams: int = quantity(720, "sectors of the lidar's field of view", minimum=1, maximum=20000)
-    angle_min_rad: float = quantity(-2.35619, "right end of this field", "rad", minimum=-math.pi, maximum=math.pi)
-    angle_max_rad: float = quantity(2.35619, "left end of this field", "rad", minimum=-math.pi, maximum=math.pi)
+    beams: int = quantity(720, "sectors of the lidar's field of view", "", 1, 20000)
+    angle_min_rad: float = quantity(-2.35619, "right end of this field", "rad", -math.pi, math.pi)
+    angle_max_rad: float = quantity(2.35619, "left end of this field", "rad", -math.pi, math.pi)
     range_limit_m: float = quantity(5.0, "range that counts as 1, as does anything further", "m", minimum=0.1)
     goal_limit_m: float = quantity(10.0, "distance to the goal that counts as 1", "m", minimum=0.1)
     speed_limit_mps: float = quantity(2.0, "speed that counts as 1", "m/s", minimum=0.01)
@@ -62,9 +62,9 @@ class PolicyObservation(Checked):
 class PolicyAction(Checked):
     """How actions of a policy become velocities."""
 
-    min_speed_mps: float = quantity(-0.5, "forward speed of action -1", "m/s", minimum=-10.0, maximum=10.0)
-    max_speed_mps: float = quantity(2.0, "forward speed of action 1", "m/s", minimum=-10.0, maximum=10.0)
-    max_yaw_rate_radps: float = quantity(2.0, "yaw rate of action 1, to the left", "rad/s", minimum=0.0, maximum=20.0)
+    min_speed_mps: float = quantity(-0.5, "forward speed of action -1", "m/s", -10.0, 10.0)
+    max_speed_mps: float = quantity(2.0, "forward speed of action 1", "m/s", -10.0, 10.0)
+    max_yaw_rate_radps: float = quantity(2.0, "yaw rate of action 1, to the left", "rad/s", 0.0, 20.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -33,17 +33,17 @@ _NOTHING = np.empty((0, 5))
 class TrackerConfig(Checked):
     """Settings of the tracker; the defaults are for people and robots at up to 3 m/s, seen 20 times a second."""
 
-    within_m: float = quantity(8.0, "returns that are further away are left out", "m", minimum=0.5, maximum=100.0)
+    within_m: float = quantity(8.0, "returns that are further away are left out", "m", 0.5, 100.0)
     split_m: float = quantity(0.25, "distance of neighbouring returns that splits clusters", "m", minimum=0.01)
-    least_returns: int = quantity(6, "fewest returns of a cluster", minimum=3, maximum=1000)
-    most_radius_m: float = quantity(0.9, "largest radius of a circle", "m", minimum=0.05, maximum=10.0)
+    least_returns: int = quantity(6, "fewest returns of a cluster", "", 3, 1000)
+    most_radius_m: float = quantity(0.9, "largest radius of a circle", "m", 0.05, 10.0)
     roundness_m: float = quantity(0.03, "largest mean distance of its returns from a circle", "m", minimum=0.001)
     match_m: float = quantity(0.5, "a circle continues a track if its centre is this near", "m", minimum=0.01)
-    position_gain: float = quantity(0.5, "share of a measured offset taken over", minimum=0.0, maximum=1.0)
-    velocity_gain: float = quantity(0.15, "share of an offset's speed taken over", minimum=0.0, maximum=1.0)
-    sightings: int = quantity(6, "a track counts once it has been seen this often", minimum=1, maximum=1000)
-    least_speed_mps: float = quantity(0.25, "a track that is slower stands", "m/s", minimum=0.0, maximum=10.0)
-    forget_s: float = quantity(0.3, "a track not seen for longer ends", "s", minimum=0.0, maximum=60.0)
+    position_gain: float = quantity(0.5, "share of a measured offset taken over", "", 0.0, 1.0)
+    velocity_gain: float = quantity(0.15, "share of an offset's speed taken over", "", 0.0, 1.0)
+    sightings: int = quantity(6, "a track counts once it has been seen this often", "", 1, 1000)
+    least_speed_mps: float = quantity(0.25, "a track that is slower stands", "m/s", 0.0, 10.0)
+    forget_s: float = quantity(0.3, "a track not seen for longer ends", "s", 0.0, 60.0)
 
 
 @dataclass
@@ -160,7 +160,7 @@ def fitted_circle(points: FloatArray) -> tuple[FloatArray, float, float]:
 class PredictiveGapConfig(GapConfig):
     """Follow-the-gap with prediction."""
 
-    horizon_s: float = quantity(2.0, "how far ahead discs are predicted", "s", minimum=0.0, maximum=60.0)
+    horizon_s: float = quantity(2.0, "how far ahead discs are predicted", "s", 0.0, 60.0)
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
 
 
@@ -169,7 +169,7 @@ class PredictiveMppiConfig(MppiPlannerConfig):
     """MPPI with prediction."""
 
     moving_weight: float = quantity(1000.0, "meeting a predicted disc at once, half of that at the end", minimum=0.0)
-    moving_margin_m: float = quantity(0.1, "margin around robot and disc", "m", minimum=0.0, maximum=5.0)
+    moving_margin_m: float = quantity(0.1, "margin around robot and disc", "m", 0.0, 5.0)
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
 
 

@@ -53,7 +53,7 @@ class NodeConfig(Checked):
     command_type: str = quantity("twist", "type of the commands", choices=("twist", "twist_stamped"))
     repeat_command: bool = quantity(True, "send the last command again in a cycle without a new one")
     publish_views: bool = quantity(True, "publish plans, costmap, band, candidates and diagnostics when listened to")
-    view_period_s: float = quantity(topics.PLAN.period_s, "time between two of these", "s", minimum=0.0, maximum=3600.0)
+    view_period_s: float = quantity(topics.PLAN.period_s, "time between two of these", "s", 0.0, 3600.0)
     map_frame: str = quantity(FRAMES.map, "frame of the map")
     odom_frame: str = quantity(FRAMES.odom, "frame of the odometry")
     base_frame: str = quantity(FRAMES.base, "frame of stamped commands")

@@ -135,9 +135,7 @@ def _equal(one: OccupancyMap, other: OccupancyMap) -> bool:
 class SyncConfig(Checked):
     """How old a reading may be that is combined with a scan."""
 
-    odometry_age_s: float = quantity(
-        0.25, "oldest odometry that is combined with a scan", "s", minimum=0.0, maximum=60.0
-    )
+    odometry_age_s: float = quantity(0.25, "oldest odometry that is combined with a scan", "s", 0.0, 60.0)
     pose_age_s: float = quantity(
         600.0, "oldest localisation, extrapolated by odometry, that is combined with a scan", "s", minimum=0.0
     )

@@ -20,15 +20,15 @@ class Compute(Checked):
     after that, and no earlier than `period_s` after the last one. All zero: nothing is declared.
     """
 
-    delay_s: float = quantity(0.0, "from readings to the effect of the command", "s", minimum=0.0, maximum=10.0)
+    delay_s: float = quantity(0.0, "from readings to the effect of the command", "s", 0.0, 10.0)
     delay_p95_s: float = quantity(
         0.0,
         "95th percentile of that delay, log-normal around its median delay_s by the trial's seed; 0: it is constant",
         "s",
-        minimum=0.0,
-        maximum=10.0,
+        0.0,
+        10.0,
     )
-    period_s: float = quantity(0.0, "shortest time between two cycles", "s", minimum=0.0, maximum=10.0)
+    period_s: float = quantity(0.0, "shortest time between two cycles", "s", 0.0, 10.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -5,7 +5,7 @@ nodes and the tables of the documentation::
 
     @dataclass(frozen=True)
     class LidarConfig(Checked):
-        beams: int = quantity(720, "number of beams", minimum=1, maximum=10000)
+        beams: int = quantity(720, "number of beams", "", 1, 10000)
         range_max_m: float = quantity(30.0, "longest range", "m", minimum=0.0)
 """
 
@@ -74,7 +74,6 @@ def quantity(
     default: T,
     description: str,
     unit: str = "",
-    *,
     minimum: float | None = None,
     maximum: float | None = None,
     choices: tuple[str, ...] = (),

@@ -29,11 +29,11 @@ class MapFile(Checked):
     """What map_server's .yaml file says."""
 
     image: str = required("name of the image file beside it")
-    resolution: float = required("size of a cell", "m", minimum=0.005, maximum=10.0)
-    origin: tuple[float, float, float] = required("outer corner of the map", minimum=-1e6, maximum=1e6)
-    negate: int = required("whether white is occupied", minimum=0, maximum=1)
-    occupied_thresh: float = required("occupied above this chance", minimum=0.0, maximum=1.0)
-    free_thresh: float = required("free below this chance", minimum=0.0, maximum=1.0)
+    resolution: float = required("size of a cell", "m", 0.005, 10.0)
+    origin: tuple[float, float, float] = required("outer corner of the map", "", -1e6, 1e6)
+    negate: int = required("whether white is occupied", "", 0, 1)
+    occupied_thresh: float = required("occupied above this chance", "", 0.0, 1.0)
+    free_thresh: float = required("free below this chance", "", 0.0, 1.0)
     mode: str = quantity("trinary", "how grey values are read", choices=("trinary",))
     start: tuple[float, ...] = quantity((), "x, y in m and yaw in rad of a world's start", optional=True)
     goal: tuple[float, ...] = quantity((), "x, y in m (and yaw in rad) of its goal", optional=True)

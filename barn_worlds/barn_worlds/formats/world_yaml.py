@@ -33,9 +33,9 @@ class WorldFile(Checked):
     """
 
     name: str = quantity("world", "name of the world")
-    cell_m: float = quantity(0.15, "side of a cell", "m", minimum=0.01, maximum=10.0)
-    footprint_cells: int = quantity(1, "side of the footprint, odd", minimum=1, maximum=2 * LARGEST_SIDE)
-    cells: tuple[int, int] = quantity((30, 30), "rows and columns", minimum=1, maximum=LARGEST_SIDE)
+    cell_m: float = quantity(0.15, "side of a cell", "m", 0.01, 10.0)
+    footprint_cells: int = quantity(1, "side of the footprint, odd", "", 1, 2 * LARGEST_SIDE)
+    cells: tuple[int, int] = quantity((30, 30), "rows and columns", "", 1, LARGEST_SIDE)
     path: tuple[tuple[int, int], ...] = ()
     grid: tuple[str, ...] = ()
     corner_m: tuple[float, float] | None = None

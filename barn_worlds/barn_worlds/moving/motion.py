@@ -46,7 +46,7 @@ class Motion(Checked):
     """
 
     kind: str = quantity("gazebo", "how positions between keys are found", choices=KINDS)
-    period_s: float = quantity(10.0, "time after which it repeats", "s", minimum=0.001, maximum=_LONGEST_PERIOD_S)
+    period_s: float = quantity(10.0, "time after which it repeats", "s", 0.001, _LONGEST_PERIOD_S)
     keys: tuple[tuple[float, float, float], ...] = ()
     coefficients_m: tuple[tuple[float, float], ...] = ()
 
@@ -132,12 +132,12 @@ def _tangents(points: Floats) -> Floats:
 class Wall(Checked):
     """A box that stands upright on the ground, its centre at x, y in the map frame."""
 
-    x_m: float = quantity(0.0, "x of its centre", "m", minimum=-_FARTHEST_M, maximum=_FARTHEST_M)
-    y_m: float = quantity(0.0, "y of its centre", "m", minimum=-_FARTHEST_M, maximum=_FARTHEST_M)
-    size_x_m: float = quantity(1.0, "length along its own x", "m", minimum=0.01, maximum=_LARGEST_M)
-    size_y_m: float = quantity(1.0, "length along its own y", "m", minimum=0.01, maximum=_LARGEST_M)
-    yaw_rad: float = quantity(0.0, "heading of its own x", "rad", minimum=-math.pi, maximum=math.pi)
-    height_m: float = quantity(1.0, "height", "m", minimum=0.01, maximum=100.0)
+    x_m: float = quantity(0.0, "x of its centre", "m", -_FARTHEST_M, _FARTHEST_M)
+    y_m: float = quantity(0.0, "y of its centre", "m", -_FARTHEST_M, _FARTHEST_M)
+    size_x_m: float = quantity(1.0, "length along its own x", "m", 0.01, _LARGEST_M)
+    size_y_m: float = quantity(1.0, "length along its own y", "m", 0.01, _LARGEST_M)
+    yaw_rad: float = quantity(0.0, "heading of its own x", "rad", -math.pi, math.pi)
+    height_m: float = quantity(1.0, "height", "m", 0.01, 100.0)
 
 
 @dataclass(frozen=True)
@@ -146,14 +146,12 @@ class MovingObstacle(Checked):
 
     name: str = quantity("obstacle", "its name, unique in the world")
     shape: str = quantity("cylinder", "its shape", choices=SHAPES)
-    radius_m: float = quantity(0.0, "radius of a cylinder", "m", minimum=0.0, maximum=10.0)
-    size_x_m: float = quantity(0.0, "length of a box along its own x", "m", minimum=0.0, maximum=20.0)
-    size_y_m: float = quantity(0.0, "length of a box along its own y", "m", minimum=0.0, maximum=20.0)
-    yaw_rad: float = quantity(0.0, "heading of a box's own x", "rad", minimum=-math.pi, maximum=math.pi)
-    height_m: float = quantity(1.0, "height", "m", minimum=0.01, maximum=100.0)
-    phase_s: float = quantity(
-        0.0, "time into its motion at time 0", "s", minimum=-_LONGEST_PERIOD_S, maximum=_LONGEST_PERIOD_S
-    )
+    radius_m: float = quantity(0.0, "radius of a cylinder", "m", 0.0, 10.0)
+    size_x_m: float = quantity(0.0, "length of a box along its own x", "m", 0.0, 20.0)
+    size_y_m: float = quantity(0.0, "length of a box along its own y", "m", 0.0, 20.0)
+    yaw_rad: float = quantity(0.0, "heading of a box's own x", "rad", -math.pi, math.pi)
+    height_m: float = quantity(1.0, "height", "m", 0.01, 100.0)
+    phase_s: float = quantity(0.0, "time into its motion at time 0", "s", -_LONGEST_PERIOD_S, _LONGEST_PERIOD_S)
     motion: Motion = field(default_factory=lambda: Motion(keys=((0.0, 0.0, 0.0), (10.0, 1.0, 0.0))))
 
     def __post_init__(self) -> None:

@@ -14,34 +14,29 @@ from barn_worlds.base.config import Checked, quantity
 class DriveConfig(Checked):
     """The controller (diff_drive_controller on a Jackal) between commands and wheels."""
 
-    max_speed_m_s: float = quantity(2.0, "largest forward speed", "m/s", minimum=0.0, maximum=10.0)
-    max_acceleration_m_s2: float = quantity(20.0, "largest acceleration", "m/s2", minimum=0.01, maximum=1000.0)
-    max_yaw_rate_rad_s: float = quantity(4.0, "largest yaw rate", "rad/s", minimum=0.0, maximum=20.0)
-    max_yaw_acceleration_rad_s2: float = quantity(
-        25.0, "largest yaw acceleration", "rad/s2", minimum=0.01, maximum=1000.0
-    )
+    max_speed_m_s: float = quantity(2.0, "largest forward speed", "m/s", 0.0, 10.0)
+    max_acceleration_m_s2: float = quantity(20.0, "largest acceleration", "m/s2", 0.01, 1000.0)
+    max_yaw_rate_rad_s: float = quantity(4.0, "largest yaw rate", "rad/s", 0.0, 20.0)
+    max_yaw_acceleration_rad_s2: float = quantity(25.0, "largest yaw acceleration", "rad/s2", 0.01, 1000.0)
     wheel_separation_multiplier: float = quantity(
-        1.5,
-        "factor on the track width, so that the robot turns as commanded although its wheels skid",
-        minimum=0.1,
-        maximum=10.0,
+        1.5, "factor on the track width, so that the robot turns as commanded although its wheels skid", "", 0.1, 10.0
     )
     command_timeout_s: float = quantity(
-        0.5, "a command older than this stops the robot (ROS 1 Jackal 0.25)", "s", minimum=0.01, maximum=60.0
+        0.5, "a command older than this stops the robot (ROS 1 Jackal 0.25)", "s", 0.01, 60.0
     )
     command_latency_s: float = quantity(
-        0.08, "time from a command's arrival until it takes effect (assumed)", "s", minimum=0.0, maximum=1.0
+        0.08, "time from a command's arrival until it takes effect (assumed)", "s", 0.0, 1.0
     )
     motor_lag_s: float = quantity(
         0.0,
         "time constant with which the wheels follow what the controller asks of them",
         "s",
-        minimum=0.0,
-        maximum=10.0,
+        0.0,
+        10.0,
         optional=True,
     )
     max_reverse_m_s: float = quantity(
-        10.0, "largest speed backwards, where below max_speed_m_s", "m/s", minimum=0.0, maximum=10.0, optional=True
+        10.0, "largest speed backwards, where below max_speed_m_s", "m/s", 0.0, 10.0, optional=True
     )
 
 
@@ -49,25 +44,21 @@ class DriveConfig(Checked):
 class LidarConfig(Checked):
     """A planar laser scanner; all beams of a scan are taken at one instant, unless it sweeps."""
 
-    beams: int = quantity(720, "number of beams", minimum=1, maximum=20000)
-    angle_min_rad: float = quantity(-2.35619, "direction of the first beam", "rad", minimum=-math.pi, maximum=math.pi)
-    angle_max_rad: float = quantity(2.35619, "direction of the last beam", "rad", minimum=-math.pi, maximum=math.pi)
-    range_min_m: float = quantity(0.1, "anything nearer reads -inf", "m", minimum=0.0, maximum=10.0)
-    range_max_m: float = quantity(30.0, "anything further reads +inf", "m", minimum=0.1, maximum=1000.0)
-    rate_hz: float = quantity(50.0, "scans per second", "Hz", minimum=0.1, maximum=200.0)
-    noise_m: float = quantity(0.001, "standard deviation of a range", "m", minimum=0.0, maximum=1.0)
-    mount_x_m: float = quantity(0.055, "position forward of base_link", "m", minimum=-10.0, maximum=10.0)
-    mount_z_m: float = quantity(0.241, "height above base_link", "m", minimum=-1.0, maximum=10.0)
-    mount_y_m: float = quantity(0.0, "position left of base_link", "m", minimum=-10.0, maximum=10.0, optional=True)
+    beams: int = quantity(720, "number of beams", "", 1, 20000)
+    angle_min_rad: float = quantity(-2.35619, "direction of the first beam", "rad", -math.pi, math.pi)
+    angle_max_rad: float = quantity(2.35619, "direction of the last beam", "rad", -math.pi, math.pi)
+    range_min_m: float = quantity(0.1, "anything nearer reads -inf", "m", 0.0, 10.0)
+    range_max_m: float = quantity(30.0, "anything further reads +inf", "m", 0.1, 1000.0)
+    rate_hz: float = quantity(50.0, "scans per second", "Hz", 0.1, 200.0)
+    noise_m: float = quantity(0.001, "standard deviation of a range", "m", 0.0, 1.0)
+    mount_x_m: float = quantity(0.055, "position forward of base_link", "m", -10.0, 10.0)
+    mount_z_m: float = quantity(0.241, "height above base_link", "m", -1.0, 10.0)
+    mount_y_m: float = quantity(0.0, "position left of base_link", "m", -10.0, 10.0, optional=True)
     mount_yaw_rad: float = quantity(
-        0.0, "direction of angle 0 of a scan, from base_link's x", "rad", minimum=-3.15, maximum=3.15, optional=True
+        0.0, "direction of angle 0 of a scan, from base_link's x", "rad", -3.15, 3.15, optional=True
     )
     noise_share: float = quantity(
-        0.0,
-        "that standard deviation as a share of the range, where it is larger",
-        minimum=0.0,
-        maximum=0.5,
-        optional=True,
+        0.0, "that standard deviation as a share of the range, where it is larger", "", 0.0, 0.5, optional=True
     )
     sweeps: bool = quantity(
         False, "beams are taken one after the other, each from where the robot is as the mirror turns", optional=True
@@ -75,12 +66,13 @@ class LidarConfig(Checked):
     mixed_share: float = quantity(
         0.0,
         "share of the beams beside an edge that read a range between its two sides (mixed pixels)",
-        minimum=0.0,
-        maximum=1.0,
+        "",
+        0.0,
+        1.0,
         optional=True,
     )
     dropout_share: float = quantity(
-        0.0, "share of the beams that read +inf whatever is there", minimum=0.0, maximum=1.0, optional=True
+        0.0, "share of the beams that read +inf whatever is there", "", 0.0, 1.0, optional=True
     )
 
     def __post_init__(self) -> None:
@@ -95,23 +87,22 @@ class LidarConfig(Checked):
 class OdometryConfig(Checked):
     """Odometry as an EKF fuses it: speed from the wheels, absolute yaw and yaw rate from the IMU."""
 
-    rate_hz: float = quantity(50.0, "updates per second", "Hz", minimum=1.0, maximum=1000.0)
-    yaw_noise_rad: float = quantity(0.005, "standard deviation of the yaw", "rad", minimum=0.0, maximum=1.0)
-    yaw_rate_noise_rad_s: float = quantity(
-        0.005, "standard deviation of the yaw rate", "rad/s", minimum=0.0, maximum=1.0
-    )
+    rate_hz: float = quantity(50.0, "updates per second", "Hz", 1.0, 1000.0)
+    yaw_noise_rad: float = quantity(0.005, "standard deviation of the yaw", "rad", 0.0, 1.0)
+    yaw_rate_noise_rad_s: float = quantity(0.005, "standard deviation of the yaw rate", "rad/s", 0.0, 1.0)
     gyro_bias_rad_s: float = quantity(
         0.0,
         "standard deviation, over trials, of a constant error of the yaw rate, by which the yaw drifts",
         "rad/s",
-        minimum=0.0,
-        maximum=1.0,
+        0.0,
+        1.0,
         optional=True,
     )
     wheel_radius_error: float = quantity(
         0.0,
         "standard deviation, over trials, of the error of the wheels' radius as a share, by which speed is misread",
-        minimum=0.0,
-        maximum=0.5,
+        "",
+        0.0,
+        0.5,
         optional=True,
     )

@@ -34,44 +34,40 @@ class Chassis(Checked):
 
     name: str = required("name of the robot")
     kind: str = required("kind of drive", choices=KINDS)
-    mass_kg: float = required("mass, wheels included", "kg", minimum=0.01, maximum=10_000.0)
-    centre_of_mass_m: tuple[float, float, float] = required(
-        "centre of mass", "m", minimum=-_LARGEST_M, maximum=_LARGEST_M
-    )
+    mass_kg: float = required("mass, wheels included", "kg", 0.01, 10_000.0)
+    centre_of_mass_m: tuple[float, float, float] = required("centre of mass", "m", -_LARGEST_M, _LARGEST_M)
     inertia_kg_m2: tuple[float, float, float] = required(
-        "moments of inertia about axes along x, y and z through the centre of mass", "kg m2", minimum=1e-7, maximum=1e6
+        "moments of inertia about axes along x, y and z through the centre of mass", "kg m2", 1e-7, 1e6
     )
-    body_height_m: float = required("top of the body over the ground", "m", minimum=0.01, maximum=10.0)
-    ground_clearance_m: float = required("bottom of the body over the ground", "m", minimum=0.0, maximum=5.0)
-    base_height_m: float = required("base_link over the ground", "m", minimum=-5.0, maximum=10.0)
-    wheel_radius_m: float = required("radius of the wheels", "m", minimum=0.005, maximum=2.0)
-    wheel_width_m: float = required("width of a wheel", "m", minimum=0.001, maximum=2.0)
-    wheel_z_m: float = required("height of the wheels' centres in base_link", "m", minimum=-10.0, maximum=10.0)
-    track_m: float = required("distance between the centres of left and right wheels", "m", minimum=0.01, maximum=10.0)
-    wheelbase_m: float = quantity(
-        0.0, "distance between the axles; 0 for one axle", "m", minimum=0.0, maximum=20.0, optional=True
-    )
+    body_height_m: float = required("top of the body over the ground", "m", 0.01, 10.0)
+    ground_clearance_m: float = required("bottom of the body over the ground", "m", 0.0, 5.0)
+    base_height_m: float = required("base_link over the ground", "m", -5.0, 10.0)
+    wheel_radius_m: float = required("radius of the wheels", "m", 0.005, 2.0)
+    wheel_width_m: float = required("width of a wheel", "m", 0.001, 2.0)
+    wheel_z_m: float = required("height of the wheels' centres in base_link", "m", -10.0, 10.0)
+    track_m: float = required("distance between the centres of left and right wheels", "m", 0.01, 10.0)
+    wheelbase_m: float = quantity(0.0, "distance between the axles; 0 for one axle", "m", 0.0, 20.0, optional=True)
     axle_x_m: float = quantity(
         0.0,
         "x of the driven axle (differential) or half way between the axles (skid_steer)",
         "m",
-        minimum=-10.0,
-        maximum=10.0,
+        -10.0,
+        10.0,
         optional=True,
     )
     footprint_m: tuple[Corner, ...] = quantity(
         (), "corners of the outline from above, counter-clockwise; not of a round robot", "m", optional=True
     )
     footprint_radius_m: float = quantity(
-        0.0, "radius of a round robot about base_link", "m", minimum=0.0, maximum=_LARGEST_M, optional=True
+        0.0, "radius of a round robot about base_link", "m", 0.0, _LARGEST_M, optional=True
     )
     casters_m: tuple[Corner, ...] = quantity((), "x, y where casters touch the ground", "m", optional=True)
     body_m: tuple[float, float] = quantity(
         (0.0, 0.0),
         "length and width of the box about base_link that the physics has as the body; 0: those of the outline",
         "m",
-        minimum=0.0,
-        maximum=_LARGEST_M,
+        0.0,
+        _LARGEST_M,
         optional=True,
     )
     description: str = quantity(
@@ -219,7 +215,7 @@ class Robot(Checked):
     drive: DriveConfig
     lidar: LidarConfig
     odometry: OdometryConfig = field(default_factory=OdometryConfig)
-    wheel_friction: float = quantity(0.5, "friction coefficient of the wheels on the ground", minimum=0.0, maximum=3.0)
+    wheel_friction: float = quantity(0.5, "friction coefficient of the wheels on the ground", "", 0.0, 3.0)
     summary: str = quantity("", "what the robot is, in one line")
     sources: Mapping[str, str] = field(default_factory=dict, hash=False)
 

@@ -28,10 +28,8 @@ class MapServerConfig(Checked):
     """What is served."""
 
     dataset: str = quantity("barn300", "name of a shipped data set, or path of a folder or file with worlds")
-    world: int = quantity(0, "number of the world", minimum=0, maximum=999_999_999)
-    resolution_m: float = quantity(
-        0.0, "resolution of the map, 0 for that of the world", "m", minimum=0.0, maximum=10.0
-    )
+    world: int = quantity(0, "number of the world", "", 0, 999_999_999)
+    resolution_m: float = quantity(0.0, "resolution of the map, 0 for that of the world", "m", 0.0, 10.0)
     historical_map: bool = quantity(False, "place obstacles as the original map files do, one cell too near")
     frame_id: str = quantity(FRAMES.map, "frame of map and path")
 

@@ -26,15 +26,15 @@ LARGEST_GENERATED_SIDE = 500
 class WorldParameters(Checked):
     """What a world is generated with (paper, section III-A and Table I)."""
 
-    initial_fill: float = quantity(0.20, "initial share of filled cells", minimum=0.0, maximum=1.0)
-    smoothing_iterations: int = quantity(3, "iterations of the cellular automaton", minimum=0, maximum=100)
-    fill_threshold: int = quantity(5, "filled neighbours that make a cell filled, at least", minimum=0, maximum=9)
-    clear_threshold: int = quantity(1, "filled neighbours that make a cell free, at most", minimum=-1, maximum=8)
-    rows: int = quantity(30, "cells across, side walls included", minimum=3, maximum=LARGEST_GENERATED_SIDE)
-    cols: int = quantity(30, "cells along the driving direction", minimum=2, maximum=LARGEST_GENERATED_SIDE)
-    resolution_m: float = quantity(0.15, "size of a cell", "m", minimum=0.01, maximum=10.0)
-    footprint_cells: int = quantity(5, "odd side of the robot's square footprint", minimum=1, maximum=101)
-    attempts: int = quantity(1_000_000, "grids tried until one has a way through", minimum=1, maximum=10_000_000)
+    initial_fill: float = quantity(0.20, "initial share of filled cells", "", 0.0, 1.0)
+    smoothing_iterations: int = quantity(3, "iterations of the cellular automaton", "", 0, 100)
+    fill_threshold: int = quantity(5, "filled neighbours that make a cell filled, at least", "", 0, 9)
+    clear_threshold: int = quantity(1, "filled neighbours that make a cell free, at most", "", -1, 8)
+    rows: int = quantity(30, "cells across, side walls included", "", 3, LARGEST_GENERATED_SIDE)
+    cols: int = quantity(30, "cells along the driving direction", "", 2, LARGEST_GENERATED_SIDE)
+    resolution_m: float = quantity(0.15, "size of a cell", "m", 0.01, 10.0)
+    footprint_cells: int = quantity(5, "odd side of the robot's square footprint", "", 1, 101)
+    attempts: int = quantity(1_000_000, "grids tried until one has a way through", "", 1, 10_000_000)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -68,11 +68,9 @@ class DatasetParameters(Checked):
     """What a data set is generated with; the defaults are those of the shipped barn300."""
 
     name: str = quantity("barn300", "name of the data set")
-    seed: int = quantity(2020, "seed of all randomness", minimum=0, maximum=2**63 - 1)
-    worlds_per_set: int = quantity(25, "worlds made with each parameter set", minimum=1, maximum=MOST_WORLDS)
-    keep: int = quantity(
-        0, "worlds kept of those made, evenly spread over their order; 0: all", minimum=0, maximum=MOST_WORLDS
-    )
+    seed: int = quantity(2020, "seed of all randomness", "", 0, 2**63 - 1)
+    worlds_per_set: int = quantity(25, "worlds made with each parameter set", "", 1, MOST_WORLDS)
+    keep: int = quantity(0, "worlds kept of those made, evenly spread over their order; 0: all", "", 0, MOST_WORLDS)
     robot: str = quantity("", "robot that the worlds are made for, if it is not the Jackal")
     sets: tuple[WorldParameters, ...] = TABLE_I
 

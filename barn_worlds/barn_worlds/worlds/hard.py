@@ -29,14 +29,12 @@ class HardParameters(Checked):
     """What a hard world is generated with; lengths that are counted in cells are for the robot's size of cells."""
 
     kind: str = quantity("doors", "what makes it hard", choices=KINDS)
-    rows: int = quantity(30, "cells across, side walls included", minimum=24, maximum=100)
-    cols: int = quantity(45, "cells along the driving direction", minimum=24, maximum=200)
-    resolution_m: float = quantity(0.15, "size of a cell", "m", minimum=0.01, maximum=10.0)
-    margin_cells: float = quantity(
-        0.3, "room that the proven way leaves on every side, in cells", minimum=0.0, maximum=2.0
-    )
-    spare_cells: int = quantity(2, "most cells that a passage is wider than the narrowest", minimum=0, maximum=10)
-    attempts: int = quantity(1000, "grids tried until one has a way through", minimum=1, maximum=1_000_000)
+    rows: int = quantity(30, "cells across, side walls included", "", 24, 100)
+    cols: int = quantity(45, "cells along the driving direction", "", 24, 200)
+    resolution_m: float = quantity(0.15, "size of a cell", "m", 0.01, 10.0)
+    margin_cells: float = quantity(0.3, "room that the proven way leaves on every side, in cells", "", 0.0, 2.0)
+    spare_cells: int = quantity(2, "most cells that a passage is wider than the narrowest", "", 0, 10)
+    attempts: int = quantity(1000, "grids tried until one has a way through", "", 1, 1_000_000)
 
 
 class Draw:

@@ -27,13 +27,11 @@ class ReproduceConfig(Checked):
     """
 
     dataset: str = quantity("barn300", "data set: a name, folder or file")
-    strata: int = quantity(
-        0, "parts of the order of which one world each is taken, 0 for all", minimum=0, maximum=10_000
-    )
-    repetitions: int = quantity(REPETITIONS, "trials per world and planner", minimum=2, maximum=99)
-    seed: int = quantity(0, "all randomness comes from it", minimum=0, maximum=2**31)
-    folds: int = quantity(10, "parts that held-out worlds are taken in", minimum=2, maximum=100)
-    repeats: int = quantity(5, "how often they are drawn anew", minimum=1, maximum=100)
+    strata: int = quantity(0, "parts of the order of which one world each is taken, 0 for all", "", 0, 10_000)
+    repetitions: int = quantity(REPETITIONS, "trials per world and planner", "", 2, 99)
+    seed: int = quantity(0, "all randomness comes from it", "", 0, 2**31)
+    folds: int = quantity(10, "parts that held-out worlds are taken in", "", 2, 100)
+    repeats: int = quantity(5, "how often they are drawn anew", "", 1, 100)
 
 
 QUICK = ReproduceConfig(strata=40, folds=5, repeats=1)
