@@ -53,6 +53,14 @@ def test_mistakes_are_one_line(spec, message):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("spec", "missing"), [("0:999", "300 of 0:999"), ("298-301", "300 of 298-301"), ("0:400:100", "300")]
+)
+def test_a_range_beyond_a_set_without_gaps_is_refused(spec, missing):
+    with pytest.raises(WorldError, match=f"no world {missing}"):
+        select_worlds(spec, range(300))
+
+
 @given(st.text(max_size=30))
 def test_any_text_either_chooses_or_is_refused(spec):
     try:

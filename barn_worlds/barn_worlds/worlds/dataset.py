@@ -157,7 +157,8 @@ def select_worlds(spec: str, indices: Iterable[int]) -> list[int]:
     """Return the numbers that `spec` selects from `indices`, in its order, each once.
 
     "7" must exist. The ranges "0-49" (both ends included) and "0:300:6" (like a Python range, end excluded) select the
-    numbers that exist, at least one. "1,4,7-9" joins, "all" is all. WorldError for anything else.
+    numbers that exist, at least one; of a set without gaps all must exist. "1,4,7-9" joins, "all" is all. WorldError
+    for anything else.
     """
     known = sorted(set(indices))
     if len(spec) > LONGEST_SPEC:
@@ -181,6 +182,12 @@ def _part(part: str, spec: str, known: list[int]) -> list[int]:
         raise WorldError(f"worlds {spec!r:.80}: the step in {part!r} must be at least 1")
     wanted = range(int(first), int(stop) if stop else int(last or first) + 1, int(step or 1))
     found = [index for index in known if index in wanted]
-    if not found:
+    gapless = known[-1] - known[0] == len(known) - 1
+    if not found or (gapless and len(found) < len(wanted)):
+        part = (
+            part
+            if not found
+            else f"{next(index for index in wanted if index > known[-1] or index < known[0])} of {part}"
+        )
         raise WorldError(f"worlds {spec!r:.80}: no world {part} among the {len(known)} from {known[0]} to {known[-1]}")
     return found
