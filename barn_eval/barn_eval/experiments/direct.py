@@ -96,7 +96,7 @@ class _DirectTrial:
     def run(self) -> Verdict:
         spec, trial = self._spec, self.trial
         simulator = Simulator(spec.world, spec.simulator, spec.course.start, spec.simulator_seed, _engine)
-        with closing(simulator):
+        with closing(simulator), trial.deadline.installed():
             sensors = simulator.sense()
             trial.ask(self._start_planner, FIRST_LIMIT_S)
             for bag in self._bags:
@@ -130,10 +130,15 @@ class _DirectTrial:
         """Return the command that answers readings, None where there is none, and after how many ns it arrives."""
         pose = sensors.localisation if self._spec.protocol.map_given else sensors.odometry.pose
         observation = Observation(sensors.stamp_ns, sensors.odometry, sensors.scan, pose)
-        limit_s = STALL_LIMIT_S if self.answer_times_s else FIRST_LIMIT_S
-        stopwatch = Stopwatch()
-        answer = self.trial.ask(lambda: _checked(self._session.answer(observation)), limit_s)
-        self.answer_times_s.append(stopwatch.elapsed_s())
+
+        def cycle() -> Answer:
+            stopwatch = Stopwatch()
+            try:
+                return _checked(self._session.answer(observation))
+            finally:
+                self.answer_times_s.append(stopwatch.elapsed_s())
+
+        answer = self.trial.ask(cycle, STALL_LIMIT_S if self.answer_times_s else FIRST_LIMIT_S)
         # in whole microseconds, as they are kept
         measured_ns = 1000 * round(1e6 * pace() * self.answer_times_s[-1]) if self._spec.way == MEASURED else None
         delay_ns = self.turnaround.take(sensors.stamp_ns, measured_ns)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import threading
 import time
@@ -55,29 +56,6 @@ class _Stalled(BaseException):
 STALLED = 10.0  # wall-clock time in multiples of a limit after which the machine, not the planner, is given up
 
 
-class _OwnTime:
-    """What a thread takes of its own accord: processor time, and time in which it waits; not what is withheld from it.
-
-    A processor that is busy with others is withheld, and so is the time of a process that is stopped, in which no look
-    comes. Waiting counts from the first look on: before, nobody asks the system, which takes longer than short work.
-    """
-
-    def __init__(self, period_s: float) -> None:
-        self._period_s = period_s
-        self._used_s = time.thread_time()
-        self._queued_s: float | None = None
-        self.seen_s = 0.0
-
-    def look(self) -> float:
-        """Return it in s; to be called once a period, in the thread. seen_s: what has passed of periods, at least."""
-        queued = queued_s()
-        if self._queued_s is None:
-            self._queued_s = queued
-        else:
-            self.seen_s += self._period_s
-        return max(time.thread_time() - self._used_s, self.seen_s - (queued - self._queued_s))
-
-
 def queued_s(process: str | int = "self") -> float:
     """Return how long the main thread of a process has waited for a processor, 0 where the system does not tell."""
     try:
@@ -86,30 +64,53 @@ def queued_s(process: str | int = "self") -> float:
         return 0.0
 
 
-@contextmanager
-def deadline(limit_s: float) -> Iterator[None]:
-    """Raise DeadlineError in what takes longer of its own time, so that a planner that hangs cannot hang everything.
+class Deadline:
+    """Raises DeadlineError in calls that take longer of their own time, so that a planner cannot hang everything.
 
-    Works by an interval timer: in the main thread only (elsewhere nothing is limited), and in compiled code not before
-    it returns.
+    Own is processor time, and time in which a call waits; not what is withheld from it. A processor that is busy with
+    others is withheld, and so is the time of a process that is stopped, in which no look comes. Waiting counts from the
+    first look on: before, nobody asks the system, which takes longer than short work.
+
+    Works by an interval timer: in the main thread and while `installed` only (elsewhere nothing is limited), and in
+    compiled code not before it returns. limit_s: holds from the next call on.
     """
-    period_s = min(1.0, limit_s / 4.0)
-    own = _OwnTime(period_s)
 
-    def look(_signal: int, _frame: FrameType | None) -> None:
-        if own.look() >= limit_s:
+    limit_s = math.inf
+
+    def __init__(self) -> None:
+        self._armed = False
+
+    @contextmanager
+    def installed(self) -> Iterator[None]:
+        """Take over the alarm signal, and give it back at the end."""
+        with handled(signal.SIGALRM, self._look) as self._armed:
+            try:
+                yield
+            finally:
+                self._armed = False
+
+    def __enter__(self) -> None:
+        """Begin to count."""
+        if self._armed:
+            self._period_s = min(1.0, self.limit_s / 4.0)
+            self._used_s, self._seen_s, self._queued_s = time.thread_time(), 0.0, math.nan
+            signal.setitimer(signal.ITIMER_REAL, self._period_s, self._period_s)
+
+    def __exit__(self, *error: object) -> None:
+        """Stop counting."""
+        if self._armed:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+    def _look(self, _signal: int, _frame: FrameType | None) -> None:
+        queued = queued_s()
+        if math.isnan(self._queued_s):
+            self._queued_s = queued
+        else:
+            self._seen_s += self._period_s
+        if max(time.thread_time() - self._used_s, self._seen_s - (queued - self._queued_s)) >= self.limit_s:
             raise DeadlineError
-        if own.seen_s >= STALLED * limit_s:
+        if self._seen_s >= STALLED * self.limit_s:
             raise _Stalled
-
-    with handled(signal.SIGALRM, look) as armed:
-        if armed:
-            signal.setitimer(signal.ITIMER_REAL, period_s, period_s)
-        try:
-            yield
-        finally:
-            if armed:
-                signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
 class RunningTrial:
@@ -123,6 +124,7 @@ class RunningTrial:
         self.spec = spec
         self.referee = Referee(spec.rules, spec.course, spec.declared_mps)
         self.log = TrajectoryLog()
+        self.deadline = Deadline()
         self.recoveries: int | None = None
         self.traceback = ""
         self._logged = logged
@@ -180,7 +182,8 @@ class RunningTrial:
     def ask(self, call: Callable[[], T], limit_s: float) -> T | None:
         """Call the planner within a limit and return its answer; what goes wrong there ends the trial."""
         try:
-            with deadline(limit_s):
+            self.deadline.limit_s = limit_s
+            with self.deadline:
                 return call()
         except DeadlineError:
             detail = f"no answer within {limit_s:g} s of its own time"
