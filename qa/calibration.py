@@ -7,11 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from barn_eval.analysis.means import mean_interval
 from barn_eval.analysis.published import FAILURE_TIME_S, TimedTrials, read_published
 from barn_eval.analysis.significance import proportion
 from barn_eval.analysis.sources import Entry, read_entries
-from barn_eval.analysis.statistics import rank_correlation, repetition_spread
+from barn_eval.analysis.statistics import mean_interval, rank_correlation, repetition_spread
 from barn_metrics.bootstrap import Interval, over_worlds
 from barn_metrics.model.evaluation import determination
 from barn_worlds.base.arrays import Floats, Integers

@@ -21,10 +21,9 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 
-from barn_eval.analysis.means import mean_interval
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.sources import read_source
-from barn_eval.analysis.statistics import rank_correlation
+from barn_eval.analysis.statistics import mean_interval, rank_correlation
 from barn_eval.pages.figures import label_axes, new_figure, style, write_figure
 from barn_metrics.bootstrap import Interval, over_worlds
 from barn_metrics.metrics import METRICS, world_metrics

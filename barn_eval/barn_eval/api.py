@@ -9,7 +9,7 @@ from typing import Any, Concatenate, Literal, ParamSpec
 import pandas as pd
 from rich.console import Console
 
-from barn_eval.analysis.sweep import sweep_board, sweep_rows
+from barn_eval.analysis.leaderboard import sweep_board, sweep_rows
 from barn_eval.experiments.live import LivePlanner, Planners, split_planners
 from barn_eval.experiments.request import Request, read_request
 from barn_eval.experiments.run import Plan, plan_experiment

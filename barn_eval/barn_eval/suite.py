@@ -4,8 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -16,14 +15,13 @@ from barn_eval.experiments.experiment import Execution
 from barn_eval.experiments.ros_config import RosSetup
 from barn_eval.experiments.run_file import isolation, provenance, ros_problem
 from barn_eval.ros.work import isolation_text
-from barn_eval.studies import bench as measuring
-from barn_eval.studies.bench import Measurement
-from barn_eval.studies.reproduction import run as reproduction
+from barn_eval.studies.bench import BenchSetup, bench
+from barn_eval.studies.reproduction import findings as reproduction
 from barn_eval.studies.reproduction.findings import QUICK, ReproduceConfig
 from barn_eval.studies.reproduction.page import write_results
-from barn_eval.studies.validation import Check, checks
-from barn_planners.registry import planner_config, planner_names
-from barn_worlds.base.config import Checked, quantity, replace_dotted
+from barn_eval.studies.validation import validate
+from barn_planners.registry import planner_names
+from barn_worlds.base.config import replace_dotted
 from barn_worlds.worlds.dataset import shipped
 
 __all__ = ["BenchSetup", "bench", "info", "reproduce", "validate"]
@@ -76,50 +74,6 @@ def reproduce(
     console = Console(stderr=True, quiet=not progress)
     findings, origin = reproduction.reproduce(config, folder, Execution(workers=workers), console)
     return [write_results(findings, origin, Path(target)) for target in (folder, docs) if target]
-
-
-@dataclass(frozen=True)
-class BenchSetup(Checked):
-    """What `bench` measures."""
-
-    dataset: str = quantity("barn300", "data set that the world is from")
-    world: int = quantity(-1, "world of the trials, -1 for the one in the middle", "", -1, 1_000_000_000)
-    repeats: int = quantity(3, "the best of so many counts", "", 1, 100)
-    ros: bool = quantity(True, "a trial over ROS is measured, if rclpy is installed")
-
-
-def bench(
-    planners: Sequence[str] = ("dwa", "eband"),
-    settings: Mapping[str, object] | None = None,
-    *,
-    note: Callable[[str], None] = lambda _: None,
-) -> Iterator[Measurement]:
-    """Yield figures of the suite's speed on this machine, each the best of some repeats.
-
-    Args:
-        planners: Planners to measure.
-        settings: Fields of `BenchSetup`.
-        note: Gets a line about each measurement that has been made.
-
-    Raises:
-        BarnError: A planner or a setting is not known.
-    """
-    for name in planners:
-        planner_config(name)
-    setup = replace_dotted(BenchSetup(), settings or {}, "settings")
-    world = None if setup.world < 0 else setup.world
-    over_ros = setup.ros and not ros_problem()
-    return measuring.bench(setup.dataset, world, list(planners), setup.repeats, ros=over_ros, note=note)
-
-
-def validate(simulations: int = 400, *, seed: int = 0) -> Iterator[Check]:
-    """Yield how often simulated intervals cover the truth and simulated tests raise a false alarm, check by check.
-
-    Args:
-        simulations: So many per check.
-        seed: All randomness comes from it and the next: each check is made with both.
-    """
-    return checks(simulations, seed)
 
 
 def info() -> dict[str, Any]:

@@ -8,8 +8,9 @@ import pytest
 from click.testing import CliRunner
 from test_rows import result as a_result
 
-from barn_eval.analysis.compare import COMPARED, compare, compare_folders, holm_adjusted
-from barn_eval.analysis.summary import DRIVEN, SCORED, summarise_campaign
+from barn_eval.analysis.compare import compare, compare_folders, holm_adjusted
+from barn_eval.analysis.measures import COMPARED, DRIVEN, SCORED
+from barn_eval.analysis.summary import summarise_campaign
 from barn_eval.analysis.tables import comparison_table
 from barn_eval.commands.compare import command as compare_command
 from barn_eval.experiments.experiment import Experiment, PlannerChoice

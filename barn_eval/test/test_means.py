@@ -5,9 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from barn_eval.analysis.means import Columns, mean_interval
 from barn_eval.analysis.significance import Share, paired_difference, share_of
-from barn_eval.analysis.statistics import difference
+from barn_eval.analysis.statistics import Columns, difference, mean_interval
 
 
 def counted(values, failures, worlds, as_failure=0.0, best=0.5):

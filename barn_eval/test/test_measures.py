@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from test_rows import result
 
-from barn_eval.analysis.compare import COMPARED, compare
+from barn_eval.analysis.compare import compare
 from barn_eval.analysis.leaderboard import RANKINGS
-from barn_eval.analysis.measures import MEASURES, MOVING, metric_of, with_motion
+from barn_eval.analysis.measures import COMPARED, DRIVEN, MEASURES, MOVING, SCORED, metric_of, with_motion
 from barn_eval.analysis.planners import colours, spelling
-from barn_eval.analysis.summary import DRIVEN, SCORED, summarise, summarise_campaign
+from barn_eval.analysis.summary import summarise, summarise_campaign
 from barn_eval.analysis.tables import summary_table, trials_table
 from barn_eval.analysis.text_table import TextTable, counted
 from barn_eval.commands import options

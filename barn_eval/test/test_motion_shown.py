@@ -29,7 +29,7 @@ from barn_eval.pages.replay.page import facts, replay_page
 from barn_eval.pages.replay.payload import bounds, payload
 from barn_eval.pages.report.maps import overlay
 from barn_eval.pages.report.page import build_report, report_page
-from barn_eval.pages.report.trial_data import trial_data
+from barn_eval.pages.report.trials import trial_data
 from barn_eval.trials.protocol import DYNABARN
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_worlds.geometry.bodies import Bodies, wall_bodies
@@ -116,7 +116,7 @@ def test_walls_are_recorded_and_drawn_where_nothing_moves(world, tmp_path, open_
     moving, times_s = recorded.moving, recorded.times_s
     near = gaps_to(moving.bodies, moving.walls, moving.at(times_s), recorded.poses, recorded.outline)
     np.testing.assert_allclose(recorded.clearance_m, near, atol=1e-9)  # there are no cylinders
-    write_replay(tmp_path / "bag", html=tmp_path / "trial.html", png=tmp_path / "trial.png")
+    write_replay([tmp_path / "bag"], [tmp_path / "trial.html", tmp_path / "trial.png"])
     page = open_page(tmp_path / "trial.html")
     assert page.locator("#layer-world").count() == 1 and page.locator("#layer-moving").count() == 0
     assert page.evaluate("replay.trials[0].movers.at(1).length") == 0
@@ -142,7 +142,7 @@ def test_pictures_and_films_show_what_moves(bag, tmp_path):
     for camera in ("chase", "top", "side"):
         seen = [tmp_path / f"{camera}_{name}.png" for name in ("moving", "still")]
         for one, source in zip(seen, (bag, still), strict=True):
-            write_replay(source, png=one, camera=camera)
+            write_replay([source], [one], camera=camera)
         pixels = [np.asarray(Image.open(one).convert("RGB"), int) for one in seen]
         violet = [((one[:, :, 2] > one[:, :, 1] + 12) & (one[:, :, 0] > one[:, :, 1])).mean() for one in pixels]
         assert violet[0] > 0.001 and violet[1] == 0.0
@@ -211,7 +211,7 @@ def test_pages_move_obstacles_as_the_world_does(bag, folder, world, tmp_path, op
     recorded = read_recorded(bag)
     phase_s = recorded.result["motion"]["phase_s"]
     other = bag.with_name(bag.name.replace("gap_", "gap_predictive_"))
-    write_replay([bag, other], html=tmp_path / "two.html")
+    write_replay([bag, other], [tmp_path / "two.html"])
     (tmp_path / "report.html").write_text(report_page(build_report([folder]), "A title"), "utf-8")
     pixels = "document.getElementById('scene').toDataURL()"
     page = open_page(tmp_path / "two.html")

@@ -8,7 +8,7 @@ from barn_eval.analysis.leaderboard import leaderboard
 from barn_eval.pages.live.server import Watch
 from barn_eval.pages.replay.files import write_replay
 from barn_eval.pages.report.leaderboard import write_boards
-from barn_eval.pages.report.page import write_report
+from barn_eval.results import report
 
 PAGES = ("report", "leaderboard", "replay", "campaign")
 DARK, SCREEN = {"color_scheme": "dark"}, {"viewport": {"width": 1920, "height": 1080}}
@@ -22,9 +22,9 @@ def addresses(run, tmp_path_factory):
     """The address of each page."""
     place = tmp_path_factory.mktemp("pages")
     folder = campaign(place / "campaign", run)
-    write_report([folder], place / "report.html", hardest=1)
+    report([folder], place / "report.html", hardest=1)
     write_boards(leaderboard([folder]), place / "leaderboard.html")
-    write_replay(folder / "bags" / "gap_w0000_r00", html=place / "replay.html")
+    write_replay([folder / "bags" / "gap_w0000_r00"], [place / "replay.html"])
     with Watch(folder, port=0) as page:
         yield {name: (place / f"{name}.html").as_uri() for name in PAGES[:3]} | {"campaign": page.url}
 

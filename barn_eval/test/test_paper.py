@@ -9,7 +9,7 @@ from report_work import campaign
 from test_compare import results
 
 import barn_eval as barn
-from barn_eval.analysis.paper import paper_table
+from barn_eval.analysis.tables import paper_table
 from barn_worlds.base.errors import ConfigError
 
 ROW = re.compile(r"^\{\}(.*) \\\\$", re.M)

@@ -10,8 +10,14 @@ from test_compare import folders, results, scored  # noqa: F401 (a fixture)
 from test_ranking import timed
 
 from barn_eval.analysis.measures import MEASURES
-from barn_eval.analysis.precision import REPETITIONS, figures_table, needs_table, precision
-from barn_eval.analysis.ranking import ranking_power, ranking_table
+from barn_eval.analysis.precision import (
+    REPETITIONS,
+    figures_table,
+    needs_table,
+    precision,
+    ranking_power,
+    ranking_table,
+)
 from barn_eval.analysis.significance import components, half_width, worlds_for_difference, worlds_for_half_width
 from barn_eval.commands.precision import command
 from barn_worlds.base.errors import ConfigError

@@ -10,10 +10,10 @@ from test_compare import results, scored
 
 from barn_eval.analysis.compare import compare, holm_adjusted
 from barn_eval.analysis.leaderboard import board
-from barn_eval.analysis.means import Columns
 from barn_eval.analysis.measures import MEASURES
 from barn_eval.analysis.significance import paired_difference
 from barn_eval.analysis.sources import Entry, Source
+from barn_eval.analysis.statistics import Columns
 from barn_eval.analysis.verdict import cautions, pair_verdict, rank, rank_results, results_verdict, verdict
 from barn_worlds.base.errors import ConfigError
 

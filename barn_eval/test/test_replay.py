@@ -284,7 +284,7 @@ def test_trials_are_told_apart_by_planner_then_bag_then_folder(bag):
 
 def test_a_replay_of_too_many_bags_is_refused(bag, tmp_path):
     with pytest.raises(ConfigError, match="1 to 6 bags, got 7"):
-        write_replay([bag] * 7, html=tmp_path / "page.html")
+        write_replay([bag] * 7, [tmp_path / "page.html"])
 
 
 def test_texts_of_a_bag_are_shown_and_not_run(either_bag, tmp_path):
@@ -298,24 +298,24 @@ def test_texts_of_a_bag_are_shown_and_not_run(either_bag, tmp_path):
 
 def test_pictures_and_animations(bag, tmp_path):
     recorded = read_recorded(bag)
-    write_replay(bag, png=tmp_path / "end.png")
+    write_replay([bag], [tmp_path / "end.png"])
     with Image.open(tmp_path / "end.png") as picture:
         assert picture.size[0] > 400
         assert len(picture.convert("RGB").resize((60, 90)).getcolors(10_000)) > 20
     shares = []
-    write_replay(bag, gif=tmp_path / "trial.gif", frames_per_s=2.0, speed=4.0, progress=shares.append)
+    write_replay([bag], [tmp_path / "trial.gif"], frames_per_s=2.0, speed=4.0, progress=shares.append)
     assert shares == pytest.approx(np.arange(1, len(shares) + 1) / (np.ceil(recorded.times_s[-1] / 2.0) + 1))
     with Image.open(tmp_path / "trial.gif") as animation:
         # Frames that equal the one before are merged by the format.
         assert 3 <= animation.n_frames <= int(np.ceil(recorded.times_s[-1] / 2.0)) + 1
         assert animation.info["duration"] == 500
     assert [path.name for path in tmp_path.glob("*.partial")] == []
-    write_replay([bag, bag], png=tmp_path / "both.png")
+    write_replay([bag, bag], [tmp_path / "both.png"])
     with Image.open(tmp_path / "end.png") as one, Image.open(tmp_path / "both.png") as both:
         assert one.size == SIZES["top"] and both.size == (2 * one.size[0], one.size[1])
         halves = [np.asarray(both.crop((left, 0, left + one.size[0], one.size[1]))) for left in (0, one.size[0])]
         assert all((half == np.asarray(one)).all() for half in halves)
-    write_replay(bag, png=tmp_path / "chase.png", camera="chase")
+    write_replay([bag], [tmp_path / "chase.png"], camera="chase")
     with Image.open(tmp_path / "chase.png") as picture:
         assert picture.size == SIZES["chase"]
         assert len(picture.convert("RGB").getcolors(1 << 24)) > 100
@@ -326,7 +326,7 @@ def test_pictures_and_animations(bag, tmp_path):
 def test_a_film_without_ffmpeg_is_refused_in_one_line(bag, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(ConfigError, match="needs ffmpeg, which is not installed"):
-        write_replay(bag, mp4=tmp_path / "trial.mp4")
+        write_replay([bag], [tmp_path / "trial.mp4"])
     assert not (tmp_path / "trial.mp4").exists()
 
 
@@ -352,7 +352,7 @@ def film_maker(tmp_path, monkeypatch):
 def test_a_film_gets_each_frame_whole_or_is_not_there(bag, tmp_path, monkeypatch):
     recorded = read_recorded(bag)
     written = tmp_path / "trial.mp4"
-    write_replay(bag, mp4=written, frames_per_s=2.0, speed=4.0)
+    write_replay([bag], [written], frames_per_s=2.0, speed=4.0)
     called, sent = written.read_text().split("|")
     width, height = (int(text) for text in re.search(r"-s (\d+)x(\d+) -r 2 ", called).groups())
     assert width % 2 == height % 2 == 0
@@ -360,13 +360,13 @@ def test_a_film_gets_each_frame_whole_or_is_not_there(bag, tmp_path, monkeypatch
     written.unlink()
     monkeypatch.setenv("FAIL", "1")
     with pytest.raises(ConfigError, match=r"trial.mp4: ffmpeg failed: no such encoder$"):
-        write_replay(bag, mp4=written, frames_per_s=2.0, speed=4.0)
+        write_replay([bag], [written], frames_per_s=2.0, speed=4.0)
     assert list(tmp_path.glob("trial.mp4*")) == []
 
 
 @pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="no ffmpeg on the path")
 def test_a_film(bag, tmp_path):
-    write_replay(bag, mp4=tmp_path / "trial.mp4", frames_per_s=5.0, speed=4.0)
+    write_replay([bag], [tmp_path / "trial.mp4"], frames_per_s=5.0, speed=4.0)
     assert (tmp_path / "trial.mp4").read_bytes()[4:8] == b"ftyp"
 
 
@@ -380,7 +380,7 @@ def test_the_bag_has_what_the_page_says(either_bag):
 
 def test_the_page_plays_pauses_scrubs_and_changes_speed(bag, open_page, tmp_path):
     file = tmp_path / "replay.html"
-    assert write_replay(bag, html=file) == [file]
+    assert write_replay([bag], [file]) == [file]
     page = open_page(file)
     time = "window.replay.player.time"
 

@@ -31,9 +31,10 @@ from barn_eval.experiments.track import NO_NUMBER
 from barn_eval.pages.figures import Plot, style
 from barn_eval.pages.report import page as report_module
 from barn_eval.pages.report.charts import CHARTS
-from barn_eval.pages.report.page import build_report, draw, figure_of, plot, report_page, write_assets, write_report
-from barn_eval.pages.report.trial_data import trial_data
+from barn_eval.pages.report.page import build_report, draw, figure_of, plot, report_page, write_assets
+from barn_eval.pages.report.trials import trial_data
 from barn_eval.pages.template import colour_sheet, script_json
+from barn_eval.results import report as write_folders
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN, load_protocol
 from barn_metrics.model import load_model
 from barn_worlds.base.config import as_dict
@@ -373,13 +374,14 @@ def test_the_hardest_worlds_are_shown_from_start_to_goal(report):
 
 def test_a_trial_with_a_bag_links_to_its_replay(folder, tmp_path):
     out = tmp_path / "pages" / "report.html"
-    made = write_report([folder], out, hardest=0, replays=tmp_path / "pages" / "replays")
+    write_folders([folder], out, hardest=0, replays=tmp_path / "pages" / "replays")
     data = json.loads(re.search(r'id="data">(.*?)</script>', out.read_text("utf-8"))[1])
     linked = {trial["id"]: trial["replay"] for trial in data["trials"] if trial["replay"]}
     bags = {path.name for path in (folder / "bags").iterdir()}
     assert linked.keys() == bags
     for page in linked.values():
         assert "Plan view of the trial" in (out.parent / page).read_text("utf-8")
+    made = build_report([folder], hardest=0)
     assert not any(trial["replay"] for trial in trial_data(made.entries, made.drives, {})["trials"])
 
 
@@ -562,7 +564,7 @@ def test_a_report_made_by_several_processes_is_the_same(folder, tmp_path, monkey
         if name == "one":
             monkeypatch.setattr(report_module, "run_forked", lambda jobs, progress: [job() for job in jobs])
         shares, place = [], tmp_path / name
-        write_report([folder], place / "report.html", assets=place / "assets", title="Same", progress=shares.append)
+        write_folders([folder], place / "report.html", assets=place / "assets", title="Same", progress=shares.append)
         assert name == "one" or (shares == sorted(set(shares)) and 0.0 < shares[0] < shares[-1] == 1.0)
         written.append({path.name: path.read_bytes() for path in place.rglob("*.*")})
     assert written[0] == written[1] == written[2]

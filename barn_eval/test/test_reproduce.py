@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from reproduce_work import made_up_results
 
-from barn_eval.studies.reproduction import paper, run
-from barn_eval.studies.reproduction.findings import ReproduceConfig
+from barn_eval.studies.reproduction import paper
+from barn_eval.studies.reproduction.findings import ReproduceConfig, chosen_worlds, paper_campaign
 from barn_eval.studies.reproduction.page import FAILS, HOLDS, OPEN, above, contains
-from barn_eval.studies.reproduction.run import chosen_worlds
 from barn_eval.studies.reproduction.trials import deviation, metrics_finding, trials_by_planner, trials_finding
 from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.spec import simulator_config
@@ -88,7 +87,7 @@ def test_worlds_are_ordered_by_the_mean_over_both_planners(found, results):
 
 
 def test_the_trials_are_run_under_the_papers_rules():
-    config = run.paper_campaign(ReproduceConfig(strata=40, seed=3))
+    config = paper_campaign(ReproduceConfig(strata=40, seed=3))
     assert config.protocol == PAPER_2020
     assert config.simulator == simulator_config(PAPER_2020)
     assert ([one.name for one in config.planners], config.repetitions, config.seed) == (["dwa", "eband"], 5, 3)

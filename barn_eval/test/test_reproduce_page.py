@@ -9,8 +9,9 @@ from reproduce_work import write_made_up
 from rich.console import Console
 
 from barn_eval.experiments.experiment import Execution
-from barn_eval.studies.reproduction import run
+from barn_eval.studies.reproduction import findings
 from barn_eval.studies.reproduction.findings import QUICK
+from barn_eval.studies.reproduction.findings import reproduce as findings_of
 from barn_eval.studies.reproduction.page import page, read_results, write_results
 from barn_metrics.bootstrap import Interval
 
@@ -27,7 +28,7 @@ def no_trials():
         return write_made_up(request.out, request.experiment, request.execution)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "run_experiment", run_experiment)
+        patch.setattr(findings, "run_experiment", run_experiment)
         yield
 
 
@@ -38,7 +39,7 @@ def tiny(no_trials, tmp_path_factory):
 
 
 def reproduce(config, out):
-    findings, origin = run.reproduce(config, out, Execution(workers=1), CONSOLE)
+    findings, origin = findings_of(config, out, Execution(workers=1), CONSOLE)
     return findings, write_results(findings, origin, out)
 
 

@@ -5,9 +5,8 @@ from dataclasses import replace
 from rich.console import Console
 
 from barn_eval.experiments.experiment import Execution
-from barn_eval.studies.reproduction.findings import QUICK
+from barn_eval.studies.reproduction.findings import QUICK, reproduce
 from barn_eval.studies.reproduction.page import write_results
-from barn_eval.studies.reproduction.run import reproduce
 
 
 def test_the_whole_runs_from_nothing_and_drives_no_trial_twice(tmp_path):

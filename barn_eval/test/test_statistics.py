@@ -9,8 +9,9 @@ import pytest
 from scipy import stats
 
 from barn_eval.analysis import statistics
-from barn_eval.analysis.means import Columns, mean_interval
 from barn_eval.analysis.statistics import (
+    Columns,
+    mean_interval,
     paired,
     rank_correlation,
     repetition_spread,

@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 import barn_eval as barn
-from barn_eval.analysis.sweep import sweep_board, sweep_table
+from barn_eval.analysis.leaderboard import sweep_board, sweep_table
 from barn_eval.experiments.sweep import grid, parse_sweep, swept_folders, values_of
 from barn_worlds.base.errors import BarnError
 

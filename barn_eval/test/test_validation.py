@@ -9,12 +9,12 @@ import pytest
 from click.testing import CliRunner
 
 from barn_eval.analysis import significance
-from barn_eval.analysis.means import Columns
 from barn_eval.analysis.significance import components
+from barn_eval.analysis.statistics import Columns
 from barn_eval.commands.validate import command
 from barn_eval.studies import simulations, validation
 from barn_eval.studies.simulations import GROUPS, equal_planners
-from barn_eval.studies.validation import Check, checks, statistics_page
+from barn_eval.studies.validation import Check, statistics_page, validate
 from barn_metrics.bootstrap import Interval
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "statistics.md"
@@ -46,7 +46,7 @@ def some(name, *settings):
     ],
 )
 def test_each_target_is_met_within_chance(name, setting, simulations):
-    (found,) = checks(simulations, seed=4, groups=[some(name, setting)])
+    (found,) = validate(simulations, seed=4, groups=[some(name, setting)])
     assert found.verdict != "missed"
     assert len(found.found) == 2
 
@@ -54,21 +54,21 @@ def test_each_target_is_met_within_chance(name, setting, simulations):
 def test_a_verdict_that_knows_only_the_failures_it_saw_would_be_found_out(monkeypatch):
     """As a test of signs alone is: failures that were not drawn are not thought of."""
     monkeypatch.setattr(Columns, "counted", False)
-    (unlike,) = checks(100, seed=4, groups=[some("unlike", (50, 5, 2.0))])
+    (unlike,) = validate(100, seed=4, groups=[some("unlike", (50, 5, 2.0))])
     assert unlike.verdict == "missed"
 
 
 def test_an_interval_over_trials_would_be_found_out(monkeypatch):
     over_trials = significance.proportion
     monkeypatch.setattr(simulations, "proportion", lambda some, worlds: over_trials(some, np.arange(len(worlds))))
-    found = list(checks(300, groups=[some("share", (300, 5, 0.3, 0.9), (300, 5, 0.7, 0.7))]))
+    found = list(validate(300, groups=[some("share", (300, 5, 0.3, 0.9), (300, 5, 0.7, 0.7))]))
     assert [one.verdict for one in found] == ["missed"] * 2
     assert all(share < 0.85 for one in found for share in one.found)
 
 
 def test_a_board_without_holm_would_be_found_out(monkeypatch):
     monkeypatch.setattr("barn_eval.analysis.verdict.holm", list)
-    (board,) = checks(10, groups=[some("board", (20,))])
+    (board,) = validate(10, groups=[some("board", (20,))])
     assert board.verdict == "missed"
 
 
@@ -118,7 +118,7 @@ def test_the_page_is_what_the_command_writes():
     every = [line for line in text.splitlines() if line.endswith((" met |", " met within chance |", " missed |"))]
     assert len(every) == sum(len(group.settings) for group in GROUPS.values())
     assert not any("missed" in line for line in every)
-    page = statistics_page(list(checks(groups=[GROUPS["share"]])), 0, PAGE.with_name("ranking.json"))
+    page = statistics_page(list(validate(groups=[GROUPS["share"]])), 0, PAGE.with_name("ranking.json"))
     assert every[:8] == [line for line in page.splitlines() if line.startswith("| the 95 %")]
     assert text.startswith(page.partition("| in simulations")[0])
     assert text.endswith(page.rpartition("\n\nThe error is")[2])

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from barn_eval.analysis.means import Columns
-from barn_eval.analysis.measures import MEASURES, Measure, metric_of, with_motion
+from barn_eval.analysis.measures import COMPARED, MEASURES, Measure, metric_of, with_motion
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import holm
 from barn_eval.analysis.sources import (
@@ -21,32 +20,12 @@ from barn_eval.analysis.sources import (
     read_source,
     require_same_task,
 )
-from barn_eval.analysis.statistics import Paired, paired, rank_correlation
+from barn_eval.analysis.statistics import Columns, Paired, paired, rank_correlation
 from barn_eval.experiments.folder import read_results
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.errors import BarnError, ConfigError, suggest
 from barn_worlds.worlds.dataset import open_dataset
-
-SCORED = (
-    "success",
-    "traversal_time_s",
-    "scored_time_s",
-    "normalised_time_s_per_m",
-    "challenge",
-    "challenge_2022",
-    "efficiency",
-)
-COMPARED = (
-    *SCORED,
-    "driven_m",
-    "min_clearance_m",
-    "contact_s",
-    "rms_jerk_mps3",
-    "rotation_rad",
-    "compute_p50_ms",
-    "compute_p95_ms",
-)
 
 
 @dataclass(frozen=True)

@@ -125,14 +125,15 @@ _ALL = (
     Measure("scores.challenge_2022", "challenge metric of 2022", "", 3, "larger", maximum=0.25, as_failure=_nothing),
     Measure("scores.efficiency", "efficiency", "", 1, "larger", percent=True, as_failure=_nothing),
     Measure("scores.least_time_s", "least time possible", "s", 2),
+    Measure("measures.mean_speed_mps", "mean speed", "m/s", 3),
+    Measure("wall_clock.real_time_factor", "times real time", "", 1),
     Measure("measures.driven_m", "driven length", "m", 3, "smaller", successes_only=True),
     Measure("path_ratio", "driven by path length", "", 3, "smaller", successes_only=True, of=_path_ratio),
-    Measure("measures.mean_speed_mps", "mean speed", "m/s", 3),
     Measure("measures.min_clearance_m", "smallest clearance", "m", 3, "larger"),
     Measure("measures.mean_clearance_m", "mean clearance", "m", 3, "larger"),
     Measure("measures.contact_s", "time in contact", "s", 3, "smaller"),
-    Measure("measures.rms_jerk_mps3", "rms jerk", "m/s3", 2, "smaller"),
     Measure("measures.near_contact_s", f"time within {CLOSE_M:g} m of obstacles", "s", 2, "smaller"),
+    Measure("measures.rms_jerk_mps3", "rms jerk", "m/s3", 2, "smaller"),
     Measure("measures.rms_yaw_jerk_radps3", "rms angular jerk", "rad/s3", 1, "smaller"),
     Measure("measures.speed_variation_mps", "total variation of speed commands", "m/s", 2, "smaller"),
     Measure("measures.turn_variation_radps", "total variation of turn commands", "rad/s", 2, "smaller"),
@@ -146,7 +147,6 @@ _ALL = (
     Measure("wall_clock.compute_p50_ms", "compute time per cycle, p50", "ms", 2, "smaller"),
     Measure("wall_clock.compute_p95_ms", "compute time per cycle, p95", "ms", 2, "smaller"),
     Measure("wall_clock.compute_max_ms", "compute time per cycle, max", "ms", 2, "smaller"),
-    Measure("wall_clock.real_time_factor", "times real time", "", 1),
     Measure("motion.moving_clearance_m", "smallest clearance to what moves", "m", 3, "larger"),
     Measure("motion.time_to_collision_s", "shortest time to collision", "s", 2, "larger"),
     Measure("motion.near_s", "time within 0.5 m of what moves", "s", 2, "smaller"),
@@ -157,7 +157,12 @@ _ALL = (
     Measure("motion.hit_robot_share", "own share of the closing speed", "", 1, "smaller", percent=True),
 )
 MEASURES = {one.key: one for one in _ALL}
+SCORED = tuple(one.key for one in _ALL if one.path.startswith("scores.") and one.better)
 MOVING = tuple(one.key for one in _ALL if one.path.startswith("motion."))
+_KEYS = tuple(MEASURES)
+DRIVEN = _KEYS[_KEYS.index("driven_m") : _KEYS.index(MOVING[0])]  # what reports and summaries say beside
+COMPARED = (*SCORED, "driven_m", "min_clearance_m", "contact_s", "rms_jerk_mps3", "rotation_rad")
+COMPARED += ("compute_p50_ms", "compute_p95_ms")
 
 
 def with_motion(keys: Sequence[str], *groups: Sequence[TrialResult]) -> tuple[str, ...]:

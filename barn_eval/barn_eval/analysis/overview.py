@@ -12,12 +12,12 @@ from typing import Any
 
 import yaml
 
-from barn_eval.analysis.compare import COMPARED, SCORED, Comparison, compare, holm_adjusted
+from barn_eval.analysis.compare import Comparison, compare, holm_adjusted
 from barn_eval.analysis.difficulty import Band, Difficulty, bands
-from barn_eval.analysis.measures import MEASURES, metric_of, with_motion
+from barn_eval.analysis.measures import COMPARED, DRIVEN, MEASURES, SCORED, metric_of, with_motion
 from barn_eval.analysis.significance import ALPHA, holm
 from barn_eval.analysis.sources import Entry, Source
-from barn_eval.analysis.summary import DRIVEN, Summary, summarise
+from barn_eval.analysis.summary import Summary, summarise
 from barn_eval.analysis.tables import bands_table, comparison_table, headline_table, measures_table, outcomes_table
 from barn_eval.analysis.text_table import TextTable, joined
 from barn_eval.analysis.verdict import Conclusion, rank_results, results_verdict, verdict

@@ -13,9 +13,8 @@ from typing import Literal
 import numpy as np
 from scipy import special
 
-from barn_eval.analysis.means import Columns
 from barn_eval.analysis.significance import ALPHA, FLIPS, sign_patterns
-from barn_eval.analysis.statistics import difference
+from barn_eval.analysis.statistics import Columns, difference
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.arrays import Floats, Integers
 

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from barn_eval.analysis.compare import SCORED, Comparison, columns, compare, holm_adjusted
-from barn_eval.analysis.measures import MEASURES, Measure, metric_of, with_motion
+from barn_eval.analysis.compare import Comparison, columns, compare, holm_adjusted
+from barn_eval.analysis.measures import DRIVEN, MEASURES, SCORED, Measure, metric_of, with_motion
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import proportion
 from barn_eval.analysis.sources import Entry, by_planner
@@ -21,28 +21,6 @@ from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.config import as_dict
 
-DRIVEN = (
-    "driven_m",
-    "path_ratio",
-    "min_clearance_m",
-    "mean_clearance_m",
-    "contact_s",
-    "near_contact_s",
-    "rms_jerk_mps3",
-    "rms_yaw_jerk_radps3",
-    "speed_variation_mps",
-    "turn_variation_radps",
-    "rms_speed_step_mps",
-    "rms_turn_step_radps",
-    "off_plan_m",
-    "rotation_rad",
-    "recoveries",
-    "unanswered_cycles",
-    "missed_cycles",
-    "compute_p50_ms",
-    "compute_p95_ms",
-    "compute_max_ms",
-)
 _JSON_NAMES = {"success": "success_rate", "traversal_time_s": "success_time_s"}
 
 

@@ -10,12 +10,11 @@ from itertools import combinations
 from typing import NamedTuple
 
 from barn_eval.analysis.compare import Comparison, check_pairs, columns, worlds_of
-from barn_eval.analysis.means import Columns
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import ALPHA, FLIPS, POWER, Difference, holm, p_text, worlds_for_difference
 from barn_eval.analysis.sources import Source, assumed_text, late_text, partial_text
-from barn_eval.analysis.statistics import difference, matched_trials
+from barn_eval.analysis.statistics import Columns, difference, matched_trials
 from barn_eval.analysis.text_table import counted, joined
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Interval, number

@@ -4,11 +4,10 @@ from pathlib import Path
 
 import click
 
-from barn_eval.analysis.compare import COMPARED, compare_folders, groups_of
+from barn_eval.analysis.compare import compare_folders, groups_of
 from barn_eval.analysis.margins import Margin, decide_margin
-from barn_eval.analysis.measures import measures_named
-from barn_eval.analysis.paper import paper_table
-from barn_eval.analysis.tables import comparison_table
+from barn_eval.analysis.measures import COMPARED, measures_named
+from barn_eval.analysis.tables import comparison_table, paper_table
 from barn_eval.analysis.verdict import pair_verdict
 from barn_eval.commands.options import FILE, PATH, console, json_option, keys_of, print_json, progress, say
 from barn_eval.commands.tables import rich_table

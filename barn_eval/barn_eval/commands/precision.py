@@ -5,8 +5,7 @@ from pathlib import Path
 import click
 
 from barn_eval.analysis.compare import selected_results
-from barn_eval.analysis.precision import figures_table, needs_table, precision
-from barn_eval.analysis.ranking import ranking_power, ranking_table
+from barn_eval.analysis.precision import figures_table, needs_table, precision, ranking_power, ranking_table
 from barn_eval.commands.options import COUNT, PATH, console, json_option, print_json
 from barn_eval.commands.tables import rich_table
 from barn_eval.trials.identity import task_line

@@ -1,14 +1,12 @@
 """`barn replay`: trials from their bags, as a page, a picture, an animation or a film."""
 
 from pathlib import Path
-from typing import Any
 
 import click
 
 from barn_eval.commands.options import FILE, progress, say
 from barn_eval.commands.options import PATH as BAG
 from barn_eval.pages.replay.files import write_replay
-from barn_eval.results.folders import replay_files
 from barn_sim.drawing.camera import CAMERAS
 
 
@@ -30,7 +28,6 @@ def command(bags: tuple[Path, ...], out: tuple[Path, ...], camera: str, fps: flo
     Several BAGS are drawn beside each other on one clock; their page also overlays them and aligns them in progress
     along the path. Nothing but the bags is needed. One that is cut off is shown as far as it goes.
     """
-    files: dict[str, Any] = {**replay_files(out)}
-    with progress("drawing" if {"gif", "mp4"} & set(files) else "reading") as share:
-        written = write_replay(bags, **files, frames_per_s=fps, speed=speed, camera=camera, note=say, progress=share)
+    with progress("drawing" if {".gif", ".mp4"} & {one.suffix for one in out} else "reading") as share:
+        written = write_replay(bags, out, frames_per_s=fps, speed=speed, camera=camera, note=say, progress=share)
     say(*written)

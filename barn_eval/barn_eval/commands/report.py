@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 
 from barn_eval.commands.options import PATH, keys_of, progress, say, settings_option
 from barn_eval.pages import DIFFICULTIES
-from barn_eval.pages.report.page import DEFAULT_HARDEST, write_report
+from barn_eval.pages.report.page import DEFAULT_HARDEST
+from barn_eval.results.folders import report
 from barn_worlds.base.config import Checked, from_dict, quantity
 
 
@@ -35,7 +36,12 @@ class Look(Checked):
 @click.option("--replays", is_flag=True, help="Draw the replay of each bag into OUT_replays and link to it.")
 @settings_option("--set", "settings", "Of the page and its figures", Look())
 def command(
-    folders: tuple[Path, ...], out: Path, assets: bool, difficulty: str, replays: bool, settings: dict[str, Any]
+    folders: tuple[Path, ...],
+    out: Path,
+    assets: bool,
+    difficulty: Literal["trials", "model"],
+    replays: bool,
+    settings: dict[str, Any],
 ) -> None:
     """Write the report of FOLDERS of experiments, finished or not.
 
@@ -46,7 +52,7 @@ def command(
     look = from_dict(Look, settings, "--set")
     beside = out.with_name(f"{out.stem}_assets") if assets else None
     with progress("making the report") as share:
-        write_report(
+        report(
             folders,
             out,
             assets=beside,

@@ -7,9 +7,9 @@ from typing import Any
 
 import click
 
+from barn_eval.analysis.leaderboard import sweep_board, sweep_rows, sweep_table
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.summary import summarise, summarise_campaign
-from barn_eval.analysis.sweep import sweep_board, sweep_rows, sweep_table
 from barn_eval.analysis.tables import comparison_table, summary_table, trials_table
 from barn_eval.analysis.verdict import verdict
 from barn_eval.commands.options import (

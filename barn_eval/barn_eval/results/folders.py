@@ -1,8 +1,8 @@
 """What folders of results say together, and pages and pictures of them."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Literal, Protocol
 
 import pandas as pd
 
@@ -10,17 +10,16 @@ from barn_eval.analysis.compare import compare_folders
 from barn_eval.analysis.leaderboard import board_rows
 from barn_eval.analysis.leaderboard import leaderboard as rank
 from barn_eval.experiments.check import FolderCheck, check_folder
-from barn_eval.pages import LOOPBACK
+from barn_eval.pages import LOOPBACK, Progress
 from barn_eval.pages.figures import Page, Plot, style
 from barn_eval.pages.live.server import Watch
 from barn_eval.pages.replay.files import write_replay
 from barn_eval.pages.report.leaderboard import write_boards
 from barn_eval.pages.report.maps import overlay as drawn
-from barn_eval.pages.report.page import write_report
+from barn_eval.pages.report.page import build_report, checked_width, replay_links, report_page, write_assets
+from barn_eval.pages.template import write_page
 from barn_eval.results.frames import frame_of
 from barn_worlds.base.errors import ConfigError, shown
-
-_REPLAYS = (".html", ".png", ".gif", ".mp4")
 
 
 class HasFolder(Protocol):
@@ -110,6 +109,7 @@ def report(
     replays: str | Path | None = None,
     columns: Sequence[str] = (),
     width_mm: float | None = None,
+    progress: Progress = lambda _: None,
 ) -> Page:
     """Write the report of one or several folders of results as a page that needs nothing but itself.
 
@@ -123,6 +123,7 @@ def report(
         replays: Folder for a page of each bag, which the report links to.
         columns: Measures of its tables, columns of `Results.table`. Default: success, times and scores.
         width_mm: Width of the figures in `assets` [mm]; their type is of 7 to 9 pt then.
+        progress: Gets the share that is done.
 
     Returns:
         The page, which a notebook shows.
@@ -130,18 +131,15 @@ def report(
     Raises:
         BarnError: There are no results, or a file cannot be written.
     """
-    write_report(
-        paths_of(folders),
-        Path(out),
-        assets=Path(assets) if assets else None,
-        title=title,
-        hardest=hardest,
-        difficulty=difficulty,
-        replays=Path(replays) if replays else None,
-        columns=columns,
-        width_mm=width_mm,
-    )
-    return Page(Path(out))
+    page = Path(out)
+    pdf = assets is not None and checked_width(width_mm) is None
+    made = build_report(paths_of(folders), hardest, difficulty=difficulty, columns=columns, progress=progress, pdf=pdf)
+    links = replay_links(made, page, Path(replays) if replays else None)
+    labels = ", ".join(entry.label for entry in made.entries)
+    write_page(page, report_page(made, title or f"Navigation benchmark: {labels}", links))
+    if assets is not None:
+        write_assets(made, Path(assets), width_mm)
+    return Page(page)
 
 
 def replay(
@@ -169,21 +167,8 @@ def replay(
         BarnError: A bag cannot be read, or the file not be written.
     """
     bags = [Path(one) for one in ([bag] if isinstance(bag, str | Path) else bag)]
-    page = Path(out or f"{'_and_'.join(one.name.removesuffix('.mcap') for one in bags[:2])}.html")
-    files: dict[str, Any] = {**replay_files([page])}
-    write_replay(bags, **files, frames_per_s=frames_per_s, speed=speed, camera=camera)
-    return Page(page)
-
-
-def replay_files(outs: Iterable[str | Path]) -> dict[str, Path]:
-    """Return files of replays by what they are, as their endings say; ConfigError for another, or for two of a kind."""
-    found: dict[str, Path] = {}
-    for path in map(Path, outs):
-        if path.suffix not in _REPLAYS:
-            raise ConfigError(f"out {str(path)!r}: must end in {', '.join(_REPLAYS)}")
-        if found.setdefault(path.suffix[1:], path) != path:
-            raise ConfigError(f"out {str(path)!r}: one file of each kind is written")
-    return found
+    outs = [] if out is None else [out]
+    return Page(*write_replay(bags, outs, frames_per_s=frames_per_s, speed=speed, camera=camera))
 
 
 def watch(folder: str | Path, *, host: str = LOOPBACK, port: int = 0) -> Watch:

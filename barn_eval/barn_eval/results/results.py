@@ -13,13 +13,11 @@ from matplotlib.axes import Axes
 from rich.console import Console
 
 from barn_eval.analysis.measures import metric_of
-from barn_eval.analysis.paper import paper_table
 from barn_eval.analysis.planners import spelling
-from barn_eval.analysis.precision import precision
-from barn_eval.analysis.ranking import ranking_power
+from barn_eval.analysis.precision import precision, ranking_power
 from barn_eval.analysis.sources import Source, by_planner, entries_of, read_source
 from barn_eval.analysis.summary import summarise, summarise_campaign
-from barn_eval.analysis.tables import headline_table
+from barn_eval.analysis.tables import headline_table, paper_table
 from barn_eval.analysis.verdict import cautions, results_verdict
 from barn_eval.bags import BAGS
 from barn_eval.experiments.check import difference
@@ -31,9 +29,10 @@ from barn_eval.experiments.rows import results_table, timing_table
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.experiments.store import Record, Store
 from barn_eval.pages.figures import Page, Plot
+from barn_eval.pages.replay.files import by_ending
 from barn_eval.pages.report.charts import CHARTS
 from barn_eval.pages.report.page import figure_of, plot
-from barn_eval.results.folders import Folder, compare, overlay, replay, replay_files, report
+from barn_eval.results.folders import Folder, compare, overlay, replay, report
 from barn_eval.results.frames import frame, frame_of
 from barn_eval.results.trial import Trial
 from barn_eval.ros.work import work_of
@@ -257,7 +256,7 @@ class Results:
         result = self._result(trial)
         folder = self.folder / REPLAYS
         page = Path(out or folder / f"{trial}.html")
-        replay_files([page])
+        by_ending([page])
         bag = self._source.bag(trial)
         if not bag.is_dir():
             bag = folder / BAGS / trial

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import timeit
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
@@ -22,12 +22,15 @@ import numpy as np
 from barn_eval.bags.recorder import Recorder
 from barn_eval.experiments.direct import run_direct_trial
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
+from barn_eval.experiments.run_file import ros_problem
 from barn_eval.experiments.store import Store
 from barn_eval.learning.config import EnvConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_planners.policy.space import PolicyObservation
+from barn_planners.registry import planner_config
 from barn_sim.simulator import Simulator
 from barn_worlds.base.arrays import Floats
+from barn_worlds.base.config import Checked, quantity, replace_dotted
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.text_files import read_json
 from barn_worlds.base.types import Velocity2D
@@ -35,7 +38,6 @@ from barn_worlds.worlds.dataset import open_dataset
 
 if TYPE_CHECKING:
     from barn_eval.learning.environment import JackalEnv
-    from barn_eval.learning.vector import JackalVectorEnv
 _CYCLES = 200  # of the simulator alone
 _STEPS, _BATCH, _WARM_UP = 500, 64, 300  # of environments
 
@@ -100,40 +102,53 @@ def read_figures(path: Path) -> list[Measurement]:
         raise ConfigError(f"--against {path}: not a result of barn bench --json ({error})") from None
 
 
+@dataclass(frozen=True)
+class BenchSetup(Checked):
+    """What `bench` measures."""
+
+    dataset: str = quantity("barn300", "data set that the world is from")
+    world: int = quantity(-1, "world of the trials, -1 for the one in the middle", "", -1, 1_000_000_000)
+    repeats: int = quantity(3, "the best of so many counts", "", 1, 100)
+    ros: bool = quantity(True, "a trial over ROS is measured, if rclpy is installed")
+
+
 def bench(
-    source: str,
-    world: int | None,
-    planners: list[str],
-    repeats: int,
+    planners: Sequence[str] = ("dwa", "eband"),
+    settings: Mapping[str, object] | None = None,
     *,
-    ros: bool,
     note: Callable[[str], None] = lambda _: None,
 ) -> Iterator[Measurement]:
-    """Yield measurements, each the best of so many rounds, since others use the machine as well.
+    """Yield figures of the suite's speed on this machine, each the best of some rounds.
 
-    world: of the data set; None takes the one in the middle. note: gets a line about each measurement of each round.
+    Args:
+        planners: Planners to measure.
+        settings: Fields of `BenchSetup`.
+        note: Gets a line about each measurement of each round.
+
+    Raises:
+        BarnError: A planner or a setting is not known.
     """
-    rounds: list[list[Measurement]] = [[] for _ in range(repeats)]
+    for name in planners:
+        planner_config(name)
+    setup = replace_dotted(BenchSetup(), settings or {}, "settings")
+    rounds: list[list[Measurement]] = [[] for _ in range(setup.repeats)]
     for number, figures in enumerate(rounds, start=1):
-        for one in _round(source, world, planners, ros=ros):
-            note(f"round {number} of {repeats}: {one.name}, {one.value:.3g} {one.unit}")
+        for one in _round(setup, planners):
+            note(f"round {number} of {setup.repeats}: {one.name}, {one.value:.3g} {one.unit}")
             figures.append(one)
     yield from (best_of(figures) for figures in zip(*rounds, strict=True))
 
 
-def _round(source: str, world: int | None, planners: list[str], *, ros: bool) -> Iterator[Measurement]:
+def _round(setup: BenchSetup, planners: Sequence[str]) -> Iterator[Measurement]:
     """Yield every measurement once."""
-    dataset = replace(open_dataset(source), name=source)
-    chosen = dataset.indices[len(dataset.indices) // 2] if world is None else world
-    dataset.load(chosen)
-    experiments = [
-        Experiment(dataset=source, worlds=str(chosen), planners=(PlannerChoice(planner),)) for planner in planners
-    ]
+    source, indices = setup.dataset, open_dataset(setup.dataset).indices
+    worlds = str(indices[len(indices) // 2] if setup.world < 0 else setup.world)
+    experiments = [Experiment(dataset=source, worlds=worlds, planners=(PlannerChoice(name),)) for name in planners]
     yield from (one for experiment in experiments for one in _direct(experiment.trials()[0]))
     yield from _simulator(experiments[0].trials()[0])
     if find_spec("gymnasium") is not None:
         yield from _environments(source)
-    if ros:
+    if setup.ros and not ros_problem():
         yield _ros(experiments[0])
 
 
@@ -154,14 +169,9 @@ def _simulator(spec: TrialSpec) -> Iterator[Measurement]:
     for name, movable in (("static", False), ("movable", True)):
         config = replace(spec.simulator, obstacles=replace(spec.simulator.obstacles, movable=movable))
         with closing(Simulator(spec.world, config, spec.course.start, 0)) as simulator:
-            wall_s = _time(partial(_drive, simulator))
+            wall_s = _time(lambda: [simulator.step(Velocity2D(0.3, 1.0)) for _ in range(_CYCLES)])
         factor = _CYCLES * config.control_period_s / wall_s
         yield Measurement(f"simulator alone, {name} obstacles", factor, "x real time")
-
-
-def _drive(simulator: Simulator) -> None:
-    for _ in range(_CYCLES):
-        simulator.step(Velocity2D(0.3, 1.0))
 
 
 def _environments(source: str) -> Iterator[Measurement]:
@@ -177,15 +187,11 @@ def _environments(source: str) -> Iterator[Measurement]:
         yield Measurement(f"environment steps, {beams} beams", _STEPS / wall_s, "per second")
         with closing(JackalVectorEnv(_BATCH, config)) as environments:
             environments.reset(seed=0)
-            _act_all(environments, actions[:_WARM_UP])  # until most worlds have been read, and enough engines begun
-            wall_s = _time(partial(_act_all, environments, actions[: _STEPS // 5]))
+            for action in actions[:_WARM_UP]:  # until most worlds have been read, and enough engines begun
+                environments.step(action)
+            wall_s = _time(lambda: [environments.step(action) for action in actions[: _STEPS // 5]])
         rate = _STEPS // 5 * _BATCH / wall_s
         yield Measurement(f"environment steps, batch of {_BATCH}, {beams} beams", rate, "per second")
-
-
-def _act_all(environments: JackalVectorEnv, actions: Floats) -> None:
-    for action in actions:
-        environments.step(action)
 
 
 def _act(environment: JackalEnv, actions: Floats) -> None:

@@ -9,10 +9,9 @@ from itertools import product
 
 import numpy as np
 
-from barn_eval.analysis.means import Columns, mean_interval
 from barn_eval.analysis.sequential import decide
 from barn_eval.analysis.significance import ALPHA, paired_difference, proportion
-from barn_eval.analysis.statistics import difference
+from barn_eval.analysis.statistics import Columns, difference, mean_interval
 from barn_eval.analysis.verdict import rank
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.arrays import Floats, Integers

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from barn_eval.analysis.ranking import RankingPower, ranking_table
+from barn_eval.analysis.precision import RankingPower, ranking_table
 from barn_eval.analysis.text_table import TextTable
 from barn_eval.analysis.verdict import FEW_WORLDS
 from barn_eval.pages.template import render
@@ -51,9 +51,17 @@ class Check:
         return "met within chance" if abs(worst - limit) <= _CHANCE * error else "missed"
 
 
-def checks(simulations: int = SIMULATIONS, seed: int = 0, groups: Sequence[Group] | None = None) -> Iterator[Check]:
-    """Yield the outcome of each check, by `SEEDS` seeds from this one on; each check has random numbers of its own."""
-    for group in GROUPS.values() if groups is None else groups:
+def validate(
+    simulations: int = SIMULATIONS, *, seed: int = 0, groups: Sequence[Group] = tuple(GROUPS.values())
+) -> Iterator[Check]:
+    """Yield how often simulated intervals cover the truth and simulated tests raise a false alarm, check by check.
+
+    Args:
+        simulations: So many per check.
+        seed: All randomness comes from it and the next: each check is made with both.
+        groups: Kinds of checks.
+    """
+    for group in groups:
         for setting in group.settings:
             found = []
             for own in range(seed, seed + SEEDS):

@@ -28,18 +28,16 @@ from barn_worlds.base.types import Pose2D
 from barn_worlds.drawing.files import gif_bytes
 from barn_worlds.drawing.palette import PAGE, WHITE
 
+ENDINGS = (".html", ".png", ".gif", ".mp4")
 MOST_BAGS = 6
 MOST_FRAMES = 3000
 _KEEPS_RARE = Image.Quantize.MAXCOVERAGE  # the goal's colour has few pixels
 
 
 def write_replay(
-    bags: Path | Sequence[Path],
+    bags: Sequence[Path],
+    outs: Sequence[str | Path] = (),
     *,
-    html: Path | None = None,
-    png: Path | None = None,
-    gif: Path | None = None,
-    mp4: Path | None = None,
     frames_per_s: float = 10.0,
     speed: float = 2.0,
     camera: str = CAMERAS[1],
@@ -48,16 +46,21 @@ def write_replay(
 ) -> list[Path]:
     """Write the trials of bags to files and return these; without any, to a page named after the first bag.
 
-    frames_per_s, speed, camera: of picture, animation and film, as `barn.replay` has them. note: gets a line for each
-    thing that is amiss with a bag. progress: gets the share of the frames that is drawn. BagError for a bag that cannot
-    be read, ConfigError for too many bags or frames, and for what cannot be drawn or written.
+    outs: one of each kind of `ENDINGS`. frames_per_s, speed, camera: of picture, animation and film, as `barn.replay`
+    has them. note: gets a line for each thing that is amiss with a bag. progress: gets the share of the frames that is
+    drawn. BagError for a bag that cannot be read, ConfigError for too many bags or frames, and for what cannot be drawn
+    or written.
     """
-    found = _read([bags] if isinstance(bags, Path) else bags, note)
-    if not (html or png or gif or mp4):
+    files = by_ending(outs)
+    if not 1 <= len(bags) <= MOST_BAGS:
+        raise ConfigError(f"a replay shows 1 to {MOST_BAGS} bags, got {len(bags)}")
+    found = [read_recorded(path) for path in bags]
+    for recorded in found:
+        for line in recorded.notes:
+            note(f"note: {line}" if len(found) == 1 else f"note: {recorded.name}: {line}")
+    if not files:
         names = [recorded.name.removesuffix(".mcap") for recorded in found]
-        html = Path(f"{'_and_'.join(names[:2])}.html")
-    if html:
-        write_page(html, replay_page(*found))
+        files[".html"] = Path(f"{'_and_'.join(names[:2])}.html")
     end_s = max(float(recorded.times_s[-1]) for recorded in found)
 
     def frames(times_s: Sequence[float], finer: int = 1) -> Iterator[Pixels]:
@@ -66,29 +69,32 @@ def write_replay(
             progress(number / len(times_s))
             yield np.hstack(beside)
 
-    if png:
-        content = io.BytesIO()
-        Image.fromarray(next(frames([end_s], 2))).save(content, "PNG")
-        write_page(png, content.getvalue())
-    times_s = _frame_times(end_s, frames_per_s, speed, found[0].name) if gif or mp4 else []
-    if gif:
-        images = (
-            Image.fromarray(frame).quantize(64, _KEEPS_RARE, dither=Image.Dither.NONE) for frame in frames(times_s)
-        )
-        write_page(gif, gif_bytes(images, frames_per_s))
-    if mp4:
-        _save_mp4(frames(times_s), mp4, frames_per_s)
-    return [path for path in (html, png, gif, mp4) if path]
+    for ending, path in files.items():
+        times_s = _frame_times(end_s, frames_per_s, speed, found[0].name) if ending in (".gif", ".mp4") else []
+        if ending == ".html":
+            write_page(path, replay_page(*found))
+        elif ending == ".png":
+            content = io.BytesIO()
+            Image.fromarray(next(frames([end_s], 2))).save(content, "PNG")
+            write_page(path, content.getvalue())
+        elif ending == ".gif":
+            drawn = map(Image.fromarray, frames(times_s))
+            images = (image.quantize(64, _KEEPS_RARE, dither=Image.Dither.NONE) for image in drawn)
+            write_page(path, gif_bytes(images, frames_per_s))
+        else:
+            _save_mp4(frames(times_s), path, frames_per_s)
+    return list(files.values())
 
 
-def _read(paths: Sequence[Path], note: Callable[[str], None]) -> list[Recorded]:
-    if not 1 <= len(paths) <= MOST_BAGS:
-        raise ConfigError(f"a replay shows 1 to {MOST_BAGS} bags, got {len(paths)}")
-    found = [read_recorded(path) for path in paths]
-    for recorded in found:
-        for line in recorded.notes:
-            note(f"note: {line}" if len(found) == 1 else f"note: {recorded.name}: {line}")
-    return found
+def by_ending(outs: Sequence[str | Path]) -> dict[str, Path]:
+    """Return files of replays by their endings; ConfigError for an unknown one, or for two of a kind."""
+    found: dict[str, Path] = {}
+    for path in map(Path, outs):
+        if path.suffix not in ENDINGS:
+            raise ConfigError(f"out {str(path)!r}: must end in {', '.join(ENDINGS)}")
+        if found.setdefault(path.suffix, path) != path:
+            raise ConfigError(f"out {str(path)!r}: one file of each kind is written")
+    return {ending: found[ending] for ending in ENDINGS if ending in found}
 
 
 def _frame_times(end_s: float, frames_per_s: float, speed: float, name: str) -> list[float]:

@@ -13,11 +13,11 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodF
 
 from barn_eval.analysis.compare import PairedMeasure
 from barn_eval.analysis.difficulty import Difficulty, by_world
+from barn_eval.analysis.leaderboard import parameters_of
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of, safety_of
 from barn_eval.analysis.overview import Overview
 from barn_eval.analysis.significance import ALPHA
 from barn_eval.analysis.sources import Entry
-from barn_eval.analysis.sweep import parameters_of
 from barn_eval.experiments.sweep import values_of
 from barn_eval.pages.figures import OUTCOME_COLOURS, WIDTH_IN, label_axes, marker_of, plain, points, small
 from barn_eval.pages.report.trials import DrivenTrial

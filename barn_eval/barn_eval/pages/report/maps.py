@@ -14,13 +14,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from barn_eval.analysis.difficulty import Difficulty
-from barn_eval.analysis.sources import Entry, Source, read_entries
+from barn_eval.analysis.sources import Entry, read_entries
 from barn_eval.experiments.track import CHANNELS
 from barn_eval.pages.figures import marker_of, new_figure, plain
 from barn_eval.pages.report.charts import ChartData, Legend, Panels, chart
-from barn_eval.pages.report.trials import DrivenTrial, driven_trials
+from barn_eval.pages.report.trials import DrivenTrial, driven_trials, known_scene, scene_under
 from barn_eval.trials.outcome import Outcome
-from barn_worlds.base.errors import BarnError, ConfigError, suggest
+from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.drawing.palette import CONTACT, FAINT, GOAL, INK, MOVER, START
 from barn_worlds.drawing.scene import (
     draw_arrow,
@@ -33,7 +33,7 @@ from barn_worlds.drawing.scene import (
     ways,
 )
 from barn_worlds.geometry.bodies import moving_bodies
-from barn_worlds.worlds.scene import TrialScene, scene_of
+from barn_worlds.worlds.scene import TrialScene
 from barn_worlds.worlds.world import World
 
 _PER_ROW = 4
@@ -116,21 +116,6 @@ def _draw_map(axes: Axes, world: World, drives: Sequence[DrivenTrial]) -> None:
     axes.set(xlim=(left, right), ylim=(below, above), aspect="equal", xlabel="x [m]", ylabel="y [m]")
     axes.grid(visible=True)
     axes.set_axisbelow(True)
-
-
-def scene_under(source: Source, world: World) -> TrialScene:
-    """Return a world with start and goal under the protocol of a source; BarnError if that cannot be told."""
-    rules = source.experiment.protocol.sized(world, source.chassis)
-    course = rules.course(world)
-    return scene_of(world, course.start, course.goal, rules.goal_distance_m)
-
-
-def known_scene(source: Source, world: World) -> TrialScene:
-    """Return a world with start and goal under the protocol of a source, without them where it does not say."""
-    try:
-        return scene_under(source, world)
-    except (BarnError, KeyError, TypeError, ValueError):
-        return scene_of(world)
 
 
 def draw_motion(axes: Axes, world: World, drives: Sequence[DrivenTrial]) -> None:

@@ -28,8 +28,7 @@ from barn_eval.pages.replay.page import replay_page
 from barn_eval.pages.report.charts import CHARTS, Chart, ChartData
 from barn_eval.pages.report.maps import hardest_maps
 from barn_eval.pages.report.processes import run_forked
-from barn_eval.pages.report.trial_data import trial_data
-from barn_eval.pages.report.trials import DrivenTrial, driven_trials, worlds_by_number
+from barn_eval.pages.report.trials import DrivenTrial, driven_trials, trial_data, worlds_by_number
 from barn_eval.pages.template import render, write_page
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.worlds.world import World
@@ -174,34 +173,6 @@ def build_report(
     shown = hardest_maps(order, drives, numbered, hardest)
     data = ChartData(entries, order, lambda: found, predicted(order, numbered) if learned else (), shown)
     return Report(entries, found, data, drives, worlds, keys, pdf, progress)
-
-
-def write_report(
-    folders: Sequence[Path],
-    out: Path,
-    *,
-    assets: Path | None = None,
-    title: str = "",
-    hardest: int = DEFAULT_HARDEST,
-    difficulty: str = DIFFICULTIES[0],
-    replays: Path | None = None,
-    columns: Sequence[str] = (),
-    width_mm: float | None = None,
-    progress: Progress = lambda _: None,
-) -> Report:
-    """Write the report of runs and campaigns, finished or not, as one page, and return what it shows.
-
-    assets: a folder that gets figures as SVG and PDF, and tables as CSV and LaTeX. replays: a folder that gets a page
-    for each bag, which the report links to. width_mm: of the figures in assets. The rest is as in `build_report`, and
-    so are errors.
-    """
-    pdf = assets is not None and checked_width(width_mm) is None
-    made = build_report(folders, hardest, difficulty=difficulty, columns=columns, progress=progress, pdf=pdf)
-    named = title or "Navigation benchmark: " + ", ".join(entry.label for entry in made.entries)
-    write_page(out, report_page(made, named, replay_links(made, out, replays)))
-    if assets is not None:
-        write_assets(made, assets, width_mm)
-    return made
 
 
 def replay_links(report: Report, out: Path, replays: Path | None = None) -> dict[Path, str]:

@@ -1,19 +1,24 @@
-"""The trials of a report, with their tracks and worlds as far as there are any."""
+"""The trials of a report, with tracks and worlds as far as there are any, and what the page's script gets of them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from barn_eval.analysis.measures import MEASURES, with_motion
 from barn_eval.analysis.sources import Entry, Source, read_worlds
 from barn_eval.bags.movers import gaps_to
 from barn_eval.experiments.rows import TRACKS_NAME
-from barn_eval.experiments.track import CHANNELS, Track, from_track_line
+from barn_eval.experiments.track import CHANNELS, NO_NUMBER, Track, from_track_line, pack
+from barn_eval.pages.replay.payload import motion_arrays
 from barn_eval.trials.result import TrialResult
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.geometry.bodies import moving_bodies, wall_bodies
 from barn_worlds.geometry.footprint import Footprint
+from barn_worlds.worlds.scene import TrialScene, scene_of
 from barn_worlds.worlds.world import World
 
 _POSE = slice(CHANNELS.index("x"), CHANNELS.index("yaw") + 1)
@@ -87,3 +92,96 @@ def _with_motion(track: Track, result: TrialResult, world: World, outline: Footp
     gaps = gaps_to(bodies, wall_bodies(world.walls), places, samples[:, 1:4], outline)
     samples[:, -1] = np.fmin(samples[:, -1], gaps)
     return replace(track, samples=samples)
+
+
+def scene_under(source: Source, world: World) -> TrialScene:
+    """Return a world with start and goal under the protocol of a source; BarnError if that cannot be told."""
+    rules = source.experiment.protocol.sized(world, source.chassis)
+    course = rules.course(world)
+    return scene_of(world, course.start, course.goal, rules.goal_distance_m)
+
+
+def known_scene(source: Source, world: World) -> TrialScene:
+    """Return a world with start and goal under the protocol of a source, without them where it does not say."""
+    try:
+        return scene_under(source, world)
+    except (BarnError, KeyError, TypeError, ValueError):
+        return scene_of(world)
+
+
+# The page's table has these columns, with their digits (None: a text), then those of measures.
+_COLUMNS = {"planner": None, "world": 0, "trial": 0, "outcome": None}
+_MEASURES = (
+    "traversal_time_s",
+    "normalised_time_s_per_m",
+    "challenge",
+    "driven_m",
+    "min_clearance_m",
+    "contact_s",
+    "compute_p95_ms",
+    "missed_cycles",
+)
+
+
+def trial_data(
+    entries: Sequence[Entry],
+    drives: Sequence[DrivenTrial],
+    worlds: Mapping[str, World],
+    links: Mapping[Path, str] | None = None,
+    keys: Sequence[str] = (),
+) -> dict[str, Any]:
+    """Return what the page's script needs; drives are all trials in the order of the entries.
+
+    links: to the page of a replay, by the path of its bag. keys: of the measures shown, those usual without any.
+    """
+    measures = keys or with_motion(_MEASURES, [drive.result for drive in drives])
+    named = [MEASURES[key] for key in measures]
+    columns: list[dict[str, Any]] = [
+        {"name": name, "title": name, "unit": "", "digits": digits} for name, digits in _COLUMNS.items()
+    ]
+    columns += [{"name": one.key, "title": one.label, "unit": one.unit, "digits": one.digits} for one in named]
+    numbers = {entry: number for number, entry in enumerate(entries)}
+    sources = {drive.result.world_checksum: drive.entry.source for drive in drives}
+    return {
+        "columns": columns,
+        "entries": [{"label": one.label, "colour": one.colour, "folder": str(one.source.path)} for one in entries],
+        "trials": [_trial(drive, numbers[drive.entry], links or {}, measures) for drive in drives],
+        "worlds": {checksum: _world(world, sources.get(checksum)) for checksum, world in worlds.items()},
+        "channels": CHANNELS,
+        "no_number": NO_NUMBER,
+        "outline": entries[0].source.outline.plain(),
+    }
+
+
+def _trial(drive: DrivenTrial, number: int, links: Mapping[Path, str], measures: Sequence[str]) -> dict[str, Any]:
+    entry, result, motion = drive.entry, drive.result, drive.result.motion
+    bag = entry.source.bag(result.trial_id)
+    cells: list[Any] = [entry.label, result.world, result.repetition + 1, result.outcome.value]
+    values = (MEASURES[key].value(result) for key in measures)
+    cells += [None if value is None else round(value, 4) for value in values]
+    return {
+        "id": result.trial_id,
+        "entry": number,
+        "checksum": result.world_checksum,
+        "name": result.world_name,
+        "detail": result.detail,
+        "seeds": [str(seed) for seed in (result.campaign_seed, result.simulator_seed, result.planner_seed)],
+        "problem": drive.problem,
+        "bag": str(bag) if bag.exists() else "",
+        "replay": links.get(bag, ""),
+        "cells": cells,
+        "track": None if drive.track is None else drive.track.packed,
+    } | ({} if motion is None else {"phase": motion.phase_s, "touched": motion.touched})
+
+
+def _world(world: World, source: Source | None) -> dict[str, Any]:
+    arrays = {"cylinders": world.cylinders_m.astype("f4"), "path": world.path_m().astype("f4")}
+    step = 1.0
+    if max(map(abs, world.bounds_m)) < 32.0:
+        arrays, step = {name: np.round(1000.0 * values).astype("i2") for name, values in arrays.items()}, 0.001
+    ends = known_scene(source, world).ends_m() if source else np.empty((0, 2))
+    content: dict[str, Any] = {"radius": world.cylinder_radius_m, "bounds": list(world.bounds_m), "step": step}
+    content["ends"] = ends.round(3).tolist()
+    if world.moving or world.walls:
+        content["moving"] = motion_arrays(world, arrays)
+    return content | {"packed": pack(arrays)}

@@ -8,9 +8,8 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from barn_eval.analysis.means import mean_interval
 from barn_eval.analysis.significance import proportion
-from barn_eval.analysis.statistics import rank_correlation
+from barn_eval.analysis.statistics import mean_interval, rank_correlation
 from barn_eval.studies.reproduction import paper
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import TrialResult
