@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import click
 
@@ -36,12 +36,7 @@ class Look(Checked):
 @click.option("--replays", is_flag=True, help="Draw the replay of each bag into OUT_replays and link to it.")
 @settings_option("--set", "settings", "Of the page and its figures", Look())
 def command(
-    folders: tuple[Path, ...],
-    out: Path,
-    assets: bool,
-    difficulty: Literal["trials", "model"],
-    replays: bool,
-    settings: dict[str, Any],
+    folders: tuple[Path, ...], out: Path, assets: bool, replays: bool, settings: dict[str, Any], **difficulty: Any
 ) -> None:
     """Write the report of FOLDERS of experiments, finished or not.
 
@@ -58,7 +53,7 @@ def command(
             assets=beside,
             title=look.title,
             hardest=look.hardest,
-            difficulty=difficulty,
+            **difficulty,
             replays=out.with_name(f"{out.stem}_replays") if replays else None,
             columns=keys_of(look.columns),
             width_mm=look.width_mm or None,

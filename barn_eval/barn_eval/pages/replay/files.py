@@ -51,16 +51,13 @@ def write_replay(
     drawn. BagError for a bag that cannot be read, ConfigError for too many bags or frames, and for what cannot be drawn
     or written.
     """
-    files = by_ending(outs)
     if not 1 <= len(bags) <= MOST_BAGS:
         raise ConfigError(f"a replay shows 1 to {MOST_BAGS} bags, got {len(bags)}")
     found = [read_recorded(path) for path in bags]
-    for recorded in found:
-        for line in recorded.notes:
-            note(f"note: {line}" if len(found) == 1 else f"note: {recorded.name}: {line}")
-    if not files:
-        names = [recorded.name.removesuffix(".mcap") for recorded in found]
-        files[".html"] = Path(f"{'_and_'.join(names[:2])}.html")
+    for line in (f"{one.name}: " * (len(found) > 1) + line for one in found for line in one.notes):
+        note(f"note: {line}")
+    named = "_and_".join(one.name.removesuffix(".mcap") for one in found[:2])
+    files = by_ending(outs or [f"{named}.html"])
     end_s = max(float(recorded.times_s[-1]) for recorded in found)
 
     def frames(times_s: Sequence[float], finer: int = 1) -> Iterator[Pixels]:
