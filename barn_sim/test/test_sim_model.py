@@ -39,12 +39,11 @@ def test_the_shapes_of_the_jackal_are_those_of_its_urdf() -> None:
     root = fromstring(robot_description(LidarConfig(), STANDARD.chassis))
     (box,) = root.iterfind("link/collision/geometry/box")
     body, *wheels = MODEL.shapes
-    assert body.half_sizes is not None
     assert (2.0 * body.half_sizes).tolist() == pytest.approx([float(size) for size in box.attrib["size"].split()])
     height = root.find("link[@name='chassis_link']/collision/origin").attrib["xyz"]
     assert body.centre.tolist() == pytest.approx([float(number) for number in height.split()])
     cylinders = [cylinder.attrib for cylinder in root.iterfind("link/collision/geometry/cylinder")]
-    assert [(wheel.radius_m, wheel.length_m) for wheel in wheels] == [
+    assert [(wheel.radius_m, 2.0 * wheel.half_sizes[1]) for wheel in wheels] == [
         (float(cylinder["radius"]), float(cylinder["length"])) for cylinder in cylinders
     ]
 

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 
 from barn_sim.body.bullet import PhysicsClient, add_body, bullet
-from barn_sim.body.model import RobotModel, Shape
+from barn_sim.body.model import RobotModel
 from barn_sim.body.tyres import Tyres
 from barn_sim.config import PhysicsConfig
 from barn_sim.motion.free_motion import Triple
@@ -20,8 +20,6 @@ from barn_worlds.base.types import Pose2D
 # obstacles: only those that have just become bodies are in it, so six levels are plenty.
 _CYCLE = 64
 _ENGINE = {"numSubSteps": 0, "numSolverIterations": 20, "deterministicOverlappingPairs": 1}
-
-
 _tyres_of = cache(Tyres)
 
 
@@ -45,13 +43,9 @@ class Body:
         *,
         stays: bool = False,
     ) -> None:
-        self._physics = client
-        self._stays = stays
+        self._model, self._config, self._physics, self._stays = model, config, client, stays
         self.client = self.id = self.ground = -1
-        self._model = model
-        self._config = config
-        self._fleet, self._index = fleet, index
-        settings = fleet.settings
+        self._fleet, self._index, settings = fleet, index, fleet.settings
         tyres = _tyres_of(model, config)
         if not settings["tick_ns"]:
             set_body(settings, model, config, tyres.stiffness, tyres.damping)
@@ -73,8 +67,12 @@ class Body:
         config = self._config
         bullet.setGravity(0.0, 0.0, -config.gravity_m_s2, physicsClientId=client)
         bullet.setPhysicsEngineParameter(fixedTimeStep=config.tick_s, physicsClientId=client, **_ENGINE)
-        self.ground = self._make_ground()
-        self.id = self._make_robot()
+        plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=client)
+        self.ground = bullet.createMultiBody(0.0, plane, useMaximalCoordinates=True, physicsClientId=client)
+        bullet.changeDynamics(self.ground, -1, lateralFriction=1.0, physicsClientId=client)
+        friction, inertia = config.chassis_friction, self._model.inertia.tolist()
+        dynamics = {"lateralFriction": friction, "angularDamping": 0.0, "localInertiaDiagonal": inertia}
+        self.id = add_body(client, _make_shapes(self._model, client), *self._start, self._model.mass_kg, **dynamics)
         bullet.setCollisionFilterPair(self.ground, self.id, -1, -1, 0, physicsClientId=client)
         self._physics.settle(kind if self._stays else None, self.ground, self.id)
 
@@ -83,19 +81,6 @@ class Body:
         if self.id >= 0:
             self._physics.empty()
             self.id = -1
-
-    def _make_ground(self) -> int:
-        plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=self.client)
-        ground: int = bullet.createMultiBody(0.0, plane, useMaximalCoordinates=True, physicsClientId=self.client)
-        bullet.changeDynamics(ground, -1, lateralFriction=1.0, physicsClientId=self.client)
-        return ground
-
-    def _make_robot(self) -> int:
-        inertia, friction = self._model.inertia.tolist(), self._config.chassis_friction
-        dynamics = {"lateralFriction": friction, "angularDamping": 0.0, "localInertiaDiagonal": inertia}
-        return add_body(
-            self.client, _make_shapes(self._model, self.client), *self._start, self._model.mass_kg, **dynamics
-        )
 
     def move(self, centre: Triple, force: Triple, torque: Triple) -> Triple:
         """Advance one tick in Bullet under a force (N) at the centre of mass and a torque (N m).
@@ -161,39 +146,23 @@ def first_inverse_inertia_of(model: RobotModel) -> Floats:
 
 
 def _make_shapes(model: RobotModel, client: int) -> int:
-    body = model.shapes[0]
-    if body.corners is not None:
-        return _make_prism(body, model, client)
-    kinds, half_sizes, radii, lengths, attitudes = [], [], [], [], []
+    shapes, places = model.shapes, [(shape.centre - model.centre_of_mass).tolist() for shape in model.shapes]
+    made: int
+    if shapes[0].corners is not None:
+        half = float(shapes[0].half_sizes[2])
+        corners = [[x, y, z] for x, y in shapes[0].corners.tolist() for z in (-half, half)]
+        made = bullet.createCollisionShape(
+            bullet.GEOM_MESH, vertices=corners, collisionFramePosition=places[0], physicsClientId=client
+        )
+        return made
     along_y = bullet.getQuaternionFromEuler([0.5 * math.pi, 0.0, 0.0])
-    for shape in model.shapes:
-        box = shape.half_sizes is not None
-        kinds.append(bullet.GEOM_BOX if box else bullet.GEOM_CYLINDER)
-        half_sizes.append(shape.half_sizes.tolist() if shape.half_sizes is not None else [0.0, 0.0, 0.0])
-        radii.append(shape.radius_m)
-        lengths.append(shape.length_m)
-        attitudes.append([0.0, 0.0, 0.0, 1.0] if box or shape.upright else along_y)
-    compound: int = bullet.createCollisionShapeArray(
-        shapeTypes=kinds,
-        halfExtents=half_sizes,
-        radii=radii,
-        lengths=lengths,
-        collisionFramePositions=[(shape.centre - model.centre_of_mass).tolist() for shape in model.shapes],
-        collisionFrameOrientations=attitudes,
+    made = bullet.createCollisionShapeArray(
+        shapeTypes=[bullet.GEOM_CYLINDER if shape.radius_m else bullet.GEOM_BOX for shape in shapes],
+        halfExtents=[shape.half_sizes.tolist() for shape in shapes],
+        radii=[shape.radius_m for shape in shapes],
+        lengths=[2.0 * float(shape.half_sizes[1 + shape.upright]) for shape in shapes],
+        collisionFramePositions=places,
+        collisionFrameOrientations=[[0.0, 0.0, 0.0, 1.0] if shape.upright else along_y for shape in shapes],
         physicsClientId=client,
     )
-    return compound
-
-
-def _make_prism(body: Shape, model: RobotModel, client: int) -> int:
-    """Make the shape of a body whose outline is no rectangle."""
-    assert body.corners is not None
-    assert body.half_sizes is not None
-    half_height = float(body.half_sizes[2])
-    prism: int = bullet.createCollisionShape(
-        bullet.GEOM_MESH,
-        vertices=[[x, y, z] for x, y in body.corners.tolist() for z in (-half_height, half_height)],
-        collisionFramePosition=(body.centre - model.centre_of_mass).tolist(),
-        physicsClientId=client,
-    )
-    return prism
+    return made

@@ -52,10 +52,6 @@ class PhysicsEngine:
         """Whether nobody else in the process has ended it."""
         return bool(bullet.isConnected(self.id))
 
-    def end(self) -> None:
-        """Release what it has."""
-        bullet.disconnect(physicsClientId=self.id)
-
 
 class PhysicsClient:
     """Has a physics engine from when it is first used until it is emptied. Every one behaves exactly like a new one.
@@ -65,8 +61,7 @@ class PhysicsClient:
     """
 
     def __init__(self, *, draws: bool = False, idle: list[PhysicsEngine] | None = None) -> None:
-        self._draws = draws
-        self._shares = idle is not None
+        self._draws, self._shares = draws, idle is not None
         self._idle: list[PhysicsEngine] = [] if idle is None else idle
         self._engine: PhysicsEngine | None = None
 
@@ -122,8 +117,7 @@ class PhysicsClient:
         solved then does not depend on where the robot has been.
         """
         engine = self.engine
-        if not engine.guests:
-            assert engine.residents is not None
+        if engine.residents is not None and not engine.guests:
             self._renew(engine.residents[2], _MOVING)
         body = make()
         engine.guests[body] = None
@@ -131,10 +125,8 @@ class PhysicsClient:
 
     def receive_standing(self, kind: Hashable, position: Sequence[float], make: Callable[[], int]) -> int:
         """Have a guest that stands upright; kind: what decides how it is made. Bodies of a kind are used again."""
-        engine = self.engine
-        kept = engine.kept.get(kind, [])
-        again = bool(kept)
-        body = self.receive(kept.pop if again else make)
+        engine, again = self.engine, bool(self.engine.kept.get(kind))
+        body = self.receive(engine.kept[kind].pop if again else make)
         engine.guests[body] = kind
         if again:
             bullet.resetBasePositionAndOrientation(body, position, _UPRIGHT, physicsClientId=engine.id)
@@ -172,9 +164,8 @@ class PhysicsClient:
 def end(engines: list[PhysicsEngine]) -> None:
     """End those engines of a list that run, and empty it."""
     while engines:
-        last = engines.pop()
-        if last.running:
-            last.end()
+        if (last := engines.pop()).running:
+            bullet.disconnect(physicsClientId=last.id)
 
 
 def add_body(

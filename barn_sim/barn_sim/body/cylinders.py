@@ -20,28 +20,17 @@ _ROUNDING_M = 1e-9  # more than distances are rounded by
 
 @njit(cache=True)
 def near_cylinders(
-    segments: Floats,
-    among: Bools,
-    pushed: Bools,
-    x: float,
-    y: float,
-    yaw: float,
-    extent: Floats,
-    radius: float,
-    robot_within: float,
-    pushed_within: float,
-) -> tuple[Integers, float]:
+    segments: Floats, among: Bools, pushed: Bools, x: float, y: float, yaw: float, extent: Floats, radius: float,
+    robot_within: float, pushed_within: float,
+) -> tuple[Integers, float]:  # fmt: skip
     """Return the indices of the cylinders in `among` that are near the robot or near a pushed one, and a distance.
 
-    Any point of the robot may go so far before others are near it, m; 0 if any cylinder is pushed.
-
-    segments (n, 4) m; extent: x_min, y_min, x_max, y_max of the robot about its pose x, y, yaw. Near means a gap below
-    `robot_within` to the robot, or below `pushed_within` to a cylinder in `pushed`.
+    Any point of the robot may go so far before others are near it, m; 0 if any cylinder is pushed. segments (n, 4) m;
+    extent: x_min, y_min, x_max, y_max of the robot about its pose x, y, yaw. Near means a gap below `robot_within` to
+    the robot, or below `pushed_within` to a cylinder in `pushed`.
     """
     far = math.hypot(max(-extent[0], extent[2]), max(-extent[1], extent[3])) + radius + robot_within
-    found = np.empty(len(segments), np.int64)
-    count = 0
-    pushing = np.flatnonzero(pushed)
+    found, count, pushing = np.empty(len(segments), np.int64), 0, np.flatnonzero(pushed)
     free = math.inf if len(pushing) == 0 else 0.0
     for i in range(len(segments)):
         if not among[i]:
@@ -83,8 +72,7 @@ def nearest_gap(segments: Floats, x: float, y: float, yaw: float, extent: Floats
 @njit(cache=True)
 def robot_gap(segment: Floats, x: float, y: float, yaw: float, extent: Floats) -> float:
     """Return the distance in m from the robot's rectangle to a segment (4,), 0 where it overlaps."""
-    c, s = math.cos(yaw), math.sin(yaw)
-    nearest = math.inf
+    c, s, nearest = math.cos(yaw), math.sin(yaw), math.inf
     samples = 1 if segment[0] == segment[2] and segment[1] == segment[3] else _SAMPLES
     for k in range(samples):
         part = k / (_SAMPLES - 1)
@@ -113,21 +101,10 @@ def segment_gap(first: Floats, second: Floats) -> float:
 
 @njit(cache=True)
 def follow_cylinders(
-    indices: Integers,
-    bodies: Floats,
-    x: float,
-    y: float,
-    yaw: float,
-    extent: Floats,
-    homes: Floats,
-    radius: float,
-    half: float,
-    limits: tuple[float, float, float, float],
-    states: Floats,
-    segments: Floats,
-    pushed: Bools,
+    indices: Integers, bodies: Floats, x: float, y: float, yaw: float, extent: Floats, homes: Floats, radius: float,
+    half: float, limits: tuple[float, float, float, float], states: Floats, segments: Floats, pushed: Bools,
     displaced: Bools,
-) -> None:
+) -> None:  # fmt: skip
     """Copy the bodies' states (k, 13: state, velocity, spin) of the cylinders `indices` (k,) into the arrays of all.
 
     A cylinder counts as pushed if it moves faster than `limits` 0 (m/s) and 1 (rad/s), or if the robot is nearer than
@@ -144,21 +121,14 @@ def follow_cylinders(
         for end in range(0, 4, 2):
             if math.hypot(segment[end] - homes[i, 0], segment[end + 1] - homes[i, 1]) > moved:
                 displaced[i] = True
-        speed = np.linalg.norm(bodies[k, 7:10])
-        spin = np.linalg.norm(bodies[k, 10:13])
+        speed, spin = np.linalg.norm(bodies[k, 7:10]), np.linalg.norm(bodies[k, 10:13])
         touched = robot_gap(segment, x, y, yaw, extent) < radius + touch_gap
         pushed[i] = touched or speed > speed_limit or spin > spin_limit
 
 
 @njit(cache=True)
 def see_cylinders(
-    indices: Integers,
-    states: Floats,
-    half: float,
-    height: float,
-    upright: float,
-    centres: Floats,
-    tilted: Floats,
+    indices: Integers, states: Floats, half: float, height: float, upright: float, centres: Floats, tilted: Floats
 ) -> int:
     """Write how the cylinders `indices` cross the plane at `height` to `centres` (n, 2) and `tilted` (m, 7).
 

@@ -19,17 +19,9 @@ Motion = tuple[float, float, float, float, float]
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def begin_friction(
-    motion: Motion,
-    left: float,
-    right: float,
-    arms: Floats,
-    limits: Floats,
-    turn: Matrix,
-    inverse: Matrix,
-    inverse_mass: float,
-    impulses: Floats,
-    work: Floats,
-) -> tuple[Motion, Rims]:
+    motion: Motion, left: float, right: float, arms: Floats, limits: Floats, turn: Matrix, inverse: Matrix,
+    inverse_mass: float, impulses: Floats, work: Floats,
+) -> tuple[Motion, Rims]:  # fmt: skip
     """Begin to find the friction impulses (n, 2) of the wheels, from those of the last tick, which are replaced.
 
     limits (n,): largest impulse of each wheel, N s. Returns the motion with the effect of the impulses, and how fast
@@ -94,13 +86,9 @@ def levers_of(arm: Triple, inverse: Matrix, inverse_mass: float) -> tuple[float,
 @njit(cache=True, inline="always")
 def after(motion: Motion, row: Floats | Levers, inverse_mass: float, x: float, y: float) -> Motion:
     """Return the motion after an impulse; row: levers of the wheel."""
-    return (
-        motion[0] + inverse_mass * x,
-        motion[1] + inverse_mass * y,
-        motion[2] + (row[0] * x + row[1] * y),
-        motion[3] + (row[2] * x + row[3] * y),
-        motion[4] + (row[4] * x + row[5] * y),
-    )
+    vx, vy, wx, wy, wz = motion
+    wx, wy, wz = wx + (row[0] * x + row[1] * y), wy + (row[2] * x + row[3] * y), wz + (row[4] * x + row[5] * y)
+    return vx + inverse_mass * x, vy + inverse_mass * y, wx, wy, wz
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

@@ -7,7 +7,7 @@ The body is made of the robot's `Chassis`, and so is its URDF unless it comes wi
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
-from xml.etree.ElementTree import Element, tostring
+from xml.etree.ElementTree import tostring
 
 import numpy as np
 from defusedxml.ElementTree import fromstring
@@ -23,15 +23,14 @@ _ONE_AXLE = ("left_wheel", "right_wheel")
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A collision primitive at `centre` (3,) in base_link: a box of half sizes (3,), a cylinder along y, or upright.
+    """A collision primitive at `centre` (3,) in base_link, with the half sizes (3,) of the box around it.
 
-    corners (k, 2): of an upright prism about `centre`, which has half sizes, too: those of the box around it.
+    radius_m: of a cylinder, along y or upright. corners (k, 2): of an upright prism, about its centre.
     """
 
     centre: Floats
-    half_sizes: Floats | None = None
+    half_sizes: Floats
     radius_m: float = 0.0
-    length_m: float = 0.0
     upright: bool = False
     corners: Floats | None = None
 
@@ -67,13 +66,8 @@ class RobotModel:
 
 @cache
 def _extent_of(model: RobotModel) -> Floats:
-    halves = [
-        [shape.radius_m, shape.radius_m if shape.upright else 0.5 * shape.length_m]
-        if shape.half_sizes is None
-        else shape.half_sizes[:2]
-        for shape in model.shapes
-    ]
     centres = np.array([shape.centre[:2] for shape in model.shapes])
+    halves = np.array([shape.half_sizes[:2] for shape in model.shapes])
     return np.concatenate([(centres - halves).min(axis=0), (centres + halves).max(axis=0)])
 
 
@@ -113,14 +107,12 @@ def _shapes_of(chassis: Chassis, wheels: Floats) -> tuple[Shape, ...]:
     x_min, y_min, x_max, y_max = chassis.body_extent_m
     centre = 0.5 * np.array([x_min + x_max, y_min + y_max, low + high])
     half_sizes = 0.5 * np.array([x_max - x_min, y_max - y_min, high - low])
-    if chassis.round:
-        body = Shape(centre, radius_m=chassis.footprint_radius_m, length_m=high - low, upright=True)
-    elif chassis.rectangular:
-        body = Shape(centre, half_sizes)
-    else:
+    if not chassis.round and not chassis.rectangular:
         return (Shape(centre, half_sizes, corners=np.array(chassis.hull_m) - centre[:2]),)
-    rims = (Shape(hub, radius_m=chassis.wheel_radius_m, length_m=chassis.wheel_width_m) for hub in wheels)
-    return (body, *rims)
+    radius = chassis.wheel_radius_m
+    rim = np.array([radius, 0.5 * chassis.wheel_width_m, radius])
+    body = Shape(centre, half_sizes, chassis.footprint_radius_m, upright=True)
+    return (body, *(Shape(hub, rim, radius) for hub in wheels))
 
 
 @cache
@@ -135,8 +127,7 @@ def description_text(chassis: Chassis) -> str:
 def robot_description(lidar: LidarConfig, chassis: Chassis) -> str:
     """Return the URDF of a robot with the lidar where `lidar` mounts it."""
     root = fromstring(description_text(chassis))
-    joint = _named(root, "joint", "lidar_joint")
-    origin = joint.find("origin")
+    origin = root.find("joint[@name='lidar_joint']/origin")
     assert origin is not None
     origin.set("xyz", f"{lidar.mount_x_m:g} {lidar.mount_y_m:g} {lidar.mount_z_m:g}")
     if lidar.mount_yaw_rad:
@@ -147,22 +138,9 @@ def robot_description(lidar: LidarConfig, chassis: Chassis) -> str:
 def fixed_frames(lidar: LidarConfig, chassis: Chassis) -> dict[str, tuple[float, float, float]]:
     """Return the positions of the fixed frames in base_link, by name."""
     root = fromstring(robot_description(lidar, chassis))
-    fixed = (joint for joint in root.iter("joint") if joint.get("type") == "fixed")
-    return {_attribute(joint, "child", "link"): tuple(_xyz(joint).tolist()) for joint in fixed}
-
-
-def _named(root: Element, tag: str, name: str) -> Element:
-    return next(element for element in root.iter(tag) if element.get("name") == name)
-
-
-def _attribute(parent: Element, tag: str, name: str) -> str:
-    child = parent.find(tag)
-    if child is None:
-        raise ValueError(f"URDF: <{parent.tag}> without <{tag}>")
-    return child.attrib[name]
-
-
-def _xyz(parent: Element) -> Floats:
-    origin = parent.find("origin")
-    text = "0 0 0" if origin is None else origin.get("xyz", "0 0 0")
-    return np.array([float(number) for number in text.split()])
+    found = {}
+    for joint in root.iterfind("joint[@type='fixed']"):
+        text = next((origin.get("xyz") for origin in joint.iter("origin")), None) or "0 0 0"
+        x, y, z = map(float, text.split())
+        found[next(joint.iter("child")).attrib["link"]] = x, y, z
+    return found

@@ -7,13 +7,11 @@ through everything but the robot.
 
 import math
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numba import njit
 
 from barn_sim.body.bullet import PhysicsClient, add_body, bullet
-from barn_sim.body.cylinders import Bools
 from barn_sim.body.obstacles import PASSED_BY, tick_gap_m
 from barn_sim.config import SimulatorConfig
 from barn_sim.motion.free_motion import fill
@@ -41,15 +39,11 @@ class Movers:
     def __init__(
         self, client: PhysicsClient, extent: Floats, world: World, phase_s: float, config: SimulatorConfig
     ) -> None:
-        self._client = client
-        self._extent = extent
-        self._tracks = world.tracks
-        self._phase_s = phase_s
-        self._tick_ns = config.tick_ns
+        self._client, self._extent, self._phase_s, self._tick_ns = client, extent, phase_s, config.tick_ns
         self._friction = config.obstacles.friction
         self._lift_m_s = config.physics.gravity_m_s2 * config.physics.tick_s  # what a tick of free fall takes away
         walls, tracks = world.walls, world.tracks
-        self._walls = len(walls)
+        self._walls, self._tracks = len(walls), tracks
         self._shapes = np.concatenate([wall_bodies(walls).shapes(), moving_bodies(tracks, phase_s).shapes()])
         self._velocities = np.zeros((len(self._shapes), 2))
         self._heights = np.concatenate([[wall.height_m for wall in walls], tracks.height_m])
@@ -64,7 +58,8 @@ class Movers:
     def at(self, stamp_ns: int) -> Floats:
         """Return the shapes (n, 7) at a time; the array is used again."""
         if len(self._tracks):
-            _place(seconds(stamp_ns) + self._phase_s, self._tracks.table, self._shapes, self._velocities, self._walls)
+            moving, time_s = slice(self._walls, None), seconds(stamp_ns) + self._phase_s
+            evaluate(time_s, self._tracks.table, self._shapes[moving, :2], self._velocities[moving])
         return self._shapes
 
     def seen_at(self, stamp_ns: int, height_m: float) -> Floats:
@@ -86,10 +81,7 @@ class Movers:
         Bodies of those that have gone are removed.
         """
         gaps: Floats = gaps_to_rectangle(self.at(stamp_ns), x, y, yaw, self._extent)
-        near: Bools = gaps < self._wake_m
-        if not self._bodies and not near.any():
-            return False
-        for index in np.flatnonzero(near).tolist():
+        for index in np.flatnonzero(gaps < self._wake_m).tolist():
             if index not in self._bodies:
                 self._bodies[index] = self._make(index)
         for index in [index for index in self._bodies if gaps[index] > self._wake_m[index] + _LEAVE_GAP_M]:
@@ -122,39 +114,24 @@ class Movers:
         height = float(self._heights[index])
         size = radius, half_x, half_y, height
         if size not in self._kinds:
-            given: dict[str, Any] = {"radius": radius, "height": height} if radius else {}
-            given = given or {"halfExtents": [half_x, half_y, 0.5 * height]}
-            kind = bullet.GEOM_CYLINDER if radius else bullet.GEOM_BOX
-            self._kinds[size] = bullet.createCollisionShape(kind, **given, physicsClientId=self._client.id)
+            self._kinds[size] = bullet.createCollisionShape(
+                bullet.GEOM_CYLINDER if radius else bullet.GEOM_BOX, radius=radius, height=height,
+                halfExtents=[half_x, half_y, 0.5 * height], physicsClientId=self._client.id,
+            )  # fmt: skip
         return self._kinds[size]
 
 
 @njit(cache=True)
-def _place(time_s: float, table: Table, shapes: Floats, velocities: Floats, walls: int) -> None:
-    """Write where all that follows the first `walls` shapes is at a time, and its velocity."""
-    evaluate(time_s, table, shapes[walls:, :2], velocities[walls:])
-
-
-@njit(cache=True)
 def _look(
-    robots: Records,
-    index: int,
-    phase_s: float,
-    tick_ns: int,
-    table: Table,
-    shapes: Floats,
-    velocities: Floats,
-    walls: int,
-    reach_m: Floats,
-    fastest_m_s: Floats,
-    extent: Floats,
-) -> None:
+    robots: Records, index: int, phase_s: float, tick_ns: int, table: Table, shapes: Floats, velocities: Floats,
+    walls: int, reach_m: Floats, fastest_m_s: Floats, extent: Floats,
+) -> None:  # fmt: skip
     """See `Movers.look`; reach_m (n,): how near each may come to the robot without PyBullet; fastest_m_s (n,)."""
     robot: Record = robots[index]
-    stamp_ns = robot.stamp_ns
-    nearest, left_s = math.inf, _LONG_S
+    stamp_ns, nearest, left_s = robot.stamp_ns, math.inf, _LONG_S
     for ahead in range(_TICKS_AHEAD + 1):
-        _place(1e-9 * (stamp_ns + ahead * tick_ns) + phase_s, table, shapes, velocities, walls)
+        time_s = 1e-9 * (stamp_ns + ahead * tick_ns) + phase_s
+        evaluate(time_s, table, shapes[walls:, :2], velocities[walls:])
         gaps = gaps_to_rectangle(shapes, robot.x, robot.y, robot.yaw, extent) - reach_m
         nearest = min(nearest, gaps.min())
     period, phase = table[4], table[5]

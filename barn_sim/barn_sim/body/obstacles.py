@@ -13,7 +13,7 @@ import numpy as np
 
 from barn_sim.body.bullet import PhysicsClient, add_body, bullet
 from barn_sim.body.cylinders import Bools, follow_cylinders, near_cylinders, see_cylinders
-from barn_sim.config import ObstacleConfig, SimulatorConfig
+from barn_sim.config import SimulatorConfig
 from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.types import Pose2D
 from barn_worlds.worlds.world import World
@@ -42,25 +42,6 @@ class Moved:
     quaternions: Floats
 
 
-@dataclass(frozen=True, eq=False)
-class Cylinders:
-    """Standing cylinders of one size: centres (n, 2) in metres, and which of them can be pushed (n,)."""
-
-    centres: Floats
-    movable: Bools
-    radius_m: float
-    height_m: float
-
-
-def cylinders_of(world: World, config: ObstacleConfig) -> Cylinders:
-    """Return the cylinders of a world, and which of them can be pushed: of the grid, and of the containment behind."""
-    movable = np.zeros(len(world.cylinders_m), np.bool_)
-    if config.movable:
-        movable[: len(world.obstacles_m)] = True
-        movable[len(world.obstacles_m) :] = config.containment_movable
-    return Cylinders(world.cylinders_m, movable, world.cylinder_radius_m, world.cylinder_height_m)
-
-
 def tick_gap_m(config: SimulatorConfig) -> float:
     """Return more than any point of the robot covers in a tick.
 
@@ -76,33 +57,27 @@ class Obstacles:
     """All cylinders of a world, and the bodies of those that are near the robot.
 
     extent: x_min, y_min, x_max, y_max of the robot's shapes in base_link. segments (n, 4): ends of the cylinders' axes
-    seen from above, m. undisturbed: whether every cylinder stands exactly where it stood. wake_gap_m: how near the
-    robot must be for a body. bodied (n,): which cylinders are bodies. passed: whether moving obstacles pass through.
+    seen from above, m. undisturbed: whether every cylinder stands exactly where it stood. gap_m: how near the robot
+    must be for a body. bodied (n,): which cylinders are bodies. radius_m: of every cylinder.
     """
 
-    def __init__(
-        self,
-        client: PhysicsClient,
-        extent: Floats,
-        cylinders: Cylinders,
-        config: ObstacleConfig,
-        wake_gap_m: float,
-        *,
-        passed: bool = False,
-    ) -> None:
-        self._extent = extent
-        self._cylinders = cylinders
-        self._config = config
-        self._wake_gap_m = wake_gap_m
-        self._rest_gap_m = max(REST_GAP_M, 2.0 * wake_gap_m)
-        self._passed = passed
-        self._half = 0.5 * cylinders.height_m
-        self._any_movable = bool(cylinders.movable.any())
-        states = np.zeros((len(cylinders.centres), 7))  # position and quaternion
-        states[:, :2], states[:, 2], states[:, 6] = cylinders.centres, self._half, 1.0
-        self._states, self.segments = states, np.column_stack([cylinders.centres, cylinders.centres])
-        self._client = client
-        count = len(cylinders.centres)
+    def __init__(self, client: PhysicsClient, extent: Floats, world: World, config: SimulatorConfig) -> None:
+        self._client, self._extent, self._config = client, extent, config.obstacles
+        self.gap_m = tick_gap_m(config)
+        self._rest_gap_m = max(REST_GAP_M, 2.0 * self.gap_m)
+        self._passed = bool(world.moving)  # whether moving obstacles pass through
+        self._centres, self.radius_m, self._half = (
+            world.cylinders_m,
+            world.cylinder_radius_m,
+            0.5 * world.cylinder_height_m,
+        )
+        count = len(self._centres)
+        self._movable: Bools = np.full(count, config.obstacles.movable)
+        self._movable[len(world.obstacles_m) :] &= config.obstacles.containment_movable
+        self._any_movable = bool(self._movable.any())
+        self._states = np.zeros((count, 7))  # position and quaternion
+        self._states[:, :2], self._states[:, 2], self._states[:, 6] = self._centres, self._half, 1.0
+        self.segments = np.column_stack([self._centres, self._centres])
         self._bodies: dict[int, int] = {}
         self.bodied, self._pushed, self._displaced = np.zeros((3, count), np.bool_)
         self.undisturbed = True
@@ -118,7 +93,7 @@ class Obstacles:
         if math.hypot(x - last_x, y - last_y) + abs(yaw - last_yaw) * self._reach_m < self._free_m:
             return
         self._looked_from = x, y, yaw
-        near, self._free_m = self._near(~self.bodied, x, y, yaw, self._wake_gap_m)
+        near, self._free_m = self._near(~self.bodied, x, y, yaw, self.gap_m)
         for index in near:
             self._bodies[index] = self._make(index)
             self.bodied[index] = True
@@ -131,9 +106,9 @@ class Obstacles:
         return found.tolist(), free_m
 
     def _make(self, index: int) -> int:
-        client, cylinders, config, state = self._client, self._cylinders, self._config, self._states[index].tolist()
-        if not cylinders.movable[index]:
-            kind = cylinders.radius_m, cylinders.height_m, config.friction
+        client, config, state = self._client, self._config, self._states[index].tolist()
+        if not self._movable[index]:
+            kind = self.radius_m, 2.0 * self._half, config.friction
             return client.receive_standing(kind, state[:3], partial(self._add, state, 0.0))
         tilt, spin = config.inertia_tilt_kg_m2, config.inertia_spin_kg_m2
         body = client.receive(partial(self._add, state, config.mass_kg, localInertiaDiagonal=[tilt, tilt, spin]))
@@ -158,12 +133,12 @@ class Obstacles:
 
     def follow(self, robot: Pose2D) -> None:
         """Copy the bodies' states after a tick, and remove the bodies that nothing is near any more."""
-        indices = [index for index in self._bodies if self._cylinders.movable[index]] if self._any_movable else []
+        indices = [index for index in self._bodies if self._movable[index]] if self._any_movable else []
         if indices:
             self.undisturbed, self._free_m = False, 0.0
             states = np.array([self._state(self._bodies[index]) for index in indices])
             follow_cylinders(
-                np.array(indices), states, robot.x, robot.y, robot.yaw, self._extent, self._cylinders.centres,
+                np.array(indices), states, robot.x, robot.y, robot.yaw, self._extent, self._centres,
                 self.radius_m, self._half, _LIMITS, self._states, self.segments, self._pushed, self._displaced,
             )  # fmt: skip
         self._ticks += 1
@@ -186,11 +161,6 @@ class Obstacles:
         contacts = bullet.getContactPoints(bodyA=robot, physicsClientId=self._client.id)
         return any(contact[8] <= 0.0 or contact[9] > 0.0 for contact in contacts)  # distance, normal force
 
-    @property
-    def radius_m(self) -> float:
-        """Radius of every cylinder."""
-        return self._cylinders.radius_m
-
     def moved(self) -> Moved:
         """Return the cylinders with an end displaced by more than a millimetre."""
         indices = np.flatnonzero(self._displaced)
@@ -204,8 +174,7 @@ class Obstacles:
         """
         displaced = np.flatnonzero(self._displaced)
         if not len(displaced):
-            return self._cylinders.centres, _NONE_TILTED
-        centres = self._cylinders.centres.copy()
-        tilted = np.empty((len(displaced), 7))
+            return self._centres, _NONE_TILTED
+        centres, tilted = self._centres.copy(), np.empty((len(displaced), 7))
         count = see_cylinders(displaced, self._states, self._half, height_m, _UPRIGHT, centres, tilted)
         return centres, tilted[:count]

@@ -25,7 +25,7 @@ from numba.extending import intrinsic
 from barn_sim.body.friction import Motion
 from barn_sim.body.model import RobotModel
 from barn_sim.config import PhysicsConfig
-from barn_sim.motion.free_motion import Matrix, Quaternion, Triple, triple
+from barn_sim.motion.free_motion import Matrix, Quaternion, Triple, times, triple
 from barn_sim.motion.state import Record
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import ConfigError
@@ -51,13 +51,8 @@ class Tyres:
         self._require_stable(model, config.tick_s)
         x, y = hubs[:, 0], hubs[:, 1]
         # deflection of a tyre is -(height - reach) - y roll + x pitch; loads carry the weight and have no moment
-        system = np.array(
-            [
-                [-len(x), -y.sum(), x.sum()],
-                [-y.sum(), -(y * y).sum(), (x * y).sum()],
-                [-x.sum(), -(x * y).sum(), (x * x).sum()],
-            ]
-        )
+        heave = [-len(x), -y.sum(), x.sum()]
+        system = np.array([heave, [-y.sum(), -(y * y).sum(), (x * y).sum()], [-x.sum(), -(x * y).sum(), (x * x).sum()]])
         weight = np.array([len(x) * config.tyre_deflection_m, 0.0, 0.0])
         lowered, roll, pitch = np.linalg.solve(system, weight).tolist()
         self.rest: Triple = float(model.wheel_radius_m - hubs[0, 2] + lowered), roll, pitch
@@ -139,11 +134,9 @@ def stand(
         tx += arms[i, 1] * loads[i]
         ty -= arms[i, 0] * loads[i]
         loads[i] = fixed.friction * tick * loads[i]
-    spins = (
-        spin[0] + tick * _product(inverse[0], (tx, ty, 0.0)),
-        spin[1] + tick * _product(inverse[1], (tx, ty, 0.0)),
-        spin[2] + tick * _product(inverse[2], (tx, ty, 0.0)),
-    )
+    twist = tx, ty, 0.0
+    wx, wy, wz = _product(inverse[0], twist), _product(inverse[1], twist), _product(inverse[2], twist)
+    spins = spin[0] + tick * wx, spin[1] + tick * wy, spin[2] + tick * wz
     return (velocity[0], velocity[1], *spins), turn, inverse, (fz, tx, ty)
 
 
@@ -165,17 +158,12 @@ def forces(carried: Triple, wheels: Floats, tick: float) -> tuple[Triple, Triple
 @njit(cache=True, error_model="numpy")
 def world_inertia(turn: Matrix, inverse_inertia: Triple) -> Matrix:
     """Return the inverse inertia in the world frame from that about the axes of the body."""
-    x, y, z = _scaled(turn[0], inverse_inertia), _scaled(turn[1], inverse_inertia), _scaled(turn[2], inverse_inertia)
+    x, y, z = times(turn[0], inverse_inertia), times(turn[1], inverse_inertia), times(turn[2], inverse_inertia)
     return (
         (_row_product(x, turn[0]), _row_product(x, turn[1]), _row_product(x, turn[2])),
         (_row_product(y, turn[0]), _row_product(y, turn[1]), _row_product(y, turn[2])),
         (_row_product(z, turn[0]), _row_product(z, turn[1]), _row_product(z, turn[2])),
     )
-
-
-@njit(cache=True, error_model="numpy")
-def _scaled(row: Triple, factors: Triple) -> Triple:
-    return row[0] * factors[0], row[1] * factors[1], row[2] * factors[2]
 
 
 @njit(cache=True, error_model="numpy")
@@ -194,17 +182,9 @@ def _product(row: Triple, vector: Triple) -> float:
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def wheel_loads(
-    height: float,
-    turn: Matrix,
-    sinking: float,
-    spin: Triple,
-    hubs: Floats,
-    radius: float,
-    stiffness: float,
-    damping: float,
-    arms: Floats,
-    loads: Floats,
-) -> None:
+    height: float, turn: Matrix, sinking: float, spin: Triple, hubs: Floats, radius: float, stiffness: float,
+    damping: float, arms: Floats, loads: Floats,
+) -> None:  # fmt: skip
     """Fill in arms (n, 3) from the centre of mass to each wheel's lowest point, and the loads (n,) in N there.
 
     height, sinking: of the centre of mass, m and m/s; turn: rotation of the body; hubs (n, 3).

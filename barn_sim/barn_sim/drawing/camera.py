@@ -29,9 +29,8 @@ from barn_worlds.worlds.scene import TrialScene
 
 Pixels = npt.NDArray[np.uint8]
 
-CAMERAS = ("chase", "top", "side")
-# Width and height of a picture in pixels.
-SIZES = {"chase": (640, 400), "top": (800, 336), "side": (800, 360)}
+SIZES = {"chase": (640, 400), "top": (800, 336), "side": (800, 360)}  # width and height of a picture in pixels
+CAMERAS = tuple(SIZES)
 # Light falls aslant and darkens, so that obstacles and walls begin lighter than on paper.
 _GROUND, _LINE, _OBSTACLE, _WALL = "#edf0f2", "#ccd1d9", "#5c6b85", "#b3bac7"
 _LIGHT_FROM = (-2.0, -3.0, 6.0)
@@ -64,19 +63,15 @@ def camera_at(name: str, pose: Pose2D, bounds_m: Sequence[float]) -> Camera:
         ahead_x, ahead_y = math.cos(pose.yaw), math.sin(pose.yaw)
         eye = (pose.x - 1.45 * ahead_x, pose.y - 1.45 * ahead_y, 1.75)
         return Camera(eye, (pose.x + 0.8 * ahead_x, pose.y + 0.8 * ahead_y, 0.1), opening_deg=55.0)
+    if name not in SIZES:
+        raise ConfigError(f"camera must be one of {', '.join(CAMERAS)}, got {name!r}{suggest(name, CAMERAS)}")
+    slope, target = SIZES[name][1] / SIZES[name][0], (middle_x, middle_y, 0.0)
     if name == "top":
-        width, height = SIZES[name]
-        half = 0.5 * max(wide, long * height / width)
-        high = 30.0
-        opening = 2.0 * math.degrees(math.atan(1.03 * half / (high - 1.0)))
-        return Camera((middle_x, middle_y, high), (middle_x, middle_y, 0.0), (-1.0, 0.0, 0.0), opening)
-    if name == "side":
-        width, height = SIZES[name]
-        away, high = 1.1 * long, 0.8 * long
-        opening = 2.0 * math.degrees(math.atan(0.56 * long / math.hypot(away, high) * height / width))
-        eye = (middle_x + away, middle_y, high)
-        return Camera(eye, (middle_x, middle_y, 0.0), opening_deg=opening)
-    raise ConfigError(f"camera must be one of {', '.join(CAMERAS)}, got {name!r}{suggest(name, CAMERAS)}")
+        opening = 2.0 * math.degrees(math.atan(1.03 * 0.5 * max(wide, long * slope) / (30.0 - 1.0)))
+        return Camera((middle_x, middle_y, 30.0), target, (-1.0, 0.0, 0.0), opening)
+    away, high = 1.1 * long, 0.8 * long
+    opening = 2.0 * math.degrees(math.atan(0.56 * long / math.hypot(away, high) * slope))
+    return Camera((middle_x + away, middle_y, high), target, opening_deg=opening)
 
 
 class Studio:
@@ -119,10 +114,6 @@ class Studio:
 
     def __exit__(self, *_: object) -> None:
         """Release the renderer."""
-        self.close()
-
-    def close(self) -> None:
-        """Release the renderer; closing again does nothing."""
         self._client.close()
 
     def picture(
@@ -148,24 +139,17 @@ class Studio:
         width, height = size
         view = bullet.computeViewMatrix(camera.eye, camera.target, camera.up)
         lens = bullet.computeProjectionMatrixFOV(camera.opening_deg, width / height, 0.1, 80.0)
-        drawn = bullet.getCameraImage(
-            finer * width,
-            finer * height,
-            view,
-            lens,
-            lightDirection=_LIGHT_FROM,
-            shadow=0,
-            renderer=bullet.ER_TINY_RENDERER,
-            physicsClientId=self._client.id,
-        )
+        look = {"lightDirection": _LIGHT_FROM, "shadow": 0, "renderer": bullet.ER_TINY_RENDERER}
+        size = finer * width, finer * height
+        drawn = bullet.getCameraImage(*size, view, lens, **look, physicsClientId=self._client.id)
         fine = np.reshape(drawn[2], (height, finer, width, finer, 4))[..., :3]
         mean: Pixels = fine.mean(axis=(1, 3)).round().astype(np.uint8)
         return mean
 
     def _add_ground(self, low: Floats, high: Floats) -> None:
         middle, (wide, long) = (0.5 * (low + high)).tolist(), (high - low).tolist()
-        self._put(self._add(self._box((wide + _AROUND_M, long + _AROUND_M, 0.02), _GROUND)), (*middle, -0.011))
-        across, along = self._box((0.012, long, 0.002), _LINE), self._box((wide, 0.012, 0.002), _LINE)
+        self._put(self._add(self._primitive((wide + _AROUND_M, long + _AROUND_M, 0.02), _GROUND)), (*middle, -0.011))
+        across, along = self._primitive((0.012, long, 0.002), _LINE), self._primitive((wide, 0.012, 0.002), _LINE)
         for x in range(math.ceil(low[0]), math.floor(high[0]) + 1):
             self._put(self._add(across), (float(x), middle[1], 0.0))
         for y in range(math.ceil(low[1]), math.floor(high[1]) + 1):
@@ -182,7 +166,7 @@ class Studio:
         for (body, yaw, height_m), (x, y) in zip(self._moving, places.tolist(), strict=False):
             self._put(body, (x, y, 0.5 * height_m), yaw)
         while len(self._dots) < len(passed):
-            self._dots.append(self._add(self._visual(bullet.GEOM_CYLINDER, MOVER, radius=_DOT_M, length=0.004)))
+            self._dots.append(self._add(self._primitive((_DOT_M, 0.004), MOVER)))
         shown = [(x, y, 0.004) for x, y in passed.tolist()]
         for body, where in zip(self._dots, chain(shown, repeat(_HIDDEN_M)), strict=False):
             self._put(body, where)
@@ -196,7 +180,7 @@ class Studio:
             if length < _TRAIL_STEP_M:
                 continue
             x, y = (0.5 * (points_m[index] + points_m[last])).tolist()
-            body = self._add(self._box((length + 0.02, _TRAIL_WIDTH_M, 0.004), TRAIL))
+            body = self._add(self._primitive((length + 0.02, _TRAIL_WIDTH_M, 0.004), TRAIL))
             pieces.append((index, body, (x, y, 0.004), math.atan2(step[1], step[0])))
             last = index
         return pieces
@@ -205,10 +189,7 @@ class Studio:
         """Add upright cylinders and boxes; return of each its number, heading and height."""
         placed = []
         for (x, y, yaw), radius, size, height in zip(*(part.tolist() for part in bodies), strict=True):
-            if radius:
-                body = self._add(self._visual(bullet.GEOM_CYLINDER, colour, radius=radius, length=height))
-            else:
-                body = self._add(self._box((*size, height), colour))
+            body = self._add(self._primitive((radius, height) if radius else (*size, height), colour))
             self._put(body, (x, y, 0.5 * height), yaw)
             placed.append((body, yaw, height))
         return placed
@@ -216,19 +197,19 @@ class Studio:
     def _shape(self, part: RobotPart) -> int:
         if part.corners:
             return self._visual(bullet.GEOM_MESH, part.colour, **prism(part.corners, part.sizes[0]))
-        if len(part.sizes) == 3:
-            return self._box(part.sizes, part.colour)
-        if len(part.sizes) == 1:
-            return self._visual(bullet.GEOM_SPHERE, part.colour, radius=part.sizes[0])
-        radius_m, length_m = part.sizes
-        return self._visual(bullet.GEOM_CYLINDER, part.colour, radius=radius_m, length=length_m)
+        return self._primitive(part.sizes, part.colour)
 
     def _mesh(self, colour: str, **mesh: Sequence[float]) -> None:
         """Add a mesh where its vertices are."""
         self._put(self._add(self._visual(bullet.GEOM_MESH, colour, **mesh)), (0.0, 0.0, 0.0))
 
-    def _box(self, sizes: Sequence[float], colour: str) -> int:
-        return self._visual(bullet.GEOM_BOX, colour, halfExtents=[0.5 * size for size in sizes])
+    def _primitive(self, sizes: Sequence[float], colour: str) -> int:
+        """Make a box of three sizes, a cylinder of radius and length, or a ball of a radius."""
+        if len(sizes) == 3:
+            return self._visual(bullet.GEOM_BOX, colour, halfExtents=[0.5 * size for size in sizes])
+        if len(sizes) == 1:
+            return self._visual(bullet.GEOM_SPHERE, colour, radius=sizes[0])
+        return self._visual(bullet.GEOM_CYLINDER, colour, radius=sizes[0], length=sizes[1])
 
     def _visual(self, kind: int, colour: str, **sizes: float | Sequence[float]) -> int:
         shine: dict[str, Any] = {"specularColor": (0.1, 0.1, 0.1), "physicsClientId": self._client.id}

@@ -18,16 +18,13 @@ def prism(corners: Sequence[Corner], height_m: float) -> dict[str, list[Any]]:
     faces = [low[::-1], high]
     following = np.roll(np.arange(len(around)), -1)
     faces += [np.array([low[k], low[n], high[n], high[k]]) for k, n in enumerate(following)]
-    vertices: list[list[float]] = []
-    indices: list[int] = []
-    normals: list[list[float]] = []
+    made: dict[str, list[Any]] = {"vertices": [], "indices": [], "normals": []}
     for face in faces:
-        across = np.cross(face[1] - face[0], face[2] - face[1])
-        first = len(vertices)
-        indices += [i for k in range(1, len(face) - 1) for i in (first, first + k, first + k + 1)]
-        vertices += face.tolist()
-        normals += [(across / np.linalg.norm(across)).tolist()] * len(face)
-    return {"vertices": vertices, "indices": indices, "normals": normals}
+        across, first = np.cross(face[1] - face[0], face[2] - face[1]), len(made["vertices"])
+        made["indices"] += [i for k in range(1, len(face) - 1) for i in (first, first + k, first + k + 1)]
+        made["vertices"] += face.tolist()
+        made["normals"] += [(across / np.linalg.norm(across)).tolist()] * len(face)
+    return made
 
 
 def pillars(centres_m: Floats, radius_m: float, height_m: float) -> dict[str, list[Any]]:

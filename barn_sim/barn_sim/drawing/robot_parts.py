@@ -28,12 +28,9 @@ class RobotPart(NamedTuple):
 def jackal_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:
     """Return what a Jackal looks like: dark body, yellow fenders, wheels with hubs, lamps, lidar and antennas."""
     radius, half_track = chassis.wheel_radius_m, 0.5 * chassis.track_m
-    parts = [
-        RobotPart((0.40, 0.30, 0.17), (0.0, 0.0, 0.095), _DARK),
-        RobotPart((0.42, 0.28, 0.012), (0.0, 0.0, 0.187), _BLACK),
-        RobotPart((0.012, 0.20, 0.004), (-0.06, 0.0, 0.195), _METAL),
-        RobotPart((0.012, 0.20, 0.004), (0.04, 0.0, 0.195), _METAL),
-    ]
+    parts = [RobotPart((0.40, 0.30, 0.17), (0.0, 0.0, 0.095), _DARK)]
+    parts.append(RobotPart((0.42, 0.28, 0.012), (0.0, 0.0, 0.187), _BLACK))
+    parts += [RobotPart((0.012, 0.20, 0.004), (x, 0.0, 0.195), _METAL) for x in (-0.06, 0.04)]
     for end in (1.0, -1.0):
         parts.append(RobotPart((0.02, 0.34, 0.085), (end * 0.236, 0.0, 0.085), _YELLOW))
         parts.append(RobotPart((0.012, 0.20, 0.03), (end * 0.249, 0.0, 0.085), _BLACK))
@@ -51,12 +48,8 @@ def jackal_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:
     top, height, ahead = 0.193, lidar.mount_z_m, lidar.mount_x_m
     foot = max(0.01, height - 0.03 - top)
     parts.append(RobotPart((0.09, 0.09, foot), (ahead, 0.0, 0.5 * (top + height - 0.03)), _DARK))
-    for size, above, colour in (
-        ((0.042, 0.022), -0.019, _METAL),
-        ((0.041, 0.034), 0.009, _BLACK),
-        ((0.042, 0.008), 0.030, _METAL),
-    ):
-        parts.append(RobotPart(size, (ahead, 0.0, height + above), colour))
+    rings = ((0.042, 0.022), -0.019, _METAL), ((0.041, 0.034), 0.009, _BLACK), ((0.042, 0.008), 0.030, _METAL)
+    parts += [RobotPart(size, (ahead, 0.0, height + above), colour) for size, above, colour in rings]
     return parts + [RobotPart((0.006, 0.16), (-0.16, side * 0.09, 0.27), _BLACK) for side in (1.0, -1.0)]
 
 

@@ -44,23 +44,16 @@ def attitude_of(basis: Matrix) -> Quaternion:
     trace = xx + yy + zz
     if trace > 0.0:
         s = math.sqrt(trace + 1.0)
-        w = s * 0.5
-        s = 0.5 / s
-        return (zy - yz) * s, (xz - zx) * s, (yx - xy) * s, w
-    largest = 1 if xx < yy else 0
-    if (yy if xx < yy else xx) < zz:
-        largest = 2
+        return (zy - yz) * (0.5 / s), (xz - zx) * (0.5 / s), (yx - xy) * (0.5 / s), s * 0.5
+    largest = 2 if max(xx, yy) < zz else 1 if xx < yy else 0
     if largest == 0:
         s = math.sqrt(xx - yy - zz + 1.0)
-        t = 0.5 / s
-        return s * 0.5, (yx + xy) * t, (zx + xz) * t, (zy - yz) * t
+        return s * 0.5, (yx + xy) * (0.5 / s), (zx + xz) * (0.5 / s), (zy - yz) * (0.5 / s)
     if largest == 1:
         s = math.sqrt(yy - zz - xx + 1.0)
-        t = 0.5 / s
-        return (xy + yx) * t, s * 0.5, (zy + yz) * t, (xz - zx) * t
+        return (xy + yx) * (0.5 / s), s * 0.5, (zy + yz) * (0.5 / s), (xz - zx) * (0.5 / s)
     s = math.sqrt(zz - xx - yy + 1.0)
-    t = 0.5 / s
-    return (xz + zx) * t, (yz + zy) * t, s * 0.5, (yx - xy) * t
+    return (xz + zx) * (0.5 / s), (yz + zy) * (0.5 / s), s * 0.5, (yx - xy) * (0.5 / s)
 
 
 @njit(cache=True, error_model="numpy")
@@ -130,21 +123,16 @@ def _gyration(attitude: Quaternion, spin: Triple, inverse_inertia: Triple, tick:
     third = (y * iz - ay) * tick, (-x * iz + ax) * tick, iz
     normal = _cross(second, third)
     scale = _dot(first, normal)
-    if abs(scale) > _EPSILON:
-        scale = 1.0 / scale
-    step = (
-        scale * _dot(residual, normal),
-        scale * _dot(first, _cross(residual, third)),
-        scale * _dot(first, _cross(second, residual)),
-    )
-    after = _rotated(attitude, (x - step[0], y - step[1], z - step[2]))
+    scale = 1.0 / scale if abs(scale) > _EPSILON else scale
+    u, v = scale * _dot(residual, normal), scale * _dot(first, _cross(residual, third))
+    after = _rotated(attitude, (x - u, y - v, z - scale * _dot(first, _cross(second, residual))))
     return after[0] - spin[0], after[1] - spin[1], after[2] - spin[2]
 
 
 @njit(cache=True, error_model="numpy")
 def world_tensor(basis: Matrix, inverse: Triple) -> Matrix:
     """Return the inverse inertia in the world frame (btRigidBody::updateInertiaTensor)."""
-    rows = _times(basis[0], inverse), _times(basis[1], inverse), _times(basis[2], inverse)
+    rows = times(basis[0], inverse), times(basis[1], inverse), times(basis[2], inverse)
     return (
         (_dot(basis[0], rows[0]), _dot(basis[1], rows[0]), _dot(basis[2], rows[0])),
         (_dot(basis[0], rows[1]), _dot(basis[1], rows[1]), _dot(basis[2], rows[1])),
@@ -153,24 +141,24 @@ def world_tensor(basis: Matrix, inverse: Triple) -> Matrix:
 
 
 @njit(cache=True, error_model="numpy")
-def _times(a: Triple, b: Triple) -> Triple:
+def times(a: Triple, b: Triple) -> Triple:
+    """Return the products of numbers in one place."""
     return a[0] * b[0], a[1] * b[1], a[2] * b[2]
 
 
 @njit(cache=True, error_model="numpy")
-def _column(matrix: Matrix, k: int) -> Triple:
-    return matrix[0][k], matrix[1][k], matrix[2][k]
+def _seen_from(matrix: Matrix, vector: Triple) -> Triple:
+    """Return the products of the columns of a matrix with a vector."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = matrix
+    return _dot((xx, yx, zx), vector), _dot((xy, yy, zy), vector), _dot((xz, yz, zz), vector)
 
 
 @njit(cache=True, error_model="numpy")
 def spun(tensor: Matrix, attitude: Quaternion, spin: Triple, torque: Triple, inverse: Triple, tick: float) -> Triple:
     """Return the spin after a tick under a torque; tensor: inverse inertia in the world frame."""
     gyro = _gyration(attitude, spin, inverse, tick)
-    return (
-        spin[0] + (_dot(_column(tensor, 0), torque) * tick + gyro[0]),
-        spin[1] + (_dot(_column(tensor, 1), torque) * tick + gyro[1]),
-        spin[2] + (_dot(_column(tensor, 2), torque) * tick + gyro[2]),
-    )
+    x, y, z = _seen_from(tensor, torque)
+    return spin[0] + (x * tick + gyro[0]), spin[1] + (y * tick + gyro[1]), spin[2] + (z * tick + gyro[2])
 
 
 @njit(cache=True)
@@ -189,9 +177,8 @@ def still_turning(
     first = (0.0, 0.0, 0.0)
     for k in range(_CANDIDATES):
         # several nearly equal torques, of which one that rounds as wanted
-        push = _nudged(gyro, k, tick)
-        local = _dot(_column(basis, 0), push), _dot(_column(basis, 1), push), _dot(_column(basis, 2), push)
-        local = _times(local, inertia)
+        push = _nudged(gyro[0], k, tick), _nudged(gyro[1], k // 16, tick), _nudged(gyro[2], k // 256, tick)
+        local = times(_seen_from(basis, push), inertia)
         torque = _dot(basis[0], local), _dot(basis[1], local), _dot(basis[2], local)
         after = spun(tensor, attitude, spin, torque, inverse, tick)
         if basis_of(turned(attitude, after, tick)) == wanted:
@@ -202,12 +189,8 @@ def still_turning(
 
 
 @njit(cache=True)
-def _nudged(gyro: Triple, k: int, tick: float) -> Triple:
-    return (
-        -gyro[0] / tick * (1.0 + _EPSILON * (k % 16 - 16 * (k % 16 > 8))),
-        -gyro[1] / tick * (1.0 + _EPSILON * (k // 16 % 16 - 16 * (k // 16 % 16 > 8))),
-        -gyro[2] / tick * (1.0 + _EPSILON * (k // 256 - 16 * (k // 256 > 8))),
-    )
+def _nudged(gyro: float, k: int, tick: float) -> float:
+    return -gyro / tick * (1.0 + _EPSILON * (k % 16 - 16 * (k % 16 > 8)))
 
 
 @njit(cache=True)

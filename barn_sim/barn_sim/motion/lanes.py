@@ -106,9 +106,7 @@ def _begin(
     fixed: Record = settings[0]
     turn_wheels(robot, pending, index, fixed, robot.stamp_ns)
     motion, rims, carried = begin_push(robot, fixed)
-    begun[0], begun[1], begun[2], begun[3], begun[4] = motion
-    begun[5], begun[6], begun[7], begun[8] = rims
-    begun[9], begun[10], begun[11] = carried
+    fill(begun, (*motion, *rims, *carried))
     for row in range(5):
         rows[row * LANES + lane] = begun[row]
     rows[_WRONG * LANES + lane] = rows[_SWEEPS * LANES + lane] = 0.0

@@ -13,12 +13,7 @@ from barn_worlds.base.arrays import Floats, Integers
 
 @njit(cache=True)
 def read_all(
-    robots: Records,
-    indices: Integers,
-    stamps_ns: Integers,
-    truths: Floats,
-    odometry: Floats,
-    velocities: Floats,
+    robots: Records, indices: Integers, stamps_ns: Integers, truths: Floats, odometry: Floats, velocities: Floats
 ) -> None:
     """Fill the rows `indices` of stamps (n,), true and measured poses (n, 3) and measured velocities (n, 2)."""
     for index in indices:

@@ -28,7 +28,7 @@ from barn_sim.body.bullet import PhysicsClient
 from barn_sim.body.drive import DriveController
 from barn_sim.body.model import model_of
 from barn_sim.body.movers import Movers
-from barn_sim.body.obstacles import Obstacles, cylinders_of, tick_gap_m
+from barn_sim.body.obstacles import Obstacles
 from barn_sim.config import SimulatorConfig
 from barn_sim.motion.readouts import motion
 from barn_sim.motion.state import ROBOT, Fleet
@@ -59,8 +59,7 @@ class RobotMotion:
         free_motion: bool,
     ) -> None:
         self.model = model_of(config.chassis)
-        self._index = index
-        self._free_motion = free_motion
+        self._index, self._free_motion = index, free_motion
         # Where obstacles neither move nor can be moved, engines can be left to other robots in between.
         self._fixed = not (config.obstacles.movable or world.walls or world.moving)
         self._tick_ns = config.tick_ns
@@ -70,14 +69,14 @@ class RobotMotion:
         self.odometry = FusedOdometry(config.odometry, odometry_rng, start.yaw, fleet, index)
         self.drive = DriveController(config.drive, self.model.track_m, config.physics.tick_s, fleet, index)
         self._body = Body(self.model, config.physics, start, client, fleet, index, stays=free_motion and self._fixed)
-        extent, gap_m, cylinders = self.model.extent(), tick_gap_m(config), cylinders_of(world, config.obstacles)
-        self.obstacles = Obstacles(client, extent, cylinders, config.obstacles, gap_m, passed=bool(world.moving))
+        extent = self.model.extent()
+        self.obstacles = Obstacles(client, extent, world, config)
         moves = bool(world.walls or world.moving)
         self.movers = Movers(client, extent, world, phase_s, config) if moves else None
         robots = fleet.robots
         robots["movers_clearance_m"][index] = 0.0 if moves else math.inf
-        robots["radius_m"][index] = cylinders.radius_m
-        robots["near_m"][index] = cylinders.radius_m + gap_m
+        robots["radius_m"][index] = self.obstacles.radius_m
+        robots["near_m"][index] = self.obstacles.radius_m + self.obstacles.gap_m
         robots["in_bullet"][index] = not free_motion
         self._stamps, self._away, self._known, self._in_bullet = (
             robots[name] for name in ("stamp_ns", "away", "known", "in_bullet")
@@ -104,11 +103,10 @@ class RobotMotion:
 
     def place(self) -> tuple[Pose2D, Velocity2D]:
         """Return pose and velocity of base_link now."""
-        stamp_ns = self.stamp_ns
-        if self._placed is None or self._placed[0] != stamp_ns:
+        if self._placed is None or self._placed[0] != self.stamp_ns:
             fleet = self.drive.fleet
             x, y, yaw, linear, angular = motion(fleet.robots, fleet.settings, self._index)
-            self._placed = stamp_ns, (Pose2D(x, y, yaw), Velocity2D(linear, angular))
+            self._placed = self.stamp_ns, (Pose2D(x, y, yaw), Velocity2D(linear, angular))
         return self._placed[1]
 
     def remember(self) -> None:
@@ -147,13 +145,12 @@ class RobotMotion:
         while left:
             if push is None:
                 # free ticks, up to one in which something may be touched: that has begun with a push
-                left, push = advance(
-                    fleet.robots, fleet.pending, fleet.settings, self._index, segments, fleet.noise, left
-                )
-            else:
-                if not self._moves_past_movers(push):
-                    self._move_in_bullet(push)
-                left, push = left - 1, None
+                state = fleet.robots, fleet.pending, fleet.settings
+                left, push = advance(*state, self._index, segments, fleet.noise, left)
+                continue
+            if not self._moves_past_movers(push):
+                self._move_in_bullet(push)
+            left, push = left - 1, None
         if self._fixed and self._away[self._index]:
             self._body.leave()
 

@@ -159,10 +159,8 @@ def set_body(settings: Records, model: RobotModel, config: PhysicsConfig, stiffn
     """Fill in what the body needs; stiffness (N/m), damping (N s/m): of a tyre."""
     settings["tick_s"], settings["tick_ns"] = config.tick_s, nanoseconds(config.tick_s)
     settings["friction"], settings["wheel_radius_m"] = config.wheel_friction, model.wheel_radius_m
-    settings["stiffness"], settings["damping"] = stiffness, damping
-    settings["centre"] = model.centre_of_mass
-    settings["grips"] = len(model.wheels)
-    settings["contacts"] = len(model.wheels) + len(model.casters)
+    settings["stiffness"], settings["damping"], settings["centre"] = stiffness, damping, model.centre_of_mass
+    settings["grips"], settings["contacts"] = len(model.wheels), len(model.wheels) + len(model.casters)
     settings["inverse_mass"], settings["inverse_inertia"] = 1.0 / model.mass_kg, 1.0 / model.inertia
     settings["weight"] = model.mass_kg * config.gravity_m_s2
     settings["per_metre"] = config.tick_s / model.wheel_radius_m

@@ -14,19 +14,8 @@ from barn_sim.body.cylinders import nearest_gap
 from barn_sim.body.drive import turn_wheels
 from barn_sim.body.friction import Motion, Rims, begin_friction, sweep_friction
 from barn_sim.body.tyres import forces, place, stand
-from barn_sim.motion.free_motion import (
-    Quaternion,
-    Triple,
-    attitude_of,
-    basis_of,
-    fill,
-    quaternion,
-    spun,
-    still_turning,
-    triple,
-    turned,
-    world_tensor,
-)
+from barn_sim.motion import free_motion as free
+from barn_sim.motion.free_motion import Quaternion, Triple, attitude_of, basis_of, fill, quaternion, triple, turned
 from barn_sim.motion.state import Record, Records
 from barn_sim.sensors.odometry import integrate_wheels, renew_noise, wrap
 from barn_worlds.base.arrays import Floats
@@ -42,13 +31,7 @@ BARE: dict[str, Any] = {"_nrt": False}
 
 @njit(cache=True, **BARE)
 def advance(
-    robots: Records,
-    pending: Floats,
-    settings: Records,
-    index: int,
-    segments: Floats,
-    noise: Floats,
-    ticks: int,
+    robots: Records, pending: Floats, settings: Records, index: int, segments: Floats, noise: Floats, ticks: int
 ) -> tuple[int, Push]:
     """Advance a robot by so many ticks, as long as it is free; return the ticks left and how the next one begins.
 
@@ -112,7 +95,7 @@ def way_back(robots: Records, settings: Records, index: int, level: bool) -> tup
     fixed: Record = settings[0]
     heading, velocity, spin = quaternion(robot.heading), triple(robot.velocity), triple(robot.spin)
     before = quaternion(robot.heading_before)
-    _, torque = still_turning(
+    _, torque = free.still_turning(
         quaternion(robot.attitude_before), spin, heading, LEVEL if level else before, triple(fixed.inverse_inertia),
         fixed.tick_s,
     )  # fmt: skip
@@ -161,7 +144,7 @@ def _move(robot: Record, fixed: Record, force: Triple, torque: Triple) -> None:
     heading, attitude, spin = quaternion(robot.heading), quaternion(robot.attitude), triple(robot.spin)
     inverse = triple(fixed.inverse_inertia)
     stored = inverse if robot.stamp_ns > 0 else triple(fixed.first_inverse_inertia)
-    spin = spun(world_tensor(basis_of(heading), stored), attitude, spin, torque, inverse, tick)
+    spin = free.spun(free.world_tensor(basis_of(heading), stored), attitude, spin, torque, inverse, tick)
     fill(robot.position_before, triple(robot.position))
     fill(robot.heading_before, heading)
     fill(robot.attitude_before, attitude)

@@ -133,18 +133,9 @@ def _directions(angle_min: float, increment: float, beams: int) -> Array:
 
 @njit(cache=True)
 def scan_all(
-    robots: Records,
-    indices: Integers,
-    circles: Array,
-    cylinders: Integers,
-    directions: Array,
-    fan: Triple,
-    mount: Triple,
-    limits: Frame,
-    noise: Singles,
-    drawn: Integers,
-    measured: Singles,
-) -> None:
+    robots: Records, indices: Integers, circles: Array, cylinders: Integers, directions: Array, fan: Triple,
+    mount: Triple, limits: Frame, noise: Singles, drawn: Integers, measured: Singles,
+) -> None:  # fmt: skip
     """Fill the rows `indices` of `measured` (n, beams) with scans among upright cylinders.
 
     circles (n, 2, m): x and y of the centres in each robot's world, the first `cylinders` (n,) of them; mount: x, y

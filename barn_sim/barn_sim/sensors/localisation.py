@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from barn_sim.config import LocalisationConfig, SimulatorConfig
-from barn_sim.sensors.particles import ParticleLocalisation
+from barn_sim.sensors.particles import ParticleLocalisation, has_moved
 from barn_worlds.base.types import OccupancyMap, Pose2D, wrap_angle
 from barn_worlds.worlds.cells import STANDARD_CELL_M
 from barn_worlds.worlds.world import World
@@ -21,35 +21,23 @@ class FilterLocalisation:
     """
 
     def __init__(self, config: LocalisationConfig, rng: np.random.Generator) -> None:
-        self._config = config
-        self._rng = rng
+        self._config, self._rng = config, rng
         self._keep = math.exp(-1.0 / config.correlation_updates)
         self._stds = np.array([config.position_std_m, config.position_std_m, config.yaw_std_rad])
         self._error = self._stds * rng.standard_normal(3)
-        self._correction: Pose2D | None = None
-        self._updated_at = Pose2D(0.0, 0.0, 0.0)
+        self._correction = Pose2D(0.0, 0.0, 0.0)
+        self._updated_at: Pose2D | None = None
 
     def estimate(self, truth: Pose2D, odometry: Pose2D) -> Pose2D:
         """Return the pose after the last correction, which is updated first if the robot has moved enough."""
-        if self._correction is None:
-            self._correct(truth, odometry)
-        elif self._moved(odometry):
-            fresh = math.sqrt(1.0 - self._keep**2) * self._rng.standard_normal(3)
-            self._error = self._keep * self._error + self._stds * fresh
-            self._correct(truth, odometry)
-        assert self._correction is not None
+        if self._updated_at is None or has_moved(self._config, self._updated_at, odometry):
+            if self._updated_at is not None:
+                fresh = math.sqrt(1.0 - self._keep**2) * self._rng.standard_normal(3)
+                self._error = self._keep * self._error + self._stds * fresh
+            x, y, yaw = self._error.tolist()
+            believed = Pose2D(truth.x + x, truth.y + y, wrap_angle(truth.yaw + yaw))
+            self._correction, self._updated_at = believed @ odometry.inverse(), odometry
         return self._correction @ odometry
-
-    def _moved(self, odometry: Pose2D) -> bool:
-        turned = abs(wrap_angle(odometry.yaw - self._updated_at.yaw))
-        config = self._config
-        return odometry.distance(self._updated_at) >= config.update_distance_m or turned >= config.update_turn_rad
-
-    def _correct(self, truth: Pose2D, odometry: Pose2D) -> None:
-        x, y, yaw = self._error.tolist()
-        believed = Pose2D(truth.x + x, truth.y + y, wrap_angle(truth.yaw + yaw))
-        self._correction = believed @ odometry.inverse()
-        self._updated_at = odometry
 
 
 def known_map(world: World, historical: bool) -> OccupancyMap:

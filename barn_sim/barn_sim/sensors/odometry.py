@@ -20,17 +20,10 @@ class FusedOdometry:
     """
 
     def __init__(
-        self,
-        config: OdometryConfig,
-        rng: np.random.Generator,
-        start_yaw: float,
-        fleet: Fleet,
-        index: int,
+        self, config: OdometryConfig, rng: np.random.Generator, start_yaw: float, fleet: Fleet, index: int
     ) -> None:
         """Begin with the noise of the first update; fleet, index: whose state it keeps."""
-        self._fleet, self._index = fleet, index
-        self._rng = rng
-        self._drawn = 0
+        self._fleet, self._index, self._rng, self._drawn = fleet, index, rng, 0
         settings = self._fleet.settings
         settings["yaw_noise_rad"], settings["yaw_rate_noise_rad_s"] = config.yaw_noise_rad, config.yaw_rate_noise_rad_s
         settings["odometry_ns"] = nanoseconds(1.0 / config.rate_hz)

@@ -16,13 +16,11 @@ from collections.abc import Callable
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from barn_sim.config import LocalisationConfig
+from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.types import OccupancyMap, Pose2D, Scan, nanoseconds, wrap_angle
-
-Floats = npt.NDArray[np.float64]
 
 _OCCUPIED = 65
 _FARTHEST_M = 2.0  # distances from obstacles beyond this count as this
@@ -35,17 +33,10 @@ class ParticleLocalisation:
     """A particle filter; the correction from odom to map changes only when the robot has moved or turned enough."""
 
     def __init__(
-        self,
-        config: LocalisationConfig,
-        rng: np.random.Generator,
-        known: OccupancyMap,
-        start: Pose2D,
-        lidar: Pose2D,
+        self, config: LocalisationConfig, rng: np.random.Generator, known: OccupancyMap, start: Pose2D, lidar: Pose2D
     ) -> None:
         """Spread the particles around `start`, the robot's pose in the map frame; lidar: its pose in base_link."""
-        self._config = config
-        self._rng = rng
-        self._lidar = lidar
+        self._config, self._rng, self._lidar = config, rng, lidar
         half = 0.5 * known.resolution if config.half_cell_low else 0.0
         self._grid = (known.origin_x - half, known.origin_y - half, known.resolution)
         self._free = np.argwhere(known.data == 0)[:, ::-1]  # columns and rows
@@ -62,25 +53,17 @@ class ParticleLocalisation:
 
     def estimate(self, stamp_ns: int, odometry: Pose2D, look: Callable[[], Scan]) -> Pose2D:
         """Return the pose by the correction in effect, making a new one with a scan first if the robot has moved."""
-        if self._updated_at is None or self._has_moved(self._updated_at, odometry):
-            correction = self._update(odometry, look())
+        if self._updated_at is None or has_moved(self._config, self._updated_at, odometry):
+            scan = look()
+            if self._updated_at is not None:
+                self._move(self._updated_at, odometry)
+            self._resample(self._weights(scan))
             due_ns = stamp_ns + nanoseconds(self._config.correction_delay_s) if self._updated_at else stamp_ns
-            self._pending.append((due_ns, correction))
+            self._pending.append((due_ns, self._mean() @ odometry.inverse()))
             self._updated_at = odometry
         while self._pending and self._pending[0][0] <= stamp_ns:
             self._correction = self._pending.popleft()[1]
         return self._correction @ odometry
-
-    def _has_moved(self, last: Pose2D, odometry: Pose2D) -> bool:
-        turned = abs(wrap_angle(odometry.yaw - last.yaw))
-        return odometry.distance(last) >= self._config.update_distance_m or turned >= self._config.update_turn_rad
-
-    def _update(self, odometry: Pose2D, scan: Scan) -> Pose2D:
-        """Move, weigh and draw the particles; return the correction from odom to map."""
-        if self._updated_at is not None:
-            self._move(self._updated_at, odometry)
-        self._resample(self._weights(scan))
-        return self._mean() @ odometry.inverse()
 
     def _move(self, last: Pose2D, odometry: Pose2D) -> None:
         """Move every particle as the odometry did, with noise of its own."""
@@ -95,8 +78,7 @@ class ParticleLocalisation:
         drawn = self._rng.standard_normal((3, len(self._particles)))
         heading = self._particles[:, 2] + first - spread_turns[0] * drawn[0]
         step = length - spread_length * drawn[1]
-        self._particles[:, 0] += step * np.cos(heading)
-        self._particles[:, 1] += step * np.sin(heading)
+        self._particles[:, :2] += step[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1)
         self._particles[:, 2] = heading + second - spread_turns[1] * drawn[2]
 
     def _weights(self, scan: Scan) -> Floats:
@@ -114,9 +96,9 @@ class ParticleLocalisation:
         """Return the cubed likelihood of a hit in each cell of the map, within a border for hits off the map."""
         if self._likelihoods is None or self._likelihoods[0] != range_max:
             config = self._config
-            uniform = config.random_share / range_max
             distances = np.pad(self._distances_m, 1, constant_values=_FARTHEST_M)
-            likelihoods = config.hit_share * np.exp(-0.5 * (distances / config.hit_std_m) ** 2) + uniform
+            likelihoods = config.hit_share * np.exp(-0.5 * (distances / config.hit_std_m) ** 2)
+            likelihoods += config.random_share / range_max
             self._likelihoods = range_max, likelihoods**3
         return self._likelihoods[1]
 
@@ -161,17 +143,23 @@ class ParticleLocalisation:
         return Pose2D(float(chosen[:, 0].mean()), float(chosen[:, 1].mean()), yaw)
 
 
-def bins_of(particles: Floats) -> npt.NDArray[np.int64]:
+def has_moved(config: LocalisationConfig, last: Pose2D, odometry: Pose2D) -> bool:
+    """Tell whether the robot has moved or turned enough for a new correction."""
+    turned = abs(wrap_angle(odometry.yaw - last.yaw))
+    return odometry.distance(last) >= config.update_distance_m or turned >= config.update_turn_rad
+
+
+def bins_of(particles: Floats) -> Integers:
     """Return the bin of x, y and yaw that each particle lies in (n, 3)."""
-    bins: npt.NDArray[np.int64] = np.floor(particles / _BIN).astype(np.int64)
+    bins: Integers = np.floor(particles / _BIN).astype(np.int64)
     return bins
 
 
-def bin_keys(bins: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+def bin_keys(bins: Integers) -> Integers:
     """Return a number for each bin (n, 3); they sort as the bins do, coordinate by coordinate."""
     low = bins.min(axis=0)
     _, rows, columns = (bins.max(axis=0) - low + 1).tolist()
-    keys: npt.NDArray[np.int64] = (bins - low) @ np.array([rows * columns, columns, 1])
+    keys: Integers = (bins - low) @ np.array([rows * columns, columns, 1])
     return keys
 
 
@@ -190,7 +178,7 @@ def obstacle_distances(occupied, resolution):  # type: ignore[no-untyped-def]
 
 
 @cache
-def needed_particles(least: int, most: int) -> npt.NDArray[np.int64]:
+def needed_particles(least: int, most: int) -> Integers:
     """Return how many particles keep the error of KLD-sampling low, for 0 to `most` filled bins."""
     needed = np.full(most + 1, most)
     for bins in range(2, most + 1):
@@ -201,7 +189,7 @@ def needed_particles(least: int, most: int) -> npt.NDArray[np.int64]:
     return needed
 
 
-def clusters(bins: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+def clusters(bins: Integers) -> Integers:
     """Return the number of the cluster of each bin (n, 3); bins that touch, corners included, share one."""
     touch = np.abs(bins[:, None] - bins[None]).max(axis=2) <= 1
     found = np.full(len(bins), -1, np.int64)
