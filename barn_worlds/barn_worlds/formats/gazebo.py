@@ -60,9 +60,9 @@ def cylinders(content: bytes, where: str) -> tuple[Points, list[float]]:
 def grid_of(centres: Points, radii: list[float], where: str) -> tuple[BoolGrid, float]:
     """Return the grid (rows, cols) of cylinders at these centres (n, 2), and the size of its cells in metres."""
     radius = radii[0]
-    other = next((r for r in radii if abs(r - radius) > 1e-6), None)
-    if other is not None:
-        raise WorldError(f"{where}: all cylinders must have one radius, got {radius:g} m and {other:g} m")
+    for other in radii:
+        if abs(other - radius) > 1e-6:
+            raise WorldError(f"{where}: all cylinders must have one radius, got {radius:g} m and {other:g} m")
     resolution_m = round(2.0 * radius, 9)
     if not 0.01 <= resolution_m <= 10.0:
         raise WorldError(f"{where}: radius of cylinders must be from 0.005 to 5 m, got {radius:g} m")
@@ -88,8 +88,8 @@ def grid_of(centres: Points, radii: list[float], where: str) -> tuple[BoolGrid, 
 
 
 def _check_containment(cells: Cells, rows: int, resolution_m: float, where: str) -> None:
-    there = set(map(tuple, cells.tolist()))
-    expected = set(map(tuple, geometry.containment_cells(rows, resolution_m).tolist()))
+    containment = geometry.containment_cells(rows, resolution_m)
+    there, expected = (set(map(tuple, some.tolist())) for some in (cells, containment))
     for cell in sorted(there - expected) + (sorted(expected - there) if there else []):
         place = geometry.cell_centres(np.array([cell]), rows, resolution_m)[0].round(6).tolist()
         problem = "a cylinder stands" if cell in there else "a cylinder of the containment is missing"

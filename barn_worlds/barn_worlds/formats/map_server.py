@@ -21,7 +21,7 @@ UNKNOWN = -1
 LARGEST_YAML = 64 * 1024
 LARGEST_IMAGE = 256 * 1024 * 1024
 _IMAGE_FORMATS = ("PPM", "PNG", "BMP")
-_GREY = {"free": 254, "unknown": 205, "occupied": 0}
+_FREE, _UNKNOWN, _OCCUPIED = 254, 205, 0  # grey
 
 
 @dataclass(frozen=True)
@@ -57,28 +57,23 @@ def write_map(grid: OccupancyMap, path: Path, image: str = "", course: Sequence[
     target = path if path.suffix == ".yaml" else path.with_name(path.name + ".yaml")
     origin = float(grid.origin_x), float(grid.origin_y), 0.0
     # the grey value of unknown cells lies between the thresholds
-    ends = tuple(course[:3]), tuple(course[3:])
-    name = image or f"{target.stem}.pgm"
-    about = as_dict(MapFile(name, float(grid.resolution), origin, 0, 0.65, 0.196, "trinary", *ends))
-    write_bytes(target.with_name(about["image"]), pgm(grid))
-    plain = {key: list(value) if isinstance(value, tuple) else value for key, value in about.items()}
-    write_bytes(target, yaml.safe_dump(plain, sort_keys=False).encode())
+    thresholds, ends = (0.65, 0.196), (tuple(course[:3]), tuple(course[3:]))
+    about = MapFile(image or f"{target.stem}.pgm", float(grid.resolution), origin, 0, *thresholds, "trinary", *ends)
+    write_bytes(target.with_name(about.image), pgm(grid))
+    write_bytes(target, yaml.safe_dump(as_dict(about), sort_keys=False).encode())
 
 
 def pgm(grid: OccupancyMap) -> bytes:
     """Return a map as a binary PGM image, its last row (the largest y) at the top."""
     height, width = grid.data.shape
-    grey = np.full((height, width), _GREY["unknown"], np.uint8)
-    grey[grid.data == 0] = _GREY["free"]
-    grey[grid.data > 0] = _GREY["occupied"]
+    grey = np.select([grid.data == 0, grid.data > 0], [_FREE, _OCCUPIED], _UNKNOWN).astype(np.uint8)
     return f"P5\n{width} {height}\n255\n".encode() + grey[::-1].tobytes()
 
 
 def read_about(path: Path) -> MapFile:
     """Return what a .yaml file says; WorldError if it is malformed."""
     try:
-        about = parse_yaml(read_bytes(path, LARGEST_YAML), str(path))
-        return from_dict(MapFile, about, str(path))
+        return from_dict(MapFile, parse_yaml(read_bytes(path, LARGEST_YAML), str(path)), str(path))
     except ConfigError as error:
         raise WorldError(str(error)) from None
 
@@ -91,10 +86,8 @@ def read_map(path: Path, about: MapFile | None = None) -> OccupancyMap:
     about = about or read_about(path)
     shade = _read_image(path.parent / about.image)[::-1] / 255.0
     chance = shade if about.negate else 1.0 - shade
-    data = np.full(shade.shape, UNKNOWN, np.int8)
-    data[chance > about.occupied_thresh] = OCCUPIED
-    data[chance < about.free_thresh] = 0
-    return OccupancyMap(data, about.resolution, *about.origin[:2])
+    data = np.select([chance < about.free_thresh, chance > about.occupied_thresh], [0, OCCUPIED], UNKNOWN)
+    return OccupancyMap(data.astype(np.int8), about.resolution, *about.origin[:2])
 
 
 def grid_of(grid: OccupancyMap) -> BoolGrid | None:
@@ -105,19 +98,16 @@ def grid_of(grid: OccupancyMap) -> BoolGrid | None:
     filled = grid.data != 0
     height, width = filled.shape
     cols = height - geometry.lead_in_cells(grid.resolution) - geometry.margin_cells(grid.resolution)
-    candidates = []
-    if cols >= 1 and abs(grid.origin_x + width * grid.resolution) < 1e-6 and abs(grid.origin_y) < 1e-6:
-        for historical in (False, True):
-            front = geometry.lead_in_cells(grid.resolution) - historical
-            inside: BoolGrid = np.ascontiguousarray(filled[front : front + cols].T)
-            whole = world_map(inside, grid.resolution, historical=historical).data != 0
-            if np.array_equal(whole, filled):
-                candidates.append(inside)
-    if not candidates:
+    if cols < 1 or abs(grid.origin_x + width * grid.resolution) >= 1e-6 or abs(grid.origin_y) >= 1e-6:
         return None
+    candidates = []
+    for historical in (False, True):
+        front = geometry.lead_in_cells(grid.resolution) - historical
+        inside: BoolGrid = np.ascontiguousarray(filled[front : front + cols].T)
+        if np.array_equal(world_map(inside, grid.resolution, historical=historical).data != 0, filled):
+            candidates.append(inside)
     # If both fit, one of them has an empty last column, without side walls.
-    walled = [inside for inside in candidates if inside[[0, -1]].all()]
-    return (walled or candidates)[0]
+    return max(candidates, key=lambda inside: bool(inside[[0, -1]].all()), default=None)
 
 
 def _read_image(path: Path) -> Floats:

@@ -69,10 +69,10 @@ class NpzFormat:
     def write(self, path: Path, header: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> str:
         """Write a file atomically and return the text of its header; equal content gives equal bytes."""
         text = json.dumps({"schema": self.schema, **header}, indent=1) + "\n"
-        members = [(self.header, text.encode()), *((f"{name}.npy", to_npy(array)) for name, array in arrays.items())]
+        members = {self.header: text.encode(), **{f"{name}.npy": to_npy(array) for name, array in arrays.items()}}
         file = io.BytesIO()
         with zipfile.ZipFile(file, "w") as archive:
-            for name, content in members:
+            for name, content in members.items():
                 archive.writestr(zipfile.ZipInfo(name), content, zipfile.ZIP_DEFLATED, 9)
         write_bytes(path, file.getvalue())
         return text

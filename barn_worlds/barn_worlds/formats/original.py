@@ -11,11 +11,11 @@ from barn_worlds.base.errors import WorldError
 from barn_worlds.base.files import new_folder, write_bytes
 from barn_worlds.formats import gazebo, map_server
 from barn_worlds.formats.npz import read_npy, to_npy
-from barn_worlds.formats.single import STANDARD_RESOLUTION_M, planned
+from barn_worlds.formats.single import STANDARD_RESOLUTION_M, world_of
 from barn_worlds.robots.files import STANDARD
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.cspace import configuration_space
-from barn_worlds.worlds.world import Provenance, World, checked_grid
+from barn_worlds.worlds.world import World, checked_grid
 
 LARGEST_FOOTPRINT_TRIED = 41
 
@@ -29,11 +29,8 @@ def is_original_folder(folder: Path) -> bool:
 
 def indices(folder: Path) -> list[int]:
     """Return the numbers of the worlds in a folder of the original layout, ascending."""
-    found: set[int] = set()
-    for inside, pattern in _WORLDS.items():
-        files = (folder / inside).iterdir() if (folder / inside).is_dir() else ()
-        found.update(int(match[1]) for file in files if (match := re.fullmatch(pattern, file.name)))
-    return sorted(found)
+    files = ((pattern, file) for inside, pattern in _WORLDS.items() for file in (folder / inside).glob("*"))
+    return sorted({int(match[1]) for pattern, file in files if (match := re.fullmatch(pattern, file.name))})
 
 
 def read_world(folder: Path, index: int, robot: Robot = STANDARD) -> World:
@@ -51,9 +48,8 @@ def read_world(folder: Path, index: int, robot: Robot = STANDARD) -> World:
         grid, resolution_m = gazebo.read_grid(path)
     footprint = _footprint(folder / "cspace_files" / f"cspace_{index}.npy", grid, robot.footprint_cells(resolution_m))
     given = folder / "path_files" / f"path_{index}.npy"
-    cells = read_npy(given) if given.is_file() else planned(grid, footprint, str(path))
-    provenance = Provenance("original", str(path), path_source="given" if given.is_file() else "planned")
-    return World(f"world_{index}", grid, cells, resolution_m, footprint, provenance)
+    given_path = given if given.is_file() else None
+    return world_of(f"world_{index}", grid, resolution_m, footprint, "original", path, given_path)
 
 
 def write_original(
@@ -72,12 +68,9 @@ def write_original(
 
     with new_folder(folder) as target:
         for index, world in worlds.items():
-            for kind, array in (
-                ("grid", world.grid.astype(np.int64)),
-                ("cspace", world.cspace.astype(np.int64)),
-                ("path", world.path),
-            ):
-                write_bytes(target / f"{kind}_files" / f"{kind}_{index}.npy", to_npy(array))
+            for kind in ("grid", "cspace", "path"):
+                content = to_npy(getattr(world, kind).astype(np.int64))
+                write_bytes(target / f"{kind}_files" / f"{kind}_{index}.npy", content)
             write_sdf(world, target / "world_files" / f"world_{index}.world.gz")
             occupancy = world.occupancy_map(historical=historical_maps)
             map_server.write_map(occupancy, target / "map_files" / f"yaml_{index}", image=f"map_pgm_{index}.pgm")
@@ -95,8 +88,8 @@ def _footprint(path: Path, grid: BoolGrid, standard: int) -> int:
     if not path.is_file():
         return standard
     cspace = checked_grid(read_npy(path), str(path))
-    tried: list[int] = [standard, *range(1, LARGEST_FOOTPRINT_TRIED + 1, 2)]
-    for side in tried:
+    side: int
+    for side in (standard, *range(1, LARGEST_FOOTPRINT_TRIED + 1, 2)):
         if np.array_equal(configuration_space(grid, side), cspace):
             return side
     raise WorldError(f"{path}: is not the C-space of the grid for any footprint up to {LARGEST_FOOTPRINT_TRIED} cells")

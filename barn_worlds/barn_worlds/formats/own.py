@@ -1,7 +1,8 @@
 """The suite's own data set file: worlds in one small .npz, with a manifest inside it and a copy beside it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,7 @@ _WITH_SCENES = 2  # the schema of data sets in which anything is no static world
 FORMAT = NpzFormat(
     "a data set of the suite", "manifest.json", 1, LARGEST_FILE, 512 * 1024 * 1024, newer=(_WITH_SCENES,)
 )
-_WALL = ("x_m", "y_m", "size_x_m", "size_y_m", "yaw_rad", "height_m")
-_OBSTACLE = ("radius_m", "size_x_m", "size_y_m", "yaw_rad", "height_m", "phase_s")
+_NUMBERS = attrgetter("radius_m", "size_x_m", "size_y_m", "yaw_rad", "height_m", "phase_s")  # of an obstacle, in order
 
 
 @dataclass(frozen=True)
@@ -79,26 +79,23 @@ class OwnFile:
             *(course_of(about["course"], "course") if "course" in about else ()),
         )
 
-    def _scene(
-        self, position: int, names: Sequence[str]
-    ) -> tuple[tuple[Wall, ...], tuple[MovingObstacle, ...], tuple[float, float] | None]:
+    def _scene(self, position: int, names: Sequence[str]) -> tuple[Any, ...]:
         """Return walls, moving obstacles of these names, and corner of the world at a position."""
         a = self.arrays
         walls = _part(a["wall"], a["walls"], position).tolist()
         rows = _part(a["obstacle"], a["moving"], position).tolist()
         moving = []
-        for name, (shape, *sizes), k in zip(
-            names, rows, _part(a["obstacle_motion"], a["moving"], position), strict=True
-        ):
+        motions = _part(a["obstacle_motion"], a["moving"], position)
+        for name, (shape, *sizes), k in zip(names, rows, motions, strict=True):
             kind, period_s = KINDS[int(a["motion_kind"][k])], float(a["motion_period_s"][k])
             table = tuple(map(tuple, _part(a["motion"], a["motion_rows"], int(k)).tolist()))
-            polynomial = kind == "polynomial"  # whose rows are power, x and y, not time, x and y
-            motion = Motion(kind, period_s, *(((), tuple(row[1:] for row in table)) if polynomial else (table,)))
-            values = dict(zip(_OBSTACLE, sizes, strict=True))
-            moving.append(MovingObstacle(name, SHAPES[int(shape)], **values, motion=motion))
+            # a row of a polynomial is power, x and y, of any other motion time, x and y
+            parts = ((), tuple(row[1:] for row in table)) if kind == "polynomial" else (table,)
+            motion = Motion(kind, period_s, *parts)
+            moving.append(MovingObstacle(*(name, SHAPES[int(shape)], *sizes, motion)))
         x_m, y_m = map(float, a["corner_m"][position])
         corner = None if np.isnan(x_m) and np.isnan(y_m) else (x_m, y_m)
-        return tuple(Wall(**dict(zip(_WALL, row, strict=True))) for row in walls), tuple(moving), corner
+        return tuple(Wall(*row) for row in walls), tuple(moving), corner
 
 
 def _part(values: npt.NDArray[Any], counts: npt.NDArray[Any], position: int) -> npt.NDArray[Any]:
@@ -149,21 +146,13 @@ def _manifest(name: str, worlds: Mapping[int, World], about: Mapping[str, Any]) 
     sets: list[dict[str, Any]] = []
     entries = []
     for index, world in worlds.items():
-        parameters = dict(world.provenance.parameters)
+        origin, parameters = world.provenance, dict(world.provenance.parameters)
         if parameters and parameters not in sets:
             sets.append(parameters)
-        entries.append(
-            {
-                "index": index,
-                "name": world.name,
-                "source": world.provenance.source,
-                "parameter_set": sets.index(parameters) if parameters else None,
-                "seed": list(world.provenance.seed),
-                "path_source": world.provenance.path_source,
-                "sha256": world.checksum,
-                **({"course": list(world.course_numbers)} if world.course_numbers else {}),
-            }
-        )
+        entry: dict[str, Any] = {"index": index, "name": world.name, "source": origin.source}
+        entry["parameter_set"] = sets.index(parameters) if parameters else None
+        entry |= {"seed": list(origin.seed), "path_source": origin.path_source, "sha256": world.checksum}
+        entries.append(entry | ({"course": list(world.course_numbers)} if world.course_numbers else {}))
     made_by = f"barn_worlds {barn_worlds.__version__}"
     return {"name": name, "made_by": made_by, **about, "parameter_sets": sets, "worlds": entries}
 
@@ -173,11 +162,11 @@ def _scenes(worlds: Sequence[World]) -> Arrays:
     walls = [wall for world in worlds for wall in world.walls]
     obstacles = [one for world in worlds for one in world.moving]
     motions = {motion: k for k, motion in enumerate(dict.fromkeys(one.motion for one in obstacles))}
-    shaped = [[SHAPES.index(one.shape), *(getattr(one, name) for name in _OBSTACLE)] for one in obstacles]
+    shaped = [(SHAPES.index(one.shape), *_NUMBERS(one)) for one in obstacles]
     return {
         "corner_m": np.array([world.corner_m or (np.nan, np.nan) for world in worlds]),  # NaN where it is no arena
         "walls": np.array([len(world.walls) for world in worlds], np.int32),
-        "wall": _table([[getattr(wall, name) for name in _WALL] for wall in walls], 6),
+        "wall": _table([astuple(wall) for wall in walls], 6),
         "moving": np.array([len(world.moving) for world in worlds], np.int32),
         "obstacle": _table(shaped, 7),
         "obstacle_motion": np.array([motions[one.motion] for one in obstacles], np.int32),

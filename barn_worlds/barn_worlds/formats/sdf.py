@@ -47,20 +47,7 @@ def sdf_text(world: World, flavour: str = "classic", *, movable: bool = False) -
     """
     if flavour not in FLAVOURS:
         raise WorldError(f"unknown flavour of SDF {flavour!r}{suggest(flavour, FLAVOURS)}")
-    radius, height = world.cylinder_radius_m, world.cylinder_height_m
-    inertia = {
-        "mass_kg": MOVABLE_MASS_KG,
-        "across": MOVABLE_MASS_KG * (3.0 * radius**2 + height**2) / 12.0,
-        "along": MOVABLE_MASS_KG * radius**2 / 2.0,
-    }
-    return _template().render(
-        world=world,
-        gz=flavour == "gz",
-        pillar={"radius_m": radius, "height_m": height},
-        containment=world.containment_m.tolist(),
-        obstacles=world.obstacles_m.tolist(),
-        inertia=inertia if movable else None,
-    )
+    return _template().render(world=world, gz=flavour == "gz", movable=movable, mass_kg=MOVABLE_MASS_KG)
 
 
 @cache
@@ -102,13 +89,11 @@ def mesh(obstacle: MovingObstacle) -> str:
         x, y = obstacle.size_x_m / 2.0, obstacle.size_y_m / 2.0
         rim = [(x, y), (-x, y), (-x, -y), (x, -y)]
     half, sides = obstacle.height_m / 2.0, len(rim)
+    around = [(k, k % sides + 1) for k in range(1, sides + 1)]
+    faces: list[tuple[int, ...]] = [(k, after, after + sides, k + sides) for k, after in around]
+    faces += [tuple(range(sides, 0, -1)), tuple(range(sides + 1, 2 * sides + 1))]
     lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for z in (-half, half) for x, y in rim]
-    for k in range(1, sides + 1):
-        after = k % sides + 1
-        lines.append(f"f {k} {after} {after + sides} {k + sides}")
-    lines.append("f " + " ".join(str(k) for k in range(sides, 0, -1)))
-    lines.append("f " + " ".join(str(k + sides) for k in range(1, sides + 1)))
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines + [" ".join(("f", *map(str, face))) for face in faces]) + "\n"
 
 
 def _sampled(obstacle: MovingObstacle, begin_s: float, end_s: float) -> Waypoints:

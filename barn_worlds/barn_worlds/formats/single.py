@@ -61,10 +61,16 @@ def read_world(path: Path, robot: Robot = STANDARD, name: str = "") -> World:
     else:
         source, grid = "npy", checked_grid(read_npy(path), str(path))
     footprint_cells = robot.footprint_cells(resolution_m)
-    given = _path_beside(path)
+    return world_of(called, grid, resolution_m, footprint_cells, source, path, _path_beside(path))
+
+
+def world_of(
+    name: str, grid: BoolGrid, resolution_m: float, footprint_cells: int, source: str, path: Path, given: Path | None
+) -> World:
+    """Return the world of a grid read from `path`, with the path in the .npy file `given`, else a planned one."""
     cells = read_npy(given) if given else planned(grid, footprint_cells, str(path))
-    provenance = Provenance(source, str(path), path_source="given" if given else "planned")
-    return World(called, grid, cells, resolution_m, footprint_cells, provenance)
+    about = Provenance(source, str(path), path_source="given" if given else "planned")
+    return World(name, grid, cells, resolution_m, footprint_cells, about)
 
 
 def _of_map(path: Path, kind: str, robot: Robot, name: str) -> World:
@@ -79,11 +85,8 @@ def _of_map(path: Path, kind: str, robot: Robot, name: str) -> World:
         whole = checked_grid(np.ascontiguousarray((occupancy.data != 0).T), str(path))
         corner = occupancy.origin_x, occupancy.origin_y
         return open_world(name, whole, occupancy.resolution, corner, robot, Provenance("map", str(path)), ends)
-    grid, footprint_cells = checked_grid(inside, str(path)), robot.footprint_cells(occupancy.resolution)
-    given = _path_beside(path)
-    cells = read_npy(given) if given else planned(grid, footprint_cells, str(path))
-    provenance = Provenance("map", str(path), path_source="given" if given else "planned")
-    world = World(name, grid, cells, occupancy.resolution, footprint_cells, provenance)
+    grid, cell_m = checked_grid(inside, str(path)), occupancy.resolution
+    world = world_of(name, grid, cell_m, robot.footprint_cells(cell_m), "map", path, _path_beside(path))
     return with_course(world, robot, ends) if ends else world
 
 
@@ -97,9 +100,6 @@ def planned(grid: BoolGrid, footprint_cells: int, where: str) -> Cells:
 
 
 def _path_beside(path: Path) -> Path | None:
-    number = number_in(path)
-    places = [path.parent]
-    if path.parent.name in _FOLDERS:
-        places.append(path.parent.parent / "path_files")
-    candidates = (place / f"path_{number}.npy" for place in places)
-    return next((file for file in candidates if file != path and file.is_file()), None) if number is not None else None
+    places = [path.parent, *([path.parent.parent / "path_files"] if path.parent.name in _FOLDERS else [])]
+    candidates = (place / f"path_{number_in(path)}.npy" for place in places)
+    return next((file for file in candidates if file != path and file.is_file()), None)

@@ -48,23 +48,12 @@ class WorldFile(Checked):
         """Return the world; WorldError, beginning with `where`, if it cannot be."""
         if not 0 < len(self.name) <= LARGEST_NAME or not self.name.isprintable():
             raise WorldError(f"{where}: name must have 1 to {LARGEST_NAME} printable characters, got {self.name!r:.60}")
-        about = Provenance("yaml", where)
         try:
             grid = self._filled()
-            path = _path(self.path, grid.shape)
+            path, size = _path(self.path, grid.shape), (self.cell_m, self.footprint_cells)
             ends = course_of((*self.start, *self.goal), "start and goal") if self.start or self.goal else ()
-            return World(
-                self.name,
-                grid,
-                path,
-                self.cell_m,
-                self.footprint_cells,
-                about,
-                self.walls,
-                self.moving,
-                self.corner_m,
-                *ends,
-            )
+            about = Provenance("yaml", where)
+            return World(self.name, grid, path, *size, about, self.walls, self.moving, self.corner_m, *ends)
         except WorldError as error:
             raise WorldError(f"{where}: {error}") from None
 
@@ -104,17 +93,17 @@ def world_yaml(world: World) -> str:
 
 def _path(corners: tuple[tuple[int, int], ...], shape: tuple[int, ...]) -> Cells:
     """Return the path (n, 2) that goes straight through these cells."""
-    cells = list(corners[:1])
+    pieces: list[Cells] = [np.array(corners[:1], np.int64).reshape(-1, 2)]
     for k, corner in enumerate(corners):
-        if not all(0 <= at < side for at, side in zip(corner, shape, strict=True)):
+        if not (0 <= corner[0] < shape[0] and 0 <= corner[1] < shape[1]):
             raise WorldError(f"path[{k}] must be a cell of the {shape[0]} x {shape[1]}, got {list(corner)}")
     for k, (first, last) in enumerate(pairwise(corners)):
-        down, right = last[0] - first[0], last[1] - first[1]
-        if down and right and abs(down) != abs(right):
+        way = np.subtract(last, first)
+        if way.all() and abs(way[0]) != abs(way[1]):
             raise WorldError(f"path[{k + 1}] must lie straight from the cell before, got {list(last)}")
-        length = max(abs(down), abs(right), 1)
-        cells += [(first[0] + down * i // length, first[1] + right * i // length) for i in range(1, length + 1)]
-    return np.array(cells, np.int64).reshape(-1, 2)
+        length = max(1, int(np.abs(way).max()))
+        pieces.append(first + way * np.arange(1, length + 1)[:, None] // length)
+    return np.concatenate(pieces)
 
 
 def _turns(path: Cells) -> list[list[int]]:
