@@ -91,8 +91,8 @@ def test_checksum_tells_content_but_not_names_apart():
         ({"grid": ~OPEN}, r"path goes through the filled cell \[15, 0\]"),
         ({"resolution_m": 0.0}, "resolution must be from 0.01 to 10 m"),
         ({"resolution_m": float("nan")}, "resolution must be from 0.01 to 10 m"),
-        ({"footprint_cells": 4}, "odd number of cells, got 4"),
-        ({"footprint_cells": 0}, "footprint must be 1 to"),
+        ({"footprint_cells": 4}, "odd number of cells from 1 to 4000, got 4"),
+        ({"footprint_cells": 0}, "footprint must be an odd number"),
     ],
 )
 def test_what_is_no_world_is_refused_in_one_line(change, message):

@@ -73,12 +73,12 @@ class Motion(Checked):
         table = np.array(self.keys)
         begin, points = table[:, 0], table[:, 1:]
         steps = np.diff(points, axis=0)
-        if self.kind == "linear":
-            return begin[:-1], np.diff(begin), np.stack([points[:-1], steps], axis=2)
-        tangents = _tangents(points)
-        out, into = tangents[:-1], tangents[1:]
-        cubic = np.stack([points[:-1], out, 3.0 * steps - 2.0 * out - into, out + into - 2.0 * steps], axis=2)
-        return begin[:-1], np.diff(begin), cubic
+        parts = [points[:-1], steps]
+        if self.kind == "gazebo":
+            tangents = _tangents(points)
+            out, into = tangents[:-1], tangents[1:]
+            parts = [points[:-1], out, 3.0 * steps - 2.0 * out - into, out + into - 2.0 * steps]
+        return begin[:-1], np.diff(begin), np.stack(parts, axis=2)
 
     def _check_keys(self) -> None:
         table = self._table("keys", self.keys, 3, "time, x and y")
@@ -159,27 +159,21 @@ class MovingObstacle(Checked):
         if not 0 < len(self.name) <= _LARGEST_NAME or not self.name.isprintable():
             raise ConfigError(f"name must have 1 to {_LARGEST_NAME} printable characters, got {shown(self.name)}")
         sizes = {"cylinder": ("radius_m",), "box": ("size_x_m", "size_y_m")}
-        for shape, names in sizes.items():
-            for name in names:
-                if shape == self.shape:
-                    self.require(
-                        getattr(self, name) >= _SMALLEST_M, name, f"of a {shape} must be at least {_SMALLEST_M:g} m"
-                    )
-                else:
-                    self.require(getattr(self, name) == 0.0, name, f"is of a {shape}; leave it out for a {self.shape}")
+        for shape, name in ((shape, name) for shape, names in sizes.items() for name in names):
+            size_m, least = getattr(self, name), f"of a {shape} must be at least {_SMALLEST_M:g} m"
+            self.require(shape != self.shape or size_m >= _SMALLEST_M, name, least)
+            other = f"is of a {shape}; leave it out for a {self.shape}"
+            self.require(shape == self.shape or size_m == 0.0, name, other)
 
 
-def checked_scene(
-    walls: tuple[Wall, ...], moving: tuple[MovingObstacle, ...], where: str
-) -> tuple[tuple[Wall, ...], tuple[MovingObstacle, ...]]:
-    """Return the walls and the moving obstacles of a world; WorldError, beginning with `where`, if they cannot be."""
+def check_scene(walls: tuple[Wall, ...], moving: tuple[MovingObstacle, ...], where: str) -> None:
+    """Raise WorldError, beginning with `where`, if these walls and moving obstacles cannot be those of a world."""
     for what, most, some in (("walls", MOST_WALLS, walls), ("moving obstacles", MOST_MOVING, moving)):
         if len(some) > most:
             raise WorldError(f"{where}: must have at most {most} {what}, got {len(some)}")
-    repeated = next((name for name, times in Counter(one.name for one in moving).items() if times > 1), None)
-    if repeated is not None:
-        raise WorldError(f"{where}: two moving obstacles have the name {shown(repeated)}")
-    return tuple(walls), tuple(moving)
+    for name, times in Counter(one.name for one in moving).items():
+        if times > 1:
+            raise WorldError(f"{where}: two moving obstacles have the name {shown(name)}")
 
 
 def scene_content(walls: tuple[Wall, ...], moving: tuple[MovingObstacle, ...]) -> bytes:

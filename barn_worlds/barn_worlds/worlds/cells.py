@@ -39,9 +39,7 @@ def margin_cells(resolution_m: float) -> int:
 
 def cell_centres(cells: Cells, rows: int, resolution_m: float) -> Points:
     """Return the true centres (n, 2) in metres of cells (n, 2) of a world with that many rows."""
-    row, column = cells[:, 0], cells[:, 1]
-    front = lead_in_cells(resolution_m)
-    centres: Points = np.stack([resolution_m * (row + 0.5 - rows), resolution_m * (column + 0.5 + front)], axis=1)
+    centres: Points = resolution_m * (cells + 0.5 + np.array([-rows, lead_in_cells(resolution_m)]))
     return centres
 
 
@@ -51,15 +49,13 @@ def historical_cell_centres(cells: Cells, rows: int, resolution_m: float) -> Poi
     That is one cell too low in x and two thirds of a cell too low in y (0.15 and 0.10 m for the standard world). Use it
     only to reproduce numbers that contain this offset, such as the goals of the paper's trials.
     """
-    off = np.array([resolution_m, resolution_m * 2.0 / 3.0])
-    shifted: Points = cell_centres(cells, rows, resolution_m) - off
-    return shifted
+    off: Points = np.array([resolution_m, resolution_m * 2.0 / 3.0])
+    return np.subtract(cell_centres(cells, rows, resolution_m), off)
 
 
 def containing_cells(points: Points, rows: int, resolution_m: float) -> Cells:
     """Return the cells (n, 2) in which points (n, 2) in metres lie; they may be outside the grid."""
-    front = lead_in_cells(resolution_m)
-    cells: Cells = np.floor(points / resolution_m).astype(np.int64) + np.array([rows, -front])
+    cells: Cells = np.floor(points / resolution_m).astype(np.int64) + np.array([rows, -lead_in_cells(resolution_m)])
     return cells
 
 
@@ -79,11 +75,8 @@ def hollow(grid: BoolGrid) -> BoolGrid:
 
     The .world files leave them out, since nothing can touch them.
     """
-    rows, cols = grid.shape
-    free = np.ones((rows + 2, cols + 2), np.bool_)  # as all is beyond the border
-    free[1:-1, 1:-1] = ~grid
-    near_free = configuration_space(free, 3)
-    inner: BoolGrid = ~near_free[1:-1, 1:-1]
+    free = np.pad(~grid, 1, constant_values=True)  # as all is beyond the border
+    inner: BoolGrid = ~configuration_space(free, 3)[1:-1, 1:-1]
     return inner
 
 
@@ -118,9 +111,8 @@ def world_map(
         raise WorldError(f"resolution of a map must be at least 0.005 m, got {resolution_m}")
     size = tuple(math.ceil(side * cell_m / resolution_m - 1e-6) for side in (high, rows))
     if size[0] * size[1] > LARGEST_MAP:
-        raise WorldError(
-            f"a map of {size[0]} x {size[1]} cells is too large, at most {LARGEST_MAP} cells; use a coarser one"
-        )
+        sides = f"{size[0]} x {size[1]}"
+        raise WorldError(f"a map of {sides} cells is too large, at most {LARGEST_MAP} cells; use a coarser one")
     data = np.zeros(size, np.int8)
     centres = cell_centres(cells, rows, cell_m) - np.array(origin)
     if corner_m is not None:

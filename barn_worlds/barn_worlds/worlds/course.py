@@ -64,8 +64,7 @@ def for_robot(world: World, robot: Robot, course: Sequence[float] = ()) -> World
     same = robot.footprint_cells(world.resolution_m) == world.footprint_cells
     if world.provenance.path_source == CHOSEN:
         return world if same else with_course(world, robot)
-    for what, pose in (("start", world.start), ("goal", world.goal)):
-        _require_free(world, robot, what, pose)
+    _require_free(world, robot, world.start, world.goal)
     return world if same else with_course(world, robot, (world.start, world.goal))
 
 
@@ -80,49 +79,44 @@ def with_course(world: World, robot: Robot, ends: tuple[Pose2D, Pose2D] | None =
         (x, y), (u, v), before, (p, q) = points.tolist()
         start = Pose2D(x, y, math.atan2(v - y, u - x))
         goal = Pose2D(p, q, math.atan2(q - before[1], p - before[0]))
-        source = CHOSEN
     else:
-        (start, goal), source = ends, "planned"
-        for what, pose in (("start", start), ("goal", goal)):
-            _require_free(world, robot, what, pose)
-        path = _between(world, occupied, cspace, robot, ends)
-    about = replace(world.provenance, path_source=source)
+        _require_free(world, robot, *ends)
+        path, (start, goal) = _between(world, occupied, cspace, robot, ends), ends
+    about = replace(world.provenance, path_source="planned" if ends else CHOSEN)
     return replace(world, path=path, footprint_cells=cells, provenance=about, start=start, goal=goal)
 
 
-def _require_free(world: World, robot: Robot, what: str, pose: Pose2D) -> None:
-    """Raise WorldError where a pose is off the map, or the robot touches something there; of a goal, at any heading."""
+def _require_free(world: World, robot: Robot, start: Pose2D, goal: Pose2D) -> None:
+    """Raise WorldError where an end is off the map, or the robot touches something there; of a goal, at any heading."""
     left, below, right, above = world.bounds_m
-    at = f"{world.name}: {what} ({pose.x:g}, {pose.y:g})"
-    if not (left <= pose.x < right and below <= pose.y < above):
-        raise WorldError(f"{at} is off the map, which reaches from ({left:g}, {below:g}) to ({right:g}, {above:g}) m")
-    body, radius_m = contact_of(robot.chassis), world.cylinder_radius_m
-    away = Pose2D(pose.x, pose.y, pose.yaw).inverse().transform(world.cylinders_m)
-    gaps = body.distances(away[:, 0], away[:, 1]) if what == "start" else np.hypot(*away.T) - robot.chassis.inscribed_m
-    row, column = world.containing_cells(np.array([[pose.x, pose.y]]))[0]
-    inside = column >= 0 and bool(world.occupied[row, column])
-    if inside or gaps.min(initial=np.inf) <= radius_m:
-        raise WorldError(f"{at} is blocked: robot {robot.name} would touch an obstacle there")
+    for what, pose in (("start", start), ("goal", goal)):
+        at = f"{world.name}: {what} ({pose.x:g}, {pose.y:g})"
+        if not (left <= pose.x < right and below <= pose.y < above):
+            reach = f"({left:g}, {below:g}) to ({right:g}, {above:g}) m"
+            raise WorldError(f"{at} is off the map, which reaches from {reach}")
+        x, y = pose.inverse().transform(world.cylinders_m).T
+        body, radius_m = contact_of(robot.chassis), world.cylinder_radius_m
+        gaps = body.distances(x, y) if pose is start else np.hypot(x, y) - robot.chassis.inscribed_m
+        row, column = world.containing_cells(np.array([[pose.x, pose.y]]))[0]
+        if (column >= 0 and world.occupied[row, column]) or gaps.min(initial=np.inf) <= radius_m:
+            raise WorldError(f"{at} is blocked: robot {robot.name} would touch an obstacle there")
 
 
 def _between(world: World, occupied: BoolGrid, cspace: BoolGrid, robot: Robot, ends: tuple[Pose2D, Pose2D]) -> Cells:
     """Return the cells of a way (n, 2); the robot may stand nearer to obstacles at its ends than on the way."""
     points = np.array([(pose.x, pose.y) for pose in ends])
-    cells = world.containing_cells(points)
-    inside = np.clip(cells, 0, np.array(world.grid.shape) - 1)
+    inside = np.clip(world.containing_cells(points), 0, np.array(world.grid.shape) - 1)
     reach, open_cspace = (world.footprint_cells + 1) // 2, cspace.copy()
     for row, column in inside:
         near = slice(max(0, row - reach), row + reach + 1), slice(max(0, column - reach), column + reach + 1)
         open_cspace[near] = occupied[near]
-    first, last = (tuple(map(int, cell)) for cell in inside)
+    first, last = inside.tolist()
     path = plan_path(open_cspace, (first[0], first[1]), (last[0], last[1]))
     if path is None:
         (x, y), (u, v) = points.tolist()
         side = robot.footprint_cells(world.resolution_m) * world.resolution_m
-        raise WorldError(
-            f"{world.name}: goal ({u:g}, {v:g}) cannot be reached from start ({x:g}, {y:g}) by robot {robot.name}, "
-            f"which takes {side:g} x {side:g} m"
-        )
+        by = f"by robot {robot.name}, which takes {side:g} x {side:g} m"
+        raise WorldError(f"{world.name}: goal ({u:g}, {v:g}) cannot be reached from start ({x:g}, {y:g}) {by}")
     return path
 
 

@@ -65,25 +65,20 @@ class Dataset:
 
         Data sets that name no robot in their manifest, such as barn300, are for any.
         """
-        made_for = self.manifest.get("robot")
-        if not made_for or made_for == robot.name:
-            return
-        for world in map(self.load, indices):
-            own, cells = world.footprint_cells, robot.footprint_cells(world.resolution_m)
+        made_for = self.manifest.get("robot") or robot.name
+        for world in map(self.load, () if made_for == robot.name else indices):
+            side_m, own, cells = world.resolution_m, world.footprint_cells, robot.footprint_cells(world.resolution_m)
             if cells > own:
                 raise WorldError(
-                    f"{self.name} is made for robot {made_for}, with ways for {own} x {own} cells of "
-                    f"{world.resolution_m:g} m: robot {robot.name} takes {cells} x {cells}; name one that fits, such "
-                    f"as {made_for}"
+                    f"{self.name} is made for robot {made_for}, with ways for {own} x {own} cells of {side_m:g} m: "
+                    f"robot {robot.name} takes {cells} x {cells}; name one that fits, such as {made_for}"
                 )
 
     @cached_property
     def checksum(self) -> str:
         """SHA-256 of all worlds and their numbers; reads them all."""
-        digest = hashlib.sha256()
-        for index in self.indices:
-            digest.update(f"{index} {self.load(index).checksum}\n".encode())
-        return digest.hexdigest()
+        lines = (f"{index} {self.load(index).checksum}\n" for index in self.indices)
+        return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
 def shipped() -> dict[str, Path]:
@@ -97,8 +92,8 @@ def open_dataset(source: str | Path, robot: Robot = STANDARD) -> Dataset:
 
     source: the name of a shipped data set (barn300), a data set file (.npz), a folder in the original layout, a folder
     of Gazebo worlds (.world, .sdf, gzipped or not), the suite's YAML (.world.yaml), .npy grids or map_server maps
-    (.yaml), or one such file. A world has the number in its file's name. If
-    a number is missing or not unique, files are numbered from 0 in order of name.
+    (.yaml), or one such file. A world has the number in its file's name. If a number is missing or not unique, files
+    are numbered from 0 in order of name.
     robot: its footprint is used to plan paths if the source has neither paths nor a footprint.
     """
     if str(source) in shipped():
@@ -134,8 +129,8 @@ def _folder(path: Path, robot: Robot) -> Dataset:
         return _own(packed[0])
     kinds = ((ENDING,), single.GAZEBO_ENDINGS, single.MAP_ENDINGS, (".map",), (".npy",))
     by_kind = ([file for file in files if single.ending(file) in kind] for kind in kinds)
-    worlds = next((some for some in by_kind if some), [])
-    worlds = [file for file in worlds if not file.name.startswith(("path_", "cspace_", "metrics_"))]
+    beside = ("path_", "cspace_", "metrics_")
+    worlds = [file for file in next(filter(None, by_kind), []) if not file.name.startswith(beside)]
     numbers_there = [single.number_in(file) for file in worlds]
     unique = None not in numbers_there and len(set(numbers_there)) == len(worlds)
     numbered = zip(numbers_there if unique else range(len(worlds)), worlds, strict=True)
@@ -165,10 +160,7 @@ def select_worlds(spec: str, indices: Iterable[int]) -> list[int]:
         raise WorldError(f"selection of worlds must have at most {LONGEST_SPEC} characters, got {len(spec)}")
     if not known:
         raise WorldError("there are no worlds to select from")
-    chosen: dict[int, None] = {}
-    for part in spec.split(","):
-        chosen.update(dict.fromkeys(_part(part.strip(), spec, known)))
-    return list(chosen)
+    return list(dict.fromkeys(index for part in spec.split(",") for index in _part(part.strip(), spec, known)))
 
 
 def _part(part: str, spec: str, known: list[int]) -> list[int]:

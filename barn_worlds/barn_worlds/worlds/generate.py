@@ -87,11 +87,7 @@ class DatasetParameters(Checked):
 
 
 def generate_world(
-    parameters: WorldParameters,
-    generator: np.random.Generator,
-    name: str = "generated",
-    *,
-    seed: tuple[int, ...] = (),
+    parameters: WorldParameters, generator: np.random.Generator, name: str = "generated", *, seed: tuple[int, ...] = ()
 ) -> World:
     """Return a random world; grids without a way through are discarded.
 
@@ -109,10 +105,9 @@ def generate_world(
         if path is not None:
             provenance = Provenance("generated", parameters=as_dict(parameters), seed=seed, path_source="planned")
             return World(name, grid, path, parameters.resolution_m, parameters.footprint_cells, provenance)
-    raise WorldError(
-        f"no passable world in {parameters.attempts} attempts with initial_fill {parameters.initial_fill:g} and "
-        f"footprint_cells {parameters.footprint_cells}; fill less, or allow more attempts"
-    )
+    asked = f"initial_fill {parameters.initial_fill:g} and footprint_cells {parameters.footprint_cells}"
+    hint = "fill less, or allow more attempts"
+    raise WorldError(f"no passable world in {parameters.attempts} attempts with {asked}; {hint}")
 
 
 def generate_dataset(parameters: DatasetParameters, progress: Callable[[int, int], None] | None = None) -> list[World]:
@@ -153,10 +148,10 @@ def ranked_dataset(
     """
     worlds = generate_dataset(parameters, progress)
     scores = [narrowness(world) for world in worlds]
-    kept = list(range(len(worlds)))
+    kept = range(len(worlds))
     if parameters.keep:
-        every = np.argsort(scores, kind="stable")
-        kept = every[np.linspace(0, len(worlds) - 1, parameters.keep).round().astype(np.int64)].tolist()
+        places = np.linspace(0, len(worlds) - 1, parameters.keep).round().astype(np.int64)
+        kept = np.argsort(scores, kind="stable")[places].tolist()
     return [worlds[k] for k in kept], Order(NARROWNESS, tuple(scores[k] for k in kept))
 
 
@@ -178,12 +173,8 @@ def write_dataset(
     chosen = parameters or DatasetParameters()
     about: dict[str, object] = {"seed": chosen.seed, "worlds_per_set": chosen.worlds_per_set}
     about |= {key: value for key, value in (("keep", chosen.keep), ("robot", chosen.robot)) if value}
-    about["path_planner"] = {
-        "search": "original",
-        "largest_turn_steps": LARGEST_TURN,
-        "inflation_cells": INFLATION_CELLS,
-        "inflation_weight": INFLATION_WEIGHT,
-    }
+    inflated = {"inflation_cells": INFLATION_CELLS, "inflation_weight": INFLATION_WEIGHT}
+    about["path_planner"] = {"search": "original", "largest_turn_steps": LARGEST_TURN, **inflated}
     write_ordered(target, chosen.name, *ranked_dataset(chosen, progress), about)
 
 

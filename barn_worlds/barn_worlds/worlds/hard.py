@@ -83,8 +83,7 @@ def _dead_ends(draw: Draw) -> None:
         if left <= room and rows - 1 - right <= room:  # else it would leave no way on either side
             left, right = (room + 1, rows - 1) if draw.whole(0, 1) else (0, rows - 2 - room)
         draw.grid[left : right + 1, end] = True
-        for row in (left, right):
-            draw.grid[row, column : end + 1] = True
+        draw.grid[[left, right], column : end + 1] = True
         if draw.whole(0, 1):
             draw.grid[(left + right) // 2, end - draw.whole(2, 4) : end + 1] = True
         column = end + draw.whole(7, 10)
@@ -141,17 +140,10 @@ def hard_world(
     name: str = "hard",
     seed: tuple[int, ...] = (),
 ) -> World:
-    """Return a random world with its proven way as its path.
+    """Return a random world with a way proven for the robot's turned footprint as its path.
 
-    Args:
-        parameters: Kind and sizes.
-        robot: Whose turned footprint has the way.
-        generator: All randomness; only `random` is used.
-        name: Of the world.
-        seed: What the generator was seeded with, for the provenance.
-
-    Raises:
-        WorldError: None of the grids tried has a way.
+    generator: only `random` is used. seed: what it was seeded with, for the provenance. Raises WorldError if none of
+    the grids tried has a way.
     """
     side_m, margin_m = parameters.resolution_m, parameters.margin_cells * parameters.resolution_m
     narrowest = math.ceil((robot.width_m + 2.0 * margin_m) / side_m - 1e-6)
@@ -162,21 +154,16 @@ def hard_world(
         if way is None:
             continue
         cells = cells_of(way) - np.array([0, _AHEAD])
-        last_before, first_after = np.flatnonzero(cells[:, 1] < 0), np.flatnonzero(cells[:, 1] == parameters.cols)
-        path = cells[last_before[-1] + 1 : first_after[0]]
+        path = cells[np.flatnonzero(cells[:, 1] < 0)[-1] + 1 : np.flatnonzero(cells[:, 1] == parameters.cols)[0]]
         about = Provenance("generated", parameters=as_dict(parameters), seed=seed, path_source="planned")
         return World(name, draw.grid, path, side_m, robot.footprint_cells(side_m), about)
     raise WorldError(f"no way through {parameters.attempts} worlds of kind {parameters.kind}; allow more spare_cells")
 
 
 def hard_worlds(
-    changes: Mapping[str, object],
-    per_kind: int,
-    seed: int,
-    robot: Robot,
-    name: str,
+    changes: Mapping[str, object], per_kind: int, seed: int, robot: Robot, name: str,
     progress: Callable[[int, int], None] | None = None,
-) -> list[World]:
+) -> list[World]:  # fmt: skip
     """Return so many worlds of each kind, or of the one that `changes` names.
 
     World k of kind s is drawn from SeedSequence(seed, spawn_key=(s, k)), so it does not depend on how many others there

@@ -143,12 +143,8 @@ def _search(drives: BoolGrid, turns: BoolGrid, start: Integers, goal: Integers) 
 @njit(cache=True)
 def _states(parent: Integers, last: int, wide: int, long: int) -> Integers:
     """Return the states (n, 3) from the first to the last one."""
-    count, state = 0, last
+    found, state = [(0, 0, 0)], last
     while state >= 0:
-        count, state = count + 1, parent[state]
-    found = np.empty((count, 3), np.int64)
-    state = last
-    for row in range(count - 1, -1, -1):
-        found[row] = state // long % wide, state % long, state // (wide * long)
+        found.append((state // long % wide, state % long, state // (wide * long)))
         state = parent[state]
-    return found
+    return np.array(found[:0:-1])

@@ -93,11 +93,9 @@ def search(free: BoolGrid, penalty: Floats, start: int, goal: int, complete: boo
     """
     rows, cols = free.shape
     states = 9 if complete else 1  # per cell
-    cost = np.full(rows * cols * states, np.inf)
-    parent = np.full(rows * cols * states, -1, np.int64)
-    direction = np.full(rows * cols * states, _NO_DIRECTION, np.int64)
-    done = np.zeros(rows * cols * states, np.bool_)
-    entry = np.zeros(rows * cols * states, np.int64)  # the heap's entry that counts; a state may have older ones
+    size = rows * cols * states
+    cost, parent, direction = np.full(size, np.inf), np.full(size, -1, np.int64), np.full(size, _NO_DIRECTION, np.int64)
+    done, entry = np.zeros(size, np.bool_), np.zeros(size, np.int64)  # the heap's entry that counts, not an older one
     first = start * states + (_NO_DIRECTION if complete else 0)
     cost[first] = 0.0
     heap = [(0.0, 0, first)]
@@ -119,9 +117,8 @@ def search(free: BoolGrid, penalty: Floats, start: int, goal: int, complete: boo
             reached = target * states + (turn if complete else 0)
             new_cost = cost[state] + _LENGTH[turn]
             if new_cost < cost[reached] and not done[reached]:
-                remaining = _octile(target, goal, cols) if complete else 0.0
-                if not complete and cost[reached] < np.inf:
-                    remaining = _straight(target, goal, cols)
+                known = complete or cost[reached] < np.inf
+                remaining = _remaining(target, goal, cols, complete) if known else 0.0
                 cost[reached], parent[reached], direction[reached] = new_cost, state, turn
                 entry[reached] = pushed
                 heapq.heappush(heap, (new_cost + remaining + penalty[target // cols, target % cols], pushed, reached))
@@ -152,31 +149,19 @@ def _step(free: BoolGrid, cell: int, direction: int) -> int:
 
 
 @njit(cache=True)
-def _straight(cell: int, goal: int, cols: int) -> float:
-    down = cell // cols - goal // cols
-    right = cell % cols - goal % cols
+def _remaining(cell: int, goal: int, cols: int, octile: bool) -> float:
+    """Return the distance to the goal in cells, straight or by steps to the 8 neighbours."""
+    down, right = abs(cell // cols - goal // cols), abs(cell % cols - goal % cols)
+    if octile:
+        return max(down, right) + (math.sqrt(2.0) - 1.0) * min(down, right)
     return math.sqrt(down * down + right * right)
-
-
-@njit(cache=True)
-def _octile(cell: int, goal: int, cols: int) -> float:
-    down = abs(cell // cols - goal // cols)
-    right = abs(cell % cols - goal % cols)
-    return max(down, right) + (math.sqrt(2.0) - 1.0) * min(down, right)
 
 
 @njit(cache=True)
 def _trace(parent: Integers, last: int, states_per_cell: int, cols: int) -> Cells:
     """Return the cells (n, 2) from the start to the state `last`."""
-    count = 0
-    state = last
+    path, state = [(0, 0)], last
     while state >= 0:
-        count += 1
+        path.append((state // states_per_cell // cols, state // states_per_cell % cols))
         state = parent[state]
-    path = np.empty((count, 2), np.int64)
-    state = last
-    for k in range(count - 1, -1, -1):
-        cell = state // states_per_cell
-        path[k, 0], path[k, 1] = cell // cols, cell % cols
-        state = parent[state]
-    return path
+    return np.array(path[:0:-1])

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from barn_worlds.base.arrays import BoolGrid, Cells, Points
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.types import OccupancyMap, Pose2D
-from barn_worlds.moving.motion import MovingObstacle, Wall, checked_scene, scene_content
+from barn_worlds.moving.motion import MovingObstacle, Wall, check_scene, scene_content
 from barn_worlds.moving.tracks import Tracks
 from barn_worlds.worlds import cells as geometry
 from barn_worlds.worlds.cells import occupy_box, world_map
@@ -78,15 +78,10 @@ class World:
         grid = checked_grid(self.grid, self.name)
         object.__setattr__(self, "grid", grid)
         object.__setattr__(self, "path", checked_path(self.path, grid, self.name))
-        if not (isinstance(self.footprint_cells, int) and 0 < self.footprint_cells < 2 * LARGEST_SIDE):
-            raise WorldError(
-                f"{self.name}: footprint must be 1 to {2 * LARGEST_SIDE} cells, got {self.footprint_cells}"
-            )
-        if self.footprint_cells % 2 == 0:
-            raise WorldError(f"{self.name}: footprint must be an odd number of cells, got {self.footprint_cells}")
-        walls, moving = checked_scene(self.walls, self.moving, self.name)
-        object.__setattr__(self, "walls", walls)
-        object.__setattr__(self, "moving", moving)
+        side, most = self.footprint_cells, 2 * LARGEST_SIDE
+        if not (isinstance(side, int) and 0 < side < most and side % 2):
+            raise WorldError(f"{self.name}: footprint must be an odd number of cells from 1 to {most}, got {side}")
+        check_scene(self.walls, self.moving, self.name)
         if self.corner_m is not None and not all(abs(side) <= FARTHEST_CORNER_M for side in self.corner_m):
             raise WorldError(f"{self.name}: corner must be within {FARTHEST_CORNER_M:g} m, got {self.corner_m}")
         if (self.start is None) != (self.goal is None):
@@ -130,8 +125,7 @@ class World:
     @cached_property
     def obstacles_m(self) -> Points:
         """Centres (n, 2) of the grid's cylinders, without cells whose neighbours are all filled."""
-        shown = np.argwhere(self.grid & ~geometry.hollow(self.grid))
-        return _read_only(self.cell_centres_m(shown))
+        return _read_only(self.cell_centres_m(np.argwhere(self.grid & ~geometry.hollow(self.grid))))
 
     @cached_property
     def containment_m(self) -> Points:
@@ -192,8 +186,7 @@ class World:
     @cached_property
     def path_length_m(self) -> float:
         """Arc length of the path over cell centres; a repeated cell adds nothing."""
-        steps = np.diff(self.path, axis=0)
-        return float(np.hypot(steps[:, 0], steps[:, 1]).sum() * self.resolution_m)
+        return float(np.hypot(*np.diff(self.path, axis=0).T).sum() * self.resolution_m)
 
     def occupancy_map(self, resolution_m: float | None = None, *, historical: bool = False) -> OccupancyMap:
         """Return the map a planner is given; see `barn_worlds.worlds.cells.world_map`. What moves is not in it."""
@@ -205,21 +198,16 @@ class World:
     @property
     def course_numbers(self) -> tuple[float, ...]:
         """x, y and yaw of start and goal, (6,); empty without."""
-        ends = (self.start, self.goal) if self.start is not None and self.goal is not None else ()
-        return tuple(float(number) for end in ends if end for number in (end.x, end.y, end.yaw))
+        return tuple(float(number) for end in (self.start, self.goal) if end for number in (end.x, end.y, end.yaw))
 
     @cached_property
     def checksum(self) -> str:
         """SHA-256 of grid, path, resolution, footprint and what stands and moves beside it, without names."""
-        digest = hashlib.sha256()
-        digest.update(np.array([self.rows, self.cols, self.footprint_cells], "<i8").tobytes())
+        digest = hashlib.sha256(np.array([self.rows, self.cols, self.footprint_cells], "<i8").tobytes())
         digest.update(np.array([self.resolution_m], "<f8").tobytes())
         digest.update(np.packbits(self.grid).tobytes())
         digest.update(self.path.astype("<i8").tobytes())
-        if self.corner_m is not None:
-            digest.update(np.array(self.corner_m, "<f8").tobytes())
-        if self.start is not None and self.goal is not None:
-            digest.update(np.array(self.course_numbers, "<f8").tobytes())
+        digest.update(np.array([*(self.corner_m or ()), *self.course_numbers], "<f8").tobytes())
         if self.walls or self.moving:
             digest.update(scene_content(self.walls, self.moving))
         return digest.hexdigest()
@@ -235,8 +223,7 @@ def checked_grid(grid: object, where: str) -> BoolGrid:
     if grid.dtype.kind not in "biuf":
         raise WorldError(f"{where}: grid must hold zeros and ones, got values of type {grid.dtype}")
     wrong = (grid != 0) & (grid != 1)
-    if wrong.any():
-        row, column = np.argwhere(wrong)[0]
+    for row, column in np.argwhere(wrong):
         value = grid[row, column]
         raise WorldError(f"{where}: grid must hold zeros and ones, got {value} in row {row}, column {column}")
     return _read_only(grid.astype(np.bool_, copy=True))
