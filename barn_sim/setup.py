@@ -28,6 +28,7 @@ setup(
         "numba>=0.59",
         "pybullet>=3.2.5",
         "defusedxml",
+        "jinja2>=3.1",
         "PyYAML",
     ],
     extras_require={"test": ["pytest", "hypothesis", "scipy"]},

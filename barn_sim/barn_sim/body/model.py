@@ -9,10 +9,10 @@ from functools import cache
 from importlib import resources
 from xml.etree.ElementTree import tostring
 
+import jinja2
 import numpy as np
 from defusedxml.ElementTree import fromstring
 
-from barn_sim.body.description import describe
 from barn_sim.config import LidarConfig
 from barn_worlds.base.arrays import Floats
 from barn_worlds.robots.robot import Chassis
@@ -117,11 +117,20 @@ def _shapes_of(chassis: Chassis, wheels: Floats) -> tuple[Shape, ...]:
 
 @cache
 def description_text(chassis: Chassis) -> str:
-    """Return the URDF of a robot; where its lidar is, `robot_description` says."""
+    """Return the URDF of a robot; where its lidar is, `robot_description` says.
+
+    One that is made has the links of the Jackal's: body, with all of the mass, wheels and lidar. A body that is a prism
+    is drawn as the box around it, a caster as a ball below the body.
+    """
     if chassis.description:
         file = resources.files("barn_worlds") / "data" / "robots" / chassis.description
         return file.read_text(encoding="utf-8")
-    return describe(chassis, wheel_names(chassis))
+    loader = jinja2.PackageLoader("barn_sim", "data")
+    environment = jinja2.Environment(
+        loader=loader, autoescape=True, keep_trailing_newline=True, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters["numbers"] = lambda numbers: " ".join(f"{number:.9g}" for number in numbers)
+    return environment.get_template("robot.urdf.jinja").render(chassis=chassis, wheels=wheel_names(chassis))
 
 
 def robot_description(lidar: LidarConfig, chassis: Chassis) -> str:

@@ -7,14 +7,7 @@ from functools import cache
 import numpy as np
 
 from barn_worlds.base.arrays import Floats
-from barn_worlds.geometry.kernels import (
-    gaps_to_polygon,
-    gaps_to_rectangle,
-    polygon_gap,
-    polygon_gaps,
-    times_to_polygon,
-    times_to_rectangle,
-)
+from barn_worlds.geometry import kernels
 from barn_worlds.robots.files import STANDARD
 from barn_worlds.robots.robot import Chassis
 
@@ -41,12 +34,12 @@ class Footprint:
         if self.radius_m:
             return np.hypot(x, y) - self.radius_m
         found = np.empty(np.shape(x))
-        polygon_gaps(x.ravel(), y.ravel(), self._core, found.reshape(-1))
+        kernels.polygon_gaps(x.ravel(), y.ravel(), self._core, found.reshape(-1))
         return found
 
     def gaps(self, shapes: Floats, x: float, y: float, yaw: float) -> Floats:
         """Return the distances (n,) in m from the robot at a pose to shapes (n, 7) of `geometry.kernels`, 0 inside."""
-        found: Floats = gaps_to_polygon(shapes, x, y, yaw, self._core, self.radius_m)
+        found: Floats = kernels.gaps_to_polygon(shapes, x, y, yaw, self._core, self.radius_m)
         return found
 
     def times_to_contact(
@@ -57,7 +50,7 @@ class Footprint:
         velocities (n, 2): of the shapes, m/s; the robot goes straight ahead at `speed`. A box counts as the disc around
         it.
         """
-        found: Floats = times_to_polygon(shapes, velocities, x, y, yaw, speed, self._core, self.radius_m)
+        found: Floats = kernels.times_to_polygon(shapes, velocities, x, y, yaw, speed, self._core, self.radius_m)
         return found
 
     def nearest(self, x: float, y: float) -> Floats:
@@ -65,7 +58,7 @@ class Footprint:
         if self.radius_m:
             far = math.hypot(x, y)
             return np.array([x, y]) * (min(1.0, self.radius_m / far) if far > 0.0 else 1.0)
-        if polygon_gap(x, y, self._core) <= 0.0:
+        if kernels.polygon_gap(x, y, self._core) <= 0.0:
             return np.array([x, y])
         starts, sides = self._core, np.roll(self._core, -1, axis=0) - self._core
         along = np.clip(((np.array([x, y]) - starts) * sides).sum(axis=1) / (sides**2).sum(axis=1), 0.0, 1.0)
@@ -92,14 +85,14 @@ class Rectangle(Footprint):
 
     def gaps(self, shapes: Floats, x: float, y: float, yaw: float) -> Floats:
         """Return the distances from shapes, see `Footprint`."""
-        found: Floats = gaps_to_rectangle(shapes, x, y, yaw, self.extent_m)
+        found: Floats = kernels.gaps_to_rectangle(shapes, x, y, yaw, self.extent_m)
         return found
 
     def times_to_contact(
         self, shapes: Floats, velocities: Floats, x: float, y: float, yaw: float, speed: float
     ) -> Floats:
         """Return the times to contact with shapes, see `Footprint`."""
-        found: Floats = times_to_rectangle(shapes, velocities, x, y, yaw, speed, self.extent_m)
+        found: Floats = kernels.times_to_rectangle(shapes, velocities, x, y, yaw, speed, self.extent_m)
         return found
 
     def nearest(self, x: float, y: float) -> Floats:

@@ -150,8 +150,7 @@ def gaps_to_polygon(shapes: Floats, x: float, y: float, yaw: float, corners: Flo
 
     corners, radius: those of a polygon and 0, or middle and radius of a disc.
     """
-    gaps = np.empty(len(shapes))
-    box = np.empty((4, 2))
+    gaps, box = np.empty(len(shapes)), np.empty((4, 2))
     c, s = math.cos(yaw), math.sin(yaw)
     for i in range(len(shapes)):
         dx, dy = shapes[i, 0] - x, shapes[i, 1] - y

@@ -5,6 +5,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache, partial
 
 import numpy as np
 
@@ -15,11 +16,7 @@ from barn_worlds.moving.motion import Motion, MovingObstacle, Wall
 from barn_worlds.worlds.world import Provenance, World
 
 SIDE_M = 20.0
-WALLS = (
-    Wall(-10.0, 0.0, 0.5, SIDE_M),
-    Wall(0.0, 10.0, SIDE_M, 0.5),
-    Wall(0.0, -10.0, SIDE_M, 0.5),
-)
+WALLS = Wall(-10.0, 0.0, 0.5, SIDE_M), Wall(0.0, 10.0, SIDE_M, 0.5), Wall(0.0, -10.0, SIDE_M, 0.5)
 START_M, GOAL_M = (11.0, 0.0), (-9.0, 0.0)
 
 _CELL_M = 0.5
@@ -69,23 +66,17 @@ class MotionParameters(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("obstacles", "order", "points"):
-            low, high = f"{name}_min", f"{name}_max"
-            self.require(getattr(self, low) <= getattr(self, high), low, f"must be at most {high}")
-        self.require(self.speed_min_mps <= self.speed_max_mps, "speed_min_mps", "must be at most speed_max_mps")
-        self.require(self.spread_min_mps <= self.spread_max_mps, "spread_min_mps", "must be at most spread_max_mps")
-        self.require(
-            self.obstacles_max <= self.profiles, "obstacles_max", f"must be at most profiles = {self.profiles}"
-        )
+        for name in ("obstacles_min", "order_min", "points_min", "speed_min_mps", "spread_min_mps"):
+            most = name.replace("min", "max")
+            self.require(getattr(self, name) <= getattr(self, most), name, f"must be at most {most}")
+        pool = f"must be at most profiles = {self.profiles}"
+        self.require(self.obstacles_max <= self.profiles, "obstacles_max", pool)
 
 
 CLASSES = {
-    one.difficulty: one
-    for one in (
-        MotionParameters(),
-        MotionParameters("medium", 200, 15, 19, 2, 3, 3, 5, 1.0, 1.4, 0.1, 0.05, 0.14),
-        MotionParameters("hard", 200, 20, 24, 3, 3, 4, 6, 1.5, 1.9, 0.1, 0.05, 0.15),
-    )
+    "easy": MotionParameters(),
+    "medium": MotionParameters("medium", 200, 15, 19, 2, 3, 3, 5, 1.0, 1.4, 0.1, 0.05, 0.14),
+    "hard": MotionParameters("hard", 200, 20, 24, 3, 3, 4, 6, 1.5, 1.9, 0.1, 0.05, 0.15),
 }
 
 
@@ -102,17 +93,14 @@ def generate_arenas(parameters: MotionParameters, worlds: int, seed: int) -> lis
     Profile k is drawn from SeedSequence(seed, spawn_key=(0, k)), world k from spawn_key (1, k), so neither depends on
     how many others there are. Obstacles of a world are drawn from the profiles without replacement.
     """
-    pool: dict[int, MovingObstacle] = {}
+    profile = cache(partial(_profile, parameters, seed))
     made = []
     for k in range(worlds):
         generator = _generator(seed, 1, k)
         count = _whole(generator, parameters.obstacles_min, parameters.obstacles_max)
         chosen = np.argsort(generator.random(parameters.profiles), kind="stable")[:count].tolist()
-        for number in chosen:
-            if number not in pool:
-                pool[number] = _profile(parameters, seed, number)
         about = Provenance("generated", parameters=as_dict(parameters), seed=(seed, 1, k))
-        made.append(arena_world(f"{parameters.difficulty}_{k}", [pool[number] for number in chosen], about))
+        made.append(arena_world(f"{parameters.difficulty}_{k}", [profile(number) for number in chosen], about))
     return made
 
 
@@ -183,9 +171,8 @@ def _profile(parameters: MotionParameters, seed: int, number: int) -> MovingObst
 
 
 def _obstacle(parameters: MotionParameters, name: str, motion: Motion, phase_s: float = 0.0) -> MovingObstacle:
-    return MovingObstacle(
-        name, radius_m=parameters.radius_m, height_m=parameters.height_m, phase_s=phase_s, motion=motion
-    )
+    radius_m, height_m = parameters.radius_m, parameters.height_m
+    return MovingObstacle(name, radius_m=radius_m, height_m=height_m, phase_s=phase_s, motion=motion)
 
 
 def _polyline(parameters: MotionParameters, generator: np.random.Generator) -> Points:

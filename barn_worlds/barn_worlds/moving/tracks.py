@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from itertools import pairwise
+from operator import attrgetter
 
 import numpy as np
 from numba import njit
@@ -24,16 +25,13 @@ class Tracks:
 
     def __init__(self, obstacles: Sequence[MovingObstacle]) -> None:
         self.names = tuple(one.name for one in obstacles)
-        self.radius_m: Floats = np.array([one.radius_m for one in obstacles])
-        self.size_m: Floats = np.array([(one.size_x_m, one.size_y_m) for one in obstacles]).reshape(-1, 2)
-        self.height_m: Floats = np.array([one.height_m for one in obstacles])
-        self.yaw_rad: Floats = np.array([one.yaw_rad for one in obstacles])
-        period: Floats = np.array([one.motion.period_s for one in obstacles])
-        phase: Floats = np.array([one.phase_s for one in obstacles])
+        numbers = ("radius_m", "height_m", "yaw_rad", "motion.period_s", "phase_s", "size_x_m", "size_y_m")
+        columns: Floats = np.array([attrgetter(*numbers)(one) for one in obstacles]).reshape(-1, len(numbers)).T.copy()
+        self.radius_m, self.height_m, self.yaw_rad, period, phase = columns[:5]
+        self.size_m: Points = columns[5:].T.copy()
         pieces = [one.motion.pieces() for one in obstacles]
         ends = np.cumsum([0, *(len(begin) for begin, _, _ in pieces)], dtype=np.int64)
-        begin: Floats = np.concatenate([np.empty(0), *(begin for begin, _, _ in pieces)])
-        duration: Floats = np.concatenate([np.empty(0), *(duration for _, duration, _ in pieces)])
+        begin, duration = (np.concatenate([np.empty(0), *(one[k] for one in pieces)]) for k in (0, 1))
         powers = max((table.shape[2] for _, _, table in pieces), default=1)
         coefficients: Floats = np.zeros((len(begin), 2, powers))
         for place, (_, _, table) in zip(ends.tolist(), pieces, strict=False):

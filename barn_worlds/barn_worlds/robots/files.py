@@ -17,13 +17,11 @@ SCHEMA_VERSION = 1
 ENDINGS = (".yaml", ".yml")
 _MULTIPLIER = "wheel_separation_multiplier"
 # What a file must say of the drive and the lidar: other robots' defaults would be those of the Jackal.
-_NEEDED = {
-    "drive": ("max_speed_m_s", "max_acceleration_m_s2", "max_yaw_rate_rad_s", "max_yaw_acceleration_rad_s2"),
-    "lidar": (
-        "beams", "angle_min_rad", "angle_max_rad", "range_min_m", "range_max_m", "rate_hz", "noise_m", "mount_x_m",
-        "mount_z_m",
-    ),
-}  # fmt: skip
+_NEEDED = (
+    "drive.max_speed_m_s", "drive.max_acceleration_m_s2", "drive.max_yaw_rate_rad_s",
+    "drive.max_yaw_acceleration_rad_s2", "lidar.beams", "lidar.angle_min_rad", "lidar.angle_max_rad",
+    "lidar.range_min_m", "lidar.range_max_m", "lidar.rate_hz", "lidar.noise_m", "lidar.mount_x_m", "lidar.mount_z_m",
+)  # fmt: skip
 
 
 def shipped_robots() -> dict[str, Path]:
@@ -59,13 +57,11 @@ def _read(path: Path) -> Robot:
     content["chassis"] = {"name": name, **of_urdf, **chassis}
     content["drive"] = {_MULTIPLIER: 1.0, **drive}
     robot = from_dict(Robot, content, str(path))
-    needed = dict(_NEEDED)
-    if robot.chassis.kind == "skid_steer":
-        needed["drive"] += (_MULTIPLIER,)
-    given = {"lidar": content["lidar"], "drive": drive}
-    missing = [f"{section}.{key}" for section, keys in needed.items() for key in keys if key not in given[section]]
-    if missing:
-        raise ConfigError(f"{path}: missing key {missing[0]!r}")
+    multiplier = [f"drive.{_MULTIPLIER}"] if robot.chassis.kind == "skid_steer" else []
+    given = {f"{section}.{key}" for section, keys in (("lidar", content["lidar"]), ("drive", drive)) for key in keys}
+    for key in (*_NEEDED, *multiplier):
+        if key not in given:
+            raise ConfigError(f"{path}: missing key {key!r}")
     return robot
 
 

@@ -121,12 +121,8 @@ class Chassis(Checked):
         left, low, right, high = self.body_extent_m
         half_x, half_y = self.wheel_radius_m, 0.5 * self.wheel_width_m
         x, y, _ = zip(*self.wheels_m, strict=True)
-        return (
-            min(left, *(one - half_x for one in x)),
-            min(low, *(one - half_y for one in y)),
-            max(right, *(one + half_x for one in x)),
-            max(high, *(one + half_y for one in y)),
-        )
+        lowest = min(left, min(x) - half_x), min(low, min(y) - half_y)
+        return *lowest, max(right, max(x) + half_x), max(high, max(y) + half_y)
 
     @property
     def circumscribed_m(self) -> float:
@@ -164,10 +160,8 @@ class Chassis(Checked):
         self.require(self.body_height_m > self.ground_clearance_m, "body_height_m", above)
         over = "must be above the ground that wheels and casters stand on, or the robot falls over"
         self.require(contains(self.support_m, self.centre_of_mass_m[:2]), "centre_of_mass_m", over)
-        high = self.centre_of_mass_m[2] + self.base_height_m
-        self.require(
-            high > 0.0, "centre_of_mass_m", f"must be above the ground, {-self.base_height_m:g} m in base_link"
-        )
+        ground = f"must be above the ground, {-self.base_height_m:g} m in base_link"
+        self.require(self.centre_of_mass_m[2] + self.base_height_m > 0.0, "centre_of_mass_m", ground)
 
     @cached_property
     def support_m(self) -> tuple[Corner, ...]:
@@ -175,31 +169,28 @@ class Chassis(Checked):
         return hull([(x, y) for x, y, _ in self.wheels_m] + list(self.casters_m))
 
     def _check_wheels(self) -> None:
-        low = self.wheel_z_m + self.base_height_m - self.wheel_radius_m
-        down = f"must let the wheels touch the ground, {low:+.3f} m away: wheel_radius_m - base_height_m is"
-        wanted = self.wheel_radius_m - self.base_height_m
-        self.require(abs(low) <= _OFF_GROUND_M, "wheel_z_m", f"{down} {wanted:.4g}")
+        low, wanted = (
+            self.wheel_z_m + self.base_height_m - self.wheel_radius_m,
+            self.wheel_radius_m - self.base_height_m,
+        )
+        down = (
+            f"must let the wheels touch the ground, {low:+.3f} m away: wheel_radius_m - base_height_m is {wanted:.4g}"
+        )
+        self.require(abs(low) <= _OFF_GROUND_M, "wheel_z_m", down)
         if self.kind == "differential":
-            self.require(
-                self.wheelbase_m == 0.0, "wheelbase_m", "must be 0 for a differential drive, which has one axle"
-            )
+            one = "must be 0 for a differential drive, which has one axle"
+            self.require(self.wheelbase_m == 0.0, "wheelbase_m", one)
             self.require(bool(self.casters_m), "casters_m", "must say where the casters of a differential drive are")
         else:
             self.require(self.wheelbase_m > 0.0, "wheelbase_m", f"must be above 0 for {self.kind}")
             self.require(not self.casters_m, "casters_m", f"are for a differential drive, not for {self.kind}")
         self.require(len(self.casters_m) <= MOST_CASTERS, "casters_m", f"must be at most {MOST_CASTERS}")
         self._require_points("casters_m")
-        name = "footprint_radius_m" if self.round else "footprint_m"
-        self.require(self._encloses_wheels(), name, "must enclose the wheels")
-
-    def _encloses_wheels(self) -> bool:
         half_long, half_wide = self.wheel_radius_m, 0.5 * self.wheel_width_m
-        return all(
-            contains(self.hull_m, (x + ahead * half_long, y + aside * half_wide), _OUT_M)
-            for x, y, _ in self.wheels_m
-            for ahead in (1, -1)
-            for aside in (1, -1)
-        )
+        sides = [(ahead * half_long, aside * half_wide) for ahead in (1, -1) for aside in (1, -1)]
+        corners = [(x + ahead, y + aside) for x, y, _ in self.wheels_m for ahead, aside in sides]
+        name = "footprint_radius_m" if self.round else "footprint_m"
+        self.require(all(contains(self.hull_m, one, _OUT_M) for one in corners), name, "must enclose the wheels")
 
     def _require_points(self, name: str) -> None:
         points = getattr(self, name)

@@ -40,7 +40,9 @@ def chassis_of(path: Path) -> dict[str, Any]:
     try:
         root = fromstring(read_at_most(path, LARGEST_URDF_BYTES))
         links = links_of(root)
-        return _inertial(links) | _wheels(links) | _ground(links)
+        ground = links.get("base_footprint")
+        height = {"base_height_m": -float(ground.offset[2])} if ground else {}
+        return _inertial(links) | _wheels(links) | height
     except (ParseError, DefusedXmlException, KeyError, ValueError, LookupError) as error:
         raise ConfigError(f"{path}: not a URDF that can be used: {one_line(error)}") from None
     except OSError as error:
@@ -50,18 +52,19 @@ def chassis_of(path: Path) -> dict[str, Any]:
 def links_of(root: Element) -> dict[str, Link]:
     """Return the links of a URDF by name, placed in base_link; ValueError if they are no tree with that link."""
     links = {element.attrib["name"]: element for element in root.findall("link")}
-    joints: dict[str, tuple[str, Element]] = {}
-    for joint in root.findall("joint"):
-        joints[_child(joint, "child").attrib["link"]] = _child(joint, "parent").attrib["link"], joint
+    joints = {
+        _child(joint, "child").attrib["link"]: (_child(joint, "parent").attrib["link"], joint)
+        for joint in root.findall("joint")
+    }
     if "base_link" not in links or len(links) > _MOST_LINKS:
         raise ValueError(f"must have a link base_link, and no more than {_MOST_LINKS} links")
     placed = {name: _in_root(name, joints) for name in links}
     base_offset, base_turn = placed["base_link"]
-    found = {}
-    for name, (offset, turn) in placed.items():
-        moves = name in joints and joints[name][1].get("type") == "continuous"
-        found[name] = Link(links[name], base_turn.T @ (offset - base_offset), base_turn.T @ turn, moves)
-    return found
+    moving = {name for name, (_, joint) in joints.items() if joint.get("type") == "continuous"}
+    return {
+        name: Link(links[name], base_turn.T @ (offset - base_offset), base_turn.T @ turn, name in moving)
+        for name, (offset, turn) in placed.items()
+    }
 
 
 def pose_of(parent: Element) -> tuple[Floats, Floats]:
@@ -75,10 +78,8 @@ def rotation(roll: float, pitch: float, yaw: float) -> Floats:
     """Return the matrix (3, 3) of roll, pitch and yaw about fixed axes."""
     made = np.eye(3)
     for axis, angle in enumerate((roll, pitch, yaw)):
-        turn = np.eye(3)
-        i, j = (axis + 1) % 3, (axis + 2) % 3
-        turn[i, i] = turn[j, j] = math.cos(angle)
-        turn[j, i], turn[i, j] = math.sin(angle), -math.sin(angle)
+        turn, i, j = np.eye(3), (axis + 1) % 3, (axis + 2) % 3
+        turn[[i, j, j, i], [i, j, i, j]] = math.cos(angle), math.cos(angle), math.sin(angle), -math.sin(angle)
         made = turn @ made
     return made
 
@@ -111,11 +112,8 @@ def _inertial(links: dict[str, Link]) -> dict[str, Any]:
     for mass, at, tensor in zip(masses, centres, tensors, strict=True):
         away = at - centre
         total += tensor + mass * (np.dot(away, away) * np.eye(3) - np.outer(away, away))
-    return {
-        "mass_kg": sum(masses),
-        "centre_of_mass_m": tuple(centre.tolist()),
-        "inertia_kg_m2": tuple(np.diag(total).tolist()),
-    }
+    found = {"centre_of_mass_m": tuple(centre.tolist()), "inertia_kg_m2": tuple(np.diag(total).tolist())}
+    return {"mass_kg": sum(masses), **found}
 
 
 def _wheels(links: dict[str, Link]) -> dict[str, Any]:
@@ -131,12 +129,6 @@ def _wheels(links: dict[str, Link]) -> dict[str, Any]:
         found["wheel_radius_m"] = float(cylinders[0].attrib["radius"])
         found["wheel_width_m"] = float(cylinders[0].attrib["length"])
     return found
-
-
-def _ground(links: dict[str, Link]) -> dict[str, Any]:
-    if "base_footprint" not in links:
-        return {}
-    return {"base_height_m": -float(links["base_footprint"].offset[2])}
 
 
 def _tensor(inertia: Element) -> Floats:
