@@ -9,6 +9,7 @@ from barn_worlds.base.errors import WorldError
 from barn_worlds.base.types import OccupancyMap, Pose2D
 from barn_worlds.formats.map_server import write_map
 from barn_worlds.formats.own import write_own
+from barn_worlds.formats.sdf import write_sdf
 from barn_worlds.formats.world_yaml import write_world_yaml
 from barn_worlds.robots.files import STANDARD, load_robot
 from barn_worlds.worlds.course import LONGEST_CHOSEN_M, for_robot
@@ -86,6 +87,19 @@ def test_start_and_goal_stay_with_a_world_in_every_format(tmp_path):
         found = opened(tmp_path / name)
         assert found.checksum == world.checksum
         assert (found.start, found.goal) == (world.start, world.goal)
+
+
+@pytest.mark.parametrize("flavour", ["classic", "gz"])
+def test_start_and_goal_of_a_gazebo_world_are_frames_of_it(tmp_path, flavour):
+    world = open_dataset("barn300").load(0)
+    course = (-2.25, 3.0, 1.5, *np.round(world.path_m()[-4], 6).tolist(), 1.0)
+    world = for_robot(world, STANDARD, course)
+    write_sdf(world, tmp_path / "w_0.world", flavour)
+    assert opened(tmp_path / "w_0.world").course_numbers == course
+    text = (tmp_path / "w_0.world").read_text().replace('frame name="goal"', 'frame name="other"')
+    (tmp_path / "half_0.world").write_text(text)
+    with pytest.raises(WorldError, match="frames start and goal, or none"):
+        opened(tmp_path / "half_0.world")
 
 
 def test_a_larger_robot_gets_ends_and_a_way_of_its_own(tmp_path):

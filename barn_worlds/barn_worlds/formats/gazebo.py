@@ -34,16 +34,23 @@ def read_grid(path: Path) -> tuple[BoolGrid, float]:
     return grid_of(centres, radii, str(path))
 
 
+def read_course(path: Path) -> list[float]:
+    """Return x, y and yaw of the frames `start` and `goal` of a world file, (6,), empty without them; see SDF 1.7."""
+    root = _root(read_maybe_gzipped(path, LARGEST_WORLD_FILE), str(path))
+    found: list[float] = []
+    for name in ("start", "goal"):
+        frame = root.find(f"world/frame[@name='{name}']/pose")
+        if frame is not None:
+            x, y, _, _, _, yaw = _numbers(frame.text, 6, f"{path}: pose of frame {name!r}")
+            found += [x, y, yaw]
+    if len(found) == 3:
+        raise WorldError(f"{path}: must have frames start and goal, or none of them")
+    return found
+
+
 def cylinders(content: bytes, where: str) -> tuple[Points, list[float]]:
     """Return centres (n, 2) in metres and radii of the upright collision cylinders of a world file's content."""
-    if content.count(b"<") > MOST_TAGS:
-        raise WorldError(f"{where}: more than {MOST_TAGS} tags")
-    try:
-        root: Element = fromstring(content, forbid_dtd=True)
-    except DefusedXmlException as error:
-        raise WorldError(f"{where}: document types and entities are not read: {type(error).__name__}") from None
-    except (ParseError, ValueError, LookupError) as error:
-        raise WorldError(f"{where}: not well-formed XML: {error}") from None
+    root = _root(content, where)
     for element in root.findall("world/*"):
         uri = (element.findtext("uri") or "").strip()
         if element.tag in ("actor", "population"):
@@ -55,6 +62,18 @@ def cylinders(content: bytes, where: str) -> tuple[Points, list[float]]:
     if not found:
         raise WorldError(f"{where}: no cylinders in it")
     return np.array(found)[:, :2], [radius for _, _, radius in found]
+
+
+def _root(content: bytes, where: str) -> Element:
+    if content.count(b"<") > MOST_TAGS:
+        raise WorldError(f"{where}: more than {MOST_TAGS} tags")
+    try:
+        root: Element = fromstring(content, forbid_dtd=True)
+    except DefusedXmlException as error:
+        raise WorldError(f"{where}: document types and entities are not read: {type(error).__name__}") from None
+    except (ParseError, ValueError, LookupError) as error:
+        raise WorldError(f"{where}: not well-formed XML: {error}") from None
+    return root
 
 
 def grid_of(centres: Points, radii: list[float], where: str) -> tuple[BoolGrid, float]:

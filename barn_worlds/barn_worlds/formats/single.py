@@ -47,7 +47,8 @@ def read_world(path: Path, robot: Robot = STANDARD, name: str = "") -> World:
     The path comes from path_N.npy in the same folder or in a sibling folder path_files (N: the number in the file's
     name). Without such a file it is planned through the C-space of `robot`. A .npy grid has cells of 0.15 m. A
     .world.yaml has a name and a path of its own. A map that does not show a world of BARN with its containment is taken
-    as it is, in its place; start and goal are those of its .yaml file, else chosen for `robot`.
+    as it is, in its place; start and goal are those of its .yaml file, else chosen for `robot`. Those of a Gazebo world
+    are its frames `start` and `goal`, if it has any.
     """
     check_ending(path)
     kind, resolution_m = ending(path), STANDARD_RESOLUTION_M
@@ -61,7 +62,9 @@ def read_world(path: Path, robot: Robot = STANDARD, name: str = "") -> World:
     else:
         source, grid = "npy", checked_grid(read_npy(path), str(path))
     footprint_cells = robot.footprint_cells(resolution_m)
-    return world_of(called, grid, resolution_m, footprint_cells, source, path, _path_beside(path))
+    world = world_of(called, grid, resolution_m, footprint_cells, source, path, _path_beside(path))
+    course = gazebo.read_course(path) if kind in GAZEBO_ENDINGS else []
+    return with_course(world, robot, course_of(course, str(path))) if course else world
 
 
 def world_of(
