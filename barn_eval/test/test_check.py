@@ -3,15 +3,22 @@
 import json
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
+from forgery import forge, rewrite_bag, without_bags, won
+from planners import Straight
 
 import barn_eval as barn
 from barn_eval.bags.recorder import Recorder
 from barn_eval.experiments.rows import sealed
 from barn_eval.trials.protocol import CHALLENGE
 from barn_worlds.base.errors import ConfigError
+from barn_worlds.messages import decode
+from barn_worlds.messages.encode import OdometryEncoder
+from barn_worlds.messages.topics import GROUND_TRUTH
 
+SAID = "2 of 2 rows, 2 tracks, 2 bags, 2 driven again\n"
 SHORT = replace(CHALLENGE, name="short", limit_s=3.0, timeout_time_s=3.0, first_motion_limit_s=3.0)
 
 
@@ -58,9 +65,10 @@ def replace_text(path, old, new):
 
 def test_a_good_folder_has_nothing_wrong_with_it(driven, check):
     found = barn.results.check(driven)
-    assert (found.trials, found.rows, found.tracks, found.bags) == (2, 2, 2, 2)
+    assert (found.trials, found.rows, found.tracks, found.bags, found.driven) == (2, 2, 2, 2, 2)
     assert found.problems == []
-    assert check(driven) == (0, "2 of 2 rows, 2 tracks, 2 bags\n", [])
+    assert found.unchecked == []
+    assert check(driven) == (0, SAID, [])
     code, out, _ = check(driven, "--json")
     assert (code, json.loads(out)["problems"]) == (0, [])
 
@@ -85,7 +93,7 @@ def test_an_unfinished_folder_is_good_as_far_as_it_goes(folder):
         (lambda out: change_row(out, 0, measures__driven_m=0.1), "m by its track, 0.10 m by its row"),
         (lambda out: change_row(out, 0, measures__contacts=3), "has 3 contacts by its row, by its track not so"),
         (lambda out: change_row(out, 0, seal=False, name="tracks.jsonl", note="x"), "tracks.jsonl, line 1: damaged"),
-        (lambda out: (out / "tracks.jsonl").unlink(), "tracks.jsonl: has no track of gap_w0000_r00, which drove"),
+        (lambda out: (out / "tracks.jsonl").unlink(), "gap_w0000_r00: has no track, though it drove"),
         (lambda out: shutil.rmtree(out / "bags" / "gap_w0000_r00"), "gap_w0000_r00: is missing, bags of all trials"),
         (lambda out: (out / "results.parquet").unlink(), "results.parquet: is missing, though all trials have rows"),
         (lambda out: (out / "results.parquet").write_bytes(b"PAR1"), "results.parquet: "),
@@ -128,8 +136,7 @@ def test_what_is_no_experiment_is_one_line(tmp_path, check):
 @pytest.mark.parametrize("trial", ["gap_w0120_r00", "2"])
 def test_a_trial_that_is_run_again_is_reproduced(driven, check, trial):
     before = sorted(driven.rglob("*"))
-    said = f"2 of 2 rows, 2 tracks, 2 bags\n{trial} is reproduced\n"
-    assert check(driven, "--rerun", trial)[:2] == (0, said)
+    assert check(driven, "--rerun", trial)[:2] == (0, f"{SAID}{trial} is reproduced\n")
     assert sorted(driven.rglob("*")) == before
 
 
@@ -154,3 +161,62 @@ def test_a_trial_that_went_otherwise_is_told_by_what_differs_first(folder):
         barn.load(folder).rerun("dwa_w0000_r00")
     assert barn.load(folder).rerun(0).startswith("measures.rms_jerk_mps3 is 7.0 in the row, ")
     assert barn.load(folder).rerun(1) == ""
+
+
+# A robot that drives blindly at its goal and hits a post, and what somebody does who would rather have won.
+@pytest.fixture(scope="module")
+def collided(tmp_path_factory):
+    out = tmp_path_factory.mktemp("collided") / "out"
+    run = barn.run("120", {"straight": Straight}, out=out, bags="all", engine="inline", progress=False)
+    assert [one.outcome for one in run.trials] == ["collision"]
+    return run.folder
+
+
+FORGERIES = {
+    "a challenge score of 7": (lambda row: {"scores__challenge": 7.0}, "scores.challenge is 7.0 in the row, 0.0 comp"),
+    "a time below zero": (lambda row: {"scores__traversal_time_s": -5.0}, "scores.traversal_time_s is -5, can be 0"),
+    "a success": (won, "outcome is success in the row, its track"),
+    "a success too fast for the robot": (lambda row: won(row, 3.0), "scores.least_time_s does not fit"),
+    "another time on the clock": (lambda row: {"scores__traversal_time_s": 0.5}, "traversal_time_s is 0.50 in the row"),
+    "more room": (lambda row: {"measures__min_clearance_m": 0.3}, "by its track, 0.300 m by its row"),
+    "a shorter way": (lambda row: {"measures__driven_m": 0.2}, "m by its track, 0.20 m by its row"),
+    "no contact": (lambda row: {"measures__contacts": 0}, "has 0 contacts by its row"),
+    "another speed cap": (lambda row: {"speed_cap_mps": 0.5}, "speed_cap_mps is 0.5 in the row"),
+    "nobody's fault": (lambda row: {"fault": "environment"}, "fault is 'environment' in the row"),
+}
+
+
+@pytest.mark.parametrize("bags", ["all", "none"])
+@pytest.mark.parametrize("name", FORGERIES)
+def test_what_was_forged_is_found_though_checksums_tables_and_bag_were_forged_with_it(collided, tmp_path, name, bags):
+    changes, words = FORGERIES[name]
+    folder = Path(shutil.copytree(collided, tmp_path / "out"))
+    if bags == "none":
+        without_bags(folder)
+        told = barn.results.check(folder)
+        assert (told.problems, told.driven) == ([], 0)
+        assert told.unchecked[0].startswith("1 trials are not driven again: their commands are not kept")
+    forge(folder, **changes(barn.load(folder).trials[0]))
+    problems = barn.results.check(folder).problems
+    assert any(words in one for one in problems), problems
+
+
+def test_a_bag_that_no_drive_can_have_left_is_found_by_driving_its_commands_again(collided, tmp_path):
+    folder = Path(shutil.copytree(collided, tmp_path / "out"))
+    row = barn.load(folder).trials[0]
+    (bag,) = (folder / "bags").iterdir()
+
+    def shifted(message):
+        if message.topic != GROUND_TRUTH.path:
+            return message.data
+        true = decode.odometry(message.data)
+        moved = replace(true, pose=replace(true.pose, x=true.pose.x + 0.002))
+        return OdometryEncoder("map", "base_link").encode(moved, true.stamp_ns)
+
+    rewrite_bag(bag, shifted, row.repeatable())
+    (problem,) = (one for one in barn.results.check(folder).problems if "give another trajectory" in one)
+    assert problem.endswith("its commands, driven again, give another trajectory from 0.00 s on, up to 0.002 m away")
+
+
+def test_so_many_trials_are_driven_again_as_are_asked_for(driven, check):
+    assert check(driven, "--sample", 1)[:2] == (0, SAID.replace("2 driven", "1 driven"))

@@ -16,7 +16,7 @@ from barn_worlds.base.errors import BarnError, suggest
 COMMANDS = {
     "demo": "Drive three worlds under DWA over ROS 2 and show the scores.",
     "run": "Run trials of planners in worlds, resumed where they stopped, and score them.",
-    "check": "Check that the files of an experiment belong together.",
+    "check": "Compute the results of an experiment again and say what does not hold.",
     "compare": "Compare planners on the same worlds and seeds.",
     "precision": "Say how many worlds a wanted precision needs.",
     "leaderboard": "Rank the planners of many experiments, ties as ties.",

@@ -1,63 +1,106 @@
 """Whether what is in the folder of an experiment belongs together: rows, tracks, bags, tables, worlds."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
+from random import SystemRandom
 from typing import TypeVar
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 
 from barn_eval.bags import BAGS
-from barn_eval.bags.bagfile import BagFile
-from barn_eval.experiments.experiment import Experiment
+from barn_eval.experiments.again import COMMANDS_NAME, CheckedTrial, CheckWork, Recorded
+from barn_eval.experiments.engine import Done, InlineEngine, Note, Part, Refused
+from barn_eval.experiments.experiment import Execution, Experiment
 from barn_eval.experiments.folder import require_of
+from barn_eval.experiments.local import LocalEngine
 from barn_eval.experiments.rows import FILE_NAME, RESULTS, TRACKS_NAME, csv_bytes, results_table, unsealed
 from barn_eval.experiments.run_file import RunFile
-from barn_eval.experiments.track import CHANNELS, Track, from_track_line
+from barn_eval.experiments.track import from_track_line
 from barn_eval.trials import identity
+from barn_eval.trials.protocol import check_name
 from barn_eval.trials.result import TrialResult, from_json_line
 from barn_eval.trials.spec import TrialSpec
-from barn_worlds.base.errors import BarnError, one_line
+from barn_worlds.base.errors import BarnError, ConfigError, one_line
 from barn_worlds.base.files import read_at_most
 from barn_worlds.base.text_files import parse_json, read_lines
 
 T = TypeVar("T")
 _LARGEST_TABLE_BYTES = 1 << 28
+_SHARE = 8  # trials that a worker checks at a time
 
 
 @dataclass
 class FolderCheck:
-    """What a check has found."""
+    """What a check has found. driven: trials of which the recorded commands were driven again.
+
+    problems: a line for each thing that is wrong; unchecked: for what could not be checked.
+    """
 
     trials: int = 0
     rows: int = 0
     tracks: int = 0
     bags: int = 0
+    driven: int = 0
     problems: list[str] = field(default_factory=list)
+    unchecked: list[str] = field(default_factory=list)
 
 
-def check_folder(folder: Path) -> FolderCheck:
-    """Return what is wrong with a folder of results, finished or not; BarnError where its run.json cannot be read."""
+def check_folder(folder: Path, *, sample: int | None = None, workers: int = 0) -> FolderCheck:
+    """Return what is wrong with a folder of results, finished or not; BarnError where its run.json cannot be read.
+
+    Every row is computed again from what was recorded. sample: the commands of so many trials, drawn anew, are driven
+    again, None for all. workers: processes at a time, 0 for one per processor.
+    """
     run = RunFile.read(folder)
     experiment = run.configuration()
-    specs = {spec.trial_id: spec for spec in experiment.trials()}
-    found = FolderCheck(trials=len(specs))
+    check_name(experiment.protocol, f"{run.path}: ")
+    found = FolderCheck()
+    specs = {spec.trial_id: spec for spec in _specs(experiment, found)}
+    found.trials = len(specs)
     for index, checksum in {spec.index: spec.world.checksum for spec in specs.values()}.items():
         if run.worlds.get(str(index), checksum) != checksum:
             found.problems.append(f"{run.path}: world {index} of {experiment.dataset} is not the one it names")
     rows = _rows(folder, specs, run.written_task(), found)
     path = folder / TRACKS_NAME
     tracks = {trial_id: track for _, trial_id, track in _read(path, specs, from_track_line, found)}
+    sent = folder / COMMANDS_NAME  # of a submission, in place of bags
+    commands = {name: line for _, name, line in _read(sent, specs, _named, found)} if sent.exists() else None
     found.rows, found.tracks = len(rows), len(tracks)
+    drawn = rows if sample is None else SystemRandom().sample(sorted(rows), min(sample, len(rows)))
+    trials = []
     for trial_id, row in rows.items():
-        found.problems += _differences(row, tracks.get(trial_id), path)
+        bag: Path | None = folder / BAGS / trial_id
+        kept = experiment.bags == "all" or (experiment.bags == "failed" and not row.scores.success)
+        if commands is not None or not (folder / BAGS / trial_id).is_dir():
+            if kept and commands is None and row.measures.driven_m > 0.0:
+                found.problems.append(f"{bag}: is missing, bags of {experiment.bags} trials are kept")
+            bag = None
+        line = (commands or {}).get(trial_id, "")
+        trials.append(Recorded(row, specs[trial_id], tracks.get(trial_id), bag, line, trial_id in drawn))
+    unchecked = Counter[str]()
+    for one, told in _checked(trials, workers) if trials else ():
+        found.bags, found.driven = found.bags + told.bag, found.driven + told.driven
+        where = f"{folder}: {one.row.trial_id}: "  # of a bag, the problem names the path
+        found.problems += [line if line.startswith(str(one.bag)) else where + line for line in told.problems]
+        unchecked[told.unchecked] += 1
+    found.unchecked += [f"{count} trials are not driven again: {why}" for why, count in unchecked.items() if why]
     if len(rows) == len(specs):
         found.problems += [f"{path}: {trial_id} has a track and no row" for trial_id in tracks.keys() - rows.keys()]
-        found.problems += _tables(folder, [rows[trial_id] for trial_id in specs])
-    found.problems += _bags(folder, experiment, rows, found)
+        found.problems += _tables(folder, [rows[trial_id] for trial_id in specs]) if commands is None else []
     return found
+
+
+def _specs(experiment: Experiment, found: FolderCheck) -> list[TrialSpec]:
+    """Return the trials of an experiment, of planners that are not installed here as well."""
+    try:
+        return experiment.trials()
+    except ConfigError as error:
+        found.unchecked.append(f"parameters and speed caps are as stated: {error}")
+        return experiment.trials(started_by_hand=True)
 
 
 def difference(row: TrialResult, again: TrialResult) -> str:
@@ -104,49 +147,36 @@ def _rows(folder: Path, specs: Mapping[str, TrialSpec], task: str, found: Folder
     return rows
 
 
-def _differences(row: TrialResult, track: Track | None, path: Path) -> Iterator[str]:
-    """Yield what of a row is not what its track says, as far as its rounding allows to tell."""
-    if track is None:
-        if row.measures.driven_m > 0.0:
-            yield f"{path}: has no track of {row.trial_id}, which drove {row.measures.driven_m:.2f} m"
-        return
-    clearance = track.samples[:, CHANNELS.index("clearance")]
-    nearest, stated = np.nanmin(clearance, initial=np.inf), row.measures.min_clearance_m
-    if stated is not None and np.isfinite(nearest) and abs(nearest - stated) > _slack(track, "clearance"):
-        yield f"{path}: {row.trial_id} came as near as {nearest:.3f} m by its track, {stated:.3f} m by its row"
-    if bool(track.contact.any()) != bool(row.measures.contacts):
-        yield f"{path}: {row.trial_id} has {row.measures.contacts} contacts by its row, by its track not so"
-    straight = np.hypot(*np.diff(track.samples[:, 1:3], axis=0).T).sum()
-    slack = 2.0 * _slack(track, "x") * len(track.samples)
-    if straight > row.measures.driven_m + slack:
-        yield f"{path}: {row.trial_id} drove {straight:.2f} m by its track, {row.measures.driven_m:.2f} m by its row"
+def _named(line: str, where: str) -> tuple[str, str]:
+    content = parse_json(line, where)
+    return str(content.get("trial_id") if isinstance(content, dict) else ""), line
 
 
-def _slack(track: Track, channel: str) -> float:
-    return float(track.steps[CHANNELS.index(channel)])
-
-
-def _bags(folder: Path, experiment: Experiment, rows: Mapping[str, TrialResult], found: FolderCheck) -> Iterator[str]:
-    for trial_id, row in rows.items():
-        path = folder / BAGS / trial_id
-        kept = experiment.bags == "all" or (experiment.bags == "failed" and not row.scores.success)
-        if not path.is_dir():
-            if kept and row.measures.driven_m > 0.0:
-                yield f"{path}: is missing, bags of {experiment.bags} trials are kept"
-            continue
-        found.bags += 1
-        try:
-            bag = BagFile(path)
-            count = sum(1 for _ in bag.messages())
-            written = parse_json(bag.metadata.get("barn.result", {}).get("result", "{}"), f"{path}: barn.result")
-        except BarnError as error:
-            yield str(error)
-            continue
-        empty = "the bag is empty" if not count and row.measures.driven_m > 0.0 else ""
-        if bag.problem or empty:
-            yield f"{path}: {bag.problem or empty}"
-        elif (other := identity.first_difference(row.repeatable(), written)) is not None and written:
-            yield f"{path}: {other[0]} is {other[1]!r} in the row, {other[2]!r} in the bag"
+def _checked(trials: Sequence[Recorded], workers: int) -> Iterator[tuple[Recorded, CheckedTrial]]:
+    """Yield what there is to say of trials, looked at by so many processes, 0 for one per processor."""
+    jobs = {str(first): trials[first : first + _SHARE] for first in range(0, len(trials), _SHARE)}
+    few, processes = len(jobs) == 1, Execution(workers=workers).processes
+    with closing(
+        InlineEngine(CheckWork()) if few else LocalEngine(CheckWork(), min(processes, len(jobs)), 0.0)
+    ) as engine:
+        waiting, out = deque(jobs), set[str]()
+        while waiting or out:
+            while waiting and len(out) < engine.slots:
+                out.add(key := waiting.popleft())
+                engine.submit(key, jobs[key])
+            for report in engine.wait(1.0):
+                if isinstance(report, (Note, Part)):
+                    continue
+                out.discard(report.key)
+                job = jobs[report.key]
+                if isinstance(report, Done):
+                    yield from zip(job, report.result, strict=True)
+                elif len(job) > 1:  # one of them
+                    jobs |= {f"{report.key}.{k}": [one] for k, one in enumerate(job)}
+                    waiting.extend(f"{report.key}.{k}" for k in range(len(job)))
+                else:
+                    why = report.message if isinstance(report, Refused) else report.reason
+                    yield job[0], CheckedTrial((f"cannot be checked: {why}",))
 
 
 def _tables(folder: Path, rows: list[TrialResult]) -> Iterator[str]:

@@ -32,13 +32,14 @@ Folder = HasFolder | str | Path
 Folders = Folder | Sequence[Folder]
 
 
-def check(folder: str | Path) -> FolderCheck:
-    """Check whether rows, tracks, bags, tables, worlds and configuration in a folder belong together.
+def check(folder: str | Path, sample: int | None = None) -> FolderCheck:
+    """Compute the results in a folder again, from its tracks and bags, and drive recorded commands again.
 
-    `Results.rerun` runs a trial again and compares.
+    `Results.rerun` runs a trial again with its planner, and compares.
 
     Args:
         folder: Of an experiment, finished or not.
+        sample: Of so many trials commands are driven again. Default: of all.
 
     Returns:
         What was looked at and, in `problems`, a line for each thing that is wrong.
@@ -46,7 +47,7 @@ def check(folder: str | Path) -> FolderCheck:
     Raises:
         BarnError: There is no experiment at all.
     """
-    return check_folder(Path(folder))
+    return check_folder(Path(folder), sample=sample)
 
 
 def compare(a: Folder, b: Folder) -> pd.DataFrame:

@@ -1,0 +1,55 @@
+"""Results that somebody has improved, with checksums and tables that are right."""
+
+import json
+import shutil
+
+from barn_eval.bags.bagfile import BagFile
+from barn_eval.bags.recorder import Recorder
+from barn_eval.experiments.rows import ResultRows, sealed, unsealed, write_tables
+from barn_eval.trials.result import from_json_line
+from barn_worlds.base.config import as_dict
+
+
+def forge(folder, **changes):
+    """Change the first row of a folder, by dotted names with "__", and all that is made of it."""
+    path = folder / "results.jsonl"
+    first, *others = path.read_text().splitlines()
+    row = json.loads(unsealed(first, ""))
+    for key, value in changes.items():
+        part, _, last = key.rpartition("__")
+        (row[part] if part else row)[last] = value
+    path.write_text("".join(f"{line}\n" for line in (sealed(json.dumps(row)), *others)))
+    write_tables(folder, ResultRows(folder).read())
+    bag = folder / "bags" / row["trial_id"]
+    if bag.is_dir():
+        rewrite_bag(bag, lambda message: message.data, from_json_line(json.dumps(row), "").repeatable())
+    return row
+
+
+def rewrite_bag(path, data_of, result):
+    """Write a bag again with other messages and another result."""
+    there = BagFile(path)
+    messages = list(there.messages())
+    shutil.move(path, path.with_name("old"))
+    with Recorder(path) as recorder:
+        for one in messages:
+            recorder.add_topic(one.topic, one.type_name)
+            recorder.write(one.topic, data_of(one), one.stamp_ns)
+        recorder.add_metadata("barn.result", {"result": result})
+        recorder.finish()
+    shutil.rmtree(path.with_name("old"))
+
+
+def without_bags(folder):
+    """Make of a folder one that never kept bags."""
+    shutil.rmtree(folder / "bags")
+    run = folder / "run.json"
+    run.write_text(run.read_text().replace('"bags": "all"', '"bags": "none"'))
+
+
+def won(row, time_s=10.0):
+    """Return what to change in a row so that its trial was a quick success."""
+    scores = dict(row.scores.__dict__, success=True, traversal_time_s=time_s, scored_time_s=time_s, challenge=0.5)
+    scores |= {"normalised_time_s_per_m": time_s / row.scores.path_length_m, "challenge_2022": 0.25}
+    scores["efficiency"] = row.scores.least_time_s / time_s
+    return {"outcome": "success", "fault": "", "detail": "", "scores": as_dict(type(row.scores)(**scores))}
