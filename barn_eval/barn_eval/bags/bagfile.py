@@ -3,6 +3,7 @@
 import re
 import sqlite3
 import struct
+import zlib
 from collections.abc import Collection, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -16,7 +17,6 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import breakup_chunk
 from rosbags.rosbag2 import Reader, ReaderError
 from zstandard import ZstdDecompressor, ZstdError
 
@@ -32,6 +32,7 @@ LARGEST_BAG, MESSAGE_BYTES = 1 << 29, 256  # of all messages; what each takes be
 _LATEST_NS = (1 << 63) - 1  # no ROS clock reads more
 _MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")  # of a record: its kind and length
+_MESSAGE = struct.Struct("<HIQQ")  # of a message: channel, number, time of the log and of publication
 _KINDS: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata}
 DAMAGE = (McapError, ZstdError, struct.error, ValueError, KeyError, IndexError, RuntimeError, OverflowError, TypeError)
 
@@ -174,12 +175,27 @@ class McapFile:
 
     def _record(self, kind: int, content: ReadDataStream, size: int) -> Iterator[RawMessage]:
         if kind == Opcode.CHUNK:
-            for record in breakup_chunk(unpacked(Chunk.read(content)), validate_crc=True):
-                yield from self._take(record)
+            yield from self._chunk(unpacked(Chunk.read(content)))
         elif kind == Opcode.MESSAGE:
             yield from self._take(Message.read(content, size))
         elif kind in _KINDS:
             yield from self._take(_KINDS[kind].read(content))
+
+    def _chunk(self, chunk: Chunk) -> Iterator[RawMessage]:
+        """Yield the messages of an unpacked chunk: thousands a second, for which mcap's own reader is too slow."""
+        data, at = chunk.data, 0
+        if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+            raise ValueError("a chunk that has not its checksum")
+        while at < len(data):
+            kind, size = _HEAD.unpack_from(data, at)
+            at, start = at + _HEAD.size + size, at + _HEAD.size
+            if at > len(data):
+                raise EndOfFile
+            if kind == Opcode.MESSAGE:
+                channel, _, stamp_ns, _ = _MESSAGE.unpack_from(data, start)
+                yield RawMessage(*self._channels[channel], stamp_ns, data[start + _MESSAGE.size : at])
+            elif kind in _KINDS:
+                yield from self._take(_KINDS[kind].read(ReadDataStream(BytesIO(data[start:at]))))
 
     def _take(self, record: McapRecord) -> Iterator[RawMessage]:
         if isinstance(record, Message):
