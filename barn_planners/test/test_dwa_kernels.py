@@ -306,10 +306,9 @@ def test_nothing_is_taken_where_everything_touches():
 
 def test_traces_are_the_rolled_out_poses():
     start = STARTS[0]
-    points = np.empty((80, 3))
-    count = kernels.trace(start, 0.5, 0.8, MOTION, points)
+    places, headings = kernels.poses_of(start, 0.5, 0.8, MOTION, 80)
     everywhere = dict.fromkeys(np.ndindex(ROWS, COLS), 0)
     _, end = plain_rollout(np.zeros((ROWS, COLS), np.uint8), everywhere, everywhere, start, 0.5, 0.8)
-    assert count == 50
-    np.testing.assert_allclose(points[count - 1], end, atol=1e-12)
-    assert (points[count:] == points[count - 1]).all()
+    assert len(places) == 50
+    np.testing.assert_allclose([*places[-1], headings[-1, 0]], end, atol=1e-12)
+    assert len(kernels.poses_of(start, 0.5, 0.8, MOTION, 20)[0]) == 20

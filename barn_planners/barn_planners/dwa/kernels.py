@@ -10,8 +10,8 @@ from numba import njit
 from barn_planners.costmap.kernels import footprint_spans, line_between, next_cell, placed
 from barn_planners.dwa.wavefront import UNREACHED, Wavefront, begin, blocked, plan_cells, steps_to
 
-TOUCHES = -1.0
-NO_WAY = -2.0
+TOUCHES, NO_WAY = -1.0, -2.0  # costs of samples that are not allowed
+_ALL = 2**62
 
 # Columns of the table of samples.
 SPEED, TURN, COST, END_X, END_Y, END_YAW, PATH, GOAL, OBSTACLE = range(9)
@@ -35,11 +35,11 @@ class Ground(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """What rollouts are scored on: a costmap, and the steps to the plan and to its end."""
+    """What rollouts are scored on."""
 
     ground: Ground
-    path: Wavefront
-    goal: Wavefront
+    path: Wavefront  # steps to the plan
+    goal: Wavefront  # and to its end
 
 
 class Start(NamedTuple):
@@ -73,9 +73,7 @@ class Weights(NamedTuple):
 @njit(cache=True)
 def _evenly(low, high, count, added_up):  # type: ignore[no-untyped-def]
     """Return `count` values from low to high, to the last bit those of numpy.linspace, or steps added up."""
-    values = np.empty(count)
-    step = (high - low) / (count - 1)
-    value = low
+    step, value, values = (high - low) / (count - 1), low, np.empty(count)
     for k in range(count):
         values[k] = value if added_up else k * step + low
         value += step
@@ -85,56 +83,33 @@ def _evenly(low, high, count, added_up):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def forward_samples(slowest, fastest, low, high, speeds, turns, highest, added_up):  # type: ignore[no-untyped-def]
-    """Return samples (n, 2): for each of `speeds` straight ahead, then `turns` rates, the highest one only if asked."""
-    rates = _evenly(low, high, turns, added_up)
-    kept = turns + 1 if highest else turns
-    samples = np.zeros((speeds * kept, 2))
-    for i, speed in enumerate(_evenly(slowest, fastest, speeds, added_up)):
-        for k in range(kept):
-            samples[i * kept + k, 0] = speed
-            if k > 0:
-                samples[i * kept + k, 1] = rates[k - 1]
-    return samples
-
-
-@njit(cache=True)
-def turn_samples(low, high, turns, slowest, skip_slow, added_up):  # type: ignore[no-untyped-def]
-    """Return rates (n,) of turns in place, none slower than `slowest`; skip_slow: none within a step of zero."""
-    rates = _evenly(low, high, turns, added_up)
-    step = (high - low) / (turns - 1)
-    kept = 0
-    for rate in rates:
-        if not skip_slow or abs(rate) > step:
-            rates[kept] = max(rate, slowest) if rate > 0.0 else min(rate, -slowest)
-            kept += 1
-    return rates[:kept]
-
-
-@njit(cache=True)
 def sample_table(speeds, turns, counts, highest, slowest, skip_slow, added_up):  # type: ignore[no-untyped-def]
-    """Return the table of samples, all else 0, and how many of them drive forward.
+    """Return the table of samples, all else 0, and how many of them drive forward; the others turn in place.
 
-    speeds: lowest and highest; turns: lowest and highest rate; counts: of both, no speeds if none may drive forward.
+    speeds, turns: lowest and highest; counts: of both, no speeds if none may drive forward. Each speed has one sample
+    straight ahead, then one per turn, the highest only if asked. slowest: of turns in place; skip_slow: none of these
+    within a step of zero.
     """
-    forward, (low, high) = np.empty((0, 2)), turns
-    if counts[0] > 0:
-        forward = forward_samples(speeds[0], speeds[1], low, high, counts[0], counts[1], highest, added_up)
-    in_place = turn_samples(low, high, counts[1], slowest, skip_slow, added_up)
-    drives = len(forward)
-    table = np.zeros((drives + len(in_place), OBSTACLE + 1))
-    table[:drives, : TURN + 1] = forward
-    table[drives:, TURN] = in_place
-    return table, drives
+    (low, high), (speed_count, turn_count) = turns, counts
+    rates, kept = _evenly(low, high, turn_count, added_up), turn_count + 1 if highest else turn_count
+    drives = speed_count * kept
+    table, end = np.zeros((drives + turn_count, OBSTACLE + 1)), drives
+    if drives > 0:
+        forward = _evenly(speeds[0], speeds[1], speed_count, added_up)
+        for k in range(drives):
+            table[k, SPEED], table[k, TURN] = forward[k // kept], rates[k % kept - 1] if k % kept > 0 else 0.0
+    for rate in rates:
+        if not skip_slow or abs(rate) > (high - low) / (turn_count - 1):
+            table[end, TURN] = max(rate, slowest) if rate > 0.0 else min(rate, -slowest)
+            end += 1
+    return table[:end], drives
 
 
 @njit(cache=True)
 def prepare(costs, fields, plan, frame, pose, outline, reach, robot_blocks_goal):  # type: ignore[no-untyped-def]
-    """Bring fields up to date for a cycle; return whether the plan has cells on the grid.
+    """Bring the fields of `_Fields` up to date for a cycle; return whether the plan has cells on the grid.
 
-    fields: copy of the costs, `clear`, cells that block, those of the plan, wavefronts to it and to its end. frame:
-    outer corner of the first cell, side of a cell; reach: metres that rollouts may lead from the pose (x, y, yaw);
-    robot_blocks_goal: the robot's own cells are not freed for distances from the plan's end.
+    reach: metres that rollouts may lead from the pose (x, y, yaw).
     """
     (copy, clear, walls, seeds, path, goal), (rows, cols) = fields, costs.shape
     (origin_x, origin_y, resolution), (x, y, yaw) = frame, pose
@@ -204,12 +179,11 @@ def row_col(grid, x, y):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def edges_cost(costs, clear, grid, outline, x, y, cos_yaw, sin_yaw, corners, highest):  # type: ignore[no-untyped-def]
-    """Return the larger of `highest` and the highest cost under the footprint's edges at a pose, -1 if not allowed.
+    """Return the larger of `highest` and what `edge_cost` gives for the footprint at a pose, -1 if that is -1.
 
-    That is where an edge touches a lethal cell or leaves the grid, as for `edge_cost` of a costmap. The first arguments
-    are those of `Ground`, one by one: taking an array out of a tuple for each pose would count references.
-    corners: int64 (n,), cells of the corners at the pose before, whose edges are part of `highest`; takes those of this
-    pose. Edges that have not moved are skipped. All are -1 before the first pose.
+    The first arguments are those of `Ground`, one by one: taking an array out of a tuple would count references.
+    corners: int64 (n,), cells of the corners at the pose before, -1 before the first, whose edges are part of
+    `highest`; takes those of this pose. Edges that have not moved are skipped.
     """
     rows, cols = costs.shape
     last = len(outline) - 1
@@ -240,9 +214,7 @@ def edges_cost(costs, clear, grid, outline, x, y, cos_yaw, sin_yaw, corners, hig
 @njit(cache=True)
 def approach(wanted, now, change):  # type: ignore[no-untyped-def]
     """Return a velocity moved towards the wanted one by at most `change`."""
-    if wanted >= now:
-        return min(wanted, now + change)
-    return max(wanted, now - change)
+    return min(wanted, now + change) if wanted >= now else max(wanted, now - change)
 
 
 @njit(cache=True)
@@ -258,56 +230,54 @@ def steps_at(front, row, col):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def rollout(scene, start, motion, weights, row):  # type: ignore[no-untyped-def]
-    """Score one sample, in place, by its speed and turn; the cost is TOUCHES or NO_WAY where a pose is not allowed."""
-    x, y, yaw, speed, turn = start
-    steps = step_count(row[SPEED], row[TURN], motion)
-    dt = motion.time_s / steps
-    ground, path, goal = scene
-    costs, clear, grid, outline = ground
-    obstacle, corners = 0, np.full(len(outline), -1)
-    row[COST] = TOUCHES
+def turn_along(start, turn, steps, motion, headings):  # type: ignore[no-untyped-def]
+    """Fill `headings` (steps or more, 3) with yaw, its cosine and its sine at each pose of a rollout."""
+    yaw, rate, dt = start.yaw, start.turn, motion.time_s / steps
     for k in range(steps):
-        cos_yaw, sin_yaw = math.cos(yaw), math.sin(yaw)
-        obstacle = edges_cost(costs, clear, grid, outline, x, y, cos_yaw, sin_yaw, corners, obstacle)
-        if obstacle < 0:
-            return
-        cell = row_col(grid, x, y)
-        to_path, to_goal = steps_at(path, *cell), steps_at(goal, *cell)
-        if to_path >= UNREACHED or to_goal >= UNREACHED:
-            row[COST] = NO_WAY
-            return
-        row[END_X], row[END_Y], row[END_YAW] = x, y, yaw
-        row[PATH], row[GOAL] = to_path, to_goal
-        if k + 1 < steps:
-            speed = approach(row[SPEED], speed, motion.acceleration * dt)
-            turn = approach(row[TURN], turn, motion.turn_acceleration * dt)
-            x += speed * cos_yaw * dt
-            y += speed * sin_yaw * dt
-            yaw += turn * dt
-    row[OBSTACLE] = obstacle
-    row[COST] = weights.path * row[PATH] + weights.goal * row[GOAL] + weights.obstacle * obstacle
+        headings[k, 0], headings[k, 1], headings[k, 2] = yaw, math.cos(yaw), math.sin(yaw)
+        rate = approach(turn, rate, motion.turn_acceleration * dt)
+        yaw += rate * dt
+
+
+@njit(cache=True)
+def drive_along(start, speed, steps, motion, headings, places):  # type: ignore[no-untyped-def]
+    """Fill `places` (steps or more, 2) with x and y at each pose of a rollout."""
+    x, y, now, dt = start.x, start.y, start.speed, motion.time_s / steps
+    for k in range(steps):
+        places[k, 0], places[k, 1] = x, y
+        now = approach(speed, now, motion.acceleration * dt)
+        x += now * headings[k, 1] * dt
+        y += now * headings[k, 2] * dt
+
+
+@njit(cache=True)
+def poses_of(start, speed, turn, motion, most):  # type: ignore[no-untyped-def]
+    """Return places (n, 2) and headings (n, 3) of a rollout of at most so many poses."""
+    steps = min(step_count(speed, turn, motion), most)
+    places, headings = np.empty((steps, 2)), np.empty((steps, 3))
+    turn_along(start, turn, steps, motion, headings)
+    drive_along(start, speed, steps, motion, headings, places)
+    return places, headings
 
 
 @njit(cache=True)
 def score(scene, start, motion, weights, table):  # type: ignore[no-untyped-def]
-    """Score all samples of a table."""
-    for k in range(len(table)):
-        rollout(scene, start, motion, weights, table[k])
-
-
-@njit(cache=True)
-def trace(start, speed, turn, motion, points):  # type: ignore[no-untyped-def]
-    """Write the poses (n, 3) of a rollout to `points`, padded with the last one; return their number."""
-    x, y, yaw, v, w = start
-    steps = min(step_count(speed, turn, motion), len(points))
-    dt = motion.time_s / steps
-    for k in range(steps):
-        points[k, 0], points[k, 1], points[k, 2] = x, y, yaw
-        v = approach(speed, v, motion.acceleration * dt)
-        w = approach(turn, w, motion.turn_acceleration * dt)
-        x += v * math.cos(yaw) * dt
-        y += v * math.sin(yaw) * dt
-        yaw += w * dt
-    points[steps:] = points[steps - 1]
-    return steps
+    """Score samples by their speeds and turns; the cost is TOUCHES or NO_WAY where a pose is not allowed."""
+    (costs, clear, grid, outline), path, goal = scene
+    for row in table:
+        places, headings = poses_of(start, row[SPEED], row[TURN], motion, _ALL)
+        obstacle, corners, row[COST] = 0, np.full(len(outline), -1), TOUCHES
+        for k in range(len(places)):
+            (x, y), (yaw, cos_yaw, sin_yaw) = places[k], headings[k]
+            obstacle = edges_cost(costs, clear, grid, outline, x, y, cos_yaw, sin_yaw, corners, obstacle)
+            if obstacle < 0:
+                break
+            cell = row_col(grid, x, y)
+            to_path, to_goal = steps_at(path, *cell), steps_at(goal, *cell)
+            if to_path >= UNREACHED or to_goal >= UNREACHED:
+                obstacle, row[COST] = -1, NO_WAY
+                break
+            row[END_X], row[END_Y], row[END_YAW], row[PATH], row[GOAL] = x, y, yaw, to_path, to_goal
+        if obstacle >= 0:
+            row[OBSTACLE] = obstacle
+            row[COST] = weights.path * row[PATH] + weights.goal * row[GOAL] + weights.obstacle * obstacle

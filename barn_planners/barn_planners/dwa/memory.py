@@ -15,7 +15,9 @@ class GoalTurn:
 
     def __init__(self, config: DwaConfig):
         self._config = config
-        self._turning = False
+        self._drop = config.acceleration_mps2 * config.window_period_s
+        self._turn_drop = config.turn_acceleration_radps2 * config.window_period_s
+        self.reset()
 
     def reset(self) -> None:
         """Forget the last trial."""
@@ -27,44 +29,29 @@ class GoalTurn:
 
     def control(self, inputs: ControlInput, goal: Pose2D, allows: Callable[[Velocity2D], bool]) -> Control:
         """Return the command at the goal's position; allows: tells whether there is room for a command."""
+        config, (linear, angular) = self._config, (inputs.velocity.linear, inputs.velocity.angular)
         if self.reached(inputs, goal):
             self._turning = False
             return Control(STOP, goal_reached=True)
-        angle = wrap_angle(goal.yaw - inputs.pose.yaw)
-        velocity = inputs.velocity
-        standing = (
-            abs(velocity.linear) <= self._config.stopped_mps and abs(velocity.angular) <= self._config.stopped_radps
+        self._turning |= abs(linear) <= config.stopped_mps and abs(angular) <= config.stopped_radps
+        if self._turning:
+            turn = Velocity2D(0.0, self._rate(wrap_angle(goal.yaw - inputs.pose.yaw), abs(angular)))
+            return Control(turn) if allows(turn) else Control(None, reason="no room to turn to the goal's heading")
+        braking = Velocity2D(
+            math.copysign(max(0.0, abs(linear) - self._drop), linear),
+            math.copysign(max(0.0, abs(angular) - self._turn_drop), angular),
         )
-        if not self._turning and not standing:
-            braking = self._braking(velocity)
-            if self._config.roll_out_goal_turn and not allows(braking):
-                return Control(None, reason="no room to brake at the goal")
-            return Control(braking)
-        self._turning = True
-        turn = Velocity2D(0.0, self._rate(angle, velocity.angular))
-        if not allows(turn):
-            return Control(None, reason="no room to turn to the goal's heading")
-        return Control(turn)
-
-    def _braking(self, velocity: Velocity2D) -> Velocity2D:
-        config = self._config
-        drop = config.acceleration_mps2 * config.window_period_s
-        turn_drop = config.turn_acceleration_radps2 * config.window_period_s
-        return Velocity2D(
-            math.copysign(max(0.0, abs(velocity.linear) - drop), velocity.linear),
-            math.copysign(max(0.0, abs(velocity.angular) - turn_drop), velocity.angular),
-        )
+        if config.roll_out_goal_turn and not allows(braking):
+            return Control(None, reason="no room to brake at the goal")
+        return Control(braking)
 
     def _rate(self, angle: float, rate_now: float) -> float:
         """Return the turn rate for a remaining angle; slow enough to stop in time."""
-        config = self._config
-        slowest = config.min_turn_in_place_radps
-        wanted = min(config.max_goal_turn_radps, max(slowest, abs(angle)))
-        change = config.turn_acceleration_radps2 * config.window_period_s
-        wanted = min(max(wanted, abs(rate_now) - change), abs(rate_now) + change)
-        wanted = min(wanted, math.sqrt(2.0 * config.turn_acceleration_radps2 * abs(angle)))
-        wanted = min(config.max_goal_turn_radps, max(slowest, wanted))
-        return math.copysign(wanted, angle)
+        slowest, fastest = self._config.min_turn_in_place_radps, self._config.max_goal_turn_radps
+        wanted = min(fastest, max(slowest, abs(angle)))
+        wanted = min(max(wanted, rate_now - self._turn_drop), rate_now + self._turn_drop)
+        wanted = min(wanted, math.sqrt(2.0 * self._config.turn_acceleration_radps2 * abs(angle)))
+        return math.copysign(min(fastest, max(slowest, wanted)), angle)
 
 
 class DwaMemory:
@@ -76,8 +63,7 @@ class DwaMemory:
 
     def reset(self) -> None:
         """Forget everything."""
-        self._turned = [False, False]
-        self._committed = [False, False]
+        self._turned, self._committed = [False, False], [False, False]
         self._turned_at: Pose2D | None = None
         self._escape_from: Pose2D | None = None
 
@@ -94,9 +80,7 @@ class DwaMemory:
         """Record the sample chosen at a pose."""
         if speed <= 0.0:
             side = LEFT if turn > 0.0 else RIGHT
-            self._committed[side] = self._turned[side]
-            self._turned[side] = True
-            self._turned_at = pose
+            self._committed[side], self._turned[side], self._turned_at = self._turned[side], True, pose
         self._moved(pose)
 
     def escapes(self, pose: Pose2D, *, begin: bool) -> None:
@@ -106,11 +90,10 @@ class DwaMemory:
         self._moved(pose)
 
     def _moved(self, pose: Pose2D) -> None:
-        if self._turned_at is not None and pose.distance(self._turned_at) > self._config.oscillation_reset_m:
+        config, start = self._config, self._escape_from
+        if self._turned_at is not None and pose.distance(self._turned_at) > config.oscillation_reset_m:
             self._turned, self._committed, self._turned_at = [False, False], [False, False], None
-        start = self._escape_from
-        if start is not None and (
-            pose.distance(start) > self._config.escape_reset_m
-            or abs(wrap_angle(pose.yaw - start.yaw)) > self._config.escape_reset_rad
-        ):
-            self._escape_from = None
+        if start is not None:
+            turned_rad = abs(wrap_angle(pose.yaw - start.yaw))
+            if pose.distance(start) > config.escape_reset_m or turned_rad > config.escape_reset_rad:
+                self._escape_from = None

@@ -7,7 +7,6 @@ The cost adds up distance from the plan, distance from its end, and the highest 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from barn_worlds.base.types import Pose2D, Velocity2D
 
 _COLUMNS = kernels.OBSTACLE + 1
 _MAX_PLAN_CELLS = 4096
+_SHOWN_POSES = 80
 _FIGURES = {
     "cost": kernels.COST,
     "path_distance_cells": kernels.PATH,
@@ -37,15 +37,9 @@ class DwaController(Controller):
 
     def __init__(self, config: DwaConfig):
         self.config = config
-        self._memory = DwaMemory(config)
-        self._goal_turn = GoalTurn(config)
-        self._motion = Movement(
-            config.sim_time_s,
-            config.granularity_m,
-            config.turn_granularity_rad,
-            config.acceleration_mps2,
-            config.turn_acceleration_radps2,
-        )
+        self._memory, self._goal_turn = DwaMemory(config), GoalTurn(config)
+        steps = (config.sim_time_s, config.granularity_m, config.turn_granularity_rad)
+        self._motion = Movement(*steps, config.acceleration_mps2, config.turn_acceleration_radps2)
         self._fields: _Fields | None = None
         self.reset(0)
 
@@ -63,12 +57,12 @@ class DwaController(Controller):
     def control(self, inputs: ControlInput) -> Control:
         """Choose a velocity; once the goal's position is reached, turn to its heading."""
         end = Pose2D(*inputs.visible[-1].tolist())
-        if inputs.pose.distance(end) <= self.config.xy_tolerance_m:
-            if self.config.roll_out_goal_turn and not self._goal_turn.reached(inputs, end):
-                self._drive(inputs, end)
-            self._chosen = None
-            return self._goal_turn.control(inputs, end, lambda command: self._has_room(inputs, command))
-        return self._drive(inputs, end)
+        if inputs.pose.distance(end) > self.config.xy_tolerance_m:
+            return self._drive(inputs, end)
+        if self.config.roll_out_goal_turn and not self._goal_turn.reached(inputs, end):
+            self._drive(inputs, end)
+        self._chosen = None
+        return self._goal_turn.control(inputs, end, lambda command: self._has_room(inputs, command))
 
     def view(self) -> PlannerView:
         """Return the chosen trajectory and all samples with their costs."""
@@ -78,92 +72,86 @@ class DwaController(Controller):
             scene, weights = self._unscored
             kernels.score(scene, self._start, self._motion, weights, self._table)
             self._unscored = None
-        candidates = np.empty((len(self._table), 80, 3))
-        for row, points in zip(self._table, candidates, strict=True):
-            kernels.trace(self._start, row[kernels.SPEED], row[kernels.TURN], self._motion, points)
-        costs = self._table[:, kernels.COST].copy()
-        costs[costs < 0.0] = math.inf
-        local_plan = None
-        if self._chosen is not None:
-            local_plan = np.empty((80, 3))
-            kernels.trace(self._start, *self._chosen, self._motion, local_plan)
-        return PlannerView(local_plan=local_plan, candidates=candidates[:, :, :2], candidate_costs=costs)
+        shown = np.array([self._trace(*row[: kernels.COST].tolist()) for row in self._table])
+        costs = np.where(self._table[:, kernels.COST] < 0.0, math.inf, self._table[:, kernels.COST])
+        chosen = None if self._chosen is None else self._trace(*self._chosen)
+        return PlannerView(local_plan=chosen, candidates=shown[:, :, :2], candidate_costs=costs)
+
+    def _trace(self, speed: float, turn: float) -> FloatArray:
+        """Return `_SHOWN_POSES` poses (n, 3) of a rollout, the last one repeated."""
+        places, headings = kernels.poses_of(self._start, speed, turn, self._motion, _SHOWN_POSES)
+        poses = np.column_stack([places, headings[:, 0]])
+        return np.concatenate([poses, np.repeat(poses[-1:], _SHOWN_POSES - len(poses), axis=0)])
 
     def _drive(self, inputs: ControlInput, end: Pose2D) -> Control:
-        if self.config.single_precision:
-            inputs = _single_precision(inputs)
-        costmap, pose = inputs.costmap, inputs.pose
-        start = self._start = Start(pose.x, pose.y, pose.yaw, inputs.velocity.linear, inputs.velocity.angular)
-        self._chosen = self._unscored = None
+        config, costmap, pose = self.config, inputs.costmap, inputs.pose
+        start, self._chosen, self._unscored = _start(inputs), None, None
+        if config.single_precision:
+            start = Start(*np.array(start, np.float32).tolist())
+            pose = Pose2D(start.x, start.y, start.yaw)
+        self._start = start
         if self._fields is None or self._fields.shape != costmap.costs.shape:
             self._fields = _Fields(costmap.costs.shape)
-        scene = self._fields.scene(inputs, self._reach(inputs.velocity), self.config.robot_blocks_goal)
+        fastest = max(abs(start.speed), config.max_speed_mps, -config.escape_speed_mps)
+        reach_m = fastest * config.sim_time_s + config.heading_lookahead_m
+        scene = self._fields.scene(inputs, pose, reach_m, config.robot_blocks_goal)
         if scene is None:
             self._table = np.empty((0, _COLUMNS))
             return Control(None, reason="the plan lies off the local costmap")
-        self._table, drives = samples(self.config, inputs.velocity, pose.distance(end), escaping=self._memory.escaping)
-        weights = self._weights(costmap.resolution)
-        slots = max(1, drives // self.config.speed_samples)
-        ahead = (self.config.heading_lookahead_m, self.config.turn_past_blocked)
+        now = Velocity2D(start.speed, start.turn)
+        self._table, drives = samples(config, now, pose.distance(end), escaping=self._memory.escaping)
+        scale = costmap.resolution if config.distances_in_metres else 1.0
+        weights = Weights(config.path_weight * scale, config.goal_weight * scale, config.obstacle_weight)
+        ahead, slots = (config.heading_lookahead_m, config.turn_past_blocked), max(1, drives // config.speed_samples)
         choice = Choice(drives, *self._memory.allowed_turns(), *ahead, self._likely, slots)
         best = find_best(scene, start, self._motion, weights, self._table, choice)
         self._unscored = (scene, weights)
         if best < 0:
-            return self._escape(scene, start, weights, pose)
-        self._likely = best
-        row = self._table[best].tolist()
-        speed, turn = row[kernels.SPEED], row[kernels.TURN]
+            return self._escape(pose)
+        self._likely, row = best, self._table[best].tolist()
+        self._chosen = speed, turn = row[kernels.SPEED], row[kernels.TURN]
         self._memory.chose(pose, speed, turn)
-        self._chosen = (speed, turn)
         return Control(Velocity2D(speed, turn), diagnostics={name: row[column] for name, column in _FIGURES.items()})
 
+    def _cost(self, start: Start, command: Velocity2D) -> float:
+        """Return the cost of a sample in this cycle's scene."""
+        assert self._unscored is not None
+        (scene, weights), table = self._unscored, np.zeros((1, _COLUMNS))
+        table[0, [kernels.SPEED, kernels.TURN]] = command.linear, command.angular
+        kernels.score(scene, start, self._motion, weights, table)
+        return float(table[0, kernels.COST])
+
     def _has_room(self, inputs: ControlInput, command: Velocity2D) -> bool:
-        pose, velocity = inputs.pose, inputs.velocity
-        if not self.config.roll_out_goal_turn:
-            return inputs.costmap.has_room(pose.x, pose.y, pose.yaw)
-        if self._unscored is None:
-            return False
-        (scene, weights), row = self._unscored, np.zeros(_COLUMNS)
-        row[kernels.SPEED], row[kernels.TURN] = command.linear, command.angular
-        start = Start(pose.x, pose.y, pose.yaw, velocity.linear, velocity.angular)
-        kernels.rollout(scene, start, self._motion, weights, row)
-        return bool(row[kernels.COST] >= 0.0)
+        if self.config.roll_out_goal_turn:
+            return self._unscored is not None and self._cost(_start(inputs), command) >= 0.0
+        return inputs.costmap.has_room(inputs.pose.x, inputs.pose.y, inputs.pose.yaw)
 
-    def _escape(self, scene: Scene, start: Start, weights: Weights, pose: Pose2D) -> Control:
+    def _escape(self, pose: Pose2D) -> Control:
         """Drive backwards because no sample is allowed, unless the goal cannot be reached at all."""
-        row = np.zeros(_COLUMNS)
-        row[kernels.SPEED] = self.config.escape_speed_mps
-        kernels.rollout(scene, start, self._motion, weights, row)
-        cost = row[kernels.COST]
-        self._memory.escapes(pose, begin=bool(cost > kernels.NO_WAY))
+        assert self._start is not None
+        back = Velocity2D(self.config.escape_speed_mps, 0.0)
+        cost = self._cost(self._start, back)
+        self._memory.escapes(pose, begin=cost > kernels.NO_WAY)
         if cost >= 0.0 or (cost == kernels.TOUCHES and self.config.escape_through):
-            self._chosen = (self.config.escape_speed_mps, 0.0)
-            return Control(Velocity2D(self.config.escape_speed_mps, 0.0), reason="escaping backwards")
+            self._chosen = (back.linear, back.angular)
+            return Control(back, reason="escaping backwards")
         return Control(None, reason="no sample is allowed")
-
-    def _reach(self, velocity: Velocity2D) -> float:
-        fastest = max(abs(velocity.linear), self.config.max_speed_mps, -self.config.escape_speed_mps)
-        return fastest * self.config.sim_time_s + self.config.heading_lookahead_m
-
-    def _weights(self, resolution: float) -> Weights:
-        scale = resolution if self.config.distances_in_metres else 1.0
-        return Weights(self.config.path_weight * scale, self.config.goal_weight * scale, self.config.obstacle_weight)
 
 
 class _Fields:
     """The costs of a cycle, which the costmap changes later, and the distances to the plan and to its end."""
 
     def __init__(self, shape: tuple[int, ...]):
-        rows, cols = shape
-        self.shape = shape
+        rows, cols = self.shape = shape
         self._path, self._goal = wavefront.new_wavefront(rows, cols), wavefront.new_wavefront(rows, cols)
         self._costs, self._clear = np.empty(shape, np.uint8), np.empty(shape, np.int16)
+        # cells that block, and those of the plan
         work = np.empty((rows + 2) * (cols + 2), np.uint8), np.empty(_MAX_PLAN_CELLS, np.int64)
         self._all = (self._costs, self._clear, *work, self._path, self._goal)
 
-    def scene(self, inputs: ControlInput, reach_m: float, robot_blocks_goal: bool) -> Scene | None:
+    def scene(self, inputs: ControlInput, pose: Pose2D, reach_m: float, robot_blocks_goal: bool) -> Scene | None:
         """Return the scene of a cycle, None if the plan lies off the costmap; reach_m: how far rollouts may lead."""
-        costmap, pose = inputs.costmap, inputs.pose
+        costmap = inputs.costmap
         at = (inputs.visible, costmap.grid, (pose.x, pose.y, pose.yaw), costmap.outline)
         if not kernels.prepare(costmap.costs, self._all, *at, reach_m, robot_blocks_goal):
             return None
@@ -171,12 +159,9 @@ class _Fields:
         return Scene(Ground(self._costs, self._clear, grid, costmap.outline), self._path, self._goal)
 
 
-def _single_precision(inputs: ControlInput) -> ControlInput:
-    x, y, yaw, linear, angular = (
-        float(np.float32(value))
-        for value in (inputs.pose.x, inputs.pose.y, inputs.pose.yaw, inputs.velocity.linear, inputs.velocity.angular)
-    )
-    return replace(inputs, pose=Pose2D(x, y, yaw), velocity=Velocity2D(linear, angular))
+def _start(inputs: ControlInput) -> Start:
+    pose, velocity = inputs.pose, inputs.velocity
+    return Start(pose.x, pose.y, pose.yaw, velocity.linear, velocity.angular)
 
 
 def samples(
@@ -186,9 +171,8 @@ def samples(
 
     None drives faster than to the end of the visible plan, and none forward while the robot escapes.
     """
-    change, turn_change = (
-        rate * config.window_period_s for rate in (config.acceleration_mps2, config.turn_acceleration_radps2)
-    )
+    change = config.acceleration_mps2 * config.window_period_s
+    turn_change = config.turn_acceleration_radps2 * config.window_period_s
     fastest = min(config.max_speed_mps, end_distance_m / config.sim_time_s)
     high = max(min(fastest, velocity.linear + change), config.min_speed_mps)
     low = max(config.min_speed_mps, velocity.linear - change)

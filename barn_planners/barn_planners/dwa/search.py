@@ -23,10 +23,12 @@ from barn_planners.dwa.kernels import (
     TOUCHES,
     TURN,
     approach,
+    drive_along,
     edges_cost,
     row_col,
     step_count,
     steps_at,
+    turn_along,
 )
 from barn_planners.dwa.wavefront import REACHED, UNREACHED, borders_reached, least_beyond, steps_to
 
@@ -165,8 +167,8 @@ def _cost(scene, start, motion, weights, row, limit, work, slot):  # type: ignor
     headings, heading_of, places = work.headings[slot], work.heading_of[slot], work.places
     if heading_of[0] != row[TURN] or heading_of[1] != steps:
         heading_of[0], heading_of[1] = row[TURN], steps
-        _turn(start, row[TURN], steps, motion, headings)
-    _drive(start, row[SPEED], steps, motion, headings, places)
+        turn_along(start, row[TURN], steps, motion, headings)
+    drive_along(start, row[SPEED], steps, motion, headings, places)
     end_row, end_col = row_col(scene.ground.grid, places[steps - 1, 0], places[steps - 1, 1])
     if end_row < 0 or end_row >= rows or end_col < 0 or end_col >= cols:
         return -1.0
@@ -251,26 +253,3 @@ def _least_steps(distances, state, columns, beyond, rows, cols):  # type: ignore
             cell = np.uint64((row + 1) * columns + col + 1)
             least = min(least, distances[cell] if state[cell] == REACHED else beyond)
     return least
-
-
-@njit(cache=True)
-def _turn(start, turn, steps, motion, headings):  # type: ignore[no-untyped-def]
-    """Fill `headings` (steps or more, 3) with yaw, its cosine and its sine at each pose of a rollout."""
-    yaw, rate = start.yaw, start.turn
-    dt = motion.time_s / steps
-    for k in range(steps):
-        headings[k, 0], headings[k, 1], headings[k, 2] = yaw, math.cos(yaw), math.sin(yaw)
-        rate = approach(turn, rate, motion.turn_acceleration * dt)
-        yaw += rate * dt
-
-
-@njit(cache=True)
-def _drive(start, speed, steps, motion, headings, places):  # type: ignore[no-untyped-def]
-    """Fill `places` (steps or more, 2) with x and y at each pose of a rollout."""
-    x, y, now = start.x, start.y, start.speed
-    dt = motion.time_s / steps
-    for k in range(steps):
-        places[k, 0], places[k, 1] = x, y
-        now = approach(speed, now, motion.acceleration * dt)
-        x += now * headings[k, 1] * dt
-        y += now * headings[k, 2] * dt
