@@ -11,8 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from metrics_explained import characteristic_dimension_figure, dispersion_figure, visibility_figure
 
-from barn_metrics.formula import CORRECTED, PUBLISHED, Formula
-from barn_metrics.metrics import METRIC_NAMES, METRICS
+from barn_metrics.metrics import CORRECTED, METRIC_NAMES, METRICS, PUBLISHED, Formula
 from barn_metrics.report import TABLE_II, MetricsTable, metrics_table
 from barn_metrics.world_figure import new_figure, save, show_cells, show_path, world_figure
 from barn_worlds.base.errors import BarnError

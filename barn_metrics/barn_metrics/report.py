@@ -9,8 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from barn_metrics.formula import CORRECTED, Formula, as_formula
-from barn_metrics.metrics import CELL_METRICS, METRIC_NAMES, METRICS, Metric, averaged, world_cell_metrics
+from barn_metrics.metrics import (
+    CELL_METRICS,
+    CORRECTED,
+    METRIC_NAMES,
+    METRICS,
+    Formula,
+    Metric,
+    as_formula,
+    averaged,
+    world_cell_metrics,
+)
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.files import write_bytes

@@ -11,8 +11,16 @@ from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from barn_metrics.formula import CORRECTED, Formula, as_formula
-from barn_metrics.metrics import CELL_METRICS, METRICS, Metric, metric_maps, world_metrics
+from barn_metrics.metrics import (
+    CELL_METRICS,
+    CORRECTED,
+    METRICS,
+    Formula,
+    Metric,
+    as_formula,
+    metric_maps,
+    world_metrics,
+)
 from barn_worlds.base.arrays import BoolGrid, Cells, Floats
 from barn_worlds.drawing.files import write_png
 from barn_worlds.drawing.palette import OBSTACLE, ROUTE, UNKNOWN, WHITE

@@ -8,11 +8,15 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from barn_metrics.formula import CORRECTED, FORMULAS, PUBLISHED, Formula, as_formula
 from barn_metrics.metrics import (
     CELL_METRICS,
+    CORRECTED,
+    FORMULAS,
     METRIC_NAMES,
+    PUBLISHED,
+    Formula,
     WorldMetrics,
+    as_formula,
     averaged,
     cell_metrics,
     metric_maps,

@@ -7,7 +7,7 @@ import pandas as pd
 
 from barn_eval.results.frames import frame_of
 from barn_eval.worlds.sets import fitting, load
-from barn_metrics.formula import as_formula
+from barn_metrics.metrics import as_formula
 from barn_metrics.motion import MotionStatistics, mean_statistics
 from barn_metrics.report import MetricsTable
 from barn_metrics.report import metrics_table as table_of

@@ -8,8 +8,7 @@ from typing import Literal
 from barn_eval.learning.difficulty import read_scores
 from barn_eval.pages.figures import Plot
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN
-from barn_metrics.formula import PUBLISHED
-from barn_metrics.metrics import world_metrics
+from barn_metrics.metrics import PUBLISHED, world_metrics
 from barn_metrics.world_figure import world_figure as metrics_figure
 from barn_worlds.base.errors import ConfigError, WorldError, suggest
 from barn_worlds.base.files import new_folder

@@ -1,7 +1,7 @@
 """Files of weights: a header in JSON and plain arrays in one .npz, checked before anything is used.
 
-Nothing in such a file is executed, no pickle is read, and sizes are bounded before memory is taken. The header names
-the schema, the inputs and the members; the arrays have to fit it exactly and to be finite, and their checksum is in it.
+Nothing in such a file is executed, and sizes are bounded before memory is taken. The arrays have to fit the header
+exactly and to be finite, and their checksum is in it.
 """
 
 import hashlib
@@ -22,10 +22,7 @@ from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.base.errors import ConfigError, ModelError, WorldError
 from barn_worlds.formats.npz import NpzFormat
 
-FORMAT = NpzFormat(
-    "a difficulty model", "header.json", schema=1, largest_file=32 * 1024 * 1024, largest=128 * 1024 * 1024
-)
-_MOST_MEMBERS, _MOST_PLANNERS = 64, 16
+FORMAT = NpzFormat("a difficulty model", "header.json", schema=1, largest_file=2**25, largest=2**27)
 
 
 @dataclass(frozen=True)
@@ -54,8 +51,8 @@ class _Header(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         self.require(self.input_names == input_names(), "input_names", "must be those of this version; train again")
-        for name, most in (("members", _MOST_MEMBERS), ("planners", _MOST_PLANNERS)):
-            self.require(1 <= len(getattr(self, name)) <= most, name, f"must be from 1 to {most}")
+        self.require(1 <= len(self.members) <= 64, "members", "must be from 1 to 64")
+        self.require(1 <= len(self.planners) <= 16, "planners", "must be from 1 to 16")
         equal = all(abs(one.weight * len(self.members) - 1.0) < 1e-6 for one in self.members)
         self.require(equal, "members", "must weigh the same and add up to 1")
 
@@ -96,56 +93,46 @@ def load_model(path: Path | str | None = None) -> DifficultyModel:
         raise ModelError(str(error)) from None
     if header.sha256 != _checksum(arrays):
         raise ModelError(f"{where}: damaged: its arrays do not have the checksum of the header")
-    outputs = 2 * len(header.planners)
-    networks = [_network(_Arrays(where, arrays, f"m{k}_"), one.layers, outputs) for k, one in enumerate(header.members)]
+    networks = [_network(where, arrays, k, one.layers, header.planners) for k, one in enumerate(header.members)]
     return DifficultyModel(header.planners, tuple(networks), header.relative_std, header.about)
 
 
-@dataclass(frozen=True)
-class _Arrays:
-    """The arrays of one network in a file; ModelError for those that do not fit."""
+def _network(
+    where: Path, arrays: Mapping[str, npt.NDArray[Any]], number: int, layers: int, planners: tuple[str, ...]
+) -> RouteNetwork:
+    """Return the network of that number in a file; ModelError for arrays that do not fit."""
 
-    where: Path
-    arrays: Mapping[str, npt.NDArray[Any]]
-    prefix: str
-
-    def require(self, held: bool, what: str) -> None:
+    def require(held: bool, name: str, what: str) -> None:
         if not held:
-            raise ModelError(f"{self.where}: {what}")
+            raise ModelError(f"{where}: {name} {what}")
 
-    def array(self, name: str, *shape: int | None) -> Floats:
+    def array(name: str, *shape: int | None) -> Floats:
         """Return an array of the shape that it must have (None: any), all its values finite."""
-        name = self.prefix + name
-        self.require(name in self.arrays, f"has no array {name}")
-        array = self.arrays[name]
-        fits = array.ndim == len(shape) and all(
-            want in (None, got) for want, got in zip(shape, array.shape, strict=True)
-        )
+        name = f"m{number}_{name}"
+        if (found := arrays.get(name)) is None:
+            raise ModelError(f"{where}: has no array {name}")
+        fits = found.ndim == len(shape) and all(map(lambda want, got: want in (None, got), shape, found.shape))
         wanted = " x ".join("any" if side is None else str(side) for side in shape)
-        got = f"{array.dtype} of shape {array.shape}"
-        self.require(fits and array.dtype == np.dtype("<f8"), f"{name} must be {wanted} of f8, got {got}")
-        self.require(bool(np.isfinite(array).all()), f"{name} holds values that are not finite")
-        return array
+        got = f"{found.dtype} of shape {found.shape}"
+        require(fits and found.dtype == np.dtype("<f8"), name, f"must be {wanted} of f8, got {got}")
+        require(bool(np.isfinite(found).all()), name, "holds values that are not finite")
+        return found
 
-    def layer(self, names: tuple[str, str], number: int, *shape: int | None) -> Layer:
-        """Return weights of a shape, and the bias of as many values as they give."""
-        weights = self.array(f"{names[0]}{number}", *shape)
-        return weights, self.array(f"{names[1]}{number}", weights.shape[-1])
+    def layer(weights: str, bias: str, *shape: int | None) -> Layer:
+        found = array(weights, *shape)
+        return found, array(bias, found.shape[-1])
 
-
-def _network(arrays: _Arrays, layers: int, outputs: int) -> RouteNetwork:
     size, seen = len(summary_names()), len(STRIPS) * CHANNELS
-    mean, std = arrays.array("mean", size), arrays.array("std", size)
-    arrays.require(bool((std > 0.0).all()), f"{arrays.prefix}std must be above 0")
+    mean, std = array("mean", size), array("std", size)
+    require(bool((std > 0.0).all()), f"m{number}_std", "must be above 0")
     filters, connected = [], []
-    for number in range(len(DILATIONS)):
-        filters.append(arrays.layer(("filters", "filter_bias"), number, None, seen, None))
+    for k in range(len(DILATIONS)):
+        filters.append(layer(f"filters{k}", f"filter_bias{k}", None, seen, None))
         span, _, seen = filters[-1][0].shape
-        odd = f"{arrays.prefix}filters{number} must span an odd number of samples, got {span}"
-        arrays.require(span % 2 == 1, odd)
+        require(span % 2 == 1, f"m{number}_filters{k}", f"must span an odd number of samples, got {span}")
     width = size + 2 * seen
-    for number in range(layers):
-        connected.append(arrays.layer(("weights", "bias"), number, width, outputs if number == layers - 1 else None))
+    for k in range(layers):
+        connected.append(layer(f"weights{k}", f"bias{k}", width, 2 * len(planners) if k == layers - 1 else None))
         width = len(connected[-1][1])
     return RouteNetwork(mean, std, tuple(filters), tuple(connected))
 

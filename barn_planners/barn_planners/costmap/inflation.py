@@ -14,12 +14,7 @@ _BAND = 64  # rows, which a cache holds
 
 @njit(cache=True)
 def refresh(lethal, costs, by_square, squares, dirty, by_front=False):  # type: ignore[no-untyped-def]
-    """Bring costs up to date where cells of the dirty window became or ceased to be lethal, and empty the window.
-
-    by_front: as `inflate_by_front` has it.
-
-    A scan clears most marks and sets them again, so that few cells of the window have changed in the end.
-    """
+    """Bring costs up to date where cells of the dirty window became or ceased to be lethal, and empty the window."""
     if dirty[1] <= dirty[0]:
         return
     rows, cols = lethal.shape
@@ -38,11 +33,7 @@ def refresh(lethal, costs, by_square, squares, dirty, by_front=False):  # type: 
 
 @njit(cache=True)
 def _changed_boxes(lethal, costs, dirty, highest, near, boxes):  # type: ignore[no-untyped-def]
-    """Find the cells of the dirty window whose cost does not tell whether they are lethal; return how many boxes.
-
-    A box is a window as `dirty`. A cell joins the first box of which it is at most `near` cells off; all cells make
-    one box where there would be too many.
-    """
+    """Find boxes (windows as `dirty`, `near` apart) of cells that changed; return how many, one if too many."""
     count = 0
     for row in range(dirty[0], dirty[1]):
         marked, cost = lethal[row, dirty[2] : dirty[3]], costs[row, dirty[2] : dirty[3]]
@@ -76,10 +67,7 @@ def _join(boxes, count, row, col, near):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def shift(lethal, costs, by_square, squares, d_row, d_col):  # type: ignore[no-untyped-def]
-    """Move a grid: cell (i, j) gets what was in (i + d_row, j + d_col), nothing where that was off the grid.
-
-    Only costs beside the edges can change by that, and they are recomputed where there are any.
-    """
+    """Move a grid: cell (i, j) gets what was in (i + d_row, j + d_col); costs beside the edges are recomputed."""
     rows, cols = lethal.shape
     _move(lethal, d_row, d_col)
     _move(costs, d_row, d_col)
@@ -131,10 +119,7 @@ def _move(layer, d_row, d_col):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def inflate(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, col_hi):  # type: ignore[no-untyped-def]
-    """Recompute the costs of a window: each cell gets the cost of its distance to the nearest lethal cell.
-
-    Lethal cells up to n outside the window count. Rows follow each other in one line, so that the loops are long.
-    """
+    """Recompute the costs of a window by the distance of each cell to the nearest lethal one, in long lines."""
     reach = len(squares) - 2
     width = col_hi - col_lo + 2 * reach
     band = min(_BAND, row_hi - row_lo)
@@ -166,10 +151,7 @@ def _copy_marks(lethal, marks, row_lo, row_hi, col_lo, far):  # type: ignore[no-
 
 @njit(cache=True)
 def _spread(found, nearest, apart, squares):  # type: ignore[no-untyped-def]
-    """Write the least of square plus square of the offset, of cells up to n to both sides that are `apart`.
-
-    nearest[0] is for found[n * apart].
-    """
+    """Write the least of square plus square of the offset, up to n to both sides; nearest[0] is for found[n * apart]."""
     reach = len(squares) - 2
     centre = found[reach * apart :]
     for k in range(len(nearest)):
@@ -187,9 +169,8 @@ def _spread(found, nearest, apart, squares):  # type: ignore[no-untyped-def]
 def inflate_by_front(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, col_hi):  # type: ignore[no-untyped-def]
     """Recompute the costs of a window as costmap_2d does: by a front that spreads from lethal cells to neighbours.
 
-    A cell gets the cost of the distance to the lethal cell whose front reaches it first. That is not the nearest one
-    where the way of that one's front is barred by cells that another has reached before. Cells of equal distance are
-    taken in the order in which they were reached, lethal ones row by row.
+    A cell gets the cost of the distance to the lethal cell whose front reaches it first, which is not the nearest where
+    that one's way is barred. Equals are taken in the order in which they were reached, lethal ones row by row.
     """
     (rows, cols), reach = lethal.shape, len(squares) - 2
     top, left = max(0, row_lo - reach), max(0, col_lo - reach)
@@ -228,10 +209,7 @@ def inflate_by_front(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, 
 
 @njit(cache=True)
 def _append(queue, count, square, cell, source):  # type: ignore[no-untyped-def]
-    """Append a cell and where its front began to those of a square of the distance; return the number of all.
-
-    queue: (n, 3) cell, source and number of the next one of that square; the first and the last one of each square.
-    """
+    """Append (cell, source) to the linked list of a square of the distance; return the number of all entries."""
     cells, first, last = queue
     cells[count, 0], cells[count, 1], cells[count, 2] = cell, source, -1
     if first[square] < 0:

@@ -124,11 +124,9 @@ def beam_directions(yaw, angle_min, angle_increment, count):  # type: ignore[no-
 
 @njit(cache=True, error_model="numpy")
 def add_scan(lethal, dirty, grid, sensor, directions, ranges, limits):  # type: ignore[no-untyped-def]
-    """Clear along every beam with a return, then mark the cell of every hit nearer than the obstacle range.
+    """Clear along every beam with a return, the last cell included, then mark the hits nearer than the obstacle range.
 
-    Beams clear up to the hit or the raytrace range, the last cell included.
-    grid: (origin x, origin y, resolution); sensor: (x, y) in the frame of the grid; directions: of the beams, as
-    `beam_directions` has them; limits: (range_min, range_max of the scan, raytrace range, obstacle range).
+    directions: as of `beam_directions`; limits: range_min and range_max of the scan, raytrace and obstacle range.
     """
     rows, cols = lethal.shape
     cells, ends = lethal.reshape(rows * cols), np.empty((2, len(ranges)))

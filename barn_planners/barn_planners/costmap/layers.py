@@ -1,8 +1,7 @@
-"""Compiled loops of the obstacle layer as costmap_2d has it, down to its rounding.
+"""Compiled loops of the obstacle layer as costmap_2d has it, down to its rounding; layers and `dirty` as in `kernels`.
 
-Points are in single precision, as in the point clouds that scans become there; rays end in the cell of their point and
-clear as many cells of the line to it as the range has; what lies beyond the grid is pulled in to its edge. A footprint
-that is not wholly on the grid is not cleared. Layers and `dirty` are those of `kernels`.
+Points are in single precision; rays end in the cell of their point and clear as many cells as the range has; what lies
+beyond the grid is pulled in to its edge. A footprint that is not wholly on the grid is not cleared.
 """
 
 import math
@@ -114,10 +113,9 @@ def mark(lethal, dirty, grid, sensor, points, obstacle_range):  # type: ignore[n
 
 @njit(cache=True)
 def clear_footprint(lethal, dirty, grid, pose, outline):  # type: ignore[no-untyped-def]
-    """Clear the marks in a footprint, if all its corners are on the grid.
+    """Clear the marks in a footprint, if all its corners are on the grid, column by column.
 
-    Cells are found column by column between the lowest and the highest cell of the outline. A column with one cell
-    alone takes the next column's first for its second one, and leaves that column without it.
+    A column with one cell alone takes the next column's first for its second one, and leaves that column without it.
     """
     (rows, cols), (x, y, yaw) = lethal.shape, pose
     cos_yaw, sin_yaw, n = math.cos(yaw), math.sin(yaw), len(outline)

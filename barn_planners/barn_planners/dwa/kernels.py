@@ -26,7 +26,7 @@ class Grid(NamedTuple):
 
 
 class Ground(NamedTuple):
-    """A costmap and the robot on it; clear: as of `open_around`; outline: corners (n, 2) of the padded footprint."""
+    """A costmap, its clear cells (see `open_around`) and the corners (n, 2) of the padded footprint."""
 
     costs: npt.NDArray[np.uint8]
     clear: npt.NDArray[np.int16]
@@ -86,9 +86,8 @@ def _evenly(low, high, count, added_up):  # type: ignore[no-untyped-def]
 def sample_table(speeds, turns, counts, highest, slowest, skip_slow, added_up):  # type: ignore[no-untyped-def]
     """Return the table of samples, all else 0, and how many of them drive forward; the others turn in place.
 
-    speeds, turns: lowest and highest; counts: of both, no speeds if none may drive forward. Each speed has one sample
-    straight ahead, then one per turn, the highest only if asked. slowest: of turns in place; skip_slow: none of these
-    within a step of zero.
+    speeds, turns: lowest and highest; counts: of both, no speeds if none may drive forward. Each speed has a sample
+    straight ahead and one per turn. slowest: of turns in place; skip_slow: none of these within a step of zero.
     """
     (low, high), (speed_count, turn_count) = turns, counts
     rates, kept = _evenly(low, high, turn_count, added_up), turn_count + 1 if highest else turn_count
@@ -107,10 +106,7 @@ def sample_table(speeds, turns, counts, highest, slowest, skip_slow, added_up): 
 
 @njit(cache=True)
 def prepare(costs, fields, plan, frame, pose, outline, reach, robot_blocks_goal):  # type: ignore[no-untyped-def]
-    """Bring the fields of `_Fields` up to date for a cycle; return whether the plan has cells on the grid.
-
-    reach: metres that rollouts may lead from the pose (x, y, yaw).
-    """
+    """Bring the fields of `_Fields` up to date; tell whether the plan is on the grid. reach: metres of rollouts."""
     (copy, clear, walls, seeds, path, goal), (rows, cols) = fields, costs.shape
     (origin_x, origin_y, resolution), (x, y, yaw) = frame, pose
     count = plan_cells(plan, origin_x, origin_y, resolution, rows, cols, seeds)
@@ -133,11 +129,7 @@ def prepare(costs, fields, plan, frame, pose, outline, reach, robot_blocks_goal)
 
 @njit(cache=True)
 def open_around(costs, window, clear):  # type: ignore[no-untyped-def]
-    """Write the distance in cells (the larger of rows and columns) to the next cell with a cost or to the window.
-
-    window: first row, end row, first column, end column; `clear` is 0 outside it. Rollouts use it to skip edges
-    that cannot meet a cost.
-    """
+    """Write the cells to the next cost or edge of a window (row, end row, column, end column); 0 outside of it."""
     (rows, cols), (row_lo, row_hi, col_lo, col_hi) = costs.shape, window
     row_lo, row_hi, col_lo, col_hi = max(0, row_lo), min(rows, row_hi), max(0, col_lo), min(cols, col_hi)
     clear[:] = 0

@@ -1,7 +1,6 @@
 """The compiled search for the best velocity sample, without scoring every sample.
 
-A sample's cost is that of its end plus that of the highest obstacle along it. So its end is computed first, and its
-footprints are checked only as long as it can still be the best. The order of the checks changes no result.
+A sample's end is computed first, and its footprints are checked only as long as it can still be the best.
 """
 
 import math
@@ -38,12 +37,12 @@ _STRAIGHT_RAD = 1.0e-9
 
 
 class Choice(NamedTuple):
-    """How samples are chosen from: the first `drives` rows drive forward, the others turn in place.
+    """How samples are chosen from; the first `drives` rows drive forward, the others turn in place.
 
     left, right: whether turning in place to that side is allowed. lookahead_m: how far ahead of its end a turn in place
-    must see the goal nearer than those before. past_blocked: whether that may be where no way leads, too.
-    likely: a row to begin with, since the best so far rules out others; any row is right, that of the last cycle fast.
-    slots: rows this far apart have the same turn, if any; their headings are computed once.
+    must see the goal nearer than those before; past_blocked: also where no way leads. likely: a row to begin with; that
+    of the last cycle rules out most others. slots: rows so far apart have the same turn, whose headings are computed
+    once.
     """
 
     drives: int
@@ -56,25 +55,20 @@ class Choice(NamedTuple):
 
 
 class _Work(NamedTuple):
-    """What all samples of a search share.
-
-    headings (slots, poses, 3): yaw, cosine, sine; heading_of (slots, 2): their turns and steps; places (poses, 2).
-    corners: as of `edges_cost`; first_corners, highest: corners and highest cost where all begin. reach: of the outline
-    in cells; where it is this open around the robot, its edges meet no cost.
-    """
+    """What all samples share: yaw, cosine and sine (slots, poses, 3), of which turn and steps; `edges_cost` at first."""
 
     headings: npt.NDArray[np.float64]
     heading_of: npt.NDArray[np.float64]
-    places: npt.NDArray[np.float64]
+    places: npt.NDArray[np.float64]  # (poses, 2)
     corners: npt.NDArray[np.int64]
     first_corners: npt.NDArray[np.int64]
     highest: int
-    reach: int
+    reach: int  # of the outline in cells; where it is this open around the robot, its edges meet no cost
 
 
 @njit(cache=True)
 def find_best(scene, start, motion, weights, table, choice):  # type: ignore[no-untyped-def]
-    """Return the row of the best sample of a table, -1 if none is allowed; its row is filled as by `rollout`.
+    """Return the row of the best sample of a table, -1 if none is allowed; its row is filled as by `score`.
 
     The first of the cheapest rows that drive forward wins. A turn in place wins over it if it costs no more, its
     direction is allowed, and the goal is nearer ahead of its end than for any turn accepted before.
@@ -140,11 +134,7 @@ def _best_turn(scene, start, motion, weights, table, choice, work, best, best_co
 
 @njit(cache=True)
 def _goal_ahead(scene, row, lookahead, past_blocked):  # type: ignore[no-untyped-def]
-    """Return the goal distance a bit ahead of the end of a sample, infinite off the grid.
-
-    Where there is no way it is infinite, too, or, with past_blocked, longer than any, and longest in cells that do not
-    border on where there is one.
-    """
+    """Return the goal distance ahead of a sample's end, inf off the grid and where no way leads (but: past_blocked)."""
     x = row[END_X] + lookahead * math.cos(row[END_YAW])
     y = row[END_Y] + lookahead * math.sin(row[END_YAW])
     (rows, cols), (grid_row, grid_col) = scene.ground.costs.shape, row_col(scene.ground.grid, x, y)
@@ -161,7 +151,7 @@ def _goal_ahead(scene, row, lookahead, past_blocked):  # type: ignore[no-untyped
 
 @njit(cache=True)
 def _cost(scene, start, motion, weights, row, limit, work, slot):  # type: ignore[no-untyped-def]
-    """Fill a row as `rollout` does, but for the cost, and return that; -1 if not allowed or above the limit."""
+    """Fill a row as `score` does, but for the cost, and return that; -1 if not allowed or above the limit."""
     rows, cols = scene.ground.costs.shape
     steps = step_count(row[SPEED], row[TURN], motion)
     headings, heading_of, places = work.headings[slot], work.heading_of[slot], work.places
@@ -216,10 +206,10 @@ def _highest(scene, weight, most, steps, headings, work):  # type: ignore[no-unt
 
 @njit(inline="always")
 def _least(scene, start, motion, weights, row, at_start):  # type: ignore[no-untyped-def]
-    """Return what a sample costs at least: its distances where it ends, without the poses on the way there.
+    """Return what a sample costs at least: its distances where it ends, in closed form.
 
-    From where speed and turn have reached the sample's, steps add up to a geometric series. Added up one by one they
-    end elsewhere by roundings, so all cells that are as near as that count.
+    From where speed and turn have reached the sample's, steps add up to a geometric series; all cells count that are as
+    near as roundings.
     """
     path, goal, grid = scene.path, scene.goal, scene.ground.grid
     x, y, yaw, speed, turn = start

@@ -1,7 +1,4 @@
-"""Compiled distances of the dynamic window approach: steps around what blocks, to the plan and to its end.
-
-A wavefront spreads only until it has reached the cell that is asked for.
-"""
+"""Steps around what blocks, to the plan and to its end; a wavefront spreads only as far as is asked for."""
 
 import math
 from typing import NamedTuple
@@ -16,17 +13,12 @@ HEAD, TAIL = 0, 1  # of the queue: the place from which it goes on, and the numb
 
 
 class Wavefront(NamedTuple):
-    """Flat arrays of a grid padded by one blocked cell on every side, so that neighbours need no bounds check.
+    """Flat arrays of a grid padded by one blocked cell: cell = (row + 1) * columns + column + 1 of the padded grid."""
 
-    Cell = (row + 1) * columns + column + 1, where columns counts those of the padded grid.
-    distances: steps from the nearest seed, where the wavefront has come. state: OPEN, BLOCKED or REACHED.
-    queue: cells that it has reached, in order. ends: HEAD and TAIL of the queue.
-    """
-
-    distances: npt.NDArray[np.int32]
-    state: npt.NDArray[np.uint8]
-    queue: npt.NDArray[np.int32]
-    ends: npt.NDArray[np.int64]
+    distances: npt.NDArray[np.int32]  # steps from the nearest seed, where the wavefront has come
+    state: npt.NDArray[np.uint8]  # OPEN, BLOCKED or REACHED
+    queue: npt.NDArray[np.int32]  # cells that it has reached, in order
+    ends: npt.NDArray[np.int64]  # HEAD and TAIL of the queue
     columns: int
 
 

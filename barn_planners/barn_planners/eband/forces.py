@@ -1,8 +1,6 @@
-"""Compiled loops that move the bubbles of an elastic band by internal and external forces.
+"""Compiled loops that move the bubbles of a band by internal and external forces, as eband_local_planner does.
 
-Bands, grids and work space are those of `kernels`; the method is that of Quinlan and Khatib, ICRA 1993, with the step
-control of eband_local_planner. A heading counts as a third coordinate, `metres_per_rad` for each radian: forces have a
-torque, and steps turn a bubble. Where all headings are equal, there is neither.
+A heading counts as a third coordinate, `metres_per_rad` for each radian: forces have a torque, and steps turn a bubble.
 """
 
 import math
@@ -43,8 +41,8 @@ def _pull(band, i, x, y, yaw, metres_per_rad):  # type: ignore[no-untyped-def]
 def force_on(band, i, x, y, radius, yaw, grid, gains):  # type: ignore[no-untyped-def]
     """Return force and torque on bubble i of the band if it were at this pose with this radius.
 
-    Internal: unit vectors to both neighbours. External: the central difference of the radius over plus and minus the
-    bubble's own radius. The part along the line through both neighbours is removed.
+    Internal: unit vectors to both neighbours. External: the central difference of the radius over its own radius. The
+    part along the line through both neighbours is removed.
     """
     before_x, before_y, before_turn = _pull(band, i - 1, x, y, yaw, gains.metres_per_rad)
     after_x, after_y, after_turn = _pull(band, i + 1, x, y, yaw, gains.metres_per_rad)
@@ -163,10 +161,9 @@ def optimise(band, moved, n, grid, gains, work, sweeps):  # type: ignore[no-unty
 
 @njit(cache=True)
 def advance(band, trial, n, pose, ahead, grid, gains, work, sweeps):  # type: ignore[no-untyped-def]
-    """Connect a band to a pose (x, y, yaw), append poses (k, 3), and optimise it to `trial`.
+    """Connect a band to a pose (x, y, yaw), append poses (k, 3), and optimise it to `trial`, which may fail.
 
-    Returns the length of `band`, as the last step that did not fail has left it, that of `trial` or the code of the
-    failure, and whether the poses are appended.
+    Returns the length of `band`, that of `trial` or the code of the failure, and whether the poses are appended.
     """
     (x, y, yaw), kept = pose, n
     trial[:n] = band[:n]

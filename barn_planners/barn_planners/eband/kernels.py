@@ -1,11 +1,7 @@
 """Compiled loops of the elastic band: bubbles, refining, connecting. Those that move it are in `forces`.
 
-After Quinlan and Khatib, "Elastic bands: connecting path planning and control", ICRA 1993: a band is a chain of
-bubbles, discs of free space that overlap; internal forces contract it, external ones push it away from obstacles.
-
-A band is float64 (capacity, 4): x, y, radius in metres, yaw in rad; only the first n rows are used. A grid is the tuple
-(costs uint8 [row, column], origin_x, origin_y, resolution, radii (256,) by cost). Functions that return a new length
-return one of the negative codes below if they fail.
+A band is float64 (capacity, 4): x, y, radius in metres, yaw in rad; only the first n rows are used. A grid is (costs,
+origin_x, origin_y, resolution, radii (256,) by cost). Functions return a new length or a negative code.
 """
 
 import math
@@ -142,10 +138,10 @@ def bridge(work, first, last, used, grid, gains):  # type: ignore[no-untyped-def
 
 @njit(cache=True)
 def _drop_and_fill(work, n, grid, gains):  # type: ignore[no-untyped-def]
-    """Refine the interval of nodes 0 .. n - 1; return how many nodes are used; the links give the band.
+    """Refine nodes 0 .. n - 1 into linked ones; return how many are used.
 
-    If the ends overlap, everything between is dropped. Otherwise the interval is halved, left half first, and then its
-    middle is dropped if its neighbours overlap. Neighbours that do not overlap are bridged.
+    If the ends overlap, all between is dropped; else the interval is halved, left half first, and its middle is dropped
+    if its neighbours overlap. Neighbours that do not overlap are bridged.
     """
     nodes, links, stack = work.nodes, work.links, work.stack
     used, depth = n, 1

@@ -1,7 +1,4 @@
-"""Compiled loops that follow a potential down from the goal to the robot: a sound way, and navfn's.
-
-Grids are flat arrays of rows * cols cells, cell = row * cols + column.
-"""
+"""Compiled loops that follow a potential (flat, cell = row * cols + column) from the goal to the robot."""
 
 import math
 
@@ -13,10 +10,7 @@ from barn_planners.global_plan.kernels import UNREACHED
 
 @njit(cache=True)
 def gradient(potential, cols, cell, blocked_slope):  # type: ignore[no-untyped-def]
-    """Return the unit descent direction (column, row) at the centre of a cell; (0, 0) on a plateau or the border.
-
-    At an unreached cell it points, with `blocked_slope`, to the reached neighbours.
-    """
+    """Return the unit descent direction (column, row) at a cell; zero on a plateau or the border."""
     row, col = cell // cols, cell % cols
     if row < 1 or col < 1 or col >= cols - 1 or row >= potential.size // cols - 1:
         return 0.0, 0.0
@@ -30,7 +24,7 @@ def gradient(potential, cols, cell, blocked_slope):  # type: ignore[no-untyped-d
 
 @njit(cache=True)
 def _slope(potential, cell, offset, blocked_slope):  # type: ignore[no-untyped-def]
-    """Return the descent along one axis, with neighbours `offset` cells before and after; see `gradient`."""
+    """Return the descent along one axis; at an unreached cell `blocked_slope` towards a reached neighbour."""
     value = potential[np.uint64(cell)]
     before, after = potential[np.uint64(cell - offset)], potential[np.uint64(cell + offset)]
     if value >= UNREACHED:
@@ -69,10 +63,7 @@ def _walled(potential, cols, cell):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _find_corners(potential, cols, row, col, blocked_slope, last, corners):  # type: ignore[no-untyped-def]
-    """Write the gradients (4, 2) of the cells (row + 0 or 1, col + 0 or 1), row by row.
-
-    last: row and column of which `corners` holds the gradients; those that both have are kept.
-    """
+    """Write the gradients (4, 2) of the cells (row + 0 or 1, col + 0 or 1); what `last` (row, column) has is kept."""
     last_row, last_col = last
     if row == last_row and col == last_col:
         return
@@ -101,10 +92,10 @@ def _interpolated(corners, fx, fy):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def descend(potential, cols, start, goal, step, neutral, blocked_slope, points):  # type: ignore[no-untyped-def]
-    """Follow the potential down from `goal` to `start` and return the number of points written, 0 on failure.
+    """Follow the potential down from `goal` to `start`; return how many points (column, row) are written, 0 on failure.
 
-    points: (n, 2) takes (column, row) in cells, cell centres at whole numbers. Steps are `step` cells along the
-    interpolated gradient; beside unreached cells, or when oscillating, to the centre of the lowest neighbour.
+    Steps are `step` cells along the interpolated gradient; beside unreached cells, or when oscillating, to the lowest
+    neighbour's centre.
     """
     rows = potential.size // cols
     x, y = float(goal % cols), float(goal // cols)
@@ -143,10 +134,8 @@ def descend(potential, cols, start, goal, step, neutral, blocked_slope, points):
 def descend_as_navfn(potential, cols, start, goal, neutral, blocked_slope, points):  # type: ignore[no-untyped-def]
     """Follow the potential (float32) down as navfn does; return the points written and whether they reach `start`.
 
-    A place is a cell and offsets from its centre in (-1, 1), all in single precision. Gradients are interpolated, or
-    extrapolated where an offset is negative, from the cell and those above and to the right of it, and only that cell's
-    neighbours are looked at for walls; so in narrow places the path may orbit until there is no room for more points.
-    points: float32 (n, 2) takes (column, row) in cells.
+    A place is a cell and offsets from its centre, all in single precision. Gradients are interpolated, or extrapolated
+    where an offset is negative, and only that cell's neighbours are looked at for walls; so the path may orbit.
     """
     size = potential.size
     cell, dx, dy = goal, np.float32(0.0), np.float32(0.0)
@@ -239,10 +228,7 @@ def _beside_wall(potential, cols, cell):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _lowest_in_whole_numbers(potential, cols, cell):  # type: ignore[no-untyped-def]
-    """Return the cell of lowest potential of a cell and its 8 neighbours, each compared with a number rounded down.
-
-    A potential beyond whole numbers of 32 bits becomes the lowest of them.
-    """
+    """Return the cell of lowest potential of a cell and its 8 neighbours, each compared with a number rounded down."""
     best, lowest = cell, -(2.0**31)
     if potential[cell] < 2.0**31:
         lowest = math.floor(potential[cell])

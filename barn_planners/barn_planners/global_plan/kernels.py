@@ -1,7 +1,4 @@
-"""Compiled loops of the global plan: growing a potential over a grid, and the plan's poses.
-
-Grids are flat arrays of rows * cols cells, cell = row * cols + column.
-"""
+"""Compiled loops of the global plan on flat grids (cell = row * cols + column): growing a potential, poses."""
 
 import math
 
@@ -41,19 +38,14 @@ def _release(pending, queue, first, end):  # type: ignore[no-untyped-def]
 def grow(costs, cols, prices, ends, focus, bound, limits, potential, pending, queues, window):  # type: ignore[no-untyped-def]
     """Grow the potential from one of the two ends until the other is reached, nothing is left or all rounds are over.
 
-    Cells wait in two queues. Those below a rising limit are processed first, in rounds; the others wait until the limit
-    has risen. A cell whose value falls queues those neighbours that could gain from it.
-    prices: by costmap value, of the potential's kind: the cost of entering a cell (256,), inf where blocked, and by how
-    much its potential must be able to fall for it to be queued (256,); the start's own cell is always free.
-    limits: (first limit, step by which it rises, number of rounds).
-    focus: (for order, for bound), the least price per cell of the remaining distance. The limit is compared with the
-    potential plus the first times the distance to the goal, as in A*. Cells whose potential plus the second times that
-    distance exceeds `bound` are skipped.
-    potential must be UNREACHED everywhere, pending 0 except 1 on the outer border, which stays blocked;
-    queues: (3, cells) work space. window: takes first row, end row, first column and end column of what was touched.
-    For speed, indices are unsigned (numba then skips its check for negative ones), what is queued is inlined (a call
-    per cell would count references of the queues), and nothing branches on a potential: half of such branches would be
-    guessed wrongly.
+    Cells wait in two queues: those below a rising limit are processed first, in rounds. A cell whose value falls queues
+    those neighbours that could gain from it. prices: by costmap value, the cost of entering a cell (256,), inf where
+    blocked, and by how much its potential must be able to fall for it to be queued (256,). limits: first limit, step by
+    which it rises, number of rounds. focus: (for order, for bound), the least price per cell of the remaining distance.
+    The limit is compared with the potential plus the first times the distance to the goal, as in A*; cells where the
+    second makes it exceed `bound` are skipped. potential must be UNREACHED everywhere, pending 0 except 1 on the
+    border; queues: (3, cells) work space. window: takes what was touched. For speed, indices are unsigned, what is
+    queued is inlined, and nothing branches on a potential: half of such branches would be guessed wrongly.
     """
     (start, goal), (order, bounding), (first_limit, limit_step, rounds) = ends, focus, limits
     (price, gain), kind = prices, potential.dtype.type
@@ -113,9 +105,7 @@ def search(costs, cols, prices, ends, bounded, neutral, limits, work):  # type: 
     """Grow potentials[1] from the one end to the other, the goal; tell whether it was reached.
 
     bounded: first grow potentials[0] straight towards the goal, and skip cells that are too far off the way for that.
-    neutral: price of a free cell; limits: (first, step, rounds of `grow`, least growth per cell, slack of the bound).
-    work: potentials (2, cells), `pending` and `queues` of `grow`, seen (cells,), windows (2, 4). The first and the last
-    two are what `is_same` needs.
+    limits: (first, step, rounds of `grow`, least growth per cell, slack of the bound). work: as `GlobalPlanner` has it.
     """
     potentials, pending, queues, seen, windows = work
     for k in range(2):

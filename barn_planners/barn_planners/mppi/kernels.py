@@ -1,8 +1,7 @@
-"""Compiled loops of model predictive path integral control: its critics and its path.
+"""Compiled loops of model predictive path integral control: its critics, which add to costs (samples,), and its path.
 
-Arrays over samples are float32: controls (steps, 2, samples) forward speed m/s and yaw rate rad/s; poses as three
-arrays (steps, samples), x and y in m, yaw in rad. Critics add to costs, float64 (samples,). The samples come last, so
-that the inner loops take several at once.
+Arrays over samples are float32: controls (steps, 2, samples) m/s and rad/s; poses as three arrays (steps, samples). The
+samples come last, so that the inner loops take several at once.
 """
 
 import math
@@ -35,10 +34,8 @@ def length(x, y):  # type: ignore[no-untyped-def]
 def add_obstacle_costs(costs, xs, ys, yaws, grid, body, stride, weight, critical, collision, near_goal):  # type: ignore[no-untyped-def]
     """Add the trajectories' costs on the costmap; return how many of them collide.
 
-    grid: (costs uint8, origin_x, origin_y, resolution); body: corners (n, 2) of the footprint in base_link, and the
-    cost from which its edges are checked. A trajectory that touches a lethal cell costs `collision`. The others cost
-    the weight times the mean over every `stride`-th pose of the cell's cost / 254, or of `critical` / 254 in inscribed
-    cells; near the goal cells below that cost nothing.
+    body: corners (n, 2) of the footprint, and the cost from which its edges are checked. A trajectory that touches a
+    lethal cell costs `collision`, others the mean cell of every `stride`-th pose; `critical` for inscribed cells.
     """
     (cells, _, _, _), (outline, possible) = grid, body
     steps, samples = xs.shape
@@ -156,11 +153,7 @@ def add_angle_costs(costs, xs, ys, yaws, x, y, weight):  # type: ignore[no-untyp
 
 @njit(cache=True, error_model="numpy")
 def add_align_costs(costs, xs, ys, start, path, arc, clear, stride, weight):  # type: ignore[no-untyped-def]
-    """Add the weight times the mean distance of every `stride`-th pose from the path at the same arc length.
-
-    start: (x, y) of the robot; arc: (n,) distance along the path to each point; clear: (n,) whether a point is free;
-    others do not count.
-    """
+    """Add the weight times the mean distance of every `stride`-th pose from where the path is as long and clear."""
     (steps, samples), (start_x, start_y) = xs.shape, start
     travelled, totals, counted = np.zeros(samples), np.zeros(samples), np.zeros(samples)
     last_x, last_y = np.full(samples, start_x), np.full(samples, start_y)
@@ -206,11 +199,7 @@ def add_goal_costs(costs, xs, ys, yaws, goal, position_weight, yaw_weight):  # t
 
 @njit(cache=True, error_model="numpy")
 def add_control_costs(costs, controls, nominal, spread, limits, dt, gamma, limit_weight, forward_weight):  # type: ignore[no-untyped-def]
-    """Add the costs of the controls.
-
-    The path integral's own term, gamma times nominal control times deviation over variance; the weight times the excess
-    over the limits (lowest speed, highest speed, highest yaw rate) times dt; the weight times reverse speed times dt.
-    """
+    """Add gamma times control times deviation over variance, what is beyond the limits, and reverse speed, by dt."""
     steps, _, samples = controls.shape
     deviation, beyond, reverse = np.zeros(samples), np.zeros(samples), np.zeros(samples)
     slowest, fastest, turn = limits[0], limits[1], limits[2]

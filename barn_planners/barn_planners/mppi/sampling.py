@@ -1,11 +1,7 @@
 """Compiled loops of model predictive path integral control: noise, rollouts, and the solution made of them.
 
-Arrays over samples are float32: noise and controls (steps, 2, samples), poses as three arrays (steps, samples). The
-samples come last, so that the inner loops take several at once.
-
-The noise is that of NumPy's generator to the last bit, in a third of its time. NumPy draws numbers one by one through
-function pointers; here SFC64 (Doty-Humphrey's small fast counting generator) and the ziggurat (Marsaglia and Tsang,
-"The ziggurat method for generating random variables", J. Stat. Softw. 5(8), 2000) are one compiled loop.
+The noise is that of NumPy's generator to the last bit, in a third of its time: SFC64 (Doty-Humphrey) and the ziggurat
+(Marsaglia and Tsang, J. Stat. Softw. 5(8), 2000) as one compiled loop. Arrays are as in `kernels`.
 """
 
 import math
@@ -107,12 +103,10 @@ def fill_normal(state, numbers):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def rollout(nominal, noise, spread, change, start, dt, controls, xs, ys, yaws):  # type: ignore[no-untyped-def]
-    """Sample control sequences around the nominal one and integrate a unicycle along them.
+    """Sample control sequences around the nominal one (steps, 2) and integrate a unicycle along them.
 
-    nominal: (steps, 2); noise: standard normal (steps, 2, samples), spread: (2,) its standard deviations; change:
-    largest change of speed and yaw rate in a step, down and up (2, 2); start: (x, y, yaw, speed, yaw rate).
-    Pose t results from the controls up to and including t. The heading uses series for sine and cosine of the small
-    step, accurate to 1e-10 for steps of 0.1 rad.
+    noise: standard normal, spread: (2,) its deviations; change: largest changes in a step, down and up (2, 2); start:
+    x, y, yaw, speed, yaw rate. The heading uses series for sine and cosine of the step, accurate to 1e-10 for 0.1 rad.
     """
     (steps, samples), (x, y, yaw, speed, rate) = xs.shape, start
     place = np.full(samples, x), np.full(samples, y), np.full(samples, yaw)

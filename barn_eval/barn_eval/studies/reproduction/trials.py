@@ -15,8 +15,7 @@ from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import TrialResult
 from barn_metrics import bootstrap
 from barn_metrics.bootstrap import Interval
-from barn_metrics.formula import CORRECTED, PUBLISHED
-from barn_metrics.metrics import METRICS
+from barn_metrics.metrics import CORRECTED, METRICS, PUBLISHED
 from barn_metrics.report import metrics_table
 from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.errors import ConfigError
