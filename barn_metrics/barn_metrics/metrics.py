@@ -24,7 +24,7 @@ class Formula(Checked):
     The defaults are the corrected formula. Closest obstacle and tortuosity have one form only.
     """
 
-    # corrected: every ray counts, a diagonal cell is worth sqrt 2; published: every cell is worth 1, rays that leave the
+    # corrected: every ray counts, a diagonal is sqrt 2; published: every cell is worth 1, rays that leave the
     # grid do not count, the mean over the rays is rounded down
     visibility: str = quantity("corrected", "how lengths of rays are averaged", choices=("corrected", "published"))
     # published: four of the eight in-between rays reach 6 cells far, the others 4; even: all of them 4; ordered: as

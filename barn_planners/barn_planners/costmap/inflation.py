@@ -151,7 +151,7 @@ def _copy_marks(lethal, marks, row_lo, row_hi, col_lo, far):  # type: ignore[no-
 
 @njit(cache=True)
 def _spread(found, nearest, apart, squares):  # type: ignore[no-untyped-def]
-    """Write the least of square plus square of the offset, up to n to both sides; nearest[0] is for found[n * apart]."""
+    """Write the least of square plus squared offset, up to n to both sides; nearest[0] is for found[n * apart]."""
     reach = len(squares) - 2
     centre = found[reach * apart :]
     for k in range(len(nearest)):

@@ -55,7 +55,7 @@ class Choice(NamedTuple):
 
 
 class _Work(NamedTuple):
-    """What all samples share: yaw, cosine and sine (slots, poses, 3), of which turn and steps; `edges_cost` at first."""
+    """What all samples share: yaw, cosine and sine (slots, poses, 3), their turn and steps; `edges_cost` at first."""
 
     headings: npt.NDArray[np.float64]
     heading_of: npt.NDArray[np.float64]
