@@ -43,9 +43,7 @@ class CostmapConfig(Checked):
     footprint_half_length_m: float = quantity(0.21, "half the robot's length", "m", 0.01, 5.0)
     footprint_half_width_m: float = quantity(0.165, "half the robot's width", "m", 0.01, 5.0)
     footprint_padding_m: float = quantity(0.1, "padding of the footprint on every side", "m", -0.1, 2.0)
-    inscribed_radius_m: float = quantity(
-        0.0, "distance from an obstacle up to which a cell costs 253; 0: from the padded footprint", "m", minimum=0.0
-    )
+    inscribed_radius_m: float = quantity(0.0, "cells so near obstacles cost 253; 0: the footprint's", "m", minimum=0.0)
     inflation_radius_m: float = quantity(0.30, "cells further from any obstacle cost nothing", "m", minimum=0.0)
     cost_scaling_per_m: float = quantity(10.0, "rate at which the cost falls beyond the inscribed radius", "1/m")
     soft_costs: bool = quantity(True, "give cells between the inscribed and the inflation radius a cost below 253")
@@ -53,30 +51,10 @@ class CostmapConfig(Checked):
     raytrace_range_m: float = quantity(3.0, "rays clear up to this distance", "m", 0.0, 100.0)
     clear_footprint: bool = quantity(True, "clear the cells of the padded footprint")
     recentre_cells: int = quantity(1, "cells that the robot moves before the grid follows", "", 1, 1000)
-    as_costmap_2d: bool = quantity(
-        False,
-        "true: rays, footprint and window are costmap_2d's, in its single precision: rays clear as many cells as the "
-        "range has of the line to where they end, and a footprint partly off the grid is not cleared (a quirk)",
-        optional=True,
-    )
-    inflates_by_front: bool = quantity(
-        False,
-        "with as_costmap_2d: a cell costs by the obstacle whose front reaches it first, as in costmap_2d, not always "
-        "by the nearest one (a quirk; slower)",
-        optional=True,
-    )
-    footprint: str = quantity(
-        "",
-        "corners [[x, y], ...] of a convex outline, counter-clockwise, in place of the half sizes",
-        "m",
-        optional=True,
-    )
-    clockwise_outline: bool = quantity(
-        False,
-        "true: the footprint's edges are drawn clockwise, as configured for the original, which moves cells here and "
-        "there",
-        optional=True,
-    )
+    as_costmap_2d: bool = quantity(False, "true: rays, footprint and window are costmap_2d's (a quirk)", optional=True)
+    inflates_by_front: bool = quantity(False, "true: cost by the front that comes first (a slow quirk)", optional=True)
+    footprint: str = quantity("", "convex outline [[x, y], ...] in place of the half sizes", "m", optional=True)
+    clockwise_outline: bool = quantity(False, "true: the footprint is drawn clockwise (a quirk)", optional=True)
 
     @property
     def inscribed_m(self) -> float:
@@ -114,13 +92,7 @@ class CostmapConfig(Checked):
 class GlobalCostmapConfig(CostmapConfig):
     """The costmap of the global plan; without a map it rolls along with the robot."""
 
-    size_m: float = quantity(
-        40.0,
-        "side of the square around the robot if there is no map; larger where the goal would be off it",
-        "m",
-        1.0,
-        _LARGEST_M,
-    )
+    size_m: float = quantity(40.0, "side of the square without a map, or larger", "m", 1.0, _LARGEST_M)
     recentre_cells: int = quantity(50, "cells that the robot moves before the grid follows", "", 1, 1000)
     static_layer: bool = quantity(True, "use the obstacles of the map, if there is one")
     lidar_marks: bool = quantity(True, "mark what the lidar sees, even with a map")

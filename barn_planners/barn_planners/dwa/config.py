@@ -26,55 +26,24 @@ class DwaConfig(Checked):
     turn_granularity_rad: float = quantity(0.02, "a rollout has one pose per this much turn", "rad", 0.001, 1.0)
     speed_samples: int = quantity(6, "sampled forward speeds", "", 2, 200)
     turn_samples: int = quantity(20, "sampled turns for each speed, and in place", "", 3, 200)
-    sample_highest_turn: bool = quantity(
-        True, "false: straight ahead replaces the highest turn (a quirk of the original)"
-    )
+    sample_highest_turn: bool = quantity(True, "false: straight ahead replaces the highest turn (a quirk)")
     path_weight: float = quantity(0.75, "weight of the distance from the plan", "", 0.0, 1000.0)
     goal_weight: float = quantity(1.0, "weight of the distance from the end of the plan", "", 0.0, 1000.0)
     obstacle_weight: float = quantity(0.1, "weight of the highest cost under the footprint's edges", "", 0.0, 1000.0)
-    distances_in_metres: bool = quantity(
-        False,
-        "true: distances count in metres and costs as they are; false: distances in cells (which of them the original "
-        "takes is up to a variable that it never sets, so that both occur)",
-    )
-    heading_lookahead_m: float = quantity(
-        0.325, "how far ahead a turn in place looks for a lower goal distance", "m", 0.0, 5.0
-    )
-    oscillation_reset_m: float = quantity(
-        0.05, "distance after which a turn in place may change direction again", "m", 0.0, 5.0
-    )
-    turn_past_blocked: bool = quantity(
-        False,
-        "true: a turn in place may win though no way leads on from the cell ahead of it (a quirk of the original)",
-        optional=True,
-    )
-    skip_slow_turns: bool = quantity(
-        False, "true: turns in place within one step of zero are not sampled (a quirk of the original)", optional=True
-    )
-    robot_blocks_goal: bool = quantity(
-        False,
-        "true: distances from the plan's end do not pass the robot's own cells where they cost 253, those from the "
-        "plan do (a quirk of the original)",
-        optional=True,
-    )
-    single_precision: bool = quantity(
-        False,
-        "true: pose and velocity are rounded to single precision, and samples are added up step by step, as in the "
-        "original",
-        optional=True,
-    )
+    distances_in_metres: bool = quantity(False, "true: distances in metres; false: in cells (the original does both)")
+    heading_lookahead_m: float = quantity(0.325, "how far ahead a turn in place looks at the goal", "m", 0.0, 5.0)
+    oscillation_reset_m: float = quantity(0.05, "after this way a turn in place may change direction", "m", 0.0, 5.0)
+    turn_past_blocked: bool = quantity(False, "true: a turn may win though no way leads on (a quirk)", optional=True)
+    skip_slow_turns: bool = quantity(False, "true: no turns in place within a step of zero (a quirk)", optional=True)
+    robot_blocks_goal: bool = quantity(False, "true: the robot's own cells block the goal (a quirk)", optional=True)
+    single_precision: bool = quantity(False, "true: single precision, samples added up (a quirk)", optional=True)
     escape_speed_mps: float = quantity(-0.5, "escape speed, when nothing else is allowed", "m/s", -10.0, 0.0)
     escape_through: bool = quantity(False, "escape even into an obstacle (a quirk of the original)")
     escape_reset_m: float = quantity(0.1, "an escape ends after this distance", "m", 0.0, 5.0)
     escape_reset_rad: float = quantity(0.1, "or after this turn", "rad", 0.0, 3.2)
     xy_tolerance_m: float = quantity(0.25, "the goal's position counts as reached within", "m", minimum=0.01)
     yaw_tolerance_rad: float = quantity(0.157, "the goal's heading counts as reached within", "rad", minimum=0.001)
-    roll_out_goal_turn: bool = quantity(
-        False,
-        "true: at the goal, too, samples are scored and remembered, and braking or turning needs a rollout that is "
-        "allowed (as in the original); false: turning needs room where the robot stands",
-        optional=True,
-    )
+    roll_out_goal_turn: bool = quantity(False, "true: braking and turning at the goal are rolled out", optional=True)
     stopped_mps: float = quantity(0.05, "slower than this counts as stopped", "m/s", 0.0001, 1.0)
     stopped_radps: float = quantity(0.05, "turning slower than this counts as stopped", "rad/s", minimum=0.0001)
 

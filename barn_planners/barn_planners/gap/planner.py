@@ -30,26 +30,17 @@ class GapConfig(LidarPlace):
     k_prop_per_s: float = quantity(2.0, "yaw rate per radian of bearing", "1/s", 0.0, 100.0)
     turn_in_place_rad: float = quantity(0.8, "turn in place if the bearing is beyond this", "rad", 0.0, math.pi)
     look_ahead_m: float = quantity(1.5, "a gap is open if it is free this far", "m", 0.1, 30.0)
-    least_free_m: float = quantity(
-        0.3, "if no gap is open, take the longest free distances, if at least this long", "m", 0.0, 30.0
-    )
+    least_free_m: float = quantity(0.3, "if no gap is open, take the longest, if this long", "m", 0.0, 30.0)
     robot_radius_m: float = quantity(0.28, "inflation of obstacles", "m", 0.05, 5.0)
     half_length_m: float = quantity(0.254, "half the robot's length", "m", 0.01, 5.0)
     half_width_m: float = quantity(0.215, "half the robot's width", "m", 0.01, 5.0)
     margin_m: float = quantity(0.03, "margin beside the robot, and all around it when turning", "m", minimum=0.0)
     stop_distance_m: float = quantity(0.15, "stop if anything ahead is nearer", "m", 0.0, 5.0)
-    gap_weight_m: float = quantity(
-        0.5,
-        "weight of the gap's centre, divided by the distance of the closest obstacle; that of the goal is 1",
-        "m",
-        minimum=0.0,
-    )
+    gap_weight_m: float = quantity(0.5, "weight of the gap's centre, by the nearest distance", "m", minimum=0.0)
     max_bearing_rad: float = quantity(2.2, "gaps are searched up to this bearing", "rad", 0.1, 3.14)
     directions: int = quantity(151, "evenly spaced directions", "", 3, 1001)
     goal_tolerance_m: float = quantity(0.25, "the goal is reached within this", "m", 0.01, 10.0)
-    turning_radius_m: float = quantity(
-        0.0, "furthest corner from base_link; 0: that of the half sizes", "m", 0.0, 10.0, optional=True
-    )
+    turning_radius_m: float = quantity(0.0, "furthest corner; 0: half sizes'", "m", 0.0, 10.0, optional=True)
     guard: GuardConfig = field(default_factory=GuardConfig)
 
 

@@ -30,27 +30,11 @@ class GlobalPlanConfig(Checked):
     neutral_cost: float = quantity(50.0, "price of a free cell", "", 1.0, 252.0)
     cost_factor: float = quantity(0.8, "added to the price of a cell per unit of its cost", "", 0.0, 10.0)
     step_cells: float = quantity(0.5, "length of a step down the gradient, in cells", "", 0.05, 1.0)
-    bounded: bool = quantity(
-        True, "skip cells too far from the path to matter, bounded by a first search towards the goal; faster"
-    )
-    as_navfn: bool = quantity(
-        False,
-        "true: potentials, rounds and descent are navfn's in single precision; in narrow places gradients are "
-        "extrapolated from a corner up to a cell away, so that a path may orbit (a quirk)",
-        optional=True,
-    )
-    unfinished_plans: bool = quantity(
-        False,
-        "with as_navfn: a path that does not arrive within four points per column is a plan all the same, which then "
-        "begins anywhere (a quirk); false: there is no plan",
-        optional=True,
-    )
-    half_cell_offset: bool = quantity(
-        True, "true: cell centres become metres; false: their lower corners, half a cell off (a quirk of navfn)"
-    )
-    zero_intermediate_yaw: bool = quantity(
-        False, "true: all poses but the goal have yaw 0 (a quirk of navfn); false: the direction of travel"
-    )
+    bounded: bool = quantity(True, "skip cells too far from the way to matter; faster")
+    as_navfn: bool = quantity(False, "true: search and descent are navfn's, which may orbit (a quirk)", optional=True)
+    unfinished_plans: bool = quantity(False, "with as_navfn: a path that orbits is a plan (a quirk)", optional=True)
+    half_cell_offset: bool = quantity(True, "true: plans lead through cell centres; false: corners (a quirk)")
+    zero_intermediate_yaw: bool = quantity(False, "true: all poses but the goal have yaw 0 (a quirk)")
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,30 +24,20 @@ class CriticsConfig(Checked):
     obstacle_stride: int = quantity(2, "check every n-th pose for obstacles", "", 1, 100)
     critical_cost: float = _weight(300.0, "cost that an inscribed cell counts with")
     collision_cost: float = quantity(1.0e6, "cost of a trajectory that collides", "", 1.0, 1.0e9)
-    near_goal_m: float = quantity(
-        1.0, "nearer to the goal than this only inscribed cells and collisions count", "m", 0.0, 100.0
-    )
+    near_goal_m: float = quantity(1.0, "nearer to the goal than this only collisions count", "m", 0.0, 100.0)
     goal_weight: float = _weight(5.0, "mean distance from the goal in metres")
-    goal_within_m: float = quantity(
-        1.4, "nearer to the goal than this its distance counts, further away the path", "m", 0.0, 100.0
-    )
+    goal_within_m: float = quantity(1.4, "nearer to the goal than this its distance counts", "m", 0.0, 100.0)
     goal_angle_weight: float = _weight(3.0, "mean angle to the goal's heading in radians")
-    goal_angle_within_m: float = quantity(
-        0.5, "nearer to the goal than this its heading counts, further away the path's", "m", 0.0, 100.0
-    )
+    goal_angle_within_m: float = quantity(0.5, "nearer to the goal than this its heading counts", "m", 0.0, 100.0)
     align_weight: float = _weight(14.0, "mean distance from the path in metres")
     align_stride: int = quantity(4, "use every n-th pose for that", "", 1, 100)
     align_points: int = quantity(20, "it counts once a trajectory reaches this many points along the path", "", 0, 1000)
-    align_most_blocked: float = quantity(
-        0.05, "it does not count if a larger share of those points is blocked", "", 0.0, 1.0
-    )
+    align_most_blocked: float = quantity(0.05, "it does not count if more of those points are blocked", "", 0.0, 1.0)
     follow_weight: float = _weight(5.0, "distance in metres from the end to a point ahead on the path")
     follow_points: int = quantity(5, "that point lies this many beyond the furthest reached", "", 0, 1000)
     angle_weight: float = _weight(2.0, "angle in radians from the end's heading to a point ahead")
     angle_points: int = quantity(4, "that point lies this many beyond the furthest reached", "", 0, 1000)
-    angle_beyond_rad: float = quantity(
-        1.0, "that angle counts if the point lies further to the side of the robot", "rad", 0.0, math.pi
-    )
+    angle_beyond_rad: float = quantity(1.0, "it counts if the point lies further aside", "rad", 0.0, math.pi)
     forward_weight: float = _weight(5.0, "distance in metres driven in reverse")
 
 
@@ -103,9 +93,7 @@ class MppiPlannerConfig(NavigationConfig):
     """The navigation loop with MPPI in it; a new global plan once a second, as from Nav2's behaviour tree."""
 
     plan_period_s: float = quantity(1.0, "time between two global plans", "s", 0.0, 60.0)
-    prune_m: float = quantity(
-        0.0, "drop the plan's first points until one is nearer than this; 0: drop none", "m", minimum=0.0
-    )
+    prune_m: float = quantity(0.0, "drop points of the plan before one nearer than this; 0: none", "m", minimum=0.0)
     local_costmap: CostmapConfig = field(default_factory=lambda: _LOCAL)
     global_costmap: GlobalCostmapConfig = field(default_factory=lambda: _GLOBAL)
     mppi: MppiConfig = field(default_factory=MppiConfig)

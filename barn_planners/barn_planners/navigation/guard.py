@@ -21,9 +21,7 @@ class LidarPlace(Checked):
 
     lidar_x_m: float = quantity(0.055, "lidar forward of base_link", "m", -10.0, 10.0)
     lidar_y_m: float = quantity(0.0, "lidar left of base_link", "m", -10.0, 10.0, optional=True)
-    lidar_yaw_rad: float = quantity(
-        0.0, "direction of angle 0 of a scan in base_link", "rad", -3.15, 3.15, optional=True
-    )
+    lidar_yaw_rad: float = quantity(0.0, "direction of angle 0 of a scan", "rad", -3.15, 3.15, optional=True)
 
     @property
     def lidar(self) -> Pose2D:
@@ -36,9 +34,7 @@ class GuardConfig(Checked):
     """When a scan without any return means that the lidar is blind, not that nothing is there."""
 
     stop_when_blind: bool = quantity(True, "stop while the lidar seems blind")
-    blind_near_m: float = quantity(
-        2.5, "blind at once if the last return was nearer than this, or if there was none yet", "m", minimum=0.0
-    )
+    blind_near_m: float = quantity(2.5, "blind at once if the last return was nearer, or none yet", "m", minimum=0.0)
     blind_limit_s: float = quantity(2.0, "blind after this long without a return", "s", minimum=0.0)
 
 

@@ -21,33 +21,13 @@ PAPER_HOLD_S = 0.2
 class NavigationConfig(LidarPlace):
     """Settings of all planners that follow a global plan."""
 
-    control_period_s: float = quantity(
-        0.05, "time between two commands; observations in between are skipped", "s", 0.005, 1.0
-    )
+    control_period_s: float = quantity(0.05, "time between two commands; others are skipped", "s", 0.005, 1.0)
     plan_period_s: float = quantity(0.05, "time between two global plans", "s", 0.0, 60.0)
-    goal_republish_period_s: float = quantity(
-        0.0,
-        "the goal is re-sent at this period: control skips that cycle, the last command "
-        "holds and recovery starts over (a quirk of the paper's trials); 0: sent once",
-        "s",
-        minimum=0.0,
-    )
-    hold_s: float = quantity(
-        0.0, "while a new goal waits for its plan, the last command holds this long before a stop", "s", minimum=0.0
-    )
-    first_plan_waits: bool = quantity(
-        False,
-        "true: the first cycle of a task plans and sends a stop, and control begins in the next one, as in move_base",
-        optional=True,
-    )
-    local_costmap_in_map: bool = quantity(
-        False,
-        "true: local costmap and control are in the frame of the map, where one is given, and jump with the pose (as "
-        "in the paper's trials); false: in the odom frame",
-    )
-    prune_m: float = quantity(
-        1.0, "drop the plan's first points until one is nearer than this; 0: drop none", "m", minimum=0.0
-    )
+    goal_republish_period_s: float = quantity(0.0, "the goal is re-sent so often (a quirk); 0: once", "s", minimum=0.0)
+    hold_s: float = quantity(0.0, "how long the last command holds while a goal waits for its plan", "s", minimum=0.0)
+    first_plan_waits: bool = quantity(False, "true: the first cycle only plans, as in move_base", optional=True)
+    local_costmap_in_map: bool = quantity(False, "true: control is in the frame of the map, if one is given (a quirk)")
+    prune_m: float = quantity(1.0, "drop points of the plan before one nearer than this; 0: none", "m", minimum=0.0)
     local_costmap: CostmapConfig = field(default_factory=CostmapConfig)
     global_costmap: GlobalCostmapConfig = field(default_factory=GlobalCostmapConfig)
     global_plan: GlobalPlanConfig = field(default_factory=GlobalPlanConfig)

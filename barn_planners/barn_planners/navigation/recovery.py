@@ -16,9 +16,7 @@ class RecoveryConfig(Checked):
     planner_patience_s: float = quantity(5.0, "time without a plan before recovery", "s", minimum=0.0)
     conservative_reset_m: float = quantity(3.0, "side of the square that the first clearing keeps", "m", minimum=0.0)
     aggressive_reset_m: float = quantity(1.84, "side of the square that the second clearing keeps", "m", minimum=0.0)
-    clearing_clears: bool = quantity(
-        True, "false: clearing steps leave the costmaps as they are (a quirk of the paper's set-up: wrong layer name)"
-    )
+    clearing_clears: bool = quantity(True, "false: clearing changes nothing (a quirk of the paper's set-up)")
     min_turn_radps: float = quantity(0.4, "slowest turn in place", "rad/s", 0.01, 10.0)
     max_turn_radps: float = quantity(1.0, "fastest turn in place", "rad/s", 0.01, 10.0)
     turn_acceleration_radps2: float = quantity(3.2, "assumed deceleration of the turn", "rad/s2", minimum=0.01)

@@ -136,9 +136,7 @@ class SyncConfig(Checked):
     """How old a reading may be that is combined with a scan."""
 
     odometry_age_s: float = quantity(0.25, "oldest odometry that is combined with a scan", "s", 0.0, 60.0)
-    pose_age_s: float = quantity(
-        600.0, "oldest localisation, extrapolated by odometry, that is combined with a scan", "s", minimum=0.0
-    )
+    pose_age_s: float = quantity(600.0, "oldest localisation taken with a scan, and extrapolated", "s", minimum=0.0)
 
 
 class Synchroniser:
