@@ -73,14 +73,13 @@ def check_folder(folder: Path, *, sample: int | None = None, workers: int = 0) -
     drawn = rows if sample is None else SystemRandom().sample(sorted(rows), min(sample, len(rows)))
     trials = []
     for trial_id, row in rows.items():
-        bag: Path | None = folder / BAGS / trial_id
+        bag = folder / BAGS / trial_id
         kept = experiment.bags == "all" or (experiment.bags == "failed" and not row.scores.success)
-        if commands is not None or not (folder / BAGS / trial_id).is_dir():
-            if kept and commands is None and row.measures.driven_m > 0.0:
-                found.problems.append(f"{bag}: is missing, bags of {experiment.bags} trials are kept")
-            bag = None
+        if kept and commands is None and row.measures.driven_m > 0.0 and not bag.is_dir():
+            found.problems.append(f"{bag}: is missing, bags of {experiment.bags} trials are kept")
         line = (commands or {}).get(trial_id, "")
-        trials.append(Recorded(row, specs[trial_id], tracks.get(trial_id), bag, line, trial_id in drawn))
+        there = bag if bag.is_dir() else None
+        trials.append(Recorded(row, specs[trial_id], tracks.get(trial_id), there, line, trial_id in drawn))
     unchecked = Counter[str]()
     for one, told in _checked(trials, workers) if trials else ():
         found.bags, found.driven = found.bags + told.bag, found.driven + told.driven
@@ -90,7 +89,8 @@ def check_folder(folder: Path, *, sample: int | None = None, workers: int = 0) -
     found.unchecked += [f"{count} trials are not driven again: {why}" for why, count in unchecked.items() if why]
     if len(rows) == len(specs):
         found.problems += [f"{path}: {trial_id} has a track and no row" for trial_id in tracks.keys() - rows.keys()]
-        found.problems += _tables(folder, [rows[trial_id] for trial_id in specs]) if commands is None else []
+        if commands is None or (folder / f"{RESULTS}.parquet").exists():
+            found.problems += _tables(folder, [rows[trial_id] for trial_id in specs])
     return found
 
 

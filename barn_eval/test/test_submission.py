@@ -1,0 +1,131 @@
+"""`barn submit` and `barn verify`: what was made honestly holds anywhere; what was forged or is hostile does not."""
+
+import hashlib
+import json
+import shutil
+import zipfile
+from pathlib import Path
+
+import pytest
+from forgery import forge, won
+
+import barn_eval as barn
+from barn_eval.experiments.submission import submit
+
+DIGEST = "sha256:" + "ab" * 32
+
+
+@pytest.fixture(scope="module")
+def submitted(run, tmp_path_factory):
+    """The file of a folder with one trial."""
+    path = tmp_path_factory.mktemp("submitted") / "gap.barn.zip"
+    submit(run, path, DIGEST)
+    return path
+
+
+@pytest.fixture
+def rewritten(submitted, tmp_path):
+    """Returns the file of the same submission with its files changed; its hashes are right."""
+
+    def write(change=lambda files: None, name="again.barn.zip", about=lambda content: None):
+        with zipfile.ZipFile(submitted) as archive:
+            files = {one: archive.read(one) for one in archive.namelist()}
+        content = json.loads(files.pop("submission.json"))
+        change(files)
+        content["files"] = {one: hashlib.sha256(data).hexdigest() for one, data in files.items()}
+        about(content)
+        with zipfile.ZipFile(tmp_path / name, "w", zipfile.ZIP_DEFLATED) as archive:
+            for one, data in {"submission.json": json.dumps(content).encode(), **files}.items():
+                archive.writestr(one, data)
+        return tmp_path / name
+
+    return write
+
+
+def test_what_was_submitted_holds_and_is_a_folder_again(run, submitted, command, tmp_path):
+    code, out, _ = command("verify", submitted, "--out", tmp_path / "kept", "--json")
+    told = json.loads(out)
+    assert (code, told["holds"], told["problems"], told["driven"]) == (0, True, [], 1)
+    assert (told["planners"], told["protocol"], told["container"]) == (["gap"], "challenge", DIGEST)
+    assert (tmp_path / "kept" / "results.csv").read_bytes() == (run / "results.csv").read_bytes()
+    assert barn.results.check(tmp_path / "kept").problems == []
+    assert command("verify", submitted)[1].endswith("1 of 1 rows, 1 tracks, 0 bags, 1 driven again\nholds\n")
+
+
+def test_equal_results_give_equal_bytes(run, submitted, tmp_path):
+    submit(run, tmp_path / "again.zip", DIGEST)
+    assert (tmp_path / "again.zip").read_bytes() == submitted.read_bytes()
+
+
+def forged(change):
+    """Return what makes of a submission's files those of a forged folder."""
+
+    def apply(files, folder):
+        for name, data in files.items():
+            (folder / name).write_bytes(data)
+        change(folder)
+        files |= {name: (folder / name).read_bytes() for name in list(files)}
+
+    return apply
+
+
+def shorter(folder):
+    lines = (folder / "commands.jsonl").read_text().replace('"zlib":"eJ', '"zlib":"eK')
+    (folder / "commands.jsonl").write_text(lines)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda folder: forge(folder, scores__challenge=7.0), "scores.challenge is 7.0 in the row"),
+        (lambda folder: forge(folder, scores__traversal_time_s=-5.0), "scores.traversal_time_s is -5"),
+        (lambda folder: forge(folder, **won(barn.load(folder).trials[0], 18.0)), "traversal_time_s is 18.0 in the row"),
+        (lambda folder: (folder / "commands.jsonl").write_text(""), "1 trials are not driven again: their commands"),
+        (shorter, "damaged or edited: its crc32 is"),
+    ],
+)
+def test_what_was_forged_does_not_hold_and_is_not_unpacked(rewritten, command, tmp_path, change, words):
+    (tmp_path / "forged").mkdir()
+    path = rewritten(lambda files: forged(change)(files, tmp_path / "forged"))
+    code, out, err = command("verify", path, "--out", tmp_path / "kept")
+    assert (code, out.splitlines()[-1], (tmp_path / "kept").exists()) == (1, "does not hold", False)
+    assert words in err
+
+
+@pytest.mark.parametrize(
+    ("change", "about", "words"),
+    [
+        (lambda files: files.update({"../evil.txt": b""}), {}, "'../evil.txt', which is no part of a submission"),
+        (lambda files: files.update({"/etc/evil": b""}), {}, "holds '/etc/evil', which is no part"),
+        (lambda files: files.update({"parameters/../../a": b""}), {}, "which is no part of a submission"),
+        (lambda files: files.update({"worlds.npz": bytes(1 << 24)}), {}, "unpacks to 16777216"),
+        (lambda files: files.pop("tracks.jsonl"), {}, "not a submission: has no tracks.jsonl"),
+        (lambda files: None, {"schema_version": 2}, "schema_version must be 1"),
+        (lambda files: None, {"files": {}}, "does not name the files that there are"),
+        (lambda files: None, {"container": "latest"}, "container 'latest' is no digest"),
+        (lambda files: files.update({"run.json": files["run.json"].replace(b'"barn300"', b'"/etc"')}), {}, "dataset"),
+        (
+            lambda files: files.update({"run.json": files["run.json"].replace(b'"barn_sim": "', b'"barn_sim": "9.')}),
+            {},
+            "was made with barn_sim '9.",
+        ),
+    ],
+)
+def test_what_is_no_submission_is_refused_in_one_line(rewritten, rejected, change, about, words):
+    path = rewritten(change, about=lambda content: content.update(about))
+    assert words in rejected("verify", path)
+
+
+def test_a_file_that_is_cut_off_or_no_zip_is_refused_in_one_line(submitted, rejected, tmp_path):
+    for content in (submitted.read_bytes()[:-100], b"PK\x05\x06", b"", b"rows"):
+        (tmp_path / "bad.zip").write_bytes(content)
+        assert "not a submission, or a damaged one" in rejected("verify", tmp_path / "bad.zip")
+
+
+def test_what_does_not_hold_or_is_not_finished_is_not_submitted(run, rejected, tmp_path):
+    folder = Path(shutil.copytree(run, tmp_path / "out"))
+    forge(folder, scores__challenge=7.0)
+    assert "is not to be submitted: " in rejected("submit", folder)
+    (folder / "results.jsonl").write_text("")
+    assert "has 0 of 1 trials" in rejected("submit", folder)
+    assert "container 'me'" in rejected("submit", run, "--container", "me")
