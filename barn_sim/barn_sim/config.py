@@ -13,7 +13,7 @@ from barn_worlds.base.compute import Compute
 from barn_worlds.base.config import OPTIONAL, Checked, from_dict, quantity
 from barn_worlds.base.types import Pose2D, nanoseconds
 from barn_worlds.messages.topics import FRAMES, Frames
-from barn_worlds.robots.files import STANDARD, load_robot
+from barn_worlds.robots.files import STANDARD
 from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
 from barn_worlds.robots.robot import Chassis, Robot
 
@@ -261,10 +261,6 @@ class RunConfig(SimulatorConfig):
 
     compute: Compute = field(default_factory=Compute)
     compute_seed: int = quantity(0, "seed of the planner's delays in lockstep", minimum=0)
-
-    def with_chassis(self) -> "RunConfig":
-        """Return the configuration with the chassis of its robot; ConfigError if there is no such robot."""
-        return replace(self, chassis=load_robot(self.robot).chassis)
 
     @property
     def start(self) -> Pose2D:

@@ -6,18 +6,7 @@ from barn_sim.body.model import fixed_frames, joint_names, robot_description
 from barn_sim.config import LocalisationConfig, SimulatorConfig
 from barn_sim.sensors.readings import Joints, Sensors
 from barn_worlds.base.types import Odometry, Pose2D, Scan
-from barn_worlds.messages import topics
-from barn_worlds.messages.encode import (
-    JointEncoder,
-    OdometryEncoder,
-    PoseWithCovarianceEncoder,
-    ScanEncoder,
-    TransformEncoder,
-    encode_bool,
-    encode_clock,
-    encode_fixed_transforms,
-    encode_text,
-)
+from barn_worlds.messages import encode, topics
 from barn_worlds.messages.topics import FRAMES, Frames, Outgoing
 
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
@@ -37,25 +26,25 @@ class SimulatorMessages:
         scan_period_s: float | None = None,
         start: Pose2D = ORIGIN,
     ) -> None:
-        self._config = config
-        self._frames = frames
+        self._config, self._frames = config, frames
         self._scan_period_s = config.scan_steps * config.control_period_s if scan_period_s is None else scan_period_s
-        self._odometry = OdometryEncoder(frames.of(topics.ODOM), frames.base)
-        self._truth = OdometryEncoder(frames.of(topics.GROUND_TRUTH), frames.base)
-        self._localisation = PoseWithCovarianceEncoder(frames.of(topics.AMCL_POSE), _variances(config.localisation))
-        self._joints = JointEncoder(joint_names(config.chassis))
-        self._transforms = TransformEncoder([(frames.map, frames.odom), (frames.odom, frames.base)])
-        self._scan: ScanEncoder | None = None
+        self._odometry = encode.OdometryEncoder(frames.of(topics.ODOM), frames.base)
+        self._truth = encode.OdometryEncoder(frames.of(topics.GROUND_TRUTH), frames.base)
+        variances = _variances(config.localisation)
+        self._localisation = encode.PoseWithCovarianceEncoder(frames.of(topics.AMCL_POSE), variances)
+        self._joints = encode.JointEncoder(joint_names(config.chassis))
+        self._transforms = encode.TransformEncoder([(frames.map, frames.odom), (frames.odom, frames.base)])
+        self._scan: encode.ScanEncoder | None = None
         self._odom_in_map, self._base_in_odom = start, ORIGIN
 
     def constant(self) -> Iterator[Outgoing]:
         """Yield what is published once: the robot's description and its fixed frames."""
         lidar, chassis, frames = self._config.lidar, self._config.chassis, self._frames
-        yield Outgoing(topics.ROBOT_DESCRIPTION, encode_text(robot_description(lidar, chassis)))
+        yield Outgoing(topics.ROBOT_DESCRIPTION, encode.encode_text(robot_description(lidar, chassis)))
         names = {FRAMES.lidar: frames.lidar}
         fixed = {names.get(child, child): xyz for child, xyz in fixed_frames(lidar, chassis).items()}
         yaws = {frames.lidar: lidar.mount_yaw_rad}
-        yield Outgoing(topics.TF_STATIC, encode_fixed_transforms(frames.base, fixed, yaws))
+        yield Outgoing(topics.TF_STATIC, encode.encode_fixed_transforms(frames.base, fixed, yaws))
 
     def sensors(self, sensors: Sensors, stamp_ns: int) -> Iterator[Outgoing]:
         """Yield the messages of an instant whose time is `stamp_ns`: the time first, last the scan if it is of now."""
@@ -71,7 +60,7 @@ class SimulatorMessages:
 
     def clock(self, stamp_ns: int) -> Outgoing:
         """Return the time."""
-        return Outgoing(topics.CLOCK, encode_clock(stamp_ns))
+        return Outgoing(topics.CLOCK, encode.encode_clock(stamp_ns))
 
     def odometry(self, odometry: Odometry, stamp_ns: int) -> Outgoing:
         """Return the odometry."""
@@ -98,7 +87,7 @@ class SimulatorMessages:
 
     def collision(self, touched: bool) -> Outgoing:
         """Return whether the robot has touched anything."""
-        return Outgoing(topics.COLLISION, encode_bool(touched))
+        return Outgoing(topics.COLLISION, encode.encode_bool(touched))
 
     def joints(self, joints: Joints, stamp_ns: int) -> Outgoing:
         """Return the state of the wheels."""
@@ -107,7 +96,7 @@ class SimulatorMessages:
     def scan(self, scan: Scan, stamp_ns: int) -> Outgoing:
         """Return a scan."""
         if self._scan is None:
-            self._scan = ScanEncoder(scan, self._frames.of(topics.SCAN), self._scan_period_s)
+            self._scan = encode.ScanEncoder(scan, self._frames.of(topics.SCAN), self._scan_period_s)
         return Outgoing(topics.SCAN, self._scan.encode(scan, stamp_ns))
 
 

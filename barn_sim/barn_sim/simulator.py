@@ -58,9 +58,8 @@ class Simulator:
             ConfigError: for a robot that cannot be simulated.
         """
         self.config = config
-        self._own_client = PhysicsClient() if client is None else None
-        engine = client or self._own_client
-        assert engine is not None
+        engine = client or PhysicsClient()
+        self._own_client = None if client else engine
         engine.empty()
         self.phase_s = phase_s(world, config.obstacles.random_phase, seed)
         self._fleet, self._index = Fleet.of(1) if fleet is None else fleet, index
@@ -74,12 +73,9 @@ class Simulator:
         self._scan_period_ns = config.scan_steps * nanoseconds(config.control_period_s)
         self._scan_height_m = config.lidar.mount_z_m - float(self.motion.model.footing[2])
         self._ticks_per_step = config.ticks(config.control_period_s)
-        self._localisation = None
-        if config.localisation.mode != "exact":
-            rng = generator(seed, seeds.LOCALISATION)
-            self._localisation = localisation_of(config, world, start, self.lidar.mount, rng)
-            if isinstance(self._localisation, ParticleLocalisation):
-                self._localisation_lidar = Lidar(config.lidar, rng)
+        rng = generator(seed, seeds.LOCALISATION)
+        self._localisation = localisation_of(config, world, start, self.lidar.mount, rng)
+        self._localisation_lidar = Lidar(config.lidar, rng)
         self.invalid_commands = 0
         self._sensed: Sensors | None = None
 
@@ -88,26 +84,15 @@ class Simulator:
         """Time since the start."""
         return self.motion.stamp_ns
 
-    @property
-    def scan_is_due(self) -> bool:
-        """Whether the lidar has a new scan since the last readings; the first have one."""
-        if self._sensed is None or self.config.scan_steps == 1:
-            return True
-        return self.stamp_ns - self._sensed.scan.stamp_ns >= self._scan_period_ns
-
     def sense(self) -> Sensors:
         """Return the readings of this instant; a second call returns the same. The scan is the last, with its stamp."""
         if self._sensed is None or self._sensed.stamp_ns != self.stamp_ns:
             odometry = self.read_odometry()
-            self._sensed = Sensors(
-                self.stamp_ns,
-                odometry,
-                self._sensed.scan if self._sensed and not self.scan_is_due else self.read_scan(),
-                self.read_truth(),
-                self.read_localisation(odometry.pose),
-                self.read_collision(),
-                self.read_joints(),
-            )
+            last = self._sensed.scan if self._sensed and self.config.scan_steps > 1 else None
+            due = last is None or self.stamp_ns - last.stamp_ns >= self._scan_period_ns
+            scan = self.read_scan() if last is None or due else last
+            poses = self.read_truth(), self.read_localisation(odometry.pose)
+            self._sensed = Sensors(self.stamp_ns, odometry, scan, *poses, self.read_collision(), self.read_joints())
         return self._sensed
 
     def step(self, command: Velocity2D | None, delay_ns: int = 0) -> Sensors:

@@ -98,7 +98,7 @@ def test_an_unknown_camera_is_refused():
 
 def test_the_jackal_stands_within_its_outline_and_has_its_lidar_where_it_is_mounted():
     lidar = LidarConfig(mount_x_m=0.05)
-    left, below, right, above = model_of(STANDARD.chassis).extent()
+    left, below, right, above = model_of(STANDARD.chassis).extent
     parts = jackal_parts(STANDARD.chassis, lidar)
     for part in parts:
         reach = 0.5 * part.sizes[0] if len(part.sizes) == 3 else 0.0

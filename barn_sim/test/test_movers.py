@@ -136,7 +136,7 @@ def test_an_obstacle_pushes_the_robot_and_is_not_pushed(kind) -> None:
     touched = next(k for k, one in enumerate(sensors) if one.collision)
     at_s = sensors[touched].stamp_ns * 1e-9
     edge = 2.0 - at_s - 0.3  # the radius of the one, half the width of the other
-    assert edge == pytest.approx(simulator.motion.model.extent()[3], abs=0.07)
+    assert edge == pytest.approx(simulator.motion.model.extent[3], abs=0.07)
     pushed = [one.truth.pose.y for one in sensors[touched + 5 : touched + 15]]
     assert np.diff(pushed) == pytest.approx(-0.05, abs=0.01)  # 1 m/s
     assert all(not one.collision for one in sensors[:touched])
@@ -147,7 +147,7 @@ def test_a_wall_stops_the_robot() -> None:
     wall = Wall(x_m=2.0, y_m=0.0, size_x_m=0.5, size_y_m=20.0)
     simulator = Simulator(arena(walls=(wall,)), FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
     sensors = [simulator.step(Velocity2D(1.0, 0.0)) for _ in range(60)]
-    front = simulator.motion.model.extent()[2]
+    front = simulator.motion.model.extent[2]
     simulator.close()
     assert any(one.collision for one in sensors)
     assert sensors[-1].truth.pose.x + front == pytest.approx(1.75, abs=0.02)

@@ -105,13 +105,13 @@ def in_bullet(chassis):
 
 def test_the_shapes_are_those_of_the_footprint():
     husky = load_robot("husky").chassis
-    assert model_of(husky).extent() == pytest.approx(husky.extent_m)
+    assert model_of(husky).extent == pytest.approx(husky.extent_m)
     assert np.allclose(np.ptp(in_bullet(husky), axis=0), [0.99, 0.67, 0.39], atol=0.005)
     arrow = polygon_robot().chassis
-    assert model_of(arrow).extent() == pytest.approx(arrow.extent_m)
+    assert model_of(arrow).extent == pytest.approx(arrow.extent_m)
     assert np.allclose(np.ptp(in_bullet(arrow), axis=0), [1.095, 0.67, 0.26], atol=0.005)
     round_one = load_robot("turtlebot4").chassis
-    assert model_of(round_one).extent() == pytest.approx([-0.171, -0.171, 0.171, 0.171])
+    assert model_of(round_one).extent == pytest.approx([-0.171, -0.171, 0.171, 0.171])
 
 
 def gap_to(chassis, pose, point):
@@ -161,7 +161,7 @@ def test_obstacles_are_never_nearer_than_the_bounds_say(robot):
     """The rectangle that decides when PyBullet takes over encloses the shapes and the footprint."""
     model, rng = model_of(robot.chassis), np.random.default_rng(0)
     low, high = in_bullet(robot.chassis)[:, :2]
-    extent = model.extent()
+    extent = model.extent
     assert (extent[:2] <= low + 0.002).all() and (high - 0.002 <= extent[2:]).all()
     for x, y, yaw, px, py in rng.uniform(-1.5, 1.5, (200, 5)).tolist():
         bound = nearest_gap(np.array([[px, py, px, py]]), x, y, yaw, extent)

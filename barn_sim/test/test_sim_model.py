@@ -32,7 +32,7 @@ def test_centre_of_mass_and_inertia_are_those_of_chassis_and_wheels_together() -
 
 
 def test_the_extent_is_that_of_wheels_and_chassis() -> None:
-    assert MODEL.extent() == pytest.approx([-0.229, -0.207795, 0.229, 0.207795])
+    assert MODEL.extent == pytest.approx([-0.229, -0.207795, 0.229, 0.207795])
 
 
 def test_the_shapes_of_the_jackal_are_those_of_its_urdf() -> None:

@@ -16,9 +16,8 @@ from barn_sim.body.friction import begin_friction, hypot, sweep_friction
 from barn_sim.body.model import model_of
 from barn_sim.body.tyres import Tyres, fused, rotation, wheel_loads, world_inertia
 from barn_sim.config import PhysicsConfig
-from barn_sim.motion.readouts import motion
 from barn_sim.motion.state import Fleet
-from barn_sim.motion.ticks import push_on
+from barn_sim.motion.ticks import motion_of, push_on
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D, Velocity2D
 from barn_worlds.robots.files import STANDARD, load_robot
@@ -50,11 +49,11 @@ class Driven:
 
     @property
     def pose(self) -> Pose2D:
-        return Pose2D(*motion(self.fleet.robots, self.fleet.settings, 0)[:3])
+        return Pose2D(*motion_of(self.fleet.robots, self.fleet.settings, 0)[:3])
 
     @property
     def velocity(self) -> Velocity2D:
-        return Velocity2D(*motion(self.fleet.robots, self.fleet.settings, 0)[3:])
+        return Velocity2D(*motion_of(self.fleet.robots, self.fleet.settings, 0)[3:])
 
 
 @pytest.fixture

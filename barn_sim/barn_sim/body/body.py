@@ -50,7 +50,10 @@ class Body:
         if not settings["tick_ns"]:
             set_body(settings, model, config, tyres.stiffness, tyres.damping)
             settings["first_inverse_inertia"] = first_inverse_inertia_of(model)
-        self._start = _resting(model, tyres, start)
+        height, roll, pitch = tyres.rest
+        attitude = bullet.getQuaternionFromEuler([roll, pitch, start.yaw])
+        offset = np.array(bullet.getMatrixFromQuaternion(attitude)).reshape(3, 3) @ model.centre_of_mass
+        self._start = [start.x + offset[0], start.y + offset[1], height], attitude  # of the centre of mass, at rest
         robot = fleet.robots[index]
         robot["wheels"][: len(tyres.wheels), :5], robot["known"] = tyres.wheels, True
         robot["position"], robot["heading"] = self._start
@@ -74,7 +77,7 @@ class Body:
         dynamics = {"lateralFriction": friction, "angularDamping": 0.0, "localInertiaDiagonal": inertia}
         self.id = add_body(client, _make_shapes(self._model, client), *self._start, self._model.mass_kg, **dynamics)
         bullet.setCollisionFilterPair(self.ground, self.id, -1, -1, 0, physicsClientId=client)
-        self._physics.settle(kind if self._stays else None, self.ground, self.id)
+        self._physics.engine.residents = kind if self._stays else None, self.ground, self.id
 
     def leave(self) -> None:
         """Leave the engine to others until PyBullet has to move the body again."""
@@ -124,14 +127,6 @@ class Body:
         position, heading, velocity, spin = placed
         bullet.resetBasePositionAndOrientation(self.id, position, heading, self.client)
         bullet.resetBaseVelocity(self.id, velocity, spin, self.client)
-
-
-def _resting(model: RobotModel, tyres: Tyres, start: Pose2D) -> tuple[list[float], tuple[float, ...]]:
-    """Return position of the centre of mass and quaternion of a robot at rest."""
-    height, roll, pitch = tyres.rest
-    attitude = bullet.getQuaternionFromEuler([roll, pitch, start.yaw])
-    offset = np.array(bullet.getMatrixFromQuaternion(attitude)).reshape(3, 3) @ model.centre_of_mass
-    return [start.x + offset[0], start.y + offset[1], height], attitude
 
 
 @cache

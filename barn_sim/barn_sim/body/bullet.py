@@ -35,7 +35,8 @@ _FAR_AWAY, _UPRIGHT = (0.0, 0.0, -1000.0), (0.0, 0.0, 0.0, 1.0)
 class PhysicsEngine:
     """An engine of PyBullet, its number there, and what is in it.
 
-    ticks: simulated since it was new or reset; residents: kind, ground and robot that stay in it. Guests are bodies
+    ticks: simulated since it was new or reset; residents: kind, ground and robot that stay in it and can go on there
+    for the next robot of their kind. Guests are bodies
     that come and go; guests: kinds of those that are there, None of those that move; kept: those of a kind that stand
     far away until they are needed again. shapes: of cylinders, by radius and height.
     """
@@ -95,10 +96,6 @@ class PhysicsClient:
         engine = self.engine
         bullet.stepSimulation(engine.id)
         engine.ticks += 1
-
-    def settle(self, kind: object, ground: int, robot: int) -> None:
-        """Take note of ground and robot, which can go on in the engine for the next robot of their kind."""
-        self.engine.residents = kind, ground, robot
 
     def resume(self, kind: object) -> tuple[int, int] | None:
         """Return ground and robot, if they are of this kind in the engine that is to be used next; it then is."""

@@ -5,7 +5,7 @@ The body is made of the robot's `Chassis`, and so is its URDF unless it comes wi
 """
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from importlib import resources
 from xml.etree.ElementTree import tostring
 
@@ -59,16 +59,12 @@ class RobotModel:
         """Distance between the left and the right wheels."""
         return float(self.wheels[0, 1] - self.wheels[1, 1])
 
+    @cached_property
     def extent(self) -> Floats:
-        """Return x_min, y_min, x_max, y_max of the collision shapes in base_link."""
-        return _extent_of(self)
-
-
-@cache
-def _extent_of(model: RobotModel) -> Floats:
-    centres = np.array([shape.centre[:2] for shape in model.shapes])
-    halves = np.array([shape.half_sizes[:2] for shape in model.shapes])
-    return np.concatenate([(centres - halves).min(axis=0), (centres + halves).max(axis=0)])
+        """x_min, y_min, x_max, y_max of the collision shapes in base_link."""
+        centres = np.array([shape.centre[:2] for shape in self.shapes])
+        halves = np.array([shape.half_sizes[:2] for shape in self.shapes])
+        return np.concatenate([(centres - halves).min(axis=0), (centres + halves).max(axis=0)])
 
 
 @cache

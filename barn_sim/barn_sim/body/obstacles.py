@@ -136,7 +136,10 @@ class Obstacles:
         indices = [index for index in self._bodies if self._movable[index]] if self._any_movable else []
         if indices:
             self.undisturbed, self._free_m = False, 0.0
-            states = np.array([self._state(self._bodies[index]) for index in indices])
+            bodies, client = [self._bodies[index] for index in indices], self._client.id
+            places = [bullet.getBasePositionAndOrientation(body, client) for body in bodies]
+            motions = [bullet.getBaseVelocity(body, client) for body in bodies]
+            states = np.array([np.concatenate([*at, *moves]) for at, moves in zip(places, motions, strict=True)])
             follow_cylinders(
                 np.array(indices), states, robot.x, robot.y, robot.yaw, self._extent, self._centres,
                 self.radius_m, self._half, _LIMITS, self._states, self.segments, self._pushed, self._displaced,
@@ -150,11 +153,6 @@ class Obstacles:
             self._client.send_away(self._bodies.pop(index))
             self.bodied[index] = self._pushed[index] = False
             self._free_m = 0.0
-
-    def _state(self, body: int) -> tuple[float, ...]:
-        position, attitude = bullet.getBasePositionAndOrientation(body, physicsClientId=self._client.id)
-        velocity, spin = bullet.getBaseVelocity(body, physicsClientId=self._client.id)
-        return (*position, *attitude, *velocity, *spin)
 
     def touched_by(self, robot: int) -> bool:
         """Tell whether the robot's body touches any cylinder."""

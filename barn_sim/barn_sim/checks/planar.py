@@ -51,22 +51,21 @@ class Planar:
         lever = driven - other + sense * friction * self.height_m
         return friction * carried / lever if carried * lever > 0.0 else math.inf
 
-    def go(self, speed_m_s: float, duration_s: float) -> tuple[float, float]:
-        """Return speed (m/s) and distance (m) so long after a robot at rest was given a forward speed."""
-        return self._along(0.0, speed_m_s, duration_s)
-
     def stopping_m(self, speed_m_s: float) -> float:
         """Return how far a robot goes on from this speed after it was told to stop."""
-        return self._along(speed_m_s, 0.0, math.inf)[1]
+        return self.go(0.0, math.inf, speed_m_s)[1]
 
-    def _along(self, start_m_s: float, wanted_m_s: float, duration_s: float) -> tuple[float, float]:
-        """Return speed and distance after a command: latency, ramp of the controller, lag of the motors, friction."""
+    def go(self, wanted_m_s: float, duration_s: float, start_m_s: float = 0.0) -> tuple[float, float]:
+        """Return speed (m/s) and distance (m) so long after a robot was given a forward speed.
+
+        With latency, ramp of the controller, lag of the motors and friction.
+        """
         drive = self.robot.drive
         grips = self.grip_m_s2(-1), self.grip_m_s2(1)
         asked = rim = speed = start_m_s
         time_s = distance = 0.0
         while time_s < duration_s and (
-            duration_s < math.inf or time_s <= drive.command_latency_s or _moves(rim, speed)
+            duration_s < math.inf or time_s <= drive.command_latency_s or max(abs(rim), abs(speed)) > _STILL_M_S
         ):
             if time_s >= drive.command_latency_s:
                 most = drive.max_acceleration_m_s2 * _STEP_S
@@ -136,7 +135,3 @@ class Planar:
         # moments about the middle of the wheels, with the weight at the origin
         pitch, roll = -weight * mean_x - self.height_m * fx, -weight * mean_y - self.height_m * fy
         return [weight / count + pitch * (x - mean_x) / spread_x + roll * (y - mean_y) / spread_y for x, y in places]
-
-
-def _moves(rim: float, speed: float) -> bool:
-    return max(abs(rim), abs(speed)) > _STILL_M_S

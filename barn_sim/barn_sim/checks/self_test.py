@@ -11,7 +11,7 @@ import numpy as np
 
 from barn_sim.body.bullet import PhysicsClient
 from barn_sim.checks.planar import Planar
-from barn_sim.config import PRESETS, SimulatorConfig, with_robot
+from barn_sim.config import PRESETS, with_robot
 from barn_sim.simulator import Simulator
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D
@@ -51,62 +51,51 @@ class Measured:
 
 def self_test(robot: Robot) -> list[Measured]:
     """Drive a robot and return all that was measured; ConfigError if it cannot be simulated, or does not get going."""
+    for name in ("max_speed_m_s", "max_yaw_rate_rad_s"):
+        if getattr(robot.drive, name) == 0.0:
+            raise ConfigError(f"robot {robot.name}: drive.{name} must be above 0 to drive it, got 0")
     client = PhysicsClient()
     try:
-        return list(_SelfTest(robot, client).measure())
+        drives = _SelfTest(robot, client)
+        return [*drives.straight(), *drives.turn(), *drives.arcs()]
     finally:
         client.close()
 
 
 class _SelfTest:
     def __init__(self, robot: Robot, client: PhysicsClient) -> None:
-        self._robot = robot
-        self._client = client
-        self._theory = Planar(robot)
+        self._robot, self._client, self._theory = robot, client, Planar(robot)
         self._world = World("self-test", np.zeros((3, 3), np.bool_), np.array([[1, 0], [1, 1], [1, 2]]))
-        self._config = _config_of(robot)
+        config = with_robot(PRESETS["default"], robot)
+        self._config = replace(config, lidar=replace(config.lidar, beams=1))  # scans that take no time
 
-    def measure(self) -> Iterator[Measured]:
-        drive = self._robot.drive
-        for name, limit in (("max_speed_m_s", drive.max_speed_m_s), ("max_yaw_rate_rad_s", drive.max_yaw_rate_rad_s)):
-            if limit == 0.0:
-                raise ConfigError(f"robot {self._robot.name}: drive.{name} must be above 0 to drive it, got 0")
-        yield from self._straight()
-        yield from self._turn()
-        yield from self._arcs()
-
-    def _straight(self) -> Iterator[Measured]:
-        speed = self._robot.drive.max_speed_m_s
-        simulator = self._simulator()
-        start = simulator.sense().truth.pose
-        settling_s = self._settling_s(speed)
+    def straight(self) -> Iterator[Measured]:
+        speed, simulator = self._robot.drive.max_speed_m_s, self._simulator()
+        start, settling_s = simulator.sense().truth.pose, self._settling_s(speed)
+        reached, covered = self._theory.go(speed, settling_s)
         self._drive(simulator, Velocity2D(speed, 0.0), settling_s)
         gone = simulator.sense().truth.pose.distance(start)
-        yield Measured(
-            "straight", f"distance in {settling_s:.1f} s", "m", None, self._theory.go(speed, settling_s)[1], gone
-        )
+        yield Measured("straight", f"distance in {settling_s:.1f} s", "m", None, covered, gone)
         steady = self._drive(simulator, Velocity2D(speed, 0.0), _MEASURED_S)[0]
-        yield Measured("straight", "speed", "m/s", speed, self._theory.go(speed, settling_s)[0], steady)
+        yield Measured("straight", "speed", "m/s", speed, reached, steady)
         before = simulator.sense().truth.pose
         self._drive(simulator, STOP, settling_s)
         stopped = simulator.sense().truth.pose.distance(before)
         yield Measured("stop", "distance", "m", None, self._theory.stopping_m(speed), stopped)
 
-    def _turn(self) -> Iterator[Measured]:
-        chassis, drive = self._robot.chassis, self._robot.drive
-        simulator = self._simulator()
-        turn = 0.5 * drive.max_yaw_rate_rad_s
+    def turn(self) -> Iterator[Measured]:
+        simulator, turn = self._simulator(), 0.5 * self._robot.drive.max_yaw_rate_rad_s
         command = Velocity2D(0.0, turn)
         self._drive(simulator, command, self._settling_s(0.0, turn))
         rate = self._drive(simulator, command, _MEASURED_S)[1]
         yield Measured("turn in place", "yaw rate", "rad/s", turn, self._theory.arc(0.0, turn)[1], rate)
-        if chassis.kind == "differential":
+        if self._robot.chassis.kind == "differential":
             before = simulator.sense().truth.pose.yaw
             self._drive(simulator, STOP, self._settling_s(0.0, turn))
             turned = (simulator.sense().truth.pose.yaw - before) % (2.0 * math.pi)
             yield Measured("stop turning", "angle", "rad", None, self._theory.stopping_rad(turn), turned)
 
-    def _arcs(self) -> Iterator[Measured]:
+    def arcs(self) -> Iterator[Measured]:
         drive = self._robot.drive
         speed = 0.5 * drive.max_speed_m_s
         turn = min(0.5 * drive.max_yaw_rate_rad_s, _SIDEWAYS * self._theory.friction_m_s2 / max(speed, 1e-6))
@@ -133,10 +122,8 @@ class _SelfTest:
         ramp = max(speed / gain, abs(turn) / drive.max_yaw_acceleration_rad_s2)
         needed_s = ramp + _LAGS * drive.motor_lag_s + drive.command_latency_s + _SETTLED_S
         if needed_s > _LONGEST_S:
-            raise ConfigError(
-                f"robot {self._robot.name}: its accelerations and wheel_friction must let it reach its speeds within"
-                f" {_LONGEST_S:g} s, it takes {needed_s:.3g} s"
-            )
+            wanted = f"must let it reach its speeds within {_LONGEST_S:g} s, it takes {needed_s:.3g} s"
+            raise ConfigError(f"robot {self._robot.name}: its accelerations and wheel_friction {wanted}")
         period = self._config.control_period_s
         return period * math.ceil(needed_s / period)
 
@@ -146,9 +133,3 @@ class _SelfTest:
         velocities = [one.truth.velocity for one in sensed]
         linear, angular = np.mean([(one.linear, one.angular) for one in velocities], axis=0).tolist()
         return linear, angular
-
-
-def _config_of(robot: Robot) -> SimulatorConfig:
-    """Return a configuration in which scans take no time."""
-    config = with_robot(PRESETS["default"], robot)
-    return replace(config, lidar=replace(config.lidar, beams=1))

@@ -8,8 +8,8 @@ from barn_sim.body.bullet import PhysicsEngine, end
 from barn_sim.body.cylinders import Bools
 from barn_sim.config import SimulatorConfig
 from barn_sim.motion.lanes import advance_all
-from barn_sim.motion.readouts import read_all
 from barn_sim.motion.state import Fleet
+from barn_sim.motion.ticks import read_all
 from barn_sim.sensors.lidar import Singles, scan_all
 from barn_sim.simulator import Simulator
 from barn_worlds.base.arrays import Floats, Integers

@@ -65,7 +65,10 @@ def turned(attitude: Quaternion, spin: Triple, tick: float) -> Quaternion:
     half = 0.5 * rate * tick
     series = 0.5 * tick - (tick * tick * tick) * 0.020833333333 * rate * rate
     part = series if rate < _SLOW else math.sin(half) / rate
-    return _normalised(_product((spin[0] * part, spin[1] * part, spin[2] * part, math.cos(half)), attitude))
+    q = _product((spin[0] * part, spin[1] * part, spin[2] * part, math.cos(half)), attitude)
+    squared = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
+    s = 1.0 / math.sqrt(squared) if squared > _EPSILON else 1.0
+    return q[0] * s, q[1] * s, q[2] * s, q[3] * s
 
 
 @njit(cache=True, error_model="numpy")
@@ -76,15 +79,6 @@ def _product(a: Quaternion, b: Quaternion) -> Quaternion:
         a[3] * b[2] + a[2] * b[3] + a[0] * b[1] - a[1] * b[0],
         a[3] * b[3] - a[0] * b[0] - a[1] * b[1] - a[2] * b[2],
     )
-
-
-@njit(cache=True, error_model="numpy")
-def _normalised(q: Quaternion) -> Quaternion:
-    squared = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
-    if squared <= _EPSILON:
-        return q
-    s = 1.0 / math.sqrt(squared)
-    return q[0] * s, q[1] * s, q[2] * s, q[3] * s
 
 
 @njit(cache=True, error_model="numpy")

@@ -30,9 +30,8 @@ from barn_sim.body.model import model_of
 from barn_sim.body.movers import Movers
 from barn_sim.body.obstacles import Obstacles
 from barn_sim.config import SimulatorConfig
-from barn_sim.motion.readouts import motion
 from barn_sim.motion.state import ROBOT, Fleet
-from barn_sim.motion.ticks import Push, advance, free_tick
+from barn_sim.motion.ticks import Push, advance, free_tick, motion_of
 from barn_sim.sensors.odometry import FusedOdometry
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import Pose2D, Velocity2D
@@ -69,7 +68,7 @@ class RobotMotion:
         self.odometry = FusedOdometry(config.odometry, odometry_rng, start.yaw, fleet, index)
         self.drive = DriveController(config.drive, self.model.track_m, config.physics.tick_s, fleet, index)
         self._body = Body(self.model, config.physics, start, client, fleet, index, stays=free_motion and self._fixed)
-        extent = self.model.extent()
+        extent = self.model.extent
         self.obstacles = Obstacles(client, extent, world, config)
         moves = bool(world.walls or world.moving)
         self.movers = Movers(client, extent, world, phase_s, config) if moves else None
@@ -105,7 +104,7 @@ class RobotMotion:
         """Return pose and velocity of base_link now."""
         if self._placed is None or self._placed[0] != self.stamp_ns:
             fleet = self.drive.fleet
-            x, y, yaw, linear, angular = motion(fleet.robots, fleet.settings, self._index)
+            x, y, yaw, linear, angular = motion_of(fleet.robots, fleet.settings, self._index)
             self._placed = self.stamp_ns, (Pose2D(x, y, yaw), Velocity2D(linear, angular))
         return self._placed[1]
 

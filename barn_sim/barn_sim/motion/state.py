@@ -164,5 +164,5 @@ def set_body(settings: Records, model: RobotModel, config: PhysicsConfig, stiffn
     settings["inverse_mass"], settings["inverse_inertia"] = 1.0 / model.mass_kg, 1.0 / model.inertia
     settings["weight"] = model.mass_kg * config.gravity_m_s2
     settings["per_metre"] = config.tick_s / model.wheel_radius_m
-    x_min, y_min, x_max, y_max = settings["extent"] = model.extent()
+    x_min, y_min, x_max, y_max = settings["extent"] = model.extent
     settings["reach_m"] = math.hypot(max(abs(x_min), abs(x_max)), max(abs(y_min), abs(y_max)))

@@ -13,12 +13,12 @@ from numba import njit
 from barn_sim.body.cylinders import nearest_gap
 from barn_sim.body.drive import turn_wheels
 from barn_sim.body.friction import Motion, Rims, begin_friction, sweep_friction
-from barn_sim.body.tyres import forces, place, stand
+from barn_sim.body.tyres import forces, offset_of_centre, place, stand
 from barn_sim.motion import free_motion as free
 from barn_sim.motion.free_motion import Quaternion, Triple, attitude_of, basis_of, fill, quaternion, triple, turned
 from barn_sim.motion.state import Record, Records
-from barn_sim.sensors.odometry import integrate_wheels, renew_noise, wrap
-from barn_worlds.base.arrays import Floats
+from barn_sim.sensors.odometry import integrate_wheels, read_odometry, renew_noise, wrap
+from barn_worlds.base.arrays import Floats, Integers
 
 Push = tuple[Triple, Triple, Triple, Triple]  # pose of base_link, centre of mass (m), force (N), torque (N m)
 State = tuple[Triple, Quaternion, Triple, Triple]  # position, heading or attitude, velocity, spin
@@ -58,8 +58,16 @@ def free_tick(robots: Records, settings: Records, index: int, segments: Floats, 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def end_if_clear(robot: Record, fixed: Record, segments: Floats, noise: Floats, pushed: Push) -> bool:
     """End a tick that has begun with a push without Bullet, if no cylinder is near; tell whether."""
-    if robot.in_bullet or not _clear(robot, fixed, segments, pushed):
+    if robot.in_bullet:
         return False
+    covered = _covered(robot, fixed, pushed[2], pushed[3])
+    # distances are computed only once the robot may have covered the last one
+    if not _moved(robot, fixed, robot.looked_from) + covered < robot.clearance_m:
+        fill(robot.looked_from, (robot.x, robot.y, robot.yaw))
+        gap = nearest_gap(segments, robot.x, robot.y, robot.yaw, fixed.extent)
+        robot.clearance_m = gap - robot.near_m
+        if not covered < robot.clearance_m:
+            return False
     _move(robot, fixed, pushed[2], pushed[3])
     _measure(robot, fixed, noise)
     return True
@@ -172,20 +180,6 @@ def _measure(robot: Record, fixed: Record, noise: Floats) -> None:
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _clear(robot: Record, fixed: Record, segments: Floats, pushed: Push) -> bool:
-    """Tell whether no cylinder is near, nor can be after a tick that begins with a push.
-
-    Distances are computed only once the robot may have covered the last one.
-    """
-    extent, covered = fixed.extent, _covered(robot, fixed, pushed[2], pushed[3])
-    if _moved(robot, fixed, robot.looked_from) + covered < robot.clearance_m:
-        return True
-    fill(robot.looked_from, (robot.x, robot.y, robot.yaw))
-    robot.clearance_m = nearest_gap(segments, robot.x, robot.y, robot.yaw, extent) - robot.near_m
-    return bool(covered < robot.clearance_m)
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
 def _covered(robot: Record, fixed: Record, force: Triple, torque: Triple) -> float:
     """Return more than any point of the robot covers in a free tick that begins with this push."""
     tick, centre, inverse = fixed.tick_s, fixed.centre, fixed.inverse_inertia
@@ -214,3 +208,34 @@ def _moved(robot: Record, fixed: Record, pose: Floats) -> float:
     """Return how far any point of the robot may have gone since it was at a pose."""
     x, y = pose[0] - robot.x, pose[1] - robot.y
     return float(math.sqrt(x * x + y * y) + abs(wrap(robot.yaw - pose[2])) * fixed.reach_m)
+
+
+@njit(cache=True)
+def read_all(
+    robots: Records, indices: Integers, stamps_ns: Integers, truths: Floats, odometry: Floats, velocities: Floats
+) -> None:
+    """Fill the rows `indices` of stamps (n,), true and measured poses (n, 3) and measured velocities (n, 2)."""
+    for index in indices:
+        robot: Record = robots[index]
+        x, y, yaw, speed, turn = read_odometry(robots, index)
+        stamps_ns[index] = robot.stamp_ns
+        fill(truths[index], (robot.x, robot.y, through_quaternion(robot.yaw)))
+        fill(odometry[index], (x, y, through_quaternion(yaw)))
+        velocities[index, 0], velocities[index, 1] = speed, turn
+
+
+@njit(cache=True)
+def through_quaternion(yaw: float) -> float:
+    """Return a yaw as it comes out of a message, as `Pose2D.through_quaternion` does."""
+    return wrap(2.0 * math.atan2(math.sin(0.5 * yaw), math.cos(0.5 * yaw)))
+
+
+@njit(cache=True)
+def motion_of(robots: Records, settings: Records, index: int) -> tuple[float, float, float, float, float]:
+    """Return x, y, yaw, forward speed and yaw rate of base_link."""
+    robot: Record = robots[index]
+    x, y, z = offset_of_centre(triple(settings[0].centre), quaternion(robot.attitude))
+    velocity, spin = robot.velocity, robot.spin
+    vx = velocity[0] - (spin[1] * z - spin[2] * y)
+    vy = velocity[1] - (spin[2] * x - spin[0] * z)
+    return robot.x, robot.y, robot.yaw, vx * math.cos(robot.yaw) + vy * math.sin(robot.yaw), spin[2]

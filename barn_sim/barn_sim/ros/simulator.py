@@ -96,8 +96,7 @@ class SimulatorNode(Node):
             self._outputs.publish(trial.readings())
         deadline = time.monotonic() + trial.config.command_wait_s
         while trial.asked and trial.answer is None:
-            remaining = deadline - time.monotonic()
-            if remaining <= 0.0:
+            if (remaining := deadline - time.monotonic()) <= 0.0:
                 trial.missed += 1
                 break
             self._serve(min(remaining, _LONGEST_WAIT_S))
@@ -172,8 +171,7 @@ class SimulatorNode(Node):
         self._paused = on
         self._commands.look()
         scans, publishers = self._outputs.scan_subscriptions(), self._commands.publishers()
-        connected = f"{scans} scan subscriptions, {publishers} command publishers"
-        return True, f"{self.trial.summary()}; connected: {connected}"
+        return True, f"{self.trial.summary()}; connected: {scans} scan subscriptions, {publishers} command publishers"
 
     def _step(self) -> Done:
         """Advance one control period with the last command, while time stands still."""
@@ -188,10 +186,8 @@ class SimulatorNode(Node):
         return True, trial.summary()
 
     def _answer(self, name: str, serve: Callable[[Any], Done], request: object, response: Any) -> Any:
-        if self._leader is not None:
-            response.success, response.message = False, self._leader.refuse(f"called {self.get_name()}/{name}")
-        else:
-            response.success, response.message = serve(request)
+        leader, deed = self._leader, f"called {self.get_name()}/{name}"
+        response.success, response.message = (False, leader.refuse(deed)) if leader else serve(request)
         return response
 
     def _repeat_clock(self) -> None:

@@ -34,8 +34,7 @@ class CommandInput:
     def __init__(self, node: Node, wanted: str, take: Callable[[Velocity2D], None]) -> None:
         self.complaint = ""
         self.kind = "twist" if wanted == "auto" else wanted
-        self._node, self._take = node, take
-        self._fixed = wanted != "auto"
+        self._node, self._take, self._fixed = node, take, wanted != "auto"
         self._topic = node.resolve_topic_name(CMD_VEL.name)
         self._complained, self._reliable = False, True
         self._subscription = self._subscribe()

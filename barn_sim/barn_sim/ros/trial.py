@@ -1,7 +1,7 @@
 """One trial of the simulator node: a simulator, the start of its time, its messages and counters."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from barn_sim.config import RunConfig, SimulatorNodeConfig
 from barn_sim.messages import SimulatorMessages
@@ -9,6 +9,7 @@ from barn_sim.simulator import Simulator
 from barn_worlds.base.compute import Turnaround
 from barn_worlds.base.types import NANOSECONDS, Velocity2D, nanoseconds
 from barn_worlds.messages.topics import SCAN, Outgoing
+from barn_worlds.robots.files import load_robot
 from barn_worlds.worlds.dataset import open_dataset
 
 
@@ -99,7 +100,7 @@ class SimulatedTrial:
 
 def begin(config: RunConfig, node: SimulatorNodeConfig, before_ns: int = 0) -> SimulatedTrial:
     """Return a new trial from the next whole second on; BarnError if its world or its robot cannot be read."""
-    config = config.with_chassis()
+    config = replace(config, chassis=load_robot(config.robot).chassis)
     world = open_dataset(config.dataset).load(config.world)
     simulator = Simulator(world, config, config.start, config.seed)
     scan_period_s = None if node.lockstep else 1.0 / config.lidar.rate_hz

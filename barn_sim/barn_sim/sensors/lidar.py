@@ -45,24 +45,16 @@ class Lidar:
         self.directions = _directions(self._angle_min, self._increment, config.beams)
         self.fan = (self._angle_min, self._increment, self._range_max)
         self.limits = (config.noise_m, config.noise_share, self._range_min, self._range_max)
-        self._mixed, self._dropped = config.mixed_share, config.dropout_share
-        self.sweeps = config.sweeps
+        self._mixed, self._dropped, self.sweeps = config.mixed_share, config.dropout_share, config.sweeps
         turn_s = (config.angle_max_rad - config.angle_min_rad) / (2.0 * math.pi * config.rate_hz)
         # of each beam, before the last one; only whoever sweeps has the others earlier
         self.ages_ns = NANOSECONDS * turn_s * np.linspace(1.0, 0.0, config.beams) * config.sweeps
         self._ranges = np.empty(config.beams)
 
     def scan(
-        self,
-        stamp_ns: int,
-        robot: Pose2D,
-        centres: Array,
-        radius_m: float,
-        tilted: Array | None = None,
-        shapes: Array | None = None,
-        noise: Singles | None = None,
-        sweep: Array | None = None,
-    ) -> Scan:
+        self, stamp_ns: int, robot: Pose2D, centres: Array, radius_m: float, tilted: Array | None = None,
+        shapes: Array | None = None, noise: Singles | None = None, sweep: Array | None = None,
+    ) -> Scan:  # fmt: skip
         """Take a scan from the robot's pose.
 
         centres (n, 2): of upright cylinders in metres, in the frame of the pose; radius_m: of all cylinders.
@@ -88,8 +80,7 @@ class Lidar:
         if self._mixed:
             self._mix(ranges)
         if noise is None:
-            noise = np.empty(len(ranges), np.float32)
-            self.draw(noise)
+            self.draw(noise := np.empty(len(ranges), np.float32))
         measure(ranges, noise, *self.limits, measured)
         if self._dropped:
             measured[self._rng.random(len(measured)) < self._dropped] = np.inf
@@ -163,10 +154,8 @@ def cast_circles(ranges: Array, directions: Array, fan: Triple, frame: Frame, ce
     directions (n, 2): unit vectors of the beams in the sensor frame; fan: angle of the first, that from one to the next
     (rad), longest range (m); frame: of the sensor, x, y (m), cosine and sine of its yaw.
     """
-    circles, spans = np.empty((2, len(centres))), np.empty((_SPANS, len(centres)))
-    for i in range(len(centres)):
-        circles[0, i], circles[1, i] = centres[i, 0], centres[i, 1]
-    cast_spans(ranges, directions, fan, frame, circles[0], circles[1], radius, spans)
+    xs, ys, spans = centres[:, 0].copy(), centres[:, 1].copy(), np.empty((_SPANS, len(centres)))
+    cast_spans(ranges, directions, fan, frame, xs, ys, radius, spans)
 
 
 @njit(cache=True)

@@ -48,26 +48,18 @@ class Quantity:
 
     def text(self, *, unit: bool = True) -> str:
         """Return meaning, unit and allowed values in one line: "longest range [m] (at least 0 m)"."""
-        shown_unit = f" [{self.unit}]" if unit and self.unit else ""
         allowed = f" ({self.allowed()})" if self.allowed() else ""
-        return self.description + shown_unit + allowed
+        return self.description + (f" [{self.unit}]" if unit and self.unit else "") + allowed
 
     def allowed(self) -> str:
         """Return the allowed values in words; an empty text if there is no limit."""
         if self.choices:
             return "one of " + ", ".join(self.choices)
-        unit = f" {self.unit}" if self.unit else ""
-        if self.minimum is not None and self.maximum is not None:
-            return f"from {_exactly(self.minimum)} to {_exactly(self.maximum)}{unit}"
-        if self.minimum is not None:
-            return f"at least {_exactly(self.minimum)}{unit}"
-        if self.maximum is not None:
-            return f"at most {_exactly(self.maximum)}{unit}"
-        return ""
-
-
-def _exactly(number: float) -> str:
-    return str(number) if isinstance(number, int) else f"{number:g}"
+        low, high = (f"{limit:g}" if isinstance(limit, float) else limit for limit in (self.minimum, self.maximum))
+        if low is None and high is None:
+            return ""
+        limits = f"at most {high}" if low is None else f"at least {low}" if high is None else f"from {low} to {high}"
+        return f"{limits} {self.unit}" if self.unit else limits
 
 
 def quantity(
@@ -158,9 +150,8 @@ def _reader(cls: type[Any], converter: cattrs.Converter) -> Callable[[Any, Any],
     def read(value: object, kind: object) -> Any:
         if not isinstance(value, Mapping):
             raise TypeError(f"must be a mapping of names to values, got {shown(value)}")
-        for key in value:
-            if not isinstance(key, str):
-                raise TypeError(f"keys must be text, got {shown(key)}")
+        if odd := [key for key in value if not isinstance(key, str)]:
+            raise TypeError(f"keys must be text, got {shown(odd[0])}")
         return build(value, kind)
 
     return read
@@ -235,13 +226,11 @@ def _first_cause(error: BaseException, path: str = "") -> str:
         extra = path + min(error.extra_fields)
         return f"unknown key {shown(extra)}{suggest(extra, known)}"
     if isinstance(error, ClassValidationError):
-        inner = error.exceptions[0]
-        name = next((note.name for note in getattr(inner, "__notes__", ()) if hasattr(note, "name")), None)
-        return _first_cause(inner, f"{path}{name}." if name else path)
+        name = _noted(error.exceptions[0], "name", "")
+        return _first_cause(error.exceptions[0], f"{path}{name}." if name else path)
     if isinstance(error, IterableValidationError):
-        inner = error.exceptions[0]
-        index = next((note.index for note in getattr(inner, "__notes__", ()) if hasattr(note, "index")), 0)
-        return _first_cause(inner, f"{path.rstrip('.')}[{index}].")
+        index = _noted(error.exceptions[0], "index", 0)
+        return _first_cause(error.exceptions[0], f"{path.rstrip('.')}[{index}].")
     if isinstance(error, KeyError):
         key = str(error.args[0])
         return f"missing key {(path if path.endswith(f'{key}.') else path + key).rstrip('.')!r}"
@@ -250,12 +239,15 @@ def _first_cause(error: BaseException, path: str = "") -> str:
     return f"{path.rstrip('.')} {error}".lstrip()
 
 
+def _noted(error: BaseException, what: str, default: T) -> T:
+    return next((getattr(note, what) for note in getattr(error, "__notes__", ()) if hasattr(note, what)), default)
+
+
 def _check(name: str, about: Quantity, value: object) -> None:
     plain = value.value if isinstance(value, Enum) else value
     for number in plain if isinstance(plain, tuple) else (plain,):
         if about.choices and number not in about.choices:
-            hint = suggest(number, about.choices)
-            near = hint if "did you mean" in hint else ""
+            near = "".join(hint for hint in [suggest(number, about.choices)] if "did you mean" in hint)
             raise ConfigError(f"{name} must be {about.allowed()}, got {shown(number)}{near}")
         if isinstance(number, bool) or not isinstance(number, (int, float)):
             continue

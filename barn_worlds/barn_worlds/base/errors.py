@@ -4,12 +4,9 @@ import difflib
 import reprlib
 from collections.abc import Iterable
 
-_LONGEST_SHOWN = 120
-_LONGEST_ERROR = 200
+_LONGEST_NAME, _LONGEST_SHOWN, _LONGEST_ERROR = 60, 120, 200
 _LONGEST_MESSAGE, _HEAD, _TAIL = 1000, 650, 300
-_MOST_LISTED = 20
-_MOST_HINTS = 3
-_LONGEST_NAME = 60
+_MOST_LISTED, _MOST_HINTS = 20, 3
 _REPR = reprlib.Repr()
 _REPR.maxlevel = 3
 _REPR.maxstring = _REPR.maxother = _LONGEST_SHOWN
@@ -70,10 +67,8 @@ def suggest(name: object, known: Iterable[object]) -> str:
 
     So "; did you mean 'dwa'?" or "; known: dwa, eband". Among dotted names, those under the same parent count first.
     """
-    names, wanted = (
-        sorted(str(key)[:_LONGEST_NAME] for key in known),
-        (name if isinstance(name, str) else shown(name))[:_LONGEST_SHOWN],
-    )
+    names = sorted(str(key)[:_LONGEST_NAME] for key in known)
+    wanted = (name if isinstance(name, str) else shown(name))[:_LONGEST_SHOWN]
     siblings = [one for one in names if one.rpartition(".")[0] == wanted.rpartition(".")[0]] or names
     near = [one for one in names if one.endswith(f".{wanted}")] or _alike(wanted, siblings, 0.6)
     near = near or _alike(wanted, names, 0.8)

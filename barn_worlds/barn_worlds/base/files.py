@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from barn_worlds.base.errors import StoreError, WorldError
+from barn_worlds.base.errors import BarnError, StoreError, WorldError
 
 LARGEST_FILE = 256 * 1024 * 1024
 PARTIAL = ".partial"  # ending of files that are being written; of a killed process they stay
@@ -66,21 +66,24 @@ def read_maybe_gzipped(path: Path, largest: int = LARGEST_FILE) -> bytes:
 
 def write_bytes(path: Path, content: bytes) -> None:
     """Write a file atomically; WorldError if that fails."""
-    try:
+    with _writes(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as temporary:
             temporary.write_bytes(content)
-    except OSError as error:
-        raise WorldError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file onto the disk, so that it is there as a whole or as it was before; StoreError if that fails."""
+    with _writes(path, StoreError), replacing(path, durable=True) as temporary:
+        temporary.write_bytes(content)
+
+
+@contextmanager
+def _writes(path: Path, kind: type[BarnError] = WorldError) -> Iterator[None]:
     try:
-        with replacing(path, durable=True) as temporary:
-            temporary.write_bytes(content)
+        yield
     except OSError as error:
-        raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None
+        raise kind(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 @contextmanager
@@ -118,21 +121,17 @@ def new_folder(path: Path) -> Iterator[Path]:
 
     Raises WorldError if `path` exists and is not an empty folder, or if it cannot be written.
     """
-    try:
+    with _writes(path):
         if path.exists() and (not path.is_dir() or any(path.iterdir())):
             raise WorldError(f"{path}: exists already; name a new folder or an empty one")
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
-    except OSError as error:
-        raise WorldError(f"{path}: cannot be written: {error.strerror or error}") from None
-    try:
-        yield temporary
-        temporary.chmod(0o777 & ~_umask())
-        temporary.replace(path)
-    except OSError as error:
-        raise WorldError(f"{path}: cannot be written: {error.strerror or error}") from None
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+        try:
+            yield temporary
+            temporary.chmod(0o777 & ~_umask())
+            temporary.replace(path)
+        finally:
+            shutil.rmtree(temporary, ignore_errors=True)
 
 
 def _umask() -> int:

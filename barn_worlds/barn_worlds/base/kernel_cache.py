@@ -33,9 +33,8 @@ def prepare(package: Path) -> None:
     shared = Path(tempfile.gettempdir()) / f"barn_kernels_{os.getuid()}"
     kept = homes / "barn" / digest
     if not _is_own(kept):
-        kept = shared / digest
-        if not _is_own(kept):  # somebody else has taken that name
-            kept = Path(tempfile.mkdtemp(prefix="barn_kernels_"))
+        # the second where somebody else has taken the name of the first
+        kept = shared / digest if _is_own(shared / digest) else Path(tempfile.mkdtemp(prefix="barn_kernels_"))
         print(f"compiled kernels go to {kept}: neither {package} nor {homes} can be written", file=sys.stderr)
     os.environ[_VARIABLE] = str(kept)
 
@@ -74,9 +73,8 @@ def _is_own(folder: Path) -> bool:
     """Make a folder if need be, and tell whether nobody else can put code there."""
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        parents = (folder, folder.parent)
         return os.access(folder, os.W_OK) and all(
             one.lstat().st_uid == os.getuid() and not one.is_symlink() and not one.lstat().st_mode & 0o022
-            for one in parents
+            for one in (folder, folder.parent)
         )
     return False

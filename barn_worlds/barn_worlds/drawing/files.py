@@ -12,20 +12,16 @@ from PIL import Image
 from barn_worlds.base.files import write_bytes
 
 # By format: what matplotlib would say of itself and of the time.
-_NOT_WRITTEN: dict[str, Any] = {
-    "png": {"Software": None},
-    "svg": {"Date": None, "Creator": None},
-    "pdf": {"CreationDate": None},
-}
+_NOT_WRITTEN: dict[str, Any] = {"png": ("Software",), "svg": ("Date", "Creator"), "pdf": ("CreationDate",)}
 
 
 def figure_bytes(figure: Figure, kind: str = "png", dots_per_inch: float = 120, *, tight: bool = False) -> bytes:
     """Return the content of a file with a figure; tight: without its empty margins."""
     if kind == "png":
         FigureCanvasAgg(figure)
-    content = io.BytesIO()
+    content, unsaid = io.BytesIO(), dict.fromkeys(_NOT_WRITTEN[kind])
     around = "tight" if tight else None
-    figure.savefig(content, format=kind, dpi=dots_per_inch, bbox_inches=around, metadata=_NOT_WRITTEN[kind])
+    figure.savefig(content, format=kind, dpi=dots_per_inch, bbox_inches=around, metadata=unsaid)
     return content.getvalue()
 
 

@@ -41,12 +41,10 @@ def _draw_body(axes: Axes, robot: Robot) -> None:
     axes.add_patch(outline or Polygon(chassis.footprint_m, **look))
     radius, width = chassis.wheel_radius_m, chassis.wheel_width_m
     for k, (x, y, _) in enumerate(chassis.wheels_m):
-        name: Any = {} if k else {"label": "wheel"}
-        corner = (x - radius, y - 0.5 * width)
-        axes.add_patch(Rectangle(corner, 2.0 * radius, width, facecolor=HOLLOW, zorder=3, **name))
+        place, label = (x - radius, y - 0.5 * width), "" if k else "wheel"
+        axes.add_patch(Rectangle(place, 2.0 * radius, width, facecolor=HOLLOW, zorder=3, label=label))
     for k, place in enumerate(chassis.casters_m):
-        name = {} if k else {"label": "caster"}
-        axes.add_patch(Circle(place, 0.5 * width, facecolor=START, zorder=3, **name))
+        axes.add_patch(Circle(place, 0.5 * width, facecolor=START, zorder=3, label="" if k else "caster"))
 
 
 def _draw_lidar(axes: Axes, robot: Robot) -> None:

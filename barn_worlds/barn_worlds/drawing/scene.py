@@ -13,19 +13,17 @@ from matplotlib.patches import Circle
 from barn_worlds.base.arrays import Floats, Points
 from barn_worlds.base.types import Pose2D
 from barn_worlds.drawing.palette import CONTACT, FAINT, GOAL, INK, MOVER, OBSTACLE, START, WALL
-from barn_worlds.geometry.bodies import Bodies
 from barn_worlds.moving.tracks import Tracks, jumps
 from barn_worlds.worlds.scene import TrialScene
 
 _LEAST_TOP_MPS = 0.5  # of the scale of speeds
 
 
-def discs(axes: Axes, centres_m: npt.NDArray[np.floating], radii_m: npt.ArrayLike, **look: object) -> EllipseCollection:
+def discs(axes: Axes, centres_m: npt.NDArray[np.floating], radii_m: npt.ArrayLike, **look: Any) -> EllipseCollection:
     """Draw discs around centres (n, 2); radii_m: one for all, or (n,)."""
     sizes = np.broadcast_to(2.0 * np.asarray(radii_m), len(centres_m))
-    ellipses = EllipseCollection(
-        sizes, sizes, np.zeros(len(sizes)), units="xy", offsets=centres_m, offset_transform=axes.transData, **look
-    )
+    where: Any = {"units": "xy", "offsets": centres_m, "offset_transform": axes.transData}
+    ellipses = EllipseCollection(sizes, sizes, np.zeros(len(sizes)), **where, **look)
     axes.add_collection(ellipses)
     return ellipses
 
@@ -38,18 +36,13 @@ def circles(centres_m: Points, radii_m: npt.ArrayLike) -> list[Points]:
     return list(centres_m[:, None] + radii[:, None, None] * around)
 
 
-def draw_bodies(axes: Axes, bodies: Bodies, colour: str = WALL) -> None:
-    """Draw upright bodies."""
-    if len(bodies.poses):
-        axes.add_collection(PolyCollection(bodies.outlines(), facecolor=colour))
-
-
 def draw_scene(axes: Axes, scene: TrialScene, *, faint: bool = False) -> None:
     """Draw obstacles, walls and path of a world, with start, goal and how near to it counts as arrival.
 
     faint: all but start and goal in one light colour, for maps on which trajectories are what counts.
     """
-    draw_bodies(axes, scene.boxes)
+    if len(scene.boxes.poses):
+        axes.add_collection(PolyCollection(scene.boxes.outlines(), facecolor=WALL))
     discs(axes, scene.walls_m, scene.radius_m, facecolor=FAINT if faint else WALL)
     discs(axes, scene.obstacles_m, scene.radius_m, facecolor=FAINT if faint else OBSTACLE)
     look: dict[str, Any] = {"color": FAINT, "linestyle": "--", "linewidth": 1.4}
@@ -102,15 +95,11 @@ def scale_speeds(axes: Axes, trails: Sequence[LineCollection]) -> None:
 def ways(tracks: Tracks, times_s: Floats) -> list[Points]:
     """Return where moving obstacles are over times at equal steps, pieces (k, 2) between their jumps."""
     positions, velocities = tracks.over(times_s)
-    jumped = (
-        jumps(positions, velocities, float(times_s[1] - times_s[0])) if len(times_s) > 1 else np.zeros((1, 1), bool)
-    )
-    return [
-        piece
-        for k in range(len(tracks))
-        for piece in np.split(positions[:, k], np.flatnonzero(jumped[:, k]) + 1)
-        if len(piece) > 1
-    ]
+    if len(times_s) < 2:
+        return []
+    jumped = jumps(positions, velocities, float(times_s[1] - times_s[0]))
+    ends = [np.flatnonzero(jumped[:, k]) + 1 for k in range(len(tracks))]
+    return [piece for k, at in enumerate(ends) for piece in np.split(positions[:, k], at) if len(piece) > 1]
 
 
 def draw_ways(axes: Axes, pieces: Sequence[Points], **look: Any) -> None:

@@ -19,19 +19,8 @@ from barn_worlds.base.arrays import Points
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.files import write_bytes
 from barn_worlds.base.types import Pose2D
+from barn_worlds.drawing import palette
 from barn_worlds.drawing.files import gif_bytes
-from barn_worlds.drawing.palette import (
-    GOAL,
-    HOLLOW,
-    INFLATED,
-    MOVER,
-    MOVER_ON_TRACK,
-    OBSTACLE,
-    ROUTE,
-    START,
-    WALL,
-    WHITE,
-)
 from barn_worlds.drawing.scene import discs, draw_arrow, draw_scene, draw_ways, ways
 from barn_worlds.geometry.bodies import moving_bodies, wall_bodies
 from barn_worlds.moving.tracks import Tracks
@@ -104,14 +93,16 @@ def _figure(
     axes = figure.add_subplot()
     extent = (left, right, above - world.cols * world.resolution_m, above)
     inflated = np.ma.masked_where(~world.cspace.T, world.cspace.T)
-    axes.imshow(inflated, cmap=ListedColormap([INFLATED]), extent=extent, origin="lower", interpolation="nearest")
+    axes.imshow(
+        inflated, cmap=ListedColormap([palette.INFLATED]), extent=extent, origin="lower", interpolation="nearest"
+    )
     hollow = world.cell_centres_m(np.argwhere(geometry.hollow(world.grid)))
-    discs(axes, hollow, world.cylinder_radius_m, color=HOLLOW)
+    discs(axes, hollow, world.cylinder_radius_m, color=palette.HOLLOW)
     first, last = (Pose2D(x, y, 0.0) for x, y in world.path_m()[[0, -1]].tolist())
     draw_scene(axes, scene_of(world, start or first, goal or last, reached_m))
     if world.grid.any():
-        axes.scatter([], [], marker="s", color=INFLATED, label="C-space obstacle")
-        axes.scatter([], [], color=OBSTACLE, label="obstacle")
+        axes.scatter([], [], marker="s", color=palette.INFLATED, label="C-space obstacle")
+        axes.scatter([], [], color=palette.OBSTACLE, label="obstacle")
     above = max(above, goal.y + reached_m + 0.2) if goal else above
     axes.set(xlim=(left, right), ylim=(below, above), aspect="equal", xlabel="x [m]", ylabel="y [m]")
     moving = f", {len(world.moving)} moving obstacles" if world.moving else ""
@@ -123,7 +114,7 @@ def _draw_moving(
     axes: Axes, world: World, onto: Callable[[Points], Points] = lambda points: points, arrows: int = 0
 ) -> PolyCollection:
     """Draw walls, tracks with some arrows, and obstacles at time 0, which it returns; onto: from metres to the axes."""
-    axes.add_collection(PolyCollection(list(map(onto, wall_bodies(world.walls).outlines())), facecolor=WALL))
+    axes.add_collection(PolyCollection(list(map(onto, wall_bodies(world.walls).outlines())), facecolor=palette.WALL))
     for one in world.moving:
         length_s, tracks = min(one.motion.period_s, _LONGEST_TRACK_S), Tracks([one])
         times_s = np.linspace(0.0, length_s, max(2, math.ceil(length_s / _TRACK_STEP_S)), endpoint=False)
@@ -133,7 +124,9 @@ def _draw_moving(
             draw_arrow(axes, place, velocity, mutation_scale=9.0)
     label = "moving obstacle" if world.moving else ""
     outlines = list(map(onto, moving_bodies(world.tracks, 0.0).outlines()))
-    obstacles = PolyCollection(outlines, facecolor=MOVER_ON_TRACK, edgecolor=MOVER, alpha=0.85, zorder=3, label=label)
+    obstacles = PolyCollection(
+        outlines, facecolor=palette.MOVER_ON_TRACK, edgecolor=palette.MOVER, alpha=0.85, zorder=3, label=label
+    )
     axes.add_collection(obstacles)
     return obstacles
 
@@ -169,10 +162,10 @@ def _frames(world: World) -> Iterator[Image.Image]:
 def _tile(world: World) -> npt.NDArray[np.float32]:
     """Return one world as colours (cols, rows, 3), the last column on top."""
     tile = np.empty((world.cols, world.rows, 3), np.float32)
-    tile[:] = to_rgb(WHITE)
-    tile[world.cspace.T] = to_rgb(INFLATED)
-    tile[world.grid.T] = to_rgb(OBSTACLE)
-    tile[world.path[:, 1], world.path[:, 0]] = to_rgb(ROUTE)
-    for cell, colour in ((world.start_cell, START), (world.goal_cell, GOAL)):
+    tile[:] = to_rgb(palette.WHITE)
+    tile[world.cspace.T] = to_rgb(palette.INFLATED)
+    tile[world.grid.T] = to_rgb(palette.OBSTACLE)
+    tile[world.path[:, 1], world.path[:, 0]] = to_rgb(palette.ROUTE)
+    for cell, colour in ((world.start_cell, palette.START), (world.goal_cell, palette.GOAL)):
         tile[cell[1], cell[0]] = to_rgb(colour)
     return tile[::-1]

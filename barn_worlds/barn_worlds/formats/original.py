@@ -41,7 +41,9 @@ def read_world(folder: Path, index: int, robot: Robot = STANDARD) -> World:
     """
     path = folder / "grid_files" / f"grid_{index}.npy"
     if path.is_file():
-        grid, resolution_m = checked_grid(read_npy(path), str(path)), _resolution(folder, index)
+        about = folder / "map_files" / f"yaml_{index}.yaml"
+        resolution_m = map_server.read_about(about).resolution if about.is_file() else STANDARD_RESOLUTION_M
+        grid = checked_grid(read_npy(path), str(path))
     else:
         packed, plain = (folder / "world_files" / f"world_{index}.world{end}" for end in (".gz", ""))
         path = packed if packed.is_file() else plain
@@ -76,11 +78,6 @@ def write_original(
             map_server.write_map(occupancy, target / "map_files" / f"yaml_{index}", image=f"map_pgm_{index}.pgm")
         for index, values in (metrics or {}).items():
             write_bytes(target / "metrics_files" / f"metrics_{index}.npy", to_npy(np.asarray(values, np.float64)))
-
-
-def _resolution(folder: Path, index: int) -> float:
-    about = folder / "map_files" / f"yaml_{index}.yaml"
-    return map_server.read_about(about).resolution if about.is_file() else STANDARD_RESOLUTION_M
 
 
 def _footprint(path: Path, grid: BoolGrid, standard: int) -> int:

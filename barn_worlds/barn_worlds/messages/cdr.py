@@ -73,8 +73,7 @@ class Template:
         self.type_name: str = message.__msgtype__
         self._data = bytearray(serialise(message))
         self._parts: list[tuple[Callable[..., None], int, slice]] = []
-        group: list[Slot] = []
-        first = 0
+        group, first = list[Slot](), 0
         for index, slot in enumerate([*(slots[name] for name in fields), None]):
             joined = group and slot and group[-1].offset + struct.calcsize("<" + group[-1].format) == slot.offset
             if group and not joined:

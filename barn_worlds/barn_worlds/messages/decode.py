@@ -74,8 +74,7 @@ def _reads(type_name: str) -> Callable[[Callable[[bytes], T]], Callable[[bytes],
 @_reads("std_msgs/msg/Header")
 def header(data: bytes) -> Header:
     """Return the header of a message of any type that begins with one."""
-    sec, nanosec, length = _HEADER.unpack_from(data, 4)
-    return Header(sec * NANOSECONDS + nanosec, _text(_part(data, 16, length)))
+    return Header(_after_header(data)[0], _text(data, 12))
 
 
 @_reads("rosgraph_msgs/msg/Clock")
@@ -85,23 +84,20 @@ def clock(data: bytes) -> int:
     return int(sec * NANOSECONDS + nanosec)
 
 
-@_reads("std_msgs/msg/Bool")
 def boolean(data: bytes) -> bool:
     """Return the value of std_msgs/Bool."""
-    return data[4] != 0
+    return bool(whole(data, "std_msgs/msg/Bool").data)
 
 
-@_reads("std_msgs/msg/Float64")
 def number(data: bytes) -> float:
     """Return the value of std_msgs/Float64."""
-    return float(struct.unpack_from("<d", data, 4)[0])
+    return float(whole(data, "std_msgs/msg/Float64").data)
 
 
 @_reads("std_msgs/msg/String")
 def text(data: bytes) -> str:
     """Return the text of std_msgs/String."""
-    (length,) = _LENGTH.unpack_from(data, 4)
-    return _text(_part(data, 8, length))
+    return _text(data, 4)
 
 
 @_reads("geometry_msgs/msg/Twist")
@@ -240,14 +236,12 @@ def _aligned(at: int) -> int:
     return at + (4 - at) % 8
 
 
-def _part(data: bytes, at: int, length: int) -> bytes:
-    if at + length > len(data):
-        raise ValueError(f"{length} bytes at {at} of {len(data)}")
-    return data[at : at + length]
-
-
-def _text(part: bytes) -> str:
-    return part.split(b"\0", 1)[0].decode("utf-8", "replace")
+def _text(data: bytes, at: int) -> str:
+    """Return the text whose length stands at an offset."""
+    end = _after_text(data, at)
+    if end > len(data):
+        raise ValueError(f"a text up to {end} of {len(data)} bytes")
+    return data[at + 4 : end].split(b"\0", 1)[0].decode("utf-8", "replace")
 
 
 def _pose_of(message: Message) -> Pose2D:

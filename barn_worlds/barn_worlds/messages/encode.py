@@ -9,7 +9,7 @@ import numpy as np
 
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D, quaternion_from_yaw
-from barn_worlds.messages.cdr import Message, Template, deserialise, layout, make, serialise
+from barn_worlds.messages.cdr import Message, Template, layout, make, serialise
 
 STAMP_FIELDS = ("header.stamp.sec", "header.stamp.nanosec")
 FINE, WARNING, ERROR = 0, 1, 2  # levels of diagnostic_msgs/DiagnosticStatus
@@ -61,25 +61,21 @@ class PoseStampedEncoder(Encoder[Pose2D]):
     """geometry_msgs/PoseStamped."""
 
     def __init__(self, frame: str) -> None:
-        message = make("geometry_msgs/msg/PoseStamped", header=header(frame))
-        super().__init__(message, _pose_fields("pose"), _pose_values)
+        super().__init__(
+            make("geometry_msgs/msg/PoseStamped", header=header(frame)), _pose_fields("pose"), _pose_values
+        )
 
 
 class ScanEncoder(Encoder[Scan]):
     """sensor_msgs/LaserScan of a fixed number of beams; the stamp is the one given with it."""
 
     def __init__(self, first: Scan, frame: str, period_s: float) -> None:
+        names = ("angle_min", "angle_increment", "range_min", "range_max")
         message = make(
-            "sensor_msgs/msg/LaserScan",
-            header=header(frame),
-            angle_min=first.angle_min,
-            angle_increment=first.angle_increment,
-            angle_max=first.angle_min + first.angle_increment * (len(first.ranges) - 1),
-            scan_time=period_s,
-            range_min=first.range_min,
-            range_max=first.range_max,
-            ranges=np.zeros(len(first.ranges), np.float32),
+            "sensor_msgs/msg/LaserScan", header=header(frame), **{name: getattr(first, name) for name in names}
         )
+        message.angle_max = first.angle_min + first.angle_increment * (len(first.ranges) - 1)
+        message.scan_time, message.ranges = period_s, np.zeros(len(first.ranges), np.float32)
         super().__init__(message, ["ranges"], lambda scan: (scan.ranges.tobytes(),))
 
 
@@ -96,12 +92,11 @@ class JointEncoder(Encoder[tuple[Sequence[float], Sequence[float]]]):
     """sensor_msgs/JointState of positions (rad) and velocities (rad/s) in the order of a fixed list of joints."""
 
     def __init__(self, names: Sequence[str], frame: str = "") -> None:
-        zeros = np.zeros(len(names))
-        message = make("sensor_msgs/msg/JointState", header=header(frame), name=list(names))
-        message.position = message.velocity = zeros
-        super().__init__(
-            message, ("position", "velocity"), lambda both: [np.asarray(one, np.float64).tobytes() for one in both]
+        fields, zeros = ("position", "velocity"), np.zeros(len(names))
+        message = make(
+            "sensor_msgs/msg/JointState", header=header(frame), name=list(names), position=zeros, velocity=zeros
         )
+        super().__init__(message, fields, lambda both: [np.asarray(one, np.float64).tobytes() for one in both])
 
 
 class TransformEncoder:
@@ -133,13 +128,10 @@ class PathEncoder:
     def __init__(self, frame: str) -> None:
         pose = make("geometry_msgs/msg/PoseStamped", header=header(frame))
         pose.pose.orientation.w = 1.0
-        self._empty, two = (
-            serialise(make(self.type_name, header=header(frame), poses=[pose] * count)) for count in (0, 2)
-        )
-        slots = layout(deserialise(two, self.type_name))
+        empty, two = (make(self.type_name, header=header(frame), poses=[pose] * count) for count in (0, 2))
+        self._empty, slots, data = len(serialise(empty)), layout(two), serialise(two)
         first, second = (slots[f"poses.{index}.pose.position.x"].offset for index in (0, 1))
-        self._head = bytearray(two[:first])
-        self._row = bytearray(two[first:second])
+        self._head, self._row = bytearray(data[:first]), bytearray(data[first:second])
         self._head_stamps = (slots["header.stamp.sec"].offset, slots["poses.0.header.stamp.sec"].offset)
         self._row_stamp = slots["poses.1.header.stamp.sec"].offset - first
 
@@ -148,9 +140,9 @@ class PathEncoder:
         stamp = struct.pack("<iI", *divmod(stamp_ns, NANOSECONDS))
         for offset in self._head_stamps:
             self._head[offset : offset + 8] = stamp
-        struct.pack_into("<I", self._head, len(self._empty) - 4, len(points))
+        struct.pack_into("<I", self._head, self._empty - 4, len(points))
         if not len(points):
-            return bytes(self._head[: len(self._empty)])
+            return bytes(self._head[: self._empty])
         self._row[self._row_stamp : self._row_stamp + 8] = stamp
         rows = np.tile(np.frombuffer(self._row, np.uint8), (len(points), 1))
         rows[:, :16] = np.ascontiguousarray(points[:, :2], np.float64).view(np.uint8)
@@ -242,15 +234,9 @@ def marker(
     stamp_ns: int = 0,
 ) -> Message:
     """Return visualization_msgs/Marker as an object; colour: red, green, blue, opacity."""
-    made = make(
-        "visualization_msgs/msg/Marker",
-        header=header(frame, stamp_ns),
-        ns=namespace,
-        id=index,
-        type=kind,
-        action=action,
-        color=make("std_msgs/msg/ColorRGBA", **dict(zip("rgba", colour, strict=True))),
-    )
+    about = {"ns": namespace, "id": index, "type": kind, "action": action}
+    paint = make("std_msgs/msg/ColorRGBA", **dict(zip("rgba", colour, strict=True)))
+    made = make("visualization_msgs/msg/Marker", header=header(frame, stamp_ns), color=paint, **about)
     made.pose.orientation.w = 1.0
     return made
 

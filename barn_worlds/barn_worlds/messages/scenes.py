@@ -41,9 +41,9 @@ def encode_scene(scene: TrialScene, stamp_ns: int) -> bytes:
     """
     found = []
     for name, centres_m in ((_OBSTACLES, scene.obstacles_m), (_WALLS, scene.walls_m)):
-        zeros = np.zeros(len(centres_m))
-        sizes = zeros + scene.radius_m, np.zeros((len(centres_m), 2)), zeros + scene.height_m
-        found += _solid(_STANDING, name, Bodies(np.column_stack([centres_m, zeros]), *sizes), stamp_ns)
+        zeros, boxes = np.zeros(len(centres_m)), np.zeros((len(centres_m), 2))
+        pillars = np.column_stack([centres_m, zeros]), zeros + scene.radius_m, boxes, zeros + scene.height_m
+        found += _solid(_STANDING, name, Bodies(*pillars), stamp_ns)
     if len(scene.path_m):
         found.append(_line(_STANDING, _PATH, LINE_STRIP, _LINE_M, scene.path_m, stamp_ns))
     for name, kind, pose, size_m in (
@@ -52,8 +52,7 @@ def encode_scene(scene: TrialScene, stamp_ns: int) -> bytes:
     ):
         if pose is not None:
             disc = _marker(_STANDING, name, kind, stamp_ns)
-            disc.scale.x = disc.scale.y = size_m
-            disc.scale.z = _DISC_M
+            disc.scale.x, disc.scale.y, disc.scale.z = size_m, size_m, _DISC_M
             disc.pose.position.x, disc.pose.position.y = pose.x, pose.y
             disc.pose.orientation.z, disc.pose.orientation.w = quaternion_from_yaw(pose.yaw)
             found.append(disc)
@@ -120,8 +119,7 @@ def trail_segments(world: World, time_s: float) -> Points:
     positions = world.tracks.over(time_s - _TRAIL_STEP_S * np.arange(steps + 1.0))[0]
     lengths = np.hypot(*np.moveaxis(np.diff(positions, axis=0), 2, 0))
     moved = lengths <= world.tracks.fastest_mps * _TRAIL_STEP_S * 1.001
-    pairs = np.stack([positions[:-1], positions[1:]], axis=2)[moved]
-    segments: Points = pairs.reshape(-1, 2)
+    segments: Points = np.stack([positions[:-1], positions[1:]], axis=2)[moved].reshape(-1, 2)
     return segments
 
 
@@ -129,14 +127,7 @@ def _marker(colours: Colours, name: str, kind: int, stamp_ns: int) -> Message:
     return marker(FRAMES.map, name, kind, colour=colours[name], stamp_ns=stamp_ns)
 
 
-def _line(
-    colours: Colours,
-    name: str,
-    kind: int,
-    width_m: float,
-    points_m: Points,
-    stamp_ns: int,
-) -> Message:
+def _line(colours: Colours, name: str, kind: int, width_m: float, points_m: Points, stamp_ns: int) -> Message:
     line = _marker(colours, name, kind, stamp_ns)
     line.scale.x = width_m
     line.points = [make("geometry_msgs/msg/Point", x=x, y=y) for x, y in points_m.tolist()]

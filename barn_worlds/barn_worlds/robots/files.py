@@ -53,7 +53,12 @@ def _read(path: Path) -> Robot:
     if not isinstance(name, str) or not name:
         raise ConfigError(f"{path}: name must be the name of the robot, got {shown(name)}")
     chassis, drive = (_section(content, key, path) for key in ("chassis", "drive"))
-    of_urdf = chassis_of(_beside(path, content.pop("urdf"))) if "urdf" in content else {}
+    of_urdf = {}
+    if "urdf" in content:
+        urdf = content.pop("urdf")
+        if not isinstance(urdf, str) or Path(urdf).name != urdf:
+            raise ConfigError(f"{path}: urdf must name a file beside it, got {shown(urdf)}")
+        of_urdf = chassis_of(path.parent / urdf)
     content["chassis"] = {"name": name, **of_urdf, **chassis}
     content["drive"] = {_MULTIPLIER: 1.0, **drive}
     robot = from_dict(Robot, content, str(path))
@@ -70,12 +75,6 @@ def _section(content: dict[str, Any], key: str, path: Path) -> dict[str, Any]:
     if not isinstance(given, dict):
         raise ConfigError(f"{path}: {key} must be a mapping of names to values, got {shown(given)}")
     return given
-
-
-def _beside(path: Path, urdf: object) -> Path:
-    if not isinstance(urdf, str) or Path(urdf).name != urdf:
-        raise ConfigError(f"{path}: urdf must name a file beside it, got {shown(urdf)}")
-    return path.parent / urdf
 
 
 ROBOTS: Mapping[str, Robot] = {name: _read(file) for name, file in shipped_robots().items()}

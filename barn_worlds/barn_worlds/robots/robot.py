@@ -159,14 +159,10 @@ class Chassis(Checked):
         above = f"must be above ground_clearance_m = {self.ground_clearance_m:g}"
         self.require(self.body_height_m > self.ground_clearance_m, "body_height_m", above)
         over = "must be above the ground that wheels and casters stand on, or the robot falls over"
-        self.require(contains(self.support_m, self.centre_of_mass_m[:2]), "centre_of_mass_m", over)
+        stands = hull([(x, y) for x, y, _ in self.wheels_m] + list(self.casters_m))
+        self.require(contains(stands, self.centre_of_mass_m[:2]), "centre_of_mass_m", over)
         ground = f"must be above the ground, {-self.base_height_m:g} m in base_link"
         self.require(self.centre_of_mass_m[2] + self.base_height_m > 0.0, "centre_of_mass_m", ground)
-
-    @cached_property
-    def support_m(self) -> tuple[Corner, ...]:
-        """Convex hull of where wheels and casters touch the ground."""
-        return hull([(x, y) for x, y, _ in self.wheels_m] + list(self.casters_m))
 
     def _check_wheels(self) -> None:
         low, wanted = (

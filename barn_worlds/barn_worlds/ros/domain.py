@@ -26,7 +26,10 @@ def reserved_domain(environment: Mapping[str, str]) -> Iterator[int]:
     if given and (not given.isdecimal() or int(given) > 232):
         raise ConfigError(f"ROS_DOMAIN_ID must be from 0 to 232, got {given!r}")
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as name:
-        for number in [int(given)] if given else _candidates():
+        # from one on that differs from process to process
+        first, busy = os.getpid() % len(DOMAINS), _busy_domains()
+        free = [number for number in (*DOMAINS[first:], *DOMAINS[:first]) if number not in busy]
+        for number in [int(given)] if given else free:
             try:
                 name.bind(f"\0barn_ros_domain_{number}")
             except OSError as error:
@@ -43,13 +46,6 @@ def reserved_domain(environment: Mapping[str, str]) -> Iterator[int]:
 def in_use(domain: int) -> bool:
     """Tell whether anybody on this host, of whatever program, takes part in a domain."""
     return domain in _busy_domains()
-
-
-def _candidates() -> list[int]:
-    """Return the domains whose ports are free, from one on that differs from process to process."""
-    busy = _busy_domains()
-    first = os.getpid() % len(DOMAINS)
-    return [number for number in (*DOMAINS[first:], *DOMAINS[:first]) if number not in busy]
 
 
 def _busy_domains() -> set[int]:

@@ -67,10 +67,8 @@ def current(node: Node, config: T) -> T:
 
 
 def _descriptor(about: Quantity, value: object, *, read_only: bool) -> ParameterDescriptor:
-    unit = f" [{about.unit}]" if about.unit else ""
-    described = ParameterDescriptor(
-        description=about.description + unit, additional_constraints=about.allowed(), read_only=read_only
-    )
+    meaning = about.description + (f" [{about.unit}]" if about.unit else "")
+    described = ParameterDescriptor(description=meaning, additional_constraints=about.allowed(), read_only=read_only)
     # so that `-p factor:=2` works for 2.0, and because in ROS an empty list has no type
     described.dynamic_typing = isinstance(value, (float, list))
     if about.minimum is None and about.maximum is None:

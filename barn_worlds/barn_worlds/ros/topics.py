@@ -20,12 +20,8 @@ T = TypeVar("T")
 
 def profile(qos: Qos) -> QoSProfile:
     """Return a quality of service for rclpy."""
-    return QoSProfile(
-        depth=qos.depth,
-        history=HistoryPolicy.KEEP_LAST,
-        reliability=ReliabilityPolicy[qos.reliability.upper()],
-        durability=DurabilityPolicy[qos.durability.upper()],
-    )
+    reliability, durability = ReliabilityPolicy[qos.reliability.upper()], DurabilityPolicy[qos.durability.upper()]
+    return QoSProfile(depth=qos.depth, history=HistoryPolicy.KEEP_LAST, reliability=reliability, durability=durability)
 
 
 def own_identity(node: Node) -> bytes:
@@ -59,13 +55,9 @@ def optional_publisher(node: Node, topic: Topic) -> Publisher | None:
 
 
 def subscribe(
-    node: Node,
-    topic: Topic,
-    decode: Callable[[bytes], T],
-    take: Callable[[T], None],
-    qos: Qos | None = None,
+    node: Node, topic: Topic, decode: Callable[[bytes], T], take: Callable[[T], None], qos: Qos | None = None,
     event_callbacks: SubscriptionEventCallbacks | None = None,
-) -> Subscription:
+) -> Subscription:  # fmt: skip
     """Subscribe to a topic and pass on its decoded messages; malformed ones are logged and skipped."""
 
     def on_data(data: bytes) -> None:

@@ -43,16 +43,6 @@ def cell_centres(cells: Cells, rows: int, resolution_m: float) -> Points:
     return centres
 
 
-def historical_cell_centres(cells: Cells, rows: int, resolution_m: float) -> Points:
-    """Return cells (n, 2) in metres as the original tools convert their path files, (n, 2).
-
-    That is one cell too low in x and two thirds of a cell too low in y (0.15 and 0.10 m for the standard world). Use it
-    only to reproduce numbers that contain this offset, such as the goals of the paper's trials.
-    """
-    off: Points = np.array([resolution_m, resolution_m * 2.0 / 3.0])
-    return np.subtract(cell_centres(cells, rows, resolution_m), off)
-
-
 def containing_cells(points: Points, rows: int, resolution_m: float) -> Cells:
     """Return the cells (n, 2) in which points (n, 2) in metres lie; they may be outside the grid."""
     cells: Cells = np.floor(points / resolution_m).astype(np.int64) + np.array([rows, -lead_in_cells(resolution_m)])

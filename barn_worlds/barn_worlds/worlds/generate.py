@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 
-from barn_worlds.base.arrays import BoolGrid, Integers
+from barn_worlds.base.arrays import BoolGrid
 from barn_worlds.base.config import Checked, as_dict, quantity
 from barn_worlds.base.errors import ConfigError, WorldError
 from barn_worlds.formats.own import Order, write_own
@@ -100,7 +100,9 @@ def generate_world(
         region = through_region(cspace)
         if region is None:
             continue
-        start, goal = (_any(np.flatnonzero(region[:, column]), generator) for column in (0, -1))
+        # `random` alone, the stream that NumPy is least likely to change
+        ends = [np.flatnonzero(region[:, column]) for column in (0, -1)]
+        start, goal = (int(rows[int(generator.random() * len(rows))]) for rows in ends)
         path = plan_path(cspace, (start, 0), (goal, parameters.cols - 1))
         if path is not None:
             provenance = Provenance("generated", parameters=as_dict(parameters), seed=seed, path_source="planned")
@@ -188,11 +190,6 @@ def write_ordered(
     numbered = reordered(worlds, order)
     write_own(target, name, numbered, {**about, "order": {"by": order.by, "scores": sorted(order.scores)}})
     return numbered
-
-
-def _any(rows: Integers, generator: np.random.Generator) -> int:
-    """Return one of some rows at random; uses `random` alone, the stream that NumPy is least likely to change."""
-    return int(rows[int(generator.random() * len(rows))])
 
 
 def grow(parameters: WorldParameters, generator: np.random.Generator) -> BoolGrid:

@@ -54,8 +54,9 @@ def plan_through(cspace: BoolGrid) -> Cells | None:
     region = through_region(cspace)
     if region is None:
         return None
-    ends = [_middle(np.flatnonzero(region[:, column])) for column in (0, -1)]
-    return plan_path(cspace, (ends[0], 0), (ends[1], cspace.shape[1] - 1))
+    ends = [np.flatnonzero(region[:, column]) for column in (0, -1)]
+    start, goal = (int(rows[np.argmin(np.abs(rows - rows.mean()))]) for rows in ends)
+    return plan_path(cspace, (start, 0), (goal, cspace.shape[1] - 1))
 
 
 def inflation(cspace: BoolGrid) -> Floats:
@@ -74,11 +75,6 @@ def inflation(cspace: BoolGrid) -> Floats:
                 near = padded[reach + down : reach + down + rows, reach + right : reach + right + cols]
                 np.maximum(penalty, near * (INFLATION_WEIGHT / distance), out=penalty)
     return penalty
-
-
-def _middle(rows: Integers) -> int:
-    """Return the row that is closest to the mean of the rows, the first of equals."""
-    return int(rows[np.argmin(np.abs(rows - rows.mean()))])
 
 
 @njit(cache=True)
@@ -109,7 +105,8 @@ def search(free: BoolGrid, penalty: Floats, start: int, goal: int, complete: boo
         if cell == goal:
             return _trace(parent, state, states, cols)
         for turn in _STRAIGHT_FIRST:
-            if _turned(direction[state], turn) > LARGEST_TURN:
+            before = direction[state]
+            if before != _NO_DIRECTION and min((turn - before) % 8, (before - turn) % 8) > LARGEST_TURN:
                 continue
             target = _step(free, cell, turn)
             if target < 0:
@@ -124,14 +121,6 @@ def search(free: BoolGrid, penalty: Floats, start: int, goal: int, complete: boo
                 heapq.heappush(heap, (new_cost + remaining + penalty[target // cols, target % cols], pushed, reached))
                 pushed += 1
     return np.empty((0, 2), np.int64)
-
-
-@njit(cache=True)
-def _turned(before: int, after: int) -> int:
-    """Return the turn of a step in multiples of 45 degrees; 0 for the first step."""
-    if before == _NO_DIRECTION:
-        return 0
-    return min((after - before) % 8, (before - after) % 8)
 
 
 @njit(cache=True)
