@@ -158,7 +158,7 @@ def test_a_planner_that_waits_is_charged_the_wait() -> None:
 
 
 def test_the_figures_of_a_faster_machine_say_the_same_planner_does_not_fit() -> None:
-    clock = WallClock.of(1.0, [0.04] * 20, None)
+    clock = WallClock.of(1.0, None, [0.04] * 20)
     assert clock.on(2.0, 0.05, "free").note == "its score assumes a computer 1.6 times as fast"
     assert clock.on(1.0, 0.05, "free").note == ""
     assert clock.on(2.0, 0.05, "declared") == replace(clock, pace=2.0)

@@ -24,54 +24,51 @@ RECOVERING = PlannerStatus.RECOVERING.value
 
 
 def _odometry(data: bytes) -> Odometry:
-    odometry = decode.odometry(data)
-    _finite(odometry.velocity.linear, odometry.velocity.angular, *_numbers(odometry.pose))
-    return odometry
+    found = decode.odometry(data)
+    _require_finite(found.velocity.linear, found.velocity.angular, *_numbers(found.pose))
+    return found
 
 
 def _goal(data: bytes) -> Pose2D:
-    goal = decode.pose(data)
-    _finite(*_numbers(goal))
-    return goal
+    found = decode.pose(data)
+    _require_finite(*_numbers(found))
+    return found
 
 
 def _number(data: bytes) -> float:
-    value = decode.number(data)
-    _finite(value)
-    return value
+    found = decode.number(data)
+    _require_finite(found)
+    return found
 
 
 def _scan(data: bytes) -> Scan:
-    scan = decode.scan(data)
-    if not 0 < len(scan.ranges) <= _MOST_BEAMS:
-        raise MessageError(f"a scan of {len(scan.ranges)} beams")
-    _finite(scan.angle_min, scan.angle_increment, scan.range_min)
-    return scan
+    found = decode.scan(data)
+    if not 0 < len(found.ranges) <= _MOST_BEAMS:
+        raise MessageError(f"a scan of {len(found.ranges)} beams")
+    _require_finite(found.angle_min, found.angle_increment, found.range_min)
+    return found
 
 
 def _grid(data: bytes) -> OccupancyMap:
-    grid = decode.occupancy_map(data)
-    if not 0 < grid.data.size <= _MOST_CELLS:
-        raise MessageError(f"a grid of {grid.data.size} cells")
-    _finite(grid.resolution, grid.origin_x, grid.origin_y)
-    if not grid.resolution > 0.0:
-        raise MessageError(f"a grid with cells of {grid.resolution} m")
-    return grid
+    found = decode.occupancy_map(data)
+    if not 0 < found.data.size <= _MOST_CELLS or found.resolution <= 0.0:
+        raise MessageError(f"a grid of {found.data.size} cells of {found.resolution} m")
+    _require_finite(found.resolution, found.origin_x, found.origin_y)
+    return found
 
 
 def _mounts(data: bytes) -> dict[str, Pose2D]:
-    mounts = {one.child: one.pose for one in decode.transforms(data) if one.parent.lstrip("/") == "base_link"}
-    for mount in mounts.values():
-        _finite(*_numbers(mount))
-    return mounts
+    found = {one.child: one.pose for one in decode.transforms(data) if one.parent.lstrip("/") == "base_link"}
+    _require_finite(*(number for pose in found.values() for number in _numbers(pose)))
+    return found
 
 
 def _numbers(pose: Pose2D) -> tuple[float, float, float]:
     return pose.x, pose.y, pose.yaw
 
 
-def _finite(*values: float) -> None:
-    if not all(math.isfinite(value) for value in values):
+def _require_finite(*values: float) -> None:
+    if not all(map(math.isfinite, values)):
         raise MessageError(f"values that are not finite: {values}")
 
 

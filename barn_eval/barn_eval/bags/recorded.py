@@ -1,37 +1,28 @@
 """What a bag tells of a trial, as arrays on one time line."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from barn_eval.bags import BAGS
-from barn_eval.bags.bagfile import BagFile, RawMessage
-from barn_eval.bags.decode import (
-    ORIGIN,
-    RECOVERING,
-    TOPICS,
-    chassis_of,
-    frame_and_content,
-    map_frame,
-    metadata,
-    specified,
-)
+from barn_eval.bags import BAGS, decode
+from barn_eval.bags.bagfile import BagFile
+from barn_eval.bags.decode import ORIGIN, TOPICS, metadata
 from barn_eval.bags.messages import MOVED_M
 from barn_eval.bags.movers import RecordedMotions
 from barn_eval.trials.trajectory import clearances
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import BagError, BarnError, one_line
 from barn_worlds.base.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Velocity2D
-from barn_worlds.geometry.bodies import Bodies
 from barn_worlds.geometry.footprint import Footprint, contact_of
 from barn_worlds.messages import topics
-from barn_worlds.messages.topics import FRAMES, Topic
+from barn_worlds.messages.topics import FRAMES
 from barn_worlds.robots.files import STANDARD
 from barn_worlds.robots.robot import Chassis
 from barn_worlds.worlds.scene import TrialScene
@@ -136,128 +127,105 @@ class Recorded:
 def read_recorded(path: Path) -> Recorded:
     """Return what a bag tells of a trial; of one that is cut off or damaged, what comes before that."""
     bag = BagFile(path)
-    messages = _Messages()
+    unreadable: dict[str, str] = {}
+    rows = _rows(bag, unreadable)
+    true = bool(rows[topics.GROUND_TRUTH.path])
+    poses = rows[(topics.GROUND_TRUTH if true else topics.ODOM).path]
+    if not poses:
+        there = bag.problem or "; ".join(unreadable.values()) or "it is another robot's, or no trial"
+        raise BagError(f"{path}: no poses of a robot on /ground_truth/odom or /odom ({there})")
+    times_s = np.array([row.time_s for row in poses])
+    trial, result = metadata(bag, "barn.trial", "specification"), metadata(bag, "barn.result", "result")
+    maps, goals = rows[topics.MAP.path], rows[topics.GOAL_POSE.path]
+    off = decode.map_frame(trial) if true and maps else ORIGIN
+    scene, pushed_m = _scene([row.content for row in rows[topics.WORLD.path]] if true else [])
+    moving, moving_note = _motions(rows[topics.MOVING.path], rows[topics.MOVING_POSES.path]) if true else (None, "")
+    lidar, lidar_note = _lidar(rows, trial)
+    chassis, robot_note = decode.chassis_of(trial)
+    notes = [bag.problem, *unreadable.values(), moving_note, lidar_note, robot_note]
+    notes.append("" if true else "no /ground_truth/odom: positions are those of the odometry")
+    if off != ORIGIN:
+        far = f"{math.hypot(off.x, off.y):.2f} m"
+        notes.append(f"map and plan are drawn where the obstacles stand; the planner's map has them {far} away")
+    notes.append("" if result else "the bag holds no result: its trial was not finished, or it is another's")
+    parent = bag.path.resolve().parent
+    return Recorded(
+        name=bag.path.name,
+        folder=parent.parent.name if parent.name == BAGS else parent.name,
+        frame=MAP if true else ODOM,
+        times_s=times_s,
+        poses=np.array([_pose(row.content) for row in poses], np.float64),
+        speeds=np.array([_speeds(row.content.velocity) for row in poses], np.float64),
+        commands=_held(rows[topics.CMD_VEL.path], _speeds, times_s, (np.nan, np.nan)),
+        contact=_held(rows[topics.COLLISION.path], lambda touched: (touched,), times_s, (0.0,))[:, 0] > 0.0,
+        odometry=_held(rows[topics.ODOM.path], _pose, times_s, (np.nan, np.nan, np.nan)),
+        outline=contact_of(chassis),
+        chassis=chassis,
+        lidar=lidar,
+        map_frame=off,
+        map=_moved(maps[-1].content, off) if maps else None,
+        goal=goals[-1] if goals else None,
+        scene=scene,
+        pushed_m=pushed_m,
+        moving=moving,
+        recoveries_s=_recoveries(rows[topics.DIAGNOSTICS.path]),
+        trial=trial,
+        result=result,
+        notes=tuple(filter(None, notes)),
+        **{one.name: rows[one.metadata["topic"].path] for one in fields(Recorded) if one.metadata},
+    )
+
+
+def _rows(bag: BagFile, unreadable: dict[str, str]) -> dict[str, list[Shown]]:
+    """Return what topics show, in order of time from the first pose on, and note why topics show nothing."""
+    found: dict[str, list[tuple[int, str, Any]]] = {path: [] for path in TOPICS}
     for message in bag.messages(TOPICS):
-        messages.take(message)
-    return messages.recorded(bag)
-
-
-class _Row(NamedTuple):
-    stamp_ns: int
-    frame: str
-    content: Any
-
-
-class _Messages:
-    def __init__(self) -> None:
-        self._rows: dict[str, list[_Row]] = {path: [] for path in TOPICS}
-        self._unreadable: dict[str, str] = {}
-
-    def take(self, message: RawMessage) -> None:
-        """Decode a message of a type that its topic should have."""
-        if message.type_name not in TOPICS[message.topic]:
-            known = message.type_name or "unknown"
-            self._unreadable.setdefault(message.topic, f"{message.topic} is left out: its type is {known}")
-        if message.topic in self._unreadable or (message.topic in _ONCE and self._rows[message.topic]):
-            return
+        topic = message.topic
+        if message.type_name not in TOPICS[topic]:
+            unreadable.setdefault(topic, f"{topic} is left out: its type is {message.type_name or 'unknown'}")
+        if topic in unreadable or (topic in _ONCE and found[topic]):
+            continue
         try:
-            frame, content = frame_and_content(message.topic, message.type_name, message.data)
+            said = decode.frame_and_content(topic, message.type_name, message.data)
         except BarnError as error:  # only its topic is lost
-            self._unreadable[message.topic] = f"{message.topic} cannot be decoded ({one_line(error)})"
-            return
-        self._rows[message.topic].append(_Row(message.stamp_ns, frame, content))
+            unreadable[topic] = f"{topic} cannot be decoded ({one_line(error)})"
+            continue
+        found[topic].append((message.stamp_ns, *said))
+    for rows in found.values():
+        rows.sort(key=itemgetter(0))
+    poses = found[topics.GROUND_TRUTH.path] or found[topics.ODOM.path]
+    start_ns = poses[0][0] if poses else 0
+    return {
+        topic: [Shown((stamp_ns - start_ns) / NANOSECONDS, *said) for stamp_ns, *said in rows]
+        for topic, rows in found.items()
+    }
 
-    def recorded(self, bag: BagFile) -> Recorded:
-        """Put the messages on one time line."""
-        true = bool(self._rows[topics.GROUND_TRUTH.path])
-        poses = self._all(topics.GROUND_TRUTH if true else topics.ODOM)
-        if not poses:
-            there = bag.problem or "; ".join(self._unreadable.values()) or "it is another robot's, or no trial"
-            raise BagError(f"{bag.path}: no poses of a robot on /ground_truth/odom or /odom ({there})")
-        stamps = np.array([row.stamp_ns for row in poses], np.int64)
-        start_ns = int(stamps[0])
 
-        def timed(topic: Topic) -> list[Shown]:
-            return [Shown((row.stamp_ns - start_ns) / NANOSECONDS, row.frame, row.content) for row in self._all(topic)]
+def _held(
+    rows: list[Shown], values_of: Callable[[Any], tuple[float, ...]], times_s: Floats, before: tuple[float, ...]
+) -> Floats:
+    """Return the last values of rows by each time, (n, k); `before` the first row those given."""
+    values = np.array([before, *(values_of(row.content) for row in rows)], np.float64)
+    return values[np.searchsorted([row.time_s for row in rows], times_s, side="right")]
 
-        shown: dict[str, Any] = {one.name: timed(one.metadata["topic"]) for one in fields(Recorded) if one.metadata}
-        maps, goals = timed(topics.MAP), timed(topics.GOAL_POSE)
-        result = metadata(bag, "barn.result", "result")
-        trial = metadata(bag, "barn.trial", "specification")
-        off = map_frame(trial) if true and maps else ORIGIN
-        scene, pushed_m = self._scene() if true else (None, np.empty((0, 2)))
-        shapes, places = self._all(topics.MOVING), timed(topics.MOVING_POSES)
-        moving, moving_note = _motions(shapes[0].content if shapes else None, places) if true else (None, "")
-        lidar, lidar_note = self._lidar(trial)
-        chassis, robot_note = chassis_of(trial)
-        notes = [bag.problem, *self._unreadable.values(), moving_note, lidar_note, robot_note]
-        notes.append("" if true else "no /ground_truth/odom: positions are those of the odometry")
-        if off != ORIGIN:
-            far = f"{math.hypot(off.x, off.y):.2f} m"
-            notes.append(f"map and plan are drawn where the obstacles stand; the planner's map has them {far} away")
-        notes.append("" if result else "the bag holds no result: its trial was not finished, or it is another's")
-        return Recorded(
-            name=bag.path.name,
-            folder=_folder(bag.path.resolve().parent),
-            frame=MAP if true else ODOM,
-            times_s=(stamps - start_ns) / NANOSECONDS,
-            poses=np.array([_pose(row.content) for row in poses], np.float64),
-            speeds=np.array([_speeds(row.content.velocity) for row in poses], np.float64),
-            commands=self._held(topics.CMD_VEL, _speeds, stamps, (np.nan, np.nan)),
-            contact=self._held(topics.COLLISION, lambda touched: (touched,), stamps, (0.0,))[:, 0] > 0.0,
-            odometry=self._held(topics.ODOM, _pose, stamps, (np.nan, np.nan, np.nan)),
-            outline=contact_of(chassis),
-            chassis=chassis,
-            lidar=lidar,
-            map_frame=off,
-            map=_moved(maps[-1].content, off) if maps else None,
-            goal=goals[-1] if goals else None,
-            scene=scene,
-            pushed_m=pushed_m,
-            moving=moving,
-            recoveries_s=_recoveries(timed(topics.DIAGNOSTICS)),
-            trial=trial,
-            result=result,
-            notes=tuple(filter(None, notes)),
-            **shown,
-        )
 
-    def _all(self, topic: Topic) -> list[_Row]:
-        return sorted(self._rows[topic.path], key=lambda row: row.stamp_ns)
+def _scene(scenes: list[TrialScene]) -> tuple[TrialScene | None, Floats]:
+    """Return the scene at the start, and where cylinders stand at the end that have been pushed."""
+    if not scenes or len(scenes[-1].cylinders_m) != len(scenes[0].cylinders_m):
+        return scenes[0] if scenes else None, np.empty((0, 2))
+    at_end = scenes[-1].cylinders_m
+    return scenes[0], at_end[np.hypot(*(at_end - scenes[0].cylinders_m).T) > MOVED_M]
 
-    def _held(
-        self,
-        topic: Topic,
-        values_of: Callable[[Any], tuple[float, ...]],
-        stamps: npt.NDArray[np.int64],
-        before: tuple[float, ...],
-    ) -> Floats:
-        """Return the last values of a topic by each time, (n, k); `before` the first message those given."""
-        rows = self._all(topic)
-        values = np.array([before, *(values_of(row.content) for row in rows)], np.float64)
-        times = np.array([row.stamp_ns for row in rows], np.int64)
-        return values[np.searchsorted(times, stamps, side="right")]
 
-    def _scene(self) -> tuple[TrialScene | None, Floats]:
-        """Return the scene at the start, and where cylinders stand at the end that have been pushed."""
-        scenes: list[TrialScene] = [row.content for row in self._all(topics.WORLD)]
-        first = scenes[0] if scenes else None
-        if not scenes or len(scenes[-1].cylinders_m) != len(scenes[0].cylinders_m):
-            return first, np.empty((0, 2))
-        at_end = scenes[-1].cylinders_m
-        return first, at_end[np.hypot(*(at_end - scenes[0].cylinders_m).T) > MOVED_M]
-
-    def _lidar(self, trial: dict[str, Any]) -> tuple[Pose2D, str]:
-        """Return where the lidar is in base_link, by the static transforms or else by the trial's specification."""
-        frames = {row.frame for row in self._all(topics.SCAN)}
-        for row in self._all(topics.TF_STATIC):
-            for frame in frames & set(row.content):
-                mount: Pose2D = row.content[frame]
-                return mount, ""
-        mounted = specified(trial, "lidar", "mount_x_m")
-        if mounted is not None:
-            return Pose2D(mounted[0], 0.0, 0.0), ""
-        return ORIGIN, "no /tf_static with the lidar: it is drawn at base_link" if frames else ""
+def _lidar(rows: Mapping[str, list[Shown]], trial: dict[str, Any]) -> tuple[Pose2D, str]:
+    """Return where the lidar is in base_link, by the static transforms or else by the trial's specification."""
+    frames = {row.frame for row in rows[topics.SCAN.path]}
+    mounts = (row.content[frame] for row in rows[topics.TF_STATIC.path] for frame in frames & set(row.content))
+    if (mount := next(mounts, None)) is not None:
+        return mount, ""
+    if (mounted := decode.specified(trial, "lidar", "mount_x_m")) is not None:
+        return Pose2D(mounted[0], 0.0, 0.0), ""
+    return ORIGIN, "no /tf_static with the lidar: it is drawn at base_link" if frames else ""
 
 
 def _pose(odometry: Odometry) -> tuple[float, float, float]:
@@ -272,25 +240,24 @@ def _recoveries(reports: list[Shown]) -> tuple[float, ...]:
     """Return when a recovery began, by the planner's own reports; those of others are empty."""
     said = [one for one in reports if one.content]
     before = ["", *(one.content for one in said)]
-    return tuple(one.time_s for one, last in zip(said, before, strict=False) if one.content == RECOVERING != last)
+    return tuple(
+        one.time_s for one, last in zip(said, before, strict=False) if one.content == decode.RECOVERING != last
+    )
 
 
 def _moved(grid: OccupancyMap, by: Pose2D) -> OccupancyMap:
     return replace(grid, origin_x=grid.origin_x + by.x, origin_y=grid.origin_y + by.y)
 
 
-def _folder(parent: Path) -> str:
-    return parent.parent.name if parent.name == BAGS else parent.name
-
-
-def _motions(shapes: tuple[Bodies, Bodies] | None, rows: list[Shown]) -> tuple[RecordedMotions | None, str]:
-    """Return the obstacles of shapes (theirs and those of walls) at the places of rows, or why they cannot be told."""
-    if not rows:
-        return None, ""
-    if shapes is None:
-        return None, f"moving obstacles are not drawn: {topics.MOVING.path} with their shapes is missing"
+def _motions(shapes: list[Shown], rows: list[Shown]) -> tuple[RecordedMotions | None, str]:
+    """Return the obstacles of the first shapes (theirs and those of walls) at the places of rows, or why not."""
     places = {row.time_s: row.content for row in rows}
-    if {len(row.content) for row in rows} != {len(shapes[0].poses)}:
+    if not places:
+        return None, ""
+    if not shapes:
+        return None, f"moving obstacles are not drawn: {topics.MOVING.path} with their shapes is missing"
+    bodies, walls = shapes[0].content
+    if {len(row.content) for row in rows} != {len(bodies.poses)}:
         more = f"{topics.MOVING_POSES.path} has more or fewer of them than {topics.MOVING.path}"
         return None, f"moving obstacles are not drawn: {more}"
-    return RecordedMotions(np.array(list(places)), np.array(list(places.values())), *shapes), ""
+    return RecordedMotions(np.array(list(places)), np.array(list(places.values())), bodies, walls), ""

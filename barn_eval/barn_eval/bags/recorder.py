@@ -9,9 +9,9 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any, BinaryIO
 
 import yaml
@@ -19,7 +19,7 @@ from mcap.writer import CompressionType, Writer
 from rosbags.typesys.store import Typestore
 
 from barn_eval import __version__
-from barn_worlds.base.errors import BagError, suggest
+from barn_worlds.base.errors import BagError, reported_as, suggest
 from barn_worlds.base.types import NANOSECONDS
 from barn_worlds.messages.cdr import jazzy_types
 from barn_worlds.messages.topics import RELIABLE, Qos
@@ -56,23 +56,19 @@ class Recorder:
         self._last_ns = 0
         self._flushed_ns = 0
         self._file_name = f"{path.name}_0.mcap"
-        try:
+        with self._failures():
             if self.partial_path.exists():
                 shutil.rmtree(self.partial_path)
             self.partial_path.mkdir(parents=True)
             self._stream: BinaryIO = (self.partial_path / self._file_name).open("wb")
             self._writer: Any = Writer(self._stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
             self._writer.start(profile="ros2", library=f"barn_eval {__version__}")
-        except OSError as error:
-            raise self._failed(error) from None
 
     def __enter__(self) -> Recorder:
         """Return the recorder."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Abandon the bag if it has not been finished."""
         self.abandon()
 
@@ -88,9 +84,8 @@ class Recorder:
                 raise BagError(f"{self.path}: topic {name} is recorded as {known.type_name}, not as {type_name}")
             return
         if not self.knows(type_name):
-            raise BagError(
-                f"{self.path}: unknown type {type_name!r} of {name}{suggest(type_name, self._types.fielddefs)}"
-            )
+            near = suggest(type_name, self._types.fielddefs)
+            raise BagError(f"{self.path}: unknown type {type_name!r} of {name}{near}")
         if type_name not in self._schemas:
             definition, _ = self._types.generate_msgdef(type_name, ros_version=2)
             self._schemas[type_name] = self._writer.register_schema(type_name, "ros2msg", definition.encode())
@@ -111,67 +106,56 @@ class Recorder:
             if stamp_ns - self._flushed_ns >= NANOSECONDS:
                 self._flushed_ns = stamp_ns
                 self._writer.flush()
-        except OSError as error:
-            raise self._failed(error) from None
+        except OSError:  # `with` would cost some percent of what a message does
+            with self._failures():
+                raise
 
     def add_metadata(self, name: str, content: Mapping[str, Any]) -> None:
         """Add a named mapping to the file and to metadata.yaml; values that are not text become JSON."""
         texts = {key: value if isinstance(value, str) else json.dumps(value) for key, value in content.items()}
-        try:
+        with self._failures():
             self._writer.flush()
             self._writer.add_metadata(name, texts)
             self._stream.flush()
-        except OSError as error:
-            raise self._failed(error) from None
         self._custom |= {f"{name}.{key}": value for key, value in texts.items()}
 
     def finish(self) -> Path:
         """Complete the bag, give it its name and return that."""
-        description = {"rosbag2_bagfile_information": self._description()}
-        try:
+        about = self._description()
+        with self._failures():
             self._writer.flush()
-            self._writer.add_metadata(
-                "rosbag2", {"serialized_metadata": _yaml(description["rosbag2_bagfile_information"])}
-            )
+            self._writer.add_metadata("rosbag2", {"serialized_metadata": _yaml(about)})
             self._writer.finish()
             self._stream.close()
-            (self.partial_path / "metadata.yaml").write_text(_yaml(description), "utf-8")
+            (self.partial_path / "metadata.yaml").write_text(_yaml({"rosbag2_bagfile_information": about}), "utf-8")
             self.partial_path.rename(self.path)
-        except OSError as error:
-            raise self._failed(error) from None
         return self.path
 
     def abandon(self) -> None:
         """Leave what has been written under the partial name; nothing if the bag is finished."""
         if not self._stream.closed:
-            try:
+            with self._failures():
                 self._writer.flush()
                 self._stream.close()
-            except OSError as error:
-                raise self._failed(error) from None
 
-    def _failed(self, error: OSError) -> BagError:
-        return BagError(f"{self.partial_path}: cannot record: {error.strerror or error}")
+    def _failures(self) -> AbstractContextManager[None]:
+        return reported_as(BagError, f"{self.partial_path}: cannot record")
 
     def _description(self) -> dict[str, Any]:
-        count = sum(topic.count for topic in self._topics.values())
         first_ns = self._first_ns or 0
-        span = {
-            "starting_time": {"nanoseconds_since_epoch": first_ns},
-            "duration": {"nanoseconds": self._last_ns - first_ns},
-            "message_count": count,
-        }
+        start, lasted = {"nanoseconds_since_epoch": first_ns}, {"nanoseconds": self._last_ns - first_ns}
+        count = sum(topic.count for topic in self._topics.values())
         return {
             "version": METADATA_VERSION,
             "storage_identifier": "mcap",
-            "duration": span["duration"],
-            "starting_time": span["starting_time"],
+            "duration": lasted,
+            "starting_time": start,
             "message_count": count,
             "topics_with_message_count": [_topic_entry(topic) for topic in self._topics.values()],
             "compression_format": "",
             "compression_mode": "",
             "relative_file_paths": [self._file_name],
-            "files": [{"path": self._file_name, **span}],
+            "files": [{"path": self._file_name, "starting_time": start, "duration": lasted, "message_count": count}],
             "custom_data": dict(self._custom),
             "ros_distro": "jazzy",
         }

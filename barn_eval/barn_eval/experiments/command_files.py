@@ -5,7 +5,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.errors import ConfigError, reported_as
 
 _ENDINGS = (".yaml", ".yml", ".json", ".toml", ".xml", ".py", ".so", ".npz", ".pt", ".onnx")
 _LARGEST = 1 << 30  # bytes
@@ -32,13 +32,10 @@ def _launch_file(package: str, name: str) -> Path:
 
 
 def _digest(path: Path) -> str:
-    try:
-        if path.stat().st_size > _LARGEST:
+    with reported_as(ConfigError, f"planner command: {path}"), path.open("rb") as file:
+        if os.fstat(file.fileno()).st_size > _LARGEST:
             raise ConfigError(f"planner command: {path}: more than the allowed {_LARGEST} bytes")
-        with path.open("rb") as file:
-            found = hashlib.sha256()
-            while block := file.read(1 << 20):
-                found.update(block)
-    except OSError as error:
-        raise ConfigError(f"planner command: {path}: {error.strerror or error}") from None
+        found = hashlib.sha256()
+        while block := file.read(1 << 20):
+            found.update(block)
     return found.hexdigest()

@@ -4,7 +4,6 @@ import resource
 import time
 from collections.abc import Sequence
 from contextlib import closing, suppress
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -45,21 +44,21 @@ def run_direct_trial(
     verdict = run.run()
     duration_s = time.perf_counter() - began
     factor = verdict.duration_s / duration_s if run.answer_times_s else None
+    clock = WallClock.of(duration_s, factor, run.answer_times_s)
     finished = conclude(
         spec,
         "direct",
         verdict,
         run.trial.log.trajectory(),
-        wall_clock=WallClock.of(duration_s, run.answer_times_s, factor).on(
-            pace(), spec.protocol.control_period_s, spec.way
-        ),
-        recoveries=run.trial.recoveries or 0,
         cylinders_m=run.cylinders_m,
+        traceback=run.trial.traceback,
+        wall_clock=clock.on(pace(), spec.protocol.control_period_s, spec.way),
+        recoveries=run.trial.recoveries or 0,
         delays=packed_delays(run.turnaround.delays_ns) if spec.way == MEASURED else "",
     )
     if recorder is not None:
         finish_bag(recorder, finished)
-    return replace(finished, traceback=run.trial.traceback)
+    return finished
 
 
 def warm_up(spec: TrialSpec, *, with_planner: bool) -> None:
@@ -155,7 +154,7 @@ class _DirectTrial:
 
     def _show_standing(self, stamp_ns: int) -> None:
         for bag in self._bags:
-            bag.standing(self.trial.standing, stamp_ns)
+            bag.standing(self.trial.referee.standing, stamp_ns)
 
     def _see_moved(self, simulator: Simulator, stamp_ns: int) -> None:
         moved = simulator.moved_obstacles()

@@ -85,7 +85,7 @@ class JobReport:
 
 @dataclass(frozen=True)
 class Done(JobReport):
-    """A job that has a result; `started_at` in UTC after ISO 8601."""
+    """A job that has a result; started_at: in UTC after ISO 8601."""
 
     result: Any
     started_at: str
@@ -131,15 +131,12 @@ Report = Done | Part | Note | Lost | Refused
 
 def attempt(work: Work, key: str, worker: str, job: object, send: Callable[[Report], None]) -> Report:
     """Do a job, in a worker, and return the report at its end; those on parts of it, and notes, go to `send`."""
-    started_at = now()
+    started_at = _now()
 
     def emit(result: object) -> None:
         nonlocal started_at
-        if isinstance(result, str):
-            send(Note(key, worker, result))
-        else:
-            send(Part(key, worker, result, started_at))
-            started_at = now()
+        send(Note(key, worker, result) if isinstance(result, str) else Part(key, worker, result, started_at))
+        started_at = started_at if isinstance(result, str) else _now()
 
     try:
         return Done(key, worker, work.run(job, emit), started_at)
@@ -150,8 +147,7 @@ def attempt(work: Work, key: str, worker: str, job: object, send: Callable[[Repo
         return Lost(key, worker, f"{type(error).__name__}: {error}", traceback.format_exc(), stalled=stalled)
 
 
-def now() -> str:
-    """Return the present time in UTC after ISO 8601."""
+def _now() -> str:
     return datetime.now(timezone.utc).isoformat(timespec="milliseconds")
 
 

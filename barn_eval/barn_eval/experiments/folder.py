@@ -32,7 +32,7 @@ from barn_eval.experiments.store import LOGS, PICTURES, Record
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trial import OF_SPEC
-from barn_worlds.base.errors import ConfigError, StoreError
+from barn_worlds.base.errors import ConfigError, StoreError, reported_as
 from barn_worlds.base.files import PARTIAL, remove_partial
 from barn_worlds.formats.own import write_own
 from barn_worlds.worlds.world import World
@@ -83,12 +83,10 @@ class ExperimentFolder:
     def note(self, kind: str, trial_id: str, text: str) -> None:
         """Keep a text on a trial in the folder LOSSES or TRACEBACKS; StoreError if it cannot be written."""
         path = self.path / kind / f"{trial_id}.txt"
-        try:
+        with reported_as(StoreError, f"{path}: cannot be written"):
             path.parent.mkdir(exist_ok=True)
             with path.open("a", encoding="utf-8") as file:
                 file.write(f"{datetime.now(timezone.utc).isoformat(timespec='seconds')} {text}\n")
-        except OSError as error:
-            raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None
 
     def complete(self) -> list[TrialResult]:
         """Write the tables and put the tracks in order, now that no trial is missing, and return all results."""
@@ -130,11 +128,9 @@ def opened(
     """
     asked = RunFile.of(path, experiment, {spec.index: spec.world.checksum for spec in specs})
     earlier_results(asked, specs, overwrite=overwrite)
-    try:
+    with reported_as(StoreError, f"{path}: cannot be written"):
         path.mkdir(parents=True, exist_ok=True)
         lock = os.open(path / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-    except OSError as error:
-        raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None
     try:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

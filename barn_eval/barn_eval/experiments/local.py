@@ -69,8 +69,11 @@ class LocalEngine(Engine):
         busy = {worker.connection: worker for worker in self._workers if worker is not None and worker.key is not None}
         first = min((worker.deadline for worker in busy.values()), default=0.0)
         ready = wait(list(busy), max(0.0, min(limit_s, first - time.monotonic())))
-        self._allow_for_stops()
+        now_s = time.monotonic()
+        gap_s, self._looked_s = now_s - self._looked_s, now_s
         reports = []
+        for worker in busy.values():
+            worker.stand_still(gap_s, self._limit_s, all_did=gap_s > _LONGEST_GAP_S)
         for connection, worker in busy.items():
             if connection in ready:
                 reports.append(worker.report(self._limit_s))
@@ -78,14 +81,6 @@ class LocalEngine(Engine):
                 reports.append(worker.give_up(f"no result within {self._limit_s:g} s of wall-clock time"))
         self._workers = [None if worker is not None and worker.dead else worker for worker in self._workers]
         return reports
-
-    def _allow_for_stops(self) -> None:
-        """Put deadlines off by the time in which this process, or a worker, stood still."""
-        now_s = time.monotonic()
-        gap_s, self._looked_s = now_s - self._looked_s, now_s
-        for worker in self._workers:
-            if worker is not None and worker.key is not None:
-                worker.stand_still(gap_s, self._limit_s, all_did=gap_s > _LONGEST_GAP_S)
 
     def close(self) -> None:
         """Ask all workers to end, and kill those that do not within their time."""
@@ -165,11 +160,10 @@ class _Worker:
         return True
 
     def _is_stopped(self) -> bool:
-        try:
+        with suppress(OSError):
             stat = Path(f"/proc/{self.process.pid}/stat").read_text("utf-8", "replace")
-        except OSError:
-            return False
-        return stat.rpartition(") ")[2][:1] in ("T", "t")
+            return stat.rpartition(") ")[2][:1] in ("T", "t")
+        return False
 
     def give_up(self, reason: str) -> Report:
         """End the worker because of its job."""

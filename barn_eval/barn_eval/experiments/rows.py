@@ -21,7 +21,7 @@ from barn_eval.trials.outcome import Scores
 from barn_eval.trials.result import TrialResult, WallClock, from_json_line, to_json_line
 from barn_eval.trials.trajectory import Encounters, Measures
 from barn_worlds.base.config import as_dict
-from barn_worlds.base.errors import ConfigError, StoreError
+from barn_worlds.base.errors import ConfigError, StoreError, reported_as
 from barn_worlds.base.files import write_whole
 from barn_worlds.base.text_files import parse_json, read_lines
 
@@ -82,17 +82,16 @@ class TrackRows:
 
 def append_line(path: Path, line: str) -> None:
     """Add a line to a file and see it onto the disk; StoreError, with the file's whole lines as they were, if not."""
-    try:
-        with path.open("a+b", buffering=0) as file:
-            whole = _drop_torn_line(file)
-            try:
-                _write_all(file, f"{line}\n".encode())
-                os.fsync(file.fileno())
-            except OSError:
-                file.truncate(whole)
-                raise
-    except OSError as error:
-        raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None
+    with reported_as(StoreError, f"{path}: cannot be written"), path.open("a+b", buffering=0) as file:
+        whole = _drop_torn_line(file)
+        try:
+            data = memoryview(f"{line}\n".encode())
+            while data:
+                data = data[file.write(data) :]
+            os.fsync(file.fileno())
+        except OSError:
+            file.truncate(whole)
+            raise
 
 
 def whole_lines(path: Path) -> Iterator[tuple[str, str]]:
@@ -136,12 +135,6 @@ def _drop_torn_line(file: FileIO) -> int:
     whole = file.read().rfind(b"\n") + 1
     file.truncate(whole)
     return whole
-
-
-def _write_all(file: FileIO, data: bytes) -> None:
-    view = memoryview(data)
-    while view:
-        view = view[file.write(view) :]
 
 
 _APART = ("wall_clock", "motion", "delays")  # not among the columns of every table

@@ -10,7 +10,7 @@ from barn_eval.experiments.experiment import Execution
 from barn_eval.experiments.folder import LOSSES, TRACEBACKS, ExperimentFolder
 from barn_eval.experiments.store import Record
 from barn_eval.trials.outcome import Outcome, Verdict
-from barn_eval.trials.result import TrialResult
+from barn_eval.trials.result import TrialResult, WallClock
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import TrajectoryLog
 from barn_eval.trials.trial import conclude
@@ -70,7 +70,6 @@ class _Loop:
     lost_in_a_row: int = 0
 
     def take(self, report: Report) -> Iterator[Event]:
-        """Yield what a report says."""
         if isinstance(report, Note):
             yield report
         elif isinstance(report, Refused):
@@ -115,25 +114,20 @@ class _Loop:
             self.failed.add(result.planner)
 
     def _keep(self, report: Done | Part) -> TrialResult:
-        record: Record = report.result
-        trial_id = record.result.trial_id
-        clock = replace(
-            record.result.wall_clock,
-            started_at=report.started_at,
-            worker=report.worker,
-            attempts=max(record.result.wall_clock.attempts, self.losses[trial_id] + 1),
-        )
-        result = replace(record.result, wall_clock=clock)
-        self.folder.append(Record(result, record.track))
-        self.out[report.key] = self.out[report.key].without(trial_id)
-        return result
+        result, clock = report.result.result, report.result.result.wall_clock
+        attempts = max(clock.attempts, self.losses[result.trial_id] + 1)
+        clock = replace(clock, started_at=report.started_at, worker=report.worker, attempts=attempts)
+        kept: TrialResult = replace(result, wall_clock=clock)
+        self.folder.append(Record(kept, report.result.track))
+        self.out[report.key] = self.out[report.key].without(kept.trial_id)
+        return kept
 
     def _give_up(self, spec: TrialSpec, report: Lost, attempt: int) -> TrialResult:
         lost = Outcome.PLANNER_DIED if self.mode == "direct" else Outcome.SIMULATOR_DIED
         outcome = Outcome.PLANNER_STALLED if report.overtime else lost
         outcome = Outcome.ENVIRONMENT_FAILED if report.stalled else outcome
         verdict = Verdict(outcome, f"{report.reason}, at the last of {attempt} attempts", None, 0.0, 0.0)
-        result = conclude(spec, self.mode, verdict, TrajectoryLog().trajectory()).result
-        result = replace(result, wall_clock=replace(result.wall_clock, worker=report.worker, attempts=attempt))
+        clock = WallClock(worker=report.worker, attempts=attempt)
+        result = conclude(spec, self.mode, verdict, TrajectoryLog().trajectory(), wall_clock=clock).result
         self.folder.append(Record(result, None))
         return result

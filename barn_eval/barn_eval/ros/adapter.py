@@ -61,7 +61,7 @@ class TrialAdapter:
     def take(self, tick: Tick) -> list[Message]:
         """Feed a tick and return what of it belongs to the trial: nothing that is sent after the verdict."""
         kept: list[Message] = []
-        if self.trial.over:
+        if self.trial.verdict is not None:
             return kept
         self.now_ns = tick.stamp_ns
         for message in tick.messages:
@@ -107,10 +107,10 @@ class TrialAdapter:
 
     def _read(self) -> bool:
         """Hand the reading that has come together to the trial, if there is one; return whether the trial is over."""
-        if self._truth is not None and self._odometry is not None and not self.trial.over:
+        if self._truth is not None and self._odometry is not None and self.trial.verdict is None:
             truth, collision, self._truth, self._collision = self._truth, self._collision, None, False
             self.trial.read(self._odometry, truth, collision)
-        return self.trial.over
+        return self.trial.verdict is not None
 
     def _from_origin(self, odometry: Odometry) -> Odometry:
         return replace(odometry, stamp_ns=odometry.stamp_ns - self._origin_ns)

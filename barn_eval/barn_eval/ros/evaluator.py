@@ -205,15 +205,15 @@ class Runner:
     def _wall_clock(self, trial: RosTrial, verdict: Verdict, lasted_s: float, waited: int) -> WallClock:
         factor = verdict.duration_s / trial.wall_s if trial.wall_s else None
         if (adapter := trial.adapter) is None:
-            return WallClock.of(lasted_s, [], factor, waited)
-        spec, rate_hz = trial.trial.spec, self._context.config.planner_rate_hz
+            return WallClock(lasted_s, factor, missed_cycles=waited)
+        spec, rate_hz, missed = trial.trial.spec, self._context.config.planner_rate_hz, waited
         period_s = 1.0 / rate_hz if rate_hz else spec.simulator.scan_steps * spec.simulator.control_period_s
         silence_s = max(spec.simulator.drive.command_timeout_s, 2.0 * period_s)
         period_ns, came = nanoseconds(period_s), (adapter.commands_ns, adapter.now_ns)
-        missed = waited
         if not spec.compute.declared:  # while one that declares its computing is at it, it owes no command
             missed = max(missed, missed_periods(*came, period_ns, nanoseconds(silence_s)))
-        return WallClock.of(lasted_s, adapter.response_times_s, factor, missed, missed_share(missed, *came, period_ns))
+        share = missed_share(missed, *came, period_ns)
+        return WallClock.of(lasted_s, factor, adapter.response_times_s, missed_cycles=missed, missed_share=share)
 
 
 if __name__ == "__main__":

@@ -99,15 +99,15 @@ class PlannerClient:
         self.goal.begin(self._goal_message(spec, stamp_ns))
         if not self._remote.offers("ready"):
             return
-        deadline_s = self._session.now_s + self._patience.gate_s
-        repeat_s = self._session.now_s + _REPEAT_S
+        session = self._session
+        deadline_s, repeat_s = session.now_s + self._patience.gate_s, session.now_s + _REPEAT_S
         while refused := self._refused(lambda: self._remote.trigger("ready", self._patience.service_s)):
-            if self._session.now_s > deadline_s:
+            if session.now_s > deadline_s:
                 raise TrialEnded(Outcome.PLANNER_NOT_READY, refused)
-            if self._session.now_s > repeat_s:
+            if session.now_s > repeat_s:
                 repeat_s += _REPEAT_S
                 self.repeat_goal(spec, stamp_ns)
-            self._session.sleep(0.02, PLANNER)
+            session.sleep(0.02, PLANNER)
 
     def repeat_goal(self, spec: TrialSpec, stamp_ns: int) -> None:
         """Hand over the goal again."""
@@ -139,12 +139,8 @@ class PlannerClient:
         return self._remotes.setdefault(name, RemoteNode(self._session, name, PLANNER))
 
     def _reset(self, spec: TrialSpec) -> None:
-        remote, limit_s = self._remote, self._patience.service_s
-
-        def seed() -> None:
-            remote.set_parameters({"seed": spec.planner_seed}, limit_s)
-
-        if remote.offers(SET_PARAMETERS) and (refused := self._refused(seed)):
+        remote, limit_s, seed = self._remote, self._patience.service_s, {"seed": spec.planner_seed}
+        if remote.offers(SET_PARAMETERS) and (refused := self._refused(lambda: remote.set_parameters(seed, limit_s))):
             # a planner that takes no seed is no less a planner
             self._session.node.get_logger().info(f"the planner is not seeded: {refused}", once=True)
         if remote.offers("reset") and (refused := self._refused(lambda: remote.trigger("reset", limit_s, limit_s))):

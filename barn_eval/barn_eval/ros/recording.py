@@ -48,11 +48,8 @@ class Recording:
             profile = self._profiles.setdefault(topic, offered(infos))
             if topic in done:
                 continue
-            reliable, latched = profile.reliability == "reliable", profile.durability == "transient_local"
             obstacle = learn(types[0])
-            if not obstacle and not self._subscriber.subscribe(
-                topic, types[0], reliable=reliable, latched=latched, judged=topic in self._needed
-            ):
+            if not obstacle and not self._subscriber.subscribe(topic, types[0], profile, judged=topic in self._needed):
                 obstacle = f"{types[0]} is not installed"
             if obstacle:
                 self._refused.add(topic)

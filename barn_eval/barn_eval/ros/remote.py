@@ -27,9 +27,9 @@ class ServiceRefused(Exception):
 class RemoteNode:
     """Another node by its full name. Clients are made once; `watched` is the process whose end ends any wait.
 
-    All calls raise ServiceTimeout or, with the node's reason, ServiceRefused.
-    A call that changes nothing when it is made twice is made again every second until it is answered: the service that
-    the graph shows may be that of a process that was killed, whose successor is about to come.
+    All calls raise ServiceTimeout or, with the node's reason, ServiceRefused. One that changes nothing when made twice
+    is made again every second until it is answered: the service that the graph shows may be that of a process that was
+    killed, whose successor is about to come.
     """
 
     def __init__(self, session: Session, name: str, watched: str) -> None:
@@ -85,11 +85,9 @@ class RemoteNode:
 
     def call(self, service: str, kind: type[Any], request: object, limit_s: float, again_s: float = _AGAIN_S) -> Any:
         """Call a service of the node and return its answer, calling again every `again_s`."""
-        client = self._clients.get(service)
-        if client is None:
-            client = self._session.node.create_client(kind, f"{self.name}/{service}")
-            self._clients[service] = client
-        deadline_s = self._session.now_s + limit_s
+        if service not in self._clients:
+            self._clients[service] = self._session.node.create_client(kind, f"{self.name}/{service}")
+        client, deadline_s = self._clients[service], self._session.now_s + limit_s
         if not self._session.wait(client.service_is_ready, limit_s, self._watched):
             raise ServiceTimeout(f"no service {self.name}/{service} within {limit_s:g} s")
         while (left_s := deadline_s - self._session.now_s) > 0.0:

@@ -95,11 +95,10 @@ class SimulatorServices(RemoteNode):
 
 
 class SimulatorClient:
-    """Sets up, resets, pauses and releases the simulator.
+    """Sets up, resets, pauses and releases the simulator, which it asks by `request`, as `SimulatorChannel.ask` does.
 
-    Raises TrialEnded if it does not answer and BarnError if it cannot do what the trial needs.
-
-    request: asks it, as `SimulatorChannel.ask` does. dataset, robot: names, or paths, of what all trials are of.
+    dataset, robot: names, or paths, of what all trials are of. Raises TrialEnded if the simulator does not answer and
+    BarnError if it cannot do what the trial needs.
     """
 
     def __init__(
@@ -109,20 +108,12 @@ class SimulatorClient:
         self._given = {"robot": robot, "dataset": str(Path(dataset).resolve()) if Path(dataset).exists() else dataset}
 
     def prepare(self, spec: TrialSpec, start_limit_s: float) -> int:
-        """Put the robot of a trial in its place, paused, and return the wall-clock time before that was asked for.
-
-        start_limit_s: how long the simulator may take to appear.
-        """
+        """Put the robot of a trial in its place, paused, and return the wall-clock time before that was asked for."""
         limit_s, start = self._patience.simulator_s, spec.course.start
         values = {name: value for name, _, value in fields_of(spec.simulator)} | self._given
-        values |= {"world": spec.index, "seed": spec.simulator_seed}
         values |= {f"compute.{name}": value for name, _, value in fields_of(spec.compute)}
-        values |= {
-            "compute_seed": spec.planner_seed,
-            "start_x_m": start.x,
-            "start_y_m": start.y,
-            "start_yaw_rad": start.yaw,
-        }
+        values |= {"world": spec.index, "seed": spec.simulator_seed, "compute_seed": spec.planner_seed}
+        values |= {"start_x_m": start.x, "start_y_m": start.y, "start_yaw_rad": start.yaw}
         self._ask("introduce", start_limit_s)
         self._ask("pause", limit_s, on=True)
         self._ask("set_parameters", limit_s, values=values)
@@ -136,7 +127,7 @@ class SimulatorClient:
         deadline_s = self._session.now_s + self._patience.connection_s
         while connected := _CONNECTED.search(self._pause(True)):  # None of a simulator that does not say
             if int(connected[1]) >= scan_subscriptions and int(connected[2]) >= command_publishers:
-                break
+                return True
             if self._session.now_s > deadline_s:
                 return False
             self._session.sleep(_LOOK_S, PLANNER, SIMULATOR)

@@ -7,7 +7,7 @@ callbacks would, and the processor time is the simulator's and the planner's.
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
@@ -20,7 +20,7 @@ from barn_eval.ros.simulator import SimulatorChannel
 from barn_eval.trials.outcome import Outcome
 from barn_worlds.base.errors import MessageError
 from barn_worlds.messages import decode
-from barn_worlds.messages.topics import Qos
+from barn_worlds.messages.topics import LATCHED, RELIABLE, Qos
 from barn_worlds.ros.topics import message_class, profile
 
 _TOLD_EVERY = 2  # ticks
@@ -45,8 +45,7 @@ class _HeardTopic:
     """A topic: its subscription, None where its messages come from elsewhere; of a latched one, the last message."""
 
     type_name: str
-    reliable: bool = True
-    latched: bool = False
+    qos: Qos = RELIABLE
     subscription: Subscription | None = None
     last: Message | None = None
 
@@ -64,24 +63,21 @@ class Subscriber:
         self._group = PolledGroup()
         self._topics: dict[str, _HeardTopic] = {}
 
-    def subscribe(
-        self, topic: str, type_name: str, *, reliable: bool = True, latched: bool = False, judged: bool = True
-    ) -> bool:
+    def subscribe(self, topic: str, type_name: str, qos: Qos = RELIABLE, *, judged: bool = True) -> bool:
         """Subscribe to a topic, or anew if its type or reliability has changed; False for a type not installed."""
         known = self._topics.get(topic)
-        if known is not None and (known.type_name, known.reliable) == (type_name, reliable):
+        if known is not None and (known.type_name, known.qos.reliability) == (type_name, qos.reliability):
             return True
         kind = message_class(type_name)
         if kind is None:
             return False
         if known is not None and known.subscription is not None:
             self._node.destroy_subscription(known.subscription)
-        depth = _DEPTH if judged else _DEPTH_RECORDED
-        qos = Qos("reliable" if reliable else "best_effort", "transient_local" if latched else "volatile", depth)
+        asked = profile(replace(qos, depth=_DEPTH if judged else _DEPTH_RECORDED))
         subscription = self._node.create_subscription(
-            kind, topic, lambda _: None, profile(qos), raw=True, callback_group=self._group
+            kind, topic, lambda _: None, asked, raw=True, callback_group=self._group
         )
-        self._topics[topic] = _HeardTopic(type_name, reliable, latched, subscription)
+        self._topics[topic] = _HeardTopic(type_name, qos, subscription)
         return True
 
     def provide(self, topic: str, type_name: str) -> None:
@@ -110,7 +106,7 @@ class Subscriber:
                     data, about = taken
                     left -= len(data)
                     message = Message(topic, data, about["source_timestamp"])
-                    if known.latched:
+                    if known.qos.durability == LATCHED.durability:
                         known.last = message
                     take(message)
         self.full_turns = self.full_turns + 1 if left <= 0 else 0

@@ -24,7 +24,8 @@ from barn_eval.trials.outcome import ENVIRONMENT, Outcome, Verdict
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trial import RunningTrial
 from barn_worlds.base.types import nanoseconds, seconds
-from barn_worlds.messages.topics import CLOCK, CMD_VEL, COLLISION, DIAGNOSTICS, GROUND_TRUTH, ODOM, PLAN, SCAN
+from barn_worlds.messages import topics as names
+from barn_worlds.messages.topics import BEST_EFFORT, CLOCK, COLLISION, GROUND_TRUTH, ODOM, RELIABLE
 from barn_worlds.ros.private_line import PrivateLine
 
 _LOOK_S = 0.2  # between two looks at the graph while a trial runs
@@ -45,7 +46,7 @@ class RunContext:
         self._simulator_name = resolve_node_name(node, config.simulator_node)
         self.view = GraphView(node)
         self.session = Session(node, supervisor, self._forget)
-        judged = (CLOCK, ODOM, GROUND_TRUTH, COLLISION, CMD_VEL, SCAN, DIAGNOSTICS, PLAN)
+        judged = (CLOCK, ODOM, GROUND_TRUTH, COLLISION, names.CMD_VEL, names.SCAN, names.DIAGNOSTICS, names.PLAN)
         self.topics = topics = TrialTopics(*(node.resolve_topic_name(topic.name) for topic in judged))
         self.subscriber = Subscriber(node)
         self.channel = self._connect()
@@ -147,7 +148,8 @@ class RosTrial:
             context.subscriber, context.topics, reset_ns, context.channel, self._spec.simulator.scan_steps
         )
         found = planner.await_presence(limits_s[1])
-        context.subscriber.subscribe(context.topics.command, found.command_type, reliable=found.command_reliable)
+        qos = RELIABLE if found.command_reliable else BEST_EFFORT
+        context.subscriber.subscribe(context.topics.command, found.command_type, qos)
         self._await_connections()
         context.integrity.require(context.session)
         queue.read()
@@ -205,17 +207,14 @@ class RosTrial:
                 look_s = now_s + _LOOK_S
                 self._look(watchdog, now_s)
             watchdog.hear(now_s, queue.ticks, queue.commands)
-            self._judge_waiting(watchdog, now_s)
+            simulated_s = seconds(self._latest_ns - self._origin_ns) if self._latest_ns is not None else 0.0
+            waited_s = self.adapter.waited_s if self.adapter is not None else 0.0
+            moved = self.trial.referee.clock_started
+            if fault := watchdog.judge(now_s, moved=moved, simulated_s=simulated_s, waited_s=waited_s):
+                raise TrialEnded(*fault)
             if goal_period_ns and queue.now_ns >= goal_ns:
                 goal_ns = queue.now_ns + goal_period_ns
                 self._context.planner.repeat_goal(self._spec, queue.now_ns)
-
-    def _judge_waiting(self, watchdog: Watchdog, now_s: float) -> None:
-        simulated_s = seconds(self._latest_ns - self._origin_ns) if self._latest_ns is not None else 0.0
-        waited_s = self.adapter.waited_s if self.adapter is not None else 0.0
-        moved = self.trial.referee.clock_started
-        if fault := watchdog.judge(now_s, moved=moved, simulated_s=simulated_s, waited_s=waited_s):
-            raise TrialEnded(*fault)
 
     def _look(self, watchdog: Watchdog, now_s: float) -> None:
         self._context.integrity.require(self._context.session)
@@ -237,12 +236,11 @@ class RosTrial:
     def _take(self, tick: Tick) -> None:
         if self.adapter is None:
             self.adapter = self._begin(tick.stamp_ns)
-        over = self.trial.over  # several ticks may arrive at once, some of them after the end
+        over = self.trial.verdict is not None  # several ticks may arrive at once, some of them after the end
         kept = self.adapter.take(tick)
         if self._recorder is not None:
             self._context.recording.write(self._recorder, kept, tick.stamp_ns)
-        if self._recorder is not None and not over:
-            moving = moving_scene(self._spec, tick.stamp_ns - self._origin_ns, tick.stamp_ns)
+            moving = [] if over else moving_scene(self._spec, tick.stamp_ns - self._origin_ns, tick.stamp_ns)
             self._context.recording.show(moving, tick.stamp_ns, self._recorder)
         self._latest_ns = tick.stamp_ns
         self._show_standing()
@@ -250,5 +248,5 @@ class RosTrial:
     def _show_standing(self) -> None:
         """Publish and record how the trial stands at the end of the last tick, when that is due."""
         if self._latest_ns is not None:
-            shown = list(self._score.take(self.trial.standing, self._latest_ns))
+            shown = list(self._score.take(self.trial.referee.standing, self._latest_ns))
             self._context.recording.show(shown, self._latest_ns, self._recorder)

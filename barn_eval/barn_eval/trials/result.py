@@ -55,22 +55,11 @@ class WallClock:
     repeated: str = ""
 
     @classmethod
-    def of(
-        cls,
-        duration_s: float,
-        answer_times_s: Sequence[float],
-        real_time_factor: float | None,
-        missed_cycles: int = 0,
-        missed_share: float = 0.0,
-    ) -> WallClock:
+    def of(cls, duration_s: float, factor: float | None, answer_times_s: Sequence[float], **missed: Any) -> WallClock:
         """Return the figures of a trial whose planner took these times to answer; none of its own without any."""
-        figures: list[float] | list[None] = [None] * 3
-        if answer_times_s:
-            figures = (1e3 * np.percentile(answer_times_s, [50.0, 95.0, 100.0])).tolist()
-        middle, high, longest = figures
-        return cls(
-            duration_s, real_time_factor, middle, high, longest, missed_cycles=missed_cycles, missed_share=missed_share
-        )
+        shares = [50.0, 95.0, 100.0]
+        times_ms = (1e3 * np.percentile(answer_times_s, shares)).tolist() if answer_times_s else [None] * 3
+        return cls(duration_s, factor, *times_ms, **missed)
 
     def on(self, pace: float, period_s: float, way: str) -> WallClock:
         """Return the figures of a machine of that pace, which say whether a planner that is charged nothing fits."""

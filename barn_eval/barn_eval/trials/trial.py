@@ -6,17 +6,17 @@ import math
 import signal
 import threading
 import time
-import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from traceback import extract_tb, format_exc
 from types import FrameType
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from barn_eval.trials.outcome import Outcome, Scores, Verdict, score
-from barn_eval.trials.referee import Referee, Standing
-from barn_eval.trials.result import TrialResult, WallClock
+from barn_eval.trials.referee import Referee
+from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import Floats, Trajectory, TrajectoryLog, encounters, measure
 from barn_planners.interface import PlannerStatus
@@ -136,16 +136,6 @@ class RunningTrial:
         return self.referee.verdict
 
     @property
-    def over(self) -> bool:
-        """Whether there is a verdict."""
-        return self.referee.verdict is not None
-
-    @property
-    def standing(self) -> Standing:
-        """How the trial stands at the last reading."""
-        return self.referee.standing
-
-    @property
     def scores(self) -> Scores | None:
         """What the verdict is worth, None while the trial runs."""
         spec = self.spec
@@ -192,7 +182,7 @@ class RunningTrial:
             text = f"a cycle had less than {limit_s:g} s of its own in {STALLED * limit_s:g} s: the machine stalled"
             raise MachineStalledError(text) from None
         except Exception as error:  # whatever it is, it belongs in the result
-            self.traceback = traceback.format_exc()
+            self.traceback = format_exc()
             self.referee.fail(Outcome.PLANNER_DIED, error_line(error))
         return None
 
@@ -218,14 +208,11 @@ def conclude(
     verdict: Verdict,
     trajectory: Trajectory,
     *,
-    wall_clock: WallClock | None = None,
-    recoveries: int | None = None,
-    planner_verdict: str | None = None,
     cylinders_m: Floats | None = None,
-    remarks: str = "",
-    delays: str = "",
+    traceback: str = "",
+    **told: Any,
 ) -> FinishedTrial:
-    """Return the finished trial with its scores and measures; mode is "direct" or "ros"."""
+    """Return the finished trial with scores and measures; mode is "direct" or "ros", `told` more fields of its row."""
     world, scores = spec.world, score(verdict, spec.course, spec.protocol, spec.least_time_s)
     traversal_s = scores.traversal_time_s if scores.success else None
     outline = contact_of(spec.simulator.chassis)
@@ -240,23 +227,19 @@ def conclude(
         detail=verdict.detail,
         scores=scores,
         measures=measure(trajectory, world.cylinders_m, world.cylinder_radius_m, outline),
-        recoveries=recoveries,
-        planner_verdict=planner_verdict,
         metric=spec.protocol.metric,
         fault=verdict.fault,
-        remarks=remarks,
         speed_cap_mps=spec.speed_cap_mps,
         compute=spec.way,
-        delays=delays,
         motion=encounters(trajectory, world, spec.phase_s, outline, spec.course, spec.rules, traversal_s),
-        wall_clock=wall_clock or WallClock(),
+        **told,
     )
-    return FinishedTrial(spec, result, trajectory, cylinders_m)
+    return FinishedTrial(spec, result, trajectory, cylinders_m, traceback)
 
 
 def error_line(error: Exception) -> str:
     """Return an error of a planner or simulator in one line, with where it was raised, for the detail of a verdict."""
     lines = str(error).splitlines()
     said = f"{type(error).__name__}: {lines[0]}"[:300] if lines else type(error).__name__
-    frames = traceback.extract_tb(error.__traceback__)
+    frames = extract_tb(error.__traceback__)
     return f"{said} ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else said

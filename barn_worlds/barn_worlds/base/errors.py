@@ -2,7 +2,8 @@
 
 import difflib
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 _LONGEST_NAME, _LONGEST_SHOWN, _LONGEST_ERROR = 60, 120, 200
 _LONGEST_MESSAGE, _HEAD, _TAIL = 1000, 650, 300
@@ -46,6 +47,15 @@ class StoreError(BarnError):
 
 class BagError(BarnError):
     """A recording that cannot be read or written."""
+
+
+@contextmanager
+def reported_as(kind: type[BarnError], what: object) -> Iterator[None]:
+    """Raise an OSError of the block as an error of that kind, whose one line begins with `what`."""
+    try:
+        yield
+    except OSError as error:
+        raise kind(f"{what}: {error.strerror or error}") from None
 
 
 def shown(value: object) -> str:

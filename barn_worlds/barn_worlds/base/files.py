@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from barn_worlds.base.errors import BarnError, StoreError, WorldError
+from barn_worlds.base.errors import StoreError, WorldError, reported_as
 
 LARGEST_FILE = 256 * 1024 * 1024
 PARTIAL = ".partial"  # ending of files that are being written; of a killed process they stay
@@ -21,10 +21,8 @@ PARTIAL = ".partial"  # ending of files that are being written; of a killed proc
 
 def read_bytes(path: Path, largest: int = LARGEST_FILE) -> bytes:
     """Return the content of a file of at most `largest` bytes; WorldError names the path otherwise."""
-    try:
+    with reported_as(WorldError, f"{path}: cannot be read"):
         return read_at_most(path, largest)
-    except OSError as error:
-        raise WorldError(f"{path}: cannot be read: {error.strerror or error}") from None
 
 
 def read_at_most(path: Path, largest: int) -> bytes:
@@ -66,7 +64,7 @@ def read_maybe_gzipped(path: Path, largest: int = LARGEST_FILE) -> bytes:
 
 def write_bytes(path: Path, content: bytes) -> None:
     """Write a file atomically; WorldError if that fails."""
-    with _writes(path):
+    with reported_as(WorldError, f"{path}: cannot be written"):
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as temporary:
             temporary.write_bytes(content)
@@ -74,16 +72,8 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file onto the disk, so that it is there as a whole or as it was before; StoreError if that fails."""
-    with _writes(path, StoreError), replacing(path, durable=True) as temporary:
+    with reported_as(StoreError, f"{path}: cannot be written"), replacing(path, durable=True) as temporary:
         temporary.write_bytes(content)
-
-
-@contextmanager
-def _writes(path: Path, kind: type[BarnError] = WorldError) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise kind(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 @contextmanager
@@ -121,7 +111,7 @@ def new_folder(path: Path) -> Iterator[Path]:
 
     Raises WorldError if `path` exists and is not an empty folder, or if it cannot be written.
     """
-    with _writes(path):
+    with reported_as(WorldError, f"{path}: cannot be written"):
         if path.exists() and (not path.is_dir() or any(path.iterdir())):
             raise WorldError(f"{path}: exists already; name a new folder or an empty one")
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -15,7 +15,7 @@ from barn_eval.experiments.ros_config import PlannerLink, RosSetup
 from barn_eval.ros.supervision import start
 from barn_sim.config import SimulatorConfig, robot_of
 from barn_worlds.base.config import as_dict
-from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.errors import ConfigError, reported_as
 from barn_worlds.base.files import write_whole
 from barn_worlds.robots.files import ROBOTS, robot_text
 
@@ -43,10 +43,8 @@ class NodeProcess:
             return list(self.command)
         path = folder / f"{self.name}.yaml"
         content = {"/**": {"ros__parameters": dict(self.parameters)}}
-        try:
+        with reported_as(ConfigError, path):
             path.write_text(yaml.safe_dump(content, sort_keys=False), "utf-8")
-        except OSError as error:
-            raise ConfigError(f"{path}: {error.strerror or error}") from None
         return [*self.command, "--ros-args", *self.arguments, "--params-file", str(path)]
 
 

@@ -26,7 +26,7 @@ from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import TrajectoryLog
 from barn_eval.trials.trial import conclude, handled
 from barn_worlds.base.config import as_dict
-from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.errors import ConfigError, reported_as
 from barn_worlds.base.files import write_whole
 from barn_worlds.ros import private_line
 from barn_worlds.ros.domain import in_use, reserved_domain
@@ -53,10 +53,8 @@ def run_ros_trials(
     if not trials:
         return
     logs = logs or store.folder / LOGS
-    try:
+    with reported_as(ConfigError, logs):
         logs.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f"{logs}: {error.strerror or error}") from None
     with reserved_domain(environment) as domain, handled(signal.SIGTERM, _end):
         shared = in_use(domain)
         given = nodes.environment(environment, domain)
