@@ -14,8 +14,7 @@ from waiting import alive, parent, until
 
 from barn_eval.experiments.run_file import isolated, isolation
 from barn_eval.ros.supervision import guard, nodes
-from barn_eval.ros.supervision.channel import EventChannel
-from barn_eval.ros.supervision.process import GuardedProcess, last_lines
+from barn_eval.ros.supervision.process import EventChannel, GuardedProcess, last_lines
 from barn_worlds.base.errors import ConfigError
 
 # A command with a child that leaves its session and a grandchild that has lost its parent; `stubborn` ignores signals.
@@ -161,7 +160,7 @@ def test_link_is_handed_down_to_the_command(tmp_path, monkeypatch):
     ours, theirs = socket.socketpair()
     script = """
     import socket, sys
-    from barn_eval.ros.supervision.channel import EventChannel
+    from barn_eval.ros.supervision.process import EventChannel
     link = EventChannel(socket.socket(fileno=int(sys.argv[1])))
     while not (events := link.receive()):
         pass

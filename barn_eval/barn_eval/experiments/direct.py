@@ -8,8 +8,8 @@ from functools import cache
 
 import numpy as np
 
+from barn_eval.bags.messages import TrialBag
 from barn_eval.bags.recorder import Recorder
-from barn_eval.bags.trial_bag import TrialBag
 from barn_eval.experiments.store import finish_bag
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.result import MEASURED, WallClock, packed_delays

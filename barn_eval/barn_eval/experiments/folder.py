@@ -52,7 +52,7 @@ class ExperimentFolder:
         self.path = path
         self._rows = ResultRows(path)
         self._tracks = TrackRows(path)
-        self._order = [spec.trial_id for spec in specs]
+        self._order = {spec.trial_id: place for place, spec in enumerate(specs)}
         self.earlier = self._in_order(results)
         self._done = {result.trial_id for result in results}
         self.remaining = [spec for spec in fair_order(specs) if spec.trial_id not in self._done]
@@ -67,8 +67,7 @@ class ExperimentFolder:
         return self._in_order(self._rows.read())
 
     def _in_order(self, results: Sequence[TrialResult]) -> list[TrialResult]:
-        found = {result.trial_id: result for result in results}
-        return [found[trial_id] for trial_id in self._order if trial_id in found]
+        return sorted(results, key=lambda result: self._order[result.trial_id])
 
     def append(self, record: Record) -> None:
         """Keep a trial's result and, before it, the line of its track."""
@@ -94,7 +93,7 @@ class ExperimentFolder:
         if len(results) != self.total:
             raise ValueError(f"{self.total - len(results)} trials have no result")
         write_tables(self.path, results)
-        self._tracks.arrange(self._order)
+        self._tracks.arrange(list(self._order))
         return results
 
 
@@ -179,11 +178,11 @@ def earlier_results(asked: RunFile, specs: Sequence[TrialSpec], *, overwrite: bo
     if not results:
         return EarlierResults((), [])
     there.require_same(asked)
-    known = {spec.trial_id: spec for spec in specs}
+    known, task = {spec.trial_id: spec for spec in specs}, there.written_task()
     for result in results:
         if result.trial_id not in known:
             raise ConfigError(f"{path}: holds a result of {result.trial_id}, which is no trial of this experiment")
-        require_of(result, known[result.trial_id], there.written_task(), path)
+        require_of(result, known[result.trial_id], task, path)
     for planner in there.experiment["planners"]:
         if planner["source"] == NO_SOURCE and len(results) < len(specs):
             raise ConfigError(

@@ -36,10 +36,6 @@ class LivePlanner:
             raise BarnError(f"planner {self.name!r} cannot be made: {type(error).__name__}: {error}") from error
         return made if isinstance(made, Planner) else FunctionPlanner(made)
 
-    def choice(self) -> PlannerChoice:
-        """Return what run.json says of it."""
-        return PlannerChoice(self.name, source=fingerprint(self.given))
-
 
 class FunctionPlanner(Planner):
     """Drives by a function of the observation, or of observation and task, that returns (m/s forward, rad/s turn)."""
@@ -83,7 +79,7 @@ def split_planners(given: Planners) -> tuple[list[Any], dict[str, LivePlanner]]:
             if planner.name in planner_names():
                 raise ConfigError(f"planner {planner.name!r}: is one of the registry's; give yours another name")
             live[planner.name] = planner
-            chosen.append(planner.choice())
+            chosen.append(PlannerChoice(planner.name, source=fingerprint(item)))
     return chosen, live
 
 

@@ -1,10 +1,8 @@
 """Rows and tracks of trials, which survive a kill at any moment, and the tables made of them at the end."""
 
-import dataclasses
 import io
 import os
 import re
-import types
 import typing
 import zlib
 from collections.abc import Iterator, Sequence
@@ -151,22 +149,17 @@ def results_table(results: Sequence[TrialResult]) -> pa.Table:
 def timing_table(results: Sequence[TrialResult]) -> pa.Table:
     """Return a row per result with its trial and the fields of `WallClock`."""
     schema = pa.schema([("trial_id", pa.string()), *_columns(WallClock)])
-    return pa.Table.from_pylist(
-        [{"trial_id": result.trial_id} | as_dict(result.wall_clock) for result in results], schema
-    )
+    rows = [{"trial_id": result.trial_id} | as_dict(result.wall_clock) for result in results]
+    return pa.Table.from_pylist(rows, schema)
 
 
 def write_tables(folder: Path, results: Sequence[TrialResult]) -> None:
     """Write both tables, each as Parquet and CSV; StoreError, with the earlier files in place, if one cannot be."""
     for name, table in ((RESULTS, results_table(results)), (TIMING, timing_table(results))):
-        write_whole(folder / f"{name}.parquet", _parquet(table))
+        buffer = io.BytesIO()
+        pyarrow.parquet.write_table(table, buffer, compression="zstd")
+        write_whole(folder / f"{name}.parquet", buffer.getvalue())
         write_whole(folder / f"{name}.csv", csv_bytes(table))
-
-
-def _parquet(table: pa.Table) -> bytes:
-    buffer = io.BytesIO()
-    pyarrow.parquet.write_table(table, buffer, compression="zstd")
-    return buffer.getvalue()
 
 
 def csv_bytes(table: pa.Table) -> bytes:
@@ -177,21 +170,14 @@ def csv_bytes(table: pa.Table) -> bytes:
 
 
 def _columns(record: type[Any]) -> Iterator[tuple[str, pa.DataType]]:
-    kinds = typing.get_type_hints(record)
-    for field in dataclasses.fields(record):
-        kind = _plain(kinds[field.name])
-        if field.name in _APART:
+    for name, kind in typing.get_type_hints(record).items():
+        if name in _APART:
             continue
-        if issubclass(kind, (Scores, Measures)):
-            yield from _columns(kind)
+        plain = next((one for one in typing.get_args(kind) if one is not type(None)), kind)  # of an optional one
+        if issubclass(plain, (Scores, Measures)):
+            yield from _columns(plain)
         else:
-            yield field.name, pa.string() if issubclass(kind, Enum) else _COLUMNS[kind]
-
-
-def _plain(kind: object) -> Any:
-    if typing.get_origin(kind) in (typing.Union, types.UnionType):
-        (kind,) = (one for one in typing.get_args(kind) if one is not type(None))
-    return kind
+            yield name, pa.string() if issubclass(plain, Enum) else _COLUMNS[plain]
 
 
 def _flat(row: dict[str, Any]) -> dict[str, Any]:

@@ -152,13 +152,9 @@ class RunFile:
             raise ConfigError(f"{path}: holds no experiment: schema_version must be {SCHEMA_VERSION}, got {got}")
         if experiment.get("dataset") == WORLDS and (folder / WORLDS).is_file():
             experiment |= {"dataset": str((folder / WORLDS).absolute())}
-        return cls(
-            path,
-            experiment,
-            worlds if isinstance(worlds, dict) else {},
-            str(found.get("robot", "")),
-            tuple(one for one in sessions if isinstance(one, dict)) if isinstance(sessions, list) else (),
-        )
+        worlds, sessions = worlds if isinstance(worlds, dict) else {}, sessions if isinstance(sessions, list) else []
+        sessions = tuple(one for one in sessions if isinstance(one, dict))
+        return cls(path, experiment, worlds, str(found.get("robot", "")), sessions)
 
     @classmethod
     def of(cls, folder: Path, experiment: Experiment, worlds: Mapping[int, str]) -> RunFile:
@@ -187,9 +183,15 @@ class RunFile:
 
     def require_same(self, other: RunFile) -> None:
         """Raise ConfigError naming the first key by which what is there differs from what is asked for now."""
-        self._compare(self.experiment, other.experiment, "configuration")
-        self._compare(self.worlds, other.worlds, "checksum of world")
-        self._compare({"robot": self.robot}, {"robot": other.robot}, "robot")
+        for key, what in (("experiment", "configuration"), ("worlds", "checksum of world"), ("robot", "robot")):
+            there, here = ({key: getattr(one, key)} for one in (self, other))
+            if (found := identity.first_difference(there, here)) is not None:
+                name, *values = found
+                text = [value if value == identity.MISSING else shown(value) for value in values]
+                raise ConfigError(
+                    f"{self.path.parent}: holds results of another {what}: {name.removeprefix(f'{key}.')} is {text[0]}"
+                    f" there, {text[1]} here; use another folder, or --overwrite"
+                )
 
     def with_session(self, execution: Execution) -> RunFile:
         """Return the same with a session that begins now."""
@@ -209,12 +211,3 @@ class RunFile:
             "sessions": self.sessions,
         }
         write_whole(self.path, (json.dumps(content, indent=1) + "\n").encode())
-
-    def _compare(self, there: Mapping[str, Any], here: Mapping[str, Any], what: str) -> None:
-        if (found := identity.first_difference(there, here)) is not None:
-            key, *values = found
-            text = [value if value == identity.MISSING else shown(value) for value in values]
-            raise ConfigError(
-                f"{self.path.parent}: holds results of another {what}: {key} is {text[0]} there, {text[1]} here;"
-                " use another folder, or --overwrite"
-            )

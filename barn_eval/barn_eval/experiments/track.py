@@ -20,14 +20,8 @@ from barn_worlds.base.text_files import parse_json
 from barn_worlds.base.types import NANOSECONDS
 from barn_worlds.geometry.footprint import Footprint, contact_of
 
-_KINDS = {
-    "u1": "Uint8Array",
-    "i2": "Int16Array",
-    "u2": "Uint16Array",
-    "i4": "Int32Array",
-    "f4": "Float32Array",
-    "f8": "Float64Array",
-}
+_NAMES = {"u": "Uint", "i": "Int", "f": "Float"}  # of JavaScript's typed arrays
+_KINDS = {kind: f"{_NAMES[kind[0]]}{8 * int(kind[1])}Array" for kind in ("u1", "i2", "u2", "i4", "f4", "f8")}
 _TYPES = {name: np.dtype("<" + kind) for kind, name in _KINDS.items()}
 
 
@@ -61,15 +55,13 @@ def unpack(content: Mapping[str, Any], most_bytes: int) -> dict[str, npt.NDArray
         raise ValueError(f"packed arrays are damaged: {error}") from None
     if not stream.eof:
         raise ValueError(f"packed arrays are cut off, or of more than {most_bytes} bytes")
-    return {str(name): _array(data, where) for name, where in layout.items()}
-
-
-def _array(data: bytes, where: Any) -> npt.NDArray[Any]:
     try:
-        kind, offset, length = where
-        return np.frombuffer(data, _TYPES[kind], length, offset)
+        return {
+            str(name): np.frombuffer(data, _TYPES[kind], length, offset)
+            for name, (kind, offset, length) in layout.items()
+        }
     except (KeyError, TypeError, ValueError, OverflowError):
-        raise ValueError(f"packed arrays do not hold what they say: {shown(where)}") from None
+        raise ValueError(f"packed arrays do not hold what they say: {shown(layout)}") from None
 
 
 SCHEMA_VERSION = 1
@@ -152,12 +144,8 @@ def track_of(
 def track_line(finished: FinishedTrial) -> str | None:
     """Return the track of a finished trial as a line of JSON without the line's end; None where there is none."""
     world = finished.spec.world
-    track = track_of(
-        finished.trajectory,
-        world.cylinders_m,
-        world.cylinder_radius_m,
-        contact_of(finished.spec.simulator.chassis),
-    )
+    outline = contact_of(finished.spec.simulator.chassis)
+    track = track_of(finished.trajectory, world.cylinders_m, world.cylinder_radius_m, outline)
     if track is None:
         return None
     content = {"trial_id": finished.result.trial_id, "schema_version": SCHEMA_VERSION} | track.packed
@@ -175,9 +163,7 @@ def from_track_line(line: str, where: str) -> tuple[str, Track]:
 
 def _held(command: Floats) -> Floats:
     """Return commands (n, 2) with each NaN replaced by the last command before it, if there is one."""
-    latest = np.maximum.accumulate(np.where(np.isnan(command[:, 0]), 0, np.arange(len(command))))
-    held: Floats = command[latest]
-    return held
+    return command[np.maximum.accumulate(np.where(np.isnan(command[:, 0]), 0, np.arange(len(command))))]
 
 
 def _read(content: object) -> tuple[str, Track]:
@@ -185,17 +171,15 @@ def _read(content: object) -> tuple[str, Track]:
         raise ValueError("trial_id is missing")
     if content.get("schema_version") != SCHEMA_VERSION:
         raise ValueError(f"schema_version must be {SCHEMA_VERSION}, got {shown(content.get('schema_version'))}")
-    arrays, steps = unpack(content, _MOST_BYTES), content.get("steps")
+    arrays, steps = unpack(content, _MOST_BYTES), content.get("steps", [])
     samples, contact = (arrays.get(name, np.empty(0)) for name in ("samples", "contact"))
     if samples.dtype != np.int16 or contact.dtype != np.uint8 or samples.size != len(CHANNELS) * contact.size:
         raise ValueError("samples and contact do not fit together")
-    if not contact.size or not finite_numbers(steps, len(CHANNELS)):
-        raise ValueError("there are no samples, or steps are not one finite number per channel")
+    if not contact.size or not finite_numbers(steps, len(CHANNELS)) or max(map(abs, steps)) > _LARGEST_STEP:
+        least = f"one finite number per channel of at most {_LARGEST_STEP:g}"
+        raise ValueError(f"there are no samples, or steps are not {least}")
     whole = np.cumsum(samples.reshape(len(CHANNELS), -1), axis=1, dtype=np.int16).T
-    step = np.array(steps, np.float64)
-    if np.abs(step).max() > _LARGEST_STEP:
-        raise ValueError(f"steps must be at most {_LARGEST_STEP:g}, got {np.abs(step).max():g}")
-    values = np.where(whole == NO_NUMBER, np.nan, whole * step)
+    values = np.where(whole == NO_NUMBER, np.nan, whole * np.array(steps, np.float64))
     note = content.get("note", "")
     return content["trial_id"], Track(values, contact.astype(np.bool_), note if isinstance(note, str) else "")
 

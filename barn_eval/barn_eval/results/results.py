@@ -24,7 +24,7 @@ from barn_eval.experiments.check import difference
 from barn_eval.experiments.engine import Job
 from barn_eval.experiments.experiment import Execution
 from barn_eval.experiments.folder import REPLAYS
-from barn_eval.experiments.live import LivePlanner, Planners, split_planners
+from barn_eval.experiments.live import LivePlanner, Planners, fingerprint, split_planners
 from barn_eval.experiments.rows import results_table, timing_table
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.experiments.store import Record, Store
@@ -301,7 +301,7 @@ class Results:
         (choice,) = (one for one in experiment.planners if one.name == name)
         if choice.source and name not in self._live:
             raise ConfigError(f"planner {name!r} was a Python object: barn.load(folder, planners=...) takes it")
-        if choice.source and self._live[name].choice().source != choice.source:
+        if choice.source and fingerprint(self._live[name].given) != choice.source:
             raise ConfigError(f"planner {name!r} is not the one of these results: its source differs")
         (spec,) = (one for one in experiment.trials([result.world]) if one.trial_id == result.trial_id)
         if result.delays:

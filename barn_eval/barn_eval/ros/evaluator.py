@@ -23,7 +23,8 @@ from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.experiments.store import Record, Store, finish_bag
 from barn_eval.ros.adapter import missed_periods, missed_share
 from barn_eval.ros.session import PLANNER, SIMULATOR, Abandoned, TrialEnded
-from barn_eval.ros.supervision.channel import NOT_TOLD, Assignment, EventChannel
+from barn_eval.ros.supervision.nodes import NOT_TOLD, Assignment
+from barn_eval.ros.supervision.process import EventChannel
 from barn_eval.ros.trial import RosTrial, RunContext
 from barn_eval.trials.outcome import ENVIRONMENT, Outcome, Verdict
 from barn_eval.trials.protocol import load_protocol

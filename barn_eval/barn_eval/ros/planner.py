@@ -8,8 +8,15 @@ from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.ros.goals import ActionGoal, TopicGoal
 from barn_eval.ros.graph import GraphView, resolve_node_name
 from barn_eval.ros.readiness import Finding, Needs, inspect
-from barn_eval.ros.remote import SET_PARAMETERS, RemoteNode, ServiceRefused, ServiceTimeout
-from barn_eval.ros.session import PLANNER, Session, TrialEnded
+from barn_eval.ros.session import (
+    PLANNER,
+    SET_PARAMETERS,
+    RemoteNode,
+    ServiceRefused,
+    ServiceTimeout,
+    Session,
+    TrialEnded,
+)
 from barn_eval.ros.supervision.nodes import reach
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.spec import TrialSpec

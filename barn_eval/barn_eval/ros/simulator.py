@@ -9,9 +9,17 @@ from typing import Any
 
 from barn_eval.experiments.ros_config import Patience
 from barn_eval.ros.readiness import PARTICIPANT_BYTES
-from barn_eval.ros.remote import SET_PARAMETERS, RemoteNode, ServiceRefused, ServiceTimeout
 from barn_eval.ros.sequencer import Message
-from barn_eval.ros.session import PLANNER, SIMULATOR, Session, TrialEnded
+from barn_eval.ros.session import (
+    PLANNER,
+    SET_PARAMETERS,
+    SIMULATOR,
+    RemoteNode,
+    ServiceRefused,
+    ServiceTimeout,
+    Session,
+    TrialEnded,
+)
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.base.config import fields_of

@@ -18,7 +18,7 @@ from barn_eval.ros.sequencer import Tick
 from barn_eval.ros.session import PLANNER, SIMULATOR, Session, TrialEnded
 from barn_eval.ros.simulator import SimulatorChannel, SimulatorClient, SimulatorServices
 from barn_eval.ros.subscriber import Subscriber, TrialQueue
-from barn_eval.ros.supervision.channel import EventChannel
+from barn_eval.ros.supervision.process import EventChannel
 from barn_eval.ros.watchdog import Watchdog
 from barn_eval.trials.outcome import ENVIRONMENT, Outcome, Verdict
 from barn_eval.trials.spec import TrialSpec

@@ -1,7 +1,7 @@
 """Run one command and see to it that nothing of it is left, whatever happens to the process that asked for it.
 
 Started as a script of its own, with nothing but the standard library, as `python guard.py FD KIND -- COMMAND...`. FD is
-a socket to the supervisor, which is told there how the command has ended, as an event of `channel`. KIND is "suite" for
+a socket to the supervisor, which is told there how the command has ended, as an event of `process`. KIND is "suite" for
 a process of the suite, "planner" for one under test, which the kernel is to end first when memory runs out, and "apart"
 for one that besides gets a user, PID and mount namespace of its own, in which it can neither see nor signal any process
 but its own. `python guard.py probe` prints whether the kernel allows that. When the supervisor

@@ -12,13 +12,16 @@ import yaml
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.experiments.request import command_words
 from barn_eval.experiments.ros_config import PlannerLink, RosSetup
+from barn_eval.experiments.store import Store
 from barn_eval.ros.supervision import start
+from barn_eval.trials.spec import TrialSpec
 from barn_sim.config import SimulatorConfig, robot_of
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError, reported_as
 from barn_worlds.base.files import write_whole
 from barn_worlds.robots.files import ROBOTS, robot_text
 
+NOT_TOLD = "nothing tells that from the planner's doing"
 _LOOPBACK = Path(__file__).parents[2] / "data" / "dds" / "loopback.xml"  # keeps Fast DDS on the loopback interface
 _WHEELS_MARK = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 _PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
@@ -46,6 +49,33 @@ class NodeProcess:
         with reported_as(ConfigError, path):
             path.write_text(yaml.safe_dump(content, sort_keys=False), "utf-8")
         return [*self.command, "--ros-args", *self.arguments, "--params-file", str(path)]
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """Trials of the one planner of an experiment, by name, and where their bags and pictures go.
+
+    robot: name or file of the robot, for the simulator node. look_first: nothing else has been started; the evaluator
+    has it started once it has seen that nobody is in the way. apart: the planner cannot signal the suite's processes.
+    """
+
+    experiment: Experiment
+    trials: tuple[str, ...]
+    worlds: tuple[int, ...]
+    out: str
+    pictures: bool
+    robot: str
+    look_first: bool = False
+    apart: bool = False
+
+    @property
+    def store(self) -> Store:
+        """Where bags and pictures go."""
+        return Store(Path(self.out), self.experiment.bags, self.pictures)
+
+    def specs(self) -> list[TrialSpec]:
+        """Return the trials; WorldError if a world cannot be read."""
+        return [spec for spec in self.experiment.trials(self.worlds) if spec.trial_id in set(self.trials)]
 
 
 def simulator(setup: RosSetup, line: int, robot: str) -> NodeProcess:

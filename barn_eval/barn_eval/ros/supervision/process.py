@@ -1,5 +1,16 @@
-"""A command under guard, as the supervisor sees it."""
+"""A command under guard, as the supervisor sees it, and the events by which processes talk with the supervisor.
 
+These are JSON objects, one per line, over a socket.
+With NAME planner or simulator, and WHOM empty where that is to blame itself, the supervisor sends to the evaluator
+{"event": "exited", "name": NAME, "how": TEXT, "blamed": WHOM}, and the evaluator to the supervisor
+{"event": "trial", "id": TRIAL_ID}, {"event": "released"} of that trial, {"event": "repeated", "reason": TEXT} where it
+is begun again after that, {"event": "result", "row": LINE, "track": LINE} (lines of results.jsonl and tracks.jsonl),
+{"event": "stop", "name": NAME}, {"event": "start", "name": NAME}, {"event": "note", "text": TEXT},
+{"event": "refused", "reason": TEXT}, {"event": "done"}. A guard sends {"event": "ended", "how": TEXT}.
+What the evaluator is to do comes as a file, the `Assignment`: it is more than parameters can hold.
+"""
+
+import json
 import os
 import signal
 import socket
@@ -12,7 +23,6 @@ from contextlib import suppress
 from pathlib import Path
 
 from barn_eval.ros.supervision import guard
-from barn_eval.ros.supervision.channel import EventChannel
 from barn_worlds.base.errors import BarnError, ConfigError
 
 _MARK = "BARN_GUARD"
@@ -20,6 +30,43 @@ _FULL_LOG_BYTES = 10_000_000  # of all starts: then it begins anew, and one befo
 _LINE = 300  # characters of a line that a message quotes
 # Only a guard that hangs takes longer: it may wait for the processor, and for the disk that takes what was printed.
 _GRACE_S = sum(patience_s for _, patience_s in guard.PATIENCE_S) + 60.0
+
+
+class EventChannel:
+    """One end of such a socket, which is read without waiting; `closed` once the other end is gone."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self.socket = connection
+        self.closed = False
+        self._received = b""
+
+    def fileno(self) -> int:
+        """Return what to wait on for events."""
+        return self.socket.fileno()
+
+    def send(self, event: str, **content: str) -> None:
+        """Send an event; nothing happens if the other end is gone."""
+        with suppress(OSError):
+            self.socket.sendall(json.dumps({"event": event, **content}).encode() + b"\n")
+
+    def receive(self) -> list[dict[str, str]]:
+        """Return the events that have come."""
+        while not self.closed:
+            try:
+                data = self.socket.recv(65536, socket.MSG_DONTWAIT)
+            except BlockingIOError:
+                break
+            except OSError:
+                data = b""
+            self.closed = not data
+            self._received += data
+        *lines, self._received = self._received.split(b"\n")
+        return [json.loads(line) for line in lines]
+
+    def close(self) -> None:
+        """Close this end."""
+        self.closed = True
+        self.socket.close()
 
 
 class ProcessError(BarnError):

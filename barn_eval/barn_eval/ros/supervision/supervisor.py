@@ -17,9 +17,8 @@ from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.run_file import isolated
 from barn_eval.experiments.store import LOGS, Record, Store
 from barn_eval.ros.supervision import guard, nodes
-from barn_eval.ros.supervision.channel import NOT_TOLD, Assignment, EventChannel
-from barn_eval.ros.supervision.nodes import NodeProcess
-from barn_eval.ros.supervision.process import GuardedProcess, ProcessError, last_lines
+from barn_eval.ros.supervision.nodes import NOT_TOLD, Assignment, NodeProcess
+from barn_eval.ros.supervision.process import EventChannel, GuardedProcess, ProcessError, last_lines
 from barn_eval.trials.outcome import ENVIRONMENT, Outcome, Verdict
 from barn_eval.trials.result import TrialResult, from_json_line
 from barn_eval.trials.spec import TrialSpec
