@@ -258,9 +258,9 @@ def test_files_that_a_command_names_are_known_by_their_content(tmp_path):
     before = [one.planners[0].files for one in made()]
     assert before[0] == before[1]
     assert set(before[0]) == {str(parameters), str(script)}
-    earlier = [one.settings(one.planners[0])[2] for one in made()]
+    earlier = [one.settings(one.planners[0])["planner_config"] for one in made()]
     parameters.write_text("a: 2")
     changed = made()[0]
     assert changed.planners[0].files[str(script)] == before[0][str(script)]
     assert changed.planners[0].files[str(parameters)] != before[0][str(parameters)]
-    assert changed.settings(changed.planners[0])[2] not in earlier
+    assert changed.settings(changed.planners[0])["planner_config"] not in earlier

@@ -115,27 +115,21 @@ class Experiment(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        names = [planner.name for planner in self.planners]
+        names, over_ros = [planner.name for planner in self.planners], self.mode == "ros"
         if not names:
             raise ConfigError("planners must name at least one planner")
-        for name in names:
+        for planner in self.planners:
+            name = planner.name
             if names.count(name) > 1:
                 raise ConfigError(f"planners names {name!r} twice; make two experiments and use `barn compare` on them")
-        self._require_measurable()
-        if self.mode == "ros":
-            for planner in self.planners:
-                if planner.source:
-                    raise ConfigError(f"planner {planner.name!r}: a Python object drives in mode direct only")
-            return
-        for planner in self.planners:
-            if planner.command:
-                raise ConfigError(f"planner {planner.name!r}: a planner command needs mode ros")
-        if self.ros != RosSetup():
-            raise ConfigError("settings of ros need mode ros")
-
-    def _require_measurable(self) -> None:
-        if self.mode == "ros" and self.compute == MEASURED:
+            if planner.source and over_ros:
+                raise ConfigError(f"planner {name!r}: a Python object drives in mode direct only")
+            if planner.command and not over_ros:
+                raise ConfigError(f"planner {name!r}: a planner command needs mode ros")
+        if over_ros and self.compute == MEASURED:
             raise ConfigError("compute measured needs mode direct; over ROS, ros.lockstep=false charges all time")
+        if not over_ros and self.ros != RosSetup():
+            raise ConfigError("settings of ros need mode ros")
 
     def way(self, compute: Compute) -> str:
         """Return what its trials charge for the computing of a planner that declares this."""
@@ -143,25 +137,21 @@ class Experiment(Checked):
             return REAL_TIME
         return MEASURED if self.compute == MEASURED else DECLARED if compute.declared else FREE
 
-    def settings(self, planner: PlannerChoice) -> tuple[str, dict[str, Any], str, float]:
-        """Return preset, parameters, fingerprint and declared speed cap of a planner.
-
-        ConfigError for parameters that it does not take.
+    def settings(self, planner: PlannerChoice) -> dict[str, Any]:
+        """Return what a `TrialSpec` has of a planner's configuration; ConfigError for parameters that it does not take.
 
         What a planner of the registry takes from the robot (`barn_planners.robots`) follows from the simulator; another
         place of the lidar is refused.
         """
         preset = "" if planner.source else planner.preset or self.protocol.planner_preset
-        overrides = dict(planner.overrides)
         computing = {"compute": as_dict(planner.compute)} if planner.compute.declared else {}
         if not planner.registered:
-            known: dict[str, Any] = {"command": planner.command, "source": planner.source}
-            known |= {"max_speed_mps": planner.max_speed_mps} if planner.max_speed_mps else {}
-            known |= computing | ({"files": planner.files} if planner.files else {})
-            return preset, overrides, identity.fingerprint(known), planner.max_speed_mps
-        overrides = parameters_for(planner.name, preset, overrides, robot_of(self.simulator))
-        lidar = self.simulator.lidar
-        for key, place in lidar_place(planner_config(planner.name, preset, overrides), lidar).items():
+            known: dict[str, Any] = {"command": planner.command, "source": planner.source} | computing
+            known |= {key: value for key in ("max_speed_mps", "files") if (value := getattr(planner, key))}
+            return _settings(preset, {}, known, planner.max_speed_mps)
+        overrides = parameters_for(planner.name, preset, dict(planner.overrides), robot_of(self.simulator))
+        place_of_lidar = lidar_place(planner_config(planner.name, preset, overrides), self.simulator.lidar)
+        for key, place in place_of_lidar.items():
             if key in overrides:
                 what = key.rpartition(".")[2].removeprefix("lidar_")
                 raise ConfigError(
@@ -170,8 +160,8 @@ class Experiment(Checked):
                 )
             overrides[key] = place
         config = planner_config(planner.name, preset, overrides)
-        fingerprint = identity.fingerprint({"planner": planner.name} | as_dict(config) | computing)
-        return preset, overrides, fingerprint, speed_cap_mps(planner.name, config)
+        known = {"planner": planner.name} | as_dict(config) | computing
+        return _settings(preset, overrides, known, speed_cap_mps(planner.name, config))
 
     def trials(
         self, worlds: Iterable[int] | None = None, *, dataset: Dataset | None = None, started_by_hand: bool = False
@@ -183,15 +173,15 @@ class Experiment(Checked):
         started_by_hand: whether planners were, so that nothing is known of them but their names.
         BarnError in one line if a world cannot be read or driven in.
         """
-        settings = {
-            one.name: (one.preset, one.overrides, "", 0.0) if started_by_hand else self.settings(one)
-            for one in self.planners
-        }
-        computes = {one.name: Compute() if started_by_hand else one.compute for one in self.planners}
+        driven: list[dict[str, Any]] = []
+        for one in self.planners:
+            compute = Compute() if started_by_hand else one.compute
+            settings = {"preset": one.preset, "overrides": one.overrides} if started_by_hand else self.settings(one)
+            driven.append({"planner": one.name, "compute": compute, "way": self.way(compute)} | settings)
         dataset = (dataset or open_dataset(self.dataset)).driven(robot_of(self.simulator), self.course)
-        found = []
         chosen = tuple(select_worlds(self.worlds, dataset.indices) if worlds is None else worlds)
         dataset.require_fit(robot_of(self.simulator), chosen)
+        found = []
         for index in chosen:
             world = dataset.load(index)
             self.protocol.sized(world, self.simulator.chassis).course(world)
@@ -200,20 +190,14 @@ class Experiment(Checked):
                     dataset=dataset.name,
                     index=index,
                     world=world,
-                    planner=planner,
-                    preset=preset,
-                    overrides=overrides,
                     protocol=self.protocol,
                     simulator=self.simulator,
                     campaign_seed=self.seed,
                     repetition=repetition,
-                    planner_config=fingerprint,
-                    declared_mps=declared_mps,
-                    compute=computes[planner],
-                    way=self.way(computes[planner]),
+                    **one,
                 )
                 for repetition in range(self.repetitions)
-                for planner, (preset, overrides, fingerprint, declared_mps) in settings.items()
+                for one in driven
             ]
         return found
 
@@ -241,3 +225,8 @@ class Execution(Checked):
     def processes(self) -> int:
         """Number of workers on this machine."""
         return 1 if self.engine == "inline" else self.workers or len(os.sched_getaffinity(0))
+
+
+def _settings(preset: str, overrides: dict[str, Any], known: dict[str, Any], declared_mps: float) -> dict[str, Any]:
+    fingerprint = identity.fingerprint(known)
+    return {"preset": preset, "overrides": overrides, "planner_config": fingerprint, "declared_mps": declared_mps}

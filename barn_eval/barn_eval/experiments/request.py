@@ -119,14 +119,14 @@ def command_words(command: str) -> list[str]:
     return words
 
 
-def _given(value: object, kinds: tuple[type, ...], rule: str) -> Any:
+def _given(value: object, kinds: type | tuple[type, ...], rule: str) -> Any:
     if not isinstance(value, kinds):
         raise ConfigError(f"{rule}, got {shown(value)}")
     return value
 
 
 def _changes(value: object, key: str) -> dict[str, Any]:
-    return dict(_given(value or {}, (Mapping,), f"{key} must be a mapping of parameters to values"))
+    return dict(_given(value or {}, Mapping, f"{key} must be a mapping of parameters to values"))
 
 
 def _experiment(content: dict[str, Any], settings: Mapping[str, Any], where: str) -> Experiment:
@@ -199,26 +199,21 @@ def _with_settings(
             hint = suggest(name, found)
             raise ConfigError(f"{where}parameters of planner {shown(name)}, which is not among them{hint}")
         found[name] = {**found[name], **changes}
-    return tuple(_changed(planner, dict(found[planner.name]), where) for planner in planners)
+    return tuple(_changed(planner, found[planner.name], where) for planner in planners)
 
 
-def _changed(planner: PlannerChoice, changes: dict[str, Any], where: str) -> PlannerChoice:
+def _changed(planner: PlannerChoice, changes: Mapping[str, Any], where: str) -> PlannerChoice:
     """Return a planner with its parameters; of one that the suite does not make, the only one is its speed cap."""
-    computing: dict[str, Any] = {}
-    for key in [key for key in changes if key.startswith("compute.")]:
-        name = key.removeprefix("compute.")
-        if name not in COMPUTE_KEYS:
-            raise ConfigError(
-                f"{where}planner {planner.name!r}: unknown parameter {key!r}{suggest(name, COMPUTE_KEYS)}"
-            )
-        rule = f"{where}planner {planner.name!r}: {key} must be a number"
-        computing[name] = float(_given(changes.pop(key), (int, float), rule))
-    planner = replace(planner, **computing)
-    cap_mps = planner.max_speed_mps
-    if not planner.registered and _CAP in changes:
-        rule = f"{where}planner {planner.name!r}: {_CAP} must be a number"
-        cap_mps = float(_given(changes.pop(_CAP), (int, float), rule))
-    return replace(planner, overrides=changes, max_speed_mps=cap_mps)
+    about = f"{where}planner {planner.name!r}: "
+    own: dict[str, Any] = {"overrides": dict(changes)}
+    for key, value in changes.items():
+        computing, name = key.startswith("compute."), key.removeprefix("compute.")
+        if computing and name not in COMPUTE_KEYS:
+            raise ConfigError(f"{about}unknown parameter {key!r}{suggest(name, COMPUTE_KEYS)}")
+        if computing or (key == _CAP and not planner.registered):
+            own[name] = float(_given(value, (int, float), f"{about}{key} must be a number"))
+            del own["overrides"][key]
+    return replace(planner, **own)
 
 
 def _setting(key: str, value: object, planners: Sequence[PlannerChoice]) -> tuple[str, Mapping[str, Any]]:
@@ -231,8 +226,8 @@ def _setting(key: str, value: object, planners: Sequence[PlannerChoice]) -> tupl
     names = [planner.name for planner in planners]
     if isinstance(value, Mapping) and (key in names or len(names) > 1):
         return key, value
-    named = next((name for name in names if key.startswith(f"{name}.")), None)
-    if len(names) == 1 and (named is None or _is_parameter(key, names[0])):
+    named = next((name for name in names if key.startswith(f"{name}.")), "")
+    if len(names) == 1 and (not named or _is_parameter(key, names[0])):
         return names[0], {key: value}
     named = named or key.partition(".")[0]
     return named, {key.removeprefix(f"{named}."): value}

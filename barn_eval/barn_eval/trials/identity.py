@@ -43,11 +43,8 @@ def task_line(protocol: str, task_fingerprint: str, robot_name: str = "") -> str
 def first_difference(a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple[str, Any, Any] | None:
     """Return the first dotted key by which plain data differ, with both values, or None; MISSING for one not there."""
     there, here = dict(leaves(a)), dict(leaves(b))
-    for key in {**here, **there}:
-        before, now = there.get(key, MISSING), here.get(key, MISSING)
-        if before != now:
-            return key, before, now
-    return None
+    found = ((key, there.get(key, MISSING), here.get(key, MISSING)) for key in here | there)
+    return next((one for one in found if one[1] != one[2]), None)
 
 
 def leaves(content: object, name: str = "") -> Iterator[tuple[str, Any]]:

@@ -76,8 +76,7 @@ class PoseRule(Checked):
         for axis, name in (("x", self.anchor_x), ("y", self.anchor_y)):
             if name not in anchors:
                 raise ConfigError(f"anchor_{axis}: a start cannot be counted from {name!r}")
-        x = anchors[self.anchor_x][0] + self.x_m
-        y = anchors[self.anchor_y][1] + self.y_m
+        x, y = anchors[self.anchor_x][0] + self.x_m, anchors[self.anchor_y][1] + self.y_m
         return Pose2D(min(max(x, self.x_min_m), self.x_max_m), y, self.yaw_rad)
 
 
@@ -220,7 +219,12 @@ def load_protocol(source: str) -> Protocol:
     path = Path(source)
     if path.suffix not in (".yaml", ".yml"):
         raise ConfigError(f"unknown protocol {shown(source)}{suggest(source, PROTOCOLS)} (or a .yaml file)")
-    protocol = from_dict(Protocol, _merged(read_yaml(path, SCHEMA_VERSION), source), source)
+    content = read_yaml(path, SCHEMA_VERSION)
+    required = ("name",) if content.get("base") else ("goal", "name", "start")
+    if missing := next((key for key in required if key not in content), ""):
+        hint = "" if content.get("base") else f" (or a base: {', '.join(PROTOCOLS)})"
+        raise ConfigError(f"{source}: missing key {missing!r}{hint}")
+    protocol = from_dict(Protocol, _based(content, source), source)
     check_name(protocol, f"{source}: ")
     return protocol
 
@@ -231,15 +235,6 @@ def check_name(protocol: Protocol, where: str = "") -> None:
     if known is not None and known != protocol:
         key = next(item.name for item in fields(Protocol) if getattr(known, item.name) != getattr(protocol, item.name))
         raise ConfigError(f"{where}name: {protocol.name!r} is built in with another {key}; give this one its own name")
-
-
-def _merged(content: dict[str, Any], where: str) -> dict[str, Any]:
-    required = ("name",) if content.get("base") else ("goal", "name", "start")
-    missing = next((key for key in required if key not in content), None)
-    if missing:
-        hint = "" if content.get("base") else f" (or a base: {', '.join(PROTOCOLS)})"
-        raise ConfigError(f"{where}: missing key {missing!r}{hint}")
-    return _based(content, where)
 
 
 def _based(content: dict[str, Any], where: str) -> dict[str, Any]:

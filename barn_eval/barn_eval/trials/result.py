@@ -93,12 +93,11 @@ class TrialResult:
     planner_verdict: what the planner itself said of the trial, as the result of its action (None: it was not asked).
     task: fingerprint of protocol, simulator and robot. planner_config: that of the planner's configuration, or of its
     command or source (`barn_eval.trials.identity`), empty for a planner started by hand. metric: the measure that the
-    protocol ranks planners by. fault: who failed: planner, simulator or environment; empty after a success, and in rows
-    of versions that did not say. remarks: what else is to be known, such as who subscribed to the truth. motion: of
-    worlds in which obstacles move, whose rows alone have it. speed_cap_mps: the highest speed that the robot took from
-    the planner, which is what the planner declared or else the robot's own limit; None in rows of versions before.
-    compute: what was charged for the planner's computing: "declared", "measured", "free" or "real_time"; empty in rows
-    of versions before. delays: those that were measured, packed by `packed_delays`.
+    protocol ranks planners by. fault: who failed: planner, simulator or environment; empty after a success. remarks:
+    what else is to be known, such as who subscribed to the truth. motion: of worlds in which obstacles move, whose rows
+    alone have it. speed_cap_mps: the highest speed that the robot took from the planner: what that declared, or else
+    the robot's own limit. compute: what was charged for the planner's computing: "declared", "measured", "free" or
+    "real_time". delays: those that were measured, packed by `packed_delays`. Older rows lack some of these.
     """
 
     trial_id: str

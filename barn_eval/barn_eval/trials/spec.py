@@ -113,15 +113,14 @@ class TrialSpec:
 
     def description(self) -> dict[str, Any]:
         """Return everything that determines the trial as plain data, all configuration resolved."""
-        course = self.course
         phase = {"phase_s": self.phase_s} if self.world.moving else {}
         computing = {"compute": as_dict(self.compute)} if self.compute.declared else {}
         return {
             "trial_id": self.trial_id,
             "dataset": self.dataset,
             "world": {"index": self.index, "name": self.world.name, "checksum": self.world.checksum},
-            "start": as_dict(course.start),
-            "goal": as_dict(course.goal),
+            "start": as_dict(self.course.start),
+            "goal": as_dict(self.course.goal),
             "task": self.task,
             "planner": {
                 "name": self.planner,
@@ -204,9 +203,7 @@ def simulator_config(
         raise ConfigError(f"simulator parameter {name!r} is given by protocol {protocol.name}")
     preset, off_m = PRESETS[protocol.simulator], protocol.map_offset_m()
     preset = preset if robot is None else with_robot(preset, robot)
-    matched: dict[str, Any] = {}
-    if off_m and preset.localisation.mode == "particles":
-        matched = {"localisation.historical_map": True}
-    elif off_m:
-        matched = {"localisation.offset_y_m": off_m}
+    particles = preset.localisation.mode == "particles"
+    shift: dict[str, Any] = {"historical_map": True} if particles else {"offset_y_m": off_m}
+    matched = {f"localisation.{name}": value for name, value in shift.items()} if off_m else {}
     return replace_dotted(preset, {**matched, **fixed, **(overrides or {})}, "simulator parameters")

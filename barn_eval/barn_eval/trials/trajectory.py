@@ -43,18 +43,15 @@ class TrajectoryLog:
     def __init__(self) -> None:
         self._stamps: list[int] = []
         self._rows: list[tuple[float, ...]] = []
-        self._contact: list[bool] = []
         self._commands: list[tuple[float, float]] = []
-        self._places: list[tuple[float, float]] = []
         self._plans: list[tuple[int, Floats]] = []
 
     def reading(self, truth: Odometry, collision: bool, place: Pose2D | None = None) -> None:
         """Add the true state at an instant; place: of the robot in the frame of its plans."""
-        self._places.append((np.nan, np.nan) if place is None else (place.x, place.y))
-        self._stamps.append(truth.stamp_ns)
         pose, velocity = truth.pose, truth.velocity
-        self._rows.append((pose.x, pose.y, pose.yaw, velocity.linear, velocity.angular))
-        self._contact.append(collision)
+        at = (np.nan, np.nan) if place is None else (place.x, place.y)
+        self._stamps.append(truth.stamp_ns)
+        self._rows.append((pose.x, pose.y, pose.yaw, velocity.linear, velocity.angular, collision, *at))
         self._commands.append((np.nan, np.nan))
 
     def command(self, command: Velocity2D) -> None:
@@ -74,21 +71,16 @@ class TrajectoryLog:
 
     def trajectory(self) -> Trajectory:
         """Return what has been collected."""
-        rows = np.array(self._rows, np.float64).reshape(-1, 5)
-        return Trajectory(
-            np.array(self._stamps, np.int64),
-            rows[:, :3],
-            rows[:, 3:],
-            np.array(self._commands, np.float64).reshape(-1, 2),
-            np.array(self._contact, np.bool_),
-            self._off_plan(),
+        rows = np.array(self._rows, np.float64).reshape(-1, 8)
+        commands = np.array(self._commands, np.float64).reshape(-1, 2)
+        # off the last plan that answers an earlier reading
+        last = (np.searchsorted([stamp_ns for stamp_ns, _ in self._plans], self._stamps) - 1).tolist()
+        places = zip(last, rows[:, 6:].tolist(), strict=True)
+        off_plan_m = np.array(
+            [distance_to(self._plans[k][1], *at) if k >= 0 else np.nan for k, at in places], np.float64
         )
-
-    def _off_plan(self) -> Floats:
-        """Return the distance (n,) at each reading from the last plan that answers an earlier one."""
-        last = np.searchsorted([stamp_ns for stamp_ns, _ in self._plans], self._stamps) - 1
-        rows = zip(last.tolist(), self._places, strict=True)
-        return np.array([distance_to(self._plans[k][1], *place) if k >= 0 else np.nan for k, place in rows], np.float64)
+        stamps_ns = np.array(self._stamps, np.int64)
+        return Trajectory(stamps_ns, rows[:, :3], rows[:, 3:5], commands, rows[:, 5] > 0.0, off_plan_m)
 
 
 @dataclass(frozen=True)
@@ -136,9 +128,8 @@ def measure(trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outlin
     began = trajectory.contact & ~np.concatenate(([False], trajectory.contact[:-1]))
     near = clearance[1:] < CLOSE_M if clearance.size else np.zeros(len(periods_ns), np.bool_)
     jumps = np.diff(trajectory.command[~np.isnan(trajectory.command[:, 0])], axis=0)
-    variation: list[float | None] = [None] * 4
-    if len(jumps):
-        variation = [*np.abs(jumps).sum(axis=0).tolist(), *np.sqrt((jumps**2).mean(axis=0)).tolist()]
+    summed, mean = np.abs(jumps).sum(axis=0).tolist(), np.sqrt((jumps**2).sum(axis=0) / max(len(jumps), 1)).tolist()
+    variation: list[float | None] = [*summed, *mean] if len(jumps) else [None] * 4
     off_plan = np.empty(0) if trajectory.off_plan_m is None else trajectory.off_plan_m
     off_plan = off_plan[~np.isnan(off_plan)]
     return Measures(
@@ -183,11 +174,9 @@ def clearances(poses: Floats, cylinders_m: Floats, radius_m: float, outline: Foo
     nearest = np.empty(len(poses))
     for first in range(0, len(poses), 64):
         part = slice(first, first + 64)
-        offset_x = cylinders_m[None, :, 0] - poses[part, 0, None]
-        offset_y = cylinders_m[None, :, 1] - poses[part, 1, None]
+        x, y = (cylinders_m[:, axis] - poses[part, axis, None] for axis in (0, 1))
         c, s = np.cos(poses[part, 2, None]), np.sin(poses[part, 2, None])
-        away = outline.distances(c * offset_x + s * offset_y, c * offset_y - s * offset_x)
-        nearest[part] = away.min(axis=1) - radius_m
+        nearest[part] = outline.distances(c * x + s * y, c * y - s * x).min(axis=1) - radius_m
     return nearest
 
 

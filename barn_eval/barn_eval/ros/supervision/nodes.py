@@ -101,15 +101,15 @@ def planner(choice: PlannerChoice, experiment: Experiment) -> NodeProcess:
     setup = experiment.ros
     if choice.command:
         return NodeProcess("planner", tuple(command_words(choice.command)), {}, foreign=True)
-    preset, overrides, *_ = experiment.settings(choice)
+    settings = experiment.settings(choice)
     parameters: dict[str, Any] = {
         "planner": choice.name,
-        "preset": preset,
+        "preset": settings["preset"],
         "use_map": experiment.protocol.map_given,
         "use_sim_time": True,
         "command_type": "twist_stamped" if setup.command_type == "twist_stamped" else "twist",
         **_values(setup, "map_frame", "odom_frame", "base_frame"),
-        **overrides,
+        **settings["overrides"],
     }
     return _node("planner", "barn_planners.ros.planner:main", parameters, setup)
 
