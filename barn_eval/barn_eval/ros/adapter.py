@@ -46,13 +46,11 @@ class TrialAdapter:
     def __init__(
         self, topics: TrialTopics, trial: RunningTrial, origin_ns: int, command_type: str, plan_frame: str = "odom"
     ) -> None:
-        self.trial = trial
-        self._plan_frame = plan_frame
+        self.trial, self.now_ns, self.waited_s = trial, origin_ns, 0.0
         self.response_times_s: list[float] = []
-        self.waited_s = 0.0
         self.commands_ns: list[int] = []
-        self.now_ns = origin_ns
-        self._topics, self._origin_ns, self._command_type = topics, origin_ns, command_type
+        self._topics, self._origin_ns = topics, origin_ns
+        self._command_type, self._plan_frame = command_type, plan_frame
         self._odometry: Odometry | None = None
         self._truth: Odometry | None = None
         self._collision = False

@@ -100,15 +100,11 @@ def run_alone(node: Node, config: EvaluatorConfig) -> None:
     """Run what the parameters say, with a simulator and a planner that somebody else starts."""
     protocol = load_protocol(config.protocol)
     experiment = Experiment(
-        dataset=config.dataset,
-        worlds=config.worlds,
         planners=(PlannerChoice(config.planner),),
         protocol=protocol,
         simulator=simulator_config(protocol, robot=load_robot(config.robot)),
         mode="ros",
-        seed=config.seed,
-        repetitions=config.repetitions,
-        bags=config.bags,
+        **{name: getattr(config, name) for name in ("dataset", "worlds", "seed", "repetitions", "bags")},
     )
     execution, out = Execution(workers=1, pictures=True), Path(config.out)
     with opened(out, experiment, execution, experiment.trials(started_by_hand=True)) as folder:
@@ -142,32 +138,28 @@ class Runner:
         with self._store.recorder(spec.trial_id) as recorder:
             fresh = not self._driven or self._failed_starts > 0  # processes that have just been started
             trial = RosTrial(self._context, spec, recorder, first=fresh)
-            verdict = self._to_blame(trial.run(), trial)
+            verdict = trial.run()
+            if trial.released and not self._apart and verdict.fault in (SIMULATOR, ENVIRONMENT):
+                verdict = replace(verdict, detail=f"{verdict.detail}; {NOT_TOLD}", blamed=PLANNER)
             missed = self._settle(verdict)
             self._driven += trial.released
             if self._is_to_be_repeated(verdict, trial):
                 return False
-            wall_clock = self._wall_clock(trial, verdict, time.monotonic() - began_s, missed)
+            clock = self._wall_clock(trial, verdict, time.monotonic() - began_s, missed)
             finished = conclude(
                 spec,
                 "ros",
                 verdict,
                 trial.trial.log.trajectory(),
-                wall_clock=wall_clock,
+                wall_clock=clock,
                 recoveries=trial.trial.recoveries,
                 planner_verdict=trial.planner_verdict,
-                remarks="; ".join(filter(None, (wall_clock.remark, self._context.integrity.remarks))),
+                remarks="; ".join(filter(None, (clock.remark, self._context.integrity.remarks))),
             )
             if recorder is not None:
                 finish_bag(recorder, finished)
         self._keep(self._store.keep(finished))
         return True
-
-    def _to_blame(self, verdict: Verdict, trial: RosTrial) -> Verdict:
-        """Return the verdict with the planner to blame for whatever ends a trial of its that it may have ended."""
-        if not trial.released or self._apart or verdict.fault not in (SIMULATOR, ENVIRONMENT):
-            return verdict
-        return replace(verdict, detail=f"{verdict.detail}; {NOT_TOLD}", blamed=PLANNER)
 
     def _is_to_be_repeated(self, verdict: Verdict, trial: RosTrial) -> bool:
         """Tell whether a trial is worth another start: it did not begin, or the planner is not to blame for its end."""
@@ -191,12 +183,11 @@ class Runner:
         """Stop the simulator, restart what is in doubt, and return in how many cycles the simulator waited in vain."""
         session, restart = self._context.session, self._context.config.restart_planner
         doubtful, missed = FAULTS.get(verdict.outcome), 0
-        if doubtful != SIMULATOR:
-            try:
-                missed = self._context.simulator.pause()
-            except TrialEnded as end:
-                session.node.get_logger().warning(f"after the verdict: {end}")
-                doubtful = SIMULATOR
+        try:
+            missed = self._context.simulator.pause() if doubtful != SIMULATOR else 0
+        except TrialEnded as end:
+            session.node.get_logger().warning(f"after the verdict: {end}")
+            doubtful = SIMULATOR
         if doubtful == SIMULATOR:
             session.restart(SIMULATOR, _RESTART_S)
         if restart == "each_trial" or (doubtful == PLANNER and restart == "on_fault"):

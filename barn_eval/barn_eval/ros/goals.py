@@ -41,8 +41,7 @@ class TopicGoal:
     def begin(self, goal: bytes) -> None:
         """Publish the goal once all who subscribe are connected: a planner without ~/ready hears it only once."""
         topic = self._publisher.topic_name
-        listeners = sum(endpoint.topic == topic for endpoint in self._view.graph().subscriptions)
-        heard = self._publisher.get_subscription_count
+        listeners, heard = len(self._view.subscriptions(topic)), self._publisher.get_subscription_count
         if not self._session.wait(lambda: heard() >= listeners, self._limit_s, PLANNER):
             raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no connection to the subscription to {topic}")
         self.repeat(goal)

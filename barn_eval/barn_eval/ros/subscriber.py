@@ -121,27 +121,21 @@ class TrialQueue:
 
     origin_ns: simulated time at which the trial begins, None until it is known: a reset moves the clock on and leaves
     it there until the release. now_ns: simulated time. ticks, commands: how many have arrived since the reset. channel:
-    brings the simulator's readings; without one they come by DDS.
+    brings the simulator's readings; without one they come by DDS. steps: ticks from one scan to the next.
     """
 
     def __init__(
-        self,
-        subscriber: Subscriber,
-        topics: TrialTopics,
-        reset_ns: int,
-        channel: SimulatorChannel | None,
-        scan_steps: int = 1,
+        self, subscriber: Subscriber, topics: TrialTopics, reset_ns: int, channel: SimulatorChannel | None, steps: int
     ) -> None:
         self.origin_ns: int | None = None
         self.now_ns = self.ticks = self.commands = 0
         self._subscriber, self._topics, self._channel = subscriber, topics, channel
         self._reset_ns = reset_ns
-        self._released = False
-        self._sequencer = TickSequencer(fenced=channel is not None, scan_ticks=scan_steps)
+        self._released = self._exceeded = False
+        self._sequencer = TickSequencer(fenced=channel is not None, scan_ticks=steps)
         self._heard_ns = self._told_ns = self._told_ticks = 0
         self._bytes: Counter[str] = Counter()  # taken, by topic
         self._waiting = 0  # bytes of these that have not been handed over
-        self._exceeded = False
 
     def require_bounded(self) -> None:
         """Raise TrialEnded, once, naming the topic, if more comes than can be read or kept."""

@@ -83,11 +83,11 @@ class RunContext:
 
 
 class RosTrial:
-    """One trial in progress.
+    """One trial in progress; first: whether the others may have been started just now.
 
-    trial: what it has come to. first: whether the others may have been started just now. released: whether it came to
-    driving. wall_s: how long it drove, in wall-clock time. planner_verdict: what the planner itself said of it, None
-    where it is not asked. adapter: what was measured on the way, None where it did not come to driving.
+    trial: what it has come to. released: whether it came to driving. wall_s: how long it drove, in wall-clock time.
+    planner_verdict: what the planner itself said of it, None where it is not asked. adapter: what was measured on the
+    way, None where it did not come to driving.
     """
 
     def __init__(self, context: RunContext, spec: TrialSpec, recorder: Recorder | None, *, first: bool) -> None:
@@ -127,8 +127,7 @@ class RosTrial:
         if verdict.outcome not in _UNEXPLAINED:
             return verdict
         clock = self._context.planner.clock_fault() if verdict.outcome in _UNEXPLAINED[:2] else ""
-        told = self.planner_verdict not in (None, "executing")
-        own = f"its own verdict: {self.planner_verdict}" if told else ""
+        own = f"its own verdict: {self.planner_verdict}" if self.planner_verdict not in (None, "executing") else ""
         return replace(verdict, detail="; ".join(filter(None, [verdict.detail, clock, own])))
 
     def _prepare(self) -> TrialQueue:

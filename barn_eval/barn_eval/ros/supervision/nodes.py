@@ -75,7 +75,7 @@ class Assignment:
 
     def specs(self) -> list[TrialSpec]:
         """Return the trials; WorldError if a world cannot be read."""
-        return [spec for spec in self.experiment.trials(self.worlds) if spec.trial_id in set(self.trials)]
+        return [spec for spec in self.experiment.trials(self.worlds) if spec.trial_id in self.trials]
 
 
 def simulator(setup: RosSetup, line: int, robot: str) -> NodeProcess:
@@ -127,12 +127,8 @@ def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
 
     Their own domain, the loopback interface only, one thread each for their kernels.
     """
-    return (
-        dict.fromkeys((*_BUFFERS, *_THREADS), "1")
-        | dict(inherited)
-        | _transport(inherited)
-        | {"ROS_DOMAIN_ID": str(domain)}
-    )
+    set_here = _transport(inherited) | {"ROS_DOMAIN_ID": str(domain)}
+    return dict.fromkeys((*_BUFFERS, *_THREADS), "1") | dict(inherited) | set_here
 
 
 def _transport(inherited: Mapping[str, str]) -> dict[str, str]:

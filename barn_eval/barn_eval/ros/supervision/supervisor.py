@@ -2,8 +2,8 @@
 
 import json
 import math
+import multiprocessing.connection
 import os
-import selectors
 import shutil
 import signal
 import socket
@@ -12,6 +12,7 @@ from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.run_file import isolated
@@ -54,21 +55,18 @@ def run_ros_trials(
     logs = logs or store.folder / LOGS
     with reported_as(ConfigError, logs):
         logs.mkdir(parents=True, exist_ok=True)
+    # others that take part in the domain may be in the way: then the evaluator is to look first
     with reserved_domain(environment) as domain, handled(signal.SIGTERM, _end):
-        shared = in_use(domain)
-        given = nodes.environment(environment, domain)
-        supervisor = Supervisor(experiment, trials, store, logs, given, notice, look_first=shared)
+        given, shared = nodes.environment(environment, domain), in_use(domain)
+        supervisor = _Supervisor(experiment, trials, store, logs, given, notice, shared)
         try:
             yield from supervisor.run()
         finally:
             supervisor.stop()
 
 
-class Supervisor:
-    """Keeps the three processes running until the evaluator says that all trials have been made.
-
-    look_first: others take part in the domain, so the evaluator is to see first that none of them is in the way.
-    """
+class _Supervisor:
+    """Keeps the three processes running until the evaluator says that all trials have been made."""
 
     def __init__(
         self,
@@ -78,7 +76,6 @@ class Supervisor:
         logs: Path,
         environment: Mapping[str, str],
         notice: Callable[[str], None],
-        *,
         look_first: bool,
     ) -> None:
         (planner,) = (one for one in experiment.planners if one.name == trials[0].planner)
@@ -91,15 +88,12 @@ class Supervisor:
         self._seen_ending: set[str] = set()
         self._lost_evaluators = 0
         self._apart = experiment.ros.isolate and isolated()
-        self._trial = ""
         # Whether the robot has been released, and why trials are repeated in which it had been. The file names the last
         # of them: if that has no row when a run begins, the run before ended in its midst.
-        self._driving = False
-        self._repeats: dict[str, list[str]] = {}
+        self._trial, self._driving, self._done = "", False, False
         self._released = logs / "released"
-        if self._released.exists() and (trial := self._released.read_text("utf-8")) in self._trials:
-            self._repeats[trial] = ["the run was ended"]
-        self._done = False
+        ended = self._released.read_text("utf-8") if self._released.exists() else ""
+        self._repeats = {ended: ["the run was ended"]} if ended in self._trials else {}
         # Both ends stay open here, for a simulator or an evaluator that is started in place of one that has ended.
         self._line, self._far_line = private_line.pair()
         robot = nodes.robot_of_simulator(experiment.simulator, logs)
@@ -107,9 +101,9 @@ class Supervisor:
             "simulator": nodes.simulator(experiment.ros, self._line.fileno(), robot),
             "planner": nodes.planner(planner, experiment),
         }
-        for text in planner.files:
+        for text, digest in planner.files.items():
             if Path(text).is_file() and Path(text).stat().st_size <= _LARGEST_KEPT:
-                shutil.copyfile(text, logs / f"{planner.files[text][:12]}_{Path(text).name}")
+                shutil.copyfile(text, logs / f"{digest[:12]}_{Path(text).name}")
         alone = replace(experiment, planners=(planner,))
         self._assignment = Assignment(alone, (), (), str(store.folder), store.pictures, robot, look_first, self._apart)
 
@@ -159,12 +153,9 @@ class Supervisor:
 
     def _await_news(self) -> None:
         wait_s = max(0.0, min([0.5, *(at - time.monotonic() for at in self._due.values())]))
-        with selectors.DefaultSelector() as selector:
-            for process in self._processes.values():
-                selector.register(process, selectors.EVENT_READ)
-            if self._evaluator is not None and not self._evaluator.closed:
-                selector.register(self._evaluator, selectors.EVENT_READ)
-            selector.select(wait_s)
+        evaluator = [self._evaluator] if self._evaluator is not None and not self._evaluator.closed else []
+        heard: list[Any] = [*self._processes.values(), *evaluator]
+        multiprocessing.connection.wait(heard, wait_s)
 
     def _start_due(self) -> None:
         for name in [name for name, at in self._due.items() if at <= time.monotonic() and name not in self._processes]:
@@ -176,23 +167,22 @@ class Supervisor:
 
     def _start_evaluator(self) -> None:
         ours, theirs = socket.socketpair()
-        path = self._logs / "assignment.json"
+        path, setup = self._logs / "assignment.json", self._assignment.experiment.ros
         worlds = tuple(dict.fromkeys(spec.index for spec in self._trials.values()))
         assigned = replace(self._assignment, trials=tuple(self._trials), worlds=worlds)
         write_whole(path, json.dumps(as_dict(assigned)).encode())
         self._assignment = replace(self._assignment, look_first=False)
         with theirs:
-            handed = [theirs, self._far_line]
-            setup = self._assignment.experiment.ros
-            self._start(nodes.evaluator(path, setup, theirs.fileno(), self._far_line.fileno()), handed)
+            node = nodes.evaluator(path, setup, theirs.fileno(), self._far_line.fileno())
+            self._start(node, [theirs, self._far_line])
         self._evaluator = EventChannel(ours)
 
     def _start(self, node: NodeProcess, handed: Sequence[socket.socket]) -> None:
-        command = node.with_parameter_file(self._logs)
-        self._started_s[node.name] = time.monotonic()
+        name, command = node.name, node.with_parameter_file(self._logs)
+        self._started_s[name] = time.monotonic()
         environment = nodes.foreign_environment(self._environment) if node.foreign else self._environment
-        kind = guard.SUITE if node.name != "planner" else guard.APART if self._apart else guard.PLANNER
-        self._processes[node.name] = GuardedProcess(node.name, command, environment, self._log(node.name), handed, kind)
+        kind = guard.SUITE if name != "planner" else guard.APART if self._apart else guard.PLANNER
+        self._processes[name] = GuardedProcess(name, command, environment, self._log(name), handed, kind)
 
     def _handle(self, event: dict[str, str]) -> None:
         kind, name = event["event"], event.get("name", "")
