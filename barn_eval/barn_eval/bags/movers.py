@@ -18,13 +18,10 @@ _JUMP_MPS, _JUMP_RATIO = 3.0, 3.0
 
 @dataclass(frozen=True, eq=False)
 class RecordedMotions:
-    """Moving obstacles over time, and the walls that stand between them, in the map frame.
+    """Moving obstacles over time, and the walls that stand between them, in the map frame."""
 
-    times_s (m,): ascending, m at least 1; places (m, n, 2) m. bodies, walls: their shapes.
-    """
-
-    times_s: Floats
-    places: Floats
+    times_s: Floats  # (m,) ascending, m at least 1
+    places: Floats  # (m, n, 2) m
     bodies: Bodies
     walls: Bodies
 

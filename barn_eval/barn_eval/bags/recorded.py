@@ -41,50 +41,38 @@ class Shown(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """A trial as its bag has it; times in seconds from the first pose, poses in the frame `frame`.
+    """A trial as its bag has it; times in seconds from the first pose, poses in the frame `frame`."""
 
-    name, folder: of the bag, and of the results that it belongs to.
-
-    times_s (n,); poses (n, 3) m, rad; speeds (n, 2) m/s, rad/s; commands (n, 2), NaN where there was none by then;
-    contact (n,); odometry (n, 3) poses in the odom frame at the same times. scans: `Shown` scans; plans, local_plans:
-    points (k, 2); bands: (k, 3) x, y, radius; candidates: lists of (k, 2); costmaps: OccupancyMap; scores: the
-    challenge metric so far; outcomes: "running", then the outcome. chassis: of the robot; outline: of what of it can
-    touch. lidar: where it is mounted. map_frame: where the frame of the planner's map and plan lies in that
-    of the poses; `map` has been moved there. scene: what truly stands there, None where nothing tells; pushed_m:
-    centres (k, 2) at the end of its cylinders that have been pushed. moving: obstacles that move, None without any.
-    recoveries_s: when the planner began to recover. notes: what is missing or was cut off, in words.
-    """
-
-    name: str
-    folder: str
+    name: str  # of the bag
+    folder: str  # of the results that it belongs to
     frame: str
-    times_s: Floats
-    poses: Floats
-    speeds: Floats
-    commands: Floats
-    contact: npt.NDArray[np.bool_]
-    odometry: Floats
-    outline: Footprint
-    lidar: Pose2D
+    times_s: Floats  # (n,)
+    poses: Floats  # (n, 3) m, rad
+    speeds: Floats  # (n, 2) m/s, rad/s
+    commands: Floats  # (n, 2), NaN where there was none by then
+    contact: npt.NDArray[np.bool_]  # (n,)
+    odometry: Floats  # (n, 3) poses in the odom frame at the same times
+    outline: Footprint  # of what of the robot can touch
+    lidar: Pose2D  # where it is mounted
     scans: list[Shown] = field(metadata={"topic": topics.SCAN})
-    plans: list[Shown] = field(metadata={"topic": topics.PLAN})
+    plans: list[Shown] = field(metadata={"topic": topics.PLAN})  # points (k, 2)
     local_plans: list[Shown] = field(metadata={"topic": topics.LOCAL_PLAN})
-    bands: list[Shown] = field(metadata={"topic": topics.BAND})
-    candidates: list[Shown] = field(metadata={"topic": topics.CANDIDATES})
-    costmaps: list[Shown] = field(metadata={"topic": topics.COSTMAP})
-    scores: list[Shown] = field(metadata={"topic": topics.SCORE})
-    outcomes: list[Shown] = field(metadata={"topic": topics.OUTCOME})
+    bands: list[Shown] = field(metadata={"topic": topics.BAND})  # (k, 3) x, y, radius
+    candidates: list[Shown] = field(metadata={"topic": topics.CANDIDATES})  # lists of (k, 2)
+    costmaps: list[Shown] = field(metadata={"topic": topics.COSTMAP})  # OccupancyMap
+    scores: list[Shown] = field(metadata={"topic": topics.SCORE})  # the challenge metric so far
+    outcomes: list[Shown] = field(metadata={"topic": topics.OUTCOME})  # "running", then the outcome
     chassis: Chassis = STANDARD.chassis
-    map_frame: Pose2D = ORIGIN
-    map: OccupancyMap | None = None
+    map_frame: Pose2D = ORIGIN  # where the frame of the planner's map and plan lies in that of the poses
+    map: OccupancyMap | None = None  # moved there
     goal: Shown | None = None
-    scene: TrialScene | None = None
-    pushed_m: Floats = field(default_factory=lambda: np.empty((0, 2)))
+    scene: TrialScene | None = None  # what truly stands there, None where nothing tells
+    pushed_m: Floats = field(default_factory=lambda: np.empty((0, 2)))  # (k, 2) at the end, of pushed cylinders
     moving: RecordedMotions | None = None
-    recoveries_s: tuple[float, ...] = ()
+    recoveries_s: tuple[float, ...] = ()  # when the planner began to recover
     trial: dict[str, Any] = field(default_factory=dict)
     result: dict[str, Any] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what is missing or was cut off, in words
 
     def index_at(self, time_s: float) -> int:
         """Return the number of the last pose at or before a time."""

@@ -108,15 +108,12 @@ class Note(JobReport):
 
 @dataclass(frozen=True)
 class Lost(JobReport):
-    """A job without a result, because its worker died, took too long or failed; it may be tried again.
-
-    stalled: the machine stood still, so that the planner is not to blame.
-    """
+    """A job without a result, because its worker died, took too long or failed; it may be tried again."""
 
     reason: str
     traceback: str = ""
     overtime: bool = False
-    stalled: bool = False
+    stalled: bool = False  # the machine stood still, so that the planner is not to blame
 
 
 @dataclass(frozen=True)

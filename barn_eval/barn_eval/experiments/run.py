@@ -83,11 +83,7 @@ def kept_apart(results: Sequence[TrialResult]) -> str:
 
 @dataclass(frozen=True)
 class Plan:
-    """What running an experiment would do.
-
-    there: trials that have a result already. wall_s, disk_bytes: what the others take, bags at most; basis: what these
-    are estimated from.
-    """
+    """What running an experiment would do."""
 
     out: str
     mode: str
@@ -96,10 +92,10 @@ class Plan:
     repetitions: int
     workers: int
     trials: int
-    there: int
-    wall_s: float
-    disk_bytes: int
-    basis: str
+    there: int  # of them, which have a result already
+    wall_s: float  # what the others take
+    disk_bytes: int  # likewise, bags at most
+    basis: str  # what these are estimated from
 
 
 def plan_experiment(request: Request, *, overwrite: bool = False) -> Plan:

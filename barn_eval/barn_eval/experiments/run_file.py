@@ -129,16 +129,13 @@ SCHEMA_VERSION = 2
 
 @dataclass(frozen=True, eq=False)
 class RunFile:
-    """What run.json says, as plain data.
-
-    worlds: checksums by number. robot: SHA-256 of its URDF. sessions: oldest first.
-    """
+    """What run.json says, as plain data."""
 
     path: Path
     experiment: Mapping[str, Any]
-    worlds: Mapping[str, str] = field(default_factory=dict)
-    robot: str = ""
-    sessions: tuple[Mapping[str, Any], ...] = ()
+    worlds: Mapping[str, str] = field(default_factory=dict)  # checksums by number
+    robot: str = ""  # SHA-256 of its URDF
+    sessions: tuple[Mapping[str, Any], ...] = ()  # oldest first
 
     @classmethod
     def read(cls, folder: Path) -> RunFile:

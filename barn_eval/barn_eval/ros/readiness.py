@@ -16,15 +16,12 @@ ACCEPTED = {"auto": (TWIST, TWIST_STAMPED), "twist": (TWIST,), "twist_stamped": 
 
 @dataclass(frozen=True)
 class Endpoint:
-    """A publisher or subscription as the graph shows it; `identity` tells one from another for as long as it lives.
-
-    node: full name of the node it belongs to, empty while not known.
-    """
+    """A publisher or subscription as the graph shows it."""
 
     topic: str
     type_name: str
-    identity: bytes
-    node: str = ""
+    identity: bytes  # which tells it from any other for as long as it lives
+    node: str = ""  # full name, empty while not known
     reliable: bool = True
     latched: bool = False
 
@@ -50,20 +47,15 @@ class Graph:
 
 @dataclass(frozen=True)
 class Needs:
-    """What a planner must offer: a publisher of commands, and subscriptions to these topics of these types.
-
-    offered: publishers of the evaluator itself, such as that of the goal. action: name and type of the action that
-    takes the goal, if one does. known_nodes: full names of nodes that are no planner's, such as the simulator's.
-    surroundings: where the graph is looked at, for when nobody is there.
-    """
+    """What a planner must offer: a publisher of commands, and subscriptions to topics of types."""
 
     command_topic: str
     command_type: str = "auto"
     inputs: Sequence[tuple[str, str]] = field(default_factory=tuple)
-    offered: Sequence[Endpoint] = ()
-    action: tuple[str, str] | None = None
-    known_nodes: Collection[str] = ()
-    surroundings: str = ""
+    offered: Sequence[Endpoint] = ()  # publishers of the evaluator itself, such as that of the goal
+    action: tuple[str, str] | None = None  # name and type of the action that takes the goal, if one does
+    known_nodes: Collection[str] = ()  # full names of nodes that are no planner's, such as the simulator's
+    surroundings: str = ""  # where the graph is looked at, for when nobody is there
 
 
 @dataclass(frozen=True)

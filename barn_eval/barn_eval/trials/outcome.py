@@ -70,29 +70,20 @@ UNCLIPPED = (0.0, math.inf)  # as before 2022-04-05
 
 @dataclass(frozen=True)
 class Scores:
-    """Figures of one trial that follow from its verdict and course.
-
-    traversal_time_s: on the protocol's clock, None if it never started. scored_time_s: the same for a success, what
-    the protocol counts for anything else. normalised_time_s_per_m: scored time by the path's arc length.
-    failure_time_s: the most that a failure would count with.
-    least_time_s: below which no time on the clock can be (`barn_eval.trials.limit`). efficiency: that by the traversal
-    time of a success, 0 for anything else. Both None where it was not computed.
-    challenge, challenge_2022: the challenge metric with the clip of today (at most 0.5; none under a protocol that
-    is not `clipped`) and of 2022 (at most 0.25).
-    """
+    """Figures of one trial that follow from its verdict and course."""
 
     success: bool
-    traversal_time_s: float | None
-    scored_time_s: float
+    traversal_time_s: float | None  # on the protocol's clock, None if it never started
+    scored_time_s: float  # the same for a success, what the protocol counts for anything else
     duration_s: float
-    path_length_m: float
-    normalised_time_s_per_m: float
+    path_length_m: float  # arc length
+    normalised_time_s_per_m: float  # scored time by the path's length
     optimal_time_s: float
-    challenge: float
-    challenge_2022: float
-    failure_time_s: float
-    least_time_s: float | None = None
-    efficiency: float | None = None
+    challenge: float  # metric with the clip of today, at most 0.5; with none under a protocol that is not `clipped`
+    challenge_2022: float  # with the clip of 2022, at most 0.25
+    failure_time_s: float  # the most that a failure would count with
+    least_time_s: float | None = None  # below which no time on the clock can be (`barn_eval.trials.limit`), if computed
+    efficiency: float | None = None  # that by the traversal time of a success, 0 for anything else
 
 
 def score(verdict: Verdict, course: Course, protocol: Protocol, least_time_s: float | None = None) -> Scores:

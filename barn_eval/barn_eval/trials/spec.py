@@ -26,29 +26,23 @@ from barn_worlds.worlds.world import World
 
 @dataclass(frozen=True, eq=False)
 class TrialSpec:
-    """What a trial is: equal specifications give equal results, wherever and whenever they run.
-
-    index: number of the world in its data set. overrides: dotted names of planner parameters to values. planner_config:
-    fingerprint of the planner's configuration. declared_mps: the highest speed that the planner says it commands, 0 if
-    it does not say. compute: what it declares of its computing; way: what is charged for that, as in `TrialResult`.
-    recorded_ns: delays of a trial that was measured, which are charged again.
-    """
+    """What a trial is: equal specifications give equal results, wherever and whenever they run."""
 
     dataset: str
-    index: int
+    index: int  # number of the world in its data set
     world: World
     planner: str
     preset: str
-    overrides: Mapping[str, Any]
+    overrides: Mapping[str, Any]  # dotted names of planner parameters to values
     protocol: Protocol
     simulator: SimulatorConfig
     campaign_seed: int
     repetition: int
-    planner_config: str = ""
-    declared_mps: float = 0.0
-    compute: Compute = NOTHING
-    way: str = FREE
-    recorded_ns: tuple[int, ...] = ()
+    planner_config: str = ""  # fingerprint of the planner's configuration
+    declared_mps: float = 0.0  # the highest speed that the planner says it commands, 0 if it does not say
+    compute: Compute = NOTHING  # what it declares of its computing
+    way: str = FREE  # what is charged for that, as in `TrialResult`
+    recorded_ns: tuple[int, ...] = ()  # delays of a trial that was measured, which are charged again
 
     @property
     def trial_id(self) -> str:

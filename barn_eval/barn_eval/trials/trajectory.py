@@ -22,19 +22,14 @@ MOST_POINTS = 10_000  # of a plan
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """The readings of a trial, one row per instant.
+    """The readings of a trial, one row per instant."""
 
-    stamps_ns: (n,) int64. truth: (n, 3) x, y m, yaw rad in the map frame. velocity: (n, 2) true forward speed m/s and
-    yaw rate rad/s. command: (n, 2) the command answering each reading, NaN where there was none. contact: (n,) bool.
-    off_plan_m: (n,) from the planner's last plan, NaN where there was none; None where plans were not taken down.
-    """
-
-    stamps_ns: npt.NDArray[np.int64]
-    truth: Floats
-    velocity: Floats
-    command: Floats
-    contact: npt.NDArray[np.bool_]
-    off_plan_m: Floats | None = None
+    stamps_ns: npt.NDArray[np.int64]  # (n,)
+    truth: Floats  # (n, 3) x, y m, yaw rad in the map frame
+    velocity: Floats  # (n, 2) true forward speed m/s and yaw rate rad/s
+    command: Floats  # (n, 2) the command answering each reading, NaN where there was none
+    contact: npt.NDArray[np.bool_]  # (n,)
+    off_plan_m: Floats | None = None  # (n,) from the planner's last plan, NaN without one; None: plans were not taken
 
 
 class TrajectoryLog:
@@ -85,35 +80,29 @@ class TrajectoryLog:
 
 @dataclass(frozen=True)
 class Measures:
-    """Figures of a trajectory; None where it is too short for them.
+    """Figures of a trajectory; None where it is too short for them. Steps are from each command to the next.
 
-    driven_m: length of the true path; driven_ratio: by the straight line from its first to its last point.
-    min_clearance_m, mean_clearance_m: from the outline of what can touch of the robot to the nearest cylinder as it
-    stood at the start (below zero: overlap), the mean over time. rms_jerk_mps3: of the forward speed.
-    rotation_rad: sum of absolute turns. unanswered_cycles: readings that no command answered.
-
-    near_contact_s: time within `CLOSE_M` of a cylinder. rms_yaw_jerk_radps3: of the yaw rate. From each command to the
-    next: speed_variation_mps, turn_variation_radps the sum of absolute steps, rms_speed_step_mps, rms_turn_step_radps
-    the root of the mean squared step. off_plan_m: mean distance from the planner's last plan.
+    Clearance is from the outline of what can touch of the robot to the nearest cylinder as it stood at the start, below
+    zero where they overlap.
     """
 
-    driven_m: float
-    driven_ratio: float | None
+    driven_m: float  # length of the true path
+    driven_ratio: float | None  # by the straight line from its first to its last point
     mean_speed_mps: float | None
     min_clearance_m: float | None
-    mean_clearance_m: float | None
+    mean_clearance_m: float | None  # over time
     contact_s: float
     contacts: int
-    rms_jerk_mps3: float | None
-    rotation_rad: float
-    unanswered_cycles: int
-    near_contact_s: float | None = None
-    rms_yaw_jerk_radps3: float | None = None
-    speed_variation_mps: float | None = None
+    rms_jerk_mps3: float | None  # of the forward speed
+    rotation_rad: float  # sum of absolute turns
+    unanswered_cycles: int  # readings that no command answered
+    near_contact_s: float | None = None  # within `CLOSE_M` of a cylinder
+    rms_yaw_jerk_radps3: float | None = None  # of the yaw rate
+    speed_variation_mps: float | None = None  # sum of absolute steps
     turn_variation_radps: float | None = None
-    rms_speed_step_mps: float | None = None
+    rms_speed_step_mps: float | None = None  # root of the mean squared step
     rms_turn_step_radps: float | None = None
-    off_plan_m: float | None = None
+    off_plan_m: float | None = None  # mean distance from the planner's last plan
 
 
 def measure(trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outline: Footprint) -> Measures:
@@ -197,27 +186,21 @@ NEAR_M = 0.5
 class Encounters:
     """Figures of a trial among moving obstacles; None where there is nothing to tell.
 
-    phase_s: time into their motions at the start. moving_clearance_m: smallest distance from the robot's outline to a
-    moving obstacle, 0 in contact. time_to_collision_s: the shortest at any reading, if robot and obstacle kept their
-    velocities and the robot its heading; a box counts as the disc around it. near_s: time within `NEAR_M` of one.
-    path_over_straight, time_over_straight: driven length and time on the clock of a success, by those of the straight
-    run to what counts as arrival, at the protocol's reference speed.
-
-    touched: name of the moving obstacle of the first contact, empty without one. The other figures are those of the
-    last reading before it: hit_robot_mps the robot's speed, hit_closing_mps the speed at which the two closed in on
-    each other, hit_robot_share what the robot had of that: 1 if it drove against one at rest, 0 if it was run over.
+    Those of a hit are of the last reading before the first contact; those over the straight run, to what counts as
+    arrival, are of a success.
     """
 
-    phase_s: float
-    moving_clearance_m: float | None
+    phase_s: float  # time into their motions at the start
+    moving_clearance_m: float | None  # smallest distance from the robot's outline, 0 in contact
+    # the shortest at any reading, if all kept their velocities and the robot its heading; of a box, the disc around it
     time_to_collision_s: float | None
-    near_s: float
-    path_over_straight: float | None
-    time_over_straight: float | None
-    touched: str = ""
-    hit_robot_mps: float | None = None
-    hit_closing_mps: float | None = None
-    hit_robot_share: float | None = None
+    near_s: float  # within `NEAR_M` of one
+    path_over_straight: float | None  # driven length by that of the run
+    time_over_straight: float | None  # time on the clock by that of the run at the protocol's reference speed
+    touched: str = ""  # name of the moving obstacle of the first contact
+    hit_robot_mps: float | None = None  # the robot's speed
+    hit_closing_mps: float | None = None  # at which the two closed in on each other
+    hit_robot_share: float | None = None  # of the robot in that: 1 against one at rest, 0 if it was run over
 
 
 class _Hit(NamedTuple):

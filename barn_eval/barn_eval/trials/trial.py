@@ -189,17 +189,13 @@ class RunningTrial:
 
 @dataclass(frozen=True, eq=False)
 class FinishedTrial:
-    """A trial that has ended: what was asked for, the result, and what the robot did.
-
-    cylinders_m: (k, 2) where the world's cylinders stood at the end, None where it is not known. traceback: of the
-    exception that the planner raised.
-    """
+    """A trial that has ended: what was asked for, the result, and what the robot did."""
 
     spec: TrialSpec
     result: TrialResult
     trajectory: Trajectory
-    cylinders_m: Floats | None = None
-    traceback: str = ""
+    cylinders_m: Floats | None = None  # (k, 2) where the world's cylinders stood at the end, if known
+    traceback: str = ""  # of the exception that the planner raised
 
 
 def conclude(

@@ -53,20 +53,16 @@ class NodeProcess:
 
 @dataclass(frozen=True)
 class Assignment:
-    """Trials of the one planner of an experiment, by name, and where their bags and pictures go.
-
-    robot: name or file of the robot, for the simulator node. look_first: nothing else has been started; the evaluator
-    has it started once it has seen that nobody is in the way. apart: the planner cannot signal the suite's processes.
-    """
+    """Trials of the one planner of an experiment, by name, and where their bags and pictures go."""
 
     experiment: Experiment
     trials: tuple[str, ...]
     worlds: tuple[int, ...]
     out: str
     pictures: bool
-    robot: str
-    look_first: bool = False
-    apart: bool = False
+    robot: str  # name or file, for the simulator node
+    look_first: bool = False  # nothing else has been started: the evaluator has it started once nobody is in the way
+    apart: bool = False  # the planner cannot signal the suite's processes
 
     @property
     def store(self) -> Store:
