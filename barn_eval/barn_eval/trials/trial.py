@@ -83,7 +83,8 @@ class Deadline:
     @contextmanager
     def installed(self) -> Iterator[None]:
         """Take over the alarm signal, and give it back at the end."""
-        with handled(signal.SIGALRM, self._look) as self._armed:
+        with handled(signal.SIGALRM, self._look) as armed:
+            self._armed = armed
             try:
                 yield
             finally:
