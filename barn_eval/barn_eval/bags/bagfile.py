@@ -22,7 +22,7 @@ from zstandard import ZstdDecompressor, ZstdError
 
 from barn_eval.bags import BAGS
 from barn_eval.bags.recorder import PARTIAL
-from barn_worlds.base.errors import BagError, one_line
+from barn_worlds.base.errors import BagError, one_line, reported_as
 from barn_worlds.base.files import open_regular
 from barn_worlds.base.types import NANOSECONDS
 
@@ -57,8 +57,7 @@ class BagFile:
         self.problem = ""
         self._sqlite = False
         self._files = self._find(path)
-        self._last_ns: int | None = None
-        self._first_ns: int | None = None
+        self._first_ns, self._last_ns = 0, -1
 
     def messages(self, topics: Collection[str] = ()) -> Iterator[RawMessage]:
         """Yield the messages of these topics, or of all, in the order of the file, as far as they can be read."""
@@ -66,13 +65,10 @@ class BagFile:
         for message in self._all():
             read += len(message.data) + MESSAGE_BYTES
             if read > LARGEST_BAG:
-                self._note("read no further", ValueError(f"it has more than {LARGEST_BAG} bytes of messages"))
-                return
+                return self._note("read no further", ValueError(f"it has more than {LARGEST_BAG} bytes of messages"))
             if not 0 <= message.stamp_ns <= _LATEST_NS:
-                self._note("damaged", ValueError(f"a message of the time {message.stamp_ns} ns"))
-                return
-            if self._first_ns is None:
-                self._first_ns = message.stamp_ns
+                return self._note("damaged", ValueError(f"a message of the time {message.stamp_ns} ns"))
+            self._first_ns = message.stamp_ns if self._last_ns < 0 else self._first_ns
             self._last_ns = message.stamp_ns
             if not topics or message.topic in topics:
                 yield message
@@ -108,18 +104,16 @@ class BagFile:
                 for connection, stamp_ns, data in reader.messages():
                     yield RawMessage(connection.topic, connection.msgtype, stamp_ns, bytes(data))
         except (ReaderError, sqlite3.Error, apsw.Error, OSError, *DAMAGE) as error:
-            if self._last_ns is None:
+            if self._last_ns < 0:
                 raise BagError(f"{self.path}: not a bag that can be read: {one_line(error)}") from None
             self._note("damaged", error)
 
     def _mcap_messages(self, path: Path) -> Iterator[RawMessage]:
         try:
-            with closing(McapFile(path, self.metadata)) as file:
+            with reported_as(BagError, path), closing(McapFile(path, self.metadata)) as file:
                 yield from file.messages()
                 if not file.ended:
                     raise EndOfFile
-        except OSError as error:
-            raise BagError(f"{path}: {error.strerror or error}") from None
         except DAMAGE as error:
             what = "cut off" if isinstance(error, EndOfFile) else "damaged"
             if not file.began:
@@ -129,7 +123,7 @@ class BagFile:
 
     def _note(self, what: str, error: Exception) -> None:
         known = isinstance(error, EndOfFile) or not str(error)
-        after = 0.0 if self._last_ns is None else (self._last_ns - (self._first_ns or 0)) / NANOSECONDS
+        after = 0.0 if self._last_ns < 0 else (self._last_ns - self._first_ns) / NANOSECONDS
         reason = "" if known else f" ({one_line(error)})"
         self.problem = f"the bag is {what} after {after:.2f} s{reason}"
 

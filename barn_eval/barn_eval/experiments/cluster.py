@@ -66,11 +66,11 @@ class RayEngine(Engine):
 
     def _connect(self, address: str) -> None:
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-        options: dict[str, Any] = {"address": address} if address else {"address": "local", "include_dashboard": False}
-        if not address and self._workers:
-            options["num_cpus"] = self._workers
+        options: dict[str, Any] = {"address": address or "local"}
         if address:
             _require_answer(address)
+        else:
+            options |= {"include_dashboard": False, "num_cpus": self._workers or None}
         try:
             self._ray.init(log_to_driver=False, logging_level="ERROR", runtime_env={"env_vars": ENVIRONMENT}, **options)
         except (self._ray.exceptions.RayError, OSError, RuntimeError, ValueError) as error:
@@ -84,7 +84,7 @@ class RayEngine(Engine):
         except errors.RuntimeEnvSetupError as error:
             raise ConfigError(f"engine ray: a worker cannot be set up: {one_line(error)}") from None
         except errors.RayError as error:
-            return Lost(key, "ray", f"its worker was lost: {type(error).__name__}", str(error))
+            report = Lost(key, "ray", f"its worker was lost: {type(error).__name__}", str(error))
         return report
 
     def _cluster(self, call: Any, *arguments: Any, **options: Any) -> Any:

@@ -125,11 +125,10 @@ class _Worker:
         """Send a job and return whether the worker was there to take it."""
         self.key, self.deadline = key, time.monotonic() + limit_s
         self._queued_s, self._stood_s, self._stalled = queued_s(self.process.pid), 0.0, False
-        try:
+        with suppress(OSError):
             self.connection.send((key, job))
-        except OSError:
-            return False
-        return True
+            return True
+        return False
 
     def report(self, limit_s: float) -> Report:
         """Receive a report on the job, which is there or will never come; after a part, the limit counts anew."""
@@ -137,7 +136,9 @@ class _Worker:
             report: Report = self.connection.recv()
         except (EOFError, OSError, pickle.UnpicklingError):
             self.kill()
-            return self._lost(f"its worker process {_ending(self.process.returncode)}")
+            code = self.process.returncode
+            how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+            return self._lost(f"its worker process {how}")
         if isinstance(report, Part):
             self.deadline = time.monotonic() + limit_s
         elif not isinstance(report, Note):
@@ -170,9 +171,8 @@ class _Worker:
         self.process.terminate()
         self.join(GRACE_S)
         self.kill()
-        if self._stalled:
-            return replace(self._lost(f"{reason}, as the machine stood still"), stalled=True)
-        return replace(self._lost(reason), overtime=True)
+        still = ", as the machine stood still" if self._stalled else ""
+        return replace(self._lost(reason + still), stalled=self._stalled, overtime=not self._stalled)
 
     def ask_to_end(self) -> None:
         """Let an idle worker return, and interrupt one that has a job."""
@@ -197,9 +197,3 @@ class _Worker:
 
     def _lost(self, reason: str) -> Lost:
         return Lost(str(self.key), self.name, reason)
-
-
-def _ending(code: int | None) -> str:
-    if code is not None and code < 0:
-        return f"was killed by {signal.Signals(-code).name}"
-    return f"ended with exit code {code}"

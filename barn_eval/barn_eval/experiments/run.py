@@ -6,7 +6,6 @@ from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
-from types import FrameType
 
 from rich.console import Console
 
@@ -105,10 +104,8 @@ def plan_experiment(request: Request, *, overwrite: bool = False) -> Plan:
     checksums = {spec.index: spec.world.checksum for spec in specs}
     there = earlier_results(RunFile.of(request.out, experiment, checksums), specs, overwrite=overwrite).results
     left = len(specs) - len(there)
-    trial_s = _trial_s(request, there)
     bag_bytes = _bag_bytes(request.out, there) if experiment.bags != "none" else 0.0
-    each_bytes = ROW_BYTES + bag_bytes + (PICTURE_BYTES if execution.pictures else 0)
-    basis = f"{len(there)} trials in the folder" if there else "means of the suite's planners in barn300"
+    each_bytes = ROW_BYTES + bag_bytes + PICTURE_BYTES * execution.pictures
     return Plan(
         out=str(request.out),
         mode=experiment.mode,
@@ -118,9 +115,9 @@ def plan_experiment(request: Request, *, overwrite: bool = False) -> Plan:
         workers=execution.processes,
         trials=len(specs),
         there=len(there),
-        wall_s=left * trial_s / min(execution.processes, max(left, 1)),
+        wall_s=left * _trial_s(request, there) / min(execution.processes, max(left, 1)),
         disk_bytes=round(left * each_bytes),
-        basis=basis,
+        basis=f"{len(there)} trials in the folder" if there else "means of the suite's planners in barn300",
     )
 
 
@@ -153,9 +150,5 @@ def _stopped_by_signals() -> Iterator[None]:
     with ExitStack() as kept:
         for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
             if signal.getsignal(number) is not signal.SIG_IGN:  # as SIGHUP is under nohup
-                kept.enter_context(handled(number, _interrupt))
+                kept.enter_context(handled(number, signal.default_int_handler))
         yield
-
-
-def _interrupt(_number: int, _frame: FrameType | None) -> None:
-    raise KeyboardInterrupt

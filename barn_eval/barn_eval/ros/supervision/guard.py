@@ -25,6 +25,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -114,7 +115,6 @@ class _ApartProcess:
             raise OSError(0, reason or "ended at its start")
 
     def poll(self) -> int | None:
-        """Return how it has ended, None if it has not."""
         return self.wait(os.WNOHANG)
 
     def wait(self, options: int = 0) -> int | None:
@@ -129,14 +129,8 @@ def _started(
     command: list[str], output: int, before: Callable[[], None], *, start_new_session: bool = False
 ) -> subprocess.Popen[bytes]:
     """Start a command, which inherits what the supervisor hands down; there are no threads here."""
-    return subprocess.Popen(  # noqa: S603
-        command,
-        start_new_session=start_new_session,
-        close_fds=False,
-        stdout=output,
-        stderr=output,
-        preexec_fn=before,  # noqa: PLW1509
-    )
+    how: dict[str, Any] = {"preexec_fn": before, "start_new_session": start_new_session, "close_fds": False}
+    return subprocess.Popen(command, stdout=output, stderr=output, **how)  # noqa: S603
 
 
 def _be_first(command: list[str], output: int, before: Callable[[], None], told: int) -> None:
@@ -183,13 +177,9 @@ def _end_with(parent: int, number: int) -> None:
 def _guard(command: list[str], kind: str, supervisor: socket.socket, wake: socket.socket) -> int:
     supervisor.setblocking(False)
     output = _Output()
-    prepare = _prepare(supervisor.fileno(), kind)
-    child: _Child
+    started = _ApartProcess if kind == APART else partial(_started, start_new_session=True)
     try:
-        if kind == APART:
-            child = _ApartProcess(command, output.writer, prepare)
-        else:
-            child = _started(command, output.writer, prepare, start_new_session=True)
+        child: _Child = started(command, output.writer, _prepare(supervisor.fileno(), kind))
     except OSError as error:
         _report(supervisor, f"cannot be started: {command[0]}: {error.strerror or error}")
         return 0
@@ -208,9 +198,7 @@ _Child = subprocess.Popen[bytes] | _ApartProcess
 
 def _wake_on_signals() -> socket.socket:
     """Make a dead child, or a signal to end the guard itself, readable on the socket returned."""
-    reader, writer = socket.socketpair()
-    reader.setblocking(False)
-    writer.setblocking(False)
+    reader, writer = socket.socketpair(type=socket.SOCK_STREAM | socket.SOCK_NONBLOCK)
     signal.set_wakeup_fd(writer.detach(), warn_on_full_buffer=False)
     for number in (signal.SIGCHLD, *_ENDING):
         signal.signal(number, lambda *_: None)
@@ -240,39 +228,32 @@ class _Output:
         reader, self.writer = os.pipe()
         os.set_blocking(reader, False)
         self.readers: list[Any] = [reader]  # none once all has been read
-        self._room = HEAD_BYTES
         self._tail = bytearray()
-        self._dropped = 0
+        self._room, self._dropped = HEAD_BYTES, 0
 
-    def read(self) -> None:
-        """Take in some of what has been printed."""
+    def read(self, most: int = 2 * TAIL_BYTES) -> None:
+        """Take in some of what has been printed, and keep of what is for the end at most that much."""
         for reader in self.readers:
-            try:
+            with suppress(BlockingIOError):
                 data = os.read(reader, 1 << 16)
-            except BlockingIOError:
-                return
-            if not data:
-                os.close(reader)
-                self.readers = []
-            _print(data[: self._room])
-            self._tail += data[self._room :]
-            self._room = max(0, self._room - len(data))
-            if len(self._tail) > 2 * TAIL_BYTES:
-                self._cut()
+                if not data:
+                    os.close(reader)
+                    self.readers = []
+                _print(data[: self._room])
+                self._tail += data[self._room :]
+                self._room = max(0, self._room - len(data))
+        if len(self._tail) > most:
+            self._dropped += len(self._tail) - TAIL_BYTES
+            del self._tail[:-TAIL_BYTES]
 
     def finish(self) -> None:
         """Pass on the rest, the command and its descendants having ended."""
         while select.select(self.readers, [], [], 0.0)[0]:
             self.read()
-        self._cut()
+        self.read(TAIL_BYTES)
         if self._dropped:
             _print(f"\n[{self._dropped} bytes are left out here]\n".encode())
         _print(bytes(self._tail))
-
-    def _cut(self) -> None:
-        excess = max(0, len(self._tail) - TAIL_BYTES)
-        del self._tail[:excess]
-        self._dropped += excess
 
 
 def _print(data: bytes) -> None:

@@ -23,7 +23,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from barn_eval.ros.supervision import guard
-from barn_worlds.base.errors import BarnError, ConfigError
+from barn_worlds.base.errors import BarnError, ConfigError, reported_as
 
 _MARK = "BARN_GUARD"
 _FULL_LOG_BYTES = 10_000_000  # of all starts: then it begins anew, and one before it is kept
@@ -97,7 +97,7 @@ class GuardedProcess:
         self._mark = uuid.uuid4().hex
         ours, theirs = socket.socketpair()
         self._news = EventChannel(ours)
-        try:
+        with theirs, reported_as(ConfigError, log):
             if log.exists() and log.stat().st_size > _FULL_LOG_BYTES:
                 log.replace(log.with_name(f"{log.name}.1"))
             with log.open("ab") as output:
@@ -110,11 +110,6 @@ class GuardedProcess:
                     pass_fds=[one.fileno() for one in (theirs, *handed)],
                     start_new_session=True,
                 )
-        except OSError as error:
-            self._news.close()
-            raise ConfigError(f"{log}: {error.strerror or error}") from None
-        finally:
-            theirs.close()
 
     def fileno(self) -> int:
         """Return what to wait on for news of the process."""
