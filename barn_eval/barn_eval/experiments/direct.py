@@ -2,6 +2,7 @@
 
 import resource
 import time
+import timeit
 from collections.abc import Sequence
 from contextlib import closing, suppress
 from functools import cache
@@ -181,12 +182,7 @@ def reference_loop() -> float:
 @cache
 def pace() -> float:
     """Return reference seconds per second of this processor, measured once per process: above 1 on a faster one."""
-    taken = []
-    for _ in range(_REPEATS):
-        began = time.thread_time()
-        reference_loop()
-        taken.append(time.thread_time() - began)
-    return NOMINAL_S / max(min(taken), 1e-6)
+    return NOMINAL_S / max(min(timeit.repeat(reference_loop, time.thread_time, number=1, repeat=_REPEATS)), 1e-6)
 
 
 class Stopwatch:

@@ -86,11 +86,9 @@ def split_planners(given: Planners) -> tuple[list[Any], dict[str, LivePlanner]]:
 def fingerprint(planner: object) -> str:
     """Return SHA-256 of the source of a planner's class or function and of what it holds; NO_SOURCE if not known."""
     code = planner if isinstance(planner, type) or inspect.isroutine(planner) else type(planner)
-    held: Any = None
+    held: Any = None if code is planner else vars(planner) if hasattr(planner, "__dict__") else repr(planner)
     if inspect.isfunction(planner):
         held = [cell.cell_contents for cell in planner.__closure__ or ()], planner.__defaults__, planner.__kwdefaults__
-    elif code is not planner:
-        held = vars(planner) if hasattr(planner, "__dict__") else repr(planner)
     try:
         return hashlib.sha256(inspect.getsource(code).encode() + cloudpickle.dumps(held)).hexdigest()
     except Exception:  # whatever an object does when it is pickled
@@ -98,10 +96,9 @@ def fingerprint(planner: object) -> str:
 
 
 def _check(planner: Any) -> None:
-    if isinstance(planner, type):
-        if not issubclass(planner, Planner):
-            raise ConfigError(f"planner {planner.__name__}: must be derived from barn_planners.interface.Planner")
-    elif not (isinstance(planner, Planner) or _accepts(planner, 1) or _accepts(planner, 2)):
+    if isinstance(planner, type) and not issubclass(planner, Planner):
+        raise ConfigError(f"planner {planner.__name__}: must be derived from barn_planners.interface.Planner")
+    if not (isinstance(planner, (type, Planner)) or _accepts(planner, 1) or _accepts(planner, 2)):
         raise ConfigError(
             f"a planner must be a name, a Planner class or object, or a function of the observation, got {planner!r}"
         )

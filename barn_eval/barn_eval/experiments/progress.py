@@ -23,16 +23,12 @@ class ExperimentProgress:
     """Show the number of trials, rate, real-time factor, remaining time and outcomes; a context manager."""
 
     def __init__(self, total: int, earlier: Sequence[TrialResult], console: Console) -> None:
-        self._console = console
-        self._total = total
+        self._total, self._done, self._earlier = total, len(earlier), len(earlier)
         self._outcomes = Counter(result.outcome for result in earlier)
-        self._done = len(earlier)
-        self._session = 0
-        self._simulated_s = 0.0
+        self._simulated_s, self._note = 0.0, ""
         self._began_s = self._last_line_s = time.monotonic()
         notebook = console.is_jupyter and find_spec("ipywidgets") is not None
         self._watched = console.is_terminal or notebook
-        self._note = ""
         self._bar = Progress(
             BarColumn(bar_width=20),
             MofNCompleteColumn(table_column=Column(no_wrap=True)),
@@ -66,7 +62,6 @@ class ExperimentProgress:
             self._print(f"{event.trial_id}: attempt {event.attempt} lost, {event.reason}")
             return
         self._done += 1
-        self._session += 1
         self._simulated_s += event.scores.duration_s
         self._outcomes[event.outcome] += 1
         if self._total <= MOST_LINES:
@@ -79,11 +74,10 @@ class ExperimentProgress:
         """Return rate, real-time factor, remaining time and outcomes."""
         elapsed_s = max(time.monotonic() - self._began_s, 0.001)
         parts = ["starting; new kernels are compiled first"]
-        if self._session:
-            rate = self._session / elapsed_s
-            remaining_s = (self._total - self._done) / rate
+        if made := self._done - self._earlier:
+            rate, left = made / elapsed_s, self._total - self._done
             parts = [f"{60.0 * rate:.1f}/min", f"{self._simulated_s / elapsed_s:.1f} x real time"]
-            parts += [f"{clock(remaining_s)} left"] if self._done < self._total else [f"in {clock(elapsed_s)}"]
+            parts += [f"{clock(left / rate)} left" if left else f"in {clock(elapsed_s)}"]
         parts += [f"{outcome.value} {count}" for outcome, count in self._outcomes.most_common()]
         return ", ".join(parts)
 
@@ -98,8 +92,7 @@ class ExperimentProgress:
 def clock(duration_s: float) -> str:
     """Return a duration as hours, minutes and seconds."""
     minutes, seconds = divmod(round(duration_s), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{seconds:02d}"
+    return f"{minutes // 60}:{minutes % 60:02d}:{seconds:02d}"
 
 
 def _ending(result: TrialResult) -> str:

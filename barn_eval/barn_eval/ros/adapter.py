@@ -37,18 +37,15 @@ class TrialAdapter:
     """Feed a trial, which begins at `origin_ns`, with what of each tick belongs to it.
 
     What a direct trial does in one loop is here read off the messages: the readings of a tick are judged, then the
-    commands that answer them. Times count from the origin.
-
-    response_times_s: from each scan to the command that follows it, in wall-clock time, transport included; waited_s is
-    their sum. plan_frame: in which plans count. commands_ns: when commands came, the clock being at `now_ns`.
+    commands that answer them. Times count from the origin. plan_frame: in which plans count.
     """
 
     def __init__(
         self, topics: TrialTopics, trial: RunningTrial, origin_ns: int, command_type: str, plan_frame: str = "odom"
     ) -> None:
         self.trial, self.now_ns, self.waited_s = trial, origin_ns, 0.0
-        self.response_times_s: list[float] = []
-        self.commands_ns: list[int] = []
+        self.response_times_s: list[float] = []  # from scans to commands by the wall clock; waited_s is their sum
+        self.commands_ns: list[int] = []  # when commands came, the clock being at `now_ns`
         self._topics, self._origin_ns = topics, origin_ns
         self._command_type, self._plan_frame = command_type, plan_frame
         self._odometry: Odometry | None = None

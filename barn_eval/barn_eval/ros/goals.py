@@ -1,5 +1,6 @@
 """The two ways in which a planner gets its goal: a topic, or an action that also tells what became of it."""
 
+import math
 from typing import Any
 
 from action_msgs.msg import GoalStatus
@@ -86,17 +87,14 @@ class ActionGoal:
         # a server that ~/reset has taken down may be on its way up
         if not self._session.wait(self._client.server_is_ready, patience.gate_s, PLANNER):
             raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no connection to the action {name}")
-        attempts_s = 0.0
-        self.repeat(goal)
-        while self._session.wait(lambda: self.verdict != "sent", patience.service_s, PLANNER):
+        for _ in range(1 + math.ceil(patience.gate_s / _AGAIN_S)):
+            self.repeat(goal)
+            if not self._session.wait(lambda: self.verdict != "sent", patience.service_s, PLANNER):
+                raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no answer from the action {name}")
             if self.verdict != "rejected":
                 return
-            if attempts_s >= patience.gate_s:
-                raise TrialEnded(Outcome.PLANNER_NOT_READY, f"the action {name} has refused the goal")
-            attempts_s += _AGAIN_S
             self._session.sleep(_AGAIN_S, PLANNER)
-            self.repeat(goal)
-        raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no answer from the action {name}")
+        raise TrialEnded(Outcome.PLANNER_NOT_READY, f"the action {name} has refused the goal")
 
     def repeat(self, goal: bytes) -> None:
         """Send the goal, or again if the planner has given it up."""
@@ -131,7 +129,6 @@ def action_class(type_name: str) -> Any:
 
 def _described(answer: Any) -> str:
     """Return how an action ended, with the code and the message that some results have."""
-    ending, result = _ENDINGS.get(answer.status, f"status {answer.status}"), answer.result
-    code, message = getattr(result, "error_code", 0), getattr(result, "error_msg", "")
-    details = ", ".join(filter(None, (f"error {code}" if code else "", message)))
+    ending, code = _ENDINGS.get(answer.status, f"status {answer.status}"), getattr(answer.result, "error_code", 0)
+    details = ", ".join(filter(None, (f"error {code}" if code else "", getattr(answer.result, "error_msg", ""))))
     return f"{ending} ({details})" if details else ending

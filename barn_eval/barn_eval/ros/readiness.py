@@ -140,12 +140,11 @@ def _action_faults(graph: Graph, needs: Needs) -> _Faults:
     if needs.action is None or needs.action in graph.actions:
         return
     name, type_name = needs.action
+    other = min((action for action, kind in graph.actions if kind == type_name), default="")
     if found := sorted(kind for action, kind in graph.actions if action == name):
         yield f"no action {name} of {short(type_name)}; one of {', '.join(map(short, found))} exists", True
-        return
-    other = min((action for action, kind in graph.actions if kind == type_name), default="")
-    hint = f"; a {short(type_name)} action exists as {other}" if other else ""
-    yield f"no action {name}{hint}", False
+    else:
+        yield f"no action {name}" + (f"; a {short(type_name)} action exists as {other}" if other else ""), False
 
 
 def _compatible(writer: Endpoint, reader: Endpoint) -> bool:

@@ -57,9 +57,8 @@ class Recording:
 
     def begin(self, recorder: Recorder, stamp_ns: int) -> None:
         """Write the latched messages, which were sent before the trial but belong to it."""
-        latched = self._subscriber.latched()
         self._written = set()
-        self.write(recorder, latched, stamp_ns)
+        self.write(recorder, latched := self._subscriber.latched(), stamp_ns)
         self._written = {(message.topic, message.sent_ns) for message in latched}
 
     def write(self, recorder: Recorder, messages: Iterable[Message], stamp_ns: int) -> None:

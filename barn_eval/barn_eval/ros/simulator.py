@@ -35,13 +35,11 @@ class SimulatorChannel:
     """The evaluator's end of the private line: readings and answers of the simulator, which nobody else can send.
 
     names: topics of readings after remapping, by the names that the simulator knows them by.
-    participant: what the identities of the simulator's endpoints begin with, empty while they are not known.
-    interference: what others have asked of the simulator in vain, since they were cleared.
     """
 
     def __init__(self, session: Session, line: PrivateLine, names: Mapping[str, str]) -> None:
-        self.participant = b""
-        self.interference: list[str] = []
+        self.participant = b""  # what the identities of the simulator's endpoints begin with, once known
+        self.interference: list[str] = []  # what others have asked of the simulator in vain
         self._session, self._line, self._names = session, line, names
         self._readings: deque[Message] = deque()
         self._ignored = False  # whether readings are dropped

@@ -51,14 +51,10 @@ class _HeardTopic:
 
 
 class Subscriber:
-    """All topics that are judged or recorded.
-
-    A latched message is kept, since every bag needs it although it was sent only once. full_turns: how often in a row
-    not all could be read at once.
-    """
+    """All topics that are judged or recorded; latched messages, sent only once, are kept, for every bag needs them."""
 
     def __init__(self, node: Node) -> None:
-        self.full_turns = 0
+        self.full_turns = 0  # how often in a row not all could be read at once
         self._node = node
         self._group = PolledGroup()
         self._topics: dict[str, _HeardTopic] = {}
@@ -119,16 +115,15 @@ class Subscriber:
 class TrialQueue:
     """Sorts what arrives by the ticks of /clock, from the reset of the simulator on.
 
-    origin_ns: simulated time at which the trial begins, None until it is known: a reset moves the clock on and leaves
-    it there until the release. now_ns: simulated time. ticks, commands: how many have arrived since the reset. channel:
-    brings the simulator's readings; without one they come by DDS. steps: ticks from one scan to the next.
+    channel: brings the simulator's readings; without one they come by DDS. steps: ticks from one scan to the next.
     """
 
     def __init__(
         self, subscriber: Subscriber, topics: TrialTopics, reset_ns: int, channel: SimulatorChannel | None, steps: int
     ) -> None:
+        # simulated time at which the trial begins, once it is known: a reset leaves the clock there until the release
         self.origin_ns: int | None = None
-        self.now_ns = self.ticks = self.commands = 0
+        self.now_ns = self.ticks = self.commands = 0  # simulated time; how many have arrived since the reset
         self._subscriber, self._topics, self._channel = subscriber, topics, channel
         self._reset_ns = reset_ns
         self._released = self._exceeded = False

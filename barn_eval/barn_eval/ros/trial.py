@@ -34,10 +34,7 @@ _UNEXPLAINED = (Outcome.NO_FIRST_MOTION, Outcome.PLANNER_NOT_READY, Outcome.PLAN
 
 
 class RunContext:
-    """What all trials of a run share: subscriptions, clients, and the view of the graph.
-
-    channel: brings what trials are judged by; None where that comes by topics.
-    """
+    """What all trials of a run share: subscriptions, clients, and the view of the graph."""
 
     def __init__(
         self, node: Node, config: EvaluatorConfig, supervisor: EventChannel | None, dataset: str, robot: str
@@ -49,7 +46,7 @@ class RunContext:
         judged = (CLOCK, ODOM, GROUND_TRUTH, COLLISION, names.CMD_VEL, names.SCAN, names.DIAGNOSTICS, names.PLAN)
         self.topics = topics = TrialTopics(*(node.resolve_topic_name(topic.name) for topic in judged))
         self.subscriber = Subscriber(node)
-        self.channel = self._connect()
+        self.channel = self._connect()  # brings what trials are judged by; None where that comes by topics
         own = [node.resolve_topic_name(topic.name) for topic in TOPICS]
         self.integrity = Integrity(self.view, self.channel, self._simulator_name, topics, own)
         needed = topics.scan, topics.diagnostics, topics.plan
@@ -83,19 +80,14 @@ class RunContext:
 
 
 class RosTrial:
-    """One trial in progress; first: whether the others may have been started just now.
-
-    trial: what it has come to. released: whether it came to driving. wall_s: how long it drove, in wall-clock time.
-    planner_verdict: what the planner itself said of it, None where it is not asked. adapter: what was measured on the
-    way, None where it did not come to driving.
-    """
+    """One trial in progress; first: whether the others may have been started just now."""
 
     def __init__(self, context: RunContext, spec: TrialSpec, recorder: Recorder | None, *, first: bool) -> None:
-        self.trial = RunningTrial(spec)
-        self.released = False
-        self.wall_s = 0.0
-        self.planner_verdict: str | None = None
-        self.adapter: TrialAdapter | None = None
+        self.trial = RunningTrial(spec)  # what it has come to
+        self.released = False  # whether it came to driving
+        self.wall_s = 0.0  # how long it drove, in wall-clock time
+        self.planner_verdict: str | None = None  # what the planner itself said of it, where it is asked
+        self.adapter: TrialAdapter | None = None  # what was measured on the way, once it drives
         self._context, self._spec, self._recorder, self._first = context, spec, recorder, first
         self._queue: TrialQueue | None = None
         self._score = LiveScore(spec)

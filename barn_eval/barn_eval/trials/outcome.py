@@ -88,7 +88,9 @@ class Scores:
 
 def score(verdict: Verdict, course: Course, protocol: Protocol, least_time_s: float | None = None) -> Scores:
     """Return the scores of a trial, with its efficiency where the least time is given."""
-    scored_s = scored_time_s(verdict, protocol)
+    scored_s, success_s, efficiency = scored_time_s(verdict, protocol), _success_s(verdict), None
+    if least_time_s is not None:
+        efficiency = 0.0 if success_s is None else least_time_s / success_s if success_s > 0.0 else 1.0
     return Scores(
         success=verdict.outcome is Outcome.SUCCESS,
         traversal_time_s=verdict.traversal_time_s,
@@ -101,26 +103,23 @@ def score(verdict: Verdict, course: Course, protocol: Protocol, least_time_s: fl
         challenge_2022=challenge_metric(verdict, course.optimal_time_s, CHALLENGE_CLIP_2022),
         failure_time_s=max(protocol.failure_time_s, protocol.timeout_time_s),
         least_time_s=least_time_s,
-        efficiency=None if least_time_s is None else _efficiency(verdict, least_time_s),
+        efficiency=efficiency,
     )
 
 
-def _efficiency(verdict: Verdict, least_time_s: float) -> float:
-    if verdict.outcome is not Outcome.SUCCESS or verdict.traversal_time_s is None:
-        return 0.0
-    return least_time_s / verdict.traversal_time_s if verdict.traversal_time_s > 0.0 else 1.0
+def _success_s(verdict: Verdict) -> float | None:
+    return verdict.traversal_time_s if verdict.outcome is Outcome.SUCCESS else None
 
 
 def scored_time_s(verdict: Verdict, protocol: Protocol) -> float:
     """Return the time that a trial counts with under a protocol."""
-    if verdict.outcome is Outcome.SUCCESS and verdict.traversal_time_s is not None:
-        return verdict.traversal_time_s
+    if (success_s := _success_s(verdict)) is not None:
+        return success_s
     return protocol.timeout_time_s if verdict.outcome is Outcome.TIMEOUT else protocol.failure_time_s
 
 
 def challenge_metric(verdict: Verdict, optimal_time_s: float, clip: tuple[float, float] = CHALLENGE_CLIP) -> float:
     """Return optimal time / traversal time clipped to multiples of the optimal time; 0 for anything but a success."""
-    if verdict.outcome is not Outcome.SUCCESS or verdict.traversal_time_s is None:
+    if (success_s := _success_s(verdict)) is None:
         return 0.0
-    low_s, high_s = clip[0] * optimal_time_s, clip[1] * optimal_time_s
-    return optimal_time_s / min(max(verdict.traversal_time_s, low_s), high_s)
+    return optimal_time_s / min(max(success_s, clip[0] * optimal_time_s), clip[1] * optimal_time_s)

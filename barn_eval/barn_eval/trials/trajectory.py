@@ -1,8 +1,8 @@
 """What a robot did in a trial, as arrays, and the measures taken from them; among moving obstacles, whom it met."""
 
 import math
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -203,13 +203,6 @@ class Encounters:
     hit_robot_share: float | None = None  # of the robot in that: 1 against one at rest, 0 if it was run over
 
 
-class _Hit(NamedTuple):
-    touched: str
-    hit_robot_mps: float
-    hit_closing_mps: float
-    hit_robot_share: float | None
-
-
 def encounters(
     trajectory: Trajectory,
     world: World,
@@ -227,17 +220,16 @@ def encounters(
     periods_s = np.diff(times_s, prepend=times_s[:1])
     straight_m = course.start.distance(course.goal) - protocol.goal_distance_m
     driven_m = float(np.hypot(*np.diff(trajectory.truth[:, :2], axis=0).T).sum())
-    hit = _first_hit(trajectory, world, times_s, gaps, outline)
     shortest_s = float(waits.min(initial=math.inf))
-    found = Encounters(
+    return Encounters(
         phase_s=phase_s,
         moving_clearance_m=float(gaps.min()) if gaps.size else None,
         time_to_collision_s=shortest_s if math.isfinite(shortest_s) else None,
         near_s=float(periods_s[(gaps <= NEAR_M).any(axis=1)].sum()),
         path_over_straight=None if traversal_s is None else driven_m / straight_m,
         time_over_straight=None if traversal_s is None else traversal_s * protocol.reference_speed_mps / straight_m,
+        **_first_hit(trajectory, world, times_s, gaps, outline),
     )
-    return found if hit is None else replace(found, **hit._asdict())
 
 
 def moving_shapes(tracks: Tracks, positions: Floats) -> Floats:
@@ -256,32 +248,27 @@ def _nearness(trajectory: Trajectory, tracks: Tracks, times_s: Floats, outline: 
     return gaps, waits
 
 
-def _first_hit(trajectory: Trajectory, world: World, times_s: Floats, gaps: Floats, outline: Footprint) -> _Hit | None:
-    """Return what the first contact was with, if that was a moving obstacle.
+def _first_hit(
+    trajectory: Trajectory, world: World, times_s: Floats, gaps: Floats, outline: Footprint
+) -> dict[str, Any]:
+    """Return what `Encounters` has of the first contact, if that was with a moving obstacle.
 
-    Contact lies between two readings; the obstacle is the one that is nearest at either of them.
+    Contact lies between two readings; the obstacle is the one that is nearest at either of them. Speeds are those along
+    the line from the robot's outline to it at the earlier one.
     """
     touching = np.flatnonzero(trajectory.contact)
     if not len(touching):
-        return None
-    after = int(touching[0])
-    before = max(after - 1, 0)
-    rows = slice(before, after + 1)
+        return {}
+    before = max(int(touching[0]) - 1, 0)
+    rows = slice(before, int(touching[0]) + 1)
     nearest = gaps[rows].min(axis=0)
     index = int(nearest.argmin())
     if _standing_gap(trajectory.truth[rows], world, outline) < nearest[index]:
-        return None
-    position, velocity = (found[index] for found in world.tracks.at(float(times_s[before])))
-    shape = moving_shapes(world.tracks, world.tracks.at(float(times_s[before]))[0])[index]
-    return _hit(world.tracks.names[index], trajectory, before, shape, position, velocity, outline)
-
-
-def _hit(
-    name: str, trajectory: Trajectory, row: int, shape: Floats, position: Floats, velocity: Floats, outline: Footprint
-) -> _Hit:
-    """Return the speeds along the line from the robot's outline to the obstacle at a reading."""
-    x, y, yaw = trajectory.truth[row].tolist()
-    speed, turn = trajectory.velocity[row].tolist()
+        return {}
+    positions, velocities = world.tracks.at(float(times_s[before]))
+    shape, position, velocity = moving_shapes(world.tracks, positions)[index], positions[index], velocities[index]
+    x, y, yaw = trajectory.truth[before].tolist()
+    speed, turn = trajectory.velocity[before].tolist()
     ahead, left = np.array([math.cos(yaw), math.sin(yaw)]), np.array([-math.sin(yaw), math.cos(yaw)])
     base, towards = np.array([x, y]), position
     if not shape[2]:  # of a box, the point that is nearest to the robot
@@ -291,13 +278,13 @@ def _hit(
     local = outline.nearest((towards - base) @ ahead, (towards - base) @ left)
     lever = local[0] * ahead + local[1] * left
     line = towards - base - lever
-    length = float(np.hypot(*line))
-    if length == 0.0:
-        return _Hit(name, abs(speed), 0.0, None)
+    length = float(np.hypot(*line)) or math.inf
     robot = float((speed * ahead + turn * np.array([-lever[1], lever[0]])) @ line) / length
     other = -float(velocity @ line) / length
     both = max(robot, 0.0) + max(other, 0.0)
-    return _Hit(name, abs(speed), robot + other, max(robot, 0.0) / both if both > 0.0 else None)
+    share = max(robot, 0.0) / both if both > 0.0 else None
+    hit = {"hit_robot_mps": abs(speed), "hit_closing_mps": robot + other, "hit_robot_share": share}
+    return {"touched": world.tracks.names[index], **hit}
 
 
 def _standing_gap(poses: Floats, world: World, outline: Footprint) -> float:

@@ -74,11 +74,9 @@ class ProcessError(BarnError):
 
 
 class GuardedProcess:
-    """One start of a command: its guard, its log file and, once it is known, its `end` in words.
+    """One start of a command under guard; ConfigError where its log cannot be written.
 
-    lost: whether it ended because its guard did. handed: sockets that the command inherits under the same numbers.
-    kind: what the guard is told that it guards.
-    Raises ConfigError where the log cannot be written.
+    handed: sockets that the command inherits under the same numbers. kind: what the guard is told that it guards.
     """
 
     def __init__(
@@ -91,8 +89,8 @@ class GuardedProcess:
         kind: str = guard.SUITE,
     ) -> None:
         self.name, self.log = name, log
-        self.end: str | None = None
-        self.lost = False
+        self.end: str | None = None  # in words, once it is known
+        self.lost = False  # whether it ended because its guard did
         self._asked = False
         self._mark = uuid.uuid4().hex
         ours, theirs = socket.socketpair()
