@@ -10,7 +10,7 @@ from test_rows import result
 
 from barn_eval.experiments import progress
 from barn_eval.experiments.engine import Note
-from barn_eval.experiments.progress import MOST_LINES, ExperimentProgress, clock
+from barn_eval.experiments.run import MOST_LINES, ExperimentProgress, clock
 from barn_eval.experiments.runner import Loss
 from barn_eval.trials.outcome import Outcome
 

@@ -1,7 +1,7 @@
 import pytest
 
 from barn_eval.experiments.ros_config import Patience
-from barn_eval.ros.watchdog import Watchdog
+from barn_eval.ros.readiness import Watchdog
 from barn_eval.trials.outcome import Outcome
 
 PATIENCE = Patience(command_s=5.0, clock_s=3.0, vanished_s=1.0, trial_s=60.0)

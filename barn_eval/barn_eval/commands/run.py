@@ -27,10 +27,9 @@ from barn_eval.commands.options import (
 from barn_eval.commands.tables import FittedTable, rich_table, table
 from barn_eval.commands.watch import viewed
 from barn_eval.experiments.experiment import Execution
-from barn_eval.experiments.progress import MOST_LINES, clock
 from barn_eval.experiments.request import Request, read_request
 from barn_eval.experiments.ros_config import BAGS, MODES, RosSetup
-from barn_eval.experiments.run import Plan, plan_experiment
+from barn_eval.experiments.run import MOST_LINES, Plan, clock, plan_experiment
 from barn_eval.experiments.sweep import LATENCY, Setting, grid, parse_sweep, sweep_of
 from barn_eval.ros.work import run_request
 from barn_eval.trials.outcome import NOT_DRIVEN

@@ -12,14 +12,13 @@ from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.ros.adapter import TrialAdapter, TrialTopics
 from barn_eval.ros.graph import GraphView, Integrity, resolve_node_name
 from barn_eval.ros.planner import PlannerClient
-from barn_eval.ros.readiness import Endpoint
+from barn_eval.ros.readiness import Endpoint, Watchdog
 from barn_eval.ros.recording import Recording
 from barn_eval.ros.sequencer import Tick
 from barn_eval.ros.session import PLANNER, SIMULATOR, Session, TrialEnded
 from barn_eval.ros.simulator import SimulatorChannel, SimulatorClient, SimulatorServices
 from barn_eval.ros.subscriber import Subscriber, TrialQueue
 from barn_eval.ros.supervision.process import EventChannel
-from barn_eval.ros.watchdog import Watchdog
 from barn_eval.trials.outcome import ENVIRONMENT, Outcome, Verdict
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trial import RunningTrial
