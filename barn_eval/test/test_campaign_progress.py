@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 from test_rows import result
 
-from barn_eval.experiments import progress
+from barn_eval.experiments import run as progress
 from barn_eval.experiments.engine import Note
 from barn_eval.experiments.run import MOST_LINES, ExperimentProgress, clock
 from barn_eval.experiments.runner import Loss
