@@ -71,13 +71,13 @@ class ExperimentFolder:
 
     def append(self, record: Record) -> None:
         """Keep a trial's result and, before it, the line of its track."""
-        result = record.result
-        if result.trial_id in self._done:
-            raise ValueError(f"trial {result.trial_id} has a result already")
+        trial_id = record.result.trial_id
+        if trial_id in self._done:
+            raise ValueError(f"trial {trial_id} has a result already")
         if record.track is not None:
             self._tracks.append(record.track)
-        self._rows.append(result)
-        self._done.add(result.trial_id)
+        self._rows.append(record.result)
+        self._done.add(trial_id)
 
     def note(self, kind: str, trial_id: str, text: str) -> None:
         """Keep a text on a trial in the folder LOSSES or TRACEBACKS; StoreError if it cannot be written."""
@@ -154,8 +154,8 @@ def opened(
 class EarlierResults(NamedTuple):
     """What an experiment finds in its folder: sessions, results that stay, and how many rows are to be run again."""
 
-    sessions: tuple[Mapping[str, Any], ...]
-    results: list[TrialResult]
+    sessions: tuple[Mapping[str, Any], ...] = ()
+    results: Sequence[TrialResult] = ()
     dropped: int = 0
 
 
@@ -171,12 +171,12 @@ def earlier_results(asked: RunFile, specs: Sequence[TrialSpec], *, overwrite: bo
         left = path.iterdir() if path.is_dir() else ()
         if any(one.name != _LOCK and not (one.name.startswith(".") and one.name.endswith(PARTIAL)) for one in left):
             raise ConfigError(f"{path}: is not empty and holds no experiment")
-        return EarlierResults((), [])
+        return EarlierResults()
     there = RunFile.read(path)
     rows = [] if overwrite else ResultRows(path).read()
     results = [result for result in rows if result.counts]
     if not results:
-        return EarlierResults((), [])
+        return EarlierResults()
     there.require_same(asked)
     known, task = {spec.trial_id: spec for spec in specs}, there.written_task()
     for result in results:
@@ -196,8 +196,7 @@ def require_of(result: TrialResult, spec: TrialSpec, task: str, path: Path) -> N
     """Raise ConfigError naming the first field by which a row in a folder is not of the trial of its name."""
     if result.world_checksum != spec.world.checksum:
         raise ConfigError(f"{path}: world {result.world} is not the one that {result.trial_id} was run in")
-    expected = {name: getattr(spec, name) for name in OF_SPEC} | {"world": spec.index}
-    for name, value in expected.items():
+    for name, value in [("world", spec.index), *((name, getattr(spec, name)) for name in OF_SPEC)]:
         if getattr(result, name) != value:
             raise ConfigError(f"{path}: {result.trial_id} has {name} {getattr(result, name)!r}, must have {value!r}")
     _require_task(result, task, path)
@@ -205,10 +204,8 @@ def require_of(result: TrialResult, spec: TrialSpec, task: str, path: Path) -> N
 
 def _require_task(result: TrialResult, task: str, path: Path) -> None:
     if result.task not in ("", task):
-        raise ConfigError(
-            f"{path}: {result.trial_id} was run as task {result.task}, but {RUN_FILE} describes {task}: one of them was"
-            " changed"
-        )
+        told = f"was run as task {result.task}, but {RUN_FILE} describes {task}: one of them was changed"
+        raise ConfigError(f"{path}: {result.trial_id} {told}")
 
 
 def new_folder() -> Path:

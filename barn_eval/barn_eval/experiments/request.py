@@ -31,11 +31,8 @@ from barn_worlds.worlds.world import World
 SCHEMA_VERSION = 1
 _CAP = "max_speed_mps"
 _EXECUTION = tuple(field.name for field in fields(Execution))
-_KEYS = (
-    *(field.name for field in fields(Experiment)),
-    *_EXECUTION,
-    *("execution", "out", "planner_command", "robot", "sweep"),
-)
+_KEYS = (*(field.name for field in fields(Experiment)), *_EXECUTION)
+_KEYS += ("execution", "out", "planner_command", "robot", "sweep")
 _NAMED_COMMAND = re.compile(r"([A-Za-z0-9][A-Za-z0-9_.-]*)=(.*)", re.DOTALL)
 
 

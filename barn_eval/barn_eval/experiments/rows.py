@@ -38,7 +38,7 @@ class ResultRows:
 
     def append(self, result: TrialResult) -> None:
         """Add a row and see it onto the disk; StoreError, with the rows as they were, if that fails."""
-        append_line(self.path, sealed(to_json_line(result)))
+        _append_line(self.path, to_json_line(result))
 
     def replace(self, results: Sequence[TrialResult]) -> None:
         """Keep these rows and no others; StoreError, with the rows as they were, if that fails."""
@@ -47,7 +47,7 @@ class ResultRows:
     def read(self) -> list[TrialResult]:
         """Return the rows without a last line that a kill cut off; the file is left as it is."""
         rows: dict[str, TrialResult] = {}
-        for where, line in whole_lines(self.path):
+        for where, line in _whole_lines(self.path):
             row = from_json_line(line, where)
             if row.trial_id in rows:
                 raise ConfigError(f"{where}: trial {row.trial_id} is there already")
@@ -63,27 +63,26 @@ class TrackRows:
 
     def append(self, line: str) -> None:
         """Add the line of a track and see it onto the disk; StoreError, with the lines as they were, if that fails."""
-        append_line(self.path, sealed(line))
+        _append_line(self.path, line)
 
     def read(self) -> dict[str, str]:
         """Return the lines by the name of their trial, without one that a kill cut off; empty without a file."""
-        return {_trial_of(line, where): line for where, line in whole_lines(self.path)}
+        return {_trial_of(line, where): line for where, line in _whole_lines(self.path)}
 
     def arrange(self, order: Sequence[str]) -> None:
         """Bring the lines into an order of trials, one of each, so that the file no longer tells who ended when."""
-        before = [line for _, line in read_lines(self.path)]
         tracks = self.read()
         after = [sealed(tracks[trial_id]) for trial_id in order if trial_id in tracks]
-        if after != before:
+        if after != [line for _, line in read_lines(self.path)]:
             write_whole(self.path, "".join(f"{line}\n" for line in after).encode())
 
 
-def append_line(path: Path, line: str) -> None:
-    """Add a line to a file and see it onto the disk; StoreError, with the file's whole lines as they were, if not."""
+def _append_line(path: Path, line: str) -> None:
+    """Add a sealed line to a file and see it onto the disk; StoreError, with whole lines as they were, if not."""
     with reported_as(StoreError, f"{path}: cannot be written"), path.open("a+b", buffering=0) as file:
         whole = _drop_torn_line(file)
         try:
-            data = memoryview(f"{line}\n".encode())
+            data = memoryview(f"{sealed(line)}\n".encode())
             while data:
                 data = data[file.write(data) :]
             os.fsync(file.fileno())
@@ -92,10 +91,8 @@ def append_line(path: Path, line: str) -> None:
             raise
 
 
-def whole_lines(path: Path) -> Iterator[tuple[str, str]]:
-    """Yield the place of each line of a file and the line without its checksum; ConfigError for one that is damaged."""
-    for where, line in read_lines(path):
-        yield where, unsealed(line, where)
+def _whole_lines(path: Path) -> Iterator[tuple[str, str]]:
+    return ((where, unsealed(line, where)) for where, line in read_lines(path))
 
 
 def sealed(line: str) -> str:

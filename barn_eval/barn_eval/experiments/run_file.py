@@ -200,11 +200,7 @@ class RunFile:
     def write(self) -> None:
         """Write run.json whole; StoreError if it cannot be written."""
         kept = self.experiment["dataset"] == str((self.path.parent / WORLDS).absolute())
-        content = {
-            "schema_version": SCHEMA_VERSION,
-            "experiment": {**self.experiment, "dataset": WORLDS} if kept else self.experiment,
-            "worlds": self.worlds,
-            "robot": self.robot,
-            "sessions": self.sessions,
-        }
+        experiment = {**self.experiment, "dataset": WORLDS} if kept else self.experiment
+        content = {"schema_version": SCHEMA_VERSION, "experiment": experiment, "worlds": self.worlds}
+        content |= {"robot": self.robot, "sessions": self.sessions}
         write_whole(self.path, (json.dumps(content, indent=1) + "\n").encode())

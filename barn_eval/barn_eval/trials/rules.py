@@ -18,18 +18,15 @@ RUNNING, SUCCESS, COLLISION, TIMEOUT, NO_FIRST_MOTION, CLOCK_BACK, ODOMETRY_LOST
 # is at fault; first_ns, last_ns: of those taken; clock_ns: at which the clock started; from_x, from_y: where the motion
 # that starts it is counted from; x, y: the true position; left_m: to the goal. next_look_ns, touched: when a protocol
 # that does not look at each reading looks next, and whether there has been a contact by then.
-_FIELDS = [
-    *[(name, np.float64) for name in ("clock_start_m", "goal_m", "goal_x", "goal_y")],
-    *[(name, np.int64) for name in ("first_motion_ns", "limit_ns", "look_ns")],
-    *[(name, np.bool_) for name in ("contact_ends", "clock_by_truth", "goal_by_truth")],
-    *[
-        (name, np.int64)
-        for name in ("code", "stamp_ns", "first_ns", "last_ns", "clock_ns", "contact_ns", "next_look_ns")
-    ],
-    *[(name, np.float64) for name in ("from_x", "from_y", "x", "y", "left_m")],
-    *[(name, np.bool_) for name in ("begun", "clock_started", "touched")],
-]
-STATE = np.dtype((np.record, _FIELDS))
+_FIELDS = {
+    "clock_start_m goal_m goal_x goal_y": np.float64,
+    "first_motion_ns limit_ns look_ns": np.int64,
+    "contact_ends clock_by_truth goal_by_truth": np.bool_,
+    "code stamp_ns first_ns last_ns clock_ns contact_ns next_look_ns": np.int64,
+    "from_x from_y x y left_m": np.float64,
+    "begun clock_started touched": np.bool_,
+}
+STATE = np.dtype((np.record, [(name, kind) for names, kind in _FIELDS.items() for name in names.split()]))
 States = npt.NDArray[np.void]
 
 
