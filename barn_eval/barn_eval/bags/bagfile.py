@@ -5,7 +5,7 @@ import sqlite3
 import struct
 import zlib
 from collections.abc import Collection, Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from io import SEEK_CUR, BytesIO
 from pathlib import Path
@@ -75,20 +75,16 @@ class BagFile:
 
     def _find(self, path: Path) -> list[Path]:
         if not path.exists():
-            partial = path.with_name(path.name + ".partial")
+            partial = path.with_name(path.name + PARTIAL)
             hint = f"; an unfinished one is there: {partial}" if partial.exists() else ""
             raise BagError(f"{path}: no such bag{hint}")
-        if path.is_file():
-            if path.suffix == ".db3":
-                raise BagError(f"{path}: give the folder of the bag, which has its metadata.yaml")
-            return [path]
-        files = sorted(path.glob("*.mcap"), key=_part)
-        if files:
-            return files
-        self._sqlite = any(path.glob("*.db3"))
-        if not self._sqlite:
+        if path.is_file() and path.suffix == ".db3":
+            raise BagError(f"{path}: give the folder of the bag, which has its metadata.yaml")
+        files = [path] if path.is_file() else sorted(path.glob("*.mcap"), key=_part)
+        self._sqlite = not files and any(path.glob("*.db3"))
+        if not files and not self._sqlite:
             raise BagError(f"{path}: holds no bag (no .mcap or .db3 file)")
-        return [path]
+        return files or [path]
 
     def _all(self) -> Iterator[RawMessage]:
         for path in self._files:
@@ -239,15 +235,11 @@ class TrialFollower:
 
     def _newest(self) -> Path | None:
         """Return the file that was written to last, of trials that are being recorded and were not followed yet."""
-        found = [path for path in self._bags.glob(f"*{PARTIAL}/*.mcap") if path not in self._done]
-        return max(found, key=_written_ns, default=None)
-
-
-def _written_ns(path: Path) -> int:
-    try:
-        return path.stat().st_mtime_ns
-    except OSError:  # it has just got its own name
-        return 0
+        written_ns: dict[Path, int] = {}
+        for path in set(self._bags.glob(f"*{PARTIAL}/*.mcap")) - self._done:
+            with suppress(OSError):  # it has just got its own name
+                written_ns[path] = path.stat().st_mtime_ns
+        return max(written_ns, key=written_ns.__getitem__, default=None)
 
 
 def unpacked(chunk: Chunk) -> Chunk:
@@ -255,13 +247,12 @@ def unpacked(chunk: Chunk) -> Chunk:
     size = chunk.uncompressed_size
     if size > min(LARGEST_RECORD, max(SMALL_CHUNK, LARGEST_RATIO * len(chunk.data))):
         raise ValueError(f"a chunk of {size} bytes in {len(chunk.data)}")
+    data = chunk.data
     if chunk.compression == "zstd":
         with ZstdDecompressor().stream_reader(chunk.data) as stream:
             data = stream.read(size + 1)
     elif chunk.compression == "lz4":
         data = LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
-    else:
-        data = chunk.data
     if len(data) != size:
         raise ValueError(f"a chunk that is not of the {size} bytes that it states")
     return replace(chunk, compression="", data=data)

@@ -39,13 +39,13 @@ class PlannerClient:
         self._remotes: dict[str, RemoteNode] = {}
         self._name = resolve_node_name(node, config.planner_node) if config.planner_node else ""
         self._remote = self._known(self._name)
-        self._looked_at = False  # whether the named node has been
+        self._looked_at = not self._name  # whether the named node has been
         self._managed = [self._known(resolve_node_name(node, name)) for name in config.lifecycle_nodes]
         by_action = config.goal_by == "action"
         self.goal = ActionGoal(session, config) if by_action else TopicGoal(session, view, config)
         self._maps = publisher(node, topics.MAP) if config.publish_map else None
         inputs = [name for name in config.required_inputs if name != "goal_pose" or not by_action]
-        domain = node.context.get_domain_id()
+        where = f"on ROS domain {node.context.get_domain_id()}, discovery range {reach()}"
         self._needs = Needs(
             node.resolve_topic_name(topics.CMD_VEL.name),
             config.command_type,
@@ -53,7 +53,7 @@ class PlannerClient:
             offered=self.goal.offered,
             action=self.goal.action,
             known_nodes={resolve_node_name(node, config.simulator_node)},
-            surroundings=f"on ROS domain {domain}, discovery range {reach()}: compare the planner's environment",
+            surroundings=f"{where}: compare the planner's environment",
         )
 
     def await_node(self, limit_s: float) -> None:
@@ -64,7 +64,7 @@ class PlannerClient:
             return "" if there else f"the node {self._name} (planner_node) is not there"
 
         self._wait_for(missing, limit_s)
-        if self._name and not self._looked_at:  # services are seen after their node
+        if not self._looked_at:  # services are seen after their node
             self._looked_at = True
             self._session.wait(lambda: self._remote.offers("get_state"), self._patience.settle_s, PLANNER)
 

@@ -55,13 +55,11 @@ class TickSequencer:
 
     def tick(self, stamp_ns: int, sent_ns: int) -> bool:
         """Take a message of /clock and tell whether it begins a tick: one that repeats the time does not."""
-        if self._open and stamp_ns == self._open[-1].stamp_ns:
+        if stamp_ns == self.latest_ns:
             return False
         self._open.append(Tick(stamp_ns, sent_ns))
-        if len(self._open) == 1:
-            for message in self._early:
-                self.add(message)
-            self._early.clear()
+        while self._early:
+            self.add(self._early.pop(0))
         return True
 
     def hear(self, stamp_ns: int) -> None:

@@ -53,8 +53,7 @@ class Session:
         self._executor = SingleThreadedExecutor(context=node.context)
         self._executor.add_node(node)
         self._ends: dict[str, dict[str, str]] = {}
-        self.now_s = 0.0
-        self._spun_s = time.monotonic()
+        self.now_s, self._spun_s = 0.0, time.monotonic()
 
     def begin_trial(self) -> None:
         """Forget what ended before: from here on, the end of a process is the end of the trial."""
@@ -69,19 +68,14 @@ class Session:
         if not self.node.context.ok():
             raise Abandoned
         self.poll()
-        self._listen()
-        before_s, self._spun_s = self._spun_s, time.monotonic()
-        self.now_s += min(_TURN_S, self._spun_s - before_s)
-
-    def _listen(self) -> None:
-        if self.supervisor is None:
-            return
-        for end in self.supervisor.receive():  # nothing else is sent
+        for end in self.supervisor.receive() if self.supervisor is not None else ():  # nothing else is sent
             self._ends[end["name"]] = end
             self._on_exit(end["name"])
             self.tell("start", name=end["name"])
-        if self.supervisor.closed:
+        if self.supervisor is not None and self.supervisor.closed:
             raise Abandoned
+        before_s, self._spun_s = self._spun_s, time.monotonic()
+        self.now_s += min(_TURN_S, self._spun_s - before_s)
 
     def check(self, *names: str) -> None:
         """Raise TrialEnded if one of the supervised processes has ended since the trial began."""
@@ -172,20 +166,19 @@ class RemoteNode:
 
     def trigger(self, service: str, limit_s: float, again_s: float = _AGAIN_S) -> str:
         """Call a Trigger and return its message; again_s: not less than the limit for what changes something."""
-        return _granted(self.call(service, Trigger, Trigger.Request(), limit_s, again_s))
+        return self._granted(self.call(service, Trigger, Trigger.Request(), limit_s, again_s))
 
     def switch(self, service: str, on: bool, limit_s: float) -> str:
         """Call a SetBool and return its message."""
-        return _granted(self.call(service, SetBool, SetBool.Request(data=on), limit_s))
+        return self._granted(self.call(service, SetBool, SetBool.Request(data=on), limit_s))
 
     def set_parameters(self, values: Mapping[str, Any], limit_s: float) -> None:
         """Set parameters, all of them or none."""
-        request = SetParametersAtomically.Request(
-            parameters=[Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
-        )
-        answer = self.call(SET_PARAMETERS, SetParametersAtomically, request, limit_s)
-        if not answer.result.successful:
-            raise ServiceRefused(f"{self.name}: {answer.result.reason or 'parameters refused'}")
+        given = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+        request = SetParametersAtomically.Request(parameters=given)
+        result = self.call(SET_PARAMETERS, SetParametersAtomically, request, limit_s).result
+        if not result.successful:
+            raise ServiceRefused(f"{self.name}: {result.reason or 'parameters refused'}")
 
     def get_parameter(self, name: str, limit_s: float) -> object:
         """Return the value of a parameter, None if the node does not have it."""
@@ -216,8 +209,8 @@ class RemoteNode:
             client.remove_pending_request(future)
         raise ServiceTimeout(f"no answer from {self.name}/{service} within {limit_s:g} s")
 
-
-def _granted(answer: Any) -> str:
-    if not answer.success:
-        raise ServiceRefused(answer.message)
-    return str(answer.message)
+    @staticmethod
+    def _granted(answer: Any) -> str:
+        if not answer.success:
+            raise ServiceRefused(answer.message)
+        return str(answer.message)

@@ -53,13 +53,10 @@ class RosWork(Work):
         first = job.trials[0]
         (planner,) = (one for one in self.experiment.planners if one.name == first.planner)
         warm_up(first, with_planner=planner.registered)
-        environment = dict(os.environ)
-        if self.workers > 1:
-            environment.pop("ROS_DOMAIN_ID", None)
+        environment = {key: text for key, text in os.environ.items() if key != "ROS_DOMAIN_ID" or self.workers == 1}
         alone = self.workers == len(self.experiment.planners) == 1
         logs = self.store.folder / LOGS / ("" if alone else job.key)
-        trials = run_ros_trials(self.experiment, job.trials, self.store, logs, emit, environment)
-        with closing(trials) as records:
+        with closing(run_ros_trials(self.experiment, job.trials, self.store, logs, emit, environment)) as records:
             for record in records:
                 emit(record)
 
@@ -75,11 +72,10 @@ def isolation_text(setup: RosSetup) -> str:
     """Return that nothing keeps planners from the suite's processes, and why; empty if something does."""
     if setup.isolate and isolated():
         return ""
-    why = isolation() if setup.isolate else "isolate=false"
-    return (
-        f"planners are not kept apart from the suite's processes ({why}): a trial in which one of those ends counts as"
-        " their failure"
+    apart = (
+        f"planners are not kept apart from the suite's processes ({isolation() if setup.isolate else 'isolate=false'})"
     )
+    return f"{apart}: a trial in which one of those ends counts as their failure"
 
 
 def run_request(
@@ -89,8 +85,9 @@ def run_request(
 
     live: its planners that are Python objects, by name.
     """
-    if request.experiment.mode == "ros" and (problem := ros_problem()):
-        raise ConfigError(f"mode ros: {problem}; install the ROS 2 wheels for this Python or use that of ROS")
-    if request.experiment.mode == "ros" and (text := isolation_text(request.experiment.ros)):
-        console.print(text, markup=False, highlight=False, soft_wrap=True)
+    if request.experiment.mode == "ros":
+        if problem := ros_problem():
+            raise ConfigError(f"mode ros: {problem}; install the ROS 2 wheels for this Python or use that of ROS")
+        if text := isolation_text(request.experiment.ros):
+            console.print(text, markup=False, highlight=False, soft_wrap=True)
     return run_experiment(request, console, partial(work_of, live=live or {}), overwrite=overwrite)
