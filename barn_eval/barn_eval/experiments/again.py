@@ -165,7 +165,7 @@ def judged(row: TrialResult, spec: TrialSpec, driven: Driven) -> tuple[TrialResu
     for stamp, odometry, truth, velocity, contact, command in zip(*(one.tolist() for one in columns), strict=True):
         moved = Velocity2D(*velocity)
         trial.read(Odometry(stamp, Pose2D(*odometry), moved), Odometry(stamp, Pose2D(*truth), moved), contact)
-        if not math.isnan(command[0]) and not trial.over:
+        if not math.isnan(command[0]) and trial.verdict is None:
             trial.command(Velocity2D(*command))
     if trial.verdict is None and row.outcome in JUDGED:
         raise BarnError(f"outcome is {row.outcome.value} in the row, but its readings do not end the trial")
