@@ -40,11 +40,16 @@ def rewrite_bag(path, data_of, result):
     shutil.rmtree(path.with_name("old"))
 
 
+def replace_text(path, old, new):
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
 def without_bags(folder):
     """Make of a folder one that never kept bags."""
     shutil.rmtree(folder / "bags")
-    run = folder / "run.json"
-    run.write_text(run.read_text().replace('"bags": "all"', '"bags": "none"'))
+    replace_text(folder / "run.json", '"bags": "all"', '"bags": "none"')
 
 
 def won(row, time_s=10.0):

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from forgery import forge, rewrite_bag, without_bags, won
+from forgery import forge, replace_text, rewrite_bag, without_bags, won
 from planners import Straight
 
 import barn_eval as barn
@@ -55,12 +55,6 @@ def change_row(folder, number, seal=True, name="results.jsonl", **changes):
     text = json.dumps(content, separators=(",", ":"))
     lines[number] = sealed(text) if seal else f'{text[:-1]},"crc32":"{crc32}"}}'
     (folder / name).write_text("".join(f"{line}\n" for line in lines))
-
-
-def replace_text(path, old, new):
-    text = path.read_text()
-    assert old in text
-    path.write_text(text.replace(old, new))
 
 
 def test_a_good_folder_has_nothing_wrong_with_it(driven, check):
@@ -195,7 +189,7 @@ def test_what_was_forged_is_found_though_checksums_tables_and_bag_were_forged_wi
         without_bags(folder)
         told = barn.results.check(folder)
         assert (told.problems, told.driven) == ([], 0)
-        assert told.unchecked[0].startswith("1 trials are not driven again: their commands are not kept")
+        assert told.unchecked[0].startswith("1 trials: not driven again, as their commands are not")
     forge(folder, **changes(barn.load(folder).trials[0]))
     problems = barn.results.check(folder).problems
     assert any(words in one for one in problems), problems

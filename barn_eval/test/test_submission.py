@@ -3,15 +3,18 @@
 import hashlib
 import json
 import shutil
+import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
 import pytest
-from forgery import forge, won
+from forgery import forge, replace_text, won
 
 import barn_eval as barn
 from barn_eval.experiments.submission import submit
 
+ROOT = Path(__file__).resolve().parents[2]
 DIGEST = "sha256:" + "ab" * 32
 
 
@@ -80,7 +83,7 @@ def shorter(folder):
         (lambda folder: forge(folder, scores__challenge=7.0), "scores.challenge is 7.0 in the row"),
         (lambda folder: forge(folder, scores__traversal_time_s=-5.0), "scores.traversal_time_s is -5"),
         (lambda folder: forge(folder, **won(barn.load(folder).trials[0], 18.0)), "traversal_time_s is 18.0 in the row"),
-        (lambda folder: (folder / "commands.jsonl").write_text(""), "1 trials are not driven again: their commands"),
+        (lambda folder: (folder / "commands.jsonl").write_text(""), "1 trials: not driven again, as their commands"),
         (shorter, "damaged or edited: its crc32 is"),
     ],
 )
@@ -129,3 +132,28 @@ def test_what_does_not_hold_or_is_not_finished_is_not_submitted(run, rejected, t
     (folder / "results.jsonl").write_text("")
     assert "has 0 of 1 trials" in rejected("submit", folder)
     assert "container 'me'" in rejected("submit", run, "--container", "me")
+
+
+def test_the_board_of_the_template_has_what_holds_and_names_what_does_not(submitted, rewritten, tmp_path):
+    board = Path(shutil.copytree(ROOT / "examples" / "leaderboard", tmp_path / "board"))
+    rules = json.loads((board / "board.json").read_text())
+    (board / "board.json").write_text(json.dumps(rules | {"worlds": "0", "seed": 5}))
+    for name in ("honest", "other"):
+        shutil.copy(submitted, board / "submissions" / f"{name}.barn.zip")
+    changes = {
+        "score": lambda folder: forge(folder, scores__challenge=7.0),
+        "time": lambda folder: forge(folder, scores__traversal_time_s=-5.0),
+        "clearance": lambda folder: forge(folder, measures__min_clearance_m=0.5),
+        "commands": lambda folder: (folder / "commands.jsonl").write_text(""),
+        "seed": lambda folder: replace_text(folder / "run.json", '"seed": 5', '"seed": 6'),
+    }
+    for name, change in changes.items():
+        (tmp_path / name).mkdir()
+        path = rewritten(lambda files, name=name, change=change: forged(change)(files, tmp_path / name))
+        path.rename(board / "submissions" / f"x_{name}.barn.zip")
+    done = subprocess.run([sys.executable, board / "build.py"], check=False, capture_output=True, text=True)
+    said = dict(line.split(".barn.zip: ", 1) for line in done.stdout.splitlines())
+    assert done.returncode == 1
+    assert [name for name, told in said.items() if told == "holds"] == ["honest", "other"]
+    assert said.keys() == {"honest", "other", *(f"x_{name}" for name in changes)}
+    assert "gap" in (board / "site" / "index.html").read_text()

@@ -6,7 +6,7 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -47,7 +47,7 @@ class Driven(NamedTuple):
     exact: bool = True
 
 
-class Recorded(NamedTuple):
+class KeptTrial(NamedTuple):
     """What a folder has of a trial.
 
     bag: its folder, None without one. commands: a line of a submission. drive: whether they are to be driven again.
@@ -62,9 +62,11 @@ class Recorded(NamedTuple):
 
 
 class CheckedTrial(NamedTuple):
-    """What there is to say of a trial: what is wrong; why its commands were not driven again; what was looked at."""
+    """What there is to say of a trial, and of its bag: what is wrong, what could not be checked, and what was done."""
 
-    problems: tuple[str, ...]
+    trial_id: str
+    problems: tuple[str, ...] = ()
+    of_bag: tuple[str, ...] = ()
     unchecked: str = ""
     bag: bool = False
     driven: bool = False
@@ -75,9 +77,10 @@ class CheckWork(Work):
 
     loads = False
 
-    def run(self, job: Any, emit: Emit) -> list[CheckedTrial]:  # noqa: ARG002 (one report per job)
-        """Return what there is to say of each of the recorded trials of a job."""
-        return [checked(one) for one in job]
+    def run(self, job: Sequence[KeptTrial], emit: Emit) -> None:
+        """Tell what there is to say of each of the trials of a job, by its name."""
+        for one in job:
+            emit((one.row.trial_id, checked(one)))
 
 
 @dataclass
@@ -93,7 +96,8 @@ def read_bag(bag: BagFile) -> tuple[Driven, int]:
     """Return what a bag has of a trial, and how many messages: the true pose follows the odometry of its instant."""
     instants: list[_Instant] = []
     odometry, count = None, 0
-    for count, message in enumerate(bag.messages(), 1):  # noqa: B007 (how many there were)
+    for message in bag.messages():
+        count += 1
         if message.topic == ODOM.path:
             odometry = decode.odometry(message.data)
         elif message.topic == GROUND_TRUTH.path and odometry is not None:
@@ -178,7 +182,7 @@ def judged(row: TrialResult, spec: TrialSpec, driven: Driven) -> tuple[TrialResu
     return computed(row, spec, verdict, trajectory), trajectory
 
 
-def checked(recorded: Recorded) -> CheckedTrial:
+def checked(recorded: KeptTrial) -> CheckedTrial:
     """Return what there is to say of a trial."""
     row, spec, bag = recorded.row, recorded.spec, None
     if not row.planner_config:  # a planner that was started by hand
@@ -195,12 +199,13 @@ def checked(recorded: Recorded) -> CheckedTrial:
         bag = BagFile(recorded.bag)
         driven, count = read_bag(bag)
         if bag.problem or (not count and row.measures.driven_m > 0.0):
-            return CheckedTrial((*problems, f"{bag.path}: {bag.problem or 'the bag is empty'}"), bag=True)
+            return CheckedTrial(row.trial_id, tuple(problems), (bag.problem or "the bag is empty",), bag=True)
         written = metadata(bag, "barn.result", "result")
         if written and (other := first_difference(row.repeatable(), written)) is not None:
             problems.append(f"{other[0]} is {other[1]!r} in the row, {other[2]!r} in the bag")
     unchecked = _undrivable(row, driven, recorded.commands)
     again = recorded.drive and not unchecked
+    unchecked = unchecked or ("" if row.planner_config else "parameters and speed cap are not known of their planner")
     try:
         simulated = driven_again(spec, driven.trajectory.command if driven else _commands(recorded)) if again else None
         if driven is not None and simulated is not None:
@@ -209,21 +214,21 @@ def checked(recorded: Recorded) -> CheckedTrial:
             problems += _misjudged(row, spec, readings, recorded.track)
     except BarnError as error:
         problems.append(str(error))
-    return CheckedTrial(tuple(problems), unchecked, bag is not None, again)
+    return CheckedTrial(row.trial_id, tuple(dict.fromkeys(problems)), (), unchecked, bag is not None, again)
 
 
 def _undrivable(row: TrialResult, driven: Driven | None, commands: str) -> str:
     """Return why the commands of a trial cannot be driven again, empty if they can."""
     if not row.counts:
-        return "they are not scored"
+        return "not driven again, as they are not scored"
     if driven is None and not commands:
-        return "their commands are not kept, only tracks tell of them (--bags all keeps them)"
+        return "not driven again, as their commands are not kept (--bags all keeps them); only tracks tell of them"
     if row.compute == REAL_TIME or (row.mode == "ros" and driven is not None and not driven.exact):
-        return "when their commands took effect is not recorded: no lockstep, or late or several commands to a scan"
+        return "not driven again, as commands outside lockstep, late, or several to a scan took effect at times unknown"
     return ""
 
 
-def _commands(recorded: Recorded) -> Floats:
+def _commands(recorded: KeptTrial) -> Floats:
     return unpack(parse_json(recorded.commands, recorded.row.trial_id), _MOST_BYTES)["commands"].reshape(-1, 2)
 
 

@@ -12,8 +12,8 @@ import pyarrow as pa
 import pyarrow.parquet
 
 from barn_eval.bags import BAGS
-from barn_eval.experiments.again import COMMANDS_NAME, CheckedTrial, CheckWork, Recorded
-from barn_eval.experiments.engine import Done, InlineEngine, Note, Part, Refused
+from barn_eval.experiments.again import COMMANDS_NAME, CheckedTrial, CheckWork, KeptTrial
+from barn_eval.experiments.engine import InlineEngine, Note, Part, Refused
 from barn_eval.experiments.experiment import Execution, Experiment
 from barn_eval.experiments.folder import require_of
 from barn_eval.experiments.local import LocalEngine
@@ -30,7 +30,7 @@ from barn_worlds.base.text_files import parse_json, read_lines
 
 T = TypeVar("T")
 _LARGEST_TABLE_BYTES = 1 << 28
-_SHARE = 8  # trials that a worker checks at a time
+_SHARE, _LIMIT_S = 8, 300.0  # trials that a worker checks at a time, and the longest that one may take
 
 
 @dataclass
@@ -79,14 +79,14 @@ def check_folder(folder: Path, *, sample: int | None = None, workers: int = 0) -
             found.problems.append(f"{bag}: is missing, bags of {experiment.bags} trials are kept")
         line = (commands or {}).get(trial_id, "")
         there = bag if bag.is_dir() else None
-        trials.append(Recorded(row, specs[trial_id], tracks.get(trial_id), there, line, trial_id in drawn))
+        trials.append(KeptTrial(row, specs[trial_id], tracks.get(trial_id), there, line, trial_id in drawn))
     unchecked = Counter[str]()
-    for one, told in _checked(trials, workers) if trials else ():
+    for told in _checked(trials, workers):
         found.bags, found.driven = found.bags + told.bag, found.driven + told.driven
-        where = f"{folder}: {one.row.trial_id}: "  # of a bag, the problem names the path
-        found.problems += [line if line.startswith(str(one.bag)) else where + line for line in told.problems]
+        found.problems += [f"{folder}: {told.trial_id}: {problem}" for problem in told.problems]
+        found.problems += [f"{folder / BAGS / told.trial_id}: {problem}" for problem in told.of_bag]
         unchecked[told.unchecked] += 1
-    found.unchecked += [f"{count} trials are not driven again: {why}" for why, count in unchecked.items() if why]
+    found.unchecked += [f"{count} trials: {why}" for why, count in unchecked.items() if why]
     if len(rows) == len(specs):
         found.problems += [f"{path}: {trial_id} has a track and no row" for trial_id in tracks.keys() - rows.keys()]
         if commands is None or (folder / f"{RESULTS}.parquet").exists():
@@ -152,31 +152,30 @@ def _named(line: str, where: str) -> tuple[str, str]:
     return str(content.get("trial_id") if isinstance(content, dict) else ""), line
 
 
-def _checked(trials: Sequence[Recorded], workers: int) -> Iterator[tuple[Recorded, CheckedTrial]]:
+def _checked(trials: Sequence[KeptTrial], workers: int) -> Iterator[CheckedTrial]:
     """Yield what there is to say of trials, looked at by so many processes, 0 for one per processor."""
-    jobs = {str(first): trials[first : first + _SHARE] for first in range(0, len(trials), _SHARE)}
-    few, processes = len(jobs) == 1, Execution(workers=workers).processes
+    waiting = deque(trials[first : first + _SHARE] for first in range(0, len(trials), _SHARE))
+    out: dict[str, Sequence[KeptTrial]] = {}
+    processes = min(Execution(workers=workers).processes, len(waiting))
     with closing(
-        InlineEngine(CheckWork()) if few else LocalEngine(CheckWork(), min(processes, len(jobs)), 0.0)
+        LocalEngine(CheckWork(), processes, _LIMIT_S) if processes > 1 else InlineEngine(CheckWork())
     ) as engine:
-        waiting, out = deque(jobs), set[str]()
         while waiting or out:
             while waiting and len(out) < engine.slots:
-                out.add(key := waiting.popleft())
-                engine.submit(key, jobs[key])
+                job = waiting.popleft()
+                engine.submit(job[0].row.trial_id, job)
+                out[job[0].row.trial_id] = job
             for report in engine.wait(1.0):
-                if isinstance(report, (Note, Part)):
-                    continue
-                out.discard(report.key)
-                job = jobs[report.key]
-                if isinstance(report, Done):
-                    yield from zip(job, report.result, strict=True)
-                elif len(job) > 1:  # one of them
-                    jobs |= {f"{report.key}.{k}": [one] for k, one in enumerate(job)}
-                    waiting.extend(f"{report.key}.{k}" for k in range(len(job)))
-                else:
-                    why = report.message if isinstance(report, Refused) else report.reason
-                    yield job[0], CheckedTrial((f"cannot be checked: {why}",))
+                if isinstance(report, Part):
+                    trial_id, told = report.result
+                    out[report.key] = [one for one in out[report.key] if one.row.trial_id != trial_id]
+                    yield told
+                elif not isinstance(report, Note):
+                    left = out.pop(report.key)
+                    if left:  # the first of them was not to be checked
+                        why = report.message if isinstance(report, Refused) else getattr(report, "reason", "")
+                        yield CheckedTrial(left[0].row.trial_id, (f"cannot be checked: {why}",))
+                        waiting.extend([left[1:]] if left[1:] else [])
 
 
 def _tables(folder: Path, rows: list[TrialResult]) -> Iterator[str]:

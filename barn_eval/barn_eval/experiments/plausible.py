@@ -36,7 +36,8 @@ def difference(row: TrialResult, again: TrialResult, but: tuple[str, ...] = ()) 
         if now == stated or (near and math.isclose(now, stated, rel_tol=ROUNDING, abs_tol=ROUNDING)):
             continue
         if not key.startswith((*but, "measures.off_plan_m")):  # which follows from what a planner says
-            return f"{key} is {stated!r} in the row, {now!r} computed again"
+            was, is_now = (getattr(one, "value", one) for one in (stated, now))
+            return f"{key} is {was!r} in the row, {is_now!r} computed again"
     return ""
 
 

@@ -113,7 +113,7 @@ def verify(path: Path, folder: Path) -> tuple[FolderCheck, dict[str, Any]]:
         write_tables(folder, sorted(rows, key=lambda row: (row.world, row.repetition, place[row.planner])))
     else:
         found.problems.append(f"{path}: has {found.rows} of {found.trials} trials")
-    found.problems += found.unchecked
+    found.problems = [line.replace(str(folder), str(path)) for line in (*found.problems, *found.unchecked)]
     last: Mapping[str, Any] = run.sessions[-1] if run.sessions else {}
     about = {
         "task": run.written_task(),
