@@ -11,7 +11,7 @@ from rich.console import Console
 
 from barn_eval.analysis.leaderboard import sweep_board, sweep_rows
 from barn_eval.experiments.live import LivePlanner, Planners, split_planners
-from barn_eval.experiments.request import Request, read_request
+from barn_eval.experiments.request import read_request
 from barn_eval.experiments.run import Plan, plan_experiment
 from barn_eval.experiments.sweep import Sweep, grid
 from barn_eval.results import Results
@@ -62,16 +62,11 @@ def run(
 
         def my_planner(observation, task):               # or of the observation alone
             return 0.5, 0.0                              # m/s forward, rad/s to the left
-
         results = barn.run(worlds="0:300:60", planners=["gap", my_planner], protocol="challenge", workers=2)
-
-    Equal seeds give equal trials, however many workers there are. The same call with the same `out` resumes what was
-    interrupted; finished trials are kept in any case.
 
     Args:
         worlds: Which of the data set: a number, several, or a text such as "0-49", "0:300:60", "1,4,7-9", "all"
-            (default). Or worlds themselves: a `World`, several, numbered from 0, or a mapping of numbers to them; they
-            are kept in the folder of the results.
+            (default). Or a `World`, several, numbered from 0, or a mapping of numbers to them, kept with the results.
         planners: One or several, each a name ("dwa", or "eband:challenge" with a preset), a `PlannerChoice`, a planner
             class (made anew for each trial), an object of one (which drives them all), or a function that returns
             (m/s, rad/s), a `Velocity2D`, or None for no command; or a mapping of names to these. Default: "dwa".
@@ -81,7 +76,7 @@ def run(
         robot: A name ("jackal" is the default), a YAML file or a `Robot`.
         course: Start x, y, yaw and goal x, y of every world [m, rad], in place of its own or the protocol's.
         repetitions: Trials per world and planner, 1 to 99. Default: 1.
-        seed: Seed that all others come from. Default: 0.
+        seed: Seed that all others come from; equal seeds give equal trials. Default: 0.
         settings: Parameters by planner, as {"dwa": {"dwa.max_speed_mps": 0.4}}.
         compute: What trials charge for computing: what planners declare ("declared", the default) or what is measured.
         simulator: Parameters of the simulator by dotted name.
@@ -96,7 +91,7 @@ def run(
         trial_limit_s: Wall-clock time after which a trial is given up [s], 0 for never. Default: 600.
         attempts: Attempts at a trial whose worker dies or exceeds that time. Default: 3.
         losses: Trials lost one after the other before it stops. Default: 20.
-        out: Folder of the results. Default: a new one under out/.
+        out: Folder of the results; with the same one, what was interrupted is resumed. Default: a new one under out/.
         overwrite: Replace other results there.
         progress: Show how far it is, on standard error.
 
@@ -106,9 +101,17 @@ def run(
     Raises:
         BarnError: Something is not possible as it was asked for; one line says what.
     """
-    request, live = _asked(dict(locals()))
+    options, live = _options(dict(locals()))
+    request = read_request(*options)
     run_request(request, Console(stderr=True, quiet=not progress), live, overwrite=overwrite)
     return Results(request.out, live)
+
+
+def _given(*args: object, **kwargs: object) -> dict[str, Any]:
+    """Return the arguments of a call of `run`, with its defaults."""
+    given = inspect.signature(run).bind(*args, **kwargs)
+    given.apply_defaults()
+    return given.arguments
 
 
 def _plan_of(call: Callable[P, Results]) -> Callable[P, Plan]:
@@ -116,10 +119,8 @@ def _plan_of(call: Callable[P, Results]) -> Callable[P, Plan]:
 
     @wraps(call)
     def plan(*args: P.args, **kwargs: P.kwargs) -> Plan:
-        given = inspect.signature(call).bind(*args, **kwargs)
-        given.apply_defaults()
-        request, _ = _asked(given.arguments)
-        return plan_experiment(request, overwrite=bool(given.arguments["overwrite"]))
+        given = _given(*args, **kwargs)
+        return plan_experiment(read_request(*_options(given)[0]), overwrite=given["overwrite"])
 
     plan.__doc__ = """Return what `run` would do with the same arguments, and about how long it would take.
 
@@ -139,14 +140,12 @@ def _sweep_of(call: Callable[P, Results]) -> Callable[Concatenate[Sweep, P], pd.
 
     @wraps(call)
     def sweep(parameters: Sweep, /, *args: P.args, **kwargs: P.kwargs) -> pd.DataFrame:
-        given = inspect.signature(call).bind(*args, **kwargs)
-        given.apply_defaults()
-        (path, options, settings, worlds), live = _options(given.arguments)
-        made = grid(parameters, path, options, settings, worlds)
+        given = _given(*args, **kwargs)
+        options, live = _options(given)
+        made, console = grid(parameters, *options), Console(stderr=True, quiet=not given["progress"])
         for setting in made:
             setting.write_files()
-            console = Console(stderr=True, quiet=not given.arguments["progress"])
-            run_request(setting.request, console, live, overwrite=bool(given.arguments["overwrite"]))
+            run_request(setting.request, console, live, overwrite=given["overwrite"])
         return pd.DataFrame(sweep_rows(sweep_board(made[0].request.out.parent)))
 
     sweep.__doc__ = """Run every combination of values of a planner's parameters, and return them, best first.
@@ -174,12 +173,6 @@ def _sweep_of(call: Callable[P, Results]) -> Callable[Concatenate[Sweep, P], pd.
 
 
 sweep = _sweep_of(run)
-
-
-def _asked(arguments: Mapping[str, Any]) -> tuple[Request, dict[str, LivePlanner]]:
-    """Return what arguments of `run` ask for, and the planners among them that are Python objects."""
-    options, live = _options(arguments)
-    return read_request(*options), live
 
 
 _Options = tuple[Path | None, Mapping[str, Any], Mapping[str, Any] | None, Mapping[int, World] | None]

@@ -1,10 +1,15 @@
-"""The `barn` command: subcommands that are imported when they are called, and errors of one line."""
+"""The `barn` command: subcommands that are imported when they are called, and errors of one line.
 
+data/commands.json says of each what it does, with an example and where to read on.
+"""
+
+import json
 import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import cast
 
 import click
@@ -13,51 +18,9 @@ from click.shell_completion import CompletionItem
 from barn_eval import __version__
 from barn_worlds.base.errors import BarnError, suggest
 
-COMMANDS = {
-    "demo": "Drive three worlds under DWA over ROS 2 and show the scores.",
-    "run": "Run trials of planners in worlds, resumed where they stopped, and score them.",
-    "check": "Compute the results of an experiment again and say what does not hold.",
-    "submit": "Write finished results as one file that anybody can verify.",
-    "verify": "Check a file of submitted results: compute and drive them again.",
-    "compare": "Compare planners on the same worlds and seeds.",
-    "precision": "Say how many worlds a wanted precision needs.",
-    "leaderboard": "Rank the planners of many experiments, ties as ties.",
-    "report": "Write experiments up as one HTML page.",
-    "replay": "Draw trials from their bags: page, picture, GIF or film.",
-    "watch": "Serve a page that shows how an experiment stands, as it runs.",
-    "show": "Draw worlds, or trials over one.",
-    "worlds": "Generate, sample, move, convert and list worlds.",
-    "metrics": "Compute the five difficulty metrics of worlds.",
-    "difficulty": "Train, judge and use a model of how difficult worlds are.",
-    "robots": "List robots, or show, draw and check one.",
-    "reproduce": "Reproduce the paper's results beside its numbers.",
-    "validate": "Check intervals and tests by simulation.",
-    "bench": "Measure the speed of the suite on this machine.",
-    "info": "Show what is installed, and what is off and why.",
-}
-
-MORE = {  # an example of each, and where to read on
-    "demo": ("barn demo", "README.md"),
-    "run": ("barn run --worlds 0:300:60 --planners dwa,gap --out out/first", "docs/campaigns.md"),
-    "check": ("barn check out/first", "docs/campaigns.md"),
-    "submit": ("barn submit out/first --out mine.barn.zip", "docs/campaigns.md"),
-    "verify": ("barn verify mine.barn.zip", "docs/campaigns.md"),
-    "compare": ("barn compare out/dwa out/eband", "docs/statistics.md"),
-    "precision": ("barn precision out/dwa --half-width 0.02", "docs/statistics.md"),
-    "leaderboard": ("barn leaderboard out/dwa out/eband --out board.html", "docs/reports.md"),
-    "report": ("barn report out/first", "docs/reports.md"),
-    "replay": ("barn replay out/demo/bags/dwa_w0120_r00 --out replay.html", "docs/reports.md"),
-    "watch": ("barn watch out/first", "docs/campaigns.md"),
-    "show": ("barn show 0 --out world.png", "docs/reports.md"),
-    "worlds": ("barn worlds list barn300", "barn_worlds/README.md"),
-    "metrics": ("barn metrics barn300 --worlds 0:300:60", "docs/metrics.md"),
-    "difficulty": ("barn difficulty predict barn300 --worlds 0:300:60", "docs/metrics.md"),
-    "robots": ("barn robots jackal", "docs/robots.md"),
-    "reproduce": ("barn reproduce --quick", "docs/results.md"),
-    "validate": ("barn validate", "docs/statistics.md"),
-    "bench": ("barn bench", "docs/results.md"),
-    "info": ("barn info", "docs/troubleshooting.md"),
-}
+_TOLD = json.loads((Path(__file__).parents[1] / "data" / "commands.json").read_text("utf-8"))
+COMMANDS: dict[str, str] = {name: about for name, (about, _, _) in _TOLD.items()}
+MORE: dict[str, tuple[str, str]] = {name: (example, page) for name, (_, example, page) in _TOLD.items()}
 
 
 def _print_version(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
@@ -69,9 +32,9 @@ def _print_version(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
 
 
 class LazyGroup(click.Group):
-    """The verbs above, each the attribute `command` of a module of its name, and those of other packages.
+    """The verbs, each the attribute `command` of a module of its name, and those of other packages.
 
-    None is imported before it is called: listing and completing them need only what is said above.
+    None is imported before it is called: listing and completing them need only what the file says.
     """
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
