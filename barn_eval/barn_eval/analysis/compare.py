@@ -11,15 +11,7 @@ import numpy as np
 from barn_eval.analysis.measures import COMPARED, MEASURES, Measure, metric_of, with_motion
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import holm
-from barn_eval.analysis.sources import (
-    Source,
-    assumed_text,
-    by_planner,
-    late_text,
-    partial_text,
-    read_source,
-    require_same_task,
-)
+from barn_eval.analysis.sources import Source, by_planner, notes_on, read_source, require_same_task
 from barn_eval.analysis.statistics import Columns, Paired, paired, rank_correlation
 from barn_eval.experiments.folder import read_results
 from barn_eval.trials.result import TrialResult
@@ -172,11 +164,8 @@ def compare_folders(
         name_a, name_b = (f"{spelling(one)} ({place})" for place in places) if one == other else (one, other)
         found.append(compare(first[one], second[other], name_a, name_b, keys))
         progress(done / len(pairs))
-    notes = [partial_text(source) for source, _ in chosen]
-    for source, groups in chosen:
-        together = [*chain.from_iterable(groups.values())]
-        notes += [late_text(source.path, together), assumed_text(source.path, together)]
-    told = tuple(filter(None, dict.fromkeys(notes)))
+    notes = (notes_on(source, [*chain.from_iterable(groups.values())]) for source, groups in chosen)
+    told = tuple(dict.fromkeys(chain.from_iterable(notes)))
     return [replace(one, notes=told, robot=source_a.robot) for one in holm_adjusted(found)]
 
 

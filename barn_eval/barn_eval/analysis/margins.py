@@ -57,7 +57,7 @@ class MarginTest:
     def text(self) -> str:
         """What it says, in a sentence."""
         measure = MEASURES[self.measure]
-        unit = " percentage points" if measure.percent else f" {measure.unit}".rstrip()
+        unit = " percentage points" if measure.percent else measure.after
         limit = f"{measure.number(self.margin)}{unit}"
         words = {
             "not worse": f"{self.b} is not worse than {self.a} by more than {limit}",

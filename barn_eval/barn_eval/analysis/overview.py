@@ -77,7 +77,9 @@ def analyse(
     *found, in_bands = run([*jobs, partial(bands, entries, order)])
     summaries = tuple(found[len(pairs) :])
     comparisons = holm_adjusted([one for one in found if isinstance(one, Comparison)])
-    told = _verdict(entries)
+    told = None
+    with suppress(BarnError):
+        told = results_verdict({entry.label: entry.results for entry in entries})
     return Overview(
         summaries,
         order,
@@ -88,14 +90,6 @@ def analyse(
         where(entries, in_bands) if told else {},
         why(comparisons),
     )
-
-
-def _verdict(entries: Sequence[Entry]) -> Conclusion | None:
-    """Return what planners say by the metric of their protocol; None where `refusals` says why they do not."""
-    try:
-        return results_verdict({entry.label: entry.results for entry in entries})
-    except BarnError:
-        return None
 
 
 def where(entries: Sequence[Entry], bands: Sequence[Band]) -> dict[str, str]:
@@ -121,16 +115,15 @@ def why(comparisons: Sequence[Comparison]) -> list[str]:
     """Return a sentence on each pair of planners: in which measures they differ clearly, and in which not."""
     texts = []
     for one in comparisons:
-        keys = dict.fromkeys((one.metric, *_IN))
-        rows = [row for row in one.rows if row.key in keys]
-        clear = [row for row in rows if row.p_holm <= ALPHA]
-        unclear = [row.measure for row in rows if row not in clear]
-        parts = []
-        for row in clear:
+        clear, unclear = [], []
+        for row in (row for row in one.rows if row.key in (one.metric, *_IN)):
             measure, pair = MEASURES[row.key], row.paired
-            unit = " %" if measure.percent else f" {measure.unit}".rstrip()
-            parts.append(f"{row.measure} ({measure.number(pair.mean_a)} against {measure.number(pair.mean_b)}{unit})")
-        told = [f"differ clearly in {joined(parts)}"] if clear else []
+            if row.p_holm <= ALPHA:
+                means = f"{measure.number(pair.mean_a)} against {measure.number(pair.mean_b)}{measure.after}"
+                clear.append(f"{row.measure} ({means})")
+            else:
+                unclear.append(row.measure)
+        told = [f"differ clearly in {joined(clear)}"] if clear else []
         if unclear:
             told.append(("not" if clear else "do not differ clearly") + f" in {joined(unclear, 'or')}")
         texts.append(f"{one.a} and {one.b} {', '.join(told)}.")

@@ -104,13 +104,14 @@ def read_source(path: Path, rows: Sequence[TrialResult] | None = None) -> Source
     )
 
 
-def partial_text(source: Source) -> str:
-    """Return that so many of the trials that are planned are in a folder, an empty text if all are."""
+def notes_on(source: Source, results: Sequence[TrialResult]) -> list[str]:
+    """Return what to know of a folder and results of it: unfinished, late commands, planners that are too slow."""
     trials, planned = len(source.results), source.planned
-    return f"{source.path} is partial: {trials} of {planned} trials" if planned and planned > trials else ""
+    partial = f"{source.path} is partial: {trials} of {planned} trials" if planned and planned > trials else ""
+    return [*filter(None, (partial, _late_text(source.path, results), assumed_text(source.path, results)))]
 
 
-def late_text(path: Path, results: Sequence[TrialResult]) -> str:
+def _late_text(path: Path, results: Sequence[TrialResult]) -> str:
     """Return how many trials in a folder are marked, for late commands or a second attempt; empty if none is."""
     late = sum(result.wall_clock.late for result in results)
     text = (

@@ -1,6 +1,5 @@
 """What results say together: rates and means of each planner with their uncertainty, and each pair of planners."""
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -74,9 +73,8 @@ class CampaignSummary:
 
     def as_json(self) -> dict[str, Any]:
         """Return the summary as plain data."""
-        comparisons = [as_dict(one) for one in self.comparisons]
         planners = [one.as_json() for one in self.planners]
-        return {"planners": planners, "comparisons": comparisons, "verdict": self.verdict}
+        return {"planners": planners, "comparisons": list(map(as_dict, self.comparisons)), "verdict": self.verdict}
 
 
 def summarise(results: Sequence[TrialResult], keys: Sequence[str] = SCORED) -> Summary:
@@ -123,14 +121,14 @@ def bars(entries: Sequence[Entry]) -> Bars:
     groups = in_common([entry.results for entry in entries])
     summaries = [summarise(group, (metric.key,)) for group in groups]
     shown = [metric.shown(one[metric.key]) for one in summaries]
-    limits = [(one.estimate, _or(one.low, one.estimate), _or(one.high, one.estimate)) for one in shown]
-    longest = max((value for row in limits for value in row if math.isfinite(value)), default=0.0) or 1.0
-    most = 100.0 if metric.percent else metric.maximum or longest
+    limits = np.array([(one.estimate, one.low, one.high) for one in shown], np.float64)
+    limits = np.maximum(np.nan_to_num(np.where(np.isnan(limits), limits[:, :1], limits)), 0.0)
+    most = 100.0 if metric.percent else metric.maximum or float(limits.max()) or 1.0
     rows = []
     for place in sorted_by(metric, summaries):
-        bar, low, high = (100.0 * max(value, 0.0) / most if math.isfinite(value) else 0.0 for value in limits[place])
         entry, text = entries[place], metric.text(summaries[place][metric.key])
-        rows.append({"label": entry.label, "colour": entry.colour, "text": text, "bar": bar, "low": low, "high": high})
+        lengths = zip(("bar", "low", "high"), (100.0 * limits[place] / most).tolist(), strict=True)
+        rows.append({"label": entry.label, "colour": entry.colour, "text": text, **dict(lengths)})
     return Bars(rows, f"{most:.3g}", len({one.world for one in groups[0]}))
 
 
@@ -146,7 +144,3 @@ def sorted_by(measure: Measure, summaries: Sequence[Summary]) -> list[int]:
     sign = -1.0 if measure.better == "larger" else 1.0
     values = [one[measure.key].estimate for one in summaries]
     return sorted(range(len(values)), key=lambda at: (values[at] != values[at], sign * values[at], at))
-
-
-def _or(value: float | None, other: float) -> float:
-    return other if value is None else value

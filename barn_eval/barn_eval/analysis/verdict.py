@@ -13,7 +13,7 @@ from barn_eval.analysis.compare import Comparison, check_pairs, columns, worlds_
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import ALPHA, FLIPS, POWER, Difference, holm, p_text, worlds_for_difference
-from barn_eval.analysis.sources import Source, assumed_text, late_text, partial_text
+from barn_eval.analysis.sources import Source, notes_on
 from barn_eval.analysis.statistics import Columns, difference, matched_trials
 from barn_eval.analysis.text_table import counted, joined
 from barn_eval.trials.result import TrialResult
@@ -169,35 +169,20 @@ def results_verdict(results: Mapping[str, Sequence[TrialResult]]) -> Conclusion:
 
 def pair_verdict(found: Comparison) -> Conclusion:
     """Return what a comparison of two planners says by the metric of its protocol."""
-    measure = MEASURES[found.metric]
-    row = found.row(measure.key)
-    one = row.paired
-    names, means, interval = [spelling(found.a), spelling(found.b)], [one.mean_a, one.mean_b], one.difference
-    turned = (one.mean_a < one.mean_b) == row.larger_is_better
-    if turned:
-        names, means, interval = names[::-1], means[::-1], interval.mirrored()
-    found_by = Difference(interval, one.p, one.worlds, one.trials, one.parts)
-    failures = one.failures[::-1] if turned else one.failures
-    ranking = Ranking(
-        tuple(names),
-        tuple(means),
-        one.worlds,
-        one.trials,
-        {(0, 1): found_by},
-        {(0, 1): row.p_holm},
-        found.pairs,
-        failures,
-        found.available,
-    )
-    return verdict(ranking, measure)
+    row = found.row(found.metric)
+    one, interval = row.paired, row.paired.difference
+    sides = [*zip((spelling(found.a), spelling(found.b)), (one.mean_a, one.mean_b), one.failures, strict=True)]
+    if (one.mean_a < one.mean_b) == row.larger_is_better:
+        sides, interval = sides[::-1], interval.mirrored()
+    names, means, failures = zip(*sides, strict=True)
+    by, p = {(0, 1): Difference(interval, one.p, one.worlds, one.trials, one.parts)}, {(0, 1): row.p_holm}
+    ranking = Ranking(names, means, one.worlds, one.trials, by, p, found.pairs, failures, found.available)
+    return verdict(ranking, MEASURES[found.metric])
 
 
 def cautions(worlds: int, sources: Iterable[Source] = ()) -> tuple[str, ...]:
     """Return what to be careful about: so few worlds, folders that are not finished, and late commands."""
-    notes = [few_worlds(worlds)]
-    for one in sources:
-        notes += [partial_text(one), late_text(one.path, one.results), assumed_text(one.path, one.results)]
-    return tuple(filter(None, notes))
+    return tuple(filter(None, (few_worlds(worlds), *(note for one in sources for note in notes_on(one, one.results)))))
 
 
 def few_worlds(worlds: int) -> str:
@@ -236,11 +221,11 @@ def _wanted(found: Difference, ranking: Ranking) -> str:
 def _difference(measure: Measure, interval: Interval, other: str, mean: float) -> str:
     """Return the size of a difference with its interval, and in percent of the other's mean where that makes sense."""
     size = interval if interval.estimate >= 0.0 else interval.mirrored()
-    text = measure.text(size) + (" percentage points" if measure.percent else f" {measure.unit}".rstrip())
+    text = measure.text(size) + (" percentage points" if measure.percent else measure.after)
     if measure.percent or mean == 0.0:
         return text
     return f"{text} or {number(100.0 * size.estimate / abs(mean), 1)} % of {other}'s"
 
 
 def _value(measure: Measure, value: float) -> str:
-    return measure.number(value) + (" %" if measure.percent else f" {measure.unit}".rstrip())
+    return measure.number(value) + measure.after

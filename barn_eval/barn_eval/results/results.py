@@ -1,6 +1,5 @@
 """The results of one experiment."""
 
-import html
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import cached_property, partial
@@ -9,6 +8,7 @@ from tempfile import TemporaryDirectory
 from typing import overload
 
 import pandas as pd
+from markupsafe import Markup
 from matplotlib.axes import Axes
 from rich.console import Console
 
@@ -32,6 +32,7 @@ from barn_eval.pages.figures import Page, Plot
 from barn_eval.pages.replay.files import by_ending
 from barn_eval.pages.report.charts import CHARTS
 from barn_eval.pages.report.page import figure_of, plot
+from barn_eval.pages.template import render
 from barn_eval.results.folders import Folder, compare, overlay, replay, report
 from barn_eval.results.frames import frame, frame_of
 from barn_eval.results.trial import Trial
@@ -333,13 +334,6 @@ class Results:
         """Return what a notebook shows: a table of planners and a figure."""
         groups = by_planner(self.trials)
         summaries = [summarise(one) for one in groups.values()]
-        found = headline_table([spelling(name) for name in groups], summaries, metric_of(self.trials))
-        head, *rows = (
-            f"<tr>{''.join(f'<{tag}>{html.escape(cell)}</{tag}>' for cell in row)}</tr>"
-            for tag, row in [("th", found.columns), *(("td", row) for row in found.rows)]
-        )
-        return (
-            f"<p>{html.escape(repr(self))}</p><p>{html.escape(self.verdict())}</p>"
-            f"<table><caption>{html.escape(found.title)}</caption>"
-            f"<thead>{head}</thead><tbody>{''.join(rows)}</tbody></table>{self.plot().picture()}"
-        )
+        table = headline_table([spelling(name) for name in groups], summaries, metric_of(self.trials))
+        picture = Markup(self.plot().picture())  # noqa: S704  # nosec B704
+        return render("notebook.html", about=repr(self), verdict=self.verdict(), table=table, picture=picture)

@@ -157,11 +157,7 @@ _COVERED, _AT_LEAST, _ALARMS, _FOUND = (0.93, 0.97), (0.93, 1.0), (0.0, 0.06), (
 _COVERS, _FAILING = "the 95 % interval of a {} covers the truth", "{0} worlds x {1}, {2:g} % failures"
 _PLAN = f"{{0}} worlds, {LOOKS} looks, {{1:g}} % failures"
 _BETTER = f"{100.0 * _DIFFERENCE:g} %"
-
-
-def _sizes(*percents: float) -> list[tuple[float, ...]]:
-    return [(*size, percent) for size, percent in product(_SIZES, percents)]
-
+_PLANS, _WORLDS = [(100, 2.0), (300, 2.0), (300, 5.0)], [(20,), (50,), (300,)]
 
 GROUPS = {
     "share": Group(
@@ -176,7 +172,7 @@ GROUPS = {
         _AT_LEAST,
         _FAILING,
         lambda w, t, p, g: _holds(_planner(w, t, p, g).mean(), (1.0 - p / 100.0) * _SCORE),
-        _sizes(0.5, 3.0, 10.0),
+        [(*size, percent) for size, percent in product(_SIZES, (0.5, 3.0, 10.0))],
     ),
     "skewed": Group(
         _COVERS.format("mean of exponential values"),
@@ -204,21 +200,21 @@ GROUPS = {
         _ALARMS,
         _FAILING,
         lambda w, t, p, g: _clear(_two(w, t, (0.0, p), 1.0, g)),
-        _sizes(2.0, 5.0),
+        [(*size, percent) for size, percent in product(_SIZES, (2.0, 5.0))],
     ),
     "test": Group(
         "two equal planners differ by the test of signs alone",
         (0.04, 0.06),
         f"{{0}} worlds x {_REPETITIONS}",
         _test_differs,
-        [(20,), (50,), (300,)],
+        _WORLDS,
     ),
     "equal": Group(
         "two equal planners differ clearly",
         _ALARMS,
         f"{{0}} worlds x {_REPETITIONS}",
         lambda w, g: _clear(equal_planners(2, w, g)),
-        [(20,), (50,), (300,)],
+        _WORLDS,
     ),
     "board": Group(
         f"a board of {BOARD_PLANNERS} equal planners has a clear difference",
@@ -239,14 +235,14 @@ GROUPS = {
         (0.0, 0.05),
         _PLAN,
         lambda w, p, g: _decided(_two(w, 1, (p, p), 1.0, g), w)[0],
-        [(100, 2.0), (300, 2.0), (300, 5.0)],
+        _PLANS,
     ),
     "unlike builds": Group(
         "a plan with looks tells unlike builds of equal mean apart",
         _ALARMS,
         _PLAN,
         lambda w, p, g: _decided(_two(w, 1, (0.0, p), 1.0, g), w)[0],
-        [(100, 2.0), (300, 2.0), (300, 5.0)],
+        _PLANS,
     ),
     "builds": Group(
         f"a plan with looks finds a difference of {_BETTER}",
@@ -260,6 +256,6 @@ GROUPS = {
         (0.0, 0.7),
         _PLAN,
         lambda w, p, g: _decided(_two(w, 1, (p, p), 1.0 + _DIFFERENCE, g), w)[1],
-        [(100, 2.0), (300, 2.0), (300, 5.0)],
+        _PLANS,
     ),
 }

@@ -39,6 +39,8 @@ _RECENT = 60  # trials, from whose times the rate is taken
 _IDLE_S = 10.0  # after which a connection that says nothing is closed
 _KEPT_REPLAYS = 4
 _POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; connect-src 'self'"
+_HEADERS = {"Content-Security-Policy": _POLICY, "X-Content-Type-Options": "nosniff"}
+_HEADERS |= {"Referrer-Policy": "no-referrer", "Cache-Control": "no-store"}
 _HTML, _TEXT = "text/html; charset=utf-8", "text/plain; charset=utf-8"
 
 
@@ -223,27 +225,15 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Answer with a page, or with a line that says why not."""
-        self._send(*self._answer())
-
-    def _answer(self) -> tuple[HTTPStatus, str, str]:
-        if not self.server.allowed(self.headers.get("Host", "")):
-            return HTTPStatus.FORBIDDEN, "not the name of this machine", _TEXT
-        try:
-            return self.server.page(urlsplit(self.path).path)
-        except (BarnError, OSError, ValueError) as error:
-            return HTTPStatus.NOT_FOUND, str(error), _TEXT
-
-    def _send(self, status: HTTPStatus, content: str, kind: str) -> None:
+        status, content, kind = HTTPStatus.FORBIDDEN, "not the name of this machine", _TEXT
+        if self.server.allowed(self.headers.get("Host", "")):
+            try:
+                status, content, kind = self.server.page(urlsplit(self.path).path)
+            except (BarnError, OSError, ValueError) as error:
+                status, content = HTTPStatus.NOT_FOUND, str(error)
         data = content.encode()
         self.send_response(status)
-        for name, value in (
-            ("Content-Type", kind),
-            ("Content-Length", str(len(data))),
-            ("Content-Security-Policy", _POLICY),
-            ("X-Content-Type-Options", "nosniff"),
-            ("Referrer-Policy", "no-referrer"),
-            ("Cache-Control", "no-store"),
-        ):
+        for name, value in {"Content-Type": kind, "Content-Length": str(len(data)), **_HEADERS}.items():
             self.send_header(name, value)
         self.end_headers()
         self.wfile.write(data)

@@ -14,16 +14,6 @@ from barn_metrics.bootstrap import number
 _SCORES = ("traversal_time_s", "normalised_time_s_per_m", "challenge", "challenge_2022", "optimal_time_s")
 _MEASURES = ("driven_m", "min_clearance_m", "contact_s")
 _SEEDS = ("campaign_seed", "simulator_seed", "planner_seed", "repetition")
-# What the page says of the time shown, by the ids of its places.
-_READOUTS = (
-    ("pose", "robot"),
-    ("driven", "driven"),
-    ("commanded", "commanded"),
-    ("clearance", "clearance"),
-    ("progress", "along the path"),
-    ("contact", "contact"),
-    ("score", "challenge metric so far"),
-)
 
 
 def replay_page(*found: Recorded) -> str:
@@ -41,10 +31,7 @@ def replay_page(*found: Recorded) -> str:
         "replay.html",
         title=" and ".join(dict.fromkeys(recorded.name for recorded in found)),
         trials=trials,
-        readouts=_READOUTS,
-        facts=[
-            (name, [row.get(name, "") for row in rows]) for name in dict.fromkeys(key for row in rows for key in row)
-        ],
+        facts=[(name, [row.get(name, "") for row in rows]) for name in {key: None for row in rows for key in row}],
         frames=list(frames),
         along_path=all(one["along_path"] for one in drawn),
         moving=any(recorded.moving is not None for recorded in found),
