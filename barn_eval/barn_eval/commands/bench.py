@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from barn_eval import suite
-from barn_eval.commands.options import FILE, console, json_option, notes, print_json, say, settings_option
+from barn_eval.commands.options import FILE, json_option, notes, say, settings_option, tell
 from barn_eval.commands.tables import table
 from barn_eval.experiments.run_file import provenance
 from barn_eval.studies.bench import changes, read_figures
@@ -34,11 +34,9 @@ def command(planners: str, settings: dict[str, Any], against: Path | None, as_js
     for change in compared:
         if change.slower:
             say(f"slower: {change.name}, {change.ratio:.2f} ± {change.noise:.2f} times as good as before")
-    if as_json:
-        changed = [{**asdict(one), "slower": one.slower} for one in compared]
-        print_json({"schema_version": 1, "figures": list(map(asdict, figures)), "changes": changed, **about})
-        return
+    changed = [{**asdict(one), "slower": one.slower} for one in compared]
+    content = {"schema_version": 1, "figures": list(map(asdict, figures)), "changes": changed, **about}
     ratios = {one.name: (f"{one.ratio:.2f} ± {one.noise:.2f}", "slower" if one.slower else "") for one in compared}
     rows = [(one.name, f"{one.value:.3g}", one.unit, *ratios.get(one.name, ("", ""))) for one in figures]
     title = f"{about['machine']['processor']}, {about['machine']['cores']} cores"
-    console.print(table(("figure", ">value", "unit", ">times as good", ""), rows, title=title))
+    tell(as_json, content, table(("figure", ">value", "unit", ">times as good", ""), rows, title=title))

@@ -9,7 +9,7 @@ from barn_eval.analysis.margins import Margin, decide_margin
 from barn_eval.analysis.measures import COMPARED, measures_named
 from barn_eval.analysis.tables import comparison_table, paper_table
 from barn_eval.analysis.verdict import pair_verdict
-from barn_eval.commands.options import FILE, PATH, console, json_option, keys_of, print_json, progress, say
+from barn_eval.commands.options import FILE, PATH, json_option, keys_of, progress, say, tell
 from barn_eval.commands.tables import rich_table
 from barn_eval.pages.template import write_page
 from barn_eval.trials.identity import task_line
@@ -47,18 +47,12 @@ def command(a: Path, b: Path | None, columns: str, latex: Path | None, margins: 
     if latex is not None:
         write_page(latex, paper_table(groups_of(a, b), keys))
         say(latex)
-    if as_json:
-        print_json(
-            [
-                as_dict(one) | {"verdict": str(pair_verdict(one)), "decisions": [as_dict(each) for each in own]}
-                for one, own in zip(found, decided, strict=True)
-            ]
-        )
-    else:
-        console.print(task_line(found[0].protocol, found[0].task, found[0].robot), highlight=False)
-        for one, own in zip(found, decided, strict=True):
-            for line in (*pair_verdict(one), *(each.text for each in own)):
-                console.print(line, markup=False, highlight=False)
-            console.print(rich_table(comparison_table(one)))
+    content: list[object] = []
+    shown: list[object] = [task_line(found[0].protocol, found[0].task, found[0].robot)]
+    for one, own in zip(found, decided, strict=True):
+        said = pair_verdict(one)
+        content.append(as_dict(one) | {"verdict": str(said), "decisions": list(map(as_dict, own))})
+        shown += [*said, *(each.text for each in own), rich_table(comparison_table(one))]
+    tell(as_json, content, *shown)
     kinds = {each.decision for own in decided for each in own}
     return 4 if "worse" in kinds else 5 if "not shown" in kinds else 0

@@ -8,8 +8,8 @@ import click
 import pandas as pd
 
 from barn_eval import difficulty
-from barn_eval.commands.options import FILE, PATH, console, json_option, print_json, say, settings_option, worlds_option
-from barn_eval.commands.tables import FittedTable, table
+from barn_eval.commands.options import FILE, PATH, json_option, say, settings_option, tell, worlds_option
+from barn_eval.commands.tables import table
 from barn_worlds.base.config import as_dict, replace_dotted
 from barn_worlds.base.files import write_bytes
 
@@ -37,17 +37,9 @@ def train(sources: tuple[Path, ...], out: Path, settings: dict[str, Any], as_jso
     """
     training = replace_dotted(difficulty.Training(), settings, "--set")
     about = difficulty.train(sources, out, **asdict(training)).about
-    if as_json:
-        print_json({"weights": str(out), **about})
-        return
-    console.print(
-        f"{about['title']}: {about['training_worlds']} worlds, {about['training_trials']} trials of "
-        f"{', '.join(about['planners'])}",
-        f"training error {about['training_mse']:.3f} (s/m)^2; for that of worlds not seen: barn difficulty evaluate",
-        sep="\n",
-        markup=False,
-        highlight=False,
-    )
+    trials = f"{about['training_worlds']} worlds, {about['training_trials']} trials of {', '.join(about['planners'])}"
+    error = f"training error {about['training_mse']:.3f} (s/m)^2; for that of worlds not seen: barn difficulty evaluate"
+    tell(as_json, {"weights": str(out), **about}, f"{about['title']}: {trials}", error)
     say(out)
 
 
@@ -64,9 +56,6 @@ def evaluate(source: Path, weights: Path | None, settings: dict[str, Any], as_js
     """
     judging = replace_dotted(difficulty.Judging(), settings, "--set")
     found = difficulty.evaluate(source, weights=weights, **asdict(judging))
-    if as_json:
-        print_json(as_dict(found))
-        return
     columns = ("model", ">training error", ">held-out error", ">R2", ">Spearman", ">better than ridge by")
     rows = []
     for one in found.scores:
@@ -74,7 +63,7 @@ def evaluate(source: Path, weights: Path | None, settings: dict[str, Any], as_js
         rows.append((one.name, f"{one.training_mse:.3f}", *("" if it is None else it.text() for it in figures)))
     caption = f"highest R2 that these trials allow, from split halves: {found.ceiling.text()}" if found.ceiling else ""
     title = f"{found.worlds} worlds, {found.trials} trials: {found.repeats} x {found.folds} folds"
-    console.print(table(columns, rows, title=title, caption=caption))
+    tell(as_json, as_dict(found), table(columns, rows, title=title, caption=caption))
 
 
 @command.command()
@@ -92,17 +81,11 @@ def predict(source: str, select: str, weights: Path | None, out: Path | None, as
     if out is not None:
         write_bytes(out, pd.DataFrame(lines).to_csv(index=False).encode())
         say(out)
-    if as_json:
-        print_json({"source": name, "about": dict(model.about), "worlds": lines})
-    else:
-        console.print(_predictions_table(lines))
-
-
-def _predictions_table(lines: list[dict[str, Any]]) -> FittedTable:
     planners = [name for name in lines[0] if name.endswith("_s_per_m") and name not in _OWN]
     columns = [f">{name.removesuffix('_s_per_m')} [s/m]" for name in planners]
     rows = []
     for line in lines:
         numbers = [f"{line[name]:.2f}" for name in (*_OWN, *planners)]
         rows.append((line["name"], *numbers, f"{100.0 * line['failure_probability']:.0f}"))
-    return table(("world", ">difficulty [s/m]", ">+-", *columns, ">failures [%]"), rows)
+    shown = table(("world", ">difficulty [s/m]", ">+-", *columns, ">failures [%]"), rows)
+    tell(as_json, {"source": name, "about": dict(model.about), "worlds": lines}, shown)

@@ -1,12 +1,13 @@
 """`barn leaderboard`: planners of many experiments, ranked."""
 
+from itertools import chain
 from pathlib import Path
 
 import click
 
 from barn_eval.analysis.leaderboard import RANKINGS, board_rows, leaderboard
 from barn_eval.analysis.verdict import verdict
-from barn_eval.commands.options import PATH, console, json_option, notes, print_json, say
+from barn_eval.commands.options import PATH, json_option, notes, say, tell
 from barn_eval.commands.tables import rich_table
 from barn_eval.pages.report.leaderboard import board_table, write_boards
 
@@ -24,14 +25,13 @@ def command(folders: tuple[Path, ...], by: str | None, out: tuple[Path, ...], wo
     """
     with notes.status("ranking"):
         boards = leaderboard(folders, by or "", worlds)
-    if as_json:
-        verdicts = [str(verdict(board.ranking, board.measure)) for board in boards]
-        print_json({"verdicts": verdicts, "places": board_rows(boards)})
-    elif not out:
-        for board in boards:
-            for line in (*filter(None, verdict(board.ranking, board.measure)), *board.notes):
-                console.print(line, markup=False, highlight=False)
-            console.print(rich_table(board_table(board)))
+    told = [verdict(board.ranking, board.measure) for board in boards]
+    if as_json or not out:
+        shown = (
+            (*filter(None, said), *one.notes, rich_table(board_table(one)))
+            for said, one in zip(told, boards, strict=True)
+        )
+        tell(as_json, {"verdicts": list(map(str, told)), "places": board_rows(boards)}, *chain.from_iterable(shown))
     for path in out:
         write_boards(boards, path)
         say(path)

@@ -93,6 +93,14 @@ def print_json(content: object) -> None:
     click.echo(json.dumps(finite(content), indent=1, allow_nan=False))
 
 
+def tell(as_json: bool, content: object, *shown: object) -> None:
+    """Print plain data as JSON, or else what is for readers: lines as they are, and tables."""
+    if as_json:
+        print_json(content)
+    else:
+        console.print(*shown, sep="\n", markup=False, highlight=False)
+
+
 @contextmanager
 def progress(text: str) -> Iterator[Callable[[float], None]]:
     """Show a bar on a terminal; yield what tells it the share that is done."""

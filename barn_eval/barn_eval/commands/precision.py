@@ -6,7 +6,7 @@ import click
 
 from barn_eval.analysis.compare import selected_results
 from barn_eval.analysis.precision import figures_table, needs_table, precision, ranking_power, ranking_table
-from barn_eval.commands.options import COUNT, PATH, console, json_option, print_json
+from barn_eval.commands.options import COUNT, PATH, json_option, tell
 from barn_eval.commands.tables import rich_table
 from barn_eval.trials.identity import task_line
 from barn_worlds.base.config import as_dict
@@ -48,18 +48,12 @@ def command(
     """
     if ranking:
         powers = [one for folder in folders for one in ranking_power(selected_results(folder)[1], measures)]
-        if as_json:
-            print_json([as_dict(one) for one in powers])
-        else:
-            console.print(rich_table(ranking_table(powers)))
+        tell(as_json, list(map(as_dict, powers)), rich_table(ranking_table(powers)))
         return
     if len(folders) > 1 or len(measures) > 1:
         raise ConfigError("only --ranking takes several folders or measures")
     _, results = selected_results(folders[0])
     found = precision(results, half_width, difference, measure="".join(measures), repetitions=repetitions)
-    if as_json:
-        print_json(as_dict(found))
-        return
     first = next(iter(results.values()))[0]
-    console.print(task_line(first.protocol, first.task), highlight=False)
-    console.print(rich_table(figures_table(found)), rich_table(needs_table(found)))
+    tables = map(rich_table, (figures_table(found), needs_table(found)))
+    tell(as_json, as_dict(found), task_line(first.protocol, first.task), *tables)

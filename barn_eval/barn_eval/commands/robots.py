@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from barn_eval.commands.options import FILE, console, json_option, print_json, say
+from barn_eval.commands.options import FILE, console, json_option, print_json, say, tell
 from barn_eval.commands.tables import table
 from barn_eval.robots import draw
 from barn_sim.checks.self_test import LARGEST_DEVIATION, self_test
@@ -30,7 +30,9 @@ def command(robot: str | None, out: Path | None, check: bool, as_json: bool) -> 
     if robot is None:
         if out is not None or check:
             raise click.UsageError("--out and --check need ROBOT")
-        _list(as_json)
+        entries = list(map(_entry, ROBOTS.values()))
+        columns = [key if key in ("robot", "drive") else f">{key}" for key in entries[0]]
+        tell(as_json, entries, table(columns, [[*map(_shown, entry.values())] for entry in entries]))
         return 0
     found = load_robot(robot)
     if out is not None:
@@ -38,23 +40,10 @@ def command(robot: str | None, out: Path | None, check: bool, as_json: bool) -> 
         say(out)
     if check:
         return _check(found, as_json)
-    if as_json:
-        print_json({"name": found.name, **as_dict(found)})
-        return 0
-    heads = ("quantity", "value", "unit", "meaning")
-    console.print(table(heads, _numbers(found), title=f"{found.name}: {found.summary}"))
-    if found.sources:
-        console.print(table(("section", "sources"), found.sources.items()))
+    shown = [table(("quantity", "value", "unit", "meaning"), _numbers(found), title=f"{found.name}: {found.summary}")]
+    shown += [table(("section", "sources"), found.sources.items())] if found.sources else []
+    tell(as_json, {"name": found.name, **as_dict(found)}, *shown)
     return 0
-
-
-def _list(as_json: bool) -> None:
-    entries = [_entry(robot) for robot in ROBOTS.values()]
-    if as_json:
-        print_json(entries)
-        return
-    columns = [key if key in ("robot", "drive") else f">{key}" for key in entries[0]]
-    console.print(table(columns, [[_shown(value) for value in entry.values()] for entry in entries]))
 
 
 def _check(found: Robot, as_json: bool) -> int:

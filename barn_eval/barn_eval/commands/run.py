@@ -23,6 +23,7 @@ from barn_eval.commands.options import (
     print_json,
     say,
     settings_option,
+    tell,
 )
 from barn_eval.commands.tables import FittedTable, rich_table, table
 from barn_eval.commands.watch import viewed
@@ -116,7 +117,7 @@ def command(
     if not dry_run:
         return carry_out(request, overwrite=overwrite, as_json=as_json, view=view)
     found = plan_experiment(request, overwrite=overwrite)
-    print_json(as_dict(found)) if as_json else console.print(_plan_table(found))
+    tell(as_json, as_dict(found), _plan_table(found))
     return 0
 
 
@@ -144,11 +145,8 @@ def _sweep(settings: Sequence[Setting], *, overwrite: bool, as_json: bool) -> in
         run_request(setting.request, notes, overwrite=overwrite)
     folder = settings[0].request.out.parent
     found = sweep_board(folder)
-    if as_json:
-        print_json({"verdict": verdict(found.ranking, found.measure), "settings": sweep_rows(found)})
-        return 0
-    console.print(verdict(found.ranking, found.measure), markup=False, highlight=False)
-    console.print(rich_table(sweep_table(found)))
+    told = verdict(found.ranking, found.measure)
+    tell(as_json, {"verdict": told, "settings": sweep_rows(found)}, str(told), rich_table(sweep_table(found)))
     say(f"folders of settings in {folder}; barn report {folder} draws them")
     return 0
 

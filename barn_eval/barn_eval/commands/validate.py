@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from barn_eval import suite
-from barn_eval.commands.options import FILE, console, json_option, notes, print_json, seed_option
+from barn_eval.commands.options import FILE, json_option, notes, seed_option, tell
 from barn_eval.commands.tables import rich_table
 from barn_eval.pages.template import write_page
 from barn_eval.studies.validation import checks_table, statistics_page
@@ -32,11 +32,9 @@ def command(simulations: int, seed: int, out: Path | None, as_json: bool) -> int
         for one in suite.validate(simulations, seed=seed):
             found.append(one)
             status.update(f"simulated: {one.what}, {one.setting}")
-    if as_json:
-        rows = [asdict(one) | {"standard_error": one.standard_error, "verdict": one.verdict} for one in found]
-        print_json({"simulations": simulations, "seed": seed, "checks": rows})
-    else:
-        console.print(rich_table(checks_table(found, seed)))
+    rows = [asdict(one) | {"standard_error": one.standard_error, "verdict": one.verdict} for one in found]
+    content = {"simulations": simulations, "seed": seed, "checks": rows}
+    tell(as_json, content, rich_table(checks_table(found, seed)))
     if out is not None:
         write_page(out, statistics_page(found, seed, out.with_name("ranking.json")))
     return int(any(one.verdict == "missed" for one in found))

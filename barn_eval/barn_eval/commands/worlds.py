@@ -11,13 +11,12 @@ from barn_eval.commands.options import (
     COUNT,
     FILE,
     PATH,
-    console,
     json_option,
-    print_json,
     progress,
     say,
     seed_option,
     settings_option,
+    tell,
     worlds_option,
 )
 from barn_eval.commands.tables import table
@@ -197,7 +196,7 @@ def show_list(source: str | None, select: str, motion: bool, as_json: bool) -> N
         entries = _datasets() if source is None else _worlds(source, select)
         columns = tuple(entries[0])
         rows = [tuple(f"{one:.2f}" if isinstance(one, float) else one for one in entry.values()) for entry in entries]
-    print_json(entries) if as_json else console.print(table(columns, rows))
+    tell(as_json, entries, table(columns, rows))
 
 
 def _datasets() -> list[dict[str, Any]]:
@@ -207,14 +206,7 @@ def _datasets() -> list[dict[str, Any]]:
 
 def _worlds(source: str, select: str) -> list[dict[str, Any]]:
     return [
-        {
-            "world": index,
-            "name": world.name,
-            "cells": f"{world.rows} x {world.cols}",
-            "filled": int(world.grid.sum()),
-            "path [m]": world.path_length_m,
-            "source": world.provenance.source,
-            "checksum": world.checksum[:16],
-        }
+        {"world": index, "name": world.name, "cells": f"{world.rows} x {world.cols}", "filled": int(world.grid.sum())}
+        | {"path [m]": world.path_length_m, "source": world.provenance.source, "checksum": world.checksum[:16]}
         for index, world in worlds.load(source, select).items()
     ]
