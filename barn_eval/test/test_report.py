@@ -28,10 +28,10 @@ from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import read_request
 from barn_eval.experiments.track import NO_NUMBER
-from barn_eval.pages.figures import Plot, style
+from barn_eval.pages.figures import Plot, figure_of, style
 from barn_eval.pages.report import page as report_module
 from barn_eval.pages.report.charts import CHARTS
-from barn_eval.pages.report.page import build_report, draw, figure_of, plot, report_page, write_assets
+from barn_eval.pages.report.page import build_report, draw, plot, report_page, write_assets
 from barn_eval.pages.report.trials import trial_data
 from barn_eval.pages.template import colour_sheet, script_json
 from barn_eval.results import report as write_folders

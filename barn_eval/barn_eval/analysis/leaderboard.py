@@ -67,8 +67,11 @@ def leaderboard(paths: Sequence[Path], ranking: str = "", worlds: str = "all") -
     if ranking and ranking not in RANKINGS:
         raise ConfigError(f"unknown ranking {ranking!r}{suggest(ranking, RANKINGS)}")
     groups: dict[tuple[str, float, str], list[Entry]] = {}
-    for entry in _in_worlds(read_entries(paths), worlds):
-        groups.setdefault(_kind(entry), []).append(entry)
+    every = read_entries(paths)
+    chosen = set(select_worlds(worlds, (one.world for entry in every for one in entry.results)))
+    for entry in every:
+        if own := tuple(one for one in entry.results if one.world in chosen):
+            groups.setdefault(_kind(entry), []).append(replace(entry, results=own))
     for protocol in {kind[0] for kind in groups}:  # also where boards are apart for another reason
         for entries in _in_common([one for kind in groups if kind[0] == protocol for one in groups[kind]]):
             require_same_task([entry.source.path for entry in entries])
@@ -122,12 +125,6 @@ def configuration_hash(source: Source, planner: str) -> str:
     own = [one for one in listed if (one.get("name") if isinstance(one, Mapping) else one) == planner]
     text = json.dumps({**source.configuration, "planners": own}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:12]
-
-
-def _in_worlds(entries: Sequence[Entry], worlds: str) -> list[Entry]:
-    chosen = set(select_worlds(worlds, (one.world for entry in entries for one in entry.results)))
-    kept = [replace(entry, results=tuple(one for one in entry.results if one.world in chosen)) for entry in entries]
-    return [entry for entry in kept if entry.results]
 
 
 def _in_common(entries: Sequence[Entry]) -> list[list[Entry]]:
@@ -221,13 +218,7 @@ def sweep_table(found: Board) -> TextTable:
         figures = (measure.text(one.summary[measure.key]) for measure in measures)
         planner = (spelling(one.entry.planner),) if several else ()
         rows.append((f"{'=' * one.tied}{one.rank}", *planner, *texts, level, *figures))
-    columns = (
-        "rank",
-        *(("planner",) if several else ()),
-        *names,
-        "against the best",
-        *(measure.heading for measure in measures),
-    )
+    columns = ("rank", *(["planner"] * several), *names, "against the best", *(one.heading for one in measures))
     about = (
         f"By {found.measure.title}, with 95 % intervals; all pairs of settings tested, corrected after Holm. Level: not"
         " clearly worse than the best."

@@ -5,6 +5,7 @@ Tables, comparisons, rankings, pages and figures name measures by their key and 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any, Literal
 
 import numpy as np
@@ -103,44 +104,34 @@ class Measure:
         return f"{name}{of} [{unit}]" if unit else f"{name}{of}"
 
 
-def _per_m(value: float, result: TrialResult) -> float:
-    return value / result.scores.path_length_m
+def _nothing(_: TrialResult) -> float:
+    return 0.0
 
 
+def _failure_s_per_m(result: TrialResult) -> float:
+    return result.scores.failure_time_s / result.scores.path_length_m
+
+
+def _path_ratio(result: TrialResult) -> float:
+    return result.measures.driven_m / result.scores.path_length_m
+
+
+_FAILURE_S = attrgetter("scores.failure_time_s")
 _TIME = "scores.normalised_time_s_per_m"
 _ALL = (
-    Measure("scores.success", "success", "", 1, "larger", percent=True, as_failure=lambda _: 0.0),
+    Measure("scores.success", "success", "", 1, "larger", percent=True, as_failure=_nothing),
     Measure("scores.traversal_time_s", "time", "s", 2, "smaller", successes_only=True),
-    Measure(
-        "scores.scored_time_s", "time as counted", "s", 2, "smaller", as_failure=lambda one: one.scores.failure_time_s
-    ),
-    Measure(
-        _TIME,
-        "time per metre as counted",
-        "s/m",
-        3,
-        "smaller",
-        as_failure=lambda one: _per_m(one.scores.failure_time_s, one),
-    ),
+    Measure("scores.scored_time_s", "time as counted", "s", 2, "smaller", as_failure=_FAILURE_S),
+    Measure(_TIME, "time per metre as counted", "s/m", 3, "smaller", as_failure=_failure_s_per_m),
     Measure("scores.optimal_time_s", "optimal time", "s", 2),
-    Measure("scores.challenge", "challenge metric", "", 3, "larger", maximum=0.5, as_failure=lambda _: 0.0),
-    Measure(
-        "scores.challenge_2022", "challenge metric of 2022", "", 3, "larger", maximum=0.25, as_failure=lambda _: 0.0
-    ),
-    Measure("scores.efficiency", "efficiency", "", 1, "larger", percent=True, as_failure=lambda _: 0.0),
+    Measure("scores.challenge", "challenge metric", "", 3, "larger", maximum=0.5, as_failure=_nothing),
+    Measure("scores.challenge_2022", "challenge metric of 2022", "", 3, "larger", maximum=0.25, as_failure=_nothing),
+    Measure("scores.efficiency", "efficiency", "", 1, "larger", percent=True, as_failure=_nothing),
     Measure("scores.least_time_s", "least time possible", "s", 2),
     Measure("measures.mean_speed_mps", "mean speed", "m/s", 3),
     Measure("wall_clock.real_time_factor", "times real time", "", 1),
     Measure("measures.driven_m", "driven length", "m", 3, "smaller", successes_only=True),
-    Measure(
-        "path_ratio",
-        "driven by path length",
-        "",
-        3,
-        "smaller",
-        successes_only=True,
-        of=lambda one: _per_m(one.measures.driven_m, one),
-    ),
+    Measure("path_ratio", "driven by path length", "", 3, "smaller", successes_only=True, of=_path_ratio),
     Measure("measures.min_clearance_m", "smallest clearance", "m", 3, "larger"),
     Measure("measures.mean_clearance_m", "mean clearance", "m", 3, "larger"),
     Measure("measures.contact_s", "time in contact", "s", 3, "smaller"),

@@ -95,7 +95,11 @@ def precision(
         needs += [Need(one.of, "half_width", wanted, n, worlds_for_half_width(one.parts, wanted, n)) for n in counts]
         figures.append(one)
     if len(results) == 2:
-        pair = _pair(results, found)
+        (a, first), (b, second) = results.items()
+        check_pairs(first, second)
+        left, right = matched_trials([columns(first, found), columns(second, found)])
+        apart = Columns(left.values - right.values, left.worlds, left.repetitions)
+        pair = _figure(f"{spelling(a)} - {spelling(b)}", apart, lambda: difference(left, right).parts, found)
         wanted = difference_wanted or DEFAULT_SHARE * abs(figures[0].mean)
         needs += [Need(pair.of, "difference", wanted, n, worlds_for_difference(pair.parts, wanted, n)) for n in counts]
         figures.append(pair)
@@ -141,14 +145,6 @@ def needs_table(made: Precision) -> TextTable:
     counts = list(dict.fromkeys(one.repetitions for one in made.needs))
     rows = [(counted(count, "trial"), *(found[count] for found in by_question.values())) for count in counts]
     return TextTable("needs", f"Worlds needed, {measure.heading}", ("per world", *by_question), tuple(rows))
-
-
-def _pair(results: Mapping[str, Sequence[TrialResult]], measure: Measure) -> Figure:
-    (a, first), (b, second) = results.items()
-    check_pairs(first, second)
-    left, right = matched_trials([columns(first, measure), columns(second, measure)])
-    apart = Columns(left.values - right.values, left.worlds, left.repetitions)
-    return _figure(f"{spelling(a)} - {spelling(b)}", apart, lambda: difference(left, right).parts, measure)
 
 
 def _figure(of: str, trials: Columns, parts: Callable[[], Components], measure: Measure) -> Figure:

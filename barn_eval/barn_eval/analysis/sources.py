@@ -1,7 +1,7 @@
 """Runs and campaigns on disk, and the planners in them, each with a label and a colour of its own."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
@@ -177,15 +177,13 @@ def labelled(entries: Sequence[Entry]) -> list[Entry]:
     """
     planners = [entry.planner for entry in entries]
     same = {planner: [one for one in entries if one.planner == planner] for planner in planners}
-    choices = (
-        [spelling(one.planner) + _differing(one, same[one.planner]) for one in entries],
-        [
-            spelling(one.planner) + (f" ({one.source.path.resolve().name})" if len(same[one.planner]) > 1 else "")
-            for one in entries
-        ],
-        [f"{spelling(one.planner)} ({one.source.path})" for one in entries],
+    choices: tuple[Callable[[Entry], str], ...] = (
+        lambda one: _differing(one, same[one.planner]),
+        lambda one: f" ({one.source.path.resolve().name})" if len(same[one.planner]) > 1 else "",
+        lambda one: f" ({one.source.path})",
     )
-    labels = next((one for one in choices if len(set(one)) == len(one)), choices[-1])
+    told = [[spelling(one.planner) + more(one) for one in entries] for more in choices]
+    labels = next((one for one in told if len(set(one)) == len(one)), told[-1])
     marks = zip(entries, labels, colours(planners), strict=True)
     return [replace(entry, label=label, colour=colour) for entry, label, colour in marks]
 

@@ -75,6 +75,13 @@ def new_figure(height_in: float, width_in: float = WIDTH_IN) -> Figure:
     return figure
 
 
+def figure_of(panels: Sequence[Axes]) -> Figure:
+    """Return the figure that axes are in."""
+    figure = panels[0].get_figure(root=True)
+    assert figure is not None
+    return figure
+
+
 def marker_of(index: int) -> str:
     """Return the marker of an entry: after seven, when colours come again, they go on by one."""
     return MARKERS[(index + index // len(MARKERS)) % len(MARKERS)]

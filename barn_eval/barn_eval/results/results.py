@@ -28,10 +28,10 @@ from barn_eval.experiments.live import LivePlanner, Planners, fingerprint, split
 from barn_eval.experiments.rows import results_table, timing_table
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.experiments.store import Record, Store
-from barn_eval.pages.figures import Page, Plot
+from barn_eval.pages.figures import Page, Plot, figure_of
 from barn_eval.pages.replay.files import by_ending
 from barn_eval.pages.report.charts import CHARTS
-from barn_eval.pages.report.page import figure_of, plot
+from barn_eval.pages.report.page import plot
 from barn_eval.pages.template import render
 from barn_eval.results.folders import Folder, compare, overlay, replay, report
 from barn_eval.results.frames import frame, frame_of

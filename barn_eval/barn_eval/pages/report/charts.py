@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import cycle
 from textwrap import fill
 from typing import Any, NamedTuple
 
@@ -19,7 +20,7 @@ from barn_eval.analysis.overview import Overview
 from barn_eval.analysis.significance import ALPHA
 from barn_eval.analysis.sources import Entry
 from barn_eval.experiments.sweep import values_of
-from barn_eval.pages.figures import OUTCOME_COLOURS, WIDTH_IN, label_axes, marker_of, plain, points, small
+from barn_eval.pages.figures import OUTCOME_COLOURS, WIDTH_IN, figure_of, label_axes, marker_of, plain, points, small
 from barn_eval.pages.report.trials import DrivenTrial
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval
@@ -127,16 +128,15 @@ def _worlds(panels: Sequence[Axes], data: ChartData) -> Legend:
     handles: list[Any] = []
     window = max(1, len(rank) // _WINDOWS)
     look: dict[str, Any] = {"alpha": 0.3, "markersize": 3} if window > 1 else {"markersize": 5}
-    for index, entry in enumerate(data.entries):
+    for index, (entry, dashes) in enumerate(zip(data.entries, cycle(_DASHES), strict=False)):
         groups = by_world(entry.results)
         times = [_TIME.values(groups.get(world, [])) for world in order.worlds]
         values = np.array([part.mean() if len(part) else np.nan for part in times])
-        marker, colour = marker_of(index), entry.colour
-        axes.plot(rank, values, color=colour, marker=marker, linestyle="", markeredgewidth=0, **look)
-        dashes = _DASHES[index % len(_DASHES)]
+        own: dict[str, Any] = {"color": entry.colour, "marker": marker_of(index)}
+        axes.plot(rank, values, linestyle="", markeredgewidth=0, **own, **look)
         middle = _running(values, window)
         line: dict[str, Any] = {"linestyle": dashes, "linewidth": 1.6, "markevery": max(1, len(middle) // 12)}
-        handles += axes.plot(_running(rank, window), middle, color=colour, marker=marker, markersize=5, **line)
+        handles += axes.plot(_running(rank, window), middle, markersize=5, **own, **line)
     names = data.labels
     if np.isfinite(data.predicted_s_per_m).any():
         handles += axes.plot(rank, data.predicted_s_per_m, color=INK, linewidth=0.9, linestyle=":")
@@ -215,15 +215,14 @@ def _outcomes(panels: Sequence[Axes], data: ChartData) -> Legend:
     return Legend(patches, [names[one] for one in shown])
 
 
-def _pairs_layout(data: ChartData) -> Panels | None:
-    pairs = len(data.overview().comparisons)
-    return Panels(1.3 + 0.3 * pairs, len(_differing(data)) + 1, sharey=True) if pairs else None
-
-
 @chart(
     "Differences between planners in the same worlds with 95 % intervals, filled where clear. To the left of the dashed"
     " line the planner named on the left is better, to the right the one on the right",
-    _pairs_layout,
+    lambda data: (
+        Panels(1.3 + 0.3 * pairs, len(_differing(data)) + 1, sharey=True)
+        if (pairs := len(data.overview().comparisons))
+        else None
+    ),
 )
 def _paired(panels: Sequence[Axes], data: ChartData) -> Legend:
     comparisons = data.overview().comparisons
@@ -251,9 +250,7 @@ def _sweep(panels: Sequence[Axes], data: ChartData) -> Legend:
     (axes,), names, metric = panels, parameters_of(data.entries), data.metric
     places = [tuple(values_of(entry.source.path).values()) for entry in data.entries]
     means = [metric.shown(summary[metric.key]) for summary in data.overview().summaries]
-    levels = [
-        sorted(dict.fromkeys(one), key=lambda value: (str(type(value)), value)) for one in zip(*places, strict=True)
-    ]
+    levels = [sorted({*one}, key=lambda value: (str(type(value)), value)) for one in zip(*places, strict=True)]
     ticks = [[f"{value:g}" if isinstance(value, float) else value for value in level] for level in levels]
     if len(names) == 1:
         numeric = all(isinstance(value, float) for value in levels[0])
@@ -269,9 +266,7 @@ def _sweep(panels: Sequence[Axes], data: ChartData) -> Legend:
     for (x, y), mean in zip(places, means, strict=True):
         values[levels[1].index(y), levels[0].index(x)] = mean.estimate
     drawn = axes.imshow(values, origin="lower", aspect="auto", cmap="viridis")
-    figure = axes.get_figure(root=True)
-    assert figure is not None
-    figure.colorbar(drawn, ax=axes, label=metric.heading)
+    figure_of(panels).colorbar(drawn, ax=axes, label=metric.heading)
     middle = 0.4 * np.nanmin(values) + 0.6 * np.nanmax(values)
     for (row, column), value in np.ndenumerate(values):
         axes.text(column, row, f"{value:.3g}", ha="center", va="center", color=WHITE if value < middle else INK)
@@ -297,7 +292,7 @@ def _draw_differences(axes: Axes, rows: Sequence[PairedMeasure], found: Sequence
 def _distributions(panels: Sequence[Axes], data: ChartData) -> Legend:
     handles = {}
     for axes, key in zip(panels, _DISTRIBUTED, strict=True):
-        for entry, dashes in zip(data.entries, _DASHES * len(data.entries), strict=False):
+        for entry, dashes in zip(data.entries, cycle(_DASHES), strict=False):
             known = _known(MEASURES[key], entry)
             if len(known):
                 handles[entry.label] = axes.ecdf(known, color=entry.colour, linewidth=1.8, linestyle=dashes)
@@ -335,14 +330,13 @@ def _trade(panels: Sequence[Axes], data: ChartData) -> Legend:
     return Legend(handles, data.labels)
 
 
-def _computed(data: ChartData) -> bool:
-    """Tell whether the planners' computing time is known of any trial."""
-    return any(len(_known(MEASURES[key], entry)) for key in _COMPUTE.values() for entry in data.entries)
-
-
 @chart(
     "Planner's computing time per cycle over trials: box from quartile to quartile, whiskers 5 to 95 %",
-    lambda data: Panels(1.3 + 0.42 * len(data.entries), 3, sharex=True, sharey=True) if _computed(data) else None,
+    lambda data: (
+        Panels(1.3 + 0.42 * len(data.entries), 3, sharex=True, sharey=True)
+        if any(len(_known(MEASURES[key], entry)) for key in _COMPUTE.values() for entry in data.entries)
+        else None
+    ),
 )
 def _compute(panels: Sequence[Axes], data: ChartData) -> Legend:
     entries = data.entries
@@ -365,8 +359,7 @@ def _compute(panels: Sequence[Axes], data: ChartData) -> Legend:
 
 def _world_ticks(axes: Axes, order: Difficulty) -> None:
     """Write the number of each world below its rank, where there is room for all of them."""
-    figure = axes.get_figure(root=True)
-    if figure is None or len(order.worlds) > _NAMED_PER_IN * figure.get_figwidth():
+    if len(order.worlds) > _NAMED_PER_IN * figure_of([axes]).get_figwidth():
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         return
     axes.set_xticks(range(1, len(order.worlds) + 1), list(map(str, order.worlds)), fontsize=small())

@@ -9,7 +9,6 @@ from typing import Any
 from urllib.parse import quote
 
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from barn_eval.analysis.difficulty import PREDICTED, by_prediction, predicted
 from barn_eval.analysis.difficulty import difficulty as order_of
@@ -23,7 +22,7 @@ from barn_eval.bags.recorded import read_recorded
 from barn_eval.experiments.folder import REPLAYS
 from barn_eval.experiments.sweep import expanded
 from barn_eval.pages import DIFFICULTIES, Progress
-from barn_eval.pages.figures import ReportFigure, finished, new_figure, plain, style
+from barn_eval.pages.figures import ReportFigure, figure_of, finished, new_figure, plain, style
 from barn_eval.pages.replay.page import replay_page
 from barn_eval.pages.report.charts import CHARTS, Chart, ChartData
 from barn_eval.pages.report.maps import hardest_maps
@@ -67,13 +66,6 @@ def draw(
     elif legend.handles:
         panels[0].legend(legend.handles, texts)
     return panels
-
-
-def figure_of(panels: Sequence[Axes]) -> Figure:
-    """Return the figure that axes are in."""
-    figure = panels[0].get_figure(root=True)
-    assert figure is not None
-    return figure
 
 
 def plot(

@@ -163,8 +163,7 @@ def _planner(
 
 
 def _tenth(worlds: int) -> int:
-    """Return how many worlds are the easiest, or the most difficult, tenth of so many."""
-    return max(1, round(paper.EXTREME_SHARE * worlds))
+    return max(1, round(paper.EXTREME_SHARE * worlds))  # the easiest, or the most difficult, of so many
 
 
 def _steeper(found: Mapping[str, PlannerTrials], seed: int) -> Interval:
@@ -220,16 +219,7 @@ def metrics_finding(dataset: Dataset, seed: int) -> MetricsFinding:
     rows = []
     for metric, values in zip(METRICS, table.values.T, strict=True):
         ours, better = table.summary_of(metric), corrected.summary_of(metric)
-        rows.append(
-            MetricRow(
-                metric.name,
-                metric.title,
-                ours.get("cell_minimum", ours["minimum"]),
-                ours.get("cell_maximum", ours["maximum"]),
-                mean_interval(values, np.arange(len(values))),
-                deviation(values, seed),
-                better["mean"],
-                better["std"],
-            )
-        )
+        low, high = (ours.get(f"cell_{name}", ours[name]) for name in ("minimum", "maximum"))
+        mean, std = mean_interval(values, np.arange(len(values))), deviation(values, seed)
+        rows.append(MetricRow(metric.name, metric.title, low, high, mean, std, better["mean"], better["std"]))
     return MetricsFinding(len(table.worlds), tuple(rows))
