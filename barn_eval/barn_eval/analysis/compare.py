@@ -11,12 +11,12 @@ import numpy as np
 from barn_eval.analysis.measures import COMPARED, MEASURES, Measure, metric_of, with_motion
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import holm
-from barn_eval.analysis.sources import Source, by_planner, notes_on, read_source, require_same_task
+from barn_eval.analysis.sources import Source, by_planner, chosen_planners, notes_on, read_source, require_same_task
 from barn_eval.analysis.statistics import Columns, Paired, paired, rank_correlation
 from barn_eval.experiments.folder import read_results
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Interval
-from barn_worlds.base.errors import BarnError, ConfigError, suggest
+from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.worlds.dataset import open_dataset
 
 
@@ -179,11 +179,7 @@ def selected_results(path: Path) -> tuple[Source, dict[str, list[TrialResult]]]:
         folder, _, names = str(path).rpartition(":")
         path, chosen = Path(folder), names.split(",")
     source = read_source(path, read_results(path))
-    groups = by_planner(source.results)
-    for name in chosen:
-        if name not in groups:
-            raise ConfigError(f"{path}: has no planner {name!r}{suggest(name, groups)}")
-    return source, {name: groups[name] for name in chosen or groups}
+    return source, chosen_planners(path, by_planner(source.results), chosen)
 
 
 def groups_of(a: Path, b: Path | None = None) -> dict[str, list[TrialResult]]:

@@ -19,7 +19,7 @@ from barn_eval.trials.identity import first_difference
 from barn_eval.trials.result import DECLARED, FREE, MEASURED, MOST_MISSED, REAL_TIME, TrialResult, assumption
 from barn_sim.config import chassis_in, robot_of
 from barn_worlds.base.config import from_dict
-from barn_worlds.base.errors import BarnError, ConfigError
+from barn_worlds.base.errors import BarnError, ConfigError, suggest
 from barn_worlds.geometry.footprint import Footprint, contact_of
 from barn_worlds.robots.files import other_name
 from barn_worlds.robots.robot import Chassis
@@ -228,6 +228,16 @@ def by_planner(results: Iterable[TrialResult]) -> dict[str, list[TrialResult]]:
     for result in results:
         groups.setdefault(result.planner, []).append(result)
     return groups
+
+
+def chosen_planners(
+    path: Path, groups: Mapping[str, list[TrialResult]], names: Sequence[str]
+) -> dict[str, list[TrialResult]]:
+    """Return the results of some planners of a folder, of all without names; ConfigError for one it does not have."""
+    for name in names:
+        if name not in groups:
+            raise ConfigError(f"{path}: has no planner {name!r}{suggest(name, groups)}")
+    return {name: groups[name] for name in names or groups}
 
 
 def read_worlds(results: Iterable[tuple[TrialResult, Source]]) -> dict[str, World | str]:

@@ -158,11 +158,9 @@ def convert(
     """
     form = form or ("npz" if target.suffix == ".npz" or order else "original")
     if order is not None:
-        if form != "npz" or select != "all" or resize:
-            raise ConfigError("--order is for whole data sets, written as npz")
         scores, colon, column = order.rpartition(":")
-        if not colon:
-            raise ConfigError(f"--order {order}: must be FILE:COLUMN")
+        if form != "npz" or select != "all" or resize or not colon:
+            raise ConfigError(f"--order {order}: must be FILE:COLUMN, for whole data sets, written as npz")
         target = target.with_suffix(".npz")
         written = worlds.order(source, target, scores, column)
     else:
@@ -192,21 +190,15 @@ def show_list(source: str | None, select: str, motion: bool, as_json: bool) -> N
         entries = [{"class": name, "worlds": count, **asdict(figures)} for name, count, figures in found]
         columns = ("class", ">n", *(heading for heading, _, _ in _MOTION))
         rows = [(one["class"], one["worlds"], *(f"{one[key]:{form}}" for _, key, form in _MOTION)) for one in entries]
+        return tell(as_json, entries, table(columns, rows))
+    if source is None:
+        opened = map(open_dataset, worlds.datasets())
+        entries = [{"data set": one.name, "worlds": len(one.indices), "checksum": one.checksum[:16]} for one in opened]
     else:
-        entries = _datasets() if source is None else _worlds(source, select)
-        columns = tuple(entries[0])
-        rows = [tuple(f"{one:.2f}" if isinstance(one, float) else one for one in entry.values()) for entry in entries]
-    tell(as_json, entries, table(columns, rows))
-
-
-def _datasets() -> list[dict[str, Any]]:
-    opened = [open_dataset(name) for name in worlds.datasets()]
-    return [{"data set": one.name, "worlds": len(one.indices), "checksum": one.checksum[:16]} for one in opened]
-
-
-def _worlds(source: str, select: str) -> list[dict[str, Any]]:
-    return [
-        {"world": index, "name": world.name, "cells": f"{world.rows} x {world.cols}", "filled": int(world.grid.sum())}
-        | {"path [m]": world.path_length_m, "source": world.provenance.source, "checksum": world.checksum[:16]}
-        for index, world in worlds.load(source, select).items()
-    ]
+        entries = [
+            {"world": number, "name": one.name, "cells": f"{one.rows} x {one.cols}", "filled": int(one.grid.sum())}
+            | {"path [m]": one.path_length_m, "source": one.provenance.source, "checksum": one.checksum[:16]}
+            for number, one in worlds.load(source, select).items()
+        ]
+    rows = [tuple(f"{one:.2f}" if isinstance(one, float) else one for one in entry.values()) for entry in entries]
+    return tell(as_json, entries, table(tuple(entries[0]), rows))

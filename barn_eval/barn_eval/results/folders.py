@@ -192,12 +192,7 @@ def watch(folder: str | Path, *, host: str = LOOPBACK, port: int = 0) -> Watch:
 
 
 def overlay(
-    folders: Folders,
-    world: int,
-    by: str = "planner",
-    *,
-    planners: Sequence[str] = (),
-    outcome: str = "",
+    folders: Folders, world: int, by: str = "planner", *, planners: Sequence[str] = (), outcome: str = ""
 ) -> Plot:
     """Return the trajectories of one or several folders of results in a world, drawn over it.
 

@@ -15,7 +15,7 @@ from rich.console import Console
 from barn_eval.analysis.measures import metric_of
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.precision import precision, ranking_power
-from barn_eval.analysis.sources import Source, by_planner, entries_of, read_source
+from barn_eval.analysis.sources import Source, by_planner, chosen_planners, entries_of, read_source
 from barn_eval.analysis.summary import summarise, summarise_campaign
 from barn_eval.analysis.tables import headline_table, paper_table
 from barn_eval.analysis.verdict import cautions, results_verdict
@@ -164,11 +164,7 @@ class Results:
         Raises:
             BarnError: The planners or the measure are not known, or there is too little to tell from.
         """
-        groups = by_planner(self.trials)
-        for name in planners:
-            if name not in groups:
-                raise ConfigError(f"{self.folder}: has no planner {name!r}{suggest(name, groups)}")
-        chosen = {name: groups[name] for name in planners or groups}
+        chosen = chosen_planners(self.folder, by_planner(self.trials), planners)
         found = precision(chosen, half_width, difference, measure=measure, repetitions=repetitions)
         return frame_of((asdict(one) for one in found.needs), worlds="Int64")
 
