@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from barn_eval.analysis import significance
 from barn_eval.analysis.significance import components
 from barn_eval.analysis.statistics import Columns
-from barn_eval.commands.validate import command
+from barn_eval.commands.suite import validate as command
 from barn_eval.studies import simulations, validation
 from barn_eval.studies.simulations import GROUPS, equal_planners
 from barn_eval.studies.validation import Check, statistics_page, validate

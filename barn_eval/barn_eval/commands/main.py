@@ -21,6 +21,7 @@ from barn_worlds.base.errors import BarnError, suggest
 _TOLD = json.loads((Path(__file__).parents[1] / "data" / "commands.json").read_text("utf-8"))
 COMMANDS: dict[str, str] = {name: about for name, (about, _, _) in _TOLD.items()}
 MORE: dict[str, tuple[str, str]] = {name: (example, page) for name, (_, example, page) in _TOLD.items()}
+_OF_SUITE = ("reproduce", "validate", "bench", "info")  # which have a module in common
 
 
 def _print_version(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
@@ -32,7 +33,7 @@ def _print_version(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
 
 
 class LazyGroup(click.Group):
-    """The verbs, each the attribute `command` of a module of its name, and those of other packages.
+    """The verbs, most of them the attribute `command` of a module of their name, and those of other packages.
 
     None is imported before it is called: listing and completing them need only what the file says.
     """
@@ -45,7 +46,8 @@ class LazyGroup(click.Group):
         """Return a command, imported now."""
         name = {"campaign": "run"}.get(cmd_name, cmd_name)
         if name in COMMANDS:
-            command = cast(click.Command, import_module(f"{__package__}.{name}").command)
+            module, attribute = ("suite", name) if name in _OF_SUITE else (name, "command")
+            command = cast(click.Command, getattr(import_module(f"{__package__}.{module}"), attribute))
             command.epilog = "Example: {}\n\nMore: {} in the suite's repository".format(*MORE[name])
             return command
         if name not in _added():

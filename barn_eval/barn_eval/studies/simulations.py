@@ -4,7 +4,7 @@ Worlds differ, trials of a world are alike, and failures count with another time
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -159,6 +159,19 @@ _PLAN = f"{{0}} worlds, {LOOKS} looks, {{1:g}} % failures"
 _BETTER = f"{100.0 * _DIFFERENCE:g} %"
 _PLANS, _WORLDS = [(100, 2.0), (300, 2.0), (300, 5.0)], [(20,), (50,), (300,)]
 
+
+def _of_plans(
+    what: str, wanted: tuple[float, float], more: float = 0.0, part: int = 0, *, steady: bool = False
+) -> Group:
+    """Return what is checked of plans with looks: part 0 is whether they decide, part 1 the share that they take."""
+
+    def once(worlds: int, percent: float, generator: np.random.Generator) -> float:
+        percents = (0.0 if steady else percent, percent)
+        return _decided(_two(worlds, 1, percents, 1.0 + more, generator), worlds)[part]
+
+    return Group(what, wanted, _PLAN, once, _PLANS)
+
+
 GROUPS = {
     "share": Group(
         _COVERS.format("share"),
@@ -230,32 +243,12 @@ GROUPS = {
         lambda w, p, g: _clear(_two(w, 1, (p, p), 1.0 + _DIFFERENCE, g)),
         [(50, 0.0), (50, 2.0), (100, 2.0), (100, 5.0), (300, 2.0), (300, 5.0)],
     ),
-    "equal builds": Group(
-        "a plan with looks tells two equal builds apart",
-        (0.0, 0.05),
-        _PLAN,
-        lambda w, p, g: _decided(_two(w, 1, (p, p), 1.0, g), w)[0],
-        _PLANS,
+    "equal builds": _of_plans("a plan with looks tells two equal builds apart", (0.0, 0.05)),
+    "unlike builds": _of_plans("a plan with looks tells unlike builds of equal mean apart", _ALARMS, steady=True),
+    "builds": replace(
+        _of_plans(f"a plan with looks finds a difference of {_BETTER}", _FOUND, _DIFFERENCE), settings=_PLANS[::2]
     ),
-    "unlike builds": Group(
-        "a plan with looks tells unlike builds of equal mean apart",
-        _ALARMS,
-        _PLAN,
-        lambda w, p, g: _decided(_two(w, 1, (0.0, p), 1.0, g), w)[0],
-        _PLANS,
-    ),
-    "builds": Group(
-        f"a plan with looks finds a difference of {_BETTER}",
-        _FOUND,
-        _PLAN,
-        lambda w, p, g: _decided(_two(w, 1, (p, p), 1.0 + _DIFFERENCE, g), w)[0],
-        [(100, 2.0), (300, 5.0)],
-    ),
-    "plan": Group(
-        f"share of a plan's trials that a difference of {_BETTER} takes, on average",
-        (0.0, 0.7),
-        _PLAN,
-        lambda w, p, g: _decided(_two(w, 1, (p, p), 1.0 + _DIFFERENCE, g), w)[1],
-        _PLANS,
+    "plan": _of_plans(
+        f"share of a plan's trials that a difference of {_BETTER} takes, on average", (0.0, 0.7), _DIFFERENCE, 1
     ),
 }

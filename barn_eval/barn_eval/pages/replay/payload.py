@@ -57,10 +57,9 @@ def payload(recorded: Recorded) -> dict[str, Any]:
         cells = recorded.map.data.ravel()
         arrays["map"] = (cells >= 50).astype("u1") + 2 * (cells < 0).astype("u1")
     content["scan"] = _scans(recorded, arrays)
-    for name, layer in (("plan", recorded.plans), ("local_plan", recorded.local_plans)):
+    layers: dict[str, Sequence[Shown]] = {"plan": recorded.plans, "local_plan": recorded.local_plans}
+    for name, layer in (layers | {"candidates": recorded.candidates, "band": recorded.bands}).items():
         _lines(recorded, name, layer, arrays)
-    for name, shapes in (("candidates", recorded.candidates), ("band", recorded.bands)):
-        _lines(recorded, name, shapes, arrays)
     discs = [  # at the times of the bands' lines
         np.column_stack([recorded.to_frame(one).transform(one.content.discs[:, :2]), one.content.discs[:, 2]])
         for one in recorded.bands
@@ -191,9 +190,8 @@ def _costmaps(recorded: Recorded, arrays: dict[str, Packable]) -> list[list[floa
 
 def _thinned(line: Floats) -> Floats:
     """Return at most `MOST_POINTS` points of a line, both ends among them."""
-    if len(line) <= MOST_POINTS:
-        return line
-    thinned: Floats = line[np.linspace(0, len(line) - 1, MOST_POINTS).round().astype(int)]
+    chosen = np.linspace(0, len(line) - 1, min(len(line), MOST_POINTS)).round().astype(int)
+    thinned: Floats = line[chosen]
     return thinned
 
 

@@ -111,16 +111,8 @@ def known_scene(source: Source, world: World) -> TrialScene:
 
 # The page's table has these columns, with their digits (None: a text), then those of measures.
 _COLUMNS = {"planner": None, "world": 0, "trial": 0, "outcome": None}
-_MEASURES = (
-    "traversal_time_s",
-    "normalised_time_s_per_m",
-    "challenge",
-    "driven_m",
-    "min_clearance_m",
-    "contact_s",
-    "compute_p95_ms",
-    "missed_cycles",
-)
+_MEASURES: tuple[str, ...] = ("traversal_time_s", "normalised_time_s_per_m", "challenge", "driven_m")
+_MEASURES += ("min_clearance_m", "contact_s", "compute_p95_ms", "missed_cycles")
 
 
 def trial_data(
@@ -135,15 +127,12 @@ def trial_data(
     links: to the page of a replay, by the path of its bag. keys: of the measures shown, those usual without any.
     """
     measures = keys or with_motion(_MEASURES, [drive.result for drive in drives])
-    named = [MEASURES[key] for key in measures]
-    columns: list[dict[str, Any]] = [
-        {"name": name, "title": name, "unit": "", "digits": digits} for name, digits in _COLUMNS.items()
-    ]
-    columns += [{"name": one.key, "title": one.label, "unit": one.unit, "digits": one.digits} for one in named]
+    heads: list[tuple[str, str, str, int | None]] = [(name, name, "", digits) for name, digits in _COLUMNS.items()]
+    heads += [(one.key, one.label, one.unit, one.digits) for one in map(MEASURES.__getitem__, measures)]
     numbers = {entry: number for number, entry in enumerate(entries)}
     sources = {drive.result.world_checksum: drive.entry.source for drive in drives}
     return {
-        "columns": columns,
+        "columns": [dict(zip(("name", "title", "unit", "digits"), head, strict=True)) for head in heads],
         "entries": [{"label": one.label, "colour": one.colour, "folder": str(one.source.path)} for one in entries],
         "trials": [_trial(drive, numbers[drive.entry], links or {}, measures) for drive in drives],
         "worlds": {checksum: _world(world, sources.get(checksum)) for checksum, world in worlds.items()},

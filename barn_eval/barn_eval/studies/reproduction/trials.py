@@ -105,13 +105,10 @@ def trials_by_planner(results: Sequence[TrialResult], where: str) -> dict[str, P
         if len(repetitions) < 2 or missing:
             lacks = f"trial {missing[0][1]} of world {missing[0][0]}" if missing else "two trials per world"
             raise ConfigError(f"{where}: planner {planner!r} lacks {lacks}; finish the campaign first")
-        rows = [[own[world, repetition].scores for repetition in repetitions] for world in worlds]
-        found[planner] = PlannerTrials(
-            np.array(worlds, np.int64),
-            np.array([[one.normalised_time_s_per_m for one in row] for row in rows]),
-            np.array([[one.scored_time_s for one in row] for row in rows]),
-            np.array([[one.success for one in row] for row in rows]),
-        )
+        scores = [own[world, repetition].scores for world in worlds for repetition in repetitions]
+        figures = [(one.normalised_time_s_per_m, one.scored_time_s, one.success) for one in scores]
+        per_m, time_s, success = np.array(figures, np.float64).T.copy().reshape(3, len(worlds), -1)
+        found[planner] = PlannerTrials(np.array(worlds, np.int64), per_m, time_s, success.astype(np.bool_))
     return found
 
 
