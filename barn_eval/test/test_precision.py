@@ -19,7 +19,7 @@ from barn_eval.analysis.precision import (
     ranking_table,
 )
 from barn_eval.analysis.significance import components, half_width, worlds_for_difference, worlds_for_half_width
-from barn_eval.commands.precision import command
+from barn_eval.commands.compare import precision as command
 from barn_worlds.base.errors import ConfigError
 
 

@@ -21,7 +21,8 @@ from barn_worlds.base.errors import BarnError, suggest
 _TOLD = json.loads((Path(__file__).parents[1] / "data" / "commands.json").read_text("utf-8"))
 COMMANDS: dict[str, str] = {name: about for name, (about, _, _) in _TOLD.items()}
 MORE: dict[str, tuple[str, str]] = {name: (example, page) for name, (_, example, page) in _TOLD.items()}
-_OF_SUITE = ("reproduce", "validate", "bench", "info")  # which have a module in common
+# Where the verbs are that have no module of their own.
+_BESIDE = {"demo": "run", "precision": "compare"} | dict.fromkeys(("reproduce", "validate", "bench", "info"), "suite")
 
 
 def _print_version(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
@@ -46,8 +47,8 @@ class LazyGroup(click.Group):
         """Return a command, imported now."""
         name = {"campaign": "run"}.get(cmd_name, cmd_name)
         if name in COMMANDS:
-            module, attribute = ("suite", name) if name in _OF_SUITE else (name, "command")
-            command = cast(click.Command, getattr(import_module(f"{__package__}.{module}"), attribute))
+            module = import_module(f"{__package__}.{_BESIDE.get(name, name)}")
+            command = cast(click.Command, getattr(module, name if name in _BESIDE else "command"))
             command.epilog = "Example: {}\n\nMore: {} in the suite's repository".format(*MORE[name])
             return command
         if name not in _added():

@@ -1,4 +1,4 @@
-"""`barn run`, also called `barn campaign`: trials of planners in worlds, in one process, on workers or over ROS."""
+"""`barn run`, also called `barn campaign`, and `barn demo`: trials of planners in one process, on workers or over ROS."""
 
 from collections.abc import Sequence
 from contextlib import nullcontext
@@ -37,6 +37,7 @@ from barn_eval.trials.outcome import NOT_DRIVEN
 from barn_eval.trials.result import TrialResult
 from barn_sim.config import SimulatorConfig
 from barn_worlds.base.config import as_dict
+from barn_worlds.worlds.dataset import open_dataset
 
 NOT_SCORED = 3  # the exit code
 
@@ -189,3 +190,25 @@ def _plan_table(found: Plan) -> FittedTable:
     )
     title = f"{found.trials - found.there} of {found.trials} trials to run, in {found.out}"
     return table(("dry run", ""), rows, title=title, caption=f"estimated from {found.basis}")
+
+
+SHARES = (5, 40, 70)  # percent of the worlds that are easier; they are numbered by difficulty
+
+
+@click.command("demo")
+@click.option("--dataset", default="barn300", help="Data set that the three worlds are from.")
+@click.option("--mode", type=click.Choice(MODES), default="ros", help="One process or ROS nodes.")
+@click.option("--out", default="out/demo", type=FOLDER, help="Results.")
+@json_option
+def demo(dataset: str, mode: str, out: Path, as_json: bool) -> int:
+    """Drive an easy, a medium and a harder world under DWA with the challenge's protocol, and show the scores.
+
+    Simulator, planner and evaluator are three ROS 2 nodes in processes of their own. Earlier results in the folder are
+    replaced.
+    """
+    indices = open_dataset(dataset).indices
+    worlds = ",".join(str(indices[len(indices) * share // 100]) for share in SHARES)
+    say(f"worlds {worlds} of {dataset}")
+    kept = {"bags": "all", "pictures": True, "workers": 1, "trial_limit_s": 0.0}
+    request = read_request(None, {"dataset": dataset, "worlds": worlds, "mode": mode, "out": out} | kept)
+    return carry_out(request, overwrite=True, as_json=as_json)
