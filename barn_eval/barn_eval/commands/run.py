@@ -1,4 +1,4 @@
-"""`barn run`, also called `barn campaign`, and `barn demo`: trials of planners in one process, on workers or over ROS."""
+"""`barn run`, also called `barn campaign`, and `barn demo`: trials in one process, on workers or over ROS."""
 
 from collections.abc import Sequence
 from contextlib import nullcontext
