@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_means import counted
+from test_statistics import counted
 
 from barn_eval.analysis.sequential import decide
 

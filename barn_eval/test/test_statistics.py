@@ -9,8 +9,10 @@ import pytest
 from scipy import stats
 
 from barn_eval.analysis import statistics
+from barn_eval.analysis.significance import Share, paired_difference, share_of
 from barn_eval.analysis.statistics import (
     Columns,
+    difference,
     mean_interval,
     paired,
     rank_correlation,
@@ -169,3 +171,151 @@ def test_published_trials_give_the_known_agreement_of_planners(original):
     assert mean_interval(dwa, worlds).low < 3.30 < mean_interval(dwa, worlds).high
     assert mean_interval(eband, worlds).low < 3.24 < mean_interval(eband, worlds).high
     assert repetition_spread(eband, worlds) == pytest.approx(0.38, abs=0.02)
+
+
+def counted(values, failures, worlds, as_failure=0.0, best=0.5):
+    values = np.asarray(values, float)
+    failing = np.asarray(failures), np.full(len(values), as_failure)
+    return Columns(values, np.asarray(worlds), np.zeros(len(values), int), *failing, best)
+
+
+def draw(generator, worlds, repetitions, failing, mean, *, correlation=0.5, effect=None):
+    """Trials of a bounded score, 0 for a failure; worlds differ, and so do their chances of failure."""
+    world = np.repeat(np.arange(worlds), repetitions)
+    effect = generator.normal(0.0, 0.04, worlds) if effect is None else effect
+    size = 1.0 / correlation - 1.0
+    chances = generator.beta(failing * size, (1.0 - failing) * size, worlds) if failing else np.zeros(worlds)
+    failures = (generator.random(len(world)) < chances[world]).astype(np.int64)
+    scores = mean + effect[world] + generator.normal(0.0, 0.02, len(world))
+    return counted(np.where(failures == 1, 0.0, scores), failures, world)
+
+
+def test_a_mean_of_symmetric_values_has_students_limits():
+    values = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
+    found = mean_interval(values, np.arange(5))
+    half = 2.7764451051977987 * math.sqrt(2.5 / 5)  # Student's quantile of 4 degrees of freedom
+    assert (found.estimate, found.low, found.high) == pytest.approx((3.0, 3.0 - half, 3.0 + half))
+
+
+def test_a_mean_of_skewed_values_reaches_further_to_their_long_side():
+    found = mean_interval(np.array([1.0, 1.1, 1.2, 1.3, 1.2, 1.1, 9.0]), np.arange(7))
+    assert found.high - found.estimate > 2.0 * (found.estimate - found.low)
+
+
+def test_a_mean_depends_on_worlds_and_not_on_the_order_of_trials():
+    values, worlds = np.array([1.0, 1.1, 5.0, 5.2, 9.0, 9.1]), np.array([3, 3, 7, 7, 8, 8])
+    found = mean_interval(values, worlds)
+    turned = mean_interval(values[::-1], worlds[::-1])
+    assert found == turned
+    means = mean_interval(np.array([1.05, 5.1, 9.05]), np.arange(3))
+    assert (found.low, found.high) == pytest.approx((means.low, means.high))
+
+
+@pytest.mark.parametrize("values", [[], [math.nan, math.nan]])
+def test_nothing_has_no_mean(values):
+    assert math.isnan(mean_interval(np.array(values, float), np.arange(len(values))).estimate)
+
+
+def test_one_world_has_no_limits():
+    assert mean_interval(np.array([1.0, 2.0]), np.array([4, 4])).low is None
+    assert counted([0.3, 0.2], [0, 0], [1, 1]).mean().low is None
+
+
+def test_failures_that_were_not_seen_lower_the_lower_limit():
+    """By the limit of none in four: 1 - 0.025^(1/4)."""
+    trials = counted([0.30, 0.31, 0.29, 0.30], [0] * 4, range(4))
+    found, seen = trials.mean(), mean_interval(trials.values, trials.worlds)
+    assert found.low == pytest.approx(0.30 * 0.025**0.25)
+    assert found.high == seen.high
+
+
+def test_a_failure_that_counts_less_than_a_success_raises_the_mean_of_times():
+    """As under the paper's rules, where giving up counts 30 s and a slow success up to 50 s."""
+    found = counted([40.0, 41.0, 39.0, 42.0, 40.5], [0] * 5, range(5), as_failure=30.0, best=0.0).mean()
+    assert found.estimate - found.low > found.high - found.estimate
+
+
+def test_where_nothing_succeeded_a_success_may_be_worth_the_best():
+    found = counted([0.0] * 10, [1] * 10, range(10)).mean()
+    assert (found.estimate, found.low, found.high) == pytest.approx((0.0, 0.0, 0.5 * (1.0 - 0.025**0.1)))
+
+
+def test_one_that_always_fails_is_worse_than_one_that_never_does():
+    never, always = (counted([value] * 12, [1 - int(value)] * 12, range(12), best=1.0) for value in (1.0, 0.0))
+    found = difference(never, always)
+    assert found.interval.low > 0.3
+    assert found.p < 0.01
+
+
+def test_few_failing_worlds_count_each_as_one_trial_and_more_tell_how_alike_trials_are():
+    worlds = np.repeat(np.arange(20), 5)
+    one = np.zeros(100, np.int64)
+    one[:3] = 1
+    assert share_of(one, worlds).effective == 20.0
+    single = np.zeros(100, np.int64)
+    single[::20] = 1  # five worlds, once each: as if trials were independent
+    assert share_of(single, worlds).effective == 100.0
+    alike = np.repeat(np.arange(20) < 5, 5).astype(np.int64)
+    assert share_of(alike, worlds).effective == pytest.approx(19.0)
+
+
+def test_a_share_beyond_its_limit_has_a_p_value_below_five_percent():
+    share = Share(0.08, 50.0)
+    assert share.limits == pytest.approx((0.0222, 0.1923), abs=1e-4)  # Clopper and Pearson, 4 of 50
+    assert share.p_above(share.limits[1]) == pytest.approx(0.05)
+    assert share.p_above(1.0) == 0.0
+
+
+def test_a_difference_is_clear_where_its_interval_leaves_out_zero_and_turns_with_its_sides():
+    generator = np.random.default_rng(4)
+    for mean in (0.30, 0.28, 0.26):
+        effect = generator.normal(0.0, 0.04, 60)
+        a, b = (draw(generator, 60, 2, 0.02, one, effect=effect) for one in (0.30, mean))
+        found, turned = difference(a, b), difference(b, a)
+        assert (found.p <= 0.05) == found.interval.excludes(0.0)
+        assert (turned.p, turned.interval.mirrored().low) == pytest.approx((found.p, found.interval.low))
+
+
+def test_a_difference_that_failures_not_seen_would_turn_is_not_clear():
+    """B is better by 5 % in each of 50 worlds, but may fail in 7 %; in 100 worlds, in 4 %."""
+    for worlds, clear in ((50, False), (100, True)):
+        a, b = (counted([value] * worlds, [0] * worlds, range(worlds)) for value in (0.285, 0.30))
+        assert paired_difference(a.values - b.values, a.worlds).p < 0.001
+        found = difference(a, b)
+        assert (found.p <= 0.05) is clear
+        assert found.interval.high == pytest.approx(-0.015 + 0.30 * (1.0 - 0.025 ** (1.0 / worlds)))
+
+
+def test_failures_that_both_have_in_the_same_worlds_cancel():
+    failures = [1] * 5 + [0] * 45
+    a, b = (counted([0.0] * 5 + [value] * 45, failures, range(50)) for value in (0.30, 0.20))
+    assert a.excess(b).share == 0.0
+    assert difference(a, b).p < 0.01
+
+
+@pytest.mark.parametrize(("worlds", "repetitions", "failing"), [(10, 1, 0.03), (20, 5, 0.005), (50, 5, 0.1)])
+def test_means_of_planners_that_rarely_fail_are_covered(worlds, repetitions, failing):
+    """At least 93 % in the long run; 13 of 300 are three standard errors."""
+    generator = np.random.default_rng(worlds)
+    found = [draw(generator, worlds, repetitions, failing, 0.30).mean() for _ in range(300)]
+    truth = 0.30 * (1.0 - failing)
+    assert sum(one.low <= truth <= one.high for one in found) >= 0.93 * 300 - 13
+
+
+@pytest.mark.parametrize("failing", [0.02, 0.05])
+def test_a_steady_planner_and_a_quick_one_that_fails_are_rarely_told_apart_at_equal_means(failing):
+    generator = np.random.default_rng(5)
+    alarms = 0
+    for _ in range(200):
+        effect = generator.normal(0.0, 0.04, 50)
+        steady = draw(generator, 50, 5, 0.0, 0.28, effect=effect)
+        quick = draw(generator, 50, 5, failing, 0.28 / (1.0 - failing), effect=effect / (1.0 - failing))
+        alarms += difference(steady, quick, flips=1000).p <= 0.05
+    assert alarms <= 0.06 * 200 + 10
+
+
+@pytest.mark.parametrize(("worlds", "least"), [(10, 0.93), (50, 0.93)])
+def test_means_of_skewed_values_are_covered(worlds, least):
+    generator = np.random.default_rng(worlds)
+    found = [mean_interval(generator.exponential(1.0, worlds), np.arange(worlds)) for _ in range(400)]
+    assert sum(one.low <= 1.0 <= one.high for one in found) >= 400 * least - 15  # three standard errors
