@@ -8,7 +8,6 @@ from tempfile import TemporaryDirectory
 from typing import overload
 
 import pandas as pd
-from markupsafe import Markup
 from matplotlib.axes import Axes
 from rich.console import Console
 
@@ -331,5 +330,5 @@ class Results:
         groups = by_planner(self.trials)
         summaries = [summarise(one) for one in groups.values()]
         table = headline_table([spelling(name) for name in groups], summaries, metric_of(self.trials))
-        picture = Markup(self.plot().picture())  # noqa: S704  # nosec B704
+        picture = self.plot().picture()
         return render("notebook.html", about=repr(self), verdict=self.verdict(), table=table, picture=picture)
