@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 from barn_worlds.base.compute import Compute
-from barn_worlds.base.config import OPTIONAL, Checked, from_dict, quantity
+from barn_worlds.base.config import OPTIONAL, Checked, from_dict, optional, quantity
 from barn_worlds.base.types import Pose2D, nanoseconds
 from barn_worlds.messages.topics import FRAMES, Frames
 from barn_worlds.robots.files import STANDARD
@@ -99,8 +99,8 @@ class ObstacleConfig(Checked):
         0.125, "moment of inertia about the cylinder's own axis", "kg m2", 1e-5, 1000.0
     )
     friction: float = quantity(1.0, "friction coefficient of an obstacle", "", 0.0, 3.0)
-    random_phase: bool = quantity(
-        True, "moving obstacles begin at a time of their motions drawn from the seed, not at 0", optional=True
+    random_phase: bool = optional(
+        True, "moving obstacles begin at a time of their motions drawn from the seed, not at 0"
     )
 
 

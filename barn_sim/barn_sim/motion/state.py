@@ -22,60 +22,41 @@ _NEVER_NS = 2**62
 _UPDATES = 64  # of the odometry whose noise is drawn at once
 _CONTACTS = max(4, 2 + MOST_CASTERS)  # with the ground that there is room for
 
+
+def _fields(names: str, kind: type = _NUMBER, size: int | tuple[int, int] | None = None) -> list[Any]:
+    return [(name, kind) if size is None else (name, kind, size) for name in names.split()]
+
+
 # All of a robot that changes. Metres, radians, seconds; the body's frame is the world's, its point the centre of mass.
 ROBOT = np.dtype(
     [
-        ("stamp_ns", _WHOLE),
+        *_fields("stamp_ns", _WHOLE),
         # body, see barn_sim.motion.free_motion: attitude is the quaternion of the matrix of heading
-        ("position", _NUMBER, 3),
-        ("heading", _NUMBER, 4),
-        ("attitude", _NUMBER, 4),
-        ("velocity", _NUMBER, 3),
-        ("spin", _NUMBER, 3),
-        ("x", _NUMBER),  # of base_link
-        ("y", _NUMBER),
-        ("yaw", _NUMBER),
-        ("wheels", _NUMBER, (_CONTACTS, 17)),  # see barn_sim.body.tyres.stand; the first `contacts` of them
+        *_fields("position velocity spin", size=3),
+        *_fields("heading attitude", size=4),
+        *_fields("x y yaw"),  # of base_link
+        *_fields("wheels", size=(_CONTACTS, 17)),  # see barn_sim.body.tyres.stand; the first `contacts` of them
         # where Bullet has the body: it lags while the body is integrated without it
-        ("in_bullet", _YES),  # whether Bullet has to move it in the next tick
-        ("away", _WHOLE),  # ticks since Bullet moved it
-        ("known", _YES),  # whether heading is what Bullet has
-        ("position_before", _NUMBER, 3),  # a tick ago
-        ("attitude_before", _NUMBER, 4),
-        ("heading_before", _NUMBER, 4),
-        # obstacles: pose at which their distance was last computed, and how far the robot may go from there
-        ("radius_m", _NUMBER),  # of the cylinders
-        ("near_m", _NUMBER),  # from the robot's outline to the axis of one that becomes a body of Bullet
-        ("looked_from", _NUMBER, 3),
-        ("clearance_m", _NUMBER),
-        # walls and moving obstacles, likewise; see barn_sim.body.movers
-        ("movers_looked_from", _NUMBER, 3),
-        ("movers_looked_ns", _WHOLE),
-        ("movers_clearance_m", _NUMBER),  # how far robot and movers may come together, infinite without any
-        ("movers_speed_m_s", _NUMBER),  # of the fastest
-        ("movers_until_ns", _WHOLE),  # when that no longer holds, since one of them jumps
-        # drive
-        ("pending", _WHOLE),  # commands on their way
-        ("target_since_ns", _WHOLE),
-        ("timed_out", _YES),
-        ("target_speed", _NUMBER),
-        ("target_turn", _NUMBER),
-        ("speed", _NUMBER),
-        ("turn", _NUMBER),
-        ("left_m_s", _NUMBER),
-        ("right_m_s", _NUMBER),
-        ("left_rad", _NUMBER),
-        ("right_rad", _NUMBER),
-        # odometry
-        ("start_yaw", _NUMBER),
-        ("yaw_error", _NUMBER),
-        ("yaw_rate_error", _NUMBER),
-        ("odometry_x", _NUMBER),
-        ("odometry_y", _NUMBER),
-        ("odometry_speed", _NUMBER),
-        ("gyro_bias", _NUMBER),  # rad/s
-        ("speed_factor", _NUMBER),  # by which the wheels' speed is misread
-        ("noise_from", _WHOLE),  # update that the first row of its noise is for
+        *_fields("in_bullet known", _YES),  # has Bullet to move it in the next tick; is heading what Bullet has
+        *_fields("away", _WHOLE),  # ticks since Bullet moved it
+        *_fields("position_before", size=3),  # a tick ago
+        *_fields("attitude_before heading_before", size=4),
+        # obstacles: radius of cylinders; distance from the robot's outline to the axis of one that becomes a body of
+        # Bullet; pose at which their distance was last computed, and how far the robot may go from there
+        *_fields("radius_m near_m clearance_m"),
+        *_fields("looked_from", size=3),
+        # walls and moving obstacles, likewise (barn_sim.body.movers): how far robot and movers may come together,
+        # infinite without any; speed of the fastest; when that no longer holds, since one of them jumps
+        *_fields("movers_looked_from", size=3),
+        *_fields("movers_clearance_m movers_speed_m_s"),
+        *_fields("movers_looked_ns movers_until_ns", _WHOLE),
+        # drive; pending: commands on their way
+        *_fields("pending target_since_ns", _WHOLE),
+        *_fields("timed_out", _YES),
+        *_fields("target_speed target_turn speed turn left_m_s right_m_s left_rad right_rad"),
+        # odometry; gyro_bias: rad/s; speed_factor: by which the wheels' speed is misread
+        *_fields("start_yaw yaw_error yaw_rate_error odometry_x odometry_y odometry_speed gyro_bias speed_factor"),
+        *_fields("noise_from", _WHOLE),  # update that the first row of its noise is for
     ],
     align=True,
 )
@@ -83,35 +64,18 @@ ROBOT = np.dtype(
 # All of a robot that does not change.
 SETTINGS = np.dtype(
     [
-        ("tick_s", _NUMBER),
-        ("tick_ns", _WHOLE),
-        ("inverse_mass", _NUMBER),
-        ("weight", _NUMBER),
-        ("inverse_inertia", _NUMBER, 3),
-        ("first_inverse_inertia", _NUMBER, 3),  # in the first tick
-        ("centre", _NUMBER, 3),
+        *_fields("tick_s inverse_mass weight"),
+        *_fields("tick_ns odometry_ns timeout_ns", _WHOLE),
+        *_fields("inverse_inertia first_inverse_inertia centre", size=3),  # the second in the first tick
         # tyres: friction coefficient, spring (N/m) and damper (N s/m) of each, radius of the wheels
-        ("friction", _NUMBER),
-        ("stiffness", _NUMBER),
-        ("damping", _NUMBER),
-        ("wheel_radius_m", _NUMBER),
-        ("contacts", _WHOLE),  # with the ground: wheels, then casters
-        ("grips", _WHOLE),  # contacts with friction
-        ("per_metre", _NUMBER),  # turn of a wheel in a tick per m/s
-        ("half_separation_m", _NUMBER),
-        ("timeout_ns", _WHOLE),
-        ("max_speed", _NUMBER),
-        ("max_reverse", _NUMBER),
-        ("max_turn", _NUMBER),
-        ("speed_step", _NUMBER),
-        ("turn_step", _NUMBER),
-        ("lags", _YES),  # whether the motors do
-        ("lag_share", _NUMBER),  # of what a wheel lacks of its wanted speed, that it gains in a tick
-        ("odometry_ns", _WHOLE),
-        ("yaw_noise_rad", _NUMBER),
-        ("yaw_rate_noise_rad_s", _NUMBER),
-        ("extent", _NUMBER, 4),  # of the robot's shapes in base_link: x_min, y_min, x_max, y_max
-        ("reach_m", _NUMBER),  # from base_link to the farthest corner of that
+        *_fields("friction stiffness damping wheel_radius_m"),
+        *_fields("contacts grips", _WHOLE),  # with the ground: wheels, then casters; those of them with friction
+        # turn of a wheel in a tick per m/s; lag_share: of what a wheel lacks of its speed, that it gains in a tick
+        *_fields("per_metre half_separation_m max_speed max_reverse max_turn speed_step turn_step lag_share"),
+        *_fields("lags", _YES),  # whether the motors do
+        *_fields("yaw_noise_rad yaw_rate_noise_rad_s"),
+        *_fields("extent", size=4),  # of the robot's shapes in base_link: x_min, y_min, x_max, y_max
+        *_fields("reach_m"),  # from base_link to the farthest corner of that
     ],
     align=True,
 )

@@ -46,7 +46,7 @@ class Lidar:
         self.fan = (self._angle_min, self._increment, self._range_max)
         self.limits = (config.noise_m, config.noise_share, self._range_min, self._range_max)
         self._mixed, self._dropped, self.sweeps = config.mixed_share, config.dropout_share, config.sweeps
-        turn_s = (config.angle_max_rad - config.angle_min_rad) / (2.0 * math.pi * config.rate_hz)
+        turn_s = spread / (2.0 * math.pi * config.rate_hz)
         # of each beam, before the last one; only whoever sweeps has the others earlier
         self.ages_ns = NANOSECONDS * turn_s * np.linspace(1.0, 0.0, config.beams) * config.sweeps
         self._ranges = np.empty(config.beams)

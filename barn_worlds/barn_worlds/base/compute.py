@@ -63,8 +63,7 @@ class Turnaround:
 
     def take(self, now_ns: int, measured_ns: int | None = None) -> int:
         """Begin a cycle at the time of its readings and return its delay, which is the measured one if there is one."""
-        count = len(self.delays_ns)
-        drawn_ns = self._drawn_ns() if measured_ns is None else measured_ns
+        drawn_ns, count = self._drawn_ns() if measured_ns is None else measured_ns, len(self.delays_ns)
         delay_ns = self._recorded[count] if count < len(self._recorded) else drawn_ns
         self.delays_ns.append(delay_ns)
         self._free_ns = now_ns + max(delay_ns, nanoseconds(self._compute.period_s))

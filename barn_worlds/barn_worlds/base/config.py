@@ -77,6 +77,7 @@ def quantity(
 
 
 required: Callable[..., Any] = partial(quantity, MISSING)  # as `quantity`, for a field that has no default
+optional: Callable[..., Any] = partial(quantity, optional=True)
 OPTIONAL = {_QUANTITY: Quantity("", optional=True)}  # metadata of an optional field of any dataclass
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 
 from barn_worlds.base.arrays import BoolGrid, Floats
-from barn_worlds.base.config import Checked, as_dict, from_dict, quantity, required
+from barn_worlds.base.config import Checked, as_dict, from_dict, optional, quantity, required
 from barn_worlds.base.errors import ConfigError, WorldError, one_line
 from barn_worlds.base.files import read_bytes, write_bytes
 from barn_worlds.base.text_files import parse_yaml
@@ -35,8 +35,8 @@ class MapFile(Checked):
     occupied_thresh: float = required("occupied above this chance", "", 0.0, 1.0)
     free_thresh: float = required("free below this chance", "", 0.0, 1.0)
     mode: str = quantity("trinary", "how grey values are read", choices=("trinary",))
-    start: tuple[float, ...] = quantity((), "x, y in m and yaw in rad of a world's start", optional=True)
-    goal: tuple[float, ...] = quantity((), "x, y in m (and yaw in rad) of its goal", optional=True)
+    start: tuple[float, ...] = optional((), "x, y in m and yaw in rad of a world's start")
+    goal: tuple[float, ...] = optional((), "x, y in m (and yaw in rad) of its goal")
 
     def __post_init__(self) -> None:
         super().__post_init__()

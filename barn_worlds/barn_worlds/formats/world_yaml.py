@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 
 from barn_worlds.base.arrays import BoolGrid, Cells
-from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
+from barn_worlds.base.config import Checked, as_dict, from_dict, optional, quantity
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.files import write_bytes
 from barn_worlds.base.text_files import read_yaml
@@ -39,8 +39,8 @@ class WorldFile(Checked):
     path: tuple[tuple[int, int], ...] = ()
     grid: tuple[str, ...] = ()
     corner_m: tuple[float, float] | None = None
-    start: tuple[float, ...] = quantity((), "x, y in m and yaw in rad of the start", optional=True)
-    goal: tuple[float, ...] = quantity((), "x, y in m (and yaw in rad) of the goal", optional=True)
+    start: tuple[float, ...] = optional((), "x, y in m and yaw in rad of the start")
+    goal: tuple[float, ...] = optional((), "x, y in m (and yaw in rad) of the goal")
     walls: tuple[Wall, ...] = ()
     moving: tuple[MovingObstacle, ...] = ()
 

@@ -23,10 +23,7 @@ def rectangle_gap(ahead: float, left: float, extent: Floats) -> float:
 
 @njit(cache=True)
 def gaps_to_rectangle(shapes: Floats, x: float, y: float, yaw: float, extent: Floats) -> Floats:
-    """Return the distances (n,) in m from a rectangle to shapes (n, 7), 0 where they overlap.
-
-    extent: x_min, y_min, x_max, y_max of the rectangle about its pose x, y, yaw.
-    """
+    """Return the distances (n,) in m from a rectangle to shapes (n, 7), 0 where they overlap."""
     gaps = np.empty(len(shapes))
     c, s = math.cos(yaw), math.sin(yaw)
     for i in range(len(shapes)):
@@ -48,10 +45,7 @@ def gaps_to_rectangle(shapes: Floats, x: float, y: float, yaw: float, extent: Fl
 def box_gap(
     x: float, y: float, ux: float, uy: float, half_long: float, half_wide: float, half_x: float, half_y: float
 ) -> float:
-    """Return the distance from a rectangle around the origin to one at x, y whose length lies along ux, uy; 0 inside.
-
-    half_long, half_wide: of the other one; half_x, half_y: of that around the origin.
-    """
+    """Return the distance from a rectangle around the origin to one at x, y with its length along ux, uy; 0 inside."""
     # apart along an axis of either: two convex shapes overlap unless one of these separates them
     wide_x, wide_y = abs(ux) * half_long + abs(uy) * half_wide, abs(uy) * half_long + abs(ux) * half_wide
     along, across = x * ux + y * uy, y * ux - x * uy
@@ -75,11 +69,7 @@ def box_gap(
 def times_to_rectangle(
     shapes: Floats, velocities: Floats, x: float, y: float, yaw: float, speed: float, extent: Floats
 ) -> Floats:
-    """Return when (n,) in s a rectangle meets shapes (n, 7) if all keep their velocities, inf for never.
-
-    velocities (n, 2): of the shapes, m/s; the rectangle goes straight ahead at `speed`. A box counts as the disc
-    around it.
-    """
+    """Return when (n,) in s a rectangle meets shapes (n, 7) of velocities (n, 2), as `Footprint.times_to_contact`."""
     times = np.empty(len(shapes))
     c, s = math.cos(yaw), math.sin(yaw)
     half_x, half_y = 0.5 * (extent[2] - extent[0]), 0.5 * (extent[3] - extent[1])
@@ -105,10 +95,7 @@ def times_to_rectangle(
 
 @njit(cache=True)
 def enters(px: float, py: float, vx: float, vy: float, half_x: float, half_y: float) -> float:
-    """Return when a moving point enters a rectangle around the origin, 0 within it and inf for never.
-
-    vx, vy: its velocity; of a unit vector, times are distances.
-    """
+    """Return when a point of velocity vx, vy enters a rectangle around the origin, 0 within it and inf for never."""
     enter, leave = 0.0, math.inf
     for position, velocity, half in ((px, vx, half_x), (py, vy, half_y)):
         if velocity != 0.0:
@@ -159,10 +146,9 @@ def gaps_to_polygon(shapes: Floats, x: float, y: float, yaw: float, corners: Flo
             gaps[i] = max(0.0, polygon_gap(ahead, left, corners) - radius - shapes[i, 2])
             continue
         ux, uy = c * shapes[i, 5] + s * shapes[i, 6], c * shapes[i, 6] - s * shapes[i, 5]
-        for k in range(4):
-            i_long = shapes[i, 3] if k in (0, 3) else -shapes[i, 3]
-            i_wide = shapes[i, 4] if k in (0, 1) else -shapes[i, 4]
-            box[k, 0], box[k, 1] = ahead + i_long * ux - i_wide * uy, left + i_long * uy + i_wide * ux
+        for k, (a, b) in enumerate(((1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0))):
+            long, wide = a * shapes[i, 3], b * shapes[i, 4]
+            box[k, 0], box[k, 1] = ahead + long * ux - wide * uy, left + long * uy + wide * ux
         gaps[i] = max(0.0, _apart(corners, box) - radius)
     return gaps
 
@@ -173,10 +159,9 @@ def _apart(a: Floats, b: Floats) -> float:
     if not (_separated(a, b) or _separated(b, a)):
         return 0.0
     nearest = math.inf
-    for k in range(len(a)):
-        nearest = min(nearest, max(polygon_gap(a[k, 0], a[k, 1], b), 0.0))
-    for k in range(len(b)):
-        nearest = min(nearest, max(polygon_gap(b[k, 0], b[k, 1], a), 0.0))
+    for one, other in ((a, b), (b, a)):
+        for k in range(len(one)):
+            nearest = min(nearest, max(polygon_gap(one[k, 0], one[k, 1], other), 0.0))
     return nearest
 
 

@@ -27,15 +27,8 @@ _ROUNDING = 1e-9
 def shortest_way_m(start: Floats, goal: Floats, centres: Floats, radius_m: float) -> float:
     """Return a lower bound of the length in m of any way from start to goal (2,) that enters no disc.
 
-    Args:
-        start: x, y in metres.
-        goal: x, y in metres.
-        centres: of the discs (n, 2), in metres.
-        radius_m: of each disc: the moving disc's and the cylinder's together.
-
-    Returns:
-        The bound, at least the straight line; that line where there is no way at all or there are more than
-        `MOST_CYLINDERS` discs.
+    centres (n, 2): of the discs. radius_m: of each, the moving disc's and the cylinder's together. The bound is at
+    least the straight line; that line where there is no way at all or there are more than `MOST_CYLINDERS` discs.
     """
     straight_m = math.hypot(goal[0] - start[0], goal[1] - start[1])
     if not 0 < len(centres) <= MOST_CYLINDERS:

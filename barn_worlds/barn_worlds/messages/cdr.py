@@ -5,7 +5,7 @@ differ in a few numbers only, so each kind is serialised once and then only thes
 """
 
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any, NamedTuple, TypeAlias
 
@@ -59,7 +59,44 @@ def layout(message: Message) -> dict[str, Slot]:
     A field of numbers in an array or sequence is one slot of bytes; elements of other sequences are "name.0", "name.1".
     Texts have none. Offsets are valid for all messages of the same type with equal texts and sequence lengths.
     """
-    return dict(_walk(message, message.__msgtype__, "", _Cursor()))
+    slots: dict[str, Slot] = {}
+    at = 0
+
+    def take(size: int, count: int = 1) -> int:
+        """Align to a primitive of that size, step over `count` of them and return where they begin."""
+        nonlocal at
+        begin = at + (-at % size if count else 0)
+        at = begin + size * count
+        return begin + ENCAPSULATION_BYTES
+
+    def walk(value: Any, kind: Any, name: str) -> None:
+        node, about = kind
+        if node == Nodetype.NAME:
+            for inner, its_kind in jazzy_types().fielddefs[about][1]:
+                walk(getattr(value, inner), its_kind, f"{name}.{inner}" if name else inner)
+        elif node == Nodetype.BASE and about[0] == "string":
+            take(4)
+            take(1, len(value.encode()) + 1)
+        elif node == Nodetype.BASE:
+            form = _FORMATS[about[0]]
+            slots[name] = Slot(take(struct.calcsize(form)), form)
+        else:
+            if node == Nodetype.SEQUENCE:
+                take(4)
+            if (number := _number(about[0])) is not None:
+                size = struct.calcsize(number)
+                slots[name] = Slot(take(size, len(value)), f"{size * len(value)}s")
+                return
+            for index, one in enumerate(value):
+                walk(one, about[0], f"{name}.{index}")
+
+    walk(message, (Nodetype.NAME, message.__msgtype__), "")
+    return slots
+
+
+def _number(kind: Any) -> str | None:
+    """Return the format of a kind of numbers, None for any other kind."""
+    return _FORMATS.get(kind[1][0]) if kind[0] == Nodetype.BASE else None
 
 
 class Template:
@@ -91,52 +128,6 @@ class Template:
         return bytes(data)
 
 
-class _Cursor:
-    """A position in CDR data."""
-
-    def __init__(self) -> None:
-        self.at = 0
-
-    def take(self, size: int, count: int = 1) -> int:
-        """Align to a primitive of that size, step over `count` of them and return where they begin."""
-        if count:
-            self.at += -self.at % size
-        begin = self.at
-        self.at += size * count
-        return begin + ENCAPSULATION_BYTES
-
-
-def _walk(message: Message, type_name: str, prefix: str, cursor: _Cursor) -> Iterator[tuple[str, Slot]]:
-    for name, kind in jazzy_types().fielddefs[type_name][1]:
-        yield from _walk_field(getattr(message, name), kind, prefix + name, cursor)
-
-
-def _walk_field(value: Any, kind: Any, name: str, cursor: _Cursor) -> Iterator[tuple[str, Slot]]:
-    node, about = kind
-    if node == Nodetype.NAME:
-        yield from _walk(value, about, name + ".", cursor)
-    elif node == Nodetype.BASE and about[0] == "string":
-        cursor.take(4)
-        cursor.take(1, len(value.encode()) + 1)
-    elif node == Nodetype.BASE:
-        form = _FORMATS[about[0]]
-        yield name, Slot(cursor.take(struct.calcsize(form)), form)
-    else:
-        if node == Nodetype.SEQUENCE:
-            cursor.take(4)
-        yield from _walk_elements(value, about[0], name, cursor)
-
-
-def _walk_elements(values: Any, kind: Any, name: str, cursor: _Cursor) -> Iterator[tuple[str, Slot]]:
-    node, about = kind
-    if node == Nodetype.BASE and about[0] != "string":
-        size = struct.calcsize(_FORMATS[about[0]])
-        yield name, Slot(cursor.take(size, len(values)), f"{size * len(values)}s")
-        return
-    for index, value in enumerate(values):
-        yield from _walk_field(value, kind, f"{name}.{index}", cursor)
-
-
 def _default(kind: Any) -> Any:
     node, about = kind
     if node == Nodetype.NAME:
@@ -144,6 +135,6 @@ def _default(kind: Any) -> Any:
     if node == Nodetype.BASE:
         return {"string": "", "bool": False}.get(about[0], 0.0 if about[0].startswith("float") else 0)
     element, length = about
-    if element[0] == Nodetype.BASE and element[1][0] != "string":
-        return np.zeros(length if node == Nodetype.ARRAY else 0, np.dtype("<" + _FORMATS[element[1][0]]))
+    if (form := _number(element)) is not None:
+        return np.zeros(length if node == Nodetype.ARRAY else 0, np.dtype("<" + form))
     return [_default(element) for _ in range(length)] if node == Nodetype.ARRAY else []

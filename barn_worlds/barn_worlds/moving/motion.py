@@ -56,12 +56,17 @@ class Motion(Checked):
         given, other = ("coefficients_m", "keys") if polynomial else ("keys", "coefficients_m")
         most = MOST_COEFFICIENTS if polynomial else MOST_KEYS
         number = len(getattr(self, given))
-        self._demand(2 <= number <= most, given, f"of a {self.kind} motion must be 2 to {most}, got {number}")
-        self._demand(not getattr(self, other), other, f"must be left out for a {self.kind} motion")
-        if polynomial:
-            self._check_closed()
-        else:
+        if not 2 <= number <= most:
+            raise ConfigError(f"{given} of a {self.kind} motion must be 2 to {most}, got {number}")
+        if getattr(self, other):
+            raise ConfigError(f"{other} must be left out for a {self.kind} motion")
+        if not polynomial:
             self._check_keys()
+            return
+        table = self._table("coefficients_m", self.coefficients_m, 2, "x and y")
+        gap_m = max(abs(math.fsum(axis)) for axis in table[1:].T.tolist())
+        if gap_m > CLOSED_M:
+            raise ConfigError(f"coefficients_m must end where they begin, to {CLOSED_M:g} m, but end {gap_m:g} m off")
 
     def pieces(self) -> tuple[Floats, Floats, Floats]:
         """Return begin (n,) and duration (n,) in s of n pieces, and their coefficients (n, 2, k) in m.
@@ -83,38 +88,25 @@ class Motion(Checked):
     def _check_keys(self) -> None:
         table = self._table("keys", self.keys, 3, "time, x and y")
         times_s = table[:, 0]
-        early, late = times_s < 0.0, np.diff(times_s) <= 0.0
-        if early.any():
-            self._demand(False, f"keys[{early.argmax()}]", f"must not be before 0 s, got {times_s.min():g} s")
-        if late.any():
-            place = int(late.argmax())
-            rule = f"must be later than the key before, at {times_s[place]:g} s, got {times_s[place + 1]:g} s"
-            self._demand(False, f"keys[{place + 1}]", rule)
+        for place in np.flatnonzero(times_s < 0.0):
+            raise ConfigError(f"keys[{place}] must not be before 0 s, got {times_s.min():g} s")
+        for place in np.flatnonzero(np.diff(times_s) <= 0.0):
+            before, after = times_s[place : place + 2]
+            rule = f"must be later than the key before, at {before:g} s, got {after:g} s"
+            raise ConfigError(f"keys[{place + 1}] {rule}")
         rule = f"must not be shorter than the time of the last key, {times_s[-1]:g} s"
         self.require(self.period_s >= times_s[-1], "period_s", rule)
 
-    def _check_closed(self) -> None:
-        table = self._table("coefficients_m", self.coefficients_m, 2, "x and y")
-        gap_m = max(abs(math.fsum(axis)) for axis in table[1:].T.tolist())
-        rule = f"must end where they begin, to {CLOSED_M:g} m, but end {gap_m:g} m off"
-        self._demand(gap_m <= CLOSED_M, "coefficients_m", rule)
-
     def _table(self, name: str, rows: tuple[tuple[float, ...], ...], width: int, meaning: str) -> Floats:
         """Return rows of numbers as an array (n, width)."""
-        place = next((k for k, row in enumerate(rows) if len(row) != width), None)
-        if place is not None:
-            self._demand(False, f"{name}[{place}]", f"must be {meaning}, got {len(rows[place])} numbers")
+        for number, row in enumerate(rows):
+            if len(row) != width:
+                raise ConfigError(f"{name}[{number}] must be {meaning}, got {len(row)} numbers")
         table: Floats = np.array(rows, np.float64)
         limits = [_LONGEST_PERIOD_S, _FARTHEST_M, _FARTHEST_M][-width:]
-        wrong = ~(np.abs(table) <= limits).all(axis=1)
-        if wrong.any():
-            place = int(wrong.argmax())
-            self._demand(False, f"{name}[{place}]", f"must be finite, up to {_FARTHEST_M:g} m, got {list(rows[place])}")
+        for place in np.flatnonzero(~(np.abs(table) <= limits).all(axis=1)):
+            raise ConfigError(f"{name}[{place}] must be finite, up to {_FARTHEST_M:g} m, got {list(rows[place])}")
         return table
-
-    def _demand(self, holds: bool, name: str, rule: str) -> None:
-        if not holds:
-            raise ConfigError(f"{name} {rule}")
 
 
 def _tangents(points: Floats) -> Floats:

@@ -89,28 +89,21 @@ def evaluate(time_s: float, table: Table, positions: Points, velocities: Points)
 
     Each follows the piece that it is in; before the first piece and after the last one it rests.
     """
-    for k in range(len(positions)):
-        evaluate_one(k, time_s, table, positions, velocities)
-
-
-@njit(cache=True)
-def evaluate_one(k: int, time_s: float, table: Table, positions: Points, velocities: Points) -> None:
-    """Do as `evaluate` for motion `k` alone."""
     first, begin, duration, coefficients, period, phase = table
     powers = coefficients.shape[2]
-    own = (time_s + phase[k]) % period[k]
-    low, high = first[k], first[k + 1]
-    piece = max(low, low + np.searchsorted(begin[low:high], own, side="right") - 1)
-    share = (own - begin[piece]) / duration[piece]
-    moving = 0.0 <= share <= 1.0
-    share = min(max(share, 0.0), 1.0)
-    for axis in range(2):
-        value, slope = coefficients[piece, axis, powers - 1], 0.0
-        for power in range(powers - 2, -1, -1):
-            slope = slope * share + value
-            value = value * share + coefficients[piece, axis, power]
-        positions[k, axis] = value
-        velocities[k, axis] = slope / duration[piece] if moving else 0.0
+    for k in range(len(positions)):
+        own, low, high = (time_s + phase[k]) % period[k], first[k], first[k + 1]
+        piece = max(low, low + np.searchsorted(begin[low:high], own, side="right") - 1)
+        share = (own - begin[piece]) / duration[piece]
+        moving = 0.0 <= share <= 1.0
+        share = min(max(share, 0.0), 1.0)
+        for axis in range(2):
+            value, slope = coefficients[piece, axis, powers - 1], 0.0
+            for power in range(powers - 2, -1, -1):
+                slope = slope * share + value
+                value = value * share + coefficients[piece, axis, power]
+            positions[k, axis] = value
+            velocities[k, axis] = slope / duration[piece] if moving else 0.0
 
 
 @njit(cache=True)

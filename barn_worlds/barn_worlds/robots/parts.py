@@ -7,7 +7,7 @@ configuration of its drivers and models.
 import math
 from dataclasses import dataclass
 
-from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.config import Checked, optional, quantity
 
 
 @dataclass(frozen=True)
@@ -27,17 +27,10 @@ class DriveConfig(Checked):
     command_latency_s: float = quantity(
         0.08, "time from a command's arrival until it takes effect (assumed)", "s", 0.0, 1.0
     )
-    motor_lag_s: float = quantity(
-        0.0,
-        "time constant with which the wheels follow what the controller asks of them",
-        "s",
-        0.0,
-        10.0,
-        optional=True,
+    motor_lag_s: float = optional(
+        0.0, "time constant with which the wheels follow what the controller asks of them", "s", 0.0, 10.0
     )
-    max_reverse_m_s: float = quantity(
-        10.0, "largest speed backwards, where below max_speed_m_s", "m/s", 0.0, 10.0, optional=True
-    )
+    max_reverse_m_s: float = optional(10.0, "largest speed backwards, where below max_speed_m_s", "m/s", 0.0, 10.0)
 
 
 @dataclass(frozen=True)
@@ -53,27 +46,18 @@ class LidarConfig(Checked):
     noise_m: float = quantity(0.001, "standard deviation of a range", "m", 0.0, 1.0)
     mount_x_m: float = quantity(0.055, "position forward of base_link", "m", -10.0, 10.0)
     mount_z_m: float = quantity(0.241, "height above base_link", "m", -1.0, 10.0)
-    mount_y_m: float = quantity(0.0, "position left of base_link", "m", -10.0, 10.0, optional=True)
-    mount_yaw_rad: float = quantity(
-        0.0, "direction of angle 0 of a scan, from base_link's x", "rad", -3.15, 3.15, optional=True
+    mount_y_m: float = optional(0.0, "position left of base_link", "m", -10.0, 10.0)
+    mount_yaw_rad: float = optional(0.0, "direction of angle 0 of a scan, from base_link's x", "rad", -3.15, 3.15)
+    noise_share: float = optional(
+        0.0, "that standard deviation as a share of the range, where it is larger", "", 0.0, 0.5
     )
-    noise_share: float = quantity(
-        0.0, "that standard deviation as a share of the range, where it is larger", "", 0.0, 0.5, optional=True
+    sweeps: bool = optional(
+        False, "beams are taken one after the other, each from where the robot is as the mirror turns"
     )
-    sweeps: bool = quantity(
-        False, "beams are taken one after the other, each from where the robot is as the mirror turns", optional=True
+    mixed_share: float = optional(
+        0.0, "share of the beams beside an edge that read a range between its two sides (mixed pixels)", "", 0.0, 1.0
     )
-    mixed_share: float = quantity(
-        0.0,
-        "share of the beams beside an edge that read a range between its two sides (mixed pixels)",
-        "",
-        0.0,
-        1.0,
-        optional=True,
-    )
-    dropout_share: float = quantity(
-        0.0, "share of the beams that read +inf whatever is there", "", 0.0, 1.0, optional=True
-    )
+    dropout_share: float = optional(0.0, "share of the beams that read +inf whatever is there", "", 0.0, 1.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -90,19 +74,17 @@ class OdometryConfig(Checked):
     rate_hz: float = quantity(50.0, "updates per second", "Hz", 1.0, 1000.0)
     yaw_noise_rad: float = quantity(0.005, "standard deviation of the yaw", "rad", 0.0, 1.0)
     yaw_rate_noise_rad_s: float = quantity(0.005, "standard deviation of the yaw rate", "rad/s", 0.0, 1.0)
-    gyro_bias_rad_s: float = quantity(
+    gyro_bias_rad_s: float = optional(
         0.0,
         "standard deviation, over trials, of a constant error of the yaw rate, by which the yaw drifts",
         "rad/s",
         0.0,
         1.0,
-        optional=True,
     )
-    wheel_radius_error: float = quantity(
+    wheel_radius_error: float = optional(
         0.0,
         "standard deviation, over trials, of the error of the wheels' radius as a share, by which speed is misread",
         "",
         0.0,
         0.5,
-        optional=True,
     )

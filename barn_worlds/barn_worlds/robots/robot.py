@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from barn_worlds.base.config import Checked, quantity, required
+from barn_worlds.base.config import Checked, optional, quantity, required
 from barn_worlds.geometry.polygon import Corner, area, contains, hull, nearest_side_m, regular
 from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
 
@@ -46,33 +46,23 @@ class Chassis(Checked):
     wheel_width_m: float = required("width of a wheel", "m", 0.001, 2.0)
     wheel_z_m: float = required("height of the wheels' centres in base_link", "m", -10.0, 10.0)
     track_m: float = required("distance between the centres of left and right wheels", "m", 0.01, 10.0)
-    wheelbase_m: float = quantity(0.0, "distance between the axles; 0 for one axle", "m", 0.0, 20.0, optional=True)
-    axle_x_m: float = quantity(
-        0.0,
-        "x of the driven axle (differential) or half way between the axles (skid_steer)",
-        "m",
-        -10.0,
-        10.0,
-        optional=True,
+    wheelbase_m: float = optional(0.0, "distance between the axles; 0 for one axle", "m", 0.0, 20.0)
+    axle_x_m: float = optional(
+        0.0, "x of the driven axle (differential) or half way between the axles (skid_steer)", "m", -10.0, 10.0
     )
-    footprint_m: tuple[Corner, ...] = quantity(
-        (), "corners of the outline from above, counter-clockwise; not of a round robot", "m", optional=True
+    footprint_m: tuple[Corner, ...] = optional(
+        (), "corners of the outline from above, counter-clockwise; not of a round robot", "m"
     )
-    footprint_radius_m: float = quantity(
-        0.0, "radius of a round robot about base_link", "m", 0.0, _LARGEST_M, optional=True
-    )
-    casters_m: tuple[Corner, ...] = quantity((), "x, y where casters touch the ground", "m", optional=True)
-    body_m: tuple[float, float] = quantity(
+    footprint_radius_m: float = optional(0.0, "radius of a round robot about base_link", "m", 0.0, _LARGEST_M)
+    casters_m: tuple[Corner, ...] = optional((), "x, y where casters touch the ground", "m")
+    body_m: tuple[float, float] = optional(
         (0.0, 0.0),
         "length and width of the box about base_link that the physics has as the body; 0: those of the outline",
         "m",
         0.0,
         _LARGEST_M,
-        optional=True,
     )
-    description: str = quantity(
-        "", "URDF that is published; empty: one made of these numbers", choices=DESCRIPTIONS, optional=True
-    )
+    description: str = optional("", "URDF that is published; empty: one made of these numbers", choices=DESCRIPTIONS)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -46,10 +46,8 @@ def through_region(cspace: BoolGrid) -> BoolGrid | None:
     """
     labels, sizes = _label(np.ascontiguousarray(~cspace), 4)
     first, last = _largest(labels[:, 0], sizes), _largest(labels[:, -1], sizes)
-    if first == 0 or first != last:
-        return None
     region: BoolGrid = labels == first
-    return region
+    return region if first != 0 and first == last else None
 
 
 def label_regions(free: BoolGrid, neighbours: int = 4) -> tuple[Integers, Integers]:

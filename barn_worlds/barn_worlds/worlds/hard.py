@@ -101,8 +101,8 @@ def _turns(draw: Draw) -> None:
         draw.grid[slice(1, 1 + wide) if side else slice(rows - 1 - wide, rows - 1), column] = False
         after = column + draw.passage() + draw.whole(2, 4)
         if draw.whole(0, 1):
-            place, stub = draw.whole(9, rows - 11), after - column - draw.passage()
-            draw.grid[place : place + 2, column : column + stub] = True
+            place, stub = draw.whole(9, rows - 11), after - draw.passage()
+            draw.grid[place : place + 2, column:stub] = True
         column, side = after, 1 - side
         if column > cols - 2:
             return
@@ -130,7 +130,7 @@ def _place(draw: Draw, thing: BoolGrid, attempts: int) -> None:
             return
 
 
-_DRAWN: dict[str, Callable[[Draw], None]] = dict(zip(KINDS, (_doors, _dead_ends, _turns, _clutter), strict=True))
+_DRAWN = dict(zip(KINDS, (_doors, _dead_ends, _turns, _clutter), strict=True))
 
 
 def hard_world(
@@ -190,10 +190,7 @@ def proven_way(grid: BoolGrid, side_m: float, robot: Robot, margin_m: float) -> 
     From the middle in front of it, ahead, to the middle behind it. The side walls go on in front, as the containment
     has them.
     """
-    rows, cols = grid.shape
-    whole = np.zeros((rows, _AHEAD + cols + _AFTER), np.bool_)
-    whole[:, _AHEAD : _AHEAD + cols] = grid
+    whole = np.pad(grid, ((0, 0), (_AHEAD, _AFTER)))
     whole[[0, -1], :_AHEAD] = True
-    middle = POINTS_PER_CELL * rows // 2
-    end = POINTS_PER_CELL * (_AHEAD + cols + _AFTER - 3)
+    middle, end = POINTS_PER_CELL * grid.shape[0] // 2, POINTS_PER_CELL * (whole.shape[1] - 3)
     return lattice(whole, side_m, robot.chassis, margin_m).way((middle, 0, _NORTH), (middle, end))

@@ -60,9 +60,8 @@ def lattice(grid: BoolGrid, cell_m: float, chassis: Chassis, margin_m: float) ->
     for k, yaw in enumerate(HEADINGS_RAD.tolist()):
         turn = (HEADINGS_RAD[(k + 1) % len(STEPS)] - yaw) % (2.0 * math.pi)
         step = STEPS[k] * cell_m / POINTS_PER_CELL
-        for motion, (ahead, by, moved_m) in enumerate(
-            ((step, 0.0, math.hypot(*step)), (0.0 * step, turn, turn * chassis.circumscribed_m))
-        ):
+        motions = (step, 0.0, math.hypot(*step)), (0.0 * step, turn, turn * chassis.circumscribed_m)
+        for motion, (ahead, by, moved_m) in enumerate(motions):
             apart_m = margin_m + cell_m / 2.0 + 0.5 * moved_m / (_SAMPLES - 1)
             poses = [(*(share * ahead), yaw + share * by) for share in np.linspace(0.0, 1.0, _SAMPLES)]
             _forbid(both[motion, k], cylinders, _stencil(footprint, poses, cell_m / POINTS_PER_CELL, apart_m))

@@ -48,6 +48,5 @@ def scene_of(
     world: World, start: Pose2D | None = None, goal: Pose2D | None = None, reached_m: float = 0.0
 ) -> TrialScene:
     """Return the scene of a world and a course through it; reached_m: from the goal, what counts as arrival."""
-    size = world.cylinder_radius_m, world.cylinder_height_m
-    boxes = wall_bodies(world.walls)
+    size, boxes = (world.cylinder_radius_m, world.cylinder_height_m), wall_bodies(world.walls)
     return TrialScene(world.obstacles_m, world.containment_m, *size, world.path_m(), start, goal, reached_m, boxes)
