@@ -86,10 +86,7 @@ class Body:
             self.id = -1
 
     def move(self, centre: Triple, force: Triple, torque: Triple) -> Triple:
-        """Advance one tick in Bullet under a force (N) at the centre of mass and a torque (N m).
-
-        Returns x, y, yaw of base_link after it.
-        """
+        """Advance a tick in Bullet under a force (N) at the centre of mass and a torque (N m); return x, y, yaw."""
         # positional arguments, which PyBullet parses faster
         bullet.applyExternalForce(self.id, -1, force, centre, bullet.WORLD_FRAME, self.client)
         bullet.applyExternalTorque(self.id, -1, torque, bullet.WORLD_FRAME, self.client)

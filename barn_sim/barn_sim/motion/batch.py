@@ -96,10 +96,7 @@ class Batch:
             self._disturbed.add(index)
 
     def advance(self, which: Integers, commands: Floats) -> None:
-        """Give the simulators `which` their rows of commands (n, 2), finite; advance them by a control period.
-
-        Of the sensors only collisions are read.
-        """
+        """Give the simulators `which` their finite commands (n, 2), advance a control period, read collisions."""
         fleet, readings = self.fleet, self.readings
         robots, settings = fleet.robots, fleet.settings
         readings.collisions[which] = False

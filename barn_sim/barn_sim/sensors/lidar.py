@@ -165,8 +165,7 @@ def cast_sweep(
 ) -> None:  # fmt: skip
     """Lower `ranges` (n,) to the first hits of beams that have a frame (n, 4) each, as they do at one instant.
 
-    turn: how far the sensor turns from its last frame, rad. A circle is compared with the beams that may hit it from
-    wherever the sensor is meanwhile.
+    turn: how far the sensor turns from its last frame, rad. A circle is compared with all beams that may hit it.
     """
     angle_min, increment, range_max = fan
     count, (x, y, c, s) = len(ranges), frames[-1]
@@ -206,8 +205,7 @@ def cast_spans(
 ) -> None:
     """Do as `cast_circles`; xs, ys (k,): of the centres; spans (8, k): room for what is needed."""
     last_beam, whole, increment = len(ranges) - 1, 2.0 * math.pi, fan[1]
-    see_spans(fan, frame, xs, ys, radius, spans)
-    _see_beams(increment, last_beam, len(xs), spans)
+    see_spans(fan, frame, xs, ys, radius, last_beam, spans)
     for i in range(len(xs)):
         if spans[4, i] <= radius * radius:
             ranges[:] = 0.0
@@ -240,16 +238,18 @@ def _cast_circle(
 
 
 @njit(cache=True, error_model="numpy")
-def see_spans(fan: Triple, frame: Frame, xs: Array, ys: Array, radius: float, spans: Array) -> None:
+def see_spans(fan: Triple, frame: Frame, xs: Array, ys: Array, radius: float, last_beam: float, spans: Array) -> None:
     """Fill `spans` (8, k) with how a sensor sees circles at xs, ys (k,), without a branch, for several of them at once.
 
     Rows: angle of the middle, from the first beam, at least 0, and half the angle that a circle takes up, -1 beyond the
-    longest range (rad); distance ahead and to the left; square of the distance (m).
+    longest range (rad); distance ahead and to the left; square of the distance (m); first and last of the beams that
+    may hit it, the first after the last if none can; 1 where others may hit it a whole turn away, else 0.
     Which beams are compared with a circle may be found roughly: one too many changes nothing.
     """
-    angle_min, _, range_max = fan
+    angle_min, increment, range_max = fan
     x, y, cos_yaw, sin_yaw = frame
     reach, whole = (range_max + radius) * (range_max + radius), 2.0 * math.pi
+    end = (last_beam + 1.0) * increment
     for i in range(len(xs)):
         dx, dy = xs[i] - x, ys[i] - y
         squared = dx * dx + dy * dy
@@ -261,27 +261,14 @@ def see_spans(fan: Triple, frame: Frame, xs: Array, ys: Array, radius: float, sp
         cubed = sine * sine * sine
         half = sine + cubed * (1.0 / 6.0) + 0.1 * cubed * sine * sine
         half = half if sine <= 0.5 else 0.5 * math.pi * sine
-        spans[0, i] = middle - whole if middle >= whole else middle
-        spans[1, i] = -1.0 if squared > reach else half + 2.0 * ROUGH_RAD
-        spans[2, i], spans[3, i] = ahead, left
-        spans[4, i] = squared
-
-
-@njit(cache=True, error_model="numpy")
-def _see_beams(increment: float, last_beam: int, count: int, spans: Array) -> None:
-    """Fill the rows 5 to 7 of `spans` (8, k), for the first `count` circles, with what follows from the rows before.
-
-    Rows: first and last of the beams that may hit it, the first after the last if none can; 1 where others may hit it
-    a whole turn away, else 0.
-    """
-    last, end, whole = float(last_beam), (last_beam + 1) * increment, 2.0 * math.pi
-    for i in range(count):
-        middle, half = spans[0, i], spans[1, i]
+        middle = middle - whole if middle >= whole else middle
+        half = -1.0 if squared > reach else half + 2.0 * ROUGH_RAD
+        spans[0, i], spans[1, i], spans[2, i], spans[3, i], spans[4, i] = middle, half, ahead, left, squared
         low, high = np.ceil((middle - half) / increment), np.floor((middle + half) / increment)
         over = 1.0 if middle + half >= whole - increment else 0.0
         over = 1.0 if middle - half <= end - whole else over
         spans[5, i] = low if low > 0.0 else 0.0
-        high = high if high < last else last
+        high = high if high < last_beam else last_beam
         spans[6, i] = -1.0 if half < 0.0 else high
         spans[7, i] = 0.0 if half < 0.0 else over
 

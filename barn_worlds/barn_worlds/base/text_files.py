@@ -49,10 +49,7 @@ def parse_json(text: str | bytes, where: str) -> Plain:
 
 
 def read_lines(path: Path) -> Iterator[tuple[str, str]]:
-    """Yield each line of a file with its place, such as "rows.jsonl, line 2", without one that a kill cut off.
-
-    Nothing if there is no file.
-    """
+    """Yield each line of a file, if there is one, with its place, such as "rows.jsonl, line 2"; not one cut off."""
     try:
         with open_regular(path) as file:
             read = 0

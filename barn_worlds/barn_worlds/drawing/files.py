@@ -26,10 +26,7 @@ def figure_bytes(figure: Figure, kind: str = "png", dots_per_inch: float = 120, 
 
 
 def write_png(figure: Figure, path: Path, dots_per_inch: float = 120, *, tight: bool = True) -> None:
-    """Write a figure as PNG, whatever the file's ending, atomically; WorldError if that fails.
-
-    tight: cut off its empty margins.
-    """
+    """Write a figure as PNG, whatever the file's ending, atomically; tight: without its empty margins."""
     write_bytes(path, figure_bytes(figure, dots_per_inch=dots_per_inch, tight=tight))
 
 

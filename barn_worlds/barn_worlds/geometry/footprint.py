@@ -1,7 +1,7 @@
 """A robot's body seen from above: a rectangle, a disc or a convex polygon, with its distances and times to contact."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 
 import numpy as np
@@ -22,6 +22,9 @@ class Footprint:
     def __init__(self, corners_m: Floats, radius_m: float = 0.0) -> None:
         self.corners_m, self.radius_m = corners_m, radius_m
         self._core = np.zeros((1, 2)) if radius_m else corners_m
+        self._gaps: Callable[..., Floats] = kernels.gaps_to_polygon
+        self._times: Callable[..., Floats] = kernels.times_to_polygon
+        self._outline: tuple[Floats | float, ...] = self._core, radius_m
         self.extent_m = np.concatenate([self._core.min(axis=0) - radius_m, self._core.max(axis=0) + radius_m])
 
     def plain(self) -> dict[str, object]:
@@ -39,19 +42,16 @@ class Footprint:
 
     def gaps(self, shapes: Floats, x: float, y: float, yaw: float) -> Floats:
         """Return the distances (n,) in m from the robot at a pose to shapes (n, 7) of `geometry.kernels`, 0 inside."""
-        found: Floats = kernels.gaps_to_polygon(shapes, x, y, yaw, self._core, self.radius_m)
-        return found
+        return self._gaps(shapes, x, y, yaw, *self._outline)
 
     def times_to_contact(
         self, shapes: Floats, velocities: Floats, x: float, y: float, yaw: float, speed: float
     ) -> Floats:
         """Return when (n,) in s the robot meets shapes (n, 7) if all keep their velocities, inf for never.
 
-        velocities (n, 2): of the shapes, m/s; the robot goes straight ahead at `speed`. A box counts as the disc around
-        it.
+        velocities (n, 2): of the shapes, m/s; the robot goes straight ahead at `speed`. A box counts as a disc.
         """
-        found: Floats = kernels.times_to_polygon(shapes, velocities, x, y, yaw, speed, self._core, self.radius_m)
-        return found
+        return self._times(shapes, velocities, x, y, yaw, speed, *self._outline)
 
     def nearest(self, x: float, y: float) -> Floats:
         """Return the point (2,) of the outline's inside or edge that is nearest to a point in base_link."""
@@ -73,6 +73,7 @@ class Rectangle(Footprint):
     def __init__(self, extent_m: Sequence[float]) -> None:
         left, low, right, high = extent_m
         super().__init__(np.array([[left, low], [right, low], [right, high], [left, high]]))
+        self._gaps, self._times, self._outline = kernels.gaps_to_rectangle, kernels.times_to_rectangle, (self.extent_m,)
 
     def distances(self, x: Floats, y: Floats) -> Floats:
         """Return the distances of points, see `Footprint`."""
@@ -82,18 +83,6 @@ class Rectangle(Footprint):
         outside = np.hypot(np.maximum(beyond_x, 0.0), np.maximum(beyond_y, 0.0))
         signed: Floats = outside + np.minimum(np.maximum(beyond_x, beyond_y), 0.0)
         return signed
-
-    def gaps(self, shapes: Floats, x: float, y: float, yaw: float) -> Floats:
-        """Return the distances from shapes, see `Footprint`."""
-        found: Floats = kernels.gaps_to_rectangle(shapes, x, y, yaw, self.extent_m)
-        return found
-
-    def times_to_contact(
-        self, shapes: Floats, velocities: Floats, x: float, y: float, yaw: float, speed: float
-    ) -> Floats:
-        """Return the times to contact with shapes, see `Footprint`."""
-        found: Floats = kernels.times_to_rectangle(shapes, velocities, x, y, yaw, speed, self.extent_m)
-        return found
 
     def nearest(self, x: float, y: float) -> Floats:
         """Return the nearest point, see `Footprint`."""

@@ -51,10 +51,9 @@ def through_region(cspace: BoolGrid) -> BoolGrid | None:
 
 
 def label_regions(free: BoolGrid, neighbours: int = 4) -> tuple[Integers, Integers]:
-    """Return the label (rows, cols) of each free cell's connected region, and the number of cells of each label.
+    """Return the label (rows, cols) of each free cell's region of 4 or 8 `neighbours`, and how many cells each has.
 
     Labels start at 1 and rise in reading order. Cells that are not free have label 0, whose count is 0.
-    neighbours: 4 or 8.
     """
     labels, sizes = _label(np.ascontiguousarray(free), neighbours)
     return labels, sizes[: labels.max(initial=0) + 1]

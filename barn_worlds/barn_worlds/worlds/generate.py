@@ -1,6 +1,7 @@
 """Generating worlds and whole data sets from a seed (paper, section III-A)."""
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -89,10 +90,9 @@ class DatasetParameters(Checked):
 def generate_world(
     parameters: WorldParameters, generator: np.random.Generator, name: str = "generated", *, seed: tuple[int, ...] = ()
 ) -> World:
-    """Return a random world; grids without a way through are discarded.
+    """Return a random world; WorldError if none of `parameters.attempts` grids has a way through.
 
-    seed: what `generator` was seeded with, stored as provenance. Raises WorldError if none of `parameters.attempts`
-    grids has a way through.
+    seed: what `generator` was seeded with, stored as provenance.
     """
     for _ in range(parameters.attempts):
         grid = grow(parameters, generator)
@@ -119,13 +119,12 @@ def generate_dataset(parameters: DatasetParameters, progress: Callable[[int, int
     there are. progress: called after each world with the number made so far and the total.
     """
     worlds: list[World] = []
-    for s, of_set in enumerate(parameters.sets):
-        for k in range(parameters.worlds_per_set):
-            generator = np.random.default_rng(np.random.SeedSequence(parameters.seed, spawn_key=(s, k)))
-            name = f"{parameters.name}_{s}_{k}"
-            worlds.append(generate_world(of_set, generator, name, seed=(parameters.seed, s, k)))
-            if progress is not None:
-                progress(len(worlds), parameters.made)
+    for s, k in itertools.product(range(len(parameters.sets)), range(parameters.worlds_per_set)):
+        generator = np.random.default_rng(np.random.SeedSequence(parameters.seed, spawn_key=(s, k)))
+        name, seed = f"{parameters.name}_{s}_{k}", (parameters.seed, s, k)
+        worlds.append(generate_world(parameters.sets[s], generator, name, seed=seed))
+        if progress is not None:
+            progress(len(worlds), parameters.made)
     return worlds
 
 

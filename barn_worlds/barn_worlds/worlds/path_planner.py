@@ -48,8 +48,7 @@ def plan_path(cspace: BoolGrid, start: tuple[int, int], goal: tuple[int, int]) -
 def plan_through(cspace: BoolGrid) -> Cells | None:
     """Return a path (n, 2) from the first to the last column, or None if there is none.
 
-    Start and goal are the cells in the first and the last column that are closest to the middle of the region that
-    leads through (the lower row of two).
+    Its ends are the cells of the region that leads through that are closest to its middle (the lower row of two).
     """
     region = through_region(cspace)
     if region is None:
