@@ -55,6 +55,15 @@ def test_results_are_replaced_only_when_told_to(tmp_path):
     assert len(content(tmp_path)["sessions"]) == 1
 
 
+def test_what_is_replaced_is_the_experiments_own(tmp_path):
+    keep(tmp_path, GAP)
+    (bag := tmp_path / "bags" / "gap_w0000_r00").mkdir(parents=True)
+    (tmp_path / "bags" / "notes.txt").write_text("mine")
+    keep(tmp_path, replace(GAP, seed=4), 1, overwrite=True)
+    assert (tmp_path / "bags" / "notes.txt").read_text() == "mine"
+    assert not bag.exists()
+
+
 def test_sessions_are_kept_one_after_the_other(tmp_path):
     for count in (1, 1, None):
         keep(tmp_path, GAP, count)

@@ -72,6 +72,7 @@ CAMPAIGN = {
     ),
     "execution": ("execution: 5", "c.yaml: execution must be a mapping of parameters to values, got 5"),
     "out": ("out: 5", "c.yaml: out must name a folder for the results, got 5"),
+    "NUL in the folder": ('out: "a\\0b"', r"out 'a\x00b': a path cannot hold a NUL"),
     "long text": ("dataset: " + "x" * 5000, ""),
     "long name": ("planners: [" + "x" * 5000 + "]", ""),
 }
@@ -97,6 +98,11 @@ def test_a_campaign_file_that_is_none(refused, tmp_path, name):
 def test_a_protocol_with_an_odd_base(refused, tmp_path, base):
     (tmp_path / "p.yaml").write_text(f"schema_version: 1\nbase: {base}\nname: mine\n")
     assert refused("run", "--protocol", "p.yaml").startswith("p.yaml: unknown base ")
+
+
+def test_a_protocol_whose_name_is_not_printable(refused, tmp_path):
+    (tmp_path / "p.yaml").write_text('schema_version: 1\nbase: challenge\nname: "\\0"\n')
+    assert refused("run", "--protocol", "p.yaml").startswith("p.yaml: name must be printable text, got ")
 
 
 @pytest.mark.parametrize("value", ["2001-13-99", "!!int x", "[" * 2000, "9" * 5000, "\ud800"])
@@ -150,8 +156,15 @@ def npy(shape, dtype="<f8"):
 
 @pytest.mark.parametrize(
     "content",
-    [npy("(0, 10000000000000000000000)"), npy("(1,) * 100"), npy(str((1,) * 100)), npy("(-1,)"), npy("(2,)", "|O")],
-    ids=["10^22", "product", "100 dimensions", "negative", "objects"],
+    [
+        npy("(True, True)"),
+        npy("(0, 10000000000000000000000)"),
+        npy("(1,) * 100"),
+        npy(str((1,) * 100)),
+        npy("(-1,)"),
+        npy("(2,)", "|O"),
+    ],
+    ids=["truth values", "10^22", "product", "100 dimensions", "negative", "objects"],
 )
 def test_an_array(refused, tmp_path, content):
     (tmp_path / "grid.npy").write_bytes(content)

@@ -4,6 +4,8 @@ import http.client
 import json
 import re
 import shutil
+import socket
+import struct
 import subprocess
 import sys
 from urllib.parse import quote
@@ -112,6 +114,16 @@ def test_nothing_is_written_and_a_taken_port_is_told(folder):
     assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
     with pytest.raises(ConfigError, match="host 'nowhere"):
         Watch(folder, host="nowhere.invalid", port=0)
+
+
+def test_a_client_that_leaves_before_its_answer_leaves_no_traceback(folder, capfd):
+    with Watch(folder, port=0) as page:
+        for _ in range(5):
+            with socket.create_connection(("127.0.0.1", int(page.url.split(":")[2].strip("/")))) as client:
+                client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # closed by a reset
+                client.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        assert get(page, "/state")[0] == 200
+    assert capfd.readouterr().err == ""
 
 
 def test_the_command_says_where_and_ends_on_ctrl_c(folder):

@@ -18,7 +18,7 @@ import fcntl
 import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
@@ -233,6 +233,11 @@ def _remove(path: Path, *, logs: bool) -> None:
     """Remove what an experiment has written, its logs where that is asked for, and nothing else."""
     for name in (RUN_FILE, FILE_NAME, TRACKS_NAME, *TABLE_FILES, WORLDS, f"{Path(WORLDS).stem}.manifest.json"):
         (path / name).unlink(missing_ok=True)
-    for name in (BAGS, PICTURES, LOSSES, TRACEBACKS, *((LOGS,) if logs else ()), REPLAYS):
+    for name in (BAGS, PICTURES, LOSSES, TRACEBACKS):
+        for one in (path / name).glob("*_w[0-9]*_r[0-9]*"):
+            shutil.rmtree(one) if one.is_dir() and not one.is_symlink() else one.unlink()
+        with suppress(OSError):  # it is not there, or holds what somebody else has put into it
+            (path / name).rmdir()
+    for name in (*((LOGS,) if logs else ()), REPLAYS):
         if (path / name).is_dir():
             shutil.rmtree(path / name)

@@ -45,6 +45,10 @@ class Request:
     out: Path
     worlds: Mapping[int, World] | None = None
 
+    def __post_init__(self) -> None:
+        if "\0" in str(self.out):
+            raise ConfigError(f"out {shown(str(self.out))}: a path cannot hold a NUL")
+
     def trials(self) -> list[TrialSpec]:
         """Return the trials of the experiment."""
         if self.worlds is None:

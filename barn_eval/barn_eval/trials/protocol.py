@@ -140,6 +140,10 @@ class Protocol(Checked):
         optional=True,
     )
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.require(self.name.strip() != "" and self.name.isprintable(), "name", "must be printable text")
+
     def course(self, world: World) -> Course:
         """Return start, goal and lengths of a world; ConfigError where it has no path, or is none for the protocol."""
         if world.start is not None and world.goal is not None:
