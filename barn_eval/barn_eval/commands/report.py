@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 
@@ -36,7 +36,12 @@ class Look(Checked):
 @click.option("--replays", is_flag=True, help="Draw the replay of each bag into OUT_replays and link to it.")
 @settings_option("--set", "settings", "Of the page and its figures", Look())
 def command(
-    folders: tuple[Path, ...], out: Path, assets: bool, replays: bool, settings: dict[str, Any], **difficulty: Any
+    folders: tuple[Path, ...],
+    out: Path,
+    assets: bool,
+    replays: bool,
+    settings: dict[str, Any],
+    **difficulty: Literal["trials", "model"],
 ) -> None:
     """Write the report of FOLDERS of experiments, finished or not.
 
