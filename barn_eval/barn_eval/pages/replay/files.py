@@ -51,6 +51,7 @@ def write_replay(
     drawn. BagError for a bag that cannot be read, ConfigError for too many bags or frames, and for what cannot be drawn
     or written.
     """
+    by_ending(outs)  # before anything is read
     if not 1 <= len(bags) <= MOST_BAGS:
         raise ConfigError(f"a replay shows 1 to {MOST_BAGS} bags, got {len(bags)}")
     found = [read_recorded(path) for path in bags]
