@@ -52,15 +52,9 @@ class LocalisationConfig(Checked):
     correlation_updates: float = quantity(5.0, "updates after which an error has decayed to 1/e", "", 0.01, 1000.0)
     update_distance_m: float = quantity(0.1, "distance between updates", "m", 0.001, 100.0)
     update_turn_rad: float = quantity(0.314, "turn between updates", "rad", 0.001, 100.0)
-    historical_map: bool = quantity(
-        False, "particles: the map is that of the original data set, its obstacles one cell nearer than the world's"
-    )
-    initial_std_m: float = quantity(
-        0.5, "particles: standard deviation around the start along x and along y", "m", 0.0, 10.0
-    )
-    initial_yaw_std_rad: float = quantity(
-        0.262, "particles: standard deviation around the heading at the start", "rad", 0.0, 3.0
-    )
+    historical_map: bool = quantity(False, "particles: the map is the original's, obstacles one cell nearer")
+    initial_std_m: float = quantity(0.5, "particles: standard deviation of x and y around the start", "m", 0.0, 10.0)
+    initial_yaw_std_rad: float = quantity(0.262, "particles: standard deviation of heading at start", "rad", 0.0, 3.0)
     min_particles: int = quantity(500, "particles: fewest of them", "", 1, 100_000)
     max_particles: int = quantity(2000, "particles: most of them, also at the start", "", 1, 100_000)
     motion_noise: float = quantity(0.2, "particles: noise of the motion model (alpha 1 to 4 of amcl)", "", 0.0, 10.0)
@@ -69,22 +63,11 @@ class LocalisationConfig(Checked):
     hit_std_m: float = quantity(0.2, "particles: standard deviation of a hit from the obstacle", "m", 0.001, 10.0)
     beams: int = quantity(720, "particles: beams of a scan that are compared with the map", "", 2, 10_000)
     correction_delay_s: float = quantity(
-        0.0,
-        "particles: a new correction takes effect this much later (amcl dates it ahead by transform_tolerance, 1 s on "
-        "the Jackal, and a look-up at the present finds the one before)",
-        "s",
-        0.0,
-        10.0,
+        0.0, "particles: a correction takes effect so late (amcl: 1 s)", "s", 0.0, 10.0
     )
-    recovery_alpha_slow: float = quantity(
-        0.0, "particles: decay of the slow average of weights (amcl), by which a loss is told", "", 0.0, 1.0
-    )
-    recovery_alpha_fast: float = quantity(
-        0.0, "particles: decay of the fast one (0.1 on the Jackal); 0: none are drawn anywhere", "", 0.0, 1.0
-    )
-    half_cell_low: bool = quantity(
-        True, "particles: cells are taken to be centred on their lower corners (a quirk of amcl)"
-    )
+    recovery_alpha_slow: float = quantity(0.0, "particles: decay of the slow average of weights (amcl)", "", 0.0, 1.0)
+    recovery_alpha_fast: float = quantity(0.0, "particles: decay of the fast one (Jackal 0.1); 0: off", "", 0.0, 1.0)
+    half_cell_low: bool = quantity(True, "particles: cells are centred on their lower corners (a quirk of amcl)")
 
 
 @dataclass(frozen=True)
@@ -95,13 +78,9 @@ class ObstacleConfig(Checked):
     containment_movable: bool = quantity(True, "if so, those of the containment can, too")
     mass_kg: float = quantity(1.0, "mass of a cylinder", "kg", 0.01, 1000.0)
     inertia_tilt_kg_m2: float = quantity(0.145833, "moment of inertia about a horizontal axis", "kg m2", 1e-5, 1000.0)
-    inertia_spin_kg_m2: float = quantity(
-        0.125, "moment of inertia about the cylinder's own axis", "kg m2", 1e-5, 1000.0
-    )
+    inertia_spin_kg_m2: float = quantity(0.125, "moment of inertia about the cylinder's axis", "kg m2", 1e-5, 1000.0)
     friction: float = quantity(1.0, "friction coefficient of an obstacle", "", 0.0, 3.0)
-    random_phase: bool = optional(
-        True, "moving obstacles begin at a time of their motions drawn from the seed, not at 0"
-    )
+    random_phase: bool = optional(True, "moving obstacles begin at a time drawn from the seed, not at 0")
 
 
 @dataclass(frozen=True)
@@ -218,21 +197,17 @@ class SimulatorNodeConfig(Checked):
     lockstep: bool = quantity(False, "wait for one command after each scan instead of running freely")
     start_paused: bool = quantity(False, "start paused")
     command_type: str = quantity(
-        "auto", "type of the commands; auto: the publisher's", choices=("auto", "twist", "twist_stamped")
+        "auto", "type of commands; auto: the publisher's", choices=("auto", "twist", "twist_stamped")
     )
     scan_reliability: str = quantity(
-        "auto",
-        "quality of service of the scan; auto: reliable in lockstep, else best_effort",
-        choices=("auto", "reliable", "best_effort"),
+        "auto", "reliability of the scan; auto: reliable in lockstep", choices=("auto", "reliable", "best_effort")
     )
     map_frame: str = quantity(FRAMES.map, "frame of the world")
     odom_frame: str = quantity(FRAMES.odom, "frame of the odometry")
     base_frame: str = quantity(FRAMES.base, "frame of the robot")
     lidar_frame: str = quantity(FRAMES.lidar, "frame of the scans")
     ground_truth: bool = quantity(True, "publish the true pose and contacts, which a planner under test must not know")
-    evaluator_fd: int = quantity(
-        -1, "private line to the evaluator, from the supervisor; -1 for none", "", -1, 1_000_000
-    )
+    evaluator_fd: int = quantity(-1, "private line to the evaluator; -1: none", "", -1, 1_000_000)
 
     @property
     def frames(self) -> Frames:
@@ -244,19 +219,14 @@ class SimulatorNodeConfig(Checked):
 class RunConfig(SimulatorConfig):
     """Parameters that a reset applies: the simulator's configuration, the world and the start pose."""
 
-    robot: str = quantity(
-        STANDARD.name,
-        "name of a robot or path of its YAML file; when the node starts, parameters that are not set have its values",
-    )
+    robot: str = quantity(STANDARD.name, "name or YAML file of a robot; unset parameters have its values")
     dataset: str = quantity("barn300", "name of a shipped data set, or path of a folder or file with worlds")
     world: int = quantity(0, "number of the world", "", 0, 999_999_999)
     start_x_m: float = quantity(-2.25, "x of the start pose in the map frame", "m", -1e4, 1e4)
     start_y_m: float = quantity(3.0, "y of the start pose in the map frame", "m", -1e4, 1e4)
     start_yaw_rad: float = quantity(1.57, "yaw of the start pose", "rad", -7.0, 7.0)
     seed: int = quantity(0, "seed of all noise", minimum=0)
-    real_time_factor: float = quantity(
-        1.0, "simulated time over real time when running freely, 0 for as fast as possible", "", 0.0, 1000.0
-    )
+    real_time_factor: float = quantity(1.0, "simulated over real time, 0: as fast as possible", "", 0.0, 1000.0)
     command_wait_s: float = quantity(5.0, "how long lockstep waits for a command, in real time", "s", 0.001, 3600.0)
 
     compute: Compute = field(default_factory=Compute)

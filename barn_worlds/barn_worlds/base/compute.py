@@ -21,13 +21,7 @@ class Compute(Checked):
     """
 
     delay_s: float = quantity(0.0, "from readings to the effect of the command", "s", 0.0, 10.0)
-    delay_p95_s: float = quantity(
-        0.0,
-        "95th percentile of that delay, log-normal around its median delay_s by the trial's seed; 0: it is constant",
-        "s",
-        0.0,
-        10.0,
-    )
+    delay_p95_s: float = quantity(0.0, "95th percentile of that delay, log-normal by seed; 0: constant", "s", 0.0, 10.0)
     period_s: float = quantity(0.0, "shortest time between two cycles", "s", 0.0, 10.0)
 
     def __post_init__(self) -> None:

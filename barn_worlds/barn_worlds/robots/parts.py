@@ -18,18 +18,10 @@ class DriveConfig(Checked):
     max_acceleration_m_s2: float = quantity(20.0, "largest acceleration", "m/s2", 0.01, 1000.0)
     max_yaw_rate_rad_s: float = quantity(4.0, "largest yaw rate", "rad/s", 0.0, 20.0)
     max_yaw_acceleration_rad_s2: float = quantity(25.0, "largest yaw acceleration", "rad/s2", 0.01, 1000.0)
-    wheel_separation_multiplier: float = quantity(
-        1.5, "factor on the track width, so that the robot turns as commanded although its wheels skid", "", 0.1, 10.0
-    )
-    command_timeout_s: float = quantity(
-        0.5, "a command older than this stops the robot (ROS 1 Jackal 0.25)", "s", 0.01, 60.0
-    )
-    command_latency_s: float = quantity(
-        0.08, "time from a command's arrival until it takes effect (assumed)", "s", 0.0, 1.0
-    )
-    motor_lag_s: float = optional(
-        0.0, "time constant with which the wheels follow what the controller asks of them", "s", 0.0, 10.0
-    )
+    wheel_separation_multiplier: float = quantity(1.5, "factor on the track width, for wheels that skid", "", 0.1, 10.0)
+    command_timeout_s: float = quantity(0.5, "an older command stops the robot (ROS 1 Jackal 0.25)", "s", 0.01, 60.0)
+    command_latency_s: float = quantity(0.08, "time until a command takes effect (assumed)", "s", 0.0, 1.0)
+    motor_lag_s: float = optional(0.0, "time constant with which wheels follow the controller", "s", 0.0, 10.0)
     max_reverse_m_s: float = optional(10.0, "largest speed backwards, where below max_speed_m_s", "m/s", 0.0, 10.0)
 
 
@@ -48,14 +40,10 @@ class LidarConfig(Checked):
     mount_z_m: float = quantity(0.241, "height above base_link", "m", -1.0, 10.0)
     mount_y_m: float = optional(0.0, "position left of base_link", "m", -10.0, 10.0)
     mount_yaw_rad: float = optional(0.0, "direction of angle 0 of a scan, from base_link's x", "rad", -3.15, 3.15)
-    noise_share: float = optional(
-        0.0, "that standard deviation as a share of the range, where it is larger", "", 0.0, 0.5
-    )
-    sweeps: bool = optional(
-        False, "beams are taken one after the other, each from where the robot is as the mirror turns"
-    )
+    noise_share: float = optional(0.0, "that standard deviation as a share of the range, if larger", "", 0.0, 0.5)
+    sweeps: bool = optional(False, "beams are taken one after the other, as the mirror turns")
     mixed_share: float = optional(
-        0.0, "share of the beams beside an edge that read a range between its two sides (mixed pixels)", "", 0.0, 1.0
+        0.0, "share of beams at an edge that read between its sides (mixed pixels)", "", 0.0, 1.0
     )
     dropout_share: float = optional(0.0, "share of the beams that read +inf whatever is there", "", 0.0, 1.0)
 
@@ -74,17 +62,7 @@ class OdometryConfig(Checked):
     rate_hz: float = quantity(50.0, "updates per second", "Hz", 1.0, 1000.0)
     yaw_noise_rad: float = quantity(0.005, "standard deviation of the yaw", "rad", 0.0, 1.0)
     yaw_rate_noise_rad_s: float = quantity(0.005, "standard deviation of the yaw rate", "rad/s", 0.0, 1.0)
-    gyro_bias_rad_s: float = optional(
-        0.0,
-        "standard deviation, over trials, of a constant error of the yaw rate, by which the yaw drifts",
-        "rad/s",
-        0.0,
-        1.0,
-    )
+    gyro_bias_rad_s: float = optional(0.0, "standard deviation over trials of the gyro's bias", "rad/s", 0.0, 1.0)
     wheel_radius_error: float = optional(
-        0.0,
-        "standard deviation, over trials, of the error of the wheels' radius as a share, by which speed is misread",
-        "",
-        0.0,
-        0.5,
+        0.0, "standard deviation over trials of the wheels' radius, as a share", "", 0.0, 0.5
     )

@@ -36,9 +36,7 @@ class Chassis(Checked):
     kind: str = required("kind of drive", choices=KINDS)
     mass_kg: float = required("mass, wheels included", "kg", 0.01, 10_000.0)
     centre_of_mass_m: tuple[float, float, float] = required("centre of mass", "m", -_LARGEST_M, _LARGEST_M)
-    inertia_kg_m2: tuple[float, float, float] = required(
-        "moments of inertia about axes along x, y and z through the centre of mass", "kg m2", 1e-7, 1e6
-    )
+    inertia_kg_m2: tuple[float, float, float] = required("moments about the centre of mass", "kg m2", 1e-7, 1e6)
     body_height_m: float = required("top of the body over the ground", "m", 0.01, 10.0)
     ground_clearance_m: float = required("bottom of the body over the ground", "m", 0.0, 5.0)
     base_height_m: float = required("base_link over the ground", "m", -5.0, 10.0)
@@ -47,20 +45,14 @@ class Chassis(Checked):
     wheel_z_m: float = required("height of the wheels' centres in base_link", "m", -10.0, 10.0)
     track_m: float = required("distance between the centres of left and right wheels", "m", 0.01, 10.0)
     wheelbase_m: float = optional(0.0, "distance between the axles; 0 for one axle", "m", 0.0, 20.0)
-    axle_x_m: float = optional(
-        0.0, "x of the driven axle (differential) or half way between the axles (skid_steer)", "m", -10.0, 10.0
-    )
+    axle_x_m: float = optional(0.0, "x of the driven axle, or half way between two", "m", -10.0, 10.0)
     footprint_m: tuple[Corner, ...] = optional(
-        (), "corners of the outline from above, counter-clockwise; not of a round robot", "m"
+        (), "corners of the outline, counter-clockwise; not of a round robot", "m"
     )
     footprint_radius_m: float = optional(0.0, "radius of a round robot about base_link", "m", 0.0, _LARGEST_M)
     casters_m: tuple[Corner, ...] = optional((), "x, y where casters touch the ground", "m")
     body_m: tuple[float, float] = optional(
-        (0.0, 0.0),
-        "length and width of the box about base_link that the physics has as the body; 0: those of the outline",
-        "m",
-        0.0,
-        _LARGEST_M,
+        (0.0, 0.0), "length and width of the body's box; 0: the outline's", "m", 0.0, _LARGEST_M
     )
     description: str = optional("", "URDF that is published; empty: one made of these numbers", choices=DESCRIPTIONS)
 
