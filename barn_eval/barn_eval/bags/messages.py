@@ -79,19 +79,13 @@ class LiveScore:
         if self._concluded or not due:
             return
         self._due_ns, self._concluded = stamp_ns + _PERIOD_NS, standing.outcome is not None
-        value = score_so_far(standing, self._course)
-        word = standing.outcome.value if standing.outcome else RUNNING
+        value, start = score_so_far(standing, self._course), self._course.start
         yield Outgoing(topics.SCORE, encode.encode_number(value))
-        yield Outgoing(topics.OUTCOME, encode.encode_text(word))
-        yield Outgoing(topics.SCORE_TEXT, self._text(_lines(self._title, standing, value), stamp_ns))
-
-    def _text(self, lines: list[str], stamp_ns: int) -> bytes:
+        yield Outgoing(topics.OUTCOME, encode.encode_text(standing.outcome.value if standing.outcome else RUNNING))
         text = marker(FRAMES.of(topics.SCORE_TEXT), "score", TEXT_VIEW_FACING, colour=_TEXT_COLOUR, stamp_ns=stamp_ns)
-        start = self._course.start
         text.pose.position.x, text.pose.position.y = start.x, start.y - _BELOW_START_M
-        text.scale.z = _TEXT_M
-        text.text = "\n".join(lines)
-        return serialise(make(topics.SCORE_TEXT.type_name, markers=[text]))
+        text.scale.z, text.text = _TEXT_M, "\n".join(_lines(self._title, standing, value))
+        yield Outgoing(topics.SCORE_TEXT, serialise(make(topics.SCORE_TEXT.type_name, markers=[text])))
 
 
 def score_so_far(standing: Standing, course: Course) -> float:
@@ -111,21 +105,8 @@ def _lines(title: str, standing: Standing, value: float) -> list[str]:
 
 # Announced at the start, so that every bag lists them; what a planner shows is announced when it does.
 _ALWAYS = (
-    topics.CLOCK,
-    topics.ODOM,
-    topics.GROUND_TRUTH,
-    topics.AMCL_POSE,
-    topics.TF,
-    topics.COLLISION,
-    topics.JOINT_STATES,
-    topics.GOAL_POSE,
-    topics.CMD_VEL,
-    topics.SCAN,
-    topics.SCORE,
-    topics.OUTCOME,
-    topics.SCORE_TEXT,
-    topics.TF_STATIC,
-    topics.WORLD,
+    *(topics.CLOCK, topics.ODOM, topics.GROUND_TRUTH, topics.AMCL_POSE, topics.TF, topics.COLLISION),
+    *(topics.JOINT_STATES, topics.GOAL_POSE, topics.CMD_VEL, topics.SCAN, *TOPICS, topics.TF_STATIC, topics.WORLD),
 )
 
 
@@ -133,27 +114,22 @@ class TrialBag:
     """Record a trial instant by instant; every message carries the time of its instant."""
 
     def __init__(self, recorder: Recorder, spec: TrialSpec) -> None:
-        frames = Frames(planning=spec.planning_frame)
-        self._recorder = recorder
-        self._spec = spec
-        self._frames = frames
-        self._simulator = SimulatorMessages(spec.simulator, frames)
-        self._planner = PlannerMessages(frames)
+        self._recorder, self._spec, self._score = recorder, spec, LiveScore(spec)
+        self._frames = frames = Frames(planning=spec.planning_frame)
+        self._simulator, self._planner = SimulatorMessages(spec.simulator, frames), PlannerMessages(frames)
         self._goal = PoseStampedEncoder(frames.of(topics.GOAL_POSE))
-        self._score = LiveScore(spec)
         self._goal_period_ns = nanoseconds(spec.protocol.goal_period_s)
         self._next_goal_ns: int | None = 0
-        given = () if spec.map is None else (topics.MAP,)
-        for topic in (topics.ROBOT_DESCRIPTION, *given, *_ALWAYS):
+        for topic in (topics.ROBOT_DESCRIPTION, *(() if spec.map is None else (topics.MAP,)), *_ALWAYS):
             self._announce(topic)
 
     def begin(self, first: Sensors) -> None:
         """Record what is published once, at the start."""
-        self._record(self._simulator.constant(), first.stamp_ns)
-        if self._spec.map is not None:
-            data = encode_map(self._spec.map, first.stamp_ns, self._frames.of(topics.MAP))
-            self._record([Outgoing(topics.MAP, data)], first.stamp_ns)
-        self._record([first_scene(self._spec, first.stamp_ns)], first.stamp_ns)
+        spec, stamp_ns = self._spec, first.stamp_ns
+        self._record(self._simulator.constant(), stamp_ns)
+        if spec.map is not None:
+            self._record([Outgoing(topics.MAP, encode_map(spec.map, stamp_ns, self._frames.of(topics.MAP)))], stamp_ns)
+        self._record([first_scene(spec, stamp_ns)], stamp_ns)
 
     def reading(self, sensors: Sensors, *, asked: bool = True) -> None:
         """Record the readings of an instant, the scan where the planner is asked, and the goal where it is sent."""

@@ -58,12 +58,8 @@ class RecordedMotions:
         now = self.at(np.array([time_s]))[0]
         last = int(np.searchsorted(self.times_s, time_s + 1e-9, side="right"))
         first = int(np.searchsorted(self.times_s, time_s - TRAIL_S))
-        trails = []
-        for k in range(len(now)):
-            jumped = np.flatnonzero(self.jumps[first:last, k])
-            begin = first + int(jumped[-1]) if len(jumped) else first
-            trails.append(np.vstack([self.places[begin:last, k], now[k]]))
-        return trails
+        begun = [max(np.flatnonzero(jumps), default=0) for jumps in self.jumps[first:last].T]  # at the last jump
+        return [np.vstack([self.places[first + begin : last, k], now[k]]) for k, begin in enumerate(begun)]
 
     def gaps(self, times_s: Floats, poses: Floats, outline: Footprint) -> Floats:
         """Return the distance (t,) in m from the robot's outline at poses (t, 3) to what is nearest, walls included."""

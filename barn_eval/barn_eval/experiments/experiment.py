@@ -154,10 +154,9 @@ class Experiment(Checked):
         for key, place in place_of_lidar.items():
             if key in overrides:
                 what = key.rpartition(".")[2].removeprefix("lidar_")
-                raise ConfigError(
-                    f"planner {planner.name!r}: {key} is {overrides[key]:g}, but the lidar is mounted at {place:g}"
-                    f" {what.rpartition('_')[2]} (simulator parameter lidar.mount_{what})"
-                )
+                there = f"{place:g} {what.rpartition('_')[2]} (simulator parameter lidar.mount_{what})"
+                other = f"{key} is {overrides[key]:g}, but the lidar is mounted at {there}"
+                raise ConfigError(f"planner {planner.name!r}: {other}")
             overrides[key] = place
         config = planner_config(planner.name, preset, overrides)
         known = {"planner": planner.name} | as_dict(config) | computing

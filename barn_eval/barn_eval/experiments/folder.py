@@ -185,10 +185,8 @@ def earlier_results(asked: RunFile, specs: Sequence[TrialSpec], *, overwrite: bo
         require_of(result, known[result.trial_id], task, path)
     for planner in there.experiment["planners"]:
         if planner["source"] == NO_SOURCE and len(results) < len(specs):
-            raise ConfigError(
-                f"{path}: planner {planner['name']!r} has no source, so that whether it is the same cannot be told;"
-                " use another folder"
-            )
+            told = "has no source, so that whether it is the same cannot be told; use another folder"
+            raise ConfigError(f"{path}: planner {planner['name']!r} {told}")
     return EarlierResults(there.sessions, results, len(rows) - len(results))
 
 

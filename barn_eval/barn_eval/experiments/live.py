@@ -99,9 +99,8 @@ def _check(planner: Any) -> None:
     if isinstance(planner, type) and not issubclass(planner, Planner):
         raise ConfigError(f"planner {planner.__name__}: must be derived from barn_planners.interface.Planner")
     if not (isinstance(planner, (type, Planner)) or _accepts(planner, 1) or _accepts(planner, 2)):
-        raise ConfigError(
-            f"a planner must be a name, a Planner class or object, or a function of the observation, got {planner!r}"
-        )
+        kinds = "a name, a Planner class or object, or a function of the observation"
+        raise ConfigError(f"a planner must be {kinds}, got {planner!r}")
 
 
 def _name(planner: object) -> str:

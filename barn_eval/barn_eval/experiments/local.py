@@ -38,9 +38,8 @@ class LocalEngine(Engine):
         try:
             self._work = cloudpickle.dumps(work)
         except Exception as error:
-            raise ConfigError(
-                f"a planner cannot be handed to a worker ({type(error).__name__}: {error}); workers=1 needs none"
-            ) from None
+            why = f"{type(error).__name__}: {error}"
+            raise ConfigError(f"a planner cannot be handed to a worker ({why}); workers=1 needs none") from None
         path = {"PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))} if work.loads else {}
         self._environment = os.environ | ENVIRONMENT | path
         self._limit_s = trial_limit_s or float("inf")

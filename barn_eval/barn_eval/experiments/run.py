@@ -77,13 +77,11 @@ def run_experiment(
 def kept_apart(results: Sequence[TrialResult]) -> str:
     """Return in one line which trials are not scored because something other than the planner failed; empty if none."""
     apart = [f"{one.trial_id} ({one.fault}: {one.detail})" for one in results if not one.counts]
-    if not apart:
-        return ""
     more = f" and {len(apart) - _NAMED} more" if len(apart) > _NAMED else ""
-    return (
+    text = (
         f"{len(apart)} of {len(results)} trials failed by no fault of the planner and are not scored; the same command"
-        f" runs them again: {', '.join(apart[:_NAMED])}{more}"
     )
+    return f"{text} runs them again: {', '.join(apart[:_NAMED])}{more}" if apart else ""
 
 
 @dataclass(frozen=True)
@@ -241,7 +239,7 @@ def clock(duration_s: float) -> str:
 
 
 def _ended(result: TrialResult) -> str:
-    ending = f"{result.outcome.value} ({result.detail})" if result.detail else result.outcome.value
+    ending = result.outcome.value + (f" ({result.detail})" if result.detail else "")
     if result.scores.success:
         ending = f"success in {result.scores.traversal_time_s:.2f} s"
     return ", ".join(filter(None, (ending, result.wall_clock.remark, result.wall_clock.retried)))

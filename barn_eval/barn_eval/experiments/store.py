@@ -46,8 +46,7 @@ class Store:
             return
         from barn_eval.bags.recorder import Recorder  # noqa: PLC0415 (loads all message types)
 
-        path = self._bag(trial_id)
-        if path.exists():
+        if (path := self._bag(trial_id)).exists():
             shutil.rmtree(path)
         with Recorder(path) as recorder:
             yield recorder

@@ -96,15 +96,15 @@ def learn(type_name: str) -> str:
         package, kind, last = name.split("/")
         if kind != "msg":
             return f"{name} is not a message of its own, but a part of a service or an action"
-        spec = importlib.util.find_spec(package)
+        spec, share = importlib.util.find_spec(package), Path("share", package, kind, f"{last}.msg")
         places = [place for one in (spec and spec.submodule_search_locations) or () for place in Path(one).parents]
-        files = [file for place in places if (file := place / "share" / package / kind / f"{last}.msg").is_file()]
-        if not files:
+        file = next((place / share for place in places if (place / share).is_file()), None)
+        if file is None:
             return f"{name} is not installed"
         try:
-            found |= get_types_from_msg(files[0].read_text("utf-8"), name)
+            found |= get_types_from_msg(file.read_text("utf-8"), name)
         except (TypesysError, OSError) as error:
-            return f"{name} cannot be read from {files[0]}: {error}"
+            return f"{name} cannot be read from {file}: {error}"
         for _, field in found[name][1]:
             part: Any = field[1][0] if field[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE) else field
             wanted += [part[1]] if part[0] == Nodetype.NAME else []

@@ -11,9 +11,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from operator import attrgetter
 
-# A tick is complete when the tick after the next scan's has begun. The next tick is not enough: a command is handed to
-# the simulator and to the recorder one after the other, so that ticks may overtake it. In lockstep those beyond the
-# next scan cannot: the planner has to answer that before.
+# A tick is complete when the tick after the next scan's has begun: a command is handed to the simulator and to the
+# recorder one after the other, so that ticks may overtake it, but in lockstep none beyond the next scan, which the
+# planner has to answer before.
 LATER_TICKS = 2  # where every tick has a scan
 
 

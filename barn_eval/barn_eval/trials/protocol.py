@@ -1,10 +1,7 @@
 """Trial protocols as data: where to start and end, when the clock runs, what ends a trial, how a failure counts.
 
-Six are built in. "challenge" is the BARN Challenge since 2024, "challenge_2022" that of 2022 and 2023,
-"challenge_2022_03" its first rules, "dynabarn" what it does in its worlds 300 to 359, where
-obstacles move. "known_map" gives the planner a true map and a noisy pose in it. "paper2020" reproduces how the original
-scripts ran and judged the trials of the BARN paper. Others come from a YAML file, which may be derived from one of
-these::
+Those that are built in are in data/protocols.yaml and docs/protocols.md. Others come from a YAML file, which may be
+derived from one of these::
 
     schema_version: 1
     base: challenge
@@ -150,9 +147,8 @@ class Protocol(Checked):
             return self._own_course(world, world.start, world.goal)
         if self.arena != (world.corner_m is not None):
             is_one, fitting = ("is no arena", CHALLENGE) if self.arena else ("is an arena", DYNABARN)
-            raise ConfigError(
-                f"world {world.name}: {is_one}; protocol {self.name} is not made for it, {fitting.name} is"
-            )
+            made = f"protocol {self.name} is not made for it, {fitting.name} is"
+            raise ConfigError(f"world {world.name}: {is_one}; {made}")
         path = world.path_m(historical=True)
         if len(path) < 2:
             raise ConfigError(f"world {world.name}: protocol {self.name} needs a path of at least 2 cells")
@@ -163,15 +159,14 @@ class Protocol(Checked):
 
     def _own_course(self, world: World, start: Pose2D, goal: Pose2D) -> Course:
         """Return the course of a world that has start and goal of its own."""
+        where = f"world {world.name}: "
         if self.historical_map:
             raise ConfigError(
-                f"world {world.name}: has a start and a goal of its own; protocol {self.name} is for those of its rules"
+                f"{where}has a start and a goal of its own; protocol {self.name} is for those of its rules"
             )
-        if start.distance(goal) <= self.goal_distance_m:
-            raise ConfigError(
-                f"world {world.name}: start and goal are {start.distance(goal):.2f} m apart, which is arrival under "
-                f"protocol {self.name}"
-            )
+        if (apart_m := start.distance(goal)) <= self.goal_distance_m:
+            arrived = f"start and goal are {apart_m:.2f} m apart, which is arrival under protocol {self.name}"
+            raise ConfigError(where + arrived)
         return self._along(start, world.path_m(), goal, world.path_length_m)
 
     def _along(self, start: Pose2D, path: Points, goal: Pose2D, path_length_m: float) -> Course:
@@ -201,10 +196,10 @@ class Protocol(Checked):
             reference_speed_mps=scale * self.reference_speed_mps,
         )
         if found.start.anchor_y == "map" and found.start.y_m + chassis.extent_m[0] < world.resolution_m:
-            raise ConfigError(
-                f"world {world.name}: robot {chassis.name} does not fit between the back wall and the obstacles, "
-                f"{first_column_m:.1f} m, at the start of protocol {self.name}"
+            place = (
+                f"between the back wall and the obstacles, {first_column_m:.1f} m, at the start of protocol {self.name}"
             )
+            raise ConfigError(f"world {world.name}: robot {chassis.name} does not fit {place}")
         return found
 
     def map_offset_m(self) -> float:

@@ -116,21 +116,12 @@ class TrialSpec:
             "start": as_dict(self.course.start),
             "goal": as_dict(self.course.goal),
             "task": self.task,
-            "planner": {
-                "name": self.planner,
-                "preset": self.preset,
-                "overrides": dict(self.overrides),
-                "fingerprint": self.planner_config,
-                **computing,
-            },
+            "planner": {"name": self.planner, "preset": self.preset, "overrides": dict(self.overrides)}
+            | {"fingerprint": self.planner_config, **computing},
             "protocol": as_dict(self.protocol),
             "simulator": as_dict(self.simulator),
-            "seeds": {
-                "campaign": self.campaign_seed,
-                "simulator": self.simulator_seed,
-                "planner": self.planner_seed,
-                "repetition": self.repetition,
-            },
+            "seeds": {"campaign": self.campaign_seed, "simulator": self.simulator_seed, "planner": self.planner_seed}
+            | {"repetition": self.repetition},
             **phase,
         }
 
@@ -183,11 +174,8 @@ def simulator_config(
     Under a protocol with the historical map the pose is off with the map, by one cell of a standard world: AMCL matches
     scans to the map that it is given.
     """
-    if protocol.simulator not in PRESETS:
-        raise ConfigError(
-            f"protocol {protocol.name}: unknown simulator preset {protocol.simulator!r}"
-            f"{suggest(protocol.simulator, PRESETS)}"
-        )
+    if (name := protocol.simulator) not in PRESETS:
+        raise ConfigError(f"protocol {protocol.name}: unknown simulator preset {name!r}{suggest(name, PRESETS)}")
     fixed = {
         "control_period_s": protocol.control_period_s,
         "obstacles.movable": protocol.movable_obstacles,

@@ -24,6 +24,7 @@ from barn_worlds.robots.files import ROBOTS, robot_text
 NOT_TOLD = "nothing tells that from the planner's doing"
 _LOOPBACK = Path(__file__).parents[2] / "data" / "dds" / "loopback.xml"  # keeps Fast DDS on the loopback interface
 _WHEELS_MARK = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
+_RANGE, _TRANSPORTS = "ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTDDS_BUILTIN_TRANSPORTS"
 _PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 _PROFILES = {_PROFILE, "FASTDDS_DEFAULT_PROFILES_FILE"}  # the user's own for Fast DDS
 _BUFFERS = ("RCUTILS_LOGGING_BUFFERED_STREAM", "PYTHONUNBUFFERED")
@@ -76,7 +77,7 @@ class Assignment:
 
 def simulator(setup: RosSetup, line: int, robot: str) -> NodeProcess:
     """Return the simulator of a robot, by name or file; world, start and seed come from the evaluator."""
-    shared = ("lockstep", "command_type", "real_time_factor", "command_wait_s", "ground_truth")
+    shared = ["lockstep", "command_type", "real_time_factor", "command_wait_s", "ground_truth"]
     frames = ("map_frame", "odom_frame", "base_frame", "lidar_frame")
     parameters = {"robot": robot, "start_paused": True, "evaluator_fd": line, **_values(setup, *shared, *frames)}
     return _node("simulator", "barn_sim.ros.simulator:main", parameters, setup)
@@ -134,12 +135,11 @@ def _transport(inherited: Mapping[str, str]) -> dict[str, str]:
     for: through that a process started in place of one that was killed may hear nothing for seconds (up to 3 s, by UDP
     0.15 s), and each kill leaves segments behind. So it is a profile that says the same and more.
     """
-    asked = inherited.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    asked = inherited.get(_RANGE, "LOCALHOST")
     fast = inherited.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp").startswith("rmw_fastrtps")
     if asked == "LOCALHOST" and fast and not inherited.keys() & _PROFILES:
-        return {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT", _PROFILE: str(_LOOPBACK)}
-    transports = inherited.get("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
-    return {"ROS_AUTOMATIC_DISCOVERY_RANGE": asked, "FASTDDS_BUILTIN_TRANSPORTS": transports}
+        return {_RANGE: "SYSTEM_DEFAULT", _PROFILE: str(_LOOPBACK)}
+    return {_RANGE: asked, _TRANSPORTS: inherited.get(_TRANSPORTS, "UDPv4")}
 
 
 def reach() -> str:
@@ -149,7 +149,7 @@ def reach() -> str:
     """
     if Path(os.environ.get(_PROFILE, "")).parts[-3:] == _LOOPBACK.parts[-3:]:
         return "LOCALHOST"
-    return os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
+    return os.environ.get(_RANGE, "SUBNET")
 
 
 def foreign_environment(ours: Mapping[str, str]) -> dict[str, str]:
@@ -158,9 +158,8 @@ def foreign_environment(ours: Mapping[str, str]) -> dict[str, str]:
     They put their libraries into LD_LIBRARY_PATH and leave a mark that this has been done, upon which the wheels of
     another virtual environment would leave it so and load ours.
     """
-    prefix = Path(sys.prefix).resolve()
-    libraries = [part for part in ours.get("LD_LIBRARY_PATH", "").split(os.pathsep) if part]
-    kept = [part for part in libraries if not Path(part).resolve().is_relative_to(prefix)]
+    prefix, libraries = Path(sys.prefix).resolve(), ours.get("LD_LIBRARY_PATH", "").split(os.pathsep)
+    kept = [part for part in libraries if part and not Path(part).resolve().is_relative_to(prefix)]
     theirs = {name: value for name, value in ours.items() if name not in (_WHEELS_MARK, "LD_LIBRARY_PATH")}
     return theirs | ({"LD_LIBRARY_PATH": os.pathsep.join(kept)} if kept else {})
 
