@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
@@ -64,16 +65,14 @@ class Subscriber:
         known = self._topics.get(topic)
         if known is not None and (known.type_name, known.qos.reliability) == (type_name, qos.reliability):
             return True
-        kind = message_class(type_name)
-        if kind is None:
+        if (kind := message_class(type_name)) is None:
             return False
         if known is not None and known.subscription is not None:
             self._node.destroy_subscription(known.subscription)
         asked = profile(replace(qos, depth=_DEPTH if judged else _DEPTH_RECORDED))
-        subscription = self._node.create_subscription(
-            kind, topic, lambda _: None, asked, raw=True, callback_group=self._group
-        )
-        self._topics[topic] = _HeardTopic(type_name, qos, subscription)
+        how: dict[str, Any] = {"raw": True, "callback_group": self._group}
+        made = self._node.create_subscription(kind, topic, lambda _: None, asked, **how)
+        self._topics[topic] = _HeardTopic(type_name, qos, made)
         return True
 
     def provide(self, topic: str, type_name: str) -> None:

@@ -185,25 +185,25 @@ class _Supervisor:
         self._processes[name] = GuardedProcess(name, command, environment, self._log(name), handed, kind)
 
     def _handle(self, event: dict[str, str]) -> None:
-        kind, name = event["event"], event.get("name", "")
-        if kind == "trial":
-            self._trial, self._driving = event["id"], False
-        elif kind == "released":
-            self._driving = True
-            self._released.write_text(self._trial, "utf-8")
-        elif kind == "repeated":
-            self._repeat(event["reason"])
-        elif kind == "note":
-            self._notice(event["text"])
-        elif kind == "stop" and name in self._processes:
-            self._processes[name].ask_to_stop()
-        elif kind == "start" and name not in self._processes:
-            self._plan_start(name)
-        elif kind == "refused":
-            concerned = [name for name in self._others if f"the {name} " in event["reason"]]
-            raise ProcessError("; ".join([event["reason"], *(last_lines(self._log(name)) for name in concerned[:1])]))
-        elif kind == "done":
-            self._done = True
+        match event:
+            case {"event": "trial", "id": trial}:
+                self._trial, self._driving = trial, False
+            case {"event": "released"}:
+                self._driving = True
+                self._released.write_text(self._trial, "utf-8")
+            case {"event": "repeated", "reason": reason}:
+                self._repeat(reason)
+            case {"event": "note", "text": text}:
+                self._notice(text)
+            case {"event": "stop", "name": name} if name in self._processes:
+                self._processes[name].ask_to_stop()
+            case {"event": "start", "name": name} if name not in self._processes:
+                self._plan_start(name)
+            case {"event": "refused", "reason": reason}:
+                concerned = [last_lines(self._log(name)) for name in self._others if f"the {name} " in reason]
+                raise ProcessError("; ".join([reason, *concerned[:1]]))
+            case {"event": "done"}:
+                self._done = True
 
     def _repeat(self, reason: str) -> None:
         """Note why a trial is repeated that had begun."""
@@ -212,22 +212,22 @@ class _Supervisor:
 
     def _ended(self, process: GuardedProcess) -> Iterator[Record]:
         """Tell the evaluator of a process that has ended: it says when to start it afresh; yield what that costs."""
-        how = process.end or ""
-        del self._processes[process.name]
+        how, name = process.end or "", process.name
+        del self._processes[name]
         process.stop()
         if how.startswith("cannot be started"):
-            raise ProcessError(f"the {process.name} {how}")
-        said = f"{process.name} {how}" + (f" in trial {self._trial}" if self._trial else "")
-        if process.name not in self._seen_ending:  # what it wrote last, before the noise of others' ends
+            raise ProcessError(f"the {name} {how}")
+        said = f"{name} {how}" + (f" in trial {self._trial}" if self._trial else "")
+        if name not in self._seen_ending:  # what it wrote last, before the noise of others' ends
             said += f"; {last_lines(process.log)}"
-        self._seen_ending.add(process.name)
+        self._seen_ending.add(name)
         self._notice(said)
-        if process.name == "evaluator":
+        if name == "evaluator":
             yield from self._evaluator_lost(process)
         elif self._evaluator is not None:
-            self._evaluator.send("exited", name=process.name, how=how, blamed=ENVIRONMENT if process.lost else "")
+            self._evaluator.send("exited", name=name, how=how, blamed=ENVIRONMENT if process.lost else "")
         else:
-            self._plan_start(process.name)
+            self._plan_start(name)
 
     def _evaluator_lost(self, process: GuardedProcess) -> Iterator[Record]:
         """Start another evaluator, which repeats the trial that has no result; if the planner may have ended it, no."""
