@@ -9,10 +9,9 @@ import pytest
 from barn_eval.experiments.direct import run_direct_trial
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.experiments.request import read_request
-from barn_eval.trials.limit import SLIP
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN, PAPER_2020
-from barn_eval.trials.spec import TrialSpec, simulator_config
+from barn_eval.trials.spec import SLIP, TrialSpec, simulator_config
 from barn_planners.interface import Decision
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Velocity2D, wrap_angle

@@ -82,7 +82,7 @@ class Scores:
     challenge: float  # metric with the clip of today, at most 0.5; with none under a protocol that is not `clipped`
     challenge_2022: float  # with the clip of 2022, at most 0.25
     failure_time_s: float  # the most that a failure would count with
-    least_time_s: float | None = None  # below which no time on the clock can be (`barn_eval.trials.limit`), if computed
+    least_time_s: float | None = None  # below which no time on the clock can be (`barn_eval.trials.spec`), if computed
     efficiency: float | None = None  # that by the traversal time of a success, 0 for anything else
 
 
