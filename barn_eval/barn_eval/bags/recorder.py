@@ -53,8 +53,7 @@ class Recorder:
         self._schemas: dict[str, int] = {}
         self._custom: dict[str, str] = {}
         self._first_ns: int | None = None
-        self._last_ns = 0
-        self._flushed_ns = 0
+        self._last_ns = self._flushed_ns = 0
         self._file_name = f"{path.name}_0.mcap"
         with self._failures():
             if self.partial_path.exists():
@@ -78,8 +77,7 @@ class Recorder:
 
     def add_topic(self, name: str, type_name: str, qos: Qos = RELIABLE) -> None:
         """Announce a topic; BagError for a type that is not known or another one than before."""
-        if name in self._topics:
-            known = self._topics[name]
+        if (known := self._topics.get(name)) is not None:
             if known.type_name != type_name:
                 raise BagError(f"{self.path}: topic {name} is recorded as {known.type_name}, not as {type_name}")
             return
@@ -177,16 +175,9 @@ def _profile(qos: Qos) -> dict[str, Any]:
 
 
 def _topic_entry(topic: _Topic) -> dict[str, Any]:
-    return {
-        "topic_metadata": {
-            "name": topic.name,
-            "type": topic.type_name,
-            "serialization_format": "cdr",
-            "offered_qos_profiles": [_profile(topic.qos)],
-            "type_description_hash": topic.type_hash,
-        },
-        "message_count": topic.count,
-    }
+    about: dict[str, Any] = {"name": topic.name, "type": topic.type_name, "serialization_format": "cdr"}
+    about |= {"offered_qos_profiles": [_profile(topic.qos)], "type_description_hash": topic.type_hash}
+    return {"topic_metadata": about, "message_count": topic.count}
 
 
 def _yaml(content: object) -> str:

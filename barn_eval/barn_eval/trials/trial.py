@@ -145,7 +145,9 @@ class RunningTrial:
     def read(self, odometry: Odometry, truth: Odometry, collision: bool) -> Verdict | None:
         """Take what is measured at an instant, of which the stamp is that of the truth; return the verdict by now."""
         if self._logged:
-            self.log.reading(truth, collision, self._place(odometry, truth))
+            rules = self.spec.protocol  # by which the frame of plans is that of a map, or else of the odometry
+            place = Pose2D(0.0, rules.map_offset_m(), 0.0) @ truth.pose if rules.map_given else odometry.pose
+            self.log.reading(truth, collision, place)
         return self.referee.observe(truth.stamp_ns, odometry.pose, truth.pose, collision)
 
     def command(self, command: Velocity2D) -> Verdict | None:
@@ -158,11 +160,6 @@ class RunningTrial:
         """Take a plan (n, 2) of the planner, in its planning frame."""
         if self._logged:
             self.log.plan(points, stamp_ns)
-
-    def _place(self, odometry: Odometry, truth: Odometry) -> Pose2D:
-        """Return where the robot is in the frame of its plans: in truth on a map, as measured without one."""
-        rules = self.spec.protocol
-        return Pose2D(0.0, rules.map_offset_m(), 0.0) @ truth.pose if rules.map_given else odometry.pose
 
     def report(self, status: str) -> None:
         """Take what the planner says of how it fares, a value of `PlannerStatus`."""
