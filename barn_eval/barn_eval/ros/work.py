@@ -72,9 +72,8 @@ def isolation_text(setup: RosSetup) -> str:
     """Return that nothing keeps planners from the suite's processes, and why; empty if something does."""
     if setup.isolate and isolated():
         return ""
-    apart = (
-        f"planners are not kept apart from the suite's processes ({isolation() if setup.isolate else 'isolate=false'})"
-    )
+    why = isolation() if setup.isolate else "isolate=false"
+    apart = f"planners are not kept apart from the suite's processes ({why})"
     return f"{apart}: a trial in which one of those ends counts as their failure"
 
 
