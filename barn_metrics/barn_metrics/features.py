@@ -1,8 +1,4 @@
-"""Further features of a world, for models of difficulty: clearance, gaps and turning along its path.
-
-Lengths are in metres between surfaces: an obstacle cell is a cylinder with a radius of half a cell, as in the simulated
-worlds.
-"""
+"""Further features of a world, for models of difficulty: clearance, gaps and turning along its path, in metres."""
 
 import math
 
@@ -21,10 +17,7 @@ TURNING_WINDOW_M = 0.75  # of path, over which a change of heading is one turn
 
 
 def world_features(world: World, narrow_clearance_m: float = NARROW_CLEARANCE_M) -> dict[str, float]:
-    """Return the features of a world by name. Without obstacles the clearance is the distance to the side edges.
-
-    A cell that the path repeats in place counts once. Raises ConfigError for a narrow clearance below 0.
-    """
+    """Return the features of a world by name; cells that the path repeats count once. ConfigError below 0 m."""
     if not narrow_clearance_m >= 0.0:
         raise ConfigError(f"narrow_clearance_m must be at least 0 m, got {narrow_clearance_m}")
     path = without_repeats(world.path)
@@ -77,10 +70,7 @@ def step_lengths(path: Cells, resolution_m: float) -> Floats:
 
 
 def path_clearance(grid: BoolGrid, path: Cells, resolution_m: float) -> Floats:
-    """Return the distance in metres from each of the path's cells (n, 2) to the nearest surface, (n,).
-
-    Surfaces are the cylinders of the grid (rows, cols) and the two side edges of the world.
-    """
+    """Return the metres (n,) from a path's cells (n, 2) to the nearest cylinder of the grid or side edge."""
     rows = path[:, 0]
     edge = np.minimum(rows, len(grid) - 1 - rows) + 0.5
     obstacle = closest_obstacle(grid)[rows, path[:, 1]] - 0.5
@@ -97,10 +87,7 @@ def heading_changes(path: Cells) -> Floats:
 
 
 def sharpest_turn(turning: Floats, lengths: Floats, window_m: float) -> float:
-    """Return the largest change of heading in radians, turns and counter-turns cancelling, within a window of the path.
-
-    turning: (n - 2,) as `heading_changes`; lengths: (n - 1,) metres of the steps.
-    """
+    """Return the largest net change of heading (rad) within a window of a path; lengths: (n - 1,) m of its steps."""
     if len(turning) == 0:
         return 0.0
     at = np.cumsum(lengths[:-1])
@@ -112,9 +99,8 @@ def sharpest_turn(turning: Floats, lengths: Floats, window_m: float) -> float:
 def widest_gap_m(grid: BoolGrid, resolution_m: float) -> float:
     """Return the narrowest gap, surface to surface in metres, of the widest way from the left to the right edge.
 
-    That is the diameter of the largest disc that can move through the cylinders of the grid (rows, cols). A disc is
-    blocked if, and only if, a chain of obstacles between the side edges has only gaps smaller than the disc. So the
-    result is the largest gap of a chain, minimised over all chains. Zero if touching obstacles block every way.
+    A disc is blocked if a chain of obstacles between the side edges has only gaps smaller than it; so this is the
+    largest gap of a chain, minimised over all chains. Zero if touching obstacles block every way.
     """
     centres = np.argwhere(grid & ~hollow(grid)).astype(np.float64)
     return float(max(0.0, _smallest_largest_gap(centres, float(len(grid)))) * resolution_m)
@@ -122,10 +108,7 @@ def widest_gap_m(grid: BoolGrid, resolution_m: float) -> float:
 
 @njit(cache=True)
 def _smallest_largest_gap(centres: Floats, rows: float) -> float:
-    """Return, in cells, the smallest possible largest gap of a chain of unit discs (n, 2) from edge to edge.
-
-    Dijkstra's search with the largest gap so far as the cost, each obstacle joined to each: n^2 steps.
-    """
+    """Return the least largest gap (cells) of a chain of unit discs (n, 2) from edge to edge, by Dijkstra's search."""
     count = len(centres)
     best = rows
     cost = centres[:, 0].copy()  # of reaching each from the upper edge, which lies half a cell above row 0

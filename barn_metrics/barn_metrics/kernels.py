@@ -1,8 +1,4 @@
-"""Compiled inner loops of the metrics: rays over a grid of bools, True where occupied.
-
-A ray is given by its direction and a table of offsets: cell k of the ray is k steps away along the major axis and
-`round(k * slope)` along the other.
-"""
+"""Compiled inner loops of the metrics: rays over a grid of bools, True where occupied."""
 
 import math
 
@@ -47,10 +43,7 @@ EIGHT_AXES: Floats = np.array(
 
 @njit(cache=True)
 def free_cells(occupied: BoolGrid, row: int, column: int, down: float, right: float) -> tuple[int, bool]:
-    """Return the number of free cells on a ray after (row, column), and whether an obstacle ends it.
-
-    Cell k of the ray lies at the rounded (row + k down, column + k right); a ray that leaves the grid ends there.
-    """
+    """Return how many cells of a ray, rounded (row + k down, column + k right), are free, if an obstacle ends it."""
     rows, cols = occupied.shape
     count = 0
     while True:
@@ -79,11 +72,7 @@ def average_visibility(occupied: BoolGrid, cells: Cells) -> Floats:
 
 @njit(cache=True)
 def average_visibility_published(occupied: BoolGrid, cells: Cells) -> Floats:
-    """Return the published average visibility (n,) of free cells (n, 2).
-
-    It counts cells instead of lengths, uses only rays that end at an obstacle, and rounds the quotient down. NaN if no
-    ray ends at an obstacle, which the side walls of the benchmark's worlds prevent.
-    """
+    """Return the published average visibility (n,) of free cells (n, 2): in cells, of rays that obstacles end."""
     values = np.empty(len(cells))
     for i in range(len(cells)):
         total, ended = 0, 0
@@ -112,10 +101,7 @@ def ray_blocked(occupied: BoolGrid, row: int, column: int, direction: Integers, 
 
 @njit(cache=True)
 def dispersion(occupied: BoolGrid, cells: Cells, rays: Integers, points: Integers) -> Floats:
-    """Return how often neighbouring rays of cells (n, 2) change between blocked and open, (n,).
-
-    rays: (m, 2) directions in order, the first follows the last; points: (m,) cells sampled of each.
-    """
+    """Return how often neighbouring rays (m, 2), `points` (m,) cells long, change between blocked and open, (n,)."""
     values = np.empty(len(cells))
     for i in range(len(cells)):
         row, column = cells[i]
@@ -132,10 +118,7 @@ def dispersion(occupied: BoolGrid, cells: Cells, rays: Integers, points: Integer
 
 @njit(cache=True)
 def characteristic_dimension(occupied: BoolGrid, cells: Cells, axes: Floats) -> Floats:
-    """Return the free length (n,), in cells, along the shortest axis through each of the free cells (n, 2).
-
-    axes: (m, 3) as `FOUR_AXES`. The cell itself is not counted; a ray that leaves the grid ends at the edge.
-    """
+    """Return the free length (n,), in cells, along the shortest of axes, as `FOUR_AXES`, through free cells (n, 2)."""
     values = np.empty(len(cells))
     for i in range(len(cells)):
         shortest = np.inf

@@ -1,8 +1,4 @@
-"""The five difficulty metrics of the BARN paper (section III-B), per cell and per path.
-
-All are computed on the configuration space, in cells. `docs/metrics.md` explains each of them, and how the paper's
-text, its numbers and the corrected formula differ.
-"""
+"""The five difficulty metrics of the BARN paper (section III-B) on the C-space, in cells; see docs/metrics.md."""
 
 import math
 from dataclasses import astuple, dataclass
@@ -19,10 +15,7 @@ from barn_worlds.worlds.world import World
 
 @dataclass(frozen=True)
 class Formula(Checked):
-    """The variants of the metrics on which the paper's text and its published numbers differ.
-
-    The defaults are the corrected formula. Closest obstacle and tortuosity have one form only.
-    """
+    """The variants on which the paper's text and its published numbers differ; the defaults are the corrected ones."""
 
     # corrected: every ray counts, a diagonal is sqrt 2; published: every cell is worth 1, rays that leave the
     # grid do not count, the mean over the rays is rounded down
@@ -110,10 +103,7 @@ def cell_metrics(cspace: BoolGrid, cells: Cells, formula: Formula | str = CORREC
 
 
 def closest_obstacle(cspace: BoolGrid) -> Floats:
-    """Return the Euclidean distance in cells of every cell to the nearest occupied one, (rows, cols).
-
-    Infinite everywhere if no cell is occupied.
-    """
+    """Return the Euclidean distance in cells of every cell to the nearest occupied one, inf without any."""
     if not cspace.any():
         return np.full(cspace.shape, np.inf)
     distance: Floats = distance_transform_edt(~cspace)
@@ -121,10 +111,7 @@ def closest_obstacle(cspace: BoolGrid) -> Floats:
 
 
 def tortuosity(path: Cells) -> float:
-    """Return the arc length of a path (n, 2) over the straight distance from its first to its last cell.
-
-    1 for a path that stays in one cell, infinite for one that returns to its start.
-    """
+    """Return arc length over chord of a path (n, 2): 1 if it stays in one cell, inf if it returns to its start."""
     steps = np.diff(path, axis=0)
     arc = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
     down, right = (path[-1] - path[0]).tolist()

@@ -78,10 +78,7 @@ def mean_speed(obstacle: MovingObstacle) -> float:
 
 
 def crossings(on_line: Floats, beside: Floats, jumped: BoolGrid, length_m: float) -> int:
-    """Count the changes of side within a line, jumps left out.
-
-    on_line, beside: (t, n), how far along the line and how far to the left of it each obstacle is, m.
-    """
+    """Count the changes of side within a line, jumps left out; on_line, beside: (t, n) m along it, left of it."""
     within = (on_line[1:] >= 0.0) & (on_line[1:] <= length_m)
     other_side = (beside[1:] > 0.0) != (beside[:-1] > 0.0)
     return int((other_side & within & ~jumped).sum())

@@ -51,16 +51,12 @@ TABLE_II: dict[str, PublishedRow] = {
 
 @dataclass(frozen=True, eq=False)
 class MetricsTable:
-    """The metrics of worlds.
-
-    worlds: number of each in its data set, else its name. values: (n, 5), in the order of `METRICS`. cell_minimum,
-    cell_maximum: (4,) extremes of the cell metrics over all cells of all paths, as the first two columns of Table II.
-    """
+    """The metrics of worlds, by number in their data set or by name."""
 
     formula: Formula
     worlds: tuple[str, ...]
-    values: Floats
-    cell_minimum: Floats
+    values: Floats  # (n, 5), in the order of `METRICS`
+    cell_minimum: Floats  # (4,) over all cells of all paths, as in Table II
     cell_maximum: Floats
 
     def rows(self) -> list[dict[str, float]]:

@@ -36,22 +36,14 @@ _BUILT_IN = {
 
 @dataclass(frozen=True)
 class PlannerEntry:
-    """A planner that can be made by name.
-
-    build: makes the planner from its configuration. presets: configurations by name, the recommended one first. A
-    planner that needs no settings per protocol has only the preset "default". fit: returns what a robot other than the
-    Jackal changes of a configuration, by dotted name, or raises ConfigError if it cannot be driven; None: nothing.
-    speed_cap: returns the highest speed in m/s, forwards or backwards, that a planner of a configuration commands, and
-    is held to; None: the highest `max_speed_mps` of the configuration. compute: how long a cycle takes on the reference
-    computer, which trials charge in simulated time; None: nothing is declared, and it drives without delay.
-    """
+    """A planner that can be made by name."""
 
     build: Callable[[Any], Planner]
-    presets: Mapping[str, Checked]
+    presets: Mapping[str, Checked]  # the recommended one first; only "default" if no protocol needs settings
     summary: str = ""
-    fit: Callable[[Any, Robot], dict[str, Any]] | None = None
-    speed_cap: Callable[[Any], float] | None = None
-    compute: Compute | None = None
+    fit: Callable[[Any, Robot], dict[str, Any]] | None = None  # what a robot changes, by dotted name, or ConfigError
+    speed_cap: Callable[[Any], float] | None = None  # m/s, either way; None: the highest `max_speed_mps`
+    compute: Compute | None = None  # how long a cycle takes on the reference computer; None: without delay
     config_class: type[Checked] = field(init=False)
 
     def __post_init__(self) -> None:

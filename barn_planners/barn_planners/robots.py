@@ -60,10 +60,7 @@ def lidar_place(config: Checked, lidar: LidarConfig) -> dict[str, float]:
 
 
 def parameters_for(name: str, preset: str, overrides: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
-    """Return the parameters of a planner for a robot, by dotted name, with `overrides` in place of those derived.
-
-    ConfigError in one line where it cannot drive the robot. A planner whose entry has no `fit` keeps its preset.
-    """
+    """Return a planner's parameters for a robot by dotted name, `overrides` over those derived, or ConfigError."""
     entry = planner_entry(name)
     if entry.fit is None or not other_name(robot.chassis):
         return dict(overrides)
@@ -102,10 +99,9 @@ def _allowed(value: float, about: Quantity) -> float:
 def _dwa(config: Checked, robot: Robot, scale: float) -> dict[str, float]:
     """Return what keeps DWA from turning on the spot where it might drive.
 
-    The window opens for longer if the robot accelerates slowly, so that it opens as far as the Jackal's: otherwise a
-    robot at rest would try nothing but creeping. Where distances count in metres, costs under the edges do not count:
-    the highest one would outweigh all that a rollout can gain, so that the robot would turn on the spot before a
-    passage and not enter it. The padding alone then keeps it off obstacles.
+    The window opens for longer if the robot accelerates slowly, or a robot at rest would try nothing but creeping.
+    Where distances count in metres, costs under the edges do not count: they would outweigh all that a rollout can
+    gain.
     """
     dwa = getattr(config, "dwa", None)
     if dwa is None:
@@ -123,12 +119,10 @@ def _costmaps(config: Checked) -> Iterator[tuple[str, CostmapConfig]]:
 
 
 def _outline(costmap: CostmapConfig, robot: Robot, scale: float) -> dict[str, Any]:
-    """Return footprint and inflation of a costmap.
+    """Return footprint and inflation of a costmap: the same shares of the robot's length and width as of the Jackal's.
 
-    The preset's footprint is a share of the Jackal's length and width, and the robot's the same share of its own. What
-    the inflation radius is beyond the inscribed radius of the padded footprint grows with the robot. A robot may have
-    base_link nearer to its front or back than it reaches to the sides: global plans then keep that far away, or they
-    would lead through passages too narrow for it.
+    What the inflation is beyond the inscribed radius grows with the robot. Where base_link is nearer to front or back
+    than to the sides, global plans keep that far away, or passages would be too narrow.
     """
     own = STANDARD
     share_x = 2.0 * costmap.footprint_half_length_m / own.length_m

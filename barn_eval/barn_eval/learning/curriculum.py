@@ -1,8 +1,4 @@
-"""Worlds of a wanted difficulty, for training: drawn from a data set, or generated until they have it.
-
-What difficulty is, is passed in as a function of a world, such as the prediction of a difficulty model. All randomness
-comes from generators or seeds that are passed in.
-"""
+"""Worlds of a wanted difficulty (a function of a world), drawn from a data set or generated, by seeds given."""
 
 import math
 from bisect import bisect_left, bisect_right
@@ -32,11 +28,7 @@ class CurriculumConfig(Checked):
 
 
 class Curriculum:
-    """Worlds of a data set from easy to difficult, drawn up to a level that rises with success.
-
-    The level of a world is its place in that order, from 0 for the easiest to 1 for the most difficult. `level` is that
-    up to which worlds are drawn; `record` or `widen` raise it, never beyond 1.
-    """
+    """Worlds from easy (level 0) to difficult (level 1), drawn up to a `level` that rises with success."""
 
     def __init__(self, dataset: Dataset, config: CurriculumConfig | None = None) -> None:
         """Take the worlds in the order of their numbers, which is that of their difficulty in the shipped data sets."""
@@ -52,10 +44,7 @@ class Curriculum:
         return self._dataset.indices[bisect_left(self._levels, low) : bisect_right(self._levels, high)]
 
     def draw(self, generator: np.random.Generator, low: float = 0.0, high: float | None = None) -> tuple[int, World]:
-        """Return number and world of one drawn evenly from those of a level from `low` to `high` (default: `level`).
-
-        Raises WorldError where there are none.
-        """
+        """Return number and world of one drawn evenly from levels `low` to `high` (default: `level`), or WorldError."""
         top = self.level if high is None else high
         chosen = self.between(low, top)
         if not chosen:
@@ -65,10 +54,7 @@ class Curriculum:
         return index, self._dataset.load(index)
 
     def record(self, success: bool) -> bool:
-        """Take note of an episode's end; raise the level, and count anew, once enough of them were successes.
-
-        Returns whether the level has risen.
-        """
+        """Take note of an episode's end; raise the level and count anew once enough are successes; tell whether."""
         self._recent.append(success)
         full = len(self._recent) == self.config.window
         if not full or self.level >= 1.0 or sum(self._recent) < self.config.promotion_rate * self.config.window:
@@ -94,8 +80,8 @@ def sample(
 ) -> list[tuple[World, float]]:
     """Return so many worlds whose difficulty lies in `wanted` (both limits included), each with its own.
 
-    They are different ones of the data set, drawn evenly, by number; without one they are generated, each with one of
-    `sets` drawn evenly. WorldError, naming the difficulties met, if there are fewer, or none fits in so many attempts.
+    They are different ones of the data set, drawn evenly; without one they are generated, each with one of `sets`.
+    WorldError, naming the difficulties met, if there are fewer, or none fits in so many attempts.
     """
     low, high = wanted
     if math.isnan(low) or math.isnan(high) or low > high:

@@ -24,12 +24,10 @@ def read_samples(sources: Sequence[Path], planner: str = "", dataset: str = "") 
 
 
 def read_trials(source: Path, dataset: str = "") -> tuple[dict[int, World], Trials]:
-    """Return the worlds by number and the trials made in them.
+    """Return worlds by number and the trials in them of an experiment's folder or a table of published times.
 
-    source: folder of an experiment, finished or not, or a table of published times (world, path_length_m, dwa_1, ...).
-    dataset: where the worlds are, if not in the data set that the experiment names or, for published times, in the
-    folder of the table. Raises BarnError in one line for what cannot be read, or for worlds that are not those that the
-    trials were made in.
+    dataset: where the worlds are, if not where the experiment names them or beside the table. BarnError in one line for
+    what cannot be read, or for other worlds.
     """
     if source.suffix == ".csv" and not source.is_dir():
         return _of_published(source, open_dataset(dataset or source.resolve().parent))
@@ -80,11 +78,7 @@ def _common(worlds: Iterable[tuple[int, World]], trials: Trials) -> tuple[dict[i
 
 
 def read_scores(file: Path, column: str, worlds: Sequence[int]) -> tuple[float, ...]:
-    """Return one score per world: the mean of a column over the rows of a CSV file with the world's number in `world`.
-
-    An experiment's results.csv is such a file. Raises ConfigError in one line for a file that cannot be read, a missing
-    column, a value that is not a finite number, or a world without a row.
-    """
+    """Return a score per world: the mean of a column over its rows of a CSV file (such as results.csv)."""
     values: dict[int, list[float]] = defaultdict(list)
     for where, row in read_csv(file, ("world", column)):
         try:

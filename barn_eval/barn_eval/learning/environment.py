@@ -38,15 +38,12 @@ _OPTIONS = ("world", "campaign_seed", "repetition")
 class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignore[misc, unused-ignore]
     """A Jackal that is to reach the goal of a world, observed and commanded as `barn_planners.policy.space` says.
 
-    An episode is a trial in the simulator and under the referee of the benchmark: it terminates by a success, a
-    collision (if the protocol looks at them) or a command that is not a number; it is truncated by the protocol's
-    limits of time. `info` holds the world's number, the time and the way left; at the end also the outcome with its
-    detail, whether it is a success, and the scores.
+    An episode is a trial of the benchmark: it terminates by a success, a collision (if the protocol looks at them) or a
+    command that is not a number; it is truncated by the limits of time. `info` holds the world's number, the time and
+    the way left; at the end also the outcome with its detail, whether it is a success, and the scores.
 
     config: what the environment is; changes: fields of it by dotted name, so that `gymnasium.make` takes them:
-    `make("barn/Jackal-v0", worlds="0:100", **{"reward.success": 20.0})`. Raises BarnError for what is not allowed.
-
-    opened: the data set of the configuration, if it is open already.
+    `make("barn/Jackal-v0", worlds="0:100", **{"reward.success": 20.0})`. opened: its data set, if it is open already.
 
     `reset(options={"world": 7})` chooses the world. With `campaign_seed` (and `repetition`, 0) as well, the episode is
     the very trial that `barn run --seed` makes of these numbers.
@@ -94,10 +91,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Vector, dict[str, Any]]:
-        """Begin an episode in the world of `options`, or in one drawn at the present level of the curriculum.
-
-        Among others, whose sensors are read together, the observation is empty, and so is the info.
-        """
+        """Begin an episode in the world of `options`, or in one drawn; among others, observation and info are empty."""
         super().reset(seed=seed)
         if self._place is None:
             self._place = self.episodes(), 0

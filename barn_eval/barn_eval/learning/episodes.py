@@ -38,23 +38,16 @@ class Episodes:
 
     Only robots near an obstacle, trials that may have ended, and whatever needs Python (the shield, a pose in a map)
     are looked at one by one.
-
-    Attributes:
-        seen: Last observations (n, size).
-        running: Whether an episode runs (n,).
-        worlds: Numbers of the worlds (n,).
-        left_m: Way left (n,).
-        known: First trial in each world and its way (see `way_points`), by number.
     """
 
     def __init__(self, count: int, config: EnvConfig, simulator: SimulatorConfig, safety: SafetyConfig) -> None:
         self.batch = Batch(count, simulator)
         self.readings = self.batch.readings
-        self.seen = np.zeros((count, config.observation.size), np.float32)
+        self.seen = np.zeros((count, config.observation.size), np.float32)  # last observations
         self.running = np.zeros(count, np.bool_)
         self.worlds = np.zeros(count, np.int64)
         self.left_m = np.zeros(count)
-        self.known: dict[int, tuple[TrialSpec, Floats]] = {}
+        self.known: dict[int, tuple[TrialSpec, Floats]] = {}  # first trial in each world and its `way_points`
         self._config, self._safety, self._period_s = config, safety, simulator.control_period_s
         self._encoder = ObservationEncoder(config.observation)
         self._clients = [PhysicsClient(idle=self.batch.engines) for _ in range(count)]
@@ -128,10 +121,7 @@ class Episodes:
         return ended
 
     def step(self, resting: Bools, actions: npt.NDArray[np.floating]) -> tuple[Floats, list[int]]:
-        """Let the trials that do not rest (n,) go on for a control period by actions (n, 2).
-
-        The sensors are read for those that rest, too. Returns rewards (n,), and which of the trials have ended.
-        """
+        """Let trials that do not rest (n,) go on for a period by actions (n, 2); return rewards (n,), which ended."""
         view = self._config.observation
         wanted = self._config.action.commands(actions)
         given, shielded = self._shielded(resting, wanted)
@@ -188,10 +178,7 @@ def info_of_end(trial: RunningTrial) -> dict[str, Any]:
 
 
 def way_points(world: World, course: Course, along: str) -> Floats:
-    """Return places (n, 3) on the way to the goal: x, y and how far it is from there, m.
-
-    It leads straight, or to the nearest cell of the world's path and on along it.
-    """
+    """Return places (n, 3) on the way to the goal, straight or along the path: x, y and how far it is from there, m."""
     goal = np.array([[course.goal.x, course.goal.y]])
     points = goal if along == "straight" else np.vstack([world.path_m(), goal])
     lengths = np.hypot(*np.diff(points, axis=0).T)
@@ -200,10 +187,7 @@ def way_points(world: World, course: Course, along: str) -> Floats:
 
 @njit(cache=True)
 def way_left(points: Floats, counts: Integers, positions: Floats, which: Integers, left_m: Floats) -> None:
-    """Fill in the way left (n,) of the rows `which`, from positions (n, 2).
-
-    Each goes along the first of its own points (n, m, 3), as `way_points` has them, of which there are `counts` (n,).
-    """
+    """Fill in the way left (n,) of the rows `which` at positions (n, 2), by `counts` (n,) of points of `way_points`."""
     for row in which:
         x, y, nearest = positions[row, 0], positions[row, 1], np.inf
         for k in range(counts[row]):
@@ -219,10 +203,7 @@ def way_left(points: Floats, counts: Integers, positions: Floats, which: Integer
 
 
 class RewardWeights(NamedTuple):
-    """What of the reward's configuration compiled code needs, as `RewardConfig` has it.
-
-    Numba keeps this class's name with the machine code on disk: who renames it deletes that in `__pycache__`.
-    """
+    """What compiled code needs of `RewardConfig`; who renames it deletes numba's files in `__pycache__`."""
 
     progress_per_m: float
     per_second: float
@@ -247,11 +228,7 @@ def reward_steps(
     shielded: Bools,
     rewards: Floats,
 ) -> None:
-    """Fill in the rewards (n,) of steps of `period_s`, without those of the end.
-
-    before_m, left_m (n,): way left before and after; shares (n, beams): nearest returns in parts of a range; shielded
-    (n,): whether the shield has changed the command.
-    """
+    """Fill in the rewards (n,) of steps; shares (n, beams): nearest returns in parts of a range; shielded (n,)."""
     for i in range(len(rewards)):
         nearest = shares[i, 0]
         for beam in range(1, shares.shape[1]):

@@ -14,11 +14,10 @@ _ACTIVATIONS = {"Tanh": "tanh", "ReLU": "relu"}
 
 
 def export_policy(model: Any, config: EnvConfig, path: Path, about: Mapping[str, Any] | None = None) -> Policy:
-    """Write what a model has learned as a policy file and return it.
+    """Write what a model has learned as a policy file and return it; ConfigError for what it cannot hold.
 
-    model: of PPO, A2C, SAC, TD3 or DDPG with an "MlpPolicy", trained in an environment of this `config`. The policy
-    answers as the model's deterministic prediction does. about: kept in the file, for people. ConfigError for models
-    that such a file cannot hold, PolicyError if it cannot be written.
+    model: of PPO, A2C, SAC, TD3 or DDPG with an "MlpPolicy", trained in an environment of this `config`. about: for
+    people.
     """
     normalising = model.get_vec_normalize_env()
     if normalising is not None and normalising.norm_obs:

@@ -24,12 +24,7 @@ Step = tuple[npt.NDArray[Any], npt.NDArray[np.float64], Bools, Bools, dict[str, 
 
 
 class JackalVectorEnv(SyncVectorEnv):
-    """Environments whose robots advance together: a step is a few compiled calls for all of them.
-
-    Only robots near an obstacle, episodes that may have ended, and whatever needs Python (the shield, a pose in a map)
-    are looked at one by one. Every observation, reward and info is that of Gymnasium's SyncVectorEnv, to the last bit.
-    config, changes: as of `JackalEnv`.
-    """
+    """Environments whose robots advance together; all is as with Gymnasium's SyncVectorEnv, to the last bit."""
 
     def __init__(
         self,

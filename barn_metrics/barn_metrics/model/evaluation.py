@@ -1,7 +1,4 @@
-"""How well a difficulty model predicts worlds that it has not seen, beside ridge regression on the five metrics.
-
-Models are trained by repeated k-fold over worlds; intervals are of 95 % over worlds.
-"""
+"""How well a difficulty model predicts unseen worlds (repeated k-fold), beside ridge regression on the five metrics."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -41,31 +38,22 @@ class EvaluationConfig(Checked):
 
 @dataclass(frozen=True)
 class ModelScore:
-    """The errors of one kind of model in worlds held out, averaged over repeats.
-
-    mse: mean squared error in (s/m)^2, training_mse: in the worlds that the models were trained on; mae: mean absolute
-    error in s/m; r2: explained variance; spearman: rank correlation; predictions: of each world, s/m. gain: how much
-    lower the mean squared error of the predictions is than that of ridge regression's; None without any to compare.
-    """
+    """The errors of one kind of model in worlds held out, averaged over repeats; intervals are of 95 % over worlds."""
 
     name: str
     title: str
-    training_mse: float
-    mse: Interval
-    mae: Interval
+    training_mse: float  # in the worlds that the models were trained on
+    mse: Interval  # (s/m)^2
+    mae: Interval  # s/m
     r2: Interval
     spearman: Interval
-    gain: Interval | None
-    predictions: tuple[float, ...]
+    gain: Interval | None  # how much lower the error is than ridge regression's
+    predictions: tuple[float, ...]  # of each world, s/m
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """How well models predict some trials.
-
-    difficulty: of each of world_numbers, measured, s/m. ceiling: the highest R2 that a model can have on these trials,
-    None where worlds have one trial per planner.
-    """
+    """How well models predict some trials."""
 
     worlds: int
     trials: int
@@ -74,9 +62,9 @@ class Evaluation:
     repeats: int
     seed: int
     world_numbers: tuple[int, ...]
-    difficulty: tuple[float, ...]
+    difficulty: tuple[float, ...]  # of each of them, measured, s/m
     scores: tuple[ModelScore, ...]
-    ceiling: Interval | None
+    ceiling: Interval | None  # highest R2 possible; None where worlds have one trial per planner
 
     def score(self, name: str) -> ModelScore:
         """Return the score of a kind of model that was evaluated."""
@@ -91,9 +79,8 @@ def evaluate(
 ) -> Evaluation:
     """Return the errors of ridge regression and of the suite's kind of model, on the worlds that every planner has.
 
-    model: judged as it is in place of models trained on folds; held-out only where it was not trained on these worlds.
-    Worlds of `HELD_OUT` judge such a model alone.
-    Raises ModelError for too few worlds, or where PyTorch is missing.
+    model: judged as it is in place of models trained on folds; worlds of `HELD_OUT` judge such a model alone.
+    ModelError for too few worlds, or where PyTorch is missing.
     """
     chosen = config or EvaluationConfig()
     own, judged = trained_worlds(worlds, trials), trials.only(trials.world_numbers)
@@ -127,10 +114,7 @@ def evaluate(
 
 
 def ridge(inputs: Floats, targets: Floats) -> Callable[[Floats], Floats]:
-    """Return ridge regression of targets (n,) on inputs (n, d), a function of inputs (m, d).
-
-    The penalty on z-scored inputs is that of the lowest error of predicting each sample from all others.
-    """
+    """Return ridge regression of targets (n,) on z-scored inputs (n, d) as a function, its penalty by leave-one-out."""
     mean, std = moments(inputs)
     left, singular, right = np.linalg.svd((inputs - mean) / std, full_matrices=False)
     bias = targets.mean()
@@ -188,10 +172,7 @@ def _score(
 
 
 def determination(predicted: Floats, measured: Floats) -> Interval:
-    """Return R2 of predictions (r, w), averaged over their r repeats, as they are: not of a line through them.
-
-    measured: (w,). Below zero where predictions are worse than its mean; NaN where it does not vary.
-    """
+    """Return R2 of predictions (r, w) of measured (w,), averaged over their r repeats; NaN where these do not vary."""
     if not measured.var() > 0.0:
         return Interval(math.nan)
     squared = ((predicted - measured) ** 2).mean(axis=0)
@@ -199,10 +180,7 @@ def determination(predicted: Floats, measured: Floats) -> Interval:
 
 
 def noise_ceiling(trials: Trials, seed: int = 0) -> Interval | None:
-    """Return how well trials agree with themselves, from random splits; both halves hold as many of each planner.
-
-    It is the correlation of halves of the repetitions, carried to all of them by the formula of Spearman and Brown.
-    """
+    """Return the correlation of random halves of the repetitions, carried to all of them (Spearman and Brown)."""
     values = [
         [mine.normalised_s_per_m[mine.worlds == world] for world in trials.world_numbers]
         for mine in map(trials.of, trials.planner_names)

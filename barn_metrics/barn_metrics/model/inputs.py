@@ -1,7 +1,4 @@
-"""What the difficulty model sees of a world: named numbers, in a fixed order.
-
-First what sums the world up in numbers, the paper's five metrics among them, then what lies beside routes through it.
-"""
+"""What the difficulty model sees of a world, in a fixed order: numbers that sum it up, then what lies beside routes."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
@@ -81,11 +78,7 @@ def _summed_up(world: World, where: ClearanceMap, routes: Mapping[str, Route]) -
 
 
 def _ends(where: ClearanceMap) -> Iterator[tuple[str, float]]:
-    """Yield how much room there is where the paper's trials start and end.
-
-    The goal is also looked at one cell of the world ahead, where it stands in relation to the obstacles of the original
-    maps.
-    """
+    """Yield how much room there is where the paper's trials start and end, and one cell ahead of the goal."""
     places = (("start", where.start, 0), ("goal", where.goal, 0), ("goal_ahead", where.goal, 3))
     for name, (row, column), ahead in places:
         near, far = (_around(where, row, column + ahead, reach) for reach in (2, 4))

@@ -25,15 +25,13 @@ _AT_ONCE = 64  # worlds, which bounds the memory
 class RouteNetwork:
     """Filters along the strips of r routes, then layers that see their largest and mean response and d other inputs.
 
-    mean, std: (d,) of the inputs that are not strips, which come first; filters: weights (width, in, out), width odd,
-    and bias (out,) of each of `DILATIONS`; layers: weights (in, out) and bias (out,), fully connected with rectified
-    linear units between them. A world and its mirror image give the same.
+    A world and its mirror image give the same.
     """
 
-    mean: Floats
+    mean: Floats  # (d,) of the inputs that are not strips, which come first
     std: Floats
-    filters: tuple[Layer, ...]
-    layers: tuple[Layer, ...]
+    filters: tuple[Layer, ...]  # weights (width, in, out), width odd, and bias (out,) of each of `DILATIONS`
+    layers: tuple[Layer, ...]  # weights (in, out) and bias (out,), with rectified linear units between them
 
     def __call__(self, inputs: Floats) -> Floats:
         """Return the outputs (n, k) of inputs (n, d + r * SAMPLES * CHANNELS)."""
@@ -88,10 +86,7 @@ def present_in(strips: Floats) -> Floats:
 
 
 def _convolved(values: Floats, weights: Floats, dilation: int) -> Floats:
-    """Return the response (n, s, out) to filters (width, in, out), zeros beyond the ends of values (n, s, in).
-
-    One small product per tap: a large one is spread over threads, and starting them takes longer than the product.
-    """
+    """Return the response (n, s, out) of values (n, s, in), zeros beyond, to filters (width, in, out), tap by tap."""
     length = values.shape[1]
     reach = len(weights) // 2 * dilation
     padded = np.pad(values, ((0, 0), (reach, reach), (0, 0)))
@@ -124,16 +119,11 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False)
 class DifficultyModel:
-    """The mean of some networks.
+    """The mean of some networks; about: where it comes from."""
 
-    planners: those whose times the networks give, one after the other, followed by their shares of failures.
-    relative_std: spread of held-out worlds about the prediction, as a share of it, beyond the networks' disagreement.
-    about: where the model comes from.
-    """
-
-    planners: tuple[str, ...]
+    planners: tuple[str, ...]  # whose times the networks give, followed by their shares of failures
     networks: tuple[RouteNetwork, ...]
-    relative_std: float
+    relative_std: float  # of held-out worlds about the prediction, beyond the networks' disagreement
     about: Mapping[str, Any]
 
     def predict(self, world: World) -> Prediction:
@@ -141,10 +131,7 @@ class DifficultyModel:
         return self.predict_inputs(inputs_of([world]))[0]
 
     def predict_dataset(self, dataset: Dataset, worlds: str = "all") -> dict[int, Prediction]:
-        """Return predictions of worlds of a data set by number; WorldError names the world that has no metrics.
-
-        worlds: which of them, such as "0-49". One by one, as the last digits depend on what is evaluated together.
-        """
+        """Return predictions of worlds, such as "0-49", by number, each alone, as last digits depend on company."""
         return {number: self.predict(dataset.load(number)) for number in select_worlds(worlds, dataset.indices)}
 
     def predict_inputs(self, inputs: Floats) -> list[Prediction]:

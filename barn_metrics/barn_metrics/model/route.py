@@ -1,7 +1,6 @@
 """Where a robot would drive: cheapest routes from the paper's start to its goal, and what lies beside them.
 
-The obstacles are those of the map that planners are given, filled cells as squares, at a third of the world's
-resolution. A route is the cheapest way at a cost per metre that depends on the distance to the nearest obstacle.
+The obstacles are squares, as on the map that planners are given, at a third of the world's resolution.
 """
 
 import heapq
@@ -16,6 +15,7 @@ from scipy.ndimage import distance_transform_edt, map_coordinates, maximum_filte
 from barn_worlds.base.arrays import Cells, Floats
 from barn_worlds.worlds.world import World
 
+WIDTH_REACH_M = 0.4
 FINE = 3  # cells of the clearance map per cell of the world, along each side
 _LEAD_CELLS, _TAIL_CELLS = 8, 4  # of the world, looked at before its first and beyond its last column
 _SIDE_CELLS = 1
@@ -38,14 +38,10 @@ HEADING, TURN, PRESENT = CHANNELS - 3, CHANNELS - 2, CHANNELS - 1
 
 @dataclass(frozen=True, eq=False)
 class ClearanceMap:
-    """Distances in metres from fine cells to the nearest obstacle.
+    """Distances in metres from fine cells to the nearest obstacle; start and goal are those of the paper's trials."""
 
-    clearance_m: (rows, cols); width_m: twice the largest clearance within `WIDTH_REACH_M`, that is about how wide the
-    passage is that a cell lies in; cell_m: side of a fine cell; start, goal: fine cells of the paper's trials.
-    """
-
-    clearance_m: Floats
-    width_m: Floats
+    clearance_m: Floats  # (rows, cols)
+    width_m: Floats  # twice the largest clearance within `WIDTH_REACH_M`: of the passage that a cell lies in
     cell_m: float
     start: tuple[int, int]
     goal: tuple[int, int]
@@ -58,22 +54,14 @@ class ClearanceMap:
 
 @dataclass(frozen=True, eq=False)
 class Route:
-    """A route as equally spaced, smoothed samples.
+    """A route as equally spaced, smoothed samples."""
 
-    cost_m: cost from start to goal, metres where all is free; length_m: its length; points: (n + 1, 2) row and column
-    in fine cells; heading_rad: (n,) direction of travel, 0 straight ahead, unwrapped; clearance_m, width_m: at each
-    point but those at the very start and goal.
-    """
-
-    cost_m: float
+    cost_m: float  # metres where all is free
     length_m: float
-    points: Floats
-    heading_rad: Floats
-    clearance_m: Floats
+    points: Floats  # (n + 1, 2) row and column in fine cells
+    heading_rad: Floats  # (n,) direction of travel, 0 straight ahead, unwrapped
+    clearance_m: Floats  # at each point but those at the very start and goal
     width_m: Floats
-
-
-WIDTH_REACH_M = 0.4
 
 
 def clearance_map(world: World) -> ClearanceMap:
@@ -121,10 +109,7 @@ def _smooth(values: Floats) -> Floats:
 
 @njit(cache=True)
 def _search(cost: Floats, start_row: int, start_column: int, goal_row: int, goal_column: int) -> tuple[float, Cells]:
-    """Return the cost of the cheapest route and its cells (n, 2): A* over 16 directions, costs averaged over a step.
-
-    Costs are at least 1, so that the straight distance never exceeds what remains.
-    """
+    """Return the cost of the cheapest route and its cells (n, 2): A* over 16 directions at costs of at least 1."""
     rows, cols = cost.shape
     total = np.full(rows * cols, math.inf)
     parent = np.full(rows * cols, -1, np.int64)

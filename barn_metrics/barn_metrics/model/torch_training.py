@@ -31,10 +31,7 @@ class NetworkConfig:
 
 
 def train_network(inputs: Floats, targets: Floats, seed: int, config: NetworkConfig | None = None) -> RouteNetwork:
-    """Return a network trained on inputs (n, d) and targets (n, k).
-
-    The same arguments give the same network on the same machine.
-    """
+    """Return a network trained on inputs (n, d) and targets (n, k), the same for the same arguments on one machine."""
     with _one_thread():
         return NetworkTraining(inputs, targets, config or NetworkConfig(), seed).run()
 

@@ -53,10 +53,7 @@ def train(worlds: Mapping[int, World], trials: Trials, seed: int = 0) -> Difficu
 
 
 def train_models(inputs: Floats, trials: Trials, kept: Mask, seed: int) -> list[DifficultyModel]:
-    """Return one model per row of `kept` (b, w), each trained on the worlds kept there, without its uncertainty.
-
-    inputs: (w, d), of the trials' worlds.
-    """
+    """Return a model per row of `kept` (b, w), trained on the worlds kept there, from inputs (w, d)."""
     try:
         from barn_metrics.model.torch_training import train_network  # noqa: PLC0415 (optional, and slow to load)
     except ImportError:

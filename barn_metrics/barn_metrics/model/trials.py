@@ -69,10 +69,7 @@ class Trials:
         return 1.0 - self._means(self.succeeded.astype(np.float64))
 
     def difficulty(self) -> Floats:
-        """Return the normalised time in seconds per metre of each of `world_numbers`, (w,).
-
-        It is the mean over repetitions, then over planners, so that each planner weighs the same.
-        """
+        """Return the time in s/m of each of `world_numbers`, (w,): the mean over repetitions, then over planners."""
         mean: Floats = self.times().T.mean(axis=0)
         return mean
 
@@ -91,10 +88,7 @@ class Trials:
 
 
 def joined(parts: Sequence[tuple[Mapping[int, World], Trials]]) -> tuple[dict[int, World], Trials]:
-    """Return the worlds and trials of several campaigns, worlds numbered anew; the same world counts as one.
-
-    ModelError if a campaign has trials of a world that it does not have.
-    """
+    """Return worlds and trials of several campaigns, renumbered, equal worlds as one; ModelError for missing ones."""
     numbers: dict[str, int] = {}
     worlds: dict[int, World] = {}
     renumbered = []

@@ -1,9 +1,4 @@
-"""Costmaps of the paper's planners: obstacles marked by the lidar, inflated by the robot's size.
-
-The rules are those of costmap_2d's obstacle, static and inflation layers. Hits are marked up to one range and rays
-clear up to another. Cells without a mark are free, and so is the robot's own footprint. The cost falls with the
-distance between cell centres.
-"""
+"""Costmaps of the paper's planners by the rules of costmap_2d: obstacles marked by the lidar, inflated by the robot."""
 
 import json
 import math
@@ -115,10 +110,7 @@ class Beams:
 
 
 class Costmap:
-    """A fixed grid of costs. `costs` is uint8 (rows, columns), row along y; `origin` is the outer corner of cell 0, 0.
-
-    `update` changes the array `costs` in place. Nothing is known off the grid. beams: shared by costmaps of one robot.
-    """
+    """A fixed grid of costs, uint8 (rows, columns), row along y; `update` changes them in place. Nothing is off it."""
 
     def __init__(self, config: CostmapConfig, rows: int, cols: int, resolution: float, origin: tuple[float, float]):
         if rows * cols > _MAX_CELLS:
@@ -291,8 +283,7 @@ def global_costmap(config: GlobalCostmapConfig, known: OccupancyMap | None, goal
 def costs_by_square(config: CostmapConfig, resolution: float) -> CostArray:
     """Return the costs by the square of the distance d in cells to a lethal cell, uint8 ((n + 1)^2 + n^2 + 1,).
 
-    254 at 0, 253 up to the inscribed radius r, then int(252 exp(-scaling (d - r))) up to the inflation radius, rounded
-    up to whole cells.
+    254 at 0, 253 up to the inscribed radius r, then int(252 exp(-scaling (d - r))) up to the inflation radius.
     """
     soft = math.ceil(config.inflation_radius_m / resolution - 1e-9) if config.soft_costs else 0
     reach = max(soft, math.floor(config.inscribed_m / resolution + 1e-9))

@@ -1,8 +1,4 @@
-"""The elastic band (E-Band) as a local planner for a differential drive.
-
-After Quinlan and Khatib, "Elastic bands: connecting path planning and control", ICRA 1993. Bubbles, failures and
-control law are those of the eband_local_planner package, which ran in the paper's trials.
-"""
+"""The elastic band (E-Band) for a differential drive, as in eband_local_planner, which ran in the paper's trials."""
 
 import math
 
@@ -67,10 +63,7 @@ class ElasticBand:
         return self._adopt(moved)
 
     def advance(self, pose: Pose2D, ahead: FloatArray, costmap: Costmap) -> tuple[bool, str]:
-        """Connect the front to the robot, append poses (n, 3), or none, and adapt; return if appended, and what failed.
-
-        What fails leaves the band as the steps before it made it.
-        """
+        """Connect the front to the robot, append poses (n, 3) and adapt; return if appended, and why a step failed."""
         yaw = wrap_angle(pose.yaw) if self._config.headings else 0.0
         task = (self._band, self._trial, self._count, (pose.x, pose.y, yaw), ahead)
         self._count, moved, appended = forces.advance(*task, *self._context(costmap), self._config.sweeps)

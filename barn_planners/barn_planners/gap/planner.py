@@ -1,10 +1,7 @@
 """A simple baseline: follow the gap nearest to the goal, stop before a collision. No map, no plan, no memory.
 
 After Sezer and Gokasan, "A novel obstacle avoidance algorithm: follow the gap method", Robotics and Autonomous
-Systems 60(9), 2012. Obstacles are inflated by the robot's radius, which leaves a set of gaps. The heading is a mean of
-the chosen gap's centre and the goal's direction; the nearer the closest obstacle, the more the gap counts. Unlike
-theirs it chooses the gap nearest to the goal's direction, not the widest. It is the lower end of a comparison: a
-planner that does worse gains nothing from its map, its plan or its model.
+Systems 60(9), 2012; but it chooses the gap nearest to the goal's direction, not the widest.
 """
 
 import math

@@ -37,21 +37,16 @@ class NavigationConfig(LidarPlace):
 
 @dataclass(frozen=True, slots=True)
 class ControlInput:
-    """The input of a controller in one cycle, all in the odom frame.
-
-    plan: (n, 3) x, y m, yaw rad, the whole global plan, ending in `goal`.
-    visible: (m, 3), its part from the robot on that lies within the local costmap.
-    new_plan: whether there is a new global plan since the controller was last called.
-    """
+    """The input of a controller in one cycle, all in the odom frame."""
 
     stamp_ns: int
     pose: Pose2D
     velocity: Velocity2D
     costmap: Costmap
-    plan: FloatArray
-    visible: FloatArray
+    plan: FloatArray  # (n, 3) x, y m, yaw rad, the whole global plan, ending in `goal`
+    visible: FloatArray  # (m, 3), its part from the robot on that lies within the local costmap
     goal: Pose2D
-    new_plan: bool
+    new_plan: bool  # since the controller was last called
 
 
 @dataclass(frozen=True, slots=True)

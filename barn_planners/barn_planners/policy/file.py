@@ -37,11 +37,7 @@ class PolicyError(BarnError):
 
 @dataclass(frozen=True, eq=False)
 class Policy:
-    """A multilayer perceptron from observations to actions.
-
-    weights: one (inputs, outputs) per layer; biases: one (outputs,) per layer. Raises PolicyError, which begins
-    with `where`, if sizes do not match each other, the observation or the action, or if a value is not finite.
-    """
+    """A multilayer perceptron: weights (inputs, outputs) and biases per layer; PolicyError at `where` if unsound."""
 
     observation: PolicyObservation
     action: PolicyAction

@@ -1,11 +1,7 @@
-"""A learned policy as a planner, with the observations and actions of the learning environment.
+"""A learned policy as a planner, with the observations and actions of the learning environment; see docs/learning.md.
 
-No map, no plan, no memory. The default is the policy that comes with the package (see docs/learning.md).
-
-A safety shield keeps it from driving into what the scan shows. A command is safe if, driven until the robot could have
-stopped, it brings no obstacle nearer to the outline than a margin, or at least no nearer than it is already. An unsafe
-command is replaced by the most similar safe one among some slower and turned commands, or by a stop. The shield does
-not know about obstacles behind the robot, which the lidar does not see.
+A shield replaces a command that, driven until the robot could have stopped, brings an obstacle nearer to the outline
+than a margin (and than it is) by the most similar safe one, or by a stop. It does not see behind the robot.
 """
 
 import importlib.resources

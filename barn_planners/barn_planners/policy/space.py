@@ -127,11 +127,7 @@ class ObservationEncoder:
         self, scan: Scan, ranges: Vector, poses: FloatArray, goals: FloatArray, velocities: FloatArray,
         which: npt.NDArray[np.intp], seen: Vector,
     ) -> None:  # fmt: skip
-        """Fill the rows `which` of `seen` (n, size) as `encode` does, for scans with the geometry of `scan`.
-
-        ranges (n, beams); poses (n, 3): x, y, yaw in the planning frame, in which goals (n, 2) are; velocities (n, 2):
-        as the odometry measures them.
-        """
+        """Fill rows `which` of `seen` (n, size) as `encode` does, for ranges (n, beams) with the geometry of `scan`."""
         if problem := self.problem(scan):
             raise ConfigError(problem)
         ordered = ranges if scan.angle_increment > 0.0 else ranges[:, ::-1]
@@ -183,12 +179,9 @@ def _encode(  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def nearest_returns(ranges, first, end, range_min, limit, shares):  # type: ignore[no-untyped-def]
-    """Fill `shares` (n,) with the nearest return of each sector by the limit; 0 if all its returns are too near (-inf).
+    """Fill `shares` (n,) with the nearest return of each sector by the limit; 0 if all its returns are too near.
 
-    If a sector has other returns, those that are too near are ignored, since only the robot itself can be so near.
-    Invalid returns (NaN) are ignored.
-
-    first (n,): first beam of each sector, of which it has at least one; end: beam after the last one's last.
+    Invalid returns (NaN), and too near ones beside others, are ignored. first (n,): beam of each sector; end: of all.
     """
     if end - first[0] == len(first) and first[-1] == end - 1:
         own = ranges[first[0] : end]

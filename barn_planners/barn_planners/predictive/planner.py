@@ -1,12 +1,8 @@
 """Follow-the-gap and MPPI that predict what moves: discs tracked in the scans, each with a constant velocity.
 
-Everything else is as in `gap` and `mppi`, so that a comparison tells what prediction is worth.
-
-Returns are split into clusters where neighbours lie apart. A circle is fitted to each (I. Kasa, "A circle fitting
-procedure and its error analysis", IEEE Trans. Instrumentation and Measurement 25(1), 1976), since its centre, unlike
-the mean of the returns, does not wander as the robot drives past. Circles that are too large, or that the returns do
-not lie on, are walls and are left out. Tracks are continued by the nearest circle and filtered with fixed gains
-(an alpha-beta filter). A track counts once it has been seen often enough and moves.
+Everything else is as in `gap` and `mppi`, so that a comparison tells what prediction is worth. A circle is fitted to
+each cluster of returns (I. Kasa, IEEE Trans. Instrumentation and Measurement 25(1), 1976), since its centre does not
+wander as the robot drives past; what is no circle is a wall. An alpha-beta filter continues tracks by the nearest one.
 """
 
 import math

@@ -52,10 +52,10 @@ class ShownCandidates(NamedTuple):
 
 
 def shown_candidates(candidates: FloatArray, costs: FloatArray | None) -> ShownCandidates:
-    """Choose from trajectories (k, n, 2), m, with costs (k,), which are +inf where rejected.
+    """Choose `MOST_SHOWN` of trajectories (k, n, 2), evenly, and of each `MOST_POINTS` points, both ends among them.
 
-    At most `MOST_SHOWN`, evenly spaced in their order and always with the cheapest; each has at most `MOST_POINTS`
-    points, always with both ends. Without costs all have the colour of the costliest.
+    The cheapest is always chosen; costs (k,) are +inf where rejected. Without costs all have the colour of the
+    costliest.
     """
     worth = np.zeros(len(candidates)) if costs is None else np.where(np.isnan(costs), np.inf, costs)
     chosen = _spread(len(candidates), MOST_SHOWN)
@@ -82,10 +82,7 @@ def _spread(count: int, most: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]
 
 
 class PlannerMessages:
-    """The messages of one planner: each command, and its view at intervals.
-
-    name: of the node. stamped: whether commands are TwistStamped. view_period_s: between two views of the planner.
-    """
+    """The messages of one planner, a node of that name: each command, stamped if told so, and its view at intervals."""
 
     def __init__(
         self,
@@ -122,10 +119,7 @@ class PlannerMessages:
     def shown(
         self, planner: Planner, decision: Decision, stamp_ns: int, wanted: Callable[[Topic], bool] = lambda _: True
     ) -> Iterator[Outgoing]:
-        """Yield what is due after a decision, of the topics that are wanted.
-
-        Plans and views come once per period; diagnostics once a second and at once when the status has changed.
-        """
+        """Yield what is due of the topics that are wanted: views once per period, diagnostics each second or if new."""
         plan = decision.plan
         if plan is not None and stamp_ns - self._plan_ns >= self._view_period_ns and wanted(topics.PLAN):
             self._plan_ns = stamp_ns

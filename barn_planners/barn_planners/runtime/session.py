@@ -26,10 +26,7 @@ class Answer:
 
 
 class PlannerSession:
-    """Runs one planner, task after task, as goals, maps and observations arrive.
-
-    repeat_command: repeat the last command if the planner sends none, so that a simulator in lockstep need not wait.
-    """
+    """Runs one planner, task after task; repeat_command: in cycles without one, so that a simulator need not wait."""
 
     def __init__(self, planner: Planner, *, seed: int, use_map: bool, repeat_command: bool = True):
         self.planner = planner
@@ -56,10 +53,7 @@ class PlannerSession:
         return ", ".join(missing)
 
     def set_goal(self, goal: Pose2D) -> bool:
-        """Set a goal in the planning frame; returns whether it starts a new task.
-
-        An equal goal changes nothing, unless the task is over and the goal comes after a pause.
-        """
+        """Set a goal; return whether it starts a task. An equal one does only after a pause when the task is over."""
         finished = self._status in (PlannerStatus.GOAL_REACHED, PlannerStatus.FAILED)
         paused = self._now_ns - self._goal_ns > _NEW_GOAL_NS
         self._goal_ns = self._now_ns
@@ -142,10 +136,9 @@ class SyncConfig(Checked):
 class Synchroniser:
     """Collects readings and returns an observation for each scan once its readings have arrived.
 
-    If a source sends one reading per scan with the scan's own stamp, as a simulator in lockstep does, that reading is
-    used and waited for. Otherwise the latest reading not after the scan is used, as soon as a later one or the next
-    scan shows that none with the scan's stamp will come. After a scan without a match the source is not waited for
-    until it matches a stamp again.
+    If a source sends one reading per scan with the scan's own stamp, as in lockstep, that reading is waited for.
+    Otherwise the latest one not after the scan is used, as soon as a later one or the next scan shows that none will
+    come; the source is then not waited for until it matches a stamp again.
     """
 
     def __init__(self, config: SyncConfig, *, use_pose: bool):
@@ -174,11 +167,7 @@ class Synchroniser:
         return self._complete(overtaken=False)
 
     def add_scan(self, scan: Scan) -> list[Observation]:
-        """Add a scan; returns the observations that it completes, which may include that of the scan before.
-
-        A scan older than the last one means that time has restarted: all older readings are dropped and `restarted`
-        is set.
-        """
+        """Add a scan; return the observations that it completes, also of the scan before. `restarted`: it is older."""
         newest = self._scan.stamp_ns if self._scan is not None else self._last_ns
         if newest is not None and scan.stamp_ns < newest:
             self.reset()
