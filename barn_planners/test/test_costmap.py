@@ -278,19 +278,6 @@ def test_a_goal_lies_on_the_global_costmap_however_far_it_is():
         assert global_costmap(GlobalCostmapConfig(), None, Pose2D(far, 0.0, 0.0)).config == GlobalCostmapConfig()
 
 
-def test_costmaps_that_share_beams_are_as_those_that_do_not():
-    rng, lidar = np.random.default_rng(4), Pose2D(0.1, 0.0, 0.2)
-    shared, alone = [[RollingCostmap(CostmapConfig(size_m=size_m)) for size_m in (4.0, 7.0)] for _ in range(2)]
-    shared[1].beams = shared[0].beams
-    for beams in (90, 90, 40):
-        scan = scan_of(rng.uniform(0.3, 4.0, beams))
-        for pose in (Pose2D(0.1, 0.2, 0.3), Pose2D(0.1, 0.2, 0.3), Pose2D(0.3, 0.2, -2.0)):
-            for one, other in zip(shared, alone, strict=True):
-                one.update(pose, scan, lidar)
-                other.update(pose, scan, lidar)
-                np.testing.assert_array_equal(one.costs, other.costs)
-
-
 def test_inflation_that_reaches_far_equals_the_plain_one():
     config = CostmapConfig(inflation_radius_m=10.0, cost_scaling_per_m=0.4)
     lethal = np.zeros((30, 40), np.uint8)

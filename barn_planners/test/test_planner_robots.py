@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from barn_planners.costmap import kernels
 from barn_planners.costmap.costmap import CostmapConfig, RollingCostmap, corners_of, text_of
 from barn_planners.registry import planner_config, planner_names, presets
 from barn_planners.robots import lidar_place, parameters_for, scale_of
@@ -131,7 +132,7 @@ def test_a_costmap_clears_and_checks_the_outline():
     assert config.circumscribed_m == pytest.approx(0.5)
     ahead = np.full(9, 0.8, np.float32)
     costmap.update(Pose2D(0.0, 0.0, 0.0), Scan(0, ahead, -0.2, 0.05, 0.1, 30.0), Pose2D(0.0, 0.0, 0.0))
-    first, spans = costmap.footprint_spans(Pose2D(0.0, 0.0, 0.0))
+    first, spans = kernels.footprint_spans(costmap.outline, *costmap.grid)
     ends = costmap.origin_x + 0.05 * first, costmap.origin_x + 0.05 * (first + len(spans))
     assert ends == pytest.approx((-0.3, 0.5), abs=0.06)
     assert costmap.has_room(0.0, 0.0, 0.0)

@@ -87,8 +87,21 @@ def sample(
     if math.isnan(low) or math.isnan(high) or low > high:
         raise ConfigError(f"difficulty must be LOW:HIGH with LOW at most HIGH, got {low:g}:{high:g}")
     generator = np.random.default_rng(seed)
+
+    def generated() -> tuple[World, float]:
+        met = []
+        for _ in range(attempts):
+            world = generate_world(sets[int(generator.random() * len(sets))], generator, "generated")
+            met.append(difficulty(world))
+            if low <= met[-1] <= high:
+                return world, met[-1]
+        raise WorldError(
+            f"none of {attempts} generated worlds has a difficulty of {low:g} to {high:g};"
+            f" they have {min(met):.3g} to {max(met):.3g}"
+        )
+
     if dataset is None:
-        return [_generated(difficulty, low, high, generator, sets, attempts) for _ in range(count)]
+        return [generated() for _ in range(count)]
     known = {index: difficulty(dataset.load(index)) for index in dataset.indices}
     fitting = [index for index, value in known.items() if low <= value <= high]
     if len(fitting) < count:
@@ -98,24 +111,3 @@ def sample(
         )
     shuffled = sorted((float(generator.random()), index) for index in fitting)
     return [(dataset.load(index), known[index]) for index in sorted(index for _, index in shuffled[:count])]
-
-
-def _generated(
-    difficulty: Difficulty,
-    low: float,
-    high: float,
-    generator: np.random.Generator,
-    sets: Sequence[WorldParameters],
-    attempts: int,
-) -> tuple[World, float]:
-    met = []
-    for _ in range(attempts):
-        world = generate_world(sets[int(generator.random() * len(sets))], generator, "generated")
-        found = difficulty(world)
-        if low <= found <= high:
-            return world, found
-        met.append(found)
-    raise WorldError(
-        f"none of {attempts} generated worlds has a difficulty of {low:g} to {high:g};"
-        f" they have {min(met):.3g} to {max(met):.3g}"
-    )

@@ -4,7 +4,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -94,19 +94,8 @@ class GlobalCostmapConfig(CostmapConfig):
     map_resolution: bool = quantity(False, "use the map's resolution instead of resolution_m")
 
 
-class Beams:
-    """The directions of a lidar's beams; costmaps of one robot may share them."""
-
-    def __init__(self) -> None:
-        self._key: tuple[float, float, float, int] | None = None
-        self._directions = np.empty((0, 2))
-
-    def directions(self, yaw: float, scan: Scan) -> npt.NDArray[np.float64]:
-        """Return cosine and sine (n, 2) of the beams of a scan, taken by a lidar at this yaw."""
-        key = (yaw, scan.angle_min, scan.angle_increment, len(scan.ranges))
-        if key != self._key:
-            self._key, self._directions = key, kernels.beam_directions(*key)
-        return self._directions
+# Of a scan both costmaps of a robot need the same directions.
+_beam_directions = lru_cache(maxsize=2)(kernels.beam_directions)
 
 
 class Costmap:
@@ -128,7 +117,6 @@ class Costmap:
         self._cleared = self.outline if config.clear_footprint else np.empty((0, 2))
         if config.clear_footprint and config.as_costmap_2d and not config.footprint:
             self._cleared = outline[[2, 1, 0, 3]]  # lines of cells differ by the end that they begin at
-        self.beams = Beams()
 
     @property
     def grid(self) -> tuple[float, float, float]:
@@ -143,12 +131,13 @@ class Costmap:
             return
         limits = (scan.range_min, scan.range_max, self.config.raytrace_range_m, self.config.obstacle_range_m)
         changed = (self._lethal, self._dirty, *self._inflated, self.grid, (pose.x, pose.y, pose.yaw))
-        if self.config.as_costmap_2d:
-            seen = ((x, y, yaw), self.beams.directions(0.0, scan), scan.ranges, limits)
-            layers.observe(*changed, *seen, self._cleared, self.config.inflates_by_front)
+        own = self.config.as_costmap_2d  # then beams are in the lidar's own frame
+        beams = _beam_directions(0.0 if own else yaw, scan.angle_min, scan.angle_increment, len(scan.ranges))
+        if own:
+            seen = ((x, y, yaw), beams, scan.ranges, limits, self._cleared, self.config.inflates_by_front)
+            layers.observe(*changed, *seen)
         else:
-            seen_at = ((x, y), self.beams.directions(yaw, scan), scan.ranges, limits)
-            kernels.observe(*changed, *seen_at, self._cleared)
+            kernels.observe(*changed, (x, y), beams, scan.ranges, limits, self._cleared)
 
     def reset(self) -> None:
         """Clear all marks."""
@@ -180,11 +169,6 @@ class Costmap:
         """Return the cost at a point in metres, None off the grid."""
         cell = self.world_to_cell(x, y)
         return None if cell is None else int(self.costs[cell])
-
-    def footprint_spans(self, pose: Pose2D) -> tuple[int, npt.NDArray[np.int64]]:
-        """Return the cells of the padded footprint: its first column, and first and last row (n, 2) of each column."""
-        first, spans = kernels.footprint_spans(kernels.placed(self.outline, pose.x, pose.y, pose.yaw), *self.grid)
-        return first, spans
 
     def has_room(self, x: float, y: float, yaw: float) -> bool:
         """Tell whether the edges of the padded footprint at a pose (m, rad) are free and on the grid."""

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from barn_planners.interface import Decision, FloatArray, Observation, Planner, PlannerStatus, PlannerView, Task
-from barn_planners.navigation.guard import GuardConfig, LidarPlace, ObservationGuard
+from barn_planners.interface import Decision, FloatArray, Observation, PlannerStatus, PlannerView, Task
+from barn_planners.navigation.guard import GuardConfig, LidarPlace, ScanPlanner
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
 from barn_planners.robots import fitted
 from barn_worlds.base.config import quantity
@@ -41,38 +41,28 @@ class GapConfig(LidarPlace):
     guard: GuardConfig = field(default_factory=GuardConfig)
 
 
-class GapPlanner(Planner):
+class GapPlanner(ScanPlanner):
     """Decides from each scan alone."""
 
     def __init__(self, config: GapConfig):
+        super().__init__(config.guard, config.goal_tolerance_m)
         self.config = config
-        self._guard = ObservationGuard(config.guard)
         self._directions = np.linspace(-config.max_bearing_rad, config.max_bearing_rad, config.directions)
-        self._task: Task | None = None
 
     def start(self, task: Task, seed: int) -> None:
-        """Begin a new trial; a map is ignored, and nothing is random."""
-        del seed
-        self._task = task
-        self._guard.reset()
-        self._pose = Pose2D(0.0, 0.0, 0.0)
-        self._free: FloatArray | None = None
+        """Begin a new trial."""
+        super().start(task, seed)
+        self._pose, self._free = Pose2D(0.0, 0.0, 0.0), np.empty(0)
 
     def step(self, observation: Observation) -> Decision:
         """Steer for the gap nearest to the goal's direction."""
-        if self._task is None:
-            return Decision(STOP, PlannerStatus.BLOCKED, "no task yet")
-        self._free = None
-        problem = self._guard.problem(observation)
-        if problem:
-            return Decision(STOP, PlannerStatus.BLOCKED, problem)
-        config, pose, goal = self.config, observation.odometry.pose, self._task.goal
-        to_goal = observation.pose.inverse() @ goal
+        self._free = np.empty(0)
+        return super().step(observation)
+
+    def drive(self, observation: Observation, goal: Pose2D) -> Decision:
+        """Return the command to the chosen gap."""
+        config, pose, to_goal = self.config, observation.odometry.pose, observation.pose.inverse() @ goal
         distance = math.hypot(to_goal.x, to_goal.y)
-        if not math.isfinite(distance):
-            return Decision(STOP, PlannerStatus.BLOCKED, "the goal is not at a usable position")
-        if distance <= config.goal_tolerance_m:
-            return Decision(STOP, PlannerStatus.GOAL_REACHED, "the goal is reached")
         points = returns(observation.scan, config.lidar, config.look_ahead_m + config.robot_radius_m)
         free = self._free_distances(observation, points)
         self._pose, self._free = pose, free
@@ -83,7 +73,7 @@ class GapPlanner(Planner):
 
     def view(self) -> PlannerView:
         """Return the directions as candidates, as far as they are free, in the odom frame."""
-        if self._free is None:
+        if self._task is None or not len(self._free):
             return PlannerView()
         ends = self._free[:, None] * np.stack([np.cos(self._directions), np.sin(self._directions)], axis=1)
         lines = np.stack(

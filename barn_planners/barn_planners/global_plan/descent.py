@@ -52,16 +52,6 @@ def _lowest_neighbour(potential, cols, cell):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _walled(potential, cols, cell):  # type: ignore[no-untyped-def]
-    """Tell whether a cell or one of its 8 neighbours is unreached."""
-    for d_row in (-1, 0, 1):
-        for d_col in (-1, 0, 1):
-            if potential[cell + d_row * cols + d_col] >= UNREACHED:
-                return True
-    return False
-
-
-@njit(cache=True)
 def _find_corners(potential, cols, row, col, blocked_slope, last, corners):  # type: ignore[no-untyped-def]
     """Write the gradients (4, 2) of the cells (row + 0 or 1, col + 0 or 1); what `last` (row, column) has is kept."""
     last_row, last_col = last
@@ -113,7 +103,7 @@ def descend(potential, cols, start, goal, step, neutral, blocked_slope, points):
         points[n, 0], points[n, 1] = x, y
         to_and_fro = n >= 2 and points[n - 2, 0] == x and points[n - 2, 1] == y
         dx = dy = 0.0
-        if not to_and_fro and not _walled(potential, cols, cell):
+        if not to_and_fro and not _beside_wall(potential, cols, cell):
             low_row, low_col = math.floor(y), math.floor(x)
             _find_corners(potential, cols, low_row, low_col, blocked_slope, last, corners)
             last = low_row, low_col

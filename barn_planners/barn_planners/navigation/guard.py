@@ -1,14 +1,15 @@
 """Checks of observations and of progress, so that a planner stops with a reason instead of acting on bad data."""
 
 import math
+from abc import abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 
-from barn_planners.interface import Observation
+from barn_planners.interface import Decision, Observation, Planner, PlannerStatus, Task
 from barn_worlds.base.config import Checked, quantity
-from barn_worlds.base.types import Pose2D, Scan, nanoseconds
+from barn_worlds.base.types import STOP, Pose2D, Scan, nanoseconds
 
 _FURTHEST_M = 1.0e5
 _FASTEST = 1.0e3
@@ -105,6 +106,43 @@ def _nearest(ranges, range_min, range_max):  # type: ignore[no-untyped-def]
 
 def _usable(pose: Pose2D) -> bool:
     return abs(pose.x) < _FURTHEST_M and abs(pose.y) < _FURTHEST_M and math.isfinite(pose.yaw)
+
+
+class ScanPlanner(Planner):
+    """Drives to the goal by what it sees: a map is ignored, and nothing is random."""
+
+    def __init__(self, guard: GuardConfig, goal_tolerance_m: float):
+        self._guard, self._goal_tolerance_m = ObservationGuard(guard), goal_tolerance_m
+        self._task: Task | None = None
+
+    def start(self, task: Task, seed: int) -> None:
+        """Begin a new trial."""
+        del seed
+        self._task = task
+        self._guard.reset()
+
+    def step(self, observation: Observation) -> Decision:
+        """Return a stop with a reason, at the goal or where an observation is of no use; else drive."""
+        if self._task is None:
+            return Decision(STOP, PlannerStatus.BLOCKED, "no task yet")
+        problem, goal = self._guard.problem(observation) or self.problem(observation.scan), self._task.goal
+        distance_m = observation.pose.distance(goal)
+        if not problem and not math.isfinite(distance_m):
+            problem = "the goal is not at a usable position"
+        if problem:
+            return Decision(STOP, PlannerStatus.BLOCKED, problem)
+        if distance_m <= self._goal_tolerance_m:
+            return Decision(STOP, PlannerStatus.GOAL_REACHED, "the goal is reached")
+        return self.drive(observation, goal)
+
+    def problem(self, scan: Scan) -> str:
+        """Return in one line why this planner cannot use a scan, or an empty text."""
+        del scan
+        return ""
+
+    @abstractmethod
+    def drive(self, observation: Observation, goal: Pose2D) -> Decision:
+        """Return the decision on the way to a goal in the planning frame."""
 
 
 class ProgressCheck:

@@ -13,15 +13,15 @@ from typing import Any
 from numba import njit
 
 from barn_planners.gap.planner import returns
-from barn_planners.interface import Decision, Observation, Planner, PlannerStatus, Task
-from barn_planners.navigation.guard import GuardConfig, LidarPlace, ObservationGuard, ProgressCheck
+from barn_planners.interface import Decision, Observation, PlannerStatus, Task
+from barn_planners.navigation.guard import GuardConfig, LidarPlace, ProgressCheck, ScanPlanner
 from barn_planners.policy.file import Policy, PolicyNetwork, read_policy
 from barn_planners.policy.space import ObservationEncoder
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
 from barn_planners.robots import fitted
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.types import STOP, Scan, Velocity2D
+from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
 from barn_worlds.robots.robot import Robot
 
 _SPACING_M = 0.04  # between checked poses, along the path of the outline's fastest corner
@@ -56,50 +56,39 @@ class PolicyConfig(Checked):
     guard: GuardConfig = field(default_factory=GuardConfig)
 
 
-class PolicyPlanner(Planner):
+class PolicyPlanner(ScanPlanner):
     """Queries the policy in every cycle."""
 
     def __init__(self, config: PolicyConfig):
         """Read the policy; PolicyError if it cannot be."""
+        super().__init__(config.guard, config.goal_tolerance_m)
         self.config = config
         self.policy: Policy = read_policy(Path(config.policy_path) if config.policy_path else shipped_policy())
-        self._network = PolicyNetwork(self.policy)
-        self._encoder = ObservationEncoder(self.policy.observation)
-        self._guard = ObservationGuard(config.guard)
+        self._network, self._encoder = PolicyNetwork(self.policy), ObservationEncoder(self.policy.observation)
         self._progress = ProgressCheck(config.progress_distance_m, config.progress_limit_s)
-        self._task: Task | None = None
 
     def start(self, task: Task, seed: int) -> None:
-        """Begin a new trial; a map is ignored, and nothing is random."""
-        del seed
-        self._task = task
-        self._guard.reset()
+        """Begin a new trial."""
+        super().start(task, seed)
         self._progress.reset()
 
-    def step(self, observation: Observation) -> Decision:
-        """Return the policy's command, made safe if configured."""
-        if self._task is None:
-            return Decision(STOP, PlannerStatus.BLOCKED, "no task yet")
-        goal = self._task.goal
-        problem = self._guard.problem(observation) or self._encoder.problem(observation.scan)
-        if problem:
-            return Decision(STOP, PlannerStatus.BLOCKED, problem)
-        distance_m = math.hypot(goal.x - observation.pose.x, goal.y - observation.pose.y)
-        if not math.isfinite(distance_m):
-            return Decision(STOP, PlannerStatus.BLOCKED, "the goal is not at a usable position")
-        if distance_m <= self.config.goal_tolerance_m:
-            return Decision(STOP, PlannerStatus.GOAL_REACHED, "the goal is reached")
-        return self._drive(observation, distance_m)
+    def problem(self, scan: Scan) -> str:
+        """Return in one line why the policy cannot use a scan, or an empty text."""
+        return self._encoder.problem(scan)
 
-    def _drive(self, observation: Observation, distance_m: float) -> Decision:
-        assert self._task is not None
-        action = self._network.act(self._encoder.encode(observation, self._task.goal))
+    def drive(self, observation: Observation, goal: Pose2D) -> Decision:
+        """Return the policy's command, made safe if configured."""
+        action = self._network.act(self._encoder.encode(observation, goal))
         wanted = given = self.policy.action.command(action)
         if not wanted.is_finite():
             return Decision(STOP, PlannerStatus.BLOCKED, "the policy's answer is not a number")
         if self.config.safety.enabled:
             given = safe_command(wanted, observation.odometry.velocity, observation.scan, self.config.safety)
-        figures = {"goal_distance_m": distance_m, "wanted_mps": wanted.linear, "wanted_radps": wanted.angular}
+        figures = {
+            "goal_distance_m": observation.pose.distance(goal),
+            "wanted_mps": wanted.linear,
+            "wanted_radps": wanted.angular,
+        }
         status, reason = PlannerStatus.RUNNING, ""
         if given.linear == 0.0 != wanted.linear:
             status, reason = PlannerStatus.BLOCKED, "an obstacle is too near to drive on"

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterator
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -168,20 +168,25 @@ def encode_band(band: FloatArray, stamp_ns: int, frame: str) -> bytes:
 @cache
 def _band_template(count: int, frame: str) -> Template:
     """Return the template of a band; bands have a few dozen lengths, which recur."""
-    markers = [marker(frame, "band", action=DELETE_ALL)]
-    fields = [f"markers.0.{name}" for name in STAMP_FIELDS]
-    for index in range(count):
-        disc = marker(frame, "bubbles", CYLINDER, index=index, colour=_BUBBLE_COLOUR)
+    discs = [marker(frame, "bubbles", CYLINDER, index=index, colour=_BUBBLE_COLOUR) for index in range(count)]
+    for disc in discs:
         disc.scale.z = _BUBBLE_HEIGHT_M
-        markers.append(disc)
-        varying = (*STAMP_FIELDS, "pose.position.x", "pose.position.y", "scale.x", "scale.y")
-        fields += [f"markers.{index + 1}.{name}" for name in varying]
-    line = marker(frame, "band", LINE_STRIP, colour=_BAND_COLOUR)
-    line.scale.x = _BAND_WIDTH_M
-    line.points = [make("geometry_msgs/msg/Point") for _ in range(count)]
-    fields += [f"markers.{count + 1}.{name}" for name in STAMP_FIELDS]
-    fields += [f"markers.{count + 1}.points.{index}.{axis}" for index in range(count) for axis in "xy"]
-    return Template(make(topics.BAND.type_name, markers=[*markers, line]), fields)
+    place = ("pose.position.x", "pose.position.y", "scale.x", "scale.y")
+    line = _line(marker(frame, "band", LINE_STRIP, colour=_BAND_COLOUR), _BAND_WIDTH_M, count)
+    return _template(topics.BAND, frame, "band", [*((disc, place) for disc in discs), line])
+
+
+def _line(line: Any, width_m: float, count: int) -> tuple[Any, tuple[str, ...]]:
+    """Return a marker as a line of that many points, and their fields."""
+    line.scale.x, line.points = width_m, [make("geometry_msgs/msg/Point") for _ in range(count)]
+    return line, tuple(f"points.{index}.{axis}" for index in range(count) for axis in "xy")
+
+
+def _template(topic: Topic, frame: str, namespace: str, markers: list[tuple[Any, tuple[str, ...]]]) -> Template:
+    """Return the template of markers with the fields that vary, besides stamps; the first one deletes all others."""
+    every = [(marker(frame, namespace, action=DELETE_ALL), ()), *markers]
+    fields = [f"markers.{k}.{name}" for k, (_, varying) in enumerate(every) for name in (*STAMP_FIELDS, *varying)]
+    return Template(make(topic.type_name, markers=[one for one, _ in every]), fields)
 
 
 def encode_candidates(shown: ShownCandidates, stamp_ns: int, frame: str) -> bytes:
@@ -197,17 +202,11 @@ def encode_candidates(shown: ShownCandidates, stamp_ns: int, frame: str) -> byte
 @cache
 def _candidates_template(count: int, length: int, frame: str) -> Template:
     """Return the template of that many lines of that many points; a planner has one or two of them."""
-    markers = [marker(frame, "candidates", action=DELETE_ALL)]
-    fields = [f"markers.0.{name}" for name in STAMP_FIELDS]
-    varying = [*STAMP_FIELDS, "color.r", "color.g", "color.b", "color.a"]
-    varying += [f"points.{point}.{axis}" for point in range(length) for axis in "xy"]
+    markers = []
     for index in range(count):
-        line = marker(frame, "candidates", LINE_STRIP, index=index)
-        line.scale.x = _CANDIDATE_WIDTH_M
-        line.points = [make("geometry_msgs/msg/Point") for _ in range(length)]
-        markers.append(line)
-        fields += [f"markers.{index + 1}.{name}" for name in varying]
-    return Template(make(topics.CANDIDATES.type_name, markers=markers), fields)
+        line, points = _line(marker(frame, "candidates", LINE_STRIP, index=index), _CANDIDATE_WIDTH_M, length)
+        markers.append((line, ("color.r", "color.g", "color.b", "color.a", *points)))
+    return _template(topics.CANDIDATES, frame, "candidates", markers)
 
 
 def _diagnostics(decision: Decision, name: str, stamp_ns: int) -> bytes:

@@ -118,11 +118,8 @@ def goal_problem(goal: Pose2D, frame: str, planning_frame: str) -> str:
 
 
 def _equal(one: OccupancyMap, other: OccupancyMap) -> bool:
-    return (one.resolution, one.origin_x, one.origin_y) == (
-        other.resolution,
-        other.origin_x,
-        other.origin_y,
-    ) and np.array_equal(one.data, other.data)
+    places = {(known.resolution, known.origin_x, known.origin_y) for known in (one, other)}
+    return len(places) == 1 and np.array_equal(one.data, other.data)
 
 
 @dataclass(frozen=True)
