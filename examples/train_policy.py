@@ -27,8 +27,7 @@ from barn_eval.analysis.summary import Summary, summarise
 from barn_eval.experiments.direct import run_direct_trial
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.learning.config import EnvConfig
-from barn_eval.learning.export import export_policy
-from barn_eval.learning.stable_baselines import StableBatch
+from barn_eval.learning.stable_baselines import StableBatch, export_policy
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.spec import simulator_config
 from barn_planners.policy.space import PolicyAction, PolicyObservation

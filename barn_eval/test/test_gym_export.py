@@ -15,7 +15,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize  # noqa: 
 
 from barn_eval.learning.config import EnvConfig  # noqa: E402
 from barn_eval.learning.environment import JackalEnv  # noqa: E402
-from barn_eval.learning.export import export_policy  # noqa: E402
+from barn_eval.learning.stable_baselines import export_policy  # noqa: E402
 from barn_planners.policy.file import PolicyError, PolicyNetwork, read_policy  # noqa: E402
 from barn_planners.policy.space import PolicyAction, PolicyObservation  # noqa: E402
 from barn_worlds.base.errors import ConfigError  # noqa: E402

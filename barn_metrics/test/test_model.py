@@ -10,8 +10,7 @@ from barn_metrics.model import ModelError
 from barn_metrics.model.evaluation import noise_ceiling, ridge
 from barn_metrics.model.inputs import input_names, inputs_of
 from barn_metrics.model.route import cheapest_route, clearance_map
-from barn_metrics.model.training import fold_masks, train
-from barn_metrics.model.trials import Trials
+from barn_metrics.model.training import Trials, fold_masks, train
 from barn_worlds.worlds.world import World
 
 

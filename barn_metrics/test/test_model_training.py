@@ -9,8 +9,7 @@ from test_model import made_trials
 from barn_metrics.model import ModelError, load_model, save_model
 from barn_metrics.model.evaluation import RIDGE, ROUTES, WEIGHTS, EvaluationConfig, evaluate
 from barn_metrics.model.inputs import inputs_of
-from barn_metrics.model.training import train
-from barn_metrics.model.trials import joined
+from barn_metrics.model.training import joined, train
 from barn_worlds.worlds.dataset import open_dataset
 
 torch = pytest.importorskip("torch", reason="networks are trained with PyTorch")

@@ -9,7 +9,7 @@ import numpy as np
 
 from barn_eval.analysis.published import read_published
 from barn_eval.analysis.sources import read_source
-from barn_metrics.model.trials import Trials, joined
+from barn_metrics.model.training import Trials, joined
 from barn_worlds.base.errors import ConfigError, shown
 from barn_worlds.base.text_files import read_csv
 from barn_worlds.worlds.dataset import Dataset, open_dataset

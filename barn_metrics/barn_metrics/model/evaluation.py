@@ -12,8 +12,7 @@ from barn_metrics.bootstrap import Interval
 from barn_metrics.metrics import METRIC_NAMES
 from barn_metrics.model.inputs import inputs_of
 from barn_metrics.model.predictor import DifficultyModel, moments
-from barn_metrics.model.training import HELD_OUT, TITLE, fold_masks, held_out, train_models, trained_worlds
-from barn_metrics.model.trials import Trials
+from barn_metrics.model.training import HELD_OUT, TITLE, Trials, fold_masks, held_out, train_models, trained_worlds
 from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ModelError

@@ -10,25 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from barn_planners.dwa.kernels import (
-    COST,
-    END_X,
-    END_Y,
-    END_YAW,
-    GOAL,
-    OBSTACLE,
-    PATH,
-    SPEED,
-    TOUCHES,
-    TURN,
-    approach,
-    drive_along,
-    edges_cost,
-    row_col,
-    step_count,
-    steps_at,
-    turn_along,
-)
+from barn_planners.dwa import kernels
 from barn_planners.dwa.wavefront import REACHED, UNREACHED, borders_reached, least_beyond, steps_to
 
 _COARSE = 6  # poses between two of those that are checked first
@@ -73,27 +55,27 @@ def find_best(scene, start, motion, weights, table, choice):  # type: ignore[no-
     The first of the cheapest rows that drive forward wins. A turn in place wins over it if it costs no more, its
     direction is allowed, and the goal is nearer ahead of its end than for any turn accepted before.
     """
-    table[:, COST] = TOUCHES
+    table[:, kernels.COST] = kernels.TOUCHES
     costs, clear, grid, outline = scene.ground
     corners, cos_yaw, sin_yaw = np.full(len(outline), -1), math.cos(start.yaw), math.sin(start.yaw)
-    highest = edges_cost(costs, clear, grid, outline, start.x, start.y, cos_yaw, sin_yaw, corners, 0)
+    highest = kernels.edges_cost(costs, clear, grid, outline, start.x, start.y, cos_yaw, sin_yaw, corners, 0)
     if highest < 0:
         return -1
-    cell = row_col(grid, start.x, start.y)
-    if steps_at(scene.path, *cell) >= UNREACHED or steps_at(scene.goal, *cell) >= UNREACHED:
+    cell = kernels.row_col(grid, start.x, start.y)
+    if kernels.steps_at(scene.path, *cell) >= UNREACHED or kernels.steps_at(scene.goal, *cell) >= UNREACHED:
         return -1
     most, reach = 1, 0.0
     for k in range(len(outline)):
         reach = max(reach, math.hypot(outline[k, 0], outline[k, 1]))
     for k in range(len(table)):
-        most = max(most, step_count(table[k, SPEED], table[k, TURN], motion))
+        most = max(most, kernels.step_count(table[k, kernels.SPEED], table[k, kernels.TURN], motion))
     headings, heading_of = np.empty((choice.slots, most + 1, 3)), np.zeros((choice.slots, 2))
     cells = math.ceil(reach * grid.per_m)
     work = _Work(headings, heading_of, np.empty((most, 2)), corners.copy(), corners, highest, cells)
     best, best_cost = _best_drive(scene, start, motion, weights, table, choice, work)
     best, best_cost = _best_turn(scene, start, motion, weights, table, choice, work, best, best_cost)
     if best >= 0:
-        table[best, COST] = best_cost
+        table[best, kernels.COST] = best_cost
     return best
 
 
@@ -119,7 +101,7 @@ def _best_turn(scene, start, motion, weights, table, choice, work, best, best_co
     ahead_best = math.inf
     for k in range(choice.drives, len(table)):
         row, slot = table[k], k % choice.slots
-        if not (choice.left if row[TURN] > 0.0 else choice.right):
+        if not (choice.left if row[kernels.TURN] > 0.0 else choice.right):
             continue
         if _least(scene, start, motion, weights, row, work.highest) > best_cost:
             continue
@@ -135,12 +117,12 @@ def _best_turn(scene, start, motion, weights, table, choice, work, best, best_co
 @njit(cache=True)
 def _goal_ahead(scene, row, lookahead, past_blocked):  # type: ignore[no-untyped-def]
     """Return the goal distance ahead of a sample's end, inf off the grid and where no way leads (but: past_blocked)."""
-    x = row[END_X] + lookahead * math.cos(row[END_YAW])
-    y = row[END_Y] + lookahead * math.sin(row[END_YAW])
-    (rows, cols), (grid_row, grid_col) = scene.ground.costs.shape, row_col(scene.ground.grid, x, y)
+    x = row[kernels.END_X] + lookahead * math.cos(row[kernels.END_YAW])
+    y = row[kernels.END_Y] + lookahead * math.sin(row[kernels.END_YAW])
+    (rows, cols), (grid_row, grid_col) = scene.ground.costs.shape, kernels.row_col(scene.ground.grid, x, y)
     if grid_row < 0 or grid_row >= rows or grid_col < 0 or grid_col >= cols:
         return math.inf
-    steps = steps_at(scene.goal, grid_row, grid_col)
+    steps = kernels.steps_at(scene.goal, grid_row, grid_col)
     if steps < UNREACHED:
         return float(steps)
     if not past_blocked:
@@ -153,16 +135,16 @@ def _goal_ahead(scene, row, lookahead, past_blocked):  # type: ignore[no-untyped
 def _cost(scene, start, motion, weights, row, limit, work, slot):  # type: ignore[no-untyped-def]
     """Fill a row as `score` does, but for the cost, and return that; -1 if not allowed or above the limit."""
     rows, cols = scene.ground.costs.shape
-    steps = step_count(row[SPEED], row[TURN], motion)
+    steps = kernels.step_count(row[kernels.SPEED], row[kernels.TURN], motion)
     headings, heading_of, places = work.headings[slot], work.heading_of[slot], work.places
-    if heading_of[0] != row[TURN] or heading_of[1] != steps:
-        heading_of[0], heading_of[1] = row[TURN], steps
-        turn_along(start, row[TURN], steps, motion, headings)
-    drive_along(start, row[SPEED], steps, motion, headings, places)
-    end_row, end_col = row_col(scene.ground.grid, places[steps - 1, 0], places[steps - 1, 1])
+    if heading_of[0] != row[kernels.TURN] or heading_of[1] != steps:
+        heading_of[0], heading_of[1] = row[kernels.TURN], steps
+        kernels.turn_along(start, row[kernels.TURN], steps, motion, headings)
+    kernels.drive_along(start, row[kernels.SPEED], steps, motion, headings, places)
+    end_row, end_col = kernels.row_col(scene.ground.grid, places[steps - 1, 0], places[steps - 1, 1])
     if end_row < 0 or end_row >= rows or end_col < 0 or end_col >= cols:
         return -1.0
-    to_path, to_goal = steps_at(scene.path, end_row, end_col), steps_at(scene.goal, end_row, end_col)
+    to_path, to_goal = kernels.steps_at(scene.path, end_row, end_col), kernels.steps_at(scene.goal, end_row, end_col)
     if to_path >= UNREACHED or to_goal >= UNREACHED:
         return -1.0
     at_end = weights.path * to_path + weights.goal * to_goal
@@ -171,8 +153,12 @@ def _cost(scene, start, motion, weights, row, limit, work, slot):  # type: ignor
     highest = _highest(scene, weights.obstacle, limit - at_end, steps, headings, work)
     if highest < 0 or at_end + weights.obstacle * highest > limit:
         return -1.0
-    row[END_X], row[END_Y], row[END_YAW] = places[steps - 1, 0], places[steps - 1, 1], headings[steps - 1, 0]
-    row[PATH], row[GOAL], row[OBSTACLE] = to_path, to_goal, highest
+    row[kernels.END_X], row[kernels.END_Y], row[kernels.END_YAW] = (
+        places[steps - 1, 0],
+        places[steps - 1, 1],
+        headings[steps - 1, 0],
+    )
+    row[kernels.PATH], row[kernels.GOAL], row[kernels.OBSTACLE] = to_path, to_goal, highest
     return at_end + weights.obstacle * highest
 
 
@@ -190,10 +176,10 @@ def _highest(scene, weight, most, steps, headings, work):  # type: ignore[no-unt
             if stride == 1 and k % _COARSE == 0:
                 continue  # has been looked at
             x, y = places[k, 0], places[k, 1]
-            row, col = row_col(grid, x, y)
+            row, col = kernels.row_col(grid, x, y)
             if not (0 <= row < rows and 0 <= col < cols) or clear[row, col] <= reach:
                 c, s = headings[k, 1], headings[k, 2]
-                highest = edges_cost(costs, clear, grid, outline, x, y, c, s, corners, highest)
+                highest = kernels.edges_cost(costs, clear, grid, outline, x, y, c, s, corners, highest)
                 if highest < 0 or weight * highest > most + 1e-6:
                     return highest
             cell = np.uint64((row + 1) * (cols + 2) + col + 1)
@@ -213,13 +199,13 @@ def _least(scene, start, motion, weights, row, at_start):  # type: ignore[no-unt
     """
     path, goal, grid = scene.path, scene.goal, scene.ground.grid
     x, y, yaw, speed, turn = start
-    steps = step_count(row[SPEED], row[TURN], motion)
+    steps = kernels.step_count(row[kernels.SPEED], row[kernels.TURN], motion)
     left, dt = steps - 1, motion.time_s / steps
-    while left > 0 and (speed != row[SPEED] or turn != row[TURN]):
-        speed = approach(row[SPEED], speed, motion.acceleration * dt)
+    while left > 0 and (speed != row[kernels.SPEED] or turn != row[kernels.TURN]):
+        speed = kernels.approach(row[kernels.SPEED], speed, motion.acceleration * dt)
         x += speed * math.cos(yaw) * dt
         y += speed * math.sin(yaw) * dt
-        turn = approach(row[TURN], turn, motion.turn_acceleration * dt)
+        turn = kernels.approach(row[kernels.TURN], turn, motion.turn_acceleration * dt)
         yaw += turn * dt
         left -= 1
     half = 0.5 * turn * dt
