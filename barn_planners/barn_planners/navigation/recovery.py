@@ -37,7 +37,7 @@ class Recovery:
         self._next = 0
         self._for_plan = False
         self._plan_ns = self._control_ns = stamp_ns
-        self._turn: _Turn | None = None
+        self._turning_from: float | None = None  # yaw of the last cycle of a turn
 
     def found_plan(self, stamp_ns: int) -> None:
         """Record that there is a plan."""
@@ -66,43 +66,28 @@ class Recovery:
     ) -> Velocity2D:
         """Continue for a cycle and return its command; clear: costmaps to clear, each with the robot in its frame."""
         command = None
-        if self._turn is not None:
-            command = self._turn.step(pose, local)
-        elif self._next in (0, 2):
-            if self.config.clearing_clears:
-                side_m = self.config.conservative_reset_m if self._next == 0 else self.config.aggressive_reset_m
-                for costmap, robot in clear:
-                    costmap.clear_outside(robot, side_m)
-        elif self._next in (1, 3):
-            self._turn = _Turn(self.config, pose.yaw)
-            command = self._turn.step(pose, local)
-        else:
-            self.aborted = True
+        if self._turning_from is not None or self._next in (1, 3):
+            command = self._turn(pose, local)
+        elif self._next in (0, 2) and self.config.clearing_clears:
+            side_m = self.config.conservative_reset_m if self._next == 0 else self.config.aggressive_reset_m
+            for costmap, robot in clear:
+                costmap.clear_outside(robot, side_m)
+        self.aborted |= self._turning_from is None and self._next > 3
         if command is None:
-            self._turn = None
+            self._turning_from, self.active = None, False
             self._next += 1
-            self.active = False
             self._plan_ns = self._control_ns = stamp_ns
         return command or Velocity2D()
 
-
-class _Turn:
-    """One full turn to the left."""
-
-    def __init__(self, config: RecoveryConfig, yaw: float):
-        self._config = config
-        self._yaw = yaw
-        self._left = 2.0 * math.pi
-
-    def step(self, pose: Pose2D, costmap: Costmap) -> Velocity2D | None:
-        """Return the next command, None when the turn is done or blocked."""
-        self._left -= wrap_angle(pose.yaw - self._yaw)
-        self._yaw = pose.yaw
-        if self._left <= self._config.turn_tolerance_rad or not _turn_is_free(pose, self._left, costmap):
+    def _turn(self, pose: Pose2D, costmap: Costmap) -> Velocity2D | None:
+        """Return the next command of a full turn to the left, None when it is done or blocked."""
+        config = self.config
+        if self._turning_from is None:
+            self._turning_from, self._left = pose.yaw, 2.0 * math.pi
+        self._left -= wrap_angle(pose.yaw - self._turning_from)
+        self._turning_from = pose.yaw
+        yaws = (pose.yaw + 0.02 * k for k in range(int(self._left / 0.02) + 1))
+        if self._left <= config.turn_tolerance_rad or not all(costmap.has_room(pose.x, pose.y, yaw) for yaw in yaws):
             return None
-        speed = math.sqrt(2.0 * self._config.turn_acceleration_radps2 * self._left)
-        return Velocity2D(0.0, min(max(speed, self._config.min_turn_radps), self._config.max_turn_radps))
-
-
-def _turn_is_free(pose: Pose2D, angle: float, costmap: Costmap) -> bool:
-    return all(costmap.has_room(pose.x, pose.y, pose.yaw + 0.02 * k) for k in range(int(angle / 0.02) + 1))
+        speed = math.sqrt(2.0 * config.turn_acceleration_radps2 * self._left)
+        return Velocity2D(0.0, min(max(speed, config.min_turn_radps), config.max_turn_radps))

@@ -27,6 +27,7 @@ from barn_worlds.formats.npz import Arrays, NpzFormat
 
 ACTIVATIONS = ("tanh", "relu")
 OUTPUTS = ("clip", "tanh")
+_ARRAYS = (("weights", 2), ("biases", 1))  # their dimensions
 MOST_LAYERS = 16
 FORMAT = NpzFormat("a policy file", "policy.json", schema=1, largest_file=64 * 1024 * 1024, largest=64 * 1024 * 1024)
 
@@ -122,20 +123,13 @@ def affine(values, weights, biases):  # type: ignore[no-untyped-def]
 
 def write_policy(path: Path, policy: Policy) -> None:
     """Write a policy file atomically; PolicyError if that fails."""
-    header = {
-        "layers": policy.layers,
-        "activation": policy.activation,
-        "output": policy.output,
-        "observation": as_dict(policy.observation),
-        "action": as_dict(policy.action),
-        "about": dict(policy.about),
-    }
+    given = (policy.layers, policy.activation, policy.output, policy.observation, policy.action, dict(policy.about))
     arrays: Arrays = {}
-    for k, (weights, biases) in enumerate(zip(policy.weights, policy.biases, strict=True)):
-        arrays[f"weights_{k}"] = np.ascontiguousarray(weights, np.float32)
-        arrays[f"biases_{k}"] = np.ascontiguousarray(biases, np.float32)
+    for k, layer in enumerate(zip(policy.weights, policy.biases, strict=True)):
+        for (name, _), values in zip(_ARRAYS, layer, strict=True):
+            arrays[f"{name}_{k}"] = np.ascontiguousarray(values, np.float32)
     try:
-        FORMAT.write(path, header, arrays)
+        FORMAT.write(path, as_dict(_PolicyHeader(FORMAT.schema, *given)), arrays)
     except WorldError as error:
         raise PolicyError(str(error)) from None
 
@@ -149,9 +143,8 @@ def read_policy(path: Path) -> Policy:
         header = from_dict(_PolicyHeader, content, str(path))
         if not 2 <= len(header.layers) <= MOST_LAYERS + 1:
             raise PolicyError(f"{path}: layers must be 2 to {MOST_LAYERS + 1} sizes, got {len(header.layers)}")
-        count = len(header.layers) - 1
-        weights = tuple(_array(path, arrays, f"weights_{k}", 2) for k in range(count))
-        biases = tuple(_array(path, arrays, f"biases_{k}", 1) for k in range(count))
+        count = range(len(header.layers) - 1)
+        weights, biases = (tuple(_array(path, arrays, f"{name}_{k}", n) for k in count) for name, n in _ARRAYS)
         rest = (header.activation, header.output, header.about, str(path))
         policy = Policy(header.observation, header.action, weights, biases, *rest)
     except (WorldError, ConfigError) as error:
