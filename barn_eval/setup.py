@@ -44,7 +44,7 @@ setup(
         "pyarrow>=14",
         "pandas>=2",
     ],
-    extras_require={"test": ["pytest", "hypothesis"], "ray": ["ray>=2.9"]},
+    extras_require={"test": ["pytest", "hypothesis"], "ray": ["ray>=2.9"], "tuning": ["optuna>=4"]},
     zip_safe=False,
     entry_points={
         "console_scripts": [

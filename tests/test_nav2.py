@@ -13,9 +13,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import click
 import pytest
 import yaml
 
+from barn_eval.commands import ab
 from barn_eval.experiments.ros_config import Patience
 from barn_eval.trials.protocol import PROTOCOLS
 from barn_sim.config import PRESETS
@@ -166,43 +168,17 @@ def test_a_nav2_that_has_given_up_may_stand_until_the_trial_is_over():
         )
 
 
-def test_two_builds_are_driven_alike_and_compared(tmp_path):
-    (tmp_path / "barn").write_text('#!/bin/sh\nprintf "%s\\0" "$@" end >>"$NOTE"\n')
-    (tmp_path / "barn").chmod(0o755)
-    setups = [tmp_path / name / "setup.bash" for name in ("the base", "head")]
-    for setup in setups:
-        setup.parent.mkdir()
-        setup.touch()
-    more = tmp_path / "it's mine.yaml"
-    more.touch()
-    environment = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}", "NOTE": str(tmp_path / "note")}
-    script = [str(FOLDER / "compare_builds.sh"), "out", "0:300:15", *map(str, setups), "rpp", str(more)]
-    subprocess.run(script, check=True, env=environment, timeout=600)
-    calls = [call.split("\0")[:-1] for call in (tmp_path / "note").read_text().split("end\0")[:-1]]
-    assert [call[0] for call in calls] == ["run", "run", "compare"]
-    assert calls[2] == ["compare", "out/base", "out/head"]
-    files = [str(FOLDER / "params" / f"{name}.yaml") for name in ("common", "mapless", "rpp")]
-    for call, setup in zip(calls, setups, strict=False):
-        shell, option, inner = shlex.split(call[call.index("--planner-command") + 1])
-        assert (shell, option) == ("bash", "-c")
-        words = shlex.split(inner)
-        assert words[:7] == [".", str(setup), "&&", "exec", "ros2", "run", "nav2_lockstep"]
-        assert words[9::2] == ["--params-file"] * 4
-        assert words[10::2] == [*files, str(more)]
-    differing = {one for one, other in zip(*calls[:2], strict=True) if one != other}
-    assert len(differing) == 2  # the folder of the results and the command
-    said = subprocess.run(script[:3], check=False, env=environment, capture_output=True, text=True, timeout=600)
-    assert (said.returncode, said.stdout) == (1, "")
-    assert said.stderr.startswith("examples/nav2/compare_builds.sh OUT WORLDS BASE HEAD CONTROLLER")
-
-
 def test_the_workflow_for_a_pull_request_calls_what_exists():
     workflow = yaml.safe_load((FOLDER / "compare_builds.yaml").read_text())
     steps = workflow["jobs"]["compare"]["steps"]
     named = re.findall(r"\bbarn/(examples/\S+)", " ".join(step.get("run", "") for step in steps))
-    assert set(named) == {"examples/nav2/lockstep", "examples/nav2/compare_builds.sh"}
+    assert set(named) == {"examples/nav2/lockstep", "examples/nav2/params"}
     assert all((FOLDER.parents[1] / name).exists() for name in named)
     assert (FOLDER / "params" / f"{workflow['env']['CONTROLLER']}.yaml").is_file()
+    (call,) = re.findall(r"barn ab (.*?) \|", steps[-2]["run"].replace("\\\n", " "))
+    values, *_ = ab.command.make_parser(click.Context(ab.command)).parse_args(shlex.split(call))
+    assert (values["base"], values["head"]) == ("install_base/setup.bash", "install_head/setup.bash")
+    assert all((FOLDER / "params" / name).is_file() for name in ("common.yaml", "mapless.yaml"))
     assert all(re.fullmatch(r"[\w/-]+@v\d+\.\d+\.\d+", step["uses"]) for step in steps if "uses" in step)
 
 

@@ -42,6 +42,7 @@ OPTIONAL: dict[str, tuple[str, str]] = {
     ),
     "ffmpeg": ("films of replays", "films are off, .gif works; apt install ffmpeg"),
     "ray": ("campaigns on a cluster", "engine ray is off; pip install ray"),
+    "optuna": ("tuning of parameters", "barn tune is off; make extras, or pip install optuna"),
 }
 
 

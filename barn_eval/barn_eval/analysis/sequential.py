@@ -18,6 +18,7 @@ from barn_eval.analysis.statistics import Columns, difference
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.arrays import Floats, Integers
 
+LOOKS = 5  # at a plan
 _FUTILE_BELOW = 0.1  # the chance that the plan's last look would still be clear, by what has been seen
 Decided = Literal["better", "worse", "futile", "continue", "open"]
 
@@ -34,6 +35,11 @@ class LookResult:
     decided: Decided
     worlds: int
     difference: Interval
+
+
+def planned_looks(worlds: int) -> list[int]:
+    """Return the numbers of worlds at which a plan of so many is looked at, the last of them the plan."""
+    return [look for number in range(1, LOOKS + 1) if (look := worlds * number // LOOKS)]
 
 
 def decide(

@@ -10,9 +10,10 @@ import click
 from rich.console import Console
 from rich.progress import Progress
 
+from barn_eval.experiments.request import parse_settings
 from barn_worlds.base.config import fields_of
 from barn_worlds.base.errors import ConfigError, shown
-from barn_worlds.base.text_files import finite, parse_yaml
+from barn_worlds.base.text_files import finite
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -55,6 +56,25 @@ def settings_option(
     return click.option(option, name, multiple=True, metavar=metavar, callback=read, help=text)
 
 
+def run_option(command: Command) -> Command:
+    """Return a command with the option for what a run's file may have and no option of its own stands for."""
+    about = "What else a file for barn run has, as dataset, repetitions, seed, workers, ros.lockstep; repeatable."
+
+    def read(_: click.Context, __: click.Parameter, given: tuple[str, ...]) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        for key, value in parse_settings(given, "--run").items():
+            group, dot, name = key.partition(".")
+            if dot and group in ("ros", "simulator"):
+                found.setdefault(group, {})[name] = value
+            else:
+                found[key] = value
+        return found
+
+    return click.option("--run", multiple=True, metavar="KEY=VALUE", callback=read, help=f"{about}; repeatable.")(
+        command
+    )
+
+
 def read_course(_: click.Context, __: click.Parameter, given: str | None) -> tuple[float, ...] | None:
     """Return the numbers of "X,Y,YAW:X,Y"; ConfigError for anything else."""
     if given is None:
@@ -75,17 +95,6 @@ course_option = click.option(
     callback=read_course,
     help="Start and goal in every world, in m and rad [default: the world's own, else the protocol's].",
 )
-
-
-def parse_settings(settings: tuple[str, ...], option: str) -> dict[str, Any]:
-    """Return texts "key=value" as a mapping; values are read as YAML. ConfigError for anything else."""
-    changes: dict[str, Any] = {}
-    for setting in settings:
-        key, equals, value = setting.partition("=")
-        if not equals or not key.strip() or key.strip() in changes:
-            raise ConfigError(f"{option} {shown(setting)}: must be key=value, each key given once")
-        changes[key.strip()] = parse_yaml(value, f"{option} {shown(setting)}")
-    return changes
 
 
 def print_json(content: object) -> None:

@@ -24,6 +24,14 @@ def command_files(words: Sequence[str]) -> dict[str, str]:
     return {text: _digest(path) for text, path in named.items() if path.suffix in _ENDINGS and path.is_file()}
 
 
+def folder_digest(folder: Path) -> str:
+    """Return the SHA-256 of all files below a folder, with their names, but for compiled Python; as `command_files`."""
+    found = hashlib.sha256()
+    for path in sorted(one for one in folder.rglob("*") if one.is_file() and "__pycache__" not in one.parts):
+        found.update(f"{path.relative_to(folder)}\0{_digest(path)}\n".encode())
+    return found.hexdigest()
+
+
 def _launch_file(package: str, name: str) -> Path:
     """Return where ament has the launch file of a package; the name itself where it has none."""
     prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)

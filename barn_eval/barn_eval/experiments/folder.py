@@ -17,7 +17,7 @@ OUT/replays/                    pages of replays, and bags made for them afterwa
 import fcntl
 import os
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from datetime import datetime, timezone
@@ -42,7 +42,7 @@ _LOCK = ".lock"
 
 
 class ExperimentFolder:
-    """The results of one experiment; `remaining` holds the trials that have none yet, in fair order.
+    """The results of one experiment.
 
     earlier: results that were there when it was opened, in the order of the plan. Those since are in the files
     alone, so that memory does not grow with them while an experiment runs.
@@ -55,7 +55,12 @@ class ExperimentFolder:
         self._order = {spec.trial_id: place for place, spec in enumerate(specs)}
         self.earlier = self._in_order(results)
         self._done = {result.trial_id for result in results}
-        self.remaining = [spec for spec in fair_order(specs) if spec.trial_id not in self._done]
+        self._fair = fair_order(specs)
+
+    @property
+    def remaining(self) -> list[TrialSpec]:
+        """The trials that have no result yet, in fair order."""
+        return [spec for spec in self._fair if spec.trial_id not in self._done]
 
     @property
     def total(self) -> int:
@@ -103,10 +108,15 @@ def fair_order(specs: Sequence[TrialSpec]) -> list[TrialSpec]:
     Repetition by repetition, worlds in the order of van der Corput's sequence over their numbers, which are ranks of
     difficulty in the data sets of the suite, and all planners in a world one after the other.
     """
-    worlds = sorted({spec.index for spec in specs})
-    bits = (len(worlds) - 1).bit_length()
-    place = {world: int(f"{rank:0{bits}b}"[::-1], 2) for rank, world in enumerate(worlds)}
+    place = {world: number for number, world in enumerate(fair_worlds(spec.index for spec in specs))}
     return sorted(specs, key=lambda spec: (spec.repetition, place[spec.index]))
+
+
+def fair_worlds(worlds: Iterable[int]) -> list[int]:
+    """Return the numbers of worlds in the order of `fair_order`."""
+    ranked = sorted(set(worlds))
+    bits = (len(ranked) - 1).bit_length()
+    return [one for _, one in sorted((int(f"{rank:0{bits}b}"[::-1], 2), one) for rank, one in enumerate(ranked))]
 
 
 @contextmanager

@@ -22,7 +22,7 @@ from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_planners.registry import planner_entry, planner_names
 from barn_worlds.base.config import fields_of, from_dict, replace_dotted
 from barn_worlds.base.errors import ConfigError, shown, suggest
-from barn_worlds.base.text_files import read_yaml
+from barn_worlds.base.text_files import parse_yaml, read_yaml
 from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.dataset import Dataset
@@ -118,6 +118,17 @@ def command_words(command: str) -> list[str]:
     if not words:
         raise ConfigError(f"planner command must name a program, got {shown(command)}")
     return words
+
+
+def parse_settings(settings: Sequence[str], option: str) -> dict[str, Any]:
+    """Return texts "key=value" as a mapping; values are read as YAML. ConfigError for anything else."""
+    changes: dict[str, Any] = {}
+    for setting in settings:
+        key, equals, value = setting.partition("=")
+        if not equals or not key.strip() or key.strip() in changes:
+            raise ConfigError(f"{option} {shown(setting)}: must be key=value, each key given once")
+        changes[key.strip()] = parse_yaml(value, f"{option} {shown(setting)}")
+    return changes
 
 
 def _given(value: object, kinds: type | tuple[type, ...], rule: str) -> Any:

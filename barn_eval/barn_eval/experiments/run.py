@@ -5,8 +5,8 @@ from __future__ import annotations
 import signal
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager, nullcontext
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -29,6 +29,7 @@ from barn_eval.experiments.store import Store
 from barn_eval.trials.identity import task_line
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.trial import handled
+from barn_worlds.base.errors import BarnError
 
 # Where the folder has no trials yet: means of 60 trials of the suite's planners in barn300, on a 2 GHz core.
 SIMULATED_S = 22.0
@@ -38,6 +39,7 @@ BAG_BYTES, PICTURE_BYTES, ROW_BYTES = 1_200_000, 80_000, 3_000
 _NAMED = 5  # of the trials that are kept apart
 
 MakeWork = Callable[[Experiment, Execution, Store], Work]
+Drive = Callable[[Collection[int] | None], list[TrialResult]]
 
 
 def run_experiment(
@@ -49,6 +51,24 @@ def run_experiment(
     other experiments have left in the folder. Raises BarnError in one line for what the user has to change; results
     that were there by then are kept, as they are when the process is interrupted or killed.
     """
+    with begun(request, console, make_work, overwrite=overwrite) as drive:
+        return drive(None)
+
+
+@contextmanager
+def begun(
+    request: Request,
+    console: Console,
+    make_work: MakeWork | None = None,
+    *,
+    overwrite: bool = False,
+    engine: Engine | None = None,
+) -> Iterator[Drive]:
+    """Open the folder of an experiment and yield what drives it, as `run_experiment` does, in some worlds at a time.
+
+    That is given numbers of worlds, None for all, and returns all results so far; tables are written once none lacks.
+    engine: that of several experiments, which keep no bags and pictures.
+    """
     experiment, execution = request.experiment, request.execution
     specs = request.trials()
     with (
@@ -58,20 +78,35 @@ def run_experiment(
         console.print(task_line(experiment.protocol.name, specs[0].task), highlight=False)
         if folder.earlier:
             console.print(f"{len(folder.earlier)} of {folder.total} trials are there already")
-        if folder.remaining:
-            store = Store(folder.path.absolute(), experiment.bags, execution.pictures)
-            work = make_work(experiment, execution, store) if make_work else DirectWork(store)
-            with (
-                closing(_engine(execution, work)) as engine,
-                ExperimentProgress(folder.total, folder.earlier, console) as progress,
-                closing(run_remaining(folder, engine, execution, work, experiment.mode)) as events,
-            ):
-                for event in events:
-                    progress.take(event)
-        results = folder.complete()
-        if text := kept_apart(results):
-            console.print(text, markup=False, highlight=False, soft_wrap=True)
-        return results
+        store = Store(folder.path.absolute(), experiment.bags, execution.pictures)
+        work = make_work(experiment, execution, store) if make_work else DirectWork(store)
+
+        def drive(worlds: Collection[int] | None) -> list[TrialResult]:
+            left = [spec for spec in folder.remaining if worlds is None or spec.index in worlds]
+            if left:
+                there = folder.results()
+                with (
+                    nullcontext(engine) if engine else closing(engine_of(execution, work)) as running,
+                    ExperimentProgress(len(there) + len(left), there, console) as progress,
+                    closing(run_remaining(folder, running, execution, work, experiment.mode, left)) as events,
+                ):
+                    for event in events:
+                        progress.take(event)
+            results = folder.results() if folder.remaining else folder.complete()
+            if text := kept_apart(results):
+                console.print(text, markup=False, highlight=False, soft_wrap=True)
+            return results
+
+        yield drive
+
+
+def scored(drive: Drive, worlds: Iterable[int]) -> list[TrialResult]:
+    """Return the trials in some worlds; BarnError if one failed by no fault of the planner."""
+    chosen = set(worlds)
+    results = [one for one in drive(chosen) if one.world in chosen]
+    if lost := [one.trial_id for one in results if not one.counts]:
+        raise BarnError(f"{lost[0]} failed by no fault of the planner; the same command runs it again")
+    return results
 
 
 def kept_apart(results: Sequence[TrialResult]) -> str:
@@ -140,12 +175,18 @@ def _bag_bytes(out: Path, there: Sequence[TrialResult]) -> float:
     return fmean(sizes) if sizes else BAG_BYTES
 
 
-def _engine(execution: Execution, work: Work) -> Engine:
+def engine_of(execution: Execution, work: Work) -> Engine:
+    """Return the workers that an execution asks for."""
     if execution.engine == "ray":
         return RayEngine(work, execution.workers, execution.trial_limit_s, execution.address)
     if execution.engine == "inline":
         return InlineEngine(work)
     return LocalEngine(work, execution.processes, execution.trial_limit_s)
+
+
+def direct_engine(execution: Execution) -> Engine:
+    """Return workers for several experiments of mode direct whose planners are the suite's; see `begun`."""
+    return engine_of(execution, DirectWork(Store(Path())))
 
 
 @contextmanager

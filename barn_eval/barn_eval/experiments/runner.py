@@ -1,7 +1,7 @@
 """The loop of an experiment: hand out jobs, keep results, try lost trials again a bounded number of times."""
 
 from collections import Counter, deque
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from textwrap import indent
 
@@ -36,9 +36,16 @@ Event = TrialResult | Loss | Note
 
 
 def run_remaining(
-    folder: ExperimentFolder, engine: Engine, execution: Execution, work: Work, mode: str = "direct"
+    folder: ExperimentFolder,
+    engine: Engine,
+    execution: Execution,
+    work: Work,
+    mode: str = "direct",
+    trials: Sequence[TrialSpec] | None = None,
 ) -> Generator[Event, None, None]:
     """Run what an experiment lacks; yield each result once it is on the disk, each loss, and what workers note.
+
+    trials: those of the remaining ones that are to be run now, all unless given.
 
     A trial that is lost at every attempt gets a result too, by the last of them: environment_failed if the machine
     stood still, planner_stalled if it exceeded its wall-clock time, else planner_died in mode direct, where the planner
@@ -46,7 +53,7 @@ def run_remaining(
     ExperimentError for what the user has to remove, StoreError if a result cannot be written. The engine is left to the
     caller to close.
     """
-    loop = _Loop(folder, execution, mode, deque(work.jobs(folder.remaining)))
+    loop = _Loop(folder, execution, mode, deque(work.jobs(folder.remaining if trials is None else trials)))
     while loop.waiting or loop.out:
         while loop.waiting and len(loop.out) < engine.slots:
             job = loop.waiting.popleft()

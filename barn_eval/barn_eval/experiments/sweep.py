@@ -4,8 +4,9 @@ import itertools
 import math
 import re
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ LATENCY = "latency"
 PARAMETERS = "parameters"  # the folder of parameter files that were written for settings
 _VALUE = re.compile(r"([^=,]+)=([^=,]+)")
 Sweep = Mapping[str, Sequence[Any]]
+Ask = Callable[..., Request]
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,8 @@ def grid(
     which each setting gets a copy. The key "latency" alone is the delay in s of all planners. The other arguments are
     those of `read_request`.
     """
-    base = read_request(path, options, settings, worlds)
+    ask: Ask = partial(read_request, path, worlds=worlds)
+    base = ask(options, settings)
     if list(sweep) == [LATENCY]:
         asked_s = {delay_s: {**options, "out": base.out / f"{LATENCY}={_text(delay_s)}"} for delay_s in _delays(sweep)}
         return [_late(delay_s, read_request(path, asked, settings, worlds)) for delay_s, asked in asked_s.items()]
@@ -94,20 +97,34 @@ def grid(
         name = ",".join(f"{key}={_text(value)}" for key, value in named.items())
         folder = re.sub(r"[^A-Za-z0-9_.=,+-]", "_", name)
         changes = dict(zip(sweep, values, strict=True))
-        files: dict[Path, bytes] = {}
-        asked, own = {**options, "out": base.out / folder}, dict(settings or {})
-        if planners[0].command:
-            asked["planner_command"], files = _with_parameters(
-                planners[0], changes, base.out / PARAMETERS / f"{folder}.yaml"
-            )
-        else:
-            own |= changes
-        request = read_request(path, asked, own, worlds)
-        request.experiment.settings(request.experiment.planners[0])  # refuses what the planner does not take
-        found.append(Setting(name, named, request, files))
+        made = setting(base, ask, options, settings or {}, changes, folder)
+        found.append(replace(made, name=name, values=named))
     if len({one.request.out for one in found}) < len(found):
         raise ConfigError("a sweep names one value twice")
     return found
+
+
+def setting(
+    base: Request,
+    ask: Ask,
+    options: Mapping[str, Any],
+    settings: Mapping[str, Any],
+    changes: Mapping[str, Any],
+    folder: str,
+) -> Setting:
+    """Return `ask(options, settings)` with other values of parameters of the planner, in a folder below that of `base`.
+
+    base: the same without. ConfigError for what the planner does not take.
+    """
+    files: dict[Path, bytes] = {}
+    asked, own = {**options, "out": base.out / folder}, dict(settings)
+    if (planner := base.experiment.planners[0]).command:
+        asked["planner_command"], files = _with_parameters(planner, changes, base.out / PARAMETERS / f"{folder}.yaml")
+    else:
+        own |= changes
+    request = ask(asked, own)
+    request.experiment.settings(request.experiment.planners[0])  # refuses what the planner does not take
+    return Setting(folder, changes, request, files)
 
 
 def _delays(sweep: Sweep) -> list[float]:
@@ -181,39 +198,69 @@ def _number(text: str) -> Any:
 
 
 def _with_parameters(planner: PlannerChoice, changes: Mapping[str, Any], file: Path) -> tuple[str, dict[Path, bytes]]:
-    """Return the command that starts a planner with changed parameters, and the parameter file that it then needs."""
+    """Return the command that starts a planner with changed parameters, and the parameter files that it then needs."""
     words, files = command_words(planner.command), {}
-    if "--params-file" in words[:-1]:
-        place = words.index("--params-file") + 1
-        source = Path(words[place])
-        content = parse_yaml(read_bytes(source), str(source))
+    contents = _contents(words)
+    for key, value in changes.items():
+        if contents:
+            place, mapping, last = _place(contents, key)
+            mapping[last] = value
+            own = file.with_stem(f"{file.stem}_{Path(contents[place][0]).stem}") if len(contents) > 1 else file
+            files[own.absolute()] = place
+        else:
+            words += [] if "--ros-args" in words else ["--ros-args"]
+            words += ["-p", f"{key}:={_text(value)}"]
+    for path, place in files.items():
+        words[place] = str(path)
+    made = {path: yaml.safe_dump(contents[place][1], sort_keys=False).encode() for path, place in files.items()}
+    return f"{planner.name}={shlex.join(words)}", made
+
+
+def values_in_files(command: str, keys: Sequence[str]) -> dict[str, Any]:
+    """Return the values of parameters in the parameter files of a command, none where it has no such file."""
+    contents = _contents(command_words(command))
+    places = {key: _place(contents, key)[1:] for key in keys} if contents else {}
+    return {key: mapping[last] for key, (mapping, last) in places.items()}
+
+
+def _contents(words: Sequence[str]) -> dict[int, tuple[str, dict[str, Any]]]:
+    """Return parameter files by their places among the words of a command, each with its content."""
+    found = {}
+    for place in [number + 1 for number, word in enumerate(words[:-1]) if word == "--params-file"]:
+        content = parse_yaml(read_bytes(Path(words[place])), words[place])
         if not isinstance(content, dict):
-            raise ConfigError(f"{source}: must be a mapping of nodes to ros__parameters")
-        for key, value in changes.items():
-            _set(content, key, value, source)
-        files[file.absolute()] = yaml.safe_dump(content, sort_keys=False).encode()
-        words[place] = str(file.absolute())
-    else:
-        words += [] if "--ros-args" in words else ["--ros-args"]
-        words += [word for key, value in changes.items() for word in ("-p", f"{key}:={_text(value)}")]
-    return f"{planner.name}={shlex.join(words)}", files
+            raise ConfigError(f"{words[place]}: must be a mapping of nodes to ros__parameters")
+        found[place] = (words[place], content)
+    return found
 
 
-def _set(content: Mapping[str, Any], key: str, value: object, source: Path) -> None:
-    """Change the only parameter of that name in the content of a parameter file, where it is "NODE.key" or "key"."""
-    places = {
-        f"{node}.{name}": (mapping, last)
-        for node, about in content.items()
-        if isinstance(about, dict) and isinstance(about.get("ros__parameters"), dict)
-        for name, mapping, last in _leaves(about["ros__parameters"])
-    }
-    found = [place for name, place in places.items() if key in (name, name.partition(".")[2])]
-    if len(found) != 1:
-        names = sorted({name.partition(".")[2] for name in places} | set(places))
-        problem = f"has several parameters {key!r}; name the node" if found else f"has no parameter {key!r}"
-        raise ConfigError(f"{source}: {problem}{'' if found else suggest(key, names)}")
-    mapping, last = found[0]
-    mapping[last] = value
+def _place(contents: Mapping[int, tuple[str, dict[str, Any]]], key: str) -> tuple[int, dict[str, Any], str]:
+    """Return where the only parameter of that name, "NODE.key" or "key", is: in the last file that has it."""
+    names: set[str] = set()
+    for place, (source, content) in reversed(list(contents.items())):
+        places = {
+            (node, name): (mapping, last)
+            for node, parameters in _nodes(content)
+            for name, mapping, last in _leaves(parameters)
+        }
+        found = [one for (node, name), one in places.items() if key in (name, f"{node}.{name}")]
+        if len(found) > 1:
+            raise ConfigError(f"{source}: has several parameters {key!r}; name the node")
+        if found:
+            return place, *found[0]
+        names |= {name for _, name in places} | {f"{node}.{name}" for node, name in places}
+    sources = ", ".join(source for source, _ in contents.values())
+    raise ConfigError(f"{sources}: has no parameter {key!r}{suggest(key, sorted(names))}")
+
+
+def _nodes(content: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the nodes of a parameter file by dotted name, each with its parameters."""
+    for node, about in content.items():
+        parameters = about.get("ros__parameters") if isinstance(about, dict) else None
+        if isinstance(parameters, dict):
+            yield f"{before}{node}", parameters
+        elif isinstance(about, dict):
+            yield from _nodes(about, f"{before}{node}.")
 
 
 def _leaves(mapping: dict[str, Any], before: str = "") -> list[tuple[str, dict[str, Any], str]]:

@@ -21,6 +21,8 @@ from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.base.errors import ConfigError
 
+_WORLDS_AT_A_TIME = 10  # of each worker, for which the nodes of each of several planners are started once
+
 
 @dataclass(frozen=True)
 class RosWork(Work):
@@ -35,15 +37,21 @@ class RosWork(Work):
     workers: int
 
     def jobs(self, trials: Sequence[TrialSpec]) -> list[Job]:
-        """Return the shares of trials: as many per planner as there are workers, worlds dealt in turn."""
+        """Return the shares of trials: as many per planner as there are workers, worlds dealt in turn.
+
+        Of several planners all drive in some worlds before any does in the next, so that what is stopped early compares
+        them; nodes are started once for these and not for each trial.
+        """
+        worlds = list(dict.fromkeys(spec.index for spec in trials))
+        size = _WORLDS_AT_A_TIME * self.workers if len(self.experiment.planners) > 1 else len(worlds)
         made = []
-        for planner in self.experiment.planners:
-            own = [spec for spec in trials if spec.planner == planner.name]
-            worlds = list(dict.fromkeys(spec.index for spec in own))
-            for number in range(min(self.workers, len(worlds))):
-                share = set(worlds[number :: self.workers])
-                key = f"{planner.name}_{number}" if self.workers > 1 else planner.name
-                made.append(Job(key, tuple(spec for spec in own if spec.index in share)))
+        for begin in range(0, len(worlds), size):
+            for planner in self.experiment.planners:
+                for number in range(self.workers):
+                    share = set(worlds[begin : begin + size][number :: self.workers])
+                    own = tuple(spec for spec in trials if spec.planner == planner.name and spec.index in share)
+                    key = f"{planner.name}_{number}" if self.workers > 1 else planner.name
+                    made += [Job(f"{key}/{begin // size}" if size < len(worlds) else key, own)] if own else []
         return made
 
     def run(self, job: Job, emit: Emit) -> None:
@@ -77,6 +85,14 @@ def isolation_text(setup: RosSetup) -> str:
     return f"{apart}: a trial in which one of those ends counts as their failure"
 
 
+def require_ros(experiment: Experiment, console: Console) -> None:
+    """Raise ConfigError if an experiment needs ROS that is not there; print what keeps no planners apart."""
+    if experiment.mode == "ros" and (problem := ros_problem()):
+        raise ConfigError(f"mode ros: {problem}; install the ROS 2 wheels for this Python or use that of ROS")
+    if experiment.mode == "ros" and (text := isolation_text(experiment.ros)):
+        console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
 def run_request(
     request: Request, console: Console, live: Mapping[str, LivePlanner] | None = None, *, overwrite: bool = False
 ) -> list[TrialResult]:
@@ -84,9 +100,5 @@ def run_request(
 
     live: its planners that are Python objects, by name.
     """
-    if request.experiment.mode == "ros":
-        if problem := ros_problem():
-            raise ConfigError(f"mode ros: {problem}; install the ROS 2 wheels for this Python or use that of ROS")
-        if text := isolation_text(request.experiment.ros):
-            console.print(text, markup=False, highlight=False, soft_wrap=True)
+    require_ros(request.experiment, console)
     return run_experiment(request, console, partial(work_of, live=live or {}), overwrite=overwrite)

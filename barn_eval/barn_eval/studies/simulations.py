@@ -9,7 +9,7 @@ from itertools import product
 
 import numpy as np
 
-from barn_eval.analysis.sequential import decide
+from barn_eval.analysis.sequential import LOOKS, decide, planned_looks
 from barn_eval.analysis.significance import ALPHA, paired_difference, proportion
 from barn_eval.analysis.statistics import Columns, difference, mean_interval
 from barn_eval.analysis.verdict import rank
@@ -17,7 +17,7 @@ from barn_metrics.bootstrap import Interval
 from barn_worlds.base.arrays import Floats, Integers
 
 _FLIPS = 2000  # patterns of signs: enough for whether p is below 5 %, where reports draw 10 000
-BOARD_PLANNERS, LOOKS = 8, 5
+BOARD_PLANNERS = 8
 
 # The simulated trials: times as DWA's under the paper's protocol, and scores as the challenge's at 0.5 m/s.
 _FAILURES, _CORRELATION, _REPETITIONS = 0.07, 0.67, 3
@@ -122,8 +122,7 @@ def _clear(pair: Sequence[Columns]) -> bool:
 
 def _decided(pair: Sequence[Columns], worlds: int) -> tuple[bool, float]:
     """Return whether a plan with looks tells A from B, and the share of the worlds that it took."""
-    looks = [worlds * look // LOOKS for look in range(1, LOOKS + 1)]
-    found = decide(pair[0], pair[1], range(worlds), looks, larger_is_better=True, flips=_FLIPS)
+    found = decide(pair[0], pair[1], range(worlds), planned_looks(worlds), larger_is_better=True, flips=_FLIPS)
     return found.decided in ("better", "worse"), found.worlds / worlds
 
 

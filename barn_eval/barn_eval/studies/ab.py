@@ -1,0 +1,171 @@
+"""Is HEAD better than BASE: builds, commands or settings of a planner, driven world by world until that is clear."""
+
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from shutil import which
+from typing import Any
+
+from rich.console import Console
+
+from barn_eval.analysis.compare import Comparison, columns, compare
+from barn_eval.analysis.measures import MEASURES, metric_of
+from barn_eval.analysis.sequential import Decided, decide, planned_looks
+from barn_eval.analysis.text_table import counted
+from barn_eval.experiments.command_files import command_files, folder_digest
+from barn_eval.experiments.experiment import PlannerChoice
+from barn_eval.experiments.folder import fair_worlds
+from barn_eval.experiments.request import Request, command_words, parse_settings, planner_name, read_request
+from barn_eval.experiments.run import Drive, begun, direct_engine, scored
+from barn_eval.experiments.run_file import SUITE
+from barn_eval.ros.work import require_ros, work_of
+from barn_eval.trials import identity
+from barn_planners.registry import planner_entry, planner_names
+from barn_worlds.base.config import as_dict
+from barn_worlds.base.errors import ConfigError, shown
+from barn_worlds.base.text_files import markdown_table
+
+_SHOWN = ("success", "traversal_time_s", "min_clearance_m", "compute_p95_ms")
+_SETUPS = ("install/setup.bash", "setup.bash", "local_setup.bash")
+_WORDS = {
+    "better": "HEAD is better than BASE",
+    "worse": "HEAD is worse than BASE",
+    "futile": "no difference is clear, and none would hardly become so",
+    "open": "no difference is clear",
+}
+
+
+@dataclass(frozen=True)
+class Side:
+    """BASE or HEAD: what was given, and the experiment that drives it, in a folder that its content names."""
+
+    given: str
+    request: Request
+
+
+@dataclass(frozen=True)
+class AbResult:
+    """What trials say of HEAD against BASE.
+
+    decision: HEAD is "better" or "worse"; "futile": it was stopped, as neither would hardly come out any more; "open":
+    the plan was driven to its end. worlds: that it took, of those planned. comparison: HEAD (a) with BASE (b).
+    """
+
+    decision: Decided
+    worlds: int
+    planned: int
+    base: Side
+    head: Side
+    comparison: Comparison
+
+    def markdown(self) -> str:
+        """Return it as a comment on a pull request."""
+        found = self.comparison
+        metric, digits = MEASURES[found.metric], MEASURES[found.metric].digits
+        row = found.row(metric.key).paired
+        percent = f" or {row.difference.estimate / row.mean_b:+.1%}" if row.mean_b else ""
+        head = (
+            f"**{_WORDS[self.decision]}**, by the {metric.title}: {metric.number(row.mean_a)} against"
+            f" {metric.number(row.mean_b)}, a difference of {row.difference.text(digits)}{percent}, after"
+            f" {self.worlds} of {counted(self.planned, 'world')}."
+        )
+        rows = [
+            (one.heading, one.number(pair.mean_b), one.number(pair.mean_a), one.text(pair.difference))
+            for one, pair in ((MEASURES[row.key], row.paired) for row in found.rows)
+        ]
+        table = markdown_table(("mean", "BASE", "HEAD", "HEAD - BASE and its 95 % interval"), rows)
+        about = (
+            f"BASE: `{self.base.given}`, HEAD: `{self.head.given}`; {counted(row.trials, 'pair')} of trials, protocol"
+            f" {found.protocol}, task {found.task}. Looked at after each fifth of the worlds, with 5 % false alarms"
+            " over all looks; intervals are those of a single look."
+        )
+        return "\n\n".join((head, table.rstrip("\n"), about))
+
+
+def ab(base: str, head: str, command: str, options: Mapping[str, Any], console: Console) -> AbResult:
+    """Drive both sides in as many worlds as a verdict takes, each in a folder of its own below `options["out"]`.
+
+    base, head: each a workspace (its folder or setup.bash) in which `command` starts the planner; a file of ROS
+    parameters that count most for `command`; a file as for `barn run`; a planner of the suite with settings, as
+    "dwa,dwa.path_weight=0.6"; or a command. options: as of `read_request`. Raises BarnError for what is not possible,
+    also if a trial fails by no fault of the planner.
+    """
+    sides = _side(base, base, command, options), _side(head, base, command, options)
+    experiments = [one.request.experiment for one in sides]
+    if len({one.settings(one.planners[0])["planner_config"] for one in experiments}) == 1:
+        raise ConfigError(f"BASE and HEAD are the same, {shown(base)}: neither settings nor files differ")
+    worlds = fair_worlds(spec.index for spec in sides[0].request.trials())
+    looks = planned_looks(len(worlds))
+    with _begun(sides, console) as drives:
+        for look in looks:
+            of_base, of_head = (scored(drive, worlds[:look]) for drive in drives)
+            metric = metric_of(of_base)
+            a, b = (columns(one, metric) for one in (of_base, of_head))
+            found = decide(a, b, worlds, looks, larger_is_better=metric.better == "larger").decided
+            if found != "continue":
+                break
+    compared = compare(of_head, of_base, "HEAD", "BASE", _SHOWN)
+    return AbResult(found, look, len(worlds), *sides, compared)
+
+
+@contextmanager
+def _begun(sides: Sequence[Side], console: Console) -> Iterator[list[Drive]]:
+    """Open the folders of both sides and yield what drives them; in mode direct by the same workers."""
+    with ExitStack() as kept:
+        engine = None
+        if all(one.request.experiment.mode == "direct" for one in sides):
+            engine = kept.enter_context(closing(direct_engine(sides[0].request.execution)))
+        for one in sides:
+            require_ros(one.request.experiment, console)
+        make_work = partial(work_of, live={})
+        yield [kept.enter_context(begun(one.request, console, make_work, engine=engine)) for one in sides]
+
+
+def _side(text: str, base: str, command: str, options: Mapping[str, Any]) -> Side:
+    """Return what a text stands for; ConfigError if that is nothing."""
+    path, settings, asked, files = Path(text), {}, dict(options), {}
+    name, *changes = text.split(",")
+    if path.is_dir() or (path.is_file() and path.suffix in (".bash", ".sh")):
+        setup = next((one for one in (path, *map(path.joinpath, _SETUPS)) if one.is_file()), None)
+        if setup is None or not command:
+            raise ConfigError(f"{path}: {'a workspace needs --planner-command' if setup else 'has no setup.bash'}")
+        inner = f". {shlex.quote(str(setup.resolve()))} && exec {shlex.join(command_words(command))}"
+        files = {str(setup.resolve().parent): folder_digest(setup.resolve().parent)}
+        asked["planner_command"] = shlex.join(["bash", "-c", inner])
+    elif path.suffix in (".yaml", ".yml") and command:
+        words = command_words(command)
+        words += [] if "--ros-args" in words else ["--ros-args"]
+        asked["planner_command"] = shlex.join([*words, "--params-file", str(path.resolve())])
+    elif name.partition(":")[0] in planner_names():
+        asked["planners"] = name
+        settings = parse_settings(changes, shown(text))
+    elif path.suffix not in (".yaml", ".yml"):
+        if which(command_words(text)[0]) is None:
+            raise ConfigError(f"{shown(text)}: is no workspace, file, planner of the suite or command")
+        asked["planner_command"] = text
+    if started := asked.get("planner_command"):
+        asked = {"mode": "ros"} | asked | {"planner_command": f"{planner_name(command or base)}={started}"}
+    request = read_request(path if path.suffix in (".yaml", ".yml") and not started else None, asked, settings)
+    planner, *others = request.experiment.planners
+    if others:
+        raise ConfigError(
+            f"{shown(text)}: must be one planner, got {', '.join(one.name for one in (planner, *others))}"
+        )
+    if files:
+        planner = replace(planner, files=files | command_files(command_words(command)))
+        request = replace(request, experiment=replace(request.experiment, planners=(planner,)))
+    experiment = request.experiment
+    code = _code(planner) if planner.registered else {}
+    out = request.out / f"{planner.name}_{identity.fingerprint({'experiment': as_dict(experiment), 'code': code})}"
+    return Side(text, replace(request, out=out))
+
+
+def _code(planner: PlannerChoice) -> dict[str, str]:
+    """Return digests of the code that drives a planner of the suite: the suite's own and that of its package."""
+    names = {*SUITE, planner_entry(planner.name).config_class.__module__.partition(".")[0]}
+    specs = {name: find_spec(name) for name in sorted(names)}
+    return {name: folder_digest(Path(one.origin).parent) for name, one in specs.items() if one and one.origin}
