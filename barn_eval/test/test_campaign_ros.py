@@ -6,13 +6,17 @@ import shlex
 import signal
 import sys
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import campaign_runs as runs
 import pytest
 from waiting import until
 
-from barn_eval.experiments.folder import read_results
+from barn_eval.experiments.experiment import Experiment, PlannerChoice
+from barn_eval.experiments.folder import fair_order, fair_worlds, read_results
+from barn_eval.experiments.store import Store
+from barn_eval.ros.work import RosWork
 from barn_eval.trials.outcome import Outcome
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
@@ -108,3 +112,20 @@ def test_nodes_that_cannot_be_started_end_the_campaign_in_one_line(tmp_path):
     (line,) = [line for line in done.stderr.splitlines() if line.startswith("error:")]
     assert "the planner cannot be started: /does/not/exist: No such file or directory" in line
     assert "Traceback" not in done.stderr
+
+
+def test_all_planners_drive_in_some_worlds_before_any_does_in_the_next(tmp_path):
+    planners = tuple(map(PlannerChoice, ("gap", "dwa")))
+    experiment = Experiment(worlds="0-24", planners=planners, repetitions=2, mode="ros")
+    trials = fair_order(experiment.trials())
+    jobs = RosWork(experiment, Store(tmp_path), 1).jobs(trials)
+    assert [job.key for job in jobs] == [f"{name}/{part}" for part in range(3) for name in ("gap", "dwa")]
+    assert [len({spec.index for spec in job.trials}) for job in jobs] == [10, 10, 10, 10, 5, 5]
+    assert sorted(spec.trial_id for job in jobs for spec in job.trials) == sorted(spec.trial_id for spec in trials)
+    first, second = ({spec.index for spec in job.trials} for job in jobs[:2])
+    assert first == second == set(fair_worlds(range(25))[:10])
+    alone = replace(experiment, planners=planners[:1])
+    assert [job.key for job in RosWork(alone, Store(tmp_path), 2).jobs(fair_order(alone.trials()))] == [
+        "gap_0",
+        "gap_1",
+    ]

@@ -58,7 +58,7 @@ def settings_option(
 
 def run_option(command: Command) -> Command:
     """Return a command with the option for what a run's file may have and no option of its own stands for."""
-    about = "What else a file for barn run has, as dataset, repetitions, seed, workers, ros.lockstep; repeatable."
+    about = "What else a file for barn run has, as dataset, repetitions, seed, workers, ros.lockstep"
 
     def read(_: click.Context, __: click.Parameter, given: tuple[str, ...]) -> dict[str, Any]:
         found: dict[str, Any] = {}
