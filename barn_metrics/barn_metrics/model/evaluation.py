@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -48,6 +48,7 @@ class ModelScore:
     spearman: Interval
     gain: Interval | None  # how much lower the error is than ridge regression's
     predictions: tuple[float, ...]  # of each world, s/m
+    within_std: float | None = None  # share of worlds within one standard deviation of what weights say
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,11 @@ def evaluate(
         else:
             predicted, training_mse = model.difficulty(inputs)[0][None], model.about.get("training_mse", math.nan)
             title = f"{model.about.get('title')}; trained in {model.about.get('training_worlds')} other worlds"
-        scores.append(_score(name, title, training_mse, predicted, difficulty, scores[0] if scores else None))
+        score = _score(name, title, training_mse, predicted, difficulty, scores[0] if scores else None)
+        if model and name == WEIGHTS:
+            std = np.array([one.std_s_per_m for one in model.predict_inputs(inputs)])
+            score = replace(score, within_std=float((np.abs(predicted[0] - difficulty) <= std).mean()))
+        scores.append(score)
     return Evaluation(
         len(own),
         len(judged),
