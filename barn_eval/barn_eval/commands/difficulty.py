@@ -56,15 +56,15 @@ def evaluate(source: Path, weights: Path | None, settings: dict[str, Any], as_js
     """
     judging = replace_dotted(difficulty.Judging(), settings, "--set")
     found = difficulty.evaluate(source, weights=weights, **asdict(judging))
-    columns = ("model", ">training error", ">held-out error", ">R2", ">Spearman", ">better than ridge by", ">within 1 std [%]")
+    figures = (">training error", ">held-out error", ">R2", ">Spearman", ">better than ridge by", ">within 1 std [%]")
     rows = []
     for one in found.scores:
-        figures = ("" if it is None else it.text() for it in (one.mse, one.r2, one.spearman, one.gain))
+        held_out = ("" if it is None else it.text() for it in (one.mse, one.r2, one.spearman, one.gain))
         within = "" if one.within_std is None else f"{100.0 * one.within_std:.0f}"
-        rows.append((one.name, f"{one.training_mse:.3f}", *figures, within))
+        rows.append((one.name, f"{one.training_mse:.3f}", *held_out, within))
     caption = f"highest R2 that these trials allow, from split halves: {found.ceiling.text()}" if found.ceiling else ""
     title = f"{found.worlds} worlds, {found.trials} trials: {found.repeats} x {found.folds} folds"
-    tell(as_json, as_dict(found), table(columns, rows, title=title, caption=caption))
+    tell(as_json, as_dict(found), table(("model", *figures), rows, title=title, caption=caption))
 
 
 @command.command()
