@@ -9,16 +9,16 @@ import pytest
 
 TOOL = Path(__file__).resolve().parents[1] / "qa" / "house.py"
 MOST = {
-    "lines of Python": 43_750,
+    "lines of Python": 42_351,
     "lines of JavaScript": 1_400,
-    "lines of tests": 31_550,
-    "lines of the longest function": 82,
+    "lines of tests": 31_989,
+    "lines of the longest function": 78,
     "imports inside functions": 14,
-    "exceptions from rules (noqa)": 38,
-    "signatures with a bare Any": 36,
+    "exceptions from rules (noqa)": 37,
+    "signatures with a bare Any": 39,
     "class names used twice": 0,
-    "leaf commands": 24,
-    "options of commands": 124,
+    "leaf commands": 28,
+    "options of commands": 144,
 }
 
 
