@@ -132,6 +132,7 @@ def offered():
 def test_every_command_has_its_function():
     functions = {"demo": "run", "show": "draw", "worlds": "generate sample save order resize datasets"}
     functions |= {"robots": "names load draw", "difficulty": "predict train evaluate check"}
+    functions |= {"ab": "compare", "tune": "sweep"}  # which choose what to run; these run it
     names = {name.rpartition(".")[2] for name in offered()} | {one for one in vars(barn.Results) if one[0] != "_"}
     assert [name for name in COMMANDS if not {*functions.get(name, name).split()} <= names] == []
 

@@ -5,9 +5,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
-from random import SystemRandom
+from secrets import randbits
 from typing import TypeVar
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 
@@ -70,7 +71,7 @@ def check_folder(folder: Path, *, sample: int | None = None, workers: int = 0) -
     sent = folder / COMMANDS_NAME  # of a submission, in place of bags
     commands = {name: line for _, name, line in _read(sent, specs, _named, found)} if sent.exists() else None
     found.rows, found.tracks = len(rows), len(tracks)
-    drawn = rows if sample is None else SystemRandom().sample(sorted(rows), min(sample, len(rows)))
+    drawn = rows if sample is None else _drawn(sorted(rows), sample)
     trials = []
     for trial_id, row in rows.items():
         bag = folder / BAGS / trial_id
@@ -101,6 +102,11 @@ def _specs(experiment: Experiment, found: FolderCheck) -> list[TrialSpec]:
     except ConfigError as error:
         found.unchecked.append(f"parameters and speed caps are as stated: {error}")
         return experiment.trials(started_by_hand=True)
+
+
+def _drawn(names: list[str], count: int) -> list[str]:
+    """Return so many names, others each time: who forges must not know which."""
+    return [names[k] for k in np.random.default_rng(randbits(128)).permutation(len(names))[:count]]
 
 
 def difference(row: TrialResult, again: TrialResult) -> str:

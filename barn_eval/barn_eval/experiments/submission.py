@@ -37,8 +37,16 @@ _DAMAGED = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, NotImplement
 def submit(folder: Path, path: Path, container: str = "") -> FolderCheck:
     """Write the finished results of a folder, once they are checked, as one file; equal results give equal bytes.
 
-    container: digest of the image that the planner ran in. Returns what the check has found; ConfigError if anything is
-    wrong, or if the worlds are those of a file that nobody else has.
+    Args:
+        folder: Of an experiment.
+        path: File to write, .zip.
+        container: Digest of the image that the planner ran in.
+
+    Returns:
+        What the check has found.
+
+    Raises:
+        ConfigError: Anything is wrong, or the worlds are those of a file that nobody else has.
     """
     if not _DIGEST.fullmatch(container):
         raise ConfigError(
@@ -91,8 +99,16 @@ def _digest(content: bytes) -> str:
 def verify(path: Path, folder: Path) -> tuple[FolderCheck, dict[str, Any]]:
     """Unpack a submission into an empty folder and check it there: nothing in it is believed.
 
-    Returns what was found, where what could not be checked is wrong as well; and what the results are of: release,
-    machine, task and so on. ConfigError for a file that is no submission, is damaged, or of another release.
+    Args:
+        path: Of a file of `submit`.
+        folder: Where it is unpacked.
+
+    Returns:
+        What was found, where what could not be checked is wrong as well; and what the results are of: release, machine,
+        task and so on.
+
+    Raises:
+        ConfigError: The file is no submission, is damaged, or of another release.
     """
     container = _unpack(path, folder)
     run = RunFile.read(folder)

@@ -1,5 +1,7 @@
 """Results of experiments: tables, trials, comparisons, figures, replays and reports of what is in their folders."""
 
+from barn_eval.experiments.submission import submit as submit
+from barn_eval.experiments.submission import verify as verify
 from barn_eval.results.folders import check as check
 from barn_eval.results.folders import compare as compare
 from barn_eval.results.folders import leaderboard as leaderboard
