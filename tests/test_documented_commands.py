@@ -31,6 +31,7 @@ PAGES = sorted(
 )
 # What a planner of one's own is called on these pages.
 EXAMPLES = {"mine", "simple", "template", "nav2_dwb", "nav2_mppi", "nav2_rpp", "nav2_rpp_lockstep", "policy"}
+EXAMPLES |= {"gap_predictive", "mppi_predictive"}  # of examples/predictive_planners
 
 
 def commands(program):

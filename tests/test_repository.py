@@ -77,7 +77,9 @@ def test_a_new_version_is_written_wherever_the_old_one_stands():
             pattern = searched if entry.get("regex") else re.escape(searched)
             assert re.search(pattern, path.read_text("utf-8")), (path, searched)
             listed.add(str(path.relative_to(ROOT)))
-    records = re.compile(r"docs/results.*|barn_.*\.manifest\.json|examples/template_.*|.*/test/.*|.*\.lock|.*\.ipynb")
+    records = re.compile(
+        r"docs/results.*|barn_.*\.manifest\.json|examples/(template|predictive)_.*|.*/test/.*|.*\.lock|.*\.ipynb"
+    )
     stated = {
         str(path.relative_to(ROOT))
         for top in (*PACKAGES, "docker", "docs", "examples", "qa", ".github")

@@ -1,4 +1,4 @@
-"""The template planner in Python does what its page says, installed as users install it; the one in C++ is whole."""
+"""Planner packages do what their pages say, installed as users install them; the template in C++ is whole."""
 
 import json
 import os
@@ -13,16 +13,19 @@ from defusedxml import ElementTree
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 PYTHON, CPP = EXAMPLES / "template_planner_py", EXAMPLES / "template_planner_cpp"
+PREDICTIVE = EXAMPLES / "predictive_planners"
 
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory):
-    """Return the environment in which the package is installed, entry points and all, in a folder of its own."""
+    """Return the environment in which the packages are installed, entry points and all, in a folder of its own."""
     folder = tmp_path_factory.mktemp("installed")
-    shutil.copytree(PYTHON, folder / "source", ignore=shutil.ignore_patterns("__pycache__"))
+    sources = [folder / one.name for one in (PYTHON, PREDICTIVE)]
+    for source in sources:
+        shutil.copytree(EXAMPLES / source.name, source, ignore=shutil.ignore_patterns("__pycache__"))
     target = folder / "target"
     install = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
-    subprocess.run([*install, "--target", str(target), str(folder / "source")], check=True, timeout=600)
+    subprocess.run([*install, "--target", str(target), *map(str, sources)], check=True, timeout=600)
     paths = os.pathsep.join(filter(None, [str(target), os.environ.get("PYTHONPATH", "")]))
     return {**os.environ, "PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1"}
 
@@ -41,8 +44,9 @@ def barn(environment, folder, *arguments):
     return json.loads(done.stdout)["results"]
 
 
-def test_its_own_tests_pass(installed, tmp_path):
-    done = python(installed, tmp_path, "pytest", "-q", "-p", "no:cacheprovider", str(PYTHON / "test"))
+@pytest.mark.parametrize("folder", [PYTHON, PREDICTIVE], ids=lambda folder: folder.name)
+def test_its_own_tests_pass(installed, tmp_path, folder):
+    done = python(installed, tmp_path, "pytest", "-q", "-p", "no:cacheprovider", str(folder / "test"))
     assert done.returncode == 0, done.stdout
 
 
@@ -73,11 +77,11 @@ def test_registered_it_completes_a_world_in_one_process_and_the_same_way_over_ro
     assert rows[0] == rows[1]
 
 
-@pytest.mark.parametrize("folder", [PYTHON, CPP], ids=lambda folder: folder.name)
+@pytest.mark.parametrize("folder", [PYTHON, PREDICTIVE, CPP], ids=lambda folder: folder.name)
 def test_package_and_build_agree(folder):
     package = ElementTree.parse(folder / "package.xml").getroot()
     name = package.findtext("name")
-    build = (folder / ("setup.py" if folder is PYTHON else "CMakeLists.txt")).read_text()
+    build = (folder / ("CMakeLists.txt" if folder is CPP else "setup.py")).read_text()
     assert f'NAME = "{name}"' in build or f"project({name})" in build
     needed = {element.text for element in package if element.tag in ("depend", "exec_depend", "buildtool_depend")}
     if folder is CPP:
@@ -87,7 +91,8 @@ def test_package_and_build_agree(folder):
             assert set(used) == needed - {"ament_cmake"}
     else:
         assert (folder / "resource" / name).is_file()
-    assert f'package="{name}"' in (folder / "launch" / "template_planner.launch.py").read_text()
+    if folder is not PREDICTIVE:
+        assert f'package="{name}"' in (folder / "launch" / "template_planner.launch.py").read_text()
 
 
 def test_the_build_of_the_suite_leaves_them_out():

@@ -44,7 +44,7 @@ def folder(tmp_path_factory):
     """Two planners in one world of DynaBARN, with bags."""
     path = tmp_path_factory.mktemp("motion") / "run"
     rules = {"protocol": DYNABARN, "simulator": simulator_config(DYNABARN)}
-    planners = (PlannerChoice("gap"), PlannerChoice("gap_predictive"))
+    planners = (PlannerChoice("gap"), PlannerChoice("dwa"))
     experiment = Experiment(dataset="dynabarn60", worlds=str(WORLD), planners=planners, seed=5, bags="all", **rules)
     run_experiment(Request(experiment, Execution(engine="inline", pictures=True), path), Console(quiet=True))
     return path
@@ -210,7 +210,7 @@ def test_pictures_of_an_environment_show_what_moves(monkeypatch):
 def test_pages_move_obstacles_as_the_world_does(bag, folder, world, tmp_path, open_page):
     recorded = read_recorded(bag)
     phase_s = recorded.result["motion"]["phase_s"]
-    other = bag.with_name(bag.name.replace("gap_", "gap_predictive_"))
+    other = bag.with_name(bag.name.replace("gap_", "dwa_"))
     write_replay([bag, other], [tmp_path / "two.html"])
     (tmp_path / "report.html").write_text(report_page(build_report([folder]), "A title"), "utf-8")
     pixels = "document.getElementById('scene').toDataURL()"

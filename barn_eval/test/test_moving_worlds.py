@@ -123,7 +123,7 @@ def test_every_repetition_has_a_phase_of_its_own_and_every_planner_the_same():
 
 
 def test_a_contact_with_an_obstacle_is_told_in_row_table_and_report(tmp_path):
-    planners = ["gap", "gap_predictive"]
+    planners = ["gap", "dwa"]
     results = barn.run("45,50", planners, dataset="dynabarn60", protocol="dynabarn", out=tmp_path / "out")
     hit = [one for one in results.trials if one.motion.touched]
     for one in hit:

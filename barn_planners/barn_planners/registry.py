@@ -27,9 +27,7 @@ _BUILT_IN = {
     "dwa": "barn_planners.dwa.planner:ENTRY",
     "eband": "barn_planners.eband.planner:ENTRY",
     "gap": "barn_planners.gap.planner:ENTRY",
-    "gap_predictive": "barn_planners.predictive.planner:GAP_ENTRY",
     "mppi": "barn_planners.mppi.planner:ENTRY",
-    "mppi_predictive": "barn_planners.predictive.planner:MPPI_ENTRY",
     "policy": "barn_planners.policy.planner:ENTRY",
 }
 

@@ -20,7 +20,7 @@ from barn_worlds.robots.files import load_robot
 
 JACKAL, HUSKY, ROUND = (load_robot(name) for name in ("jackal", "husky", "turtlebot4"))
 BURGER = load_robot("turtlebot3_burger")
-BUILT_IN = ["dwa", "eband", "gap", "gap_predictive", "mppi", "mppi_predictive", "policy"]
+BUILT_IN = ["dwa", "eband", "gap", "mppi", "policy"]
 PENTAGON = ((0.5, 0.0), (0.2, 0.3), (-0.3, 0.2), (-0.3, -0.25), (0.1, -0.3))
 
 

@@ -14,7 +14,7 @@ from barn_worlds.base.types import STOP, OccupancyMap, Odometry, Pose2D, Velocit
 
 BOX = [((-2.0, -1.5), (8.0, -1.5)), ((-2.0, 1.5), (8.0, 1.5)), ((-2.0, -1.5), (-2.0, 1.5)), ((8.0, -1.5), (8.0, 1.5))]
 GOAL = Pose2D(5.0, 0.0, 0.0)
-GAPS = ("gap", "gap_predictive")
+GAPS = ("gap",)
 NOWHERE = Pose2D(math.nan, math.nan, math.nan)
 
 

@@ -104,24 +104,6 @@ def _touches(grid, lethal, corners):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def add_moving_costs(costs, xs, ys, step_s, discs, reach, weight):  # type: ignore[no-untyped-def]
-    """Add the costs of meeting discs (k, 5) in constant motion: the weight now, half of it at the last step."""
-    steps, samples = xs.shape
-    for k in range(samples):
-        for t in range(steps):
-            time_s = step_s * (t + 1)
-            met = False
-            for i in range(len(discs)):
-                dx = discs[i, 0] + time_s * discs[i, 2] - xs[t, k]
-                dy = discs[i, 1] + time_s * discs[i, 3] - ys[t, k]
-                near = discs[i, 4] + reach
-                met = met or dx * dx + dy * dy < near * near
-            if met:
-                costs[k] += weight * (1.0 - 0.5 * t / steps)
-                break
-
-
-@njit(cache=True)
 def furthest_reached(path, xs, ys):  # type: ignore[no-untyped-def]
     """Return the number of the furthest point of the path that is the nearest to the end of some trajectory."""
     x, y = xs[-1], ys[-1]

@@ -1,28 +1,18 @@
-"""Follow-the-gap and MPPI that predict what moves: discs tracked in the scans, each with a constant velocity.
+"""Discs tracked in the scans, each with a constant velocity.
 
-Everything else is as in `gap` and `mppi`, so that a comparison tells what prediction is worth. A circle is fitted to
-each cluster of returns (I. Kasa, IEEE Trans. Instrumentation and Measurement 25(1), 1976), since its centre does not
-wander as the robot drives past; what is no circle is a wall. An alpha-beta filter continues tracks by the nearest one.
+A circle is fitted to each cluster of returns (I. Kasa, IEEE Trans. Instrumentation and Measurement 25(1), 1976), since
+its centre does not wander as the robot drives past; what is no circle is a wall. An alpha-beta filter continues tracks
+by the nearest one.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from barn_planners.costmap.costmap import Costmap
-from barn_planners.gap.planner import GapConfig, GapPlanner
-from barn_planners.interface import FloatArray, Observation, Task
-from barn_planners.mppi import kernels
-from barn_planners.mppi.config import MppiPlannerConfig
-from barn_planners.mppi.planner import MppiController
-from barn_planners.navigation.loop import NavigationPlanner
-from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
-from barn_planners.robots import fitted
+from barn_planners.interface import FloatArray, Observation
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.types import NANOSECONDS, Pose2D
-
-_NOTHING = np.empty((0, 5))
 
 
 @dataclass(frozen=True)
@@ -152,89 +142,6 @@ def fitted_circle(points: FloatArray) -> tuple[FloatArray, float, float]:
     return middle + centre, radius_m, roundness_m
 
 
-@dataclass(frozen=True)
-class PredictiveGapConfig(GapConfig):
-    """Follow-the-gap with prediction."""
-
-    horizon_s: float = quantity(2.0, "how far ahead discs are predicted", "s", 0.0, 60.0)
-    tracker: TrackerConfig = field(default_factory=TrackerConfig)
-
-
-@dataclass(frozen=True)
-class PredictiveMppiConfig(MppiPlannerConfig):
-    """MPPI with prediction."""
-
-    moving_weight: float = quantity(1000.0, "meeting a predicted disc at once, half of that at the end", minimum=0.0)
-    moving_margin_m: float = quantity(0.1, "margin around robot and disc", "m", 0.0, 5.0)
-    tracker: TrackerConfig = field(default_factory=TrackerConfig)
-
-
-class PredictiveGapPlanner(GapPlanner):
-    """Also counts a direction as free only as far as no predicted disc is met on the way at the highest speed."""
-
-    def __init__(self, config: PredictiveGapConfig) -> None:
-        super().__init__(config)
-        self._predictive = config
-        self._tracker = Tracker(config.tracker, config.lidar)
-
-    def start(self, task: Task, seed: int) -> None:
-        """Begin a new trial; a map is ignored."""
-        super().start(task, seed)
-        self._tracker.reset()
-
-    def _free_distances(self, observation: Observation, points: FloatArray) -> FloatArray:
-        free = super()._free_distances(observation, points)
-        config = self._predictive
-        discs = moved(self._tracker.update(observation), observation.odometry.pose.inverse())
-        if not len(discs) or config.max_speed_mps <= 0.0:
-            return free
-        longest_m = min(config.look_ahead_m, config.horizon_s * config.max_speed_mps)
-        met = meeting_distances(discs, self._directions, config.robot_radius_m, config.max_speed_mps)
-        return np.minimum(free, np.where(met <= longest_m, met, config.look_ahead_m))
-
-
-class PredictiveMppiController(MppiController):
-    """Also makes trajectories dear that meet a predicted disc, the more the sooner."""
-
-    def __init__(self, config: PredictiveMppiConfig) -> None:
-        super().__init__(config.mppi)
-        self._weight, self._margin_m = config.moving_weight, config.moving_margin_m
-        self.discs = _NOTHING
-
-    def reset(self, seed: int) -> None:
-        """Begin a new trial and forget the last one."""
-        super().reset(seed)
-        self.discs = _NOTHING
-
-    def _add_obstacle_costs(self, costmap: Costmap, to_goal: float) -> int:
-        collisions = super()._add_obstacle_costs(costmap, to_goal)
-        if len(self.discs):
-            reach_m = costmap.config.inscribed_m + self._margin_m
-            sampled = self._xs, self._ys, self.config.step_s
-            kernels.add_moving_costs(self._costs, *sampled, self.discs, reach_m, self._weight)
-        return collisions
-
-
-class PredictiveNavigationPlanner(NavigationPlanner):
-    """The navigation loop, which tells its controller what moves; tracks and controller are in the odom frame."""
-
-    def __init__(self, config: PredictiveMppiConfig) -> None:
-        self._predicting = PredictiveMppiController(config)
-        super().__init__(config, self._predicting)
-        self._tracker = Tracker(config.tracker, config.lidar)
-
-    def start(self, task: Task, seed: int) -> None:
-        """Begin a new trial: forget costmaps, plan, recovery and tracks."""
-        super().start(task, seed)
-        self._tracker.reset()
-
-    def _prepare(self, observation: Observation) -> None:
-        discs = self._tracker.update(observation)
-        robot = self._robot(observation)
-        in_odom = robot is observation.odometry.pose
-        self._predicting.discs = discs if in_odom else moved(discs, robot @ observation.odometry.pose.inverse())
-
-
 def moved(discs: FloatArray, by: Pose2D) -> FloatArray:
     """Return discs (k, 5) in another frame, in which the present one has a pose."""
     if not len(discs):
@@ -255,17 +162,3 @@ def meeting_distances(discs: FloatArray, directions: FloatArray, radius_m: float
         first = np.where(c <= 0.0, 0.0, (-b - np.sqrt(root)) / a)
     nearest: FloatArray = np.where((root >= 0.0) & (b < 0.0), first, np.inf).min(axis=1, initial=np.inf)
     return nearest
-
-
-GAP_ENTRY = PlannerEntry(
-    PredictiveGapPlanner,
-    {ANY_PROTOCOL: PredictiveGapConfig()},
-    "follow-the-gap that predicts what moves at constant velocity",
-    fitted,
-)
-MPPI_ENTRY = PlannerEntry(
-    PredictiveNavigationPlanner,
-    {ANY_PROTOCOL: PredictiveMppiConfig()},
-    "mppi that predicts what moves at constant velocity",
-    fitted,
-)

@@ -7,20 +7,31 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_gap import scan_of
+from predictive_planners.planners import add_moving_costs
+from predictive_planners.tracker import Tracker, TrackerConfig, fitted_circle, meeting_distances, moved
 
 from barn_planners.interface import Observation, PlannerStatus, Task
-from barn_planners.predictive.planner import (
-    Tracker,
-    TrackerConfig,
-    fitted_circle,
-    meeting_distances,
-    moved,
-)
 from barn_planners.registry import make_planner
-from barn_worlds.base.types import STOP, Odometry, Pose2D
+from barn_planners.robots import parameters_for
+from barn_worlds.base.types import STOP, Odometry, Pose2D, Scan
+from barn_worlds.robots.files import load_robot
 
 PERIOD_NS = 50_000_000
+BEAMS = 721
+
+
+def scan_of(pose, discs, stamp_ns=0):
+    """Return the exact scan, all round, of discs (x, y, radius) by a lidar 0.055 m ahead of the robot's centre."""
+    angles = np.linspace(-math.pi, math.pi, BEAMS)
+    sensor = pose @ Pose2D(0.055, 0.0, 0.0)
+    ranges = np.full(BEAMS, np.inf)
+    for x, y, radius in discs:
+        at = sensor.inverse() @ Pose2D(x, y, 0.0)
+        along = at.x * np.cos(angles) + at.y * np.sin(angles)
+        inside = radius**2 - (at.x**2 + at.y**2 - along**2)
+        hit = (inside > 0.0) & (along > 0.0)
+        ranges[hit] = np.minimum(ranges[hit], along[hit] - np.sqrt(inside[hit]))
+    return Scan(stamp_ns, ranges.astype(np.float32), -math.pi, 2.0 * math.pi / (BEAMS - 1), 0.01, 30.0)
 
 
 def seen(step: int, pose: Pose2D, discs: list[tuple[float, float, float]]) -> Observation:
@@ -146,3 +157,39 @@ def test_trajectories_of_mppi_keep_clear_of_where_a_disc_will_be():
     plain, predictive = crossing("mppi", **{"mppi.samples": 300}), crossing("mppi_predictive", **{"mppi.samples": 300})
     assert predictive[0] > plain[0] and predictive[0] > 0.28
     assert predictive[1] > 0.5
+
+
+@pytest.mark.parametrize("name", ["gap_predictive", "mppi_predictive"])
+def test_a_scan_without_ranges_stops_the_robot_with_a_reason(name):
+    planner = make_planner(name)
+    planner.start(Task(Pose2D(6.0, 0.0, 0.0)), 0)
+    observation = seen(0, Pose2D(0.0, 0.0, 0.0), [])
+    for ranges, reason in ((np.empty(0, np.float32), "empty"), (np.full(BEAMS, np.nan, np.float32), "no valid range")):
+        decision = planner.step(replace(observation, scan=replace(observation.scan, ranges=ranges)))
+        assert decision.command == STOP and decision.status is PlannerStatus.BLOCKED
+        assert reason in decision.reason
+
+
+@pytest.mark.parametrize(("name", "own"), [("gap", []), ("mppi", ["moving_margin_m"])])
+def test_another_robot_changes_what_it_changes_of_the_plain_planner_and_the_margin(name, own):
+    husky = load_robot("husky")
+    changes, plain = (parameters_for(one, "default", {}, husky) for one in (f"{name}_predictive", name))
+    assert changes.keys() == {*plain, *own}
+    assert {key: changes[key] for key in plain} == plain
+    assert all(changes[key] > 0.1 for key in own)
+
+
+def test_costs_of_meeting_discs_equal_a_plain_reference():
+    rng = np.random.default_rng(4)
+    xs, ys = rng.uniform(-1.0, 1.0, (2, 20, 30))
+    discs = np.column_stack([rng.uniform(-2.0, 2.0, (3, 2)), rng.uniform(-1.0, 1.0, (3, 2)), [0.1, 0.2, 0.3]])
+    costs = np.ones(30)
+    add_moving_costs(costs, xs, ys, 0.05, discs, 0.2, 10.0)
+    times = 0.05 * np.arange(1, 21)[:, None, None]
+    away = np.hypot(
+        discs[:, 0] + times * discs[:, 2] - xs[..., None], discs[:, 1] + times * discs[:, 3] - ys[..., None]
+    )
+    met = (away < discs[:, 4] + 0.2).any(axis=2)
+    assert met.any() and not met[0].all()
+    expected = np.where(met.any(axis=0), 10.0 * (1.0 - 0.5 * met.argmax(axis=0) / 20), 0.0)
+    np.testing.assert_allclose(costs, 1.0 + expected, rtol=1e-12)
