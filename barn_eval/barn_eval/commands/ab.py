@@ -17,19 +17,11 @@ WORSE = 4  # the exit code
 @click.argument("head")
 @click.option("--planner-command", default="", show_default=False, help="Starts the planner of a workspace or a file.")
 @click.option("--worlds", default="0:300:3", help="Which, at most; it stops earlier where it can.")
-@click.option("--protocol", help="As for barn run [default: challenge].")
 @run_option
 @click.option("--out", default="out/ab", type=FOLDER, help="Folder of all that was driven, kept for next time.")
 @json_option
 def command(
-    base: str,
-    head: str,
-    planner_command: str,
-    worlds: str,
-    protocol: str | None,
-    run: dict[str, Any],
-    out: Path,
-    as_json: bool,
+    base: str, head: str, planner_command: str, worlds: str, run: dict[str, Any], out: Path, as_json: bool
 ) -> int:
     """Drive BASE and HEAD through the same worlds until one is clearly better, or neither would hardly become so.
 
@@ -37,12 +29,12 @@ def command(
     suite with settings, such as dwa,dwa.path_weight=0.6; a file as for barn run; or a command. What has not changed
     since is not driven again. Prints Markdown for a pull request. Exit code 4 if HEAD is worse.
     """
-    found = ab(base, head, planner_command, {"worlds": worlds, "protocol": protocol, "out": out} | run, notes)
+    found = ab(base, head, planner_command, {"worlds": worlds, "out": out} | run, notes)
     if as_json:
-        folders = {"base": str(found.base.request.out), "head": str(found.head.request.out)}
+        folders = dict(zip(("base", "head"), map(str, found.folders), strict=True))
         counts = {"decision": found.decision, "worlds": found.worlds, "planned": found.planned}
         print_json(counts | folders | {"comparison": as_dict(found.comparison), "markdown": found.markdown()})
     else:
         click.echo(found.markdown())
-    say(f"BASE in {found.base.request.out}, HEAD in {found.head.request.out}")
+    say("BASE in {}, HEAD in {}".format(*found.folders))
     return WORSE if found.decision == "worse" else 0

@@ -1,6 +1,5 @@
 """`barn tune`: parameters of a planner chosen by some worlds, and judged in others."""
 
-from pathlib import Path
 from typing import Any
 
 import click
@@ -26,29 +25,20 @@ except ModuleNotFoundError as error:
 @click.option("--settings", default=30, type=COUNT, help="Settings to try, the default among them.")
 @click.option("--worlds", default="0:300:10", help="Which settings are chosen by.")
 @click.option("--unseen", help="Which the best is judged in [default: up to 100 of the others].")
-@click.option("--protocol", help="As for barn run [default: challenge].")
 @click.option("--planner-command", help="Starts a planner of your own, with the --params-file that is tuned.")
 @click.option("--by", default="", show_default=False, help="Measures, such as challenge,min_clearance_m.")
 @run_option
 @click.option("--out", default="out/tune", type=FOLDER, help="Folder of all that was driven; the same command resumes.")
 @json_option
 def command(
-    ranges: str,
-    settings: int,
-    unseen: str | None,
-    by: str,
-    run: dict[str, Any],
-    out: Path,
-    as_json: bool,
-    **options: str | None,
+    ranges: str, settings: int, unseen: str | None, by: str, run: dict[str, Any], as_json: bool, **options: object
 ) -> int:
     """Tune parameters over RANGES: a YAML file, or those of dwa, eband, gap, mppi, nav2_rpp, nav2_dwb or nav2_mppi.
 
     Settings are chosen by some worlds, and the best is judged by others that it has not seen, against the default. By
     several measures, those are kept that no other is as good as by each. Parameters ready to use go to OUT.
     """
-    asked = {**options, "out": out} | run
-    found = tune(Ranges.read(ranges), asked, unseen, keys_of(by), settings, notes)
+    found = tune(Ranges.read(ranges), options | run, unseen, keys_of(by), settings, notes)
     if as_json:
         print_json(as_dict(found))
         return 0

@@ -1,8 +1,8 @@
 """Is HEAD better than BASE: builds, commands or settings of a planner, driven world by world until that is clear."""
 
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Mapping
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
@@ -20,7 +20,7 @@ from barn_eval.experiments.command_files import command_files, folder_digest
 from barn_eval.experiments.experiment import PlannerChoice
 from barn_eval.experiments.folder import fair_worlds
 from barn_eval.experiments.request import Request, command_words, parse_settings, planner_name, read_request
-from barn_eval.experiments.run import Drive, begun, direct_engine, scored
+from barn_eval.experiments.run import begun, direct_engine, scored
 from barn_eval.experiments.run_file import SUITE
 from barn_eval.ros.work import require_ros, work_of
 from barn_eval.trials import identity
@@ -40,26 +40,19 @@ _WORDS = {
 
 
 @dataclass(frozen=True)
-class Side:
-    """BASE or HEAD: what was given, and the experiment that drives it, in a folder that its content names."""
-
-    given: str
-    request: Request
-
-
-@dataclass(frozen=True)
 class AbResult:
     """What trials say of HEAD against BASE.
 
     decision: HEAD is "better" or "worse"; "futile": it was stopped, as neither would hardly come out any more; "open":
-    the plan was driven to its end. worlds: that it took, of those planned. comparison: HEAD (a) with BASE (b).
+    the plan was driven to its end. worlds: that it took, of those planned. given: BASE and HEAD. folders: of each, that
+    its content names. comparison: HEAD (a) with BASE (b).
     """
 
     decision: Decided
     worlds: int
     planned: int
-    base: Side
-    head: Side
+    given: tuple[str, str]
+    folders: tuple[Path, Path]
     comparison: Comparison
 
     def markdown(self) -> str:
@@ -79,14 +72,14 @@ class AbResult:
         ]
         table = markdown_table(("mean", "BASE", "HEAD", "HEAD - BASE and its 95 % interval"), rows)
         about = (
-            f"BASE: `{self.base.given}`, HEAD: `{self.head.given}`; {counted(row.trials, 'pair')} of trials, protocol"
+            f"BASE: `{self.given[0]}`, HEAD: `{self.given[1]}`; {counted(row.trials, 'pair')} of trials, protocol"
             f" {found.protocol}, task {found.task}. Looked at after each fifth of the worlds, with 5 % false alarms"
             " over all looks; intervals are those of a single look."
         )
         return "\n\n".join((head, table.rstrip("\n"), about))
 
 
-def ab(base: str, head: str, command: str, options: Mapping[str, Any], console: Console) -> AbResult:
+def ab(base: str, head: str, command: str, options: Mapping[str, object], console: Console) -> AbResult:
     """Drive both sides in as many worlds as a verdict takes, each in a folder of its own below `options["out"]`.
 
     base, head: each a workspace (its folder or setup.bash) in which `command` starts the planner; a file of ROS
@@ -95,12 +88,18 @@ def ab(base: str, head: str, command: str, options: Mapping[str, Any], console: 
     also if a trial fails by no fault of the planner.
     """
     sides = _side(base, base, command, options), _side(head, base, command, options)
-    experiments = [one.request.experiment for one in sides]
+    experiments = [one.experiment for one in sides]
     if len({one.settings(one.planners[0])["planner_config"] for one in experiments}) == 1:
         raise ConfigError(f"BASE and HEAD are the same, {shown(base)}: neither settings nor files differ")
-    worlds = fair_worlds(spec.index for spec in sides[0].request.trials())
+    worlds = fair_worlds(spec.index for spec in sides[0].trials())
     looks = planned_looks(len(worlds))
-    with _begun(sides, console) as drives:
+    with ExitStack() as kept:
+        direct = all(one.mode == "direct" for one in experiments)
+        engine = kept.enter_context(closing(direct_engine(sides[0].execution))) if direct else None
+        for experiment in experiments:
+            require_ros(experiment, console)
+        make_work = partial(work_of, live={})
+        drives = [kept.enter_context(begun(one, console, make_work, engine=engine)) for one in sides]
         for look in looks:
             of_base, of_head = (scored(drive, worlds[:look]) for drive in drives)
             metric = metric_of(of_base)
@@ -109,25 +108,12 @@ def ab(base: str, head: str, command: str, options: Mapping[str, Any], console: 
             if found != "continue":
                 break
     compared = compare(of_head, of_base, "HEAD", "BASE", _SHOWN)
-    return AbResult(found, look, len(worlds), *sides, compared)
+    return AbResult(found, look, len(worlds), (base, head), (sides[0].out, sides[1].out), compared)
 
 
-@contextmanager
-def _begun(sides: Sequence[Side], console: Console) -> Iterator[list[Drive]]:
-    """Open the folders of both sides and yield what drives them; in mode direct by the same workers."""
-    with ExitStack() as kept:
-        engine = None
-        if all(one.request.experiment.mode == "direct" for one in sides):
-            engine = kept.enter_context(closing(direct_engine(sides[0].request.execution)))
-        for one in sides:
-            require_ros(one.request.experiment, console)
-        make_work = partial(work_of, live={})
-        yield [kept.enter_context(begun(one.request, console, make_work, engine=engine)) for one in sides]
-
-
-def _side(text: str, base: str, command: str, options: Mapping[str, Any]) -> Side:
+def _side(text: str, base: str, command: str, options: Mapping[str, object]) -> Request:
     """Return what a text stands for; ConfigError if that is nothing."""
-    path, settings, asked, files = Path(text), {}, dict(options), {}
+    path, settings, asked, files = Path(text), {}, dict[str, Any](options), {}
     name, *changes = text.split(",")
     if path.is_dir() or (path.is_file() and path.suffix in (".bash", ".sh")):
         setup = next((one for one in (path, *map(path.joinpath, _SETUPS)) if one.is_file()), None)
@@ -152,16 +138,14 @@ def _side(text: str, base: str, command: str, options: Mapping[str, Any]) -> Sid
     request = read_request(path if path.suffix in (".yaml", ".yml") and not started else None, asked, settings)
     planner, *others = request.experiment.planners
     if others:
-        raise ConfigError(
-            f"{shown(text)}: must be one planner, got {', '.join(one.name for one in (planner, *others))}"
-        )
+        raise ConfigError(f"{shown(text)}: must be one planner, got {1 + len(others)}")
     if files:
         planner = replace(planner, files=files | command_files(command_words(command)))
         request = replace(request, experiment=replace(request.experiment, planners=(planner,)))
     experiment = request.experiment
     code = _code(planner) if planner.registered else {}
     out = request.out / f"{planner.name}_{identity.fingerprint({'experiment': as_dict(experiment), 'code': code})}"
-    return Side(text, replace(request, out=out))
+    return replace(request, out=out)
 
 
 def _code(planner: PlannerChoice) -> dict[str, str]:

@@ -2,8 +2,8 @@
 
 import json
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager, nullcontext
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from math import ceil
@@ -159,10 +159,9 @@ class _Tuner:
         self.default = self._defaults()
 
     def _defaults(self) -> dict[str, Any]:
-        (planner, *_), known = self.base.experiment.planners, {}
-        if planner.command:
-            known = values_in_files(planner.command, list(self.ranges))
-        else:
+        planner = self.base.experiment.planners[0]
+        known = values_in_files(planner.command, list(self.ranges)) if planner.command else {}
+        if planner.registered:
             chosen = self.base.experiment.settings(planner)
             config = planner_config(planner.name, chosen["preset"], chosen["overrides"])
             known = {key: value for key, _, value in fields_of(config)}
@@ -281,17 +280,15 @@ class _Tuner:
             axes.legend()
         write_figure(figure, self.base.out / "front.png")
 
-    def _setting(self, trial: Trial | FrozenTrial, folder: str, **options: Any) -> Setting:
+    def _setting(self, trial: Trial | FrozenTrial, folder: str, **options: str) -> Setting:
         """Return what drives a setting, its values of four digits; the first one is the default as it is."""
         values = {key: float(f"{one:.4g}") if isinstance(one, float) else one for key, one in trial.params.items()}
         asked, name = {**self.options, **options}, f"{folder}/{trial.number:04}"
         return setting(self.base, partial(read_request, None), asked, {}, values if trial.number else {}, name)
 
-    @contextmanager
-    def _begun(self, made: Setting, engine: Engine | None) -> Iterator[Drive]:
+    def _begun(self, made: Setting, engine: Engine | None) -> AbstractContextManager[Drive]:
         made.write_files()
-        with begun(made.request, Console(quiet=True), partial(work_of, live={}), engine=engine) as drive:
-            yield drive
+        return begun(made.request, Console(quiet=True), partial(work_of, live={}), engine=engine)
 
 
 def _kept(study: optuna.Study) -> list[int]:
