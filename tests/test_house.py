@@ -9,16 +9,16 @@ import pytest
 
 TOOL = Path(__file__).resolve().parents[1] / "qa" / "house.py"
 MOST = {
-    "lines of Python": 42_351,
+    "lines of Python": 42_046,
     "lines of JavaScript": 1_400,
-    "lines of tests": 31_989,
+    "lines of tests": 31_850,
     "lines of the longest function": 78,
     "imports inside functions": 14,
     "exceptions from rules (noqa)": 37,
-    "signatures with a bare Any": 39,
+    "signatures with a bare Any": 38,
     "class names used twice": 0,
     "leaf commands": 28,
-    "options of commands": 144,
+    "options of commands": 142,
 }
 
 
