@@ -86,8 +86,8 @@ class Referee:
         if self.verdict is not None:
             return self.verdict
         if not command.is_finite():
-            sent = f"({command.linear!r} m/s, {command.angular!r} rad/s)"
-            return self.fail(Outcome.INVALID_COMMAND, f"command {sent} is not finite")
+            linear, angular = command.linear, command.angular
+            return self.fail(Outcome.INVALID_COMMAND, f"command ({linear!r} m/s, {angular!r} rad/s) is not finite")
         if 0.0 < self._declared_mps * (1.0 + _ROUNDING) < abs(command.linear):
             cap = f"declared speed cap of {self._declared_mps:g} m/s"
             return self.fail(Outcome.INVALID_COMMAND, f"command of {command.linear!r} m/s is above the planner's {cap}")
@@ -113,8 +113,8 @@ class Referee:
                 least = f"{protocol.clock_start_distance_m:g} m in {protocol.first_motion_limit_s:g} s"
                 return Outcome.NO_FIRST_MOTION, f"moved less than {least}"
             case rules.CLOCK_BACK:
-                back = f"from {state['last_ns']} to {state['stamp_ns']} ns"
-                return Outcome.SIMULATOR_DIED, f"the clock ran back {back}"
+                last, stamp = state["last_ns"], state["stamp_ns"]
+                return Outcome.SIMULATOR_DIED, f"the clock ran back from {last} to {stamp} ns"
             case code:
                 name = "odometry" if code == rules.ODOMETRY_LOST else "true pose"
                 return Outcome.SIMULATOR_DIED, f"the {name} is not finite"
