@@ -1,11 +1,9 @@
 """A result in one file that a stranger can verify: rows, tracks, commands, worlds, parameters, versions, machine."""
 
 import hashlib
-import io
 import json
 import re
 import zipfile
-import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -19,7 +17,7 @@ from barn_eval.experiments.run_file import RUN_FILE, SUITE, WORLDS, RunFile, ver
 from barn_eval.experiments.store import LOGS
 from barn_eval.experiments.track import pack
 from barn_worlds.base.errors import ConfigError, shown
-from barn_worlds.base.files import open_regular, read_bytes, write_whole
+from barn_worlds.base.files import DAMAGED_ZIP, open_regular, read_bytes, write_whole, zipped
 from barn_worlds.base.text_files import parse_json
 from barn_worlds.worlds.dataset import shipped
 
@@ -31,10 +29,9 @@ _PARAMETERS = re.compile(r"parameters/[0-9a-f]{12}_[A-Za-z0-9_.-]{1,100}")  # of
 _DIGEST = re.compile(r"(|([A-Za-z0-9_./:-]{1,200}@)?sha256:[0-9a-f]{64})")
 _MOST_MEMBERS, _LARGEST, _RATIO = 100, 1 << 29, 100  # bytes of all members; unpacked by packed of a large one
 _SMALL, _BLOCK = 1 << 20, 1 << 20
-_DAMAGED = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, NotImplementedError, ValueError, OSError)
 
 
-def submit(folder: Path, path: Path, container: str = "") -> FolderCheck:
+def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderCheck:
     """Write the finished results of a folder, once they are checked, as one file; equal results give equal bytes.
 
     Args:
@@ -48,6 +45,7 @@ def submit(folder: Path, path: Path, container: str = "") -> FolderCheck:
     Raises:
         ConfigError: Anything is wrong, or the worlds are those of a file that nobody else has.
     """
+    folder, path = Path(folder), Path(path)
     if not _DIGEST.fullmatch(container):
         raise ConfigError(
             f"container {shown(container)}: must be sha256: and 64 digits, after a name and @ if you like"
@@ -69,11 +67,7 @@ def submit(folder: Path, path: Path, container: str = "") -> FolderCheck:
         "container": container,
         "files": {n: _digest(c) for n, c in files.items()},
     }
-    content = io.BytesIO()
-    with zipfile.ZipFile(content, "w") as archive:
-        for name, data in {ABOUT: json.dumps(about, indent=1).encode(), **files}.items():
-            archive.writestr(zipfile.ZipInfo(name), data, zipfile.ZIP_DEFLATED, 9)
-    write_whole(path, content.getvalue())
+    write_whole(path, zipped({ABOUT: json.dumps(about, indent=1).encode(), **files}))
     return found
 
 
@@ -96,7 +90,7 @@ def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def verify(path: Path, folder: Path) -> tuple[FolderCheck, dict[str, Any]]:
+def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str, Any]]:
     """Unpack a submission into an empty folder and check it there: nothing in it is believed.
 
     Args:
@@ -110,6 +104,7 @@ def verify(path: Path, folder: Path) -> tuple[FolderCheck, dict[str, Any]]:
     Raises:
         ConfigError: The file is no submission, is damaged, or of another release.
     """
+    path, folder = Path(path), Path(folder)
     container = _unpack(path, folder)
     run = RunFile.read(folder)
     experiment, here = run.configuration(), versions()
@@ -166,7 +161,7 @@ def _unpack(path: Path, folder: Path) -> str:
                     raise ConfigError(f"{path}: {name} has not the SHA-256 that {ABOUT} states")
                 (folder / name).parent.mkdir(exist_ok=True)
                 (folder / name).write_bytes(content)
-    except _DAMAGED as error:
+    except DAMAGED_ZIP as error:
         raise ConfigError(f"{path}: not a submission, or a damaged one: {error}") from None
     container = about.get("container")
     if not isinstance(container, str) or not _DIGEST.fullmatch(container):

@@ -7,8 +7,9 @@ import os
 import shutil
 import stat
 import tempfile
+import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
@@ -16,6 +17,7 @@ from typing import BinaryIO
 from barn_worlds.base.errors import StoreError, WorldError, reported_as
 
 LARGEST_FILE = 256 * 1024 * 1024
+DAMAGED_ZIP = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError, OSError)
 PARTIAL = ".partial"  # ending of files that are being written; of a killed process they stay
 
 
@@ -60,6 +62,15 @@ def read_maybe_gzipped(path: Path, largest: int = LARGEST_FILE) -> bytes:
     if len(unpacked) > largest:
         raise WorldError(f"{path}: unpacks to more than the allowed {largest} bytes")
     return unpacked
+
+
+def zipped(members: Mapping[str, bytes]) -> bytes:
+    """Return a zip file of members by name; equal members give equal bytes, at any time."""
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as archive:
+        for name, data in members.items():
+            archive.writestr(zipfile.ZipInfo(name), data, zipfile.ZIP_DEFLATED, 9)
+    return content.getvalue()
 
 
 def write_bytes(path: Path, content: bytes) -> None:

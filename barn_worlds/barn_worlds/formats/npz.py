@@ -7,7 +7,6 @@ import io
 import json
 import tokenize
 import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,14 +16,13 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_worlds.base.errors import ConfigError, WorldError, one_line, shown
-from barn_worlds.base.files import read_bytes, write_bytes
+from barn_worlds.base.files import DAMAGED_ZIP, read_bytes, write_bytes, zipped
 from barn_worlds.base.text_files import parse_json
 
 LARGEST_NPY = 64 * 1024 * 1024
 Arrays = dict[str, npt.NDArray[Any]]
 # what NumPy raises for other bytes, for a header that is no Python, and for sizes that no memory has
 _NO_ARRAY = (ValueError, TypeError, MemoryError, RecursionError, SyntaxError, OverflowError, tokenize.TokenError)
-_DAMAGED = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError, OSError)
 
 
 def read_npy(path: Path) -> npt.NDArray[Any]:
@@ -70,11 +68,7 @@ class NpzFormat:
         """Write a file atomically and return the text of its header; equal content gives equal bytes."""
         text = json.dumps({"schema": self.schema, **header}, indent=1) + "\n"
         members = {self.header: text.encode(), **{f"{name}.npy": to_npy(array) for name, array in arrays.items()}}
-        file = io.BytesIO()
-        with zipfile.ZipFile(file, "w") as archive:
-            for name, content in members.items():
-                archive.writestr(zipfile.ZipInfo(name), content, zipfile.ZIP_DEFLATED, 9)
-        write_bytes(path, file.getvalue())
+        write_bytes(path, zipped(members))
         return text
 
     def read(self, path: Path) -> tuple[dict[str, Any], Arrays]:
@@ -84,7 +78,7 @@ class NpzFormat:
                 if sum(member.file_size for member in archive.infolist()) > self.largest:
                     raise WorldError(f"{path}: unpacks to more than the allowed {self.largest} bytes")
                 contents = {name: archive.read(name) for name in archive.namelist()}
-        except _DAMAGED as error:
+        except DAMAGED_ZIP as error:
             raise WorldError(f"{path}: not {self.what}, or a damaged one: {one_line(error)}") from None
         if self.header not in contents:
             raise WorldError(f"{path}: not {self.what}: it has no {self.header}")
