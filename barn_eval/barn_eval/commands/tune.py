@@ -1,5 +1,6 @@
 """`barn tune`: parameters of a planner chosen by some worlds, and judged in others."""
 
+from importlib.util import find_spec
 from typing import Any
 
 import click
@@ -12,12 +13,9 @@ from barn_eval.commands.tables import rich_table, table
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
 
-try:
+OPTUNA = find_spec("optuna") is not None
+if OPTUNA:
     from barn_eval.studies.tune import Ranges, tune
-except ModuleNotFoundError as error:
-    if error.name != "optuna":
-        raise
-    raise ConfigError("barn tune needs Optuna: make extras, or pip install optuna") from None
 
 
 @click.command("tune")
@@ -38,6 +36,8 @@ def command(
     Settings are chosen by some worlds, and the best is judged by others that it has not seen, against the default. By
     several measures, those are kept that no other is as good as by each. Parameters ready to use go to OUT.
     """
+    if not OPTUNA:
+        raise ConfigError("barn tune needs Optuna: make extras, or pip install optuna")
     found = tune(Ranges.read(ranges), options | run, unseen, keys_of(by), settings, notes)
     if as_json:
         print_json(as_dict(found))

@@ -128,7 +128,8 @@ def tune(
     with closing(direct_engine(tuner.base.execution)) if direct else nullcontext() as engine:
         tuner.try_settings(study, settings, engine)
         trials = study.trials
-        tuned = tuner.judge(trials, _kept(study), engine)
+        front = _front(study)
+        tuned = tuner.judge(trials, front, engine)
     early = sum(_EARLY in one.user_attrs for one in trials)
     seen = dict(zip(tuner.by, trials[0].values, strict=True))
     return Tuning(len(trials), early, tuner.default, seen, len(tuner.worlds), len(tuner.unseen), tuned)
@@ -236,16 +237,17 @@ class _Tuner:
                     return [float(np.mean(list(best.values())) + np.mean([told[one] - best[one] for one in seen]))]
         return [float(one) for one in values.mean(axis=0)]
 
-    def judge(self, trials: Sequence[FrozenTrial], kept: Sequence[int], engine: Engine | None) -> list[Tuned]:
+    def judge(self, trials: Sequence[FrozenTrial], front: Sequence[int], engine: Engine | None) -> list[Tuned]:
         """Drive settings and the default in the worlds that they were not chosen by, and write what is to be kept."""
         results, keys = {}, tuple(dict.fromkeys((*self.by, *COMPARED)))
+        kept = [one for one in front if one][:: ceil(len(front) / _MOST_KEPT) or 1]
         for number in (0, *kept):
             made = self._setting(trials[number], "unseen", worlds=",".join(map(str, self.unseen)))
             with self._begun(made, engine) as drive:
                 results[number] = scored(drive, self.unseen)
         compared = [compare(results[one], results[0], f"setting {one}", "default", keys) for one in kept]
         if len(self.by) > 1:
-            self._draw(trials, kept)
+            self._draw(trials, front)
         found = []
         for number, one in zip(kept, holm_adjusted(compared) if kept else (), strict=True):
             ranked, made = replace(one, metric=self.by[0]), self._setting(trials[number], "settings")
@@ -267,15 +269,15 @@ class _Tuner:
             write_bytes(path, f"# barn tune: {verdict}\n".encode() + content)
         return found
 
-    def _draw(self, trials: Sequence[FrozenTrial], kept: Sequence[int]) -> None:
-        """Draw all settings by the first two measures, with those that are kept."""
-        others = [number for number, one in enumerate(trials) if number not in (0, *kept) and one.values]
+    def _draw(self, trials: Sequence[FrozenTrial], front: Sequence[int]) -> None:
+        """Draw all settings by the first two measures, the default, and those that no other is as good as."""
+        others = [number for number, one in enumerate(trials) if number not in (0, *front) and one.values]
         with style():
             figure = Figure(figsize=(5.0, 3.6), layout="constrained")
             axes = figure.add_subplot()
-            for label, group, line in (("settings", others, " "), ("default", [0], " "), ("front", kept, "-")):
+            for label, group, look in (("settings", others, "o"), ("front", front, "o-"), ("default", [0], "D")):
                 places = np.array([trials[number].values[:2] for number in group]).reshape(-1, 2)
-                axes.plot(*places.T, marker="o", linestyle=line, label=label)
+                axes.plot(*places.T, look, label=label)
             axes.set(xlabel=MEASURES[self.by[0]].heading, ylabel=MEASURES[self.by[1]].heading)
             axes.legend()
         write_figure(figure, self.base.out / "front.png")
@@ -291,8 +293,7 @@ class _Tuner:
         return begun(made.request, Console(quiet=True), partial(work_of, live={}), engine=engine)
 
 
-def _kept(study: optuna.Study) -> list[int]:
-    """Return the numbers of settings worth keeping, without the default: the best, or some of those on the front."""
+def _front(study: optuna.Study) -> list[int]:
+    """Return the numbers of the settings that no other is as good as, in order of the first measure."""
     found = [study.best_trial] if len(study.directions) == 1 else sorted(study.best_trials, key=lambda one: one.values)
-    numbers = [one.number for one in found if one.number]
-    return numbers[:: ceil(len(numbers) / _MOST_KEPT) or 1]
+    return [one.number for one in found]
