@@ -193,12 +193,13 @@ class Stopwatch:
     """
 
     def __init__(self) -> None:
-        self._waits = _waits()
-        self._wall_s, self._used_s = time.perf_counter(), time.thread_time()
+        self._waits, self._used_s = _waits(), time.thread_time()
+        self._wall_s = time.perf_counter()  # last here and first below: reading the other clock takes microseconds
 
     def elapsed_s(self) -> float:
         """Return the time so far."""
-        used_s, wall_s = time.thread_time() - self._used_s, time.perf_counter() - self._wall_s
+        wall_s = time.perf_counter() - self._wall_s
+        used_s = time.thread_time() - self._used_s
         return wall_s if _waits() > self._waits else min(used_s, wall_s)
 
 
