@@ -103,11 +103,13 @@ class Simulator:
         return self.sense()
 
     def command(self, velocity: Velocity2D, delay_ns: int = 0) -> None:
-        """Send a command; it arrives after a delay, and none that was sent before it may arrive later."""
+        """Send a command; it arrives after a delay, to the nearest tick, and none sent before it may arrive later."""
         if not velocity.is_finite():
             self.invalid_commands += 1
             velocity = STOP
-        self.motion.drive.command(Velocity2D(float(velocity.linear), float(velocity.angular)), self.stamp_ns + delay_ns)
+        tick_ns = self.config.tick_ns  # commands wait for a tick, so that a delay would become longer, never shorter
+        arrival_ns = self.stamp_ns + round(delay_ns / tick_ns) * tick_ns
+        self.motion.drive.command(Velocity2D(float(velocity.linear), float(velocity.angular)), arrival_ns)
 
     def advance(self, ticks: int) -> None:
         """Advance by a number of physics ticks."""

@@ -172,7 +172,7 @@ def _title(entry: Entry) -> str:
     fastest = speed_class_mps(entry)
     caps = f"up to {fastest:g} m/s, " if fastest else ""
     way = compute_way(results)
-    way = "free computing on a faster computer" if way.startswith("its score") else way
+    way = "computing on a faster computer" if way.startswith("its score") else way
     shared = ", ".join(filter(None, (f"{caps}{robot}task {results[0].task}", way)))
     return f"{results[0].protocol} protocol, {worlds} of {dataset}, seed {seeds}, {shared}"
 

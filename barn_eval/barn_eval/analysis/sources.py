@@ -128,20 +128,18 @@ def _late_text(path: Path, results: Sequence[TrialResult]) -> str:
 def compute_way(results: Sequence[TrialResult]) -> str:
     """Return in words what trials of a planner charge for its computing; those of unlike ways are not ranked together.
 
-    Of a planner that is charged nothing it says whether it fits the control period of the reference computer, in the
-    median of its trials. Empty for rows of versions that did not say.
+    One that declares its computing, or nothing, must fit what it declares or the control period on the reference
+    computer, in the median of its trials; else the text says so. Empty for rows of versions that did not say.
     """
-    ways = sorted({result.compute for result in results if result.compute})
-    if ways != [FREE]:
-        return " and ".join(_WAYS[way] for way in ways)
+    ways = {_WAYS[result.compute] for result in results if result.compute}
     computers = [one.wall_clock.computer for one in results if one.wall_clock.computer is not None]
-    return assumption(median(computers) if computers else 0.0) or _WAYS[FREE]
+    return assumption(median(computers) if computers else 0.0) or " and ".join(sorted(ways))
 
 
 _WAYS = {
     DECLARED: "computing as declared",
+    FREE: "computing as declared",  # which is nothing
     MEASURED: "computing as measured",
-    FREE: "computing free",
     REAL_TIME: "computing in real time",
 }
 

@@ -17,7 +17,10 @@ from barn_eval.worlds.measured import metrics_table
 @click.option("--out", type=FILE, help="A line per world, as CSV.")
 @json_option
 def command(source: str, select: str, formula: str, robot: str | None, out: Path | None, as_json: bool) -> None:
-    """Compute the five difficulty metrics of the worlds of SOURCE and their summary, as in the paper's Table II."""
+    """Compute the five difficulty metrics of the worlds of SOURCE and their summary, as in the paper's Table II.
+
+    Under protocol challenge they order worlds better than the learned difficulty does, under paper2020 less well.
+    """
     found = metrics_table(source, select, formula, robot=robot or "")
     if out is not None:
         found.to_csv(out)

@@ -53,7 +53,7 @@ def run_direct_trial(
         run.trial.log.trajectory(),
         cylinders_m=run.cylinders_m,
         traceback=run.trial.traceback,
-        wall_clock=clock.on(pace(), spec.protocol.control_period_s, spec.way),
+        wall_clock=clock.on(pace(), max(spec.protocol.control_period_s, spec.compute.charged_s), spec.way),
         recoveries=run.trial.recoveries or 0,
         delays=packed_delays(run.turnaround.delays_ns) if spec.way == MEASURED else "",
     )

@@ -32,8 +32,9 @@ class WallClock:
 
     compute_*_ms: time a planner took per cycle, over ROS from scan to command; None where there was no command.
     pace: of the machine, by which these become times on the reference computer (`barn_eval.experiments.direct.pace`).
-    computer: of a direct trial that charges nothing, the 95th percentile there by the control period: how fast a
-    computer its score assumes; note: the same in words, where the planner does not fit.
+    computer: of a direct trial that charges nothing or what is declared, the 95th percentile there by the control
+    period, or by the declared delay if that is longer: how fast a computer its score assumes; note: the same in words,
+    where the planner does not fit.
     missed_cycles: control periods without a command in time (ros mode); missed_share: of all since the first command.
     started_at, worker, attempts: of a campaign's trial: when (UTC, ISO 8601), where, and at which attempt it ran.
     repeated: why each attempt before that one had to be given up after the robot had been released.
@@ -61,11 +62,11 @@ class WallClock:
         times_ms = (1e3 * np.percentile(answer_times_s, shares)).tolist() if answer_times_s else [None] * 3
         return cls(duration_s, factor, *times_ms, **missed)
 
-    def on(self, pace: float, period_s: float, way: str) -> WallClock:
-        """Return the figures of a machine of that pace, which say whether a planner that is charged nothing fits."""
-        if way != FREE or self.compute_p95_ms is None:
+    def on(self, pace: float, allowed_s: float, way: str) -> WallClock:
+        """Return the figures of a machine of that pace, which say whether cycles fit the time that they may take."""
+        if way not in (FREE, DECLARED) or self.compute_p95_ms is None:
             return replace(self, pace=pace)
-        computer = 1e-3 * self.compute_p95_ms * pace / period_s
+        computer = 1e-3 * self.compute_p95_ms * pace / allowed_s
         return replace(self, pace=pace, computer=computer, note=assumption(computer))
 
     @property

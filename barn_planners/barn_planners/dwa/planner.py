@@ -19,6 +19,7 @@ from barn_planners.interface import FloatArray, PlannerView
 from barn_planners.navigation.loop import Control, ControlInput, Controller, NavigationPlanner
 from barn_planners.registry import PlannerEntry
 from barn_planners.robots import fitted
+from barn_worlds.base.compute import Compute
 from barn_worlds.base.types import Pose2D, Velocity2D
 
 _COLUMNS = kernels.OBSTACLE + 1
@@ -189,4 +190,5 @@ ENTRY = PlannerEntry(
     dwa_presets(),
     "dynamic window approach of the paper's trials",
     fitted,
+    compute=Compute(delay_s=0.0005),
 )

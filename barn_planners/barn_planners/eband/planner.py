@@ -12,6 +12,7 @@ from barn_planners.interface import FloatArray, PlannerView
 from barn_planners.navigation.loop import Control, ControlInput, Controller, NavigationPlanner
 from barn_planners.registry import PlannerEntry
 from barn_planners.robots import fitted
+from barn_worlds.base.compute import Compute
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D, wrap_angle
 
 _FULL_COST = 252.0
@@ -201,4 +202,5 @@ ENTRY = PlannerEntry(
     eband_presets(),
     "elastic band of Quinlan and Khatib for a differential drive, as in the paper's trials",
     fitted,
+    compute=Compute(delay_s=0.0005),
 )

@@ -13,6 +13,7 @@ from barn_planners.interface import Decision, FloatArray, Observation, PlannerSt
 from barn_planners.navigation.guard import GuardConfig, LidarPlace, ScanPlanner
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
 from barn_planners.robots import fitted
+from barn_worlds.base.compute import Compute
 from barn_worlds.base.config import quantity
 from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
 
@@ -149,4 +150,5 @@ ENTRY = PlannerEntry(
     {ANY_PROTOCOL: GapConfig()},
     "follow-the-gap baseline with collision stop: the scan and the goal, nothing else",
     fitted,
+    compute=Compute(delay_s=0.0005),
 )

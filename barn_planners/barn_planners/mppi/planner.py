@@ -30,6 +30,7 @@ from barn_planners.navigation.guard import ProgressCheck
 from barn_planners.navigation.loop import Control, ControlInput, Controller, NavigationPlanner
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
 from barn_planners.robots import fitted
+from barn_worlds.base.compute import Compute
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D, wrap_angle
 
 # Savitzky and Golay's 9-point quadratic, which smooths the solution as Nav2 does.
@@ -206,4 +207,5 @@ ENTRY = PlannerEntry(
     {ANY_PROTOCOL: MppiPlannerConfig()},
     "model predictive path integral, after Nav2's",
     fitted,
+    compute=Compute(delay_s=0.002),
 )

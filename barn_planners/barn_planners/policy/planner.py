@@ -19,6 +19,7 @@ from barn_planners.policy.file import Policy, PolicyNetwork, read_policy
 from barn_planners.policy.space import ObservationEncoder
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
 from barn_planners.robots import fitted
+from barn_worlds.base.compute import Compute
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
@@ -162,4 +163,5 @@ ENTRY = PlannerEntry(
     "a learned policy from a file, with a stop before collisions",
     _fitted,
     _speed_cap_mps,
+    compute=Compute(delay_s=0.0001),
 )

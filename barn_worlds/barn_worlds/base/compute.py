@@ -34,6 +34,11 @@ class Compute(Checked):
         """Whether anything is."""
         return self != Compute()
 
+    @property
+    def charged_s(self) -> float:
+        """The longest time that is charged for a cycle, but for one in twenty."""
+        return max(self.delay_s, self.delay_p95_s)
+
 
 NOTHING = Compute()
 
