@@ -30,7 +30,7 @@ PAGES = sorted(
     path for pattern in ("*.md", "docs/**/*.md", "barn_*/README.md", "examples/**/*.md") for path in ROOT.glob(pattern)
 )
 # What a planner of one's own is called on these pages.
-EXAMPLES = {"mine", "simple", "template", "nav2_dwb", "nav2_mppi", "nav2_rpp", "nav2_rpp_lockstep", "policy"}
+EXAMPLES = {"mine", "simple", "template", "vector_pursuit", "nav2_dwb", "nav2_mppi", "nav2_rpp", "nav2_rpp_lockstep"}
 EXAMPLES |= {"gap_predictive", "mppi_predictive"}  # of examples/predictive_planners
 
 

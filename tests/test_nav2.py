@@ -127,10 +127,8 @@ def test_speeds_are_those_of_the_paper(nodes):
     assert speed == SPEED_MPS == nodes["velocity_smoother"]["max_velocity"][0]
     assert turn <= TURN_RADPS == nodes["velocity_smoother"]["max_velocity"][2]
     assert PRESETS["default"].drive.max_speed_m_s >= speed
-    if "critics" in follow:
-        assert follow["critics"]
-    if "model_dt" in follow:
-        assert follow["model_dt"] * nodes["controller_server"]["controller_frequency"] == pytest.approx(1.0)
+    assert follow.get("critics", True)
+    assert follow.get("model_dt", 0.05) * nodes["controller_server"]["controller_frequency"] == pytest.approx(1.0)
     if "inflation_cost_scaling_factor" in follow:
         layer = nodes["local_costmap"]["inflation_layer"]
         assert follow["inflation_cost_scaling_factor"] == layer["cost_scaling_factor"]
@@ -178,7 +176,10 @@ def test_the_workflow_for_a_pull_request_calls_what_exists():
     (call,) = re.findall(r"barn ab (.*?) \|", steps[-2]["run"].replace("\\\n", " "))
     values, *_ = ab.command.make_parser(click.Context(ab.command)).parse_args(shlex.split(call))
     assert (values["base"], values["head"]) == ("install_base/setup.bash", "install_head/setup.bash")
-    assert all((FOLDER / "params" / name).is_file() for name in ("common.yaml", "mapless.yaml"))
+    campaign = yaml.safe_load((FOLDER / "lockstep" / "controllers.yaml").read_text())
+    named = {word for one in campaign["planners"] for word in shlex.split(one["command"]) if "examples/" in word}
+    assert {Path(one).stem for one in named} == {"in_workspace", "common", "mapless", *CONTROLLERS}
+    assert all((FOLDER.parents[1] / one).is_file() for one in named)
     assert all(re.fullmatch(r"[\w/-]+@v\d+\.\d+\.\d+", step["uses"]) for step in steps if "uses" in step)
 
 
@@ -186,30 +187,29 @@ def test_the_protocols_that_nav2_is_shown_with_send_the_goal_once():
     shown = set(re.findall(r"--protocol (\w+)", (FOLDER / "README.md").read_text("utf-8")))
     assert shown == {"challenge", "known_map"}
     assert {PROTOCOLS[name].goal_period_s for name in shown} == {0.0}
-    given = {name: PROTOCOLS[name].map_given for name in shown}
-    assert given == {"challenge": False, "known_map": True}
+    assert {name: PROTOCOLS[name].map_given for name in shown} == {"challenge": False, "known_map": True}
 
 
-def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, monkeypatch, capsys):
+def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, capsys):
     spec = importlib.util.spec_from_file_location("check_parameters", FOLDER / "check_parameters.py")
     check = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(check)
-    source = tmp_path / "navigation2" / "nav2_controller" / "src"
-    source.mkdir(parents=True)
-    (source / "server.cpp").write_text('declare_parameter("controller_frequency", 20.0);')
-    (source / "plugins.xml").write_text('<class type="nav2_controller::Checker" base_class_type="x"/>')
-    (tmp_path / "params").mkdir()
-    mine = tmp_path / "params" / "mine.yaml"
-    text = "controller_server: {ros__parameters: {%s: 20.0, checker: {plugin: 'nav2_controller::%s'}}}"
-    monkeypatch.setattr(check, "HERE", tmp_path)
-    mine.write_text(text % ("controller_frequency", "Checker"))
-    assert check.main([str(tmp_path / "navigation2")]) == 0
-    mine.write_text(text % ("controler_frequency", "Chequer"))
-    assert check.main([str(tmp_path / "navigation2")]) == 1
+    source, other, mine = tmp_path / "navigation2", tmp_path / "other", tmp_path / "mine.yaml"
+    for place, read in ((source / "nav2_controller", "controller_frequency"), (other, "prefix.gain")):
+        place.mkdir(parents=True)
+        (place / "server.cpp").write_text(f'declare_parameter("{read}", 20.0);')
+        (place / "plugins.xml").write_text(f'<class type="{place.name}::Checker" base_class_type="x"/>')
+    (other / "package.xml").touch()
+    text = "controller_server: {ros__parameters: {%s: 20.0, a: {plugin: 'nav2_controller::%s'}, b: {%s}}}"
+    own = "plugin: 'other::Checker', gain: 1, %s: 2"
+    mine.write_text(text % ("controller_frequency", "Checker", own % "use_sim_time"))
+    assert check.main([str(source), str(other), str(mine)]) == 0
+    mine.write_text(text % ("controler_frequency", "Chequer", own % "gian"))
+    assert check.main([str(source), str(other), str(mine)]) == 1
     said = capsys.readouterr().out
     assert "controler_frequency is not read by nav2_controller" in said
-    assert "no plugin nav2_controller::Chequer" in said
-    assert "2 parameters checked, 2 unknown" in said
+    assert "b.gian is not read by other" in said
+    assert "no plugin nav2_controller::Chequer" in said and "5 parameters checked, 3 unknown" in said
 
 
 def test_each_trial_gets_a_fresh_nav2(with_more_messages):
