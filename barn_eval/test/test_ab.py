@@ -46,6 +46,8 @@ def test_a_parameter_file_counts_most_and_is_known_by_its_content(tmp_path):
     command = "run --ros-args --params-file nav.yaml"
     first = side(str(file), command)
     assert first.experiment.planners[0].command == f"{command} --params-file {file}"
+    (named,) = side(str(file), f"mine={command}").experiment.planners
+    assert (named.name, named.command) == ("mine", f"{command} --params-file {file}")
     file.write_text("a: 2\n")
     assert side(str(file), command).out != first.out
 

@@ -98,7 +98,7 @@ def test_a_planner_of_somebody_else_that_is_killed_costs_one_trial(tmp_path):
     (second,) = until(lambda: planners() - first)  # each trial has a planner of its own
     os.kill(second, signal.SIGKILL)
     _, errors = campaign.communicate(timeout=600)
-    assert campaign.returncode == 0, errors
+    assert campaign.returncode == 0 and "SIGTERM" not in errors, errors  # its restarts are no news
     outcomes = [row.outcome for row in read_results(out)]
     assert len(outcomes) == 3
     assert outcomes.count(Outcome.PLANNER_DIED) <= 1

@@ -91,9 +91,17 @@ def read_request(
     return request
 
 
+def named_command(text: str) -> tuple[str, str]:
+    """Return what the planner of "NAME=COMMAND" or "COMMAND" is called, and the command."""
+    named = _NAMED_COMMAND.fullmatch(text)
+    return (named[1], named[2]) if named else (planner_name(text), text)
+
+
 def planner_name(command: str) -> str:
     """Return what the planner that a command starts is called: its script, module, launch file or node."""
     words = command_words(command)
+    if words[3:] and Path(words[1]).name == "in_workspace.sh":
+        words = words[3:]
     while words[1:] and (Path(words[0]).name == "env" or "=" in words[0]):
         words = words[1:]
     program, rest = Path(words[0]).name, [word for word in words[1:] if not word.startswith("-") and ":=" not in word]
@@ -101,8 +109,7 @@ def planner_name(command: str) -> str:
         program = next((word for word in rest if word.endswith(".py")), rest[0])
     elif program == "ros2" and rest[1:]:
         program = rest[:3][-1]
-    stem = Path(program).name.partition(".")[0]
-    name = re.sub(r"[^A-Za-z0-9_-]+", "_", stem).strip("_-")[:60] or "planner"
+    name = re.sub(r"[^A-Za-z0-9_-]+", "_", Path(program).name.partition(".")[0]).strip("_-")[:60] or "planner"
     if name in planner_names():
         own = f"{name!r} is one of the suite's own"
         raise ConfigError(f"planner command {shown(command)}: give its planner a name; {own}")
@@ -174,16 +181,12 @@ def _planners(given: object, commands: object, where: str) -> tuple[PlannerChoic
     texts = [commands] if isinstance(commands, str) else commands or ()
     if not isinstance(texts, (list, tuple)) or not all(isinstance(text, str) for text in texts):
         raise ConfigError(f"{where}planner_command must be a text or a list of texts, got {shown(commands)}")
-    for text in texts:
-        if named := _NAMED_COMMAND.fullmatch(text):
-            name, command = named.groups()
-        elif len(found) <= 1 and len(texts) == 1:
-            name, command = found[0].name if found else planner_name(text), text
-        else:
-            rule = "give it as NAME=COMMAND where there are several planners"
-            raise ConfigError(f"planner command {shown(text)}: {rule}")
+    for one in texts:
+        name, command = named_command(one) if _NAMED_COMMAND.fullmatch(one) or not found else (found[0].name, one)
+        if command == one and (len(found) > 1 or len(texts) > 1):
+            raise ConfigError(f"planner command {shown(one)}: give it as NAME=COMMAND where there are several planners")
         files = command_files(command_words(command))
-        number = next((number for number, one in found.items() if one.name == name), len(found))
+        number = next((number for number, there in found.items() if there.name == name), len(found))
         found[number] = replace(found.get(number, PlannerChoice(name)), command=command, files=files)
     return tuple(found.values()) if found or given is not None else (PlannerChoice(),)
 

@@ -97,8 +97,7 @@ def grid(
         name = ",".join(f"{key}={_text(value)}" for key, value in named.items())
         folder = re.sub(r"[^A-Za-z0-9_.=,+-]", "_", name)
         changes = dict(zip(sweep, values, strict=True))
-        made = setting(base, ask, options, settings or {}, changes, folder)
-        found.append(replace(made, name=name, values=named))
+        found.append(replace(setting(base, ask, options, settings or {}, changes, folder), name=name, values=named))
     if len({one.request.out for one in found}) < len(found):
         raise ConfigError("a sweep names one value twice")
     return found
@@ -184,10 +183,8 @@ def _short(keys: Sequence[str]) -> list[str]:
     return last if len(set(last)) == len(last) else [key.replace("=", "_") for key in keys]
 
 
-def _text(value: object) -> str:
-    return (
-        f"{value:.10g}" if isinstance(value, float) else str(value).lower() if isinstance(value, bool) else str(value)
-    )
+def _text(one: object) -> str:
+    return f"{one:.10g}" if isinstance(one, float) else str(one).lower() if isinstance(one, bool) else str(one)
 
 
 def _number(text: str) -> Any:

@@ -19,7 +19,7 @@ from barn_eval.analysis.text_table import counted
 from barn_eval.experiments.command_files import command_files, folder_digest
 from barn_eval.experiments.experiment import PlannerChoice
 from barn_eval.experiments.folder import fair_worlds
-from barn_eval.experiments.request import Request, command_words, parse_settings, planner_name, read_request
+from barn_eval.experiments.request import Request, command_words, named_command, parse_settings, read_request
 from barn_eval.experiments.run import begun, direct_engine, scored
 from barn_eval.experiments.run_file import SUITE
 from barn_eval.ros.work import require_ros, work_of
@@ -98,8 +98,7 @@ def ab(base: str, head: str, command: str, options: Mapping[str, object], consol
         engine = kept.enter_context(closing(direct_engine(sides[0].execution))) if direct else None
         for experiment in experiments:
             require_ros(experiment, console)
-        make_work = partial(work_of, live={})
-        drives = [kept.enter_context(begun(one, console, make_work, engine=engine)) for one in sides]
+        drives = [kept.enter_context(begun(one, console, partial(work_of, live={}), engine=engine)) for one in sides]
         for look in looks:
             of_base, of_head = (scored(drive, worlds[:look]) for drive in drives)
             metric = metric_of(of_base)
@@ -115,6 +114,7 @@ def _side(text: str, base: str, command: str, options: Mapping[str, object]) -> 
     """Return what a text stands for; ConfigError if that is nothing."""
     path, settings, asked, files = Path(text), {}, dict[str, Any](options), {}
     name, *changes = text.split(",")
+    label, command = named_command(command) if command else ("", "")
     if path.is_dir() or (path.is_file() and path.suffix in (".bash", ".sh")):
         setup = next((one for one in (path, *map(path.joinpath, _SETUPS)) if one.is_file()), None)
         if setup is None or not command:
@@ -134,7 +134,7 @@ def _side(text: str, base: str, command: str, options: Mapping[str, object]) -> 
             raise ConfigError(f"{shown(text)}: is no workspace, file, planner of the suite or command")
         asked["planner_command"] = text
     if started := asked.get("planner_command"):
-        asked = {"mode": "ros"} | asked | {"planner_command": f"{planner_name(command or base)}={started}"}
+        asked = {"mode": "ros"} | asked | {"planner_command": f"{label or named_command(base)[0]}={started}"}
     request = read_request(path if path.suffix in (".yaml", ".yml") and not started else None, asked, settings)
     planner, *others = request.experiment.planners
     if others:
@@ -150,6 +150,5 @@ def _side(text: str, base: str, command: str, options: Mapping[str, object]) -> 
 
 def _code(planner: PlannerChoice) -> dict[str, str]:
     """Return digests of the code that drives a planner of the suite: the suite's own and that of its package."""
-    names = {*SUITE, planner_entry(planner.name).config_class.__module__.partition(".")[0]}
-    specs = {name: find_spec(name) for name in sorted(names)}
-    return {name: folder_digest(Path(one.origin).parent) for name, one in specs.items() if one and one.origin}
+    names = sorted({*SUITE, planner_entry(planner.name).config_class.__module__.partition(".")[0]})
+    return {one.name: folder_digest(Path(one.origin).parent) for one in map(find_spec, names) if one and one.origin}

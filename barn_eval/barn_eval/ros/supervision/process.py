@@ -91,7 +91,7 @@ class GuardedProcess:
         self.name, self.log = name, log
         self.end: str | None = None  # in words, once it is known
         self.lost = False  # whether it ended because its guard did
-        self._asked = False
+        self.asked = False  # to stop
         self._mark = uuid.uuid4().hex
         ours, theirs = socket.socketpair()
         self._news = EventChannel(ours)
@@ -128,8 +128,8 @@ class GuardedProcess:
 
     def ask_to_stop(self) -> None:
         """Begin to end the process; asking again changes nothing."""
-        if not self._asked:
-            self._asked = True
+        if not self.asked:
+            self.asked = True
             self.stop_now()
 
     def stop_now(self) -> None:

@@ -212,16 +212,16 @@ class _Supervisor:
 
     def _ended(self, process: GuardedProcess) -> Iterator[Record]:
         """Tell the evaluator of a process that has ended: it says when to start it afresh; yield what that costs."""
-        how, name = process.end or "", process.name
+        how, name, wanted = process.end or "", process.name, process.asked and process.name == "planner"
         del self._processes[name]
         process.stop()
         if how.startswith("cannot be started"):
             raise ProcessError(f"the {name} {how}")
         said = f"{name} {how}" + (f" in trial {self._trial}" if self._trial else "")
-        if name not in self._seen_ending:  # what it wrote last, before the noise of others' ends
-            said += f"; {last_lines(process.log)}"
-        self._seen_ending.add(name)
-        self._notice(said)
+        if not wanted or self._assignment.experiment.ros.restart_planner != "each_trial":
+            # what it wrote last, before the noise of others' ends
+            self._notice(said if name in self._seen_ending else f"{said}; {last_lines(process.log)}")
+            self._seen_ending.add(name)
         if name == "evaluator":
             yield from self._evaluator_lost(process)
         elif self._evaluator is not None:
