@@ -19,6 +19,7 @@ from pathlib import Path
 import click
 import torch
 from matplotlib.figure import Figure
+from policy_training.stable_baselines import StableBatch, export_policy
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecMonitor
@@ -27,7 +28,6 @@ from barn_eval.analysis.summary import Summary, summarise
 from barn_eval.experiments.direct import run_direct_trial
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.learning.config import EnvConfig
-from barn_eval.learning.stable_baselines import StableBatch, export_policy
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.spec import simulator_config
 from barn_planners.policy.space import PolicyAction, PolicyObservation

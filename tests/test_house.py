@@ -9,16 +9,16 @@ import pytest
 
 TOOL = Path(__file__).resolve().parents[1] / "qa" / "house.py"
 MOST = {
-    "lines of Python": 42_047,
+    "lines of Python": 41_740,
     "lines of JavaScript": 1_400,
-    "lines of tests": 31_850,
+    "lines of tests": 31_633,
     "lines of the longest function": 78,
     "imports inside functions": 14,
     "exceptions from rules (noqa)": 37,
     "signatures with a bare Any": 38,
     "class names used twice": 0,
-    "leaf commands": 28,
-    "options of commands": 142,
+    "leaf commands": 27,
+    "options of commands": 137,
 }
 
 

@@ -13,7 +13,7 @@ from defusedxml import ElementTree
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 PYTHON, CPP = EXAMPLES / "template_planner_py", EXAMPLES / "template_planner_cpp"
-PREDICTIVE = EXAMPLES / "predictive_planners"
+PREDICTIVE, TRAINING = EXAMPLES / "predictive_planners", EXAMPLES / "policy_training"
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +26,7 @@ def installed(tmp_path_factory):
     target = folder / "target"
     install = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
     subprocess.run([*install, "--target", str(target), *map(str, sources)], check=True, timeout=600)
-    paths = os.pathsep.join(filter(None, [str(target), os.environ.get("PYTHONPATH", "")]))
+    paths = os.pathsep.join(filter(None, [str(target), str(EXAMPLES), os.environ.get("PYTHONPATH", "")]))
     return {**os.environ, "PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1"}
 
 
@@ -44,8 +44,10 @@ def barn(environment, folder, *arguments):
     return json.loads(done.stdout)["results"]
 
 
-@pytest.mark.parametrize("folder", [PYTHON, PREDICTIVE], ids=lambda folder: folder.name)
+@pytest.mark.parametrize("folder", [PYTHON, PREDICTIVE, TRAINING], ids=lambda folder: folder.name)
 def test_its_own_tests_pass(installed, tmp_path, folder):
+    if folder is TRAINING:
+        pytest.importorskip("stable_baselines3")
     done = python(installed, tmp_path, "pytest", "-q", "-p", "no:cacheprovider", str(folder / "test"))
     assert done.returncode == 0, done.stdout
 

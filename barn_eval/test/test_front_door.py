@@ -568,13 +568,9 @@ def test_metrics_and_difficulty_have_a_row_per_world():
     assert {"name", "std_s_per_m", "dwa_s_per_m", "eband_s_per_m", "failure_probability"} <= set(predicted)
 
 
-def test_worlds_are_sampled_ordered_and_drawn(tmp_path):
+def test_worlds_are_ordered_and_drawn(tmp_path):
     pair = barn.worlds.save(barn.worlds.load("barn300", "3,290"), tmp_path / "pair.npz")
-    limit = max(columns(barn.difficulty.predict(pair))["difficulty_s_per_m"])
-    (hard,) = barn.worlds.sample(tmp_path / "hard.npz", limit, source=pair, count=1).values()
-    assert hard.grid.tolist() == barn.worlds.load(pair)[290].grid.tolist()
-    with pytest.raises(BarnError, match="exists already"):
-        barn.worlds.sample(tmp_path / "hard.npz", limit, source=pair, count=1)
+    hard = barn.worlds.load(pair)[290]
     (tmp_path / "scores.csv").write_text("world,slowness\n3,2.0\n290,1.0\n")
     ordered = barn.worlds.order(pair, tmp_path / "ordered.npz", tmp_path / "scores.csv", "slowness")
     assert ordered[0].grid.tolist() == hard.grid.tolist()

@@ -6,7 +6,6 @@ import pytest
 gymnasium = pytest.importorskip("gymnasium", reason="Gymnasium is not installed")
 
 import barn_eval.gym  # noqa: E402
-from barn_planners.policy.space import PolicyObservation  # noqa: E402
 from barn_sim.body.bullet import PhysicsClient  # noqa: E402
 from barn_worlds.base.errors import BarnError  # noqa: E402
 
@@ -124,34 +123,3 @@ def test_it_is_reset_where_it_is_asked_to(pair):
     np.testing.assert_array_equal(first[0], second[0])
     for action in forward(20, 1):
         np.testing.assert_array_equal(one.step(action)[0], other.step(action)[0])
-
-
-def test_stable_baselines_gets_what_the_environments_give():
-    pytest.importorskip("stable_baselines3")
-    from stable_baselines3.common.vec_env import DummyVecEnv  # noqa: PLC0415
-
-    from barn_eval.learning.config import EnvConfig  # noqa: PLC0415
-    from barn_eval.learning.environment import JackalEnv  # noqa: PLC0415
-    from barn_eval.learning.stable_baselines import StableBatch  # noqa: PLC0415
-
-    config = EnvConfig(worlds="0:300:7", simulator={"lidar.beams": 90}, observation=PolicyObservation(beams=40))
-    batch, others = StableBatch(COUNT, config), DummyVecEnv([lambda: JackalEnv(config)] * COUNT)
-    for envs in (batch, others):
-        envs.seed(3)
-    np.testing.assert_array_equal(batch.reset(), others.reset())
-    ended = 0
-    for action in forward(120):
-        seen, rewards, dones, infos = batch.step(action)
-        seen_too, rewards_too, dones_too, infos_too = others.step(action)
-        np.testing.assert_array_equal(seen, seen_too)
-        np.testing.assert_array_equal(rewards, rewards_too)
-        np.testing.assert_array_equal(dones, dones_too)
-        for k in np.flatnonzero(dones):
-            ended += 1
-            for name in ("TimeLimit.truncated", "outcome", "is_success"):
-                assert infos[k][name] == infos_too[k][name]
-            np.testing.assert_array_equal(infos[k]["terminal_observation"], infos_too[k]["terminal_observation"])
-    assert ended > 2 and batch.env_is_wrapped(gymnasium.Wrapper) == [False] * COUNT
-    assert batch.get_attr("render_mode", [0]) == [None]
-    batch.close()
-    others.close()

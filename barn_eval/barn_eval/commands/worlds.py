@@ -1,4 +1,4 @@
-"""`barn worlds`: generate, sample, move, convert and list worlds."""
+"""`barn worlds`: generate, move, convert and list worlds."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -43,7 +43,7 @@ _MOTION = (
 
 @click.group("worlds")
 def command() -> None:
-    """Generate, sample, move, convert and list worlds."""
+    """Generate, move, convert and list worlds."""
 
 
 @command.command()
@@ -69,40 +69,6 @@ def generate(target: Path, **options: Any) -> None:
     with progress("worlds") as share:
         made = worlds.generate(target, **options, progress=lambda made, total: share(made / total))
     say(f"{len(made)} worlds in {target}")
-
-
-@command.command()
-@click.argument("target", type=FILE)
-@click.option(
-    "--difficulty",
-    "wanted",
-    required=True,
-    metavar="LOW:HIGH",
-    help="Predicted time per metre [s/m]; one of them may be left out.",
-)
-@click.option("--from", "source", help="Data set to draw from; without, worlds are generated.")
-@click.option("--count", default=10, type=click.IntRange(1, 100_000), help="Number of worlds.")
-@seed_option()
-@click.option("--weights", type=FILE, help="Difficulty model [default: the shipped one].")
-def sample(target: Path, wanted: str, **options: Any) -> None:
-    """Write COUNT worlds of a wanted difficulty to TARGET.npz, numbered from the easiest.
-
-    Difficulty is the time per metre that the model predicts for a world.
-    """
-    target = target.with_suffix(".npz")
-    made = worlds.sample(target, *parse_range(wanted), **options)
-    say(f"{len(made)} worlds in {target}")
-
-
-def parse_range(text: str) -> tuple[float, float]:
-    """Return the limits of LOW:HIGH, infinite where one is left out; ConfigError for anything else."""
-    low, colon, high = map(str.strip, text.partition(":"))
-    try:
-        if not colon:
-            raise ValueError
-        return float(low or "-inf"), float(high or "inf")
-    except ValueError:
-        raise ConfigError(f"--difficulty must be LOW:HIGH, got {text!r}") from None
 
 
 @command.command()

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from barn_eval.learning.curriculum import CurriculumConfig
 from barn_planners.policy.planner import SafetyConfig
 from barn_planners.policy.space import PolicyAction, PolicyObservation
 from barn_worlds.base.config import Checked, quantity
@@ -35,10 +34,6 @@ class EnvConfig(Checked):
 
     dataset: str = quantity("barn300", "data set: a name, folder or file")
     worlds: str = quantity("all", "which of its worlds, such as 0, 0-49 or 0:300:6")
-    easiest: float = quantity(0.0, "level of the easiest worlds drawn, of the order of these", "", 0.0, 1.0)
-    hardest: float = quantity(1.0, "level of the hardest worlds drawn", "", 0.0, 1.0)
-    adaptive: bool = quantity(False, "begin with easy worlds and let the hardest level rise with success")
-    curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
     protocol: str = quantity("challenge", "protocol: a name or a YAML file")
     robot: str = quantity("jackal", "robot: a name or a YAML file")
     simulator: dict[str, Any] = field(default_factory=dict)
@@ -46,7 +41,3 @@ class EnvConfig(Checked):
     action: PolicyAction = field(default_factory=PolicyAction)
     safety: SafetyConfig = field(default_factory=lambda: SafetyConfig(enabled=False))
     reward: RewardConfig = field(default_factory=RewardConfig)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.require(self.easiest <= self.hardest, "easiest", f"must be at most hardest = {self.hardest:g}")

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import gymnasium
@@ -11,7 +10,6 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from barn_eval.learning.config import EnvConfig
-from barn_eval.learning.curriculum import Curriculum
 from barn_eval.learning.drawing import TopView
 from barn_eval.learning.episodes import Episodes, info_of_end, way_points
 from barn_eval.trials.outcome import Outcome
@@ -64,12 +62,10 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self.config = replace_dotted(config or EnvConfig(), changes, "environment")
         robot = load_robot(self.config.robot)
         self._dataset = (opened or open_dataset(self.config.dataset)).driven(robot)
-        chosen = select_worlds(self.config.worlds, self._dataset.indices)
-        some = replace(self._dataset, readers={index: partial(self._dataset.load, index) for index in chosen})
-        self.curriculum = Curriculum(some, self.config.curriculum)
+        self.worlds = tuple(sorted(select_worlds(self.config.worlds, self._dataset.indices)))  # drawn from, evenly
         self.protocol = load_protocol(self.config.protocol)
         self.simulator_config = simulator_config(self.protocol, self.config.simulator, robot)
-        self._dataset.require_fit(robot_of(self.simulator_config), chosen)
+        self._dataset.require_fit(robot_of(self.simulator_config), self.worlds)
         self._safety = self._placed(self.config.safety)
         low, high = self.config.observation.bounds()
         self.observation_space = spaces.Box(low, high, dtype=np.float32)
@@ -126,7 +122,6 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         episodes, index = self._place
         verdict = episodes.trial(index).verdict
         assert verdict is not None
-        self.curriculum.record(verdict.outcome is Outcome.SUCCESS)
         terminated = verdict.outcome in _TERMINAL
         return terminated, not terminated
 
@@ -148,10 +143,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         """Return a new trial and the way in its world; what `options` do not give is drawn."""
         index = options.get("world")
         if index is None:
-            hardest = min(self.curriculum.level if self.config.adaptive else 1.0, self.config.hardest)
-            index, world = self.curriculum.draw(self.np_random, self.config.easiest, hardest)
-        else:
-            world = self._dataset.load(index)
+            index = self.worlds[int(self.np_random.random() * len(self.worlds))]
         seed = options.get("campaign_seed")
         seed = int(self.np_random.integers(2**62)) if seed is None else seed
         repetition = options.get("repetition", 0)
@@ -160,6 +152,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
             return replace(spec, campaign_seed=seed, repetition=repetition), way
         if len(known) >= _MOST_KEPT:
             known.clear()
+        world = self._dataset.load(index)
         spec = TrialSpec(
             dataset=self._dataset.name,
             index=index,

@@ -1,19 +1,15 @@
-"""Worlds that are made: static ones, ones in which obstacles move, ones of a wanted difficulty."""
+"""Worlds that are made: static ones, and ones in which obstacles move."""
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from barn_eval.learning.curriculum import sample as drawn
 from barn_eval.worlds.sets import load, new_npz, require_new, write_layout
-from barn_metrics.model import load_model
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.formats.own import Order, write_own
 from barn_worlds.moving.generate import class_named, generate_arenas, with_crossings, with_motion
 from barn_worlds.robots.files import load_robot, other_name
 from barn_worlds.robots.robot import Robot
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.generate import (
     NARROWNESS,
     TABLE_I,
@@ -145,36 +141,3 @@ def generate_moving(
     if target is not None:
         write_own(target, target.stem, made, {"seed": seed})
     return made
-
-
-def sample(
-    out: str | Path,
-    low: float = 0.0,
-    high: float = math.inf,
-    *,
-    source: str | Path | None = None,
-    count: int = 10,
-    seed: int = 0,
-    weights: str | Path | None = None,
-) -> dict[int, World]:
-    """Write worlds of a wanted difficulty to a file, and return them, easiest first.
-
-    Args:
-        out: File (.npz), which must not be there.
-        low: Least time per metre that the model predicts [s/m].
-        high: Most of it [s/m].
-        source: Data set to draw from; without one, worlds are generated.
-        count: How many.
-        seed: All randomness comes from it.
-        weights: File of a model. Default: the shipped one.
-
-    Raises:
-        BarnError: There are not so many, or a file cannot be read or written.
-    """
-    target = new_npz(out)
-    model = load_model(Path(weights) if weights else None)
-    dataset = None if source is None else open_dataset(source)
-    chosen = drawn(lambda world: float(model.predict(world).difficulty_s_per_m), (low, high), dataset, count, seed)
-    about = {"seed": seed, "source": "generated" if source is None else str(source)}
-    order = Order("predicted time per metre, s/m", tuple(value for _, value in chosen))
-    return write_ordered(target, target.stem, [world for world, _ in chosen], order, about)

@@ -13,19 +13,23 @@ from barn_eval.learning.config import EnvConfig
 from barn_eval.learning.vector import JackalVectorEnv
 from barn_planners.policy.file import Policy, write_policy
 from barn_worlds.base.errors import ConfigError
+from policy_training.curriculum import Curriculum, CurriculumConfig
 
 _ACTIVATIONS = {"Tanh": "tanh", "ReLU": "relu"}
 
 
 class StableBatch(DummyVecEnv):  # type: ignore[misc, unused-ignore]
-    """`count` environments of a configuration that advance together; arguments as of `JackalVectorEnv`.
+    """`count` environments of a configuration that advance together.
+
+    curriculum: how each draws its worlds; an episode that ends counts for those after the next, which has begun.
 
     An episode begins anew in the step that ends it. The info of that step has `terminal_observation`,
     `TimeLimit.truncated`, and `outcome` and `is_success` of the episode; other steps have none.
     """
 
-    def __init__(self, count: int, config: EnvConfig) -> None:
+    def __init__(self, count: int, config: EnvConfig, curriculum: CurriculumConfig | None = None) -> None:
         self._batch = JackalVectorEnv(count, config, autoreset_mode="SameStep")
+        self.curricula = [Curriculum(env, curriculum) for env in self._batch.envs] if curriculum else []
         super().__init__([partial(self._batch.envs.__getitem__, k) for k in range(count)])
 
     def reset(self) -> npt.NDArray[np.float32]:
@@ -48,6 +52,8 @@ class StableBatch(DummyVecEnv):  # type: ignore[misc, unused-ignore]
                 "outcome": final["outcome"][k],
                 "is_success": bool(final["is_success"][k]),
             }
+            if self.curricula:
+                self.curricula[k].record(infos[k]["is_success"])
         return seen, rewards.astype(np.float32), terminated | truncated, infos
 
     def close(self) -> None:

@@ -8,19 +8,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("gymnasium")
+gymnasium = pytest.importorskip("gymnasium")
 algorithms = pytest.importorskip("stable_baselines3")
 
+from policy_training.curriculum import CurriculumConfig  # noqa: E402
+from policy_training.stable_baselines import StableBatch, export_policy  # noqa: E402
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize  # noqa: E402
 
 from barn_eval.learning.config import EnvConfig  # noqa: E402
 from barn_eval.learning.environment import JackalEnv  # noqa: E402
-from barn_eval.learning.stable_baselines import export_policy  # noqa: E402
 from barn_planners.policy.file import PolicyError, PolicyNetwork, read_policy  # noqa: E402
 from barn_planners.policy.space import PolicyAction, PolicyObservation  # noqa: E402
 from barn_worlds.base.errors import ConfigError  # noqa: E402
 
-EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "train_policy.py"
+EXAMPLE = Path(__file__).resolve().parents[2] / "train_policy.py"
 CONFIG = EnvConfig(worlds="0", observation=PolicyObservation(beams=12), action=PolicyAction(0.0, 1.0, 1.0))
 
 
@@ -29,6 +30,43 @@ def vectorised():
     envs = DummyVecEnv([lambda: JackalEnv(CONFIG)])
     yield envs
     envs.close()
+
+
+def test_the_batch_gives_what_the_environments_give():
+    config = EnvConfig(worlds="0:300:7", simulator={"lidar.beams": 90}, observation=PolicyObservation(beams=40))
+    batch, others = StableBatch(5, config), DummyVecEnv([lambda: JackalEnv(config)] * 5)
+    for envs in (batch, others):
+        envs.seed(3)
+    np.testing.assert_array_equal(batch.reset(), others.reset())
+    ended = 0
+    for action in np.full((120, 5, 2), [1.0, 0.0]):
+        seen, rewards, dones, infos = batch.step(action)
+        seen_too, rewards_too, dones_too, infos_too = others.step(action)
+        np.testing.assert_array_equal(seen, seen_too)
+        np.testing.assert_array_equal(rewards, rewards_too)
+        np.testing.assert_array_equal(dones, dones_too)
+        for k in np.flatnonzero(dones):
+            ended += 1
+            for name in ("TimeLimit.truncated", "outcome", "is_success"):
+                assert infos[k][name] == infos_too[k][name]
+            np.testing.assert_array_equal(infos[k]["terminal_observation"], infos_too[k]["terminal_observation"])
+    assert ended > 2 and batch.env_is_wrapped(gymnasium.Wrapper) == [False] * 5
+    assert batch.get_attr("render_mode", [0]) == [None]
+    batch.close()
+    others.close()
+
+
+def test_a_batch_takes_harder_worlds_with_success():
+    config = EnvConfig(worlds="0:300:7", simulator={"lidar.beams": 90}, observation=PolicyObservation(beams=40))
+    batch = StableBatch(3, config, CurriculumConfig(first_level=0.0, window=1, promotion_rate=0.0))
+    batch.seed(3)
+    batch.reset()
+    assert {env.worlds for env in batch.envs} == {(0,)}
+    ended = np.zeros(3, int)
+    for _ in range(120):
+        ended += batch.step(np.full((3, 2), [1.0, 0.0]))[2]
+    assert [one.level for one in batch.curricula] == pytest.approx(0.05 * ended) and ended.any()
+    batch.close()
 
 
 @pytest.mark.parametrize(
@@ -70,7 +108,6 @@ def test_what_a_file_cannot_hold_is_refused(vectorised, tmp_path):
     assert not path.exists()
 
 
-@pytest.mark.skipif(not EXAMPLE.is_file(), reason="the repository's examples are not beside this package")
 def test_the_training_script_trains_draws_and_compares(tmp_path):
     command = [sys.executable, EXAMPLE, *["--steps", "1", "--environments", "8", "--held-out", "1", "--out"], tmp_path]
     ended = subprocess.run(command, capture_output=True, text=True, check=True)
