@@ -45,7 +45,6 @@ def run(
     planner_command: str | Sequence[str] | None = None,
     ros: Settings | None = None,
     bags: Literal["all", "failed", "none"] | None = None,
-    pictures: bool | None = None,
     workers: int | None = None,
     engine: Literal["local", "ray", "inline"] | None = None,
     address: str | None = None,
@@ -84,7 +83,6 @@ def run(
         planner_command: In mode ros, the command that starts a planner of one's own, or several "NAME=COMMAND".
         ros: Settings of mode ros by dotted name.
         bags: Which trials keep a bag. Default: "none".
-        pictures: Whether a picture of each trial is drawn. Default: no.
         workers: Trials at a time; 0 (default) is one per processor.
         engine: What runs the trials: workers here ("local", the default), a Ray cluster, or this process ("inline").
         address: Address of the Ray cluster; without, Ray is started on this machine.

@@ -53,7 +53,7 @@ def drive(path, protocol=CHALLENGE):
     """Drive one trial and return its folder."""
     rules = {"dataset": dataset_of(protocol), "protocol": protocol, "simulator": simulator_config(protocol)}
     experiment = Experiment(worlds="0", planners=(PlannerChoice("gap"),), seed=5, bags="all", **rules)
-    run_experiment(Request(experiment, Execution(engine="inline", pictures=True), path), Console(quiet=True))
+    run_experiment(Request(experiment, Execution(engine="inline"), path), Console(quiet=True))
     return path
 
 

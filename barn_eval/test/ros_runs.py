@@ -95,14 +95,14 @@ def make_plan(protocol=SHORT, ros=PATIENT, planner="dwa", planner_command="", **
 
 
 def drive(folder, plan, notice=lambda _: None):
-    """Yield the result of each trial of a plan once it has ended; bags and pictures go to the folder."""
-    for record in run_ros_trials(plan, plan.trials(), Store(folder, plan.bags, pictures=True), notice=notice):
+    """Yield the result of each trial of a plan once it has ended; bags go to the folder."""
+    for record in run_ros_trials(plan, plan.trials(), Store(folder, plan.bags), notice=notice):
         yield record.result
 
 
 def run(folder, plan):
     """Run a plan as the command does, by a worker, and return its results; they are in the folder as well."""
-    request = Request(plan, Execution(workers=1, pictures=True), folder)
+    request = Request(plan, Execution(workers=1), folder)
     return run_request(request, Console(quiet=True))
 
 

@@ -108,7 +108,7 @@ def test_version_names_the_commit_that_the_records_name(command, monkeypatch):
 def test_run(command, tiny, tmp_path):
     code, out, err = command(
         *("run", "--dataset", tiny, "--worlds", "0", "--protocol", "challenge", "--repetitions", 2, "--out", "run"),
-        *("--bags", "all", "--pictures"),
+        *("--bags", "all"),
     )
     assert code == 0
     assert "[2/2] dwa_w0000_r0" in err and "] dwa_w0000_r01: success" in err  # in either order
@@ -117,7 +117,6 @@ def test_run(command, tiny, tmp_path):
     assert sorted(result.trial_id for result in results) == ["dwa_w0000_r00", "dwa_w0000_r01"]
     assert all(result.scores.success and result.preset == "challenge" for result in results)
     for result in results:
-        assert (tmp_path / "run" / "pictures" / f"{result.trial_id}.png").stat().st_size > 10_000
         with Reader(tmp_path / "run" / "bags" / result.trial_id) as reader:
             assert {"/scan", "/cmd_vel", "/plan"} <= set(reader.topics)
     about = json.loads((tmp_path / "run" / "run.json").read_text())

@@ -12,7 +12,6 @@ import numpy as np
 import pybullet
 import pytest
 from mcap.reader import make_reader
-from PIL import Image, ImageColor
 from rosbags.rosbag2 import Reader
 
 from barn_eval.bags.messages import MOVED_M
@@ -22,14 +21,12 @@ from barn_eval.experiments import direct
 from barn_eval.experiments.direct import run_direct_trial
 from barn_eval.experiments.engine import DirectWork, Job, Lost, attempt
 from barn_eval.experiments.live import LivePlanner
-from barn_eval.experiments.picture import draw_trial
 from barn_eval.experiments.store import Store
 from barn_eval.trials import trial
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, PAPER_2020
 from barn_eval.trials.result import from_json_line, to_json_line
 from barn_eval.trials.spec import TrialSpec, simulator_config
-from barn_worlds.drawing import palette
 from barn_worlds.messages.cdr import deserialise, serialise
 
 from planners import Faulty, Straight  # isort: skip
@@ -238,18 +235,6 @@ def test_the_bag_tells_what_the_trial_was(either_world, tmp_path):
     assert '"numpy"' in metadata["barn.trial"]["versions"]
     assert finished.result.outcome is (Outcome.COLLISION if either_world.moving else Outcome.TIMEOUT)
     assert f'"outcome": "{finished.result.outcome.value}"' in metadata["barn.result"]["result"]
-
-
-def test_picture(open_world, tmp_path):
-    finished = run_direct_trial(spec_of(open_world), planner=Straight())
-    target = tmp_path / "pictures" / "trial.png"
-    draw_trial(replace(finished, cylinders_m=open_world.cylinders_m + 0.1), target)
-    with Image.open(target) as image:
-        assert min(image.size) > 300
-        colours = image.convert("RGB").getcolors(maxcolors=1 << 24)
-    found = {colour for _, colour in colours}
-    assert {ImageColor.getrgb(one) for one in (palette.OBSTACLE, palette.START, palette.GOAL)} <= found
-    assert [path.name for path in target.parent.iterdir()] == ["trial.png"]
 
 
 def test_a_protocol_may_give_the_map_of_the_original_data_set(open_world):

@@ -46,7 +46,7 @@ def folder(tmp_path_factory):
     rules = {"protocol": DYNABARN, "simulator": simulator_config(DYNABARN)}
     planners = (PlannerChoice("gap"), PlannerChoice("dwa"))
     experiment = Experiment(dataset="dynabarn60", worlds=str(WORLD), planners=planners, seed=5, bags="all", **rules)
-    run_experiment(Request(experiment, Execution(engine="inline", pictures=True), path), Console(quiet=True))
+    run_experiment(Request(experiment, Execution(engine="inline"), path), Console(quiet=True))
     return path
 
 

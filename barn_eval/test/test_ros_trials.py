@@ -168,7 +168,6 @@ def test_a_whole_trial_succeeds_and_its_bag_holds_everything(tmp_path):
     assert not result.remarks
     assert result.wall_clock.compute_p50_ms > 0.0
     assert read_results(folder) == [result]
-    assert (folder / "pictures" / f"{result.trial_id}.png").stat().st_size > 1000
     bag = tmp_path / "run" / "bags" / result.trial_id
     with Reader(bag) as reader:
         counts = Counter(connection.topic for connection, _, _ in reader.messages())

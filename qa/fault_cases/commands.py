@@ -90,7 +90,7 @@ def markup_as_the_protocols_name(lab: Lab) -> str:
     It drives; report and leaderboard show its name as text.
     """
     (lab.folder / "p.yaml").write_text(SHORT.replace("short", f'"{TAG}"'))
-    words = ("--planner", "gap", "--worlds", "0,9", "--protocol", "p.yaml", "--bags", "none", "--no-pictures")
+    words = ("--planner", "gap", "--worlds", "0,9", "--protocol", "p.yaml", "--bags", "none")
     lab.barn("run", *words, "--out", lab.out)
     return _shown(lab, lab.out)
 

@@ -36,7 +36,6 @@ def driven(lab: Lab, kind: str, outcome: str, detail: str = "", more: Sequence[o
         *options,
         "--bags",
         "none",
-        "--no-pictures",
         "--out",
         lab.out,
         *more,
@@ -103,7 +102,7 @@ def changes_the_working_directory(lab: Lab) -> str:
     """
     environment = with_rogue(lab)
     options = ("--planner", "rogue", "--set", "kind=working-directory", "--protocol", "short.yaml", "--worlds", "0,9")
-    lab.barn("run", *options, "--bags", "all", "--no-pictures", "--out", "out", environment=environment)
+    lab.barn("run", *options, "--bags", "all", "--out", "out", environment=environment)
     bags = sorted(path.name for path in (lab.out / "bags").iterdir())
     hold(len(bags) == len(lab.rows()) == 2, bags)
     return "2 rows and 2 bags in the folder"

@@ -18,7 +18,7 @@ FAMILY = "machine"
 def _driven(lab: Lab, out: Path | None = None, **how: Any) -> str:
     (lab.folder / "short.yaml").write_text(SHORT)
     options = ("--planner", "gap", "--worlds", "0", "--protocol", "short.yaml")
-    lab.barn("run", *options, "--bags", "all", "--pictures", "--out", out or lab.out, **how)
+    lab.barn("run", *options, "--bags", "all", "--out", out or lab.out, **how)
     row = lab.rows(out)[0]
     hold(row["outcome"] == "timeout", ending(row))
     return ending(row)
@@ -105,7 +105,6 @@ def too_few_handles(lab: Lab) -> str:
         "short.yaml",
         "--bags",
         "none",
-        "--no-pictures",
     )
     limit = partial(resource.setrlimit, resource.RLIMIT_NOFILE, (12, 12))
     ended = lab.barn(*options, "--out", lab.out, code=None, before=limit)

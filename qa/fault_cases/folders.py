@@ -126,7 +126,7 @@ def _with_bag(lab: Lab, bags: str = "all") -> None:
     (lab.folder / "short.yaml").write_text(
         "schema_version: 1\nbase: challenge\nname: short\nlimit_s: 3.0\nfirst_motion_limit_s: 2.0\n"
     )
-    words = ("--planner", "gap", "--worlds", "0", "--protocol", lab.folder / "short.yaml", "--no-pictures")
+    words = ("--planner", "gap", "--worlds", "0", "--protocol", lab.folder / "short.yaml")
     lab.barn("run", *words, "--bags", bags, "--out", lab.out)
 
 

@@ -27,7 +27,7 @@ def ros(lab: Lab, *more: object, limit_s: float = 2.0, bags: str = "none", comma
     (lab.folder / "short.yaml").write_text(_PROTOCOL.format(s=limit_s))
     settings = (*_PATIENCE, f"patience.command_s={command_s}")
     patience = [word for setting in settings for word in ("--ros", setting)]
-    words = ["run", "--mode", "ros", "--worlds", "0", "--protocol", "short.yaml", "--bags", bags, "--no-pictures"]
+    words = ["run", "--mode", "ros", "--worlds", "0", "--protocol", "short.yaml", "--bags", bags]
     return [*words, *patience, "--out", lab.out, *more]
 
 

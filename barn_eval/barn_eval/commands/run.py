@@ -84,7 +84,6 @@ NOT_SCORED = 3  # the exit code
 )
 @click.option("--workers", type=click.IntRange(0), help="Trials at a time [default: as processors].")
 @click.option("--bags", type=click.Choice(BAGS), help="Which trials are recorded [default: none].")
-@click.option("--pictures/--no-pictures", default=None, help="Draw each trial [default: no].")
 @click.option("--out", type=FOLDER, help="Folder of the results [default: a new one under out/, named by the time].")
 @click.option("--view", is_flag=True, help="Serve the trials to Foxglove, and a page, as they run; needs bags.")
 @click.option("--overwrite", is_flag=True, help="Remove other results from that folder first.")
@@ -105,7 +104,7 @@ def command(
 
     They are given by options, or by FILE (YAML) with options that count in place of what it says. The same command
     resumes what was interrupted. Results go to OUT/results.jsonl one by one, and to OUT/results.parquet and .csv at the
-    end; bags to OUT/bags, pictures to OUT/pictures.
+    end; bags to OUT/bags.
     """
     given = {key: value for key, value in options.items() if value not in (None, (), {})}
     if latency and sweep:
@@ -167,8 +166,8 @@ def _print(request: Request, results: Sequence[TrialResult], as_json: bool) -> N
         console.print(*map(rich_table, (summary_table(found.planners), *map(comparison_table, found.comparisons))))
     elif scored:
         console.print(rich_table(summary_table([summarise(scored)])))
-    folders = [f"{name} in {request.out / name}" for name in ("bags", "pictures") if (request.out / name).is_dir()]
-    say(", ".join([f"tables in {request.out}", *folders]))
+    bags = request.out / "bags"
+    say(f"tables in {request.out}" + (f", bags in {bags}" if bags.is_dir() else ""))
 
 
 def _title(request: Request) -> str:
@@ -209,6 +208,6 @@ def demo(dataset: str, mode: str, out: Path, as_json: bool) -> int:
     indices = open_dataset(dataset).indices
     worlds = ",".join(str(indices[len(indices) * share // 100]) for share in SHARES)
     say(f"worlds {worlds} of {dataset}")
-    kept = {"bags": "all", "pictures": True, "workers": 1, "trial_limit_s": 0.0}
+    kept = {"bags": "all", "workers": 1, "trial_limit_s": 0.0}
     request = read_request(None, {"dataset": dataset, "worlds": worlds, "mode": mode, "out": out} | kept)
     return carry_out(request, overwrite=True, as_json=as_json)

@@ -213,7 +213,6 @@ class Execution(Checked):
     )
     attempts: int = quantity(3, "attempts at a trial whose worker dies or exceeds that time", "", 1, 100)
     losses: int = quantity(20, "trials lost one after the other before it stops", "", 1, 10_000)
-    pictures: bool = quantity(False, "draw a picture of each trial")
 
     def __post_init__(self) -> None:
         super().__post_init__()

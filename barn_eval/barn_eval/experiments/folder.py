@@ -7,7 +7,6 @@ OUT/tracks.jsonl                one line per trial that began: what the robot di
 OUT/results.parquet, .csv       results in the order of the plan, without wall-clock figures; at the end
 OUT/timing.parquet, .csv        the wall-clock figures
 OUT/bags/TRIAL_ID/              rosbag2 directories, where asked for
-OUT/pictures/TRIAL_ID.png       likewise
 OUT/losses/TRIAL_ID.txt         what is known of attempts that gave no result
 OUT/tracebacks/TRIAL_ID.txt     of planners that raised an exception in mode direct
 OUT/logs/                       of mode ros: what the nodes printed
@@ -28,7 +27,7 @@ from barn_eval.bags import BAGS
 from barn_eval.experiments.experiment import NO_SOURCE, Execution, Experiment
 from barn_eval.experiments.rows import FILE_NAME, TABLE_FILES, TRACKS_NAME, ResultRows, TrackRows, write_tables
 from barn_eval.experiments.run_file import RUN_FILE, WORLDS, RunFile
-from barn_eval.experiments.store import LOGS, PICTURES, Record
+from barn_eval.experiments.store import LOGS, Record
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trial import OF_SPEC
@@ -241,7 +240,7 @@ def _remove(path: Path, *, logs: bool) -> None:
     """Remove what an experiment has written, its logs where that is asked for, and nothing else."""
     for name in (RUN_FILE, FILE_NAME, TRACKS_NAME, *TABLE_FILES, WORLDS, f"{Path(WORLDS).stem}.manifest.json"):
         (path / name).unlink(missing_ok=True)
-    for name in (BAGS, PICTURES, LOSSES, TRACEBACKS):
+    for name in (BAGS, LOSSES, TRACEBACKS):
         for one in (path / name).glob("*_w[0-9]*_r[0-9]*"):
             shutil.rmtree(one) if one.is_dir() and not one.is_symlink() else one.unlink()
         with suppress(OSError):  # it is not there, or holds what somebody else has put into it

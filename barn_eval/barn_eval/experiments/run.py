@@ -34,7 +34,7 @@ from barn_worlds.base.errors import BarnError
 # Where the folder has no trials yet: means of 60 trials of the suite's planners in barn300, on a 2 GHz core.
 SIMULATED_S = 22.0
 TRIAL_S = {"direct": 2.0, "ros": 5.0}  # in lockstep, without the first compilation of kernels
-BAG_BYTES, PICTURE_BYTES, ROW_BYTES = 1_200_000, 80_000, 3_000
+BAG_BYTES, ROW_BYTES = 1_200_000, 3_000
 
 _NAMED = 5  # of the trials that are kept apart
 
@@ -67,7 +67,7 @@ def begun(
     """Open the folder of an experiment and yield what drives it, as `run_experiment` does, in some worlds at a time.
 
     That is given numbers of worlds, None for all, and returns all results so far; tables are written once none lacks.
-    engine: that of several experiments, which keep no bags and pictures.
+    engine: that of several experiments, which keep no bags.
     """
     experiment, execution = request.experiment, request.execution
     specs = request.trials()
@@ -78,7 +78,7 @@ def begun(
         console.print(task_line(experiment.protocol.name, specs[0].task), highlight=False)
         if folder.earlier:
             console.print(f"{len(folder.earlier)} of {folder.total} trials are there already")
-        store = Store(folder.path.absolute(), experiment.bags, execution.pictures)
+        store = Store(folder.path.absolute(), experiment.bags)
         work = make_work(experiment, execution, store) if make_work else DirectWork(store)
 
         def drive(worlds: Collection[int] | None) -> list[TrialResult]:
@@ -144,7 +144,6 @@ def plan_experiment(request: Request, *, overwrite: bool = False) -> Plan:
     there = earlier_results(RunFile.of(request.out, experiment, checksums), specs, overwrite=overwrite).results
     left = len(specs) - len(there)
     bag_bytes = _bag_bytes(request.out, there) if experiment.bags != "none" else 0.0
-    each_bytes = ROW_BYTES + bag_bytes + PICTURE_BYTES * execution.pictures
     return Plan(
         out=str(request.out),
         mode=experiment.mode,
@@ -155,7 +154,7 @@ def plan_experiment(request: Request, *, overwrite: bool = False) -> Plan:
         trials=len(specs),
         there=len(there),
         wall_s=left * _trial_s(request, there) / min(execution.processes, max(left, 1)),
-        disk_bytes=round(left * each_bytes),
+        disk_bytes=round(left * (ROW_BYTES + bag_bytes)),
         basis=f"{len(there)} trials in the folder" if there else "means of the suite's planners in barn300",
     )
 

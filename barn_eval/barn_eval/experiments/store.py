@@ -1,4 +1,4 @@
-"""What a finished trial leaves: bag and picture in its experiment's folder, and row and track, to be kept last."""
+"""What a finished trial leaves: its bag in its experiment's folder, and row and track, to be kept last."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from barn_eval.trials.trial import FinishedTrial
 if TYPE_CHECKING:
     from barn_eval.bags.recorder import Recorder
 
-PICTURES, LOGS = "pictures", "logs"
+LOGS = "logs"
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,10 @@ class Record:
 
 @dataclass(frozen=True)
 class Store:
-    """Where trials leave their bags and pictures; workers share it."""
+    """Where trials leave their bags; workers share it."""
 
     folder: Path
     bags: str = "none"
-    pictures: bool = False
 
     @contextmanager
     def recorder(self, trial_id: str) -> Iterator[Recorder | None]:
@@ -52,14 +51,10 @@ class Store:
             yield recorder
 
     def keep(self, finished: FinishedTrial) -> Record:
-        """Draw the picture of a trial, drop a bag that is not wanted, and return what else is to be kept."""
+        """Drop a bag that is not wanted, and return what else is to be kept."""
         result = finished.result
         if self.bags == "failed" and result.scores.success:
             shutil.rmtree(self._bag(result.trial_id))
-        if self.pictures:
-            from barn_eval.experiments.picture import draw_trial  # noqa: PLC0415 (matplotlib takes a second to load)
-
-            draw_trial(finished, self.folder / PICTURES / f"{result.trial_id}.png")
         return Record(result, track_line(finished), finished.traceback)
 
     def _bag(self, trial_id: str) -> Path:

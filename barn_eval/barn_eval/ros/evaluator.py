@@ -106,17 +106,17 @@ def run_alone(node: Node, config: EvaluatorConfig) -> None:
         mode="ros",
         **{name: getattr(config, name) for name in ("dataset", "worlds", "seed", "repetitions", "bags")},
     )
-    execution, out = Execution(workers=1, pictures=True), Path(config.out)
+    execution, out = Execution(workers=1), Path(config.out)
     with opened(out, experiment, execution, experiment.trials(started_by_hand=True)) as folder:
         context = RunContext(node, config, None, config.dataset, config.robot)
-        Runner(context, Store(out, config.bags, execution.pictures), folder.append).run(folder.remaining)
+        Runner(context, Store(out, config.bags), folder.append).run(folder.remaining)
         folder.complete()
 
 
 class Runner:
     """Runs trial after trial, each with its bag and row, and puts the others right again after a fault.
 
-    keep: takes what is to be kept of each trial once its bag and picture are in the store. apart: the planner cannot
+    keep: takes what is to be kept of each trial once its bag is in the store. apart: the planner cannot
     have ended another process; by hand nobody says.
     """
 

@@ -54,21 +54,20 @@ class NodeProcess:
 
 @dataclass(frozen=True)
 class Assignment:
-    """Trials of the one planner of an experiment, by name, and where their bags and pictures go."""
+    """Trials of the one planner of an experiment, by name, and where their bags go."""
 
     experiment: Experiment
     trials: tuple[str, ...]
     worlds: tuple[int, ...]
     out: str
-    pictures: bool
     robot: str  # name or file, for the simulator node
     look_first: bool = False  # nothing else has been started: the evaluator has it started once nobody is in the way
     apart: bool = False  # the planner cannot signal the suite's processes
 
     @property
     def store(self) -> Store:
-        """Where bags and pictures go."""
-        return Store(Path(self.out), self.experiment.bags, self.pictures)
+        """Where bags go."""
+        return Store(Path(self.out), self.experiment.bags)
 
     def specs(self) -> list[TrialSpec]:
         """Return the trials; WorldError if a world cannot be read."""

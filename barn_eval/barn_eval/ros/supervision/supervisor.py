@@ -105,7 +105,7 @@ class _Supervisor:
             if Path(text).is_file() and Path(text).stat().st_size <= _LARGEST_KEPT:
                 shutil.copyfile(text, logs / f"{digest[:12]}_{Path(text).name}")
         alone = replace(experiment, planners=(planner,))
-        self._assignment = Assignment(alone, (), (), str(store.folder), store.pictures, robot, look_first, self._apart)
+        self._assignment = Assignment(alone, (), (), str(store.folder), robot, look_first, self._apart)
 
     def run(self) -> Iterator[Record]:
         """Yield records as they come, until there is one of each trial."""
