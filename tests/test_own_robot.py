@@ -17,7 +17,7 @@ def test_the_tutorial_works_as_it_is_written(tmp_path, monkeypatch, capfd):
     (robot,) = re.findall(r"(?ms)^```yaml\n(.*?)^```", text)
     Path("mine.yaml").write_text(robot)
     commands = [shlex.split(line) for line in re.findall(r"(?m)^    (barn .*)$", text)]
-    assert len(commands) == 10
+    assert len(commands) == 9
     for words in commands:
         with pytest.raises(SystemExit) as ended:
             main(words[1:])

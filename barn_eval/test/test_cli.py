@@ -289,7 +289,7 @@ def test_bench(command, tiny, tmp_path):
         ("worlds list TINY --worlds 7-9", "no world 7-9"),
         ("worlds list --motion", "--motion needs SOURCE"),
         ("worlds lst", "No such command 'lst'. Did you mean"),
-        ("robots --check", "--out and --check need ROBOT"),
+        ("robots --out x.png", "--out needs ROBOT"),
         ("bench --planners daw", "unknown planner 'daw'"),
         ("bench --set world=999", "no world 999"),
         ("bench --against nowhere.json", "--against nowhere.json: not a result of barn bench --json"),

@@ -15,7 +15,6 @@ from barn_eval.ros.supervision.nodes import robot_of_simulator
 from barn_eval.trials import identity
 from barn_eval.trials.protocol import PROTOCOLS
 from barn_eval.trials.spec import simulator_config
-from barn_sim.checks.self_test import self_test
 from barn_sim.config import robot_of, with_robot
 from barn_worlds.robots.files import ROBOTS, shipped_robots
 
@@ -50,39 +49,15 @@ def test_show_draws_vectors_and_refuses_other_pictures(command, tmp_path):
     assert (code, err) == (1, "error: robot.doc: must end in .png, .svg or .pdf\n")
 
 
-def test_check(command, tmp_path):
-    shutil.copy(shipped_robots()["turtlebot4"], tmp_path / "mine.yaml")
-    code, out, _ = command("robots", "mine.yaml", "--check")
-    assert code == 0
-    first, *_, last = out.splitlines()
-    assert first == "turtlebot4: differential, 0.342 x 0.342 x 0.351 m, 3.945 kg, up to 0.46 m/s, 1.9 rad/s"
-    assert "stop turning" in out and "arc to the right" in out
-    assert re.fullmatch(r"turtlebot4 drives as theory says: at most \d\.\d % off, 3 % allowed", last)
-    checked = json.loads(command("robots", "turtlebot4", "--check", "--json")[1])
-    assert checked["mass [kg]"] == 3.945 and checked["passed"] is True
-    assert all(abs(one["deviation"]) <= 0.03 for one in checked["self_test"])
-
-
-def test_check_returns_1_for_a_robot_that_does_not_drive_as_theory_says(command, tmp_path):
-    text = shipped_robots()["turtlebot4"].read_text("utf-8")
-    late = text.replace("command_timeout_s: 0.5", "command_timeout_s: 0.01")  # shorter than a control period
-    (tmp_path / "late.yaml").write_text(late, "utf-8")
-    code, out, _ = command("robots", "late.yaml", "--check")
-    assert code == 1
-    assert " % !" in out and "does not drive as theory says in" in out
-    code, out, _ = command("robots", "late.yaml", "--check", "--json")
-    assert code == 1 and json.loads(out)["passed"] is False
-
-
 @pytest.mark.parametrize(
-    "arguments, said",
+    "robot, said",
     [
-        (("none.yaml", "--check"), "none.yaml: No such file or directory"),
-        (("husk",), "unknown robot 'husk'; did you mean 'husky'?"),
+        ("none.yaml", "none.yaml: No such file or directory"),
+        ("husk", "unknown robot 'husk'; did you mean 'husky'?"),
     ],
 )
-def test_mistakes_are_one_line(rejected, arguments, said):
-    assert said in rejected("robots", *arguments)
+def test_mistakes_are_one_line(rejected, robot, said):
+    assert said in rejected("robots", robot)
 
 
 def test_robots_from_python(tmp_path):
@@ -149,12 +124,3 @@ def test_the_table_of_the_page_has_the_numbers_of_the_files():
         assert size == (f"round, {long}" if robot.chassis.round else f"{long} x {wide}")
         assert float(mass) == pytest.approx(robot.chassis.mass_kg, abs=0.05)
         assert (float(speed), float(turn)) == (robot.drive.max_speed_m_s, robot.drive.max_yaw_rate_rad_s)
-
-
-def test_the_page_shows_what_the_self_test_finds():
-    """Cells hold deviations in %, one or two for a robot, in the order in which they are measured."""
-    for name, cells in rows_of_page(8).items():
-        told = [float(number) for cell in cells for number in cell.split("; ") if number != "none"]
-        measured = [one for one in self_test(ROBOTS[name]) if (one.manoeuvre, one.unit) != ("tightest circle", "m/s")]
-        found = [100.0 * one.deviation for one in measured]
-        assert told == pytest.approx([*found[:-4], *found[-4::2], *found[-3::2]], abs=0.06)

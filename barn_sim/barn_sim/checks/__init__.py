@@ -1,1 +1,0 @@
-"""Whether a robot drives as theory says."""
