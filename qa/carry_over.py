@@ -3,8 +3,9 @@
     python qa/carry_over.py docs/carry_over.csv --figure docs/figures/carry_over.png
     python qa/carry_over.py out/jackal out/husky out/turtlebot4 --csv docs/carry_over.csv
 
-The trials are those of several robots in worlds of the same grids, each in cells of its robot's size (`barn worlds
-convert --resize`). Courses and reference speeds are in these cells as well, so that times can be compared as they are.
+The trials are those of several robots in worlds of the same grids, each in cells of its robot's size
+(`barn.worlds.resize`). Courses and reference speeds are in these cells as well, so that times can be compared as
+they are.
 """
 
 import csv

@@ -30,7 +30,6 @@ from barn_eval.experiments.rows import ResultRows, TrackRows, results_table, sea
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.experiments.store import Record
 from barn_eval.experiments.track import from_track_line, track_line
-from barn_eval.learning.difficulty import read_scores
 from barn_eval.pages.replay.page import facts, subtitle
 from barn_eval.pages.replay.payload import payload
 from barn_eval.pages.template import script_json
@@ -248,10 +247,7 @@ def _urdf(path: Path) -> None:
 
 
 def _csv(path: Path) -> None:
-    try:
-        read_published(path)
-    except ConfigError:
-        read_scores(path, "dwa_1", [0, 1])
+    read_published(path)
 
 
 def _bag_seeds(_: Path) -> list[bytes]:

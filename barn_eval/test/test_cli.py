@@ -188,33 +188,6 @@ def test_worlds_are_generated_listed_shown_exported_and_imported(command, tmp_pa
     assert open_dataset(tmp_path / "some.npz").load(2).checksum == original.load(2).checksum
 
 
-def test_worlds_are_numbered_by_scores_of_a_table(command, tmp_path):
-    assert command("worlds", "generate", "own.npz", "--per-set", 1, "--seed", 3)[0] == 0
-    before = open_dataset(tmp_path / "own.npz")
-    rows = [f"{index},{value}" for index in before.indices for value in (-index, -index - 2)]
-    (tmp_path / "scores.csv").write_text("\n".join(["world,time", *rows]), encoding="utf-8")
-    assert command("worlds", "convert", "own.npz", "turned.npz", "--order", "scores.csv:time")[0] == 0
-    after = open_dataset(tmp_path / "turned.npz")
-    assert [after.load(i).checksum for i in after.indices] == [
-        before.load(i).checksum for i in reversed(before.indices)
-    ]
-
-
-@pytest.mark.parametrize(
-    ("content", "complaint"),
-    [
-        ("world,tiem\n0,1", "no column 'time'; did you mean 'tiem'?"),
-        ("world,time\n0,1", "no row for world 1"),
-        ("world,time\n0,nan", "line 2: score must be finite, got 'nan'"),
-        ("world,time\nx,1", "line 2: must hold a world's number and a score, got 'x' and '1'"),
-    ],
-)
-def test_a_wrong_table_of_scores_is_told_in_one_line(rejected, tmp_path, content, complaint):
-    (tmp_path / "scores.csv").write_text(content, encoding="utf-8")
-    assert complaint in rejected("worlds", "convert", "barn300", "new.npz", "--order", "scores.csv:time")
-    assert not (tmp_path / "new.npz").exists()
-
-
 def test_one_parameter_set_of_ones_own(command, tmp_path):
     code, _, _ = command(
         *("worlds", "generate", "layout", "--per-set", 2, "--robot", "turtlebot3_burger"),
@@ -284,10 +257,7 @@ def test_bench(command, tiny, tmp_path):
         ("worlds generate x.npz --set initial_fill=2.0", "initial_fill must be from 0 to 1"),
         ("worlds generate x.npz --robot jakal", "did you mean 'jackal'?"),
         ("worlds convert nowhere x.npz", "nowhere: no such file"),
-        ("worlds convert TINY x --format map --movable", "movable obstacles are for Gazebo worlds"),
-        ("worlds convert TINY x --order scores.csv", "--order scores.csv: must be FILE:COLUMN"),
         ("worlds list TINY --worlds 7-9", "no world 7-9"),
-        ("worlds list --motion", "--motion needs SOURCE"),
         ("worlds lst", "No such command 'lst'. Did you mean"),
         ("robots --out x.png", "--out needs ROBOT"),
         ("bench --planners daw", "unknown planner 'daw'"),

@@ -568,17 +568,13 @@ def test_metrics_and_difficulty_have_a_row_per_world():
     assert {"name", "std_s_per_m", "dwa_s_per_m", "eband_s_per_m", "failure_probability"} <= set(predicted)
 
 
-def test_worlds_are_ordered_and_drawn(tmp_path):
-    pair = barn.worlds.save(barn.worlds.load("barn300", "3,290"), tmp_path / "pair.npz")
-    hard = barn.worlds.load(pair)[290]
-    (tmp_path / "scores.csv").write_text("world,slowness\n3,2.0\n290,1.0\n")
-    ordered = barn.worlds.order(pair, tmp_path / "ordered.npz", tmp_path / "scores.csv", "slowness")
-    assert ordered[0].grid.tolist() == hard.grid.tolist()
-    assert barn.worlds.load(tmp_path / "ordered.npz")[1].checksum == ordered[1].checksum
-    for figure in (barn.worlds.draw(ordered), barn.worlds.draw(hard), barn.worlds.draw(hard, metrics=True)):
+def test_worlds_are_drawn():
+    pair = barn.worlds.load("barn300", "3,290")
+    hard = pair[290]
+    for figure in (barn.worlds.draw(pair), barn.worlds.draw(hard), barn.worlds.draw(hard, metrics=True)):
         assert "<svg" in figure._repr_svg_()
     with pytest.raises(ConfigError, match="metrics are drawn of one world, not of several"):
-        barn.worlds.draw(ordered, metrics=True)
+        barn.worlds.draw(pair, metrics=True)
 
 
 def test_everything_offered_is_explained():

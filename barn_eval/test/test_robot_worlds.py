@@ -66,7 +66,7 @@ def test_robots_that_take_more_cells_than_the_data_set_is_made_for_are_refused(r
         gymnasium.make("barn/Jackal-v0", dataset="barn_tb4", robot="husky")
 
 
-def test_resized_worlds_have_the_same_grids_in_cells_of_the_robots(tmp_path, command, rejected):
+def test_resized_worlds_have_the_same_grids_in_cells_of_the_robots(tmp_path):
     chosen = barn.worlds.load("barn300", "0,150,299")
     for robot, side_m in (("jackal", 0.15), ("turtlebot4", 0.101), ("husky", 0.293)):
         made = resize(chosen, robot)
@@ -74,9 +74,7 @@ def test_resized_worlds_have_the_same_grids_in_cells_of_the_robots(tmp_path, com
             assert world.resolution_m == side_m and world.footprint_cells == 5
             assert (world.grid == chosen[index].grid).all() and (world.path == chosen[index].path).all()
     assert [one.checksum for one in resize(chosen, "jackal").values()] == [one.checksum for one in chosen.values()]
-    arguments = ("--worlds", "0,150,299", "--robot", "husky", "--resize")
-    assert command("worlds", "convert", "barn300", "husky.npz", *arguments)[0] == 0
-    written = open_dataset(tmp_path / "husky.npz")
+    written = open_dataset(barn.worlds.save(made, tmp_path / "husky.npz"))
     assert written.indices == (0, 150, 299) and written.load(150).checksum == made[150].checksum
-    said = rejected("worlds", "convert", "dynabarn60", "x.npz", "--robot", "husky", "--resize")
-    assert "walls, moving obstacles and arenas are in metres and cannot be resized" in said
+    with pytest.raises(BarnError, match="walls, moving obstacles and arenas are in metres and cannot be resized"):
+        resize(barn.worlds.load("dynabarn60", "0"), "husky")

@@ -135,10 +135,7 @@ def world_metrics(world: World, formula: Formula | str = CORRECTED) -> WorldMetr
 def world_cell_metrics(world: World, formula: Formula | str = CORRECTED) -> Floats:
     """Return `cell_metrics` (n, 4) of the path of a world; errors name the world. An arena is refused: it has walls."""
     if world.corner_m is not None:
-        others = "those of moving obstacles: barn worlds list SET --motion"
-        raise WorldError(
-            f"{world.name}: is an arena; these metrics are of worlds whose obstacles stand on a grid ({others})"
-        )
+        raise WorldError(f"{world.name}: is an arena; these metrics are of worlds whose obstacles stand on a grid")
     try:
         return cell_metrics(world.cspace, world.path, formula)
     except WorldError as error:

@@ -1,6 +1,5 @@
 """`barn worlds`: generate, move, convert and list worlds."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -21,23 +20,12 @@ from barn_eval.commands.options import (
 )
 from barn_eval.commands.tables import table
 from barn_eval.worlds.sets import FORMATS, Form
-from barn_worlds.base.errors import ConfigError
 from barn_worlds.moving.generate import class_named
 from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.generate import WorldParameters
 
 robot_option = click.option(
     "--robot", default="jackal", help="Robot that paths are planned for: a name (see barn robots) or a YAML file."
-)
-# Of how obstacles move: heading, name of the figure, and its format.
-_MOTION = (
-    (">obstacles", "obstacles", ".1f"),
-    (">m/s", "mean_speed_mps", ".2f"),
-    (">from", "slowest_mps", ".2f"),
-    (">to", "fastest_mps", ".2f"),
-    (">period [s]", "period_s", ".1f"),
-    (">crossings /min", "crossings_per_min", ".1f"),
-    (">occupied", "occupied_share", ".3f"),
 )
 
 
@@ -78,8 +66,6 @@ def generate(target: Path, **options: Any) -> None:
 @seed_option()
 @settings_option("--set", "parameters", "Parameter of the classes", class_named("easy"))
 @click.option("--in", "source", help="Data set whose worlds get moving obstacles; without, arenas are made.")
-@click.option("--crossing", is_flag=True, help="Obstacles go to and fro across the path, as people cross a corridor.")
-@click.option("--obstacles", type=click.IntRange(1, 500), help="Obstacles of a world [default: drawn from the class].")
 @worlds_option
 def move(target: Path, classes: str, **options: Any) -> None:
     """Generate worlds in which obstacles move: TARGET.npz.
@@ -96,67 +82,27 @@ def move(target: Path, classes: str, **options: Any) -> None:
 @click.option(
     "--format", "form", type=click.Choice(FORMATS), help="What to write [default: npz for TARGET.npz, else original]."
 )
-@click.option("--movable", is_flag=True, help="Obstacles of Gazebo worlds can be pushed, as in the paper's trials.")
 @worlds_option
 @robot_option
-@click.option("--resize", is_flag=True, help="Make the cells of the grids as large as `generate` does for the robot.")
-@click.option(
-    "--order",
-    metavar="FILE:COLUMN",
-    help="Number the worlds by rising score, of a CSV file with a column `world`; rows of one world are averaged. An"
-    " experiment's results.csv is one.",
-)
-def convert(
-    source: str,
-    target: Path,
-    form: Form | None,
-    movable: bool,
-    select: str,
-    robot: str,
-    resize: bool,
-    order: str | None,
-) -> None:
-    """Read worlds of any known format and write them for the suite or other programs, or in another order.
+def convert(source: str, target: Path, form: Form | None, select: str, robot: str) -> None:
+    """Read worlds of any known format and write them for the suite or other programs.
 
     npz is a data set in one file, original the layout of the original data set. sdf (current Gazebo), sdf_classic
     (Gazebo Classic), map (map_server's pgm and yaml), yaml, tracks (CSV of moving obstacles) and png write a file per
     world into the folder TARGET.
     """
-    form = form or ("npz" if target.suffix == ".npz" or order else "original")
-    if order is not None:
-        scores, colon, column = order.rpartition(":")
-        if form != "npz" or select != "all" or resize or not colon:
-            raise ConfigError(f"--order {order}: must be FILE:COLUMN, for whole data sets, written as npz")
-        target = target.with_suffix(".npz")
-        written = worlds.order(source, target, scores, column)
-    else:
-        written = worlds.load(source, select, robot=robot)
-        if resize:
-            written = worlds.resize(written, robot)
-        target = worlds.save(written, target, form, movable=movable)
+    written = worlds.load(source, select, robot=robot)
+    target = worlds.save(written, target, form or ("npz" if target.suffix == ".npz" else "original"))
     say(f"{len(written)} worlds in {target}")
 
 
 @command.command("list")
 @click.argument("source", required=False)
 @worlds_option
-@click.option("--motion", is_flag=True, help="How the obstacles of SOURCE move, by class: means over the worlds.")
 @json_option
-def show_list(source: str | None, select: str, motion: bool, as_json: bool) -> None:
-    """List the data sets that come with the suite, or the worlds of SOURCE.
-
-    Motion is that of the first 100 s. Crossings are of the straight line from start to goal by the centres of
-    obstacles; occupied is the share of that line that obstacles cover.
-    """
-    if motion and source is None:
-        raise click.UsageError("--motion needs SOURCE")
+def show_list(source: str | None, select: str, as_json: bool) -> None:
+    """List the data sets that come with the suite, or the worlds of SOURCE."""
     entries: list[dict[str, Any]]
-    if motion:
-        found = worlds.motion(str(source), select)
-        entries = [{"class": name, "worlds": count, **asdict(figures)} for name, count, figures in found]
-        columns = ("class", ">n", *(heading for heading, _, _ in _MOTION))
-        rows = [(one["class"], one["worlds"], *(f"{one[key]:{form}}" for _, key, form in _MOTION)) for one in entries]
-        return tell(as_json, entries, table(columns, rows))
     if source is None:
         opened = map(open_dataset, worlds.datasets())
         entries = [{"data set": one.name, "worlds": len(one.indices), "checksum": one.checksum[:16]} for one in opened]

@@ -1,7 +1,5 @@
-"""What the difficulty model is trained on, from experiments and tables of published times, and scores of worlds."""
+"""What the difficulty model is trained on, from experiments and tables of published times."""
 
-import math
-from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -10,8 +8,7 @@ import numpy as np
 from barn_eval.analysis.published import read_published
 from barn_eval.analysis.sources import read_source
 from barn_metrics.model.training import Trials, joined
-from barn_worlds.base.errors import ConfigError, shown
-from barn_worlds.base.text_files import read_csv
+from barn_worlds.base.errors import ConfigError
 from barn_worlds.worlds.dataset import Dataset, open_dataset
 from barn_worlds.worlds.world import World
 
@@ -75,21 +72,3 @@ def _common(worlds: Iterable[tuple[int, World]], trials: Trials) -> tuple[dict[i
         raise ConfigError(f"no world has trials of all of {', '.join(trials.planner_names)}")
     known = dict(worlds)
     return {number: known[number] for number in trials.world_numbers}, trials.only(trials.world_numbers)
-
-
-def read_scores(file: Path, column: str, worlds: Sequence[int]) -> tuple[float, ...]:
-    """Return a score per world: the mean of a column over its rows of a CSV file (such as results.csv)."""
-    values: dict[int, list[float]] = defaultdict(list)
-    for where, row in read_csv(file, ("world", column)):
-        try:
-            world, value = int(row["world"]), float(row[column])
-        except ValueError:
-            got = f"{shown(row['world'])} and {shown(row[column])}"
-            raise ConfigError(f"{where}: must hold a world's number and a score, got {got}") from None
-        if not math.isfinite(value):
-            raise ConfigError(f"{where}: score must be finite, got {shown(row[column])}")
-        values[world].append(value)
-    missing = next((world for world in worlds if world not in values), None)
-    if missing is not None:
-        raise ConfigError(f"{file}: no row for world {missing}")
-    return tuple(math.fsum(values[world]) / len(values[world]) for world in worlds)

@@ -1,4 +1,4 @@
-"""What worlds measure: the five difficulty metrics, and how obstacles move."""
+"""What worlds measure: the five difficulty metrics."""
 
 from functools import partial
 from pathlib import Path
@@ -6,9 +6,8 @@ from pathlib import Path
 import pandas as pd
 
 from barn_eval.results.frames import frame_of
-from barn_eval.worlds.sets import fitting, load
+from barn_eval.worlds.sets import fitting
 from barn_metrics.metrics import as_formula
-from barn_metrics.motion import MotionStatistics, mean_statistics
 from barn_metrics.report import MetricsTable
 from barn_metrics.report import metrics_table as table_of
 from barn_worlds.robots.files import load_robot
@@ -49,24 +48,3 @@ def metrics_table(
 
     readers = {index: partial(read, index) for index in select_worlds(select, dataset.indices)}
     return table_of(Dataset(dataset.name, readers), chosen)
-
-
-def motion(source: str | Path, select: str = "all") -> list[tuple[str, int, MotionStatistics]]:
-    """Return how obstacles move in worlds, over their first 100 s.
-
-    Args:
-        source: A data set's name, or a file or folder of worlds.
-        select: Which worlds, such as "0-49".
-
-    Returns:
-        For each class of motion its name, the number of worlds, and the means over them.
-
-    Raises:
-        BarnError: Nothing moves in a world.
-    """
-    by_class: dict[str, list[World]] = {}
-    for world in load(source, select).values():
-        given = world.provenance.parameters
-        name = given.get("motion", given).get("difficulty", "all")
-        by_class.setdefault(str(name), []).append(world)
-    return [(name, len(some), mean_statistics(some)) for name, some in by_class.items()]

@@ -5,7 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-from barn_eval.learning.difficulty import read_scores
 from barn_eval.pages.figures import Plot
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN
 from barn_metrics.metrics import PUBLISHED, world_metrics
@@ -16,7 +15,7 @@ from barn_worlds.drawing.files import write_png
 from barn_worlds.drawing.worlds import sheet_figure, world_figure, write_animation
 from barn_worlds.formats.map_server import write_map
 from barn_worlds.formats.original import write_original
-from barn_worlds.formats.own import Order, write_own
+from barn_worlds.formats.own import write_own
 from barn_worlds.formats.sdf import write_sdf
 from barn_worlds.formats.single import planned
 from barn_worlds.formats.tracks_csv import write_tracks
@@ -25,7 +24,7 @@ from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.course import for_robot
 from barn_worlds.worlds.dataset import open_dataset, select_worlds, shipped
-from barn_worlds.worlds.generate import cell_m, write_ordered
+from barn_worlds.worlds.generate import cell_m
 from barn_worlds.worlds.world import World
 
 Course = Sequence[float]
@@ -138,24 +137,6 @@ def fitting(world: World, robot: Robot) -> World:
     if cells == world.footprint_cells:
         return world
     return replace(world, footprint_cells=cells, path=planned(world.grid, cells, world.name))
-
-
-def order(source: str | Path, out: str | Path, scores: str | Path, by: str) -> dict[int, World]:
-    """Write the worlds of a data set to a file, numbered by rising score, and return them.
-
-    Args:
-        source: The data set.
-        out: File (.npz), which must not be there.
-        scores: CSV file with the columns `world` and `by`; rows of one world are averaged. results.csv is one.
-        by: Column of the scores.
-
-    Raises:
-        BarnError: A world has no score, or a file cannot be read or written.
-    """
-    target, dataset = new_npz(out), open_dataset(source)
-    ranked = Order(by, read_scores(Path(scores), by, dataset.indices))
-    about = {"source": dataset.name, "source_checksum": dataset.checksum}
-    return write_ordered(target, target.stem, list(map(dataset.load, dataset.indices)), ranked, about)
 
 
 def draw(

@@ -1,15 +1,25 @@
-"""What the moving obstacles of a world do, in numbers: how many, how fast, and how often they are in the way."""
+"""What the moving obstacles of worlds do: how many, how fast, and how often they are in the way, by class of motion.
+
+    python qa/motion_statistics.py dynabarn60
+    python qa/motion_statistics.py out/moving.npz
+
+Means over the first 100 s of the worlds of a data set, as docs/dynamic.md has them.
+"""
 
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
+import click
 import numpy as np
+from rich.console import Console
+from rich.table import Table
 
 from barn_worlds.base.arrays import BoolGrid, Floats
 from barn_worlds.base.errors import WorldError
 from barn_worlds.moving.motion import MovingObstacle
 from barn_worlds.moving.tracks import Tracks, jumps
+from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 DURATION_S = 100.0  # the challenge's limit
@@ -93,3 +103,28 @@ def occupied(on_line: Floats, beside: Floats, reach: Floats, length_m: float) ->
         near = np.flatnonzero(half[:, k] > 0.0)
         covered[near] |= np.abs(places - on_line[near, k, None]) < half[near, k, None]
     return float(covered.mean())
+
+
+def by_class(source: str) -> dict[str, list[World]]:
+    """Return the worlds of a data set by their class of motion."""
+    found: dict[str, list[World]] = {}
+    dataset = open_dataset(source)
+    for world in map(dataset.load, dataset.indices):
+        given = world.provenance.parameters
+        found.setdefault(str(given.get("motion", given).get("difficulty", "all")), []).append(world)
+    return found
+
+
+@click.command()
+@click.argument("source")
+def main(source: str) -> None:
+    """Count."""
+    table = Table("class", "worlds", *(item.name for item in fields(MotionStatistics)))
+    for name, worlds in by_class(source).items():
+        figures = mean_statistics(worlds)
+        table.add_row(name, str(len(worlds)), *(f"{value:.3f}" for value in vars(figures).values()))
+    Console(width=160).print(table)
+
+
+if __name__ == "__main__":
+    main()

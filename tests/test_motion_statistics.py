@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
+from motion_statistics import by_class, main, mean_statistics, motion_statistics
 
-from barn_metrics.motion import mean_statistics, motion_statistics
 from barn_worlds.base.errors import WorldError
-from barn_worlds.moving.generate import arena_world
+from barn_worlds.formats.own import write_own
+from barn_worlds.moving.generate import arena_world, class_named, generate_arenas
 from barn_worlds.moving.motion import Motion, MovingObstacle
 from barn_worlds.worlds.dataset import open_dataset
 
@@ -42,6 +44,20 @@ def test_means_are_over_worlds_and_extremes_over_all():
     found = mean_statistics([slow, fast])
     assert (found.slowest_mps, found.fastest_mps) == pytest.approx((0.5, 2.0), rel=1e-3)
     assert found.mean_speed_mps == pytest.approx(1.25, rel=1e-3)
+
+
+def test_worlds_are_counted_by_their_class(tmp_path):
+    chosen = [class_named(name) for name in ("easy", "hard")]
+    made = dict(enumerate(world for one in chosen for world in generate_arenas(one, 2, 5)))
+    write_own(tmp_path / "own.npz", "own", made, {"seed": 5})
+    found = by_class(str(tmp_path / "own.npz"))
+    assert {name: len(worlds) for name, worlds in found.items()} == {"easy": 2, "hard": 2}
+    mean = (len(made[0].moving) + len(made[1].moving)) / 2
+    assert mean_statistics(found["easy"]).obstacles == mean
+    (row,) = (
+        line for line in CliRunner().invoke(main, [str(tmp_path / "own.npz")]).output.splitlines() if "easy" in line
+    )
+    assert f"{mean:.3f}" in row
 
 
 def test_a_world_without_motion_is_refused():
