@@ -1,7 +1,6 @@
 """The learned difficulty of worlds: predicted, trained and judged."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,25 +12,10 @@ from barn_metrics.model import DifficultyModel, load_model, save_model
 from barn_metrics.model.evaluation import Evaluation, EvaluationConfig
 from barn_metrics.model.evaluation import evaluate as evaluate_models
 from barn_metrics.model.training import train as train_model
-from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.worlds.dataset import open_dataset
 
 __all__ = ["evaluate", "predict", "train"]
-
-
-@dataclass(frozen=True)
-class Training(Checked):
-    """How a model of difficulty is trained."""
-
-    planner: str = quantity("", "planner whose times alone are learned, empty for the mean of all")
-    dataset: str = quantity("", "where the worlds are, empty for where the results say")
-    seed: int = quantity(0, "all randomness comes from it", "", 0, 2**62)
-
-
-@dataclass(frozen=True)
-class Judging(Training, EvaluationConfig):
-    """How models of difficulty are judged."""
 
 
 Sources = str | Path | Sequence[str | Path]

@@ -1,8 +1,7 @@
-"""Reading trials for the difficulty model, and `barn difficulty` from end to end."""
+"""Reading trials for the difficulty model, and training, judging and using it from end to end."""
 
 import csv
 import json
-import math
 import os
 import re
 from dataclasses import replace
@@ -15,10 +14,9 @@ from reproduce_work import experiment_of, write_made_up
 
 from barn_eval.analysis.sources import read_source
 from barn_eval.commands.main import cli
-from barn_eval.commands.worlds import parse_range
+from barn_eval.difficulty import evaluate, train
 from barn_eval.learning.difficulty import read_trials
 from barn_eval.trials.outcome import Outcome
-from barn_metrics.bootstrap import Interval
 from barn_metrics.model import load_model
 from barn_metrics.model.weights import shipped_weights
 from barn_worlds.base.errors import BarnError, ConfigError
@@ -26,7 +24,7 @@ from barn_worlds.formats.own import write_own
 from barn_worlds.worlds.dataset import open_dataset
 
 COUNT = 30
-FOLDS = ("--set", "folds=3", "--set", "repeats=1")
+FOLDS = {"folds": 3, "repeats": 1}
 
 
 @pytest.fixture(scope="module")
@@ -39,16 +37,14 @@ def source(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def weights(source, tmp_path_factory):
-    """Weights of a model trained on the source, and what the command told."""
+    """Weights of a model trained on the source, and what is told about it."""
     pytest.importorskip("torch", reason="networks are trained with PyTorch")
     path = tmp_path_factory.mktemp("weights") / "w.npz"
-    trained = barn("train", source, "--out", path, "--json")
-    assert trained.exit_code == 0, trained.output
-    return path, json.loads(trained.stdout)
+    return path, train(source, path).about
 
 
-def barn(*arguments):
-    return CliRunner().invoke(cli, ["difficulty", *map(str, arguments)], catch_exceptions=True)
+def predict(*arguments):
+    return CliRunner().invoke(cli, ["difficulty", "predict", "barn300", *map(str, arguments)], catch_exceptions=True)
 
 
 def test_worlds_are_known_by_their_checksum_whatever_their_number(source, tmp_path):
@@ -80,8 +76,9 @@ def test_trials_that_do_not_count_and_worlds_without_every_planner_are_left_out(
 
 
 def test_other_sources_are_refused(tmp_path):
-    for name in ("none.csv", "none"):
-        with pytest.raises(BarnError, match=r"none") as caught:
+    (tmp_path / "t.parquet").write_bytes(b"PAR1")
+    for name in ("none.csv", "none", "t.parquet"):
+        with pytest.raises(BarnError, match=r"none|t\.parquet: must be a folder of results or a table of") as caught:
             read_trials(tmp_path / name, "barn300")
         assert "\n" not in str(caught.value)
 
@@ -100,48 +97,39 @@ def test_published_times_are_read_with_the_worlds_beside_them():
         read_trials(folder / "trials.csv", "barn300")
 
 
-def test_train_and_predict_from_the_command_line(weights, tmp_path):
+def test_a_model_is_trained_and_predicts_from_the_command_line(weights):
     path, told = weights
-    scores = tmp_path / "scores.csv"
     assert told["training_worlds"] == COUNT
-    predicted = barn("predict", "barn300", "--worlds", "0-4", "--weights", path, "--out", scores, "--json")
+    predicted = predict("--worlds", "0-4", "--weights", path, "--json")
     assert predicted.exit_code == 0, predicted.output
     lines = json.loads(predicted.stdout)["worlds"]
     expected = load_model(path).predict(open_dataset("barn300").load(3))
     assert lines[3]["difficulty_s_per_m"] == expected.difficulty_s_per_m
-    with scores.open() as file:
-        assert [float(row["difficulty_s_per_m"]) for row in csv.DictReader(file)] == [
-            line["difficulty_s_per_m"] for line in lines
-        ]
-    shown = barn("predict", "barn300", "--worlds", "3", "--weights", path)
-    assert f"{expected.difficulty_s_per_m:.2f}" in shown.stdout
+    assert f"{expected.difficulty_s_per_m:.2f}" in predict("--worlds", "3", "--weights", path).stdout
 
 
 def test_models_and_weights_are_judged_beside_ridge_regression(source, weights):
     path, trained = weights
-    found = barn("evaluate", source, *FOLDS, "--json")
-    assert found.exit_code == 0, found.output
-    ridge, routes = json.loads(found.stdout)["scores"]
-    assert (ridge["name"], routes["name"], ridge["gain"]) == ("ridge", "routes", None)
-    assert all(one["mse"]["low"] <= one["mse"]["estimate"] <= one["mse"]["high"] for one in (ridge, routes))
-    content = json.loads(barn("evaluate", source, "--weights", path, *FOLDS, "--json").stdout)
-    again, one = content["scores"]
+    ridge, routes = evaluate(source, **FOLDS).scores
+    assert (ridge.name, routes.name, ridge.gain) == ("ridge", "routes", None)
+    assert all(one.mse.low <= one.mse.estimate <= one.mse.high for one in (ridge, routes))
+    found = evaluate(source, weights=path, **FOLDS)
+    again, one = found.scores
     difficulty = read_trials(source)[1].difficulty()
-    assert (again, one["name"], content["worlds"]) == (ridge, "weights", COUNT)
-    assert one["mse"]["estimate"] == pytest.approx(trained["training_mse"]) == one["training_mse"]
-    assert one["r2"]["estimate"] == pytest.approx(1.0 - trained["training_mse"] / difficulty.var())
-    assert one["gain"]["estimate"] == pytest.approx(ridge["mse"]["estimate"] - one["mse"]["estimate"])
-    shown = " ".join(barn("evaluate", source, "--weights", path, *FOLDS).stdout.split())
-    limits = Interval(**one["gain"]).text().split(" ", 1)[1]
-    assert limits in shown and "highest R2 that these trials allow" in shown
+    assert (again, one.name, found.worlds) == (ridge, "weights", COUNT)
+    assert one.mse.estimate == pytest.approx(trained["training_mse"]) == one.training_mse
+    assert one.r2.estimate == pytest.approx(1.0 - trained["training_mse"] / difficulty.var())
+    assert one.gain.estimate == pytest.approx(ridge.mse.estimate - one.mse.estimate)
+    assert found.ceiling is not None
 
 
 def test_worlds_held_out_judge_weights_alone(tmp_path):
     judges = tmp_path / "judges"
     write_made_up(judges, experiment_of("0-29", 2, "barn_test"))
-    assert "is never trained on; it judges weights" in str(barn("evaluate", judges, *FOLDS).exception)
-    (one,) = json.loads(barn("evaluate", judges, "--weights", "shipped", "--json").stdout)["scores"]
-    assert (one["name"], one["gain"], len(one["predictions"])) == ("weights", None, COUNT)
+    with pytest.raises(BarnError, match="is never trained on; it judges weights"):
+        evaluate(judges, **FOLDS)
+    (one,) = evaluate(judges, weights="shipped").scores
+    assert (one.name, one.gain, len(one.predictions)) == ("weights", None, COUNT)
 
 
 def test_the_page_on_metrics_quotes_the_card():
@@ -166,41 +154,9 @@ def test_the_page_on_metrics_quotes_the_card():
 
 
 def test_mistakes_are_told(source, tmp_path):
-    assert "must end in .npz" in str(barn("train", source, "--out", tmp_path / "w.bin").exception)
     (tmp_path / "w.npz").write_bytes(b"PK")
-    refused = barn("predict", "barn300", "--weights", tmp_path / "w.npz")
-    assert isinstance(refused.exception, BarnError)
-    assert str(refused.exception).startswith(f"{tmp_path / 'w.npz'}: not a difficulty model, or a damaged one")
-    assert "no trials of planner 'dwb'" in str(
-        barn("train", source, "--out", tmp_path / "x.npz", "--set", "planner=dwb").exception
-    )
-
-
-@pytest.mark.parametrize("source", [(), ("--from", "barn300")])
-def test_worlds_are_of_the_wanted_difficulty_and_repeat(command, rejected, tmp_path, source):
-    model = load_model()
-    known = sorted(model.predict(open_dataset("barn300").load(index)).difficulty_s_per_m for index in range(0, 300, 10))
-    low, high = known[8], known[20]
-    weights = ("--weights", shipped_weights())
-    arguments = ("worlds", "sample", "--difficulty", f"{low}:{high}", "--count", 4, *weights, *source)
-    assert command(*arguments, "a.npz") == (0, "", "4 worlds in a.npz\n")
-    assert command(*arguments, "b.npz")[0] == command(*arguments, "--seed", 1, "c.npz")[0] == 0
-    first, again, other = (open_dataset(tmp_path / f"{name}.npz") for name in "abc")
-    predicted = [model.predict(first.load(index)).difficulty_s_per_m for index in first.indices]
-    assert len(predicted) == 4 and predicted == sorted(predicted)
-    assert low <= predicted[0] and predicted[-1] <= high
-    assert first.checksum == again.checksum != other.checksum
-    assert "a.npz: exists already" in rejected(*arguments, "a.npz")
-
-
-def test_too_few_worlds_are_told_and_nothing_is_written(rejected):
-    said = rejected("worlds", "sample", "x.npz", "--difficulty", "90:", "--from", "barn300")
-    assert "barn300: 0 of 300 worlds have a difficulty of 90 to inf, 10 are wanted" in said
-
-
-def test_a_range_may_be_open():
-    assert parse_range("2.5:3") == (2.5, 3.0)
-    assert parse_range(":3") == (-math.inf, 3.0) and parse_range("2:") == (2.0, math.inf)
-    for text in ("3", "a:b", "1:2:3", ""):
-        with pytest.raises(ConfigError, match="must be LOW:HIGH"):
-            parse_range(text)
+    refused = predict("--weights", tmp_path / "w.npz").exception
+    assert isinstance(refused, BarnError)
+    assert str(refused).startswith(f"{tmp_path / 'w.npz'}: not a difficulty model, or a damaged one")
+    with pytest.raises(BarnError, match="no trials of planner 'dwb'"):
+        train(source, tmp_path / "x.npz", planner="dwb")

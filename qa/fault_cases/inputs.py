@@ -170,13 +170,6 @@ for _name, _done, _file, _make, _words in (
         text_of("schema_version: 1\ngrid: {a: 1}\n"),
         (*_LIST, "w.world.yaml"),
     ),
-    (
-        "csv-huge-number",
-        "Published times with 10^400 s.",
-        "t.csv",
-        text_of("world,path_length_m,dwa_1\n0,10,1" + "0" * 400 + "\n"),
-        ("difficulty", "evaluate", "t.csv", "--weights", "shipped", "--set", "dataset=barn300"),
-    ),
     ("mcap-garbage", "A bag of random bytes.", "b.mcap", bytes_of(bytes(range(256)) * 40), ("replay", "b.mcap")),
     ("mcap-empty", "A bag without a byte.", "b.mcap", bytes_of(b""), ("replay", "b.mcap")),
     (
