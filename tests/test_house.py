@@ -9,16 +9,16 @@ import pytest
 
 TOOL = Path(__file__).resolve().parents[1] / "qa" / "house.py"
 MOST = {
-    "lines of Python": 41_153,
+    "lines of Python": 41_083,
     "lines of JavaScript": 1_400,
-    "lines of tests": 31_577,
+    "lines of tests": 31_531,
     "lines of the longest function": 76,
     "imports inside functions": 13,
     "exceptions from rules (noqa)": 36,
     "signatures with a bare Any": 34,
     "class names used twice": 0,
-    "leaf commands": 27,
-    "options of commands": 129,
+    "leaf commands": 25,
+    "options of commands": 122,
 }
 
 

@@ -1,6 +1,7 @@
 """Worlds in which obstacles move, from the command line and from Python."""
 
 import csv
+import re
 
 import numpy as np
 import pytest
@@ -18,13 +19,13 @@ from barn_worlds.messages.topics import MOVING_POSES
 from barn_worlds.worlds.dataset import open_dataset
 
 
-def test_arenas_are_generated_counted_drawn_and_exported(command, tmp_path):
-    assert command("worlds", "move", "own.npz", "--class", "easy,hard", "--per-class", 2, "--seed", 5)[0] == 0
+def test_arenas_are_generated_drawn_and_exported(command, tmp_path):
+    which = {"classes": ["easy", "hard"], "per_class": 2, "seed": 5}
+    worlds = barn.worlds.generate_moving(tmp_path / "own.npz", **which)
     made = open_dataset(tmp_path / "own.npz")
     assert made.indices == (0, 1, 2, 3)
-    assert {
-        k: w.checksum for k, w in barn.worlds.generate_moving(classes=["easy", "hard"], per_class=2, seed=5).items()
-    } == {k: made.load(k).checksum for k in made.indices}
+    assert {k: w.checksum for k, w in worlds.items()} == {k: made.load(k).checksum for k in made.indices}
+    assert [w.checksum for w in barn.worlds.generate_moving(**which).values()] == [w.checksum for w in worlds.values()]
     for target, selected in (("sheet.png", "all"), ("one.png", "1"), ("one.gif", "1")):
         assert command("show", selected, "--dataset", "own.npz", "--out", target)[0] == 0
     assert Image.open(tmp_path / "one.gif").n_frames > 50
@@ -53,9 +54,6 @@ def test_worlds_of_a_data_set_get_moving_obstacles(command, tmp_path, crossing):
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["worlds", "move", "x.npz", "--class", "esy"], "unknown class 'esy'; did you mean 'easy'?"),
-        (["worlds", "move", "x.npz", "--set", "radius=1"], "did you mean 'radius_m'?"),
-        (["worlds", "move", "x.npz", "--in", "barn300"], "one class of motion must be named"),
         (["show", "0-59", "--dataset", "dynabarn60", "--out", "x.gif"], "an animation shows one world, got 60"),
         (["show", "3", "--out", "x.gif"], "world_3: nothing moves in it"),
         (["worlds", "convert", "dynabarn60", "x", "--format", "original"], "has no place for walls and moving"),
@@ -73,8 +71,14 @@ def test_a_mistake_is_one_clear_line_and_leaves_nothing(rejected, arguments, com
 
 
 def test_from_python_a_mistake_is_an_error_of_the_suite():
-    with pytest.raises(ConfigError, match="one class of motion must be named"):
-        barn.worlds.generate_moving(source="barn300")
+    for wrong, said in (
+        ({"source": "barn300"}, "one class of motion must be named"),
+        ({"crossing": True}, "crossings and a number of obstacles are for the worlds of a data set"),
+        ({"classes": ["esy"]}, "unknown class 'esy'; did you mean 'easy'?"),
+        ({"parameters": {"radius": 1}}, "did you mean 'radius_m'?"),
+    ):
+        with pytest.raises(ConfigError, match=re.escape(said)):
+            barn.worlds.generate_moving(**wrong)
     with pytest.raises(BarnError, match="exists already"):
         barn.worlds.generate_moving(open_dataset("dynabarn60").load(0).provenance.path)
 

@@ -1,11 +1,8 @@
-"""Metrics of many worlds as a table, for people and as CSV and JSON, and what the paper publishes of its worlds."""
+"""Metrics of many worlds as a table, for people and as JSON, and what the paper publishes of its worlds."""
 
-import csv
-import io
 import json
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -22,7 +19,6 @@ from barn_metrics.metrics import (
 )
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import WorldError
-from barn_worlds.base.files import write_bytes
 from barn_worlds.base.text_files import finite
 from barn_worlds.worlds.dataset import Dataset
 from barn_worlds.worlds.world import World
@@ -62,14 +58,6 @@ class MetricsTable:
     def rows(self) -> list[dict[str, float]]:
         """Return the metrics of each world by name."""
         return [dict(zip(METRIC_NAMES, row, strict=True)) for row in self.values.tolist()]
-
-    def to_csv(self, path: Path) -> None:
-        """Write one line per world, in full precision, atomically; WorldError if that fails."""
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(["world", *METRIC_NAMES])
-        writer.writerows([world, *map(repr, row)] for world, row in zip(self.worlds, self.values.tolist(), strict=True))
-        write_bytes(path, text.getvalue().encode())
 
     def to_json(self) -> str:
         """Return everything as JSON; values that are not finite become null."""

@@ -1,6 +1,5 @@
 """The table of metrics: equal to its parts, valid in every format, and written whole or not at all."""
 
-import csv
 import json
 from dataclasses import asdict
 from pathlib import Path
@@ -9,7 +8,7 @@ from statistics import pstdev
 import numpy as np
 import pytest
 
-from barn_metrics.metrics import METRIC_NAMES, METRICS, world_cell_metrics, world_metrics
+from barn_metrics.metrics import METRICS, world_cell_metrics, world_metrics
 from barn_metrics.report import metrics_table
 from barn_worlds.base.errors import ConfigError, WorldError
 from barn_worlds.worlds.dataset import Dataset, open_dataset
@@ -48,23 +47,6 @@ def test_a_data_set_is_labelled_by_its_numbers():
         summary = table.summary_of(metric)
         found = [summary[name] for name in ("minimum", "maximum", "mean", "std")]
         assert found == [min(values), max(values), pytest.approx(sum(values) / 4), pytest.approx(pstdev(values))]
-
-
-def test_csv_keeps_every_bit(tmp_path: Path):
-    table = metrics_table(_worlds())
-    table.to_csv(tmp_path / "new" / "metrics.csv")
-    with (tmp_path / "new" / "metrics.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert list(rows[0]) == ["world", *METRIC_NAMES]
-    assert tuple(row["world"] for row in rows) == table.worlds
-    assert [[float(row[name]) for name in METRIC_NAMES] for row in rows] == table.values.tolist()
-
-
-def test_csv_that_cannot_be_written_leaves_nothing(tmp_path: Path):
-    (tmp_path / "file").write_text("kept")
-    with pytest.raises(WorldError, match="cannot be written"):
-        metrics_table(_worlds()).to_csv(tmp_path / "file" / "metrics.csv")
-    assert [(entry.name, entry.read_text()) for entry in tmp_path.iterdir()] == [("file", "kept")]
 
 
 def test_json_holds_worlds_summary_and_formula():

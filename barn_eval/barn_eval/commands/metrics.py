@@ -1,10 +1,8 @@
 """`barn metrics`: the five difficulty metrics of worlds."""
 
-from pathlib import Path
-
 import click
 
-from barn_eval.commands.options import FILE, console, json_option, say, worlds_option
+from barn_eval.commands.options import console, json_option, worlds_option
 from barn_eval.commands.tables import table
 from barn_eval.worlds.measured import metrics_table
 
@@ -14,17 +12,13 @@ from barn_eval.worlds.measured import metrics_table
 @worlds_option
 @click.option("--formula", default="corrected", help="corrected, published (the numbers in print) or paper_text.")
 @click.option("--robot", help="Whose C-space and path are measured: a name or a YAML file [default: the worlds' own].")
-@click.option("--out", type=FILE, help="A line per world, as CSV.")
 @json_option
-def command(source: str, select: str, formula: str, robot: str | None, out: Path | None, as_json: bool) -> None:
+def command(source: str, select: str, formula: str, robot: str | None, as_json: bool) -> None:
     """Compute the five difficulty metrics of the worlds of SOURCE and their summary, as in the paper's Table II.
 
     Under protocol challenge they order worlds better than the learned difficulty does, under paper2020 less well.
     """
     found = metrics_table(source, select, formula, robot=robot or "")
-    if out is not None:
-        found.to_csv(out)
-        say(out)
     if as_json:
         click.echo(found.to_json(), nl=False)
         return

@@ -1,4 +1,4 @@
-"""`barn worlds`: generate, move, convert and list worlds."""
+"""`barn worlds`: generate, convert and list worlds."""
 
 from pathlib import Path
 from typing import Any
@@ -8,7 +8,6 @@ import click
 from barn_eval import worlds
 from barn_eval.commands.options import (
     COUNT,
-    FILE,
     PATH,
     json_option,
     progress,
@@ -20,7 +19,6 @@ from barn_eval.commands.options import (
 )
 from barn_eval.commands.tables import table
 from barn_eval.worlds.sets import FORMATS, Form
-from barn_worlds.moving.generate import class_named
 from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.generate import WorldParameters
 
@@ -31,7 +29,7 @@ robot_option = click.option(
 
 @click.group("worlds")
 def command() -> None:
-    """Generate, move, convert and list worlds."""
+    """Generate, convert and list worlds."""
 
 
 @command.command()
@@ -57,23 +55,6 @@ def generate(target: Path, **options: Any) -> None:
     with progress("worlds") as share:
         made = worlds.generate(target, **options, progress=lambda made, total: share(made / total))
     say(f"{len(made)} worlds in {target}")
-
-
-@command.command()
-@click.argument("target", type=FILE)
-@click.option("--class", "classes", default="easy,medium,hard", help="Classes of motion, joined by commas.")
-@click.option("--per-class", default=20, type=click.IntRange(1, 10_000), help="Arenas of each class.")
-@seed_option()
-@settings_option("--set", "parameters", "Parameter of the classes", class_named("easy"))
-@click.option("--in", "source", help="Data set whose worlds get moving obstacles; without, arenas are made.")
-@worlds_option
-def move(target: Path, classes: str, **options: Any) -> None:
-    """Generate worlds in which obstacles move: TARGET.npz.
-
-    Without --in they are arenas as in DynaBARN. With it, the worlds of a data set get moving obstacles of one class.
-    """
-    made = worlds.generate_moving(target, [name.strip() for name in classes.split(",")], **options)
-    say(f"{len(made)} worlds in {target.with_suffix('.npz')}")
 
 
 @command.command()
