@@ -8,10 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Wedge
+from world_metrics import label_cells, new_figure, show_cells
 
 from barn_metrics import kernels
 from barn_metrics.metrics import PAPER_TEXT, PUBLISHED, cell_metrics
-from barn_metrics.world_figure import label_cells, new_figure, show_cells
 from barn_worlds.base.arrays import BoolGrid, Cells, Integers
 from barn_worlds.drawing.palette import BLUE, OBSTACLE, ORANGE, VERMILION
 from barn_worlds.worlds.world import World

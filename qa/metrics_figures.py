@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 from metrics_explained import characteristic_dimension_figure, dispersion_figure, visibility_figure
+from world_metrics import new_figure, save, show_cells, show_path, world_figure
 
 from barn_metrics.metrics import CORRECTED, METRIC_NAMES, METRICS, PUBLISHED, Formula
 from barn_metrics.report import TABLE_II, MetricsTable, metrics_table
-from barn_metrics.world_figure import new_figure, save, show_cells, show_path, world_figure
 from barn_worlds.base.errors import BarnError
 from barn_worlds.base.text_files import markdown_table
 from barn_worlds.drawing.palette import BLUE, ORANGE, VERMILION

@@ -173,7 +173,7 @@ def test_worlds_are_generated_listed_shown_exported_and_imported(command, tmp_pa
     assert command("worlds", "list")[0] == command("worlds", "list", "own.npz")[0] == 0
     assert command("show", "own.npz", "--out", "sheet.png")[0] == 0
     assert command("show", 4, "--dataset", "own.npz", "--out", "world.png")[0] == 0
-    assert command("show", 4, "--dataset", "own.npz", "--metrics")[0] == 0
+    assert command("show", 4, "--dataset", "own.npz")[0] == 0
     for picture in ("sheet.png", "world.png", "world_4.png"):
         assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")
     original = open_dataset(tmp_path / "own.npz")

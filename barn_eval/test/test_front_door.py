@@ -571,10 +571,8 @@ def test_metrics_and_difficulty_have_a_row_per_world():
 def test_worlds_are_drawn():
     pair = barn.worlds.load("barn300", "3,290")
     hard = pair[290]
-    for figure in (barn.worlds.draw(pair), barn.worlds.draw(hard), barn.worlds.draw(hard, metrics=True)):
+    for figure in (barn.worlds.draw(pair), barn.worlds.draw(hard)):
         assert "<svg" in figure._repr_svg_()
-    with pytest.raises(ConfigError, match="metrics are drawn of one world, not of several"):
-        barn.worlds.draw(pair, metrics=True)
 
 
 def test_everything_offered_is_explained():

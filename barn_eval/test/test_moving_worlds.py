@@ -1,6 +1,5 @@
 """Worlds in which obstacles move, from the command line and from Python."""
 
-import csv
 import re
 
 import numpy as np
@@ -31,12 +30,10 @@ def test_arenas_are_generated_drawn_and_exported(command, tmp_path):
     assert Image.open(tmp_path / "one.gif").n_frames > 50
     assert command("show", 1, "--dataset", "own.npz", "--out", "also.png")[0] == 0
     assert (tmp_path / "also.png").read_bytes() == (tmp_path / "one.png").read_bytes()
-    for form, file in (("sdf", "world_1.sdf"), ("yaml", "world_1.world.yaml"), ("tracks", "tracks_1.csv")):
+    for form, file in (("sdf", "world_1.sdf"), ("yaml", "world_1.world.yaml")):
         assert command("worlds", "convert", "own.npz", form, "--format", form, "--worlds", 1)[0] == 0
         assert (tmp_path / form / file).is_file()
     assert open_dataset(tmp_path / "yaml").load(1).checksum == made.load(1).checksum
-    with (tmp_path / "tracks" / "tracks_1.csv").open() as rows:
-        assert sum(1 for _ in csv.reader(rows)) == 1 + 1001 * len(made.load(1).moving)
 
 
 @pytest.mark.parametrize("crossing", [False, True])
@@ -57,7 +54,6 @@ def test_worlds_of_a_data_set_get_moving_obstacles(command, tmp_path, crossing):
         (["show", "0-59", "--dataset", "dynabarn60", "--out", "x.gif"], "an animation shows one world, got 60"),
         (["show", "3", "--out", "x.gif"], "world_3: nothing moves in it"),
         (["worlds", "convert", "dynabarn60", "x", "--format", "original"], "has no place for walls and moving"),
-        (["worlds", "convert", "barn300", "x", "--format", "tracks", "--worlds", "3"], "world_3: nothing moves in it"),
         (["metrics", "dynabarn60", "--worlds", "3"], "dynabarn_3: is an arena; these metrics are of worlds whose"),
         (["difficulty", "predict", "dynabarn60", "--worlds", "3"], "dynabarn_3: is an arena; models are of worlds"),
         (

@@ -3,7 +3,6 @@
 import csv
 import os
 from pathlib import Path
-from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
@@ -33,12 +32,6 @@ def _folder() -> Path:
 def worlds() -> dict[int, World]:
     dataset = open_dataset("barn300")
     return {index: dataset.load(index) for index in dataset.indices[::6]}
-
-
-@pytest.fixture(scope="session")
-def page_tool() -> ModuleType:
-    """What draws the figures and tables of docs/metrics.md."""
-    return pytest.importorskip("metrics_figures", reason="the repository's qa folder is not beside this package")
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,5 @@
-"""Worlds with motion for other programs: SDF actors that go the same way, CSV tracks, pictures and animations."""
+"""Worlds with motion for other programs: SDF actors that go the same way, pictures and animations."""
 
-import csv
 from xml.etree import ElementTree
 
 import numpy as np
@@ -11,7 +10,6 @@ from barn_worlds.base.errors import WorldError
 from barn_worlds.drawing.files import write_png
 from barn_worlds.drawing.worlds import sheet_figure, world_figure, write_animation
 from barn_worlds.formats.sdf import mesh, sdf_text, trajectories, write_sdf
-from barn_worlds.formats.tracks_csv import write_tracks
 from barn_worlds.moving.generate import arena_world
 from barn_worlds.moving.motion import Motion, MovingObstacle
 from barn_worlds.moving.tracks import Tracks
@@ -94,22 +92,9 @@ def test_a_mesh_is_closed_turned_outwards_and_of_the_size_of_the_obstacle(one):
     assert np.ptp(points, axis=0) == pytest.approx([1.0, 1.0, 1.0] if one.shape == "cylinder" else [1.0, 2.0, 1.0])
 
 
-def test_tracks_have_a_row_for_each_time_and_obstacle(world, tmp_path):
-    write_tracks(world, tmp_path / "tracks.csv")
-    with (tmp_path / "tracks.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert len(rows) == 1001 * len(MOVING) and float(rows[-1]["time_s"]) == 100.0
-    for row in rows[:: len(MOVING) + 1]:
-        k = [one.name for one in MOVING].index(row["obstacle"])
-        positions, velocities = world.tracks.at(float(row["time_s"]))
-        assert [float(row["x_m"]), float(row["y_m"])] == pytest.approx(positions[k].tolist(), abs=1e-6)
-        assert [float(row["vx_mps"]), float(row["vy_mps"])] == pytest.approx(velocities[k].tolist(), abs=1e-6)
-
-
-def test_tracks_and_animations_of_what_does_not_move_are_refused(small_world, tmp_path):
-    for write in (write_tracks, write_animation):
-        with pytest.raises(WorldError, match="small: nothing moves in it"):
-            write(small_world, tmp_path / "file")
+def test_an_animation_of_what_does_not_move_is_refused(small_world, tmp_path):
+    with pytest.raises(WorldError, match="small: nothing moves in it"):
+        write_animation(small_world, tmp_path / "file")
 
 
 def coloured(image, colour):

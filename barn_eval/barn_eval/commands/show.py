@@ -7,7 +7,6 @@ import click
 from barn_eval import worlds as world_sets
 from barn_eval.commands.options import FILE, PATH, course_option, say
 from barn_eval.results import overlay
-from barn_metrics.world_figure import draw_world_figure
 
 
 @click.command("show")
@@ -19,7 +18,6 @@ from barn_metrics.world_figure import draw_world_figure
     help="Picture (.png), of trials also .svg or .pdf, of a world that moves also .gif [default: named after WORLDS].",
 )
 @course_option
-@click.option("--metrics", "with_metrics", is_flag=True, help="Draw a map of each difficulty metric as well.")
 @click.option("--trials", multiple=True, type=PATH, help="Draw the trials of this folder in it; repeatable.")
 @click.option("--by", type=click.Choice(("planner", "speed")), help="What trials are coloured by [default: planner].")
 @click.option("--planners", "--planner", help="Only trials of these planners, such as dwa,eband.")
@@ -29,7 +27,6 @@ def command(
     dataset: str,
     out: Path | None,
     course: tuple[float, ...] | None,
-    with_metrics: bool,
     trials: tuple[Path, ...],
     by: str | None,
     planners: str | None,
@@ -56,10 +53,5 @@ def command(
     found = world_sets.load(dataset, worlds) if numbers else world_sets.load(worlds)
     first, *others = found
     target = out or Path("worlds.png" if others else f"world_{first}.png")
-    if with_metrics and others:
-        raise click.UsageError(f"--metrics draws one world; {worlds} are {len(found)}")
-    if with_metrics:
-        draw_world_figure(found[first], target)
-    else:
-        world_sets.write_figure(found, target, course=course or ())
+    world_sets.write_figure(found, target, course=course or ())
     say(target)

@@ -69,8 +69,7 @@ def convert(source: str, target: Path, form: Form | None, select: str, robot: st
     """Read worlds of any known format and write them for the suite or other programs.
 
     npz is a data set in one file, original the layout of the original data set. sdf (current Gazebo), sdf_classic
-    (Gazebo Classic), map (map_server's pgm and yaml), yaml, tracks (CSV of moving obstacles) and png write a file per
-    world into the folder TARGET.
+    (Gazebo Classic), map (map_server's pgm and yaml), yaml and png write a file per world into the folder TARGET.
     """
     written = worlds.load(source, select, robot=robot)
     target = worlds.save(written, target, form or ("npz" if target.suffix == ".npz" else "original"))

@@ -8,7 +8,6 @@ from typing import Literal
 from barn_eval.pages.figures import Plot
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN
 from barn_metrics.metrics import PUBLISHED, world_metrics
-from barn_metrics.world_figure import world_figure as metrics_figure
 from barn_worlds.base.errors import ConfigError, WorldError, suggest
 from barn_worlds.base.files import new_folder
 from barn_worlds.drawing.files import write_png
@@ -18,7 +17,6 @@ from barn_worlds.formats.original import write_original
 from barn_worlds.formats.own import write_own
 from barn_worlds.formats.sdf import write_sdf
 from barn_worlds.formats.single import planned
-from barn_worlds.formats.tracks_csv import write_tracks
 from barn_worlds.formats.world_yaml import write_world_yaml
 from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.robot import Robot
@@ -28,8 +26,8 @@ from barn_worlds.worlds.generate import cell_m
 from barn_worlds.worlds.world import World
 
 Course = Sequence[float]
-Form = Literal["sdf", "sdf_classic", "map", "original", "npz", "yaml", "tracks", "png"]
-FORMATS: tuple[Form, ...] = ("sdf", "sdf_classic", "map", "original", "npz", "yaml", "tracks", "png")
+Form = Literal["sdf", "sdf_classic", "map", "original", "npz", "yaml", "png"]
+FORMATS: tuple[Form, ...] = ("sdf", "sdf_classic", "map", "original", "npz", "yaml", "png")
 
 
 def datasets() -> list[str]:
@@ -139,9 +137,7 @@ def fitting(world: World, robot: Robot) -> World:
     return replace(world, footprint_cells=cells, path=planned(world.grid, cells, world.name))
 
 
-def draw(
-    shown: World | Mapping[int, World], *, metrics: bool = False, robot: str | Path = "jackal", course: Course = ()
-) -> Plot:
+def draw(shown: World | Mapping[int, World], *, robot: str | Path = "jackal", course: Course = ()) -> Plot:
     """Return a figure of one world, or of many on a sheet.
 
     Start, goal and path of one world are those that are driven: its own, else those of protocol challenge (of an arena,
@@ -149,22 +145,17 @@ def draw(
 
     Args:
         shown: The world, or worlds by number.
-        metrics: Whether a map of each difficulty metric is drawn as well, of one world.
         robot: What drives.
         course: Start x, y, yaw and goal x, y [m, rad] in place of the world's own.
 
     Raises:
-        BarnError: Start or goal is blocked, or no way leads from one to the other. Metrics or a course are
-            asked for of several worlds, or metrics of one that has none.
+        BarnError: Start or goal is blocked, or no way leads from one to the other. A course is asked for of several
+            worlds.
     """
     if isinstance(shown, Mapping):
-        if metrics:
-            raise ConfigError("metrics are drawn of one world, not of several")
         if course:
             raise ConfigError("a course is drawn in one world, not in several")
         return Plot(sheet_figure(shown), f"{len(shown)} worlds")
-    if metrics:
-        return Plot(metrics_figure(shown), shown.name)
     driven = for_robot(shown, load_robot(robot), course)
     rules = DYNABARN if driven.corner_m is not None else CHALLENGE
     ends = rules.course(driven)
@@ -203,8 +194,6 @@ def _write_each(target: Path, chosen: Mapping[int, World], form: Form, movable: 
                 write_png(world_figure(world), folder / f"world_{index}.png")
             elif form == "yaml":
                 write_world_yaml(world, folder / f"world_{index}.world.yaml")
-            elif form == "tracks":
-                write_tracks(world, folder / f"tracks_{index}.csv")
             elif form == "map":
                 write_map(world.occupancy_map(), folder / f"map_{index}", course=world.course_numbers)
             else:

@@ -2,8 +2,8 @@
 
 import itertools
 from pathlib import Path
-from types import ModuleType
 
+import metrics_figures as page_tool
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
@@ -11,9 +11,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
+from world_metrics import WIDTH_PX, draw_world_figure, world_figure
 
 from barn_metrics.report import metrics_table
-from barn_metrics.world_figure import WIDTH_PX, draw_world_figure, world_figure
 from barn_worlds.base.errors import WorldError
 from barn_worlds.worlds.dataset import Dataset
 from barn_worlds.worlds.generate import WorldParameters, generate_world
@@ -76,7 +76,7 @@ def test_texts_neither_overlap_nor_leave_the_figure(name):
 
 
 @pytest.mark.parametrize("name", OF_THE_PAGE)
-def test_texts_of_the_page_neither_overlap_nor_leave_the_figure(page_tool: ModuleType, name: str):
+def test_texts_of_the_page_neither_overlap_nor_leave_the_figure(name: str):
     assert _overlapping_texts(OF_THE_PAGE[name](page_tool)) == []
 
 
@@ -102,7 +102,7 @@ def test_world_figure_is_a_png_of_the_stated_width_and_repeatable(tmp_path: Path
         assert image.width == WIDTH_PX
 
 
-def test_documentation_figures_are_all_written(page_tool: ModuleType, tmp_path: Path):
+def test_documentation_figures_are_all_written(tmp_path: Path):
     dataset = Dataset("few", {k: (lambda seed=k: _world(seed)) for k in range(5)})
     files = page_tool.draw_documentation_figures(tmp_path / "figures", dataset)
     assert sorted(tmp_path.joinpath("figures").iterdir()) == sorted(files)
@@ -119,7 +119,7 @@ def test_a_figure_that_cannot_be_written_leaves_nothing(tmp_path: Path):
     assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
 
 
-def test_automaton_figure_shows_the_random_grid_and_three_iterations(page_tool: ModuleType):
+def test_automaton_figure_shows_the_random_grid_and_three_iterations():
     figure = page_tool.automaton_figure()
     titles = [axes.get_title().split("\n")[0] for axes in figure.axes]
     assert titles == ["Random fill", "Iteration 1", "Iteration 2", "Iteration 3"]

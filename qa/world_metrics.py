@@ -1,9 +1,14 @@
-"""The picture of one world (obstacles, C-space with path, a map of each metric), and the parts of all such figures."""
+"""The picture of one world (obstacles, C-space with path, a map of each metric), and the parts of all such figures.
+
+python qa/world_metrics.py 105 world.png
+python qa/world_metrics.py 3 world.png --dataset mine.npz --formula published
+"""
 
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import click
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
@@ -24,6 +29,7 @@ from barn_metrics.metrics import (
 from barn_worlds.base.arrays import BoolGrid, Cells, Floats
 from barn_worlds.drawing.files import write_png
 from barn_worlds.drawing.palette import OBSTACLE, ROUTE, UNKNOWN, WHITE
+from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 _CELLS = ListedColormap([WHITE, UNKNOWN, OBSTACLE])
@@ -131,3 +137,17 @@ def _draw_cspace(axes: Axes, world: World, tortuosity: float) -> None:
     show_path(axes, world.path)
     title = METRICS[4].title.lower()
     axes.set_title(f"C-space (grey) and path\n{title} {tortuosity:.2f}, {world.path_length_m:.2f} m", fontsize=9)
+
+
+@click.command()
+@click.argument("number", type=int)
+@click.argument("target", type=click.Path(path_type=Path))
+@click.option("--dataset", default="barn300", show_default=True)
+@click.option("--formula", default="corrected", show_default=True)
+def main(number: int, target: Path, dataset: str, formula: str) -> None:
+    """Draw a world of a data set."""
+    draw_world_figure(open_dataset(dataset).load(number), target, formula)
+
+
+if __name__ == "__main__":
+    main()
