@@ -9,16 +9,16 @@ import pytest
 
 TOOL = Path(__file__).resolve().parents[1] / "qa" / "house.py"
 MOST = {
-    "lines of Python": 40_865,
+    "lines of Python": 40_789,
     "lines of JavaScript": 1_400,
-    "lines of tests": 31_494,
+    "lines of tests": 31_452,
     "lines of the longest function": 76,
-    "imports inside functions": 13,
-    "exceptions from rules (noqa)": 36,
+    "imports inside functions": 12,
+    "exceptions from rules (noqa)": 35,
     "signatures with a bare Any": 33,
     "class names used twice": 0,
     "leaf commands": 24,
-    "options of commands": 114,
+    "options of commands": 113,
 }
 
 

@@ -17,7 +17,6 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from report_work import EVIL, campaign, drive, recorded_track, rewrite_rows
 
-from barn_eval.analysis.difficulty import predicted
 from barn_eval.analysis.overview import repeat
 from barn_eval.analysis.significance import proportion
 from barn_eval.analysis.sources import Source, read_entries, read_source
@@ -35,8 +34,7 @@ from barn_eval.pages.report.page import build_report, draw, plot, report_page, w
 from barn_eval.pages.report.trials import trial_data
 from barn_eval.pages.template import colour_sheet, script_json
 from barn_eval.results import report as write_folders
-from barn_eval.trials.protocol import CHALLENGE, DYNABARN, load_protocol
-from barn_metrics.model import load_model
+from barn_eval.trials.protocol import CHALLENGE, DYNABARN
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.drawing.palette import PLANNERS
@@ -135,26 +133,6 @@ def test_worlds_are_ordered_from_easy_to_difficult(either):
     results = [result.scores.normalised_time_s_per_m for result in read_results(folder) if result.world == 3]
     assert order.mean_s_per_m[order.worlds.index(3)] == pytest.approx(np.mean(results))
     assert [len(band.worlds) for band in report.overview.bands] == [4, 4]
-
-
-def test_prediction_is_that_of_the_model_and_a_gap_where_there_is_none(report):
-    order = report.overview.order
-    dataset = open_dataset("barn300")
-    worlds = {number: dataset.load(number) for number in order.worlds[:2]}
-    found = predicted(order, worlds)
-    model = load_model()
-    assert found[:2] == tuple(model.predict(dataset.load(number)).difficulty_s_per_m for number in order.worlds[:2])
-    assert np.isnan(found[2:]).all()
-
-
-@pytest.mark.parametrize("protocol", ["challenge", "paper2020"])
-def test_prediction_is_drawn_only_of_trials_like_those_that_it_was_learned_from(protocol, run, tmp_path):
-    report = build_report([campaign(tmp_path / "campaign", run, protocol=load_protocol(protocol))])
-    (axes,) = draw(CHARTS["worlds"], report.data)
-    names = [text.get_text() for legend in axes.figure.legends for text in legend.get_texts()]
-    assert names[:2] == ["gap", "DWA"]
-    assert ("predicted" in names) == (protocol == "paper2020")
-    assert ("Predicted: by the difficulty model" in report_page(report, "A title")) == (protocol == "paper2020")
 
 
 def test_a_packed_track_is_the_trajectory_to_within_its_steps(run):
@@ -316,19 +294,6 @@ def test_a_pdf_has_its_fonts_embedded(report, tmp_path):
     assert content.count(b"/FontFile2") >= 1 and b"/Type3" not in content
     with pytest.raises(ConfigError, match="width_mm: must lie in 60 to 400, got 8"):
         report_module.plot("trade", report.entries, width_mm=8)
-
-
-def test_worlds_can_be_ordered_by_what_the_model_predicts(folder):
-    made = build_report([folder], hardest=0, difficulty="model")
-    order = made.overview.order
-    dataset, model = open_dataset("barn300"), load_model()
-    expected = {world: model.predict(dataset.load(world)).difficulty_s_per_m for world in range(8)}
-    assert order.predicted_s_per_m == tuple(sorted(expected.values()))
-    assert order.worlds == tuple(sorted(expected, key=expected.get))
-    assert draw(CHARTS["worlds"], made.data)[0].get_xlabel() == "difficulty as predicted [s/m]"
-    assert "no trial is used twice" in report_page(made, "model")
-    with pytest.raises(ConfigError, match="difficulty 'guess': must be one of trials, model"):
-        build_report([folder], difficulty="guess")
 
 
 def test_speed_is_drawn_over_safety_with_the_limits_of_both(report):

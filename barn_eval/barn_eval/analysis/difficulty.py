@@ -1,8 +1,6 @@
 """Worlds from easy to difficult, and bands of them."""
 
-import math
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
@@ -10,16 +8,11 @@ import numpy as np
 
 from barn_eval.analysis.sources import Entry
 from barn_eval.analysis.summary import Summary, summarise
-from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.result import TrialResult
-from barn_worlds.base.errors import WorldError
-from barn_worlds.worlds.world import World
 
 IN_BANDS = ("success", "traversal_time_s", "normalised_time_s_per_m", "challenge")
 MOST_BANDS = 4
 _FEWEST_WORLDS = 3  # of a band
-# The protocol whose trials the shipped difficulty model predicts; it knows nothing of others.
-PREDICTED = PAPER_2020.name
 
 
 @dataclass(frozen=True)
@@ -28,19 +21,12 @@ class Difficulty:
 
     worlds: their numbers; mean_s_per_m: counted time per metre, averaged over all trials of the world, each entry
     weighing the same (the paper's measure, Sec. IV-B).
-    left_out: worlds that some entry has no trial of. predicted_s_per_m: what the worlds are ordered by where that is
-    the difficulty model's prediction, so that the order does not come from the trials that it is shown with.
+    left_out: worlds that some entry has no trial of.
     """
 
     worlds: tuple[int, ...]
     mean_s_per_m: tuple[float, ...]
     left_out: int
-    predicted_s_per_m: tuple[float, ...] = ()
-
-    @property
-    def order_s_per_m(self) -> tuple[float, ...]:
-        """What the worlds are ordered by."""
-        return self.predicted_s_per_m or self.mean_s_per_m
 
 
 @dataclass(frozen=True)
@@ -74,32 +60,6 @@ def difficulty(entries: Sequence[Entry]) -> Difficulty:
     return Difficulty(worlds, means, len(known) - len(shared))
 
 
-def by_prediction(order: Difficulty, worlds: Mapping[int, World]) -> Difficulty:
-    """Return the worlds in the order of the difficulty that the model predicts; those it cannot judge are left out.
-
-    WorldError where it can judge none.
-    """
-    found = zip(predicted(order, worlds), order.worlds, order.mean_s_per_m, strict=True)
-    rows = sorted(row for row in found if not math.isnan(row[0]))
-    if not rows:
-        raise WorldError("the difficulty of these worlds cannot be predicted: none of them is at hand")
-    values, numbers, means = zip(*rows, strict=True)
-    left_out = order.left_out + len(order.worlds) - len(rows)
-    return Difficulty(numbers, means, left_out, values)
-
-
-def predicted(order: Difficulty, worlds: Mapping[int, World]) -> tuple[float, ...]:
-    """Return what the shipped model predicts for the worlds of an order, s/m; NaN where it cannot say."""
-    from barn_metrics.model import load_model  # noqa: PLC0415 (scipy)
-
-    model = load_model()
-    found = dict.fromkeys(order.worlds, math.nan)
-    for number in set(worlds).intersection(found):
-        with suppress(WorldError):  # no path leads through it
-            found[number] = model.predict(worlds[number]).difficulty_s_per_m
-    return tuple(found.values())
-
-
 def bands(entries: Sequence[Entry], order: Difficulty) -> list[Band]:
     """Return up to four bands of equally many worlds; none where there are too few worlds for two."""
     count = min(MOST_BANDS, len(order.worlds) // _FEWEST_WORLDS)
@@ -110,7 +70,7 @@ def bands(entries: Sequence[Entry], order: Difficulty) -> list[Band]:
     made = []
     for name, part in zip(names, np.array_split(np.arange(len(order.worlds)), count), strict=True):
         worlds = tuple(order.worlds[index] for index in part)
-        limits = order.order_s_per_m[part[0]], order.order_s_per_m[part[-1]]
+        limits = order.mean_s_per_m[part[0]], order.mean_s_per_m[part[-1]]
         results = ([one for world in worlds for one in group.get(world, [])] for group in groups)
         made.append(Band(name, worlds, limits, tuple(summarise(one, IN_BANDS) for one in results)))
     return made

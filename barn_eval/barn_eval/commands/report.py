@@ -2,12 +2,11 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import click
 
 from barn_eval.commands.options import PATH, keys_of, progress, say, settings_option
-from barn_eval.pages import DIFFICULTIES
 from barn_eval.pages.report.page import DEFAULT_HARDEST
 from barn_eval.results.folders import report
 from barn_worlds.base.config import Checked, from_dict, quantity
@@ -27,22 +26,9 @@ class Look(Checked):
 @click.argument("folders", nargs=-1, required=True, type=PATH)
 @click.option("--out", default="report.html", type=PATH, help="The page.")
 @click.option("--assets/--no-assets", default=True, help="Write figures and tables into OUT_assets as well.")
-@click.option(
-    "--difficulty",
-    type=click.Choice(DIFFICULTIES),
-    default=DIFFICULTIES[0],
-    help="What worlds are ordered by: the trials themselves, or the model's prediction.",
-)
 @click.option("--replays", is_flag=True, help="Draw the replay of each bag into OUT_replays and link to it.")
 @settings_option("--set", "settings", "Of the page and its figures", Look())
-def command(
-    folders: tuple[Path, ...],
-    out: Path,
-    assets: bool,
-    replays: bool,
-    settings: dict[str, Any],
-    **difficulty: Literal["trials", "model"],
-) -> None:
+def command(folders: tuple[Path, ...], out: Path, assets: bool, replays: bool, settings: dict[str, Any]) -> None:
     """Write the report of FOLDERS of experiments, finished or not.
 
     Figures go beside the page as SVG and PDF, tables as CSV and LaTeX. --set width_mm=88 fits a column.
@@ -58,7 +44,6 @@ def command(
             assets=beside,
             title=look.title,
             hardest=look.hardest,
-            **difficulty,
             replays=out.with_name(f"{out.stem}_replays") if replays else None,
             columns=keys_of(look.columns),
             width_mm=look.width_mm or None,

@@ -106,7 +106,6 @@ def report(
     title: str = "",
     assets: str | Path | None = None,
     hardest: int = 8,
-    difficulty: Literal["trials", "model"] = "trials",
     replays: str | Path | None = None,
     columns: Sequence[str] = (),
     width_mm: float | None = None,
@@ -120,7 +119,6 @@ def report(
         title: Its title.
         assets: Folder for its figures (SVG, PDF) and tables (CSV, LaTeX).
         hardest: Number of worlds drawn as maps.
-        difficulty: What worlds are ordered by, the trials or the prediction of the model.
         replays: Folder for a page of each bag, which the report links to.
         columns: Measures of its tables, columns of `Results.table`. Default: success, times and scores.
         width_mm: Width of the figures in `assets` [mm]; their type is of 7 to 9 pt then.
@@ -134,7 +132,7 @@ def report(
     """
     page = Path(out)
     pdf = assets is not None and checked_width(width_mm) is None
-    made = build_report(paths_of(folders), hardest, difficulty=difficulty, columns=columns, progress=progress, pdf=pdf)
+    made = build_report(paths_of(folders), hardest, columns=columns, progress=progress, pdf=pdf)
     links = replay_links(made, page, Path(replays) if replays else None)
     labels = ", ".join(entry.label for entry in made.entries)
     write_page(page, report_page(made, title or f"Navigation benchmark: {labels}", links))

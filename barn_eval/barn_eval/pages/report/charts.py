@@ -31,7 +31,6 @@ from barn_worlds.worlds.world import World
 _OUTCOMES = tuple(Outcome)
 _TIME = MEASURES["normalised_time_s_per_m"]
 _RANK = "world, from easy to difficult [rank]"
-_PREDICTED = "difficulty as predicted [s/m]"
 _NAMED_PER_IN = 3.4  # worlds, up to which each has its number below it
 _DISTRIBUTED = ("normalised_time_s_per_m", "min_clearance_m", "mean_speed_mps", "rms_jerk_mps3")
 _COMPUTE = {"median": "compute_p50_ms", "95th percentile": "compute_p95_ms", "largest": "compute_max_ms"}
@@ -44,15 +43,13 @@ _DASHES = ("-", "--", "-.", ":")
 class ChartData:
     """What charts are drawn of.
 
-    overview: the intervals and comparisons, which take time and some charts do without. predicted_s_per_m: what the
-    model says of each world of the order, if it is to be drawn beside. hardest: worlds with the trials in each, by
-    number, hardest first.
+    overview: the intervals and comparisons, which take time and some charts do without. hardest: worlds with the trials
+    in each, by number, hardest first.
     """
 
     entries: Sequence[Entry]
     order: Difficulty
     overview: Callable[[], Overview]
-    predicted_s_per_m: Sequence[float] = ()
     hardest: Mapping[int, tuple[World, Sequence[DrivenTrial]]] = field(default_factory=dict)
 
     @property
@@ -124,7 +121,7 @@ def chart(about: str, layout: Layout) -> Callable[[Drawing], Drawing]:
 )
 def _worlds(panels: Sequence[Axes], data: ChartData) -> Legend:
     (axes,), order = panels, data.order
-    rank = np.array(order.predicted_s_per_m or np.arange(1, len(order.worlds) + 1))
+    rank = np.arange(1.0, len(order.worlds) + 1)
     handles: list[Any] = []
     window = max(1, len(rank) // _WINDOWS)
     look: dict[str, Any] = {"alpha": 0.3, "markersize": 3} if window > 1 else {"markersize": 5}
@@ -137,15 +134,10 @@ def _worlds(panels: Sequence[Axes], data: ChartData) -> Legend:
         middle = _running(values, window)
         line: dict[str, Any] = {"linestyle": dashes, "linewidth": 1.6, "markevery": max(1, len(middle) // 12)}
         handles += axes.plot(_running(rank, window), middle, markersize=5, **own, **line)
-    names = data.labels
-    if np.isfinite(data.predicted_s_per_m).any():
-        handles += axes.plot(rank, data.predicted_s_per_m, color=INK, linewidth=0.9, linestyle=":")
-        names.append("predicted")
-    label_axes(axes, _PREDICTED if order.predicted_s_per_m else _RANK, _TIME.heading)
-    if not order.predicted_s_per_m:
-        _world_ticks(axes, order)
+    label_axes(axes, _RANK, _TIME.heading)
+    _world_ticks(axes, order)
     axes.set_ylim(bottom=0)
-    return Legend(handles, names)
+    return Legend(handles, data.labels)
 
 
 def _running(values: Floats, window: int) -> Floats:

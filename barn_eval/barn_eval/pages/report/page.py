@@ -10,7 +10,6 @@ from urllib.parse import quote
 
 from matplotlib.axes import Axes
 
-from barn_eval.analysis.difficulty import PREDICTED, by_prediction, predicted
 from barn_eval.analysis.difficulty import difficulty as order_of
 from barn_eval.analysis.measures import measures_named, metric_of
 from barn_eval.analysis.overview import Overview, analyse, repeat, tables
@@ -21,7 +20,7 @@ from barn_eval.analysis.verdict import cautions
 from barn_eval.bags.recorded import read_recorded
 from barn_eval.experiments.folder import REPLAYS
 from barn_eval.experiments.sweep import expanded
-from barn_eval.pages import DIFFICULTIES, Progress
+from barn_eval.pages import Progress
 from barn_eval.pages.figures import ReportFigure, figure_of, finished, new_figure, plain, style
 from barn_eval.pages.replay.page import replay_page
 from barn_eval.pages.report.charts import CHARTS, Chart, ChartData
@@ -86,7 +85,7 @@ def plot(
         shown = hardest_maps(order, drives, worlds_by_number(drives, worlds), DEFAULT_HARDEST)
     overview = cache(lambda: analyse(entries, order, lambda jobs: [job() for job in jobs]))
     with style(checked_width(width_mm)):
-        panels = draw(CHARTS[name], ChartData(entries, order, overview, hardest=shown), ax, width_mm)
+        panels = draw(CHARTS[name], ChartData(entries, order, overview, shown), ax, width_mm)
     if not panels:
         raise ConfigError(f"figure {name!r}: these results have nothing to show in it")
     return panels
@@ -140,30 +139,22 @@ def build_report(
     paths: Sequence[Path],
     hardest: int = DEFAULT_HARDEST,
     *,
-    difficulty: str = DIFFICULTIES[0],
     columns: Sequence[str] = (),
     progress: Progress = lambda _: None,
     pdf: bool = True,
 ) -> Report:
     """Read folders and compute what their report shows; BarnError in one line for what is no run or campaign.
 
-    difficulty: "trials" orders worlds by the trials themselves, "model"
-    by the difficulty that the model predicts, so that no trial is used twice. columns: keys of the measures of its
-    tables. progress: gets the share that is done.
+    columns: keys of the measures of its tables. progress: gets the share that is done.
     """
-    if difficulty not in DIFFICULTIES:
-        raise ConfigError(f"difficulty {difficulty!r}: must be one of {', '.join(DIFFICULTIES)}")
     keys = measures_named(columns)
     entries = tuple(read_entries(paths))
     require_same_task(expanded(paths))
     drives, worlds = driven_trials(entries)
     numbered, order = worlds_by_number(drives, worlds), order_of(entries)
-    if difficulty == "model":
-        order = by_prediction(order, numbered)
-    learned = entries[0].results[0].protocol == PREDICTED and difficulty == "trials"
     found = analyse(entries, order, lambda jobs: run_forked(jobs, lambda share: progress(0.5 * share)), keys)
     shown = hardest_maps(order, drives, numbered, hardest)
-    data = ChartData(entries, order, lambda: found, predicted(order, numbered) if learned else (), shown)
+    data = ChartData(entries, order, lambda: found, shown)
     return Report(entries, found, data, drives, worlds, keys, pdf, progress)
 
 
@@ -199,7 +190,6 @@ def report_page(report: Report, title: str, links: Mapping[Path, str] | None = N
         first=first,
         leaders=leaders,
         metric=metric_of(report.entries[0].results).heading,
-        predicted=first.protocol == PREDICTED,
         notes=cautions(leaders.worlds, sources),
         tracks=sum(drive.track is not None for drive in report.drives),
         moving=any(world.moving or world.walls for world in report.worlds.values()),
