@@ -9,12 +9,12 @@ import pytest
 
 TOOL = Path(__file__).resolve().parents[1] / "qa" / "house.py"
 MOST = {
-    "lines of Python": 40_789,
+    "lines of Python": 40_529,
     "lines of JavaScript": 1_400,
-    "lines of tests": 31_452,
+    "lines of tests": 31_451,
     "lines of the longest function": 76,
-    "imports inside functions": 12,
-    "exceptions from rules (noqa)": 35,
+    "imports inside functions": 11,
+    "exceptions from rules (noqa)": 34,
     "signatures with a bare Any": 33,
     "class names used twice": 0,
     "leaf commands": 24,

@@ -1,24 +1,24 @@
-"""The learned difficulty of worlds: predicted, trained and judged."""
+"""The learned difficulty of worlds: predicted, and judged by trials."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
-from barn_eval.learning.difficulty import read_samples
+from barn_eval.analysis.published import read_published
+from barn_eval.analysis.sources import read_source
 from barn_eval.results.frames import frame_of
-from barn_metrics.model import DifficultyModel, load_model, save_model
+from barn_metrics.model import DifficultyModel, load_model
 from barn_metrics.model.evaluation import Evaluation, EvaluationConfig
-from barn_metrics.model.evaluation import evaluate as evaluate_models
-from barn_metrics.model.training import train as train_model
+from barn_metrics.model.evaluation import evaluate as evaluate_model
+from barn_metrics.model.trials import Trials
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.worlds.dataset import Dataset, open_dataset
+from barn_worlds.worlds.world import World
 
-__all__ = ["evaluate", "predict", "train"]
-
-
-Sources = str | Path | Sequence[str | Path]
+__all__ = ["evaluate", "predict"]
 
 
 def predict(source: str | Path = "barn300", select: str = "all", *, weights: str | Path | None = None) -> pd.DataFrame:
@@ -50,27 +50,6 @@ def predictions(
     return model, dataset.name, rows
 
 
-def train(sources: Sources, out: str | Path, *, planner: str = "", dataset: str = "", seed: int = 0) -> DifficultyModel:
-    """Train a model of how difficult worlds are on trials, write its weights and return it.
-
-    Args:
-        sources: Folders of experiments, or tables of published times, .csv.
-        out: Weights to write, .npz.
-        planner: Learn the times of this one alone, not the mean of all.
-        dataset: Where the worlds are, if not where the results say.
-        seed: All randomness comes from it.
-
-    Raises:
-        BarnError: A source cannot be read, or there is too little to learn from.
-    """
-    if Path(out).suffix != ".npz":
-        raise ConfigError(f"out {out}: must end in .npz")
-    paths = [sources] if isinstance(sources, str | Path) else sources
-    model = train_model(*read_samples([Path(path) for path in paths], planner, dataset), seed)
-    save_model(model, Path(out))
-    return model
-
-
 def evaluate(
     source: str | Path,
     *,
@@ -81,25 +60,80 @@ def evaluate(
     dataset: str = "",
     seed: int = 0,
 ) -> Evaluation:
-    """Judge the model in worlds that it was not trained on, beside ridge regression on the paper's five metrics.
+    """Judge the model by trials, beside ridge regression on the paper's five metrics.
 
-    It is repeated k-fold over the worlds of a source. Worlds of `barn_test` are never trained on; they judge weights.
+    Ridge regression is judged by repeated k-fold over the worlds of the source; worlds of `barn_test` judge the model
+    alone.
 
     Args:
-        source: As for `train`.
-        weights: File of a model to judge in place of models trained on folds, "shipped" for the shipped one.
+        source: Folder of an experiment, or a table of published times, .csv.
+        weights: File of a model. Default: the shipped one.
         folds: Parts of the worlds.
         repeats: Divisions into folds.
-        planner: As for `train`.
-        dataset: As for `train`.
+        planner: Judge by the times of this one alone, not by the mean of all.
+        dataset: Where the worlds are, if not where the results say.
         seed: All randomness comes from it.
 
     Returns:
-        The errors of each kind of model, in (s/m)^2, with intervals of 95 % over worlds.
+        The errors of both, in (s/m)^2, with intervals of 95 % over worlds.
 
     Raises:
-        BarnError: The source or the weights cannot be read, or there is too little to learn from.
+        BarnError: The source or the weights cannot be read, or there are too few worlds.
     """
+    worlds, trials = read_trials(Path(source), dataset)
     config = EvaluationConfig(folds=folds, repeats=repeats, seed=seed)
-    model = None if weights is None else load_model(None if str(weights) == "shipped" else weights)
-    return evaluate_models(*read_samples([Path(source)], planner, dataset), config, model)
+    return evaluate_model(worlds, trials.of(planner) if planner else trials, load_model(weights), config)
+
+
+def read_trials(source: Path, dataset: str = "") -> tuple[dict[int, World], Trials]:
+    """Return worlds by number and the trials in them of an experiment's folder or a table of published times.
+
+    dataset: where the worlds are, if not where the experiment names them or beside the table. BarnError in one line for
+    what cannot be read, or for other worlds.
+    """
+    if source.suffix == ".csv" and not source.is_dir():
+        return _of_published(source, open_dataset(dataset or source.resolve().parent))
+    if source.is_file():
+        raise ConfigError(f"{source}: must be a folder of results or a table of published times (.csv)")
+    found = read_source(source)
+    worlds = open_dataset(dataset or str(found.configuration.get("dataset")))
+    known = {(world := worlds.load(index)).checksum: (index, world) for index in worlds.indices}
+    lost = next((one.world for one in found.results if one.world_checksum not in known), None)
+    if lost is not None:
+        raise ConfigError(
+            f"{source}: world {lost} of its trials is none of {worlds.name}; name the data set they ran in"
+        )
+    trials = Trials(
+        np.array([known[one.world_checksum][0] for one in found.results], np.int64),
+        tuple(one.planner for one in found.results),
+        np.array([one.scores.normalised_time_s_per_m for one in found.results]),
+        np.array([one.scores.success for one in found.results], np.bool_),
+    )
+    return _common(known.values(), trials)
+
+
+def _of_published(source: Path, dataset: Dataset) -> tuple[dict[int, World], Trials]:
+    published = read_published(source)
+    first = next(iter(published.values()))
+    worlds = {number: dataset.load(number) for number in sorted(first.lengths_m)}
+    other = first.other_length((number, world.path_length_m) for number, world in worlds.items())
+    if other is not None:
+        raise ConfigError(
+            f"{source}: path of world {other} has {first.lengths_m[other]:.3f} m, "
+            f"{worlds[other].path_length_m:.3f} m in {dataset.name}"
+        )
+    trials = Trials(
+        np.concatenate([one.worlds for one in published.values()]),
+        tuple(planner for planner, one in published.items() for _ in one.worlds),
+        np.concatenate([one.normalised_s_per_m for one in published.values()]),
+        ~np.concatenate([one.failed for one in published.values()]),
+    )
+    return _common(worlds.items(), trials)
+
+
+def _common(worlds: Iterable[tuple[int, World]], trials: Trials) -> tuple[dict[int, World], Trials]:
+    """Return the worlds that every planner was tried in, ascending, and the trials there."""
+    if not trials.world_numbers:
+        raise ConfigError(f"no world has trials of all of {', '.join(trials.planner_names)}")
+    known = dict(worlds)
+    return {number: known[number] for number in trials.world_numbers}, trials.only(trials.world_numbers)

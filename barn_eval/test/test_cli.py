@@ -218,7 +218,7 @@ def test_info(command):
         assert state == "on" or state.startswith("off: ")
     films = "on" if shutil.which("ffmpeg") else "off: ffmpeg is not installed; films are off, .gif works"
     assert content["optional"]["ffmpeg"].startswith(films)
-    parts = {"torch", "foxglove", "gymnasium", "stable_baselines3", "ray", "optuna"}
+    parts = {"foxglove", "gymnasium", "stable_baselines3", "ray", "optuna"}
     assert parts <= content["optional"].keys()
     assert "installed" in command("info")[1]
 

@@ -14,8 +14,7 @@ from reproduce_work import experiment_of, write_made_up
 
 from barn_eval.analysis.sources import read_source
 from barn_eval.commands.main import cli
-from barn_eval.difficulty import evaluate, train
-from barn_eval.learning.difficulty import read_trials
+from barn_eval.difficulty import evaluate, read_trials
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.model import load_model
 from barn_metrics.model.weights import shipped_weights
@@ -39,8 +38,15 @@ def source(tmp_path_factory):
 def weights(source, tmp_path_factory):
     """Weights of a model trained on the source, and what is told about it."""
     pytest.importorskip("torch", reason="networks are trained with PyTorch")
+    tool = pytest.importorskip("train_difficulty", reason="the repository's qa folder is not beside this package")
     path = tmp_path_factory.mktemp("weights") / "w.npz"
-    return path, train(source, path).about
+    trained = CliRunner().invoke(tool.main, [str(source), "--out", str(path)])
+    assert trained.exit_code == 0, trained.output
+    judged = CliRunner().invoke(tool.main, [str(source), "--folds", "3", "--repeats", "1"])
+    assert "ridge" in judged.output and "routes" in judged.output
+    wrong = CliRunner().invoke(tool.main, [str(source), "--planner", "dwb", "--out", str(path)])
+    assert "no trials of planner 'dwb'" in wrong.output and wrong.exit_code == 1
+    return path, load_model(path).about
 
 
 def predict(*arguments):
@@ -110,13 +116,11 @@ def test_a_model_is_trained_and_predicts_from_the_command_line(weights):
 
 def test_models_and_weights_are_judged_beside_ridge_regression(source, weights):
     path, trained = weights
-    ridge, routes = evaluate(source, **FOLDS).scores
-    assert (ridge.name, routes.name, ridge.gain) == ("ridge", "routes", None)
-    assert all(one.mse.low <= one.mse.estimate <= one.mse.high for one in (ridge, routes))
     found = evaluate(source, weights=path, **FOLDS)
-    again, one = found.scores
+    ridge, one = found.scores
+    assert all(each.mse.low <= each.mse.estimate <= each.mse.high for each in (ridge, one))
     difficulty = read_trials(source)[1].difficulty()
-    assert (again, one.name, found.worlds) == (ridge, "weights", COUNT)
+    assert (ridge.name, ridge.gain, one.name, found.worlds) == ("ridge", None, "weights", COUNT)
     assert one.mse.estimate == pytest.approx(trained["training_mse"]) == one.training_mse
     assert one.r2.estimate == pytest.approx(1.0 - trained["training_mse"] / difficulty.var())
     assert one.gain.estimate == pytest.approx(ridge.mse.estimate - one.mse.estimate)
@@ -126,9 +130,7 @@ def test_models_and_weights_are_judged_beside_ridge_regression(source, weights):
 def test_worlds_held_out_judge_weights_alone(tmp_path):
     judges = tmp_path / "judges"
     write_made_up(judges, experiment_of("0-29", 2, "barn_test"))
-    with pytest.raises(BarnError, match="is never trained on; it judges weights"):
-        evaluate(judges, **FOLDS)
-    (one,) = evaluate(judges, weights="shipped").scores
+    (one,) = evaluate(judges).scores
     assert (one.name, one.gain, len(one.predictions)) == ("weights", None, COUNT)
 
 
@@ -159,4 +161,6 @@ def test_mistakes_are_told(source, tmp_path):
     assert isinstance(refused, BarnError)
     assert str(refused).startswith(f"{tmp_path / 'w.npz'}: not a difficulty model, or a damaged one")
     with pytest.raises(BarnError, match="no trials of planner 'dwb'"):
-        train(source, tmp_path / "x.npz", planner="dwb")
+        evaluate(source, planner="dwb")
+    with pytest.raises(BarnError, match="16 folds need at least 32 worlds, got 30"):
+        evaluate(source, folds=16)

@@ -130,8 +130,8 @@ def offered():
 
 
 def test_every_command_has_its_function():
-    functions = {"demo": "run", "show": "draw", "worlds": "generate sample save order resize datasets"}
-    functions |= {"robots": "names load draw", "difficulty": "predict train evaluate check"}
+    functions = {"demo": "run", "show": "draw", "worlds": "generate save resize datasets"}
+    functions |= {"robots": "names load draw", "difficulty": "predict evaluate"}
     functions |= {"ab": "compare", "tune": "sweep"}  # which choose what to run; these run it
     names = {name.rpartition(".")[2] for name in offered()} | {one for one in vars(barn.Results) if one[0] != "_"}
     assert [name for name in COMMANDS if not {*functions.get(name, name).split()} <= names] == []
@@ -153,10 +153,8 @@ def test_what_a_difficulty_model_predicts_is_checked_against_trials(tmp_path):
     lines = [f"{number},{one.path_length_m:.9f},8.0,9.0" for number, one in worlds.items()]
     table = tmp_path / "times.csv"
     table.write_text("\n".join(["world,path_length_m,dwa_1,eband_1", *lines]) + "\n")
-    found = barn.difficulty.evaluate(table, weights="shipped", folds=3, dataset=str(tmp_path / "worlds.npz"))
+    found = barn.difficulty.evaluate(table, folds=3, dataset=str(tmp_path / "worlds.npz"))
     assert (found.worlds, found.trials) == (len(worlds), 2 * len(worlds))
-    with pytest.raises(BarnError, match=r"weights\.bin: must end in \.npz"):
-        barn.difficulty.train(table, tmp_path / "weights.bin")
 
 
 def test_planners_of_all_kinds_drive_side_by_side(driven):

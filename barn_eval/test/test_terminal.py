@@ -75,8 +75,6 @@ def check_whole(made):
     ids=lambda command: " ".join(command[:2]),
 )
 def test_tables_of_commands_are_whole(folder, tables, monkeypatch, command):
-    if command[0] == "info":
-        pytest.importorskip("torch")
     monkeypatch.chdir(folder.parent)  # names of files are short: one that is wider than the terminal has to be broken
     with pytest.raises(SystemExit) as ended:
         main(command)

@@ -10,7 +10,7 @@ from barn_metrics.model import ModelError
 from barn_metrics.model.evaluation import noise_ceiling, ridge
 from barn_metrics.model.inputs import input_names, inputs_of
 from barn_metrics.model.route import cheapest_route, clearance_map
-from barn_metrics.model.training import Trials, fold_masks, train
+from barn_metrics.model.trials import Trials, fold_masks
 from barn_worlds.worlds.world import World
 
 
@@ -125,12 +125,3 @@ def test_ceiling_is_the_known_reliability_of_simulated_trials():
     assert found.estimate == pytest.approx(expected, abs=0.03)
     single = dataclasses.replace(trials, worlds=np.arange(len(numbers)))
     assert noise_ceiling(single) is None
-
-
-def test_training_needs_worlds(worlds):
-    trials = made_trials(worlds)
-    few = trials.only(trials.world_numbers[:9])
-    with pytest.raises(ModelError, match="at least 10 worlds with trials of every planner, got 9"):
-        train(worlds, few)
-    with pytest.raises(ModelError, match="trials of world 0, but not the world itself"):
-        train({6: worlds[6]}, trials)

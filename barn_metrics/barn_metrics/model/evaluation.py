@@ -12,13 +12,13 @@ from barn_metrics.bootstrap import Interval
 from barn_metrics.metrics import METRIC_NAMES
 from barn_metrics.model.inputs import inputs_of
 from barn_metrics.model.predictor import DifficultyModel, moments
-from barn_metrics.model.training import HELD_OUT, TITLE, Trials, fold_masks, held_out, train_models, trained_worlds
+from barn_metrics.model.trials import Mask, Trials, fold_masks, held_out, trained_worlds
 from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ModelError
 from barn_worlds.worlds.world import World
 
-RIDGE, ROUTES, WEIGHTS = "ridge", "routes", "weights"
+RIDGE, WEIGHTS = "ridge", "weights"
 RIDGE_TITLE = "ridge regression on the five metrics"
 _PENALTIES = np.logspace(-1.0, 4.0, 26)
 _SPLITS = 50
@@ -28,7 +28,7 @@ over_worlds = partial(bootstrap.over_worlds, resamples=4000)
 
 @dataclass(frozen=True)
 class EvaluationConfig(Checked):
-    """How models are judged: each fold by a model that was trained on all others, again with other folds."""
+    """How models that are trained here are judged: each fold by one of all others, again with other folds."""
 
     folds: int = quantity(10, "parts that the worlds are divided into", "", 2, 1000)
     repeats: int = quantity(5, "divisions", "", 1, 1000)
@@ -72,37 +72,21 @@ class Evaluation:
 
 
 def evaluate(
-    worlds: Mapping[int, World],
-    trials: Trials,
-    config: EvaluationConfig | None = None,
-    model: DifficultyModel | None = None,
+    worlds: Mapping[int, World], trials: Trials, model: DifficultyModel, config: EvaluationConfig | None = None
 ) -> Evaluation:
-    """Return the errors of ridge regression and of the suite's kind of model, on the worlds that every planner has.
+    """Return the errors of a model and of ridge regression, on the worlds that every planner has.
 
-    model: judged as it is in place of models trained on folds; worlds of `HELD_OUT` judge such a model alone.
-    ModelError for too few worlds, or where PyTorch is missing.
+    Worlds of `HELD_OUT` judge the model alone. ModelError for too few worlds.
     """
     chosen = config or EvaluationConfig()
     own, judged = trained_worlds(worlds, trials), trials.only(trials.world_numbers)
-    apart = held_out(own)
-    if apart is not None and model is None:
-        raise ModelError(f"{apart.name} is a world of {HELD_OUT}, which is never trained on; it judges weights")
-    if apart is None and len(own) < 2 * chosen.folds:
-        raise ModelError(f"{chosen.folds} folds need at least {2 * chosen.folds} worlds, got {len(own)}")
     inputs, difficulty = inputs_of(own), judged.difficulty()
-    scores: list[ModelScore] = []
-    for name in ([] if apart else [RIDGE]) + [WEIGHTS if model else ROUTES]:
-        if model is None or name == RIDGE:
-            predicted, training_mse = _on_folds(name, inputs, judged, chosen)
-            title = RIDGE_TITLE if name == RIDGE else TITLE
-        else:
-            predicted, training_mse = model.difficulty(inputs)[0][None], model.about.get("training_mse", math.nan)
-            title = f"{model.about.get('title')}; trained in {model.about.get('training_worlds')} other worlds"
-        score = _score(name, title, training_mse, predicted, difficulty, scores[0] if scores else None)
-        if model and name == WEIGHTS:
-            std = np.array([one.std_s_per_m for one in model.predict_inputs(inputs)])
-            score = replace(score, within_std=float((np.abs(predicted[0] - difficulty) <= std).mean()))
-        scores.append(score)
+    scores = [] if held_out(own) else [ridge_score(inputs, judged, chosen)]
+    predicted, training_mse = model.difficulty(inputs)[0][None], model.about.get("training_mse", math.nan)
+    title = f"{model.about.get('title')}; trained in {model.about.get('training_worlds')} other worlds"
+    found = score_of(WEIGHTS, title, training_mse, predicted, difficulty, scores[0] if scores else None)
+    std = np.array([one.std_s_per_m for one in model.predict_inputs(inputs)])
+    scores.append(replace(found, within_std=float((np.abs(predicted[0] - difficulty) <= std).mean())))
     return Evaluation(
         len(own),
         len(judged),
@@ -131,24 +115,36 @@ def ridge(inputs: Floats, targets: Floats) -> Callable[[Floats], Floats]:
     return lambda unseen: (unseen - mean) / std @ weights + bias
 
 
-def _on_folds(name: str, inputs: Floats, trials: Trials, config: EvaluationConfig) -> tuple[Floats, float]:
-    """Return predictions (repeats, w) by models that were trained without the world, and their mean training error."""
+def ridge_score(inputs: Floats, trials: Trials, config: EvaluationConfig) -> ModelScore:
+    """Return the errors of ridge regression on the five metrics, which are the first of the inputs (w, d)."""
     difficulty, five = trials.difficulty(), inputs[:, : len(METRIC_NAMES)]
-    predicted, training = np.zeros((config.repeats, len(inputs))), []
+
+    def fitted(kept: Mask, _: int) -> list[Floats]:
+        return [ridge(five[mask], difficulty[mask])(five) for mask in kept]
+
+    predicted, training_mse = on_folds(fitted, difficulty, config)
+    return score_of(RIDGE, RIDGE_TITLE, training_mse, predicted, difficulty, None)
+
+
+def on_folds(
+    fitted: Callable[[Mask, int], list[Floats]], difficulty: Floats, config: EvaluationConfig
+) -> tuple[Floats, float]:
+    """Return predictions (repeats, w) by models that were trained without the world, and their mean training error.
+
+    fitted: gives the predictions for all worlds of a model per row of worlds that are kept, with a seed.
+    """
+    if len(difficulty) < 2 * config.folds:
+        raise ModelError(f"{config.folds} folds need at least {2 * config.folds} worlds, got {len(difficulty)}")
+    predicted, training = np.zeros((config.repeats, len(difficulty))), []
     for repeat in range(config.repeats):
-        kept = fold_masks(len(inputs), config.folds, config.seed + repeat)
-        if name == RIDGE:
-            fitted = [ridge(five[mask], difficulty[mask])(five) for mask in kept]
-        else:
-            models = train_models(inputs, trials, kept, config.seed + repeat)
-            fitted = [model.difficulty(inputs)[0] for model in models]
-        for mask, given in zip(kept, fitted, strict=True):
+        kept = fold_masks(len(difficulty), config.folds, config.seed + repeat)
+        for mask, given in zip(kept, fitted(kept, config.seed + repeat), strict=True):
             predicted[repeat, ~mask] = given[~mask]
             training.append(np.mean((given - difficulty)[mask] ** 2))
     return predicted, float(np.mean(training))
 
 
-def _score(
+def score_of(
     name: str, title: str, training_mse: float, predicted: Floats, measured: Floats, yardstick: ModelScore | None
 ) -> ModelScore:
     """Return the errors of predictions (r, w), averaged over their r repeats, against measured times (w,)."""

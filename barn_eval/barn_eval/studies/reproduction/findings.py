@@ -33,7 +33,7 @@ from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.spec import simulator_config
 from barn_metrics.model import load_model
 from barn_metrics.model.evaluation import Evaluation, EvaluationConfig, evaluate
-from barn_metrics.model.training import Trials
+from barn_metrics.model.trials import Trials
 from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.text_files import finite, read_json
@@ -138,7 +138,7 @@ def reproduce(config: ReproduceConfig, out: Path, execution: Execution, console:
         Scope(config, dataset.checksum, len(dataset.indices), len(worlds), PAPER_2020.name),
         metrics_finding(dataset, config.seed),
         trials_finding(results, found, config.seed),
-        evaluate(worlds, _model_trials(found), judged, model),
+        evaluate(worlds, _model_trials(found), model, judged),
     )
     return findings, Origin.of(RunFile.read(where).sessions)
 

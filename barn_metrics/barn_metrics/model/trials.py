@@ -1,28 +1,21 @@
-"""Trials (which world, which planner, the time per metre), and the training of difficulty models from them."""
+"""Trials as difficulty models are trained and judged by: which world, which planner, the time per metre."""
 
 from __future__ import annotations
 
-import hashlib
-import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-from barn_metrics.model.inputs import inputs_of
-from barn_metrics.model.predictor import DifficultyModel
 from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.errors import ModelError, suggest
 from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
-TITLE = "networks convolved along the clearance beside three routes, and all inputs"
 FEWEST_WORLDS = 10
 HELD_OUT = "barn_test"  # judges models; nothing is trained on it or chosen by it
-_NETWORKS = 3
-_CALIBRATION_FOLDS, _CALIBRATION_WORLDS = 5, 300
 
 Mask = npt.NDArray[np.bool_]
 
@@ -100,72 +93,11 @@ class Trials:
         return Trials(self.worlds[kept], planners, self.normalised_s_per_m[kept], self.succeeded[kept])
 
 
-def joined(parts: Sequence[tuple[Mapping[int, World], Trials]]) -> tuple[dict[int, World], Trials]:
-    """Return worlds and trials of several campaigns, renumbered, equal worlds as one; ModelError for missing ones."""
-    numbers: dict[str, int] = {}
-    worlds: dict[int, World] = {}
-    renumbered = []
-    for mine, trials in parts:
-        check_worlds(mine, trials.worlds.tolist())
-        new = {number: numbers.setdefault(world.checksum, len(numbers)) for number, world in mine.items()}
-        worlds |= {new[number]: world for number, world in mine.items()}
-        renumbered.append(np.array([new[int(number)] for number in trials.worlds], np.int64))
-    return worlds, Trials(
-        np.concatenate(renumbered),
-        tuple(planner for _, one in parts for planner in one.planners),
-        np.concatenate([one.normalised_s_per_m for _, one in parts]),
-        np.concatenate([one.succeeded for _, one in parts]),
-    )
-
-
 def check_worlds(worlds: Mapping[int, World], numbers: Iterable[int]) -> None:
     """Raise ModelError if there are trials of a world that is not among the worlds."""
     missing = next((number for number in numbers if number not in worlds), None)
     if missing is not None:
         raise ModelError(f"there are trials of world {missing}, but not the world itself")
-
-
-def train(worlds: Mapping[int, World], trials: Trials, seed: int = 0) -> DifficultyModel:
-    """Return a model trained on all worlds that every planner of the trials was tried in.
-
-    The same arguments give the same model. Its uncertainty comes from further models, each trained without a fifth of
-    the worlds: five, or as few as leave enough worlds out.
-    Raises ModelError for too few worlds, for worlds of `HELD_OUT`, or where PyTorch is missing.
-    """
-    used = trained_worlds(worlds, trials)
-    if (found := held_out(used)) is not None:
-        raise ModelError(f"{found.name} is a world of {HELD_OUT}, which judges models and is never trained on")
-    inputs, difficulty = inputs_of(used), trials.difficulty()
-    enough = math.ceil(_CALIBRATION_WORLDS * _CALIBRATION_FOLDS / len(used))
-    folds = fold_masks(len(used), _CALIBRATION_FOLDS, seed)[:enough]
-    kept = np.concatenate([np.ones((1, len(used)), np.bool_), folds])
-    whole, *others = train_models(inputs, trials, kept, seed)
-    about = {
-        "title": TITLE,
-        "seed": seed,
-        "planners": list(trials.planner_names),
-        "training_worlds": len(used),
-        "training_trials": len(trials.only(trials.world_numbers)),
-        # Of the worlds' own checksums, whatever the order of the worlds.
-        "worlds_sha256": hashlib.sha256("\n".join(sorted(world.checksum for world in used)).encode()).hexdigest(),
-        "training_mse": float(np.mean((whole.difficulty(inputs)[0] - difficulty) ** 2)),
-    }
-    return DifficultyModel(whole.planners, whole.networks, _relative_std(others, folds, inputs, difficulty), about)
-
-
-def train_models(inputs: Floats, trials: Trials, kept: Mask, seed: int) -> list[DifficultyModel]:
-    """Return a model per row of `kept` (b, w), trained on the worlds kept there, from inputs (w, d)."""
-    try:
-        from barn_metrics.model.torch_training import train_network  # noqa: PLC0415 (optional, and slow to load)
-    except ImportError:
-        raise ModelError("training of networks needs PyTorch: pip install torch") from None
-    targets = np.concatenate([trials.times(), trials.failures()], axis=1)
-    made = []
-    for index, mask in enumerate(kept):
-        seeds = np.random.SeedSequence([seed, 0, index]).generate_state(_NETWORKS)
-        networks = tuple(train_network(inputs[mask], targets[mask], int(one)) for one in seeds)
-        made.append(DifficultyModel(trials.planner_names, networks, 0.0, {}))
-    return made
 
 
 def trained_worlds(worlds: Mapping[int, World], trials: Trials) -> list[World]:
@@ -193,13 +125,3 @@ def fold_masks(worlds: int, folds: int, seed: int) -> Mask:
     for fold, part in enumerate(np.array_split(order, folds)):
         kept[fold, part] = False
     return kept
-
-
-def _relative_std(models: Sequence[DifficultyModel], folds: Mask, inputs: Floats, difficulty: Floats) -> float:
-    """Return by what share of it a prediction is off beyond the members' disagreement, in 68.3 % of worlds left out."""
-    beyond = []
-    for model, kept in zip(models, folds, strict=True):
-        predicted, spread = model.difficulty(inputs[~kept])
-        off = np.maximum((predicted - difficulty[~kept]) ** 2 - spread**2, 0.0)
-        beyond.append(np.sqrt(off) / predicted)
-    return float(np.quantile(np.concatenate(beyond), math.erf(math.sqrt(0.5))))

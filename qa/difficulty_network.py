@@ -1,4 +1,4 @@
-"""Training of the network in PyTorch, which is optional and slow to load; nothing else imports it."""
+"""Training of the difficulty model's network in PyTorch, for `train_difficulty.py`."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
