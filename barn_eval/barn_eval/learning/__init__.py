@@ -1,1 +1,1 @@
-"""Learning: the Gymnasium environment, curricula and the difficulty model's data."""
+"""Learning: the Gymnasium environment, one and a batch."""
