@@ -1,13 +1,17 @@
-"""`barn check`: whether the results of an experiment follow from what was recorded."""
+"""`barn check`, `submit` and `verify`: whether results follow from what was recorded, here or in a file of others."""
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import click
 
-from barn_eval.commands.options import COUNT, PATH, console, json_option, notes, print_json
+from barn_eval.commands.options import COUNT, FILE, FOLDER, PATH, console, json_option, notes, print_json, say
 from barn_eval.experiments.check import FolderCheck, check_folder
+from barn_eval.experiments.submission import submit as write_submission
+from barn_eval.experiments.submission import verify as verify_submission
 from barn_eval.results import Results
 from barn_worlds.base.config import as_dict
+from barn_worlds.base.files import new_folder
 
 
 @click.command("check")
@@ -48,3 +52,45 @@ def show_check(found: FolderCheck) -> None:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     for line in found.problems:
         click.echo(line, err=True)
+
+
+@click.command("submit")
+@click.argument("folder", type=PATH)
+@click.option("--out", type=FILE, help="File to write [default: the folder's name, .barn.zip].")
+@click.option("--container", default="", metavar="DIGEST", help="Of the image that the planner ran in, sha256:...")
+def submit(folder: Path, out: Path | None, container: str) -> None:
+    """Write the results in FOLDER, once they have been checked, as one file that `barn verify` checks anywhere.
+
+    It holds rows, tracks, the commands in the bags (which `barn run --bags all` keeps), parameter files, versions and
+    machine.
+    """
+    path = out or Path(f"{folder.resolve().name}.barn.zip")
+    with notes.status("checking"):
+        found = write_submission(folder, path, container)
+    show_check(found)
+    say(path)
+
+
+@click.command("verify")
+@click.argument("file", type=FILE)
+@click.option("--out", type=FOLDER, help="Folder to unpack into what holds, such as for `barn leaderboard`.")
+@json_option
+def verify(file: Path, out: Path | None, as_json: bool) -> None:
+    """Check a FILE of `barn submit` as `barn check` does, on any machine with the same release.
+
+    Every score is computed and every trial is driven again from its commands. What cannot be is wrong here, too. Exit
+    code 1 if anything is, with a line for each, and then --out is not written.
+    """
+    with TemporaryDirectory() if out is None else new_folder(out) as folder:
+        with notes.status("verifying"):
+            found, about = verify_submission(file, Path(folder))
+        holds = not found.problems
+        if as_json:
+            print_json({"holds": holds, **about, **as_dict(found)})
+        else:
+            for key in ("protocol", "task", "dataset", "worlds", "seed", "mode", "planners", "container", "machine"):
+                console.print(f"{key}: {about[key]}", highlight=False, markup=False, soft_wrap=True)
+            show_check(found)
+            console.print("holds" if holds else "does not hold", highlight=False)
+        if not holds:
+            click.get_current_context().exit(1)

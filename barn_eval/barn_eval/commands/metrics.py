@@ -4,7 +4,7 @@ import click
 
 from barn_eval.commands.options import console, json_option, worlds_option
 from barn_eval.commands.tables import table
-from barn_eval.worlds.measured import metrics_table
+from barn_eval.worlds.sets import metrics_table
 
 
 @click.command("metrics")

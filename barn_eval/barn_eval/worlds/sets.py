@@ -1,13 +1,19 @@
-"""Data sets: those that there are, read, changed, drawn and written."""
+"""Data sets: those that there are, read, changed, measured, drawn and written."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
+import pandas as pd
+
 from barn_eval.pages.figures import Plot
+from barn_eval.results.frames import frame_of
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN
-from barn_metrics.metrics import PUBLISHED, world_metrics
+from barn_metrics.metrics import PUBLISHED, as_formula, world_metrics
+from barn_metrics.report import MetricsTable
+from barn_metrics.report import metrics_table as table_of
 from barn_worlds.base.errors import ConfigError, WorldError, suggest
 from barn_worlds.base.files import new_folder
 from barn_worlds.drawing.files import write_png
@@ -21,7 +27,7 @@ from barn_worlds.formats.world_yaml import write_world_yaml
 from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.course import for_robot
-from barn_worlds.worlds.dataset import open_dataset, select_worlds, shipped
+from barn_worlds.worlds.dataset import Dataset, open_dataset, select_worlds, shipped
 from barn_worlds.worlds.generate import cell_m
 from barn_worlds.worlds.world import World
 
@@ -135,6 +141,41 @@ def fitting(world: World, robot: Robot) -> World:
     if cells == world.footprint_cells:
         return world
     return replace(world, footprint_cells=cells, path=planned(world.grid, cells, world.name))
+
+
+def metrics(
+    source: str | Path = "barn300", select: str = "all", formula: str = "corrected", *, robot: str | Path = ""
+) -> pd.DataFrame:
+    """Return the five difficulty metrics of worlds; docs/metrics.md says what they measure, and their units.
+
+    Args:
+        source: A data set's name, or a file or folder of worlds.
+        select: Which worlds, such as "0-49".
+        formula: corrected, published (the numbers in print) or paper_text.
+        robot: Whose C-space and path they are taken from, in place of the worlds' own.
+
+    Returns:
+        A row per world; its column `world` is the number.
+
+    Raises:
+        BarnError: A world cannot be read, or has no way for the robot.
+    """
+    table = metrics_table(source, select, formula, robot=robot)
+    return frame_of({"world": int(world), **row} for world, row in zip(table.worlds, table.rows(), strict=True))
+
+
+def metrics_table(
+    source: str | Path, select: str = "all", formula: str = "corrected", *, robot: str | Path = ""
+) -> MetricsTable:
+    """Return the same with its summary, as in the paper's Table II."""
+    chosen, dataset = as_formula(formula), open_dataset(source)
+    driven = load_robot(robot) if robot else None
+
+    def read(index: int) -> World:
+        return dataset.load(index) if driven is None else fitting(dataset.load(index), driven)
+
+    readers = {index: partial(read, index) for index in select_worlds(select, dataset.indices)}
+    return table_of(Dataset(dataset.name, readers), chosen)
 
 
 def draw(shown: World | Mapping[int, World], *, robot: str | Path = "jackal", course: Course = ()) -> Plot:
