@@ -246,7 +246,6 @@ def test_bench(command, tiny, tmp_path):
         ("demo --dataset nowhere", "nowhere: no such file"),
         ("show 4 --dataset TINY", "no world 4"),
         ("show nothing.world", "nothing.world: no such file"),
-        ("show TINY --metrics", "--metrics draws one world"),
         ("show 0 --by speed", "--by needs --trials"),
         ("metrics nowhere", "nowhere: no such file"),
         ("metrics TINY --formula publishd", "did you mean 'published'?"),
