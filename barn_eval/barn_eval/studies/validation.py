@@ -92,7 +92,9 @@ def statistics_page(found: Sequence[Check], seed: int, rankings: Path | None = N
     """Return docs/statistics.md, with tables of what was found and of what `barn precision --ranking --json` says."""
     made = checks_table(found, seed)
     powers = read_json(rankings) if rankings and rankings.exists() else []
-    ranked = ranking_table([from_dict(RankingPower, one, str(rankings)) for one in powers])
+    shares = ({int(n): share for n, share in one["shares"].items()} for one in powers)  # keys of JSON are texts
+    read = (one | {"shares": own} for one, own in zip(powers, shares, strict=True))
+    ranked = ranking_table([from_dict(RankingPower, one, str(rankings)) for one in read])
     return render(
         "statistics.md",
         few_worlds=FEW_WORLDS,

@@ -1,0 +1,43 @@
+"""Draw, for each planner of an experiment, the world in which it falls furthest behind the others: docs/boards.md.
+
+    python qa/worst_worlds.py out/barn300 docs/figures
+
+All trajectories of that world are drawn; how far a planner is behind is the mean efficiency of the others less its own.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import barn_eval as barn
+from barn_worlds.base.errors import BarnError
+
+
+def worst_worlds(results: barn.Results) -> dict[str, int]:
+    """Return the number of the world by planner; of worlds that are equally bad for it, the first."""
+    efficiency = results.table.pivot_table(index="world", columns="planner", values="efficiency", aggfunc="mean")
+    others = (efficiency.sum(axis=1).to_numpy()[:, None] - efficiency) / (efficiency.shape[1] - 1)
+    return {str(planner): int(world) for planner, world in (others - efficiency).idxmax().items()}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Write worst_PLANNER.png for each planner and say which worlds they are."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("results", type=Path, help="the folder of an experiment with all planners")
+    parser.add_argument("figures", type=Path, help="the folder that the pictures go to")
+    options = parser.parse_args(arguments)
+    try:
+        results = barn.load(options.results)
+        for planner, world in worst_worlds(results).items():
+            path = options.figures / f"worst_{planner}.png"
+            barn.results.overlay(results, world).save(path)
+            print(f"{path}: world {world}")
+    except BarnError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
