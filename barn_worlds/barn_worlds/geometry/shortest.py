@@ -47,11 +47,12 @@ def _corners(centres: Floats, radius: float) -> tuple[Floats, Floats]:
     inner = radius * math.cos(math.pi / CORNERS) - _ROUNDING
     count = 0
     for i in range(len(centres)):
+        near = centres[np.hypot(centres[:, 0] - centres[i, 0], centres[:, 1] - centres[i, 1]) < 2.0 * radius]
         for k in range(CORNERS):
             angle = 2.0 * math.pi * k / CORNERS
             outward[count, 0], outward[count, 1] = math.cos(angle), math.sin(angle)
             corners[count] = centres[i] + radius * outward[count]
-            if _sees(corners[count], corners[count], centres, inner):
+            if _sees(corners[count], corners[count], near, inner):
                 count += 1
     return corners[:count], outward[:count]
 
