@@ -222,10 +222,9 @@ def test_a_key_of_a_parameter_file_is_changed_in_a_copy(tmp_path):
         assert one.request.experiment.planners[0].command == f"run --ros-args --params-file {path}"
         changed = yaml.safe_load(path.read_text())
         assert changed["controller"]["ros__parameters"]["FollowPath"] == {"speed": speed, "lookahead": 0.6}
-        assert (changed["planner"]["ros__parameters"]["rate"], changed["controller"]["ros__parameters"]["rate"]) == (
-            7,
-            20,
-        )
+        assert [changed[node]["ros__parameters"]["rate"] for node in ("planner", "controller")] == [7, 20]
+    again = grid({"FollowPath.speed": [0.3, 0.4], "planner.rate": [7]}, None, asked)
+    assert [one.request for one in again] == [one.request for one in made]  # so that it can be resumed
     assert yaml.safe_load(source.read_text()) == FILE
 
 

@@ -1,5 +1,6 @@
 """Settings of one planner side by side: each is an experiment of its own, in a folder that its values name."""
 
+import hashlib
 import itertools
 import math
 import re
@@ -25,6 +26,7 @@ LATENCY = "latency"
 PARAMETERS = "parameters"  # the folder of parameter files that were written for settings
 _VALUE = re.compile(r"([^=,]+)=([^=,]+)")
 Sweep = Mapping[str, Sequence[Any]]
+Values = Mapping[str, Any]
 Ask = Callable[..., Request]
 
 
@@ -103,14 +105,7 @@ def grid(
     return found
 
 
-def setting(
-    base: Request,
-    ask: Ask,
-    options: Mapping[str, Any],
-    settings: Mapping[str, Any],
-    changes: Mapping[str, Any],
-    folder: str,
-) -> Setting:
+def setting(base: Request, ask: Ask, options: Values, settings: Values, changes: Values, folder: str) -> Setting:
     """Return `ask(options, settings)` with other values of parameters of the planner, in a folder below that of `base`.
 
     base: the same without. ConfigError for what the planner does not take.
@@ -122,7 +117,11 @@ def setting(
     else:
         own |= changes
     request = ask(asked, own)
-    request.experiment.settings(request.experiment.planners[0])  # refuses what the planner does not take
+    # known by what they will hold: when a run is resumed, they are there already
+    digests = {str(path): hashlib.sha256(content).hexdigest() for path, content in files.items()}
+    planners = tuple(replace(one, files=one.files | digests) for one in request.experiment.planners)
+    request.experiment.settings(planners[0])  # refuses what the planner does not take
+    request = replace(request, experiment=replace(request.experiment, planners=planners))
     return Setting(folder, changes, request, files)
 
 
@@ -168,11 +167,8 @@ def _require_values(sweep: Sweep) -> None:
     for key, values in sweep.items():
         if not isinstance(values, Sequence) or isinstance(values, str) or not values:
             raise ConfigError(f"sweep of {shown(key)}: must be a list of values, got {shown(values)}")
-        for value in values:
-            if not isinstance(value, str | bool | int | float):
-                raise ConfigError(
-                    f"sweep of {shown(key)}: a value must be a number, a text, true or false, got {value!r}"
-                )
+        for value in (one for one in values if not isinstance(one, str | bool | int | float)):
+            raise ConfigError(f"sweep of {shown(key)}: a value must be a number, a text, true or false, got {value!r}")
     if (count := math.prod(len(values) for values in sweep.values())) > MOST_SETTINGS:
         raise ConfigError(f"a sweep may have {MOST_SETTINGS} settings, these are {count}")
 
