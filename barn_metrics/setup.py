@@ -29,6 +29,6 @@ setup(
         "scipy>=1.10",
         "matplotlib>=3.6",
     ],
-    extras_require={"test": ["pytest", "hypothesis"]},
+    extras_require={"test": ["pytest", "hypothesis"], "training": ["torch>=2"]},
     zip_safe=False,
 )

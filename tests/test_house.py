@@ -9,16 +9,16 @@ import pytest
 
 TOOL = Path(__file__).resolve().parents[1] / "qa" / "house.py"
 MOST = {
-    "lines of Python": 40_524,
+    "lines of Python": 40_830,
     "lines of JavaScript": 1_400,
-    "lines of tests": 31_452,
+    "lines of tests": 31_470,
     "lines of the longest function": 76,
     "imports inside functions": 11,
     "exceptions from rules (noqa)": 34,
     "signatures with a bare Any": 33,
     "class names used twice": 0,
-    "leaf commands": 24,
-    "options of commands": 113,
+    "leaf commands": 26,
+    "options of commands": 117,
 }
 
 

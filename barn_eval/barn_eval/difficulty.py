@@ -1,6 +1,7 @@
-"""The learned difficulty of worlds: predicted, and judged by trials."""
+"""The learned difficulty of worlds: predicted, judged by trials, and trained on them."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -10,15 +11,15 @@ import pandas as pd
 from barn_eval.analysis.published import read_published
 from barn_eval.analysis.sources import read_source
 from barn_eval.results.frames import frame_of
-from barn_metrics.model import DifficultyModel, load_model
+from barn_metrics.model import DifficultyModel, load_model, save_model
 from barn_metrics.model.evaluation import Evaluation, EvaluationConfig
 from barn_metrics.model.evaluation import evaluate as evaluate_model
-from barn_metrics.model.trials import Trials
+from barn_metrics.model.trials import Trials, joined
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.worlds.dataset import Dataset, open_dataset
 from barn_worlds.worlds.world import World
 
-__all__ = ["evaluate", "predict"]
+__all__ = ["evaluate", "predict", "train"]
 
 
 def predict(source: str | Path = "barn300", select: str = "all", *, weights: str | Path | None = None) -> pd.DataFrame:
@@ -80,9 +81,48 @@ def evaluate(
     Raises:
         BarnError: The source or the weights cannot be read, or there are too few worlds.
     """
-    worlds, trials = read_trials(Path(source), dataset)
+    worlds, trials = joined_trials([source], planner, dataset)
     config = EvaluationConfig(folds=folds, repeats=repeats, seed=seed)
-    return evaluate_model(worlds, trials.of(planner) if planner else trials, load_model(weights), config)
+    return evaluate_model(worlds, trials, load_model(weights), config)
+
+
+def train(
+    sources: str | Path | Sequence[str | Path],
+    out: str | Path,
+    *,
+    planner: str = "",
+    dataset: str = "",
+    seed: int = 0,
+) -> None:
+    """Train a model on trials and write its weights; it needs PyTorch (`make extras`).
+
+    Args:
+        sources: Folders of experiments, or tables of published times, .csv.
+        out: File to write, .npz.
+        planner: Learn the times of this one alone, not the mean of all.
+        dataset: Where the worlds are, if not where the results say.
+        seed: All randomness comes from it.
+
+    Raises:
+        BarnError: A source cannot be read, there are too few worlds, some are of `barn_test`, or PyTorch is missing.
+    """
+    try:
+        trainer = import_module("barn_metrics.model.training")
+    except ModuleNotFoundError as error:
+        if error.name != "torch":
+            raise
+        raise ConfigError("training needs PyTorch: make extras, or pip install torch==2.13.0") from None
+    paths = [sources] if isinstance(sources, str | Path) else sources
+    save_model(trainer.train(*joined_trials(paths, planner, dataset), seed), Path(out))
+
+
+def joined_trials(
+    sources: Sequence[str | Path], planner: str = "", dataset: str = ""
+) -> tuple[Mapping[int, World], Trials]:
+    """Return worlds and trials of all sources as `read_trials` reads them, of one planner if it is named."""
+    parts = [read_trials(Path(source), dataset) for source in sources]
+    worlds, trials = parts[0] if len(parts) == 1 else joined(parts)
+    return worlds, trials.of(planner) if planner else trials
 
 
 def read_trials(source: Path, dataset: str = "") -> tuple[dict[int, World], Trials]:

@@ -30,6 +30,10 @@ __all__ = ["BenchSetup", "bench", "info", "reproduce", "validate"]
 OPTIONAL: dict[str, tuple[str, str]] = {
     "rclpy": ("ROS mode and nodes", "only direct mode works; install the ROS 2 wheels or source ROS 2 Jazzy"),
     "tf2_msgs": ("/tf and /tf_static", "the simulator does not publish transforms; a full ROS 2 installation has it"),
+    "torch": (
+        "training of difficulty models",
+        "only shipped weights work; make extras, or pip install torch==2.13.0",
+    ),
     "foxglove": ("live view in Foxglove", "barn run --view is off; pip install foxglove-sdk"),
     "gymnasium": ("environment for learning", "barn_eval.gym is off; make extras, or pip install gymnasium"),
     "stable_baselines3": (

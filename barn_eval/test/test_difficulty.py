@@ -14,7 +14,7 @@ from reproduce_work import experiment_of, write_made_up
 
 from barn_eval.analysis.sources import read_source
 from barn_eval.commands.main import cli
-from barn_eval.difficulty import evaluate, read_trials
+from barn_eval.difficulty import evaluate, read_trials, train
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.model import load_model
 from barn_metrics.model.weights import shipped_weights
@@ -38,15 +38,19 @@ def source(tmp_path_factory):
 def weights(source, tmp_path_factory):
     """Weights of a model trained on the source, and what is told about it."""
     pytest.importorskip("torch", reason="networks are trained with PyTorch")
-    tool = pytest.importorskip("train_difficulty", reason="the repository's qa folder is not beside this package")
     path = tmp_path_factory.mktemp("weights") / "w.npz"
-    trained = CliRunner().invoke(tool.main, [str(source), "--out", str(path)])
+    trained = CliRunner().invoke(cli, ["difficulty", "train", str(source), "--out", str(path)])
     assert trained.exit_code == 0, trained.output
+    with pytest.raises(BarnError, match="no trials of planner 'dwb'"):
+        train(source, path, planner="dwb")
+    return path, load_model(path).about
+
+
+def test_networks_are_judged_on_folds_by_a_tool(source):
+    pytest.importorskip("torch", reason="networks are trained with PyTorch")
+    tool = pytest.importorskip("judge_difficulty", reason="the repository's qa folder is not beside this package")
     judged = CliRunner().invoke(tool.main, [str(source), "--folds", "3", "--repeats", "1"])
     assert "ridge" in judged.output and "routes" in judged.output
-    wrong = CliRunner().invoke(tool.main, [str(source), "--planner", "dwb", "--out", str(path)])
-    assert "no trials of planner 'dwb'" in wrong.output and wrong.exit_code == 1
-    return path, load_model(path).about
 
 
 def predict(*arguments):

@@ -9,12 +9,18 @@ from test_model import made_trials
 from barn_metrics.model import ModelError, load_model, save_model
 from barn_metrics.model.evaluation import WEIGHTS, EvaluationConfig, evaluate, noise_ceiling
 from barn_metrics.model.inputs import inputs_of
+from barn_metrics.model.trials import joined
 from barn_worlds.worlds.dataset import open_dataset
 
 torch = pytest.importorskip("torch", reason="networks are trained with PyTorch")
-tool = pytest.importorskip("train_difficulty", reason="the repository's qa folder is not beside this package")
 
-from difficulty_network import NetworkConfig, NetworkTraining  # noqa: E402
+from barn_metrics.model.torch_training import NetworkConfig, NetworkTraining, train_network  # noqa: E402
+from barn_metrics.model.training import train  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def tool():
+    return pytest.importorskip("judge_difficulty", reason="the repository's qa folder is not beside this package")
 
 
 def test_training_repeats_and_numpy_evaluates_it_as_torch_does(worlds):
@@ -22,7 +28,7 @@ def test_training_repeats_and_numpy_evaluates_it_as_torch_does(worlds):
     inputs, trials = inputs_of(few.values()), made_trials(few)
     targets = np.concatenate([trials.times(), trials.failures()], axis=1)
     config = NetworkConfig(filters=8, epochs=60, batch=10, dropout=0.0)
-    first, again = (tool.train_network(inputs, targets, 3, config) for _ in range(2))
+    first, again = (train_network(inputs, targets, 3, config) for _ in range(2))
     assert (first(inputs) == again(inputs)).all()
     assert np.mean((first(inputs) - targets)[:, 0] ** 2) < 0.3 * targets[:, 0].var()
     training = NetworkTraining(inputs, targets, config, 3)
@@ -35,11 +41,11 @@ def test_training_repeats_and_numpy_evaluates_it_as_torch_does(worlds):
 
 def test_a_trained_model_is_stored_trained_again_alike_and_checked_on_trials(worlds, tmp_path):
     trials = made_trials(worlds)
-    model = tool.train(worlds, trials)
+    model = train(worlds, trials)
     save_model(model, tmp_path / "w.npz")
     read = load_model(tmp_path / "w.npz")
     assert read.predict(worlds[6]) == model.predict(worlds[6])
-    save_model(tool.train(worlds, trials), tmp_path / "again.npz")
+    save_model(train(worlds, trials), tmp_path / "again.npz")
     assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "w.npz").read_bytes()
     found = evaluate(worlds, trials, read, EvaluationConfig(folds=2, repeats=1))
     assert (found.worlds, found.trials, model.about["training_worlds"]) == (len(worlds), len(trials), len(worlds))
@@ -50,7 +56,7 @@ def test_a_trained_model_is_stored_trained_again_alike_and_checked_on_trials(wor
     assert all(model.predict(world).std_s_per_m > 0.0 for world in list(worlds.values())[:3])
 
 
-def test_both_kinds_are_judged_on_the_same_folds(worlds):
+def test_both_kinds_are_judged_on_the_same_folds(worlds, tool):
     trials = made_trials(worlds)
     five, routes = tool.judged(worlds, trials, EvaluationConfig(folds=5, repeats=1))
     assert min(five.r2.estimate, routes.r2.estimate) > 0.5
@@ -59,14 +65,14 @@ def test_both_kinds_are_judged_on_the_same_folds(worlds):
     assert noise_ceiling(trials).estimate > 0.5
 
 
-def test_nothing_is_trained_on_the_worlds_held_out_by_whatever_name(worlds):
+def test_nothing_is_trained_on_the_worlds_held_out_by_whatever_name(worlds, tool):
     held_out = open_dataset("barn_test")
     renamed = {number: replace(held_out.load(number), name=f"mine_{number}") for number in held_out.indices[:20]}
     with pytest.raises(ModelError, match="mine_0 is a world of barn_test, which judges models and is never trained on"):
-        tool.train(renamed, made_trials(renamed))
+        train(renamed, made_trials(renamed))
     mixed = worlds | {1000: held_out.load(7)}
     with pytest.raises(ModelError, match="is a world of barn_test"):
-        tool.train(mixed, made_trials(mixed))
+        train(mixed, made_trials(mixed))
     with pytest.raises(ModelError, match="is a world of barn_test, which is never trained on; it judges weights"):
         tool.judged(renamed, made_trials(renamed), EvaluationConfig(folds=2, repeats=1))
     (judged,) = evaluate(renamed, made_trials(renamed), load_model()).scores
@@ -80,7 +86,7 @@ def test_campaigns_are_joined_by_world_whatever_their_numbers(worlds):
     renumbered = dict(enumerate(other.values()))
     numbers = dict(zip(other, renumbered, strict=True))
     moved = replace(rest, worlds=np.array([numbers[int(index)] for index in rest.worlds]))
-    found_worlds, found = tool.joined([(one, some), (renumbered, moved), (one, some)])
+    found_worlds, found = joined([(one, some), (renumbered, moved), (one, some)])
     assert len(found_worlds) == len(worlds) and len(found) == len(trials) + len(some)
     expected = {
         worlds[index].checksum: value for index, value in zip(trials.world_numbers, trials.difficulty(), strict=True)
@@ -89,15 +95,15 @@ def test_campaigns_are_joined_by_world_whatever_their_numbers(worlds):
         found.difficulty()
     )
     with pytest.raises(ModelError, match="there are trials of world 1, but not the world itself"):
-        tool.joined([({0: renumbered[0]}, moved)])
+        joined([({0: renumbered[0]}, moved)])
     with pytest.raises(ModelError, match="there are trials of world 9999, but not the world itself"):
-        tool.joined([(renumbered, replace(moved, worlds=np.where(np.arange(len(moved)) == 0, 9_999, moved.worlds)))])
+        joined([(renumbered, replace(moved, worlds=np.where(np.arange(len(moved)) == 0, 9_999, moved.worlds)))])
 
 
 def test_training_needs_worlds(worlds):
     trials = made_trials(worlds)
     few = trials.only(trials.world_numbers[:9])
     with pytest.raises(ModelError, match="at least 10 worlds with trials of every planner, got 9"):
-        tool.train(worlds, few)
+        train(worlds, few)
     with pytest.raises(ModelError, match="trials of world 0, but not the world itself"):
-        tool.train({6: worlds[6]}, trials)
+        train({6: worlds[6]}, trials)

@@ -1,6 +1,6 @@
 """The learned difficulty of a world: normalised time, predicted from its grid and path (paper, Sec. III-C).
 
-It is trained by a tool of the makers, qa/train_difficulty.py.
+Prediction needs numpy, scipy and numba alone; training needs PyTorch.
 """
 
 from barn_metrics.model.predictor import DifficultyModel, Prediction

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -125,3 +125,21 @@ def fold_masks(worlds: int, folds: int, seed: int) -> Mask:
     for fold, part in enumerate(np.array_split(order, folds)):
         kept[fold, part] = False
     return kept
+
+
+def joined(parts: Sequence[tuple[Mapping[int, World], Trials]]) -> tuple[dict[int, World], Trials]:
+    """Return worlds and trials of several campaigns, renumbered, equal worlds as one; ModelError for missing ones."""
+    numbers: dict[str, int] = {}
+    worlds: dict[int, World] = {}
+    renumbered = []
+    for mine, trials in parts:
+        check_worlds(mine, trials.worlds.tolist())
+        new = {number: numbers.setdefault(world.checksum, len(numbers)) for number, world in mine.items()}
+        worlds |= {new[number]: world for number, world in mine.items()}
+        renumbered.append(np.array([new[int(number)] for number in trials.worlds], np.int64))
+    return worlds, Trials(
+        np.concatenate(renumbered),
+        tuple(planner for _, one in parts for planner in one.planners),
+        np.concatenate([one.normalised_s_per_m for _, one in parts]),
+        np.concatenate([one.succeeded for _, one in parts]),
+    )

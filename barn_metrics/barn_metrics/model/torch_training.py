@@ -1,4 +1,4 @@
-"""Training of the difficulty model's network in PyTorch, for `train_difficulty.py`."""
+"""Training of the difficulty model's network in PyTorch."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
