@@ -1,15 +1,17 @@
 """Write what is made from the code anew: `make generated`.
 
-That is the parameter tables of all READMEs, the parameter files, shipped data sets that one command makes, and the
-results in the notebooks of examples/.
+python qa/regenerate.py
+python qa/regenerate.py parameters
 """
 
 import sys
 import tempfile
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import click
 from reference import REFERENCES
 
 from barn_eval.worlds import generate
@@ -43,12 +45,25 @@ def run_notebook(path: Path) -> None:
     nbformat.write(notebook, path)
 
 
-if __name__ == "__main__":
-    for package, made in REFERENCES.items():
+@click.command()
+@click.argument("parts", nargs=-1, type=click.Choice(["parameters", "worlds", "notebooks"]))
+def main(parts: Sequence[str]) -> None:
+    """Write PARTS anew, all without any.
+
+    parameters: the parameter tables of all READMEs and the parameter files. worlds: shipped data sets that one command
+    makes. notebooks: the results in the notebooks of examples/, which need `make extras`.
+    """
+    for package, made in REFERENCES.items() if not parts or "parameters" in parts else ():
         made().write(ROOT / package)
-    for name in DATA_SETS:
+    for name in DATA_SETS if not parts or "worlds" in parts else ():
         write_data_set(name, ROOT / "barn_worlds" / "barn_worlds" / "data")
+    if parts and "notebooks" not in parts:
+        return
     if find_spec("nbclient") is None or find_spec("ipykernel") is None:
         sys.exit("the notebooks were left as they are: nbclient and ipykernel are not installed (make extras)")
     for notebook in sorted((ROOT / "examples").glob("*.ipynb")):
         run_notebook(notebook)
+
+
+if __name__ == "__main__":
+    main()

@@ -83,4 +83,6 @@ def test_settings_that_cannot_work_are_refused():
         MppiConfig(samples=100_000, steps=1000)
     with pytest.raises(ConfigError, match=r"step_s must keep a step's turn to at most 0.5 rad"):
         MppiConfig(step_s=0.5)
+    with pytest.raises(ConfigError, match=r"min_speed_mps must be at least -0.5: no faster than max_speed_mps"):
+        MppiConfig(min_speed_mps=-0.6)
     assert MppiController(MppiConfig(samples=10, steps=10)).view().candidates is None

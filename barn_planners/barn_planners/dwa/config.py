@@ -37,7 +37,9 @@ class DwaConfig(Checked):
     skip_slow_turns: bool = quantity(False, "true: no turns in place within a step of zero (a quirk)", optional=True)
     robot_blocks_goal: bool = quantity(False, "true: the robot's own cells block the goal (a quirk)", optional=True)
     single_precision: bool = quantity(False, "true: single precision, samples added up (a quirk)", optional=True)
-    escape_speed_mps: float = quantity(-0.5, "escape speed, when nothing else is allowed", "m/s", -10.0, 0.0)
+    escape_speed_mps: float = quantity(
+        -0.5, "escape speed where nothing else is allowed, as far as max_speed_mps goes", "m/s", -10.0, 0.0
+    )
     escape_through: bool = quantity(False, "escape even into an obstacle (a quirk of the original)")
     escape_reset_m: float = quantity(0.1, "an escape ends after this distance", "m", 0.0, 5.0)
     escape_reset_rad: float = quantity(0.1, "or after this turn", "rad", 0.0, 3.2)

@@ -130,7 +130,7 @@ class DwaController(Controller):
     def _escape(self, pose: Pose2D) -> Control:
         """Drive backwards because no sample is allowed, unless the goal cannot be reached at all."""
         assert self._start is not None
-        back = Velocity2D(self.config.escape_speed_mps, 0.0)
+        back = Velocity2D(max(self.config.escape_speed_mps, -self.config.max_speed_mps), 0.0)
         cost = self._cost(self._start, back)
         self._memory.escapes(pose, begin=cost > kernels.NO_WAY)
         if cost >= 0.0 or (cost == kernels.TOUCHES and self.config.escape_through):

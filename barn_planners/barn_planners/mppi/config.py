@@ -74,6 +74,8 @@ class MppiConfig(Checked):
         self.require(self.samples * self.steps <= _MOST_STATES, "samples", few)
         small = f"must keep a step's turn to at most 0.5 rad at max_turn_radps = {self.max_turn_radps:g}"
         self.require(self.max_turn_radps * self.step_s <= 0.5, "step_s", small)
+        slower = f"must be at least {-self.max_speed_mps:g}: no faster than max_speed_mps"
+        self.require(self.min_speed_mps >= -self.max_speed_mps, "min_speed_mps", slower)
 
 
 # The Jackal's outline with Nav2's padding, and an inflation large enough to act in time.
