@@ -3,6 +3,7 @@
 import os
 import signal
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -104,11 +105,23 @@ def _disturbed(lab: Lab, disturb: Callable[[Lab], object], *more: object, words:
     return same(lab, 0)
 
 
-def _suspend(lab: Lab) -> None:
-    pids = lab.processes()
+def _suspend(lab: Lab, text: str = "", for_s: float = 8.0) -> None:
+    pids = lab.processes(text)
     kill(pids, signal.SIGSTOP)
-    time.sleep(8.0)
+    time.sleep(for_s)
     kill(pids, signal.SIGCONT)
+
+
+def _loaded(lab: Lab) -> str:
+    """Let a campaign compete with 30 busy processes of its own priority, which is a low one, for a minute at most."""
+    undisturbed()
+    low = ["nice", "-n", "10"]
+    busy = [subprocess.Popen([*low, "timeout", "60", sys.executable, "-c", "while True: pass"]) for _ in range(30)]
+    lab.finish(lab.start(*campaign(lab), prefix=low))
+    for process in busy:
+        process.terminate()
+        process.wait()
+    return same(lab, 0)
 
 
 _MUST = "The tables are the undisturbed ones to the byte."
@@ -145,6 +158,27 @@ add(
     "All processes of the campaign are suspended for 8 s.",
     f"It goes on. {_MUST}",
     lambda lab: _disturbed(lab, _suspend),
+)
+add(
+    FAMILY,
+    "workers-suspended",
+    "Both workers are suspended for 40 s, longer than a planner may take for a cycle.",
+    f"No planner is blamed. {_MUST}",
+    lambda lab: _disturbed(lab, partial(_suspend, text="s.worker", for_s=40.0)),
+)
+add(
+    FAMILY,
+    "group-suspended",
+    "All processes of the campaign are suspended for 40 s, longer than a planner may take for a cycle.",
+    f"No planner is blamed. {_MUST}",
+    lambda lab: _disturbed(lab, partial(_suspend, for_s=40.0)),
+)
+add(
+    FAMILY,
+    "machine-loaded",
+    "30 busy processes of the campaign's own priority run beside it, for a minute at most.",
+    f"No planner is blamed. {_MUST}",
+    _loaded,
 )
 
 
