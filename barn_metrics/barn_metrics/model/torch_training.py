@@ -117,9 +117,8 @@ class NetworkTraining:
 
     def network(self) -> RouteNetwork:
         """Return the network as it stands, with targets in their own unit."""
-        filters = tuple(
-            (np.ascontiguousarray(one.transpose(2, 1, 0)), bias) for one, bias in map(_arrays, self._filters)
-        )
+        found = map(_arrays, self._filters)
+        filters = tuple((np.ascontiguousarray(one.transpose(2, 1, 0)), bias) for one, bias in found)
         *layers, (weights, bias) = map(_arrays, self._layers)
         last = weights * self.spread, bias * self.spread + self.shift
         return RouteNetwork(self._mean, self._std, filters, (*layers, last))

@@ -66,11 +66,8 @@ class Obstacles:
         self.gap_m = tick_gap_m(config)
         self._rest_gap_m = max(REST_GAP_M, 2.0 * self.gap_m)
         self._passed = bool(world.moving)  # whether moving obstacles pass through
-        self._centres, self.radius_m, self._half = (
-            world.cylinders_m,
-            world.cylinder_radius_m,
-            0.5 * world.cylinder_height_m,
-        )
+        self._centres, self.radius_m = world.cylinders_m, world.cylinder_radius_m
+        self._half = 0.5 * world.cylinder_height_m
         count = len(self._centres)
         self._movable: Bools = np.full(count, config.obstacles.movable)
         self._movable[len(world.obstacles_m) :] &= config.obstacles.containment_movable

@@ -93,8 +93,9 @@ class Studio:
         self._client = PhysicsClient(draws=True)
         known = np.concatenate([scene.cylinders_m, scene.ends_m(), *scene.boxes.outlines(), trail_m])
         low, high = known.min(axis=0) - 0.5, known.max(axis=0) + 0.5
-        self.bounds_m = (*low.tolist(), *high.tolist())
         self._add_ground(low, high)
+        low, high = scene.view_m(low, high, trail_m)
+        self.bounds_m = (*low.tolist(), *high.tolist())
         for centres_m, colour in ((scene.obstacles_m, _OBSTACLE), (scene.walls_m, _WALL)):
             for first in range(0, len(centres_m), _IN_A_MESH):
                 self._mesh(colour, **pillars(centres_m[first : first + _IN_A_MESH], scene.radius_m, scene.height_m))

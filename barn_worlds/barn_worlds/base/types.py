@@ -54,9 +54,7 @@ class Pose2D:
         """Return the pose `inner`, which is relative to this pose, in the frame that this pose is given in."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         return Pose2D(
-            self.x + c * inner.x - s * inner.y,
-            self.y + s * inner.x + c * inner.y,
-            wrap_angle(self.yaw + inner.yaw),
+            self.x + c * inner.x - s * inner.y, self.y + s * inner.x + c * inner.y, wrap_angle(self.yaw + inner.yaw)
         )
 
     def inverse(self) -> Pose2D:

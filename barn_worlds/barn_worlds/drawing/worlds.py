@@ -87,19 +87,19 @@ def _figure(
 ) -> tuple[Figure, Axes]:
     """Return a figure of what stands in a world, and its axes in metres."""
     left, below, right, above = world.bounds_m
+    extent = (left, right, above - world.cols * world.resolution_m, above)
+    first, last = (Pose2D(x, y, 0.0) for x, y in world.path_m()[[0, -1]].tolist())
+    scene = scene_of(world, start or first, goal or last, reached_m)
+    (left, below), (right, above) = scene.view_m(np.array([left, below]), np.array([right, above]))
     size = (6.4, min(30.0, 1.2 + 4.2 * (above - below) / (right - left)))
     figure = Figure(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    extent = (left, right, above - world.cols * world.resolution_m, above)
-    inflated = np.ma.masked_where(~world.cspace.T, world.cspace.T)
-    axes.imshow(
-        inflated, cmap=ListedColormap([palette.INFLATED]), extent=extent, origin="lower", interpolation="nearest"
-    )
+    near = np.ma.masked_where(~world.cspace.T, world.cspace.T)
+    axes.imshow(near, cmap=ListedColormap([palette.INFLATED]), extent=extent, origin="lower", interpolation="nearest")
     hollow = world.cell_centres_m(np.argwhere(geometry.hollow(world.grid)))
     discs(axes, hollow, world.cylinder_radius_m, color=palette.HOLLOW)
-    first, last = (Pose2D(x, y, 0.0) for x, y in world.path_m()[[0, -1]].tolist())
-    draw_scene(axes, scene_of(world, start or first, goal or last, reached_m))
+    draw_scene(axes, scene)
     if world.grid.any():
         axes.scatter([], [], marker="s", color=palette.INFLATED, label="C-space obstacle")
         axes.scatter([], [], color=palette.OBSTACLE, label="obstacle")

@@ -17,6 +17,7 @@ from barn_worlds.worlds.path_planner import plan_path
 from barn_worlds.worlds.world import Provenance, World
 
 LONGEST_CHOSEN_M = 25.0  # of a way that is chosen: 50 s at 0.5 m/s, half the challenge's limit
+_SEEN_M = 15.0  # how near an obstacle should be to ends that are chosen: half a usual lidar's range
 _AHEAD_M = 1.0  # along the way, where a start that is chosen looks
 CHOSEN = "chosen"  # a world's path_source, where its start and goal are
 
@@ -123,10 +124,11 @@ def _between(world: World, occupied: BoolGrid, cspace: BoolGrid, robot: Robot, e
 def _chosen(cspace: BoolGrid, cell_m: float, where: str) -> Cells:
     """Return a way (n, 2) between two cells far apart in the largest free region, at most 25 m along the way.
 
-    Ends are where there is room to all sides, if there is such a place; the same map gives the same ends.
+    Ends are where there is room to all sides and the lidar sees something, if there is such a place; the same map gives
+    the same ends.
     """
-    roomy = configuration_space(cspace, 2 * round(0.25 / cell_m) + 1)
-    for blocked in (roomy, cspace):
+    roomy, seen = (configuration_space(cspace, 2 * round(reach_m / cell_m) + 1) for reach_m in (0.25, _SEEN_M))
+    for blocked in (roomy | ~seen, roomy, cspace):
         labels, sizes = label_regions(~blocked)
         if len(sizes) < 2:
             continue

@@ -157,7 +157,8 @@ def hard_world(
         path = cells[np.flatnonzero(cells[:, 1] < 0)[-1] + 1 : np.flatnonzero(cells[:, 1] == parameters.cols)[0]]
         about = Provenance("generated", parameters=as_dict(parameters), seed=seed, path_source="planned")
         return World(name, draw.grid, path, side_m, robot.footprint_cells(side_m), about)
-    raise WorldError(f"no way through {parameters.attempts} worlds of kind {parameters.kind}; allow more spare_cells")
+    hint = "allow more attempts or spare_cells, or larger cells"
+    raise WorldError(f"no way through {parameters.attempts} worlds of kind {parameters.kind}; {hint}")
 
 
 def hard_worlds(

@@ -9,6 +9,8 @@ from barn_worlds.base.types import Pose2D
 from barn_worlds.geometry.bodies import Bodies, wall_bodies
 from barn_worlds.worlds.world import World
 
+_NEAR_M = 20.0  # of a wide world, how much a picture shows around what is driven
+
 
 class TrialScene(NamedTuple):
     """What stands in a trial and where it leads, in the map frame, metres.
@@ -42,6 +44,13 @@ class TrialScene(NamedTuple):
         """Return start and goal (k, 2), as far as they are known."""
         known = [(pose.x, pose.y) for pose in (self.start, self.goal) if pose is not None]
         return np.array(known, np.float64).reshape(-1, 2)
+
+    def view_m(self, low: Floats, high: Floats, *driven_m: Points) -> tuple[Floats, Floats]:
+        """Return the corners of a picture from low to high, of a wide world no more than what is near a way."""
+        way = np.concatenate([self.path_m, self.ends_m(), *driven_m])
+        if not len(way):
+            return low, high
+        return np.maximum(low, way.min(axis=0) - _NEAR_M), np.minimum(high, way.max(axis=0) + _NEAR_M)
 
 
 def scene_of(

@@ -88,6 +88,7 @@ def bounds(recorded: Recorded) -> list[float]:
         size = np.array(known.data.shape[::-1]) * known.resolution
         corner = np.array([known.origin_x, known.origin_y])
         low, high = np.minimum(low, corner), np.maximum(high, corner + size)
+    low, high = scene.view_m(low, high, recorded.poses[:, :2]) if scene is not None else (low, high)
     return [*low.tolist(), *high.tolist()]
 
 
