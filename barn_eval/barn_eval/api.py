@@ -69,7 +69,8 @@ def run(
         planners: One or several, each a name ("dwa", or "eband:challenge" with a preset), a `PlannerChoice`, a planner
             class (made anew for each trial), an object of one (which drives them all), or a function that returns
             (m/s, rad/s), a `Velocity2D`, or None for no command; or a mapping of names to these. Default: "dwa".
-        protocol: "challenge" (default), "dynabarn", "known_map", "paper2020", a YAML file or a `Protocol`.
+        protocol: "challenge" (default), "challenge_2022", "challenge_2022_03", "dynabarn", "known_map", "paper2020", a
+            YAML file or a `Protocol`.
         file: A YAML file that says all this; arguments count in place of what it says.
         dataset: A name ("barn300" is the default), a folder or a file of worlds.
         robot: A name ("jackal" is the default), a YAML file or a `Robot`.
@@ -100,8 +101,7 @@ def run(
         BarnError: Something is not possible as it was asked for; one line says what.
     """
     options, live = _options(dict(locals()))
-    request = read_request(*options)
-    run_request(request, Console(stderr=True, quiet=not progress), live, overwrite=overwrite)
+    run_request(request := read_request(*options), Console(stderr=True, quiet=not progress), live, overwrite=overwrite)
     return Results(request.out, live)
 
 
@@ -195,9 +195,8 @@ def _options(arguments: Mapping[str, Any]) -> tuple[_Options, dict[str, LivePlan
 def _numbers(worlds: object) -> tuple[str, dict[int, World] | None]:
     """Return numbers of worlds as a text, and the worlds themselves if it is them that are given."""
     several = [worlds] if isinstance(worlds, int | World) else worlds
-    if not isinstance(several, Iterable):
-        raise ConfigError(f"worlds must be numbers, a text or worlds, got {shown(worlds)}")
-    pairs = list(several.items() if isinstance(several, Mapping) else enumerate(several))
+    listed = several if isinstance(several, Iterable) else ()
+    pairs = list(listed.items() if isinstance(listed, Mapping) else enumerate(listed))
     if pairs and all(isinstance(world, World) and isinstance(number, int) for number, world in pairs):
         return "all", dict(pairs)
     if not pairs or isinstance(several, Mapping) or not all(isinstance(number, int) for _, number in pairs):

@@ -272,7 +272,7 @@ def test_a_folder_whose_name_has_a_colon_is_that_folder(folders):
 
 def test_folders_without_a_common_planner_need_a_choice(folders):
     write_folder(folders / "other", results("gap", worlds=1)[:1])
-    with pytest.raises(BarnError, match=r"has dwa, eband and .*other has gap: choose planners as FOLDER:PLANNER"):
+    with pytest.raises(BarnError, match=r"has dwa, eband and .*other has gap: name them as FOLDER:PLANNER"):
         compare_folders(folders / "both", folders / "other")
 
 

@@ -17,6 +17,7 @@ from barn_eval.experiments import direct
 from barn_eval.experiments.direct import Stopwatch
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.experiments.run_file import RunFile
+from barn_eval.pages.report.page import build_report, plot
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.result import WallClock, packed_delays, unpacked_delays
 from barn_planners.gap.planner import ENTRY
@@ -111,8 +112,7 @@ def test_the_shell_takes_a_declaration_and_measuring(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("settings", "named"),
-    [({"gap.compute.dely_s": 0.1}, "delay_s"), ({"gap.compute.delay_p95_s": 0.1}, "delay_p95_s")],
+    ("settings", "named"), [({"gap.compute.dely_s": 0.1}, "delay_s"), ({"gap.compute.delay_p95_s": 0.1}, "delay_p95_s")]
 )
 def test_a_wrong_declaration_is_refused(settings: dict[str, float], named: str) -> None:
     with pytest.raises(ConfigError, match=named):
@@ -179,6 +179,11 @@ def test_latency_drives_each_planner_at_each_delay(tmp_path: Path) -> None:
     )
     assert list(again["challenge"]) == [one["challenge"] for one in found]
     assert len(set(again["challenge"])) == 4
+    made = build_report([tmp_path / "late"], hardest=0)
+    panels = plot("sweep", made.entries)
+    assert [axes.get_xlabel() for axes in panels] == ["delay of commands [s]"] * 3
+    lines = [line.get_ydata() for line in panels[0].lines if line.get_linestyle() == "-"]
+    assert made.names == ["gap", "DWA"] and [*lines[1], *lines[0]] == list(again["challenge"])
     assert CliRunner().invoke(cli, [*given, "--latency", "0,x"]).exit_code
 
 

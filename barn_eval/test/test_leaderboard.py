@@ -249,18 +249,12 @@ def test_each_setting_is_what_a_run_of_its_own_is_and_the_best_comes_first(comma
     for name in ("results.csv", "tracks.jsonl"):
         assert (out / "max_speed_mps=0.4" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes()
     assert [values_of(one) for one in swept_folders(out)] == [{"max_speed_mps": 0.4}, {"max_speed_mps": 0.8}]
-    assert [row[1] for row in sweep_table(sweep_board(out)).rows] == ["0.8", "0.4"]
+    assert [row[1:3] for row in sweep_table(sweep_board(out)).rows] == [("gap", "0.8"), ("gap", "0.4")]
 
 
 def test_python_has_a_column_per_parameter_and_a_figure(tmp_path):
-    frame = barn.sweep(
-        {"max_speed_mps": [0.5, 1.0], "k_prop_per_s": [1.0, 2.0]},
-        worlds=0,
-        planners="gap",
-        workers=1,
-        out=tmp_path,
-        progress=False,
-    )
+    asked = {"max_speed_mps": [0.5, 1.0], "k_prop_per_s": [1.0, 2.0]}
+    frame = barn.sweep(asked, worlds=0, planners="gap", workers=1, out=tmp_path, progress=False)
     assert list(frame["max_speed_mps"][:2]) == [1.0, 1.0]
     assert set(frame["k_prop_per_s"]) == {1.0, 2.0}
     assert frame["level_with_best"].all()

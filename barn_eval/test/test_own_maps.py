@@ -79,9 +79,7 @@ def test_courses_that_cannot_be_driven_are_refused_before_anything_is(room, reje
 
 
 def test_a_protocol_whose_maps_are_shifted_is_refused_for_ones_own_map(room, rejected):
-    assert "has a start and a goal of its own; protocol paper2020" in rejected(
-        *run("out", room, "--protocol", "paper2020")
-    )
+    assert "has start and goal of its own; protocol paper2020" in rejected(*run("out", room, "--protocol", "paper2020"))
 
 
 def test_the_environment_starts_episodes_where_the_map_says(room):

@@ -319,7 +319,7 @@ def test_pictures_and_animations(bag, tmp_path):
     with Image.open(tmp_path / "chase.png") as picture:
         assert picture.size == SIZES["chase"]
         assert len(picture.convert("RGB").getcolors(1 << 24)) > 100
-    with pytest.raises(ConfigError, match="its world is not known, so a camera has nothing to look at"):
+    with pytest.raises(ConfigError, match="its world is not known, so a camera has nothing to see"):
         next(camera_frames(replace(recorded, scene=None), "side", [1.0], 1))
 
 

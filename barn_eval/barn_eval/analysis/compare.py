@@ -152,9 +152,7 @@ def compare_folders(
     if not pairs:
         if b is None:
             raise ConfigError(f"{a}: has one planner only, {', '.join(first)}; name a second folder")
-        raise ConfigError(
-            f"{a} has {', '.join(first)} and {b} has {', '.join(second)}: choose planners as FOLDER:PLANNER"
-        )
+        raise ConfigError(f"{a} has {', '.join(first)} and {b} has {', '.join(second)}: name them as FOLDER:PLANNER")
     folders = [source_a.path, source_b.path]
     require_same_task(folders)
     places = list(dict.fromkeys(path.resolve().name for path in folders))

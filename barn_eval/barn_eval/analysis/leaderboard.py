@@ -14,7 +14,7 @@ from barn_eval.analysis.sources import Entry, Source, compute_way, labelled, rea
 from barn_eval.analysis.summary import Summary, summarise
 from barn_eval.analysis.text_table import TextTable, counted, joined
 from barn_eval.analysis.verdict import Ranking, cautions, rank_results
-from barn_eval.experiments.sweep import LATENCY, values_of
+from barn_eval.experiments.sweep import LATENCY, value_text, values_of
 from barn_eval.trials.result import TrialResult
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.worlds.dataset import select_worlds
@@ -181,10 +181,10 @@ _BESIDE = ("success", "normalised_time_s_per_m")
 
 
 def parameters_of(entries: Sequence[Entry]) -> list[str]:
-    """Return the parameters by which all entries are settings of one sweep, none if they are not."""
-    found = [values_of(entry.source.path) for entry in entries]
-    same = len({entry.planner for entry in entries}) == 1 and all(one.keys() == found[0].keys() for one in found)
-    return list(found[0]) if same and len(found) > 1 else []
+    """Return the parameters by which all entries are settings of one sweep, of a planner or over the delay; or none."""
+    found, planners = [values_of(entry.source.path) for entry in entries], {entry.planner for entry in entries}
+    same = all(one.keys() == found[0].keys() for one in found) and (len(planners) == 1 or len(found[0]) == 1)
+    return list(found[0]) if same and len(found) > len(planners) else []
 
 
 def sweep_board(folder: Path) -> Board:
@@ -197,8 +197,7 @@ def sweep_rows(found: Board) -> list[dict[str, Any]]:
     """Return a row per setting: rank, whether it is as good as the best for all that is known, parameters, figures."""
     leaders = found.ranking.leaders
     return [
-        {"rank": one.rank, "level_with_best": place in leaders}
-        | ({"planner": one.entry.planner} if _several(found) else {})
+        {"rank": one.rank, "level_with_best": place in leaders, "planner": one.entry.planner}
         | values_of(one.entry.source.path)
         | one.summary.columns()
         | {"folder": str(one.entry.source.path)}
@@ -208,26 +207,20 @@ def sweep_rows(found: Board) -> list[dict[str, Any]]:
 
 def sweep_table(found: Board) -> TextTable:
     """Return the settings as a table, best first."""
-    names, several = list(values_of(found.places[0].entry.source.path)), _several(found)
+    names = list(values_of(found.places[0].entry.source.path))
     measures = [found.measure, *(MEASURES[key] for key in _BESIDE if key != found.measure.key)]
     rows = []
     for place, one in _in_order(found):
-        values = values_of(one.entry.source.path).values()
-        texts = (f"{value:g}" if isinstance(value, float) else str(value) for value in values)
+        texts = map(value_text, values_of(one.entry.source.path).values())
         level = "best" if place == 0 else "level" if place in found.ranking.leaders else "worse"
         figures = (measure.text(one.summary[measure.key]) for measure in measures)
-        planner = (spelling(one.entry.planner),) if several else ()
-        rows.append((f"{'=' * one.tied}{one.rank}", *planner, *texts, level, *figures))
-    columns = ("rank", *(["planner"] * several), *names, "against the best", *(one.heading for one in measures))
+        rows.append((f"{'=' * one.tied}{one.rank}", spelling(one.entry.planner), *texts, level, *figures))
+    columns = ("rank", "planner", *names, "against the best", *(one.heading for one in measures))
     about = (
         f"By {found.measure.title}, with 95 % intervals; all pairs of settings tested, corrected after Holm. Level: not"
         " clearly worse than the best."
     )
-    return TextTable("sweep", found.title, columns, tuple(rows), 2 + len(names) + several, about)
-
-
-def _several(found: Board) -> bool:
-    return len({one.entry.planner for one in found.places}) > 1
+    return TextTable("sweep", found.title, columns, tuple(rows), 3 + len(names), about)
 
 
 def _in_order(found: Board) -> list[tuple[int, Place]]:

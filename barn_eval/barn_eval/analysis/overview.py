@@ -30,6 +30,7 @@ from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.robots.files import ROBOTS
 
 MOST_PAIRS = 45  # of ten entries; more would be no table to read
+_ALIKE = 3  # pairs without a clear difference that are named
 _IN = ("success", "traversal_time_s", "min_clearance_m", "contact_s")
 
 
@@ -112,8 +113,8 @@ def where(entries: Sequence[Entry], bands: Sequence[Band]) -> dict[str, str]:
 
 
 def why(comparisons: Sequence[Comparison]) -> list[str]:
-    """Return a sentence on each pair of planners: in which measures they differ clearly, and in which not."""
-    texts = []
+    """Return a sentence on each pair: in which measures they differ clearly, which not; many without any share one."""
+    texts, alike = [], []
     for one in comparisons:
         clear, unclear = [], []
         for row in (row for row in one.rows if row.key in (one.metric, *_IN)):
@@ -127,7 +128,12 @@ def why(comparisons: Sequence[Comparison]) -> list[str]:
         if unclear:
             told.append(("not" if clear else "do not differ clearly") + f" in {joined(unclear, 'or')}")
         texts.append(f"{one.a} and {one.b} {', '.join(told)}.")
-    return texts
+        alike += [] if clear else texts[-1:]
+    if len(alike) <= _ALIKE:
+        return texts
+    others = "The other" if len(texts) > len(alike) else "All"
+    rest = f"{others} {len(alike)} pairs do not {alike[0].partition(' do not ')[2]}"
+    return [*(text for text in texts if text not in alike), rest]
 
 
 def tables(entries: Sequence[Entry], found: Overview, columns: Sequence[str] = ()) -> list[TextTable]:

@@ -214,10 +214,8 @@ def require_same_task(folders: Sequence[Path]) -> None:
         if one != other:
             raise ConfigError(f"different robots cannot be compared: {one} in {first}, {other} in {folder}")
         if found := first_difference(known, task):
-            key, before, now = found
-            raise ConfigError(
-                f"different tasks cannot be compared: {key} is {before!r} in {first}, {now!r} in {folder}"
-            )
+            key, old, new = found
+            raise ConfigError(f"different tasks cannot be compared: {key} is {old!r} in {first}, {new!r} in {folder}")
 
 
 def by_planner(results: Iterable[TrialResult]) -> dict[str, list[TrialResult]]:

@@ -185,9 +185,8 @@ def matched_trials(columns: Sequence[Columns]) -> list[Columns]:
     """
     found = [_places(one) for one in columns]
     keys = sorted(set.intersection(*map(set, found)))
-    return [
-        one.at(np.array([places[key] for key in keys], np.int64)) for one, places in zip(columns, found, strict=True)
-    ]
+    rows = (np.array([places[key] for key in keys], np.int64) for places in found)
+    return [one.at(own) for one, own in zip(columns, rows, strict=True)]
 
 
 def difference(a: Columns, b: Columns, seed: int = 0, flips: int = FLIPS) -> Difference:
@@ -207,10 +206,7 @@ def difference(a: Columns, b: Columns, seed: int = 0, flips: int = FLIPS) -> Dif
         if size * cost > 0.0:
             p = max(p, more.p_above(more.share + size / cost))
     return replace(
-        found,
-        interval=found.interval.reaching(*ends),
-        p=p,
-        parts=replace(found.parts, unseen=a.unseen + b.unseen),
+        found, interval=found.interval.reaching(*ends), p=p, parts=replace(found.parts, unseen=a.unseen + b.unseen)
     )
 
 

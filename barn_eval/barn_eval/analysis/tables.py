@@ -24,10 +24,7 @@ _HEADLINE = ("success", "efficiency", "traversal_time_s", "normalised_time_s_per
 def trials_table(results: Sequence[TrialResult], title: str) -> TextTable:
     """Return the figures of single trials, a trial per row."""
     measures = [MEASURES[key] for key in _TRIAL]
-    rows = [
-        (one.trial_id, one.outcome.value, *(measure.number(measure.value(one)) for measure in measures))
-        for one in results
-    ]
+    rows = ((one.trial_id, one.outcome.value, *(by.number(by.value(one)) for by in measures)) for one in results)
     return TextTable("trials", title, ("trial", "outcome", *(one.trial_heading for one in measures)), tuple(rows), 2)
 
 
@@ -74,11 +71,9 @@ def summary_table(summaries: Sequence[Summary]) -> TextTable:
 def outcomes_table(labels: Sequence[str], summaries: Sequence[Summary]) -> TextTable:
     """Return how often each outcome came, a planner per row."""
     names = list(dict.fromkeys(name for one in summaries for name in one.outcomes))
-    rows = [
-        (label, *(str(one.outcomes.get(name, 0)) for name in names))
-        for label, one in zip(labels, summaries, strict=True)
-    ]
-    return TextTable("outcomes", "Trials by outcome", ("planner", *names), tuple(rows))
+    counts = ((str(one.outcomes.get(name, 0)) for name in names) for one in summaries)
+    rows = tuple((label, *own) for label, own in zip(labels, counts, strict=True))
+    return TextTable("outcomes", "Trials by outcome", ("planner", *names), rows)
 
 
 def bands_table(labels: Sequence[str], bands: Sequence[Band]) -> TextTable:

@@ -101,6 +101,7 @@ def rank(planners: Mapping[str, Columns], *, larger_is_better: bool, seed: int =
 
 
 FEW_WORLDS = 10
+_NAMED = 4  # that share the lead and are named
 _SENTENCES = {
     "nothing": "There is no trial that all planners have.",
     "alone": "{a} is the only planner: {title} {mean_a}.",
@@ -151,7 +152,8 @@ def verdict(ranking: Ranking, measure: Measure) -> Conclusion:
     next_best = leaders[1] if len(leaders) > 1 else 1
     found, name, mean = ranking.differences[0, next_best], ranking.names[next_best], ranking.means[next_best]
     words |= {"b": name, "mean_b": _value(measure, mean)}
-    words |= {"rest": joined([ranking.names[place] for place in leaders[1:]])}
+    rest = [ranking.names[place] for place in leaders[1:]]
+    words |= {"rest": joined(rest) if len(rest) <= _NAMED else f"{len(rest)} others"}
     kinds = {(False, True): "better", (True, True): "open", (False, False): "leads", (True, False): "ahead"}
     after = " after Holm" if ranking.tests > 1 else ""
     details = f"The difference is {_difference(measure, found.interval, name, mean)}"

@@ -228,9 +228,8 @@ def _recoveries(reports: list[Shown]) -> tuple[float, ...]:
     """Return when a recovery began, by the planner's own reports; those of others are empty."""
     said = [one for one in reports if one.content]
     before = ["", *(one.content for one in said)]
-    return tuple(
-        one.time_s for one, last in zip(said, before, strict=False) if one.content == decode.RECOVERING != last
-    )
+    told = zip(said, before, strict=False)
+    return tuple(one.time_s for one, last in told if one.content == decode.RECOVERING != last)
 
 
 def _moved(grid: OccupancyMap, by: Pose2D) -> OccupancyMap:

@@ -47,9 +47,7 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
     """
     folder, path = Path(folder), Path(path)
     if not _DIGEST.fullmatch(container):
-        raise ConfigError(
-            f"container {shown(container)}: must be sha256: and 64 digits, after a name and @ if you like"
-        )
+        raise ConfigError(f"container {shown(container)}: must be sha256: and 64 digits, after a name and @ if wanted")
     found, run = check_folder(folder), RunFile.read(folder)
     if found.problems or found.rows != found.trials:
         why = found.problems[0] if found.problems else f"has {found.rows} of {found.trials} trials"
@@ -62,11 +60,8 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
         for name, digest in planner.files.items():
             kept = f"{digest[:12]}_{Path(name).name}"
             files |= {f"parameters/{kept}": one.read_bytes() for one in (folder / LOGS).rglob(kept)}
-    about = {
-        "schema_version": SCHEMA_VERSION,
-        "container": container,
-        "files": {n: _digest(c) for n, c in files.items()},
-    }
+    digests = {name: _digest(content) for name, content in files.items()}
+    about = {"schema_version": SCHEMA_VERSION, "container": container, "files": digests}
     write_whole(path, zipped({ABOUT: json.dumps(about, indent=1).encode(), **files}))
     return found
 

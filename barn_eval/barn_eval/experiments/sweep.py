@@ -86,7 +86,9 @@ def grid(
     ask: Ask = partial(read_request, path, worlds=worlds)
     base = ask(options, settings)
     if list(sweep) == [LATENCY]:
-        asked_s = {delay_s: {**options, "out": base.out / f"{LATENCY}={_text(delay_s)}"} for delay_s in _delays(sweep)}
+        asked_s = {
+            delay_s: {**options, "out": base.out / f"{LATENCY}={value_text(delay_s)}"} for delay_s in _delays(sweep)
+        }
         return [_late(delay_s, read_request(path, asked, settings, worlds)) for delay_s, asked in asked_s.items()]
     planners = base.experiment.planners
     if len(planners) != 1:
@@ -96,7 +98,7 @@ def grid(
     found = []
     for values in itertools.product(*sweep.values()):
         named = dict(zip(names, values, strict=True))
-        name = ",".join(f"{key}={_text(value)}" for key, value in named.items())
+        name = ",".join(f"{key}={value_text(value)}" for key, value in named.items())
         folder = re.sub(r"[^A-Za-z0-9_.=,+-]", "_", name)
         changes = dict(zip(sweep, values, strict=True))
         found.append(replace(setting(base, ask, options, settings or {}, changes, folder), name=name, values=named))
@@ -179,7 +181,8 @@ def _short(keys: Sequence[str]) -> list[str]:
     return last if len(set(last)) == len(last) else [key.replace("=", "_") for key in keys]
 
 
-def _text(one: object) -> str:
+def value_text(one: object) -> str:
+    """Return a value as folders, tables and figures name it."""
     return f"{one:.10g}" if isinstance(one, float) else str(one).lower() if isinstance(one, bool) else str(one)
 
 
@@ -202,7 +205,7 @@ def _with_parameters(planner: PlannerChoice, changes: Mapping[str, Any], file: P
             files[own.absolute()] = place
         else:
             words += [] if "--ros-args" in words else ["--ros-args"]
-            words += ["-p", f"{key}:={_text(value)}"]
+            words += ["-p", f"{key}:={value_text(value)}"]
     for path, place in files.items():
         words[place] = str(path)
     made = {path: yaml.safe_dump(contents[place][1], sort_keys=False).encode() for path, place in files.items()}

@@ -134,8 +134,7 @@ def report(
     pdf = assets is not None and checked_width(width_mm) is None
     made = build_report(paths_of(folders), hardest, columns=columns, progress=progress, pdf=pdf)
     links = replay_links(made, page, Path(replays) if replays else None)
-    labels = ", ".join(entry.label for entry in made.entries)
-    write_page(page, report_page(made, title or f"Navigation benchmark: {labels}", links))
+    write_page(page, report_page(made, title or f"Navigation benchmark: {', '.join(made.names)}", links))
     if assets is not None:
         write_assets(made, Path(assets), width_mm)
     return Page(page)

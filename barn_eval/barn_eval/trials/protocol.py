@@ -161,9 +161,7 @@ class Protocol(Checked):
         """Return the course of a world that has start and goal of its own."""
         where = f"world {world.name}: "
         if self.historical_map:
-            raise ConfigError(
-                f"{where}has a start and a goal of its own; protocol {self.name} is for those of its rules"
-            )
+            raise ConfigError(f"{where}has start and goal of its own; protocol {self.name} is for those of its rules")
         if (apart_m := start.distance(goal)) <= self.goal_distance_m:
             arrived = f"start and goal are {apart_m:.2f} m apart, which is arrival under protocol {self.name}"
             raise ConfigError(where + arrived)

@@ -71,9 +71,7 @@ class TrajectoryLog:
         # off the last plan that answers an earlier reading
         last = (np.searchsorted([stamp_ns for stamp_ns, _ in self._plans], self._stamps) - 1).tolist()
         places = zip(last, rows[:, 6:].tolist(), strict=True)
-        off_plan_m = np.array(
-            [distance_to(self._plans[k][1], *at) if k >= 0 else np.nan for k, at in places], np.float64
-        )
+        off_plan_m = np.array([distance_to(self._plans[k][1], *at) if k >= 0 else np.nan for k, at in places])
         stamps_ns = np.array(self._stamps, np.int64)
         return Trajectory(stamps_ns, rows[:, :3], rows[:, 3:5], commands, rows[:, 5] > 0.0, off_plan_m)
 

@@ -107,9 +107,7 @@ def _save_mp4(frames: Iterator[Pixels], path: Path, frames_per_s: float) -> None
     """Write frames as a film; ConfigError where ffmpeg is missing or fails."""
     ffmpeg = shutil.which("ffmpeg")
     if ffmpeg is None:
-        raise ConfigError(
-            "a film needs ffmpeg, which is not installed (apt install ffmpeg); .gif and .html need nothing"
-        )
+        raise ConfigError("a film needs ffmpeg, which is not installed (apt install ffmpeg); .gif and .html do not")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as partial:
@@ -149,9 +147,7 @@ def camera_frames(recorded: Recorded, camera: str, times_s: Sequence[float], fin
     """
     scene = recorded.scene
     if scene is None:
-        raise ConfigError(
-            f"{recorded.name}: its world is not known, so a camera has nothing to look at; .html shows it"
-        )
+        raise ConfigError(f"{recorded.name}: its world is not known, so a camera has nothing to see; .html shows it")
     steady = _steadied(recorded)
     lidar = replace(LidarConfig(), mount_x_m=recorded.lidar.x)
     if height := specified(recorded.trial, "lidar", "mount_z_m"):

@@ -17,15 +17,16 @@ from barn_eval.analysis.difficulty import Difficulty, by_world
 from barn_eval.analysis.leaderboard import parameters_of
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of, safety_of
 from barn_eval.analysis.overview import Overview
+from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import ALPHA
 from barn_eval.analysis.sources import Entry
-from barn_eval.experiments.sweep import values_of
+from barn_eval.experiments.sweep import LATENCY, value_text, values_of
 from barn_eval.pages.figures import OUTCOME_COLOURS, WIDTH_IN, figure_of, label_axes, marker_of, plain, points, small
 from barn_eval.pages.report.trials import DrivenTrial
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.arrays import Floats
-from barn_worlds.drawing.palette import FAINT, INK, WHITE
+from barn_worlds.drawing.palette import INK, WHITE
 from barn_worlds.worlds.world import World
 
 _OUTCOMES = tuple(Outcome)
@@ -116,7 +117,7 @@ def chart(about: str, layout: Layout) -> Callable[[Drawing], Drawing]:
 
 
 @chart(
-    "Time per metre as counted of each planner in each world, worlds from easy to difficult; lines are running means",
+    "Time per metre as counted in each world, from easy to difficult; from 30 worlds on lines are running means",
     lambda _: Panels(4.4),
 )
 def _worlds(panels: Sequence[Axes], data: ChartData) -> Legend:
@@ -235,38 +236,32 @@ def _paired(panels: Sequence[Axes], data: ChartData) -> Legend:
 
 
 @chart(
-    "The protocol's metric over the parameters of a sweep, with 95 % intervals where there is one",
-    lambda data: Panels(3.8) if len(parameters_of(data.entries)) in (1, 2) else None,
+    "Metric, success and time per metre over a parameter of a sweep or the delay of commands, with 95 % intervals",
+    lambda data: Panels(3.8, len(_differing(data))) if len(parameters_of(data.entries)) in (1, 2) else None,
 )
 def _sweep(panels: Sequence[Axes], data: ChartData) -> Legend:
-    (axes,), names, metric = panels, parameters_of(data.entries), data.metric
+    names, lines, handles = parameters_of(data.entries), dict[str, list[int]](), dict[str, Any]()
     places = [tuple(values_of(entry.source.path).values()) for entry in data.entries]
-    means = [metric.shown(summary[metric.key]) for summary in data.overview().summaries]
-    levels = [sorted({*one}, key=lambda value: (str(type(value)), value)) for one in zip(*places, strict=True)]
-    ticks = [[f"{value:g}" if isinstance(value, float) else value for value in level] for level in levels]
-    if len(names) == 1:
-        numeric = all(isinstance(value, float) for value in levels[0])
-        along = np.array([value if numeric else levels[0].index(value) for (value,) in places], float)
-        order = np.argsort(along)
-        axes.plot(along[order], [means[place].estimate for place in order], color=FAINT, linewidth=1.2)
-        points(axes, along, means, data.entries[0].colour, "o")
-        if not numeric or len(along) <= 12:
-            axes.set_xticks(np.sort(along), ticks[0])
-        label_axes(axes, names[0], metric.heading)
-        return Legend()
-    values = np.full((len(levels[1]), len(levels[0])), np.nan)
-    for (x, y), mean in zip(places, means, strict=True):
-        values[levels[1].index(y), levels[0].index(x)] = mean.estimate
-    drawn = axes.imshow(values, origin="lower", aspect="auto", cmap="viridis")
-    figure_of(panels).colorbar(drawn, ax=axes, label=metric.heading)
-    middle = 0.4 * np.nanmin(values) + 0.6 * np.nanmax(values)
-    for (row, column), value in np.ndenumerate(values):
-        axes.text(column, row, f"{value:.3g}", ha="center", va="center", color=WHITE if value < middle else INK)
-    axes.set_xticks(range(len(ticks[0])), ticks[0])
-    axes.set_yticks(range(len(ticks[1])), ticks[1])
-    label_axes(axes, *names)
-    axes.grid(visible=False)
-    return Legend()
+    for index, (entry, place) in enumerate(zip(data.entries, places, strict=True)):
+        line = f"{names[1]} = {value_text(place[1])}" if len(names) > 1 else spelling(entry.planner)
+        lines.setdefault(line, []).append(index)
+    values = sorted({place[0] for place in places}, key=lambda value: (str(type(value)), value))
+    numeric = all(isinstance(value, float) for value in values)
+    at = np.array(values if numeric else range(len(values)), np.float64)
+    for axes, measure in zip(panels, _differing(data), strict=True):
+        for index, (line, entries) in enumerate(lines.items()):
+            own = sorted((values.index(places[one][0]), one) for one in entries)
+            means = [measure.shown(data.overview().summaries[one][measure.key]) for _, one in own]
+            along = at[[place for place, _ in own]] + 0.01 * index * np.ptp(at)  # beside those of other lines
+            colour = data.entries[entries[0]].colour
+            axes.plot(along, [one.estimate for one in means], color=colour, linewidth=1.2)
+            handles[line] = points(axes, along, means, colour, marker_of(index))
+        if not numeric or len(at) <= 12:
+            axes.set_xticks(at, [value_text(value) for value in values])
+        name = "delay of commands [s]" if names == [LATENCY] else names[0]
+        label_axes(axes, name, measure.heading, measure.title.capitalize())
+        axes.set_ylim(0, 104 if measure.percent else None)
+    return Legend(list(handles.values()), list(handles)) if len(handles) > 1 else Legend()
 
 
 def _draw_differences(axes: Axes, rows: Sequence[PairedMeasure], found: Sequence[Interval], neutral: float) -> None:
@@ -277,10 +272,7 @@ def _draw_differences(axes: Axes, rows: Sequence[PairedMeasure], found: Sequence
     axes.axvline(neutral, color=INK, linewidth=1.0, linestyle="--")
 
 
-@chart(
-    "Cumulative distributions over trials of time per metre, clearance, speed and jerk",
-    lambda _: Panels(3.6, 4),
-)
+@chart("Cumulative distributions over trials of time per metre, clearance, speed and jerk", lambda _: Panels(3.6, 4))
 def _distributions(panels: Sequence[Axes], data: ChartData) -> Legend:
     handles = {}
     for axes, key in zip(panels, _DISTRIBUTED, strict=True):
@@ -340,7 +332,8 @@ def _compute(panels: Sequence[Axes], data: ChartData) -> Legend:
                 entry = entries[index // (len(boxes[parts]) // len(entries))]
                 line.set(color=entry.colour, linewidth=1.8 if parts != "medians" else 2.6)
         axes.set_xscale("log")
-        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0), numticks=6))
+        low, high = axes.get_xlim()
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0) if high < 300.0 * low else (1.0,), numticks=6))
         axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axes.xaxis.set_minor_formatter(NullFormatter())
         label_axes(axes, "time per cycle [ms]", "", title)

@@ -50,10 +50,7 @@ def hardest_maps(
     return {number: (worlds[number], [one for one in drives if one.result.world == number]) for number in numbers}
 
 
-@chart(
-    "The hardest worlds with all trajectories that were recorded",
-    lambda data: _layout(data) if data.hardest else None,
-)
+@chart("The hardest worlds with all recorded trajectories", lambda data: _layout(data) if data.hardest else None)
 def _hardest(panels: Sequence[Axes], data: ChartData) -> Legend:
     for axes in panels[len(data.hardest) :]:
         axes.set_axis_off()
@@ -94,7 +91,9 @@ def _seen(world: World, drives: Sequence[DrivenTrial]) -> tuple[float, float, fl
     seen = np.concatenate([whole, scene.ends_m()[:, 1], *(drive.poses[:, 1] for drive in drives)])
     first, last = scene.path_m[[0, -1], 1]
     low, high = max(below, seen.min(initial=first) - 0.8), max(above, last, seen.max(initial=above)) + 0.6
-    return left, float(low), right, float(high)
+    trails = (drive.poses[:, :2] for drive in drives)
+    (left, below), (right, above) = scene.view_m(np.array([left, low]), np.array([right, high]), *trails)
+    return float(left), float(below), float(right), float(above)
 
 
 def _draw_map(axes: Axes, world: World, drives: Sequence[DrivenTrial]) -> None:
@@ -219,9 +218,9 @@ def choose(
 
 def _bounds(scene: TrialScene, chosen: Sequence[DrivenTrial]) -> tuple[float, float, float, float]:
     goal = scene.ends_m()[-1:] + [0.0, scene.goal_distance_m]
-    trails = (one.poses[:, :2] for one in chosen)
+    trails = [one.poses[:, :2] for one in chosen]
     points = np.vstack([scene.cylinders_m, scene.ends_m(), goal, *scene.boxes.outlines(), *trails])
-    (left, below), (right, above) = points.min(axis=0) - 0.3, points.max(axis=0) + 0.3
+    (left, below), (right, above) = scene.view_m(points.min(axis=0) - 0.3, points.max(axis=0) + 0.3, *trails)
     return float(left), float(below), float(right), float(above)
 
 

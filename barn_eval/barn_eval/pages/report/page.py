@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from barn_eval.analysis.difficulty import difficulty as order_of
 from barn_eval.analysis.measures import measures_named, metric_of
 from barn_eval.analysis.overview import Overview, analyse, repeat, tables
+from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.sources import Entry, read_entries, require_same_task
 from barn_eval.analysis.summary import bars
 from barn_eval.analysis.text_table import TextTable
@@ -68,10 +69,7 @@ def draw(
 
 
 def plot(
-    name: str,
-    entries: Sequence[Entry],
-    ax: Axes | Sequence[Axes] | None = None,
-    width_mm: float | None = None,
+    name: str, entries: Sequence[Entry], ax: Axes | Sequence[Axes] | None = None, width_mm: float | None = None
 ) -> list[Axes]:
     """Draw the figure of that name of planners' results, onto axes or a figure of its own, and return its axes.
 
@@ -121,6 +119,11 @@ class Report:
     columns: Sequence[str]
     pdf: bool
     progress: Progress
+
+    @property
+    def names(self) -> list[str]:
+        """Its planners, by which many settings of few are summed up."""
+        return list(dict.fromkeys(spelling(entry.planner) for entry in self.entries))
 
     @cached_property
     def tables(self) -> list[TextTable]:
