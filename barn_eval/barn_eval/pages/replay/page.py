@@ -64,7 +64,7 @@ def subtitle(recorded: Recorded) -> str:
     result, trial = recorded.result, recorded.trial
     planner = planner_of(recorded)
     name = _mapping(trial, "world").get("name") or result.get("world_name")
-    parts = [f"planner {spelling(planner)}" if planner else "", f"world {name}" if name else ""]
+    parts = [f"planner {spelling(planner)}" if planner else "", f"world {name.removeprefix('world_')}" if name else ""]
     protocol = _mapping(trial, "protocol").get("name") or result.get("protocol")
     parts += [f"{protocol} protocol" if protocol else "", f"{recorded.times_s[-1]:.2f} s of simulated time"]
     return ", ".join(part for part in parts if part)

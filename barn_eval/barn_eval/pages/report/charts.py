@@ -26,13 +26,13 @@ from barn_eval.pages.report.trials import DrivenTrial
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.arrays import Floats
-from barn_worlds.drawing.palette import INK, WHITE
+from barn_worlds.drawing.palette import BROKEN, INK, WHITE
 from barn_worlds.worlds.world import World
 
 _OUTCOMES = tuple(Outcome)
 _TIME = MEASURES["normalised_time_s_per_m"]
 _RANK = "world, from easy to difficult [rank]"
-_NAMED_PER_IN = 3.4  # worlds, up to which each has its number below it
+_NAMED_PER_IN = 2.4  # worlds, up to which each has its number below it
 _DISTRIBUTED = ("normalised_time_s_per_m", "min_clearance_m", "mean_speed_mps", "rms_jerk_mps3")
 _COMPUTE = {"median": "compute_p50_ms", "95th percentile": "compute_p95_ms", "largest": "compute_max_ms"}
 _NARROW_IN, _NARROWEST_IN, _IN_PAPERS = 2.2, 1.6, 0.55  # panels of a paper; their height to that on a page
@@ -202,10 +202,11 @@ def _outcomes(panels: Sequence[Axes], data: ChartData) -> Legend:
         axes.set_ylabel("trial")
     panels[-1].set_xlabel(_RANK)
     _world_ticks(panels[-1], order)
-    names = ["no trial", *(outcome.value.replace("_", " ") for outcome in _OUTCOMES)]
-    shown = sorted(there)
-    patches = [Patch(facecolor=colours[one], edgecolor=INK, linewidth=0.5) for one in shown]
-    return Legend(patches, [names[one] for one in shown])
+    names = [
+        one.value.replace("_", " ") if look != BROKEN else "other failure" for one, look in OUTCOME_COLOURS.items()
+    ]
+    shown = {["no trial", *names][one]: colours[one] for one in sorted(there)}
+    return Legend([Patch(facecolor=one, edgecolor=INK, linewidth=0.5) for one in shown.values()], list(shown))
 
 
 @chart(
@@ -275,12 +276,14 @@ def _draw_differences(axes: Axes, rows: Sequence[PairedMeasure], found: Sequence
 @chart("Cumulative distributions over trials of time per metre, clearance, speed and jerk", lambda _: Panels(3.6, 4))
 def _distributions(panels: Sequence[Axes], data: ChartData) -> Legend:
     handles = {}
-    for axes, key in zip(panels, _DISTRIBUTED, strict=True):
+    safety = safety_of([one for entry in data.entries for one in entry.results])
+    measures = (MEASURES[key] if key != "min_clearance_m" else safety for key in _DISTRIBUTED)
+    for axes, measure in zip(panels, measures, strict=True):
         for entry, dashes in zip(data.entries, cycle(_DASHES), strict=False):
-            known = _known(MEASURES[key], entry)
+            known = _known(measure, entry)
             if len(known):
                 handles[entry.label] = axes.ecdf(known, color=entry.colour, linewidth=1.8, linestyle=dashes)
-        label_axes(axes, MEASURES[key].heading, "")
+        label_axes(axes, measure.heading, "")
         axes.set_ylim(0, 1.02)
     panels[0].set_ylabel("share of trials up to")
     return Legend(list(handles.values()), list(handles))
