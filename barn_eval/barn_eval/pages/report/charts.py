@@ -35,7 +35,12 @@ _RANK = "world, from easy to difficult [rank]"
 _NAMED_PER_IN = 2.4  # worlds, up to which each has its number below it
 _DISTRIBUTED = ("normalised_time_s_per_m", "min_clearance_m", "mean_speed_mps", "rms_jerk_mps3")
 _COMPUTE = {"median": "compute_p50_ms", "95th percentile": "compute_p95_ms", "largest": "compute_max_ms"}
-_NARROW_IN, _NARROWEST_IN, _IN_PAPERS = 2.2, 1.6, 0.55  # panels of a paper; their height to that on a page
+_NARROW_IN, _NARROWEST_IN, _IN_PAPERS, _STRIPS = (
+    2.2,
+    1.6,
+    0.55,
+    0.9,
+)  # panels of a paper; their height to that on a page
 _WINDOWS = 15  # of a line of running means
 _DASHES = ("-", "--", "-.", ":")
 
@@ -83,9 +88,13 @@ class Panels(NamedTuple):
 
     def fitted(self, width_in: float) -> "Panels":
         """Return the same panels in a figure of a paper, in as many columns as there is room for."""
-        columns = max(1, min(self.columns, int(width_in / (_NARROWEST_IN if self.sharey else _NARROW_IN))))
+        maps = min(self.rows, self.columns) > 1  # as high as they are wide
+        columns = max(1, min(self.columns, int(width_in / (_NARROWEST_IN if self.sharey or maps else _NARROW_IN))))
         rows = -(-self.rows * self.columns // columns)
-        height_in = _IN_PAPERS * self.height_in * rows / self.rows
+        kept = (
+            width_in * self.columns / (columns * self.width_in) if maps else _IN_PAPERS if self.rows == 1 else _STRIPS
+        )
+        height_in = kept * self.height_in * rows / self.rows
         return self._replace(height_in=height_in, columns=columns, rows=rows, width_in=width_in)
 
 
@@ -314,6 +323,7 @@ def _trade(panels: Sequence[Axes], data: ChartData) -> Legend:
         x, side = (0.99, "right") if larger else (0.01, "left")
         axes.text(x, 0.02, corner, transform=axes.transAxes, ha=side, va="bottom", fontsize=small())
         axes.margins(0.15)
+        axes.locator_params("x", nbins=max(3, int(figure_of(panels).get_figwidth() / len(panels))))
     return Legend(handles, data.labels)
 
 

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 from urllib.parse import quote
 
@@ -58,6 +59,8 @@ def draw(
         if len(panels) != count:
             raise ConfigError(f"ax: the figure {chart.name!r} has {count} panels, got {len(panels)} axes")
     legend = chart.draw(panels, data)
+    for axes in panels if width_mm else ():
+        axes.set_ylabel(fill(axes.get_ylabel(), 25))
     texts = [plain(text) for text in legend.labels]
     if legend.handles and ax is None:
         figure = figure_of(panels)
