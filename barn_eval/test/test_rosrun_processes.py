@@ -205,17 +205,17 @@ def test_a_planner_kept_apart_sees_and_signals_no_process_but_its_own_and_its_en
     try:
         os.kill({os.getpid()}, 0)
     except ProcessLookupError:
-        print("sees", len(seen), "has the user", os.getuid())
+        print("sees", len(seen), "has the user", os.getuid(), "writes", os.access({str(tmp_path)!r}, os.W_OK))
     os.kill(os.getppid(), signal.SIGKILL)  # the first process of the namespace, which does not mind
     os.kill(os.getpid(), signal.SIGKILL)
     """
     log, command = tmp_path / "apart.log", [sys.executable, "-c", textwrap.dedent(script)]
-    process = GuardedProcess("apart", command, os.environ, log, kind=guard.APART)
+    process = GuardedProcess("apart", command, os.environ, log, kind=f"{guard.APART}:{tmp_path}")
     process.wait(600.0)
     process.stop()
     assert process.end == "was killed by SIGKILL"
     if isolation() == "apart":
-        assert log.read_text() == f"sees 2 has the user {os.getuid()}\n"
+        assert log.read_text() == f"sees 2 has the user {os.getuid()} writes False\n"
     process = GuardedProcess("nobody", ["/no/such/command"], os.environ, log, kind=guard.APART)
     process.wait(600.0)
     assert process.end == "cannot be started: /no/such/command: No such file or directory"

@@ -2,11 +2,11 @@
 
 Started as a script of its own, with nothing but the standard library, as `python guard.py FD KIND -- COMMAND...`. FD is
 a socket to the supervisor, which is told there how the command has ended, as an event of `process`. KIND is "suite" for
-a process of the suite, "planner" for one under test, which the kernel is to end first when memory runs out, and "apart"
-for one that besides gets a user, PID and mount namespace of its own, in which it can neither see nor signal any process
-but its own. `python guard.py probe` prints whether the kernel allows that. When the supervisor
-writes, or its end of the socket closes because it died, the command and all its descendants are ended: by SIGINT first,
-as Ctrl-C does it, then SIGTERM, then SIGKILL.
+a process of the suite, "planner" for one under test, which the kernel is to end first when memory runs out, and
+"apart:FOLDER" for one that besides gets a user, PID and mount namespace of its own, in which it can neither see nor
+signal any process but its own, nor write into the folder of results. `python guard.py probe` prints whether the kernel
+allows that. When the supervisor writes, or its end of the socket closes because it died, the command and all its
+descendants are ended: by SIGINT first, as Ctrl-C does it, then SIGTERM, then SIGKILL.
 What the command prints goes to the guard's own output, of a great deal the beginning and the end.
 
 The guard is two processes, of which the second does the work: if either is killed, at the same time as the supervisor
@@ -31,6 +31,7 @@ from typing import Any
 
 _PR_SET_PDEATHSIG = 1
 _PR_SET_CHILD_SUBREAPER = 36
+_NO_MOUNTS = 24, 21  # PR_CAPBSET_DROP, CAP_SYS_ADMIN
 # How long each signal is given. Python nodes need some 100 ms for SIGINT, ros2 launch several seconds.
 PATIENCE_S = ((signal.SIGINT, 5.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 5.0))
 _ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT)  # of the guard itself
@@ -40,6 +41,7 @@ SUITE, PLANNER, APART = "suite", "planner", "apart"
 _FIRST_TO_GO = "500"  # added to what the kernel's choice goes by when memory runs out, of at most 1000
 _NEW_MOUNTS, _NEW_USERS, _NEW_PIDS = 0x00020000, 0x10000000, 0x20000000  # flags of unshare
 _PRIVATE_MOUNTS = 0x4000 | 0x40000  # recursively
+_BIND, _READ_ONLY_AGAIN, _KEPT_FLAGS = 0x1000, 0x1000 | 0x20 | 1, 2 | 4 | 8  # of mount; the last are locked
 _LIBC = ctypes.CDLL(None, use_errno=True)
 
 
@@ -64,7 +66,7 @@ def _probe() -> int:
     try:
         _leave_namespaces()
         if not (child := os.fork()):
-            os.write(writer, b"apart" if _mount_own_proc() else b"visible")
+            os.write(writer, b"apart" if _mount_own("") else b"visible")
             os._exit(0)
         os.waitpid(child, 0)
     except OSError as error:
@@ -87,10 +89,18 @@ def _leave_namespaces() -> None:
         Path(f"/proc/self/{name}").write_text(content, "ascii")
 
 
-def _mount_own_proc() -> bool:
-    """Show in /proc only the processes of this namespace, and tell whether that is allowed: in many containers not."""
+def _mount_own(results: str) -> bool:
+    """Show in /proc only the processes of this namespace, and a folder as one that nothing can be written into.
+
+    Return whether the first is allowed: in many containers it is not.
+    """
     if _LIBC.unshare(_NEW_MOUNTS) or _LIBC.mount(None, b"/", None, _PRIVATE_MOUNTS, None):
         return False
+    if results and not _LIBC.mount((folder := os.fsencode(results)), folder, None, _BIND, None):
+        flags = _READ_ONLY_AGAIN | (os.statvfs(results).f_flag & _KEPT_FLAGS)
+        _checked(_LIBC.mount(None, folder, None, flags, None), f"{results} cannot be made read-only")
+        with suppress(OSError):
+            os.chdir(Path.cwd())  # by the new mount, should it be in there
     return bool(_LIBC.mount(b"proc", b"/proc", b"proc", 0, None) == 0)
 
 
@@ -101,12 +111,12 @@ class _ApartProcess:
     which the kernel ends all others. OSError if the command cannot be started.
     """
 
-    def __init__(self, command: list[str], output: int, before: Callable[[], None]) -> None:
+    def __init__(self, command: list[str], output: int, before: Callable[[], None], results: str) -> None:
         self.returncode: int | None = None
         _leave_namespaces()
         self._end, told = os.pipe()
         if not (pid := os.fork()):
-            _be_first(command, output, before, told)
+            _be_first(command, output, before, told, results)
         self.pid = pid
         os.close(told)
         if os.read(self._end, 1) != b"+":
@@ -133,15 +143,15 @@ def _started(
     return subprocess.Popen(command, stdout=output, stderr=output, **how)  # noqa: S603
 
 
-def _be_first(command: list[str], output: int, before: Callable[[], None], told: int) -> None:
+def _be_first(command: list[str], output: int, before: Callable[[], None], told: int, results: str) -> None:
     """Be the first process of a namespace: start the command, take in orphans, and end with the command."""
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
     os.setsid()
-    _mount_own_proc()
     for number in _ENDING:
         signal.signal(number, signal.SIG_IGN)
     signal.set_wakeup_fd(-1)
     try:
+        _mount_own(results)
         child = _started(command, output, before)
     except OSError as error:
         os.write(told, f"-{error.strerror or error}".encode())
@@ -177,7 +187,9 @@ def _end_with(parent: int, number: int) -> None:
 def _guard(command: list[str], kind: str, supervisor: socket.socket, wake: socket.socket) -> int:
     supervisor.setblocking(False)
     output = _Output()
-    started = _ApartProcess if kind == APART else partial(_started, start_new_session=True)
+    kind, _, results = kind.partition(":")
+    apart = partial(_ApartProcess, results=results)
+    started = apart if kind == APART else partial(_started, start_new_session=True)
     try:
         child: _Child = started(command, output.writer, _prepare(supervisor.fileno(), kind))
     except OSError as error:
@@ -215,6 +227,8 @@ def _prepare(supervisor: int, kind: str) -> Callable[[], None]:
         if kind != SUITE:
             with suppress(OSError):
                 Path("/proc/self/oom_score_adj").write_text(_FIRST_TO_GO, "ascii")
+        if kind == APART:
+            _LIBC.prctl(*_NO_MOUNTS, 0, 0)  # which a user root could undo
         for number in (signal.SIGCHLD, *_ENDING):
             signal.signal(number, signal.SIG_DFL)
 
