@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from barn_eval.bags.bagfile import BagFile
+
 rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from ros_runs import (  # noqa: E402
@@ -152,6 +154,8 @@ def test_a_robot_in_a_namespace_with_names_and_frames_of_its_own(tmp_path, proto
     assert ("/robot1/map" in heard) is protocol.map_given
     assert {"/cmd_vel", "/scan", "/robot1/scan", "/clock"} & set(heard) == set()
     assert "/sim/clock" in heard
+    read = {message.topic for message in BagFile(folder / "bags" / result.trial_id).messages()}
+    assert {"/odom", "/scan", "/cmd_vel", "/ground_truth/odom", "/collision"} <= read
 
 
 def test_a_planner_of_others_in_a_namespace(tmp_path):

@@ -194,7 +194,7 @@ class McapFile:
             self._types[record.id] = record.name
         elif isinstance(record, Channel):
             type_name = self._types.get(record.schema_id, "") if record.message_encoding == "cdr" else ""
-            self._channels[record.id] = (record.topic, type_name)
+            self._channels[record.id] = (record.metadata.get("known_as", record.topic), type_name)
         elif isinstance(record, Metadata):
             self._metadata[record.name] = dict(record.metadata)
 

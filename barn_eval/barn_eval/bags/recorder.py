@@ -4,8 +4,6 @@ While it is written the directory has a name ending in `.partial`; it gets its o
 the writer, the partial file is readable up to the last whole second of the trial.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Mapping
@@ -63,7 +61,7 @@ class Recorder:
             self._writer: Any = Writer(self._stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
             self._writer.start(profile="ros2", library=f"barn_eval {__version__}")
 
-    def __enter__(self) -> Recorder:
+    def __enter__(self) -> "Recorder":
         """Return the recorder."""
         return self
 
@@ -75,8 +73,8 @@ class Recorder:
         """Tell whether messages of a type such as "nav_msgs/msg/Odometry" can be recorded."""
         return type_name in self._types.fielddefs
 
-    def add_topic(self, name: str, type_name: str, qos: Qos = RELIABLE) -> None:
-        """Announce a topic; BagError for a type that is not known or another one than before."""
+    def add_topic(self, name: str, type_name: str, qos: Qos = RELIABLE, known_as: str = "") -> None:
+        """Announce a topic, and what it is read as if that is not its name; BagError for an unknown or another type."""
         if (known := self._topics.get(name)) is not None:
             if known.type_name != type_name:
                 raise BagError(f"{self.path}: topic {name} is recorded as {known.type_name}, not as {type_name}")
@@ -89,6 +87,7 @@ class Recorder:
             self._schemas[type_name] = self._writer.register_schema(type_name, "ros2msg", definition.encode())
         type_hash = self._types.hash_rihs01(type_name)
         described = {"offered_qos_profiles": _yaml([_profile(qos)]), "topic_type_hash": type_hash}
+        described |= {"known_as": known_as} if known_as else {}
         channel = self._writer.register_channel(name, "cdr", self._schemas[type_name], described)
         self._topics[name] = _Topic(name, type_name, qos, type_hash, channel)
 

@@ -16,8 +16,9 @@ from barn_eval.bags.messages import TOPICS, TRUE_TOPICS
 from barn_eval.bags.recorder import Recorder
 from barn_eval.ros.sequencer import Message
 from barn_eval.ros.subscriber import Subscriber
+from barn_worlds.messages import topics
 from barn_worlds.messages.cdr import jazzy_types
-from barn_worlds.messages.topics import LATCHED, RELIABLE, Outgoing, Qos
+from barn_worlds.messages.topics import LATCHED, RELIABLE, Outgoing, Qos, Topic
 from barn_worlds.ros.topics import optional_publisher
 
 
@@ -32,6 +33,10 @@ class Recording:
         self._unwanted = set(exclude)
         # The bag gets these from `show` and not over DDS: what is found out belongs to a tick that is over by then.
         self._exclude = {*exclude, *(topic.path for topic in (*TRUE_TOPICS, *TOPICS))}
+        # What goes by another name here is read by the suite's, and what has that name here is not.
+        own = {node.resolve_topic_name(one.name): one.path for one in vars(topics).values() if isinstance(one, Topic)}
+        self._known_as = {path: f"{path}_of_others" for path in own.values() if path not in own}
+        self._known_as |= {name: path for name, path in own.items() if name != path}
         self._publishers = {topic: optional_publisher(node, topic) for topic in TOPICS}
         self._profiles: dict[str, Qos] = {}
         self._refused: set[str] = set()
@@ -67,7 +72,8 @@ class Recording:
         for message in messages:
             wanted = message.topic in types and message.topic not in self._exclude
             if wanted and (message.topic, message.sent_ns) not in self._written:
-                recorder.add_topic(message.topic, types[message.topic], self._profiles.get(message.topic, Qos()))
+                name, profile = message.topic, self._profiles.get(message.topic, Qos())
+                recorder.add_topic(name, types[name], profile, self._known_as.get(name, ""))
                 recorder.write(message.topic, message.data, stamp_ns)
 
     def show(self, shown: Iterable[Outgoing], stamp_ns: int, recorder: Recorder | None) -> None:
