@@ -89,7 +89,7 @@ class TrialAdapter:
     def _command(self, message: Message) -> None:
         self.commands_ns.append(self.now_ns)
         if self._scan_sent_ns is not None:
-            self.response_times_s.append(seconds(message.sent_ns - self._scan_sent_ns))
+            self.response_times_s.append(max(0.0, seconds(message.sent_ns - self._scan_sent_ns)))
             self.waited_s += self.response_times_s[-1]
             self._scan_sent_ns = None
         self.trial.command(decode.command(message.data, self._command_type))

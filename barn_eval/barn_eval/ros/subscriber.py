@@ -20,6 +20,7 @@ from barn_eval.ros.session import TrialEnded
 from barn_eval.ros.simulator import SimulatorChannel
 from barn_eval.trials.outcome import Outcome
 from barn_worlds.base.errors import MessageError
+from barn_worlds.base.types import seconds
 from barn_worlds.messages import decode
 from barn_worlds.messages.topics import LATCHED, RELIABLE, Qos
 from barn_worlds.ros.topics import message_class, profile
@@ -100,7 +101,8 @@ class Subscriber:
                 while left > 0 and (taken := handle.take_message(known.subscription.msg_type, True)) is not None:
                     data, about = taken
                     left -= len(data)
-                    message = Message(topic, data, about["source_timestamp"])
+                    # stamps are the sender's, whose clock may say what it likes
+                    message = Message(topic, data, min(about["source_timestamp"], about["received_timestamp"]))
                     if known.qos.durability == LATCHED.durability:
                         known.last = message
                     take(message)
@@ -130,16 +132,19 @@ class TrialQueue:
         self._heard_ns = self._told_ns = self._told_ticks = 0
         self._bytes: Counter[str] = Counter()  # taken, by topic
         self._waiting = 0  # bytes of these that have not been handed over
+        self._behind_ns = 0  # by how much, at least, the clock is that stamped a command
 
     def require_bounded(self) -> None:
-        """Raise TrialEnded, once, naming the topic, if more comes than can be read or kept."""
+        """Raise TrialEnded, once, if more comes than can be read or kept, or commands by a clock that is behind."""
         total = self._bytes.total()
         exceeded = self._waiting > _WAITING_BYTES or total > _TRIAL_BYTES or self._subscriber.full_turns > _FULL_TURNS
-        if exceeded and not self._exceeded:
+        behind_s = seconds(self._behind_ns)
+        if (exceeded or behind_s) and not self._exceeded:
             self._exceeded = True
             topic, most = self._bytes.most_common(1)[0]
             text = f"{most / 1e6:.0f} MB on {topic}, more than can be kept up with"
-            raise TrialEnded(Outcome.INTERFERENCE, text)
+            behind = f"commands are stamped by a clock that is {behind_s:.0f} s or more behind"
+            raise TrialEnded(Outcome.INTERFERENCE, text if exceeded else behind)
 
     def read(self) -> None:
         """Take in what has arrived, and let a simulator on the line know every few ticks how far DDS has caught up."""
@@ -172,6 +177,8 @@ class TrialQueue:
 
     def _take(self, message: Message) -> None:
         if message.sent_ns < self._reset_ns:
+            if self._released and message.topic == self._topics.command:
+                self._behind_ns = self._reset_ns - message.sent_ns
             return
         self._bytes[message.topic] += len(message.data)
         self._waiting += len(message.data)
