@@ -114,13 +114,13 @@ def _exit_code(arguments: Sequence[str] | None) -> int:
         # Whoever read the output has gone; the interpreter would complain of it at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except (BarnError, click.ClickException, OSError) as error:
+    except (BarnError, click.ClickException, OSError, MemoryError, ImportError) as error:
         click.echo("error: " + " ".join(_message(error).split()), err=True)
         return 1
     return result if isinstance(result, int) else 0
 
 
-def _message(error: BarnError | click.ClickException | OSError) -> str:
+def _message(error: BarnError | click.ClickException | OSError | MemoryError | ImportError) -> str:
     if isinstance(error, click.UsageError):
         command = error.ctx.command_path if error.ctx else "barn"
         return f"{error.format_message()} (see {command} --help)"
@@ -128,4 +128,4 @@ def _message(error: BarnError | click.ClickException | OSError) -> str:
         return error.format_message()
     if isinstance(error, OSError) and error.filename:
         return f"{error.filename}: {error.strerror}"
-    return str(error)
+    return str(error) or "there is not enough memory"

@@ -14,6 +14,7 @@ from barn_eval.ros.graph import GraphView
 from barn_eval.ros.readiness import Endpoint
 from barn_eval.ros.session import PLANNER, Session, TrialEnded
 from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.trial import LONGEST
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.messages.topics import GOAL_POSE
 from barn_worlds.ros.topics import message_class, publisher
@@ -131,4 +132,4 @@ def _described(answer: Any) -> str:
     """Return how an action ended, with the code and the message that some results have."""
     ending, code = _ENDINGS.get(answer.status, f"status {answer.status}"), getattr(answer.result, "error_code", 0)
     details = ", ".join(filter(None, (f"error {code}" if code else "", getattr(answer.result, "error_msg", ""))))
-    return f"{ending} ({details})" if details else ending
+    return f"{ending} ({details})"[:LONGEST] if details else ending

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
+from socket import AF_INET, SOCK_DGRAM, socket
 
 from rich.console import Console
 
@@ -19,7 +20,7 @@ from barn_eval.experiments.store import LOGS, Store
 from barn_eval.ros.supervision import run_ros_trials
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import TrialSpec
-from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.errors import ConfigError, reported_as
 
 _WORLDS_AT_A_TIME = 10  # of each worker, for which the nodes of each of several planners are started once
 
@@ -87,9 +88,13 @@ def isolation_text(setup: RosSetup) -> str:
 
 def require_ros(experiment: Experiment, console: Console) -> None:
     """Raise ConfigError if an experiment needs ROS that is not there; print what keeps no planners apart."""
-    if experiment.mode == "ros" and (problem := ros_problem()):
+    if experiment.mode != "ros":
+        return
+    if problem := ros_problem():
         raise ConfigError(f"mode ros: {problem}; install the ROS 2 wheels for this Python or use that of ROS")
-    if experiment.mode == "ros" and (text := isolation_text(experiment.ros)):
+    with reported_as(ConfigError, "mode ros: no loopback interface, 127.0.0.1"), socket(AF_INET, SOCK_DGRAM) as line:
+        line.connect(("127.0.0.1", 9))
+    if text := isolation_text(experiment.ros):
         console.print(text, markup=False, highlight=False, soft_wrap=True)
 
 

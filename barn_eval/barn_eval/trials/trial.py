@@ -1,7 +1,5 @@
 """A trial as it passes, whoever runs it: readings and answers go in; verdict, trajectory and row come out."""
 
-from __future__ import annotations
-
 import math
 import signal
 import threading
@@ -54,6 +52,7 @@ class _Stalled(BaseException):
 
 
 STALLED = 10.0  # wall-clock time in multiples of a limit after which the machine, not the planner, is given up
+LONGEST = 2000  # characters of what a planner may have said, in a row
 
 
 def queued_s(process: str | int = "self") -> float:
@@ -218,7 +217,7 @@ def conclude(
         protocol=spec.protocol.name,
         mode=mode,
         outcome=verdict.outcome,
-        detail=verdict.detail,
+        detail=verdict.detail[:LONGEST],
         scores=scores,
         measures=measure(trajectory, world.cylinders_m, world.cylinder_radius_m, outline),
         metric=spec.protocol.metric,
