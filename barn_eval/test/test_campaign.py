@@ -212,10 +212,7 @@ def test_a_folder_that_cannot_be_written_is_named(run_here, tmp_path, where):
         ({"repetitions": 3}, "repetitions is 2 there, 3 here"),
         ({"protocol": "challenge"}, "protocol.name is 'short' there, 'challenge' here"),
         ({"planners": "gap"}, "planners.1.name is 'stranger' there, not set here"),
-        (
-            {"settings": {"gap": {"max_speed_mps": 0.3}}},
-            "planners.0.overrides.max_speed_mps is not set there",
-        ),
+        ({"settings": {"gap": {"max_speed_mps": 0.3}}}, "planners.0.overrides.max_speed_mps is not set there"),
         ({"simulator": {"lidar.beams": 360}}, "simulator.lidar.beams is 720 there, 360 here"),
         ({"worlds": "0,100"}, "worlds is '0,100,200' there, '0,100' here"),
         ({"bags": "all"}, "bags is 'none' there, 'all' here"),

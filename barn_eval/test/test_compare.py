@@ -13,6 +13,7 @@ from barn_eval.analysis.measures import COMPARED, DRIVEN, SCORED
 from barn_eval.analysis.summary import summarise_campaign
 from barn_eval.analysis.tables import comparison_table
 from barn_eval.commands.compare import command as compare_command
+from barn_eval.experiments.command_files import keep_told
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.experiments.rows import ResultRows
 from barn_eval.experiments.run_file import RunFile
@@ -218,6 +219,29 @@ def test_folders_are_compared_in_the_order_given_under_their_short_names(folders
         ("DWA (both)", "DWA (copy)"),
         ("E-Band (both)", "E-Band (copy)"),
     ]
+
+
+def test_parameters_in_which_planners_differ_are_told(folders):
+    write_folder(folders / "slow", results(worlds=4))
+
+    def changed(name, *changes):
+        run = folders / name / "run.json"
+        for before, after in changes:
+            run.write_text(run.read_text().replace(before, after))
+        return compare_folders(folders / "a", folders / "slow")[0].parameters
+
+    assert changed("a") == ""
+    told = changed("slow", ('"overrides": {}', '"overrides": {"dwa.max_speed_mps": 0.3}'))
+    assert told == "Parameters that differ: dwa dwa.max_speed_mps (0.5 against 0.3)."
+    foreign = ('"mode": "direct"', '"mode": "ros"'), ('"overrides": {"dwa.max_speed_mps": 0.3}', '"overrides": {}')
+    for name, speed in (("a", 0.5), ("slow", 1.0)):
+        logs = folders / name / "logs" / "dwa_0"
+        logs.mkdir(parents=True)
+        keep_told(logs.parent, logs, "dwa", json.dumps({"/nav speed": str(speed), f"/{name} x": "1"}))
+        told = changed(name, *foreign, ('"command": ""', f'"files": {{"p.yaml": "{name * 64}"}}, "command": "drive"'))
+    expected = f"file p.yaml ({'a' * 12} against {('slow' * 3)[:12]}) and /nav speed (0.5 against 1.0)."
+    assert told == f"Parameters that differ: {expected}"
+    assert expected in " ".join(invoke(folders / "a", folders / "slow").output.split())
 
 
 def test_planners_of_one_folder_are_compared_with_each_other(folders):

@@ -5,12 +5,13 @@ from pathlib import Path
 import pytest
 
 from barn_eval.experiments import request
+from barn_eval.experiments.command_files import keep_told, told_parameters
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.ros_config import RosSetup
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.base.config import as_dict, from_dict
-from barn_worlds.base.errors import BarnError
+from barn_worlds.base.errors import BarnError, ConfigError
 
 
 def read_request(path, options):
@@ -197,10 +198,7 @@ def test_a_command_is_not_filed_under_a_name_of_the_suite_by_accident():
         ({"planner_command": "'", "planners": "x", "mode": "ros"}, 'planner command "\'": No closing quotation'),
         ({"planner_command": " ", "planners": "x", "mode": "ros"}, "planner command must name a program, got ' '"),
         ({"planners": "a/b"}, "planner 'a/b': a name must be 1 to 60 letters"),
-        (
-            {"planners": [{"name": "x", "command": "y", "preset": "z"}]},
-            "presets and parameters are for",
-        ),
+        ({"planners": [{"name": "x", "command": "y", "preset": "z"}]}, "presets and parameters are for"),
         ({"ros": {"restart_planner": "never"}}, "settings of ros need mode ros"),
         ({"mode": "ros", "ros": {"bags": "none"}}, "ros.bags is given by bags (--bags)"),
         ({"mode": "ros", "ros": {"lockstp": True}}, "did you mean 'lockstep'?"),
@@ -262,3 +260,14 @@ def test_files_that_a_command_names_are_known_by_their_content(tmp_path):
     assert changed.planners[0].files[str(script)] == before[0][str(script)]
     assert changed.planners[0].files[str(parameters)] != before[0][str(parameters)]
     assert changed.settings(changed.planners[0])["planner_config"] not in earlier
+
+
+def test_parameters_that_nodes_tell_are_kept_and_may_not_change(tmp_path):
+    logs = tmp_path / "out" / "logs"
+    logs.mkdir(parents=True)
+    keep_told(logs, logs, "mine", '{"/a speed": "0.5", "/b": "tells none"}')
+    keep_told(logs, logs, "mine", '{"/a speed": "0.5", "/c turn": "1.0"}')
+    keep_told(logs, logs, "another_mine", '{"/a speed": "1.0"}')
+    assert told_parameters(logs, "mine") == {"/a speed": "0.5", "/b": "tells none", "/c turn": "1.0"}
+    with pytest.raises(ConfigError, match=r"planner 'mine': parameter /a speed was '0.5' there, is '0.6' now"):
+        keep_told(logs, logs, "mine", '{"/a speed": "0.6"}')

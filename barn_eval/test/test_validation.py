@@ -86,8 +86,7 @@ def test_equal_planners_share_their_worlds_and_nothing_else():
 
 
 @pytest.mark.parametrize(
-    ("found", "verdict"),
-    [(0.95, "met"), (0.92, "met within chance"), (0.90, "missed"), (1.0, "missed")],
+    ("found", "verdict"), [(0.95, "met"), (0.92, "met within chance"), (0.90, "missed"), (1.0, "missed")]
 )
 def test_a_target_is_missed_beyond_three_errors_with_any_seed(found, verdict):
     one = Check("", "", 1000, (0.95, found), (0.93, 0.97))  # an error is 0.8 % at the lower limit, 0.5 % at the upper

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from barn_eval.analysis.measures import COMPARED, MEASURES, Measure, metric_of, with_motion
+from barn_eval.analysis.parameters import changed_parameters
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import holm
 from barn_eval.analysis.sources import Source, by_planner, chosen_planners, notes_on, read_source, require_same_task
@@ -42,6 +43,7 @@ class Comparison:
     metric: key of the measure that the protocol ranks planners by. rank_correlation: Spearman's, of the counted time
     per metre over worlds. pairs: how many are compared together. notes: what to know of the folders, such as that one
     is not finished. robot: its name, empty for the Jackal. available: how many worlds the data set has, 0 if unknown.
+    parameters: in which the planners are known to differ, in a sentence.
     """
 
     a: str
@@ -57,6 +59,7 @@ class Comparison:
     notes: tuple[str, ...] = ()
     robot: str = ""
     available: int = 0
+    parameters: str = ""
 
     @property
     def worlds(self) -> int:
@@ -160,7 +163,8 @@ def compare_folders(
     found = []
     for done, (one, other) in enumerate(pairs, 1):
         name_a, name_b = (f"{spelling(one)} ({place})" for place in places) if one == other else (one, other)
-        found.append(compare(first[one], second[other], name_a, name_b, keys))
+        made = compare(first[one], second[other], name_a, name_b, keys)
+        found.append(replace(made, parameters=changed_parameters(source_a, one, source_b, other)))
         progress(done / len(pairs))
     notes = (notes_on(source, [*chain.from_iterable(groups.values())]) for source, groups in chosen)
     told = tuple(dict.fromkeys(chain.from_iterable(notes)))

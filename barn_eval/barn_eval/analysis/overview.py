@@ -15,6 +15,7 @@ import yaml
 from barn_eval.analysis.compare import Comparison, compare, holm_adjusted
 from barn_eval.analysis.difficulty import Band, Difficulty, bands
 from barn_eval.analysis.measures import COMPARED, DRIVEN, MEASURES, SCORED, metric_of, with_motion
+from barn_eval.analysis.parameters import changed_parameters
 from barn_eval.analysis.significance import ALPHA, holm
 from barn_eval.analysis.sources import Entry, Source
 from barn_eval.analysis.summary import Summary, summarise
@@ -129,11 +130,12 @@ def why(comparisons: Sequence[Comparison]) -> list[str]:
             told.append(("not" if clear else "do not differ clearly") + f" in {joined(unclear, 'or')}")
         texts.append(f"{one.a} and {one.b} {', '.join(told)}.")
         alike += [] if clear else texts[-1:]
+    changed = [f"{one.a} and {one.b}: {one.parameters}" for one in comparisons if one.parameters]
     if len(alike) <= _ALIKE:
-        return texts
+        return texts + changed
     others = "The other" if len(texts) > len(alike) else "All"
     rest = f"{others} {len(alike)} pairs do not {alike[0].partition(' do not ')[2]}"
-    return [*(text for text in texts if text not in alike), rest]
+    return [*(text for text in texts if text not in alike), rest, *changed]
 
 
 def tables(entries: Sequence[Entry], found: Overview, columns: Sequence[str] = ()) -> list[TextTable]:
@@ -151,7 +153,8 @@ def tables(entries: Sequence[Entry], found: Overview, columns: Sequence[str] = (
 
 def _compared(a: Entry, b: Entry, keys: Sequence[str]) -> Comparison | Refusal:
     try:
-        return compare(a.results, b.results, a.label, b.label, keys)
+        found = compare(a.results, b.results, a.label, b.label, keys)
+        return replace(found, parameters=changed_parameters(a.source, a.planner, b.source, b.planner))
     except BarnError as error:
         return Refusal(a.label, b.label, str(error))
 

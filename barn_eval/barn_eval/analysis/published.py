@@ -3,8 +3,6 @@
 A row per world: `world`, `path_length_m` and columns PLANNER_1, PLANNER_2, ... of times in seconds.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable, Mapping

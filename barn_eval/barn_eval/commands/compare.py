@@ -55,7 +55,8 @@ def command(a: Path, b: Path | None, columns: str, latex: Path | None, margins: 
     for one, own in zip(found, decided, strict=True):
         said = pair_verdict(one)
         content.append(as_dict(one) | {"verdict": str(said), "decisions": list(map(as_dict, own))})
-        shown += [*said, *(each.text for each in own), rich_table(comparison_table(one))]
+        texts = filter(None, (one.parameters, *(each.text for each in own)))
+        shown += [*said, *texts, rich_table(comparison_table(one))]
     tell(as_json, content, *shown)
     kinds = {each.decision for own in decided for each in own}
     return 4 if "worse" in kinds else 5 if "not shown" in kinds else 0

@@ -1,11 +1,14 @@
-"""Files that a planner's command names, which decide what ran: parameters, a launch file, a script or a library."""
+"""What decides what ran by a planner's command: the files that it names, and the parameters that its nodes tell."""
 
 import hashlib
 import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from barn_worlds.base.errors import ConfigError, reported_as
+from barn_eval.trials.identity import leaves
+from barn_worlds.base.errors import ConfigError, reported_as, shown
+from barn_worlds.base.files import write_whole
+from barn_worlds.base.text_files import parse_json, read_json
 
 _ENDINGS = (".yaml", ".yml", ".json", ".toml", ".xml", ".py", ".so", ".npz", ".pt", ".onnx")
 _LARGEST = 1 << 30  # bytes
@@ -30,6 +33,30 @@ def folder_digest(folder: Path) -> str:
     for path in sorted(one for one in folder.rglob("*") if one.is_file() and "__pycache__" not in one.parts):
         found.update(f"{path.relative_to(folder)}\0{_digest(path)}\n".encode())
     return found.hexdigest()
+
+
+def told_files(folder: Path, planner: str) -> list[Path]:
+    """Return the files below a folder of what the nodes of a planner told of their parameters."""
+    return sorted(folder.rglob(f"{'?' * 12}_{planner}.parameters.json"))
+
+
+def told_parameters(folder: Path, planner: str) -> dict[str, str]:
+    """Return what is in these files, by "NODE NAME"; ConfigError for a damaged one."""
+    return {key: str(value) for path in told_files(folder, planner) for key, value in leaves(read_json(path))}
+
+
+def keep_told(folder: Path, logs: Path, planner: str, text: str) -> None:
+    """Keep in logs, below the folder, what a planner's nodes have told of their parameters, as JSON by "NODE NAME".
+
+    ConfigError, naming it, for one of which they have told something else when earlier trials began.
+    """
+    there = told_parameters(folder, planner)
+    for key, value in leaves(parse_json(text, "parameters")):
+        if (before := there.get(key, value)) != value:
+            what = f"planner {planner!r}: parameter {key} was {shown(before)} there, is {shown(value)} now"
+            raise ConfigError(f"{folder.parent}: holds results of another configuration: {what}; use another folder")
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    write_whole(logs / f"{digest[:12]}_{planner}.parameters.json", text.encode())
 
 
 def _launch_file(package: str, name: str) -> Path:

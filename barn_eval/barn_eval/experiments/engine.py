@@ -1,7 +1,5 @@
 """What runs the trials of an experiment: workers that are handed one job each and report on it."""
 
-from __future__ import annotations
-
 import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -28,7 +26,7 @@ class Job:
     key: str
     trials: tuple[TrialSpec, ...]
 
-    def without(self, trial_id: str) -> Job:
+    def without(self, trial_id: str) -> "Job":
         """Return what is left of the job once a trial has its result."""
         return replace(self, trials=tuple(spec for spec in self.trials if spec.trial_id != trial_id))
 

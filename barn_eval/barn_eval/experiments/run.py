@@ -1,7 +1,5 @@
 """An experiment from its request to its tables, how far it is, and what it would take."""
 
-from __future__ import annotations
-
 import signal
 import time
 from collections import Counter
@@ -223,7 +221,7 @@ class ExperimentProgress:
         )
         self._task = self._bar.add_task(self.text(), total=total, completed=self._done)
 
-    def __enter__(self) -> ExperimentProgress:
+    def __enter__(self) -> "ExperimentProgress":
         """Begin to show."""
         self._bar.start()
         return self

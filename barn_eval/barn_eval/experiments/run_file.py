@@ -1,7 +1,5 @@
 """run.json: what a folder of results holds, and what it was made with."""
 
-from __future__ import annotations
-
 import json
 import os
 import platform
@@ -138,7 +136,7 @@ class RunFile:
     sessions: tuple[Mapping[str, Any], ...] = ()  # oldest first
 
     @classmethod
-    def read(cls, folder: Path) -> RunFile:
+    def read(cls, folder: Path) -> "RunFile":
         """Return what the folder's run.json says; ConfigError if it holds none that is known."""
         path = folder / RUN_FILE
         content = read_json(path)
@@ -154,7 +152,7 @@ class RunFile:
         return cls(path, experiment, worlds, str(found.get("robot", "")), sessions)
 
     @classmethod
-    def of(cls, folder: Path, experiment: Experiment, worlds: Mapping[int, str]) -> RunFile:
+    def of(cls, folder: Path, experiment: Experiment, worlds: Mapping[int, str]) -> "RunFile":
         """Return what the folder of an experiment is to say, before its first session."""
         content = json.loads(json.dumps(as_dict(experiment)))
         checksums = {str(index): checksum for index, checksum in worlds.items()}
@@ -178,7 +176,7 @@ class RunFile:
         kept = {key: self.experiment.get(key) for key in ("protocol", "simulator")}
         return identity.fingerprint(kept | {"robot": self.robot})
 
-    def require_same(self, other: RunFile) -> None:
+    def require_same(self, other: "RunFile") -> None:
         """Raise ConfigError naming the first key by which what is there differs from what is asked for now."""
         for key, what in (("experiment", "configuration"), ("worlds", "checksum of world"), ("robot", "robot")):
             there, here = ({key: getattr(one, key)} for one in (self, other))
@@ -190,7 +188,7 @@ class RunFile:
                     f" there, {text[1]} here; use another folder, or --overwrite"
                 )
 
-    def with_session(self, execution: Execution) -> RunFile:
+    def with_session(self, execution: Execution) -> "RunFile":
         """Return the same with a session that begins now."""
         session = {"started_at": datetime.now(timezone.utc).isoformat(timespec="seconds")}
         if self.experiment.get("mode") == "ros":

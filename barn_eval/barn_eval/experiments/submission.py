@@ -12,6 +12,7 @@ from barn_eval.bags import BAGS
 from barn_eval.bags.bagfile import BagFile
 from barn_eval.experiments.again import COMMANDS_NAME, read_bag
 from barn_eval.experiments.check import FolderCheck, check_folder
+from barn_eval.experiments.command_files import told_files
 from barn_eval.experiments.rows import FILE_NAME, TRACKS_NAME, ResultRows, sealed, write_tables
 from barn_eval.experiments.run_file import RUN_FILE, SUITE, WORLDS, RunFile, versions
 from barn_eval.experiments.store import LOGS
@@ -57,6 +58,7 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
     if COMMANDS_NAME not in files:  # of one that was unpacked
         files[COMMANDS_NAME] = "".join(f"{sealed(line)}\n" for line in _command_lines(folder)).encode()
     for planner in run.configuration().planners:
+        files |= {f"parameters/{one.name}": one.read_bytes() for one in told_files(folder / LOGS, planner.name)}
         for name, digest in planner.files.items():
             kept = f"{digest[:12]}_{Path(name).name}"
             files |= {f"parameters/{kept}": one.read_bytes() for one in (folder / LOGS).rglob(kept)}
@@ -125,10 +127,7 @@ def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str,
         "task": run.written_task(),
         "protocol": experiment.protocol.name,
         "dataset": Path(experiment.dataset).name,
-        "worlds": experiment.worlds,
-        "repetitions": experiment.repetitions,
-        "seed": experiment.seed,
-        "mode": experiment.mode,
+        **{key: getattr(experiment, key) for key in ("worlds", "repetitions", "seed", "mode")},
         "planners": [planner.name for planner in experiment.planners],
         "versions": last.get("versions", {}),
         "commit": last.get("commit", ""),

@@ -1,6 +1,9 @@
 """The planner under test as the evaluator meets it: any node that takes scans and sends commands."""
 
+import json
+import re
 from collections.abc import Callable
+from contextlib import suppress
 
 from rclpy.node import Node
 
@@ -25,12 +28,18 @@ from barn_worlds.messages.encode import PoseStampedEncoder, encode_map
 from barn_worlds.ros.topics import publisher
 
 _REPEAT_S = 0.5  # between two goals while the planner is not ready
+_READ_S, _NODE_S = 10.0, 2.0  # for all nodes, and for each, to tell their parameters
+_OF_ITS_OWN = re.compile(r"_(?=[a-f]*\d)[0-9a-f]{4,}$")  # what sets a node apart from that of another start
+_MOST_NODES, _MOST_READ = 100, 4000  # that are asked; parameters, beyond which no more are
 _INPUTS = (topics.SCAN, topics.ODOM, topics.GOAL_POSE, topics.MAP, topics.AMCL_POSE, topics.TF)
 _INPUT_TYPES = {topic.name.lstrip("/"): topic.type_name for topic in _INPUTS}
 
 
 class PlannerClient:
-    """Waits until the planner is there, tells it what to do and waits until it is ready; `goal`: how it gets that."""
+    """Waits until the planner is there, tells it what to do and waits until it is ready.
+
+    goal: how it gets that. told: the parameters of its nodes, by "NODE NAME".
+    """
 
     def __init__(self, session: Session, view: GraphView, config: EvaluatorConfig) -> None:
         node: Node = session.node
@@ -40,6 +49,7 @@ class PlannerClient:
         self._name = resolve_node_name(node, config.planner_node) if config.planner_node else ""
         self._remote = self._known(self._name)
         self._looked_at = not self._name  # whether the named node has been
+        self.told: dict[str, str] = {}
         self._managed = [self._known(resolve_node_name(node, name)) for name in config.lifecycle_nodes]
         by_action = config.goal_by == "action"
         self.goal = ActionGoal(session, config) if by_action else TopicGoal(session, view, config)
@@ -98,6 +108,20 @@ class PlannerClient:
         self._remote = self._known(self._name or finding.command_node)
         return finding
 
+    def tell_parameters(self) -> None:
+        """Tell the supervisor what the planner's nodes say of their parameters, in bounds of time and number."""
+        self.told = found = dict[str, str]()
+        end_s, nodes = self._session.now_s + _READ_S, self._view.nodes() - {"", *self._needs.known_nodes}
+        for name in sorted(nodes)[:_MOST_NODES]:
+            remote, own = RemoteNode(self._session, name, PLANNER), {}
+            with suppress(ServiceTimeout, RuntimeError):  # too late, or a value of no type that there is
+                if len(found) < _MOST_READ and remote.offers("list_parameters"):
+                    own = remote.parameters(min(_NODE_S, end_s - self._session.now_s))
+            remote.close()
+            called = _OF_ITS_OWN.sub("_*", name)
+            found |= {f"{called} {key}": text for key, text in own.items()} or {called: "tells none"}
+        self._session.tell("parameters", text=json.dumps(found))
+
     def instruct(self, spec: TrialSpec, stamp_ns: int) -> None:
         """Give the planner seed, map and goal and wait until it says that it is ready, where it can say so."""
         self._reset(spec)
@@ -126,13 +150,8 @@ class PlannerClient:
 
     def clock_fault(self) -> str:
         """Return what is wrong with the planner's idea of time, as far as its parameters tell; empty if nothing is."""
-        if not self._remote.offers("get_parameters"):
-            return ""
-        try:
-            simulated = self._remote.get_parameter("use_sim_time", self._patience.connection_s)
-        except (ServiceTimeout, TrialEnded):
-            return ""
-        return f"use_sim_time is off in {self._remote.name}" if simulated is False else ""
+        off = self.told.get(f"{self._remote.name} use_sim_time") == "False"
+        return f"use_sim_time is off in {self._remote.name}" if off else ""
 
     def _wait_for(self, missing: Callable[[], str], limit_s: float, what: str = "the planner: ") -> None:
         if text := self._session.wait_for(what, lambda: self._view.crowd() or missing(), limit_s, PLANNER):

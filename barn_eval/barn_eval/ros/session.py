@@ -1,11 +1,13 @@
 """The evaluator's session: its executor, the channel to the supervisor, and calls of other nodes' services."""
 
+import hashlib
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 from lifecycle_msgs.srv import GetState
-from rcl_interfaces.srv import GetParameters, SetParametersAtomically
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParametersAtomically
 from rclpy.client import Client
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
@@ -127,6 +129,10 @@ class Session:
 SET_PARAMETERS = "set_parameters_atomically"
 _AGAIN_S = 1.0  # between two equal calls while there is no answer
 _STATE_S = 2.0  # for a managed node to tell its state
+_MOST_PARAMETERS, _MOST_TEXT = (
+    1000,
+    100,
+)  # of a node; characters of a parameter's name, and of the beginning of its value
 
 
 class ServiceTimeout(Exception):
@@ -180,10 +186,12 @@ class RemoteNode:
         if not result.successful:
             raise ServiceRefused(f"{self.name}: {result.reason or 'parameters refused'}")
 
-    def get_parameter(self, name: str, limit_s: float) -> object:
-        """Return the value of a parameter, None if the node does not have it."""
-        answer = self.call("get_parameters", GetParameters, GetParameters.Request(names=[name]), limit_s)
-        return parameter_value_to_python(answer.values[0]) if answer.values else None
+    def parameters(self, limit_s: float) -> dict[str, str]:
+        """Return its first 1,000 parameters as texts; of a long one the beginning and the SHA-256."""
+        listed = self.call("list_parameters", ListParameters, ListParameters.Request(), limit_s).result.names
+        names = sorted(listed)[:_MOST_PARAMETERS]
+        values = self.call("get_parameters", GetParameters, GetParameters.Request(names=names), limit_s).values
+        return {name[:_MOST_TEXT]: _text(value) for name, value in zip(names, values, strict=False)}
 
     def fault_of_state(self) -> str:
         """Return in words why a managed node is not active, an empty text if it is."""
@@ -209,8 +217,19 @@ class RemoteNode:
             client.remove_pending_request(future)
         raise ServiceTimeout(f"no answer from {self.name}/{service} within {limit_s:g} s")
 
+    def close(self) -> None:
+        """Do without its clients from now on: each makes every spin longer."""
+        while self._clients:
+            self._session.node.destroy_client(self._clients.popitem()[1])
+
     @staticmethod
     def _granted(answer: Any) -> str:
         if not answer.success:
             raise ServiceRefused(answer.message)
         return str(answer.message)
+
+
+def _text(value: ParameterValue) -> str:
+    text = str(parameter_value_to_python(value))
+    digest = hashlib.sha256(text.encode("utf-8", "replace")).hexdigest()
+    return text if len(text) <= _MOST_TEXT else f"{text[:_MOST_TEXT]}... (sha256 {digest})"

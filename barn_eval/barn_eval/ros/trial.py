@@ -74,6 +74,8 @@ class RunContext:
             return endpoint.participant == of_simulator if of_simulator else endpoint.node == self._simulator_name
 
         self.view.leave_out(lambda endpoint: is_simulators(endpoint) != (name == PLANNER))
+        if name == PLANNER:
+            self.planner.told.clear()
         if self.channel is not None and name == SIMULATOR:
             self.channel.participant = b""
 
@@ -142,6 +144,8 @@ class RosTrial:
         context.subscriber.subscribe(context.topics.command, found.command_type, qos)
         self._await_connections()
         context.integrity.require(context.session)
+        if self._first:
+            planner.tell_parameters()
         queue.read()
         planner.instruct(self._spec, queue.now_ns)
         queue.release()

@@ -1,7 +1,5 @@
 """What makes two trials comparable: the task and the planner's configuration, each with a fingerprint."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Iterator, Mapping

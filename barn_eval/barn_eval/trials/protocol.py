@@ -132,9 +132,7 @@ class Protocol(Checked):
     )
     arena: bool = quantity(False, "made for arenas, worlds without the containment of BARN", optional=True)
     random_phase: bool = quantity(
-        True,
-        "moving obstacles begin at a time of their motions drawn from the trial's seed, not at 0",
-        optional=True,
+        True, "moving obstacles begin at a time of their motions drawn from the trial's seed, not at 0", optional=True
     )
 
     def __post_init__(self) -> None:

@@ -1,7 +1,5 @@
 """The result of one trial: a flat record of what was run, how it ended and how it scored."""
 
-from __future__ import annotations
-
 import base64
 import binascii
 import json
@@ -56,13 +54,13 @@ class WallClock:
     repeated: str = ""
 
     @classmethod
-    def of(cls, duration_s: float, factor: float | None, answer_times_s: Sequence[float], **missed: Any) -> WallClock:
+    def of(cls, duration_s: float, factor: float | None, answer_times_s: Sequence[float], **missed: Any) -> "WallClock":
         """Return the figures of a trial whose planner took these times to answer; none of its own without any."""
         shares = [50.0, 95.0, 100.0]
         times_ms = (1e3 * np.percentile(answer_times_s, shares)).tolist() if answer_times_s else [None] * 3
         return cls(duration_s, factor, *times_ms, **missed)
 
-    def on(self, pace: float, allowed_s: float, way: str) -> WallClock:
+    def on(self, pace: float, allowed_s: float, way: str) -> "WallClock":
         """Return the figures of a machine of that pace, which say whether cycles fit the time that they may take."""
         if way not in (FREE, DECLARED) or self.compute_p95_ms is None:
             return replace(self, pace=pace)

@@ -5,8 +5,9 @@ With NAME planner or simulator, and WHOM empty where that is to blame itself, th
 {"event": "exited", "name": NAME, "how": TEXT, "blamed": WHOM}, and the evaluator to the supervisor
 {"event": "trial", "id": TRIAL_ID}, {"event": "released"} of that trial, {"event": "repeated", "reason": TEXT} where it
 is begun again after that, {"event": "result", "row": LINE, "track": LINE} (lines of results.jsonl and tracks.jsonl),
-{"event": "stop", "name": NAME}, {"event": "start", "name": NAME}, {"event": "note", "text": TEXT},
-{"event": "refused", "reason": TEXT}, {"event": "done"}. A guard sends {"event": "ended", "how": TEXT}.
+{"event": "stop", "name": NAME}, {"event": "start", "name": NAME}, {"event": "note", "text": TEXT}, {"event":
+"parameters", "text": JSON} of the planner's nodes, {"event": "refused", "reason": TEXT}, {"event": "done"}. A guard
+sends {"event": "ended", "how": TEXT}.
 What the evaluator is to do comes as a file, the `Assignment`: it is more than parameters can hold.
 """
 

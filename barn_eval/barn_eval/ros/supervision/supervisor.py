@@ -14,6 +14,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from barn_eval.experiments.command_files import keep_told
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.run_file import isolated
 from barn_eval.experiments.store import LOGS, Record, Store
@@ -78,7 +79,8 @@ class _Supervisor:
         notice: Callable[[str], None],
         look_first: bool,
     ) -> None:
-        (planner,) = (one for one in experiment.planners if one.name == trials[0].planner)
+        (self._planner,) = (planner,) = [one for one in experiment.planners if one.name == trials[0].planner]
+        self._told = False  # the planner's parameters
         self._trials = {spec.trial_id: spec for spec in trials}  # those without a result
         self._logs, self._environment, self._notice = logs, environment, notice
         self._evaluator: EventChannel | None = None
@@ -181,7 +183,8 @@ class _Supervisor:
         name, command = node.name, node.with_parameter_file(self._logs)
         self._started_s[name] = time.monotonic()
         environment = nodes.foreign_environment(self._environment) if node.foreign else self._environment
-        kind = guard.SUITE if name != "planner" else guard.APART if self._apart else guard.PLANNER
+        planner = f"{guard.APART}:{self._assignment.out}" if self._apart else guard.PLANNER
+        kind = planner if name == "planner" else guard.SUITE
         self._processes[name] = GuardedProcess(name, command, environment, self._log(name), handed, kind)
 
     def _handle(self, event: dict[str, str]) -> None:
@@ -195,6 +198,9 @@ class _Supervisor:
                 self._repeat(reason)
             case {"event": "note", "text": text}:
                 self._notice(text)
+            case {"event": "parameters", "text": text} if not self._told:
+                self._told = True
+                keep_told(Path(self._assignment.out) / LOGS, self._logs, self._planner.name, text)
             case {"event": "stop", "name": name} if name in self._processes:
                 self._processes[name].ask_to_stop()
             case {"event": "start", "name": name} if name not in self._processes:

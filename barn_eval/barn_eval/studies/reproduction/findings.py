@@ -5,8 +5,6 @@ OUT/results.json          every number; OUT/results.md and OUT/figures/results_*
 OUT/results_origin.json   versions, commits and machines
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -94,7 +92,7 @@ class Origin:
     machines: tuple[dict[str, Any], ...]
 
     @classmethod
-    def of(cls, earlier: Iterable[Mapping[str, Any]]) -> Origin:
+    def of(cls, earlier: Iterable[Mapping[str, Any]]) -> "Origin":
         """Return what the sessions of a campaign and this process have been made with."""
         sessions = [*earlier, provenance()]
         return cls(
