@@ -98,7 +98,7 @@ def test_a_job_over_its_time_is_lost_even_if_the_worker_ignores_being_told(monke
         reports = all_reports(engine, {"a": ("sleep", 3600), "b": ("ignore_term", 3600)})
         started(engine)
     for key in "ab":
-        assert reports[key].reason == "no result within 4 s of wall-clock time"
+        assert reports[key].reason.startswith("no result within 4 s of wall-clock time")
 
 
 def reports_of_one(engine, job):

@@ -3,6 +3,7 @@
 from fault_cases import (
     bad_rows,
     campaigns,
+    cheats,
     commands,
     direct,
     environment,
@@ -11,6 +12,7 @@ from fault_cases import (
     inputs,
     meddling,
     neighbours,
+    network,
     planners,
     processes,
     settings,
@@ -27,6 +29,7 @@ FAMILIES = {
     inputs.FAMILY: "Files of strangers",
     commands.FAMILY: "Mistakes on the command line",
     environment.FAMILY: "The machine",
+    network.FAMILY: "The live view",
 }
 
-__all__ = ["CASES", "FAMILIES", "bad_rows", "folders", "neighbours", "settings"]
+__all__ = ["CASES", "FAMILIES", "bad_rows", "cheats", "folders", "neighbours", "settings"]

@@ -112,6 +112,15 @@ def too_few_handles(lab: Lab) -> str:
     return ended.error[:200] if ended.code else ending(lab.row())
 
 
+def shared_memory(size: str) -> list[str]:
+    """Return what a command begins with whose folder for shared memory is of a size; Skipped where that cannot be."""
+    unshared = ["unshare", "--mount", "sh", "-c"]
+    hide = f"mount -t tmpfs -o size={size} barn-faults /dev/shm"
+    if os.geteuid() != 0 or subprocess.run([*unshared, hide], check=False, capture_output=True).returncode:
+        raise Skipped("a mount namespace cannot be made here (needs root)")
+    return [*unshared, f'{hide}; exec "$@"', "sh"]
+
+
 @case(FAMILY)
 def hardly_any_shared_memory(lab: Lab) -> str:
     """The folder for shared memory has 16 kB, in a mount namespace of the run's own.
@@ -119,11 +128,7 @@ def hardly_any_shared_memory(lab: Lab) -> str:
     The run over ROS has the undisturbed row: it needs none but the page that the tracing of ROS (LTTng) takes.
     """
     undisturbed()
-    unshared = ["unshare", "--mount", "sh", "-c"]
-    hide = "mount -t tmpfs -o size=16k barn-faults /dev/shm"
-    if os.geteuid() != 0 or subprocess.run([*unshared, hide], check=False, capture_output=True).returncode:
-        raise Skipped("a mount namespace cannot be made here (needs root)")
-    lab.barn(*words(lab), prefix=[*unshared, f'{hide}; exec "$@"', "sh"])
+    lab.barn(*words(lab), prefix=shared_memory("16k"))
     return same(lab)
 
 

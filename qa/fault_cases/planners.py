@@ -98,6 +98,7 @@ for _kind, _done in (
     ("ignores-signals", "The planner ignores SIGINT, SIGTERM, SIGHUP and SIGQUIT."),
     ("thousand-hertz", "The planner sends 1,000 commands a second."),
     ("stale", "The planner's commands are stamped 1 s."),
+    ("future", "The planner's commands are stamped in the year 2033."),
     ("two-publishers", "The planner has two publishers on /cmd_vel."),
 ):
     add(

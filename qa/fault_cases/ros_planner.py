@@ -41,6 +41,7 @@ from sensor_msgs.msg import LaserScan  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
 KEPT: list[object] = []
+STAMPS = {"stale": 1, "future": 2_000_000_000}
 SLEEP = [sys.executable, "-c", "import time; time.sleep(600)"]
 
 
@@ -148,7 +149,7 @@ class RosPlanner(Node):
     def __init__(self) -> None:
         super().__init__("ros_planner")
         self.cycles = 0
-        stamped = KIND == "stale"
+        stamped = KIND in STAMPS
         topic = "command_velocity" if KIND == "wrong-topic" else "cmd_vel"
         self.commands = self.create_publisher(TwistStamped if stamped else Twist, topic, 10)
         self.seconds = [self.create_publisher(Twist, topic, 10)] if KIND == "two-publishers" else []
@@ -163,9 +164,9 @@ class RosPlanner(Node):
         """Return what is commanded."""
         twist = Twist()
         twist.linear.x = {"too-fast": 200.0, "huge": 1e300, "inf": float("inf")}.get(KIND, 0.5)
-        if KIND == "stale":
+        if KIND in STAMPS:
             stamped = TwistStamped(twist=twist)
-            stamped.header.stamp.sec = 1
+            stamped.header.stamp.sec = STAMPS[KIND]
             return stamped
         return twist
 
