@@ -3,8 +3,6 @@
 Trials of one world are not independent of each other, so whole worlds are drawn with replacement (a cluster bootstrap).
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Callable
@@ -33,13 +31,13 @@ class Interval:
         """Tell whether there are limits and a value lies outside them."""
         return self.low is not None and self.high is not None and not self.low <= value <= self.high
 
-    def reaching(self, *values: float) -> Interval:
+    def reaching(self, *values: float) -> "Interval":
         """Return the estimate with limits that hold these values as well, none where it has none."""
         if self.low is None or self.high is None:
             return self
         return Interval(self.estimate, min(self.low, *values), max(self.high, *values))
 
-    def scaled(self, factor: float) -> Interval:
+    def scaled(self, factor: float) -> "Interval":
         """Return the interval in another unit; factor is above 0."""
         low, high = (None if limit is None else factor * limit for limit in (self.low, self.high))
         return Interval(factor * self.estimate, low, high)
@@ -48,12 +46,12 @@ class Interval:
         """Return estimate and limits as columns of a table: NAME, NAME_low and NAME_high."""
         return {name: self.estimate, f"{name}_low": self.low, f"{name}_high": self.high}
 
-    def shifted(self, by: float) -> Interval:
+    def shifted(self, by: float) -> "Interval":
         """Return the interval of the estimate and a known figure together."""
         low, high = (None if limit is None else limit + by for limit in (self.low, self.high))
         return Interval(self.estimate + by, low, high)
 
-    def mirrored(self) -> Interval:
+    def mirrored(self) -> "Interval":
         """Return the interval of the estimate with the other sign."""
         low, high = (None if limit is None else -limit for limit in (self.high, self.low))
         return Interval(-self.estimate, low, high)

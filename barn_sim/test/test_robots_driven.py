@@ -11,13 +11,7 @@ import pytest
 from barn_sim.body.body import Body
 from barn_sim.body.bullet import PhysicsClient, bullet
 from barn_sim.body.cylinders import nearest_gap
-from barn_sim.body.model import (
-    description_text,
-    fixed_frames,
-    joint_names,
-    model_of,
-    robot_description,
-)
+from barn_sim.body.model import description_text, fixed_frames, joint_names, model_of, robot_description
 from barn_sim.body.obstacles import tick_gap_m
 from barn_sim.config import PRESETS, PhysicsConfig, SimulatorConfig, with_robot
 from barn_sim.messages import SimulatorMessages

@@ -30,12 +30,7 @@ def sparse_world(rng: np.random.Generator) -> World:
 
 
 def simulator_of(
-    seed: int,
-    client: PhysicsClient,
-    rng: np.random.Generator,
-    *,
-    free_motion: bool = True,
-    robot: str = "jackal",
+    seed: int, client: PhysicsClient, rng: np.random.Generator, *, free_motion: bool = True, robot: str = "jackal"
 ) -> Simulator:
     """Return a robot in the middle of a sparse world, whose obstacles can be moved if the seed is odd."""
     world = sparse_world(rng)

@@ -49,11 +49,7 @@ def fingerprint(readings: list[Sensors]) -> str:
     return digest.hexdigest()
 
 
-CONFIGS = {
-    "static": SimulatorConfig(),
-    "movable": SimulatorConfig(obstacles=MOVABLE),
-    "paper": PRESETS["paper2020"],
-}
+CONFIGS = {"static": SimulatorConfig(), "movable": SimulatorConfig(obstacles=MOVABLE), "paper": PRESETS["paper2020"]}
 
 
 @pytest.mark.parametrize("name", CONFIGS)

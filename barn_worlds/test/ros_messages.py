@@ -9,11 +9,7 @@ from nav_msgs.msg import Odometry as OdometryMessage
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Header
 
-from barn_worlds.base.types import (
-    NANOSECONDS,
-    Pose2D,
-    quaternion_from_yaw,
-)
+from barn_worlds.base.types import NANOSECONDS, Pose2D, quaternion_from_yaw
 
 
 def to_time(stamp_ns):

@@ -7,14 +7,7 @@ import sys
 import pytest
 
 from barn_worlds.base.errors import WorldError
-from barn_worlds.base.files import (
-    new_folder,
-    read_bytes,
-    read_maybe_gzipped,
-    remove_partial,
-    replacing,
-    write_bytes,
-)
+from barn_worlds.base.files import new_folder, read_bytes, read_maybe_gzipped, remove_partial, replacing, write_bytes
 
 
 def test_sizes_are_bounded_packed_and_unpacked(tmp_path):

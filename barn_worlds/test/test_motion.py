@@ -198,10 +198,7 @@ WRONG_OBSTACLES = {
         {"shape": "box", "size_x_m": 1.0, "size_y_m": 1.0},
         "radius_m is of a cylinder; leave it out for a box, got 0.5",
     ),
-    "flat box": (
-        {"shape": "box", "radius_m": 0.0, "size_x_m": 1.0},
-        "size_y_m of a box must be at least 0.01 m, got",
-    ),
+    "flat box": ({"shape": "box", "radius_m": 0.0, "size_x_m": 1.0}, "size_y_m of a box must be at least 0.01 m, got"),
     "no name": ({"name": ""}, "name must have 1 to 200 printable characters, got ''"),
     "two lines": ({"name": "a\nb"}, "name must have 1 to 200 printable characters"),
     "NaN phase": ({"phase_s": math.nan}, "phase_s must be from -100000 to 100000 s, got nan"),

@@ -25,14 +25,7 @@ def test_a_world_is_drawn_with_all_its_parts(small_world, tmp_path):
     figure = render.world_figure(small_world)
     write_png(figure, tmp_path / "world.png")
     shown = colours(tmp_path / "world.png")
-    parts = (
-        palette.OBSTACLE,
-        palette.WALL,
-        palette.HOLLOW,
-        palette.INFLATED,
-        palette.START,
-        palette.GOAL,
-    )
+    parts = (palette.OBSTACLE, palette.WALL, palette.HOLLOW, palette.INFLATED, palette.START, palette.GOAL)
     assert {as_bytes(part) for part in parts} <= shown
     (axes,) = figure.axes
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")

@@ -4,8 +4,6 @@ Each cycle samples the velocities that can be reached within one control period,
 The cost adds up distance from the plan, distance from its end, and the highest cost under the footprint's edges.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

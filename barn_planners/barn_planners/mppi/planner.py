@@ -16,8 +16,6 @@ Critics, weights and thresholds are those of Nav2's MPPI controller for a differ
 - The plan comes from this package's navfn, not from NavFn or Smac; recovery is `barn_planners.navigation.recovery`.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -110,7 +108,7 @@ class MppiController(Controller):
         self._solution = np.zeros((self.config.steps, 2))
         self._sent = np.zeros((_HALF, 2))
 
-    def _improve(self, inputs: ControlInput, path: _Path, to_goal: float) -> int:
+    def _improve(self, inputs: ControlInput, path: "_Path", to_goal: float) -> int:
         """Sample once around the solution and replace it; return the number of collisions."""
         config, pose, velocity = self.config, inputs.pose, inputs.velocity
         sampling.fill_normal(self._random, self._noise.reshape(-1, config.samples))
@@ -136,7 +134,7 @@ class MppiController(Controller):
         collisions: int = kernels.add_obstacle_costs(self._costs, *poses, grid, outline, stride, *weights, near_goal)
         return collisions
 
-    def _add_path_costs(self, inputs: ControlInput, path: _Path, to_goal: float) -> None:
+    def _add_path_costs(self, inputs: ControlInput, path: "_Path", to_goal: float) -> None:
         config, critics, costs = self.config, self.config.critics, self._costs
         xs, ys, yaws, goal = self._xs, self._ys, self._yaws, inputs.goal
         position_weight = critics.goal_weight if to_goal < critics.goal_within_m else 0.0
@@ -178,7 +176,7 @@ class _Path:
         self.clear = np.array([(costmap.cost_at(x, y) or 0) < INSCRIBED for x, y in points.tolist()])
 
     @classmethod
-    def ahead(cls, inputs: ControlInput, config: MppiConfig) -> _Path:
+    def ahead(cls, inputs: ControlInput, config: MppiConfig) -> "_Path":
         """Return the path from the plan's point nearest to the robot."""
         nearest = ((inputs.visible[:, :2] - (inputs.pose.x, inputs.pose.y)) ** 2).sum(axis=1).argmin()
         most = 2 + int(config.path_ahead_m / config.path_spacing_m)

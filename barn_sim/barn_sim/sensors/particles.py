@@ -8,8 +8,6 @@ out half a cell too low in x and y; particles anywhere on the map are mixed in w
 8.3), where the average weight depends on how many particles there are, as in amcl.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Callable

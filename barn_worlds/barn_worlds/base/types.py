@@ -4,8 +4,6 @@ Metres, radians, seconds; frames as in REP-105 (map, odom, base_link), axes as i
 Time is in integer nanoseconds: differences are exact and messages carry it unchanged.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -50,14 +48,14 @@ class Pose2D:
     y: float
     yaw: float
 
-    def __matmul__(self, inner: Pose2D) -> Pose2D:
+    def __matmul__(self, inner: "Pose2D") -> "Pose2D":
         """Return the pose `inner`, which is relative to this pose, in the frame that this pose is given in."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         return Pose2D(
             self.x + c * inner.x - s * inner.y, self.y + s * inner.x + c * inner.y, wrap_angle(self.yaw + inner.yaw)
         )
 
-    def inverse(self) -> Pose2D:
+    def inverse(self) -> "Pose2D":
         """Return the inverse transform."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         return Pose2D(-c * self.x - s * self.y, s * self.x - c * self.y, wrap_angle(-self.yaw))
@@ -68,11 +66,11 @@ class Pose2D:
         moved: npt.NDArray[np.float64] = points @ np.array([[c, s], [-s, c]]) + np.array([self.x, self.y])
         return moved
 
-    def distance(self, other: Pose2D) -> float:
+    def distance(self, other: "Pose2D") -> float:
         """Return the distance between the two positions in metres."""
         return math.hypot(self.x - other.x, self.y - other.y)
 
-    def through_quaternion(self) -> Pose2D:
+    def through_quaternion(self) -> "Pose2D":
         """Return the pose as it comes out of a message: a quaternion does not keep the last bit of the yaw."""
         z, w = quaternion_from_yaw(self.yaw)
         return Pose2D(self.x, self.y, yaw_from_quaternion(0.0, 0.0, z, w))
