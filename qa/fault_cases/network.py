@@ -25,7 +25,7 @@ from fault_cases.planners import FOREIGN, by_command, judged, ros
 from fault_cases.processes import same, undisturbed, words
 
 FAMILY = "live"
-_DIRECT = ("--planner", "gap", "--worlds", "0", "--protocol", "short.yaml", "--no-pictures")
+_DIRECT = ("--planner", "gap", "--worlds", "0", "--protocol", "short.yaml")
 _HELLO = (
     "GET / HTTP/1.1\r\nHost: {0}:{1}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
     "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n"
