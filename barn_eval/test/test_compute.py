@@ -179,8 +179,7 @@ def test_latency_drives_each_planner_at_each_delay(tmp_path: Path) -> None:
     )
     assert list(again["challenge"]) == [one["challenge"] for one in found]
     assert len(set(again["challenge"])) == 4
-    made = build_report([tmp_path / "late"], hardest=0)
-    panels = plot("sweep", made.entries)
+    panels = plot("sweep", (made := build_report([tmp_path / "late"], hardest=0)).entries)
     assert [axes.get_xlabel() for axes in panels] == ["delay of commands [s]"] * 3
     lines = [line.get_ydata() for line in panels[0].lines if line.get_linestyle() == "-"]
     assert made.names == ["gap", "DWA"] and [*lines[1], *lines[0]] == list(again["challenge"])

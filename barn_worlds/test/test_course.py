@@ -63,17 +63,12 @@ def test_a_chosen_start_looks_along_its_way(tmp_path):
 
 
 def test_a_large_map_gets_a_way_that_a_trial_has_time_for(tmp_path):
-    grid = np.zeros((600, 600), bool)
-    world = opened(written(tmp_path, grid))
-    assert 10.0 < world.path_length_m <= LONGEST_CHOSEN_M
-
-
-def test_chosen_ends_are_where_the_lidar_sees_something(tmp_path):
     grid = np.zeros((900, 900), bool)
-    grid[450:460, 450:460] = True
+    grid[450:460, 450:460] = True  # the ends are where the lidar sees something
     world = opened(written(tmp_path, grid))
     away = np.abs(world.cylinders_m[:, None] - [(one.x, one.y) for one in (world.start, world.goal)])
     assert (away.max(axis=2).min(axis=0) < 16.0).all()
+    assert 10.0 < world.path_length_m <= LONGEST_CHOSEN_M
 
 
 def test_start_and_goal_come_from_the_file_of_the_map(tmp_path):
@@ -104,6 +99,12 @@ def test_start_and_goal_of_a_gazebo_world_are_frames_of_it(tmp_path, flavour):
     world = for_robot(world, STANDARD, course)
     write_sdf(world, tmp_path / "w_0.world", flavour)
     assert opened(tmp_path / "w_0.world").course_numbers == course
+    own = opened(written(tmp_path, np.kron(hall(), np.ones((3, 3), bool))[:, ::3], 0.0, 3.0, 0.5, 1.0, 18.0, 0.0))
+    write_sdf(own, tmp_path / "h_0.world", flavour)
+    again = opened(tmp_path / "h_0.world")
+    assert (again.grid == own.grid).all() and np.allclose(
+        again.bounds_m + again.course_numbers, own.bounds_m + own.course_numbers
+    )
     text = (tmp_path / "w_0.world").read_text().replace('frame name="goal"', 'frame name="other"')
     (tmp_path / "half_0.world").write_text(text)
     with pytest.raises(WorldError, match="frames start and goal, or none"):

@@ -23,12 +23,8 @@ from barn_worlds.base.types import Pose2D, Velocity2D
 _COLUMNS = kernels.OBSTACLE + 1
 _MAX_PLAN_CELLS = 4096
 _SHOWN_POSES = 80
-_FIGURES = {
-    "cost": kernels.COST,
-    "path_distance_cells": kernels.PATH,
-    "goal_distance_cells": kernels.GOAL,
-    "obstacle_cost": kernels.OBSTACLE,
-}
+_FIGURES = {"cost": kernels.COST, "path_distance_cells": kernels.PATH}
+_FIGURES |= {"goal_distance_cells": kernels.GOAL, "obstacle_cost": kernels.OBSTACLE}
 
 
 class DwaController(Controller):

@@ -77,9 +77,8 @@ class GapPlanner(ScanPlanner):
         if self._task is None or not len(self._free):
             return PlannerView()
         ends = self._free[:, None] * np.stack([np.cos(self._directions), np.sin(self._directions)], axis=1)
-        lines = np.stack(
-            [np.broadcast_to([self._pose.x, self._pose.y], ends.shape), self._pose.transform(ends)], axis=1
-        )
+        starts = np.broadcast_to([self._pose.x, self._pose.y], ends.shape)
+        lines = np.stack([starts, self._pose.transform(ends)], axis=1)
         return PlannerView(candidates=lines, candidate_costs=self.config.look_ahead_m - self._free)
 
     def _free_distances(self, observation: Observation, points: FloatArray) -> FloatArray:

@@ -85,11 +85,8 @@ class PolicyPlanner(ScanPlanner):
             return Decision(STOP, PlannerStatus.BLOCKED, "the policy's answer is not a number")
         if self.config.safety.enabled:
             given = safe_command(wanted, observation.odometry.velocity, observation.scan, self.config.safety)
-        figures = {
-            "goal_distance_m": observation.pose.distance(goal),
-            "wanted_mps": wanted.linear,
-            "wanted_radps": wanted.angular,
-        }
+        figures = {"goal_distance_m": observation.pose.distance(goal)}
+        figures |= {"wanted_mps": wanted.linear, "wanted_radps": wanted.angular}
         status, reason = PlannerStatus.RUNNING, ""
         if given.linear == 0.0 != wanted.linear:
             status, reason = PlannerStatus.BLOCKED, "an obstacle is too near to drive on"

@@ -1,7 +1,7 @@
 """Reading the obstacles of a Gazebo world file, .world or .sdf, gzipped or not."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError
 
@@ -32,6 +32,24 @@ def read_grid(path: Path) -> tuple[BoolGrid, float]:
     """
     centres, radii = cylinders(read_maybe_gzipped(path, LARGEST_WORLD_FILE), str(path))
     return grid_of(centres, radii, str(path))
+
+
+def read_open_grid(path: Path, start: Sequence[float]) -> tuple[BoolGrid, float, tuple[float, float]] | None:
+    """Return grid, size of cells and outer corner of a world file with cylinders on the right of x = 0, else None.
+
+    start: x and y of a place that is free.
+    """
+    centres, radii = cylinders(read_maybe_gzipped(path, LARGEST_WORLD_FILE), str(path))
+    side_m = round(2.0 * radii[0], 9)
+    corner, size = centres.min(axis=0) - 0.5 * side_m, np.ptp(centres, axis=0).max() / side_m
+    cells = np.round((centres - corner) / side_m - 0.5).astype(np.int64)
+    off_m = np.abs((cells + 0.5) * side_m + corner - centres).max() + np.ptp(radii)
+    if centres[:, 0].max() <= 0.0 or off_m > OFF_GRID_M or not 0.01 <= side_m <= 10.0 or size >= LARGEST_SIDE:
+        return None
+    shown = np.zeros(cells.max(axis=0) + 1, np.bool_)
+    shown[tuple(cells.T)] = True
+    row, column = np.clip((np.array(start) - corner) // side_m, 0, np.array(shown.shape) - 1).astype(int).tolist()
+    return fill_hollow(shown, (row, column)), side_m, (float(corner[0]), float(corner[1]))
 
 
 def read_course(path: Path) -> list[float]:
@@ -159,8 +177,8 @@ def _numbers(text: str | None, count: int, where: str) -> list[float]:
     return numbers
 
 
-def fill_hollow(shown: BoolGrid) -> BoolGrid:
-    """Return the grid (rows, cols) of which a .world file shows the cells `shown`.
+def fill_hollow(shown: BoolGrid, free: tuple[int, int] | None = None) -> BoolGrid:
+    """Return the grid (rows, cols) of which a .world file shows the cells `shown`; free: a cell whose gap is none.
 
     The file leaves out filled cells whose 8 neighbours are all filled. An enclosed gap in it may be such a hollow, or
     it may have been empty: the file looks the same. But if filling a gap would surround a cell that the file shows, the
@@ -174,8 +192,9 @@ def fill_hollow(shown: BoolGrid) -> BoolGrid:
     first = np.cumsum([np.count_nonzero(shown), *sizes[1:]])
     for label in np.argsort(-sizes[1:], kind="stable").tolist():
         gap = np.unravel_index(by_label[first[label] : first[label + 1]], shown.shape)
-        if any(at.min() == 0 or at.max() == side - 1 for at, side in zip(gap, shown.shape, strict=True)):
-            continue  # open to the rim
+        rim = any(at.min() == 0 or at.max() == side - 1 for at, side in zip(gap, shown.shape, strict=True))
+        if rim or (free is not None and labels[free] == label + 1):
+            continue  # open
         around = tuple(slice(max(0, int(at.min()) - 2), int(at.max()) + 3) for at in gap)
         grid[gap] = True
         if (geometry.hollow(grid[around]) & shown[around]).any():

@@ -55,7 +55,10 @@ def read_world(path: Path, robot: Robot = STANDARD, name: str = "") -> World:
     called = name or path.name[: -len(kind)]
     if kind == world_yaml.ENDING:
         return world_yaml.read_world_yaml(path)
+    course = gazebo.read_course(path) if kind in GAZEBO_ENDINGS else []
     if kind in GAZEBO_ENDINGS:
+        if course and (found := gazebo.read_open_grid(path, course[:2])):
+            return open_world(called, *found, robot, Provenance("world_file", str(path)), course_of(course, str(path)))
         source, (grid, resolution_m) = "world_file", gazebo.read_grid(path)
     elif kind in (*MAP_ENDINGS, moving_ai.ENDING):
         return _of_map(path, kind, robot, called)
@@ -63,7 +66,6 @@ def read_world(path: Path, robot: Robot = STANDARD, name: str = "") -> World:
         source, grid = "npy", checked_grid(read_npy(path), str(path))
     footprint_cells = robot.footprint_cells(resolution_m)
     world = world_of(called, grid, resolution_m, footprint_cells, source, path, _path_beside(path))
-    course = gazebo.read_course(path) if kind in GAZEBO_ENDINGS else []
     return with_course(world, robot, course_of(course, str(path))) if course else world
 
 

@@ -61,9 +61,8 @@ class PoseStampedEncoder(Encoder[Pose2D]):
     """geometry_msgs/PoseStamped."""
 
     def __init__(self, frame: str) -> None:
-        super().__init__(
-            make("geometry_msgs/msg/PoseStamped", header=header(frame)), _pose_fields("pose"), _pose_values
-        )
+        message = make("geometry_msgs/msg/PoseStamped", header=header(frame))
+        super().__init__(message, _pose_fields("pose"), _pose_values)
 
 
 class ScanEncoder(Encoder[Scan]):

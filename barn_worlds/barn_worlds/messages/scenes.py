@@ -140,9 +140,8 @@ def _solid(colours: Colours, name: str, bodies: Bodies, stamp_ns: int) -> list[M
     where, turn = first.pose.position, first.pose.orientation
     for index, ((x, y, yaw), radius, size, height) in enumerate(zip(*(part.tolist() for part in bodies), strict=True)):
         z, w = quaternion_from_yaw(yaw)
-        pose = replace(
-            first.pose, position=replace(where, x=x, y=y, z=0.5 * height), orientation=replace(turn, z=z, w=w)
-        )
+        place, heading = replace(where, x=x, y=y, z=0.5 * height), replace(turn, z=z, w=w)
+        pose = replace(first.pose, position=place, orientation=heading)
         long, wide = (2.0 * radius, 2.0 * radius) if radius else size
         scale = replace(first.scale, x=long, y=wide, z=height)
         found.append(replace(first, id=index, type=CYLINDER if radius else CUBE, pose=pose, scale=scale))

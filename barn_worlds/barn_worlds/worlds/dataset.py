@@ -176,10 +176,7 @@ def _part(part: str, spec: str, known: list[int]) -> list[int]:
     found = [index for index in known if index in wanted]
     gapless = known[-1] - known[0] == len(known) - 1
     if not found or (gapless and len(found) < len(wanted)):
-        part = (
-            part
-            if not found
-            else f"{next(index for index in wanted if index > known[-1] or index < known[0])} of {part}"
-        )
+        beyond = (index for index in wanted if index > known[-1] or index < known[0])
+        part = f"{next(beyond)} of {part}" if found else part
         raise WorldError(f"worlds {spec!r:.80}: no world {part} among the {len(known)} from {known[0]} to {known[-1]}")
     return found

@@ -35,12 +35,8 @@ _RANK = "world, from easy to difficult [rank]"
 _NAMED_PER_IN = 2.4  # worlds, up to which each has its number below it
 _DISTRIBUTED = ("normalised_time_s_per_m", "min_clearance_m", "mean_speed_mps", "rms_jerk_mps3")
 _COMPUTE = {"median": "compute_p50_ms", "95th percentile": "compute_p95_ms", "largest": "compute_max_ms"}
-_NARROW_IN, _NARROWEST_IN, _IN_PAPERS, _STRIPS = (
-    2.2,
-    1.6,
-    0.55,
-    0.9,
-)  # panels of a paper; their height to that on a page
+_NARROW_IN, _NARROWEST_IN = 2.2, 1.6  # panels of a paper
+_IN_PAPERS, _STRIPS = 0.55, 0.9  # their height to that on a page
 _WINDOWS = 15  # of a line of running means
 _DASHES = ("-", "--", "-.", ":")
 
