@@ -129,10 +129,7 @@ class Session:
 SET_PARAMETERS = "set_parameters_atomically"
 _AGAIN_S = 1.0  # between two equal calls while there is no answer
 _STATE_S = 2.0  # for a managed node to tell its state
-_MOST_PARAMETERS, _MOST_TEXT = (
-    1000,
-    100,
-)  # of a node; characters of a parameter's name, and of the beginning of its value
+_MOST_PARAMETERS, _MOST_TEXT = 1000, 100  # of a node; characters of a name, and of the beginning of a value
 
 
 class ServiceTimeout(Exception):

@@ -32,6 +32,7 @@ _DEPTH, _DEPTH_RECORDED = 2000, 256
 # often in a row there may be more to read than that. What is beyond is more than can be looked at or kept.
 _TURN_BYTES, _WAITING_BYTES, _TRIAL_BYTES = 32 << 20, 512 << 20, 4 << 30
 _FULL_TURNS = 20
+_LATE_NS = 1_000_000_000  # that a command of the trial before may need on a busy machine
 
 
 class PolledGroup(CallbackGroup):
@@ -177,8 +178,9 @@ class TrialQueue:
 
     def _take(self, message: Message) -> None:
         if message.sent_ns < self._reset_ns:
-            if self._released and message.topic == self._topics.command:
-                self._behind_ns = self._reset_ns - message.sent_ns
+            behind_ns = self._reset_ns - message.sent_ns
+            if self._released and message.topic == self._topics.command and behind_ns > _LATE_NS:
+                self._behind_ns = behind_ns
             return
         self._bytes[message.topic] += len(message.data)
         self._waiting += len(message.data)
