@@ -109,10 +109,11 @@ def look_at_the_suite(_: Node) -> None:
 
 def fill_shared_memory(_: Node) -> None:
     """Fill the folder for shared memory."""
-    with suppress(OSError), Path("/dev/shm/barn_cheat").open("wb", buffering=0) as file:
+    path = Path("/dev", "shm", "barn_cheat")
+    with suppress(OSError), path.open("wb", buffering=0) as file:
         while True:
             file.write(bytes(1 << 16))
-    found(f"{Path('/dev/shm/barn_cheat').stat().st_size} bytes")
+    found(f"{path.stat().st_size} bytes")
 
 
 def start(count: int, code: str) -> None:
