@@ -96,7 +96,8 @@ def row(case: Case, found: Outcome) -> str:
     measured = found.measured if len(found.measured) <= _MEASURED else found.measured[:_MEASURED] + " ..."
     word = "" if found.status == PASSED else f"**{found.status}** "
     seconds = f"{found.duration_s:.0f}" if found.status != UNTRIED else ""
-    return f"{_beginning(case)}{word}{_cell(measured)} | {seconds} |"
+    said = _cell(measured).replace("[", "\\[")  # no link
+    return f"{_beginning(case)}{word}{said} | {seconds} |"
 
 
 def _beginning(case: Case) -> str:
