@@ -13,6 +13,8 @@ from pathlib import Path
 import barn_eval as barn
 from barn_worlds.base.errors import BarnError
 
+_SIZE_IN, _SHOWN_M = (3.2, 6.4), (2.4, 13.4)  # from the start to the goal
+
 
 def worst_worlds(results: barn.Results) -> dict[str, int]:
     """Return the number of the world by planner; of worlds that are equally bad for it, the first."""
@@ -31,7 +33,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         results = barn.load(options.results)
         for planner, world in worst_worlds(results).items():
             path = options.figures / f"worst_{planner}.png"
-            barn.results.overlay(results, world).save(path)
+            drawn = barn.results.overlay(results, world)
+            drawn.figure.legends[0].remove()  # the page says whose colour is whose
+            drawn.figure.set_size_inches(_SIZE_IN)
+            drawn.figure.axes[0].set_ylim(*_SHOWN_M)
+            drawn.save(path)
             print(f"{path}: world {world}")
     except BarnError as error:
         print(f"error: {error}", file=sys.stderr)
