@@ -70,7 +70,7 @@ def test_worlds_are_known_by_their_checksum_whatever_their_number(source, tmp_pa
     again, moved = read_trials(source, str(tmp_path / "again.npz"))
     assert tuple(again) == tuple(sorted(1000 - index for index in worlds))
     assert moved.difficulty().tolist() == trials.difficulty().tolist()[::-1]
-    with pytest.raises(ConfigError, match="world 0 of its trials is none of barn_test; name the set they ran in"):
+    with pytest.raises(ConfigError, match="world 0 of its trials is none of barn_test; name the data set they ran in"):
         read_trials(source, "barn_test")
 
 
