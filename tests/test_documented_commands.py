@@ -2,6 +2,7 @@
 
 import ast
 import inspect
+import os
 import re
 import shlex
 import subprocess
@@ -264,13 +265,15 @@ def python_examples():
 
 @pytest.mark.parametrize(("before", "example"), list(python_examples()))
 def test_python_runs_as_it_is_shown(before, example, tmp_path):
-    for module in set(re.findall(r"(?m)^import (gymnasium)", example)):
+    for module in {"gymnasium", "stable_baselines3"} & {one.split(".")[-1] for one in re.findall(r"[\w.]+", example)}:
         pytest.importorskip(module, reason=f"{module}, an optional extra, is not installed")
     (tmp_path / "out").mkdir()
     (tmp_path / "shown.py").write_text(example)
+    found = os.pathsep.join([str(ROOT / "examples"), *filter(None, [os.environ.get("PYTHONPATH")])])
     commands = [["-m", "barn_eval", *words_of(line)[1:]] for line in before]
     for words in (*commands, ["shown.py"]):
-        done = subprocess.run([sys.executable, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
+        command, environment = [sys.executable, *words], os.environ | {"PYTHONPATH": found}
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
 
 
