@@ -27,6 +27,10 @@ ELSEWHERE = {
     "office.png": "barn show out/office.yaml --out docs/figures/office.png, after docs/tutorials/own_world.md",
     "garden.png": "barn show out/garden.map --out docs/figures/garden.png, after docs/tutorials/own_world.md",
     "learning_curve.png": "python examples/train_policy.py, its curve.png (ten minutes)",
+    **dict.fromkeys(
+        [f"worst_{name}.png" for name in ("dwa", "eband", "gap", "mppi", "policy")],
+        "python qa/worst_worlds.py out/barn300 docs/figures, after docs/boards.md",
+    ),
     "fidelity_defaults.png": "python qa/calibrate.py FOLDER --reference TABLE --figure, with the published times",
 }
 
