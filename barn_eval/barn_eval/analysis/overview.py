@@ -130,7 +130,8 @@ def why(comparisons: Sequence[Comparison]) -> list[str]:
             told.append(("not" if clear else "do not differ clearly") + f" in {joined(unclear, 'or')}")
         texts.append(f"{one.a} and {one.b} {', '.join(told)}.")
         alike += [] if clear else texts[-1:]
-    changed = [f"{one.a} and {one.b}: {one.parameters}" for one in comparisons if one.parameters]
+    few = comparisons if len(comparisons) <= _ALIKE else ()  # labels of many settings say what differs
+    changed = [f"{one.a} and {one.b}: {one.parameters}" for one in few if one.parameters]
     if len(alike) <= _ALIKE:
         return texts + changed
     others = "The other" if len(texts) > len(alike) else "All"
