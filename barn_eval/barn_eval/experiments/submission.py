@@ -29,7 +29,7 @@ _ALLOWED = (*_NEEDED, WORLDS, f"{Path(WORLDS).stem}.manifest.json")
 _PARAMETERS = re.compile(r"parameters/[0-9a-f]{12}_[A-Za-z0-9_.-]{1,100}")  # of files that planners' commands name
 _DIGEST = re.compile(r"(|([A-Za-z0-9_./:-]{1,200}@)?sha256:[0-9a-f]{64})")
 _MOST_MEMBERS, _LARGEST, _RATIO = 100, 1 << 29, 100  # bytes of all members; unpacked by packed of a large one
-_SMALL, _BLOCK = 1 << 20, 1 << 20
+_SMALL = 1 << 20
 
 
 def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderCheck:

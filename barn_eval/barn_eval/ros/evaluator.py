@@ -202,9 +202,8 @@ class Runner:
         period_s = 1.0 / rate_hz if rate_hz else spec.simulator.scan_steps * spec.simulator.control_period_s
         silence_s = max(spec.simulator.drive.command_timeout_s, 2.0 * period_s)
         period_ns, came = nanoseconds(period_s), (adapter.commands_ns, adapter.now_ns)
-        if (
-            max(spec.compute.charged_s, spec.compute.period_s) <= period_s
-        ):  # while a longer cycle is under way, it owes no command
+        # while a longer cycle is under way, no command is owed
+        if max(spec.compute.charged_s, spec.compute.period_s) <= period_s:
             missed = max(missed, missed_periods(*came, period_ns, nanoseconds(silence_s)))
         share = missed_share(missed, *came, period_ns)
         return WallClock.of(lasted_s, factor, adapter.response_times_s, missed_cycles=missed, missed_share=share)
