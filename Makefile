@@ -28,7 +28,7 @@ lint: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy $(PACKAGES) qa
-	$(BIN)/bandit -q -ll -r $(PACKAGES) qa -x '*/test/*,*/setup.py'
+	$(BIN)/bandit -q -ll -r $(PACKAGES) qa -x '*/test/*'
 
 # tables of parameters in the READMEs, parameter files and the results in notebooks, from the code
 generated: extras
@@ -89,7 +89,7 @@ $(VENV)/requirements: requirements.lock | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
 	touch $@
 
-$(VENV)/installed: $(VENV)/requirements $(PACKAGES:%=%/setup.py) $(PACKAGES:%=%/package.xml)
+$(VENV)/installed: $(VENV)/requirements $(PACKAGES:%=%/setup.cfg) $(PACKAGES:%=%/package.xml)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --use-pep517 \
 		--config-settings editable_mode=compat --no-deps $(PACKAGES:%=-e ./%)
 	touch $@

@@ -51,7 +51,7 @@ def test_it_requires_what_the_packages_require(wheel, monkeypatch):
     needed = {}
     for package in PACKAGES:
         monkeypatch.chdir(ROOT / package)
-        for one in run_setup("setup.py", stop_after="init").install_requires:
+        for one in run_setup("setup.py", stop_after="config").install_requires:
             library, version = re.fullmatch(r"(\w+)(?:>=|==)?(.*)", one).groups()
             needed.setdefault(library, set()).add(tuple(map(int, version.split("."))) if version else ())
     highest = {library: max(versions) for library, versions in needed.items() if library not in PACKAGES}

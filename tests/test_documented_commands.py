@@ -98,8 +98,8 @@ def check_values(name, values):
 @cache
 def executables(package):
     """Return the programs that a package installs for `ros2 run`."""
-    setup = (ROOT / package / "setup.py").read_text("utf-8")
-    return set(re.findall(r'"(\w+) = \w+(?:\.\w+)*:\w+"', setup))
+    setup = (ROOT / package / "setup.cfg").read_text("utf-8")
+    return set(re.findall(r"(?m)^    (\w+) = [\w.]+:\w+$", setup))
 
 
 FOREIGN = {"my_nav", "my_robot", "my_planner", "template_planner", "template_planner_cpp"}

@@ -35,7 +35,7 @@ def test_a_package_has_the_version_of_the_suite_and_requires_the_others_in_it(pa
     assert about.findtext("version") == __version__
     assert import_module(package).__version__ == __version__
     monkeypatch.chdir(ROOT / package)
-    built = run_setup("setup.py", stop_after="init")
+    built = run_setup("setup.py", stop_after="config")
     assert (built.get_name(), built.get_version()) == (package, __version__)
     required = {name for name in built.install_requires if name.startswith("barn_")}
     depends = {node.text for node in about.iter("exec_depend")} & set(PACKAGES)
@@ -116,7 +116,7 @@ def test_package_xml_has_a_key_for_each_library_or_says_that_there_is_none(packa
     keys = {node.text for node in ElementTree.fromstring(text).iter("exec_depend")}
     without = set(re.findall(r"\w+", "".join(re.findall("<!-- without a rosdep key: (.*) -->", text))))
     monkeypatch.chdir(ROOT / package)
-    required = {re.match(r"\w+", one)[0].lower() for one in run_setup("setup.py", stop_after="init").install_requires}
+    required = {re.match(r"\w+", one)[0].lower() for one in run_setup("setup.py", stop_after="config").install_requires}
     of_library = {"pillow": "python3-pil", "pyyaml": "python3-yaml"}
     for library in required - set(PACKAGES):
         key = of_library.get(library, f"python3-{library}")
