@@ -46,7 +46,7 @@ def test_an_interval_is_of_95_percent_from_10_000_draws_with_seed_0_unless_told_
         assert found != over_worlds(mean, len(VALUES), **other), other
 
 
-def test_draws_without_a_figure_are_left_out_of_percentiles_and_infinite_limits_are_none():
+def test_draws_without_a_figure_are_left_out_of_percentiles_and_leave_bca_without_limits():
     def unless_alike(drawn):
         return np.where(np.ptp(drawn, axis=-1) > 0, drawn.mean(axis=-1), np.nan)
 
@@ -55,6 +55,8 @@ def test_draws_without_a_figure_are_left_out_of_percentiles_and_infinite_limits_
     assert over_worlds(unless_alike, 3) == Interval(1.0)
     assert over_worlds(lambda drawn: np.full(drawn.shape[:-1], np.nan), 3, method="percentile").low is None
 
+
+def test_a_limit_that_is_infinite_is_none():
     def endless_if_alike(drawn):
         return np.where(np.ptp(drawn, axis=-1) > 0, drawn.mean(axis=-1), np.inf)
 
@@ -68,11 +70,14 @@ def test_one_world_has_no_limits_and_equal_worlds_have_no_width_and_raise_no_war
     assert over_worlds(lambda drawn: np.ones(drawn.shape[:-1]), 5, method=method) == Interval(1.0, 1.0, 1.0)
 
 
-def test_intervals_are_written_with_limits_and_numbers_without_signed_zero():
+def test_numbers_have_no_signed_zero_and_none_is_a_dash():
     written = {-0.004: "0.00", -0.0: "0.00", 0.004: "0.00", -0.006: "-0.01", 12.345: "12.35"}
     assert {value: number(value) for value in written} == written
     assert number(-0.0004, 3) == "0.000"
     assert [number(value) for value in (None, math.nan, -math.inf)] == ["-"] * 3
+
+
+def test_an_interval_is_written_with_its_limits():
     found = Interval(0.51234, 0.4, 0.6)
     assert found.text(3) == "0.512 [0.400, 0.600]"
     assert found.scaled(100.0).text(0, " %") == "51 % [40, 60]"
@@ -81,17 +86,26 @@ def test_intervals_are_written_with_limits_and_numbers_without_signed_zero():
     assert Interval(2.0).scaled(3.0) == Interval(6.0)
 
 
-def test_an_interval_is_shifted_mirrored_excludes_what_lies_outside_and_names_its_columns():
-    found = Interval(1.0, 0.5, 2.0)
-    assert found.shifted(0.5) == Interval(1.5, 1.0, 2.5)
-    assert found.mirrored() == Interval(-1.0, -2.0, -0.5)
-    assert Interval(1.0).shifted(1.0) == Interval(2.0)
-    assert Interval(1.0).mirrored() == Interval(-1.0)
+def test_an_interval_excludes_what_lies_outside_its_limits():
     assert Interval(1.0, 0.5, 2.0).excludes(0.4)
     assert not Interval(1.0, 0.5, 2.0).excludes(0.5)
     assert Interval(1.0, 0.5, 2.0).excludes(2.1)
     assert not any(Interval(1.0, 0.5, 2.0).excludes(value) for value in (1.0, 1.5, 2.0))
     assert not Interval(1.0).excludes(0.0)
+
+
+def test_one_limit_alone_is_none():
     for half in (Interval(1.0, 0.5, None), Interval(1.0, None, 2.0)):
         assert (half.excludes(0.0), half.excludes(3.0), half.text()) == (False, False, "1.00")
+
+
+def test_columns_of_an_interval_are_named_after_it():
     assert Interval(2.0, 1.0, 4.0).columns("x") == {"x": 2.0, "x_low": 1.0, "x_high": 4.0}
+
+
+def test_an_interval_is_shifted_and_mirrored_with_its_limits():
+    found = Interval(1.0, 0.5, 2.0)
+    assert found.shifted(0.5) == Interval(1.5, 1.0, 2.5)
+    assert found.mirrored() == Interval(-1.0, -2.0, -0.5)
+    assert Interval(1.0).shifted(1.0) == Interval(2.0)
+    assert Interval(1.0).mirrored() == Interval(-1.0)

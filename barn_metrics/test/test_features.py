@@ -60,6 +60,23 @@ def test_widest_gap_equals_the_reference(grid):
     assert widest_gap_m(grid, RESOLUTION) == pytest.approx(reference_gap(grid) * RESOLUTION)
 
 
+def test_widest_gap_by_hand():
+    free = np.zeros((30, 30), bool)
+    assert widest_gap_m(free, RESOLUTION) == pytest.approx(30 * RESOLUTION)
+    door = free.copy()
+    door[:10, 12] = door[16:, 12] = True
+    assert widest_gap_m(door, RESOLUTION) == pytest.approx(6 * RESOLUTION)
+    slanted = free.copy()  # a gap of 3 rows and 4 columns: 5 cells between centres, 4 between surfaces
+    slanted[:11, 12] = slanted[13:, 16] = True
+    assert widest_gap_m(slanted, RESOLUTION) == pytest.approx((math.hypot(3, 4) - 1) * RESOLUTION)
+    closed = free.copy()
+    closed[:, 3] = True
+    assert widest_gap_m(closed, RESOLUTION) == 0
+    two_ways = door.copy()
+    two_ways[4:8, 12] = False
+    assert widest_gap_m(two_ways, RESOLUTION) == pytest.approx(6 * RESOLUTION)
+
+
 def test_the_original_worlds_let_a_robot_of_five_cells_through(originals):
     assert min(widest_gap_m(world.grid, RESOLUTION) for world in originals) >= 5 * RESOLUTION - 1e-9
 
@@ -114,15 +131,15 @@ def test_turning_of_a_zigzag():
     assert features["turning_rad_per_m"] == pytest.approx(math.pi / ((3 + 2 * math.sqrt(2)) * RESOLUTION))
 
 
-def test_paths_of_one_cell_and_with_repeats_have_finite_features():
+def test_a_path_of_one_cell_has_finite_features():
     values = world_features(World("still", np.zeros((5, 5), bool), np.array([[2, 2], [2, 2]])))
     assert len(values) == 22
     assert np.isfinite(list(values.values())).all()
+
+
+def test_repeats_in_place_are_dropped_and_returns_are_kept():
     path = np.array([[0, 0], [0, 0], [0, 1], [0, 1], [0, 0]])
     assert without_repeats(path).tolist() == [[0, 0], [0, 1], [0, 0]]
-    world = World("still", np.zeros((5, 5), bool), np.array([[2, 2]]))
-    with pytest.raises(ConfigError, match="narrow_clearance_m"):
-        world_features(world, narrow_clearance_m=-1.0)
 
 
 def test_features_of_originals_are_finite_and_do_not_depend_on_left_and_right(originals):
@@ -132,3 +149,9 @@ def test_features_of_originals_are_finite_and_do_not_depend_on_left_and_right(or
         mirrored = world_features(World("mirrored", original.grid[::-1].copy(), path))
         assert np.isfinite(list(mirrored.values())).all()
         assert world_features(world) == pytest.approx(mirrored, rel=1e-7, abs=1e-12)
+
+
+def test_configuration_out_of_range_is_refused():
+    world = World("still", np.zeros((5, 5), bool), np.array([[2, 2]]))
+    with pytest.raises(ConfigError, match="narrow_clearance_m"):
+        world_features(world, narrow_clearance_m=-1.0)

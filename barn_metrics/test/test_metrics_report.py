@@ -49,7 +49,7 @@ def test_a_data_set_is_labelled_by_its_numbers():
         assert found == [min(values), max(values), pytest.approx(sum(values) / 4), pytest.approx(pstdev(values))]
 
 
-def test_json_holds_worlds_summary_and_formula_also_without_obstacles():
+def test_json_holds_worlds_summary_and_formula():
     table = metrics_table(_worlds(), "published")
     document = json.loads(table.to_json())
     assert document["schema_version"] == 1
@@ -59,6 +59,9 @@ def test_json_holds_worlds_summary_and_formula_also_without_obstacles():
     closest = document["summary"]["closest_obstacle"]
     assert closest["cell_minimum"] <= closest["minimum"] <= closest["mean"] <= closest["maximum"]
     assert "cell_minimum" not in document["summary"]["tortuosity"]
+
+
+def test_json_of_a_world_without_obstacles_is_still_json():
     free = World("free", np.zeros((6, 6), bool), np.array([[2, column] for column in range(6)]))
     document = json.loads(metrics_table([free], "published").to_json(), parse_constant=pytest.fail)
     assert document["worlds"][0]["closest_obstacle"] is None
@@ -66,12 +69,15 @@ def test_json_holds_worlds_summary_and_formula_also_without_obstacles():
     assert document["worlds"][0]["dispersion"] == 0
 
 
-def test_summary_cells_are_the_summary_to_two_decimals_and_no_worlds_are_refused():
+def test_summary_cells_are_the_summary_to_two_decimals():
     table = metrics_table(_worlds())
     headings, lines = table.summary_cells()
     assert all(len(line) == len(headings) for line in lines)
     assert [float(line[-2]) for line in lines] == pytest.approx(table.values.mean(axis=0), abs=0.005)
     assert lines[4][1:3] == ["-", "-"]
+
+
+def test_no_worlds_and_unknown_formulas_are_refused():
     with pytest.raises(WorldError, match="no world"):
         metrics_table([])
     with pytest.raises(ConfigError, match="did you mean"):

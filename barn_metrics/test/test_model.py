@@ -71,7 +71,7 @@ def corridor(gap_cells):
     return World("corridor", grid, np.stack([np.full(30, 15), np.arange(30)], axis=1))
 
 
-def test_routes_know_how_wide_the_gap_is_and_go_round_what_costs_more():
+def test_routes_know_how_wide_the_gap_is():
     widths = []
     for gap in (5, 7, 9):
         where = clearance_map(corridor(gap))
@@ -84,6 +84,9 @@ def test_routes_know_how_wide_the_gap_is_and_go_round_what_costs_more():
         # The widest place within reach of the gap's middle lies beside the wall, so this is an upper limit.
         assert gap * 0.15 <= widths[-1] < gap * 0.15 + 0.4
     assert widths[0] < widths[1] < widths[2]
+
+
+def test_a_route_goes_round_what_costs_more_than_the_detour():
     where = clearance_map(corridor(7))
     cost = np.ones_like(where.clearance_m)
     middle = where.start[0]
@@ -95,11 +98,14 @@ def test_routes_know_how_wide_the_gap_is_and_go_round_what_costs_more():
     assert round_it.cost_m < direct.length_m + 1.0
 
 
-def test_folds_leave_each_world_out_once_and_ridge_regression_finds_a_plane():
+def test_ridge_regression_finds_a_plane_and_ignores_what_does_not_vary():
     generator = np.random.default_rng(0)
     x = np.column_stack([generator.standard_normal((200, 3)), np.full(200, 7.0)])
     y = 2.0 + x[:, 0] - 3.0 * x[:, 1] + 1e-3 * generator.standard_normal(200)
     assert np.abs(ridge(x, y)(x) - y).max() < 0.02
+
+
+def test_folds_leave_each_world_out_once():
     kept = fold_masks(23, 5, seed=1)
     assert (~kept).sum(axis=0).tolist() == [1] * 23
     assert (fold_masks(23, 5, seed=1) == kept).all()

@@ -39,7 +39,7 @@ def strip_of(world):
     return where, route, route_strip(where, route)
 
 
-def test_a_strip_shows_the_clearance_along_and_beside_the_route_as_far_as_it_goes():
+def test_a_strip_shows_the_clearance_along_and_beside_the_route():
     where, route, strip = strip_of(corridor(9))
     count = len(route.points)
     assert strip[:count, PRESENT].all() and not strip[count:].any()
@@ -49,10 +49,6 @@ def test_a_strip_shows_the_clearance_along_and_beside_the_route_as_far_as_it_goe
     # In the gap there is less room to both sides than on the route.
     gap = int(strip[:count, MIDDLE].argmin())
     assert strip[gap, 0] < strip[gap, MIDDLE] > strip[gap, HEADING - 1]
-    where, route, _ = strip_of(corridor(9))
-    longer = np.concatenate([route.points] * 4)
-    strip = route_strip(where, replace(route, points=longer))
-    assert strip.shape == (SAMPLES, CHANNELS) and strip[:, PRESENT].all()
 
 
 def test_mirrored_strips_are_those_of_the_mirrored_world(worlds):
@@ -88,3 +84,10 @@ def test_the_output_for_a_world_depends_on_that_world_alone_and_not_on_its_side(
     assert network(inputs[:0]).shape == (0, 2)
     nothing = np.zeros_like(inputs[:1])
     assert np.isfinite(network(nothing)).all()
+
+
+def test_a_route_longer_than_a_strip_is_cut_off():
+    where, route, _ = strip_of(corridor(9))
+    longer = np.concatenate([route.points] * 4)
+    strip = route_strip(where, replace(route, points=longer))
+    assert strip.shape == (SAMPLES, CHANNELS) and strip[:, PRESENT].all()

@@ -33,7 +33,7 @@ def test_the_cheapest_is_shown_in_its_colour(cheapest):
     np.testing.assert_allclose(np.delete(shown.colours, place, axis=0), [DEAREST] * 19)
 
 
-def test_rejected_ones_are_told_apart_costs_may_be_missing_and_there_may_be_none():
+def test_rejected_ones_are_told_apart_and_costs_may_be_missing():
     costs = np.array([np.inf, 2.0, 4.0, 3.0, np.nan])
     colours = shown_candidates(lines(5, 3), costs).colours
     np.testing.assert_allclose(colours[[0, 4]], [REJECTED] * 2)
@@ -41,5 +41,8 @@ def test_rejected_ones_are_told_apart_costs_may_be_missing_and_there_may_be_none
     np.testing.assert_allclose(colours[3], 0.5 * (np.array(CHEAPEST) + np.array(DEAREST)))
     np.testing.assert_allclose(shown_candidates(lines(5, 3), None).colours, [DEAREST] * 5)
     np.testing.assert_allclose(shown_candidates(lines(3, 3), np.full(3, np.inf)).colours, [REJECTED] * 3)
+
+
+def test_none_at_all():
     shown = shown_candidates(np.empty((0, 5, 2)), np.empty(0))
     assert shown.points.shape[0] == shown.colours.shape[0] == 0

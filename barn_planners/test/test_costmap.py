@@ -61,8 +61,12 @@ def plain_line(row: int, col: int, end_row: int, end_col: int) -> list[tuple[int
         # The nearest whole number, away from the start at a tie after half of an even step count.
         offset_row = (abs(end_row - row) * k + n // 2) // n
         offset_col = (abs(end_col - col) * k + n // 2) // n
-        up, right = int(math.copysign(1, end_row - row)), int(math.copysign(1, end_col - col))
-        cells.append((row + up * offset_row, col + right * offset_col))
+        cells.append(
+            (
+                row + int(math.copysign(1, end_row - row)) * offset_row,
+                col + int(math.copysign(1, end_col - col)) * offset_col,
+            )
+        )
     return cells
 
 
@@ -104,11 +108,14 @@ def plain_footprint(costmap: Costmap, pose: Pose2D) -> set[tuple[int, int]]:
     return cells
 
 
-def test_costs_beside_a_lethal_cell_are_those_of_the_published_set_up_and_without_soft_ones():
+def test_costs_beside_a_lethal_cell_are_those_of_the_published_set_up():
     costs = costs_by_square(CostmapConfig(), 0.05)
     assert set(costs.tolist()) == {0, 177, 193, 210, 241, INSCRIBED, LETHAL}
     assert [costs[k * k] for k in range(8)] == [254, 253, 253, 253, 253, 253, 177, 0]
     assert (costs[2**2 + 5**2], costs[4**2 + 4**2], costs[3**2 + 5**2]) == (241, 210, 193)
+
+
+def test_without_soft_costs_only_the_inscribed_radius_is_inflated():
     config = CostmapConfig(footprint_padding_m=0.03, soft_costs=False)
     assert config.inscribed_m == pytest.approx(0.195)
     assert set(costs_by_square(config, 0.05).tolist()) == {0, INSCRIBED, LETHAL}
@@ -210,7 +217,7 @@ def test_the_map_stays_whatever_the_lidar_sees_and_forgets():
     assert (bare.costs == LETHAL).sum() == 9
 
 
-def test_clearing_keeps_a_square_about_the_robot_and_maps_tell_free_inscribed_and_lethal_apart():
+def test_clearing_keeps_a_square_about_the_robot():
     costmap = RollingCostmap(CostmapConfig(clear_footprint=False))
     costmap.update(
         Pose2D(0.0, 0.0, 0.0), scan_of([1.0, 2.3], angle_min=0.0, increment=math.pi / 2), Pose2D(0.0, 0.0, 0.0)
@@ -220,12 +227,6 @@ def test_clearing_keeps_a_square_about_the_robot_and_maps_tell_free_inscribed_an
     assert costmap.cost_at(1.01, 0.01) == LETHAL and (costmap.costs == LETHAL).sum() == 1
     costmap.reset()
     assert not costmap.costs.any()
-    costmap = RollingCostmap(CostmapConfig(clear_footprint=False))
-    costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([1.0], angle_min=0.0), Pose2D(0.0, 0.0, 0.0))
-    shown = costmap.as_map()
-    assert shown.data.dtype == np.int8 and shown.resolution == 0.05
-    assert (shown.data == 100).sum() == 1 and (shown.data == 99).sum() == (costmap.costs == INSCRIBED).sum()
-    assert ((shown.data > 0) & (shown.data < 99)).sum() == ((costmap.costs > 0) & (costmap.costs < INSCRIBED)).sum()
 
 
 def test_the_highest_cost_along_the_edges_looks_at_edges_only():
@@ -248,11 +249,23 @@ def test_the_highest_cost_along_the_edges_looks_at_edges_only():
     assert kernels.edge_cost(costs, off, *grid) == -1
 
 
-def test_what_makes_no_costmap_is_refused_and_a_goal_lies_on_the_global_one_however_far_it_is():
+def test_costmaps_shown_as_maps_tell_free_inscribed_and_lethal_apart():
+    costmap = RollingCostmap(CostmapConfig(clear_footprint=False))
+    costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([1.0], angle_min=0.0), Pose2D(0.0, 0.0, 0.0))
+    shown = costmap.as_map()
+    assert shown.data.dtype == np.int8 and shown.resolution == 0.05
+    assert (shown.data == 100).sum() == 1 and (shown.data == 99).sum() == (costmap.costs == INSCRIBED).sum()
+    assert ((shown.data > 0) & (shown.data < 99)).sum() == ((costmap.costs > 0) & (costmap.costs < INSCRIBED)).sum()
+
+
+def test_what_makes_no_costmap_is_refused():
     with pytest.raises(ConfigError, match="must leave a footprint"):
         CostmapConfig(footprint_half_width_m=0.05, footprint_padding_m=-0.06)
     with pytest.raises(ConfigError, match="at most 16000000 cells"):
         CostmapConfig(resolution_m=0.005, size_m=100.0)
+
+
+def test_a_goal_lies_on_the_global_costmap_however_far_it_is():
     assert (
         global_costmap(GlobalCostmapConfig(), None, AHEAD).costs.shape
         == RollingCostmap(GlobalCostmapConfig()).costs.shape

@@ -54,25 +54,31 @@ def test_forward_samples_open_the_window_of_one_period():
     assert with_highest.shape == (6 * 21, 2) and with_highest[:, 1].max() == pytest.approx(1.2)
 
 
-def test_speeds_fall_near_the_end_and_samples_are_added_up_in_single_precision():
+def test_speeds_fall_near_the_end_but_not_below_the_slowest():
     speeds = forward_samples(QUIRKY, Velocity2D(0.5, 0.0), end_distance_m=0.6)[:, 0]
     assert speeds.max() == pytest.approx(0.3) and speeds.min() == pytest.approx(0.1)
     assert set(forward_samples(QUIRKY, STOP, end_distance_m=0.05)[:, 0]) == {0.1}
-    turns = forward_samples(dataclasses.replace(QUIRKY, single_precision=True), Velocity2D(0.3, 0.2), 9.0)[1:20, 1]
-    added, step = [-0.8], 2.0 / 19
-    for _ in range(18):
-        added.append(added[-1] + step)
-    assert turns.tolist() == added
 
 
-def test_turns_in_place_are_never_slower_than_allowed_and_slow_ones_left_out_where_asked():
+def test_turns_in_place_are_never_slower_than_allowed():
     turns = turn_samples(QUIRKY, Velocity2D(0.0, 0.0))
     assert len(turns) == 20 and np.abs(turns).min() == pytest.approx(0.314) and turns.max() == pytest.approx(1.0)
+
+
+def test_turns_within_a_step_of_zero_are_left_out_where_asked():
     quirky = dataclasses.replace(QUIRKY, skip_slow_turns=True)
     step = 2.0 / 19
     rates = np.linspace(-1.0, 1.0, 20)
     assert len(turn_samples(quirky, STOP)) == np.count_nonzero(np.abs(rates) > step) == 18
     assert len(turn_samples(quirky, Velocity2D(0.0, 1.57))) == 20
+
+
+def test_samples_are_added_up_in_single_precision():
+    turns = forward_samples(dataclasses.replace(QUIRKY, single_precision=True), Velocity2D(0.3, 0.2), 9.0)[1:20, 1]
+    added, step = [-0.8], 2.0 / 19
+    for _ in range(18):
+        added.append(added[-1] + step)
+    assert turns.tolist() == added
 
 
 def test_two_turns_to_one_side_forbid_the_other_until_the_robot_has_moved():
@@ -100,10 +106,13 @@ def test_an_escape_ends_after_a_distance_or_a_turn():
         assert not memory.escaping
 
 
-def test_open_ground_is_crossed_straight_and_a_plan_behind_makes_it_turn_in_place():
+def test_open_ground_is_crossed_straight_at_full_speed():
     control = DwaController(QUIRKY).control(inputs(velocity=Velocity2D(0.5, 0.0)))
     assert control.command == Velocity2D(0.5, 0.0)
     assert control.diagnostics["obstacle_cost"] == 0.0
+
+
+def test_a_plan_behind_the_robot_makes_it_turn_in_place():
     control = DwaController(QUIRKY).control(inputs(goal=Pose2D(-3.0, 0.3, 0.0)))
     assert control.command.linear == 0.0 and abs(control.command.angular) >= 0.314
 
@@ -120,6 +129,9 @@ def test_where_nothing_is_allowed_the_robot_escapes_backwards_only_if_the_quirk_
     assert DwaController(slow).control(inputs(lethal=ring)).command == Velocity2D(-0.4, 0.0)
     plain = DwaController(dataclasses.replace(QUIRKY, escape_through=False)).control(inputs(lethal=ring))
     assert plain.command is None and plain.reason == "no sample is allowed"
+
+
+def test_while_it_escapes_the_robot_does_not_drive_forward():
     controller = DwaController(QUIRKY)
     controller.control(inputs(lethal=blocked_all_around()))
     assert controller.control(inputs()).command.linear <= 0.0
@@ -128,16 +140,11 @@ def test_where_nothing_is_allowed_the_robot_escapes_backwards_only_if_the_quirk_
     assert controller.control(away).command.linear > 0.0
 
 
-def test_goal_turns_go_the_short_way_with_room_and_own_cells_block_where_asked():
+def test_the_robots_own_cells_block_the_way_to_the_goal_where_asked():
     inside = [(0.0, 0.0)]  # a mark under the robot, which its edges do not meet
     assert DwaController(QUIRKY).control(inputs(lethal=inside)).command.linear > 0.0
     quirky = DwaController(dataclasses.replace(QUIRKY, robot_blocks_goal=True)).control(inputs(lethal=inside))
     assert quirky.command is None or quirky.command.linear <= 0.0
-    goal = Pose2D(0.0, 0.0, -3.0)
-    turning = DwaController(QUIRKY).control(inputs(pose=Pose2D(0.0, 0.0, 3.0), goal=goal))
-    assert turning.command.angular > 0.0
-    blocked = DwaController(QUIRKY).control(inputs(goal=goal, lethal=blocked_all_around()))
-    assert blocked.command is None and "no room" in blocked.reason
 
 
 def test_at_the_goal_it_brakes_turns_and_says_so():
@@ -151,6 +158,14 @@ def test_at_the_goal_it_brakes_turns_and_says_so():
     assert 0.314 - 1e-9 <= still_turning.command.angular <= 1.0
     reached = controller.control(inputs(pose=Pose2D(0.0, 0.0, 1.05), goal=goal))
     assert reached.goal_reached and reached.command == STOP
+
+
+def test_the_goal_turn_goes_the_short_way_and_not_into_an_obstacle():
+    goal = Pose2D(0.0, 0.0, -3.0)
+    turning = DwaController(QUIRKY).control(inputs(pose=Pose2D(0.0, 0.0, 3.0), goal=goal))
+    assert turning.command.angular > 0.0
+    blocked = DwaController(QUIRKY).control(inputs(goal=goal, lethal=blocked_all_around()))
+    assert blocked.command is None and "no room" in blocked.reason
 
 
 def test_a_goal_turn_that_is_rolled_out_needs_room_for_all_of_it():
@@ -167,7 +182,7 @@ def test_a_goal_turn_that_is_rolled_out_needs_room_for_all_of_it():
     assert moving.command is None and "no room to brake" in moving.reason
 
 
-def test_samples_are_shown_as_they_cost_when_the_command_was_chosen():
+def test_what_there_is_to_see_are_the_samples_and_the_one_chosen():
     controller = DwaController(QUIRKY)
     assert controller.view().candidates is None
     controller.control(inputs(velocity=Velocity2D(0.5, 0.0), lethal=[(1.0, 0.3)]))
@@ -175,6 +190,22 @@ def test_samples_are_shown_as_they_cost_when_the_command_was_chosen():
     assert view.candidates.shape == (140, 80, 2) and view.candidate_costs.shape == (140,)
     assert np.isinf(view.candidate_costs).any() and np.isfinite(view.candidate_costs).any()
     assert view.local_plan.shape == (80, 3) and np.isfinite(view.local_plan).all()
+
+
+def test_presets_differ_where_they_say():
+    presets = dwa_presets()
+    assert list(presets) == ["challenge", "fast_dwa", "paper2020"]
+    assert presets["paper2020"].goal_republish_period_s == 0.1 and presets["challenge"].goal_republish_period_s == 0.0
+    assert (presets["fast_dwa"].dwa.max_speed_mps, presets["fast_dwa"].dwa.speed_samples) == (1.0, 12)
+    assert not presets["paper2020"].dwa.distances_in_metres and presets["challenge"].dwa.distances_in_metres
+
+
+def test_speeds_that_contradict_each_other_are_refused():
+    with pytest.raises(ConfigError, match="min_speed_mps must be at most"):
+        DwaConfig(min_speed_mps=0.6)
+
+
+def test_all_samples_are_shown_as_they_cost_when_the_command_was_chosen():
     controller, given = DwaController(DwaConfig()), inputs(velocity=Velocity2D(0.3, 0.0), lethal=[(0.7, 0.1)])
     chosen = controller.control(given)
     given.costmap.costs[:] = LETHAL
@@ -182,13 +213,3 @@ def test_samples_are_shown_as_they_cost_when_the_command_was_chosen():
     assert len(costs) == 6 * 21 + 20 and 20 < np.isfinite(costs).sum() < len(costs)
     assert costs[: 6 * 21].min() == chosen.diagnostics["cost"]
     np.testing.assert_array_equal(controller.view().candidate_costs, costs)
-
-
-def test_presets_differ_where_they_say_and_speeds_may_not_contradict_each_other():
-    presets = dwa_presets()
-    assert list(presets) == ["challenge", "fast_dwa", "paper2020"]
-    assert presets["paper2020"].goal_republish_period_s == 0.1 and presets["challenge"].goal_republish_period_s == 0.0
-    assert (presets["fast_dwa"].dwa.max_speed_mps, presets["fast_dwa"].dwa.speed_samples) == (1.0, 12)
-    assert not presets["paper2020"].dwa.distances_in_metres and presets["challenge"].dwa.distances_in_metres
-    with pytest.raises(ConfigError, match="min_speed_mps must be at most"):
-        DwaConfig(min_speed_mps=0.6)

@@ -87,7 +87,7 @@ def test_waves_count_the_steps_around_what_blocks(seed):
             assert wavefront.steps_to(one, padded(cell)) == expected.get(cell, wavefront.UNREACHED), cell
 
 
-def test_waves_spread_no_further_than_to_the_cell_asked_for_and_through_the_robots_own():
+def test_a_wave_spreads_no_further_than_to_the_cell_asked_for():
     costs = np.zeros((ROWS, COLS), np.uint8)
     costs[32, 20:50] = INSCRIBED
     state, passable = prepared(costs, (0.0, 0.0, 0.0))
@@ -99,6 +99,9 @@ def test_waves_spread_no_further_than_to_the_cell_asked_for_and_through_the_robo
         within = sum(steps <= expected[cell] + 1 for steps in expected.values())
         assert (wave.state == wavefront.REACHED).sum() <= within
     assert wavefront.steps_to(wave, padded((32, 30))) == wavefront.UNREACHED
+
+
+def test_the_robots_own_cells_stay_passable():
     costs = np.full((ROWS, COLS), INSCRIBED, np.uint8)
     state, passable = prepared(costs, (0.2, 0.1, 1.0))
     open_cells = {cell for cell in np.ndindex(ROWS, COLS) if state[padded(cell)] != wavefront.BLOCKED}
@@ -285,12 +288,15 @@ def test_the_search_takes_the_sample_that_the_rules_take_with_its_figures_wherev
     assert winners == {"none", "drive", "turn"}, "every kind of winner has been met"
 
 
-def test_the_first_of_equals_wins_and_nothing_where_everything_touches():
+def test_the_first_of_equals_wins_wherever_the_search_begins():
     scene, _ = scene_of(np.zeros((ROWS, COLS), np.uint8), (0.0, 0.0, 0.0), [(30, 40), (30, 41)])
     table, start = np.repeat(samples(1, 0), 9, axis=0), Start(0.0, 0.0, 0.0, 0.3, 0.0)
     for likely in range(9):
         choice = Choice(9, True, True, 0.325, False, likely, 4)
         assert find_best(scene, start, MOTION, WEIGHTS, table.copy(), choice) == 0
+
+
+def test_nothing_is_taken_where_everything_touches():
     scene, _ = scene_of(np.full((ROWS, COLS), LETHAL, np.uint8), (0.0, 0.0, 0.0), [(30, 40), (30, 41)])
     table, start = samples(), Start(0.0, 0.0, 0.0, 0.0, 0.0)
     assert find_best(scene, start, MOTION, WEIGHTS, table, Choice(40, True, True, 0.325, False, 3, 5)) == -1

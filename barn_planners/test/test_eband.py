@@ -45,15 +45,11 @@ def controller(**changes):
     return EBandController(EBandConfig(**changes))
 
 
-def test_speed_falls_with_the_bubble_and_radii_are_those_of_the_paper():
+def test_radii_of_the_paper():
     radii = bubble_radii(10.0)
     np.testing.assert_allclose(
         radii[[0, 255, 1, 177, 241, 253, 254]], [0.5529, 0.5529, 0.5529, 0.0353, 0.0045, 0, 0], atol=5e-5
     )
-    beside = [(0.0, 0.31)]
-    control = controller().control(inputs(Pose2D(0.0, 0.0, 0.0), straight_plan(), beside))
-    assert control.diagnostics["robot_radius_m"] < 0.04
-    assert control.command.linear == 0.1
 
 
 @pytest.mark.parametrize(("length", "speed"), [(4.0, FREE_SPEED), (0.7, FREE_SPEED / 2.0)])
@@ -64,8 +60,15 @@ def test_speed_in_the_open(length, speed):
     assert pytest.approx(0.387, abs=1e-3) == FREE_SPEED
 
 
+def test_speed_beside_an_obstacle_is_the_lowest():
+    beside = [(0.0, 0.31)]
+    control = controller().control(inputs(Pose2D(0.0, 0.0, 0.0), straight_plan(), beside))
+    assert control.diagnostics["robot_radius_m"] < 0.04
+    assert control.command.linear == 0.1
+
+
 @pytest.mark.parametrize("yaw", [0.3, -0.3])
-def test_bearings_steer_while_driving_and_large_ones_in_place(yaw):
+def test_small_bearing_steers_while_driving(yaw):
     control = controller().control(inputs(Pose2D(0.0, 0.0, yaw), straight_plan()))
     bearing = control.diagnostics["bearing_rad"]
     assert bearing == pytest.approx(-yaw, abs=0.1)
@@ -167,11 +170,14 @@ def test_straight_run_takes_as_long_as_published(flat_world, preset):
     assert world.pose.distance(goal) < 0.1
 
 
-def test_goes_round_an_obstacle_and_is_registered_and_checked(flat_world):
+def test_goes_round_an_obstacle(flat_world):
     world = flat_world([((2.5, -0.6), (2.5, 0.6))])
     planner = make_planner("eband", "challenge")
     assert world.drive(planner, Pose2D(5.0, 0.0, 0.0), limit_s=40.0) is PlannerStatus.GOAL_REACHED
     assert world.clearance > 0.2
+
+
+def test_registered_and_checked():
     assert planner_entry("eband") is ENTRY
     with pytest.raises(ConfigError, match="min_speed_mps must be at most"):
         EBandConfig(min_speed_mps=0.6)

@@ -34,7 +34,7 @@ def decide(discs, goal=(5.0, 0.0), **changes):
     return planner.step(Observation(0, Odometry(0, pose, STOP), scan_of(pose, discs), pose)), planner
 
 
-def test_free_distances_equal_small_steps_and_returns_leave_out_what_is_no_range():
+def test_free_distances_equal_small_steps():
     rng = np.random.default_rng(3)
     points = rng.uniform(-2.0, 2.0, (40, 2))
     points = points[np.hypot(*points.T) > 0.3]
@@ -47,16 +47,17 @@ def test_free_distances_equal_small_steps_and_returns_leave_out_what_is_no_range
             travelled += 1e-3
         expected.append(min(travelled, 1.5))
     np.testing.assert_allclose(free_distances(points, directions, 0.28, 1.5), expected, atol=2e-3)
+
+
+def test_returns_leave_out_what_is_no_range():
     ranges = np.array([1.0, np.nan, np.inf, -np.inf, 0.05, 2.9, 1.0], np.float32)
     points = returns(Scan(0, ranges, 0.0, math.pi / 2.0, 0.1, 30.0), Pose2D(0.5, 0.0, 0.0), 2.0)
     np.testing.assert_allclose(points, [(1.5, 0.0), (-0.5, 0.0)], atol=1e-12)
 
 
-def test_a_free_way_is_driven_at_full_speed_and_a_goal_behind_turned_to():
+def test_free_way_is_driven_at_full_speed():
     decision, _ = decide([(20.0, 9.0, 0.1)])
     assert decision.command == Velocity2D(0.5, 0.0)
-    decision, _ = decide([(20.0, 0.0, 0.1)], goal=(-3.0, 1.0))
-    assert decision.command == Velocity2D(0.0, 1.57)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -69,11 +70,19 @@ def test_steers_round_what_is_in_the_way(side):
     assert view.candidate_costs.min() == pytest.approx(0.0)
 
 
-def test_stops_before_a_wall_and_where_nothing_is_open():
+def test_turns_to_a_goal_behind():
+    decision, _ = decide([(20.0, 0.0, 0.1)], goal=(-3.0, 1.0))
+    assert decision.command == Velocity2D(0.0, 1.57)
+
+
+def test_stops_before_a_wall_and_turns_away():
     wall = [(0.42, y, 0.02) for y in np.arange(-0.6, 0.61, 0.03)]
     decision, _ = decide(wall)
     assert decision.command.linear == 0.0
     assert decision.command.angular != 0.0
+
+
+def test_stops_where_nothing_is_open():
     ring = [(0.4 * math.cos(a), 0.4 * math.sin(a), 0.05) for a in np.linspace(0.0, 2.0 * math.pi, 60)]
     decision, _ = decide(ring)
     assert decision.command == STOP

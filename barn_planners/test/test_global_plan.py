@@ -127,15 +127,10 @@ def path_length(poses):
     return float(np.hypot(np.diff(poses[:, 0]), np.diff(poses[:, 1])).sum())
 
 
-def test_prices_are_navfns_and_the_robots_own_cell_counts_as_free():
+def test_prices_are_navfns():
     prices = cell_prices(GlobalPlanConfig())
     assert prices[0] == 50.0 and prices[177] == 191.0 and prices[241] == 242.0 and prices[252] == 251.0
     assert prices[INSCRIBED] == prices[LETHAL] == math.inf and prices[255] == 253.0
-    costs = np.zeros((40, 40), np.uint8)
-    costs[10, 10] = LETHAL
-    costmap = grid_of(costs)
-    plan = GlobalPlanner(GlobalPlanConfig()).plan(costmap, centre(costmap, 10, 10), centre(costmap, 30, 30))
-    assert plan.poses is not None
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -195,12 +190,15 @@ def test_a_plan_leads_from_robot_to_goal_through_free_cells(seed):
         assert costs[costmap.world_to_cell(x, y)] < INSCRIBED
 
 
-def test_a_plan_on_open_ground_is_nearly_straight_and_its_quirks_half_a_cell_and_no_heading():
+def test_a_plan_on_open_ground_is_nearly_straight():
     costmap = grid_of(np.zeros((200, 200), np.uint8))
     start, goal = centre(costmap, 20, 30), centre(costmap, 170, 110)
     plan = GlobalPlanner(GlobalPlanConfig()).plan(costmap, start, goal)
     assert path_length(plan.poses) < 1.02 * start.distance(goal)
     np.testing.assert_allclose(plan.poses[5:-5, 2], math.atan2(150, 80), atol=0.25)
+
+
+def test_the_quirks_are_half_a_cell_and_no_heading():
     costmap = grid_of(np.zeros((60, 60), np.uint8))
     start, goal = centre(costmap, 10, 10), centre(costmap, 40, 30, yaw=0.7)
     right = GlobalPlanner(GlobalPlanConfig()).plan(costmap, start, goal).poses
@@ -223,6 +221,14 @@ def test_why_there_is_no_plan_is_said():
     assert planner.plan(costmap, Pose2D(50.0, 0.0, 0.0), start).reason == "the robot is off the global costmap"
     here = planner.plan(costmap, start, Pose2D(start.x, start.y, 2.0)).poses
     assert here.tolist() == [[start.x, start.y, 2.0]]
+
+
+def test_the_robots_own_cell_counts_as_free():
+    costs = np.zeros((40, 40), np.uint8)
+    costs[10, 10] = LETHAL
+    costmap = grid_of(costs)
+    plan = GlobalPlanner(GlobalPlanConfig()).plan(costmap, centre(costmap, 10, 10), centre(costmap, 30, 30))
+    assert plan.poses is not None
 
 
 @pytest.mark.parametrize("bounded", [True, False])

@@ -41,22 +41,13 @@ def test_noise_is_that_of_numpy_to_the_last_bit(seed):
     assert np.abs(numbers).max() > 3.7, "some numbers must come from the tail"
 
 
-def test_length_is_hypot_and_heading_by_series_stays_exact_at_the_fastest_turn():
+def test_length_is_hypot():
     rng = np.random.default_rng(3)
     for scale in (1.0, 1e-9, 0.0):
         for x, y in rng.normal(size=(500, 2)) * (1.0, scale):
             assert kernels.length(x, y) == pytest.approx(math.hypot(x, y), rel=3e-16)
             assert kernels.length(y, x) == kernels.length(x, y)
     assert kernels.length(0.0, 0.0) == 0.0
-    steps = 400
-    noise = np.zeros((steps, 2, 1), np.float32)
-    nominal = np.tile([1.0, 1.9], (steps, 1))
-    controls, (xs, ys, yaws) = np.empty_like(noise), (np.empty((steps, 1), np.float32) for _ in range(3))
-    start = (0.0, 0.0, 0.0, 1.0, 1.9)
-    sampling.rollout(nominal, noise, SPREAD, np.full((2, 2), 9.0), start, DT, controls, xs, ys, yaws)
-    headings = 1.9 * DT * np.arange(steps)
-    np.testing.assert_allclose(xs[:, 0], DT * np.cumsum(np.cos(headings)), atol=2e-6)
-    np.testing.assert_allclose(ys[:, 0], DT * np.cumsum(np.sin(headings)), atol=2e-6)
 
 
 def test_smoothing_and_limits():
@@ -92,11 +83,28 @@ def test_rollout(drawn):
             assert (xs[t, k], ys[t, k], yaws[t, k]) == pytest.approx((x, y, yaw), abs=1e-6)
 
 
+def test_heading_by_series_stays_exact_at_the_fastest_turn():
+    steps = 400
+    noise = np.zeros((steps, 2, 1), np.float32)
+    nominal = np.tile([1.0, 1.9], (steps, 1))
+    controls, (xs, ys, yaws) = np.empty_like(noise), (np.empty((steps, 1), np.float32) for _ in range(3))
+    start = (0.0, 0.0, 0.0, 1.0, 1.9)
+    sampling.rollout(nominal, noise, SPREAD, np.full((2, 2), 9.0), start, DT, controls, xs, ys, yaws)
+    headings = 1.9 * DT * np.arange(steps)
+    np.testing.assert_allclose(xs[:, 0], DT * np.cumsum(np.cos(headings)), atol=2e-6)
+    np.testing.assert_allclose(ys[:, 0], DT * np.cumsum(np.sin(headings)), atol=2e-6)
+
+
 def footprint_touches(costmap, x, y, yaw, half_length, half_width):
     """Tell by dense points along the outline whether it touches a lethal cell."""
-    corners = rectangle(half_length, half_width)
+    corners = [
+        (half_length, half_width),
+        (-half_length, half_width),
+        (-half_length, -half_width),
+        (half_length, -half_width),
+    ]
     pose = Pose2D(x, y, yaw)
-    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+    for a, b in zip(corners, corners[1:] + corners[:1], strict=True):
         line = np.linspace(a, b, 200)
         if any(costmap.cost_at(*point) == 254 for point in pose.transform(line)):
             return True
@@ -138,8 +146,15 @@ def test_obstacle_costs(drawn, near_goal):
 
 def test_looking_at_the_footprint_only_where_it_can_touch_changes_nothing(drawn):
     _, xs, ys, yaws, _, _ = drawn
-    body = {"footprint_half_length_m": 0.25, "footprint_half_width_m": 0.2, "footprint_padding_m": 0.0}
-    config = CostmapConfig(resolution_m=0.05, size_m=5.0, inflation_radius_m=0.8, cost_scaling_per_m=3.0, **body)
+    config = CostmapConfig(
+        resolution_m=0.05,
+        size_m=5.0,
+        footprint_half_length_m=0.25,
+        footprint_half_width_m=0.2,
+        footprint_padding_m=0.0,
+        inflation_radius_m=0.8,
+        cost_scaling_per_m=3.0,
+    )
     rng = np.random.default_rng(1)
     counts = []
     for _ in range(40):
@@ -157,11 +172,14 @@ def test_looking_at_the_footprint_only_where_it_can_touch_changes_nothing(drawn)
     assert max(counts) > 0
 
 
-def test_costs_of_the_end_of_the_goal_and_the_furthest_point_reached(drawn):
+def test_the_furthest_point_reached(drawn):
     _, xs, ys, *_ = drawn
     ends = np.stack([xs[-1], ys[-1]], axis=1)
     nearest = np.hypot(*(ends[:, None] - PATH[None]).transpose(2, 0, 1)).argmin(axis=1)
     assert kernels.furthest_reached(PATH, xs, ys) == nearest.max()
+
+
+def test_costs_of_the_end(drawn):
     _, xs, ys, yaws, _, _ = drawn
     costs = np.zeros(SAMPLES)
     kernels.add_follow_costs(costs, xs, ys, 1.0, 0.5, 5.0)
@@ -173,12 +191,6 @@ def test_costs_of_the_end_of_the_goal_and_the_furthest_point_reached(drawn):
         for x, y, yaw in zip(xs[-1], ys[-1], yaws[-1], strict=True)
     ]
     np.testing.assert_allclose(costs, expected, atol=1e-5)
-    _, xs, ys, yaws, _, _ = drawn
-    costs = np.zeros(SAMPLES)
-    kernels.add_goal_costs(costs, xs, ys, yaws, (1.0, 0.3, -2.5), 5.0, 3.0)
-    distance = np.hypot(xs - 1.0, ys - 0.3).mean(axis=0)
-    angle = np.abs(np.vectorize(wrapped)(yaws.astype(float) + 2.5)).mean(axis=0)
-    np.testing.assert_allclose(costs, 5.0 * distance + 3.0 * angle, rtol=1e-5)
 
 
 def test_align_costs(drawn):
@@ -193,13 +205,25 @@ def test_align_costs(drawn):
         beside = [int(np.abs(arc - length).argmin()) for length in travelled]
         distances = [math.dist(PATH[i], pose) for i, pose in zip(beside, poses[1:], strict=True) if clear[i]]
         assert costs[k] == pytest.approx(14.0 * np.mean(distances) if distances else 0.0, abs=1e-5)
+
+
+def test_align_costs_without_a_clear_point_are_none(drawn):
     _, xs, ys, *_ = drawn
     costs = np.zeros(SAMPLES)
     kernels.add_align_costs(costs, xs, ys, START[:2], PATH, np.arange(20.0), np.zeros(20, np.bool_), 4, 14.0)
     assert not costs.any()
 
 
-def test_control_costs_and_weighted_mean(drawn):
+def test_goal_costs(drawn):
+    _, xs, ys, yaws, _, _ = drawn
+    costs = np.zeros(SAMPLES)
+    kernels.add_goal_costs(costs, xs, ys, yaws, (1.0, 0.3, -2.5), 5.0, 3.0)
+    distance = np.hypot(xs - 1.0, ys - 0.3).mean(axis=0)
+    angle = np.abs(np.vectorize(wrapped)(yaws.astype(float) + 2.5)).mean(axis=0)
+    np.testing.assert_allclose(costs, 5.0 * distance + 3.0 * angle, rtol=1e-5)
+
+
+def test_control_costs(drawn):
     controls, *_, nominal, _ = drawn
     costs = np.zeros(SAMPLES)
     kernels.add_control_costs(costs, controls, nominal, SPREAD, (-0.1, 0.4, 0.5), DT, 0.015, 4.0, 5.0)
@@ -208,6 +232,9 @@ def test_control_costs_and_weighted_mean(drawn):
     beyond = np.maximum(speed - 0.4, 0) + np.maximum(-0.1 - speed, 0) + np.maximum(np.abs(rate) - 0.5, 0)
     expected = 0.015 * deviation + DT * (4.0 * beyond + 5.0 * np.maximum(-speed, 0)).sum(axis=0)
     np.testing.assert_allclose(costs, expected, atol=1e-5)
+
+
+def test_weighted_mean(drawn):
     controls = drawn[0]
     costs = np.random.default_rng(2).uniform(1e6, 1e6 + 3.0, SAMPLES)
     mean = np.empty((STEPS, 2))

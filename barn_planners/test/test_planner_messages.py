@@ -125,6 +125,20 @@ def test_diagnostics(status, reason):
     assert decode.diagnostics(ours)[0]["status"] == status.value
 
 
+def test_diagnostics_tell_status_reason_and_figures():
+    decision = Decision(STOP, PlannerStatus.BLOCKED, "stuck", diagnostics={"cost": 1.5, "odd": float("nan")})
+    (status,) = status_of(decision)
+    assert (bytes([status.level]), status.message) == (DiagnosticStatus.WARN, "stuck")
+    assert {value.key: value.value for value in status.values} == {"status": "blocked", "cost": "1.5"}
+    (fine,) = status_of(Decision(Velocity2D(0.1, 0.0)))
+    assert (bytes([fine.level]), fine.message) == (DiagnosticStatus.OK, "running")
+
+
+def status_of(decision):
+    data = shown(PlannerMessages(Frames(), "dwa"), decision, 0.0)["diagnostics"]
+    return deserialise(data, topics.DIAGNOSTICS.type_name).status
+
+
 VIEWS = {"local_plan", "local_costmap/costmap", "band", "candidates"}
 
 
@@ -142,20 +156,26 @@ def test_views_come_twice_a_second_and_diagnostics_once_or_on_a_change():
     assert set(shown(messages, running, 0.1)) == VIEWS | {"plan", "diagnostics"}
 
 
-def test_a_new_plan_is_shown_when_it_is_due_and_a_cycle_without_a_command_tells_no_status():
+def test_a_plan_that_is_new_before_it_is_due_is_not_shown_and_one_after_is_shown_at_once():
     messages, planned = PlannerMessages(Frames(), view_period_s=1.0), Decision(STOP, plan=np.zeros((2, 2)))
     assert "plan" not in shown(messages, Decision(STOP), 0.0)
     assert "plan" in shown(messages, planned, 0.3)
     assert "plan" not in shown(messages, planned, 1.25)
     assert "plan" in shown(messages, planned, 1.3)
+
+
+def test_a_cycle_without_a_command_tells_no_status():
     assert "diagnostics" not in shown(PlannerMessages(Frames()), Decision(None), 0.0)
 
 
-def test_what_is_shown_is_due_wanted_and_forgotten_after_warming_up():
+def test_warming_up_leaves_nothing_behind():
     messages, planner = PlannerMessages(Frames()), Shower()
     messages.warm_up(planner)
     assert planner.asked == 1
     assert set(shown(messages, Decision(STOP, plan=np.zeros((2, 2))), 0.1)) == VIEWS | {"plan", "diagnostics"}
+
+
+def test_only_what_is_wanted_is_made():
     messages, planner, planned = PlannerMessages(Frames()), Shower(), Decision(STOP, plan=np.zeros((2, 2)))
     assert shown(messages, planned, 0.0, lambda _: False, planner) == {}
     assert planner.asked == 0
@@ -165,7 +185,7 @@ def test_what_is_shown_is_due_wanted_and_forgotten_after_warming_up():
     assert planner.asked == 1
 
 
-def test_frames_and_types_of_commands_are_those_of_the_planner():
+def test_frames_are_those_of_the_planner():
     found = shown(PlannerMessages(Frames(odom="wheels", planning="world")), Decision(STOP, plan=np.zeros((2, 2))), 0.0)
     assert {name: decode.header(found[name]).frame for name in ("plan", "local_plan", "local_costmap/costmap")} == {
         "plan": "world",
@@ -173,6 +193,9 @@ def test_frames_and_types_of_commands_are_those_of_the_planner():
         "local_costmap/costmap": "wheels",
     }
     assert {decode.markers(found[name]).frame for name in ("band", "candidates")} == {"wheels"}
+
+
+def test_commands_of_either_type():
     velocity = Velocity2D(0.5, -0.25)
     topic, data = PlannerMessages(Frames()).command(velocity, STAMP)
     assert (topic, decode.twist(data)) == (topics.CMD_VEL, velocity)

@@ -83,34 +83,29 @@ def test_padded_footprints_of_mppi_hold_the_robot_and_inflation_goes_beyond(robo
     assert bool(found.footprint) == (robot is not HUSKY)
 
 
-def test_what_the_user_sets_wins_and_the_shipped_policy_is_for_the_jackal_alone():
+def test_what_the_user_sets_wins():
     found = configured("dwa", HUSKY, "challenge", **{"dwa.max_speed_mps": 0.3})
     assert found.dwa.max_speed_mps == 0.3
     assert found.local_costmap.footprint_half_length_m == pytest.approx(0.21 * 0.495 / 0.254, rel=1e-5)
+
+
+def test_the_shipped_policy_is_for_the_jackal_alone():
     with pytest.raises(ConfigError, match=r"^planner 'policy': the shipped policy was trained for the Jackal alone"):
         configured("policy", HUSKY)
     safety = configured("policy", HUSKY, policy_path="mine.npz").safety
     assert (safety.half_length_m, safety.half_width_m) == (0.495, 0.335)
 
 
-def test_gap_inflates_between_its_circles_and_dwa_counts_no_costs_under_edges_of_other_robots():
+def test_gap_inflates_by_as_much_between_inscribed_and_circumscribed_circle():
     assert configured("gap", ROUND).robot_radius_m == pytest.approx(0.171)
     assert configured("gap", ROUND).turning_radius_m == pytest.approx(0.171)
     assert 0.335 < configured("gap", HUSKY).robot_radius_m < math.hypot(0.495, 0.335)
-    for preset, config in presets("dwa").items():
-        counted = 0.0 if config.dwa.distances_in_metres else config.dwa.obstacle_weight
-        assert configured("dwa", HUSKY, preset).dwa.obstacle_weight == counted
-        assert configured("dwa", ROUND, preset).dwa.obstacle_weight == counted
 
 
-def test_lidars_are_where_the_robot_has_them_and_mark_where_they_see():
+def test_lidar_is_where_the_robot_has_it():
     found = lidar_place(presets("gap")["default"], ROUND.lidar)
     assert found == {"lidar_x_m": -0.04, "lidar_yaw_rad": 1.5708}
     assert lidar_place(presets("dwa")["challenge"], JACKAL.lidar) == {}
-    costmap = RollingCostmap(CostmapConfig())
-    ahead = np.full(1, 1.0, np.float32)
-    costmap.update(Pose2D(0.0, 0.0, 0.0), Scan(0, ahead, 0.0, 0.1, 0.1, 30.0), Pose2D(0.1, 0.2, math.pi / 2.0))
-    assert costmap.cost_at(0.1, 1.2) == 254
 
 
 def test_outlines_as_text():
@@ -145,6 +140,13 @@ def test_a_costmap_clears_and_checks_the_outline():
     assert costmap.has_room(0.3, 0.0, math.pi)
 
 
+def test_dwa_counts_no_costs_under_edges_of_other_robots_where_distances_are_in_metres():
+    for preset, config in presets("dwa").items():
+        counted = 0.0 if config.dwa.distances_in_metres else config.dwa.obstacle_weight
+        assert configured("dwa", HUSKY, preset).dwa.obstacle_weight == counted
+        assert configured("dwa", ROUND, preset).dwa.obstacle_weight == counted
+
+
 @pytest.mark.parametrize("name", ["dwa", "eband", "mppi"])
 def test_global_plans_keep_as_far_away_as_the_robot_reaches_to_the_sides(name):
     """base_link of a Burger is at its axle, near the front; the outline alone would give 0.071 m."""
@@ -155,3 +157,10 @@ def test_global_plans_keep_as_far_away_as_the_robot_reaches_to_the_sides(name):
     assert found.local_costmap.inscribed_m == pytest.approx(nearest_side_m(found.local_costmap.padded_outline_m))
     for robot in (HUSKY, ROUND):
         assert configured(name, robot).global_costmap.inscribed_radius_m == 0.0
+
+
+def test_lidars_beside_and_turned_mark_where_they_see():
+    costmap = RollingCostmap(CostmapConfig())
+    ahead = np.full(1, 1.0, np.float32)
+    costmap.update(Pose2D(0.0, 0.0, 0.0), Scan(0, ahead, 0.0, 0.1, 0.1, 30.0), Pose2D(0.1, 0.2, math.pi / 2.0))
+    assert costmap.cost_at(0.1, 1.2) == 254

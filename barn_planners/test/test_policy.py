@@ -64,13 +64,16 @@ def test_the_lidar_against_a_plain_reference(sectors):
     np.testing.assert_allclose(lidar(config, seen), reference_lidar(config, seen), atol=1e-6)
 
 
-def test_a_scan_wider_turned_round_or_coarser_fills_all_sectors():
+def test_a_wider_scan_is_cut_and_one_turned_round_is_turned_back():
     config = PolicyObservation(beams=20)
     wide = random_scan(1080, angle_min=-2.9, angle_max=2.9)
     np.testing.assert_allclose(lidar(config, wide), reference_lidar(config, wide), atol=1e-6)
     seen = random_scan(720)
     turned = replace(seen, ranges=seen.ranges[::-1], angle_min=-seen.angle_min, angle_increment=-seen.angle_increment)
     np.testing.assert_array_equal(lidar(config, turned), lidar(config, seen))
+
+
+def test_a_scan_coarser_than_the_sectors_fills_all_of_them():
     values = np.linspace(0.5, 4.5, 91)
     shares = lidar(PolicyObservation(beams=720), scan(values))
     assert (np.diff(shares) >= 0.0).all() and shares[0] == pytest.approx(0.1) and shares[-1] == pytest.approx(0.9)
@@ -100,18 +103,24 @@ def test_a_scan_that_shows_too_little_is_told_of(seen, message):
     assert encoder.problem(scan(np.ones(720))) == ""
 
 
-@pytest.mark.parametrize("kind", [np.float32, np.float64])
-def test_actions_become_velocities_within_limits_one_by_one_or_many_at_once(kind):
+def test_actions_become_velocities_within_limits():
     action = PolicyAction(min_speed_mps=-0.5, max_speed_mps=1.5, max_yaw_rate_radps=2.0)
     assert action.command(np.array([-1.0, 0.5])) == Velocity2D(-0.5, 1.0)
     assert action.command(np.array([9.0, -9.0])) == Velocity2D(1.5, -2.0)
     assert not action.command(np.array([math.nan, 0.0])).is_finite()
-    actions = np.random.default_rng(0).uniform(-1.5, 1.5, (200, 2)).tolist()
-    actions = np.array([*actions, [math.nan, 1.0], [-0.0, math.inf]], kind)
-    each = [action.command(one) for one in actions]
-    np.testing.assert_array_equal(action.commands(actions), [(one.linear, one.angular) for one in each])
     with pytest.raises(ConfigError, match="max_speed_mps must be above"):
         PolicyAction(min_speed_mps=1.0, max_speed_mps=1.0)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_many_actions_at_once_become_the_same_velocities(kind):
+    action = PolicyAction(min_speed_mps=-0.3, max_speed_mps=1.7, max_yaw_rate_radps=2.1)
+    actions = np.concatenate(
+        [np.random.default_rng(0).uniform(-1.5, 1.5, (200, 2)), [[math.nan, 1.0], [-0.0, math.inf]]]
+    )
+    given = action.commands(actions.astype(kind))
+    each = [action.command(one) for one in actions.astype(kind)]
+    np.testing.assert_array_equal(given, [(one.linear, one.angular) for one in each])
 
 
 def reference_gap(points, velocity, time_s, config):
@@ -146,9 +155,12 @@ def ahead(distance_m: float) -> Scan:
     return scan(ranges)
 
 
-def test_the_stop_leaves_alone_what_hits_nothing_and_brakes_before_a_wall():
+def test_the_stop_leaves_commands_alone_that_hit_nothing():
     for wanted in (Velocity2D(1.0, 0.0), Velocity2D(0.3, 1.0), Velocity2D(-0.3, 0.0)):
         assert safe_command(wanted, STOP, ahead(2.0), SafetyConfig()) == wanted
+
+
+def test_the_stop_brakes_before_a_wall_and_lets_the_robot_back_off():
     fast = Velocity2D(1.0, 0.0)
     assert safe_command(fast, fast, ahead(0.25), SafetyConfig()) == Velocity2D(0.75, 0.0)
     assert safe_command(fast, fast, ahead(0.05), SafetyConfig()).linear == 0.0
@@ -165,16 +177,11 @@ def linear_policy(path, weights, biases, beams=4):
     return str(path)
 
 
-def test_a_policy_that_steers_reaches_the_goal_and_one_that_stands_still_says_that_it_is_stuck(flat_world, tmp_path):
+def test_a_policy_that_steers_for_the_goal_reaches_it(flat_world, tmp_path):
     path = linear_policy(tmp_path / "p.npz", {6: (0.0, 2.0)}, (0.2, 0.0))  # turn by the sine of the bearing
     world, planner = flat_world([((-2.0, 6.0), (8.0, 6.0))]), make_planner("policy", "challenge", {"policy_path": path})
     assert world.drive(planner, Pose2D(4.0, 2.0, 0.0), 20.0) is PlannerStatus.GOAL_REACHED
     assert math.dist((world.pose.x, world.pose.y), (4.0, 2.0)) < 0.25
-    path = linear_policy(tmp_path / "p.npz", {}, (-1.0, 0.0))
-    world, planner = flat_world([((3.0, -2.0), (3.0, 2.0))]), PolicyPlanner(PolicyConfig(policy_path=path))
-    assert world.drive(planner, GOAL, 7.0) is PlannerStatus.RUNNING
-    assert world.drive(planner, GOAL, 10.0) is PlannerStatus.BLOCKED
-    assert "not got anywhere" in world.decisions[-1].reason
 
 
 def test_a_policy_that_drives_into_walls_is_stopped_before_them(flat_world, tmp_path):
@@ -188,10 +195,21 @@ def test_a_policy_that_drives_into_walls_is_stopped_before_them(flat_world, tmp_
             assert status is PlannerStatus.BLOCKED and "too near" in world.decisions[-1].reason
 
 
-def test_a_narrow_scan_stops_the_robot_and_a_policy_that_is_not_there_is_one_line(tmp_path):
+def test_a_policy_that_stands_still_says_that_it_is_stuck(flat_world, tmp_path):
+    path = linear_policy(tmp_path / "p.npz", {}, (-1.0, 0.0))
+    world, planner = flat_world([((3.0, -2.0), (3.0, 2.0))]), PolicyPlanner(PolicyConfig(policy_path=path))
+    assert world.drive(planner, GOAL, 7.0) is PlannerStatus.RUNNING
+    assert world.drive(planner, GOAL, 10.0) is PlannerStatus.BLOCKED
+    assert "not got anywhere" in world.decisions[-1].reason
+
+
+def test_a_narrow_scan_stops_the_robot(tmp_path):
     planner = PolicyPlanner(PolicyConfig(policy_path=linear_policy(tmp_path / "p.npz", {}, (1.0, 0.0))))
     planner.start(Task(GOAL), 0)
     decision = planner.step(observed(scan(np.ones(100), -1.0, 1.0)))
     assert decision.command == STOP and "the policy sees from" in decision.reason
+
+
+def test_a_policy_that_is_not_there_is_an_error_of_one_line(tmp_path):
     with pytest.raises(PolicyError, match=r"none\.npz: cannot be read"):
         make_planner("policy", "challenge", {"policy_path": str(tmp_path / "none.npz")})

@@ -46,14 +46,20 @@ def path(tmp_path):
     return tmp_path / "policy.npz"
 
 
-def test_what_is_written_is_read_without_a_pickle_and_the_same_for_an_equal_policy(path, tmp_path):
+def test_what_is_written_is_read(path):
     written, read = policy(), read_policy(path)
     assert (read.observation, read.action, read.layers) == (OBSERVATION, PolicyAction(), [11, 8, 2])
     assert (read.activation, read.output, read.about) == ("tanh", "clip", {"by": "a test"})
     for one, other in zip(written.weights + written.biases, read.weights + read.biases, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_nothing_in_a_file_needs_a_pickle(path):
     with np.load(path, allow_pickle=False) as content:
         assert {"weights_0", "biases_0", "weights_1", "biases_1"} <= set(content)
+
+
+def test_the_file_of_an_equal_policy_is_equal(path, tmp_path):
     write_policy(tmp_path / "again.npz", policy(about={"by": "a test"}))
     assert path.read_bytes() == (tmp_path / "again.npz").read_bytes()
 
@@ -142,10 +148,13 @@ def test_what_is_no_policy_is_refused_in_one_line_with_the_path(path, damage):
     assert str(path) in text and message in text and "\n" not in text
 
 
-def test_a_path_without_a_file_is_refused_and_a_policy_judged_before_it_is_written(tmp_path):
+def test_a_path_without_a_file_is_refused(tmp_path):
     for path in (tmp_path / "none.npz", tmp_path):
         with pytest.raises(PolicyError, match=str(path)):
             read_policy(path)
+
+
+def test_a_policy_is_judged_before_it_is_written(tmp_path):
     with pytest.raises(
         PolicyError, match=r"must lead from 11 observed values to 2 actions, got layers of \[11, 8, 3\]"
     ):

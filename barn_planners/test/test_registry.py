@@ -58,7 +58,7 @@ def announced(monkeypatch):
     return announce
 
 
-def test_planners_are_made_with_each_of_their_presets_and_overrides():
+def test_every_built_in_planner_can_be_made_with_each_of_its_presets():
     assert {"dwa", "eband"} <= set(planner_names())
     for name in planner_names():
         for preset, config in presets(name).items():
@@ -66,6 +66,9 @@ def test_planners_are_made_with_each_of_their_presets_and_overrides():
             assert isinstance(planner, Planner) and planner.config == config
         for protocol in ("challenge", "paper2020"):
             assert planner_config(name, protocol) in presets(name).values()
+
+
+def test_overrides_reach_the_configuration():
     planner = make_planner("dwa", "challenge", {"dwa.max_speed_mps": 0.8, "lidar_x_m": 0.2})
     assert isinstance(planner.config, DwaPlannerConfig)
     assert (planner.config.dwa.max_speed_mps, planner.config.lidar_x_m) == (0.8, 0.2)
@@ -92,20 +95,21 @@ def test_mistakes_are_named_in_one_line(arguments, message):
     assert message in str(caught.value) and "\n" not in str(caught.value)
 
 
-def test_a_registered_planner_is_found_needs_a_preset_and_a_name_not_taken():
+def test_a_registered_planner_is_found_and_names_are_not_taken_twice():
     register("stand", ENTRY)
     assert "stand" in planner_names() and isinstance(make_planner("stand"), Stand)
     for name in ("stand", "dwa"):
         with pytest.raises(ConfigError, match="exists already"):
             register(name, ENTRY)
-    with pytest.raises(ConfigError, match="at least one preset"):
-        PlannerEntry(Stand, {})
 
 
-def test_a_planner_of_another_package_is_found_and_its_default_serves_every_protocol(announced):
+def test_a_planner_of_another_package_is_found_by_its_entry_point(announced):
     announced("stand", ENTRY)
     assert "stand" in planner_names()
     assert make_planner("stand", "challenge", {"patience_s": 2.0}).config == StandConfig(2.0)
+
+
+def test_one_preset_named_default_serves_every_protocol(announced):
     announced("stand", ENTRY)
     assert planner_config("stand", "paper2020") == planner_config("stand", "challenge") == StandConfig()
 
@@ -122,3 +126,8 @@ def test_a_broken_entry_point_is_named(announced, target, message):
     with pytest.raises(ConfigError) as caught:
         make_planner("stand")
     assert message in str(caught.value)
+
+
+def test_a_planner_needs_a_preset():
+    with pytest.raises(ConfigError, match="at least one preset"):
+        PlannerEntry(Stand, {})

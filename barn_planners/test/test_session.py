@@ -41,19 +41,12 @@ def session(*decisions: Decision, use_map: bool = False, **kwargs) -> PlannerSes
     return PlannerSession(Scripted(*decisions), seed=5, use_map=use_map, **kwargs)
 
 
-def test_before_the_goal_the_robot_stands_and_again_after_a_reset():
+def test_before_the_goal_the_robot_stands():
     each = session()
     assert each.answer(at(0.0)).command == STOP and each.missing() == "no goal yet"
     assert each.set_goal(GOAL) and each.missing() == ""
     assert each.answer(at(0.05)).command == FORWARD
     assert each.planner.tasks[0][0].goal == GOAL and each.planner.tasks[0][1] == 5
-    each = session(use_map=True)
-    each.set_map(known())
-    each.set_goal(GOAL)
-    each.reset()
-    assert each.missing() == "no goal yet, no map yet" and each.answer(at(0.0)).command == STOP
-    each.set_map(known())
-    assert each.set_goal(GOAL)
 
 
 @pytest.mark.parametrize("map_first", [True, False])
@@ -68,7 +61,7 @@ def test_with_a_map_both_must_have_come(map_first):
     assert each.planner.tasks[0][0].map.data.shape == (3, 3)
 
 
-def test_a_goal_sent_again_begins_anew_only_if_it_is_another_or_over():
+def test_the_same_goal_and_map_again_change_nothing_and_others_begin_anew():
     each = session(use_map=True)
     each.set_map(known())
     each.set_goal(GOAL)
@@ -76,6 +69,9 @@ def test_a_goal_sent_again_begins_anew_only_if_it_is_another_or_over():
     assert len(each.planner.tasks) == 1
     assert each.set_goal(Pose2D(3.0, 0.5, 0.0)) and each.set_map(known(100))
     assert len(each.planner.tasks) == 3
+
+
+def test_the_same_goal_begins_anew_only_after_the_task_is_over_and_after_a_pause():
     done = Decision(STOP, PlannerStatus.GOAL_REACHED)
     each = session(Decision(FORWARD), done, *[Decision(STOP, PlannerStatus.GOAL_REACHED)] * 100)
     each.set_goal(GOAL)
@@ -93,6 +89,16 @@ def test_a_cycle_without_a_command_repeats_the_last_one_or_sends_nothing():
         each.set_goal(GOAL)
     assert [repeating.answer(at(k)).command for k in range(3)] == [STOP, FORWARD, FORWARD]
     assert [silent.answer(at(k)).command for k in range(3)] == [None, FORWARD, None]
+
+
+def test_reset_forgets_goal_map_and_task():
+    each = session(use_map=True)
+    each.set_map(known())
+    each.set_goal(GOAL)
+    each.reset()
+    assert each.missing() == "no goal yet, no map yet" and each.answer(at(0.0)).command == STOP
+    each.set_map(known())
+    assert each.set_goal(GOAL)
 
 
 def test_a_goal_in_another_frame_or_not_a_number_is_refused():
@@ -146,20 +152,26 @@ def test_in_lockstep_equal_stamps_meet_in_whatever_order_they_come():
         assert feed(sync, *readings) == [(2, 0, 0, 100.0), (5, 50, 50, 100.05), (8, 100, 100, 100.1)]
 
 
-def test_without_a_map_the_pose_and_the_time_are_those_of_the_odometry():
+def test_without_a_map_the_pose_is_that_of_the_odometry():
     sync = Synchroniser(SyncConfig(), use_pose=False)
     assert feed(sync, ("scan", 50), ("odom", 50)) == [(1, 50, 50, 0.05)]
+
+
+def test_odometry_at_other_times_is_taken_from_before_the_scan_once_it_is_overtaken():
     sync = Synchroniser(SyncConfig(), use_pose=False)
     assert feed(sync, ("odom", 35), ("scan", 50), ("odom", 55)) == [(2, 50, 35, 0.035)]
     later = feed(sync, ("scan", 100), ("odom", 95), ("scan", 150), ("odom", 155))
     assert [(stamp, used) for _, stamp, used, _ in later] == [(100, 55), (150, 95)], "no more waiting once let down"
 
 
-def test_a_source_that_matches_again_is_waited_for_and_what_is_lost_is_not():
+def test_a_source_that_matches_again_is_waited_for_again():
     sync = Synchroniser(SyncConfig(), use_pose=False)
     feed(sync, ("odom", 35), ("scan", 50), ("odom", 55))
     assert [item[0] for item in feed(sync, ("odom", 100), ("scan", 100))] == [1]
     assert feed(sync, ("scan", 150), ("odom", 150)) == [(1, 150, 150, 0.15)]
+
+
+def test_a_scan_whose_odometry_is_lost_is_used_when_the_next_one_comes():
     sync = Synchroniser(SyncConfig(), use_pose=False)
     assert feed(sync, ("odom", 0), ("scan", 0), ("scan", 50), ("scan", 100))[-2:] == [(3, 50, 0, 0.0), (3, 100, 0, 0.0)]
 
@@ -174,20 +186,15 @@ def test_odometry_that_is_too_old_is_not_used(age, count):
         assert sync.missing == "no odometry of the last 0.1 s" and sync.skipped == 2
 
 
-def test_seldom_localisation_is_carried_on_by_odometry_and_no_observation_made_twice():
+def test_seldom_localisation_is_carried_on_by_odometry():
     sync = Synchroniser(SyncConfig(), use_pose=True)
     found = feed(sync, ("odom", 0), ("pose", 0), ("scan", 0), ("odom", 50), ("scan", 50), ("odom", 100), ("scan", 100))
     assert found[0][1:] == (0, 0, 100.0)
     assert [stamp for _, stamp, _, _ in found] == [0, 50, 100]
     assert found[1][3] == pytest.approx(100.05) and found[2][3] == pytest.approx(100.1)
-    sync = Synchroniser(SyncConfig(), use_pose=False)
-    readings = [(kind, ms) for ms in range(0, 20000, 20) for kind in ("odom", "scan")]
-    stamps = [stamp for _, stamp, _, _ in feed(sync, *readings)]
-    assert stamps == list(range(0, 20000, 20))
-    assert len(sync._odometry._readings) <= 200
 
 
-def test_what_is_missing_is_said_and_time_that_jumps_back_begins_anew():
+def test_what_is_missing_is_said():
     sync = Synchroniser(SyncConfig(), use_pose=True)
     assert sync.missing == "no scan yet"
     feed(sync, ("scan", 0))
@@ -196,8 +203,19 @@ def test_what_is_missing_is_said_and_time_that_jumps_back_begins_anew():
     assert sync.missing == "no localisation yet"
     feed(sync, ("pose", 0))
     assert sync.missing == ""
+
+
+def test_time_that_jumps_back_begins_anew_with_nothing_of_before():
     sync = Synchroniser(SyncConfig(), use_pose=False)
     feed(sync, ("odom", 5000), ("scan", 5000))
     assert not sync.restarted
     assert feed(sync, ("scan", 50)) == [] and sync.restarted
     assert feed(sync, ("odom", 50)) == [(0, 50, 50, 0.05)]
+
+
+def test_no_observation_is_made_twice_and_memory_is_bounded():
+    sync = Synchroniser(SyncConfig(), use_pose=False)
+    readings = [(kind, ms) for ms in range(0, 20000, 20) for kind in ("odom", "scan")]
+    stamps = [stamp for _, stamp, _, _ in feed(sync, *readings)]
+    assert stamps == list(range(0, 20000, 20))
+    assert len(sync._odometry._readings) <= 200

@@ -15,7 +15,7 @@ def believer(config: LocalisationConfig = CONFIG, seed: int = 0) -> FilterLocali
     return FilterLocalisation(config, np.random.default_rng(seed))
 
 
-def test_the_correction_is_held_until_the_robot_has_moved_or_turned_enough() -> None:
+def test_the_correction_is_held_until_the_robot_has_moved_enough() -> None:
     filter_ = believer()
     corrections = []
     for step in range(25):
@@ -24,6 +24,9 @@ def test_the_correction_is_held_until_the_robot_has_moved_or_turned_enough() -> 
         corrections.append(estimate @ odometry.inverse())
     distinct = [0] + [i for i in range(1, 25) if corrections[i].distance(corrections[i - 1]) > 1e-9]
     assert distinct == [0, 10, 20]
+
+
+def test_a_turn_causes_an_update_as_well() -> None:
     filter_ = believer()
     first = filter_.estimate(ORIGIN, Pose2D(0.0, 0.0, 0.0))
     before = filter_.estimate(ORIGIN, Pose2D(0.0, 0.0, 0.313)) @ Pose2D(0.0, 0.0, 0.313).inverse()
@@ -43,21 +46,27 @@ def errors(config: LocalisationConfig, updates: int = 20000) -> np.ndarray:
     return np.array(rows)
 
 
-def test_errors_have_the_configured_deviation_and_correlation_and_the_mean_of_the_papers() -> None:
+def test_errors_have_the_configured_deviation_and_correlation() -> None:
     found = errors(CONFIG)
     assert found.std(axis=0) == pytest.approx([0.04, 0.04, 0.01], rel=0.1)
     after_five = np.corrcoef(found[:-5, 0], found[5:, 0])[0, 1]
     assert after_five == pytest.approx(math.exp(-1.0), abs=0.06)
+
+
+def test_the_mean_error_is_that_of_the_papers_localisation() -> None:
     found = errors(CONFIG)
     assert 0.05 < np.hypot(found[:, 0], found[:, 1]).mean() < 0.09
 
 
-def test_without_deviations_it_gives_the_truth_and_the_same_seed_the_same_errors() -> None:
+def test_without_deviations_it_gives_the_truth_where_it_updates() -> None:
     config = LocalisationConfig(mode="amcl", position_std_m=0.0, yaw_std_rad=0.0)
     filter_ = believer(config)
     odometry = Pose2D(0.2, 0.1, -0.3)
     estimate = filter_.estimate(ORIGIN @ odometry, odometry)
     assert estimate.distance(ORIGIN @ odometry) < 1e-12
+
+
+def test_the_same_seed_gives_the_same_errors() -> None:
     odometry = Pose2D(0.0, 0.0, 0.0)
     first, again, other = (believer(CONFIG, seed).estimate(ORIGIN, odometry) for seed in (3, 3, 4))
     assert first == again != other

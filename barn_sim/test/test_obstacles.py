@@ -1,4 +1,5 @@
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -33,48 +34,57 @@ def push(world: World, config: SimulatorConfig, steps: int, speed: float = 0.5, 
         simulator.close()
 
 
-def test_a_single_cylinder_is_pushed_along_or_stops_the_robot_if_it_cannot_move() -> None:
+def test_a_single_cylinder_is_pushed_along() -> None:
     world = world_with((14, 5))  # ahead of the robot's middle
     sensors, moved = push(world, MOVABLE, 60)
     assert moved.indices.tolist() == [0]
     assert sensors.truth.pose.y > world.obstacles_m[0, 1] + 0.2
     assert moved.positions[0, 1] > world.obstacles_m[0, 1] + 0.3
+
+
+def test_the_same_cylinder_stops_the_robot_if_it_cannot_move() -> None:
+    world = world_with((14, 5))
     sensors, moved = push(world, SimulatorConfig(), 60)
     assert len(moved.indices) == 0
     assert sensors.truth.pose.y < world.obstacles_m[0, 1] - 0.2
 
 
-def test_cylinders_that_nothing_comes_near_stand_still_and_a_push_is_handed_on_along_a_row() -> None:
+def test_cylinders_that_nothing_comes_near_stand_still() -> None:
     world = world_with((14, 5), (14, 12), (3, 5), (27, 5))  # numbered by row
     _, moved = push(world, MOVABLE, 30)
     assert moved.indices.tolist() == [1]
+
+
+def test_a_push_is_handed_on_along_a_row() -> None:
     row = [(14, column) for column in range(5, 9)]
     world = world_with(*row)
     _, moved = push(world, MOVABLE, 80)
     assert moved.indices.tolist() == [0, 1, 2, 3]
-    assert moved.positions.shape == (4, 3)
-    assert np.linalg.norm(moved.quaternions, axis=1) == pytest.approx(np.ones(4))
     assert (moved.positions[:, 1] > world.obstacles_m[:, 1] + 0.05).all()
 
 
-def test_pushed_cylinders_do_not_end_inside_one_another(simulators) -> None:
+def test_pushed_cylinders_do_not_end_inside_one_another() -> None:
     world = world_with(*((14 + k % 3, 5 + k // 3) for k in range(9)))
-    simulator = simulators(world, MOVABLE, HERE, 0)
+    simulator = Simulator(world, MOVABLE, HERE, 0)
     for _ in range(80):
         simulator.step(Velocity2D(0.5, 0.0))
     centres, tilted = simulator.motion.obstacles.seen_at(0.3)
+    simulator.close()
     upright = centres[np.isfinite(centres[:, 0])][: 9 - len(tilted)]
     gaps = [math.hypot(*(a - b)) for i, a in enumerate(upright) for b in upright[:i]]
     assert min(gaps) > 0.15 - 0.01
 
 
-def test_the_robot_cannot_push_a_long_row_and_containment_can_be_left_standing() -> None:
+def test_the_robot_cannot_push_a_long_row() -> None:
     """Each of 1 kg with friction 1 resists 9.8 N; wheels with friction 0.5 under 18.4 kg push 90 N at most."""
     short = world_with(*((14, column) for column in range(5, 8)))
     long = world_with(*((14, column) for column in range(5, 29)))
     at_short, _ = push(short, MOVABLE, 100)
     at_long, _ = push(long, MOVABLE, 100)
     assert at_short.truth.pose.y > at_long.truth.pose.y + 0.3
+
+
+def test_containment_can_be_left_standing() -> None:
     beside = Pose2D(-0.6, 2.0, 0.0)
     moved = [
         push(world_with(), SimulatorConfig(obstacles=config), 60, start=beside)[1].indices
@@ -84,13 +94,14 @@ def test_the_robot_cannot_push_a_long_row_and_containment_can_be_left_standing()
     assert len(moved[1]) == 0
 
 
-def test_the_lidar_sees_a_pushed_cylinder_where_it_is_now(simulators) -> None:
+def test_the_lidar_sees_a_pushed_cylinder_where_it_is_now() -> None:
     world = world_with((14, 5))
-    simulator = simulators(world, MOVABLE, HERE, 0)
+    simulator = Simulator(world, MOVABLE, HERE, 0)
     for _ in range(60):
         sensors = simulator.step(Velocity2D(0.5, 0.0))
     position = simulator.moved_obstacles().positions[0]
     upright = np.isfinite(simulator.motion.obstacles.seen_at(0.3)[0][0, 0])
+    simulator.close()
     sensor = sensors.truth.pose @ Pose2D(0.055, 0.0, 0.0)
     bearing = math.atan2(position[1] - sensor.y, position[0] - sensor.x) - sensor.yaw
     beam = np.argmin(np.abs(sensors.scan.angles() - bearing))
@@ -116,9 +127,9 @@ def uprightness(quaternion: np.ndarray) -> float:
     return float(1.0 - 2.0 * (x * x + y * y))
 
 
-def test_driving_away_takes_the_bodies_out_again(simulators) -> None:
+def test_driving_away_takes_the_bodies_out_again() -> None:
     world = world_with((14, 5))
-    simulator = simulators(world, MOVABLE, HERE, 0)
+    simulator = Simulator(world, MOVABLE, HERE, 0)
     for _ in range(80):
         simulator.step(Velocity2D(0.2, 0.0))
     there = len(simulator.motion.obstacles._bodies)
@@ -127,6 +138,7 @@ def test_driving_away_takes_the_bodies_out_again(simulators) -> None:
         simulator.step(Velocity2D(-0.5, 0.0))
     gone = len(simulator.motion.obstacles._bodies)
     after = simulator.moved_obstacles().positions
+    simulator.close()
     assert there == 1
     assert gone == 0
     assert len(before) == len(after) == 1
@@ -171,7 +183,7 @@ def test_the_nearest_gap_is_the_smallest_of_all() -> None:
         assert nearest_gap(segments, x, y, yaw, extent) == expected
 
 
-def test_near_cylinders_are_found_by_distance_alone_and_free_is_what_is_said() -> None:
+def test_near_cylinders_are_found_by_distance_alone() -> None:
     rng = np.random.default_rng(2)
     points = rng.uniform(-1.0, 1.0, (300, 2))
     segments, none = np.hstack([points, points]), np.zeros(300, np.bool_)
@@ -184,6 +196,9 @@ def test_near_cylinders_are_found_by_distance_alone_and_free_is_what_is_said() -
     few, _ = near_cylinders(segments, none, pushed, 0.1, -0.2, 0.5, EXTENT, 0.075, 0.03, 0.005)
     assert len(few) == 0
     assert free_m <= 0.0  # what is pushed may come near by itself
+
+
+def test_the_robot_may_go_as_far_as_is_said_before_others_are_near() -> None:
     rng = np.random.default_rng(3)
     points = rng.uniform(-1.0, 1.0, (60, 2))
     segments, none = np.hstack([points, points]), np.zeros(60, np.bool_)
@@ -205,3 +220,11 @@ def test_a_tilted_cylinder_is_handed_over_as_such(tilt: float) -> None:
         assert count == 1
         assert np.isinf(centres).all()
         assert tilted[0] == pytest.approx([1.0, 2.0, 0.2, 0.0, -math.sin(tilt), math.cos(tilt), 0.5])
+
+
+def test_the_moved_are_reported_in_order() -> None:
+    world = world_with(*((14, column) for column in range(5, 8)))
+    _, moved = push(world, MOVABLE, 60)
+    assert all(a < b for a, b in pairwise(moved.indices))
+    assert moved.positions.shape == (len(moved.indices), 3)
+    assert np.linalg.norm(moved.quaternions, axis=1) == pytest.approx(np.ones(len(moved.indices)))

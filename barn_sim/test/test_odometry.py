@@ -29,21 +29,12 @@ class Measured(FusedOdometry):
         integrate(self.robots)
 
 
-def test_odometry_starts_at_zero_and_drifts_by_the_slip_of_the_wheels() -> None:
+def test_starts_at_zero_whatever_the_start_pose() -> None:
     odometry = Measured(EXACT, start_yaw=2.0)
     odometry.robots["yaw"] = 2.0
     pose = odometry.read(0).pose
     assert (pose.x, pose.y) == (0.0, 0.0)
     assert pose.yaw == pytest.approx(0.0, abs=1e-15)
-    fused = Measured(EXACT)
-    for _ in range(200):
-        fused.advance(0.5, 0.5, 0.0)  # however far the robot really went
-    assert fused.read(0).pose.x == pytest.approx(0.5)
-    fused = Measured(OdometryConfig())
-    fused.update(0)
-    fused.robots["yaw"] = 1.234567
-    pose = fused.read(0).pose
-    assert pose == pose.through_quaternion()
 
 
 def test_integrates_the_wheels_along_the_yaw() -> None:
@@ -60,6 +51,13 @@ def test_integrates_the_wheels_along_the_yaw() -> None:
     assert reading.velocity.angular == 0.63
 
 
+def test_slip_of_the_wheels_is_drift_of_the_position() -> None:
+    fused = Measured(EXACT)
+    for _ in range(200):
+        fused.advance(0.5, 0.5, 0.0)  # however far the robot really went
+    assert fused.read(0).pose.x == pytest.approx(0.5)
+
+
 def test_noise_has_the_configured_deviation_and_does_not_grow() -> None:
     fused = Measured(OdometryConfig())
     yaws, rates = [], []
@@ -71,3 +69,11 @@ def test_noise_has_the_configured_deviation_and_does_not_grow() -> None:
     assert np.std(yaws) == pytest.approx(0.005, rel=0.05)
     assert np.std(yaws[-500:]) == pytest.approx(0.005, rel=0.15)
     assert np.std(rates) == pytest.approx(0.005, rel=0.05)
+
+
+def test_a_reading_is_what_comes_out_of_a_message() -> None:
+    fused = Measured(OdometryConfig())
+    fused.update(0)
+    fused.robots["yaw"] = 1.234567
+    pose = fused.read(0).pose
+    assert pose == pose.through_quaternion()

@@ -20,8 +20,9 @@ from barn_sim.sensors.particles import (
     needed_particles,
     obstacle_distances,
 )
+from barn_sim.simulator import Simulator
 from barn_worlds.base.types import OccupancyMap, Pose2D, nanoseconds
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.worlds.dataset import Dataset
 from barn_worlds.worlds.world import World
 
 WIDE = LocalisationConfig(mode="particles", half_cell_low=False)
@@ -54,13 +55,16 @@ def drive(config: LocalisationConfig, world: World, known: OccupancyMap, metres:
     return np.array(errors)
 
 
-def test_distances_from_obstacles_end_at_two_metres_and_one_bin_does_not_show_that_few_particles_are_enough() -> None:
+def test_distances_from_obstacles_are_between_centres_and_end_at_two_metres() -> None:
     data = np.zeros((3, 30), np.int8)
     data[0, 0] = 100
     found = obstacle_distances(data >= 65, 0.15)
     assert (found[0, 0], found[0, 2], found[0, 29]) == (0.0, pytest.approx(0.3), 2.0)
     assert found[2, 1] == pytest.approx(0.15 * math.sqrt(5.0))
     assert (obstacle_distances(np.zeros((2, 2), np.bool_), 0.15) == 2.0).all()
+
+
+def test_particles_in_one_bin_do_not_show_that_few_are_enough() -> None:
     assert needed_particles(500, 2000)[1] == 2000
     assert needed_particles(500, 2000)[2] == 500
     # The bound of KLD-sampling for 101 bins, an error of 0.05 and a quantile of 0.99.
@@ -68,9 +72,12 @@ def test_distances_from_obstacles_end_at_two_metres_and_one_bin_does_not_show_th
     assert needed_particles(500, 2000)[1000] == 2000
 
 
-def test_bins_sort_by_their_keys_and_form_a_cluster_where_they_touch() -> None:
+def test_bins_that_touch_form_a_cluster() -> None:
     found = clusters(np.array([[0, 0, 0], [1, 1, 1], [2, 1, 1], [4, 1, 1], [5, 0, 1]]))
     assert found[0] == found[1] == found[2] != found[3] == found[4]
+
+
+def test_bins_sort_by_their_keys_as_by_their_coordinates() -> None:
     particles = np.random.default_rng(2).normal([-2.0, 3.0, 0.0], [1.0, 2.0, 1.5], (500, 3))
     bins = bins_of(particles)
     expected, first, member = np.unique(bins, axis=0, return_index=True, return_inverse=True)
@@ -98,10 +105,13 @@ def test_the_fit_of_a_particle_is_the_plain_sum_over_its_hits() -> None:
     assert 0.1 < off / (len(particles) * len(hits)) < 0.9
 
 
-def test_particles_gather_at_the_true_pose_or_half_a_cell_low_with_the_map(pillars: World) -> None:
+def test_particles_spread_widely_gather_at_the_true_pose(pillars: World) -> None:
     errors = np.abs(drive(WIDE, pillars, known_map(pillars, False), 1.0))
     assert errors[-1, :2].max() < 0.05
     assert errors[-1, 2] < 0.02
+
+
+def test_a_map_read_half_a_cell_low_gives_poses_half_a_cell_low(pillars: World) -> None:
     errors = drive(replace(WIDE, half_cell_low=True), pillars, known_map(pillars, False), 1.0)
     assert errors[-1, :2] == pytest.approx([-0.075, -0.075], abs=0.05)
 
@@ -159,16 +169,24 @@ def test_the_same_seed_gives_the_same_errors(pillars: World) -> None:
     assert (first != other).any()
 
 
-def test_the_simulator_localises_in_the_historical_map_if_asked(simulators) -> None:
-    world = open_dataset("barn300").load(120)
+def test_the_simulator_localises_in_the_historical_map_if_asked(barn_original: Dataset) -> None:
+    world = barn_original.load(120)
     assert (known_map(world, True).data != known_map(world, False).data).any()
     wide = Pose2D(-2.25, 4.0, math.pi / 2.0)
-    sensors, other = (
-        simulators(world, replace(PRESETS["paper2020"], localisation=one), wide, 0).sense()
-        for one in (AT_START, LocalisationConfig())
-    )
+    config = replace(PRESETS["paper2020"], localisation=AT_START)
+    simulator = Simulator(world, config, wide, 0)
+    sensors = simulator.sense()
+    simulator.close()
     assert sensors.localisation.distance(wide) < 1e-3
-    assert sensors.scan.ranges.tobytes() == other.scan.ranges.tobytes()  # its looks disturb no other reading
+    assert sensors.scan.ranges.tobytes() == _first_scan(world, wide).tobytes()  # its looks disturb no other reading
+
+
+def _first_scan(world: World, start: Pose2D) -> np.ndarray:
+    config = replace(PRESETS["paper2020"], localisation=LocalisationConfig())
+    simulator = Simulator(world, config, start, 0)
+    ranges = simulator.sense().scan.ranges
+    simulator.close()
+    return ranges
 
 
 @pytest.mark.parametrize("alphas", [(0.0, 0.1), (0.001, 0.1), (0.0, 0.0)])

@@ -133,11 +133,11 @@ def pillar():
 @pytest.mark.parametrize(
     "robot", [load_robot("turtlebot4"), polygon_robot(), load_robot("turtlebot3_waffle")], ids=NAME
 )
-def test_robots_touch_a_pillar_where_their_outline_does(pillar, robot, aside_m, turned, simulators):
+def test_robots_touch_a_pillar_where_their_outline_does(pillar, robot, aside_m, turned):
     config = with_robot(PRESETS["ideal"], robot)
     x, y = pillar.obstacles_m[0].tolist()
     start = Pose2D(x, y, turned) @ Pose2D(-1.0, aside_m, 0.0)
-    simulator = simulators(pillar, config, start, 0)
+    simulator = Simulator(pillar, config, start, 0)
     before = np.inf
     for _ in range(1200):
         simulator.command(Velocity2D(0.2, 0.0))
@@ -146,6 +146,7 @@ def test_robots_touch_a_pillar_where_their_outline_does(pillar, robot, aside_m, 
         if simulator.read_collision():
             break
         before = gap
+    simulator.close()
     assert min(gap, before) == pytest.approx(0.0, abs=0.003)
 
 
@@ -161,22 +162,15 @@ def test_obstacles_are_never_nearer_than_the_bounds_say(robot):
         assert bound <= gap_to(robot.chassis, Pose2D(x, y, yaw), (px, py)) + 1e-9 or bound == 0.0
 
 
-def test_the_configuration_of_the_jackal_is_written_as_before_and_a_tick_of_the_fastest_left_to_an_obstacle():
+def test_more_than_a_tick_of_the_fastest_robot_is_left_to_an_obstacle():
     assert tick_gap_m(SimulatorConfig()) == 0.03
     robot = load_robot("husky")
     fast = with_robot(SimulatorConfig(), replace(robot, drive=replace(robot.drive, max_speed_m_s=6.0)))
     reach = np.hypot(0.495, 0.335)
     assert tick_gap_m(fast) > fast.physics.tick_s * (6.0 + fast.drive.max_yaw_rate_rad_s * reach)
-    assert "chassis" not in as_dict(SimulatorConfig())
-    husky = with_robot(SimulatorConfig(), load_robot("husky"))
-    assert as_dict(husky)["chassis"]["name"] == "husky"
-    assert from_dict(SimulatorConfig, as_dict(husky), "here") == husky
-    assert husky.physics.wheel_friction == load_robot("husky").wheel_friction
-    for preset in PRESETS.values():
-        assert with_robot(preset, load_robot("jackal")) is preset
 
 
-def test_joints_are_those_that_a_robot_has_and_its_motors_lag(plain):
+def test_joints_are_those_that_a_robot_has(plain):
     for name, count in (("jackal", 4), ("turtlebot4", 2)):
         robot = load_robot(name)
         config = with_robot(PRESETS["ideal"], robot)
@@ -187,6 +181,9 @@ def test_joints_are_those_that_a_robot_has_and_its_motors_lag(plain):
         assert joints.velocities[:wheels] == pytest.approx([0.2 / robot.chassis.wheel_radius_m] * wheels)
         moving = {one.get("name") for one in fromstring(description_text(robot.chassis)).iter("joint")}
         assert set(names) <= moving
+
+
+def test_motors_lag_in_the_simulator_too(plain):
     config = with_robot(PRESETS["ideal"], load_robot("turtlebot4"))
     config = replace(config, drive=replace(config.drive, motor_lag_s=0.2, command_latency_s=0.0))
     speeds = [one.truth.velocity.linear for one in driven(plain, config, (0.1, 0.0), 20)]
@@ -208,16 +205,23 @@ def test_the_lidar_sees_from_where_it_is_mounted(plain):
     assert np.isfinite(scans[0]).any()
 
 
-def test_messages_describe_the_robot_and_fixed_frames_are_turned_as_the_lidar_is():
+def test_fixed_frames_are_turned_as_the_lidar_is():
     robot = load_robot("turtlebot4")
     _, (_, transforms) = SimulatorMessages(with_robot(SimulatorConfig(), robot)).constant()
     sent = deserialise(transforms, "tf2_msgs/msg/TFMessage").transforms
     yaws = {one.child_frame_id: 2.0 * np.arctan2(one.transform.rotation.z, one.transform.rotation.w) for one in sent}
     assert yaws.pop("lidar_link") == pytest.approx(robot.lidar.mount_yaw_rad)
     assert set(yaws.values()) == {0.0}
-    robot = load_robot("husky")
-    (_, text), _ = SimulatorMessages(with_robot(SimulatorConfig(), robot)).constant()
-    assert decode.text(text) == robot_description(robot.lidar, robot.chassis)
+
+
+def test_the_configuration_of_the_jackal_is_written_as_before():
+    assert "chassis" not in as_dict(SimulatorConfig())
+    husky = with_robot(SimulatorConfig(), load_robot("husky"))
+    assert as_dict(husky)["chassis"]["name"] == "husky"
+    assert from_dict(SimulatorConfig, as_dict(husky), "here") == husky
+    assert husky.physics.wheel_friction == load_robot("husky").wheel_friction
+    for preset in PRESETS.values():
+        assert with_robot(preset, load_robot("jackal")) is preset
 
 
 @pytest.mark.parametrize("name", [name for name in ROBOTS if name != "jackal"])
@@ -238,3 +242,9 @@ def test_the_description_is_a_urdf_of_the_same_body(name, tmp_path):
         (box,) = root.iterfind("link/collision/geometry/box")
         sizes = (robot.length_m, robot.width_m, chassis.body_height_m - chassis.ground_clearance_m)
         assert [float(size) for size in box.attrib["size"].split()] == pytest.approx(sizes)
+
+
+def test_the_messages_describe_the_robot():
+    robot = load_robot("husky")
+    (_, text), _ = SimulatorMessages(with_robot(SimulatorConfig(), robot)).constant()
+    assert decode.text(text) == robot_description(robot.lidar, robot.chassis)

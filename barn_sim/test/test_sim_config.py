@@ -27,12 +27,15 @@ def test_what_is_not_allowed_is_refused_in_one_line(changes: dict, reason: str) 
     assert "\n" not in str(error.value)
 
 
-def test_periods_are_whole_numbers_of_ticks_and_robots_come_from_plain_data() -> None:
+def test_periods_are_whole_numbers_of_ticks() -> None:
     config = SimulatorConfig(
         physics=PhysicsConfig(tick_s=0.001), lidar=LidarConfig(rate_hz=40.0), odometry=OdometryConfig(rate_hz=100.0)
     )
     assert config.tick_ns == 1_000_000
     assert (config.ticks(config.control_period_s), config.ticks(0.025), config.ticks(0.01)) == (50, 25, 10)
+
+
+def test_robot_of_plain_data() -> None:
     assert chassis_in({}) == chassis_in(None) == load_robot("jackal").chassis
     with pytest.raises(ConfigError, match=r"simulator\.chassis"):
         chassis_in({"chassis": {"name": "x"}})

@@ -62,12 +62,15 @@ def test_an_instant_is_whole_with_the_time_first_and_the_scan_last():
     assert joints.name[0] == "front_left_wheel_joint"
 
 
-def test_transforms_lead_from_the_map_to_the_robot_also_between_localisations():
+def test_transforms_lead_from_the_map_to_the_robot():
     messages = SimulatorMessages(SimulatorConfig(), Frames(map="world"))
     messages.localisation(BELIEVED, MEASURED, STAMP)
     _, data = messages.transforms(MEASURED, STAMP)
     assert [(one.parent, one.child) for one in decode.transforms(data)] == [("world", "odom"), ("odom", "base_link")]
     assert numbers(whole(data)) == pytest.approx(numbers(BELIEVED))
+
+
+def test_between_two_localisations_the_odometry_carries_the_robot_on():
     messages = SimulatorMessages(SimulatorConfig())
     messages.localisation(BELIEVED, MEASURED, STAMP)
     step = Pose2D(0.1, 0.0, 0.05)

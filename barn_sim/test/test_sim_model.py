@@ -15,7 +15,6 @@ def test_the_body_is_that_of_the_jackal() -> None:
     assert MODEL.track_m == pytest.approx(0.37559)
     assert np.ptp(MODEL.wheels[:, 0]) == pytest.approx(0.262)
     assert MODEL.wheel_radius_m == 0.098
-    assert MODEL.extent == pytest.approx([-0.229, -0.207795, 0.229, 0.207795])
     # the wheels stand on the ground when base_footprint does
     assert MODEL.wheels[:, 2] - MODEL.wheel_radius_m == pytest.approx(np.full(4, MODEL.footing[2]))
 
@@ -30,6 +29,10 @@ def test_centre_of_mass_and_inertia_are_those_of_chassis_and_wheels_together() -
     spin = 0.4485 + chassis * ((0.012 - forward) ** 2 + (0.002 - left) ** 2)
     spin += 4 * (0.0013 + wheel * (0.131**2 + 0.187795**2 + forward**2 + left**2))
     assert MODEL.inertia[2] == pytest.approx(spin)
+
+
+def test_the_extent_is_that_of_wheels_and_chassis() -> None:
+    assert MODEL.extent == pytest.approx([-0.229, -0.207795, 0.229, 0.207795])
 
 
 def test_the_shapes_of_the_jackal_are_those_of_its_urdf() -> None:

@@ -114,16 +114,18 @@ def test_so_it_is_where_dozens_of_cylinders_are_pushed(seed):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-@pytest.mark.parametrize("robot", ["jackal", "turtlebot4", "husky"])
-def test_the_episodes_touch_obstacles(robot, clients):
-    touched = [
-        any(state[0] for state in episode(seed, clients[0], free_motion=True, robot=robot)[0]) for seed in range(8)
-    ]
-    assert any(touched) and (not all(touched) or robot != "jackal")
+@pytest.mark.parametrize("robot", ["turtlebot4", "husky"])
+def test_their_episodes_touch_obstacles_too(robot, clients):
+    assert any(state[0] for seed in range(8) for state in episode(seed, clients[0], free_motion=True, robot=robot)[0])
+
+
+def test_the_episodes_touch_and_leave_obstacles(clients):
+    touched = [any(state[0] for state in episode(seed, clients[0], free_motion=True)[0]) for seed in range(10)]
+    assert any(touched) and not all(touched)
 
 
 @pytest.mark.parametrize("yaw", [0.0, 1.0, 3.1, -3.1, math.pi])
-def test_quaternions_become_matrices_and_come_back_and_turns_are_those_of_the_exponential_map(yaw):
+def test_quaternions_become_matrices_and_come_back(yaw):
     for tilt in (0.0, 0.01, 2.0, math.pi):
         sine, cosine = math.sin(0.5 * tilt), math.cos(0.5 * tilt)
         heading = (sine * math.cos(yaw), sine * math.sin(yaw), cosine * math.sin(yaw), cosine * math.cos(yaw))

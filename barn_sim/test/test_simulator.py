@@ -113,13 +113,10 @@ def test_repeats_itself_in_another_process(walled_world, tmp_path) -> None:
     assert there.stdout == f"{here}\n"  # and nothing else: PyBullet's banner is kept out of standard output
 
 
-def test_seeds_differ_and_noise_does_not_move_the_robot(empty_world, walled_world) -> None:
+def test_seeds_differ(empty_world) -> None:
     first, second = drive(empty_world, seed=1, steps=1), drive(empty_world, seed=2, steps=1)
     assert (first[0].scan.ranges != second[0].scan.ranges).any()
     assert first[1].odometry.pose.yaw != second[1].odometry.pose.yaw
-    noisy = drive(walled_world)
-    quiet = drive(walled_world, replace(SimulatorConfig(), odometry=OdometryConfig(yaw_noise_rad=0.0)))
-    assert [s.truth for s in noisy] == [s.truth for s in quiet]
 
 
 def test_one_sensor_does_not_change_the_noise_of_another(walled_world) -> None:
@@ -132,25 +129,32 @@ def test_one_sensor_does_not_change_the_noise_of_another(walled_world) -> None:
         np.testing.assert_array_equal(ours.scan.ranges, theirs.scan.ranges)
 
 
-def test_starts_where_it_is_put_and_sensing_again_gives_the_same_readings(empty_world, simulators) -> None:
+def test_noise_does_not_move_the_robot(walled_world) -> None:
+    noisy = drive(walled_world)
+    quiet = drive(walled_world, replace(SimulatorConfig(), odometry=OdometryConfig(yaw_noise_rad=0.0)))
+    assert [s.truth for s in noisy] == [s.truth for s in quiet]
+
+
+def test_starts_where_it_is_put_with_odometry_at_zero(empty_world) -> None:
     config = SimulatorConfig(odometry=OdometryConfig(yaw_noise_rad=0.0))
-    simulator = simulators(empty_world, config, START, 0)
+    simulator = Simulator(empty_world, config, START, 0)
     sensors = simulator.sense()
+    simulator.close()
     assert sensors.stamp_ns == 0
     assert sensors.truth.pose.distance(START) < 1e-9
     assert sensors.truth.pose.yaw == pytest.approx(START.yaw, abs=1e-9)
     assert sensors.odometry.pose.distance(Pose2D(0.0, 0.0, 0.0)) == 0.0
     assert sensors.localisation == sensors.truth.pose
     assert not sensors.collision
-    simulator = simulators(empty_world, SimulatorConfig(), START, 0)
-    simulator.step(Velocity2D(0.5, 0.0))
-    assert simulator.sense() is simulator.sense()
 
 
-def test_time_passes_by_whole_control_periods_and_poses_are_as_out_of_messages(walled_world, empty_world) -> None:
+def test_poses_are_as_they_come_out_of_messages(walled_world) -> None:
     for sensors in drive(walled_world, PRESETS["paper2020"]):
         for pose in (sensors.odometry.pose, sensors.truth.pose, sensors.localisation):
             assert pose == pose.through_quaternion()
+
+
+def test_time_passes_by_whole_control_periods(empty_world) -> None:
     readings = drive(empty_world, steps=5)
     assert [sensors.stamp_ns for sensors in readings] == [50_000_000 * k for k in range(6)]
     for sensors in readings:
@@ -158,7 +162,14 @@ def test_time_passes_by_whole_control_periods_and_poses_are_as_out_of_messages(w
         assert len(stamps) == 1
 
 
-def test_truth_velocity_is_the_change_of_the_truth_which_odometry_follows_but_for_slip(empty_world) -> None:
+def test_sensing_again_gives_the_same_readings(empty_world) -> None:
+    simulator = Simulator(empty_world, SimulatorConfig(), START, 0)
+    simulator.step(Velocity2D(0.5, 0.0))
+    assert simulator.sense() is simulator.sense()
+    simulator.close()
+
+
+def test_truth_velocity_is_the_change_of_the_truth(empty_world) -> None:
     readings = drive(empty_world, steps=60)[20:]
     for before, after in pairwise(readings):
         turned = math.remainder(after.truth.pose.yaw - before.truth.pose.yaw, 2 * math.pi) / 0.05
@@ -166,29 +177,26 @@ def test_truth_velocity_is_the_change_of_the_truth_which_odometry_follows_but_fo
         assert turned == pytest.approx(mean, abs=0.06)
         travelled = before.truth.pose.distance(after.truth.pose) / 0.05
         assert travelled == pytest.approx(after.truth.velocity.linear, abs=0.06)
+
+
+def test_odometry_follows_the_truth_and_drifts_where_wheels_slip(empty_world) -> None:
     last = drive(empty_world, steps=80)[-1]
     measured, true = START @ last.odometry.pose, last.truth.pose
     assert 0.001 < measured.distance(true) < 0.3
     assert abs(math.remainder(measured.yaw - true.yaw, 2 * math.pi)) < 0.025
 
 
-def test_contact_is_reported_once_and_static_obstacles_hold_the_robot(walled_world, simulators) -> None:
+def test_contact_is_reported_once_per_contact_between_readings(walled_world) -> None:
     readings = drive(walled_world, start=AT_THE_WALL)
     touched = [sensors.collision for sensors in readings]
     assert not any(touched[:5])
     assert any(touched)
     where = readings[touched.index(True)].truth.pose
     assert where.y + 0.229 == pytest.approx(5.175 - 0.075, abs=0.1)
-    simulator = simulators(walled_world, SimulatorConfig(), AT_THE_WALL, 0)
-    for _ in range(100):
-        sensors = simulator.step(Velocity2D(1.0, 0.0))
-    moved = simulator.moved_obstacles()
-    assert sensors.truth.pose.y + 0.229 < 5.1 + 0.02
-    assert len(moved.indices) == 0
 
 
-def test_a_touch_between_two_readings_is_not_lost(walled_world, simulators) -> None:
-    simulator = simulators(walled_world, SimulatorConfig(), AT_THE_WALL, 0)
+def test_a_touch_between_two_readings_is_not_lost(walled_world) -> None:
+    simulator = Simulator(walled_world, SimulatorConfig(), AT_THE_WALL, 0)
     simulator.command(Velocity2D(2.0, 0.0))
     for _ in range(40):
         simulator.advance(5)
@@ -198,34 +206,39 @@ def test_a_touch_between_two_readings_is_not_lost(walled_world, simulators) -> N
     simulator.read_collision()
     simulator.advance(20)
     assert not simulator.read_collision()
+    simulator.close()
 
 
-def test_a_command_that_is_no_number_stops_the_robot_and_is_counted(empty_world, simulators) -> None:
-    simulator = simulators(empty_world, SimulatorConfig(), START, 0)
+def test_static_obstacles_hold_the_robot(walled_world) -> None:
+    simulator = Simulator(walled_world, SimulatorConfig(), AT_THE_WALL, 0)
+    for _ in range(100):
+        sensors = simulator.step(Velocity2D(1.0, 0.0))
+    moved = simulator.moved_obstacles()
+    simulator.close()
+    assert sensors.truth.pose.y + 0.229 < 5.1 + 0.02
+    assert len(moved.indices) == 0
+
+
+def test_a_command_that_is_no_number_stops_the_robot_and_is_counted(empty_world) -> None:
+    simulator = Simulator(empty_world, SimulatorConfig(), START, 0)
     for _ in range(20):
         simulator.step(Velocity2D(0.5, 0.0))
     for bad in (Velocity2D(math.nan, 0.0), Velocity2D(0.5, math.inf)):
         sensors = simulator.step(bad)
     for _ in range(6):
         sensors = simulator.step(None)
+    simulator.close()
     assert simulator.invalid_commands == 2
     assert sensors.truth.velocity.linear == pytest.approx(0.0, abs=1e-3)
 
 
-def test_without_commands_the_watchdog_stops_the_robot_and_joints_roll_as_far_as_the_wheels(
-    empty_world, simulators
-) -> None:
-    simulator = simulators(empty_world, SimulatorConfig(drive=DriveConfig(command_timeout_s=0.25)), START, 0)
+def test_without_commands_the_watchdog_stops_the_robot(empty_world) -> None:
+    simulator = Simulator(empty_world, SimulatorConfig(drive=DriveConfig(command_timeout_s=0.25)), START, 0)
     simulator.step(Velocity2D(0.5, 0.0))
     speeds = [simulator.step(None).truth.velocity.linear for _ in range(15)]
+    simulator.close()
     assert max(speeds) == pytest.approx(0.5, abs=0.02)
     assert speeds[-1] == pytest.approx(0.0, abs=1e-3)
-    simulator = simulators(empty_world, SimulatorConfig(), START, 0)
-    for _ in range(40):
-        sensors = simulator.step(Velocity2D(0.5, 0.0))
-    rolled = sensors.joints.positions[0] * 0.098
-    assert rolled == pytest.approx(START.distance(sensors.truth.pose), abs=0.03)
-    assert sensors.joints.velocities == pytest.approx([0.5 / 0.098] * 4)
 
 
 def test_readings_at_rates_of_their_own_are_of_the_same_motion(walled_world) -> None:
@@ -241,6 +254,16 @@ def test_readings_at_rates_of_their_own_are_of_the_same_motion(walled_world) -> 
         assert ticked.read_truth() == truth
     stepped.close()
     ticked.close()
+
+
+def test_joints_roll_as_far_as_the_wheels(empty_world) -> None:
+    simulator = Simulator(empty_world, SimulatorConfig(), START, 0)
+    for _ in range(40):
+        sensors = simulator.step(Velocity2D(0.5, 0.0))
+    simulator.close()
+    rolled = sensors.joints.positions[0] * 0.098
+    assert rolled == pytest.approx(START.distance(sensors.truth.pose), abs=0.03)
+    assert sensors.joints.velocities == pytest.approx([0.5 / 0.098] * 4)
 
 
 def test_closing_twice_does_nothing(empty_world) -> None:

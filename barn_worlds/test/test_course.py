@@ -41,7 +41,7 @@ def opened(path, robot=STANDARD):
     return open_dataset(path, robot).load(0)
 
 
-def test_a_map_without_start_and_goal_gets_far_apart_ones_in_its_largest_region_and_looks_along_its_way(tmp_path):
+def test_a_map_without_start_and_goal_gets_far_apart_ones_in_its_largest_region(tmp_path):
     grid = hall()
     grid[40:80, 20:60] = True  # in it a closed room, smaller than the hall
     grid[45:75, 25:55] = False
@@ -54,6 +54,9 @@ def test_a_map_without_start_and_goal_gets_far_apart_ones_in_its_largest_region_
     assert not configuration_space(grid, world.footprint_cells)[tuple(world.path.T)].any()
     assert world.provenance.path_source == "chosen"
     assert opened(written(tmp_path, grid)).checksum == world.checksum
+
+
+def test_a_chosen_start_looks_along_its_way(tmp_path):
     world = opened(written(tmp_path, hall()))
     along = world.path_m()[10] - world.path_m()[0]
     assert world.start.yaw == pytest.approx(math.atan2(along[1], along[0]))
@@ -108,7 +111,7 @@ def test_start_and_goal_of_a_gazebo_world_are_frames_of_it(tmp_path, flavour):
         opened(tmp_path / "half_0.world")
 
 
-def test_a_larger_robot_gets_ends_and_a_way_of_its_own_but_in_worlds_of_the_benchmark(tmp_path):
+def test_a_larger_robot_gets_ends_and_a_way_of_its_own(tmp_path):
     path, husky = written(tmp_path, hall()), load_robot("husky")
     world = opened(path)
     driven = for_robot(world, husky)
@@ -116,20 +119,20 @@ def test_a_larger_robot_gets_ends_and_a_way_of_its_own_but_in_worlds_of_the_benc
     assert not configuration_space(driven.grid, driven.footprint_cells)[tuple(driven.path.T)].any()
     assert driven.checksum == opened(path, husky).checksum
     assert for_robot(world, STANDARD) is world
+
+
+def test_worlds_of_the_benchmark_have_no_start_of_their_own_and_stay_as_they_are():
     world = open_dataset("barn300").load(0)
     assert world.start is None
     assert for_robot(world, load_robot("husky")) is world
 
 
-def test_a_course_is_put_in_place_of_a_worlds_own_and_may_begin_beside_a_wall(tmp_path):
+def test_a_course_is_put_in_place_of_a_worlds_own(tmp_path):
     world = opened(written(tmp_path, hall(), 0.0, 3.0, 0.5, 1.0, 18.0))
     driven = for_robot(world, STANDARD, (2.0, 3.0, 1.0, 5.0, 8.0))
     assert (driven.start, driven.goal.x, driven.goal.y) == (Pose2D(2.0, 3.0, 1.0), 5.0, 8.0)
     assert driven.path_length_m < world.path_length_m
     assert driven.checksum != world.checksum
-    world = opened(written(tmp_path, hall()))
-    driven = for_robot(world, STANDARD, (0.0, 10.75, 0.0, 5.0, 5.0))
-    assert configuration_space(world.grid, world.footprint_cells)[tuple(driven.path[0])]
 
 
 @pytest.mark.parametrize(
@@ -151,11 +154,20 @@ def test_a_course_that_cannot_be_driven_is_refused_in_one_line(tmp_path, gap_m, 
     assert "\n" not in str(caught.value)
 
 
-def test_a_map_without_room_for_the_robot_and_a_start_without_a_goal_are_refused(tmp_path):
+def test_a_start_beside_a_wall_may_be_nearer_to_it_than_the_way(tmp_path):
+    world = opened(written(tmp_path, hall()))
+    driven = for_robot(world, STANDARD, (0.0, 10.75, 0.0, 5.0, 5.0))
+    assert configuration_space(world.grid, world.footprint_cells)[tuple(driven.path[0])]
+
+
+def test_a_map_without_room_for_the_robot_is_refused(tmp_path):
     with pytest.raises(WorldError, match=r"hall: robot jackal, 7 x 7 cells, finds no way in it"):
         opened(written(tmp_path, np.tile(np.arange(60) % 4 == 0, (60, 1))))
     with pytest.raises(WorldError, match="hall: no cell of it is free"):
         opened(written(tmp_path, np.ones((20, 20), bool)))
+
+
+def test_start_without_goal_is_refused(tmp_path):
     path = written(tmp_path, hall())
     path.write_text(path.read_text() + "start: [0, 3, 0]\n")
     with pytest.raises(WorldError, match="goal must be given, too"):

@@ -5,15 +5,13 @@ import shutil
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from barn_worlds.base.errors import WorldError
 from barn_worlds.formats.npz import to_npy
 from barn_worlds.formats.original import write_original
 from barn_worlds.formats.sdf import write_sdf
 from barn_worlds.robots.files import ROBOTS
-from barn_worlds.worlds.dataset import open_dataset, select_worlds
+from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.generate import TABLE_I, DatasetParameters, WorldParameters, generate_dataset
 
 
@@ -72,9 +70,7 @@ def test_footprint_and_resolution_survive_the_layout(tmp_path):
     assert same(open_dataset(tmp_path / "coarse"), {4: world})
 
 
-def test_sources_without_a_number_are_numbered_by_name_and_single_files_say_where_their_path_comes_from(
-    layout, worlds, tmp_path
-):
+def test_single_files_and_where_their_path_comes_from(layout, worlds, tmp_path):
     beside = open_dataset(layout / "world_files" / "world_6.world.gz")
     assert same(beside, {6: worlds[6]})
     assert beside.load(6).provenance.path_source == "given"
@@ -85,35 +81,43 @@ def test_sources_without_a_number_are_numbered_by_name_and_single_files_say_wher
     assert np.array_equal(alone.grid, worlds[6].grid)
     turtle = open_dataset(tmp_path / "alone.sdf", ROBOTS["turtlebot3_burger"]).load(0)
     assert (alone.footprint_cells, turtle.footprint_cells) == (5, 3)
-    (tmp_path / "named").mkdir()
+
+
+def test_files_without_a_number_of_their_own_are_numbered_by_name(worlds, tmp_path):
     for name in ("b", "a"):
-        (tmp_path / "named" / f"{name}.npy").write_bytes(to_npy(worlds[0].grid))
-    dataset = open_dataset(tmp_path / "named")
+        (tmp_path / f"{name}.npy").write_bytes(to_npy(worlds[0].grid))
+    dataset = open_dataset(tmp_path)
     assert [dataset.load(index).name for index in dataset.indices] == ["a", "b"]
 
 
-def test_data_sets_can_be_handed_to_other_processes_and_are_told_apart_by_checksum(layout, worlds, tmp_path):
+def test_data_sets_can_be_handed_to_other_processes(layout, worlds):
     for source in (layout, layout / "world_files", "barn300"):
         dataset = open_dataset(source)
         copy = pickle.loads(pickle.dumps(dataset))
         assert copy.load(6).checksum == dataset.load(6).checksum
-    write_original(tmp_path / "other", {0: worlds[6], 6: worlds[0], 120: worlds[120]})
-    assert open_dataset(layout).checksum == open_dataset(layout / "grid_files").checksum
-    assert open_dataset(layout).checksum != open_dataset(tmp_path / "other").checksum
 
 
-def test_a_world_is_read_once_and_only_so_many_are_kept_and_none_handed_to_other_processes(monkeypatch):
+def test_a_world_is_read_once_and_not_handed_to_other_processes():
     dataset = open_dataset("barn300")
     before = len(pickle.dumps(dataset))
     first = dataset.load(6)
     assert dataset.load(6) is first and dataset.load(7) is not first
     assert len(pickle.dumps(dataset)) == before
+
+
+def test_only_so_many_worlds_are_kept(monkeypatch):
     monkeypatch.setattr("barn_worlds.worlds.dataset._MOST_KEPT", 2)
     dataset = open_dataset("barn300")
     first = dataset.load(0)
     assert dataset.load(1) is dataset.load(1) and dataset.load(0) is first
     assert dataset.load(2).name == "world_2"
     assert dataset.load(0) is not first and dataset.load(0).checksum == first.checksum
+
+
+def test_checksum_tells_data_sets_apart(layout, worlds, tmp_path):
+    write_original(tmp_path / "other", {0: worlds[6], 6: worlds[0], 120: worlds[120]})
+    assert open_dataset(layout).checksum == open_dataset(layout / "grid_files").checksum
+    assert open_dataset(layout).checksum != open_dataset(tmp_path / "other").checksum
 
 
 @pytest.mark.parametrize(
@@ -159,79 +163,15 @@ def test_malformed_parts_of_the_layout_are_named(layout, name, array, message):
         dataset.load(6)
 
 
-def test_grids_without_a_way_and_layouts_that_cannot_be_written_whole_are_refused(tmp_path, worlds):
+def test_a_grid_without_a_way_through_is_refused(tmp_path):
     grid = np.zeros((30, 30), np.int64)
     grid[:, 15] = 1
     (tmp_path / "wall.npy").write_bytes(to_npy(grid))
     with pytest.raises(WorldError, match="no path from the first to the last column for a robot of 5 x 5 cells"):
         open_dataset(tmp_path / "wall.npy").load(0)
+
+
+def test_a_layout_is_written_whole_or_not_at_all(tmp_path, worlds):
     with pytest.raises(ValueError, match="could not convert"):
         write_original(tmp_path / "half", worlds, {0: ["no number"] * 5})
-    assert [path.name for path in tmp_path.iterdir()] == ["wall.npy"]
-
-
-SIXTH = tuple(range(0, 300, 6))
-
-
-@pytest.mark.parametrize(
-    ("spec", "indices", "chosen"),
-    [
-        ("0", range(300), [0]),
-        ("0-3", range(300), [0, 1, 2, 3]),
-        ("0:300:100", range(300), [0, 100, 200]),
-        ("2:5", range(300), [2, 3, 4]),
-        ("1,4,7-9", range(300), [1, 4, 7, 8, 9]),
-        (" 9, 3-4 ,3", range(300), [9, 3, 4]),
-        ("all", SIXTH, list(SIXTH)),
-        ("0-20", SIXTH, [0, 6, 12, 18]),
-        ("0:999999999", SIXTH, list(SIXTH)),
-    ],
-)
-def test_choices(spec, indices, chosen):
-    assert select_worlds(spec, indices) == chosen
-
-
-@pytest.mark.parametrize(
-    ("spec", "message"),
-    [
-        ("", "is not a number"),
-        ("x", "'x' is not a number, first-last"),
-        ("-1", "'-1' is not a number"),
-        ("1-", "is not a number"),
-        ("0:10:0", "step in '0:10:0' must be at least 1"),
-        ("1e3", "is not a number"),
-        ("1", "no world 1 among the 50 from 0 to 294"),
-        ("1-5", "no world 1-5 among"),
-        ("5-1", "no world 5-1 among"),
-        ("6,1", "no world 1 among"),
-        ("9" * 10, "is not a number"),
-        ("1," * 10_000, "at most 10000 characters"),
-        ("all,?", "'\\?' is not"),
-    ],
-)
-def test_mistakes_are_one_line(spec, message):
-    with pytest.raises(WorldError, match=message) as caught:
-        select_worlds(spec, SIXTH)
-    assert len(str(caught.value)) < 300
-    assert "\n" not in str(caught.value)
-    with pytest.raises(WorldError, match="no worlds to select from"):
-        select_worlds("all", [])
-
-
-@pytest.mark.parametrize(
-    ("spec", "missing"), [("0:999", "300 of 0:999"), ("298-301", "300 of 298-301"), ("0:400:100", "300")]
-)
-def test_a_range_beyond_a_set_without_gaps_is_refused(spec, missing):
-    with pytest.raises(WorldError, match=f"no world {missing}"):
-        select_worlds(spec, range(300))
-
-
-@given(st.text(max_size=30))
-def test_any_text_either_chooses_or_is_refused(spec):
-    try:
-        chosen = select_worlds(spec, SIXTH)
-    except WorldError:
-        return
-    assert chosen
-    assert len(set(chosen)) == len(chosen)
-    assert set(chosen) <= set(SIXTH)
+    assert list(tmp_path.iterdir()) == []

@@ -68,14 +68,12 @@ def test_sdf_has_walls_and_an_actor_for_each_moving_obstacle(world, flavour):
         assert actor.findtext("link/collision/geometry/cylinder/radius") == "0.5"
 
 
-def test_sdf_names_meshes_that_lie_beside_it_and_what_does_not_move_is_no_animation(world, tmp_path, small_world):
+def test_the_meshes_that_an_sdf_names_lie_beside_it(world, tmp_path):
     write_sdf(world, tmp_path / "arena.sdf", "gz")
     root = ElementTree.parse(tmp_path / "arena.sdf")
     names = {skin.text for skin in root.findall(".//skin/filename")}
     assert names == {"cylinder_0.5_1.obj", "cylinder_0.25_1.obj", "box_1_2_1.obj"}
     assert names == {file.name for file in tmp_path.glob("*.obj")}
-    with pytest.raises(WorldError, match="small: nothing moves in it"):
-        write_animation(small_world, tmp_path / "file")
 
 
 @pytest.mark.parametrize("one", [MOVING[0], MOVING[4]], ids=["cylinder", "box"])
@@ -92,6 +90,11 @@ def test_a_mesh_is_closed_turned_outwards_and_of_the_size_of_the_obstacle(one):
     )
     assert volume == pytest.approx(np.pi * 0.25 if one.shape == "cylinder" else 2.0, rel=0.01)
     assert np.ptp(points, axis=0) == pytest.approx([1.0, 1.0, 1.0] if one.shape == "cylinder" else [1.0, 2.0, 1.0])
+
+
+def test_an_animation_of_what_does_not_move_is_refused(small_world, tmp_path):
+    with pytest.raises(WorldError, match="small: nothing moves in it"):
+        write_animation(small_world, tmp_path / "file")
 
 
 def coloured(image, colour):

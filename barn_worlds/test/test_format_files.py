@@ -10,7 +10,7 @@ from barn_worlds.base.errors import WorldError
 from barn_worlds.base.files import new_folder, read_bytes, read_maybe_gzipped, remove_partial, replacing, write_bytes
 
 
-def test_sizes_are_bounded_packed_and_unpacked_and_what_is_missing_is_said(tmp_path):
+def test_sizes_are_bounded_packed_and_unpacked(tmp_path):
     plain, bomb = tmp_path / "plain", tmp_path / "bomb.gz"
     plain.write_bytes(b"x" * 101)
     bomb.write_bytes(gzip.compress(bytes(50_000_000)))
@@ -20,10 +20,6 @@ def test_sizes_are_bounded_packed_and_unpacked_and_what_is_missing_is_said(tmp_p
         read_maybe_gzipped(bomb, 1_000_000)
     assert read_bytes(plain, 101) == b"x" * 101
     assert len(read_maybe_gzipped(bomb, 50_000_000)) == 50_000_000
-    with pytest.raises(WorldError, match="none: cannot be read: No such file"):
-        read_bytes(tmp_path / "none")
-    with pytest.raises(WorldError, match="is a folder"):
-        read_bytes(tmp_path)
 
 
 @pytest.mark.parametrize("cut", [3, 12, 20, -1])
@@ -32,6 +28,13 @@ def test_damaged_gzip_is_said(tmp_path, cut):
     path.write_bytes(gzip.compress(b"text " * 100)[:cut])
     with pytest.raises(WorldError, match=r"a\.gz: damaged gzip file"):
         read_maybe_gzipped(path)
+
+
+def test_missing_files_and_folders_are_said(tmp_path):
+    with pytest.raises(WorldError, match="none: cannot be read: No such file"):
+        read_bytes(tmp_path / "none")
+    with pytest.raises(WorldError, match="is a folder"):
+        read_bytes(tmp_path)
 
 
 def test_a_failed_write_leaves_what_was_there(tmp_path, monkeypatch):
@@ -64,7 +67,7 @@ def test_a_folder_appears_whole_or_not_at_all(tmp_path):
     assert [file.name for file in target.iterdir()] == ["whole"]
 
 
-def test_a_file_is_private_while_it_is_written_gone_if_that_fails_and_of_one_of_two_writers(tmp_path):
+def test_a_file_is_private_while_it_is_written_and_gone_if_that_fails(tmp_path):
     path = tmp_path / "a.gif"
     with pytest.raises(KeyboardInterrupt), replacing(path) as temporary:
         temporary.write_bytes(b"half")
@@ -74,13 +77,6 @@ def test_a_file_is_private_while_it_is_written_gone_if_that_fails_and_of_one_of_
     (tmp_path / "usual").write_bytes(b"")
     write_bytes(path, b"")
     assert (tmp_path / "usual").stat().st_mode == path.stat().st_mode
-    path = tmp_path / "pages" / "page.html"
-    path.parent.mkdir()
-    with replacing(path) as first, replacing(path) as second:
-        first.write_bytes(b"first")
-        second.write_bytes(b"second")
-    assert path.read_bytes() == b"first"
-    assert [entry.name for entry in path.parent.iterdir()] == ["page.html"]
 
 
 def test_what_a_killed_writer_left_is_hidden_and_removed(tmp_path):
@@ -94,3 +90,12 @@ def test_what_a_killed_writer_left_is_hidden_and_removed(tmp_path):
     assert left.name.endswith(".partial")
     remove_partial(tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_two_writers_leave_the_file_of_one(tmp_path):
+    path = tmp_path / "page.html"
+    with replacing(path) as first, replacing(path) as second:
+        first.write_bytes(b"first")
+        second.write_bytes(b"second")
+    assert path.read_bytes() == b"first"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["page.html"]

@@ -52,11 +52,14 @@ def test_filling_is_consistent_with_what_is_shown(grid):
     assert (filled >= grid).all()  # what was left out is always filled again
 
 
-def test_filling_recovers_generated_worlds_and_leaves_a_gap_that_would_hide_a_shown_cell():
+def test_filling_recovers_generated_worlds():
     for number, parameters in enumerate(TABLE_I):
         for k in range(20):
             grid = grow(parameters, np.random.default_rng([number, k]))
             assert np.array_equal(fill_hollow(grid & ~geometry.hollow(grid)), grid), (number, k)
+
+
+def test_a_gap_whose_filling_would_hide_a_shown_cell_stays_empty():
     grid = np.zeros((7, 9), bool)
     grid[1:6, 1:8] = True
     grid[3, 4] = False  # its neighbours are shown because of it
@@ -166,10 +169,13 @@ def test_malformed_files_are_refused_in_one_line(content, message):
     assert "\n" not in str(caught.value)
 
 
-def test_a_containment_is_needed_as_a_whole_or_not_at_all_and_is_no_field(small_world):
+def test_a_file_of_nothing_but_containment_has_no_field(small_world):
     bare = World("bare", np.zeros((9, 12), bool), small_world.path)
     with pytest.raises(WorldError, match="no cylinders beyond the containment"):
         grid_in(sdf_text(bare).encode())
+
+
+def test_the_containment_may_be_missing_as_a_whole():
     grid, _ = grid_in(document(model(), "<include><uri>model://sun</uri></include>"))
     assert grid.tolist() == [[False, True], [False, False]]
 

@@ -55,21 +55,22 @@ def test_generated_worlds_can_be_passed(seed, parameters):
     assert again.checksum == world.checksum
 
 
-def test_a_world_depends_on_its_seed_alone_and_progress_is_told_after_each():
+def test_a_world_does_not_depend_on_how_many_others_there_are():
     few = generate_dataset(SMALL)
     many = generate_dataset(dataclasses.replace(SMALL, worlds_per_set=4, sets=TABLE_I[:5]))
     assert [world.checksum for world in few] == [many[4 * s + k].checksum for s in range(4) for k in range(2)]
     other = generate_dataset(dataclasses.replace(SMALL, seed=4))
     assert not {world.checksum for world in few} & {world.checksum for world in other}
     assert few[3].provenance.seed == (3, 1, 1)
+
+
+def test_progress_is_reported_after_each_world():
     told = []
     generate_dataset(SMALL, lambda done, total: told.append((done, total)))
     assert told == [(k, 8) for k in range(1, 9)]
 
 
-def test_narrowness_is_the_distance_to_the_c_space_and_a_world_nobody_can_pass_an_error(small_world):
-    # the path runs in row 6; row 4 is the C-space's last row of the block (columns 3 to 9), row 7 that of the wall
-    assert narrowness(small_world) == pytest.approx(-1.0)
+def test_a_world_nobody_can_pass_ends_with_an_error():
     parameters = WorldParameters(initial_fill=1.0, attempts=5)
     with pytest.raises(WorldError, match="no passable world in 5 attempts with initial_fill 1"):
         generate_world(parameters, np.random.default_rng(0))
@@ -106,13 +107,21 @@ def test_worlds_can_be_numbered_by_any_score(tmp_path):
     assert dataset.manifest["order"] == {"by": "a test", "scores": sorted(scores)} and dataset.manifest["seed"] == 3
 
 
-def test_the_shipped_data_set_is_what_its_command_makes_and_its_manifest_says_what_is_inside(tmp_path):
+def test_narrowness_is_the_mean_distance_to_the_c_space(small_world):
+    # the path runs in row 6; row 4 is the C-space's last row of the block (columns 3 to 9), row 7 that of the wall
+    assert narrowness(small_world) == pytest.approx(-1.0)
+
+
+def test_the_shipped_data_set_is_what_its_command_makes(tmp_path):
     write_dataset(tmp_path / "barn300.npz")
     made, there = open_dataset(tmp_path / "barn300.npz"), open_dataset("barn300")
     assert there.indices == tuple(range(300))
     if there.manifest["order"]["by"] == made.manifest["order"]["by"]:
         assert made.checksum == there.checksum
     assert {made.load(k).checksum for k in made.indices} == {there.load(k).checksum for k in there.indices}
+
+
+def test_the_shipped_manifest_says_what_is_inside():
     dataset, file = open_dataset("barn300"), shipped()["barn300"]
     assert json.loads(file.with_suffix(".manifest.json").read_text()) == dataset.manifest
     assert dataset.manifest["schema"] == 1

@@ -23,16 +23,13 @@ def arenas(request):
     return CLASSES[request.param], generate_arenas(CLASSES[request.param], 10, seed=3)
 
 
-def test_arenas_have_as_many_obstacles_as_their_class_each_with_its_own_motion_both_ways(arenas):
+def test_arenas_have_as_many_obstacles_as_their_class_and_no_motion_twice(arenas):
     parameters, worlds = arenas
     counts = [len(world.moving) for world in worlds]
     assert parameters.obstacles_min <= min(counts) and max(counts) <= parameters.obstacles_max
     assert len(set(counts)) > 2
     for world in worlds:
         assert len({one.motion for one in world.moving}) == len(world.moving)
-    _, worlds = arenas
-    ways = [one.motion.keys[-1][1] > one.motion.keys[0][1] for world in worlds for one in world.moving]
-    assert 0.2 < np.mean(ways) < 0.8
 
 
 def test_motions_go_from_border_to_border_of_the_arena_at_speeds_of_the_grid(arenas):
@@ -45,6 +42,12 @@ def test_motions_go_from_border_to_border_of_the_arena_at_speeds_of_the_grid(are
         assert (np.abs(lengths - grid * durations) < 0.02 + 0.01 * grid)[durations > 0.2].all()  # keys are rounded
         mean = lengths.sum() / durations.sum()
         assert parameters.speed_min_mps - 0.2 <= mean <= parameters.speed_max_mps + 0.2
+
+
+def test_motions_go_both_ways(arenas):
+    _, worlds = arenas
+    ways = [one.motion.keys[-1][1] > one.motion.keys[0][1] for world in worlds for one in world.moving]
+    assert 0.2 < np.mean(ways) < 0.8
 
 
 def test_a_world_depends_on_its_seed_and_number_alone(arenas):
@@ -69,7 +72,7 @@ def test_motion_is_added_to_the_field_of_a_static_world():
     assert with_motion(world, class_named("easy"), seed=2, obstacles=4).checksum != made.checksum
 
 
-def test_crossings_go_to_and_fro_over_the_path_without_a_jump_square_to_the_drive_of_an_arena():
+def test_crossings_go_to_and_fro_over_the_path_without_a_jump():
     world = open_dataset("barn300").load(100)
     made = with_crossings(world, class_named("medium"), seed=1, obstacles=6)
     times_s = np.arange(0.0, 40.0, 0.01)
@@ -80,6 +83,9 @@ def test_crossings_go_to_and_fro_over_the_path_without_a_jump_square_to_the_driv
     assert np.allclose(positions[..., 0].max(axis=0), 0.0, atol=0.02)
     on_path = world.path_m()[:, 1]
     assert all(np.abs(on_path - one.motion.keys[0][2]).min() < 1e-9 for one in made.moving)
+
+
+def test_crossings_of_an_arena_are_square_to_its_drive():
     (arena,) = generate_arenas(class_named("easy"), 1, seed=0)
     made = with_crossings(arena, class_named("easy"), seed=5, obstacles=3)
     for one in made.moving[-3:]:
@@ -103,5 +109,8 @@ def test_wrong_parameters_are_one_clear_line(changes, message):
     with pytest.raises(ConfigError) as caught:
         MotionParameters(**changes)
     assert str(caught.value).startswith(message)
+
+
+def test_an_unknown_class_is_named_with_the_near_one():
     with pytest.raises(ConfigError, match="unknown class 'medum'; did you mean 'medium'"):
         class_named("medum")

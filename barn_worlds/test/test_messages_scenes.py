@@ -66,13 +66,16 @@ def test_a_trail_is_the_way_of_the_last_second_without_jumps(world):
     assert TRAIL_S == 1.0
 
 
-def test_what_is_written_is_read_again_and_no_obstacles_are_none(world):
+def test_what_is_written_is_read_again(world):
     bodies, walls = decode_moving(encode_moving(world, 12.3, 0))
     expected = moving_bodies(world.tracks, 12.3), wall_bodies(world.walls)
     for found, written in zip((bodies, walls), expected, strict=True):
         for one, other in zip(found, written, strict=True):
             np.testing.assert_allclose(one, other, atol=1e-12)
     np.testing.assert_array_equal(decode_moving_poses(encode_moving_poses(world, 12.3, 0)), bodies.poses[:, :2])
+
+
+def test_no_obstacles_are_none():
     empty = serialise(make(MOVING_POSES.type_name, header=header("map", 0)))
     assert decode_moving_poses(empty).shape == (0, 2)
 

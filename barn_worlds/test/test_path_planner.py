@@ -156,12 +156,15 @@ def test_paths_repeat_the_published_ones_cell_by_cell(original_folder):
         assert np.array_equal(path, world.path[1:]), index  # the first cell is there twice
 
 
-def test_ends_outside_are_refused_and_where_nothing_says_which_the_middle_of_the_passage_is_taken():
+def test_ends_that_are_occupied_or_outside():
     cspace = np.zeros((3, 3), bool)
     cspace[0, 0] = True
     assert plan_path(cspace, (0, 0), (2, 2)) is None
     with pytest.raises(WorldError, match=r"cell \(3, 0\) is outside the grid of 3 x 3"):
         plan_path(cspace, (3, 0), (2, 2))
+
+
+def test_where_nothing_says_which_the_middle_of_the_passage_is_taken():
     cspace = np.zeros((9, 6), bool)
     cspace[[0, -1]] = True
     path = plan_through(cspace)

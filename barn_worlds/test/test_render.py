@@ -21,7 +21,7 @@ def as_bytes(colour):
     return tuple(round(255 * part) for part in to_rgb(colour))
 
 
-def test_a_world_is_drawn_with_all_its_parts_the_same_each_time(small_world, tmp_path):
+def test_a_world_is_drawn_with_all_its_parts(small_world, tmp_path):
     figure = render.world_figure(small_world)
     write_png(figure, tmp_path / "world.png")
     shown = colours(tmp_path / "world.png")
@@ -35,12 +35,15 @@ def test_a_world_is_drawn_with_all_its_parts_the_same_each_time(small_world, tmp
     assert {tuple(centre) for centre in small_world.obstacles_m.tolist()} <= {tuple(c) for c in discs.tolist()}
     labels = {text.get_text() for text in axes.get_legend().get_texts()}
     assert {"obstacle", "C-space obstacle", "start", "goal"} == labels
+
+
+def test_a_picture_is_the_same_each_time(small_world, tmp_path):
     for name in ("a.png", "b.png"):
         write_png(render.world_figure(small_world), tmp_path / name)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
-def test_a_sheet_holds_every_world_in_its_place_up_to_a_size(small_world):
+def test_a_sheet_holds_every_world_in_its_place(small_world):
     other = World("other", np.zeros((9, 12), bool), small_world.path)
     figure = render.sheet_figure({3: small_world, 4: other, 5: other, 6: small_world})
     (axes,) = figure.axes
@@ -55,6 +58,9 @@ def test_a_sheet_holds_every_world_in_its_place_up_to_a_size(small_world):
     assert np.array_equal(sheet[gap : gap + 12, :9], tile[::-1])
     assert np.array_equal(sheet[gap + 14 : gap + 26, :9], tile[::-1])
     assert np.array_equal(sheet[gap + 11, 11 : 11 + 9][6], np.float32(to_rgb(palette.START)))
+
+
+def test_sheets_are_bounded():
     with pytest.raises(WorldError, match="1 to 1000 worlds, got 0"):
         render.sheet_figure({})
     large = World("large", np.zeros((2000, 2000), bool), np.array([[0, 0]]))

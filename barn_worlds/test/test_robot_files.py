@@ -40,38 +40,43 @@ def changed(tmp_path):
 
 
 @pytest.mark.parametrize("name", list(ROBOTS))
-def test_robots_say_where_their_numbers_are_from_and_are_written_and_read_as_the_same(name, tmp_path):
+def test_robots_of_the_suite_say_where_their_numbers_are_from(name):
     robot = load_robot(name)
     assert robot.name == name
     assert robot.summary
     assert {"chassis", "drive", "lidar", "odometry", "wheel_friction"} == set(robot.sources)
     assert from_dict(Robot, as_dict(robot), name) == robot
-    file = tmp_path / "robot.yaml"
-    file.write_text(robot_text(ROBOTS[name]), "utf-8")
-    assert load_robot(file) == ROBOTS[name]
 
 
 def test_the_sizes_are_those_of_the_data_sheets():
-    sizes = {
-        name: (round(robot.length_m, 9), round(robot.width_m, 9), robot.footprint_cells(0.15))
-        for name, robot in ROBOTS.items()
-    }
+    sizes = {name: (round(robot.length_m, 9), round(robot.width_m, 9)) for name, robot in ROBOTS.items()}
     assert sizes == {
-        "husky": (0.990, 0.670, 7),
-        "jackal": (0.508, 0.430, 5),
-        "scout_mini": (0.612, 0.580, 5),
-        "turtlebot3_burger": (0.138, 0.178, 3),
-        "turtlebot3_waffle": (0.281, 0.306, 3),
-        "turtlebot4": (0.342, 0.342, 3),
+        "husky": (0.990, 0.670),
+        "jackal": (0.508, 0.430),
+        "scout_mini": (0.612, 0.580),
+        "turtlebot3_burger": (0.138, 0.178),
+        "turtlebot3_waffle": (0.281, 0.306),
+        "turtlebot4": (0.342, 0.342),
+    }
+    assert {name: robot.footprint_cells(0.15) for name, robot in ROBOTS.items()} == {
+        "husky": 7,
+        "jackal": 5,
+        "scout_mini": 5,
+        "turtlebot3_burger": 3,
+        "turtlebot3_waffle": 3,
+        "turtlebot4": 3,
     }
 
 
-def test_the_jackal_has_the_defaults_of_which_new_ones_are_left_out_and_the_body_of_its_urdf():
+def test_the_jackal_has_the_defaults_and_the_body_of_its_urdf():
     robot = load_robot("jackal")
     assert (robot.drive, robot.lidar, robot.odometry) == (DriveConfig(), LidarConfig(), OdometryConfig())
     assert robot.chassis.mass_kg == pytest.approx(16.523 + 4 * 0.477)
     assert robot.chassis.wheels_m[0] == (0.131, 0.187795, 0.0345)
     assert (robot.chassis.wheel_radius_m, robot.chassis.base_height_m) == (0.098, 0.0635)
+
+
+def test_new_keys_of_drive_and_lidar_are_left_out_while_unused():
     assert not {"motor_lag_s", "max_reverse_m_s"} & {*as_dict(DriveConfig())}
     assert not {"mount_y_m", "mount_yaw_rad"} & {*as_dict(LidarConfig())}
 
@@ -178,7 +183,7 @@ TURNED = """<robot name="r">
 </robot>"""
 
 
-def test_links_of_a_urdf_are_placed_and_turned_about_fixed_axes_by_their_joints(tmp_path):
+def test_links_of_a_urdf_are_placed_and_turned_by_their_joints(tmp_path):
     path = tmp_path / "r.urdf"
     path.write_text(TURNED, "utf-8")
     found = chassis_of(path)
@@ -188,6 +193,9 @@ def test_links_of_a_urdf_are_placed_and_turned_about_fixed_axes_by_their_joints(
     assert found["base_height_m"] == pytest.approx(0.2)
     assert (found["track_m"], found["wheelbase_m"], found["axle_x_m"]) == pytest.approx((0.4, 0.0, 0.3))
     assert (found["wheel_radius_m"], found["wheel_width_m"], found["wheel_z_m"]) == pytest.approx((0.1, 0.02, -0.1))
+
+
+def test_a_rotation_is_about_fixed_axes():
     assert rotation(0.0, 0.0, 0.5 * math.pi) @ [1.0, 0.0, 0.0] == pytest.approx([0.0, 1.0, 0.0])
     turned = rotation(0.3, -0.2, 0.5)
     assert turned @ turned.T == pytest.approx(np.eye(3))
@@ -217,15 +225,21 @@ def test_a_wrong_urdf_is_answered_in_one_line(tmp_path, text, said):
     assert str(raised.value).startswith(str(path))
 
 
-def test_axles_and_hulls_are_where_the_kind_of_robot_has_them():
+def test_axles_are_where_the_kind_of_drive_has_them():
     husky, burger = (load_robot(name).chassis for name in ("husky", "turtlebot3_burger"))
     assert [x for x, _, _ in husky.wheels_m] == pytest.approx([0.256, 0.256, -0.256, -0.256])
     assert [x for x, _, _ in burger.wheels_m] == [0.0, 0.0]
     assert replace(husky, axle_x_m=0.01).wheels_m[0][0] == pytest.approx(0.266)
+
+
+def test_a_round_robot_is_a_polygon_around_its_circle():
     corners = load_robot("turtlebot4").chassis.hull_m
     assert len(corners) == 16
     assert max(x for x, _ in corners) == pytest.approx(0.171)
     assert all(math.hypot(*corner) >= 0.171 for corner in corners)
+
+
+def test_the_hull_of_an_l_shape_leaves_out_its_dent():
     corners = ((1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (0.2, -1.0), (0.2, 0.2), (1.0, 0.2))
     shape = replace(load_robot("husky").chassis, footprint_m=corners)
     assert set(shape.hull_m) == set(corners) - {(0.2, 0.2)}
@@ -247,10 +261,20 @@ def test_polygons():
     assert area(regular(1.0, 400)) == pytest.approx(math.pi, rel=1e-4)
 
 
-def test_a_robot_is_the_same_from_a_path_its_text_or_plain_data(changed):
+def test_a_chassis_needs_no_file():
     plain = as_dict(load_robot("husky"))["chassis"]
     assert from_dict(Chassis, plain, "here") == load_robot("husky").chassis
     assert hash(from_dict(Chassis, plain, "here")) == hash(load_robot("husky").chassis)
+
+
+def test_a_path_and_its_text_name_the_same_robot(changed):
     path = changed({"name": "mine"})
     assert load_robot(path) == load_robot(str(path))
     assert load_robot(Path(path)).name == "mine"
+
+
+@pytest.mark.parametrize("name", list(ROBOTS))
+def test_a_robot_that_is_written_is_read_as_the_same(tmp_path, name):
+    file = tmp_path / "robot.yaml"
+    file.write_text(robot_text(ROBOTS[name]), "utf-8")
+    assert load_robot(file) == ROBOTS[name]

@@ -9,19 +9,13 @@ from barn_worlds.base.errors import ConfigError
 from barn_worlds.ros.domain import DOMAINS, reserved_domain
 
 
-def test_domains_side_by_side_differ_and_one_with_listeners_is_not_taken():
+def test_domains_side_by_side_differ():
     with reserved_domain({}) as first, reserved_domain({}) as second:
         assert first != second
         assert {first, second} <= set(DOMAINS)
-    with reserved_domain({}) as number:
-        pass
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
-        listener.bind(("127.0.0.1", 7400 + 250 * number + 10))
-        with reserved_domain({}) as other:
-            assert other != number
 
 
-def test_the_users_own_domain_is_respected_and_nobody_elses_meanwhile_and_is_a_number():
+def test_the_users_own_domain_is_respected_and_nobody_elses_meanwhile():
     asked = {"ROS_DOMAIN_ID": str(130 + os.getpid() % 100)}  # none that others choose by themselves
     with reserved_domain(asked) as number:
         assert str(number) == asked["ROS_DOMAIN_ID"]
@@ -34,8 +28,20 @@ def test_the_users_own_domain_is_respected_and_nobody_elses_meanwhile_and_is_a_n
             pass
     with reserved_domain(asked) as again:
         assert again == number
+
+
+def test_a_domain_that_is_no_number_is_one_line():
     with (
         pytest.raises(ConfigError, match="ROS_DOMAIN_ID must be from 0 to 232, got 'x'"),
         reserved_domain({"ROS_DOMAIN_ID": "x"}),
     ):
         pass
+
+
+def test_domain_with_listeners_is_not_taken():
+    with reserved_domain({}) as number:
+        pass
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        listener.bind(("127.0.0.1", 7400 + 250 * number + 10))
+        with reserved_domain({}) as other:
+            assert other != number

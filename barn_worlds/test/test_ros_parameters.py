@@ -40,26 +40,18 @@ def make(context, **overrides):
     return Node("declared", context=context, parameter_overrides=values, enable_rosout=False)
 
 
-def test_defaults_overrides_and_integers_for_floats_are_declared_with_descriptions(context):
+def test_defaults_overrides_and_descriptions(context):
     node = make(context, **{"beams": 360, "inner.range_max_m": 10.0})
     config = declare(node, Config())
     assert config == Config(beams=360, inner=Inner(10.0))
     described = node.describe_parameter("inner.range_max_m")
     assert described.description == "longest range [m]"
     assert described.floating_point_range[0].to_value == 100.0
-    node = make(context, **{"inner.range_max_m": 10})
-    assert declare(node, Config()).inner.range_max_m == 10.0
-    check_with(node, Config())
-    assert node.set_parameters([Parameter("inner.range_max_m", value=20)])[0].successful
-    assert current(node, Config()).inner.range_max_m == 20.0
-    assert not node.set_parameters([Parameter("inner.range_max_m", value="far")])[0].successful
 
 
-def test_a_choice_or_a_list_not_allowed_is_one_line(context):
+def test_choice_not_allowed_is_one_line(context):
     with pytest.raises(ConfigError, match="mode must be one of exact, amcl, got 'amlc'; did you mean 'amcl'"):
         declare(make(context, mode="amlc"), Config())
-    with pytest.raises(ConfigError, match=r"nodes\[0\] must be text, got 5$"):
-        declare(make(context, nodes=5), Lists())
 
 
 @pytest.mark.parametrize("overrides", [{"beams": 0}, {"beams": "many"}, {"inner.range_max_m": "far"}])
@@ -68,6 +60,15 @@ def test_wrong_value_or_type_is_one_line(context, overrides):
         declare(make(context, **overrides), Config())
     assert next(iter(overrides)) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_an_integer_serves_where_a_float_is_wanted(context):
+    node = make(context, **{"inner.range_max_m": 10})
+    assert declare(node, Config()).inner.range_max_m == 10.0
+    check_with(node, Config())
+    assert node.set_parameters([Parameter("inner.range_max_m", value=20)])[0].successful
+    assert current(node, Config()).inner.range_max_m == 20.0
+    assert not node.set_parameters([Parameter("inner.range_max_m", value="far")])[0].successful
 
 
 def test_an_unknown_parameter_is_warned_of_with_the_near_one(context, capfd):
@@ -109,3 +110,8 @@ def test_lists_may_be_empty_or_a_single_text(context, arguments, expected):
     node = Node("declared", context=context, cli_args=given, enable_rosout=False)
     assert declare(node, Lists()) == expected
     assert current(node, Lists()) == expected
+
+
+def test_a_list_of_another_kind_is_one_line(context):
+    with pytest.raises(ConfigError, match=r"nodes\[0\] must be text, got 5$"):
+        declare(make(context, nodes=5), Lists())

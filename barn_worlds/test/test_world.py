@@ -14,11 +14,14 @@ OPEN = np.zeros((30, 30), bool)
 STRAIGHT = np.stack([np.full(30, 15), np.arange(30)], axis=1)
 
 
-def test_cells_stand_where_the_gazebo_files_put_them_and_the_original_tools_did():
+def test_cells_stand_where_the_gazebo_files_put_them():
     rows, cols = np.indices((30, 30)).reshape(2, -1)
     centres = geometry.cell_centres(np.stack([rows, cols], axis=1), 30, 0.15)
     assert np.allclose(centres, np.stack([-4.425 + 0.15 * rows, 5.175 + 0.15 * cols], axis=1), atol=1e-12)
     assert np.array_equal(geometry.containing_cells(centres, 30, 0.15), np.stack([rows, cols], axis=1))
+
+
+def test_historical_conversion_is_that_of_the_original_tools():
     world = World("w", OPEN, STRAIGHT)
     row, col = STRAIGHT.T
     historical = np.stack([-4.575 + 0.15 * row, 5.075 + 0.15 * col], axis=1)
@@ -26,12 +29,15 @@ def test_cells_stand_where_the_gazebo_files_put_them_and_the_original_tools_did(
     assert np.allclose(world.path_m() - historical, [0.15, 0.10], atol=1e-12)
 
 
-def test_containment_is_a_back_wall_and_two_side_walls_and_hollow_interiors_are_left_out(small_world):
+def test_containment_is_a_back_wall_and_two_side_walls():
     walls = {(round(x, 6), round(y, 6)) for x, y in World("w", OPEN, STRAIGHT).containment_m.tolist()}
     back = {(round(-0.075 - 0.15 * k, 6), 0.075) for k in range(30)}
     sides = {(x, round(0.075 + 0.15 * k, 6)) for k in range(34) for x in (-0.075, -4.425)}
     assert walls == back | sides
     assert max(y for _, y in walls) == 5.025
+
+
+def test_hollow_interiors_are_left_out_of_the_cylinders(small_world):
     shown = geometry.containing_cells(small_world.obstacles_m, 9, 0.15).tolist()
     # rows 0 to 3 of columns 4 to 8 are filled: rows 1 and 2 are surrounded in columns 5 to 7
     hidden = {(row, col) for row in (1, 2) for col in (5, 6, 7)}
