@@ -4,7 +4,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -94,8 +94,25 @@ class GlobalCostmapConfig(CostmapConfig):
     map_resolution: bool = quantity(False, "use the map's resolution instead of resolution_m")
 
 
-# Of a scan both costmaps of a robot need the same directions.
-_beam_directions = lru_cache(maxsize=2)(kernels.beam_directions)
+class Beams:
+    """Where the beams of a scan lead, in memory that is used again; the costmaps of one robot share it."""
+
+    def __init__(self) -> None:
+        self._key: tuple[float, float, float, int] | None = None
+        self._fit(0)
+
+    def of(self, yaw: float, scan: Scan) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
+        """Return the directions of a scan's beams for a lidar at this yaw, and work space for their ends, (n, 2)."""
+        key = (yaw, scan.angle_min, scan.angle_increment, len(scan.ranges))
+        if key != self._key:
+            if len(self._ends) != len(scan.ranges):
+                self._fit(len(scan.ranges))
+            kernels.point_beams(self._directions, yaw, scan.angle_min, scan.angle_increment)
+            self._key = key
+        return self._directions, self._ends
+
+    def _fit(self, count: int) -> None:
+        self._directions, self._ends = np.empty((count, 2)), np.empty((count, 2), np.int64)
 
 
 class Costmap:
@@ -110,6 +127,7 @@ class Costmap:
         self.costs: CostArray = np.zeros((rows, cols), np.uint8)
         self._lethal: CostArray = np.zeros((rows, cols), np.uint8)
         self._dirty = np.array(_EMPTY, np.int64)
+        self.beams = Beams()
         by_square = costs_by_square(config, resolution)
         self._inflated = (self.costs, by_square, squares_for(by_square))
         outline = config.padded_outline_m
@@ -132,12 +150,12 @@ class Costmap:
         limits = (scan.range_min, scan.range_max, self.config.raytrace_range_m, self.config.obstacle_range_m)
         changed = (self._lethal, self._dirty, *self._inflated, self.grid, (pose.x, pose.y, pose.yaw))
         own = self.config.as_costmap_2d  # then beams are in the lidar's own frame
-        beams = _beam_directions(0.0 if own else yaw, scan.angle_min, scan.angle_increment, len(scan.ranges))
+        directions, ends = self.beams.of(0.0 if own else yaw, scan)
         if own:
-            seen = ((x, y, yaw), beams, scan.ranges, limits, self._cleared, self.config.inflates_by_front)
+            seen = ((x, y, yaw), directions, scan.ranges, limits, self._cleared, self.config.inflates_by_front)
             layers.observe(*changed, *seen)
         else:
-            kernels.observe(*changed, (x, y), beams, scan.ranges, limits, self._cleared)
+            kernels.observe(*changed, (x, y), directions, ends, scan.ranges, limits, self._cleared)
 
     def reset(self) -> None:
         """Clear all marks."""

@@ -102,9 +102,9 @@ def clear_line(cells, cols, dirty, row, col, end_row, end_col, most):  # type: i
 
 
 @njit(cache=True)
-def observe(lethal, dirty, costs, by_square, squares, grid, pose, sensor, directions, ranges, limits, outline):  # type: ignore[no-untyped-def]
+def observe(lethal, dirty, costs, by_square, squares, grid, pose, sensor, directions, ends, ranges, limits, outline):  # type: ignore[no-untyped-def]
     """Add a scan, clear the footprint (corners (n, 2), or none) at a pose (x, y, yaw), and inflate what changed."""
-    add_scan(lethal, dirty, grid, sensor, directions, ranges, limits)
+    add_scan(lethal, dirty, grid, sensor, directions, ends, ranges, limits)
     if len(outline) > 0:
         (x, y, yaw), (origin_x, origin_y, resolution) = pose, grid
         first, spans = footprint_spans(placed(outline, x, y, yaw), origin_x, origin_y, resolution)
@@ -113,36 +113,34 @@ def observe(lethal, dirty, costs, by_square, squares, grid, pose, sensor, direct
 
 
 @njit(cache=True)
-def beam_directions(yaw, angle_min, angle_increment, count):  # type: ignore[no-untyped-def]
-    """Return cosine and sine of every beam of a lidar at this yaw, float64 (n, 2)."""
-    directions = np.empty((count, 2))
-    for i in range(count):
+def point_beams(directions, yaw, angle_min, angle_increment):  # type: ignore[no-untyped-def]
+    """Write cosine and sine of every beam of a lidar at this yaw, float64 (n, 2)."""
+    for i in range(len(directions)):
         angle = yaw + angle_min + i * angle_increment
         directions[i, 0], directions[i, 1] = math.cos(angle), math.sin(angle)
-    return directions
 
 
 @njit(cache=True, error_model="numpy")
-def add_scan(lethal, dirty, grid, sensor, directions, ranges, limits):  # type: ignore[no-untyped-def]
+def add_scan(lethal, dirty, grid, sensor, directions, ends, ranges, limits):  # type: ignore[no-untyped-def]
     """Clear along every beam with a return, the last cell included, then mark the hits nearer than the obstacle range.
 
-    directions: as of `beam_directions`; limits: range_min and range_max of the scan, raytrace and obstacle range.
+    directions: as of `point_beams`; ends: work space, int64 (n, 2); limits: range_min and range_max of the scan,
+    raytrace and obstacle range.
     """
     rows, cols = lethal.shape
-    cells, ends = lethal.reshape(rows * cols), np.empty((2, len(ranges)))
+    cells = lethal.reshape(rows * cols)
     range_min, range_max, raytrace_range, obstacle_range = limits
-    (origin_x, origin_y, resolution), (sensor_x, sensor_y) = grid, sensor
-    for i in range(len(ranges)):  # of all beams, as floats, so that the loop takes several at once
-        r = min(float(ranges[i]), raytrace_range)
-        ends[0, i] = np.floor((sensor_y + r * directions[i, 1] - origin_y) / resolution)
-        ends[1, i] = np.floor((sensor_x + r * directions[i, 0] - origin_x) / resolution)
+    sensor_x, sensor_y = sensor
     row, col = _cell(grid, sensor_x, sensor_y)
     inside = 0 <= row < rows and 0 <= col < cols
     last_row, last_col = row - 1, col - 1
     for i in range(len(ranges)):
-        if not (range_min <= float(ranges[i]) < range_max):
+        r = float(ranges[i])
+        if not (range_min <= r < range_max):
             continue
-        end_row, end_col = int(ends[0, i]), int(ends[1, i])
+        r = min(r, raytrace_range)
+        end_row, end_col = _cell(grid, sensor_x + r * directions[i, 0], sensor_y + r * directions[i, 1])
+        ends[i, 0], ends[i, 1] = end_row, end_col
         if end_row == last_row and end_col == last_col:
             continue
         last_row, last_col = end_row, end_col
@@ -154,7 +152,7 @@ def add_scan(lethal, dirty, grid, sensor, directions, ranges, limits):  # type: 
         r = float(ranges[i])
         if not (range_min <= r < range_max) or r >= obstacle_range:
             continue
-        row, col = int(ends[0, i]), int(ends[1, i])
+        row, col = ends[i, 0], ends[i, 1]
         if r > raytrace_range:
             row, col = _cell(grid, sensor_x + r * directions[i, 0], sensor_y + r * directions[i, 1])
         if 0 <= row < rows and 0 <= col < cols and not lethal[row, col] & MARK:
@@ -194,8 +192,10 @@ def footprint_spans(corners, origin_x, origin_y, resolution):  # type: ignore[no
     first = cells[:, 1].min()
     spans = np.empty((cells[:, 1].max() - first + 1, 2), np.int64)
     spans[:, 0], spans[:, 1] = np.iinfo(np.int64).max, np.iinfo(np.int64).min
-    for row, col in outline_cells(cells):
-        spans[col - first, 0], spans[col - first, 1] = min(spans[col - first, 0], row), max(spans[col - first, 1], row)
+    edge = outline_cells(cells)
+    for k in range(len(edge)):
+        row, col = edge[k, 0], edge[k, 1] - first
+        spans[col, 0], spans[col, 1] = min(spans[col, 0], row), max(spans[col, 1], row)
     return first, spans
 
 
@@ -207,8 +207,8 @@ def outline_cells(corners):  # type: ignore[no-untyped-def]
         count += max(abs(corners[k, 0] - corners[k - 1, 0]), abs(corners[k, 1] - corners[k - 1, 1]))
     cells, at = np.empty((count, 2), np.int64), 0
     for k in range(len(corners)):
-        row, col = corners[k]
-        end_row, end_col = corners[(k + 1) % len(corners)]
+        end = k + 1 if k + 1 < len(corners) else 0
+        row, col, end_row, end_col = corners[k, 0], corners[k, 1], corners[end, 0], corners[end, 1]
         line, rest = line_between(row, col, end_row, end_col)
         for _ in range(line.steps + 1):
             cells[at, 0], cells[at, 1] = row, col

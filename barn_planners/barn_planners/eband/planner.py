@@ -160,8 +160,12 @@ class EBandController(Controller):
         to_end = math.hypot(end_x - pose.x, end_y - pose.y)
         distance = math.hypot(x - pose.x, y - pose.y)
         bearing = wrap_angle(math.atan2(y - pose.y, x - pose.x) - pose.yaw)
-        figures = {"bubbles": float(len(bubbles)), "robot_radius_m": robot_radius_m}
-        figures |= {"bearing_rad": bearing, "distance_to_band_end_m": to_end}
+        figures = {
+            "bubbles": float(len(bubbles)),
+            "robot_radius_m": robot_radius_m,
+            "bearing_rad": bearing,
+            "distance_to_band_end_m": to_end,
+        }
         if self._turns_finally(pose, Pose2D(end_x, end_y, goal_yaw)):
             turn = wrap_angle(goal_yaw - pose.yaw)
             if abs(turn) <= config.yaw_tolerance_rad:

@@ -94,6 +94,7 @@ class NavigationPlanner(Planner):
         self._follows_in_map = self._map_given and self.config.local_costmap_in_map
         self._local = RollingCostmap(self.config.local_costmap)
         self._global = global_costmap(self.config.global_costmap, task.map, task.goal)
+        self._global.beams = self._local.beams
         self._guard.reset()
         self._start_ns: int | None = None
         self._cycle = -1
