@@ -166,7 +166,7 @@ class EBandController(Controller):
             "bearing_rad": bearing,
             "distance_to_band_end_m": to_end,
         }
-        if self._turns_finally(pose, Pose2D(end_x, end_y, goal_yaw)):
+        if self._turns_finally(pose, (end_x, end_y, goal_yaw), to_end):
             turn = wrap_angle(goal_yaw - pose.yaw)
             if abs(turn) <= config.yaw_tolerance_rad:
                 self._final_turn = False
@@ -182,12 +182,12 @@ class EBandController(Controller):
         speed = min(max(speed, config.min_speed_mps), config.max_speed_mps)
         return Control(Velocity2D(float(speed), self._rate(bearing)), diagnostics=figures)
 
-    def _turns_finally(self, pose: Pose2D, end: Pose2D) -> bool:
+    def _turns_finally(self, pose: Pose2D, end: tuple[float, float, float], to_end_m: float) -> bool:
         """Tell whether the band's end is reached, ahead and aside; once it is, the full tolerance applies."""
         limit_m = (1.0 if self._final_turn else _FINAL_TURN_SHARE) * self.config.xy_tolerance_m
         self._final_turn = False
-        if pose.distance(end) <= 2.0 * limit_m:
-            off = pose.inverse() @ end
+        if to_end_m <= 2.0 * limit_m:
+            off = pose.inverse() @ Pose2D(*end)
             self._final_turn = max(abs(off.x), abs(off.y)) <= limit_m
         return self._final_turn
 

@@ -85,6 +85,8 @@ class NavigationPlanner(Planner):
         self._recovery = Recovery(config.recovery)
         self._guard = ObservationGuard(config.guard)
         self._lidar = config.lidar
+        periods_s = (config.control_period_s, config.plan_period_s, config.goal_republish_period_s)
+        self._control_ns, self._plan_ns, self._goal_ns = map(nanoseconds, periods_s)
         self._task: Task | None = None
 
     def start(self, task: Task, seed: int) -> None:
@@ -119,8 +121,8 @@ class NavigationPlanner(Planner):
         if self._start_ns is None:
             self._start_ns = stamp
             self._recovery.restart(stamp)
-        period_ns = nanoseconds(self.config.control_period_s)
-        cycle = (stamp - self._start_ns + period_ns // 4) // period_ns  # a quarter of tolerance for jittering stamps
+        # a quarter of tolerance for jittering stamps
+        cycle = (stamp - self._start_ns + self._control_ns // 4) // self._control_ns
         if cycle == self._cycle:
             return Decision(None)
         self._cycle = cycle
@@ -151,10 +153,9 @@ class NavigationPlanner(Planner):
 
     def _goal_sent_again(self, stamp_ns: int) -> bool:
         """Tell whether the goal was re-sent since the last cycle; it then waits for a plan and starts over."""
-        period_ns = nanoseconds(self.config.goal_republish_period_s)
-        if period_ns == 0 or self._start_ns is None:
+        if self._goal_ns == 0 or self._start_ns is None:
             return False
-        count = (stamp_ns - self._start_ns) // period_ns
+        count = (stamp_ns - self._start_ns) // self._goal_ns
         if count == self._goal_count:
             return False
         self._goal_count = count
@@ -167,8 +168,8 @@ class NavigationPlanner(Planner):
 
     def _replan(self, observation: Observation, goal: Pose2D) -> FloatArray | None:
         """Make a new plan if one is due and return its points, else None."""
-        due_ns = nanoseconds(self.config.plan_period_s)
-        if not self._waiting and self._planned_ns is not None and observation.stamp_ns - self._planned_ns < due_ns:
+        planned_ns = self._planned_ns
+        if not self._waiting and planned_ns is not None and observation.stamp_ns - planned_ns < self._plan_ns:
             return None
         self._planned_ns = observation.stamp_ns
         found = self._planner.plan(self._global, observation.pose, goal)
