@@ -9,9 +9,8 @@ import yaml
 
 from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.trials.outcome import Outcome
-from barn_planners.dwa.config import dwa_presets
 from barn_planners.registry import planner_config
-from barn_sim.config import LIDARS, PRESETS, RunConfig, SimulatorConfig, SimulatorNodeConfig
+from barn_sim.config import PRESETS, RunConfig, SimulatorConfig, SimulatorNodeConfig
 from barn_worlds.base.config import Checked, fields_of, quantity, replace_dotted
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -124,7 +123,6 @@ def test_every_parameter_of_the_simulator_has_a_row():
 
 def test_the_presets_are_what_their_files_change_and_the_file_of_everything_holds_the_defaults():
     assert PRESETS["default"] == SimulatorConfig()
-    assert LIDARS["ust10lx"] == SimulatorConfig().lidar
     for name in PRESETS.keys() - {"default"}:
         changes = values_of(tool.simulator(), f"{name}.yaml", tool.SIMULATOR)
         assert replace_dotted(SimulatorConfig(), changes, name) == PRESETS[name]
@@ -139,7 +137,7 @@ def test_the_presets_are_what_their_files_change_and_the_file_of_everything_hold
 def test_every_parameter_of_a_planner_has_a_row_with_the_values_of_all_presets():
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     tables = tool.planners().sections["planner parameters"]
-    for name, about, _ in fields_of(dwa_presets()["challenge"]):
+    for name, about, _ in fields_of(planner_config("dwa")):
         assert f"| `{name}` |" in tables and about.description in tables
     assert "| `goal_republish_period_s` | 0 | 0 | 0.1 | s |" in tables
     assert tables.count("\n### `") >= 2

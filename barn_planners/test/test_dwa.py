@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from barn_planners.costmap.costmap import LETHAL, CostmapConfig, RollingCostmap
-from barn_planners.dwa.config import DwaConfig, dwa_presets
+from barn_planners.dwa.config import DwaConfig
 from barn_planners.dwa.kernels import SPEED, TURN
 from barn_planners.dwa.memory import DwaMemory
 from barn_planners.dwa.planner import DwaController, samples
 from barn_planners.navigation.loop import ControlInput
+from barn_planners.registry import presets
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
 
@@ -193,11 +194,11 @@ def test_what_there_is_to_see_are_the_samples_and_the_one_chosen():
 
 
 def test_presets_differ_where_they_say():
-    presets = dwa_presets()
-    assert list(presets) == ["challenge", "fast_dwa", "paper2020"]
-    assert presets["paper2020"].goal_republish_period_s == 0.1 and presets["challenge"].goal_republish_period_s == 0.0
-    assert (presets["fast_dwa"].dwa.max_speed_mps, presets["fast_dwa"].dwa.speed_samples) == (1.0, 12)
-    assert not presets["paper2020"].dwa.distances_in_metres and presets["challenge"].dwa.distances_in_metres
+    known = presets("dwa")
+    assert list(known) == ["challenge", "fast_dwa", "paper2020"]
+    assert known["paper2020"].goal_republish_period_s == 0.1 and known["challenge"].goal_republish_period_s == 0.0
+    assert (known["fast_dwa"].dwa.max_speed_mps, known["fast_dwa"].dwa.speed_samples) == (1.0, 12)
+    assert not known["paper2020"].dwa.distances_in_metres and known["challenge"].dwa.distances_in_metres
 
 
 def test_speeds_that_contradict_each_other_are_refused():

@@ -11,6 +11,7 @@ from typing import TypeVar
 
 from barn_worlds.base.compute import Compute
 from barn_worlds.base.config import OPTIONAL, Checked, from_dict, optional, quantity
+from barn_worlds.base.presets import read_presets
 from barn_worlds.base.types import Pose2D, nanoseconds
 from barn_worlds.messages.topics import FRAMES, Frames
 from barn_worlds.robots.files import STANDARD
@@ -161,33 +162,8 @@ def robot_of(config: SimulatorConfig) -> Robot:
     return Robot(config.chassis, config.drive, config.lidar, config.odometry, config.physics.wheel_friction)
 
 
-LIDARS: dict[str, LidarConfig] = {
-    "ust10lx": LidarConfig(),
-    "ust10lx_jazzy": LidarConfig(beams=1080, range_min_m=0.06, rate_hz=40.0),
-    "lms1xx": LidarConfig(mount_x_m=0.120, mount_z_m=0.333),
-}
-
-# default: a Jackal among fixed obstacles. known_map: with the error of a particle filter in its pose. jazzy: with the
-# lidar of its ROS 2 model. paper2020: as in the trials of the paper. ideal: without noise or delay, though wheels still
-# slip.
-PRESETS: dict[str, SimulatorConfig] = {
-    "default": SimulatorConfig(),
-    "known_map": SimulatorConfig(localisation=LocalisationConfig(mode="amcl")),
-    "jazzy": SimulatorConfig(lidar=LIDARS["ust10lx_jazzy"]),
-    "paper2020": SimulatorConfig(
-        drive=DriveConfig(command_timeout_s=0.25),
-        lidar=LIDARS["lms1xx"],
-        localisation=LocalisationConfig(
-            mode="particles", correction_delay_s=1.0, half_cell_low=False, recovery_alpha_fast=0.1
-        ),
-        obstacles=ObstacleConfig(movable=True),
-    ),
-    "ideal": SimulatorConfig(
-        drive=DriveConfig(command_latency_s=0.0),
-        lidar=LidarConfig(noise_m=0.0),
-        odometry=OdometryConfig(yaw_noise_rad=0.0, yaw_rate_noise_rad_s=0.0),
-    ),
-}
+# data/presets.yaml says what each is for.
+PRESETS = read_presets("barn_sim", "presets.yaml", SimulatorConfig())
 
 
 @dataclass(frozen=True)

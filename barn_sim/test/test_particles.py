@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barn_sim.config import LIDARS, PRESETS, LocalisationConfig
+from barn_sim.config import PRESETS, LocalisationConfig
 from barn_sim.sensors.lidar import Lidar
 from barn_sim.sensors.localisation import known_map
 from barn_sim.sensors.particles import (
@@ -28,7 +28,7 @@ from barn_worlds.worlds.world import World
 WIDE = LocalisationConfig(mode="particles", half_cell_low=False)
 AT_START = replace(WIDE, initial_std_m=0.0, initial_yaw_std_rad=0.0)
 START = Pose2D(-2.25, 5.0, math.pi / 2.0)
-LIDAR = LIDARS["lms1xx"]
+LIDAR = PRESETS["paper2020"].lidar
 MOUNT = Pose2D(LIDAR.mount_x_m, 0.0, 0.0)
 SPEED_M_S = 0.4
 

@@ -1,11 +1,8 @@
-"""Settings of the dynamic window approach and its presets."""
+"""Settings of the dynamic window approach; its presets are in data/presets/dwa.yaml."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
-from barn_planners.costmap.costmap import CostmapConfig, GlobalCostmapConfig
-from barn_planners.global_plan.planner import GlobalPlanConfig
-from barn_planners.navigation.loop import PAPER_HOLD_S, NavigationConfig
-from barn_planners.navigation.recovery import RecoveryConfig
+from barn_planners.navigation.loop import NavigationConfig
 from barn_worlds.base.config import Checked, quantity
 
 
@@ -60,39 +57,3 @@ class DwaPlannerConfig(NavigationConfig):
     """The navigation loop with the dynamic window approach in it."""
 
     dwa: DwaConfig = field(default_factory=DwaConfig)
-
-
-def dwa_presets() -> dict[str, DwaPlannerConfig]:
-    """Return the presets: the challenge, the faster DWA of the challenge, and the paper's trials."""
-    challenge = DwaPlannerConfig(
-        global_plan=GlobalPlanConfig(half_cell_offset=False, zero_intermediate_yaw=True),
-        recovery=RecoveryConfig(clearing_clears=False),
-        # The original's costs reproduce the published success and times of the challenge, but not the paper's.
-        dwa=DwaConfig(sample_highest_turn=False, escape_through=True, distances_in_metres=True),
-    )
-    fast = replace(challenge, dwa=replace(challenge.dwa, max_speed_mps=1.0, speed_samples=12))
-    # Calibrated to the times published for the paper's trials: the local footprint as if padded by 0.04 m instead of
-    # the 0.1 m configured, and no local costs between the inscribed and the inflation radius.
-    local = CostmapConfig(footprint_padding_m=0.04, soft_costs=False, clockwise_outline=True, as_costmap_2d=True)
-    paper_2020 = replace(
-        challenge,
-        goal_republish_period_s=0.1,
-        hold_s=PAPER_HOLD_S,
-        lidar_x_m=0.12,
-        local_costmap_in_map=True,
-        local_costmap=local,
-        global_costmap=GlobalCostmapConfig(clockwise_outline=True, as_costmap_2d=True),
-        global_plan=replace(challenge.global_plan, as_navfn=True, unfinished_plans=True),
-        dwa=replace(
-            challenge.dwa,
-            distances_in_metres=False,
-            single_precision=True,
-            skip_slow_turns=True,
-            turn_past_blocked=True,
-            robot_blocks_goal=True,
-            roll_out_goal_turn=True,
-            stopped_mps=0.01,
-            stopped_radps=0.01,
-        ),
-    )
-    return {"challenge": challenge, "fast_dwa": fast, "paper2020": paper_2020}

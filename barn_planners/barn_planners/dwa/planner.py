@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from barn_planners.dwa import kernels, wavefront
-from barn_planners.dwa.config import DwaConfig, dwa_presets
+from barn_planners.dwa.config import DwaConfig, DwaPlannerConfig
 from barn_planners.dwa.kernels import Grid, Ground, Movement, Scene, Start, Weights
 from barn_planners.dwa.memory import DwaMemory, GoalTurn
 from barn_planners.dwa.search import Choice, find_best
@@ -18,6 +18,7 @@ from barn_planners.navigation.loop import Control, ControlInput, Controller, Nav
 from barn_planners.registry import PlannerEntry
 from barn_planners.robots import fitted
 from barn_worlds.base.compute import Compute
+from barn_worlds.base.presets import read_presets
 from barn_worlds.base.types import Pose2D, Velocity2D
 
 _COLUMNS = kernels.OBSTACLE + 1
@@ -181,7 +182,7 @@ def samples(
 
 ENTRY = PlannerEntry(
     lambda config: NavigationPlanner(config, DwaController(config.dwa)),
-    dwa_presets(),
+    read_presets("barn_planners", "presets/dwa.yaml", DwaPlannerConfig()),
     "dynamic window approach of the paper's trials",
     fitted,
     compute=Compute(delay_s=0.0005),

@@ -1,14 +1,10 @@
-"""Settings of the elastic band and its presets."""
+"""Settings of the elastic band; its presets are in data/presets/eband.yaml."""
 
 import math
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, field
 
-from barn_planners.costmap.costmap import CostmapConfig, GlobalCostmapConfig
 from barn_planners.eband.kernels import BandGains
-from barn_planners.global_plan.planner import GlobalPlanConfig
-from barn_planners.navigation.loop import PAPER_HOLD_S, NavigationConfig
-from barn_planners.navigation.recovery import RecoveryConfig
+from barn_planners.navigation.loop import NavigationConfig
 from barn_worlds.base.config import Checked, quantity
 
 
@@ -59,29 +55,3 @@ class EBandPlannerConfig(NavigationConfig):
 
     prune_m: float = quantity(0.0, "drop points of the plan before one nearer than this; 0: none", "m", minimum=0.0)
     band: EBandConfig = field(default_factory=EBandConfig)
-
-
-# The one constant of paper2020 that is not known: the launch files say 0.1 m, with which plans on cells of the map miss
-# the robot in worlds where published trials succeeded every time; docs/fidelity.md has the evidence.
-_PADDING_M = 0.04
-
-
-def eband_presets() -> dict[str, EBandPlannerConfig]:
-    """Return the presets: the challenge and the paper's trials."""
-    challenge = EBandPlannerConfig(recovery=RecoveryConfig(clearing_clears=False))
-    tight: dict[str, Any] = {"footprint_padding_m": _PADDING_M, "as_costmap_2d": True, "inflates_by_front": True}
-    paper_2020 = replace(
-        challenge,
-        lidar_x_m=0.12,
-        goal_republish_period_s=0.1,
-        hold_s=PAPER_HOLD_S,
-        local_costmap_in_map=True,
-        first_plan_waits=True,
-        local_costmap=CostmapConfig(**tight),
-        global_costmap=GlobalCostmapConfig(map_resolution=True, **tight),
-        global_plan=GlobalPlanConfig(
-            half_cell_offset=False, zero_intermediate_yaw=True, as_navfn=True, unfinished_plans=True
-        ),
-        band=EBandConfig(reset_costmap_once=True, relax_new_plan=True, headings=True, weighs_x_twice=True),
-    )
-    return {"challenge": challenge, "paper2020": paper_2020}

@@ -6,13 +6,14 @@ import numpy as np
 
 from barn_planners.costmap.costmap import INSCRIBED, LETHAL, Costmap, CostmapConfig
 from barn_planners.eband import forces, kernels
-from barn_planners.eband.config import EBandConfig, eband_presets
+from barn_planners.eband.config import EBandConfig, EBandPlannerConfig
 from barn_planners.global_plan.planner import visible_slice
 from barn_planners.interface import FloatArray, PlannerView
 from barn_planners.navigation.loop import Control, ControlInput, Controller, NavigationPlanner
 from barn_planners.registry import PlannerEntry
 from barn_planners.robots import fitted
 from barn_worlds.base.compute import Compute
+from barn_worlds.base.presets import read_presets
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D, wrap_angle
 
 _FULL_COST = 252.0
@@ -199,7 +200,7 @@ class EBandController(Controller):
 
 ENTRY = PlannerEntry(
     lambda config: NavigationPlanner(config, EBandController(config.band)),
-    eband_presets(),
+    read_presets("barn_planners", "presets/eband.yaml", EBandPlannerConfig()),
     "elastic band of Quinlan and Khatib for a differential drive, as in the paper's trials",
     fitted,
     compute=Compute(delay_s=0.0005),

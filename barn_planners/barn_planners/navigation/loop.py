@@ -12,10 +12,6 @@ from barn_planners.navigation.recovery import Recovery, RecoveryConfig
 from barn_worlds.base.config import quantity
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D, nanoseconds
 
-# In the paper's trials no stop was sent while a goal waited for its plan: the robot's watchdog stopped it 0.25 s after
-# the last command, which came one control period before the goal.
-PAPER_HOLD_S = 0.2
-
 
 @dataclass(frozen=True)
 class NavigationConfig(LidarPlace):

@@ -1,0 +1,22 @@
+"""Presets of a configuration: by name, in a data file of a package."""
+
+from importlib.resources import files
+from typing import TypeVar
+
+from barn_worlds.base.config import replace_dotted
+from barn_worlds.base.text_files import parse_yaml
+
+T = TypeVar("T")
+
+
+def read_presets(package: str, file: str, standard: T) -> dict[str, T]:
+    """Return the configurations of a file in a package's data, by name.
+
+    The file has of each what it changes, nested as the configuration is: of the one before it that it names as its
+    base, or else of the standard one.
+    """
+    found: dict[str, T] = {}
+    for name, changes in parse_yaml((files(package) / "data" / file).read_text("utf-8"), file).items():
+        base = found[changes.pop("base")] if "base" in changes else standard
+        found[name] = replace_dotted(base, changes, f"{file}: {name}")
+    return found
