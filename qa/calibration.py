@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from published import FAILURE_TIME_S, TimedTrials, read_published
 
-from barn_eval.analysis.published import FAILURE_TIME_S, TimedTrials, read_published
 from barn_eval.analysis.significance import proportion
 from barn_eval.analysis.sources import Entry, read_entries
 from barn_eval.analysis.statistics import mean_interval, rank_correlation, repetition_spread

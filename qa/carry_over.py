@@ -32,7 +32,7 @@ from barn_metrics.model import load_model
 from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.base.files import write_bytes
-from barn_worlds.base.text_files import markdown_table, read_csv
+from barn_worlds.base.text_files import markdown_table
 from barn_worlds.drawing.palette import FAINT, PLANNERS
 from barn_worlds.worlds.dataset import open_dataset
 
@@ -126,9 +126,10 @@ def read_folders(folders: Sequence[Path]) -> Trials:
 def read_trials(path: Path) -> Trials:
     """Return the trials of a CSV file that `csv_text` made."""
     made = []
-    for _, row in read_csv(path, tuple(item.name for item in fields(Trial))):
-        numbers = int(row["seed"]), int(row["repetition"]), int(row["world"])
-        made.append(Trial(row["robot"], row["planner"], *numbers, row["success"] == "1", float(row["time_s"])))
+    with path.open(newline="") as file:
+        for row in csv.DictReader(file):
+            numbers = int(row["seed"]), int(row["repetition"]), int(row["world"])
+            made.append(Trial(row["robot"], row["planner"], *numbers, row["success"] == "1", float(row["time_s"])))
     return Trials(tuple(made))
 
 

@@ -18,7 +18,6 @@ from mcap.writer import CompressionType, Writer
 from PIL import Image
 from rosbags import rosbag2
 
-from barn_eval.analysis.published import read_published
 from barn_eval.analysis.sources import read_source
 from barn_eval.analysis.tables import trials_table
 from barn_eval.bags.decode import TOPICS
@@ -246,10 +245,6 @@ def _urdf(path: Path) -> None:
     chassis_of(path)
 
 
-def _csv(path: Path) -> None:
-    read_published(path)
-
-
 def _bag_seeds(_: Path) -> list[bytes]:
     found = []
     for part, compression in enumerate((CompressionType.NONE, CompressionType.ZSTD, CompressionType.LZ4)):
@@ -388,9 +383,6 @@ READERS = {
     "protocol": Reader("input.yaml", _protocol_seeds, _protocol),
     "robot": Reader("input.yaml", lambda folder: _robot_seeds(folder, ".yaml"), _robot),
     "urdf": Reader("input.urdf", lambda folder: _robot_seeds(folder, ".urdf"), _urdf),
-    "csv": Reader(
-        "input.csv", lambda _: [b"world,path_length_m,dwa_1,dwa_2\n0,10.5,20.0,30.0\n1,11.5,25.0,50.0\n"], _csv
-    ),
     "npy": Reader("input.npy", _npy_seeds, _single),
     "dataset": Reader("input.npz", _own_seeds, _dataset, _npz),
     "policy": Reader("input.npz", _policy_seeds, _policy, _npz),

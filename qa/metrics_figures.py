@@ -4,7 +4,6 @@ import argparse
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -99,10 +98,10 @@ def distribution_figure(table: MetricsTable, name: str) -> Figure:
     panels = figure.subplots(1, len(METRICS))
     for k, (axes, metric) in enumerate(zip(panels, METRICS, strict=True)):
         published = TABLE_II[metric.name]
-        low, high = published.mean - published.std, published.mean + published.std
+        low, high = published["mean"] - published["std"], published["mean"] + published["std"]
         axes.hist(values[:, k], bins=20, color=BLUE, zorder=2)
         axes.axvspan(low, high, color=ORANGE, alpha=0.3, zorder=1)
-        axes.axvline(published.mean, color=ORANGE, linewidth=2.2, zorder=3, label="Table II, mean and std.")
+        axes.axvline(published["mean"], color=ORANGE, linewidth=2.2, zorder=3, label="Table II, mean and std.")
         axes.axvline(
             values[:, k].mean(), color=VERMILION, linewidth=2.2, linestyle="--", zorder=4, label=f"{name}, mean"
         )
@@ -135,7 +134,7 @@ def table_ii(table: MetricsTable) -> str:
     """Return Table II as Markdown: published / ours in each column."""
     rows = []
     for metric in METRICS:
-        published, ours = asdict(TABLE_II[metric.name]), table.summary_of(metric)
+        published, ours = TABLE_II[metric.name], table.summary_of(metric)
         # The extremes are of cells, for tortuosity of paths.
         ours |= {name: ours.get(f"cell_{name}", ours[name]) for name in ("minimum", "maximum")}
         rows.append([metric.title, *(f"{published[name]:.2f} / {ours[name]:.2f}" for name in published)])

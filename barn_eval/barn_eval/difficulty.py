@@ -1,6 +1,6 @@
 """The learned difficulty of worlds: predicted, judged by trials, and trained on them."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from barn_eval.analysis.published import read_published
 from barn_eval.analysis.sources import read_source
 from barn_eval.results.frames import frame_of
 from barn_metrics.model import DifficultyModel, load_model, save_model
@@ -16,7 +15,7 @@ from barn_metrics.model.evaluation import Evaluation, EvaluationConfig
 from barn_metrics.model.evaluation import evaluate as evaluate_model
 from barn_metrics.model.trials import Trials, joined
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.worlds.dataset import Dataset, open_dataset
+from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 __all__ = ["evaluate", "predict", "train"]
@@ -67,7 +66,7 @@ def evaluate(
     alone.
 
     Args:
-        source: Folder of an experiment, or a table of published times, .csv.
+        source: Folder of an experiment.
         weights: File of a model. Default: the shipped one.
         folds: Parts of the worlds.
         repeats: Divisions into folds.
@@ -97,7 +96,7 @@ def train(
     """Train a model on trials and write its weights; it needs PyTorch (`make extras`).
 
     Args:
-        sources: Folders of experiments, or tables of published times, .csv.
+        sources: Folders of experiments.
         out: File to write, .npz.
         planner: Learn the times of this one alone, not the mean of all.
         dataset: Where the worlds are, if not where the results say.
@@ -126,15 +125,11 @@ def joined_trials(
 
 
 def read_trials(source: Path, dataset: str = "") -> tuple[dict[int, World], Trials]:
-    """Return worlds by number and the trials in them of an experiment's folder or a table of published times.
+    """Return worlds by number, those that every planner was tried in, and the trials in them of an experiment's folder.
 
-    dataset: where the worlds are, if not where the experiment names them or beside the table. BarnError in one line for
-    what cannot be read, or for other worlds.
+    dataset: where the worlds are, if not where the experiment names them. BarnError in one line for what cannot be
+    read, or for other worlds.
     """
-    if source.suffix == ".csv" and not source.is_dir():
-        return _of_published(source, open_dataset(dataset or source.resolve().parent))
-    if source.is_file():
-        raise ConfigError(f"{source}: must be a folder of results or a table of published times (.csv)")
     found = read_source(source)
     worlds = open_dataset(dataset or str(found.configuration.get("dataset")))
     known = {(world := worlds.load(index)).checksum: (index, world) for index in worlds.indices}
@@ -149,31 +144,7 @@ def read_trials(source: Path, dataset: str = "") -> tuple[dict[int, World], Tria
         np.array([one.scores.normalised_time_s_per_m for one in found.results]),
         np.array([one.scores.success for one in found.results], np.bool_),
     )
-    return _common(known.values(), trials)
-
-
-def _of_published(source: Path, dataset: Dataset) -> tuple[dict[int, World], Trials]:
-    published = read_published(source)
-    first = next(iter(published.values()))
-    worlds = {number: dataset.load(number) for number in sorted(first.lengths_m)}
-    other = first.other_length((number, world.path_length_m) for number, world in worlds.items())
-    if other is not None:
-        raise ConfigError(
-            f"{source}: path of world {other} has {first.lengths_m[other]:.3f} m, "
-            f"{worlds[other].path_length_m:.3f} m in {dataset.name}"
-        )
-    trials = Trials(
-        np.concatenate([one.worlds for one in published.values()]),
-        tuple(planner for planner, one in published.items() for _ in one.worlds),
-        np.concatenate([one.normalised_s_per_m for one in published.values()]),
-        ~np.concatenate([one.failed for one in published.values()]),
-    )
-    return _common(worlds.items(), trials)
-
-
-def _common(worlds: Iterable[tuple[int, World]], trials: Trials) -> tuple[dict[int, World], Trials]:
-    """Return the worlds that every planner was tried in, ascending, and the trials there."""
     if not trials.world_numbers:
         raise ConfigError(f"no world has trials of all of {', '.join(trials.planner_names)}")
-    known = dict(worlds)
-    return {number: known[number] for number in trials.world_numbers}, trials.only(trials.world_numbers)
+    numbered = dict(known.values())
+    return {number: numbered[number] for number in trials.world_numbers}, trials.only(trials.world_numbers)

@@ -22,28 +22,13 @@ from barn_eval.studies.reproduction.page import write_results
 from barn_eval.studies.validation import validate
 from barn_planners.registry import planner_names
 from barn_worlds.base.config import replace_dotted
+from barn_worlds.base.text_files import packaged_yaml
 from barn_worlds.worlds.dataset import shipped
 
 __all__ = ["BenchSetup", "bench", "info", "reproduce", "validate"]
 
 # Module or program: (what needs it, what is off without it).
-OPTIONAL: dict[str, tuple[str, str]] = {
-    "rclpy": ("ROS mode and nodes", "only direct mode works; install the ROS 2 wheels or source ROS 2 Jazzy"),
-    "tf2_msgs": ("/tf and /tf_static", "the simulator does not publish transforms; a full ROS 2 installation has it"),
-    "torch": (
-        "training of difficulty models",
-        "only shipped weights work; make extras, or pip install torch==2.13.0",
-    ),
-    "foxglove": ("live view in Foxglove", "barn run --view is off; pip install foxglove-sdk"),
-    "gymnasium": ("environment for learning", "barn_eval.gym is off; make extras, or pip install gymnasium"),
-    "stable_baselines3": (
-        "training of policies",
-        "examples/train_policy.py is off; make extras, or pip install stable-baselines3",
-    ),
-    "ffmpeg": ("films of replays", "films are off, .gif works; apt install ffmpeg"),
-    "ray": ("campaigns on a cluster", "engine ray is off; pip install ray"),
-    "optuna": ("tuning of parameters", "barn tune is off; make extras, or pip install optuna"),
-}
+OPTIONAL: dict[str, tuple[str, str]] = packaged_yaml("barn_eval", "optional.yaml")
 
 
 def reproduce(

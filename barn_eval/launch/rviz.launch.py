@@ -1,13 +1,12 @@
 """Show a trial: `ros2 launch barn_eval rviz.launch.py`."""
 
-from launch import LaunchContext, LaunchDescription
-from launch.actions import OpaqueFunction
+from launch import LaunchDescription
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-from barn_worlds.ros.launching import SIM_TIME, USUAL, argument
+from barn_worlds.ros.launching import LOG_LEVEL, SIM_TIME, USUAL, argument
 
 # The layout names topics from the root; so they follow the namespace.
 TOPICS = (
@@ -33,27 +32,14 @@ def generate_launch_description() -> LaunchDescription:
         argument(SIM_TIME[0], "true", SIM_TIME[1]),
         *(argument(name, *USUAL[name]) for name in ("namespace", "log_level")),
     ]
-    return LaunchDescription([*arguments, OpaqueFunction(function=make_node)])
-
-
-def make_node(_context: LaunchContext) -> list[Node]:
-    """Return the node."""
-    simulated = ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool)
-    return [
-        Node(
-            package="rviz2",
-            executable="rviz2",
-            name="rviz2",
-            namespace=LaunchConfiguration("namespace"),
-            parameters=[{"use_sim_time": simulated}],
-            remappings=[(f"/{name}", name) for name in TOPICS],
-            arguments=[
-                "-d",
-                LaunchConfiguration("layout"),
-                "--ros-args",
-                "--log-level",
-                LaunchConfiguration("log_level"),
-            ],
-            output="screen",
-        )
-    ]
+    node = Node(
+        package="rviz2",
+        executable="rviz2",
+        name="rviz2",
+        namespace=LaunchConfiguration("namespace"),
+        parameters=[{"use_sim_time": ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool)}],
+        remappings=[(f"/{name}", name) for name in TOPICS],
+        arguments=["-d", LaunchConfiguration("layout"), *LOG_LEVEL],
+        output="screen",
+    )
+    return LaunchDescription([*arguments, node])

@@ -19,30 +19,14 @@ from barn_metrics.metrics import (
 )
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import WorldError
-from barn_worlds.base.text_files import finite
+from barn_worlds.base.text_files import finite, packaged_yaml
 from barn_worlds.worlds.dataset import Dataset
 from barn_worlds.worlds.world import World
 
 SCHEMA_VERSION = 1
 
 
-@dataclass(frozen=True)
-class PublishedRow:
-    """One line of Table II. The paper takes minimum and maximum over cells, for tortuosity over paths."""
-
-    minimum: float
-    maximum: float
-    mean: float
-    std: float
-
-
-TABLE_II: dict[str, PublishedRow] = {
-    "closest_obstacle": PublishedRow(1.0, 10.20, 2.37, 0.93),
-    "average_visibility": PublishedRow(1.0, 14.00, 4.42, 1.64),
-    "dispersion": PublishedRow(0.0, 12.00, 4.35, 0.89),
-    "characteristic_dimension": PublishedRow(0.0, 20.00, 4.05, 2.66),
-    "tortuosity": PublishedRow(1.0, 1.71, 1.21, 0.14),
-}
+TABLE_II = packaged_yaml("barn_metrics", "table_ii.yaml")
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,6 @@ from barn_worlds.base.text_files import (
     LONGEST_LINE_BYTES,
     finite,
     parse_yaml,
-    read_csv,
     read_json,
     read_lines,
     read_yaml,
@@ -104,36 +103,6 @@ def test_text_is_named_by_what_it_was_given_for():
         parse_yaml("[", "--set a")
 
 
-def test_rows_of_a_csv_file_know_their_line(tmp_path):
-    path = tmp_path / "file.csv"
-    path.write_text('a,b\n1,"x, y"\n\n2,é\n', encoding="utf-8")
-    assert list(read_csv(path, ("b",))) == [
-        (f"{path}, line 2", {"a": "1", "b": "x, y"}),
-        (f"{path}, line 4", {"a": "2", "b": "é"}),
-    ]
-
-
-@pytest.mark.parametrize(
-    ("content", "complaint"),
-    [
-        (b"", ": no column 'time'; known: "),
-        (b"tiem\n1\n", ": no column 'time'; did you mean 'tiem'?"),
-        (b"time,a,a\n1,2,3\n", ": has two columns of the same name"),
-        (b"time,a\n1,2\n1\n", ", line 3: has 1 values, must have 2"),
-        (b"time\n\xff\n", ": not a CSV file: "),
-        (b'time\n"1\n', ": not a CSV file: "),
-        pytest.param(b"time\n" + b"\n" * 1_000_001, ": not a CSV file: more than 1000000 values", id="many"),
-    ],
-)
-def test_what_is_no_csv_is_one_line(tmp_path, content, complaint):
-    path = tmp_path / "file.csv"
-    path.write_bytes(content)
-    with pytest.raises(ConfigError) as raised:
-        list(read_csv(path, ("time",)))
-    assert str(raised.value).startswith(f"{path}{complaint}")
-    assert "\n" not in str(raised.value)
-
-
 @pytest.mark.parametrize(
     "content",
     [b"? " + b"0x" + b"f" * 5000 + b"\n: 1", b"a: " + b"{b: " * 200 + b"}" * 200, b'"\\ud800": 1', b"? [1]\n"],
@@ -167,9 +136,3 @@ def test_lines_that_are_none_are_named(tmp_path, content, complaint):
     with pytest.raises(ConfigError) as raised:
         list(read_lines(path))
     assert str(raised.value).startswith(f"{path}{complaint}")
-
-
-def test_a_line_within_quotes_is_part_of_its_value(tmp_path):
-    path = tmp_path / "file.csv"
-    path.write_text('a,b\n"x\u2028y\nz",2\n', encoding="utf-8")
-    assert list(read_csv(path, ("a",))) == [(f"{path}, line 3", {"a": "x\u2028y\nz", "b": "2"})]

@@ -45,7 +45,7 @@ def predict(source: str, select: str, weights: Path | None, as_json: bool) -> No
 @click.option("--out", required=True, type=FILE, help="Weights to write, .npz.")
 @click.option("--seed", default=0, help="All randomness comes from it.")
 def train(sources: Sequence[Path], out: Path, seed: int) -> None:
-    """Train on the trials of SOURCES: folders of experiments, or tables of published times (.csv)."""
+    """Train on the trials of SOURCES: folders of experiments."""
     with notes.status("training"):
         difficulty.train(sources, out, seed=seed)
     say(out)

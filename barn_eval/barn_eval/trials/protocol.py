@@ -14,7 +14,6 @@ A built-in name stands for exactly the built-in protocol: a derived one needs a 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,7 @@ import numpy as np
 from barn_worlds.base.arrays import Points
 from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.base.errors import ConfigError, shown, suggest
-from barn_worlds.base.text_files import parse_yaml, read_yaml
+from barn_worlds.base.text_files import packaged_yaml, read_yaml
 from barn_worlds.base.types import Pose2D
 from barn_worlds.robots.files import other_name
 from barn_worlds.robots.robot import Chassis
@@ -245,7 +244,6 @@ def _based(content: dict[str, Any], where: str) -> dict[str, Any]:
 
 
 PROTOCOLS: dict[str, Protocol] = {}
-_TEXT = (files("barn_eval") / "data" / "protocols.yaml").read_text("utf-8")
-for _name, _content in parse_yaml(_TEXT, "protocols.yaml").items():
+for _name, _content in packaged_yaml("barn_eval", "protocols.yaml").items():
     PROTOCOLS[_name] = from_dict(Protocol, _based(_content | {"name": _name}, _name), _name)
 CHALLENGE, DYNABARN, KNOWN_MAP, PAPER_2020, CHALLENGE_2022, CHALLENGE_2022_03 = PROTOCOLS.values()

@@ -1,10 +1,9 @@
 """Presets of a configuration: by name, in a data file of a package."""
 
-from importlib.resources import files
 from typing import TypeVar
 
 from barn_worlds.base.config import replace_dotted
-from barn_worlds.base.text_files import parse_yaml
+from barn_worlds.base.text_files import packaged_yaml
 
 T = TypeVar("T")
 
@@ -16,7 +15,7 @@ def read_presets(package: str, file: str, standard: T) -> dict[str, T]:
     base, or else of the standard one.
     """
     found: dict[str, T] = {}
-    for name, changes in parse_yaml((files(package) / "data" / file).read_text("utf-8"), file).items():
+    for name, changes in packaged_yaml(package, file).items():
         base = found[changes.pop("base")] if "base" in changes else standard
         found[name] = replace_dotted(base, changes, f"{file}: {name}")
     return found

@@ -1,22 +1,21 @@
-"""Reading YAML, JSON, lines of JSON and CSV that anyone may have written; Markdown.
+"""Reading YAML, JSON and lines of JSON that anyone may have written; Markdown.
 
 Size, depth, count, numbers and encoding are bounded. Every mistake is a ConfigError of one line that names the file.
 """
 
-import csv
-import io
 import json
 import math
 from collections.abc import Iterator, Sequence
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import yaml
 
-from barn_worlds.base.errors import ConfigError, one_line, shown, suggest
+from barn_worlds.base.errors import ConfigError, one_line, shown
 from barn_worlds.base.files import open_regular, read_at_most
 
-LARGEST_JSON_BYTES = LARGEST_CSV_BYTES = 64 * 1024 * 1024
+LARGEST_JSON_BYTES = 64 * 1024 * 1024
 LARGEST_YAML_BYTES = 256 * 1024
 LARGEST_LINES_BYTES = 1 << 30
 LONGEST_LINE_BYTES = 1 << 20
@@ -91,29 +90,9 @@ def parse_yaml(text: str | bytes, where: str) -> Plain:
     return found
 
 
-def read_csv(path: Path, needed: tuple[str, ...]) -> Iterator[tuple[str, dict[str, str]]]:
-    """Yield the rows of a CSV file: the place, such as "times.csv, line 2", and the values by column.
-
-    The first line names the columns; it must contain those that are needed.
-    """
-    try:
-        content = _read(path, LARGEST_CSV_BYTES).decode("utf-8")
-        if sum(map(content.count, ",\n\r")) > MOST_VALUES:
-            raise ConfigError(f"{path}: not a CSV file: more than {MOST_VALUES} values")
-        rows = csv.reader(io.StringIO(content, newline=""), strict=True)
-        names = next(rows, [])
-        for name in needed:
-            if name not in names:
-                raise ConfigError(f"{path}: no column {shown(name)}{suggest(name, names)}")
-        if len(set(names)) < len(names):
-            raise ConfigError(f"{path}: has two columns of the same name")
-        for row in filter(None, rows):
-            where = f"{path}, line {rows.line_num}"
-            if len(row) != len(names):
-                raise ConfigError(f"{where}: has {len(row)} values, must have {len(names)}")
-            yield where, dict(zip(names, row, strict=True))
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise ConfigError(f"{path}: not a CSV file: {error}") from None
+def packaged_yaml(package: str, file: str) -> Plain:
+    """Return the content of a YAML file in a package's data."""
+    return parse_yaml((files(package) / "data" / file).read_text("utf-8"), file)
 
 
 def finite(content: Plain) -> Plain:

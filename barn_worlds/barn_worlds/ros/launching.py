@@ -25,6 +25,7 @@ USUAL = {
     "log_level": ("info", "debug, info, warn, error or fatal"),
 }
 SIM_TIME = ("use_sim_time", "take the time from /clock")
+LOG_LEVEL = ("--ros-args", "--log-level", LaunchConfiguration("log_level"))  # arguments of a node
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ class NodeLaunch:
             namespace=LaunchConfiguration("namespace"),
             parameters=[*([ParameterFile(file)] if file else []), given],
             remappings=[(name, LaunchConfiguration(topic_argument(name))) for name in self.topics],
-            arguments=["--ros-args", "--log-level", LaunchConfiguration("log_level")],
+            arguments=list(LOG_LEVEL),
             output="screen",
             on_exit=[Shutdown(reason=f"the {self.executable} has ended")] if self.ends_launch else None,
         )

@@ -18,8 +18,9 @@ from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoic
 from barn_eval.experiments.request import Request
 from barn_eval.experiments.run import run_experiment
 from barn_eval.experiments.run_file import RunFile, provenance
-from barn_eval.studies.reproduction.paper import PLANNERS, REPETITIONS
 from barn_eval.studies.reproduction.trials import (
+    PLANNERS,
+    REPETITIONS,
     MetricsFinding,
     PlannerTrials,
     TrialsFinding,

@@ -14,22 +14,24 @@ from matplotlib.figure import Figure
 from barn_eval.analysis.planners import colours, spelling
 from barn_eval.pages.figures import label_axes, new_figure, style, write_figure
 from barn_eval.pages.template import render
-from barn_eval.studies.reproduction import paper
 from barn_eval.studies.reproduction.findings import Findings, Origin, read_findings, to_json
+from barn_eval.studies.reproduction.trials import PLANNERS
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval, number
 from barn_metrics.model.evaluation import RIDGE, RIDGE_TITLE, WEIGHTS
 from barn_metrics.report import TABLE_II
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.files import write_whole
-from barn_worlds.base.text_files import read_json
-from barn_worlds.drawing.palette import INK, PLANNERS
+from barn_worlds.base.text_files import packaged_yaml, read_json
+from barn_worlds.drawing.palette import INK
+from barn_worlds.drawing.palette import PLANNERS as SHADES
 
 NAME = "results"
 HOLDS, FAILS, OPEN = "holds", "does not hold", "not decided"
-_PLANNERS = (*paper.PLANNERS, "both")
+_PLANNERS = (*PLANNERS, "both")
+PAPER = packaged_yaml("barn_eval", "paper.yaml")
 _COLOURS = dict(zip(_PLANNERS, colours(_PLANNERS), strict=True))
-_TITLES = {name: spelling(name) for name in paper.PLANNERS} | {"both": "both planners"}
+_TITLES = {name: spelling(name) for name in PLANNERS} | {"both": "both planners"}
 
 
 def write_results(findings: Findings, origin: Origin, folder: Path) -> Path:
@@ -56,7 +58,7 @@ def page(findings: Findings, origin: Origin) -> str:
         scope=findings.scope,
         settings=as_dict(findings.scope.config),
         origin=origin,
-        paper=paper,
+        paper=PAPER,
         table_ii=TABLE_II,
         outcomes=[one.value for one in Outcome],
         variance=float(np.var(findings.learning.difficulty)),
@@ -106,7 +108,7 @@ def model_figure(findings: Findings) -> Figure:
     titles = {RIDGE: RIDGE_TITLE, WEIGHTS: "the suite's model"}
     for axes, (name, model) in zip(figure.subplots(1, 2, sharex=True, sharey=True), titles.items(), strict=True):
         score = found.score(name)
-        axes.scatter(score.predictions, found.difficulty, s=14, color=PLANNERS[0], label="held out")
+        axes.scatter(score.predictions, found.difficulty, s=14, color=SHADES[0], label="held out")
         axes.axline((3.0, 3.0), slope=1.0, color=INK, lw=1.0, ls="--", label="equal")
         held_out = f"{model}: held-out R2 {score.r2.estimate:.2f}"
         label_axes(axes, "predicted difficulty [s/m]", "measured difficulty [s/m]", held_out)

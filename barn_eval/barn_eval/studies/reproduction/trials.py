@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from barn_eval.analysis.significance import proportion
 from barn_eval.analysis.statistics import mean_interval, rank_correlation
-from barn_eval.studies.reproduction import paper
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import TrialResult
 from barn_metrics import bootstrap
@@ -20,6 +19,10 @@ from barn_metrics.report import metrics_table
 from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.worlds.dataset import Dataset
+
+PLANNERS, REPETITIONS = ("dwa", "eband"), 5  # of the paper
+# A tenth of the worlds: the easiest and the most difficult whose mean times are compared.
+EXTREME_SHARE = 0.1
 
 # Deviations of very few worlds have no bias correction that could be trusted.
 over_worlds = partial(bootstrap.over_worlds, method="percentile")
@@ -45,7 +48,7 @@ class PlannerTrials:
 
 @dataclass(frozen=True)
 class PlannerFinding:
-    """One planner's figures as `paper.PublishedTrials` names them, with 95 % intervals over worlds.
+    """One planner's figures as data/paper.yaml names them, with 95 % intervals over worlds.
 
     failure_time_s: what a failure counts on average, None without failures.
     """
@@ -98,7 +101,7 @@ def trials_by_planner(results: Sequence[TrialResult], where: str) -> dict[str, P
     """Return the trials of each of the paper's planners; ConfigError, beginning with `where`, if some are missing."""
     worlds = sorted({one.world for one in results})
     found = {}
-    for planner in paper.PLANNERS:
+    for planner in PLANNERS:
         own = {(one.world, one.repetition): one for one in results if one.planner == planner}
         repetitions = sorted({repetition for _, repetition in own})
         missing = [(world, r) for world in worlds for r in repetitions if (world, r) not in own]
@@ -114,7 +117,7 @@ def trials_by_planner(results: Sequence[TrialResult], where: str) -> dict[str, P
 
 def trials_finding(results: Sequence[TrialResult], found: Mapping[str, PlannerTrials], seed: int) -> TrialsFinding:
     """Return what the trials of both planners say."""
-    dwa, eband = (found[planner].normalised_s_per_m for planner in paper.PLANNERS)
+    dwa, eband = (found[planner].normalised_s_per_m for planner in PLANNERS)
     worlds = found["dwa"].worlds
     both = np.concatenate([dwa, eband], axis=1)
     order = np.lexsort((worlds, both.mean(axis=1)))
@@ -160,12 +163,12 @@ def _planner(
 
 
 def _tenth(worlds: int) -> int:
-    return max(1, round(paper.EXTREME_SHARE * worlds))  # the easiest, or the most difficult, of so many
+    return max(1, round(EXTREME_SHARE * worlds))  # the easiest, or the most difficult, of so many
 
 
 def _steeper(found: Mapping[str, PlannerTrials], seed: int) -> Interval:
     """Return how much more the mean time rises from the easiest to the hardest tenth for DWA than for E-Band."""
-    dwa, eband = (found[planner] for planner in paper.PLANNERS)
+    dwa, eband = (found[planner] for planner in PLANNERS)
     difficulty = (dwa.normalised_s_per_m.mean(axis=1) + eband.normalised_s_per_m.mean(axis=1)) / 2.0
     difference = dwa.time_s.mean(axis=1) - eband.time_s.mean(axis=1)
     tenth = _tenth(len(difficulty))
