@@ -69,7 +69,7 @@ def save(chosen: Mapping[int, World], out: str | Path, form: Form = "npz", *, mo
         out: File or folder, which must not be there.
         form: npz (one file of the suite's own), original (the layout of the original data set), or a file per world in
             the folder `out`: sdf (current Gazebo), sdf_classic (Gazebo Classic), map (map_server's pgm and yaml), yaml
-            (to edit by hand), tracks (CSV of where moving obstacles are in the first 100 s), png.
+            (to edit by hand), png.
         movable: Whether obstacles of Gazebo worlds can be pushed.
 
     Returns:
