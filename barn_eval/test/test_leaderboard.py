@@ -249,7 +249,7 @@ def test_each_setting_is_what_a_run_of_its_own_is_and_the_best_comes_first(comma
     for name in ("results.csv", "tracks.jsonl"):
         assert (out / "max_speed_mps=0.4" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes()
     assert [values_of(one) for one in swept_folders(out)] == [{"max_speed_mps": 0.4}, {"max_speed_mps": 0.8}]
-    assert [row[1:3] for row in sweep_table(sweep_board(out)).rows] == [("gap", "0.8"), ("gap", "0.4")]
+    assert [row[:2] for row in sweep_table(sweep_board(out)).rows] == [("gap", "0.8"), ("gap", "0.4")]
 
 
 def test_python_has_a_column_per_parameter_and_a_figure(tmp_path):

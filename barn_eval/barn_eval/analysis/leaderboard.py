@@ -194,10 +194,10 @@ def sweep_board(folder: Path) -> Board:
 
 
 def sweep_rows(found: Board) -> list[dict[str, Any]]:
-    """Return a row per setting: rank, whether it is as good as the best for all that is known, parameters, figures."""
+    """Return a row per setting, best first: whether it is level with the best, parameters, figures."""
     leaders = found.ranking.leaders
     return [
-        {"rank": one.rank, "level_with_best": place in leaders, "planner": one.entry.planner}
+        {"level_with_best": place in leaders, "planner": one.entry.planner}
         | values_of(one.entry.source.path)
         | one.summary.columns()
         | {"folder": str(one.entry.source.path)}
@@ -214,13 +214,13 @@ def sweep_table(found: Board) -> TextTable:
         texts = map(value_text, values_of(one.entry.source.path).values())
         level = "best" if place == 0 else "level" if place in found.ranking.leaders else "worse"
         figures = (measure.text(one.summary[measure.key]) for measure in measures)
-        rows.append((f"{'=' * one.tied}{one.rank}", spelling(one.entry.planner), *texts, level, *figures))
-    columns = ("rank", "planner", *names, "against the best", *(one.heading for one in measures))
+        rows.append((spelling(one.entry.planner), *texts, level, *figures))
+    columns = ("planner", *names, "against the best", *(one.heading for one in measures))
     about = (
         f"By {found.measure.title}, with 95 % intervals; all pairs of settings tested, corrected after Holm. Level: not"
         " clearly worse than the best."
     )
-    return TextTable("sweep", found.title, columns, tuple(rows), 3 + len(names), about)
+    return TextTable("sweep", found.title, columns, tuple(rows), 2 + len(names), about)
 
 
 def _in_order(found: Board) -> list[tuple[int, Place]]:
