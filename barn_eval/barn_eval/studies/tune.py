@@ -213,9 +213,12 @@ class _Tuner:
             study.tell(trial, values)
             measures = zip((MEASURES[key] for key in self.by), values, strict=True)
             text = ", ".join(f"{measure.title} {measure.number(value)}" for measure, value in measures)
-            worlds = trial.user_attrs.get(_EARLY)
-            early = f", estimated from {worlds} worlds and given up" if worlds else ""
-            self.console.print(f"setting {number} of {settings}: {text}{early}", markup=False, highlight=False)
+            if worlds := trial.user_attrs.get(_EARLY):
+                measure, worse = MEASURES[self.by[0]], abs(values[0] - study.best_value)
+                text = (
+                    f"given up after {worlds} worlds, {measure.title} {measure.number(worse)} worse there than the best"
+                )
+            self.console.print(f"setting {number} of {settings}: {text}", markup=False, highlight=False)
 
     def _try(self, study: optuna.Study, trial: Trial, engine: Engine | None) -> list[float]:
         """Drive a setting until it is clearly worse than the best, and return its means."""
