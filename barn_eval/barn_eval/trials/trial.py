@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from traceback import extract_tb, format_exc
 from types import FrameType
@@ -137,9 +137,13 @@ class RunningTrial:
 
     @property
     def scores(self) -> Scores | None:
-        """What the verdict is worth, None while the trial runs."""
-        spec = self.spec
-        return None if self.verdict is None else score(self.verdict, spec.course, spec.protocol, spec.least_time_s)
+        """What the verdict is worth, None while the trial runs; only for a success the least time is looked for."""
+        verdict, spec = self.verdict, self.spec
+        if verdict is None:
+            return None
+        if verdict.outcome is Outcome.SUCCESS:
+            return score(verdict, spec.course, spec.protocol, spec.least_time_s)
+        return replace(score(verdict, spec.course, spec.protocol), efficiency=0.0)
 
     def read(self, odometry: Odometry, truth: Odometry, collision: bool) -> Verdict | None:
         """Take what is measured at an instant, of which the stamp is that of the truth; return the verdict by now."""
