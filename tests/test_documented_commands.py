@@ -152,15 +152,13 @@ def test_links_lead_to_files_and_headings_that_exist(path):
             assert heading in anchors, target
 
 
-def quoted():
-    """Yield each text between backticks on the pages, as (page, text), without code blocks and the changelog's past."""
-    for path in PAGES:
-        text = path.read_text("utf-8")
-        if path.name == "CHANGELOG.md":
-            text = text.partition("\n## [Unreleased]")[2].partition("\n## [")[0]
-        text = re.sub(r"(?ms)^```.*?^```", "", text)
-        for one in sorted(set(re.findall(r"`([^`\n]+)`", text))):
-            yield path, one
+def quoted(path):
+    """Return the texts between backticks on a page, without code blocks and the changelog's past."""
+    text = path.read_text("utf-8")
+    if path.name == "CHANGELOG.md":
+        text = text.partition("\n## [Unreleased]")[2].partition("\n## [")[0]
+    text = re.sub(r"(?ms)^```.*?^```", "", text)
+    return sorted(set(re.findall(r"`([^`\n]+)`", text)))
 
 
 PYTHON_NAME = re.compile(r"barn_(?:worlds|sim|planners|metrics|eval)(?:\.\w+)+(?=\(|$)")
@@ -170,11 +168,8 @@ ENTRY_POINTS = {"barn_planners.planners"}  # a group of entry points, named like
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_python_names_exist(path):
-    names = [
-        name[0]
-        for page, text in quoted()
-        if page == path and (name := PYTHON_NAME.match(text)) and not TOP_FOLDER.match(text)
-    ]
+    found = [PYTHON_NAME.match(text) for text in quoted(path) if not TOP_FOLDER.match(text)]
+    names = [name[0] for name in found if name]
     assert [name for name in names if name not in ENTRY_POINTS and not exists(name)] == []
 
 
@@ -200,7 +195,7 @@ def test_everything_in_the_api_pages_exists():
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_paths_exist(path):
-    named = [text.replace("NAME", "*") for page, text in quoted() if page == path and TOP_FOLDER.match(text)]
+    named = [text.replace("NAME", "*") for text in quoted(path) if TOP_FOLDER.match(text)]
     assert [text for text in named if not [*ROOT.glob(text), *path.parent.glob(text)]] == []
 
 

@@ -22,13 +22,12 @@ TOOLS = Path(__file__).resolve().parents[1] / "qa"
 
 
 def test_campaigns_with_a_killed_process_are_resumed_to_the_same_tables():
-    modes = ["direct", "ros"] if importlib.util.find_spec("rclpy") else ["direct"]
-    words = ["--json", f"--points={len(modes)}", "--seed=4", *(f"--mode={mode}" for mode in modes)]
-    command = [sys.executable, TOOLS / "kill_points.py", *words]
+    mode = "ros" if importlib.util.find_spec("rclpy") else "direct"  # which test_campaign.py kills as well
+    command = [sys.executable, TOOLS / "kill_points.py", "--json", "--points=1", "--seed=4", f"--mode={mode}"]
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stderr + ended.stdout
     found = json.loads(ended.stdout)["points"]
-    assert [one["mode"] for one in found] == modes
+    assert [one["mode"] for one in found] == [mode]
     assert all(one["equal"] and not one["problems"] for one in found)
 
 

@@ -9,6 +9,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from waiting import processes
+
 PROTOCOL = "schema_version: 1\nbase: {base}\nname: short\nlimit_s: 5.0\nfirst_motion_limit_s: 3.0\n"
 # Where nothing moves and among moving obstacles: the rules, and a data set with three of its worlds.
 STATIC = {"base": "challenge", "dataset": "barn300", "worlds": (0, 100, 200)}
@@ -71,17 +73,7 @@ def tables(out):
 
 def children(pid):
     """Return the pids of the workers of a campaign: its children that do its work."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                parent = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
-                line = (entry / "cmdline").read_bytes()
-            except OSError:
-                continue
-            if parent == pid and b"barn_eval.experiments.worker" in line:
-                found.append(int(entry.name))
-    return found
+    return [one for one, parent, line in processes() if parent == pid and b"barn_eval.experiments.worker" in line]
 
 
 def interrupt(process):

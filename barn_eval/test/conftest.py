@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from browser import Opened, launch
 from extra_messages import more_messages, with_more_messages
-from report_work import drive
+from report_work import campaign, drive
 
 from barn_eval.commands.main import main
+from barn_eval.pages.report.page import build_report
+from barn_eval.trials.protocol import PAPER_2020
 from barn_worlds.moving.motion import Motion, MovingObstacle
 from barn_worlds.worlds.world import World
 
@@ -76,6 +78,26 @@ def original() -> Path:
 def run(tmp_path_factory) -> Path:
     """The folder of one trial that was driven, for campaigns made of it; nobody changes it."""
     return drive(tmp_path_factory.mktemp("driven") / "run")
+
+
+@pytest.fixture(scope="session")
+def folder(run, tmp_path_factory):
+    """The folder of a campaign of gap and DWA, made of the trial that was driven."""
+    return campaign(tmp_path_factory.mktemp("campaigns") / "campaign", run)
+
+
+@pytest.fixture(scope="session")
+def report(folder):
+    """Its report."""
+    return build_report([folder])
+
+
+@pytest.fixture(scope="session")
+def bag(tmp_path_factory):
+    """The bag of a trial in which what the follower of gaps takes for the goal is off by a cell, like the map."""
+    protocol = replace(PAPER_2020, name="by_truth", goal_source="truth", goal_distance_m=0.5)
+    run = drive(tmp_path_factory.mktemp("replay") / "run", protocol)
+    return run / "bags" / "gap_w0000_r00"
 
 
 @pytest.fixture(scope="session")

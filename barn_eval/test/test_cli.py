@@ -247,13 +247,11 @@ def test_bench(command, tiny, tmp_path):
         ("show 4 --dataset TINY", "no world 4"),
         ("show nothing.world", "nothing.world: no such file"),
         ("show 0 --by speed", "--by needs --trials"),
-        ("metrics nowhere", "nowhere: no such file"),
         ("metrics TINY --formula publishd", "did you mean 'published'?"),
         ("worlds generate TINY", "exists already"),
         ("worlds generate x.npz --set initial_fil=0.1", "did you mean 'initial_fill'?"),
         ("worlds generate x.npz --set initial_fill=2.0", "initial_fill must be from 0 to 1"),
         ("worlds generate x.npz --robot jakal", "did you mean 'jackal'?"),
-        ("worlds convert nowhere x.npz", "nowhere: no such file"),
         ("worlds list TINY --worlds 7-9", "no world 7-9"),
         ("worlds lst", "No such command 'lst'. Did you mean"),
         ("robots --out x.png", "--out needs ROBOT"),
@@ -272,14 +270,11 @@ def test_mistakes_are_told_in_one_line(rejected, tiny, words, complaint):
         ("--worlds 9", "no world 9"),
         ("--worlds a-b", "'a-b' is not a number"),
         ("--planner daw", "unknown planner 'daw'; did you mean 'dwa'?"),
-        ("--planner dwa:papre2020", "did you mean 'paper2020'?"),
         ("--set dwa.max_sped_mps=1", "did you mean 'dwa.max_speed_mps'?"),
-        ("--set max_speed_mps=1", "did you mean 'dwa.max_speed_mps'?"),
         ("--set dwa.max_speed_mps=fast", "must be a number, got 'fast'"),
         ("--set dwa.max_speed_mps", "must be key=value"),
         ("--set a=1 --set a=2", "each key given once"),
         ("--set 'a=['", "--set 'a=[': not YAML: "),
-        ("--set 'a=!!int x'", "--set 'a=!!int x': not YAML: "),
         ("--sim lidar.beems=1", "did you mean 'lidar.beams'?"),
         ("--sim obstacles.movable=false", "given by protocol challenge"),
         ("--ros lockstp=true", "did you mean 'lockstep'?"),
@@ -296,39 +291,16 @@ def test_mistakes_in_a_run_are_told_in_one_line(rejected, tiny, options, complai
     assert complaint in rejected("run", "--dataset", tiny, "--out", "x", *shlex.split(options))
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "complaint"),
-    [
-        ("grid.npy", b"not an array", "grid.npy"),
-        ("cut.npz", b"PK\x03\x04", "cut.npz"),
-        ("w.world", b"<sdf><world>", "w.world"),
-        ("w.world", b'<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a "b">]><sdf>&a;</sdf>', "w.world"),
-        ("m.yaml", b"image: no.pgm\nresolution: 0.15\norigin: [0, 0, 0]\n", "m.yaml"),
-        ("p.yaml", b"{", "p.yaml"),
-    ],
-)
-def test_damaged_files_are_told_in_one_line(rejected, tmp_path, name, content, complaint):
-    (tmp_path / name).write_bytes(content)
-    assert complaint in rejected("run", "--dataset", name, "--out", "run")
-
-
 def test_a_folder_with_something_else_or_a_damaged_run_in_it_is_left_alone(rejected, tiny, tmp_path):
     (tmp_path / "home").mkdir()
     (tmp_path / "home" / "thesis.tex").write_text("x")
     for extra in ([], ["--overwrite"]):
         assert "holds no experiment" in rejected("run", "--dataset", tiny, "--out", "home", *extra)
     (tmp_path / "run").mkdir()
-    for content, complaint in (("{", "not JSON"), ("{}", "schema_version must be"), ("[]", "schema_version must be")):
-        (tmp_path / "run" / "run.json").write_text(content)
-        assert complaint in rejected("run", "--dataset", tiny, "--out", "run")
+    (tmp_path / "run" / "run.json").write_text("{")
+    assert "not JSON" in rejected("run", "--dataset", tiny, "--out", "run")
     (tmp_path / "file").write_text("")
     assert "file" in rejected("run", "--dataset", tiny, "--out", "file/run")
-
-
-@pytest.mark.skipif(os.geteuid() == 0, reason="nothing is forbidden to root")
-def test_a_folder_that_cannot_be_written(rejected, tiny, tmp_path):
-    (tmp_path / "shut").mkdir(mode=0o500)
-    assert "shut" in rejected("run", "--dataset", tiny, "--out", "shut/run")
 
 
 def test_interrupting_a_run_leaves_whole_trials_and_can_be_continued(tiny, tmp_path):

@@ -72,22 +72,22 @@ def test_so_to_the_goal(pair, open_world, tmp_path):
     assert "success" in drive(pair(dataset=str(tmp_path / "world_0.npy"), **SHORT), 250, ahead)
 
 
-def test_so_with_a_pose_in_a_map(pair):
-    assert "collision" in drive(pair(protocol="known_map", worlds="0:300:7", **SHORT), 60, forward(60))
+@pytest.mark.parametrize(
+    ("steps", "collides", "changes"),
+    [
+        (60, True, {"protocol": "known_map", "worlds": "0:300:7", **SHORT}),
+        (160, False, {"protocol": "paper2020", "worlds": "0:300:7"}),
+        (150, True, {"dataset": "dynabarn60", "protocol": "dynabarn", "worlds": "0:60:7", **SHORT}),
+    ],
+    ids=["a pose in a map", "obstacles that can be pushed", "moving obstacles"],
+)
+def test_so_with(pair, steps, collides, changes):
+    assert ("collision" in drive(pair(**changes), steps, forward(steps))) is collides
 
 
 def test_so_with_all_beams_and_a_shield(pair):
     shielded = drive(pair(worlds="0:300:7", **{"safety.enabled": True}), 160, forward(160))
     assert shielded.count("collision") < drive(pair(worlds="0:300:7"), 160, forward(160)).count("collision")
-
-
-def test_so_among_obstacles_that_can_be_pushed(pair):
-    assert "collision" not in drive(pair(protocol="paper2020", worlds="0:300:7"), 160, forward(160))
-
-
-def test_so_among_moving_obstacles(pair):
-    arenas = {"dataset": "dynabarn60", "protocol": "dynabarn", "worlds": "0:60:7"}
-    assert "collision" in drive(pair(**arenas, **SHORT), 150, forward(150))
 
 
 def test_so_when_time_runs_out_and_for_what_is_not_a_number(pair):

@@ -1,20 +1,17 @@
 """Files that were made to hurt: every command refuses them in one short line, and shows their names as text."""
 
-import io
 import json
 import os
 import shutil
-import zipfile
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 import pytest
-from test_campaign_runner import record
+from reproduce_work import write_made_up
 
 from barn_eval.experiments.check import _parquet_problem
-from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
-from barn_eval.experiments.folder import opened
+from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.experiments.rows import results_table, sealed, unsealed
 from barn_eval.results import Results
 
@@ -25,11 +22,7 @@ TAG = "<img src=x onerror=alert(1)>"
 @pytest.fixture(scope="module")
 def good(tmp_path_factory):
     out = tmp_path_factory.mktemp("hostile") / "out"
-    specs = GAP.trials()
-    with opened(out, GAP, Execution(workers=1), specs) as folder:
-        for spec in specs:
-            folder.append(record(spec))
-        folder.complete()
+    write_made_up(out, GAP)
     return out
 
 
@@ -149,28 +142,6 @@ def test_a_configuration(refused, out, case):
     assert str(out) in refused("check", out) or "worlds" in RUNS[case]
 
 
-def npy(shape, dtype="<f8"):
-    text = f"{{'descr': '{dtype}', 'fortran_order': False, 'shape': {shape}, }}".ljust(117) + "\n"
-    return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text.encode()
-
-
-@pytest.mark.parametrize(
-    "content",
-    [
-        npy("(True, True)"),
-        npy("(0, 10000000000000000000000)"),
-        npy("(1,) * 100"),
-        npy(str((1,) * 100)),
-        npy("(-1,)"),
-        npy("(2,)", "|O"),
-    ],
-    ids=["truth values", "10^22", "product", "100 dimensions", "negative", "objects"],
-)
-def test_an_array(refused, tmp_path, content):
-    (tmp_path / "grid.npy").write_bytes(content)
-    assert refused("metrics", "grid.npy").startswith("grid.npy: ")
-
-
 def test_a_parquet_table_of_any_number_of_rows(tmp_path):
     """Run lengths let a kilobyte stand for any number of rows."""
     table = pa.table({"world": pa.array(np.zeros(2_000_000, np.int64))})
@@ -178,17 +149,6 @@ def test_a_parquet_table_of_any_number_of_rows(tmp_path):
     assert (tmp_path / "t.parquet").stat().st_size < 20_000
     problem = _parquet_problem((tmp_path / "t.parquet").read_bytes(), results_table([]))
     assert problem == "has 2000000 rows or columns that are not those of results.jsonl"
-
-
-@pytest.mark.parametrize(
-    "header", [b"{", b"[" * 100_000, b'{"schema": NaN}', b'{"schema": 1, "layers": 1' + b"0" * 400 + b"}"]
-)
-def test_a_header_of_weights(refused, tmp_path, header):
-    file = io.BytesIO()
-    with zipfile.ZipFile(file, "w") as archive:
-        archive.writestr("header.json", header)
-    (tmp_path / "w.npz").write_bytes(file.getvalue())
-    assert refused("difficulty", "predict", "barn300", "--worlds", "0", "--weights", "w.npz").startswith("w.npz: ")
 
 
 def test_names_of_folders_are_text_on_every_page(good, tmp_path, command):

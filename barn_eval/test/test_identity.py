@@ -5,33 +5,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from reproduce_work import write_made_up
 
 from barn_eval.analysis.compare import compare_folders
-from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
-from barn_eval.experiments.folder import fair_order, opened, read_results
-from barn_eval.experiments.store import Record
+from barn_eval.experiments.experiment import Experiment, PlannerChoice
+from barn_eval.experiments.folder import fair_order, read_results
 from barn_eval.ros.supervision import nodes
-from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import CHALLENGE, KNOWN_MAP, PAPER_2020, PROTOCOLS, check_name, load_protocol
 from barn_eval.trials.spec import simulator_config
-from barn_eval.trials.trajectory import TrajectoryLog
-from barn_eval.trials.trial import conclude
 from barn_worlds.base.errors import BarnError, ConfigError
 
 
 def experiment(protocol=CHALLENGE, worlds="0,9", **changes):
     simulator = simulator_config(protocol, changes.pop("simulator", {}))
     return Experiment(worlds=worlds, protocol=protocol, simulator=simulator, **changes)
-
-
-def keep(folder, asked):
-    """Write an experiment in which every trial timed out."""
-    specs = asked.trials()
-    with opened(folder, asked, Execution(), specs) as opened_folder:
-        for spec in specs:
-            verdict = Verdict(Outcome.TIMEOUT, "", 50.0, 51.0, 0.0)
-            opened_folder.append(Record(conclude(spec, "direct", verdict, TrajectoryLog().trajectory()).result, None))
-    return folder
 
 
 def test_six_protocols_are_offered():
@@ -127,22 +114,22 @@ def test_a_planners_node_is_told_the_same_as_a_direct_one():
 
 
 def test_different_tasks_are_not_compared_and_the_key_is_named(tmp_path):
-    keep(tmp_path / "a", experiment())
-    keep(tmp_path / "b", experiment(simulator={"localisation.mode": "amcl"}))
+    write_made_up(tmp_path / "a", experiment())
+    write_made_up(tmp_path / "b", experiment(simulator={"localisation.mode": "amcl"}))
     with pytest.raises(BarnError, match=r"simulator\.localisation\.mode is 'exact' in .*a, 'amcl' in .*b"):
         compare_folders(tmp_path / "a", tmp_path / "b")
-    keep(tmp_path / "c", experiment())
+    write_made_up(tmp_path / "c", experiment())
     assert compare_folders(tmp_path / "a", tmp_path / "c")[0].trials_a == 2
 
 
 def test_a_changed_protocol_in_run_json_is_found(tmp_path):
-    folder = keep(tmp_path / "a", experiment())
-    path = folder / "run.json"
+    write_made_up(tmp_path, experiment())
+    path = tmp_path / "run.json"
     content = json.loads(path.read_text())
     content["experiment"]["protocol"]["goal_distance_m"] = 4.0
     path.write_text(json.dumps(content))
     with pytest.raises(ConfigError, match=r"dwa_w0000_r00 was run as task \w+, but run.json describes \w+"):
-        read_results(folder)
+        read_results(tmp_path)
 
 
 def test_every_beginning_of_the_trials_is_like_the_whole():

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from report_work import campaign
 from test_compare import results
 from test_rows import result
 
@@ -199,11 +198,6 @@ def test_planners_are_spelled_as_the_field_does():
 
 
 ROW = re.compile(r"^\{\}(.*) \\\\$", re.M)
-
-
-@pytest.fixture(scope="module")
-def folder(run, tmp_path_factory):
-    return campaign(tmp_path_factory.mktemp("paper") / "campaign", run, bags=0)
 
 
 def cells(text):

@@ -186,13 +186,8 @@ def test_an_overlay_shows_ways_and_what_was_hit(folder, world):
 
 
 def test_pictures_of_an_environment_show_what_moves(monkeypatch):
-    env = gymnasium.make(
-        "barn_eval.gym:barn/Jackal-v0",
-        dataset="dynabarn60",
-        worlds=str(WORLD),
-        protocol="dynabarn",
-        render_mode="rgb_array",
-    )
+    arena = {"dataset": "dynabarn60", "worlds": str(WORLD), "protocol": "dynabarn"}
+    env = gymnasium.make("barn_eval.gym:barn/Jackal-v0", render_mode="rgb_array", **arena)
     env.reset(seed=0)
     first = env.render().astype(int)
     for _ in range(10):

@@ -5,7 +5,7 @@ import pytest
 from matplotlib.collections import EllipseCollection, LineCollection, PolyCollection
 from matplotlib.colors import to_hex
 from PIL import Image
-from report_work import EVIL, campaign
+from report_work import EVIL
 
 import barn_eval as barn
 from barn_eval.analysis.planners import colours
@@ -14,12 +14,6 @@ from barn_eval.experiments.track import from_track_line
 from barn_eval.pages.report.maps import choose, overlay
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.worlds.dataset import open_dataset
-
-
-@pytest.fixture(scope="module")
-def folder(run, tmp_path_factory):
-    """Two planners, three trials of world 0 with a track, one of each planner and a repetition."""
-    return campaign(tmp_path_factory.mktemp("overlay") / "campaign", run, worlds=6)
 
 
 def drawn(figure, kind):
@@ -61,7 +55,7 @@ def test_colours_by_speed_have_a_scale(folder):
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        ({"world": 99}, "world 99: no trial of it; there are trials of 0, 1, 2, 3, 4, 5"),
+        ({"world": 99}, "world 99: no trial of it; there are trials of 0, 1, 2, 3, 4, 5, 6, 7"),
         ({"world": 1}, "world 1: its trials have no tracks"),
         ({"world": 0, "outcome": "collision"}, "world 0: no trial of it is of this kind"),
         ({"world": 0, "outcome": "colision"}, "outcome 'colision': must be one of .*did you mean 'collision'"),

@@ -1,42 +1,28 @@
 """Replays from bags alone: what the trial was, whoever wrote the bag and whatever has become of it."""
 
 import json
-import os
 import random
-import re
 import shutil
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from browser import violations
-from mcap.reader import make_reader
-from PIL import Image
 from report_work import EVIL, drive
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
 from barn_eval.bags.bagfile import BagFile
 from barn_eval.bags.recorded import read_recorded
 from barn_eval.bags.recorder import Recorder
-from barn_eval.pages.replay.files import camera_frames, write_replay
+from barn_eval.pages.replay.files import write_replay
 from barn_eval.pages.replay.page import labels, replay_page
 from barn_eval.pages.replay.payload import bounds, progress_m
 from barn_eval.trials.protocol import DYNABARN, PAPER_2020
 from barn_planners.runtime.messages import MOST_SHOWN
-from barn_sim.drawing.camera import SIZES
-from barn_worlds.base.errors import BagError, ConfigError
+from barn_worlds.base.errors import BagError
 from barn_worlds.base.types import NANOSECONDS, Pose2D
 from barn_worlds.messages.cdr import jazzy_types, make, serialise
 from barn_worlds.worlds.dataset import open_dataset
-
-
-@pytest.fixture(scope="module")
-def bag(tmp_path_factory):
-    # what the follower of gaps takes for the goal is off by a cell, like the map
-    protocol = replace(PAPER_2020, name="by_truth", goal_source="truth", goal_distance_m=0.5)
-    run = drive(tmp_path_factory.mktemp("replay") / "run", protocol)
-    return run / "bags" / "gap_w0000_r00"
 
 
 @pytest.fixture(scope="module")
@@ -112,26 +98,6 @@ def test_poses_scans_and_result_are_those_of_the_bag(bag):
     assert [note.split(" ")[0] for note in recorded.notes] == ["map"]  # that the map was off
 
 
-def test_scan_points_lie_on_obstacles_of_the_map(bag):
-    """The chain from lidar to map holds: nearly all that was seen is a filled cell or beside one."""
-    recorded = read_recorded(bag)
-    grid = np.pad(recorded.map.data >= 50, 1)
-    near = sum(np.roll(grid, (row, column), (0, 1)) for row in (-1, 0, 1) for column in (-1, 0, 1)) > 0
-    for shown in recorded.scans[:: len(recorded.scans) // 5]:
-        row = recorded.poses[recorded.index_at(shown.time_s)].tolist()
-        scan = shown.content
-        seen = np.isfinite(scan.ranges) & (scan.ranges < 6.0)
-        angles, ranges = scan.angles()[seen] + row[2], scan.ranges[seen]
-        mount = recorded.lidar.x
-        x = row[0] + mount * np.cos(row[2]) + ranges * np.cos(angles)
-        y = row[1] + mount * np.sin(row[2]) + ranges * np.sin(angles)
-        column = np.floor((x - recorded.map.origin_x) / recorded.map.resolution).astype(int)
-        line = np.floor((y - recorded.map.origin_y) / recorded.map.resolution).astype(int)
-        inside = (column >= 0) & (column < grid.shape[1] - 2) & (line >= 0) & (line < grid.shape[0] - 2)
-        assert inside.sum() > 20
-        assert near[line[inside] + 1, column[inside] + 1].mean() > 0.97
-
-
 def test_a_cut_off_bag_is_replayed_as_far_as_it_goes(either_bag, tmp_path):
     whole = read_recorded(either_bag)
     cut = read_recorded(copy_of(either_bag, tmp_path / "cut", lambda data: data[: len(data) * 6 // 10]))
@@ -174,16 +140,18 @@ def test_a_damaged_bag_gives_what_comes_before_or_one_line(either_bag, tmp_path)
 
 
 @pytest.mark.parametrize(
-    "content", [b"", b"no bag at all", bytes(1000), b"\x89MCAP0\r\n", b"\x89MCAP0\r\n" + b"\xff" * 99]
+    ("content", "told"),
+    [
+        (b"", ", or cut off at its beginning"),
+        (b"no bag at all", ""),
+        (bytes(1000), ""),
+        (b"\x89MCAP0\r\n", ", or cut off at its beginning"),
+        (b"\x89MCAP0\r\n" + b"\xff" * 99, ", or damaged at its beginning"),
+    ],
 )
-def test_files_that_are_no_bags_are_refused_in_one_line(content, tmp_path, rejected):
+def test_files_that_are_no_bags_are_refused_in_one_line(content, told, tmp_path, rejected):
     (tmp_path / "thing.mcap").write_bytes(content)
-    assert "thing.mcap" in rejected("replay", "thing.mcap", "--out", "out.html")
-
-
-def test_a_folder_whose_file_is_empty_is_refused(bag, tmp_path):
-    with pytest.raises(BagError, match=r"_0\.mcap: not an MCAP file, or cut off at its beginning$"):
-        read_recorded(copy_of(bag, tmp_path / "empty", lambda _: b""))
+    assert f"thing.mcap: not an MCAP file{told}\n" in rejected("replay", "thing.mcap", "--out", "out.html")
 
 
 def test_folders_without_a_bag_are_refused(tmp_path):
@@ -282,11 +250,6 @@ def test_trials_are_told_apart_by_planner_then_bag_then_folder(bag):
     assert labels([first, first]) == ["gap (1)", "gap (2)"]
 
 
-def test_a_replay_of_too_many_bags_is_refused(bag, tmp_path):
-    with pytest.raises(ConfigError, match="1 to 6 bags, got 7"):
-        write_replay([bag] * 7, [tmp_path / "page.html"])
-
-
 def test_texts_of_a_bag_are_shown_and_not_run(either_bag, tmp_path):
     recorded = read_recorded(either_bag)
     recorded.result["detail"] = recorded.result["planner"] = EVIL
@@ -294,88 +257,6 @@ def test_texts_of_a_bag_are_shown_and_not_run(either_bag, tmp_path):
     page = replay_page(recorded)
     assert EVIL not in page
     assert "&lt;/script&gt;&lt;script&gt;window.evil=1" in page
-
-
-def test_pictures_and_animations(bag, tmp_path):
-    recorded = read_recorded(bag)
-    write_replay([bag], [tmp_path / "end.png"])
-    with Image.open(tmp_path / "end.png") as picture:
-        assert picture.size[0] > 400
-        assert len(picture.convert("RGB").resize((60, 90)).getcolors(10_000)) > 20
-    shares = []
-    write_replay([bag], [tmp_path / "trial.gif"], frames_per_s=2.0, speed=4.0, progress=shares.append)
-    assert shares == pytest.approx(np.arange(1, len(shares) + 1) / (np.ceil(recorded.times_s[-1] / 2.0) + 1))
-    with Image.open(tmp_path / "trial.gif") as animation:
-        # Frames that equal the one before are merged by the format.
-        assert 3 <= animation.n_frames <= int(np.ceil(recorded.times_s[-1] / 2.0)) + 1
-        assert animation.info["duration"] == 500
-    assert [path.name for path in tmp_path.glob("*.partial")] == []
-    write_replay([bag, bag], [tmp_path / "both.png"])
-    with Image.open(tmp_path / "end.png") as one, Image.open(tmp_path / "both.png") as both:
-        assert one.size == SIZES["top"] and both.size == (2 * one.size[0], one.size[1])
-        halves = [np.asarray(both.crop((left, 0, left + one.size[0], one.size[1]))) for left in (0, one.size[0])]
-        assert all((half == np.asarray(one)).all() for half in halves)
-    write_replay([bag], [tmp_path / "chase.png"], camera="chase")
-    with Image.open(tmp_path / "chase.png") as picture:
-        assert picture.size == SIZES["chase"]
-        assert len(picture.convert("RGB").getcolors(1 << 24)) > 100
-    with pytest.raises(ConfigError, match="its world is not known, so a camera has nothing to see"):
-        next(camera_frames(replace(recorded, scene=None), "side", [1.0], 1))
-
-
-def test_a_film_without_ffmpeg_is_refused_in_one_line(bag, tmp_path, monkeypatch):
-    monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(ConfigError, match="needs ffmpeg, which is not installed"):
-        write_replay([bag], [tmp_path / "trial.mp4"])
-    assert not (tmp_path / "trial.mp4").exists()
-
-
-@pytest.fixture
-def film_maker(tmp_path, monkeypatch):
-    """A stand-in for ffmpeg, which writes how it was called and how much it was sent; it fails when told to."""
-    folder = tmp_path / "programs"
-    folder.mkdir()
-    script = folder / "ffmpeg"
-    script.write_text(
-        f"#!{sys.executable}\n"
-        "import os, sys\n"
-        "if os.environ.get('FAIL'):\n"
-        "    sys.exit('no such encoder')\n"
-        "size = len(sys.stdin.buffer.read())\n"
-        "open(sys.argv[-1], 'w').write(' '.join(sys.argv[1:-1]) + f'|{size}')\n"
-    )
-    script.chmod(0o755)
-    monkeypatch.setenv("PATH", f"{folder}{os.pathsep}{os.environ['PATH']}")
-
-
-@pytest.mark.usefixtures("film_maker")
-def test_a_film_gets_each_frame_whole_or_is_not_there(bag, tmp_path, monkeypatch):
-    recorded = read_recorded(bag)
-    written = tmp_path / "trial.mp4"
-    write_replay([bag], [written], frames_per_s=2.0, speed=4.0)
-    called, sent = written.read_text().split("|")
-    width, height = (int(text) for text in re.search(r"-s (\d+)x(\d+) -r 2 ", called).groups())
-    assert width % 2 == height % 2 == 0
-    assert int(sent) == 3 * width * height * (int(np.ceil(recorded.times_s[-1] / 2.0)) + 1)
-    written.unlink()
-    monkeypatch.setenv("FAIL", "1")
-    with pytest.raises(ConfigError, match=r"trial.mp4: ffmpeg failed: no such encoder$"):
-        write_replay([bag], [written], frames_per_s=2.0, speed=4.0)
-    assert list(tmp_path.glob("trial.mp4*")) == []
-
-
-@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="no ffmpeg on the path")
-def test_a_film(bag, tmp_path):
-    write_replay([bag], [tmp_path / "trial.mp4"], frames_per_s=5.0, speed=4.0)
-    assert (tmp_path / "trial.mp4").read_bytes()[4:8] == b"ftyp"
-
-
-def test_the_bag_has_what_the_page_says(either_bag):
-    """The result that the page shows is the one in the bag's own metadata."""
-    (file,) = either_bag.glob("*.mcap")
-    with file.open("rb") as stream:
-        found = {one.name: one.metadata for one in make_reader(stream).iter_metadata()}
-    assert read_recorded(either_bag).result == json.loads(found["barn.result"]["result"])
 
 
 def test_the_page_plays_pauses_scrubs_and_changes_speed(bag, open_page, tmp_path):

@@ -13,8 +13,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from browser import violations
-from matplotlib.figure import Figure
-from matplotlib.text import Text
 from report_work import EVIL, campaign, drive, recorded_track, rewrite_rows
 
 from barn_eval.analysis.overview import repeat
@@ -27,30 +25,15 @@ from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import read_request
 from barn_eval.experiments.track import NO_NUMBER
-from barn_eval.pages.figures import Plot, figure_of, style
 from barn_eval.pages.report import page as report_module
-from barn_eval.pages.report.charts import CHARTS
-from barn_eval.pages.report.page import build_report, draw, plot, report_page, write_assets
+from barn_eval.pages.report.page import build_report, report_page, write_assets
 from barn_eval.pages.report.trials import trial_data
-from barn_eval.pages.template import colour_sheet, script_json
+from barn_eval.pages.template import script_json
 from barn_eval.results import report as write_folders
-from barn_eval.trials.protocol import CHALLENGE, DYNABARN
+from barn_eval.trials.protocol import DYNABARN
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.drawing.palette import PLANNERS
 from barn_worlds.worlds.dataset import open_dataset
-
-SHOWN = [one for one in CHARTS.values() if one.name != "sweep"]  # which is of sweeps alone
-
-
-@pytest.fixture(scope="module")
-def folder(run, tmp_path_factory):
-    return campaign(tmp_path_factory.mktemp("campaigns") / "campaign", run)
-
-
-@pytest.fixture(scope="module")
-def report(folder):
-    return build_report([folder])
 
 
 @pytest.fixture(scope="module")
@@ -95,10 +78,26 @@ def test_names_from_files_are_escaped(either_page):
     assert "A &lt;b&gt;title" in either_page
 
 
+def test_the_slower_planner_is_found_slower(either):
+    report, _ = either
+    (found,) = report.overview.comparisons
+    row = found.row("traversal_time_s")
+    assert row.paired.difference.high < 0.0 < row.paired.improvement.low - 0.5
+    assert row.paired.difference.estimate == pytest.approx(-0.3)
+
+
 def test_json_within_a_script_cannot_leave_it():
     text = script_json({"a": "</script><!--\u2028\u2029&", "b": float("nan")})
     assert not set("<>&\u2028\u2029") & set(text)
     assert '"b":null' in text
+
+
+def test_latex_takes_any_text():
+    assert latex_text("50 % of a_b & {c}\n") == r"50 \% of a\_b \& \{c\} "
+    assert latex_text("-0.5 [-1.0, 2.0] a-1 2-3 <x>") == r"$-$0.5 [$-$1.0, 2.0] a-1 2-3 \textless{}x\textgreater{}"
+    table = TextTable("t", "title", ("a", "b"), (("x_1", "2"),))
+    assert r"x\_1 & 2 \\" in table.latex()
+    assert table.csv() == "a,b\nx_1,2\n"
 
 
 def test_figures_are_those_of_the_statistics(either, tmp_path):
@@ -116,14 +115,6 @@ def test_figures_are_those_of_the_statistics(either, tmp_path):
     for name in ("headline", "bands", "measures", "outcomes", "paired_1"):
         assert {f"{name}.csv", f"{name}.tex"} <= names
     assert r"\toprule" in (tmp_path / "headline.tex").read_text()
-
-
-def test_the_slower_planner_is_found_slower(either):
-    report, _ = either
-    (found,) = report.overview.comparisons
-    row = found.row("traversal_time_s")
-    assert row.paired.difference.high < 0.0 < row.paired.improvement.low - 0.5
-    assert row.paired.difference.estimate == pytest.approx(-0.3)
 
 
 def test_worlds_are_ordered_from_easy_to_difficult(either):
@@ -150,14 +141,6 @@ def test_a_packed_track_is_the_trajectory_to_within_its_steps(run):
     assert (apart <= 0.5001 * np.array(packed["steps"]))[known].all()
     (result,) = read_results(run)
     assert np.nanmin(track.samples[:, 8]) == pytest.approx(result.measures.min_clearance_m, abs=1e-9)
-
-
-def test_trials_without_a_track_say_so(report):
-    drawn = [place for place, drive in enumerate(report.drives) if drive.track is not None]
-    assert len(drawn) == 3
-    problems = [drive.problem for drive in report.drives if drive.problem]
-    assert len(problems) == len(report.drives) - 3
-    assert set(problems) == {"no track of this trial was kept, so there is no trajectory to show"}
 
 
 def test_the_command_to_repeat_a_campaign_gives_its_configuration(tmp_path):
@@ -200,18 +183,14 @@ def test_planners_of_one_name_are_told_apart_and_other_protocols_not_compared(fo
 def test_the_page_begins_with_the_verdict_and_a_warning_of_few_worlds(report):
     text = report_page(report, "whole")
     verdict = report.overview.verdict
-    assert (
-        verdict.short.startswith("gap and DWA cannot be told apart: challenge metric 0.")
-        and verdict.short.count(".") == 3
-    )
+    assert re.fullmatch(r"gap and DWA cannot be told apart: challenge metric 0\.[^.]*\.[^.]*\.", verdict.short)
     assert f'<p class="verdict">{verdict.short}</p>\n  <p>{verdict.details}</p>' in html.unescape(text)
     task = report.entries[0].results[0].task
     assert re.fullmatch("[0-9a-f]{12}", task)
-    assert (
-        text.index("Protocol challenge, robot Jackal")
-        < text.index(verdict.short)
-        < text.index(f"Task {task}: a checksum")
-    )
+    places = [
+        text.index(one) for one in ("Protocol challenge, robot Jackal", verdict.short, f"Task {task}: a checksum")
+    ]
+    assert places == sorted(places)
     assert text.index("Only 8 worlds") < text.index('id="headline"')
 
 
@@ -256,18 +235,6 @@ def test_where_and_why_name_every_planner_and_claim_nothing_beyond_the_tests(run
     assert all(text in page for text in (*made.overview.where.values(), *made.overview.why))
 
 
-def test_differences_are_drawn_of_the_metric_in_favour_of_who_is_named_there(report):
-    with style():
-        first, *others = draw(CHARTS["paired"], report.data)
-    titles = [" ".join(axes.get_title(loc="left").split()) for axes in (first, *others)]
-    assert titles == ["challenge metric", "success", "time per metre as counted", "better in a trial"]
-    (found,) = report.overview.comparisons
-    assert [label.get_text() for label in first.get_yticklabels()] == ["DWA \u25c2 \u25b8 gap"] and found.a == "gap"
-    assert [axes.xaxis_inverted() for axes in (first, *others)] == [False, False, True, False]
-    drawn = first.lines[1].get_xydata().tolist()
-    assert drawn == [[found.row("challenge").paired.difference.estimate, 0.0]]
-
-
 def test_columns_of_tables_are_those_chosen(folder, rejected):
     made = build_report([folder], hardest=0, columns=["mean_speed_mps", "success"])
     assert made.tables[0].columns[2:5] == ("challenge metric (of 0.5)", "mean speed [m/s]", "success [%]")
@@ -276,65 +243,6 @@ def test_columns_of_tables_are_those_chosen(folder, rejected):
     with pytest.raises(ConfigError, match="unknown measure 'mean_sped_mps'; did you mean 'mean_speed_mps'"):
         build_report([folder], columns=["mean_sped_mps"])
     assert "did you mean 'columns'" in rejected("report", folder, "--set", "colums=success")
-
-
-@pytest.mark.parametrize("width_mm", [88.0, 180.0])
-@pytest.mark.parametrize("chart", SHOWN, ids=lambda one: one.name)
-def test_figures_of_a_paper_have_its_width_and_type_of_7_to_9_pt(report, chart, width_mm):
-    with style(width_mm):
-        figure = figure_of(draw(chart, report.data, width_mm=width_mm))
-    assert figure.get_figwidth() == pytest.approx(width_mm / 25.4)
-    sizes = {text.get_fontsize() for text in figure.findobj(Text) if text.get_text()}
-    assert sizes and all(7.0 <= size <= 9.0 for size in sizes)
-
-
-def test_a_pdf_has_its_fonts_embedded(report, tmp_path):
-    plot = Plot(figure_of(report_module.plot("trade", report.entries, width_mm=88.0)), "")
-    content = plot.save(tmp_path / "trade.pdf").read_bytes()
-    assert content.count(b"/FontFile2") >= 1 and b"/Type3" not in content
-    with pytest.raises(ConfigError, match="width_mm: must lie in 60 to 400, got 8"):
-        report_module.plot("trade", report.entries, width_mm=8)
-
-
-def test_speed_is_drawn_over_safety_with_the_limits_of_both(report):
-    (axes,) = draw(CHARTS["trade"], report.data)
-    for place, summary in enumerate(report.overview.summaries):
-        (line, _, (across, up)) = axes.containers[place]
-        time, clearance = summary["normalised_time_s_per_m"], summary["min_clearance_m"]
-        assert line.get_xydata().tolist() == [[clearance.estimate, time.estimate]]
-        np.testing.assert_allclose(across.get_segments()[0][:, 0], [clearance.low, clearance.high])
-        np.testing.assert_allclose(up.get_segments()[0][:, 1], [time.low, time.high])
-
-
-@pytest.mark.parametrize("chart", SHOWN, ids=lambda one: one.name)
-def test_a_figure_can_be_drawn_onto_axes_of_others(report, chart):
-    own = plot(chart.name, report.entries)
-    panels = Figure().subplots(1, len(own), squeeze=False)[0]
-    assert plot(chart.name, report.entries, ax=panels[0] if len(own) == 1 else panels) == list(panels)
-    for one, other in zip(own, panels, strict=True):
-        assert other.get_title() == one.get_title() and other.get_xlabel() == one.get_xlabel()
-        lines = [[line.get_xydata().tolist() for line in axes.lines] for axes in (one, other)]
-        assert repr(lines[0]) == repr(lines[1])
-    with pytest.raises(ConfigError, match=f"'{chart.name}' has {len(own)} panels, got {len(own) + 1} axes"):
-        plot(chart.name, report.entries, ax=[panels[0]] * (len(own) + 1))
-
-
-def test_a_figure_that_there_is_nothing_for_is_refused(report):
-    with pytest.raises(ConfigError, match="unknown figure 'wrlds'; did you mean 'worlds'"):
-        plot("wrlds", report.entries)
-    with pytest.raises(ConfigError, match="figure 'paired': these results have nothing to show in it"):
-        plot("paired", report.entries[:1])
-    assert set(CHARTS) == {*report.figures, "sweep"}
-
-
-def test_the_hardest_worlds_are_shown_from_start_to_goal(report):
-    axes = plot("hardest", report.entries)[0]
-    number = int(re.match(r"world (\d+)", axes.get_title(loc="left"))[1])
-    course = CHALLENGE.course(open_dataset("barn300").load(number))
-    (left, right), (below, above) = axes.get_xlim(), axes.get_ylim()
-    ends = {(line.get_marker(), *line.get_xydata()[0]) for line in axes.lines if line.get_marker() in ("o", "*")}
-    assert ends == {("o", course.start.x, course.start.y), ("*", course.goal.x, course.goal.y)}
-    assert all(left < x < right and below < y < above for _, x, y in ends)
 
 
 def test_a_trial_with_a_bag_links_to_its_replay(folder, tmp_path):
@@ -348,24 +256,6 @@ def test_a_trial_with_a_bag_links_to_its_replay(folder, tmp_path):
         assert "Plan view of the trial" in (out.parent / page).read_text("utf-8")
     made = build_report([folder], hardest=0)
     assert not any(trial["replay"] for trial in trial_data(made.entries, made.drives, {})["trials"])
-
-
-def test_planners_have_the_colours_of_the_page_in_its_figures(report):
-    svg = report.figures["worlds"].element
-    colour = report.entries[0].colour.lower()
-    assert f"var(--c-{colour[1:]}, {colour})" in svg
-    assert "currentColor" in svg
-    style = colour_sheet()
-    dark = style[style.index("@media screen and (prefers-color-scheme: dark)") :]
-    assert all(f"--c-{colour[1:].lower()}: #" in dark for colour in PLANNERS)
-
-
-def test_an_unfinished_campaign_says_so(folder, tmp_path):
-    shutil.copytree(folder, tmp_path / "half")
-    lines = (tmp_path / "half" / "results.jsonl").read_text().splitlines()
-    (tmp_path / "half" / "results.jsonl").write_text("\n".join(lines[:5]) + "\n" + lines[5][:40])
-    text = report_page(build_report([tmp_path / "half"], hardest=0), "half")
-    assert "half is partial: 5 of 32 trials" in text
 
 
 def failed(row):
@@ -417,14 +307,6 @@ def test_a_report_does_not_tell_which_worker_was_faster(folder, tmp_path):
     first, second = read_entries([folder]), read_entries([tmp_path / "other"])
     assert [entry.label for entry in second] == ["gap", "DWA"]
     assert [entry.results for entry in second] == [entry.results for entry in first]
-
-
-def test_latex_takes_any_text():
-    assert latex_text("50 % of a_b & {c}\n") == r"50 \% of a\_b \& \{c\} "
-    assert latex_text("-0.5 [-1.0, 2.0] a-1 2-3 <x>") == r"$-$0.5 [$-$1.0, 2.0] a-1 2-3 \textless{}x\textgreater{}"
-    table = TextTable("t", "title", ("a", "b"), (("x_1", "2"),))
-    assert r"x\_1 & 2 \\" in table.latex()
-    assert table.csv() == "a,b\nx_1,2\n"
 
 
 HOSTILE = "[\\input{/etc/passwd}] * 100 % $x$ #1 a_b^c ~ & | <script>"

@@ -81,7 +81,6 @@ def own_robot(folder):
         (CHALLENGE, "jackal", "dwa"),
         (PAPER_2020, "jackal", "dwa"),
         (DYNABARN, "jackal", "dwa"),
-        (CHALLENGE, "turtlebot4", "dwa"),
         (CHALLENGE, "own_robot", "mppi"),
     ],
     ids=lambda one: getattr(one, "name", one),

@@ -81,7 +81,6 @@ def shorter(folder):
     ("change", "words"),
     [
         (lambda folder: forge(folder, scores__challenge=7.0), "scores.challenge is 7.0 in the row"),
-        (lambda folder: forge(folder, scores__traversal_time_s=-5.0), "scores.traversal_time_s is -5"),
         (lambda folder: forge(folder, **won(barn.load(folder).trials[0], 18.0)), "traversal_time_s is 18.0 in the row"),
         (lambda folder: (folder / "commands.jsonl").write_text(""), "1 trials: not driven again, as their commands"),
         (shorter, "damaged or edited: its crc32 is"),
@@ -142,8 +141,6 @@ def test_the_board_of_the_template_has_what_holds_and_names_what_does_not(submit
         shutil.copy(submitted, board / "submissions" / f"{name}.barn.zip")
     changes = {
         "score": lambda folder: forge(folder, scores__challenge=7.0),
-        "time": lambda folder: forge(folder, scores__traversal_time_s=-5.0),
-        "clearance": lambda folder: forge(folder, measures__min_clearance_m=0.5),
         "commands": lambda folder: (folder / "commands.jsonl").write_text(""),
         "seed": lambda folder: replace_text(folder / "run.json", '"seed": 5', '"seed": 6'),
     }

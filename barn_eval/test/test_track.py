@@ -95,10 +95,8 @@ def test_the_last_track_counts_and_torn_ones_do_not(run, tmp_path):
     rows = TrackRows(tmp_path)
     assert rows.read() == {}
     line = next(iter(TrackRows(run).read().values()))
-    lines = [
-        json.dumps(json.loads(line) | {"trial_id": name, "note": note})
-        for name, note in (("b", "1"), ("a", ""), ("b", "2"))
-    ]
+    named = [{"trial_id": name, "note": note} for name, note in (("b", "1"), ("a", ""), ("b", "2"))]
+    lines = [json.dumps(json.loads(line) | about) for about in named]
     for one in lines:
         rows.append(one)
     with rows.path.open("a") as file:

@@ -37,10 +37,8 @@ def test_ranges_of_the_suite_are_read_and_hold_what_is_the_default(name, tmp_pat
     ranges, params = Ranges.read(name), "examples/nav2/params"
     options = {"out": tmp_path, "worlds": "0-5"}
     if not ranges.planner:
-        root = tuning.Path(__file__).parents[2] / params
-        files = " ".join(
-            f"--params-file {root / one}.yaml" for one in ("common", "mapless", name.removeprefix("nav2_"))
-        )
+        root, names = tuning.Path(__file__).parents[2] / params, ("common", "mapless", name.removeprefix("nav2_"))
+        files = " ".join(f"--params-file {root / one}.yaml" for one in names)
         options["planner_command"] = f"nav2=host --ros-args {files}"
     assert tuning._Tuner(ranges, options, (), "6-9", CONSOLE).default.keys() == ranges.parameters.keys()
 
@@ -90,14 +88,8 @@ def test_a_tuning_that_was_stopped_becomes_what_it_would_have_been(tmp_path, mon
         rows = [read_results(tmp_path / out / "settings" / f"{number:04}") for out in ("out", "stopped")]
         assert rows[0] and [one.repeatable() for one in rows[0]] == [one.repeatable() for one in rows[1]]
     with pytest.raises(BarnError, match=r"holds another tuning: ranges\."):
-        tune(
-            Ranges.read(ranges_file(tmp_path, {"max_speed_mps": RANGES["max_speed_mps"]})),
-            OPTIONS | {"out": tmp_path / "out"},
-            "1,4",
-            (),
-            4,
-            CONSOLE,
-        )
+        fewer = Ranges.read(ranges_file(tmp_path, {"max_speed_mps": RANGES["max_speed_mps"]}))
+        tune(fewer, OPTIONS | {"out": tmp_path / "out"}, "1,4", (), 4, CONSOLE)
 
 
 def test_what_is_written_drives_as_the_setting_that_was_judged(command, tmp_path):

@@ -11,10 +11,10 @@ import sys
 from urllib.parse import quote
 
 import pytest
-from report_work import EVIL, campaign
+from report_work import EVIL, campaign, rewrite_rows
 
 from barn_eval.experiments.folder import read_results
-from barn_eval.experiments.rows import ResultRows, sealed
+from barn_eval.experiments.rows import ResultRows
 from barn_eval.pages.live.server import CampaignState, Watch, state_of
 from barn_worlds.base.errors import ConfigError
 
@@ -58,11 +58,11 @@ def test_the_state_is_that_of_the_files_and_follows_them(folder):
 
 
 def test_rate_and_time_left_are_those_of_the_trials(folder):
-    rows = [json.loads(line) for line in cut(folder, 11)[:11]]
-    for place, row in enumerate(rows):
-        row.pop("crc32", None)
-        row["wall_clock"] |= {"started_at": f"2026-01-01T00:00:{5 * place:02d}+00:00", "duration_s": 4.0}
-    (folder / "results.jsonl").write_text("".join(sealed(json.dumps(row)) + "\n" for row in rows))
+    def begun(place, row):
+        clock = {"started_at": f"2026-01-01T00:00:{5 * place:02d}+00:00", "duration_s": 4.0}
+        return row | {"wall_clock": row["wall_clock"] | clock}
+
+    rewrite_rows(folder, lambda rows: [begun(place, row) for place, row in enumerate(rows[:11])])
     state = state_of(folder)
     assert state["last"] == "2026-01-01T00:00:54+00:00"
     assert state["per_minute"] == pytest.approx(12.0)

@@ -1,6 +1,7 @@
 """What tests of processes wait for: a condition, or the end of a process."""
 
 import time
+from contextlib import suppress
 from pathlib import Path
 
 HANG_S = 600.0  # nothing here takes so long unless it hangs
@@ -26,6 +27,14 @@ def alive(pid):
         return _status(pid)[0] != "Z"
     except OSError:
         return False
+
+
+def processes():
+    """Yield the pid, the parent and the command line of each process."""
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            with suppress(OSError):  # it has ended meanwhile
+                yield int(entry.name), parent(entry.name), (entry / "cmdline").read_bytes()
 
 
 def _status(pid):

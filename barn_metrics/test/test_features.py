@@ -60,23 +60,6 @@ def test_widest_gap_equals_the_reference(grid):
     assert widest_gap_m(grid, RESOLUTION) == pytest.approx(reference_gap(grid) * RESOLUTION)
 
 
-def test_widest_gap_by_hand():
-    free = np.zeros((30, 30), bool)
-    assert widest_gap_m(free, RESOLUTION) == pytest.approx(30 * RESOLUTION)
-    door = free.copy()
-    door[:10, 12] = door[16:, 12] = True
-    assert widest_gap_m(door, RESOLUTION) == pytest.approx(6 * RESOLUTION)
-    slanted = free.copy()  # a gap of 3 rows and 4 columns: 5 cells between centres, 4 between surfaces
-    slanted[:11, 12] = slanted[13:, 16] = True
-    assert widest_gap_m(slanted, RESOLUTION) == pytest.approx((math.hypot(3, 4) - 1) * RESOLUTION)
-    closed = free.copy()
-    closed[:, 3] = True
-    assert widest_gap_m(closed, RESOLUTION) == 0
-    two_ways = door.copy()
-    two_ways[4:8, 12] = False
-    assert widest_gap_m(two_ways, RESOLUTION) == pytest.approx(6 * RESOLUTION)
-
-
 def test_the_original_worlds_let_a_robot_of_five_cells_through(originals):
     assert min(widest_gap_m(world.grid, RESOLUTION) for world in originals) >= 5 * RESOLUTION - 1e-9
 

@@ -163,20 +163,6 @@ def test_maps_hold_the_values_of_the_cells_and_nothing_where_occupied(cspace):
         assert np.isnan(drawn[cspace]).all()
 
 
-def test_values_in_a_corridor_worked_out_by_hand():
-    corridor = np.ones((5, 30), bool)
-    corridor[1:4] = False
-    middle = np.array([[2, 15]])
-    closest, visibility, dispersion, characteristic = cell_metrics(corridor, middle)[0]
-    root = math.sqrt(2)
-    assert closest == 2
-    assert visibility == pytest.approx((15 + 16 + 2 * 2 + 4 * 2 * root) / 8)
-    assert dispersion == 4  # open only straight ahead and straight back
-    assert characteristic == 2  # one free cell on either side
-    # the two rays along the corridor leave the grid and do not count; six rays of two cells each
-    assert cell_metrics(corridor, middle, "published")[0, 1] == 2
-
-
 @given(cspace=sparse_grids)
 @settings(max_examples=40, deadline=None)
 def test_metrics_of_the_papers_text_do_not_depend_on_where_up_is(cspace):

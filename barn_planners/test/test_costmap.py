@@ -61,12 +61,8 @@ def plain_line(row: int, col: int, end_row: int, end_col: int) -> list[tuple[int
         # The nearest whole number, away from the start at a tie after half of an even step count.
         offset_row = (abs(end_row - row) * k + n // 2) // n
         offset_col = (abs(end_col - col) * k + n // 2) // n
-        cells.append(
-            (
-                row + int(math.copysign(1, end_row - row)) * offset_row,
-                col + int(math.copysign(1, end_col - col)) * offset_col,
-            )
-        )
+        up, right = int(math.copysign(1, end_row - row)), int(math.copysign(1, end_col - col))
+        cells.append((row + up * offset_row, col + right * offset_col))
     return cells
 
 

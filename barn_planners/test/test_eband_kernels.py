@@ -213,29 +213,6 @@ def test_optimise_equals_reference(sweeps, gains):
     assert 10 <= sum(outcomes) <= 50
 
 
-def test_refined_band_in_the_open_is_sparse_and_straight():
-    band = as_band([(x, 3.0) for x in np.linspace(0.5, 5.5, 200)])
-    n = optimise(band, 200, grid_with([]), GAINS, kernels.band_work(CAPACITY), 3)
-    assert 8 <= n <= 10
-    np.testing.assert_allclose(band[:n, 1], 3.0, atol=1e-12)
-    np.testing.assert_allclose(band[:n, 2], 0.5529, atol=1e-4)
-
-
-def test_relaxing_contracts_a_detour_and_keeps_clear_of_obstacles():
-    obstacle = [(60, col) for col in range(56, 65)]
-    detour = [(x, 3.0 + 1.4 * math.sin(math.pi * (x - 1.0) / 4.0)) for x in np.linspace(1.0, 5.0, 120)]
-    grid = grid_with(obstacle)
-    work, band = kernels.band_work(CAPACITY), as_band(detour)
-    n = optimise(band, 120, grid, GAINS, work, 0)
-    length_before = np.hypot(*np.diff(band[:n, :2], axis=0).T).sum()
-    n = optimise(band, n, grid, GAINS, work, 30)
-    length_after = np.hypot(*np.diff(band[:n, :2], axis=0).T).sum()
-    assert n > 2
-    assert length_after < length_before - 0.2
-    assert band[:n, 2].min() > 0.0
-    assert band[:n, 1].max() > 3.3
-
-
 def test_failures_are_told_apart():
     work = kernels.band_work(CAPACITY)
     wall = grid_with([(row, 60) for row in range(SIDE)])

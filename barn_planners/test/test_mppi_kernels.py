@@ -97,14 +97,9 @@ def test_heading_by_series_stays_exact_at_the_fastest_turn():
 
 def footprint_touches(costmap, x, y, yaw, half_length, half_width):
     """Tell by dense points along the outline whether it touches a lethal cell."""
-    corners = [
-        (half_length, half_width),
-        (-half_length, half_width),
-        (-half_length, -half_width),
-        (half_length, -half_width),
-    ]
+    corners = rectangle(half_length, half_width)
     pose = Pose2D(x, y, yaw)
-    for a, b in zip(corners, corners[1:] + corners[:1], strict=True):
+    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         line = np.linspace(a, b, 200)
         if any(costmap.cost_at(*point) == 254 for point in pose.transform(line)):
             return True
@@ -146,15 +141,8 @@ def test_obstacle_costs(drawn, near_goal):
 
 def test_looking_at_the_footprint_only_where_it_can_touch_changes_nothing(drawn):
     _, xs, ys, yaws, _, _ = drawn
-    config = CostmapConfig(
-        resolution_m=0.05,
-        size_m=5.0,
-        footprint_half_length_m=0.25,
-        footprint_half_width_m=0.2,
-        footprint_padding_m=0.0,
-        inflation_radius_m=0.8,
-        cost_scaling_per_m=3.0,
-    )
+    body = {"footprint_half_length_m": 0.25, "footprint_half_width_m": 0.2, "footprint_padding_m": 0.0}
+    config = CostmapConfig(resolution_m=0.05, size_m=5.0, inflation_radius_m=0.8, cost_scaling_per_m=3.0, **body)
     rng = np.random.default_rng(1)
     counts = []
     for _ in range(40):

@@ -125,20 +125,6 @@ def test_diagnostics(status, reason):
     assert decode.diagnostics(ours)[0]["status"] == status.value
 
 
-def test_diagnostics_tell_status_reason_and_figures():
-    decision = Decision(STOP, PlannerStatus.BLOCKED, "stuck", diagnostics={"cost": 1.5, "odd": float("nan")})
-    (status,) = status_of(decision)
-    assert (bytes([status.level]), status.message) == (DiagnosticStatus.WARN, "stuck")
-    assert {value.key: value.value for value in status.values} == {"status": "blocked", "cost": "1.5"}
-    (fine,) = status_of(Decision(Velocity2D(0.1, 0.0)))
-    assert (bytes([fine.level]), fine.message) == (DiagnosticStatus.OK, "running")
-
-
-def status_of(decision):
-    data = shown(PlannerMessages(Frames(), "dwa"), decision, 0.0)["diagnostics"]
-    return deserialise(data, topics.DIAGNOSTICS.type_name).status
-
-
 VIEWS = {"local_plan", "local_costmap/costmap", "band", "candidates"}
 
 

@@ -1,24 +1,13 @@
-import os
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
 
 import numpy as np
 import pytest
 
 from barn_sim.body.bullet import PhysicsClient
+from barn_sim.simulator import Simulator
 from barn_worlds.ros.domain import reserved_domain
-from barn_worlds.worlds.dataset import Dataset, open_dataset
 from barn_worlds.worlds.world import World
-
-
-@pytest.fixture(scope="session")
-def barn_original() -> Dataset:
-    """The sample of the original data set, from BARN_ORIGINAL or from beside the repository."""
-    beside = Path(__file__).resolve().parents[2].parent / "shared" / "barn_original"
-    folder = Path(os.environ.get("BARN_ORIGINAL", beside))
-    if not folder.is_dir():
-        pytest.skip(f"no sample of the original data set at {folder}: set BARN_ORIGINAL")
-    return open_dataset(folder)
 
 
 @pytest.fixture(scope="module")
@@ -28,6 +17,13 @@ def clients() -> Iterator[tuple[PhysicsClient, PhysicsClient]]:
     yield both
     for client in both:
         client.close()
+
+
+@pytest.fixture
+def simulators() -> Iterator[Callable[..., Simulator]]:
+    """Make simulators, which are closed in the end."""
+    with ExitStack() as made:
+        yield lambda *arguments, **options: made.enter_context(closing(Simulator(*arguments, **options)))
 
 
 @pytest.fixture(scope="session")

@@ -39,31 +39,12 @@ class Clocked:
         return speeds
 
 
-def test_speeds_of_the_wheels_follow_from_the_command() -> None:
-    robot = Clocked(PROMPT)
-    robot.command(0.5, 1.0)
-    left, right = robot.run(0.3)
-    half = 0.5 * 1.5 * TRACK
-    assert (left, right) == pytest.approx((0.5 - half, 0.5 + half))
-
-
 def test_commands_beyond_the_limits_are_cut() -> None:
     robot = Clocked(PROMPT)
     robot.command(9.0, -9.0)
     left, right = robot.run(0.4)
     assert 0.5 * (left + right) == pytest.approx(2.0)
     assert (right - left) / (1.5 * TRACK) == pytest.approx(-4.0)
-
-
-def test_speed_changes_no_faster_than_the_limits() -> None:
-    robot = Clocked(PROMPT)
-    robot.command(2.0, 0.0)
-    assert robot.run(0.05)[0] == pytest.approx(20.0 * 0.05)
-    robot.command(0.0, 4.0)
-    robot = Clocked(PROMPT)
-    robot.command(0.0, 4.0)
-    left, right = robot.run(0.05)
-    assert (right - left) / (1.5 * TRACK) == pytest.approx(25.0 * 0.05)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -92,24 +73,6 @@ def test_an_old_command_stops_the_robot(timeout_s: float) -> None:
     robot.command(0.5, 0.0)
     assert robot.run(timeout_s)[0] == pytest.approx(0.5)
     assert robot.run(0.1)[0] == 0.0
-
-
-def test_commands_given_again_keep_it_going() -> None:
-    robot = Clocked(PROMPT)
-    for _ in range(40):
-        robot.command(0.5, 0.0)
-        left, _ = robot.run(0.05)
-    assert left == pytest.approx(0.5)
-
-
-def test_commands_take_effect_after_the_latency_and_in_order() -> None:
-    robot = Clocked(DriveConfig(command_latency_s=0.08, max_acceleration_m_s2=1000.0))
-    robot.command(0.5, 0.0)
-    assert robot.run(0.05)[0] == 0.0
-    robot.command(1.0, 0.0)
-    assert robot.run(0.03)[0] == 0.0
-    assert robot.run(0.005)[0] == pytest.approx(0.5)
-    assert robot.run(0.05)[0] == pytest.approx(1.0)
 
 
 def test_backwards_it_is_no_faster_than_it_may() -> None:

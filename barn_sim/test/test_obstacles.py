@@ -63,13 +63,12 @@ def test_a_push_is_handed_on_along_a_row() -> None:
     assert (moved.positions[:, 1] > world.obstacles_m[:, 1] + 0.05).all()
 
 
-def test_pushed_cylinders_do_not_end_inside_one_another() -> None:
+def test_pushed_cylinders_do_not_end_inside_one_another(simulators) -> None:
     world = world_with(*((14 + k % 3, 5 + k // 3) for k in range(9)))
-    simulator = Simulator(world, MOVABLE, HERE, 0)
+    simulator = simulators(world, MOVABLE, HERE, 0)
     for _ in range(80):
         simulator.step(Velocity2D(0.5, 0.0))
     centres, tilted = simulator.motion.obstacles.seen_at(0.3)
-    simulator.close()
     upright = centres[np.isfinite(centres[:, 0])][: 9 - len(tilted)]
     gaps = [math.hypot(*(a - b)) for i, a in enumerate(upright) for b in upright[:i]]
     assert min(gaps) > 0.15 - 0.01
@@ -94,14 +93,13 @@ def test_containment_can_be_left_standing() -> None:
     assert len(moved[1]) == 0
 
 
-def test_the_lidar_sees_a_pushed_cylinder_where_it_is_now() -> None:
+def test_the_lidar_sees_a_pushed_cylinder_where_it_is_now(simulators) -> None:
     world = world_with((14, 5))
-    simulator = Simulator(world, MOVABLE, HERE, 0)
+    simulator = simulators(world, MOVABLE, HERE, 0)
     for _ in range(60):
         sensors = simulator.step(Velocity2D(0.5, 0.0))
     position = simulator.moved_obstacles().positions[0]
     upright = np.isfinite(simulator.motion.obstacles.seen_at(0.3)[0][0, 0])
-    simulator.close()
     sensor = sensors.truth.pose @ Pose2D(0.055, 0.0, 0.0)
     bearing = math.atan2(position[1] - sensor.y, position[0] - sensor.x) - sensor.yaw
     beam = np.argmin(np.abs(sensors.scan.angles() - bearing))
@@ -127,9 +125,9 @@ def uprightness(quaternion: np.ndarray) -> float:
     return float(1.0 - 2.0 * (x * x + y * y))
 
 
-def test_driving_away_takes_the_bodies_out_again() -> None:
+def test_driving_away_takes_the_bodies_out_again(simulators) -> None:
     world = world_with((14, 5))
-    simulator = Simulator(world, MOVABLE, HERE, 0)
+    simulator = simulators(world, MOVABLE, HERE, 0)
     for _ in range(80):
         simulator.step(Velocity2D(0.2, 0.0))
     there = len(simulator.motion.obstacles._bodies)
@@ -138,7 +136,6 @@ def test_driving_away_takes_the_bodies_out_again() -> None:
         simulator.step(Velocity2D(-0.5, 0.0))
     gone = len(simulator.motion.obstacles._bodies)
     after = simulator.moved_obstacles().positions
-    simulator.close()
     assert there == 1
     assert gone == 0
     assert len(before) == len(after) == 1

@@ -20,9 +20,8 @@ from barn_sim.sensors.particles import (
     needed_particles,
     obstacle_distances,
 )
-from barn_sim.simulator import Simulator
 from barn_worlds.base.types import OccupancyMap, Pose2D, nanoseconds
-from barn_worlds.worlds.dataset import Dataset
+from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 WIDE = LocalisationConfig(mode="particles", half_cell_low=False)
@@ -169,24 +168,16 @@ def test_the_same_seed_gives_the_same_errors(pillars: World) -> None:
     assert (first != other).any()
 
 
-def test_the_simulator_localises_in_the_historical_map_if_asked(barn_original: Dataset) -> None:
-    world = barn_original.load(120)
+def test_the_simulator_localises_in_the_historical_map_if_asked(simulators) -> None:
+    world = open_dataset("barn300").load(120)
     assert (known_map(world, True).data != known_map(world, False).data).any()
     wide = Pose2D(-2.25, 4.0, math.pi / 2.0)
-    config = replace(PRESETS["paper2020"], localisation=AT_START)
-    simulator = Simulator(world, config, wide, 0)
-    sensors = simulator.sense()
-    simulator.close()
+    sensors, other = (
+        simulators(world, replace(PRESETS["paper2020"], localisation=one), wide, 0).sense()
+        for one in (AT_START, LocalisationConfig())
+    )
     assert sensors.localisation.distance(wide) < 1e-3
-    assert sensors.scan.ranges.tobytes() == _first_scan(world, wide).tobytes()  # its looks disturb no other reading
-
-
-def _first_scan(world: World, start: Pose2D) -> np.ndarray:
-    config = replace(PRESETS["paper2020"], localisation=LocalisationConfig())
-    simulator = Simulator(world, config, start, 0)
-    ranges = simulator.sense().scan.ranges
-    simulator.close()
-    return ranges
+    assert sensors.scan.ranges.tobytes() == other.scan.ranges.tobytes()  # its looks disturb no other reading
 
 
 @pytest.mark.parametrize("alphas", [(0.0, 0.1), (0.001, 0.1), (0.0, 0.0)])

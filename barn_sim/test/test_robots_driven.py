@@ -133,11 +133,11 @@ def pillar():
 @pytest.mark.parametrize(
     "robot", [load_robot("turtlebot4"), polygon_robot(), load_robot("turtlebot3_waffle")], ids=NAME
 )
-def test_robots_touch_a_pillar_where_their_outline_does(pillar, robot, aside_m, turned):
+def test_robots_touch_a_pillar_where_their_outline_does(pillar, robot, aside_m, turned, simulators):
     config = with_robot(PRESETS["ideal"], robot)
     x, y = pillar.obstacles_m[0].tolist()
     start = Pose2D(x, y, turned) @ Pose2D(-1.0, aside_m, 0.0)
-    simulator = Simulator(pillar, config, start, 0)
+    simulator = simulators(pillar, config, start, 0)
     before = np.inf
     for _ in range(1200):
         simulator.command(Velocity2D(0.2, 0.0))
@@ -146,7 +146,6 @@ def test_robots_touch_a_pillar_where_their_outline_does(pillar, robot, aside_m, 
         if simulator.read_collision():
             break
         before = gap
-    simulator.close()
     assert min(gap, before) == pytest.approx(0.0, abs=0.003)
 
 

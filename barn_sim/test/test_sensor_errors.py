@@ -91,27 +91,25 @@ def test_a_robot_that_stands_sees_the_same_whether_its_lidar_turns(walled_world)
     assert np.allclose(seen(True), seen(False), atol=1e-4)
 
 
-def test_a_turning_lidar_sees_early_beams_from_where_the_robot_was(walled_world):
+def test_a_turning_lidar_sees_early_beams_from_where_the_robot_was(walled_world, simulators):
     config = replace(SLOW, lidar=replace(SLOW.lidar, sweeps=True, noise_m=0.0))
-    simulator = Simulator(walled_world, config, START, 0)
+    simulator = simulators(walled_world, config, START, 0)
     for _ in range(40):
         sensors = simulator.step(Velocity2D(0.0, 1.0))
     now, poses = sensors.truth.pose, simulator.motion.poses_at(simulator.stamp_ns - simulator.lidar.ages_ns)
     turn_s = 1.5 * math.pi / (2.0 * math.pi * 5.0)
     assert wrap_angle(now.yaw - poses[0, 2]) == pytest.approx(sensors.truth.velocity.angular * turn_s, rel=0.02)
     assert wrap_angle(now.yaw - poses[-1, 2]) == pytest.approx(0.0, abs=1e-9)
-    simulator.close()
 
 
-def test_between_scans_the_last_one_is_read_with_its_stamp(walled_world):
-    simulator = Simulator(walled_world, SLOW, START, 0)
+def test_between_scans_the_last_one_is_read_with_its_stamp(walled_world, simulators):
+    simulator = simulators(walled_world, SLOW, START, 0)
     readings = [simulator.sense(), *(simulator.step(Velocity2D(0.3, 0.2)) for _ in range(9))]
     assert [r.scan.stamp_ns // 50_000_000 for r in readings] == [0, 0, 0, 0, 4, 4, 4, 4, 8, 8]
     assert readings[5].scan is readings[4].scan
     messages = SimulatorMessages(SLOW)
     sent = [any(m.topic.name == "scan" for m in messages.sensors(r, r.stamp_ns)) for r in readings]
     assert sent == [number % 4 == 0 for number in range(10)]
-    simulator.close()
 
 
 def test_scans_of_a_slow_lidar_are_every_fourth_of_a_fast_one(walled_world):

@@ -135,11 +135,10 @@ def test_noise_does_not_move_the_robot(walled_world) -> None:
     assert [s.truth for s in noisy] == [s.truth for s in quiet]
 
 
-def test_starts_where_it_is_put_with_odometry_at_zero(empty_world) -> None:
+def test_starts_where_it_is_put_with_odometry_at_zero(empty_world, simulators) -> None:
     config = SimulatorConfig(odometry=OdometryConfig(yaw_noise_rad=0.0))
-    simulator = Simulator(empty_world, config, START, 0)
+    simulator = simulators(empty_world, config, START, 0)
     sensors = simulator.sense()
-    simulator.close()
     assert sensors.stamp_ns == 0
     assert sensors.truth.pose.distance(START) < 1e-9
     assert sensors.truth.pose.yaw == pytest.approx(START.yaw, abs=1e-9)
@@ -162,11 +161,10 @@ def test_time_passes_by_whole_control_periods(empty_world) -> None:
         assert len(stamps) == 1
 
 
-def test_sensing_again_gives_the_same_readings(empty_world) -> None:
-    simulator = Simulator(empty_world, SimulatorConfig(), START, 0)
+def test_sensing_again_gives_the_same_readings(empty_world, simulators) -> None:
+    simulator = simulators(empty_world, SimulatorConfig(), START, 0)
     simulator.step(Velocity2D(0.5, 0.0))
     assert simulator.sense() is simulator.sense()
-    simulator.close()
 
 
 def test_truth_velocity_is_the_change_of_the_truth(empty_world) -> None:
@@ -195,8 +193,8 @@ def test_contact_is_reported_once_per_contact_between_readings(walled_world) -> 
     assert where.y + 0.229 == pytest.approx(5.175 - 0.075, abs=0.1)
 
 
-def test_a_touch_between_two_readings_is_not_lost(walled_world) -> None:
-    simulator = Simulator(walled_world, SimulatorConfig(), AT_THE_WALL, 0)
+def test_a_touch_between_two_readings_is_not_lost(walled_world, simulators) -> None:
+    simulator = simulators(walled_world, SimulatorConfig(), AT_THE_WALL, 0)
     simulator.command(Velocity2D(2.0, 0.0))
     for _ in range(40):
         simulator.advance(5)
@@ -206,44 +204,40 @@ def test_a_touch_between_two_readings_is_not_lost(walled_world) -> None:
     simulator.read_collision()
     simulator.advance(20)
     assert not simulator.read_collision()
-    simulator.close()
 
 
-def test_static_obstacles_hold_the_robot(walled_world) -> None:
-    simulator = Simulator(walled_world, SimulatorConfig(), AT_THE_WALL, 0)
+def test_static_obstacles_hold_the_robot(walled_world, simulators) -> None:
+    simulator = simulators(walled_world, SimulatorConfig(), AT_THE_WALL, 0)
     for _ in range(100):
         sensors = simulator.step(Velocity2D(1.0, 0.0))
     moved = simulator.moved_obstacles()
-    simulator.close()
     assert sensors.truth.pose.y + 0.229 < 5.1 + 0.02
     assert len(moved.indices) == 0
 
 
-def test_a_command_that_is_no_number_stops_the_robot_and_is_counted(empty_world) -> None:
-    simulator = Simulator(empty_world, SimulatorConfig(), START, 0)
+def test_a_command_that_is_no_number_stops_the_robot_and_is_counted(empty_world, simulators) -> None:
+    simulator = simulators(empty_world, SimulatorConfig(), START, 0)
     for _ in range(20):
         simulator.step(Velocity2D(0.5, 0.0))
     for bad in (Velocity2D(math.nan, 0.0), Velocity2D(0.5, math.inf)):
         sensors = simulator.step(bad)
     for _ in range(6):
         sensors = simulator.step(None)
-    simulator.close()
     assert simulator.invalid_commands == 2
     assert sensors.truth.velocity.linear == pytest.approx(0.0, abs=1e-3)
 
 
-def test_without_commands_the_watchdog_stops_the_robot(empty_world) -> None:
-    simulator = Simulator(empty_world, SimulatorConfig(drive=DriveConfig(command_timeout_s=0.25)), START, 0)
+def test_without_commands_the_watchdog_stops_the_robot(empty_world, simulators) -> None:
+    simulator = simulators(empty_world, SimulatorConfig(drive=DriveConfig(command_timeout_s=0.25)), START, 0)
     simulator.step(Velocity2D(0.5, 0.0))
     speeds = [simulator.step(None).truth.velocity.linear for _ in range(15)]
-    simulator.close()
     assert max(speeds) == pytest.approx(0.5, abs=0.02)
     assert speeds[-1] == pytest.approx(0.0, abs=1e-3)
 
 
-def test_readings_at_rates_of_their_own_are_of_the_same_motion(walled_world) -> None:
-    stepped = Simulator(walled_world, SimulatorConfig(), AT_THE_WALL, 0)
-    ticked = Simulator(walled_world, SimulatorConfig(), AT_THE_WALL, 0)
+def test_readings_at_rates_of_their_own_are_of_the_same_motion(walled_world, simulators) -> None:
+    stepped = simulators(walled_world, SimulatorConfig(), AT_THE_WALL, 0)
+    ticked = simulators(walled_world, SimulatorConfig(), AT_THE_WALL, 0)
     for command in commands(40):
         if command is not None:
             ticked.command(command)
@@ -252,15 +246,12 @@ def test_readings_at_rates_of_their_own_are_of_the_same_motion(walled_world) -> 
             ticked.read_truth()
         truth = stepped.step(command).truth
         assert ticked.read_truth() == truth
-    stepped.close()
-    ticked.close()
 
 
-def test_joints_roll_as_far_as_the_wheels(empty_world) -> None:
-    simulator = Simulator(empty_world, SimulatorConfig(), START, 0)
+def test_joints_roll_as_far_as_the_wheels(empty_world, simulators) -> None:
+    simulator = simulators(empty_world, SimulatorConfig(), START, 0)
     for _ in range(40):
         sensors = simulator.step(Velocity2D(0.5, 0.0))
-    simulator.close()
     rolled = sensors.joints.positions[0] * 0.098
     assert rolled == pytest.approx(START.distance(sensors.truth.pose), abs=0.03)
     assert sensors.joints.velocities == pytest.approx([0.5 / 0.098] * 4)

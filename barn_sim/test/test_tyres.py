@@ -156,7 +156,7 @@ def test_a_body_too_light_for_the_physics_step_is_refused() -> None:
     light = replace(chassis, name="feather", inertia_kg_m2=(0.2, 1.0, 1.0))
     with pytest.raises(ConfigError, match=r"^robot feather: chassis.inertia_kg_m2 is too small .* 0.005 s"):
         Tyres(model_of(light), PhysicsConfig())
-    Tyres(model_of(light), PhysicsConfig(tick_s=0.0005))
+    assert Tyres(model_of(light), PhysicsConfig(tick_s=0.0005)).rest[0] == pytest.approx(0.187, abs=0.001)
 
 
 def test_casters_carry_their_share() -> None:
@@ -228,17 +228,6 @@ def test_accelerates_no_faster_than_friction_allows(driven) -> None:
     robot = driven()
     robot.run(2.0, 0.0, 0.2)
     assert robot.velocity.linear / 0.2 == pytest.approx(FRICTION * G, rel=0.05)
-
-
-@pytest.mark.parametrize("turn", [0.3, 1.0, -1.57])
-def test_turns_in_place_as_commanded_within_a_few_percent(driven, turn: float) -> None:
-    """Point contacts with Coulomb friction, loads equal: the effective separation is W (1 + (L / W)^2)."""
-    robot = driven()
-    robot.run(0.0, turn, 2.0)
-    track, base = 0.37559, 0.262
-    rigid = turn * SEPARATION / (track * (1.0 + (base / track) ** 2))
-    assert robot.velocity.angular == pytest.approx(rigid, rel=0.03)  # unequal loads add 2 %
-    assert robot.velocity.angular == pytest.approx(turn, rel=0.04)
 
 
 def test_turning_does_not_depend_on_the_heading(driven) -> None:

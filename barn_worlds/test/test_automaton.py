@@ -40,13 +40,6 @@ def test_smoothing_equals_the_plain_rule(grid, fill, clear):
     assert np.array_equal(grid, before)
 
 
-def test_neighbours_outside_are_filled_above_and_below_and_empty_beside():
-    grid = np.zeros((3, 3), bool)
-    # each cell of the first and last row has three filled neighbours outside, and none beside it
-    assert not smooth(grid, 4, -1).any()
-    assert smooth(grid, 3, -1).tolist() == [[True] * 3, [False] * 3, [True] * 3]
-
-
 @given(st.integers(0, 2**32), st.sampled_from(TABLE_I))
 def test_iterations_are_successive_and_keep_the_side_walls(seed, parameters):
     grids = list(iterations(parameters, np.random.default_rng(seed)))

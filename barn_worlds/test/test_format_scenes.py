@@ -57,12 +57,8 @@ def own_file(scenes, tmp_path):
 
 def assert_same(found, world):
     assert found.checksum == world.checksum
-    assert (found.name, found.walls, found.moving, found.corner_m) == (
-        world.name,
-        world.walls,
-        world.moving,
-        world.corner_m,
-    )
+    for part in ("name", "walls", "moving", "corner_m"):
+        assert getattr(found, part) == getattr(world, part)
     assert np.array_equal(found.path, world.path) and np.array_equal(found.grid, world.grid)
 
 
@@ -213,13 +209,9 @@ def test_malformed_motion_in_a_data_set_file_is_one_clear_line(own_file, name, a
 def test_whatever_becomes_of_a_file_it_is_read_or_refused_in_one_line(data, scenes, tmp_path):
     text = world_yaml(scenes[7])
     for _ in range(data.draw(st.integers(1, 5))):
-        at = data.draw(st.integers(0, len(text)))
-        cut = data.draw(st.integers(0, 20))
-        text = (
-            text[:at]
-            + data.draw(st.text(alphabet="0123456789.-eE:[]{},# \nnaif'\"&*!|>\t\x00", max_size=8))
-            + text[at + cut :]
-        )
+        at, cut = data.draw(st.integers(0, len(text))), data.draw(st.integers(0, 20))
+        noise = data.draw(st.text(alphabet="0123456789.-eE:[]{},# \nnaif'\"&*!|>\t\x00", max_size=8))
+        text = text[:at] + noise + text[at + cut :]
     (tmp_path / "w.world.yaml").write_text(text)
     try:
         open_dataset(tmp_path / "w.world.yaml").load(0)

@@ -109,7 +109,12 @@ def test_what_a_file_cannot_hold_is_refused(vectorised, tmp_path):
 
 
 def test_the_training_script_trains_draws_and_compares(tmp_path):
-    command = [sys.executable, EXAMPLE, *["--steps", "1", "--environments", "8", "--held-out", "1", "--out"], tmp_path]
+    command = [
+        sys.executable,
+        EXAMPLE,
+        *["--steps", "1", "--environments", "8", "--worlds-per-set", "2", "--held-out", "1", "--out"],
+        tmp_path,
+    ]
     ended = subprocess.run(command, capture_output=True, text=True, check=True)
     assert ended.stdout.count("held-out worlds") == 3
     with (tmp_path / "curve.csv").open() as file:
