@@ -195,9 +195,8 @@ def sweep_board(folder: Path) -> Board:
 
 def sweep_rows(found: Board) -> list[dict[str, Any]]:
     """Return a row per setting, best first: whether it is level with the best, parameters, figures."""
-    leaders = found.ranking.leaders
     return [
-        {"level_with_best": place in leaders, "planner": one.entry.planner}
+        {"level_with_best": place in found.ranking.leaders, "planner": one.entry.planner}
         | values_of(one.entry.source.path)
         | one.summary.columns()
         | {"folder": str(one.entry.source.path)}

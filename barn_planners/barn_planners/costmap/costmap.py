@@ -99,20 +99,17 @@ class Beams:
 
     def __init__(self) -> None:
         self._key: tuple[float, float, float, int] | None = None
-        self._fit(0)
+        self._directions, self._ends = np.empty((0, 2)), np.empty((0, 2), np.int64)
 
     def of(self, yaw: float, scan: Scan) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
         """Return the directions of a scan's beams for a lidar at this yaw, and work space for their ends, (n, 2)."""
         key = (yaw, scan.angle_min, scan.angle_increment, len(scan.ranges))
         if key != self._key:
             if len(self._ends) != len(scan.ranges):
-                self._fit(len(scan.ranges))
+                self._directions, self._ends = np.empty((key[3], 2)), np.empty((key[3], 2), np.int64)
             kernels.point_beams(self._directions, yaw, scan.angle_min, scan.angle_increment)
             self._key = key
         return self._directions, self._ends
-
-    def _fit(self, count: int) -> None:
-        self._directions, self._ends = np.empty((count, 2)), np.empty((count, 2), np.int64)
 
 
 class Costmap:

@@ -192,10 +192,8 @@ def footprint_spans(corners, origin_x, origin_y, resolution):  # type: ignore[no
     first = cells[:, 1].min()
     spans = np.empty((cells[:, 1].max() - first + 1, 2), np.int64)
     spans[:, 0], spans[:, 1] = np.iinfo(np.int64).max, np.iinfo(np.int64).min
-    edge = outline_cells(cells)
-    for k in range(len(edge)):
-        row, col = edge[k, 0], edge[k, 1] - first
-        spans[col, 0], spans[col, 1] = min(spans[col, 0], row), max(spans[col, 1], row)
+    for row, col in outline_cells(cells):
+        spans[col - first, 0], spans[col - first, 1] = min(spans[col - first, 0], row), max(spans[col - first, 1], row)
     return first, spans
 
 
@@ -207,8 +205,8 @@ def outline_cells(corners):  # type: ignore[no-untyped-def]
         count += max(abs(corners[k, 0] - corners[k - 1, 0]), abs(corners[k, 1] - corners[k - 1, 1]))
     cells, at = np.empty((count, 2), np.int64), 0
     for k in range(len(corners)):
-        end = k + 1 if k + 1 < len(corners) else 0
-        row, col, end_row, end_col = corners[k, 0], corners[k, 1], corners[end, 0], corners[end, 1]
+        row, col = corners[k]
+        end_row, end_col = corners[(k + 1) % len(corners)]
         line, rest = line_between(row, col, end_row, end_col)
         for _ in range(line.steps + 1):
             cells[at, 0], cells[at, 1] = row, col

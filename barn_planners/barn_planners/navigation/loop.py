@@ -117,8 +117,7 @@ class NavigationPlanner(Planner):
         if self._start_ns is None:
             self._start_ns = stamp
             self._recovery.restart(stamp)
-        # a quarter of tolerance for jittering stamps
-        cycle = (stamp - self._start_ns + self._control_ns // 4) // self._control_ns
+        cycle = (stamp - self._start_ns + self._control_ns // 4) // self._control_ns  # a quarter for jittering stamps
         if cycle == self._cycle:
             return Decision(None)
         self._cycle = cycle
