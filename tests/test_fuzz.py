@@ -1,7 +1,6 @@
 """Readers of files of strangers, under the corpus of what was trouble once and under mutations of real files.
 
-`python qa/fuzz.py --reader NAME --inputs N` goes on for longer; it bounds memory and time of each input. Here time
-decides nothing but where a reader hangs.
+`python qa/fuzz.py --reader NAME --inputs N` goes on for longer, and bounds the time of each input.
 """
 
 import json

@@ -148,6 +148,7 @@ def test_nodes_of_the_suite_and_commands_of_others_drive_side_by_side(tmp_path):
         PlannerChoice("their_planner", command="ros2 run theirs their_planner"),
     )
     assert read_request(file, {}).experiment.planners == expected
+    assert read_request(file, {"planners": "mine,dwa"}).experiment.planners == (expected[1], expected[0])
     commands = ("mine=python3 mine.py", "their_planner=ros2 run theirs their_planner")
     options = {"mode": "ros", "out": "x", "planners": "dwa", "planner_command": commands}
     assert read_request(None, options).experiment.planners == expected

@@ -65,14 +65,18 @@ def read_request(
 ) -> Request:
     """Return what a YAML file asks for, with what `options` give in place of it; an option None does not count.
 
-    Short forms: `planners` as texts "name" or "name:preset", one or several joined by commas; `protocol` and `robot` a
-    name or a file; `simulator` and `ros` dotted names of what to change; `planner_command` a command, or some
-    "NAME=COMMAND". settings: parameters by planner, or as "planner.name", or by name alone where there is one planner.
-    worlds: in place of a data set. ConfigError in one line for what is not allowed.
+    Short forms: `planners` as texts "name" or "name:preset", one or several joined by commas, as an option also a name
+    of one that the file has a command for; `protocol` and `robot` a name or a file; `simulator`, `ros` dotted names of
+    what to change; `planner_command` one, or some "NAME=COMMAND". settings: parameters by planner, "planner.name",
+    or name where there is one planner. worlds: in place of a data set. ConfigError in one line for what is not allowed.
     """
     content: dict[str, Any] = {"out": new_folder()} | (read_yaml(path, SCHEMA_VERSION) if path else {})
-    where = f"{path}: " if path else ""
+    where, listed = f"{path}: " if path else "", content.get("planners")
     content |= {name: value for name, value in options.items() if value is not None}
+    if isinstance(listed, list) and isinstance(asked := options.get("planners"), (str, list, tuple)):
+        started = {str(one.get("name")): one for one in listed if isinstance(one, dict) and "command" in one}
+        names = asked.split(",") if isinstance(asked, str) else asked
+        content["planners"] = [started.get(one, one) if isinstance(one, str) else one for one in names]
     for key in content:
         if key not in _KEYS:
             raise ConfigError(f"{where}unknown key {shown(key)}{suggest(key, _KEYS)}")
