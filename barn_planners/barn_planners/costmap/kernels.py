@@ -120,7 +120,7 @@ def point_beams(directions, yaw, angle_min, angle_increment):  # type: ignore[no
         directions[i, 0], directions[i, 1] = math.cos(angle), math.sin(angle)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True)
 def add_scan(lethal, dirty, grid, sensor, directions, ends, ranges, limits):  # type: ignore[no-untyped-def]
     """Clear along every beam with a return, the last cell included, then mark the hits nearer than the obstacle range.
 
@@ -160,7 +160,7 @@ def add_scan(lethal, dirty, grid, sensor, directions, ends, ranges, limits):  # 
             touch(dirty, row, col)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True)
 def _cell(grid, x, y):  # type: ignore[no-untyped-def]
     origin_x, origin_y, resolution = grid
     return math.floor((y - origin_y) / resolution), math.floor((x - origin_x) / resolution)
