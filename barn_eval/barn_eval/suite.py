@@ -28,7 +28,7 @@ from barn_worlds.worlds.dataset import shipped
 __all__ = ["BenchSetup", "bench", "info", "reproduce", "validate"]
 
 # Module or program: (what needs it, what is off without it).
-OPTIONAL: dict[str, tuple[str, str]] = packaged_yaml("barn_eval", "optional.yaml")
+OPTIONAL: dict[str, list[str]] = packaged_yaml("barn_eval", "optional.yaml")
 
 
 def reproduce(

@@ -26,7 +26,7 @@ from barn_worlds.worlds.world import World
 SCHEMA_VERSION = 1
 
 
-TABLE_II = packaged_yaml("barn_metrics", "table_ii.yaml")
+TABLE_II: dict[str, dict[str, float]] = packaged_yaml("barn_metrics", "table_ii.yaml")
 
 
 @dataclass(frozen=True, eq=False)

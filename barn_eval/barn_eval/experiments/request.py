@@ -74,9 +74,10 @@ def read_request(
     where, listed = f"{path}: " if path else "", content.get("planners")
     content |= {name: value for name, value in options.items() if value is not None}
     if isinstance(listed, list) and isinstance(asked := options.get("planners"), (str, list, tuple)):
-        started = {str(one.get("name")): one for one in listed if isinstance(one, dict) and "command" in one}
-        names = asked.split(",") if isinstance(asked, str) else asked
-        content["planners"] = [started.get(one, one) if isinstance(one, str) else one for one in names]
+        started = [_planner(one, where) for one in listed if isinstance(one, dict) and "command" in one]
+        named: dict[Any, Any] = {one.name: one for one in started}
+        names = [one.strip() for one in asked.split(",")] if isinstance(asked, str) else asked
+        content["planners"] = [named.get(one, one) if isinstance(one, str) else one for one in names]
     for key in content:
         if key not in _KEYS:
             raise ConfigError(f"{where}unknown key {shown(key)}{suggest(key, _KEYS)}")

@@ -211,13 +211,11 @@ class _Tuner:
                 self.console.print(f"setting {number}: {error}", markup=False, highlight=False)
                 continue
             study.tell(trial, values)
-            measures = zip((MEASURES[key] for key in self.by), values, strict=True)
-            text = ", ".join(f"{measure.title} {measure.number(value)}" for measure, value in measures)
+            measures = [MEASURES[key] for key in self.by]
+            text = ", ".join(f"{one.title} {one.number(value)}" for one, value in zip(measures, values, strict=True))
             if worlds := trial.user_attrs.get(_EARLY):
-                measure, worse = MEASURES[self.by[0]], abs(values[0] - study.best_value)
-                text = (
-                    f"given up after {worlds} worlds, {measure.title} {measure.number(worse)} worse there than the best"
-                )
+                worse = measures[0].number(abs(values[0] - study.best_value))
+                text = f"given up after {worlds} worlds, {measures[0].title} {worse} worse there than the best"
             self.console.print(f"setting {number} of {settings}: {text}", markup=False, highlight=False)
 
     def _try(self, study: optuna.Study, trial: Trial, engine: Engine | None) -> list[float]:

@@ -87,10 +87,11 @@ class Scores:
 
 
 def score(verdict: Verdict, course: Course, protocol: Protocol, least_time_s: float | None = None) -> Scores:
-    """Return the scores of a trial, with its efficiency where the least time is given."""
-    scored_s, success_s, efficiency = scored_time_s(verdict, protocol), _success_s(verdict), None
-    if least_time_s is not None:
-        efficiency = 0.0 if success_s is None else least_time_s / success_s if success_s > 0.0 else 1.0
+    """Return the scores of a trial; the efficiency of a success where the least time is given."""
+    scored_s, success_s = scored_time_s(verdict, protocol), _success_s(verdict)
+    efficiency = 0.0 if success_s is None else None
+    if success_s is not None and least_time_s is not None:
+        efficiency = least_time_s / success_s if success_s > 0.0 else 1.0
     return Scores(
         success=verdict.outcome is Outcome.SUCCESS,
         traversal_time_s=verdict.traversal_time_s,

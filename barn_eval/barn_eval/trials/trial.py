@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from traceback import extract_tb, format_exc
 from types import FrameType
@@ -141,9 +141,8 @@ class RunningTrial:
         verdict, spec = self.verdict, self.spec
         if verdict is None:
             return None
-        if verdict.outcome is Outcome.SUCCESS:
-            return score(verdict, spec.course, spec.protocol, spec.least_time_s)
-        return replace(score(verdict, spec.course, spec.protocol), efficiency=0.0)
+        least_s = spec.least_time_s if verdict.outcome is Outcome.SUCCESS else None
+        return score(verdict, spec.course, spec.protocol, least_s)
 
     def read(self, odometry: Odometry, truth: Odometry, collision: bool) -> Verdict | None:
         """Take what is measured at an instant, of which the stamp is that of the truth; return the verdict by now."""
