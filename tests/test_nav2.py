@@ -5,7 +5,6 @@ Whether Nav2 reads every parameter is what examples/nav2/check_parameters.py say
 
 import ast
 import importlib.util
-import math
 import os
 import re
 import shlex
@@ -89,13 +88,16 @@ def test_the_footprint_is_that_of_the_robot(nodes):
 
 
 @pytest.mark.parametrize("mode", ["map", "mapless"])
-def test_a_turtlebot_4_has_its_own_size_and_limits(mode):
-    robot, jackal = ROBOTS["turtlebot4"], ROBOTS["jackal"]
-    nodes, before = merged("common", mode, "rpp", "turtlebot4_rpp"), merged("common", mode, "rpp")
-    scale = robot.chassis.footprint_radius_m / math.hypot(jackal.length_m / 2, jackal.width_m / 2)
+@pytest.mark.parametrize("name", ["turtlebot4", "husky"])
+def test_another_robot_has_its_own_size_and_limits(name, mode):
+    chassis, drive = ROBOTS[name].chassis, ROBOTS[name].drive
+    nodes, before = merged("common", mode, "rpp", f"{name}_rpp"), merged("common", mode, "rpp")
+    outline = {(x, y) for x, y in chassis.footprint_m}
+    scale = chassis.circumscribed_m / ROBOTS["jackal"].chassis.circumscribed_m
     for costmap in ("local_costmap", "global_costmap"):
-        assert (nodes[costmap]["footprint"], nodes[costmap]["robot_radius"]) == ("[]", robot.chassis.footprint_radius_m)
-        assert nodes[costmap]["inflation_layer"]["inflation_radius"] > nodes[costmap]["robot_radius"]
+        assert {tuple(corner) for corner in ast.literal_eval(nodes[costmap]["footprint"])} == outline
+        assert outline or nodes[costmap]["robot_radius"] == chassis.footprint_radius_m
+        assert nodes[costmap]["inflation_layer"]["inflation_radius"] > chassis.circumscribed_m
     follow, speed = nodes["controller_server"]["FollowPath"], scale * SPEED_MPS
     for key, value in follow.items():
         if key.endswith(("_dist", "_vel", "_speed", "_radius")) and "angular" not in key and "robot_pose" not in key:
@@ -103,9 +105,9 @@ def test_a_turtlebot_4_has_its_own_size_and_limits(mode):
             assert isinstance(about, bool) or value == pytest.approx(scale * about, rel=0.04), key
     smoother = nodes["velocity_smoother"]
     assert smoother["max_velocity"][0] == follow["desired_linear_vel"] == pytest.approx(speed, rel=0.02)
-    assert smoother["max_velocity"][2] <= robot.drive.max_yaw_rate_rad_s
-    assert smoother["max_accel"][0] == robot.drive.max_acceleration_m_s2
-    assert smoother["max_accel"][2] <= robot.drive.max_yaw_acceleration_rad_s2
+    assert smoother["max_velocity"][2] <= drive.max_yaw_rate_rad_s
+    assert smoother["max_accel"][0] == drive.max_acceleration_m_s2
+    assert smoother["max_accel"][2] <= drive.max_yaw_acceleration_rad_s2
     layer = nodes["local_costmap"]["inflation_layer"]
     assert follow["inflation_cost_scaling_factor"] == layer["cost_scaling_factor"]
     assert follow["cost_scaling_dist"] <= layer["inflation_radius"]
@@ -176,11 +178,18 @@ def test_the_workflow_for_a_pull_request_calls_what_exists():
     (call,) = re.findall(r"barn ab (.*?) \|", steps[-2]["run"].replace("\\\n", " "))
     values, *_ = ab.command.make_parser(click.Context(ab.command)).parse_args(shlex.split(call))
     assert (values["base"], values["head"]) == ("install_base/setup.bash", "install_head/setup.bash")
-    campaign = yaml.safe_load((FOLDER / "lockstep" / "controllers.yaml").read_text())
-    named = {word for one in campaign["planners"] for word in shlex.split(one["command"]) if "examples/" in word}
-    assert {Path(one).stem for one in named} == {"in_workspace", "common", "mapless", *CONTROLLERS}
-    assert all((FOLDER.parents[1] / one).is_file() for one in named)
     assert all(re.fullmatch(r"[\w/-]+@v\d+\.\d+\.\d+", step["uses"]) for step in steps if "uses" in step)
+
+
+@pytest.mark.parametrize("name", ["controllers", "fast"])
+def test_a_campaign_of_all_controllers_declares_the_speed_that_each_keeps(name):
+    speeds = ("max_vel_x", "vx_max", "v_linear_max", "desired_linear_vel")
+    for one in yaml.safe_load((FOLDER / "lockstep" / f"{name}.yaml").read_text())["planners"]:
+        files = [Path(word) for word in shlex.split(one["command"]) if "examples/" in word]
+        assert all((FOLDER.parents[1] / file).is_file() for file in files)
+        follow = merged(*(file.stem for file in files[1:]))["controller_server"]["FollowPath"]
+        follow |= {key: float(value) for key, value in re.findall(r"FollowPath\.(\w+):=([\d.]+)", one["command"])}
+        assert 0.995 <= next(follow[key] for key in speeds if key in follow) / one["max_speed_mps"] <= 1.0
 
 
 def test_the_protocols_that_nav2_is_shown_with_send_the_goal_once():
