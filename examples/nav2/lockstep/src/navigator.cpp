@@ -117,6 +117,13 @@ std::shared_ptr<Plugin> Navigator::load(
   return loader.createSharedInstance(nav2_util::get_plugin_type_param(node, name));
 }
 
+std::vector<rclcpp::node_interfaces::NodeBaseInterface::SharedPtr> Navigator::nodes() const
+{
+  return {
+    controller_node_->get_node_base_interface(), planner_node_->get_node_base_interface(),
+    local_.ros()->get_node_base_interface(), global_.ros()->get_node_base_interface()};
+}
+
 void Navigator::set_goal(const geometry_msgs::msg::PoseStamped & goal)
 {
   goal_ = goal;

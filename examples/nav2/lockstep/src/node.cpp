@@ -90,15 +90,16 @@ private:
   {
     observation_ = Observation();
     navigator_ = std::make_unique<Navigator>(settings_);
-    // for the map of a static layer
-    executor_.add_node(navigator_->local_costmap().ros()->get_node_base_interface());
-    executor_.add_node(navigator_->global_costmap().ros()->get_node_base_interface());
+    for (const auto & node : navigator_->nodes()) {
+      executor_.add_node(node);
+    }
   }
 
   void end()
   {
-    executor_.remove_node(navigator_->local_costmap().ros()->get_node_base_interface());
-    executor_.remove_node(navigator_->global_costmap().ros()->get_node_base_interface());
+    for (const auto & node : navigator_->nodes()) {
+      executor_.remove_node(node);
+    }
     navigator_.reset();
   }
 

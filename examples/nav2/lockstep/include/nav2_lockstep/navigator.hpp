@@ -6,6 +6,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "geometry_msgs/msg/pose.hpp"
 #include "geometry_msgs/msg/pose_stamped.hpp"
@@ -66,6 +67,9 @@ public:
 
   const SteppedCostmap & local_costmap() const {return local_;}
   const SteppedCostmap & global_costmap() const {return global_;}
+
+  // What an executor is to spin, so that a static layer gets its map and all parameters can be asked for.
+  std::vector<rclcpp::node_interfaces::NodeBaseInterface::SharedPtr> nodes() const;
 
 private:
   template<typename Plugin>
