@@ -238,7 +238,8 @@ def test_parameters_in_which_planners_differ_are_told(folders):
         logs = folders / name / "logs" / "dwa_0"
         logs.mkdir(parents=True)
         keep_told(logs.parent, logs, "dwa", json.dumps({"/nav speed": str(speed), f"/{name} x": "1"}))
-        told = changed(name, *foreign, ('"command": ""', f'"files": {{"p.yaml": "{name * 64}"}}, "command": "drive"'))
+        files = f'"files": {{"p.yaml": "{name * 64}", "{name}.yaml": "0"}}'
+        told = changed(name, *foreign, ('"command": ""', f'{files}, "command": "drive"'))
     expected = f"file p.yaml ({'a' * 12} against {('slow' * 3)[:12]}) and /nav speed (0.5 against 1.0)."
     assert told == f"Parameters that differ: {expected}"
     assert expected in " ".join(invoke(folders / "a", folders / "slow").output.split())

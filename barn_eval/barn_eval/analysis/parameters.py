@@ -18,11 +18,12 @@ def changed_parameters(a: Source, of_a: str, b: Source, of_b: str) -> str:
     """Return in a sentence what differs between two planners' parameters and files (SHA-256); empty if nothing does.
 
     Those of the registry by their presets and overrides, others as their nodes told them; of planners or nodes that are
-    not of the same name, nothing is said.
+    not of the same name, nothing is said, and of files of other names only where nothing else differs.
     """
     one, other = _parameters(a, of_a), _parameters(b, of_b)
     shared = {key.partition(" ")[0] for key in one} & {key.partition(" ")[0] for key in other}
     keys = [key for key in one | other if key.partition(" ")[0] in shared and one.get(key) != other.get(key)]
+    keys = [key for key in keys if not key.startswith("file ") or key in one.keys() & other.keys()] or keys
     named = [f"{key} ({one.get(key, MISSING)} against {other.get(key, MISSING)})" for key in keys[:_NAMED]]
     more = [f"{len(keys) - _NAMED} more"] if len(keys) > _NAMED else []
     return f"Parameters that differ: {joined([*named, *more])}." if named else ""
