@@ -52,6 +52,7 @@ from barn_worlds.formats.map_server import grid_of, read_map, write_map
 from barn_worlds.formats.own import write_own
 from barn_worlds.formats.sdf import sdf_text, write_sdf
 from barn_worlds.formats.single import read_world
+from barn_worlds.formats.world_yaml import world_yaml
 from barn_worlds.messages.cdr import jazzy_types, make, serialise
 from barn_worlds.messages.topics import GROUND_TRUTH, ODOM
 from barn_worlds.robots.files import load_robot, shipped_robots
@@ -145,6 +146,12 @@ def _files(*paths: Path) -> list[bytes]:
 
 def _world() -> Any:
     return open_dataset("barn_test").load(open_dataset("barn_test").indices[0])
+
+
+def _scene() -> Any:
+    """Return a world with walls and two moving obstacles."""
+    arena = open_dataset("dynabarn60").load(0)
+    return replace(arena, moving=arena.moving[:2])
 
 
 def _experiment(folder: Path) -> Path:
@@ -310,7 +317,8 @@ def _npy_seeds(folder: Path) -> list[bytes]:
 
 def _own_seeds(folder: Path) -> list[bytes]:
     write_own(folder / "own.npz", "own", {0: _world(), 3: _world()})
-    return _files(folder / "own.npz")
+    write_own(folder / "scenes.npz", "scenes", {0: _scene(), 7: _world()})
+    return _files(folder / "own.npz", folder / "scenes.npz")
 
 
 def _dataset(path: Path) -> None:
@@ -387,6 +395,7 @@ READERS = {
     "dataset": Reader("input.npz", _own_seeds, _dataset, _npz),
     "policy": Reader("input.npz", _policy_seeds, _policy, _npz),
     "weights": Reader("input.npz", _weights_seeds, _weights, _npz),
+    "scene": Reader("input.world.yaml", lambda _: [world_yaml(_scene()).encode()], _dataset),
     "world": Reader("input.world", _gazebo_seeds, _single),
     "map": Reader("input.yaml", _map_seeds, _single),
     "image": Reader("input.pgm", _image_seeds, _image),

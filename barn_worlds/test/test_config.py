@@ -99,11 +99,6 @@ def test_what_is_wrong_with_a_change_is_named(changes, message):
     assert str(caught.value) == f"--set: {message}"
 
 
-def test_a_constructor_names_the_field():
-    with pytest.raises(ConfigError, match=r"^length_m must be at least 0 m, got -1\.0$"):
-        Inner(length_m=-1.0)
-
-
 @pytest.mark.parametrize(
     ("value", "text"),
     [

@@ -15,19 +15,13 @@ from barn_worlds.moving.motion import Motion, MovingObstacle
 from barn_worlds.moving.tracks import Tracks
 
 KEYS = ((0.0, 1.0, 2.0), (1.1, 3.0, 2.0), (4.0, 3.0, 5.0), (6.0, 0.0, 5.0))
+CURVE = Motion("polynomial", 8.0, coefficients_m=((0.0, 1.0), (4.0, 1.0), (-4.0, 0.0), (0.0, -1.0)))
 MOVING = (
     MovingObstacle("as <it> is", radius_m=0.5, motion=Motion("gazebo", 6.0, KEYS)),
     MovingObstacle("resting", radius_m=0.5, motion=Motion("gazebo", 9.0, KEYS)),
     MovingObstacle("later", radius_m=0.25, phase_s=2.5, motion=Motion("gazebo", 6.0, KEYS)),
     MovingObstacle("straight", radius_m=0.25, motion=Motion("linear", 6.0, KEYS)),
-    MovingObstacle(
-        "box",
-        "box",
-        size_x_m=1.0,
-        size_y_m=2.0,
-        yaw_rad=0.5,
-        motion=Motion("polynomial", 8.0, coefficients_m=((0.0, 1.0), (4.0, 1.0), (-4.0, 0.0), (0.0, -1.0))),
-    ),
+    MovingObstacle("box", "box", size_x_m=1.0, size_y_m=2.0, yaw_rad=0.5, motion=CURVE),
 )
 
 

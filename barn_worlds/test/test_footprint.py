@@ -7,7 +7,6 @@ import pytest
 
 from barn_worlds.geometry.bodies import shape_rows
 from barn_worlds.geometry.footprint import Footprint, Rectangle, contact_of
-from barn_worlds.geometry.kernels import gaps_to_rectangle, times_to_rectangle
 from barn_worlds.robots.files import load_robot
 
 POLYGON = Footprint(np.array([[0.5, 0.0], [0.2, 0.3], [-0.3, 0.2], [-0.3, -0.25], [0.1, -0.3]]))
@@ -108,17 +107,6 @@ def test_times_to_contact_are_those_of_a_search(outline):
             assert found[k] == pytest.approx(expected, abs=0.02)
     assert np.isfinite(found).sum() > 5
     assert np.isinf(found).any()
-
-
-def test_polygon_kernels_agree_with_those_of_rectangles():
-    rng = np.random.default_rng(3)
-    shapes, velocities = some_shapes(rng), rng.uniform(-1.0, 1.0, (60, 2))
-    with_corner = np.insert(BOX.corners_m, 1, 0.5 * (BOX.corners_m[0] + BOX.corners_m[1]), axis=0)  # so no rectangle
-    other = Footprint(with_corner)
-    at = (0.1, 0.3, -0.4)
-    np.testing.assert_allclose(other.gaps(shapes, *at), gaps_to_rectangle(shapes, *at, BOX.extent_m), atol=1e-12)
-    expected = times_to_rectangle(shapes, velocities, *at, 0.5, BOX.extent_m)
-    np.testing.assert_allclose(other.times_to_contact(shapes, velocities, *at, 0.5), expected, atol=1e-9)
 
 
 def test_what_can_touch_of_robots():

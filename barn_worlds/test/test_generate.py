@@ -1,12 +1,14 @@
-"""Generated worlds and data sets: repeatable, independent of each other, and near the published statistics."""
+"""Generated worlds and data sets: repeatable, independent, near the published statistics; Algorithm 1 of the paper."""
 
 import dataclasses
+import itertools
 import json
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
 
 from barn_worlds.base.errors import ConfigError, WorldError
 from barn_worlds.formats.own import Order
@@ -17,8 +19,11 @@ from barn_worlds.worlds.generate import (
     WorldParameters,
     generate_dataset,
     generate_world,
+    grow,
+    iterations,
     narrowness,
     reordered,
+    smooth,
     write_dataset,
     write_ordered,
 )
@@ -81,8 +86,6 @@ def test_a_world_nobody_can_pass_ends_with_an_error():
     [
         ({"footprint_cells": 4}, "footprint_cells must be odd, got 4"),
         ({"clear_threshold": 5}, r"clear_threshold must be below fill_threshold \(5\), got 5"),
-        ({"initial_fill": 1.5}, "initial_fill must be from 0 to 1, got 1.5"),
-        ({"rows": 10**9}, "rows must be from 3 to 500, got"),
     ],
 )
 def test_parameters_that_are_not_allowed(change, message):
@@ -132,3 +135,50 @@ def test_the_shipped_manifest_says_what_is_inside():
     scores = dataset.manifest["order"]["scores"]
     assert len(scores) == 300
     assert scores == sorted(scores)
+
+
+GRIDS = npst.arrays(bool, st.tuples(st.integers(1, 12), st.integers(1, 12)))
+
+
+def plain_smooth(grid, fill_threshold, clear_threshold):
+    rows, cols = grid.shape
+    result = grid.copy()
+    for row in range(rows):
+        for col in range(cols):
+            count = 0
+            for r in (row - 1, row, row + 1):
+                for c in (col - 1, col, col + 1):
+                    if (r, c) == (row, col):
+                        continue
+                    if r < 0 or r >= rows:
+                        count += 1
+                    elif 0 <= c < cols:
+                        count += grid[r, c]
+            if count >= fill_threshold:
+                result[row, col] = True
+            elif count <= clear_threshold:
+                result[row, col] = False
+    return result
+
+
+@given(GRIDS, st.integers(0, 9), st.integers(-1, 8))
+def test_smoothing_equals_the_plain_rule(grid, fill, clear):
+    before = grid.copy()
+    assert np.array_equal(smooth(grid, fill, min(clear, fill - 1)), plain_smooth(grid, fill, min(clear, fill - 1)))
+    assert np.array_equal(grid, before)
+
+
+@given(st.integers(0, 2**32), st.sampled_from(TABLE_I))
+def test_iterations_are_successive_and_keep_the_side_walls(seed, parameters):
+    grids = list(iterations(parameters, np.random.default_rng(seed)))
+    assert len(grids) == parameters.smoothing_iterations + 1
+    for before, after in itertools.pairwise(grids):
+        assert np.array_equal(after, smooth(before, 5, 1))
+    assert all(grid[[0, -1]].all() for grid in grids)
+    assert np.array_equal(grow(parameters, np.random.default_rng(seed)), grids[-1])
+
+
+def test_random_fill_has_the_share_asked_for():
+    parameters = WorldParameters(initial_fill=0.3, rows=402, cols=500)
+    inner = next(iterations(parameters, np.random.default_rng(1)))[1:-1]
+    assert abs(inner.mean() - 0.3) < 4 * np.sqrt(0.21 / inner.size)

@@ -1,5 +1,7 @@
 """Encoders against messages that are filled field by field and serialised by ROS itself, and against rosbags."""
 
+import array
+import itertools
 import math
 
 import numpy as np
@@ -9,111 +11,134 @@ from hypothesis import strategies as st
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-import ros_messages as convert
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Vector3
+from geometry_msgs import msg as geometry
+from nav_msgs import msg as nav
 from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, ColorRGBA, Float64, String
+from sensor_msgs.msg import JointState, LaserScan
+from std_msgs.msg import Bool, ColorRGBA, Float64, Header, String
 from visualization_msgs.msg import Marker, MarkerArray
 
-from barn_worlds.base.types import OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
+from barn_worlds.base.types import OccupancyMap, Odometry, Pose2D, Scan, Velocity2D, quaternion_from_yaw
 from barn_worlds.messages import encode
 from barn_worlds.messages.cdr import Template, deserialise, layout, make, serialise
 from barn_worlds.messages.encode import LINE_STRIP, marker
 
 POSE = Pose2D(-2.25, 3.1, 1.57)
 MARKERS = "visualization_msgs/msg/MarkerArray"
-STAMP = 12_345_678_901
+STAMP, TIME = 12_345_678_901, Time(sec=12, nanosec=345_678_901)
 ODOMETRY = Odometry(STAMP, POSE, Velocity2D(0.5, -0.25))
 RANGES = np.array([0.5, math.inf, -math.inf, math.nan, 29.9, 1.0, 2.0], np.float32)
 SCAN = Scan(STAMP, RANGES, -2.35619, 0.7, 0.1, 30.0)
 GRID = OccupancyMap(np.arange(-1, 5, dtype=np.int8).reshape(2, 3), 0.15, -4.5, 0.25)
+COVARIANCE = [{0: 0.1, 7: 0.2, 35: 0.3}.get(place, 0.0) for place in range(36)]
+COLOUR = {"r": 0.1, "g": 0.2, "b": 0.3, "a": 1.0}
+LINE = marker("odom", "lines", LINE_STRIP, index=3, colour=tuple(COLOUR.values()), stamp_ns=STAMP)
+LINE.scale.x = 0.5
 
 
-def points(count: int, columns: int) -> np.ndarray:
-    return np.random.default_rng(count).uniform(-3.0, 10.0, (count, columns))
+def header(frame: str = "") -> Header:
+    return Header(stamp=TIME, frame_id=frame)
 
 
-def ours() -> dict[str, tuple[str, bytes]]:
-    """Return every kind of message by a label, as (type, bytes)."""
-    velocity = ODOMETRY.velocity
-    encoders = {
-        "odometry": (encode.OdometryEncoder("odom", "base_link"), (ODOMETRY, STAMP)),
-        "pose": (encode.PoseWithCovarianceEncoder("map", (0.1, 0.2, 0.3)), (POSE, STAMP)),
-        "goal": (encode.PoseStampedEncoder("map"), (POSE, STAMP)),
-        "scan": (encode.ScanEncoder(SCAN, "lidar_link", 0.05), (SCAN, STAMP)),
-        "stamped twist": (encode.TwistStampedEncoder("base_link"), (velocity, STAMP)),
-        "joints": (encode.JointEncoder(["left", "right"]), (([1.0, 2.0], [3.0, 4.0]), STAMP)),
-    }
-    made = {label: (encoder.type_name, encoder.encode(*given)) for label, (encoder, given) in encoders.items()}
-    made["clock"] = ("rosgraph_msgs/msg/Clock", encode.encode_clock(STAMP))
-    made["contact"] = ("std_msgs/msg/Bool", encode.encode_bool(True))
-    made["no contact"] = ("std_msgs/msg/Bool", encode.encode_bool(False))
-    made["twist"] = ("geometry_msgs/msg/Twist", encode.encode_twist(velocity))
-    made["map"] = ("nav_msgs/msg/OccupancyGrid", encode.encode_map(GRID, STAMP, "map"))
-    made["text"] = ("std_msgs/msg/String", encode.encode_text("süß"))
-    made["number"] = ("std_msgs/msg/Float64", encode.encode_number(0.125))
-    status = encode.encode_diagnostics(
-        STAMP, encode.WARNING, "one", "slow", {"a": "1", "b": "two"}, hardware_id="jackal"
-    )
-    made["diagnostics"] = ("diagnostic_msgs/msg/DiagnosticArray", status)
-    line = marker("odom", "lines", LINE_STRIP, index=3, colour=(0.1, 0.2, 0.3, 1.0), stamp_ns=STAMP)
-    line.scale.x = 0.5
-    made["marker"] = ("visualization_msgs/msg/MarkerArray", serialise(make(MARKERS, markers=[line])))
-    for count in (0, 1, 2, 3, 40):
-        for columns in (2, 3):
-            for frame in ("map", "odom", "base_link"):
-                data = encode.PathEncoder(frame).encode(points(count, columns), STAMP)
-                made[f"path {count} {columns} {frame}"] = (encode.PathEncoder.type_name, data)
-    return made
+def pose(x: float, y: float, yaw: float = 0.0) -> geometry.Pose:
+    z, w = quaternion_from_yaw(yaw)
+    return geometry.Pose(position=geometry.Point(x=x, y=y), orientation=geometry.Quaternion(z=z, w=w))
 
 
-def theirs(label: str):
-    """Return the same message as an object of ROS."""
-    if label.startswith("path"):
-        _, count, columns, frame = label.split()
-        return convert.to_path(points(int(count), int(columns)), STAMP, frame)
-    return {
-        "clock": lambda: Clock(clock=convert.to_time(STAMP)),
-        "odometry": lambda: convert.to_odometry(ODOMETRY, "odom", "base_link"),
-        "pose": lambda: convert.to_pose_with_covariance(POSE, STAMP, "map", (0.1, 0.2, 0.3)),
-        "goal": lambda: convert.to_pose_stamped(POSE, STAMP, "map"),
-        "scan": lambda: convert.to_scan(SCAN, "lidar_link", 0.05),
-        "contact": lambda: Bool(data=True),
-        "no contact": lambda: Bool(data=False),
-        "twist": lambda: convert.to_twist(ODOMETRY.velocity),
-        "stamped twist": lambda: convert.to_twist_stamped(ODOMETRY.velocity, STAMP, "base_link"),
-        "joints": lambda: JointState(
-            header=convert.to_header(STAMP, ""), name=["left", "right"], position=[1.0, 2.0], velocity=[3.0, 4.0]
+AT = pose(POSE.x, POSE.y, POSE.yaw)
+MOVES = geometry.Twist(linear=geometry.Vector3(x=0.5), angular=geometry.Vector3(z=-0.25))
+STATUS = DiagnosticStatus(
+    level=DiagnosticStatus.WARN,
+    name="one",
+    message="slow",
+    hardware_id="jackal",
+    values=[KeyValue(key="a", value="1"), KeyValue(key="b", value="two")],
+)
+SIZE = nav.MapMetaData(map_load_time=TIME, resolution=0.15, width=3, height=2, origin=pose(-4.5, 0.25))
+# Our bytes, and the same message as an object of ROS, filled field by field.
+CASES = {
+    "clock": (encode.encode_clock(STAMP), Clock(clock=TIME)),
+    "odometry": (
+        encode.OdometryEncoder("odom", "base_link").encode(ODOMETRY, STAMP),
+        nav.Odometry(
+            header=header("odom"),
+            child_frame_id="base_link",
+            pose=geometry.PoseWithCovariance(pose=AT),
+            twist=geometry.TwistWithCovariance(twist=MOVES),
         ),
-        "map": lambda: convert.to_occupancy_grid(GRID, STAMP, "map"),
-        "text": lambda: String(data="süß"),
-        "number": lambda: Float64(data=0.125),
-        "diagnostics": status,
-        "marker": line,
-    }[label]()
+    ),
+    "pose": (
+        encode.PoseWithCovarianceEncoder("map", (0.1, 0.2, 0.3)).encode(POSE, STAMP),
+        geometry.PoseWithCovarianceStamped(
+            header=header("map"), pose=geometry.PoseWithCovariance(pose=AT, covariance=COVARIANCE)
+        ),
+    ),
+    "goal": (encode.PoseStampedEncoder("map").encode(POSE, STAMP), geometry.PoseStamped(header=header("map"), pose=AT)),
+    "scan": (
+        encode.ScanEncoder(SCAN, "lidar_link", 0.05).encode(SCAN, STAMP),
+        LaserScan(
+            header=header("lidar_link"),
+            angle_min=-2.35619,
+            angle_max=-2.35619 + 6 * 0.7,
+            angle_increment=0.7,
+            scan_time=0.05,
+            range_min=0.1,
+            range_max=30.0,
+            ranges=array.array("f", RANGES.tobytes()),
+        ),
+    ),
+    "contact": (encode.encode_bool(True), Bool(data=True)),
+    "no contact": (encode.encode_bool(False), Bool(data=False)),
+    "twist": (encode.encode_twist(ODOMETRY.velocity), MOVES),
+    "stamped twist": (
+        encode.TwistStampedEncoder("base_link").encode(ODOMETRY.velocity, STAMP),
+        geometry.TwistStamped(header=header("base_link"), twist=MOVES),
+    ),
+    "joints": (
+        encode.JointEncoder(["left", "right"]).encode(([1.0, 2.0], [3.0, 4.0]), STAMP),
+        JointState(header=header(), name=["left", "right"], position=[1.0, 2.0], velocity=[3.0, 4.0]),
+    ),
+    "map": (
+        encode.encode_map(GRID, STAMP, "map"),
+        nav.OccupancyGrid(header=header("map"), info=SIZE, data=array.array("b", GRID.data.tobytes())),
+    ),
+    "text": (encode.encode_text("süß"), String(data="süß")),
+    "number": (encode.encode_number(0.125), Float64(data=0.125)),
+    "diagnostics": (
+        encode.encode_diagnostics(STAMP, encode.WARNING, "one", "slow", {"a": "1", "b": "two"}, hardware_id="jackal"),
+        DiagnosticArray(header=header(), status=[STATUS]),
+    ),
+    "marker": (
+        serialise(make(MARKERS, markers=[LINE])),
+        MarkerArray(
+            markers=[
+                Marker(
+                    header=header("odom"),
+                    ns="lines",
+                    id=3,
+                    type=Marker.LINE_STRIP,
+                    color=ColorRGBA(**COLOUR),
+                    scale=geometry.Vector3(x=0.5),
+                )
+            ]
+        ),
+    ),
+}
+for count, columns, frame in itertools.product((0, 1, 2, 3, 40), (2, 3), ("map", "odom", "base_link")):
+    points = np.random.default_rng(count).uniform(-3.0, 10.0, (count, columns))
+    poses = [geometry.PoseStamped(header=header(frame), pose=pose(*point)) for point in points.tolist()]
+    path = encode.PathEncoder(frame).encode(points, STAMP), nav.Path(header=header(frame), poses=poses)
+    CASES[f"path {count} {columns} {frame}"] = path
 
 
-def status() -> DiagnosticArray:
-    values = [KeyValue(key="a", value="1"), KeyValue(key="b", value="two")]
-    one = DiagnosticStatus(level=DiagnosticStatus.WARN, name="one", message="slow", hardware_id="jackal", values=values)
-    return DiagnosticArray(header=convert.to_header(STAMP, ""), status=[one])
-
-
-def line() -> MarkerArray:
-    colour = ColorRGBA(r=0.1, g=0.2, b=0.3, a=1.0)
-    one = Marker(ns="lines", id=3, type=Marker.LINE_STRIP, action=Marker.ADD, color=colour, scale=Vector3(x=0.5))
-    one.header = convert.to_header(STAMP, "odom")
-    return MarkerArray(markers=[one])
-
-
-@pytest.mark.parametrize("label", list(ours()))
+@pytest.mark.parametrize("label", CASES)
 def test_bytes_are_those_that_ros_sends(label):
     """Equal but for the bytes between fields and behind the last one, which are left as they were in memory."""
-    type_name, data = ours()[label]
-    message = theirs(label)
+    data, message = CASES[label]
+    type_name = f"{type(message).__module__.split('.')[0]}/msg/{type(message).__name__}"
     for sent in (serialize_message(message), serialize_message(deserialize_message(data, type(message)))):
         assert len(sent) >= len(data)
         assert serialise(deserialise(sent[: len(data)], type_name)) == data

@@ -37,12 +37,6 @@ def test_a_world_is_drawn_with_all_its_parts(small_world, tmp_path):
     assert {"obstacle", "C-space obstacle", "start", "goal"} == labels
 
 
-def test_a_picture_is_the_same_each_time(small_world, tmp_path):
-    for name in ("a.png", "b.png"):
-        write_png(render.world_figure(small_world), tmp_path / name)
-    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-
-
 def test_a_sheet_holds_every_world_in_its_place(small_world):
     other = World("other", np.zeros((9, 12), bool), small_world.path)
     figure = render.sheet_figure({3: small_world, 4: other, 5: other, 6: small_world})

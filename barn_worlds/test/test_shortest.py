@@ -60,13 +60,6 @@ def test_around_one_disc_the_bound_is_the_taut_string_but_for_the_corners():
     assert least - 1e-9 <= bound <= exact
 
 
-def test_a_row_of_discs_is_gone_around_at_its_nearer_end():
-    centres = np.array([[0.0, 0.1 * k] for k in range(-10, 31)])
-    bound = shortest_way_m(np.array([-1.0, 0.0]), np.array([1.0, 0.0]), centres, 0.2)
-    corner = math.hypot(1.0, 1.2 - 0.2 * (1.0 - math.cos(math.pi / CORNERS)))
-    assert 2.0 * math.hypot(1.0, 1.0) < bound < 2.0 * corner + 0.2
-
-
 def test_through_a_gap_only_a_disc_goes_that_fits():
     wall = np.array([[0.0, 0.1 * k] for k in range(-30, 31) if abs(k) > 3])
     ends = np.array([-1.0, 0.0]), np.array([1.0, 0.0])

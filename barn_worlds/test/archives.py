@@ -1,0 +1,28 @@
+"""Zip archives of arrays, for tests: their members, and the same files with other members."""
+
+import io
+import zipfile
+
+import numpy as np
+
+
+def members(path):
+    """Return the content of each member by name."""
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def repack(path, changes):
+    """Write a file anew with some members changed or added, or left out where None stands for them."""
+    content = members(path) | changes
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in content.items():
+            if data is not None:
+                archive.writestr(name, data)
+
+
+def pickled():
+    """Return a .npy file of an object."""
+    file = io.BytesIO()
+    np.save(file, np.array([print], dtype=object))
+    return file.getvalue()
