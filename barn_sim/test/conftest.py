@@ -3,11 +3,13 @@ from contextlib import ExitStack, closing
 
 import numpy as np
 import pytest
+from shared_fixtures import own_domain
 
 from barn_sim.body.bullet import PhysicsClient
 from barn_sim.simulator import Simulator
-from barn_worlds.ros.domain import reserved_domain
 from barn_worlds.worlds.world import World
+
+__all__ = ["own_domain"]
 
 
 @pytest.fixture(scope="module")
@@ -40,12 +42,3 @@ def walled_world() -> World:
     grid[:, 0] = True
     grid[15, 0] = False
     return World("walled", grid, np.array([[15, column] for column in range(30)]))
-
-
-@pytest.fixture(scope="module")
-def own_domain() -> Iterator[int]:
-    """A ROS domain for the tests of a module and the processes that they start, on this host only."""
-    with reserved_domain({}) as number, pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROS_DOMAIN_ID", str(number))
-        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        yield number

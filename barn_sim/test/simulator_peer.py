@@ -1,27 +1,22 @@
-"""The other side of the simulator node in its tests: a peer in this process, and the node as one of its own."""
+"""A peer of the simulator node in its tests: it drives the simulator and keeps what it hears."""
 
 import math
-import signal
-import subprocess
-import sys
 import time
 from collections import defaultdict
 from functools import partial
 
 import numpy as np
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import SetParameters
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
+from ros_peer import Peer, Process
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, LaserScan
 from std_msgs.msg import Bool, String
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import SetBool
 
 from barn_sim.sensors.readings import Sensors
 from barn_worlds.base.types import NANOSECONDS, Velocity2D
@@ -30,7 +25,6 @@ from barn_worlds.messages.encode import TwistStampedEncoder, encode_twist
 from barn_worlds.messages.topics import LATCHED, Qos
 from barn_worlds.ros.topics import profile
 
-LIMIT_S = 600.0  # nothing here takes so long unless it hangs
 TOPICS = {
     "/clock": Clock,
     "/odom": Odometry,
@@ -43,15 +37,11 @@ TOPICS = {
 }
 
 
-class Peer:
+class Driver(Peer):
     """A node in this process that drives the simulator and keeps what it hears, in the order of arrival."""
 
     def __init__(self, command: type = Twist) -> None:
-        self.context = Context()
-        rclpy.init(context=self.context)
-        self.node = rclpy.create_node("peer", context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
+        super().__init__()
         self.heard: dict[str, list] = defaultdict(list)
         self.description = ""
         self.command_type = command
@@ -66,31 +56,15 @@ class Peer:
     def _describe(self, message: String) -> None:
         self.description = message.data
 
-    def wait(self, done) -> None:
-        deadline = time.monotonic() + LIMIT_S
-        while not done():
-            assert time.monotonic() < deadline, "waited in vain"
-            self.executor.spin_once(timeout_sec=0.1)
-
-    def call(self, kind, name: str, request):
-        client = self.node.create_client(kind, name)
-        self.wait(client.service_is_ready)
-        future = client.call_async(request)
-        self.wait(future.done)
-        self.node.destroy_client(client)
-        return future.result()
-
     def set(self, **values):
-        request = SetParameters.Request(
-            parameters=[Parameter(name.replace("__", "."), value=v).to_parameter_msg() for name, v in values.items()]
-        )
-        return self.call(SetParameters, "/simulator/set_parameters", request).results
+        given = [Parameter(name.replace("__", "."), value=v).to_parameter_msg() for name, v in values.items()]
+        return self.call("/simulator/set_parameters", SetParameters, parameters=given).results
 
     def pause(self, on: bool):
-        return self.call(SetBool, "/simulator/pause", SetBool.Request(data=on))
+        return self.call("/simulator/pause", SetBool, data=on)
 
     def reset(self):
-        return self.call(Trigger, "/simulator/reset", Trigger.Request())
+        return self.call("/simulator/reset")
 
     def send(self, velocity: Velocity2D) -> None:
         if self.command_type is Twist:
@@ -127,33 +101,9 @@ class Peer:
         self.wait(lambda: all(len(self.heard[topic]) > len(commands) for topic in topics))
         assert self.pause(True).success
 
-    def close(self) -> None:
-        self.executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
 
-
-class Process:
-    """The node as a process of its own."""
-
-    def __init__(self, **parameters) -> None:
-        arguments = [part for name, value in parameters.items() for part in ("-p", f"{name}:={value}")]
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "barn_sim.ros.simulator", "--ros-args", *arguments],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
-
-    def stop(self, number: int = signal.SIGINT) -> tuple[int, str]:
-        if self.process.poll() is None:
-            self.process.send_signal(number)
-        try:
-            output, _ = self.process.communicate(timeout=LIMIT_S)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            raise
-        return self.process.returncode, output
+def simulator_process(**parameters) -> Process:
+    return Process("-m", "barn_sim.ros.simulator", **parameters)
 
 
 def commands(count: int) -> list[Velocity2D]:

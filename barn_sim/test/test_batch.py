@@ -22,18 +22,14 @@ STEPS = 60
 
 
 @pytest.fixture
-def simulator(walled_world):
-    """Make simulators of robots in the open and at a wall; they are closed in the end."""
-    made = []
+def simulator(walled_world, simulators):
+    """Make simulators of robots in the open and at a wall."""
 
     def make(config, index, fleet=None):
         place = {} if fleet is None else {"fleet": fleet, "index": index}
-        made.append(Simulator(walled_world, config, STARTS[index], index, **place))
-        return made[-1]
+        return simulators(walled_world, config, STARTS[index], index, **place)
 
-    yield make
-    for one in made:
-        one.close()
+    return make
 
 
 def row(readings, index):

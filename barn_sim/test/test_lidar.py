@@ -121,18 +121,6 @@ def test_a_cylinder_below_the_plane_is_not_seen() -> None:
     assert np.isposinf(scan.ranges).all()
 
 
-def test_special_values_are_those_of_rep_117() -> None:
-    config = replace(QUIET, beams=3, angle_min_rad=-1.0, angle_max_rad=1.0, mount_x_m=0.0)
-    near_ahead = np.array([[0.15, 0.0]])
-    scan = lidar(config).scan(0, Pose2D(0.0, 0.0, 0.0), near_ahead, 0.075)
-    assert np.isneginf(scan.ranges[1])  # 0.075 m: below the shortest range
-    assert np.isposinf(scan.ranges[[0, 2]]).all()  # nothing there
-    far = lidar(config).scan(0, Pose2D(0.0, 0.0, 0.0), np.array([[30.2, 0.0]]), 0.075)
-    assert np.isposinf(far.ranges).all()
-    inside = lidar(config).scan(0, Pose2D(0.0, 0.0, 0.0), np.array([[0.01, 0.0]]), 0.075)
-    assert np.isneginf(inside.ranges).all()
-
-
 def test_limits_hold_after_the_noise() -> None:
     config = LidarConfig(beams=720, noise_m=0.05, range_max_m=2.0, mount_x_m=0.0)
     ring = np.array([[2.075 * math.cos(a), 2.075 * math.sin(a)] for a in np.arange(0, 6.28, 0.05)])
@@ -141,20 +129,6 @@ def test_limits_hold_after_the_noise() -> None:
     assert finite.max() <= np.float32(2.0)
     assert 0 < len(finite) < len(ranges)
     assert np.isposinf(ranges[~np.isfinite(ranges)]).all()
-
-
-def test_noise_has_the_configured_deviation_and_its_own_seed() -> None:
-    ring = np.array([[2.0 * math.cos(a), 2.0 * math.sin(a)] for a in np.arange(0, 6.28, 0.05)])
-    pose = Pose2D(0.0, 0.0, 0.0)
-    exact = lidar(QUIET).scan(0, pose, ring, 0.075).ranges
-    noisy = lidar(LidarConfig(noise_m=0.02))
-    errors = np.concatenate([noisy.scan(0, pose, ring, 0.075).ranges - exact for _ in range(50)])
-    assert errors.std() == pytest.approx(0.02, rel=0.02)
-    assert abs(errors.mean()) < 0.001
-    config = LidarConfig()
-    first, again, other = (lidar(config, seed).scan(0, pose, ring, 0.075).ranges for seed in (1, 1, 2))
-    np.testing.assert_array_equal(first, again)
-    assert (first != other).any()
 
 
 @pytest.mark.parametrize("name", ["default", "jazzy", "paper2020"])
@@ -167,14 +141,6 @@ def test_presets_see_a_wall_at_its_distance(name: str) -> None:
     # numbers of a message are of single precision: a scan must not change on its way through one
     for number in (scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max):
         assert float(np.float32(number)) == number
-
-
-def test_the_scan_is_taken_from_where_the_lidar_is_mounted() -> None:
-    centres = np.array([[0.0, 3.0]])
-    config = replace(QUIET, mount_x_m=0.5)
-    scan = lidar(config).scan(0, Pose2D(0.0, 0.0, 0.5 * math.pi), centres, 0.1)
-    middle = np.argmin(np.abs(scan.angles()))
-    assert scan.ranges[middle] == pytest.approx(3.0 - 0.5 - 0.1, abs=1e-3)
 
 
 def test_a_rough_angle_is_near_the_exact_one() -> None:

@@ -1,5 +1,4 @@
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -217,11 +216,3 @@ def test_a_tilted_cylinder_is_handed_over_as_such(tilt: float) -> None:
         assert count == 1
         assert np.isinf(centres).all()
         assert tilted[0] == pytest.approx([1.0, 2.0, 0.2, 0.0, -math.sin(tilt), math.cos(tilt), 0.5])
-
-
-def test_the_moved_are_reported_in_order() -> None:
-    world = world_with(*((14, column) for column in range(5, 8)))
-    _, moved = push(world, MOVABLE, 60)
-    assert all(a < b for a, b in pairwise(moved.indices))
-    assert moved.positions.shape == (len(moved.indices), 3)
-    assert np.linalg.norm(moved.quaternions, axis=1) == pytest.approx(np.ones(len(moved.indices)))

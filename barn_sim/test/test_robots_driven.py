@@ -173,10 +173,13 @@ def test_joints_are_those_that_a_robot_has(plain):
     for name, count in (("jackal", 4), ("turtlebot4", 2)):
         robot = load_robot(name)
         config = with_robot(PRESETS["ideal"], robot)
-        joints = driven(plain, config, (0.2, 0.0), 20)[-1].joints
+        first, *_, last = driven(plain, config, (0.2, 0.0), 20)
+        joints = last.joints
         names = joint_names(robot.chassis)
         assert len(joints.positions) == len(joints.velocities) == len(names) == count
         wheels = len(robot.chassis.wheels_m)
+        rolled_m = (joints.positions[0] - first.joints.positions[0]) * robot.chassis.wheel_radius_m
+        assert rolled_m == pytest.approx(first.truth.pose.distance(last.truth.pose), abs=0.03)
         assert joints.velocities[:wheels] == pytest.approx([0.2 / robot.chassis.wheel_radius_m] * wheels)
         moving = {one.get("name") for one in fromstring(description_text(robot.chassis)).iter("joint")}
         assert set(names) <= moving
@@ -223,7 +226,7 @@ def test_the_configuration_of_the_jackal_is_written_as_before():
         assert with_robot(preset, load_robot("jackal")) is preset
 
 
-@pytest.mark.parametrize("name", [name for name in ROBOTS if name != "jackal"])
+@pytest.mark.parametrize("name", ROBOTS)
 def test_the_description_is_a_urdf_of_the_same_body(name, tmp_path):
     robot = load_robot(name)
     chassis = robot.chassis
@@ -237,7 +240,9 @@ def test_the_description_is_a_urdf_of_the_same_body(name, tmp_path):
     file.write_text(description_text(chassis), "utf-8")
     for key, value in chassis_of(file).items():
         assert value == pytest.approx(getattr(chassis, key), rel=1e-6)
-    if chassis.rectangular:
+    assert fixed_frames(robot.lidar, chassis)["base_footprint"] == (0.0, 0.0, -chassis.base_height_m)
+    assert set(joint_names(chassis)) <= {joint.get("name") for joint in root.iter("joint")}
+    if chassis.rectangular and name != "jackal":
         (box,) = root.iterfind("link/collision/geometry/box")
         sizes = (robot.length_m, robot.width_m, chassis.body_height_m - chassis.ground_clearance_m)
         assert [float(size) for size in box.attrib["size"].split()] == pytest.approx(sizes)

@@ -39,15 +39,6 @@ def without_transforms(type_name: str):
     return None if type_name == TF.type_name else SimpleNamespace
 
 
-def test_messages_are_published_as_they_are(node, monkeypatch) -> None:
-    monkeypatch.setattr(topics, "message_class", lambda _: SimpleNamespace)
-    messages = SimulatorMessages(SimulatorConfig())
-    sent = [*messages.constant(), messages.clock(5), messages.transforms(Pose2D(0.0, 0.0, 0.0), 5)]
-    Outputs(node, SimulatorNodeConfig()).publish(sent)
-    assert {topic.name: [data] for topic, data in sent} == {name: data for name, data in node.sent.items() if data}
-    assert not node.said
-
-
 def test_without_tf2_msgs_transforms_are_off_and_that_is_said(node, monkeypatch) -> None:
     monkeypatch.setattr(topics, "message_class", without_transforms)
     messages = SimulatorMessages(SimulatorConfig())

@@ -1,6 +1,7 @@
-"""The simulator node running freely, with commands of either kind, and with parameters that it cannot start with."""
+"""The simulator node running freely, with commands of either kind, with other robots, and unable to start."""
 
 import signal
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,14 +11,23 @@ rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 from geometry_msgs.msg import Twist, TwistStamped  # noqa: E402
 from rclpy.qos import qos_profile_sensor_data  # noqa: E402
 from sensor_msgs.msg import LaserScan  # noqa: E402
-from simulator_peer import LIMIT_S, Peer, Process, says, stamp_of  # noqa: E402
+from simulator_peer import TRIAL, Driver, assert_equal, commands, says, simulator_process, stamp_of  # noqa: E402
+
+from barn_sim.body.model import joint_names, robot_description  # noqa: E402
+from barn_sim.config import RunConfig, with_robot  # noqa: E402
+from barn_sim.simulator import Simulator  # noqa: E402
+from barn_worlds.base.types import Pose2D  # noqa: E402
+from barn_worlds.robots.files import load_robot, shipped_robots  # noqa: E402
+from barn_worlds.worlds.dataset import open_dataset  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("own_domain")
 
 
 def test_runs_freely_at_the_rates_of_its_sensors_and_complains_of_a_wrong_type() -> None:
-    process = Process(real_time_factor=4.0, command_type="twist", **{"lidar.rate_hz": 40.0, "lidar.beams": 100})
-    peer = Peer(TwistStamped)
+    process = simulator_process(
+        real_time_factor=4.0, command_type="twist", **{"lidar.rate_hz": 40.0, "lidar.beams": 100}
+    )
+    peer = Driver(TwistStamped)
     try:
         # best effort: a reliable subscription would not be served
         scans = []
@@ -43,16 +53,14 @@ def test_runs_freely_at_the_rates_of_its_sensors_and_complains_of_a_wrong_type()
     ("parameters", "reason"),
     [
         ({"world": 4711}, "no world 4711"),
-        ({"dataset": "/nowhere"}, "/nowhere"),
+        ({"robot": "husk"}, "unknown robot 'husk'; did you mean 'husky'?"),
         ({"physics.tick_s": 0.003}, "whole physics steps of 0.003 s"),
-        ({"seed": -1}, "seed"),
         ({"lidar.beams": "many"}, "lidar.beams"),
     ],
 )
 def test_a_bad_start_is_one_line_and_exit_code_1(parameters: dict, reason: str) -> None:
-    process = Process(**parameters)
-    output, _ = process.process.communicate(timeout=LIMIT_S)
-    assert process.process.returncode == 1
+    code, output = simulator_process(**parameters).end()
+    assert code == 1
     lines = [line for line in output.splitlines() if line.startswith("simulator: ")]
     assert len(lines) == 1
     assert reason in lines[0]
@@ -60,8 +68,8 @@ def test_a_bad_start_is_one_line_and_exit_code_1(parameters: dict, reason: str) 
 
 
 def test_commands_without_guarantee_of_delivery_are_heard_too() -> None:
-    process = Process(real_time_factor=4.0, **{"lidar.beams": 100})
-    peer = Peer()
+    process = simulator_process(real_time_factor=4.0, **{"lidar.beams": 100})
+    peer = Driver()
     try:
         unsure = peer.node.create_publisher(Twist, "cmd_vel", qos_profile_sensor_data)
         command = Twist()
@@ -77,3 +85,60 @@ def test_commands_without_guarantee_of_delivery_are_heard_too() -> None:
         code, output = process.stop()
     assert code == 0
     assert "commands come best-effort as Twist" in output
+
+
+EACH = {"rate_hz": 20.0, "sweeps": False, "noise_m": 0.02}  # of the lidar: a scan for each command
+
+
+@pytest.fixture
+def turtlebot4():
+    """The node with a TurtleBot 4, and a peer; both end after the test."""
+    lidar = {f"lidar.{key}": value for key, value in EACH.items()}
+    process, peer = simulator_process(lockstep=True, start_paused=True, robot="turtlebot4", **lidar), Driver()
+    yield process, peer
+    peer.close()
+    process.stop()
+
+
+def expected_of(config, sent):
+    simulator = Simulator(open_dataset("barn300").load(120), config, Pose2D(-2.25, 3.5, 1.57), 42)
+    readings = [simulator.sense(), *(simulator.step(command) for command in sent)]
+    simulator.close()
+    return readings
+
+
+def test_robots_over_ros_equal_the_core_to_the_last_bit(turtlebot4, tmp_path):
+    """TurtleBot 4 by its name at the start, then another by its file at a reset, with all of its parameters."""
+    robot, (process, peer) = load_robot("turtlebot4"), turtlebot4
+    peer.fresh_trial(**TRIAL)
+    sent = commands(60)
+    peer.drive(sent)
+    config = with_robot(RunConfig(), robot)
+    config = replace(config, lidar=replace(config.lidar, **EACH))  # what was set has precedence
+    assert_equal(peer.heard, expected_of(config, sent))
+    assert tuple(peer.heard["/joint_states"][0].name) == joint_names(robot.chassis)
+    peer.wait(lambda: peer.description == robot_description(config.lidar, robot.chassis))
+
+    other = load_robot("turtlebot3_waffle")
+    file = tmp_path / "mine.yaml"
+    file.write_text(shipped_robots()["turtlebot3_waffle"].read_text("utf-8"), "utf-8")
+    config = with_robot(RunConfig(), other)
+    config = replace(config, lidar=replace(config.lidar, **EACH))
+    named = {
+        f"{part}.{key}": value
+        for part in ("drive", "lidar", "odometry")
+        for key, value in vars(getattr(config, part)).items()
+    }
+    settings = {"robot": str(file), "physics.wheel_friction": other.wheel_friction, **named}
+    peer.fresh_trial(**{name.replace(".", "__"): value for name, value in settings.items()}, **TRIAL)
+    peer.drive(sent)
+    assert_equal(peer.heard, expected_of(config, sent))
+    assert tuple(peer.heard["/joint_states"][0].name) == joint_names(other.chassis)
+    peer.wait(lambda: peer.description == robot_description(other.lidar, other.chassis))
+
+    assert peer.set(robot="huskie")[0].successful
+    answer = peer.reset()
+    assert not answer.success
+    assert "unknown robot 'huskie'; did you mean 'husky'?" in answer.message
+    code, output = process.stop()
+    assert code == 0 and "Traceback" not in output

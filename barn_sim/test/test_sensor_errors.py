@@ -80,17 +80,6 @@ def test_beams_of_a_turning_mirror_agree_with_a_scan_from_each_pose(full_circle)
         assert (same | np.isneginf(one_by_one)).mean() > 0.99
 
 
-def test_a_robot_that_stands_sees_the_same_whether_its_lidar_turns(walled_world):
-    def seen(sweeps):
-        config = replace(SLOW, lidar=replace(SLOW.lidar, sweeps=sweeps))
-        simulator = Simulator(walled_world, config, START, 3)
-        found = [simulator.sense().scan.ranges, *(simulator.step(None).scan.ranges for _ in range(8))]
-        simulator.close()
-        return np.array(found)
-
-    assert np.allclose(seen(True), seen(False), atol=1e-4)
-
-
 def test_a_turning_lidar_sees_early_beams_from_where_the_robot_was(walled_world, simulators):
     config = replace(SLOW, lidar=replace(SLOW.lidar, sweeps=True, noise_m=0.0))
     simulator = simulators(walled_world, config, START, 0)
@@ -110,18 +99,6 @@ def test_between_scans_the_last_one_is_read_with_its_stamp(walled_world, simulat
     messages = SimulatorMessages(SLOW)
     sent = [any(m.topic.name == "scan" for m in messages.sensors(r, r.stamp_ns)) for r in readings]
     assert sent == [number % 4 == 0 for number in range(10)]
-
-
-def test_scans_of_a_slow_lidar_are_every_fourth_of_a_fast_one(walled_world):
-    def stamps_and_truths(config):
-        simulator = Simulator(walled_world, config, START, 0)
-        found = [simulator.step(Velocity2D(0.3, 0.2)) for _ in range(12)]
-        simulator.close()
-        return found
-
-    slow, fast = stamps_and_truths(SLOW), stamps_and_truths(SimulatorConfig())
-    assert [r.truth for r in slow] == [r.truth for r in fast]
-    assert [r.odometry for r in slow] == [r.odometry for r in fast]
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from barn_sim.sensors.readings import Joints, Sensors
 from barn_worlds.base.types import Odometry, Pose2D, Scan, Velocity2D
 from barn_worlds.messages import decode
 from barn_worlds.messages.cdr import deserialise
-from barn_worlds.messages.topics import AMCL_POSE, JOINT_STATES, SCAN, Frames
+from barn_worlds.messages.topics import AMCL_POSE, JOINT_STATES, ODOM, SCAN, Frames
 
 STAMP = 3_500_000_000
 BELIEVED, MEASURED, TRUE = Pose2D(1.0, 2.0, 0.7), Pose2D(0.4, -0.1, -0.5), Pose2D(1.1, 2.1, 0.75)
@@ -47,9 +47,11 @@ def test_an_instant_is_whole_with_the_time_first_and_the_scan_last():
         ("/odom", "odom"),
         ("/ground_truth/odom", "map"),
         ("/amcl_pose", "map"),
+        ("/joint_states", ""),
         ("/scan", "lidar_link"),
     ):
         assert decode.header(data[path]) == (STAMP, frame)
+    assert deserialise(data["/odom"], ODOM.type_name).child_frame_id == "base_link"
     odometry, truth = decode.odometry(data["/odom"]), decode.odometry(data["/ground_truth/odom"])
     assert (odometry.pose, odometry.velocity) == (MEASURED.through_quaternion(), Velocity2D(0.5, 0.1))
     assert (truth.pose, truth.velocity) == (TRUE.through_quaternion(), Velocity2D(0.4, 0.2))

@@ -53,15 +53,6 @@ CONFIGS = {"static": SimulatorConfig(), "movable": SimulatorConfig(obstacles=MOV
 
 
 @pytest.mark.parametrize("name", CONFIGS)
-def test_repeats_itself_to_the_last_bit(walled_world, name: str) -> None:
-    first = drive(walled_world, CONFIGS[name], AT_THE_WALL)
-    drive(walled_world, CONFIGS["static"], START, seed=9, steps=5)  # whatever else goes on in the process
-    again = drive(walled_world, CONFIGS[name], AT_THE_WALL)
-    assert any(sensors.collision for sensors in first)
-    assert fingerprint(first) == fingerprint(again)
-
-
-@pytest.mark.parametrize("name", CONFIGS)
 def test_a_client_used_before_repeats_a_new_one_to_the_last_bit(walled_world, empty_world, name: str) -> None:
     """Whatever was in the client, bodies that had been pushed over and a robot in motion included."""
     fresh = drive(walled_world, CONFIGS[name], AT_THE_WALL)
@@ -78,18 +69,6 @@ def test_a_client_used_before_repeats_a_new_one_to_the_last_bit(walled_world, em
     client.close()
     assert any(sensors.collision for sensors in fresh)
     assert fingerprint(fresh) == fingerprint(again)
-
-
-def test_two_at_a_time_do_not_disturb_each_other(walled_world) -> None:
-    alone = drive(walled_world, CONFIGS["movable"], AT_THE_WALL)
-    both = [Simulator(walled_world, CONFIGS["movable"], AT_THE_WALL, 0) for _ in range(2)]
-    together = [[simulator.sense()] for simulator in both]
-    for command in commands(60):
-        for simulator, readings in zip(both, together, strict=True):
-            readings.append(simulator.step(command))
-    for simulator in both:
-        simulator.close()
-    assert fingerprint(alone) == fingerprint(together[0]) == fingerprint(together[1])
 
 
 def test_repeats_itself_in_another_process(walled_world, tmp_path) -> None:
@@ -206,15 +185,6 @@ def test_a_touch_between_two_readings_is_not_lost(walled_world, simulators) -> N
     assert not simulator.read_collision()
 
 
-def test_static_obstacles_hold_the_robot(walled_world, simulators) -> None:
-    simulator = simulators(walled_world, SimulatorConfig(), AT_THE_WALL, 0)
-    for _ in range(100):
-        sensors = simulator.step(Velocity2D(1.0, 0.0))
-    moved = simulator.moved_obstacles()
-    assert sensors.truth.pose.y + 0.229 < 5.1 + 0.02
-    assert len(moved.indices) == 0
-
-
 def test_a_command_that_is_no_number_stops_the_robot_and_is_counted(empty_world, simulators) -> None:
     simulator = simulators(empty_world, SimulatorConfig(), START, 0)
     for _ in range(20):
@@ -246,15 +216,6 @@ def test_readings_at_rates_of_their_own_are_of_the_same_motion(walled_world, sim
             ticked.read_truth()
         truth = stepped.step(command).truth
         assert ticked.read_truth() == truth
-
-
-def test_joints_roll_as_far_as_the_wheels(empty_world, simulators) -> None:
-    simulator = simulators(empty_world, SimulatorConfig(), START, 0)
-    for _ in range(40):
-        sensors = simulator.step(Velocity2D(0.5, 0.0))
-    rolled = sensors.joints.positions[0] * 0.098
-    assert rolled == pytest.approx(START.distance(sensors.truth.pose), abs=0.03)
-    assert sensors.joints.velocities == pytest.approx([0.5 / 0.098] * 4)
 
 
 def test_closing_twice_does_nothing(empty_world) -> None:

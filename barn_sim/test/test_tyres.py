@@ -74,13 +74,6 @@ def rows(matrix):
     return tuple(tuple(row) for row in matrix.tolist())
 
 
-def loads_at_rest(height, turn, hubs, radius, stiffness):
-    """Return arms (n, 3) and loads (n,) of wheels without damping."""
-    arms, loads = np.empty((len(hubs), 3)), np.empty(len(hubs))
-    wheel_loads(height, turn, 0.0, (0.0, 0.0, 0.0), hubs, radius, stiffness, 0.0, arms, loads)
-    return arms, loads
-
-
 def reference_friction(velocity, spin, rims, arms, limits, mass, inverse_inertia, rolling):
     """Velocity (2,) and spin (3,) after friction, as the point of least energy of the relative motion.
 
@@ -159,19 +152,6 @@ def test_a_body_too_light_for_the_physics_step_is_refused() -> None:
     assert Tyres(model_of(light), PhysicsConfig(tick_s=0.0005)).rest[0] == pytest.approx(0.187, abs=0.001)
 
 
-def test_casters_carry_their_share() -> None:
-    """Statics of three points: the caster's load is the weight times the lever of the centre of mass."""
-    chassis = load_robot("turtlebot4").chassis
-    model, config = model_of(chassis), PhysicsConfig()
-    tyres = Tyres(model, config)
-    height, roll, pitch = tyres.rest
-    turn = rotation((0.5 * roll, 0.5 * pitch, 0.0, 1.0))
-    _, loads = loads_at_rest(height, turn, tyres.wheels[:, :3], model.wheel_radius_m, tyres.stiffness)
-    share = chassis.centre_of_mass_m[0] / chassis.casters_m[0][0]
-    weight = chassis.mass_kg * G
-    assert loads == pytest.approx([0.5 * (1 - share) * weight, 0.5 * (1 - share) * weight, share * weight], rel=0.02)
-
-
 def test_products_are_rounded_once_and_inertias_turn_with_the_body() -> None:
     rng = np.random.default_rng(3)
     multiply_and_add = njit(lambda a, b, c: fused(a, b, c))  # noqa: PLW0108 (an intrinsic has no function to compile)
@@ -184,17 +164,19 @@ def test_products_are_rounded_once_and_inertias_turn_with_the_body() -> None:
         )
 
 
-def test_loads_carry_the_weight_and_balance_at_rest() -> None:
-    model, config = model_of(STANDARD.chassis), PhysicsConfig()
-    height, roll, pitch = Tyres(model, config).rest
-    half = np.array([roll, pitch]) / 2.0
-    turn = rotation((math.sin(half[0]), math.sin(half[1]), 0.0, 1.0))
-    stiffness = model.mass_kg / 4 * G / config.tyre_deflection_m
-    arms, loads = loads_at_rest(height, turn, model.wheels - model.centre_of_mass, model.wheel_radius_m, stiffness)
+@pytest.mark.parametrize(("robot", "within"), [("jackal", 1e-3), ("turtlebot4", 0.02)])
+def test_loads_carry_the_weight_and_balance_at_rest(robot: str, within: float) -> None:
+    """Of four wheels, and of two and a caster."""
+    model = model_of(load_robot(robot).chassis)
+    tyres = Tyres(model, PhysicsConfig())
+    height, roll, pitch = tyres.rest
+    turn = rotation((math.sin(0.5 * roll), math.sin(0.5 * pitch), 0.0, 1.0))
+    hubs = tyres.wheels[:, :3]
+    arms, loads = np.empty((len(hubs), 3)), np.empty(len(hubs))
+    wheel_loads(height, turn, 0.0, (0.0, 0.0, 0.0), hubs, model.wheel_radius_m, tyres.stiffness, 0.0, arms, loads)
     weight = model.mass_kg * G
-    assert loads.sum() == pytest.approx(weight, rel=1e-3)
-    assert abs(loads @ arms[:, 0]) < 1e-3 * weight * 0.26
-    assert abs(loads @ arms[:, 1]) < 1e-3 * weight * 0.26
+    assert loads.sum() == pytest.approx(weight, rel=within)
+    assert np.abs(loads @ arms[:, :2]).max() < within * weight * 0.26
 
 
 def test_starts_at_rest_where_it_was_put_and_stays(driven) -> None:
@@ -215,19 +197,15 @@ def test_drives_straight_at_the_speed_of_its_wheels(driven, speed: float) -> Non
     assert abs(robot.pose.y) < 2e-3
 
 
-def test_brakes_at_friction_times_gravity(driven) -> None:
+def test_speed_changes_by_friction_times_gravity(driven) -> None:
     robot = driven()
-    robot.run(2.0, 0.0, 2.0)
+    robot.run(2.0, 0.0, 0.2)
+    assert robot.velocity.linear / 0.2 == pytest.approx(FRICTION * G, rel=0.05)
+    robot.run(2.0, 0.0, 1.8)
     before = robot.velocity.linear
     robot.run(0.0, 0.0, 0.2)
     braked = (before - robot.velocity.linear) / 0.2
     assert braked == pytest.approx(FRICTION * G, rel=0.03)
-
-
-def test_accelerates_no_faster_than_friction_allows(driven) -> None:
-    robot = driven()
-    robot.run(2.0, 0.0, 0.2)
-    assert robot.velocity.linear / 0.2 == pytest.approx(FRICTION * G, rel=0.05)
 
 
 def test_turning_does_not_depend_on_the_heading(driven) -> None:

@@ -1,3 +1,5 @@
+"""Wheels: how commands turn them, and what they tell of where the robot is."""
+
 import math
 from dataclasses import replace
 
@@ -6,8 +8,9 @@ import pytest
 from numba import njit
 
 from barn_sim.body.drive import DriveController, turn_wheels
-from barn_sim.config import DriveConfig
+from barn_sim.config import DriveConfig, OdometryConfig
 from barn_sim.motion.state import Fleet
+from barn_sim.sensors.odometry import FusedOdometry, integrate_wheels
 from barn_worlds.base.types import Velocity2D, nanoseconds
 
 TRACK = 0.37559
@@ -16,7 +19,7 @@ PROMPT = DriveConfig(command_latency_s=0.0)
 
 
 @njit
-def turn(robots, pending, settings, now_ns):
+def turn_once(robots, pending, settings, now_ns):
     turn_wheels(robots[0], pending, 0, settings[0], now_ns)
     return robots[0].left_m_s, robots[0].right_m_s
 
@@ -34,25 +37,18 @@ class Clocked:
     def run(self, duration_s: float) -> tuple[float, float]:
         fleet = self.drive.fleet
         for _ in range(round(duration_s / TICK_S)):
-            speeds = turn(fleet.robots, fleet.pending, fleet.settings, self.now_ns)
+            speeds = turn_once(fleet.robots, fleet.pending, fleet.settings, self.now_ns)
             self.now_ns += nanoseconds(TICK_S)
         return speeds
-
-
-def test_commands_beyond_the_limits_are_cut() -> None:
-    robot = Clocked(PROMPT)
-    robot.command(9.0, -9.0)
-    left, right = robot.run(0.4)
-    assert 0.5 * (left + right) == pytest.approx(2.0)
-    assert (right - left) / (1.5 * TRACK) == pytest.approx(-4.0)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_wheels_turn_as_the_rules_say_under_any_commands(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    robot, speed, turn, target, since = Clocked(DriveConfig()), 0.0, 0.0, (0.0, 0.0), 0
+    config = DriveConfig(command_timeout_s=(0.25, 0.5)[seed % 2])
+    robot, speed, turn, target, since = Clocked(config), 0.0, 0.0, (0.0, 0.0), 0
     sent: list[tuple[int, tuple[float, float]]] = []
-    latency, timeout = nanoseconds(DriveConfig().command_latency_s), nanoseconds(DriveConfig().command_timeout_s)
+    latency, timeout = nanoseconds(config.command_latency_s), nanoseconds(config.command_timeout_s)
     for _ in range(1500):
         if rng.random() < 0.01:
             sent.append((robot.now_ns + latency, tuple(rng.choice([-5.0, -0.5, 0.0, 0.3, 9.0], 2).tolist())))
@@ -65,14 +61,6 @@ def test_wheels_turn_as_the_rules_say_under_any_commands(seed: int) -> None:
         turn += float(np.clip(np.clip(target[1], -4.0, 4.0) - turn, -25.0 * TICK_S, 25.0 * TICK_S))
         half = 0.5 * TRACK * 1.5
         assert robot.run(TICK_S) == (speed - turn * half, speed + turn * half)
-
-
-@pytest.mark.parametrize("timeout_s", [0.25, 0.5])
-def test_an_old_command_stops_the_robot(timeout_s: float) -> None:
-    robot = Clocked(replace(PROMPT, command_timeout_s=timeout_s))
-    robot.command(0.5, 0.0)
-    assert robot.run(timeout_s)[0] == pytest.approx(0.5)
-    assert robot.run(0.1)[0] == 0.0
 
 
 def test_backwards_it_is_no_faster_than_it_may() -> None:
@@ -89,3 +77,58 @@ def test_motors_follow_with_a_lag_of_first_order() -> None:
     for time_s in (0.05, 0.1, 0.2):
         share = 1.0 - math.exp(-(robot.now_ns * 1e-9 + time_s) / 0.1)
         assert robot.run(time_s) == pytest.approx(((0.5 - half) * share, (0.5 + half) * share), rel=1e-9)
+
+
+EXACT = OdometryConfig(yaw_noise_rad=0.0, yaw_rate_noise_rad_s=0.0)
+
+
+@njit
+def integrate(robots):
+    integrate_wheels(robots[0], TICK_S)
+
+
+class Measured(FusedOdometry):
+    """Odometry of a robot whose state is given."""
+
+    def __init__(self, config: OdometryConfig, start_yaw: float = 0.0) -> None:
+        self.robots = (fleet := Fleet.of(1)).robots
+        super().__init__(config, np.random.default_rng(0), start_yaw, fleet, 0)
+
+    def advance(self, left: float, right: float, yaw: float) -> None:
+        self.robots["left_m_s"], self.robots["right_m_s"], self.robots["yaw"] = left, right, yaw
+        integrate(self.robots)
+
+
+def test_starts_at_zero_whatever_the_start_pose() -> None:
+    odometry = Measured(EXACT, start_yaw=2.0)
+    odometry.robots["yaw"] = 2.0
+    pose = odometry.read(0).pose
+    assert (pose.x, pose.y) == (0.0, 0.0)
+    assert pose.yaw == pytest.approx(0.0, abs=1e-15)
+
+
+def test_integrates_the_wheels_along_the_yaw() -> None:
+    odometry, yaw = Measured(EXACT, start_yaw=1.0), 1.0
+    for _ in range(2000):  # a circle of radius 0.5 m, once around in 10 s
+        yaw += TICK_S * 2.0 * math.pi / 10.0
+        speed = 2.0 * math.pi / 10.0 * 0.5
+        odometry.advance(speed - 0.1, speed + 0.1, yaw)
+    odometry.robots["spin"][0, 2] = 0.63
+    reading = odometry.read(7)
+    assert math.hypot(reading.pose.x, reading.pose.y) < 1e-9
+    assert reading.stamp_ns == 7
+    assert reading.velocity.linear == pytest.approx(0.314, abs=1e-3)
+    assert reading.velocity.angular == 0.63
+
+
+def test_noise_has_the_configured_deviation_and_does_not_grow() -> None:
+    fused = Measured(OdometryConfig())
+    yaws, rates = [], []
+    for number in range(5000):
+        fused.update(number)
+        reading = fused.read(0)
+        yaws.append(reading.pose.yaw)
+        rates.append(reading.velocity.angular)
+    assert np.std(yaws) == pytest.approx(0.005, rel=0.05)
+    assert np.std(yaws[-500:]) == pytest.approx(0.005, rel=0.15)
+    assert np.std(rates) == pytest.approx(0.005, rel=0.05)
