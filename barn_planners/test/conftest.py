@@ -1,16 +1,16 @@
 """A small flat world to drive planners in: cylinders, a ray-cast lidar and a robot that does nearly what it is told."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
+from shared_fixtures import own_domain
 
 from barn_planners.interface import Decision, Observation, Planner, PlannerStatus, Task
 from barn_worlds.base.types import STOP, Odometry, Pose2D, Scan, Velocity2D, nanoseconds
-from barn_worlds.ros.domain import reserved_domain
 
+__all__ = ["own_domain"]
 ANGLES = np.linspace(-2.35619, 2.35619, 360)
 LIDAR_X_M = 0.055
 
@@ -27,17 +27,19 @@ class FlatWorld:
     track: list[tuple[float, float, float]] = field(default_factory=list)
     decisions: list[Decision] = field(default_factory=list)
     clearance: float = math.inf
+    angles: np.ndarray = field(default_factory=lambda: ANGLES)
 
     def scan(self) -> Scan:
         sensor = self.pose @ Pose2D(LIDAR_X_M, 0.0, 0.0)
-        angles = ANGLES + sensor.yaw
+        angles = self.angles + sensor.yaw
         ranges = np.full(len(angles), np.inf)
         for x, y, radius in self.cylinders:
             along = (x - sensor.x) * np.cos(angles) + (y - sensor.y) * np.sin(angles)
             across2 = (x - sensor.x) ** 2 + (y - sensor.y) ** 2 - along**2
             hit = (along > 0.0) & (across2 < radius**2)
             ranges[hit] = np.minimum(ranges[hit], along[hit] - np.sqrt(radius**2 - across2[hit]))
-        return Scan(self.stamp_ns, ranges.astype(np.float32), ANGLES[0], ANGLES[1] - ANGLES[0], 0.1, 30.0)
+        first, second = self.angles[:2]
+        return Scan(self.stamp_ns, ranges.astype(np.float32), first, second - first, 0.1, 30.0)
 
     def observe(self) -> Observation:
         odometry = Odometry(self.stamp_ns, self.pose, self.velocity)
@@ -90,12 +92,3 @@ def flat_world():
         return FlatWorld(np.array(shapes, dtype=np.float64).reshape(-1, 3), **kwargs)
 
     return make
-
-
-@pytest.fixture(scope="module")
-def own_domain() -> Iterator[int]:
-    """A ROS domain for the tests of a module and the processes that they start, on this host only."""
-    with reserved_domain({}) as number, pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROS_DOMAIN_ID", str(number))
-        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        yield number

@@ -12,7 +12,6 @@ from barn_planners.dwa.kernels import SPEED, TURN
 from barn_planners.dwa.memory import DwaMemory
 from barn_planners.dwa.planner import DwaController, samples
 from barn_planners.navigation.loop import ControlInput
-from barn_planners.registry import presets
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
 
@@ -107,17 +106,6 @@ def test_an_escape_ends_after_a_distance_or_a_turn():
         assert not memory.escaping
 
 
-def test_open_ground_is_crossed_straight_at_full_speed():
-    control = DwaController(QUIRKY).control(inputs(velocity=Velocity2D(0.5, 0.0)))
-    assert control.command == Velocity2D(0.5, 0.0)
-    assert control.diagnostics["obstacle_cost"] == 0.0
-
-
-def test_a_plan_behind_the_robot_makes_it_turn_in_place():
-    control = DwaController(QUIRKY).control(inputs(goal=Pose2D(-3.0, 0.3, 0.0)))
-    assert control.command.linear == 0.0 and abs(control.command.angular) >= 0.314
-
-
 def blocked_all_around() -> list[tuple[float, float]]:
     angles = np.linspace(-math.pi, math.pi, 300)
     return [(0.22 * math.cos(a), 0.22 * math.sin(a)) for a in angles]
@@ -191,14 +179,6 @@ def test_what_there_is_to_see_are_the_samples_and_the_one_chosen():
     assert view.candidates.shape == (140, 80, 2) and view.candidate_costs.shape == (140,)
     assert np.isinf(view.candidate_costs).any() and np.isfinite(view.candidate_costs).any()
     assert view.local_plan.shape == (80, 3) and np.isfinite(view.local_plan).all()
-
-
-def test_presets_differ_where_they_say():
-    known = presets("dwa")
-    assert list(known) == ["challenge", "fast_dwa", "paper2020"]
-    assert known["paper2020"].goal_republish_period_s == 0.1 and known["challenge"].goal_republish_period_s == 0.0
-    assert (known["fast_dwa"].dwa.max_speed_mps, known["fast_dwa"].dwa.speed_samples) == (1.0, 12)
-    assert not known["paper2020"].dwa.distances_in_metres and known["challenge"].dwa.distances_in_metres
 
 
 def test_speeds_that_contradict_each_other_are_refused():

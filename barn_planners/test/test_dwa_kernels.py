@@ -101,13 +101,6 @@ def test_a_wave_spreads_no_further_than_to_the_cell_asked_for():
     assert wavefront.steps_to(wave, padded((32, 30))) == wavefront.UNREACHED
 
 
-def test_the_robots_own_cells_stay_passable():
-    costs = np.full((ROWS, COLS), INSCRIBED, np.uint8)
-    state, passable = prepared(costs, (0.2, 0.1, 1.0))
-    open_cells = {cell for cell in np.ndindex(ROWS, COLS) if state[padded(cell)] != wavefront.BLOCKED}
-    assert open_cells == {tuple(cell) for cell in np.argwhere(passable)} and len(open_cells) > 100
-
-
 def test_plan_cells_follow_the_plan_within_the_grid_without_gaps():
     plan = np.array(
         [[-3.0, 0.0, 0.0], [-1.9, 0.0, 0.0], [0.5, 0.3, 0.0], [0.5, 1.0, 0.0], [9.0, 1.0, 0.0], [0.0, 0.0, 0.0]]
@@ -286,22 +279,6 @@ def test_the_search_takes_the_sample_that_the_rules_take_with_its_figures_wherev
                     if best >= 0:
                         np.testing.assert_array_equal(quick[best], full[best])
     assert winners == {"none", "drive", "turn"}, "every kind of winner has been met"
-
-
-def test_the_first_of_equals_wins_wherever_the_search_begins():
-    scene, _ = scene_of(np.zeros((ROWS, COLS), np.uint8), (0.0, 0.0, 0.0), [(30, 40), (30, 41)])
-    table, start = np.repeat(samples(1, 0), 9, axis=0), Start(0.0, 0.0, 0.0, 0.3, 0.0)
-    for likely in range(9):
-        choice = Choice(9, True, True, 0.325, False, likely, 4)
-        assert find_best(scene, start, MOTION, WEIGHTS, table.copy(), choice) == 0
-
-
-def test_nothing_is_taken_where_everything_touches():
-    scene, _ = scene_of(np.full((ROWS, COLS), LETHAL, np.uint8), (0.0, 0.0, 0.0), [(30, 40), (30, 41)])
-    table, start = samples(), Start(0.0, 0.0, 0.0, 0.0, 0.0)
-    assert find_best(scene, start, MOTION, WEIGHTS, table, Choice(40, True, True, 0.325, False, 3, 5)) == -1
-    kernels.score(scene, start, MOTION, WEIGHTS, table)
-    assert (table[:, kernels.COST] == kernels.TOUCHES).all()
 
 
 def test_traces_are_the_rolled_out_poses():

@@ -6,8 +6,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from barn_planners.costmap.costmap import CostmapConfig, costs_by_square, squares_for
+from barn_planners.costmap.inflation import inflate
 from barn_planners.eband import kernels
 from barn_planners.eband.forces import relax, renew
+from barn_planners.eband.planner import bubble_radii
 
 GAINS = kernels.BandGains(0.0, 0.7, 0.01, 1.0, 2.0, 0.75, 0.15, 4, False)
 ORIGINAL = GAINS._replace(metres_per_rad=0.408, weighs_x_twice=True)
@@ -16,30 +19,15 @@ RESOLUTION = 0.05
 SIDE = 120
 
 
-def radii_by_cost():
-    radii = np.array([-math.log(max(cost, 1) / 252.0) / 10.0 for cost in range(256)])
-    radii[253:255] = 0.0
-    radii[255] = radii[0]
-    return radii
-
-
-RADII = radii_by_cost()
+RADII = bubble_radii(10.0)
 
 
 def grid_with(obstacle_cells):
-    """Inflate obstacle cells (n, 2) as costmap_2d does, cell by cell."""
-    costs = np.zeros((SIDE, SIDE), np.uint8)
-    for row, col in obstacle_cells:
-        for i in range(max(0, row - 6), min(SIDE, row + 7)):
-            for j in range(max(0, col - 6), min(SIDE, col + 7)):
-                distance = math.hypot(i - row, j - col) * RESOLUTION
-                if distance == 0.0:
-                    cost = 254
-                elif distance <= 0.265:
-                    cost = 253
-                else:
-                    cost = int(252 * math.exp(-10.0 * (distance - 0.265))) if distance <= 0.3 + 1e-9 else 0
-                costs[i, j] = max(costs[i, j], cost)
+    """Return a costmap with obstacles in some cells (n, 2), as the kernels take it."""
+    lethal, costs = np.zeros((2, SIDE, SIDE), np.uint8)
+    lethal[tuple(np.asarray(obstacle_cells, int).reshape(-1, 2).T)] = 1
+    by_square = costs_by_square(CostmapConfig(), RESOLUTION)
+    inflate(lethal, costs, by_square, squares_for(by_square), 0, SIDE, 0, SIDE)
     return (costs, 0.0, 0.0, RESOLUTION, RADII)
 
 

@@ -6,32 +6,21 @@ import numpy as np
 import pytest
 
 from barn_planners.gap.planner import GapConfig, GapPlanner, free_distances, returns
-from barn_planners.interface import Observation, PlannerStatus, Task
+from barn_planners.interface import PlannerStatus, Task
 from barn_planners.registry import make_planner
-from barn_worlds.base.types import STOP, Odometry, Pose2D, Scan, Velocity2D
-
-BEAMS = 721
+from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
 
 
-def scan_of(pose, discs, stamp_ns=0):
-    """Return the exact scan, all round, of discs (x, y, radius) by a lidar 0.055 m ahead of the robot's centre."""
-    angles = np.linspace(-math.pi, math.pi, BEAMS)
-    sensor = pose @ Pose2D(0.055, 0.0, 0.0)
-    ranges = np.full(BEAMS, np.inf)
-    for x, y, radius in discs:
-        at = sensor.inverse() @ Pose2D(x, y, 0.0)
-        along = at.x * np.cos(angles) + at.y * np.sin(angles)
-        inside = radius**2 - (at.x**2 + at.y**2 - along**2)
-        hit = (inside > 0.0) & (along > 0.0)
-        ranges[hit] = np.minimum(ranges[hit], along[hit] - np.sqrt(inside[hit]))
-    return Scan(stamp_ns, ranges.astype(np.float32), -math.pi, 2.0 * math.pi / (BEAMS - 1), 0.01, 30.0)
+@pytest.fixture
+def decide(flat_world):
+    """What a planner decides before discs (x, y, radius), and the planner."""
 
+    def decided(discs, goal=(5.0, 0.0)):
+        planner = GapPlanner(GapConfig())
+        planner.start(Task(Pose2D(*goal, 0.0)), 0)
+        return planner.step(flat_world(cylinders=discs, angles=np.linspace(-math.pi, math.pi, 721)).observe()), planner
 
-def decide(discs, goal=(5.0, 0.0), **changes):
-    planner = GapPlanner(GapConfig(**changes))
-    planner.start(Task(Pose2D(*goal, 0.0)), 0)
-    pose = Pose2D(0.0, 0.0, 0.0)
-    return planner.step(Observation(0, Odometry(0, pose, STOP), scan_of(pose, discs), pose)), planner
+    return decided
 
 
 def test_free_distances_equal_small_steps():
@@ -55,13 +44,13 @@ def test_returns_leave_out_what_is_no_range():
     np.testing.assert_allclose(points, [(1.5, 0.0), (-0.5, 0.0)], atol=1e-12)
 
 
-def test_free_way_is_driven_at_full_speed():
+def test_free_way_is_driven_at_full_speed(decide):
     decision, _ = decide([(20.0, 9.0, 0.1)])
     assert decision.command == Velocity2D(0.5, 0.0)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_steers_round_what_is_in_the_way(side):
+def test_steers_round_what_is_in_the_way(decide, side):
     decision, planner = decide([(1.0, -0.1 * side, 0.1)])
     assert math.copysign(1.0, decision.command.angular) == side
     assert 0.0 < decision.command.linear < 0.5
@@ -70,19 +59,19 @@ def test_steers_round_what_is_in_the_way(side):
     assert view.candidate_costs.min() == pytest.approx(0.0)
 
 
-def test_turns_to_a_goal_behind():
+def test_turns_to_a_goal_behind(decide):
     decision, _ = decide([(20.0, 0.0, 0.1)], goal=(-3.0, 1.0))
     assert decision.command == Velocity2D(0.0, 1.57)
 
 
-def test_stops_before_a_wall_and_turns_away():
+def test_stops_before_a_wall_and_turns_away(decide):
     wall = [(0.42, y, 0.02) for y in np.arange(-0.6, 0.61, 0.03)]
     decision, _ = decide(wall)
     assert decision.command.linear == 0.0
     assert decision.command.angular != 0.0
 
 
-def test_stops_where_nothing_is_open():
+def test_stops_where_nothing_is_open(decide):
     ring = [(0.4 * math.cos(a), 0.4 * math.sin(a), 0.05) for a in np.linspace(0.0, 2.0 * math.pi, 60)]
     decision, _ = decide(ring)
     assert decision.command == STOP

@@ -202,23 +202,6 @@ def test_a_command_that_is_no_number_never_leaves_the_loop(flat_world):
     assert decision.command == STOP and decision.reason == "no valid command"
 
 
-def test_a_new_trial_knows_nothing_of_the_last_one(flat_world):
-    planner = make_planner("dwa", "challenge")
-    fresh = make_planner("dwa", "challenge")
-    world = flat_world(BOX, [(1.5, 0.2, 0.2)])
-    planner.start(Task(GOAL), seed=0)
-    steps(planner, world, 40, moving=True)
-    other = flat_world(BOX)
-    for each in (planner, fresh):
-        each.start(Task(Pose2D(3.0, 0.5, 0.0)), seed=1)
-    for _ in range(20):
-        observation = other.observe()
-        one, two = planner.step(observation), fresh.step(observation)
-        assert one.command == two.command
-        np.testing.assert_array_equal(one.plan, two.plan)
-        other.advance(one.command)
-
-
 def test_windows_of_a_plan():
     plan = np.stack([np.linspace(0.0, 10.0, 101), np.zeros(101), np.zeros(101)], axis=1)
     assert visible_slice(plan, Pose2D(2.0, 0.0, 0.0), 5.0) == slice(0, 71)

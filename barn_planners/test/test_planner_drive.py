@@ -1,20 +1,25 @@
-"""DWA and MPPI drive a small flat world: straight, around things, into dead ends."""
+"""DWA and MPPI drive a small flat world: straight, around things, into dead ends; limits and repeatability of MPPI."""
 
 import math
 
 import numpy as np
 import pytest
 
-from barn_planners.interface import PlannerStatus
+from barn_planners.interface import PlannerStatus, Task
+from barn_planners.mppi.config import MppiConfig
+from barn_planners.mppi.planner import MppiController
+from barn_planners.navigation.guard import ProgressCheck
 from barn_planners.registry import make_planner
-from barn_worlds.base.types import Pose2D
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.types import Pose2D, nanoseconds
 
 CORRIDOR = [((-1.0, -1.2), (7.0, -1.2)), ((-1.0, 1.2), (7.0, 1.2)), ((-1.0, -1.2), (-1.0, 1.2))]
 GOAL = Pose2D(5.0, 0.0, 0.0)
+SMALL = {"global_costmap.size_m": 24.0, "mppi.samples": 600}
 
 
 def planner_of(name, preset="challenge"):
-    return make_planner(name, preset, {"global_costmap.size_m": 24.0, "mppi.samples": 600} if name == "mppi" else {})
+    return make_planner(name, preset, SMALL if name == "mppi" else {})
 
 
 @pytest.mark.parametrize(("name", "preset"), [("dwa", "paper2020"), ("dwa", "challenge"), ("mppi", "challenge")])
@@ -73,3 +78,73 @@ def test_a_dead_end_ends_in_recovery_and_giving_up(flat_world):
     assert {PlannerStatus.BLOCKED, PlannerStatus.RECOVERING} <= statuses
     turned = sum(d.command.angular * 0.05 for d in world.decisions if d.status is PlannerStatus.RECOVERING)
     assert turned > 2 * math.pi
+
+
+def test_commands_keep_the_limits_of_speed_and_of_its_change(flat_world):
+    world = flat_world(CORRIDOR, [(2.5, 0.2, 0.2)])
+    world.drive(make_planner("mppi", overrides=SMALL), GOAL, limit_s=8.0)
+    commands = np.array([(d.command.linear, d.command.angular) for d in world.decisions])
+    assert commands[:, 0].min() >= 0.0
+    assert commands[:, 0].max() <= 0.5
+    assert np.abs(commands[:, 1]).max() <= 1.9
+    changes = np.abs(np.diff(commands, axis=0))
+    assert changes[:, 0].max() <= 3.0 * 0.05 + 1e-9
+    assert changes[:, 1].max() <= 3.5 * 0.05 + 1e-9
+    assert commands[:, 0].max() > 0.4
+
+
+def test_seeds_decide_and_nothing_else(flat_world):
+    tracks = []
+    planner = make_planner("mppi", overrides=SMALL)
+    for seed in (1, 2, 1):
+        world = flat_world(CORRIDOR, [(2.0, 0.1, 0.2)])
+        planner.start(Task(GOAL), seed)
+        for _ in range(60):
+            world.advance(planner.step(world.observe()).command)
+        tracks.append(np.array(world.track))
+    np.testing.assert_array_equal(tracks[0], tracks[2])
+    assert not np.array_equal(tracks[0], tracks[1])
+
+
+def test_view_shows_sampled_trajectories(flat_world):
+    world, planner = flat_world(CORRIDOR, [(0.9, 0.1, 0.2)]), make_planner("mppi")
+    assert planner.view().candidates is None
+    planner.start(Task(GOAL), 0)
+    for _ in range(8):
+        world.advance(planner.step(world.observe()).command)
+    view = planner.view()
+    assert view.candidates.shape == (50, 56, 2)
+    assert view.local_plan.shape == (56, 3)
+    colliding = np.isinf(view.candidate_costs)
+    assert 0 < colliding.sum() < 50
+    ends = view.candidates[:, -1]
+    assert np.hypot(*(ends - view.local_plan[-1, :2]).T).min() < 0.2
+
+
+def test_a_blocked_way_is_reported_as_no_progress(flat_world):
+    ring = [(0.6 * math.cos(a), 0.6 * math.sin(a), 0.075) for a in np.linspace(0.0, 2.0 * math.pi, 40)]
+    world = flat_world(CORRIDOR, ring)
+    world.drive(make_planner("mppi", overrides=SMALL | {"mppi.progress_s": 2.0}), GOAL, limit_s=6.0)
+    assert "moved less than 0.5 m in 2 s" in {decision.reason for decision in world.decisions}
+    assert world.decisions[-1].status is PlannerStatus.BLOCKED
+    assert world.clearance > 0.2
+
+
+def test_progress_is_asked_for_again_after_an_interruption():
+    check = ProgressCheck(0.5, 10.0)
+    here = Pose2D(1.0, 1.0, 0.0)
+    stuck = [check.stuck(nanoseconds(0.5 * k), here) for k in range(23)]
+    assert stuck == [False] * 21 + [True] * 2
+    assert not check.stuck(nanoseconds(13.0), here)
+    assert not check.stuck(nanoseconds(13.5), Pose2D(1.6, 1.0, 0.0))
+    assert not any(check.stuck(nanoseconds(13.5 + 0.5 * k), Pose2D(1.6, 1.0, 0.0)) for k in range(1, 21))
+
+
+def test_settings_that_cannot_work_are_refused():
+    with pytest.raises(ConfigError, match=r"samples must be at most 10000000 divided by steps = 1000, got 100000"):
+        MppiConfig(samples=100_000, steps=1000)
+    with pytest.raises(ConfigError, match=r"step_s must keep a step's turn to at most 0.5 rad"):
+        MppiConfig(step_s=0.5)
+    with pytest.raises(ConfigError, match=r"min_speed_mps must be at least -0.5: no faster than max_speed_mps"):
+        MppiConfig(min_speed_mps=-0.6)
+    assert MppiController(MppiConfig(samples=10, steps=10)).view().candidates is None

@@ -1,12 +1,11 @@
 """Policy files: what is written is read, what is no policy is refused in one line; what the network computes."""
 
-import io
 import json
-import zipfile
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from archives import members, pickled, repack
 
 from barn_planners.policy.file import Policy, PolicyError, PolicyNetwork, affine, read_policy, write_policy
 from barn_planners.policy.planner import shipped_policy
@@ -25,21 +24,6 @@ def policy(layers=(11, 8, 2), **changes) -> Policy:
     return Policy(**given | changes)
 
 
-def members(path):
-    with zipfile.ZipFile(path) as archive:
-        return {name: archive.read(name) for name in archive.namelist()}
-
-
-def rewritten(path, **changes):
-    """Write the members of a policy file again, some of them changed or, if None, left out."""
-    content = members(path) | {key.replace("__", "."): value for key, value in changes.items()}
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, data in content.items():
-            if data is not None:
-                archive.writestr(name, data)
-    return path
-
-
 @pytest.fixture
 def path(tmp_path):
     write_policy(tmp_path / "policy.npz", policy(about={"by": "a test"}))
@@ -52,11 +36,6 @@ def test_what_is_written_is_read(path):
     assert (read.activation, read.output, read.about) == ("tanh", "clip", {"by": "a test"})
     for one, other in zip(written.weights + written.biases, read.weights + read.biases, strict=True):
         np.testing.assert_array_equal(one, other)
-
-
-def test_nothing_in_a_file_needs_a_pickle(path):
-    with np.load(path, allow_pickle=False) as content:
-        assert {"weights_0", "biases_0", "weights_1", "biases_1"} <= set(content)
 
 
 def test_the_file_of_an_equal_policy_is_equal(path, tmp_path):
@@ -91,21 +70,15 @@ def test_a_layer_sums_in_one_order():
 
 
 def header_with(**changes):
-    return lambda path: rewritten(path, policy__json=json.dumps(json.loads(members(path)["policy.json"]) | changes))
+    return lambda path: repack(path, {"policy.json": json.dumps(json.loads(members(path)["policy.json"]) | changes)})
 
 
 def with_member(name, data):
-    return lambda path: rewritten(path, **{name.replace(".", "__"): data})
+    return lambda path: repack(path, {name: data})
 
 
 def cut(path):
     path.write_bytes(path.read_bytes()[:-60])
-
-
-def pickled():
-    file = io.BytesIO()
-    np.save(file, np.array([{"an": "object"}], dtype=object), allow_pickle=True)
-    return file.getvalue()
 
 
 NAN = np.full((11, 8), np.nan, np.float32)

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import pytest
 
 from barn_planners import registry
-from barn_planners.dwa.config import DwaPlannerConfig
 from barn_planners.interface import Decision, Planner
 from barn_planners.registry import PlannerEntry, make_planner, planner_config, planner_names, presets, register
 from barn_worlds.base.config import Checked, quantity
@@ -66,12 +65,6 @@ def test_every_built_in_planner_can_be_made_with_each_of_its_presets():
             assert isinstance(planner, Planner) and planner.config == config
         for protocol in ("challenge", "paper2020"):
             assert planner_config(name, protocol) in presets(name).values()
-
-
-def test_overrides_reach_the_configuration():
-    planner = make_planner("dwa", "challenge", {"dwa.max_speed_mps": 0.8, "lidar_x_m": 0.2})
-    assert isinstance(planner.config, DwaPlannerConfig)
-    assert (planner.config.dwa.max_speed_mps, planner.config.lidar_x_m) == (0.8, 0.2)
 
 
 @pytest.mark.parametrize(

@@ -79,37 +79,37 @@ def make(name, preset=None):
     return make_planner(name, preset, {field: value for field, value in changes.items() if field in known})
 
 
-@pytest.mark.parametrize("fault", FAULTS)
 @pytest.mark.parametrize("name", planner_names())
-def test_a_faulty_observation_stops_the_robot_with_a_reason_and_passes(flat_world, name, fault):
+def test_a_faulty_observation_stops_the_robot_with_a_reason_and_passes(flat_world, name):
     world, planner = flat_world(BOX), make(name)
-    planner.start(Task(GOAL), 1)
-    for _ in range(30):
-        observed(world, planner)
-    moved = world.pose.x
-    assert moved > 0.2
-    change, reason = FAULTS[fault]
-    for _ in range(20):
-        decision = observed(world, planner, change)
-        assert decision.command == STOP
-        assert decision.status is PlannerStatus.BLOCKED
-        assert re.search(reason, decision.reason)
-    assert world.velocity.linear == 0.0
-    for _ in range(30):
-        observed(world, planner)
-    assert world.pose.x > moved + 0.4
-
-
-@pytest.mark.parametrize("fault", FAULTS)
-@pytest.mark.parametrize("name", planner_names())
-def test_a_fault_from_the_first_observation_on(flat_world, name, fault):
-    world, planner = flat_world(BOX), make(name)
-    planner.start(Task(GOAL), 1)
-    for _ in range(5):
-        assert observed(world, planner, FAULTS[fault][0]).command == STOP
+    planner.start(Task(Pose2D(7.0, 0.0, 0.0)), 1)
     for _ in range(30):
         observed(world, planner)
     assert world.pose.x > 0.2
+    for fault, (change, reason) in FAULTS.items():
+        moved = world.pose.x
+        for _ in range(4):
+            decision = observed(world, planner, change)
+            assert decision.command == STOP, fault
+            assert decision.status is PlannerStatus.BLOCKED, fault
+            assert re.search(reason, decision.reason), fault
+        assert world.velocity.linear == 0.0, fault
+        for _ in range(8):
+            observed(world, planner)
+        assert world.pose.x > moved, fault
+
+
+@pytest.mark.parametrize("name", planner_names())
+def test_a_fault_from_the_first_observation_on(flat_world, name):
+    planner = make(name)
+    for fault, (change, _) in FAULTS.items():
+        world = flat_world(BOX)
+        planner.start(Task(GOAL), 1)
+        for _ in range(3):
+            assert observed(world, planner, change).command == STOP, fault
+        for _ in range(10):
+            observed(world, planner)
+        assert world.pose.x > 0.02, fault
 
 
 @pytest.mark.parametrize("name", planner_names())
@@ -141,7 +141,7 @@ def test_a_goal_that_is_nowhere_harms_nobody(flat_world, name, goal):
 def test_a_goal_inside_an_obstacle_is_not_driven_into(flat_world, name, preset):
     world, planner = flat_world(BOX, [(3.0, 0.0, 0.15)]), make(name, preset)
     planner.start(Task(Pose2D(3.0, 0.0, 0.0)), 1)
-    decisions = [observed(world, planner) for _ in range(400)]
+    decisions = [observed(world, planner) for _ in range(330)]
     assert world.clearance > 0.19
     if name not in GAPS:  # which know no obstacle, only gaps beside it
         assert any(decision.status is not PlannerStatus.RUNNING for decision in decisions)
@@ -155,7 +155,7 @@ def test_an_enclosed_robot_stays_where_it_is(flat_world, name, preset):
     changes = {"band.reset_costmap_once": False} if name == "eband" else {}
     world, planner = flat_world(cylinders=ring), make_planner(name, preset, changes)
     planner.start(Task(GOAL), 1)
-    decisions = [observed(world, planner) for _ in range(300)]
+    decisions = [observed(world, planner) for _ in range(240)]
     assert math.hypot(world.pose.x, world.pose.y) < 0.2
     assert decisions[-1].status is not PlannerStatus.RUNNING
     assert abs(world.velocity.linear) < 0.02
@@ -172,7 +172,7 @@ def test_a_plan_that_vanishes_ends_in_a_stop(flat_world, name, preset):
     assert x > 0.5
     corners = [(x - 1.0, -1.0), (x + 1.2, -1.0), (x + 1.2, 1.0), (x - 1.0, 1.0)]
     world.cylinders = flat_world(list(zip(corners, corners[1:] + corners[:1], strict=True))).cylinders
-    decisions = [observed(world, planner) for _ in range(400)]
+    decisions = [observed(world, planner) for _ in range(240)]
     assert world.clearance > 0.19
     assert x - 1.0 < world.pose.x < x + 1.2
     assert any(decision.status is not PlannerStatus.RUNNING for decision in decisions) or name in GAPS

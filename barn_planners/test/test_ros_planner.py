@@ -1,11 +1,8 @@
 """The planner node as a process of its own: over DDS it commands to the last bit what the planner does directly."""
 
 import dataclasses
-import os
 import signal
-import subprocess
-import sys
-import time
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -16,10 +13,9 @@ from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped  # noqa: E402
 from nav_msgs.msg import OccupancyGrid, Path  # noqa: E402
 from nav_msgs.msg import Odometry as OdometryMessage  # noqa: E402
-from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
+from ros_peer import Peer, Process  # noqa: E402
 from sensor_msgs.msg import LaserScan  # noqa: E402
-from std_srvs.srv import Trigger  # noqa: E402
 
 from barn_planners.interface import Task  # noqa: E402
 from barn_planners.registry import make_planner  # noqa: E402
@@ -30,19 +26,14 @@ from barn_worlds.ros.topics import profile  # noqa: E402
 
 BOX = [((-2.0, -2.0), (6.0, -2.0)), ((-2.0, 2.0), (6.0, 2.0)), ((-2.0, -2.0), (-2.0, 2.0)), ((1.5, -2.0), (1.5, -0.1))]
 MAP_OF_ODOM = Pose2D(0.5, -0.25, 0.1)
-PATIENCE_S = 600.0
 pytestmark = pytest.mark.usefixtures("own_domain")
 
 
-class Harness:
+class Harness(Peer):
     """The other side: publishes readings as the simulator does and hears commands."""
 
     def __init__(self, command_type=Twist):
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context)
-        self.node = rclpy.create_node("harness", context=self.context)
-        self.executor = SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
+        super().__init__("harness")
         self.commands, self.plans, self.diagnostics = [], [], []
         make = self.node.create_publisher
         self.odom = make(OdometryMessage, "odom", 10)
@@ -55,31 +46,11 @@ class Harness:
         listen(Path, "plan", self.plans.append, 10)
         listen(DiagnosticArray, "diagnostics", self.diagnostics.append, 10)
 
-    def close(self) -> None:
-        self.executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
-
-    def until(self, condition, what: str) -> None:
-        """Spin until the condition holds; fail after a while."""
-        deadline = time.monotonic() + PATIENCE_S
-        while not condition():
-            assert time.monotonic() < deadline, f"waited in vain for {what}"
-            self.executor.spin_once(timeout_sec=0.02)
-
-    def call(self, service: str) -> Trigger.Response:
-        client = self.node.create_client(Trigger, service)
-        self.until(client.service_is_ready, service)
-        future = client.call_async(Trigger.Request())
-        self.until(future.done, service)
-        self.node.destroy_client(client)
-        return future.result()
-
     def meet(self, use_map: bool) -> None:
         """Wait until every topic has its other side."""
         topics = [self.odom, self.scan, self.goal] + ([self.map, self.pose] if use_map else [])
-        self.until(lambda: all(topic.get_subscription_count() for topic in topics), "the planner's subscriptions")
-        self.until(lambda: self.node.count_publishers("cmd_vel") > 0, "cmd_vel")
+        self.wait(lambda: all(topic.get_subscription_count() for topic in topics), "the planner's subscriptions")
+        self.wait(lambda: self.node.count_publishers("cmd_vel") > 0, "cmd_vel")
 
     def answer(self, observation, with_pose: bool):
         """Publish one instant, the scan first, as the least convenient order, and return the command."""
@@ -88,39 +59,30 @@ class Harness:
         if with_pose:
             self.pose.publish(encode.PoseWithCovarianceEncoder("map").encode(observation.pose, observation.stamp_ns))
         self.odom.publish(odometry_message(observation))
-        self.until(lambda: len(self.commands) > count, "a command")
+        self.wait(lambda: len(self.commands) > count, "a command")
         assert len(self.commands) == count + 1, "one command per scan"
         return self.commands[-1]
 
 
 @pytest.fixture
 def harness():
-    each = Harness()
-    yield each
-    each.close()
+    with closing(Harness()) as each:
+        yield each
 
 
 @pytest.fixture
-def start_node(tmp_path):
+def start_node():
     """Return the function that starts the node with parameters; whatever still runs at the end is killed."""
     started = []
 
-    def start(main: str = "main_dwa", **parameters) -> subprocess.Popen:
+    def start(main: str = "main_dwa", **parameters) -> Process:
         code = f"import sys; from barn_planners.ros.planner import {main}; sys.exit({main}())"
-        arguments = [part for name, value in parameters.items() for part in ("-p", f"{name}:={value}")]
-        environment = dict(os.environ)
-        process = subprocess.Popen(
-            [sys.executable, "-c", code, "--ros-args", *arguments],
-            cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        )  # fmt: skip
-        started.append(process)
-        return process
+        started.append(Process("-c", code, **parameters))
+        return started[-1]
 
     yield start
-    for process in started:
-        if process.poll() is None:
-            process.kill()
-        process.communicate(timeout=PATIENCE_S)
+    for one in started:
+        one.process.kill()
 
 
 def scan_message(observation) -> bytes:
@@ -165,9 +127,7 @@ def test_the_node_commands_what_the_planner_commands(flat_world, harness, start_
     harness.goal.publish(goal_message(goal, "map" if use_map else "odom"))
     if known is not None:
         harness.map.publish(encode.encode_map(known, 0, "map"))
-    deadline = time.monotonic() + PATIENCE_S
-    while not harness.call("dwa_planner/ready").success:
-        assert time.monotonic() < deadline
+    harness.wait(lambda: harness.call("dwa_planner/ready").success, "goal and map")
     planner = make_planner("dwa", "paper2020" if use_map else "challenge")
     planner.start(Task(goal, known), seed=3)
     last = STOP
@@ -181,9 +141,8 @@ def test_the_node_commands_what_the_planner_commands(flat_world, harness, start_
     assert world.pose.x > 0.7
     assert harness.plans and harness.plans[0].header.frame_id == ("map" if use_map else "odom")
     assert harness.diagnostics and harness.diagnostics[0].status[0].name == "dwa_planner"
-    process.send_signal(signal.SIGTERM)
-    assert process.wait(timeout=PATIENCE_S) == 0
-    harness.until(lambda: velocity_of(harness.commands[-1]) == STOP, "the last command, a standstill")
+    assert process.stop(signal.SIGTERM)[0] == 0
+    harness.wait(lambda: velocity_of(harness.commands[-1]) == STOP, "the last command, a standstill")
 
 
 def with_pose_of(observation, frame: Pose2D):
@@ -192,8 +151,7 @@ def with_pose_of(observation, frame: Pose2D):
 
 
 def test_reset_new_parameters_stamped_commands_and_refused_goals(flat_world, start_node):
-    harness = Harness(TwistStamped)
-    try:
+    with closing(Harness(TwistStamped)) as harness:
         process = start_node("main", planner="dwa", preset="challenge", command_type="twist_stamped")
         harness.meet(use_map=False)
         harness.goal.publish(goal_message(Pose2D(4.0, 0.3, 0.0), "map"))
@@ -202,7 +160,7 @@ def test_reset_new_parameters_stamped_commands_and_refused_goals(flat_world, sta
         world.advance(STOP)
         assert harness.call("planner/ready").message == "no goal yet"
         harness.goal.publish(goal_message(Pose2D(4.0, 0.3, 0.0), "odom"))
-        harness.until(lambda: harness.call("planner/ready").success, "the goal")
+        harness.wait(lambda: harness.call("planner/ready").success, "the goal")
         command = harness.answer(world.observe(), False)
         assert velocity_of(command).linear > 0.0
         assert decode.header(serialize_message(command)) == (world.stamp_ns, "base_link")
@@ -210,13 +168,10 @@ def test_reset_new_parameters_stamped_commands_and_refused_goals(flat_world, sta
         world.advance(STOP)
         assert velocity_of(harness.answer(world.observe(), False)) == STOP
         assert harness.call("planner/ready").message == "no goal yet"
-        process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=PATIENCE_S) == 0
-        log = process.communicate()[0]
+        code, log = process.stop()
+        assert code == 0
         assert log.count("goal refused: it is in frame 'map', this planner plans in 'odom'") == 1
         assert "Traceback" not in log
-    finally:
-        harness.close()
 
 
 @pytest.mark.parametrize(
@@ -227,6 +182,5 @@ def test_reset_new_parameters_stamped_commands_and_refused_goals(flat_world, sta
     ],
 )
 def test_a_wrong_parameter_ends_the_node_with_one_line(start_node, parameter, message):
-    process = start_node("main", **parameter)
-    output = process.communicate(timeout=PATIENCE_S)[0]
-    assert process.returncode == 1 and message in output and output.count("\n") == 1
+    code, output = start_node("main", **parameter).end()
+    assert code == 1 and message in output and output.count("\n") == 1
