@@ -1,15 +1,17 @@
 """The 50 original worlds of the sample, where they are there, and a sixth of barn300."""
 
 import csv
-import os
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pytest
+from shared_fixtures import original_folder
 
 from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
+
+__all__ = ["original_folder"]
 
 
 class Original(NamedTuple):
@@ -23,11 +25,6 @@ class Original(NamedTuple):
     corrected: np.ndarray
 
 
-def _folder() -> Path:
-    beside_repository = Path(__file__).resolve().parents[3] / "shared" / "barn_original"
-    return Path(os.environ.get("BARN_ORIGINAL", beside_repository))
-
-
 @pytest.fixture(scope="session")
 def worlds() -> dict[int, World]:
     dataset = open_dataset("barn300")
@@ -35,16 +32,11 @@ def worlds() -> dict[int, World]:
 
 
 @pytest.fixture(scope="session")
-def original_folder() -> Path:
-    folder = _folder()
-    if not (folder / "metrics_corrected.csv").is_file():
-        pytest.skip(f"no original worlds in {folder}; set BARN_ORIGINAL to their folder")
-    return folder
-
-
-@pytest.fixture(scope="session")
 def originals(original_folder: Path) -> list[Original]:
-    with (original_folder / "metrics_corrected.csv").open() as file:
+    table = original_folder / "metrics_corrected.csv"
+    if not table.is_file():
+        pytest.skip(f"no {table}")
+    with table.open() as file:
         rows = list(csv.reader(file))[1:]
     worlds = []
     for row in rows:

@@ -18,7 +18,6 @@ from barn_metrics.features import (
     without_repeats,
     world_features,
 )
-from barn_worlds.base.errors import ConfigError
 from barn_worlds.worlds.world import World
 
 RESOLUTION = 0.15
@@ -132,9 +131,3 @@ def test_features_of_originals_are_finite_and_do_not_depend_on_left_and_right(or
         mirrored = world_features(World("mirrored", original.grid[::-1].copy(), path))
         assert np.isfinite(list(mirrored.values())).all()
         assert world_features(world) == pytest.approx(mirrored, rel=1e-7, abs=1e-12)
-
-
-def test_configuration_out_of_range_is_refused():
-    world = World("still", np.zeros((5, 5), bool), np.array([[2, 2]]))
-    with pytest.raises(ConfigError, match="narrow_clearance_m"):
-        world_features(world, narrow_clearance_m=-1.0)

@@ -40,11 +40,12 @@ def test_training_repeats_and_numpy_evaluates_it_as_torch_does(worlds):
 
 
 def test_a_trained_model_is_stored_trained_again_alike_and_checked_on_trials(worlds, tmp_path):
+    worlds = {number: worlds[number] for number in list(worlds)[::3]}
     trials = made_trials(worlds)
     model = train(worlds, trials)
     save_model(model, tmp_path / "w.npz")
     read = load_model(tmp_path / "w.npz")
-    assert read.predict(worlds[6]) == model.predict(worlds[6])
+    assert read.predict(worlds[0]) == model.predict(worlds[0])
     save_model(train(worlds, trials), tmp_path / "again.npz")
     assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "w.npz").read_bytes()
     found = evaluate(worlds, trials, read, EvaluationConfig(folds=2, repeats=1))
@@ -58,7 +59,7 @@ def test_a_trained_model_is_stored_trained_again_alike_and_checked_on_trials(wor
 
 def test_both_kinds_are_judged_on_the_same_folds(worlds, tool):
     trials = made_trials(worlds)
-    five, routes = tool.judged(worlds, trials, EvaluationConfig(folds=5, repeats=1))
+    five, routes = tool.judged(worlds, trials, EvaluationConfig(folds=3, repeats=1))
     assert min(five.r2.estimate, routes.r2.estimate) > 0.5
     assert routes.gain.estimate == pytest.approx(five.mse.estimate - routes.mse.estimate) and five.gain is None
     assert (five.name, routes.name, len(routes.predictions)) == ("ridge", "routes", len(worlds))

@@ -1,13 +1,12 @@
 """Files of weights: what was written is read, and nothing else is."""
 
 import hashlib
-import io
 import json
-import zipfile
 
 import numpy as np
 import pytest
-from test_model_network import made_network
+from archives import members, pickled, repack
+from test_model import made_network
 
 from barn_metrics.model import DifficultyModel, ModelError, load_model, save_model
 from barn_metrics.model.inputs import STRIPS, input_names, summary_names
@@ -31,27 +30,16 @@ def file(tmp_path):
     return path
 
 
-def contents(path):
-    with zipfile.ZipFile(path) as archive:
-        return {name: archive.read(name) for name in archive.namelist()}
-
-
 def rewrite(path, header=None, arrays=None, *, signed=True):
     """Write the file anew with another header or other arrays, its checksum put right unless told not to."""
-    found = contents(path)
+    found = members(path)
     about = json.loads(found["header.json"]) | (header or {})
     found |= {f"{name}.npy": to_npy(array) for name, array in (arrays or {}).items()}
     parsed = {name[:-4]: parse_npy(data, name) for name, data in found.items() if name.endswith(".npy")}
     if signed:
         about["sha256"] = _checksum(parsed)
     found["header.json"] = json.dumps(about).encode()
-    write(path, found)
-
-
-def write(path, found):
-    with zipfile.ZipFile(path, "w") as archive:
-        for name, data in found.items():
-            archive.writestr(name, data)
+    repack(path, found)
 
 
 def refused(path):
@@ -72,27 +60,8 @@ def test_a_model_is_read_as_it_was_written(file, tmp_path):
     assert again.read_bytes() == file.read_bytes()
 
 
-def test_every_truncation_is_refused(file):
-    whole = file.read_bytes()
-    for size in range(0, len(whole), 97):
-        file.write_bytes(whole[:size])
-        assert "not a difficulty model, or a damaged one" in refused(file)
-
-
-def test_flipped_bits_are_refused_or_change_nothing(file):
-    whole = file.read_bytes()
-    inputs = np.ones((1, len(input_names())))
-    expected = small_model().predict_inputs(inputs)
-    for at in range(0, len(whole), 41):
-        file.write_bytes(whole[:at] + bytes([whole[at] ^ 0x10]) + whole[at + 1 :])
-        try:
-            assert load_model(file).predict_inputs(inputs) == expected
-        except ModelError as error:
-            assert "\n" not in str(error)
-
-
 @pytest.mark.parametrize(
-    ("header", "message"),
+    ("change", "message"),
     [
         ({"schema": 2}, "schema version must be 1, got 2"),
         ({"inputs": "five"}, "inputs must be one of strips, got 'five'"),
@@ -115,16 +84,6 @@ def test_flipped_bits_are_refused_or_change_nothing(file):
         ({"relative_std": float("nan")}, "header.json: not JSON: numbers must be finite, got NaN"),
         ({"about": None}, "about"),
         ({"sizes": [5, 3]}, "unknown key 'sizes'"),
-    ],
-)
-def test_a_wrong_header_is_refused(file, header, message):
-    rewrite(file, header)
-    assert message in refused(file)
-
-
-@pytest.mark.parametrize(
-    ("arrays", "message"),
-    [
         ({"m0_mean": np.zeros(4)}, f"m0_mean must be {SUMMED_UP} of f8, got float64 of shape (4,)"),
         ({"m0_mean": np.zeros(SUMMED_UP, np.float32)}, f"m0_mean must be {SUMMED_UP} of f8, got float32"),
         ({"m0_std": np.zeros(SUMMED_UP)}, "m0_std must be above 0"),
@@ -135,8 +94,9 @@ def test_a_wrong_header_is_refused(file, header, message):
         ({"m0_filters1": np.zeros((0, 6, 5))}, f"m0_filters1 {EVEN}"),
     ],
 )
-def test_wrong_arrays_are_refused(file, arrays, message):
-    rewrite(file, arrays=arrays)
+def test_a_wrong_header_or_array_is_refused(file, change, message):
+    arrays = {name: value for name, value in change.items() if isinstance(value, np.ndarray)}
+    rewrite(file, {name: value for name, value in change.items() if name not in arrays}, arrays)
     assert message in refused(file)
 
 
@@ -146,10 +106,7 @@ def test_changed_arrays_are_refused_by_their_checksum(file):
 
 
 def test_a_pickle_is_not_opened(file):
-    found = contents(file)
-    stream = io.BytesIO()
-    np.lib.format.write_array(stream, np.array([print], dtype=object), allow_pickle=True)
-    write(file, found | {"m0_mean.npy": stream.getvalue()})
+    repack(file, {"m0_mean.npy": pickled()})
     assert "allow_pickle=False" in refused(file)
 
 
