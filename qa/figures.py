@@ -31,6 +31,10 @@ ELSEWHERE = {
         [f"worst_{name}.png" for name in ("dwa", "eband", "gap", "mppi", "policy")],
         "python qa/worst_worlds.py out/barn300 docs/figures, after docs/boards.md",
     ),
+    **dict.fromkeys(
+        [f"worst_nav2_{name}.png" for name in ("rpp", "dwb", "graceful", "mppi")],
+        "python qa/worst_worlds.py out/nav2_barn300 docs/figures, after docs/boards.md",
+    ),
     "fidelity_defaults.png": "python qa/calibrate.py FOLDER --reference TABLE --figure, with the published times",
 }
 
