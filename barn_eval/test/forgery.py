@@ -3,22 +3,18 @@
 import json
 import shutil
 
+from report_work import change_row
+
 from barn_eval.bags.bagfile import BagFile
 from barn_eval.bags.recorder import Recorder
-from barn_eval.experiments.rows import ResultRows, sealed, unsealed, write_tables
+from barn_eval.experiments.rows import ResultRows, write_tables
 from barn_eval.trials.result import from_json_line
 from barn_worlds.base.config import as_dict
 
 
 def forge(folder, **changes):
     """Change the first row of a folder, by dotted names with "__", and all that is made of it."""
-    path = folder / "results.jsonl"
-    first, *others = path.read_text().splitlines()
-    row = json.loads(unsealed(first, ""))
-    for key, value in changes.items():
-        part, _, last = key.rpartition("__")
-        (row[part] if part else row)[last] = value
-    path.write_text("".join(f"{line}\n" for line in (sealed(json.dumps(row)), *others)))
+    row = change_row(folder, **changes)
     write_tables(folder, ResultRows(folder).read())
     bag = folder / "bags" / row["trial_id"]
     if bag.is_dir():

@@ -1,4 +1,4 @@
-"""Planners for tests: one that drives, and some that do what a planner must not."""
+"""Planners for tests: one that drives, and some that do what a planner must not; and trials of them in one process."""
 
 import math
 import time
@@ -7,8 +7,32 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from barn_eval.bags.recorder import Recorder
+from barn_eval.experiments.direct import run_direct_trial
+from barn_eval.trials.protocol import CHALLENGE
+from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_planners.interface import Decision, Observation, Planner, PlannerStatus, PlannerView, Task
 from barn_worlds.base.types import Velocity2D, wrap_angle
+from barn_worlds.worlds.dataset import open_dataset
+
+
+def dataset_of(protocol):
+    """The name of the data set whose worlds a protocol is made for."""
+    return "dynabarn60" if protocol.arena else "barn300"
+
+
+def spec_of(world=0, protocol=CHALLENGE, planner="gap", *, robot=None, repetition=0, **changes):
+    """A trial in a world, or in one of the protocol's data set by its number."""
+    name, simulator = dataset_of(protocol), simulator_config(protocol, robot=robot)
+    index, found = (world, open_dataset(name).load(world)) if isinstance(world, int) else (0, world)
+    preset = protocol.planner_preset
+    return TrialSpec(name, index, found, planner, preset, {}, protocol, simulator, 5, repetition, **changes)
+
+
+def recorded(spec, path, planner=None):
+    """Drive a trial with a bag and return how it went."""
+    with Recorder(path) as recorder:
+        return run_direct_trial(spec, recorder, planner)
 
 
 class Straight(Planner):

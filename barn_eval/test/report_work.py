@@ -5,6 +5,7 @@ import shutil
 from dataclasses import replace
 
 import numpy as np
+from planners import dataset_of
 from rich.console import Console
 
 from barn_eval.bags.recorded import read_recorded
@@ -25,6 +26,7 @@ from barn_worlds.base.config import as_dict
 from barn_worlds.geometry.footprint import contact_of
 from barn_worlds.worlds.dataset import open_dataset
 
+SCORES = ("traversal_time_s", "normalised_time_s_per_m", "challenge")
 EVIL = "</script><script>window.evil=1</script>"
 
 
@@ -36,6 +38,18 @@ def rewrite_rows(folder, change):
     return rows
 
 
+def change_row(folder, number=0, **changes):
+    """Change a row of a folder by names, in its parts by dotted names with "__", and return it."""
+
+    def change(rows):
+        for key, value in changes.items():
+            part, _, last = key.rpartition("__")
+            (rows[number][part] if part else rows[number])[last] = value
+        return rows
+
+    return rewrite_rows(folder, change)[number]
+
+
 def recorded_track(bag, world):
     """The track of a trial as its bag has it."""
     recorded = read_recorded(bag)
@@ -44,15 +58,10 @@ def recorded_track(bag, world):
     return thinned(np.column_stack(samples), recorded.contact)
 
 
-def dataset_of(protocol):
-    """The name of the data set whose worlds a protocol is made for."""
-    return "dynabarn60" if protocol.arena else "barn300"
-
-
-def drive(path, protocol=CHALLENGE):
-    """Drive one trial and return its folder."""
+def drive(path, protocol=CHALLENGE, planners=("gap",), worlds="0"):
+    """Drive a trial of each planner in each world, with bags, and return the folder."""
     rules = {"dataset": dataset_of(protocol), "protocol": protocol, "simulator": simulator_config(protocol)}
-    experiment = Experiment(worlds="0", planners=(PlannerChoice("gap"),), seed=5, bags="all", **rules)
+    experiment = Experiment(worlds=worlds, planners=tuple(map(PlannerChoice, planners)), seed=5, bags="all", **rules)
     run_experiment(Request(experiment, Execution(engine="inline"), path), Console(quiet=True))
     return path
 
@@ -60,57 +69,33 @@ def drive(path, protocol=CHALLENGE):
 def campaign(path, run, planners=("gap", "dwa"), worlds=8, repetitions=2, bags=3, faster=0.3, protocol=CHALLENGE):
     """Write a campaign of rows: the second planner is slower, every fifth trial fails; some have track and bag."""
     (model,) = read_results(run)
-    simulator = simulator_config(protocol)
-    task = identity.fingerprint(identity.task(protocol, simulator))
-    dataset = open_dataset(dataset_of(protocol))
+    rules = {"dataset": dataset_of(protocol), "protocol": protocol, "simulator": simulator_config(protocol)}
+    task = identity.fingerprint(identity.task(protocol, rules["simulator"]))
+    of_rules = {"protocol": protocol.name, "metric": protocol.metric, "task": task}
+    dataset = open_dataset(rules["dataset"])
     path.mkdir()
     track = json.loads(next(iter(TrackRows(run).read().values())))
     lines, tracks, left = [], [], bags
     for world in range(worlds):
-        checksum = dataset.load(world).checksum
+        of_world = {"world": world, "world_name": EVIL, "world_checksum": dataset.load(world).checksum}
         for repetition in range(repetitions):
             for place, planner in enumerate(planners):
                 name = trial_id(planner, world, repetition)
                 fails = (world + repetition) % 5 == 4
                 time_s = 10.0 + world + 0.1 * repetition + faster * place
-                scores = replace(
-                    model.scores,
-                    success=not fails,
-                    traversal_time_s=50.0 if fails else time_s,
-                    normalised_time_s_per_m=10.0 if fails else time_s / 5.0,
-                    challenge=0.0 if fails else 2.0 / time_s,
-                )
-                row = replace(
-                    model,
-                    trial_id=name,
-                    world=world,
-                    world_name=EVIL,
-                    world_checksum=checksum,
-                    planner=planner,
-                    protocol=protocol.name,
-                    metric=protocol.metric,
-                    task=task,
-                    repetition=repetition,
-                    simulator_seed=100 * world + repetition,
-                    outcome=Outcome.TIMEOUT if fails else Outcome.SUCCESS,
-                    detail=EVIL if fails else "",
-                    scores=scores,
-                )
+                figures = (50.0, 10.0, 0.0) if fails else (time_s, time_s / 5.0, 2.0 / time_s)
+                scores = dict(zip(SCORES, figures, strict=True))
+                ended = {"scores": replace(model.scores, success=not fails, **scores), "detail": EVIL if fails else ""}
+                ended |= {"outcome": Outcome.TIMEOUT if fails else Outcome.SUCCESS}
+                drawn = {"planner": planner, "repetition": repetition, "simulator_seed": 100 * world + repetition}
+                row = replace(model, trial_id=name, **of_world, **drawn, **of_rules, **ended)
                 lines.append(sealed(to_json_line(row)))
                 if left and world == 0:
                     shutil.copytree(run / "bags" / model.trial_id, path / "bags" / name)
                     tracks.append(sealed(json.dumps(track | {"trial_id": name})) + "\n")
                     left -= 1
-    experiment = Experiment(
-        dataset=dataset_of(protocol),
-        worlds=f"0:{worlds}",
-        planners=tuple(PlannerChoice(name) for name in planners),
-        repetitions=repetitions,
-        protocol=protocol,
-        simulator=simulator,
-        seed=5,
-        bags="all" if bags else "none",
-    )
+    rules |= {"worlds": f"0:{worlds}", "repetitions": repetitions, "seed": 5, "bags": "all" if bags else "none"}
+    experiment = Experiment(planners=tuple(map(PlannerChoice, planners)), **rules)
     session = {"started_at": "2026-01-01T00:00:00+00:00", "execution": as_dict(Execution())} | provenance()
     replace(RunFile.of(path, experiment, {}), sessions=(session,)).write()
     (path / "results.jsonl").write_text("\n".join(lines) + "\n")

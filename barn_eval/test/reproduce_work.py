@@ -22,30 +22,13 @@ def made_up(spec):
     fails = generator.random() < 0.1
     scored_s = spec.protocol.failure_time_s if fails else time_s
     one = a_result(spec.index)
-    scores = replace(
-        one.scores,
-        success=not fails,
-        traversal_time_s=spec.protocol.limit_s if fails else time_s,
-        scored_time_s=scored_s,
-        path_length_m=length_m,
-        normalised_time_s_per_m=scored_s / length_m,
-    )
-    return replace(
-        one,
-        trial_id=spec.trial_id,
-        dataset=spec.dataset,
-        world_checksum=spec.world.checksum,
-        planner=spec.planner,
-        protocol=spec.protocol.name,
-        metric=spec.protocol.metric,
-        task=spec.task,
-        planner_config=spec.planner_config,
-        repetition=spec.repetition,
-        simulator_seed=spec.simulator_seed,
-        planner_seed=spec.planner_seed,
-        outcome=Outcome.TIMEOUT if fails else Outcome.SUCCESS,
-        scores=scores,
-    )
+    times = {"traversal_time_s": spec.protocol.limit_s if fails else time_s, "scored_time_s": scored_s}
+    times |= {"path_length_m": length_m, "normalised_time_s_per_m": scored_s / length_m}
+    names = ("trial_id", "dataset", "planner", "task", "planner_config", "repetition", "simulator_seed", "planner_seed")
+    of_spec = {name: getattr(spec, name) for name in names} | {"world_checksum": spec.world.checksum}
+    of_spec |= {"protocol": spec.protocol.name, "metric": spec.protocol.metric}
+    outcome = Outcome.TIMEOUT if fails else Outcome.SUCCESS
+    return replace(one, **of_spec, outcome=outcome, scores=replace(one.scores, success=not fails, **times))
 
 
 def experiment_of(worlds, repetitions=3, dataset="barn300"):

@@ -3,13 +3,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from planners import spec_of
 
 from barn_eval.bags.decode import planner_status
 from barn_eval.ros.adapter import TrialAdapter, TrialTopics, missed_periods, missed_share
 from barn_eval.ros.sequencer import Message, Tick
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, PoseRule
-from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_eval.trials.trial import RunningTrial
 from barn_worlds.base.types import Odometry, Pose2D, Velocity2D
 from barn_worlds.messages.encode import (
@@ -21,7 +21,6 @@ from barn_worlds.messages.encode import (
     encode_twist,
 )
 from barn_worlds.messages.topics import CMD_VEL
-from barn_worlds.worlds.dataset import open_dataset
 
 ORIGIN = 7_000_000_000
 PERIOD, SILENCE = 50_000_000, 500_000_000
@@ -46,11 +45,8 @@ def message(topic, value, sent_ns):
 
 
 def adapter_of(**changes):
-    """Return a adapter of a trial under the rules of the challenge, but for some changes, with 10 m straight ahead."""
-    rules = replace(AHEAD, **changes)
-    world, simulator = open_dataset("barn300").load(0), simulator_config(rules)
-    spec = TrialSpec("barn300", 0, world, "dwa", "challenge", {}, rules, simulator, 1, 0)
-    return TrialAdapter(TOPICS, RunningTrial(spec), ORIGIN, CMD_VEL.type_name)
+    """Return an adapter of a trial under the rules of the challenge, but for some changes, with 10 m straight ahead."""
+    return TrialAdapter(TOPICS, RunningTrial(spec_of(0, replace(AHEAD, **changes))), ORIGIN, CMD_VEL.type_name)
 
 
 @pytest.fixture

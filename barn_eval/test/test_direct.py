@@ -9,14 +9,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import planners
 import pybullet
 import pytest
 from mcap.reader import make_reader
+from planners import Faulty, Straight, recorded
 from rosbags.rosbag2 import Reader
 
 from barn_eval.bags.messages import MOVED_M
 from barn_eval.bags.recorded import read_recorded
-from barn_eval.bags.recorder import Recorder
 from barn_eval.experiments import direct
 from barn_eval.experiments.direct import run_direct_trial
 from barn_eval.experiments.engine import DirectWork, Job, Lost, attempt
@@ -26,31 +27,20 @@ from barn_eval.trials import trial
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, PAPER_2020
 from barn_eval.trials.result import from_json_line, to_json_line
-from barn_eval.trials.spec import TrialSpec, simulator_config
+from barn_eval.trials.spec import simulator_config
 from barn_worlds.messages.cdr import deserialise, serialise
-
-from planners import Faulty, Straight  # isort: skip
 
 QUICK = replace(CHALLENGE, name="quick", limit_s=4.0, first_motion_limit_s=2.0, timeout_time_s=4.0)
 
 
-def spec_of(world, protocol=QUICK, repetition=0, **changes):
-    simulator = simulator_config(protocol)
-    return TrialSpec("tests", 7, world, "straight", "none", {}, protocol, simulator, 3, repetition, **changes)
-
-
-def recorded(spec, path):
-    with Recorder(path) as recorder:
-        return run_direct_trial(spec, recorder, Straight())
+def spec_of(world, protocol=QUICK, **changes):
+    return planners.spec_of(world, protocol, "straight", **changes)
 
 
 @pytest.mark.parametrize(("preset", "frame"), [("challenge", "odom"), ("paper2020", "map")])
 def test_a_bag_says_in_which_frame_a_planner_follows_its_plan(open_world, tmp_path, preset, frame):
     short = replace(PAPER_2020, first_motion_limit_s=0.6, clock_start_distance_m=10.0)
-    spec = spec_of(open_world, short)
-    spec = replace(spec, planner="eband", preset=preset)
-    with Recorder(tmp_path / "bag") as recorder:
-        run_direct_trial(spec, recorder)
+    recorded(replace(spec_of(open_world, short), planner="eband", preset=preset), tmp_path / "bag")
     bag = read_recorded(tmp_path / "bag")
     assert bag.costmaps
     assert {shown.frame for shown in [*bag.costmaps, *bag.local_plans, *bag.bands]} == {frame}
@@ -73,7 +63,8 @@ def test_an_open_world_is_crossed(open_world, protocol):
 
 
 def test_the_same_trial_gives_the_same_bytes(either_world, tmp_path):
-    one, other = (recorded(spec_of(either_world), tmp_path / name / "bag") for name in ("one", "other"))
+    trials = [(spec_of(either_world), tmp_path / name / "bag") for name in ("one", "other")]
+    one, other = (recorded(*trial, Straight()) for trial in trials)
     for name in ("bag_0.mcap", "metadata.yaml"):
         assert (tmp_path / "one/bag" / name).read_bytes() == (tmp_path / "other/bag" / name).read_bytes()
     assert one.result.repeatable() == other.result.repeatable()
@@ -81,7 +72,7 @@ def test_the_same_trial_gives_the_same_bytes(either_world, tmp_path):
 
 
 def test_recording_does_not_change_the_trial(either_world, tmp_path):
-    with_bag = recorded(spec_of(either_world), tmp_path / "bag")
+    with_bag = recorded(spec_of(either_world), tmp_path / "bag", Straight())
     without = run_direct_trial(spec_of(either_world), planner=Straight())
     np.testing.assert_array_equal(with_bag.trajectory.truth, without.trajectory.truth)
     assert with_bag.result.repeatable() == without.result.repeatable()
@@ -123,8 +114,7 @@ def test_another_repetition_is_another_trial(either_world):
     ],
 )
 def test_faults_of_a_planner_are_outcomes(open_world, tmp_path, fault, outcome, detail):
-    with Recorder(tmp_path / "bag") as recorder:
-        finished = run_direct_trial(spec_of(open_world), recorder, Faulty(fault))
+    finished = recorded(spec_of(open_world), tmp_path / "bag", Faulty(fault))
     assert finished.result.outcome is outcome
     assert detail in finished.result.detail
     assert "\n" not in finished.result.detail
@@ -197,8 +187,7 @@ def test_a_contact_ends_the_challenge_but_not_the_papers_trial(walled_world, tmp
     assert (challenge.outcome, challenge.measures.contacts) == (Outcome.COLLISION, 1)
     assert challenge.measures.min_clearance_m < 0.02
     assert challenge.scores.challenge == 0.0
-    with Recorder(tmp_path / "bag") as recorder:
-        finished = run_direct_trial(spec_of(walled_world, PAPER_2020), recorder, Straight())
+    finished = recorded(spec_of(walled_world, PAPER_2020), tmp_path / "bag", Straight())
     paper = finished.result
     assert paper.outcome in (Outcome.SUCCESS, Outcome.TIMEOUT)
     assert paper.measures.contact_s > 0.5
@@ -210,7 +199,7 @@ def test_a_contact_ends_the_challenge_but_not_the_papers_trial(walled_world, tmp
 
 
 def test_every_message_decodes_with_rosbags_and_mcap(open_world, tmp_path):
-    recorded(spec_of(open_world, replace(PAPER_2020, limit_s=3.0)), tmp_path / "bag")
+    recorded(spec_of(open_world, replace(PAPER_2020, limit_s=3.0)), tmp_path / "bag", Straight())
     often = "clock odom ground_truth/odom amcl_pose tf collision joint_states scan cmd_vel"
     at_least = {50: often, 20: "goal_pose", 5: "plan local_plan band score outcome score_text", 2: "diagnostics"}
     at_least[1] = "robot_description tf_static map world"
@@ -227,7 +216,7 @@ def test_every_message_decodes_with_rosbags_and_mcap(open_world, tmp_path):
 
 
 def test_the_bag_tells_what_the_trial_was(either_world, tmp_path):
-    finished = recorded(spec_of(either_world), tmp_path / "bag")
+    finished = recorded(spec_of(either_world), tmp_path / "bag", Straight())
     with (tmp_path / "bag" / "bag_0.mcap").open("rb") as file:
         metadata = {record.name: record.metadata for record in make_reader(file).iter_metadata()}
     assert '"checksum": "' + either_world.checksum in metadata["barn.trial"]["specification"]

@@ -4,28 +4,27 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+import planners
 import pytest
+from planners import Straight
 
 from barn_eval.experiments.direct import run_direct_trial
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.experiments.request import read_request
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN, PAPER_2020
-from barn_eval.trials.spec import SLIP, TrialSpec, simulator_config
+from barn_eval.trials.spec import SLIP
 from barn_planners.interface import Decision
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Velocity2D, wrap_angle
 from barn_worlds.robots.files import load_robot
 from barn_worlds.worlds.dataset import open_dataset
 
-from planners import Straight  # isort: skip
-
 BARN300 = open_dataset("barn300")
 
 
 def spec_of(world, protocol=CHALLENGE, declared_mps=0.5, robot=None):
-    simulator = simulator_config(protocol, robot=robot)
-    return TrialSpec("tests", 0, world, "any", "", {}, protocol, simulator, 1, 0, declared_mps=declared_mps)
+    return planners.spec_of(world, protocol, declared_mps=declared_mps, robot=robot)
 
 
 @dataclass

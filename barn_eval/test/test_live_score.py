@@ -1,21 +1,18 @@
 """How a trial stands while it runs: what a success now would be worth, then what the verdict is."""
 
 import pytest
+from planners import spec_of
 
 from barn_eval.bags.messages import RUNNING, TOPICS, LiveScore, score_so_far
 from barn_eval.trials.outcome import Outcome, score
-from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.referee import Referee, Standing
-from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_worlds.base.types import Pose2D, nanoseconds
 from barn_worlds.messages.cdr import deserialise
-from barn_worlds.worlds.dataset import open_dataset
 
 
 @pytest.fixture(scope="module")
 def spec():
-    world = open_dataset("barn300").load(0)
-    return TrialSpec("barn300", 0, world, "dwa", "challenge", {}, CHALLENGE, simulator_config(CHALLENGE), 1, 0)
+    return spec_of(0, planner="dwa")
 
 
 @pytest.fixture

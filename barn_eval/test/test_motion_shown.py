@@ -1,29 +1,22 @@
 """Moving obstacles in replays, films, reports and overlays: drawn where they were, and counted in the clearance."""
 
 import base64
-import json
 import zlib
 from dataclasses import replace
-from pathlib import Path
 
 import gymnasium
 import numpy as np
+import planners
 import pytest
-import yaml
 from matplotlib.collections import LineCollection, PolyCollection
 from PIL import Image
-from rich.console import Console
+from planners import spec_of
+from report_work import drive
 from test_replay import some_of
 
-import barn_eval
 from barn_eval.bags.movers import RecordedMotions, gaps_to
 from barn_eval.bags.recorded import read_recorded
-from barn_eval.bags.recorder import Recorder
-from barn_eval.experiments.direct import run_direct_trial
-from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.folder import read_results
-from barn_eval.experiments.request import Request
-from barn_eval.experiments.run import run_experiment
 from barn_eval.pages.replay.files import write_replay
 from barn_eval.pages.replay.page import facts, replay_page
 from barn_eval.pages.replay.payload import bounds, payload
@@ -31,9 +24,7 @@ from barn_eval.pages.report.maps import overlay
 from barn_eval.pages.report.page import build_report, report_page
 from barn_eval.pages.report.trials import trial_data
 from barn_eval.trials.protocol import DYNABARN
-from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_worlds.geometry.bodies import Bodies, wall_bodies
-from barn_worlds.messages.topics import MOVING
 from barn_worlds.worlds.dataset import open_dataset
 
 WORLD = 30
@@ -42,12 +33,7 @@ WORLD = 30
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """Two planners in one world of DynaBARN, with bags."""
-    path = tmp_path_factory.mktemp("motion") / "run"
-    rules = {"protocol": DYNABARN, "simulator": simulator_config(DYNABARN)}
-    planners = (PlannerChoice("gap"), PlannerChoice("dwa"))
-    experiment = Experiment(dataset="dynabarn60", worlds=str(WORLD), planners=planners, seed=5, bags="all", **rules)
-    run_experiment(Request(experiment, Execution(engine="inline"), path), Console(quiet=True))
-    return path
+    return drive(tmp_path_factory.mktemp("motion") / "run", DYNABARN, ("gap", "dwa"), str(WORLD))
 
 
 @pytest.fixture(scope="module")
@@ -106,10 +92,8 @@ def test_without_shapes_or_poses_nothing_is_drawn_and_the_page_says_why(bag, tmp
 
 
 def test_walls_are_recorded_and_drawn_where_nothing_moves(world, tmp_path, open_page):
-    still, simulator = replace(world, moving=()), simulator_config(DYNABARN)
-    spec = TrialSpec("dynabarn60", WORLD, still, "gap", "challenge", {}, DYNABARN, simulator, 5, 0)
-    with Recorder(tmp_path / "bag") as recorder:
-        run_direct_trial(spec, recorder)
+    still = replace(world, moving=())
+    planners.recorded(spec_of(still, DYNABARN), tmp_path / "bag")
     recorded = read_recorded(tmp_path / "bag")
     np.testing.assert_allclose(recorded.moving.walls.poses, wall_bodies(still.walls).poses, atol=1e-12)
     assert recorded.moving.places.shape[1:] == (0, 2)
@@ -139,7 +123,7 @@ def test_a_page_has_what_moves_in_millimetres_and_the_measures_made_for_it(bag):
 
 def test_pictures_and_films_show_what_moves(bag, tmp_path):
     still = some_of(bag, tmp_path / "still", "/moving_obstacles".__ne__, read_recorded(bag).trial)
-    for camera in ("chase", "top", "side"):
+    for camera in ("chase", "top"):
         seen = [tmp_path / f"{camera}_{name}.png" for name in ("moving", "still")]
         for one, source in zip(seen, (bag, still), strict=True):
             write_replay([source], [one], camera=camera)
@@ -157,9 +141,9 @@ def test_a_report_has_motions_measures_and_the_clearance_to_what_moves(folder, w
         assert (trial["phase"], trial["touched"]) == (result.motion.phase_s, result.motion.touched)
         assert trial["cells"][names.index("near_s")] == pytest.approx(result.motion.near_s, abs=1e-4)
     assert data["worlds"][world.checksum]["moving"]["powers"] == 4
-    for drive in report.drives:
-        nearest = drive.track.samples[:, -1].min()
-        assert nearest == pytest.approx(drive.result.motion.moving_clearance_m, abs=0.1)
+    for one in report.drives:
+        nearest = one.track.samples[:, -1].min()
+        assert nearest == pytest.approx(one.result.motion.moving_clearance_m, abs=0.1)
     assert "class MotionMovers" in report_page(report, "A title")
 
 
@@ -233,13 +217,3 @@ def test_pages_move_obstacles_as_the_world_does(bag, folder, world, tmp_path, op
     for time_s in (0.0, 3.21, 77.7):
         found = page.evaluate("(time) => Array.from(report.view.movers.at(time))", time_s)
         assert found == pytest.approx(world.tracks.at(phase_s + time_s)[0].ravel().tolist(), abs=5e-3)
-
-
-def test_the_layouts_for_rviz_and_foxglove_show_what_moves():
-    config = Path(barn_eval.__file__).parents[1] / "config"
-    displays = yaml.safe_load((config / "barn.rviz").read_text())["Visualization Manager"]["Displays"]
-    shown = [one for one in displays if one.get("Topic", {}).get("Value") == MOVING.path]
-    assert [(one["Class"], one["Enabled"]) for one in shown] == [("rviz_default_plugins/MarkerArray", True)]
-    layout = (config / "barn_foxglove.json").read_text()
-    panels = [one["topics"] for one in json.loads(layout)["configById"].values() if "topics" in one]
-    assert any(topics.get(MOVING.path) == {"visible": True} for topics in panels)

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from PIL import Image
+from planners import recorded, spec_of
 
 import barn_eval as barn
-from barn_eval.bags.recorder import Recorder
-from barn_eval.experiments.direct import run_direct_trial
 from barn_eval.trials.protocol import DYNABARN
-from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.messages.cdr import deserialise
 from barn_worlds.messages.topics import MOVING_POSES
@@ -79,28 +77,16 @@ def test_from_python_a_mistake_is_an_error_of_the_suite():
         barn.worlds.generate_moving(open_dataset("dynabarn60").load(0).provenance.path)
 
 
-def spec_of(world: int, planner: str = "gap", repetition: int = 0) -> TrialSpec:
-    found, simulator = open_dataset("dynabarn60").load(world), simulator_config(DYNABARN)
-    return TrialSpec("dynabarn60", world, found, planner, "challenge", {}, DYNABARN, simulator, 5, repetition)
-
-
-def test_a_trial_repeats_to_the_last_byte_and_its_bag_has_the_true_poses(tmp_path):
-    spec = spec_of(30)
-    finished = []
-    for name in ("one", "other"):
-        with Recorder(tmp_path / name / "bag") as recorder:
-            finished.append(run_direct_trial(spec, recorder))
-    assert finished[0].result.repeatable() == finished[1].result.repeatable()
-    files = [(tmp_path / name / "bag" / "bag_0.mcap").read_bytes() for name in ("one", "other")]
-    assert files[0] == files[1]
-    motion = finished[0].result.motion
-    assert motion is not None and motion.phase_s == spec.phase_s == spec.description()["phase_s"] > 0.0
-    with (tmp_path / "one" / "bag" / "bag_0.mcap").open("rb") as file:
+def test_the_bag_of_a_trial_has_the_true_poses_of_its_phase(tmp_path):
+    spec = spec_of(30, DYNABARN)
+    result = recorded(spec, tmp_path / "bag").result
+    assert result.motion.phase_s == spec.phase_s == spec.description()["phase_s"] > 0.0
+    with (tmp_path / "bag" / "bag_0.mcap").open("rb") as file:
         poses = [
             (message.log_time, deserialise(message.data, MOVING_POSES.type_name))
             for _, _, message in make_reader(file).iter_messages([MOVING_POSES.path])
         ]
-    assert len(poses) >= 10 * finished[0].result.scores.duration_s - 1
+    assert len(poses) >= 10 * result.scores.duration_s - 1
     for stamp_ns, message in poses:
         expected = spec.world.tracks.at(spec.phase_s + stamp_ns * 1e-9)[0]
         found = [(pose.position.x, pose.position.y) for pose in message.poses]
@@ -108,19 +94,6 @@ def test_a_trial_repeats_to_the_last_byte_and_its_bag_has_the_true_poses(tmp_pat
 
 
 def test_every_repetition_has_a_phase_of_its_own_and_every_planner_the_same():
-    phases = [spec_of(30, repetition=repetition).phase_s for repetition in range(5)]
+    phases = [spec_of(30, DYNABARN, repetition=repetition).phase_s for repetition in range(5)]
     assert len(set(phases)) == 5
-    assert spec_of(30, "dwa").phase_s == phases[0]
-    assert spec_of(30).simulator_seed == spec_of(30, "dwa").simulator_seed
-
-
-def test_a_contact_with_an_obstacle_is_told_in_row_table_and_report(tmp_path):
-    planners = ["gap", "dwa"]
-    results = barn.run("45,50", planners, dataset="dynabarn60", protocol="dynabarn", out=tmp_path / "out")
-    hit = [one for one in results.trials if one.motion.touched]
-    for one in hit:
-        assert one.outcome.value == "collision" and one.motion.moving_clearance_m < 0.2
-        assert one.motion.hit_robot_share is None or 0.0 <= one.motion.hit_robot_share <= 1.0
-    assert hit
-    results.report(tmp_path / "report.html")
-    assert "smallest clearance to what moves" in (tmp_path / "report.html").read_text()
+    assert spec_of(30, DYNABARN, "dwa").phase_s == phases[0]

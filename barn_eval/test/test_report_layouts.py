@@ -7,14 +7,11 @@ from pathlib import Path
 
 import pytest
 import yaml
+from planners import recorded, spec_of
 
-from barn_eval.bags.recorder import Recorder
-from barn_eval.experiments.direct import run_direct_trial
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import DYNABARN, PAPER_2020
-from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_worlds.messages.cdr import jazzy_types
-from barn_worlds.worlds.dataset import open_dataset
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 # What a display of RViz takes, by the end of its class.
@@ -37,16 +34,9 @@ IN_THE_SCENE = {
 def topics(tmp_path_factory):
     """Topics with type and profile that a trial's bag has: DWA's and E-Band's, and one among moving obstacles."""
     found = {}
-    for planner, protocol, dataset in (
-        ("dwa", PAPER_2020, "barn300"),
-        ("eband", PAPER_2020, "barn300"),
-        ("gap", DYNABARN, "dynabarn60"),
-    ):
-        world, simulator = open_dataset(dataset).load(0), simulator_config(protocol)
-        spec = TrialSpec(dataset, 0, world, planner, "paper2020", {}, protocol, simulator, 1, 0)
+    for planner, protocol in (("dwa", PAPER_2020), ("eband", PAPER_2020), ("gap", DYNABARN)):
         path = tmp_path_factory.mktemp("layouts") / "bag"
-        with Recorder(path) as recorder:
-            run_direct_trial(spec, recorder)
+        recorded(spec_of(0, protocol, planner), path)
         listed = yaml.safe_load((path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
         for entry in listed["topics_with_message_count"]:
             about = entry["topic_metadata"]

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from report_work import drive, recorded_track
+from report_work import recorded_track
 
 from barn_eval.analysis.sources import read_source
 from barn_eval.experiments.rows import TrackRows, sealed
@@ -84,11 +84,6 @@ def test_the_line_of_a_trial_is_what_its_bag_holds(run):
     np.testing.assert_array_equal(kept.contact, recorded.contact)
     assert kept.samples[:, 8].min() == pytest.approx(result.measures.min_clearance_m, abs=0.001)
     assert len(source.tracks[name]) < 18 * len(kept.samples) + 300  # of 26 if it were not compressed
-
-
-def test_the_bytes_of_a_track_repeat(run, tmp_path):
-    again = drive(tmp_path / "again")
-    assert TrackRows(again).path.read_bytes() == TrackRows(run).path.read_bytes()
 
 
 def test_the_last_track_counts_and_torn_ones_do_not(run, tmp_path):

@@ -3,13 +3,12 @@
 from pathlib import Path
 
 import pytest
+from planners import Faulty, Straight
 
 from barn_eval.experiments import direct as module
 from barn_eval.experiments.direct import warm_up
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_worlds.formats.own import write_own
-
-from planners import Faulty, Straight  # isort: skip
 
 
 @pytest.fixture
