@@ -2,7 +2,6 @@
 
 import os
 import signal
-import sys
 import time
 from pathlib import Path
 
@@ -39,8 +38,7 @@ class Deeds(Work):
         return "all"
 
     def parts_then_die(self, count):
-        for number in range(count):
-            self.emit(number)
+        self.parts(count)
         os.kill(os.getpid(), signal.SIGKILL)
 
     def slow_parts(self, period_s):
@@ -64,12 +62,6 @@ class Deeds(Work):
         os.kill(os.getpid(), number)
         time.sleep(10)
 
-    def die_once(self, path):
-        if not Path(path).exists():
-            Path(path).touch()
-            os.kill(os.getpid(), signal.SIGKILL)
-        return "survived"
-
     def leave(self, code):
         os._exit(code)
 
@@ -88,9 +80,6 @@ class Deeds(Work):
 
     def huge(self, size):
         return bytes(size)
-
-    def noise(self, text):
-        print(text, file=sys.stderr)
 
     def meet(self, argument):
         """Sign a list and wait until it has been signed often enough; return the parent of this process."""

@@ -54,7 +54,7 @@ class ForeignPlanner(Node):
         self.commands = self.create_publisher(COMMANDS.get(kind, Twist), "cmd_vel", qos)
         self.create_subscription(LaserScan, "scan", self.answer, sensor if kind == "dozes" else 10)
         self.create_subscription(Odometry, "odom", lambda _: None, 10)
-        self.create_subscription(PoseStamped, "goal" if kind == "deaf" else "goal_pose", lambda _: None, 10)
+        self.create_subscription(PoseStamped, "goal_pose", lambda _: None, 10)
         self.forged = [(self.create_publisher(type(one), topic, 10), one) for topic, one in FORGED.get(kind, [])]
         if kind == "one_shot":
             self.create_subscription(String, "outcome", self.retire, 10)

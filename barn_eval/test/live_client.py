@@ -1,59 +1,42 @@
 """A client of the live view: Foxglove's protocol over a WebSocket, as far as a test needs it."""
 
-import base64
+import asyncio
 import json
-import os
-import socket
 import struct
+
+import pytest
 
 
 class LiveClient:
     """A connection that subscribes to topics and receives messages. Use as a context manager."""
 
     def __init__(self, url):
-        host, port = url.removeprefix("ws://").rstrip("/").split(":")
-        self._socket = socket.create_connection((host, int(port)), timeout=600)
-        key = base64.b64encode(os.urandom(16)).decode()
-        self._socket.sendall(
-            f"GET / HTTP/1.1\r\nHost: {host}:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-            f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n"
-            "Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n".encode()
-        )
-        self._stream = self._socket.makefile("rb")
-        self.status = self._stream.readline().decode()
-        while self._stream.readline() not in (b"\r\n", b""):
-            pass
+        reason = "Tornado, which comes with nbclient, is not installed"
+        websocket = pytest.importorskip("tornado.websocket", reason=reason)
+        self._loop = asyncio.new_event_loop()
+        self._connection = self._do(lambda: websocket.websocket_connect(url, subprotocols=["foxglove.sdk.v1"]))
 
     def __enter__(self):
         return self
 
     def __exit__(self, *_):
-        self._stream.close()
-        self._socket.close()
+        self._connection.close()
+        while self._do(self._connection.read_message) is not None:
+            pass
+        self._loop.close()
 
-    def send(self, content):
-        data = json.dumps(content).encode()
-        size = bytes([0x80 | len(data)]) if len(data) < 126 else b"\xfe" + struct.pack(">H", len(data))
-        self._socket.sendall(b"\x81" + size + bytes(4) + data)  # masked, with a mask of zeros
+    def _do(self, begin):
+        """Begin something, and wait for what it gives."""
+
+        async def done():
+            return await asyncio.wait_for(begin(), 600.0)
+
+        return self._loop.run_until_complete(done())
 
     def receive(self):
         """The next message: what JSON holds, or (subscription, log time in ns, payload)."""
-        kind, data = 0, b""
-        while True:
-            first, second = self._stream.read(2)
-            size = second & 127
-            if size > 125:
-                size = int.from_bytes(self._stream.read(2 if size == 126 else 8), "big")
-            part = self._stream.read(size)
-            if first & 15 > 2:
-                continue  # ping, pong
-            kind, data = kind or first & 15, data + part
-            if first & 128:
-                break
-        if kind == 1:
-            return json.loads(data)
-        number, stamp_ns = struct.unpack_from("<IQ", data, 1)
-        return number, stamp_ns, data[13:]
+        data = self._do(self._connection.read_message)
+        return json.loads(data) if isinstance(data, str) else (*struct.unpack_from("<IQ", data, 1), data[13:])
 
     def channels(self, count):
         """Wait until so many channels have been advertised; return them by topic."""
@@ -66,7 +49,9 @@ class LiveClient:
 
     def subscribe(self, channels):
         """Subscribe to channels; the number of a subscription is that of its channel."""
-        self.send({"op": "subscribe", "subscriptions": [{"id": one["id"], "channelId": one["id"]} for one in channels]})
+        asked = [{"id": one["id"], "channelId": one["id"]} for one in channels]
+        content = json.dumps({"op": "subscribe", "subscriptions": asked})
+        self._do(lambda: self._connection.write_message(content))
 
     def messages(self, count):
         """Receive so many messages."""

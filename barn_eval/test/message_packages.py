@@ -26,30 +26,16 @@ PARTS = ("generator_c", "typesupport_fastrtps_c", "typesupport_introspection_c",
 TYPE_SUPPORTS = ("c", "fastrtps_c", "fastrtps_cpp", "introspection_c")
 RUNTIME = ("rosidl_runtime_c", "rmw", "fastcdr", "rcutils", *(f"rosidl_typesupport_{one}" for one in TYPE_SUPPORTS))
 TRANSLATE = {"action": TranslateActionToIDL, "msg": TranslateMsgToIDL, "srv": TranslateSrvToIDL}
-# Package to kind, name and definition of its types, as far as the suite and its examples use them.
-PACKAGES = {
-    "nav2_msgs": [
-        (
-            "action",
-            "NavigateToPose",
-            "geometry_msgs/PoseStamped pose, string behavior_tree, ---, uint16 error_code, ---, "
-            "float32 distance_remaining",
-        ),
-        (
-            "srv",
-            "ManageLifecycleNodes",
-            "uint8 STARTUP = 0, uint8 PAUSE = 1, uint8 RESUME = 2, uint8 RESET = 3, uint8 SHUTDOWN = 4, "
-            "uint8 command, ---, bool success",
-        ),
-        (
-            "msg",
-            "CostmapMetaData",
-            "builtin_interfaces/Time map_load_time, builtin_interfaces/Time update_time, string layer, "
-            "float32 resolution, uint32 size_x, uint32 size_y, geometry_msgs/Pose origin",
-        ),
-        ("msg", "Costmap", "std_msgs/Header header, CostmapMetaData metadata, uint8[] data"),
-    ],
-    "tf2_msgs": [("msg", "TFMessage", "geometry_msgs/TransformStamped[] transforms")],
+# The types' definitions, as far as the suite and its examples use them, by package, kind and name.
+DEFINITIONS = {
+    "nav2_msgs/action/NavigateToPose": "geometry_msgs/PoseStamped pose, string behavior_tree, ---, uint16 error_code, "
+    "---, float32 distance_remaining",
+    "nav2_msgs/srv/ManageLifecycleNodes": "uint8 STARTUP = 0, uint8 PAUSE = 1, uint8 RESUME = 2, uint8 RESET = 3, "
+    "uint8 SHUTDOWN = 4, uint8 command, ---, bool success",
+    "nav2_msgs/msg/CostmapMetaData": "builtin_interfaces/Time map_load_time, builtin_interfaces/Time update_time, "
+    "string layer, float32 resolution, uint32 size_x, uint32 size_y, geometry_msgs/Pose origin",
+    "nav2_msgs/msg/Costmap": "std_msgs/Header header, CostmapMetaData metadata, uint8[] data",
+    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms",
 }
 
 
@@ -57,9 +43,10 @@ def generate(folder, package):
     """Write the definitions of a package, where an installation has them, and its sources."""
     share = folder / "share" / package
     made, shared, interfaces = folder / package, [str(PREFIX / "share"), str(folder / "share")], []
-    for kind, name, definition in PACKAGES[package]:
+    for path in [one for one in DEFINITIONS if one.startswith(f"{package}/")]:
+        _, kind, name = path.split("/")
         (share / kind).mkdir(parents=True, exist_ok=True)
-        (share / kind / f"{name}.{kind}").write_text(definition.replace(", ", "\n") + "\n")
+        (share / kind / f"{name}.{kind}").write_text(DEFINITIONS[path].replace(", ", "\n") + "\n")
         interfaces += TRANSLATE[kind](kind).translate(package, [f"{share}:{kind}/{name}.{kind}"], shared, made)
     hashes = HashTypeDescription("hash").generate_type_hashes(package, interfaces, shared, made)
     both = ["rosidl_typesupport_introspection_c", "rosidl_typesupport_fastrtps_c"]

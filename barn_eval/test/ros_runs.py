@@ -1,7 +1,6 @@
 """What the tests of trials over ROS have in common: plans, the processes of a test, and the messages of a bag."""
 
 import os
-import re
 import shlex
 import signal
 import sys
@@ -24,6 +23,8 @@ from barn_eval.ros.work import run_request
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.messages.cdr import deserialise, jazzy_types, layout
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "simple_planner.py"
 FOREIGN = Path(__file__).with_name("foreign_planner.py")
@@ -100,6 +101,13 @@ def drive(folder, plan, notice=lambda _: None):
         yield record.result
 
 
+def drive_kinds(folder, *kinds, protocol=SHORT, setup=EACH, repetitions=0):
+    """Return the results of the foreign planner, which is of one kind after the other."""
+    command = foreign(FOREIGN, folder / "starts", *kinds)
+    plan = make_plan(protocol, setup, "foreign", command, repetitions=repetitions or len(kinds))
+    return list(drive(folder / "run", plan))
+
+
 def run(folder, plan):
     """Run a plan as the command does, by a worker, and return its results; they are in the folder as well."""
     request = Request(plan, Execution(workers=1), folder)
@@ -140,8 +148,3 @@ def unstamped(bag):
                     data[slot.offset : slot.offset + 4] = bytes(4)
             found.setdefault(channel.topic, []).append(bytes(data))
     return found
-
-
-def shown(rows):
-    """Return messages in words, but for their stamps, which count from another second over ROS."""
-    return [(stamp, re.sub(r"Time\(sec=\d+", "Time(sec=", repr(message))) for stamp, message in rows]

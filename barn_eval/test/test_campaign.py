@@ -1,6 +1,5 @@
 """Campaigns run as a user runs them, undisturbed and under faults: the same table in the end."""
 
-import csv
 import io
 import json
 import os
@@ -18,31 +17,17 @@ from waiting import alive, until
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import read_request
 from barn_eval.ros.work import run_request
-from barn_worlds.base.errors import ConfigError, StoreError
-
-
-def undisturbed(folder, kind):
-    """A campaign of one worker: its file, its folder and what was printed."""
-    file = runs.write_campaign(folder, kind)
-    done = runs.run(file, "--out", folder / "out", "--workers", 1)
-    assert done.returncode == 0, done.stderr
-    return file, folder / "out", done
+from barn_worlds.base.errors import ConfigError
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    return undisturbed(tmp_path_factory.mktemp("whole"), "static")
-
-
-@pytest.fixture(scope="module")
-def moving(tmp_path_factory):
-    return undisturbed(tmp_path_factory.mktemp("moving"), "moving")
-
-
-@pytest.fixture(params=["whole", "moving"])
-def each(request):
-    """Such a campaign where nothing moves, and one among moving obstacles."""
-    return request.getfixturevalue(request.param)
+    """A campaign of one worker: its file and its folder."""
+    folder = tmp_path_factory.mktemp("whole")
+    file = runs.write_campaign(folder)
+    done = runs.run(file, "--out", folder / "out", "--workers", 1)
+    assert done.returncode == 0, done.stderr
+    return file, folder / "out"
 
 
 def same_table(whole, out):
@@ -50,63 +35,21 @@ def same_table(whole, out):
     assert runs.rows(out) == 12
 
 
-@pytest.mark.parametrize(("campaign", "kind"), [("whole", "static"), ("moving", "moving")])
-def test_one_row_per_trial_in_the_order_of_the_plan(request, campaign, kind):
-    _, out, _ = request.getfixturevalue(campaign)
-    table = pyarrow.parquet.read_table(out / "results.parquet").to_pylist()
+def test_one_row_per_trial_in_the_order_of_the_plan(whole):
+    table = pyarrow.parquet.read_table(whole[1] / "results.parquet").to_pylist()
     assert [row["trial_id"] for row in table] == [
         f"{planner}_w{world:04d}_r{repetition:02d}"
-        for world in runs.KINDS[kind]["worlds"]
+        for world in runs.STATIC["worlds"]
         for repetition in (0, 1)
         for planner in ("gap", "stranger")
     ]
-    with (out / "results.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert [row["trial_id"] for row in rows] == [row["trial_id"] for row in table]
-    for text, row in zip(rows, table, strict=True):
-        assert float(text["duration_s"]) == row["duration_s"]
     outcomes = {row["outcome"] for row in table}
     assert outcomes <= {"success", "collision", "timeout"}
     assert all(row["driven_m"] > 0.5 for row in table)
 
 
-def test_wall_clock_figures_are_kept_apart(whole):
-    timing = pyarrow.parquet.read_table(whole[1] / "timing.parquet").to_pylist()
-    results = pyarrow.parquet.read_table(whole[1] / "results.parquet").column_names
-    assert len(timing) == 12
-    for row in timing:
-        assert row["worker"] == "local-0"
-        assert row["attempts"] == 1
-        assert row["started_at"].endswith("+00:00")
-        assert 0.0 < row["compute_p50_ms"] <= row["compute_p95_ms"] <= row["compute_max_ms"]
-    assert not {"started_at", "worker", "compute_p50_ms", "missed_cycles", "real_time_factor"} & set(results)
-
-
-def test_configuration_versions_and_machine_are_beside_the_table(whole):
-    content = json.loads((whole[1] / "run.json").read_text())
-    assert content["experiment"]["seed"] == 5
-    assert content["experiment"]["protocol"]["limit_s"] == 5.0
-    assert content["experiment"]["simulator"]["control_period_s"] == 0.05
-    assert [planner["name"] for planner in content["experiment"]["planners"]] == ["gap", "stranger"]
-    assert list(content["worlds"]) == ["0", "100", "200"]
-    (session,) = content["sessions"]
-    assert session["execution"]["workers"] == 1
-    assert session["versions"]["numpy"]
-    assert session["machine"]["cores"] == os.cpu_count()
-
-
-def test_running_it_again_runs_nothing(whole):
-    before = (whole[1] / "results.jsonl").read_bytes()
-    done = runs.run(whole[0], "--out", whole[1], "--json")
-    assert done.returncode == 0
-    assert (whole[1] / "results.jsonl").read_bytes() == before
-    summary = json.loads(done.stdout)
-    assert [one["planner"] for one in summary["planners"]] == ["gap", "stranger"]
-    assert summary["comparisons"][0]["rows"][0]["paired"]["trials"] == 6
-
-
-@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGQUIT], ids=lambda one: one.name)
-def test_a_hangup_or_a_quit_ends_a_campaign_with_a_word(whole, tmp_path, number):
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGQUIT, signal.SIGTERM], ids=lambda one: one.name)
+def test_a_signal_ends_a_campaign_with_a_word(whole, tmp_path, number):
     out = tmp_path / "out"
     before = signal.signal(number, signal.SIG_DFL)  # tests that are run in the background may have it ignored
     campaign = runs.start(whole[0], "--out", out, "--workers", 2)
@@ -122,7 +65,7 @@ def test_a_hangup_or_a_quit_ends_a_campaign_with_a_word(whole, tmp_path, number)
 
 def test_a_campaign_that_is_killed_and_interrupted_goes_on_to_the_same_table(whole, tmp_path):
     out, kept = tmp_path / "out", 0
-    for number in (signal.SIGKILL, signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGKILL, signal.SIGINT):
         campaign = runs.start(whole[0], "--out", out, "--workers", 2)
         until(lambda kept=kept: runs.rows(out) >= kept + 2)
         workers = runs.children(campaign.pid)
@@ -137,18 +80,18 @@ def test_a_campaign_that_is_killed_and_interrupted_goes_on_to_the_same_table(who
         if number != signal.SIGKILL:
             assert campaign.returncode == 130
             assert f"finished trials are in {out}, the same command resumes" in " ".join(errors.split())
-            assert "Traceback" not in errors
+            assert errors.splitlines()[-1] == "interrupted" and "Traceback" not in errors
         kept = runs.rows(out)
     assert kept < 12, "the campaign was complete before it could be disturbed"
     assert runs.run(whole[0], "--out", out, "--workers", 2).returncode == 0
     same_table(whole, out)
-    assert len(json.loads((out / "run.json").read_text())["sessions"]) == 4
+    assert len(json.loads((out / "run.json").read_text())["sessions"]) == 3
 
 
-def test_more_workers_of_which_some_are_killed_give_the_same_bytes(moving, tmp_path):
+def test_more_workers_of_which_some_are_killed_give_the_same_bytes(whole, tmp_path):
     out = tmp_path / "out"
     # chance may kill the workers at the same trial each time
-    campaign = runs.start(moving[0], "--out", out, "--workers", 2, "--execution", "attempts=9")
+    campaign = runs.start(whole[0], "--out", out, "--workers", 2, "--execution", "attempts=9")
     for count in (1, 4, 7):
         until(lambda count=count: runs.rows(out) >= count)
         for pid in runs.children(campaign.pid):
@@ -156,7 +99,7 @@ def test_more_workers_of_which_some_are_killed_give_the_same_bytes(moving, tmp_p
     _, errors = campaign.communicate(timeout=600)
     assert campaign.returncode == 0, errors
     assert "lost, its worker process was killed by SIGKILL" in errors
-    same_table(moving, out)
+    same_table(whole, out)
     assert max(row.wall_clock.attempts for row in read_results(out)) > 1
     assert any((out / "losses").iterdir())
 
@@ -199,14 +142,6 @@ def run_here(whole, monkeypatch):
     return run
 
 
-@pytest.mark.parametrize("where", ["file/out", "/proc/out"])
-def test_a_folder_that_cannot_be_written_is_named(run_here, tmp_path, where):
-    (tmp_path / "file").touch()
-    out = tmp_path / where
-    with pytest.raises(StoreError, match=rf"^{out}: cannot be written: "):
-        run_here(out=out)
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -237,15 +172,8 @@ def test_worlds_that_have_changed_are_refused(whole, run_here, tmp_path):
         run_here(out=out)
 
 
-def test_how_a_campaign_is_worked_off_may_change(whole, run_here):
-    there = {one.trial_id: one for one in read_results(whole[1])}
-    again = run_here(out=whole[1], workers=7, trial_limit_s=5.0, attempts=9)
-    assert {one.trial_id: one for one in again} == there
-    assert len(again) == len(there)
-
-
 def test_bags_are_kept_of_what_was_asked_for(run_here, tmp_path):
-    asked = {"worlds": "0", "planners": "gap", "workers": 1}
+    asked = {"worlds": "0", "planners": "gap", "engine": "inline"}
     results = run_here(out=tmp_path / "failed", bags="failed", **asked)
     failed = {row.trial_id for row in results if not row.scores.success}
     folder = tmp_path / "failed" / "bags"

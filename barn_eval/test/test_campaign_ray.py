@@ -1,13 +1,10 @@
 """A two-node Ray cluster on this machine whose workers are killed."""
 
 import io
-import json
-import os
 import signal
-import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing, suppress
+from contextlib import closing
 
 import campaign_runs
 import campaign_work
@@ -15,7 +12,7 @@ import pytest
 import waiting
 from campaign_work import Deeds, all_reports, signatures
 from rich.console import Console
-from waiting import processes, until
+from waiting import until
 
 from barn_eval.experiments.cluster import RayEngine
 from barn_eval.experiments.engine import Done, Lost, Refused
@@ -74,104 +71,47 @@ def test_a_job_over_its_time_is_lost(cluster, tmp_path):
     assert lost.reason == "no result within 12 s of wall-clock time"
 
 
-def test_losing_a_node_loses_its_jobs_and_shrinks_the_cluster(cluster, tmp_path):
-    node = cluster.add_node(num_cpus=1)
-    cluster.wait_for_nodes()
-    engine = RayEngine(Deeds(), workers=0, trial_limit_s=600.0, address=cluster.address)
-    meeting = tmp_path / "list"
-    reports = []
+def test_a_node_that_comes_is_given_jobs_which_are_lost_when_it_goes(engine, cluster, tmp_path):
+    meeting, reports = tmp_path / "list", []
 
     def reported(count):
         reports.extend(engine.wait(1.0))
         return len(reports) >= count
 
-    try:
-        assert engine.slots == 3
-        for key in "abc":
-            engine.submit(key, ("meet", (meeting, 4)))
-        until(lambda: signatures(meeting) == 3)
-        cluster.remove_node(node, allow_graceful=False)
-        until(lambda: reported(1))
-        assert [type(report) for report in reports] == [Lost]
-        until(lambda: engine.slots == 2)
-        with meeting.open("a") as file:
-            file.write("go\n")
-        until(lambda: reported(3))
-        assert [type(report) for report in reports] == [Lost, Done, Done]
-    finally:
-        engine.close()
+    node = cluster.add_node(num_cpus=1)
+    until(lambda: engine.slots == 3)
+    for key in "abc":
+        engine.submit(key, ("meet", (meeting, 4)))
+    until(lambda: signatures(meeting) == 3)
+    cluster.remove_node(node, allow_graceful=False)
+    until(lambda: reported(1))
+    assert [type(report) for report in reports] == [Lost]
+    until(lambda: engine.slots == 2)
+    with meeting.open("a") as file:
+        file.write("go\n")
+    until(lambda: reported(3))
+    assert [type(report) for report in reports] == [Lost, Done, Done]
 
 
-def ray_workers():
-    """Return the workers of this process's clusters that are at a job."""
-    found = list(processes())
-    raylets = {pid for pid, parent, line in found if parent == os.getpid() and b"raylet" in line}
-    return [pid for pid, parent, line in found if parent in raylets and line.startswith(b"ray::_do")]
-
-
-def kill_workers(out, losses):
-    """Kill so many workers that have given a row while they are at a job, each once what was lost before is there."""
-
-    def given():
-        lines = (out / "results.jsonl").read_bytes().splitlines(keepends=True) if campaign_runs.rows(out) else []
-        return [json.loads(line) for line in lines if line.endswith(b"\n")]
-
-    def lost():
-        return {path.stem for path in (out / "losses").glob("*.txt")}
-
-    def killed():
-        known = {int(row["wall_clock"]["worker"].rsplit("/", 1)[1]) for row in given()}
-        pid = next((pid for pid in ray_workers() if pid in known), None)
-        if pid is not None:
-            with suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
-        return pid is not None
-
-    while len(lost()) < losses:
-        before, rows = len(lost()), campaign_runs.rows(out)
-        until(killed)
-        # A worker that was between two jobs takes none with it.
-        until(lambda before=before, rows=rows: len(lost()) > before or campaign_runs.rows(out) > rows + 3)
-        until(lambda: lost() <= {row["trial_id"] for row in given()})
-
-
-def test_a_campaign_whose_workers_are_killed_gives_the_bytes_of_a_local_one(cluster, tmp_path):
-    file = campaign_runs.write_campaign(tmp_path, "moving", planners="[gap]", repetitions=15)
+def test_a_campaign_that_loses_a_node_gives_the_bytes_of_a_local_one(cluster, tmp_path):
+    file = campaign_runs.write_campaign(tmp_path, "moving", planners="[gap]", repetitions=10)
     console = Console(file=io.StringIO())
-    run_experiment(read_request(file, {"out": tmp_path / "local", "workers": 2}), console)
-    with ThreadPoolExecutor() as pool:
-        killer = pool.submit(kill_workers, tmp_path / "ray", 2)
-        options = {"engine": "ray", "address": cluster.address, "out": tmp_path / "ray"}
-        results = run_experiment(read_request(file, options), console)
-        killer.result()
-    assert campaign_runs.tables(tmp_path / "ray") == campaign_runs.tables(tmp_path / "local")
-    assert [one.wall_clock.attempts for one in results if one.wall_clock.attempts > 1] == [2, 2]
-    # Two that have given rows are dead, so that another one did what the second of them had lost.
-    assert len({one.wall_clock.worker for one in results}) > 2
-
-
-def test_a_campaign_that_loses_a_node_and_gets_another_gives_the_bytes_of_a_local_one(cluster, tmp_path):
-    file = campaign_runs.write_campaign(tmp_path, planners="[gap]", repetitions=40)
-    console = Console(file=io.StringIO())
-    run_experiment(read_request(file, {"out": tmp_path / "local", "workers": 2}), console)
-    lost = cluster.add_node(num_cpus=1)
+    run_experiment(read_request(file, {"out": tmp_path / "local", "engine": "inline"}), console)
+    node = cluster.add_node(num_cpus=1)
     cluster.wait_for_nodes()
 
-    def exchange():
+    def lose():
         until(lambda: campaign_runs.rows(tmp_path / "ray") >= 5)
-        cluster.remove_node(lost, allow_graceful=False)
-        ray_start = [sys.executable, "-m", "ray.scripts.scripts", "start", "--block", "--num-cpus", "1"]
-        return subprocess.Popen([*ray_start, "--address", cluster.address], stdout=subprocess.DEVNULL)
+        cluster.remove_node(node, allow_graceful=False)
 
     with ThreadPoolExecutor() as pool:
-        exchanged = pool.submit(exchange)
+        losing = pool.submit(lose)
         options = {"engine": "ray", "address": cluster.address, "out": tmp_path / "ray"}
         results = run_experiment(read_request(file, options), console)
-        exchanged.result().terminate()
-        exchanged.result().wait(600.0)
+        losing.result()
     assert campaign_runs.tables(tmp_path / "ray") == campaign_runs.tables(tmp_path / "local")
     assert max(one.wall_clock.attempts for one in results) <= 2
-    assert len({one.wall_clock.worker for one in results}) >= 3
+    assert len({one.wall_clock.worker for one in results}) >= 2
 
 
 def test_an_address_that_leads_nowhere_is_named(cluster):

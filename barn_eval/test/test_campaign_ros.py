@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import campaign_runs as runs
-import pytest
+from ros_runs import EXAMPLE, MARK, marked, node_process, nothing_left  # noqa: F401 (a fixture)
 from waiting import until
 
 from barn_eval.experiments.command_files import told_parameters
@@ -18,11 +18,6 @@ from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.experiments.folder import fair_order, fair_worlds, read_results
 from barn_eval.experiments.store import Store
 from barn_eval.ros.work import RosWork
-from barn_eval.trials.outcome import Outcome
-
-pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-
-from ros_runs import EXAMPLE, MARK, marked, node_process, nothing_left  # noqa: F401 (a fixture)
 
 
 def domains():
@@ -33,16 +28,6 @@ def domains():
             for entry in Path(f"/proc/{pid}/environ").read_bytes().split(b"\0"):
                 if entry.startswith(b"ROS_DOMAIN_ID="):
                     found.add(entry)
-    return found
-
-
-def planners():
-    """Return the processes of the example planner, and not those that have it among their options."""
-    found = set()
-    for pid in node_process(os.environ[MARK], EXAMPLE.name):
-        with suppress(OSError):  # it has ended meanwhile
-            words = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
-            found |= {pid} if words[1:2] == [str(EXAMPLE).encode()] else set()
     return found
 
 
@@ -88,33 +73,16 @@ def test_a_campaign_that_is_ended_leaves_no_process_and_goes_on(tmp_path):
     assert [row.repetition for row in read_results(out)] == [0, 1, 2]
 
 
-def test_a_planner_of_somebody_else_that_is_killed_costs_one_trial(tmp_path):
-    file = runs.write_campaign(tmp_path, worlds='"0"', planners="[simple]", repetitions=3)
-    out = tmp_path / "out"
-    planner = shlex.join([sys.executable, str(EXAMPLE)])
-    options = ["--mode", "ros", "--planner-command", planner, "--ros", "restart_planner=each_trial", "--workers", 1]
-    campaign = runs.start(file, *options, "--out", out)
-    until(lambda: runs.rows(out) >= 1)
-    first = until(planners)
-    (second,) = until(lambda: planners() - first)  # each trial has a planner of its own
-    with suppress(ProcessLookupError):  # its trial may be over
-        os.kill(second, signal.SIGKILL)
-    _, errors = campaign.communicate(timeout=600)
-    assert campaign.returncode == 0 and "SIGTERM" not in errors, errors  # its restarts are no news
-    outcomes = [row.outcome for row in read_results(out)]
-    assert len(outcomes) == 3
-    assert outcomes.count(Outcome.PLANNER_DIED) <= 1
-    assert {row.planner for row in read_results(out)} == {"simple"}
+def test_each_trial_may_have_a_planner_of_its_own_whose_parameters_are_kept(tmp_path):
+    file = runs.write_campaign(tmp_path, worlds='"0"', planners="[simple]")
+    planner, starts, out = tmp_path / "planner.sh", tmp_path / "starts", tmp_path / "out"
+    planner.write_text(f"echo >> {starts}\nexec {shlex.join([sys.executable, str(EXAMPLE)])}\n")
+    options = ["--planner-command", f"sh {planner}", "--ros", "restart_planner=each_trial", "--workers", 1]
+    done = runs.run(file, "--mode", "ros", *options, "--out", out)
+    assert done.returncode == 0 and "SIGTERM" not in done.stderr, done.stderr  # its restarts are no news
+    assert [row.planner for row in read_results(out)] == ["simple"] * 2
+    assert starts.read_text() == "\n\n"
     assert told_parameters(out, "simple")["/simple_planner use_sim_time"] == "False"
-
-
-def test_nodes_that_cannot_be_started_end_the_campaign_in_one_line(tmp_path):
-    file = runs.write_campaign(tmp_path, worlds='"0"', planners="[mine]")
-    done = runs.run(file, "--mode", "ros", "--planner-command", "/does/not/exist", "--out", tmp_path / "out")
-    assert done.returncode == 1
-    (line,) = [line for line in done.stderr.splitlines() if line.startswith("error:")]
-    assert "the planner cannot be started: /does/not/exist: No such file or directory" in line
-    assert "Traceback" not in done.stderr
 
 
 def test_all_planners_drive_in_some_worlds_before_any_does_in_the_next(tmp_path):

@@ -12,44 +12,27 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import ros_runs as ros
+from ros_runs import nothing_left  # noqa: F401 (a fixture)
 
 from barn_eval.bags.bagfile import BagFile
-
-rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-
-from ros_runs import (  # noqa: E402
-    EACH,
-    EXAMPLE,
-    FOREIGN,
-    MANAGED,
-    PATIENT,
-    QUICK,
-    SHORT,
-    drive,
-    foreign,
-    make_plan,
-    messages,
-    nothing_left,  # noqa: F401 (a fixture)
-    run,
-)
-
-from barn_eval.experiments.folder import read_results  # noqa: E402
-from barn_eval.ros.supervision import ProcessError  # noqa: E402
-from barn_eval.trials.outcome import Outcome  # noqa: E402
-from barn_eval.trials.protocol import PAPER_2020  # noqa: E402
-from barn_worlds.ros.domain import reserved_domain  # noqa: E402
+from barn_eval.experiments.folder import read_results
+from barn_eval.ros.supervision import ProcessError
+from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.protocol import PAPER_2020
+from barn_worlds.ros.domain import reserved_domain
 
 NEIGHBOUR = Path(__file__).with_name("neighbour_planner.py")
 
 
 def test_a_managed_planner_gets_its_goal_by_action_and_gives_its_own_verdict(tmp_path, with_more_messages):
     notes = tmp_path / "notes"
-    setup = replace(MANAGED, goal_by="action", lifecycle_nodes=("managed",))
-    command = foreign(NEIGHBOUR, "managed", notes)
-    longer = replace(SHORT, limit_s=3.5)  # so that the action's answer arrives before the end on a busy machine too
-    plan = make_plan(longer, setup, planner="managed", planner_command=command, repetitions=3)
+    setup = replace(ros.MANAGED, goal_by="action", lifecycle_nodes=("managed",))
+    command = ros.foreign(NEIGHBOUR, "managed", notes)
+    longer = replace(ros.SHORT, limit_s=3.5)  # so that the action's answer arrives before the end on a busy machine too
+    plan = ros.make_plan(longer, setup, planner="managed", planner_command=command, repetitions=3)
     folder = tmp_path / "run"
-    results = run(folder, plan)
+    results = ros.run(folder, plan)
     assert [result.outcome for result in results] == [Outcome.TIMEOUT] * 3
     assert [result.planner_verdict for result in results] == ["executing", "aborted (error 104)", "succeeded"]
     assert read_results(folder) == results
@@ -62,7 +45,7 @@ def test_a_managed_planner_gets_its_goal_by_action_and_gives_its_own_verdict(tmp
         "refused",
         f"goal 3 {goal}",
     ]
-    recorded = messages(folder / "bags" / results[0].trial_id)
+    recorded = ros.messages(folder / "bags" / results[0].trial_id)
     # a type of others is recorded with the definition that its package has
     _, costmap = recorded["/costmap_raw"][-1]
     assert (costmap.metadata.layer, list(costmap.data)) == ("master", [1, 2, 3])
@@ -72,10 +55,12 @@ def test_a_managed_planner_gets_its_goal_by_action_and_gives_its_own_verdict(tmp
 
 
 def test_a_managed_node_that_stays_inactive_is_named(tmp_path, with_more_messages):
-    patience = replace(PATIENT.patience, lifecycle_s=8.0, settle_s=60.0)  # the node has to tell its state within them
-    setup = replace(MANAGED, goal_by="action", planner_node="managed", lifecycle_nodes=("/absent",), patience=patience)
-    plan = make_plan(ros=setup, planner="managed", planner_command=foreign(NEIGHBOUR, "inactive", tmp_path / "notes"))
-    (result,) = drive(tmp_path / "run", plan)
+    # the node has to tell its state within them
+    patience = replace(ros.PATIENT.patience, lifecycle_s=8.0, settle_s=60.0)
+    nodes = {"planner_node": "managed", "lifecycle_nodes": ("/absent",)}
+    setup = replace(ros.MANAGED, goal_by="action", patience=patience, **nodes)
+    plan = ros.make_plan(ros.SHORT, setup, "managed", ros.foreign(NEIGHBOUR, "inactive", tmp_path / "notes"))
+    (result,) = ros.drive(tmp_path / "run", plan)
     assert result.outcome is Outcome.PLANNER_NOT_READY
     assert result.detail.removesuffix("; use_sim_time is off in /managed") == (
         "the lifecycle node /absent is not there; the lifecycle node /managed is inactive (waited 8 s)"
@@ -83,17 +68,15 @@ def test_a_managed_node_that_stays_inactive_is_named(tmp_path, with_more_message
 
 
 def test_an_action_whose_type_is_not_installed_is_one_line(tmp_path):
-    setup = replace(QUICK, goal_by="action", goal_action_type="no_such_msgs/action/Drive")
-    plan = make_plan(ros=setup, planner="x", planner_command=foreign(FOREIGN, tmp_path / "starts", "drives"))
+    setup = replace(ros.QUICK, goal_by="action", goal_action_type="no_such_msgs/action/Drive")
     with pytest.raises(ProcessError, match=r"^goal_action_type 'no_such_msgs/action/Drive': no_such_msgs is not inst"):
-        list(drive(tmp_path / "run", plan))
+        ros.drive_kinds(tmp_path, "drives", setup=setup)
 
 
 def test_what_is_missing_is_said(tmp_path):
     # the limit for all but the first, so that nothing is waited for that has to come
-    setup = replace(PATIENT, restart_planner="each_trial", patience=replace(PATIENT.patience, gate_s=5.0))
-    command = foreign(FOREIGN, tmp_path / "starts", "drives", "elsewhere")
-    driven, absent = drive(tmp_path / "run", make_plan(ros=setup, planner="x", planner_command=command, repetitions=2))
+    setup = replace(ros.EACH, patience=replace(ros.PATIENT.patience, gate_s=5.0))
+    driven, absent = ros.drive_kinds(tmp_path, "drives", "elsewhere", setup=setup)
     assert driven.outcome is Outcome.TIMEOUT
     assert absent.outcome is Outcome.PLANNER_NOT_READY
     assert re.search(
@@ -104,9 +87,7 @@ def test_what_is_missing_is_said(tmp_path):
 
 
 def test_a_planner_by_the_wall_clock_is_told_from_one_without_guarantee_of_delivery(tmp_path):
-    command = foreign(FOREIGN, tmp_path / "starts", "wall_clock", "best_effort")
-    plan = make_plan(ros=EACH, planner="x", planner_command=command, repetitions=2)
-    wall_clock, best_effort = drive(tmp_path / "run", plan)
+    wall_clock, best_effort = ros.drive_kinds(tmp_path, "wall_clock", "best_effort")
     assert wall_clock.outcome is Outcome.NO_FIRST_MOTION
     assert re.match(r"moved less than .*; use_sim_time is off in /foreign$", wall_clock.detail)
     assert best_effort.outcome is Outcome.TIMEOUT
@@ -114,22 +95,17 @@ def test_a_planner_by_the_wall_clock_is_told_from_one_without_guarantee_of_deliv
 
 
 def test_the_node_that_leads_the_planner_is_waited_for(tmp_path):
-    patience = replace(PATIENT.patience, gate_s=5.0)
-    setup = replace(PATIENT, planner_node="late", restart_planner="each_trial", patience=patience)
-    command = foreign(FOREIGN, tmp_path / "starts", "late", "drives")
-    late, absent = drive(tmp_path / "run", make_plan(ros=setup, planner="x", planner_command=command, repetitions=2))
+    setup = replace(ros.EACH, planner_node="late", patience=replace(ros.PATIENT.patience, gate_s=5.0))
+    late, absent = ros.drive_kinds(tmp_path, "late", "drives", setup=setup)
     assert late.outcome is Outcome.TIMEOUT
     assert int((tmp_path / "starts.heard").read_text()) >= 2  # asked again where an answer is slow to come
     assert absent.outcome is Outcome.PLANNER_NOT_READY
     assert absent.detail == "the node /late (planner_node) is not there (waited 5 s)"
 
 
-@pytest.mark.parametrize(
-    "protocol", [SHORT, replace(PAPER_2020, limit_s=2.0, timeout_time_s=2.0)], ids=lambda one: one.name
-)
-def test_a_robot_in_a_namespace_with_names_and_frames_of_its_own(tmp_path, protocol):
+def test_a_robot_in_a_namespace_with_names_and_frames_of_its_own(tmp_path):
     setup = replace(
-        PATIENT,
+        ros.PATIENT,
         namespace="robot1",
         remap=("scan:=front/scan", "/clock:=/sim/clock"),
         map_frame="world",
@@ -138,20 +114,19 @@ def test_a_robot_in_a_namespace_with_names_and_frames_of_its_own(tmp_path, proto
         lidar_frame="robot1/front",
         command_type="twist_stamped",
     )
-    plan = make_plan(protocol, setup, planner="dwa")
+    plan = ros.make_plan(replace(PAPER_2020, limit_s=2.0, timeout_time_s=2.0), setup)
     folder = tmp_path / "run"
-    (result,) = drive(folder, plan)
+    (result,) = ros.drive(folder, plan)
     assert result.outcome is Outcome.TIMEOUT
     assert result.measures.driven_m > 0.2
-    heard = messages(folder / "bags" / result.trial_id)
+    heard = ros.messages(folder / "bags" / result.trial_id)
     last = {topic: rows[-1][1] for topic, rows in heard.items()}
     assert last["/robot1/cmd_vel"].header.frame_id == "robot1/base_link"
     assert last["/robot1/front/scan"].header.frame_id == "robot1/front"
     odometry = last["/robot1/odom"]
     assert (odometry.header.frame_id, odometry.child_frame_id) == ("robot1/odom", "robot1/base_link")
     assert last["/robot1/ground_truth/odom"].header.frame_id == "world"
-    assert last["/robot1/goal_pose"].header.frame_id == ("world" if protocol.map_given else "robot1/odom")
-    assert ("/robot1/map" in heard) is protocol.map_given
+    assert [last[f"/robot1/{name}"].header.frame_id for name in ("goal_pose", "map")] == ["world"] * 2
     assert {"/cmd_vel", "/scan", "/robot1/scan", "/clock"} & set(heard) == set()
     assert "/sim/clock" in heard
     read = {message.topic for message in BagFile(folder / "bags" / result.trial_id).messages()}
@@ -160,11 +135,14 @@ def test_a_robot_in_a_namespace_with_names_and_frames_of_its_own(tmp_path, proto
 
 def test_a_planner_of_others_in_a_namespace(tmp_path):
     names = ["--ros-args", "-r", "__ns:=/robot1", "-r", "scan:=front/scan"]
-    command = shlex.join([sys.executable, str(EXAMPLE), *names])
-    setup = replace(PATIENT, namespace="/robot1", remap=("scan:=front/scan",))
-    (result,) = drive(tmp_path / "run", make_plan(SHORT, setup, planner="simple", planner_command=command))
+    command = shlex.join([sys.executable, str(ros.EXAMPLE), *names])
+    setup = replace(ros.PATIENT, namespace="/robot1", remap=("scan:=front/scan",), odom_frame="robot1/odom")
+    (result,) = ros.drive(tmp_path / "run", ros.make_plan(ros.SHORT, setup, "simple", command))
     assert result.outcome is Outcome.TIMEOUT
     assert result.measures.driven_m > 0.3
+    heard = ros.messages(tmp_path / "run" / "bags" / result.trial_id)
+    assert heard["/robot1/goal_pose"][-1][1].header.frame_id == "robot1/odom"
+    assert "/robot1/map" not in heard
 
 
 def test_an_evaluator_that_is_interrupted_again_and_again_ends_without_a_traceback(tmp_path):

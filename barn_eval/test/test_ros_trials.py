@@ -16,51 +16,30 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import ros_runs as ros
 import yaml
+from planners import recorded
+from ros_runs import nothing_left  # noqa: F401 (a fixture)
 from rosbags.rosbag2 import Reader
+from waiting import until
 
-rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-
-import foreign_environment  # noqa: E402
-from ros_runs import (  # noqa: E402
-    EXAMPLE,
-    FOREIGN,
-    PATIENT,
-    QUICK,
-    SHORT,
-    drive,
-    foreign,
-    guards,
-    make_plan,
-    marked,
-    messages,
-    node_process,
-    nothing_left,  # noqa: F401 (a fixture)
-    run,
-    shown,
-    unstamped,
-)
-from waiting import until  # noqa: E402
-
-from barn_eval.bags.movers import gaps_to  # noqa: E402
-from barn_eval.bags.recorded import read_recorded  # noqa: E402
-from barn_eval.bags.recorder import Recorder  # noqa: E402
-from barn_eval.experiments.direct import run_direct_trial  # noqa: E402
-from barn_eval.experiments.experiment import Experiment  # noqa: E402
-from barn_eval.experiments.folder import read_results  # noqa: E402
-from barn_eval.experiments.runner import ExperimentError  # noqa: E402
-from barn_eval.ros.supervision import start  # noqa: E402
-from barn_eval.ros.supervision.process import GuardedProcess  # noqa: E402
-from barn_eval.trials.outcome import Outcome  # noqa: E402
-from barn_eval.trials.protocol import CHALLENGE, DYNABARN, PAPER_2020  # noqa: E402
-from barn_eval.trials.spec import simulator_config  # noqa: E402
-from barn_worlds.base.types import Pose2D  # noqa: E402
-from barn_worlds.geometry.bodies import wall_bodies  # noqa: E402
-from barn_worlds.geometry.footprint import Footprint  # noqa: E402
-from barn_worlds.messages.cdr import jazzy_types  # noqa: E402
-from barn_worlds.messages.topics import BAND, CANDIDATES, COSTMAP, DIAGNOSTICS, LOCAL_PLAN, PLAN  # noqa: E402
-from barn_worlds.robots.files import load_robot, shipped_robots  # noqa: E402
-from barn_worlds.ros.domain import reserved_domain  # noqa: E402
+from barn_eval.bags.movers import gaps_to
+from barn_eval.bags.recorded import read_recorded
+from barn_eval.experiments.experiment import Experiment
+from barn_eval.experiments.folder import read_results
+from barn_eval.experiments.runner import ExperimentError
+from barn_eval.ros.supervision import start
+from barn_eval.ros.supervision.process import GuardedProcess
+from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.protocol import CHALLENGE, DYNABARN, PAPER_2020
+from barn_eval.trials.spec import simulator_config
+from barn_worlds.base.types import Pose2D
+from barn_worlds.geometry.bodies import wall_bodies
+from barn_worlds.geometry.footprint import Footprint
+from barn_worlds.messages.cdr import jazzy_types
+from barn_worlds.messages.topics import BAND, CANDIDATES, COSTMAP, DIAGNOSTICS, LOCAL_PLAN, PLAN
+from barn_worlds.robots.files import load_robot, shipped_robots
+from barn_worlds.ros.domain import reserved_domain
 
 MOVING = ("/moving_obstacles", "/moving_obstacles/poses")
 # They may come after the verdict, when the trial is over.
@@ -78,7 +57,6 @@ def own_robot(folder):
 @pytest.mark.parametrize(
     ("protocol", "robot", "planner"),
     [
-        (CHALLENGE, "jackal", "dwa"),
         (PAPER_2020, "jackal", "dwa"),
         (DYNABARN, "jackal", "dwa"),
         (CHALLENGE, "own_robot", "mppi"),
@@ -86,53 +64,43 @@ def own_robot(folder):
     ids=lambda one: getattr(one, "name", one),
 )
 def test_lockstep_and_direct_trials_are_the_same_step_by_step(tmp_path, protocol, robot, planner):
-    # Ten seconds without and with a map, and among moving obstacles: every reading, scan and command, to the last bit.
+    # Eight seconds with and without a map, and among moving obstacles: every reading, scan and command, to a bit.
     dataset, worlds = ("dynabarn60", "7") if protocol.arena else ("barn300", "100")
     protocol = replace(protocol, limit_s=8.0, timeout_time_s=8.0)
     driven = own_robot(tmp_path) if robot == "own_robot" else load_robot(robot)
     simulator = simulator_config(protocol, robot=driven)
-    plan = make_plan(protocol, planner=planner, worlds=worlds, dataset=dataset, simulator=simulator)
-    (result,) = drive(tmp_path / "ros", plan)
+    plan = ros.make_plan(protocol, planner=planner, worlds=worlds, dataset=dataset, simulator=simulator)
+    (result,) = ros.drive(tmp_path / "ros", plan)
     (spec,) = plan.trials()
-    with Recorder(tmp_path / "direct") as recorder:
-        direct = run_direct_trial(spec, recorder).result
+    direct = recorded(spec, tmp_path / "direct").result
     assert result.repeatable() | {"mode": "direct"} == direct.repeatable()
-    ros, one = messages(tmp_path / "ros" / "bags" / spec.trial_id), messages(tmp_path / "direct")
-    for topic in ("/odom", "/ground_truth/odom", "/scan", "/cmd_vel"):  # their bytes are compared below
-        answers_scans = topic in ("/scan", "/cmd_vel")
-        assert len(one[topic]) > 100 / (spec.simulator.scan_steps if answers_scans else 1)
-        assert [stamp for stamp, _ in ros[topic]] == [stamp for stamp, _ in one[topic]]
-    assert len(one["/world"]) == 1
+    over_ros, one = ros.messages(tmp_path / "ros" / "bags" / spec.trial_id), ros.messages(tmp_path / "direct")
+    for topic in ("/odom", "/ground_truth/odom", "/scan", "/cmd_vel", "/score", "/outcome", "/score_text"):
+        stamps, expected = ([stamp for stamp, _ in bag[topic]] for bag in (over_ros, one))
+        assert stamps == expected  # and their bytes: see below
+    assert len(one["/odom"]) > 100 and len(one["/score"]) > 10 and len(one["/world"]) == 1
     assert [len(one.get(topic, [])) > 50 for topic in MOVING] == [protocol.arena] * 2
-    for topic in ("/score", "/outcome", "/score_text"):
-        assert len(one[topic]) > 10
-        assert shown(ros[topic]) == shown(one[topic])
-    # What a planner shows is sent after its command, so that the instant may be over by then.
-    drawn = [[text for _, text in shown(bag["/candidates"])] for bag in (ros, one)]
-    assert len(drawn[1]) - 1 <= len(drawn[0]) == len(set(drawn[0]))
-    assert drawn[0] == drawn[1][: len(drawn[0])]
-    assert one["/outcome"][0][1].data == "running"
-    assert one["/outcome"][-1][1].data == result.outcome.value
+    assert [one["/outcome"][place][1].data for place in (0, -1)] == ["running", result.outcome.value]
     assert one["/score"][-1][1].data == result.scores.challenge
-    assert len(ros["/goal_pose"]) > 10 or not protocol.map_given
-    assert_equal_bytes(unstamped(tmp_path / "ros" / "bags" / spec.trial_id), unstamped(tmp_path / "direct"))
+    assert len(over_ros["/goal_pose"]) > 10 or not protocol.map_given
+    assert_equal_bytes(ros.unstamped(tmp_path / "ros" / "bags" / spec.trial_id), ros.unstamped(tmp_path / "direct"))
 
 
 def test_a_free_running_trial_meets_the_obstacles_of_its_phase_where_its_scans_see_them(tmp_path):
     protocol = replace(DYNABARN, limit_s=5.0, timeout_time_s=5.0)
-    setup = replace(PATIENT, lockstep=False, real_time_factor=2.0)
-    plan = make_plan(protocol, setup, planner="gap", worlds="7", dataset="dynabarn60")
-    (result,) = drive(tmp_path / "ros", plan)
+    setup = replace(ros.PATIENT, lockstep=False, real_time_factor=2.0)
+    plan = ros.make_plan(protocol, setup, planner="gap", worlds="7", dataset="dynabarn60")
+    (result,) = ros.drive(tmp_path / "ros", plan)
     (spec,) = plan.trials()
     assert result.outcome in (Outcome.TIMEOUT, Outcome.COLLISION)
     assert result.motion.phase_s == spec.phase_s
-    recorded = read_recorded(tmp_path / "ros" / "bags" / spec.trial_id)
-    tracks, moving = spec.world.tracks, recorded.moving
+    bag = read_recorded(tmp_path / "ros" / "bags" / spec.trial_id)
+    tracks, moving = spec.world.tracks, bag.moving
     assert len(moving.times_s) > 40
     np.testing.assert_allclose(moving.places, tracks.over(moving.times_s + spec.phase_s)[0], atol=1e-9)
     walls, point = wall_bodies(spec.world.walls), Footprint(np.zeros((1, 2)), 1e-9)
-    for one in recorded.scans[::10]:
-        pose = Pose2D(*recorded.poses[recorded.index_at(one.time_s)].tolist()) @ recorded.lidar
+    for one in bag.scans[::10]:
+        pose = Pose2D(*bag.poses[bag.index_at(one.time_s)].tolist()) @ bag.lidar
         seen = np.isfinite(one.content.ranges)
         angles, ranges = one.content.angles()[seen], one.content.ranges[seen].astype(float)
         hits = pose.transform(np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)]))
@@ -159,9 +127,9 @@ def assert_equal_bytes(ros, direct):
 
 
 def test_a_whole_trial_succeeds_and_its_bag_holds_everything(tmp_path):
-    plan = make_plan(CHALLENGE)
+    plan = ros.make_plan(CHALLENGE)
     folder = tmp_path / "run"
-    (result,) = run(folder, plan)
+    (result,) = ros.run(folder, plan)
     assert result.outcome is Outcome.SUCCESS
     assert (result.wall_clock.missed_cycles, result.wall_clock.missed_share) == (0, 0.0)
     assert not result.remarks
@@ -187,7 +155,7 @@ def test_a_whole_trial_succeeds_and_its_bag_holds_everything(tmp_path):
         assert counts[topic] > 0, topic
     # what was put away is not run again
     before = (folder / "logs" / "simulator.log").read_bytes()
-    assert run(folder, plan) == [result]
+    assert ros.run(folder, plan) == [result]
     assert (folder / "logs" / "simulator.log").read_bytes() == before
 
 
@@ -201,9 +169,7 @@ def test_every_fault_of_a_planner_is_an_outcome_and_the_next_trial_runs(tmp_path
         "hangs": Outcome.PLANNER_STALLED,
         "one_shot": Outcome.TIMEOUT,  # drives, and ends when there is nothing more to do, as the one after it
     }
-    command = foreign(FOREIGN, tmp_path / "starts", *kinds)
-    plan = make_plan(ros=QUICK, planner="faulty", planner_command=command, repetitions=len(kinds) + 1)
-    results = list(drive(tmp_path / "run", plan))
+    results = ros.drive_kinds(tmp_path, *kinds, setup=ros.QUICK, repetitions=len(kinds) + 1)
     assert [result.outcome for result in results] == [*kinds.values(), Outcome.TIMEOUT]
     by_kind = dict(zip(kinds, results, strict=False))
     assert by_kind["wrong_type"].detail == (
@@ -221,19 +187,17 @@ def test_every_fault_of_a_planner_is_an_outcome_and_the_next_trial_runs(tmp_path
 
 
 def test_a_free_running_trial_with_late_commands_is_marked(tmp_path):
-    command = foreign(FOREIGN, tmp_path / "starts", "dozes")
-    setup = replace(PATIENT, lockstep=False, real_time_factor=1.0)
-    plan = make_plan(SHORT, setup, planner="dozes", planner_command=command)
-    (result,) = drive(tmp_path / "run", plan)
+    setup = replace(ros.PATIENT, lockstep=False, real_time_factor=1.0)
+    (result,) = ros.drive_kinds(tmp_path, "dozes", setup=setup)
     assert result.wall_clock.missed_share >= 0.15  # of 50 scans a second, five in ten are not answered
     assert result.wall_clock.late
     assert "without a command in time" in result.remarks
 
 
 def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_left):  # noqa: F811
-    protocol = replace(SHORT, limit_s=10.0, timeout_time_s=10.0, collision_ends_trial=False)
-    command = foreign(FOREIGN, tmp_path / "starts", "drives")
-    plan = make_plan(protocol, planner="drives", planner_command=command, repetitions=3)
+    protocol = replace(ros.SHORT, limit_s=10.0, timeout_time_s=10.0, collision_ends_trial=False)
+    command = ros.foreign(ros.FOREIGN, tmp_path / "starts", "drives")
+    plan = ros.make_plan(protocol, planner="drives", planner_command=command, repetitions=3)
     folder = tmp_path / "run"
     simulator, evaluator = "barn_sim.ros.simulator", "barn_eval.ros.evaluator"
 
@@ -242,9 +206,9 @@ def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_l
             os.kill(pid, signal.SIGKILL)
 
     deeds = {
-        0: lambda: kill(node_process(nothing_left, simulator)),
-        1: lambda: kill(node_process(nothing_left, evaluator)),
-        2: lambda: kill(guards(nothing_left, str(FOREIGN))),
+        0: lambda: kill(ros.node_process(nothing_left, simulator)),
+        1: lambda: kill(ros.node_process(nothing_left, evaluator)),
+        2: lambda: kill(ros.guards(nothing_left, str(ros.FOREIGN))),
     }
 
     def disturb():
@@ -256,7 +220,7 @@ def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_l
 
     threading.Thread(target=disturb, daemon=True).start()
     notices = []
-    results = list(drive(folder, plan, notices.append))
+    results = list(ros.drive(folder, plan, notices.append))
     assert [result.repetition for result in results] == [0, 1, 2]
     expected = [
         "simulator was killed by SIGKILL in trial drives_w0000_r00",
@@ -271,7 +235,7 @@ def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_l
         (2, "the evaluator was killed by SIGKILL"),
         (2, "planner_died, the planner was lost with its guard"),
     ]
-    undisturbed = list(drive(tmp_path / "undisturbed", plan))
+    undisturbed = list(ros.drive(tmp_path / "undisturbed", plan))
     assert [result.repeatable() for result in results] == [result.repeatable() for result in undisturbed]
     assert {result.outcome for result in results} == {Outcome.TIMEOUT}
 
@@ -293,22 +257,21 @@ def listeners(pid):
     return found
 
 
-@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL], ids=lambda one: one.name)
-def test_nothing_listens_beyond_loopback_and_nothing_is_left_running(tmp_path, nothing_left, end):  # noqa: F811
+def test_nothing_listens_beyond_loopback_and_nothing_is_left_running(tmp_path, nothing_left):  # noqa: F811
     command = [sys.executable, "-m", "barn_eval", "run", "--worlds", "0", "--mode", "ros", "--bags", "all"]
-    command += ["--planner", "simple", "--planner-command", foreign(EXAMPLE), "--out", str(tmp_path / "run")]
+    command += ["--planner", "simple", "--planner-command", ros.foreign(ros.EXAMPLE), "--out", str(tmp_path / "run")]
     run = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     until(lambda: list((tmp_path / "run" / "bags").glob("*.partial/*.mcap")) or run.poll() is not None)
-    pids = until(lambda: len(found := marked(nothing_left)) >= 7 and found)  # three nodes, their guards, the command
+    pids = until(lambda: len(found := ros.marked(nothing_left)) >= 7 and found)  # nodes, their guards, the command
     addresses = {address for pid in pids for address in listeners(pid)}
     assert len(addresses) >= 6  # two ports of each node, at least
     assert {address for address, _ in addresses} == {"127.0.0.1"}
     assert not [pid for pid in pids if "/dev/shm/fastrtps" in Path(f"/proc/{pid}/maps").read_text()]
-    run.send_signal(end)
+    run.terminate()
     _, errors = run.communicate(timeout=600)
     assert run.returncode != 0
     assert "Traceback" not in errors
-    until(lambda: not marked(nothing_left))
+    until(lambda: not ros.marked(nothing_left))
     assert (tmp_path / "run" / "run.json").exists()
     assert not (tmp_path / "run" / "results.jsonl").exists()
 
@@ -340,40 +303,29 @@ def test_the_nodes_started_by_hand(tmp_path, monkeypatch):
     assert (result.preset, result.planner_config) == ("", "")  # nobody told the evaluator
     assert result.task == Experiment().trials([3])[0].task
     assert result.outcome is Outcome.SUCCESS
-    assert "/drive" in messages(tmp_path / "run" / "bags" / result.trial_id)
+    assert "/drive" in ros.messages(tmp_path / "run" / "bags" / result.trial_id)
 
 
-@pytest.fixture(scope="module")
-def plain_python(tmp_path_factory):
-    """The Python of another virtual environment, with ROS and without the suite."""
-    python = foreign_environment.make(tmp_path_factory.mktemp("foreign"))
-    if python is None:
-        pytest.skip("ROS does not come from wheels here, so that no environment without the suite can be made of them")
-    return python
+def test_a_planner_that_cannot_import_the_suite_drives(tmp_path):
+    without = (
+        "import runpy, sys; sys.modules |= dict.fromkeys(sys.argv[2:]); runpy.run_path(sys.argv[1], {}, '__main__')"
+    )
+    suite = ("barn_worlds", "barn_sim", "barn_planners", "barn_metrics", "barn_eval", "numba", "pybullet")
+    command = shlex.join([sys.executable, "-I", "-c", without, str(ros.EXAMPLE), *suite])
+    setup = replace(ros.PATIENT, lockstep=False, command_type="twist")
+    (result,) = ros.drive(tmp_path / "run", ros.make_plan(ros.SHORT, setup, "simple", command))
+    assert result.outcome is Outcome.TIMEOUT
+    assert result.measures.driven_m > 0.3
 
 
 @pytest.mark.parametrize(
-    ("protocol", "setup", "outcome", "driven_m"),
+    ("command", "words"),
     [
-        (CHALLENGE, PATIENT, Outcome.SUCCESS, 8.0),
-        (SHORT, replace(PATIENT, lockstep=False, command_type="twist"), Outcome.TIMEOUT, 0.3),
+        ("sh -c 'echo no such parameter; exit 1'", "exited with code 1 at its start, 3 times in a row.*such parameter"),
+        ("/does/not/exist", "the planner cannot be started: /does/not/exist: No such file or directory"),
     ],
-    ids=["lockstep", "free_running"],
 )
-def test_a_planner_from_an_environment_without_the_suite(tmp_path, plain_python, protocol, setup, outcome, driven_m):
-    assert foreign_environment.cannot_import_the_suite(plain_python)
-    command = shlex.join([str(plain_python), "-I", str(EXAMPLE)])
-    (result,) = drive(tmp_path / "run", make_plan(protocol, setup, planner="simple", planner_command=command))
-    assert result.outcome is outcome
-    assert result.measures.driven_m > driven_m
-
-
-def test_a_planner_that_does_not_come_up_ends_the_run_with_its_log(tmp_path):
-    script = tmp_path / "broken.py"
-    script.write_text("raise SystemExit('no such parameter: speed')")
-    plan = make_plan(planner="broken", planner_command=foreign(script))
-    folder = tmp_path / "run"
-    with pytest.raises(ExperimentError, match="planner exited with code 1 at its start, 3 times in a row") as caught:
-        run(folder, plan)
-    assert "no such parameter: speed" in str(caught.value)
-    assert not (folder / "results.jsonl").exists()
+def test_a_planner_that_does_not_come_up_ends_the_run_with_the_reason(tmp_path, command, words):
+    with pytest.raises(ExperimentError, match=f"(?s){words}"):
+        ros.run(tmp_path / "run", ros.make_plan(planner="broken", planner_command=command))
+    assert not (tmp_path / "run" / "results.jsonl").exists()
