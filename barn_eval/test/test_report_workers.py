@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from waiting import until
 
 from barn_eval.pages.report.processes import run_forked
 from barn_worlds.base.errors import BarnError
@@ -52,10 +53,7 @@ def test_processes_end_with_the_command(number):
         else:
             process.send_signal(number)
         process.wait(600.0)
-        deadline = time.monotonic() + 600.0
-        while Path(f"/proc/{child}").exists():
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
+        until(lambda: not Path(f"/proc/{child}").exists())
     finally:
         process.kill()
         process.wait()

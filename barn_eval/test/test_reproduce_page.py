@@ -5,12 +5,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import reproduce_work
 from reproduce_work import write_made_up
 from rich.console import Console
 
 from barn_eval.experiments.experiment import Execution
+from barn_eval.experiments.folder import opened
+from barn_eval.experiments.store import Record
 from barn_eval.studies.reproduction import findings
-from barn_eval.studies.reproduction.findings import QUICK
+from barn_eval.studies.reproduction.findings import QUICK, paper_campaign
 from barn_eval.studies.reproduction.findings import reproduce as findings_of
 from barn_eval.studies.reproduction.page import page, read_results, write_results
 from barn_metrics.bootstrap import Interval
@@ -21,31 +24,40 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 @pytest.fixture(scope="module")
-def no_trials():
-    """Make up all trials."""
-
-    def run_experiment(request, _console):
-        return write_made_up(request.out, request.experiment, request.execution)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(findings, "run_experiment", run_experiment)
-        yield
-
-
-@pytest.fixture(scope="module")
-def tiny(no_trials, tmp_path_factory):
+def tiny(tmp_path_factory):
     """What ten worlds say, and the page."""
-    return reproduce(TINY, tmp_path_factory.mktemp("out"))
+    return made_up(TINY, tmp_path_factory.mktemp("out"))
+
+
+def made_up(config, out):
+    """Reproduce without driving."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(findings, "run_experiment", lambda asked, _: write_made_up(asked.out, asked.experiment))
+        return reproduce(config, out)
 
 
 def reproduce(config, out):
-    findings, origin = findings_of(config, out, Execution(workers=1), CONSOLE)
+    findings, origin = findings_of(config, out, Execution(engine="inline"), CONSOLE)
     return findings, write_results(findings, origin, out)
 
 
-def test_a_second_run_writes_the_same_bytes(tiny, no_trials, tmp_path):
+def test_only_trials_that_are_missing_are_driven(tmp_path):
+    experiment, rows = paper_campaign(TINY), tmp_path / "campaign" / "results.jsonl"
+    with opened(rows.parent, experiment, Execution(), experiment.trials()) as folder:
+        for spec in folder.remaining[2:]:
+            folder.append(Record(reproduce_work.made_up(spec), None))
+    before = rows.read_bytes()
+    found = reproduce(TINY, tmp_path)[0]
+    after = rows.read_bytes()
+    assert after.startswith(before) and after.count(b"\n") == before.count(b"\n") + 2 == 40
+    assert found.trials.of("dwa").trials == 20 and (rows.parent / "results.csv").is_file()
+    assert reproduce(TINY, tmp_path)[0] == found
+    assert rows.read_bytes() == after
+
+
+def test_a_second_run_writes_the_same_bytes(tiny, tmp_path):
     findings, path = tiny
-    again, elsewhere = reproduce(TINY, tmp_path / "again")
+    again, elsewhere = made_up(TINY, tmp_path / "again")
     assert again == findings
     names = ["results.md", "results.json", *(f"figures/{file.name}" for file in (path.parent / "figures").iterdir())]
     assert len(names) == 4
