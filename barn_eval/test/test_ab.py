@@ -90,11 +90,11 @@ def test_equal_sides_are_refused(tmp_path):
 
 def test_what_has_not_changed_is_not_driven_again_and_a_worse_head_ends_with_code_4(command, tmp_path):
     words = ("--worlds", "0:300:20", "--run", "engine=inline", "--out", "ab")
-    code, out, err = command("ab", "gap,max_speed_mps=0.9", "gap,max_speed_mps=0.2", *words)
+    code, out, err = command("ab", "gap,max_speed_mps=0.9", "gap,max_speed_mps=0.4", *words)
     assert code == 4
     assert out.startswith("**HEAD is worse than BASE**, by the challenge metric: ")
     assert "| challenge metric (of 0.5) | " in out
-    code, out, err = command("ab", "gap,max_speed_mps=0.2", "gap,max_speed_mps=0.9", *words, "--json")
+    code, out, err = command("ab", "gap,max_speed_mps=0.4", "gap,max_speed_mps=0.9", *words, "--json")
     found = json.loads(out)
     assert (code, found["decision"]) == (0, "better")
     assert found["worlds"] < found["planned"] == 15

@@ -48,31 +48,24 @@ def test_an_obstacle_runs_a_standing_robot_over():
     assert found.time_to_collision_s == pytest.approx(0.0)
 
 
-def test_a_robot_drives_against_an_obstacle_at_rest():
-    poses = [Pose2D(0.05 * k, 0.0, 0.0) for k in range(17)]
-    found = figures(world_of((0.0, 1.55, 0.0), (10.0, 1.55, 0.0)), poses, [1.0] * 17, {16})
-    assert found.hit_robot_mps == 1.0
-    assert (found.hit_closing_mps, found.hit_robot_share) == pytest.approx((1.0, 1.0))
+BOX = {"shape": "box", "size_x_m": 1.0, "size_y_m": 4.0}
 
 
-def test_both_have_their_share_of_a_collision():
-    poses = [Pose2D(0.025 * k, 0.0, 0.0) for k in range(12)]
-    found = figures(world_of((0.0, 1.55, 0.0), (10.0, -13.45, 0.0)), poses, [0.5] * 12, {9, 10})
-    assert (found.hit_closing_mps, found.hit_robot_share) == pytest.approx((2.0, 0.25))
-
-
-def test_an_obstacle_from_the_side_is_to_blame_though_the_robot_is_faster():
-    poses = [Pose2D(0.1 * k, 0.0, 0.0) for k in range(4)]
-    found = figures(world_of((0.0, 0.2, 0.85), (10.0, 0.2, -9.15)), poses, [2.0] * 4, {3})
-    assert found.hit_robot_mps == 2.0
-    assert found.hit_robot_share == pytest.approx(0.0) and found.hit_closing_mps == pytest.approx(1.0)
-
-
-def test_a_box_is_met_at_its_nearest_point():
-    box = {"shape": "box", "size_x_m": 1.0, "size_y_m": 4.0}
-    poses = [Pose2D(0.05 * k, 1.0, 0.0) for k in range(9)]
-    found = figures(world_of((0.0, 1.15, 0.0), (10.0, 1.15, 0.0), **box), poses, [1.0] * 9, {8})
-    assert (found.touched, found.hit_robot_share, found.hit_closing_mps) == ("walker", 1.0, pytest.approx(1.0))
+@pytest.mark.parametrize(
+    ("first", "last", "shape", "speed_mps", "y_m", "contacts", "closing_mps", "share"),
+    [
+        ((1.55, 0.0), (1.55, 0.0), {}, 1.0, 0.0, {16}, 1.0, 1.0),
+        ((1.55, 0.0), (-13.45, 0.0), {}, 0.5, 0.0, {9, 10}, 2.0, 0.25),
+        ((0.2, 0.85), (0.2, -9.15), {}, 2.0, 0.0, {3}, 1.0, 0.0),
+        ((1.15, 0.0), (1.15, 0.0), BOX, 1.0, 1.0, {8}, 1.0, 1.0),
+    ],
+    ids=["it stands", "both drive", "it comes from the side", "a box, at its nearest point"],
+)
+def test_who_drove_towards_whom_has_the_share(first, last, shape, speed_mps, y_m, contacts, closing_mps, share):
+    poses = [Pose2D(0.05 * speed_mps * k, y_m, 0.0) for k in range(max(contacts) + 1)]
+    found = figures(world_of((0.0, *first), (10.0, *last), **shape), poses, [speed_mps] * len(poses), contacts)
+    assert (found.touched, found.hit_robot_mps) == ("walker", speed_mps)
+    assert (found.hit_closing_mps, found.hit_robot_share) == pytest.approx((closing_mps, share))
 
 
 def test_a_contact_with_a_wall_is_nobodys_but_the_robots():

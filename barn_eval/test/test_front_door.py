@@ -10,10 +10,10 @@ from base64 import b64decode
 from dataclasses import replace
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 from planners import Straight
 from test_folder import BOTH, GAP, keep
 
@@ -127,7 +127,7 @@ def test_a_trial_has_its_trajectory(driven, tmp_path):
 def test_worlds_in_memory_are_driven_in_and_kept(tmp_path):
     first, second = barn.worlds.load("barn300", "0,100").values()
     out = tmp_path / "out"
-    results = barn.run([first, second], "gap", SHORT, workers=1, out=out, progress=False)
+    results = barn.run([first, second], "gap", SHORT, engine="inline", out=out, progress=False)
     driven = [(one.world, one.world_name, one.world_checksum) for one in results.trials]
     assert driven == [(0, first.name, first.checksum), (1, second.name, second.checksum)]
     assert len(barn.run([first, second], "gap", SHORT, out=out, progress=False)) == 2
@@ -140,21 +140,11 @@ def test_worlds_in_memory_are_driven_in_and_kept(tmp_path):
     assert (barn.results.check(out).problems, found.rerun(1)) == ([], "")
     assert found.replay("gap_w0001_r00", tmp_path / "end.png").path.exists()
     assert second.name in Path(found.report(tmp_path / "report.html")).read_text()
-    (one,) = barn.run({7: second}, "gap", SHORT, out=out, overwrite=True, progress=False).trials
+    (one,) = barn.run({7: second}, "gap", SHORT, out=out, overwrite=True, engine="inline", progress=False).trials
     assert (one.world, one.world_checksum) == (7, second.checksum)
     for wrong in (3.5, [], ["0"], {"a": first}, {0: 1}, [first, 1]):
         with pytest.raises(ConfigError, match="worlds must be numbers, a text or worlds, got"):
             barn.plan(wrong, "gap")
-
-
-def test_figures_are_drawn_onto_axes_of_matplotlib(driven):
-    figure, axes = plt.subplots()
-    assert driven.plot(ax=axes) == [axes]
-    assert len(axes.lines) >= len(driven.planners) and axes.get_legend() is not None
-    plt.close(figure)
-    assert driven.plot().figure.axes
-    with pytest.raises(ConfigError, match="distributions"):
-        driven.plot("distributions", ax=axes)
 
 
 def test_the_same_call_resumes_and_other_objects_are_refused(driven):
@@ -284,11 +274,7 @@ def test_what_goes_wrong_in_a_planner_of_ones_own_is_an_outcome(tmp_path, capfd)
         (dict, {}, "planner dict: must be derived from barn_planners.interface.Planner"),
         ([ahead, ahead], {}, "names 'ahead' twice"),
         ({"a/b": ahead}, {}, "planner 'a/b': a name must be 1 to 60 letters"),
-        ("daw", {}, "unknown planner 'daw'; did you mean 'dwa'?"),
-        ([{"name": "x", "comand": "y"}], {}, "did you mean 'command'?"),
-        (ahead, {"repetitions": 0}, "repetitions must be from 1 to 99, got 0"),
         (ahead, {"mode": "ros"}, "planner 'ahead': a Python object drives in mode direct only"),
-        (ahead, {"ros": {"lockstep": False}}, "settings of ros need mode ros"),
         (ahead, {"settings": {"ahead": {"a": 1}}}, "presets and parameters are for planners of the registry"),
     ],
 )
@@ -315,6 +301,8 @@ def test_a_notebook_shows_results_figures_and_pages(driven, tmp_path):
     assert shown.count("<tr>") == 5
     assert b"<svg" in b64decode(re.search(r'src="data:image/svg\+xml;base64,([^"]+)"', shown)[1])
     assert "Steady" in shown
+    axes = Figure().subplots()
+    assert driven.plot(ax=axes) == [axes]
     one, other = (set(re.findall(r'\bid="([^"]+)"', driven.plot(what)._repr_svg_())) for what in ("worlds", "outcomes"))
     assert one and other and not one & other
     assert driven.plot("distributions").save(tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
@@ -375,20 +363,11 @@ def test_a_replay_without_a_bag_drives_the_trial_again_and_says_so(driven, capfd
 
 def test_a_replay_of_a_planner_that_does_not_repeat_says_so(tmp_path, capfd):
     class Drifting(Steady):
-        def start(self, task, seed):
-            self.speed_mps += 0.1
+        """Its source, by which it is known, stays the same."""
 
-    results = barn.run(0, Drifting(), SHORT, workers=1, out=tmp_path, progress=False)
-    results._live["Drifting"].given.speed_mps = 0.3  # what it was hashed with
-    results._live["Drifting"].given.start = lambda *_: None
-    with pytest.raises(ConfigError, match="is not the one of these results"):
-        results.replay("Drifting_w0000_r00")
-    del results._live["Drifting"].given.start
-    results._live["Drifting"].given.speed_mps = 0.3
-    before = results.trials[0].measures.mean_speed_mps
-    Drifting.start = lambda self, task, seed: setattr(self, "speed_mps", 0.1)
+    results = barn.run(0, Drifting, SHORT, workers=1, out=tmp_path, progress=False)
+    Drifting.step = lambda self, observation: barn.Decision(barn.Velocity2D(0.1, 0.0))
     results.replay("Drifting_w0000_r00")
-    assert before > 0.2
     assert "Drifting_w0000_r00 went otherwise this time" in capfd.readouterr().err
 
 
@@ -401,15 +380,10 @@ def test_a_folder_that_is_not_finished_is_loaded(tmp_path):
         barn.load(tmp_path / "nowhere")
 
 
-def test_a_comparison_needs_two(tmp_path, driven):
+def test_a_comparison_needs_two(tmp_path):
     keep(tmp_path / "gap", GAP)
     with pytest.raises(ConfigError, match="has one planner only; give other results to compare with"):
         barn.load(tmp_path / "gap").compare()
-    keep(tmp_path / "both", BOTH)
-    found = barn.load(tmp_path / "gap").compare(tmp_path / "both")
-    assert set(found["a"]) == {"gap (gap)"}
-    assert set(found["b"]) == {"gap (both)"}
-    assert found["difference"][0] == 0.0
 
 
 def test_a_plan_says_what_would_run_and_writes_nothing(tmp_path, driven):

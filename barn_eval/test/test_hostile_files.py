@@ -33,16 +33,9 @@ def out(good, tmp_path):
 
 
 @pytest.fixture
-def refused(command):
-    """Return a function that calls `barn` and returns the line with which it refuses."""
-
-    def run(*arguments):
-        code, _, err = command(*arguments)
-        assert code == 1
-        assert err.startswith("error: ") and err.count("\n") == 1 and len(err) < 600
-        return err.removeprefix("error: ").rstrip("\n")
-
-    return run
+def refused(rejected):
+    """Return a function that calls `barn` and returns why it refuses."""
+    return lambda *arguments: rejected(*arguments).removeprefix("error: ")
 
 
 CAMPAIGN = {
@@ -57,6 +50,7 @@ CAMPAIGN = {
     "aliases": ("planners: &a [dwa]\nworlds: *a", "c.yaml: not YAML: aliases (*name) are not allowed"),
     "object": ("seed: !!python/object/apply:os.system [true]", "c.yaml: not YAML: "),
     "number as a key": ("3: 4", "c.yaml: unknown key 3"),
+    "misspelled key": ("execution: {worker: 2}", "c.yaml: execution: unknown key 'worker'; did you mean 'workers'?"),
     "huge number as a key": ("? 0x" + "f" * 5000 + "\n: 4", "c.yaml: unknown key "),
     "list as a key": ("? [1]\n: 4", "c.yaml: "),
     "number in overrides": (
@@ -87,17 +81,6 @@ def test_a_campaign_file_that_is_none(refused, tmp_path, name):
     assert name in refused("campaign", name)
 
 
-@pytest.mark.parametrize("base", ["[a]", "{a: 1}", "3", "x" * 5000])
-def test_a_protocol_with_an_odd_base(refused, tmp_path, base):
-    (tmp_path / "p.yaml").write_text(f"schema_version: 1\nbase: {base}\nname: mine\n")
-    assert refused("run", "--protocol", "p.yaml").startswith("p.yaml: unknown base ")
-
-
-def test_a_protocol_whose_name_is_not_printable(refused, tmp_path):
-    (tmp_path / "p.yaml").write_text('schema_version: 1\nbase: challenge\nname: "\\0"\n')
-    assert refused("run", "--protocol", "p.yaml").startswith("p.yaml: name must be printable text, got ")
-
-
 @pytest.mark.parametrize("value", ["2001-13-99", "!!int x", "[" * 2000, "9" * 5000, "\ud800"])
 def test_a_setting(refused, value):
     assert refused("run", "--set", f"dwa.max_speed_mps={value}").startswith("--set 'dwa.max_speed_mps=")
@@ -106,6 +89,7 @@ def test_a_setting(refused, value):
 ROWS = {
     "deep": lambda row: row[:-1] + ',"a":' + "[" * 5000 + "}",
     "NaN": lambda row: row.replace('"contact_s":0.0', '"contact_s":NaN'),
+    "infinity": lambda row: row.replace('"contact_s":0.0', '"contact_s":1e999'),
     "10^400": lambda row: row.replace('"world":0', '"world":1' + "0" * 400),
     "10^400 as text of a float": lambda row: row.replace('"contact_s":0.0', '"contact_s":1' + "0" * 400),
     "surrogate": lambda row: row.replace('"detail":""', '"detail":"\\ud800"'),

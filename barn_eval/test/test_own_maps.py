@@ -26,12 +26,12 @@ def room(tmp_path):
 
 
 def run(folder, dataset, *options):
-    return ("run", "--dataset", dataset, "--planner", "gap", "--workers", "1", "--out", folder, *options)
+    return ("run", "--dataset", dataset, "--planner", "gap", "--execution", "engine=inline", "--out", folder, *options)
 
 
 def test_a_trial_drives_from_the_chosen_start_to_the_chosen_goal(room, command, tmp_path):
     world = open_dataset(room).load(0)
-    results = barn.run(dataset=room, planners="gap", out=tmp_path / "out", workers=1, engine="inline", progress=False)
+    results = barn.run(dataset=room, planners="gap", out=tmp_path / "out", engine="inline", progress=False)
     trial = results.trial(0)
     assert trial.result.world_checksum == world.checksum
     first = trial.trajectory.iloc[0]

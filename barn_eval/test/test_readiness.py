@@ -34,48 +34,23 @@ def test_nobody_but_the_simulator_is_another_matter_than_a_planner_with_somethin
 
 
 COMMAND, OTHER_SCAN = Endpoint("/cmd_vel", TWIST, b"c"), Endpoint("/scan", "sensor_msgs/msg/PointCloud2", b"s")
+STAMPED, TEXT = (Endpoint("/cmd_vel", kind, b"2") for kind in (TWIST_STAMPED, "std_msgs/msg/String"))
+ELSEWHERE = replace(COMMAND, topic="/nav/cmd_vel")
+NOT_READY, WRONG_TYPE = Outcome.PLANNER_NOT_READY, Outcome.WRONG_MESSAGE_TYPE
+NO_COMMAND, THERE = "no publisher on /cmd_vel", "publisher exists on /cmd_vel"
+NO_SCAN = "no subscription to /scan; one of PointCloud2 exists, it carries LaserScan"
+NOBODY = "no node of a planner is seen"
 
 
 @pytest.mark.parametrize(
     ("seen", "command_type", "said", "outcome"),
     [
-        (
-            Graph(),
-            "auto",
-            "no publisher on /cmd_vel; no subscription to /scan; no subscription to /odom; "
-            "no node of a planner is seen",
-            Outcome.PLANNER_NOT_READY,
-        ),
-        (
-            graph(replace(COMMAND, type_name=TWIST_STAMPED)),
-            "twist",
-            "no publisher on /cmd_vel; a TwistStamped publisher exists on /cmd_vel, this run expects Twist",
-            Outcome.WRONG_MESSAGE_TYPE,
-        ),
-        (
-            graph(replace(COMMAND, type_name="std_msgs/msg/String")),
-            "auto",
-            "no publisher on /cmd_vel; a String publisher exists on /cmd_vel, this run expects Twist or TwistStamped",
-            Outcome.WRONG_MESSAGE_TYPE,
-        ),
-        (
-            graph(COMMAND, Endpoint("/cmd_vel", TWIST_STAMPED, b"2")),
-            "auto",
-            "publishers of different types on /cmd_vel: Twist, TwistStamped",
-            Outcome.WRONG_MESSAGE_TYPE,
-        ),
-        (
-            graph(replace(COMMAND, topic="/nav/cmd_vel")),
-            "auto",
-            "no publisher on /cmd_vel; a Twist publisher exists on /nav/cmd_vel, remap it",
-            Outcome.PLANNER_NOT_READY,
-        ),
-        (
-            graph(COMMAND, subscriptions=(OTHER_SCAN, INPUTS[1])),
-            "auto",
-            "no subscription to /scan; one of PointCloud2 exists, it carries LaserScan",
-            Outcome.WRONG_MESSAGE_TYPE,
-        ),
+        (Graph(), "auto", f"{NO_COMMAND}; no subscription to /scan; no subscription to /odom; {NOBODY}", NOT_READY),
+        (graph(STAMPED), "twist", f"{NO_COMMAND}; a TwistStamped {THERE}, this run expects Twist", WRONG_TYPE),
+        (graph(TEXT), "auto", f"{NO_COMMAND}; a String {THERE}, this run expects Twist or TwistStamped", WRONG_TYPE),
+        (graph(COMMAND, STAMPED), "auto", "publishers of different types on /cmd_vel: Twist, TwistStamped", WRONG_TYPE),
+        (graph(ELSEWHERE), "auto", f"{NO_COMMAND}; a Twist publisher exists on /nav/cmd_vel, remap it", NOT_READY),
+        (graph(COMMAND, subscriptions=(OTHER_SCAN, INPUTS[1])), "auto", NO_SCAN, WRONG_TYPE),
     ],
 )
 def test_what_is_missing_is_named_with_what_is_there_instead(seen, command_type, said, outcome):

@@ -82,12 +82,6 @@ def test_metadata_file_has_what_rosbag2_wants(tmp_path):
     assert topics["/clock"]["topic_metadata"]["type"] == "rosgraph_msgs/msg/Clock"
 
 
-def test_equal_calls_give_equal_bytes(tmp_path):
-    one, other = record(tmp_path / "one" / "bag"), record(tmp_path / "other" / "bag")
-    for name in ("bag_0.mcap", "metadata.yaml"):
-        assert (one / name).read_bytes() == (other / name).read_bytes()
-
-
 def test_a_bag_has_its_name_only_when_it_is_whole(tmp_path):
     path = tmp_path / "bag"
     with pytest.raises(RuntimeError, match="planner"), Recorder(path) as recorder:

@@ -32,7 +32,8 @@ def asked(**options):
 @pytest.fixture(scope="module")
 def husky_worlds(tmp_path_factory):
     path = tmp_path_factory.mktemp("worlds") / "husky.npz"
-    barn.worlds.generate(path, per_set=1, seed=5, robot="husky", parameters={"initial_fill": 0.15})
+    file = str(shipped_robots()["husky"])
+    barn.worlds.generate(path, per_set=1, seed=5, robot=file, parameters={"initial_fill": 0.15})
     return path
 
 
@@ -40,7 +41,7 @@ def husky_worlds(tmp_path_factory):
 def folders(husky_worlds, tmp_path_factory):
     """Results of a Husky and of a Jackal, of one trial each."""
     out = tmp_path_factory.mktemp("results")
-    options = {"dataset": str(husky_worlds), "worlds": "0", "planners": "gap", "workers": 1, "progress": False}
+    options = {"dataset": str(husky_worlds), "worlds": "0", "planners": "gap", "engine": "inline", "progress": False}
     for name in ("husky", "jackal"):
         barn.run(**options, robot=name, out=out / name, bags="all")
     return out / "husky", out / "jackal"

@@ -1,4 +1,4 @@
-"""Shares, paired differences and how many worlds are enough: against exact enumeration, textbooks and simulation."""
+"""Differences and shares against enumeration, textbooks and simulation, and what looks at a plan that runs decide."""
 
 import itertools
 import math
@@ -8,7 +8,9 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from scipy import stats
+from test_statistics import counted
 
+from barn_eval.analysis.sequential import decide
 from barn_eval.analysis.significance import (
     Components,
     components,
@@ -101,15 +103,6 @@ def test_shares_with_one_trial_a_world_are_wilsons_with_students_quantile():
     )
 
 
-def test_a_share_of_many_worlds_is_the_textbooks():
-    """Newcombe (1998), table I, method 3: 81 of 263 and 0 of 20, up to Student's quantile and the divisor n - 1."""
-    found = proportion(np.array([1] * 81 + [0] * 182), np.arange(263))
-    assert (found.estimate, found.low, found.high) == pytest.approx((0.3080, 0.2553, 0.3662), abs=1e-3)
-    none = proportion(np.zeros(20, int), np.arange(20))
-    assert none.low == 0.0
-    assert none.high == pytest.approx(0.1611, abs=0.02)
-
-
 def test_shares_know_that_trials_of_a_world_are_alike():
     worlds = np.repeat(np.arange(50), 3)
     alike = proportion(np.repeat([1] * 40 + [0] * 10, 3), worlds)
@@ -123,6 +116,7 @@ def test_shares_at_the_edge_and_without_data():
     every = proportion(np.ones(60, int), np.repeat(np.arange(20), 3))
     assert (every.estimate, every.high) == (1.0, 1.0)
     assert every.low == pytest.approx(20 / (20 + stats.t.ppf(0.975, 19) ** 2))
+    assert proportion(np.zeros(20, int), np.arange(20)).low == 0.0
     assert proportion(np.ones(3, int), np.zeros(3, int)).low is None
     assert math.isnan(proportion(np.array([], int), np.array([], int)).estimate)
 
@@ -198,3 +192,63 @@ def test_a_detectable_difference_is_found_as_often_as_promised():
         values = shift + generator.normal(0.0, 0.3, worlds)[world] + generator.normal(0.0, math.sqrt(0.18), len(world))
         found += paired_difference(values, world).p <= 0.05
     assert found / 400 == pytest.approx(0.8, abs=0.06)
+
+
+WORLDS, LOOKS = 100, (20, 40, 60, 80, 100)
+
+
+def builds(better, noise=0.02, worlds=WORLDS):
+    """Scores of two builds in the same worlds, one trial each, without failures."""
+    generator = np.random.default_rng(6)
+    effect = generator.normal(0.28, 0.04, WORLDS)
+    pair = (effect + more + generator.normal(0.0, noise, WORLDS) for more in (0.0, better))
+    return [counted(one[:worlds], [0] * worlds, range(worlds)) for one in pair]
+
+
+def decided(a, b, order=range(WORLDS), larger=True):
+    return decide(a, b, order, LOOKS, larger_is_better=larger)
+
+
+def test_a_clear_difference_stops_the_plan_early_on_its_side():
+    a, b = builds(0.08)
+    found = decided(a, b)
+    assert found.decided == "better"
+    assert 0 < found.worlds < WORLDS
+    assert found.difference.low > 0.0
+    assert decided(b, a).decided == "worse"
+    assert decided(a, b, larger=False).decided == "worse"
+
+
+def test_a_clear_difference_waits_until_failures_not_seen_would_not_turn_it():
+    """In 20 worlds up to 17 % of failures may be unseen, which is more than any tenth of a score."""
+    found = decided(*builds(0.03, noise=0.001))
+    assert found.decided == "better"
+    assert found.worlds >= 40
+
+
+def test_equal_builds_are_given_up_from_half_of_the_plan_on():
+    found = decided(*builds(0.0))
+    assert found.decided in ("futile", "open")
+    assert found.worlds >= 60
+
+
+def test_what_is_to_come_is_waited_for():
+    assert decided(*builds(0.08, worlds=19)).worlds == 0
+    found = decided(*builds(0.004, worlds=25))
+    assert (found.decided, found.worlds) == ("continue", 20)
+
+
+def test_the_first_decision_stands_whatever_comes_after_it():
+    a, b = builds(0.08)
+    first = decided(a, b)
+    turned = counted(np.where(np.arange(WORLDS) < first.worlds, b.values, 0.1), b.failures, range(WORLDS))
+    assert decided(a, turned) == first
+
+
+def test_worlds_count_in_the_order_in_which_they_come():
+    a, b = builds(0.08)
+    order = [*range(50, 100), *range(50)]
+    there = np.arange(50, 90)
+    assert decided(a, b, order) == decided(a.at(there), b.at(there), order)
+    with pytest.raises(KeyError):
+        decided(a, b, range(50))

@@ -15,10 +15,8 @@ from barn_eval.studies import tune as tuning
 from barn_eval.studies.tune import Ranges, tune
 
 RANGES = {"max_speed_mps": {"low": 0.2, "high": 1.0}, "directions": {"low": 51, "high": 151}}
-SPEED = {"max_speed_mps": {"low": 0.3, "high": 1.0}}
 OPTIONS = {"worlds": "0,3,6,9,12,15", "workers": 1, "engine": "inline"}
 CONSOLE = Console(quiet=True)
-PARAMS = tuning.Path(__file__).parents[2] / "examples" / "nav2" / "params"
 
 
 def ranges_file(folder, parameters=RANGES, **more):
@@ -101,7 +99,7 @@ def test_what_is_written_drives_as_the_setting_that_was_judged(command, tmp_path
     assert best["seen"]["challenge"] > found["default_seen"]["challenge"]
     assert (found["worlds"], found["unseen"], found["given_up"] > 0) == (6, 2, True)
     assert best["unseen"]["b"] == "default"
-    command("run", *best["files"], "--worlds", "1,4", "--workers", 1, "--out", "alone")
+    command("run", *best["files"], "--worlds", "1,4", "--execution", "engine=inline", "--out", "alone")
     unseen = read_results(tmp_path / "tuned" / "unseen" / f"{best['number']:04}")
     assert [one.repeatable() for one in read_results(tmp_path / "alone")] == [one.repeatable() for one in unseen]
     code, out, _ = command("tune", ranges_file(tmp_path), *words, "--out", "tuned")
