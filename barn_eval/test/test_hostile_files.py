@@ -1,6 +1,5 @@
 """Files that were made to hurt: every command refuses them in one short line, and shows their names as text."""
 
-import json
 import shutil
 
 import numpy as np
@@ -82,25 +81,6 @@ def test_a_row(refused, out, case):
     (out / "results.jsonl").write_text(sealed(ROWS[case](unsealed(first, case))) + "\n")
     for command in (("report", out), ("compare", f"{out}:gap", f"{out}:dwa"), ("leaderboard", out)):
         assert refused(*command).startswith(f"{out}/results.jsonl, line 1: ")
-
-
-RUNS = {
-    "planners": {"planners": 3},
-    "no planners": {"planners": []},
-    "worlds": {"worlds": 5},
-    "long worlds": {"worlds": "0," * 6000},
-    "dataset": {"dataset": ["a"]},
-    "repetitions": {"repetitions": "9" * 400},
-    "protocol": {"protocol": "challenge"},
-}
-
-
-@pytest.mark.parametrize("case", RUNS)
-def test_a_configuration(refused, out, case):
-    content = json.loads((out / "run.json").read_text())
-    content["experiment"] |= RUNS[case]
-    (out / "run.json").write_text(json.dumps(content))
-    assert str(out) in refused("check", out) or "worlds" in RUNS[case]
 
 
 def test_a_parquet_table_of_any_number_of_rows(tmp_path):
