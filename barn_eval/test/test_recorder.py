@@ -213,9 +213,8 @@ def test_a_chunk_of_almost_nothing_is_not_unpacked(tmp_path, monkeypatch):
     assert f"a chunk of {size} bytes in " in file.problem
 
 
-@pytest.mark.parametrize("compression", CompressionType)
-def test_whatever_a_chunk_is_packed_with_its_messages_are_read(tmp_path, compression):
-    path = tmp_path / "good.mcap"
+def words_of(path, compression):
+    """Write 200 messages and return what is read of the file."""
     with path.open("wb") as stream:
         writer = Writer(stream, compression=compression)
         writer.start()
@@ -224,7 +223,21 @@ def test_whatever_a_chunk_is_packed_with_its_messages_are_read(tmp_path, compres
         for time in range(200):
             writer.add_message(channel, time, b"\0\1\0\0" + bytes(1000), time)
         writer.finish()
-    file = BagFile(path)
+    return BagFile(path)
+
+
+def test_a_chunk_that_does_not_fit_its_checksum_ends_the_reading(tmp_path):
+    words_of(tmp_path / "good.mcap", CompressionType.NONE)
+    content = (tmp_path / "good.mcap").read_bytes()
+    (tmp_path / "bad.mcap").write_bytes(content.replace(bytes(1000), b"\1" + bytes(999), 1))
+    file = BagFile(tmp_path / "bad.mcap")
+    assert list(file.messages()) == []
+    assert file.problem.startswith("the bag is damaged after 0.00 s")
+
+
+@pytest.mark.parametrize("compression", CompressionType)
+def test_whatever_a_chunk_is_packed_with_its_messages_are_read(tmp_path, compression):
+    file = words_of(tmp_path / "good.mcap", compression)
     assert [(one.topic, one.stamp_ns, len(one.data)) for one in file.messages()] == [
         ("/words", time, 1004) for time in range(200)
     ]
