@@ -89,16 +89,6 @@ def test_packages_import_only_what_is_below_them():
     assert not wrong
 
 
-def test_imports_are_absolute():
-    relative = [
-        f"{source.where}:{node.lineno}"
-        for source in sources()
-        for node in ast.walk(source.tree)
-        if isinstance(node, ast.ImportFrom) and node.level
-    ]
-    assert not relative
-
-
 def test_only_nodes_and_launch_files_know_ros():
     wrong = [
         f"{source.where} imports {top}"

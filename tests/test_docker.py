@@ -161,13 +161,6 @@ def parse(arguments):
     command.make_context(arguments[0], list(arguments[1:]))
 
 
-def test_the_campaign_that_compose_runs_by_default_is_one_that_barn_takes():
-    text = (DOCKER / "compose.campaign.yaml").read_text()
-    defaults = re.findall(r"BARN_ARGUMENTS: \$\{BARN_ARGUMENTS:-(.*)\}", text)
-    assert len(set(defaults)) == 1
-    parse(["campaign", *shlex.split(defaults[0])])
-
-
 def test_containers_that_talk_share_a_network_and_agree_on_how():
     described = yaml.safe_load((DOCKER / "compose.nav2.yaml").read_text())["services"]
     host = described["simulator"]

@@ -1,13 +1,17 @@
-"""The table of faults: a handful of its cases, and that its page lists exactly the cases of the tool.
+"""Faults: a handful of the cases of the table, whose page lists exactly them, and files of strangers under mutations.
 
-`python qa/faults.py` tries all of them.
+`python qa/faults.py` tries all cases; `python qa/fuzz.py --reader NAME --inputs N` goes on for longer.
 """
 
 import json
+import os
 import re
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
+from fuzz_readers import READERS
 
 ROOT = Path(__file__).resolve().parents[1]
 TOOL, PAGE = ROOT / "qa" / "faults.py", ROOT / "docs" / "reliability.md"
@@ -62,3 +66,36 @@ def test_a_fault_that_is_not_met_fails(tmp_path, monkeypatch):
     )
     assert left.status == "failed"
     assert "processes are left: ['sleep 600 ']" in left.measured
+
+
+INPUTS = 400  # the same in every run, which qa/fuzz.py goes beyond
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    """What the tool says of each reader."""
+    out = tmp_path_factory.mktemp("fuzz")
+    command = [
+        sys.executable,
+        ROOT / "qa" / "fuzz.py",
+        "--corpus",
+        "--inputs",
+        str(INPUTS),
+        "--seconds",
+        "3600",
+        "--out",
+        out,
+        "--json",
+    ]
+    patient = {**os.environ, "FUZZ_LIMIT_S": "60"}
+    ended = subprocess.run(command, capture_output=True, text=True, check=False, env=patient)
+    told = {one["reader"]: one for one in map(json.loads, ended.stdout.splitlines())}
+    assert told.keys() == READERS.keys(), ended.stderr
+    return told
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_whatever_a_file_holds_it_is_read_or_refused_in_one_line(found, reader):
+    assert found[reader]["findings"] == []
+    assert found[reader]["inputs"] == INPUTS
+    assert 0 < found[reader]["read"] < INPUTS

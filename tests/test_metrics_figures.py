@@ -80,18 +80,6 @@ def test_texts_of_the_page_neither_overlap_nor_leave_the_figure(name: str):
     assert _overlapping_texts(OF_THE_PAGE[name](page_tool)) == []
 
 
-def test_the_overlap_check_finds_overlaps():
-    figure = Figure(figsize=(4, 4))
-    figure.text(0.5, 0.5, "one text")
-    figure.text(0.51, 0.5, "another")
-    figure.text(0.95, 0.2, "beyond the edge")
-    axes = figure.add_axes((0.2, 0.2, 0.1, 0.1))
-    axes.set_xticks([0.4, 0.5], ["tick", "its neighbour"])
-    axes.set_yticks([])
-    expected = [("beyond the edge", "edge"), ("one text", "another"), ("tick", "its neighbour")]
-    assert _overlapping_texts(figure) == expected
-
-
 def test_world_figure_is_a_png_of_the_stated_width_and_repeatable(tmp_path: Path):
     for name in ("first.png", "second.png"):
         draw_world_figure(_world(), tmp_path / "new folder" / name)

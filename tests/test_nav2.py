@@ -226,6 +226,7 @@ def test_each_trial_gets_a_fresh_nav2(with_more_messages):
     script = Path(__file__).with_name("nav2_stand_in.py")
     with reserved_domain({}) as domain:
         environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        environment["PYTHONPATH"] = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), *sys.path]))
         command = [sys.executable, str(script), str(FOLDER / "trial_node.py")]
         done = subprocess.run(command, check=False, env=environment, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -10,7 +10,7 @@ import yaml
 from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.trials.outcome import Outcome
 from barn_planners.registry import planner_config
-from barn_sim.config import PRESETS, RunConfig, SimulatorConfig, SimulatorNodeConfig
+from barn_sim.config import PRESETS, RunConfig, SimulatorConfig
 from barn_worlds.base.config import Checked, fields_of, quantity, replace_dotted
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -112,15 +112,6 @@ def test_the_evaluators_file_holds_the_defaults_but_for_what_a_supervisor_sets()
     assert replace_dotted(EvaluatorConfig(), values, "file") == EvaluatorConfig()
 
 
-def test_every_parameter_of_the_simulator_has_a_row():
-    text = readme("barn_sim")
-    for config in (SimulatorNodeConfig(), RunConfig()):
-        for name, about, _ in fields_of(config):
-            row = next(line for line in text.splitlines() if line.startswith(f"| `{name}` |"))
-            assert about.description in row
-            assert f"| {about.unit} |" in row
-
-
 def test_the_presets_are_what_their_files_change_and_the_file_of_everything_holds_the_defaults():
     assert PRESETS["default"] == SimulatorConfig()
     for name in PRESETS.keys() - {"default"}:
@@ -132,15 +123,6 @@ def test_the_presets_are_what_their_files_change_and_the_file_of_everything_hold
     changed = {name: value for name, value in values.items() if name not in fixed}
     assert fixed < set(values)
     assert replace_dotted(RunConfig(), changed, "file") == RunConfig()
-
-
-def test_every_parameter_of_a_planner_has_a_row_with_the_values_of_all_presets():
-    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-    tables = tool.planners().sections["planner parameters"]
-    for name, about, _ in fields_of(planner_config("dwa")):
-        assert f"| `{name}` |" in tables and about.description in tables
-    assert "| `goal_republish_period_s` | 0 | 0 | 0.1 | s |" in tables
-    assert tables.count("\n### `") >= 2
 
 
 @pytest.mark.parametrize("preset", ["challenge", "paper2020"])

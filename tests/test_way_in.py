@@ -1,13 +1,17 @@
-"""From nothing to a score by the README's own lines, in an environment of its own, with the locked releases."""
+"""The README's own lines, from nothing to a score with the locked releases, and the tutorial on one's own robot."""
 
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from test_repository import ROOT, text_of
+
+from barn_eval.commands.main import main
 
 
 def test_the_readme_leads_from_nothing_to_the_score_of_its_planner(tmp_path):
@@ -18,10 +22,33 @@ def test_the_readme_leads_from_nothing_to_the_score_of_its_planner(tmp_path):
         pytest.skip("no packages can be had from here")
     pins = re.findall(r"(?m)^([\w.-]+)(?:\[\w+\])?(==\S+(?: ; [^\\\n]+)?)", text_of("requirements.lock"))
     (tmp_path / "pins.txt").write_text("".join(f"{name}{version}\n" for name, version in pins))
-    environment = {**os.environ, "PIP_CONSTRAINT": str(tmp_path / "pins.txt"), "PIP_BUILD_CONSTRAINT": os.devnull}
+    given = {"PIP_CONSTRAINT": str(tmp_path / "pins.txt"), "PIP_BUILD_CONSTRAINT": os.devnull}
+    given |= {"PIP_NO_COMPILE": "no"}  # which is yes: most modules of the libraries are not imported here
     way = [ROOT / "qa" / "way_in.sh", tmp_path / "way", sys.executable]
-    done = subprocess.run(way, check=False, env=environment, capture_output=True, text=True)
+    done = subprocess.run(way, check=False, env=os.environ | given, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     rows = [json.loads(line) for line in (tmp_path / "way/out/simple/results.jsonl").read_text("utf-8").splitlines()]
     assert [row["outcome"] for row in rows] == ["success"]
     assert len((tmp_path / "way/demo/results.jsonl").read_text("utf-8").splitlines()) == 3
+
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "tutorials" / "own_robot.md"
+
+
+def test_the_tutorial_works_as_it_is_written(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    text = PAGE.read_text("utf-8")
+    (robot,) = re.findall(r"(?ms)^```yaml\n(.*?)^```", text)
+    Path("mine.yaml").write_text(robot)
+    commands = [shlex.split(line) for line in re.findall(r"(?m)^    (barn .*)$", text)]
+    assert len(commands) == 9
+    for words in commands:
+        with pytest.raises(SystemExit) as ended:
+            main(words[1:])
+        assert ended.value.code in (0, None), (words, capfd.readouterr().err)
+    said = capfd.readouterr().out
+    assert "robot mine, " in said
+    for made in ("mine.png", "mine.npz", "out/mine_dwa.html", "out/mine/results.parquet"):
+        assert Path(made).stat().st_size > 1000
+    for trial in re.findall(r"(?m)^ *dwa_w0000_r00 +(\w+)", said):
+        assert trial == "success"

@@ -114,8 +114,7 @@ def tortuosity(path: Cells) -> float:
     """Return arc length over chord of a path (n, 2): 1 if it stays in one cell, inf if it returns to its start."""
     steps = np.diff(path, axis=0)
     arc = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
-    down, right = (path[-1] - path[0]).tolist()
-    chord = math.hypot(down, right)
+    chord = math.hypot(*(path[-1] - path[0]).tolist())
     if chord == 0.0:
         return 1.0 if arc == 0.0 else math.inf
     return arc / chord

@@ -132,3 +132,11 @@ def test_noise_has_the_configured_deviation_and_does_not_grow() -> None:
     assert np.std(yaws) == pytest.approx(0.005, rel=0.05)
     assert np.std(yaws[-500:]) == pytest.approx(0.005, rel=0.15)
     assert np.std(rates) == pytest.approx(0.005, rel=0.05)
+
+
+def test_a_reading_is_what_comes_out_of_a_message() -> None:
+    fused = Measured(OdometryConfig())
+    fused.update(0)
+    fused.robots["yaw"] = 1.234567
+    pose = fused.read(0).pose
+    assert pose == pose.through_quaternion()

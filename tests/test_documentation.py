@@ -1,0 +1,81 @@
+"""The figures of the documentation are drawn by one command and described, and docs/campaigns.md says what there is."""
+
+import re
+import shutil
+from pathlib import Path
+
+import figures as tool
+import pytest
+import yaml
+
+from barn_eval.experiments.experiment import Experiment
+from barn_eval.experiments.request import read_request
+from barn_eval.experiments.rows import results_table, timing_table
+from barn_eval.trials.protocol import PAPER_2020
+from barn_metrics.bootstrap import RESAMPLES
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+
+
+def test_one_command_draws_all_figures_but_those_it_names(tmp_path, capsys):
+    for name in ("results.json", "results_origin.json", "carry_over.csv"):
+        shutil.copy(DOCS / name, tmp_path)
+    assert tool.main([str(tmp_path), "--dataset", "barn_test"]) == 0
+    drawn = {path.name for path in (tmp_path / "figures").iterdir()}
+    shown = capsys.readouterr().out
+    assert all(f"{tmp_path / 'figures' / name}\n" in shown for name in drawn)
+    assert {path.name for path in (DOCS / "figures").iterdir()} == drawn | tool.ELSEWHERE.keys()
+    assert not drawn & tool.ELSEWHERE.keys()
+    assert all(f"{name} is left as it is: " in shown for name in tool.ELSEWHERE)
+
+
+def test_a_folder_without_results_is_one_line(tmp_path, capsys):
+    assert tool.main([str(tmp_path)]) == 1
+    assert re.fullmatch(r"error: [^\n]*results\.json[^\n]*\n", capsys.readouterr().err)
+
+
+def test_every_figure_is_shown_with_a_text_that_says_what_is_on_it():
+    pages = [ROOT / "README.md", *DOCS.rglob("*.md")]
+    texts = [page.read_text("utf-8") for page in pages]
+    found = [match for text in texts for match in re.findall(r"!\[([^\]]*)\]\(([^)]*figures/[^)]*)\)", text)]
+    tags = [match for text in texts for match in re.findall(r'<img src="([^"]*figures/[^"]*)" alt="([^"]*)"', text)]
+    found += [(about, target) for target, about in tags]
+    assert {Path(target).name for _, target in found} == {path.name for path in (DOCS / "figures").iterdir()}
+    assert [target for text, target in found if len(text.split()) < 3] == []
+
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "campaigns.md"
+
+
+@pytest.fixture(scope="module")
+def page():
+    return PAGE.read_text("utf-8")
+
+
+def columns_of(section):
+    rows = [line for line in section.splitlines() if line.startswith("| `")]
+    return [name for row in rows for name in re.findall("`(.*?)`", row.split("|")[1])]
+
+
+def test_every_column_is_described_in_its_order(page):
+    _, rest = page.split("`results.*`:\n")
+    results, timing = rest.split("`timing.*`:\n")
+    assert columns_of(results) == results_table([]).column_names
+    assert columns_of(timing) == timing_table([]).column_names
+
+
+def test_the_file_that_is_shown_is_a_campaign(page, tmp_path):
+    block = page.split("`barn run paper.yaml`:\n")[1].split("\nOptions on")[0]
+    text = "\n".join(line[4:] for line in block.splitlines())
+    path = tmp_path / "paper.yaml"
+    path.write_text(text)
+    campaign = read_request(path, {})
+    assert [planner.name for planner in campaign.experiment.planners] == ["dwa", "eband"]
+    assert campaign.experiment.protocol == PAPER_2020
+    shown = set(yaml.safe_load(text)) - {"schema_version", "execution", "out"}
+    assert set(Experiment.__dataclass_fields__) - shown == {"ros"}
+
+
+def test_the_number_of_resamples_is_the_codes(page):
+    assert f"{RESAMPLES:,}".replace(",", " ") in " ".join(page.split())
