@@ -17,8 +17,8 @@ from barn_eval.difficulty import joined_trials
 from barn_metrics.model.evaluation import EvaluationConfig, ModelScore, on_folds, ridge_score, score_of
 from barn_metrics.model.inputs import inputs_of
 from barn_metrics.model.training import TITLE, train_models
-from barn_metrics.model.trials import HELD_OUT, Mask, Trials, held_out, trained_worlds
-from barn_worlds.base.arrays import Floats
+from barn_metrics.model.trials import HELD_OUT, Trials, held_out, trained_worlds
+from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.errors import BarnError, ModelError
 from barn_worlds.worlds.world import World
 
@@ -32,7 +32,7 @@ def judged(worlds: Mapping[int, World], trials: Trials, config: EvaluationConfig
         raise ModelError(f"{apart.name} is a world of {HELD_OUT}, which is never trained on; it judges weights")
     inputs, difficulty = inputs_of(own), known.difficulty()
 
-    def fitted(kept: Mask, seed: int) -> list[Floats]:
+    def fitted(kept: Bools, seed: int) -> list[Floats]:
         return [model.difficulty(inputs)[0] for model in train_models(inputs, known, kept, seed)]
 
     ridge = ridge_score(inputs, known, config)

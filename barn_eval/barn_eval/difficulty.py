@@ -86,12 +86,7 @@ def evaluate(
 
 
 def train(
-    sources: str | Path | Sequence[str | Path],
-    out: str | Path,
-    *,
-    planner: str = "",
-    dataset: str = "",
-    seed: int = 0,
+    sources: str | Path | Sequence[str | Path], out: str | Path, *, planner: str = "", dataset: str = "", seed: int = 0
 ) -> None:
     """Train a model on trials and write its weights; it needs PyTorch (`make extras`).
 
@@ -135,9 +130,7 @@ def read_trials(source: Path, dataset: str = "") -> tuple[dict[int, World], Tria
     known = {(world := worlds.load(index)).checksum: (index, world) for index in worlds.indices}
     lost = next((one.world for one in found.results if one.world_checksum not in known), None)
     if lost is not None:
-        raise ConfigError(
-            f"{source}: world {lost} of its trials is none of {worlds.name}; name the data set they ran in"
-        )
+        raise ConfigError(f"{source}: world {lost} of its trials is none of {worlds.name}; name their data set")
     trials = Trials(
         np.array([known[one.world_checksum][0] for one in found.results], np.int64),
         tuple(one.planner for one in found.results),

@@ -56,10 +56,7 @@ def test_show_draws_vectors_and_refuses_other_pictures(command, tmp_path):
 
 @pytest.mark.parametrize(
     "robot, said",
-    [
-        ("none.yaml", "none.yaml: No such file or directory"),
-        ("husk", "unknown robot 'husk'; did you mean 'husky'?"),
-    ],
+    [("none.yaml", "none.yaml: No such file or directory"), ("husk", "unknown robot 'husk'; did you mean 'husky'?")],
 )
 def test_mistakes_are_one_line(rejected, robot, said):
     assert said in rejected("robots", robot)

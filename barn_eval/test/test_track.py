@@ -21,6 +21,7 @@ from barn_eval.experiments.track import (
 )
 from barn_eval.trials.trajectory import Trajectory
 from barn_worlds.base.errors import ConfigError
+from barn_worlds.geometry.footprint import contact_of
 
 
 def samples(count, period_s=0.05):
@@ -67,7 +68,7 @@ def test_an_infinite_command_in_a_row(command):
 def test_a_trial_without_a_reading_has_no_track():
     empty = np.empty((0, 2))
     nothing = Trajectory(np.empty(0, np.int64), np.empty((0, 3)), empty, empty, np.empty(0, bool))
-    assert track_of(nothing, empty, 0.075) is None
+    assert track_of(nothing, empty, 0.075, contact_of()) is None
 
 
 def test_the_line_of_a_trial_is_what_its_bag_holds(run):

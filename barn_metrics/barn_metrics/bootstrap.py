@@ -7,7 +7,6 @@ import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -70,13 +69,7 @@ def number(value: float | None, digits: int = 2) -> str:
 
 
 def over_worlds(
-    statistic: Statistic,
-    worlds: int,
-    seed: int = 0,
-    *,
-    method: Literal["BCa", "percentile"] = "BCa",
-    resamples: int = RESAMPLES,
-    level: float = LEVEL,
+    statistic: Statistic, worlds: int, seed: int = 0, *, percentile: bool = False, resamples: int = RESAMPLES
 ) -> Interval:
     """Return a statistic of worlds with its bootstrap interval.
 
@@ -98,15 +91,15 @@ def over_worlds(
             n_resamples=resamples,
             batch=500,
             vectorized=True,
-            confidence_level=level,
-            method=method,
+            confidence_level=LEVEL,
+            method="percentile" if percentile else "BCa",
             random_state=np.random.default_rng(seed),
         )
     drawn = found.bootstrap_distribution
     limits = tuple(found.confidence_interval)
-    if method == "percentile":
+    if percentile:
         drawn = drawn[np.isfinite(drawn)]
-        limits = np.quantile(drawn, [(1.0 - level) / 2.0, (1.0 + level) / 2.0]) if len(drawn) else (math.nan, math.nan)
+        limits = np.quantile(drawn, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0]) if len(drawn) else (math.nan, math.nan)
     if np.isfinite(limits).all():
         return Interval(estimate, *map(float, limits))
     return Interval(estimate, estimate, estimate) if len(drawn) and np.ptp(drawn) == 0.0 else Interval(estimate)

@@ -3,11 +3,10 @@
 import math
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from barn_metrics.metrics import closest_obstacle, tortuosity
-from barn_worlds.base.arrays import BoolGrid, Cells, Floats
+from barn_worlds.base.arrays import BoolGrid, Bools, Cells, Floats
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.worlds.cells import hollow
 from barn_worlds.worlds.world import World
@@ -129,7 +128,7 @@ def _smallest_largest_gap(centres: Floats, rows: float) -> float:
     return best
 
 
-def _stretches(narrow: npt.NDArray[np.bool_], lengths: Floats) -> tuple[int, float]:
+def _stretches(narrow: Bools, lengths: Floats) -> tuple[int, float]:
     """Return how many runs of narrow cells there are along the path, and the length in metres of the longest."""
     changes = np.diff(np.concatenate([[0], narrow.astype(np.int64), [0]]))
     first, end = np.flatnonzero(changes == 1), np.flatnonzero(changes == -1)

@@ -6,17 +6,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from barn_metrics.metrics import (
-    CELL_METRICS,
-    CORRECTED,
-    METRIC_NAMES,
-    METRICS,
-    Formula,
-    Metric,
-    as_formula,
-    averaged,
-    world_cell_metrics,
-)
+from barn_metrics import metrics
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.text_files import finite, packaged_yaml
@@ -24,8 +14,7 @@ from barn_worlds.worlds.dataset import Dataset
 from barn_worlds.worlds.world import World
 
 SCHEMA_VERSION = 1
-
-
+Formula = metrics.Formula | str
 TABLE_II: dict[str, dict[str, float]] = packaged_yaml("barn_metrics", "table_ii.yaml")
 
 
@@ -33,7 +22,7 @@ TABLE_II: dict[str, dict[str, float]] = packaged_yaml("barn_metrics", "table_ii.
 class MetricsTable:
     """The metrics of worlds, by number in their data set or by name."""
 
-    formula: Formula
+    formula: metrics.Formula
     worlds: tuple[str, ...]
     values: Floats  # (n, 5), in the order of `METRICS`
     cell_minimum: Floats  # (4,) over all cells of all paths, as in Table II
@@ -41,16 +30,16 @@ class MetricsTable:
 
     def rows(self) -> list[dict[str, float]]:
         """Return the metrics of each world by name."""
-        return [dict(zip(METRIC_NAMES, row, strict=True)) for row in self.values.tolist()]
+        return [dict(zip(metrics.METRIC_NAMES, row, strict=True)) for row in self.values.tolist()]
 
     def to_json(self) -> str:
         """Return everything as JSON; values that are not finite become null."""
         document = {
             "schema_version": SCHEMA_VERSION,
             "formula": asdict(self.formula),
-            "units": {metric.name: metric.unit for metric in METRICS},
+            "units": {metric.name: metric.unit for metric in metrics.METRICS},
             "worlds": [{"world": world, **row} for world, row in zip(self.worlds, self.rows(), strict=True)],
-            "summary": {metric.name: self.summary_of(metric) for metric in METRICS},
+            "summary": {metric.name: self.summary_of(metric) for metric in metrics.METRICS},
         }
         return json.dumps(finite(document), indent=2, allow_nan=False) + "\n"
 
@@ -58,15 +47,15 @@ class MetricsTable:
         """Return headings and lines of the summary, two decimals: extremes of cells (as Table II), then of worlds."""
         headings = ["Metric", "Cell min.", "Cell max.", "Min.", "Max.", "Mean", "Std."]
         lines = []
-        for metric in METRICS:
+        for metric in metrics.METRICS:
             values = self.summary_of(metric)
             shown = ("cell_minimum", "cell_maximum", "minimum", "maximum", "mean", "std")
             lines.append([metric.title, *("-" if key not in values else f"{values[key]:.2f}" for key in shown)])
         return headings, lines
 
-    def summary_of(self, metric: Metric) -> dict[str, float]:
+    def summary_of(self, metric: metrics.Metric) -> dict[str, float]:
         """Return minimum, maximum, mean and std (population) of a metric over worlds, and its extremes over cells."""
-        k = METRICS.index(metric)
+        k = metrics.METRICS.index(metric)
         with np.errstate(invalid="ignore"):  # worlds without obstacles have infinite values, whose deviation is NaN
             over_worlds = {
                 "minimum": self.values.min(axis=0),
@@ -75,23 +64,23 @@ class MetricsTable:
                 "std": self.values.std(axis=0),
             }
         found = {name: float(values[k]) for name, values in over_worlds.items()}
-        if metric in CELL_METRICS:
+        if metric in metrics.CELL_METRICS:
             found |= {"cell_minimum": float(self.cell_minimum[k]), "cell_maximum": float(self.cell_maximum[k])}
         return found
 
 
-def metrics_table(worlds: Dataset | Iterable[World], formula: Formula | str = CORRECTED) -> MetricsTable:
+def metrics_table(worlds: Dataset | Iterable[World], formula: Formula = metrics.CORRECTED) -> MetricsTable:
     """Return the metrics of a data set or of worlds; WorldError if there is none or one cannot be read."""
-    chosen = as_formula(formula)
+    chosen = metrics.as_formula(formula)
     if isinstance(worlds, Dataset):
         labelled = ((str(index), worlds.load(index)) for index in worlds.indices)
     else:
         labelled = ((world.name, world) for world in worlds)
     labels, rows, lowest, highest = [], [], [], []
     for label, world in labelled:
-        values = world_cell_metrics(world, chosen)
+        values = metrics.world_cell_metrics(world, chosen)
         labels.append(label)
-        rows.append(averaged(values, world.path).as_array())
+        rows.append(metrics.averaged(values, world.path).as_array())
         lowest.append(values.min(axis=0))
         highest.append(values.max(axis=0))
     if not rows:

@@ -21,8 +21,8 @@ def plain_draws(resamples, seed):
 
 
 def test_percentile_limits_are_quantiles_of_the_draws():
-    found = over_worlds(mean, len(VALUES), seed=4, method="percentile", resamples=1000, level=0.9)
-    expected = np.quantile(plain_draws(1000, seed=4), [0.05, 0.95])
+    found = over_worlds(mean, len(VALUES), seed=4, percentile=True, resamples=1000)
+    expected = np.quantile(plain_draws(1000, seed=4), [0.025, 0.975])
     assert found.estimate == VALUES.mean()
     assert (found.low, found.high) == pytest.approx(tuple(expected), rel=1e-12)
 
@@ -41,8 +41,8 @@ def test_bca_limits_are_those_of_efrons_formula():
 
 def test_an_interval_is_of_95_percent_from_10_000_draws_with_seed_0_unless_told_otherwise():
     found = over_worlds(mean, len(VALUES))
-    assert found == over_worlds(mean, len(VALUES), seed=0, method="BCa", resamples=10_000, level=0.95)
-    for other in ({"seed": 1}, {"method": "percentile"}, {"resamples": 9_999}, {"resamples": 10_001}, {"level": 0.94}):
+    assert found == over_worlds(mean, len(VALUES), seed=0, percentile=False, resamples=10_000)
+    for other in ({"seed": 1}, {"percentile": True}, {"resamples": 9_999}, {"resamples": 10_001}):
         assert found != over_worlds(mean, len(VALUES), **other), other
 
 
@@ -50,10 +50,10 @@ def test_draws_without_a_figure_are_left_out_of_percentiles_and_leave_bca_withou
     def unless_alike(drawn):
         return np.where(np.ptp(drawn, axis=-1) > 0, drawn.mean(axis=-1), np.nan)
 
-    found = over_worlds(unless_alike, 2, method="percentile")
+    found = over_worlds(unless_alike, 2, percentile=True)
     assert found == Interval(0.5, 0.5, 0.5)
     assert over_worlds(unless_alike, 3) == Interval(1.0)
-    assert over_worlds(lambda drawn: np.full(drawn.shape[:-1], np.nan), 3, method="percentile").low is None
+    assert over_worlds(lambda drawn: np.full(drawn.shape[:-1], np.nan), 3, percentile=True).low is None
 
 
 def test_a_limit_that_is_infinite_is_none():
@@ -64,10 +64,10 @@ def test_a_limit_that_is_infinite_is_none():
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("method", ["BCa", "percentile"])
-def test_one_world_has_no_limits_and_equal_worlds_have_no_width_and_raise_no_warning(method):
-    assert over_worlds(lambda drawn: drawn.mean(axis=-1), 1, method=method) == Interval(0.0)
-    assert over_worlds(lambda drawn: np.ones(drawn.shape[:-1]), 5, method=method) == Interval(1.0, 1.0, 1.0)
+@pytest.mark.parametrize("percentile", [False, True])
+def test_one_world_has_no_limits_and_equal_worlds_have_no_width_and_raise_no_warning(percentile):
+    assert over_worlds(lambda drawn: drawn.mean(axis=-1), 1, percentile=percentile) == Interval(0.0)
+    assert over_worlds(lambda drawn: np.ones(drawn.shape[:-1]), 5, percentile=percentile) == Interval(1.0, 1.0, 1.0)
 
 
 def test_numbers_have_no_signed_zero_and_none_is_a_dash():

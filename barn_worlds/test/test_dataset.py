@@ -55,7 +55,7 @@ def test_parts_of_the_layout_are_data_sets_too(layout, worlds, part):
 def test_the_originals_written_again_are_the_originals(original_folder, tmp_path):
     dataset = open_dataset(original_folder)
     some = {index: dataset.load(index) for index in dataset.indices[::10]}
-    write_original(tmp_path / "again", some, historical_maps=True)
+    write_original(tmp_path / "again", some, historical=True)
     assert same(open_dataset(tmp_path / "again"), some)
     for index in some:
         for kind in ("grid", "cspace", "path"):

@@ -37,7 +37,7 @@ def least_gap_m(way, grid, side_m, robot, samples=40):
 def test_the_turned_footprint_keeps_the_margin_all_along_the_way(kind, robot):
     driven = load_robot(robot)
     parameters = HardParameters(kind=kind, resolution_m=cell_m(driven))
-    world = hard_world(parameters, driven, np.random.default_rng(3))
+    world = hard_world(parameters, driven, np.random.default_rng(3), "hard")
     margin_m = parameters.margin_cells * world.resolution_m
     way = proven_way(world.grid, world.resolution_m, driven, margin_m)
     assert least_gap_m(way, world.grid, world.resolution_m, driven) >= margin_m - 1e-9
@@ -81,7 +81,7 @@ def test_no_way_in_the_grids_tried_is_said():
     impossible = HardParameters(kind="turns", spare_cells=0, margin_cells=2.0, cols=24, attempts=1)
     with pytest.raises(WorldError, match="no way through 1 worlds of kind turns"):
         for seed in range(50):
-            hard_world(impossible, STANDARD, np.random.default_rng(seed))
+            hard_world(impossible, STANDARD, np.random.default_rng(seed), "hard")
 
 
 def test_the_shipped_hard_worlds_come_again_from_their_seed():

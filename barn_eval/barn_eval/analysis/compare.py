@@ -15,7 +15,7 @@ from barn_eval.analysis.significance import holm
 from barn_eval.analysis.sources import Source, by_planner, chosen_planners, notes_on, read_source, require_same_task
 from barn_eval.analysis.statistics import Columns, Paired, paired, rank_correlation
 from barn_eval.experiments.folder import read_results
-from barn_eval.trials.result import TrialResult
+from barn_eval.trials.result import Groups, Rows
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.worlds.dataset import open_dataset
@@ -82,13 +82,7 @@ class Comparison:
         ]
 
 
-def compare(
-    a: Sequence[TrialResult],
-    b: Sequence[TrialResult],
-    label_a: str = "",
-    label_b: str = "",
-    keys: Sequence[str] = COMPARED,
-) -> Comparison:
+def compare(a: Rows, b: Rows, label_a: str = "", label_b: str = "", keys: Sequence[str] = COMPARED) -> Comparison:
     """Compare the results of one planner with those of another, or of the same one under other settings.
 
     keys: of the measures; the metric of the protocol is among them in any case. Raises BarnError for results that
@@ -113,7 +107,7 @@ def compare(
     )
 
 
-def worlds_of(results: Sequence[TrialResult]) -> int:
+def worlds_of(results: Rows) -> int:
     """Return how many worlds the data set of results has, 0 where it is not at hand."""
     try:
         return len(open_dataset(results[0].dataset).indices)
@@ -132,11 +126,7 @@ def holm_adjusted(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
 
 
 def compare_folders(
-    a: Path,
-    b: Path | None = None,
-    *,
-    keys: Sequence[str] = COMPARED,
-    progress: Callable[[float], None] = lambda _: None,
+    a: Path, b: Path | None = None, *, keys: Sequence[str] = COMPARED, share: Callable[[float], None] = lambda _: None
 ) -> list[Comparison]:
     """Compare the results of two folders, each FOLDER or FOLDER:PLANNER, finished or not, or the planners of one.
 
@@ -165,13 +155,13 @@ def compare_folders(
         name_a, name_b = (f"{spelling(one)} ({place})" for place in places) if one == other else (one, other)
         made = compare(first[one], second[other], name_a, name_b, keys)
         found.append(replace(made, parameters=changed_parameters(source_a, one, source_b, other)))
-        progress(done / len(pairs))
+        share(done / len(pairs))
     notes = (notes_on(source, [*chain.from_iterable(groups.values())]) for source, groups in chosen)
     told = tuple(dict.fromkeys(chain.from_iterable(notes)))
     return [replace(one, notes=told, robot=source_a.robot) for one in holm_adjusted(found)]
 
 
-def selected_results(path: Path) -> tuple[Source, dict[str, list[TrialResult]]]:
+def selected_results(path: Path) -> tuple[Source, Groups]:
     """Return a folder, given as FOLDER, FOLDER:PLANNER or FOLDER:PLANNER,PLANNER, with the results of these planners.
 
     BarnError if the folder has no results, ConfigError if a planner has none in it.
@@ -184,7 +174,7 @@ def selected_results(path: Path) -> tuple[Source, dict[str, list[TrialResult]]]:
     return source, chosen_planners(path, by_planner(source.results), chosen)
 
 
-def groups_of(a: Path, b: Path | None = None) -> dict[str, list[TrialResult]]:
+def groups_of(a: Path, b: Path | None = None) -> Groups:
     """Return results by planner of one folder or two, given as for `selected_results`, each by its own name."""
     chosen = [selected_results(path) for path in (a, b) if path is not None]
     names = [name for _, groups in chosen for name in groups]
@@ -195,13 +185,13 @@ def groups_of(a: Path, b: Path | None = None) -> dict[str, list[TrialResult]]:
     }
 
 
-def _row(a: Sequence[TrialResult], b: Sequence[TrialResult], measure: Measure) -> PairedMeasure:
+def _row(a: Rows, b: Rows, measure: Measure) -> PairedMeasure:
     larger = measure.better == "larger"
     found = paired(columns(a, measure), columns(b, measure), larger_is_better=larger)
     return PairedMeasure(measure.key, measure.title, measure.unit, larger, found, found.p)
 
 
-def columns(results: Sequence[TrialResult], measure: Measure) -> Columns:
+def columns(results: Rows, measure: Measure) -> Columns:
     """Return a measure of results as statistics take it."""
     worlds, repetitions = (np.array([getattr(one, of) for one in results], np.int64) for of in ("world", "repetition"))
     made = Columns(measure.values(results), worlds, repetitions)
@@ -212,7 +202,7 @@ def columns(results: Sequence[TrialResult], measure: Measure) -> Columns:
     return replace(made, failures=failures, as_failure=as_failure, best=measure.best)
 
 
-def check_pairs(a: Sequence[TrialResult], b: Sequence[TrialResult]) -> None:
+def check_pairs(a: Rows, b: Rows) -> None:
     """Raise BarnError if the two are not results of the same task, or have nothing in common."""
     first, second = ({(one.world, one.repetition): one for one in results} for results in (a, b))
     if len(first) != len(a) or len(second) != len(b):

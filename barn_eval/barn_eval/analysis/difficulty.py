@@ -8,7 +8,7 @@ import numpy as np
 
 from barn_eval.analysis.sources import Entry
 from barn_eval.analysis.summary import Summary, summarise
-from barn_eval.trials.result import TrialResult
+from barn_eval.trials.result import Rows, TrialResult
 
 IN_BANDS = ("success", "traversal_time_s", "normalised_time_s_per_m", "challenge")
 MOST_BANDS = 4
@@ -39,7 +39,7 @@ class Band:
     summaries: tuple[Summary, ...]
 
 
-def by_world(results: Sequence[TrialResult]) -> dict[int, list[TrialResult]]:
+def by_world(results: Rows) -> dict[int, list[TrialResult]]:
     """Return results by world, worlds ascending."""
     ordered = sorted(results, key=lambda one: (one.world, one.repetition))
     return {world: list(group) for world, group in groupby(ordered, lambda one: one.world)}

@@ -28,10 +28,8 @@ class Margin:
         except ValueError:
             margin = -1.0
         if not 0.0 <= margin < float("inf"):
-            raise ConfigError(
-                f"--fail-if-worse {key}: must be MEASURE:MARGIN, a number from 0 or a share such as 5%, "
-                f"got {shown(size)}"
-            )
+            rule = "must be MEASURE:MARGIN, a number from 0 or a share such as 5%"
+            raise ConfigError(f"--fail-if-worse {key}: {rule}, got {shown(size)}")
         relative = size.endswith("%")
         return cls(key, margin / 100.0 if relative else margin, relative)
 

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from barn_eval.trials.protocol import CHALLENGE
-from barn_eval.trials.result import TrialResult
+from barn_eval.trials.result import Rows, TrialResult
 from barn_eval.trials.trajectory import CLOSE_M
 from barn_metrics.bootstrap import Interval, number
 from barn_worlds.base.arrays import Floats
@@ -74,7 +74,7 @@ class Measure:
         """What follows a value in a sentence: its unit."""
         return " %" if self.percent else f" {self.unit}".rstrip()
 
-    def values(self, results: Sequence[TrialResult]) -> Floats:
+    def values(self, results: Rows) -> Floats:
         """Return the value of each trial (n,), NaN where it has none that counts."""
         found = (self.value(one) if one.scores.success or not self.successes_only else None for one in results)
         return np.array([np.nan if one is None else one for one in found], np.float64)
@@ -168,7 +168,7 @@ COMPARED = (*SCORED, "driven_m", "min_clearance_m", "contact_s", "rms_jerk_mps3"
 COMPARED += ("compute_p50_ms", "compute_p95_ms")
 
 
-def with_motion(keys: Sequence[str], *groups: Sequence[TrialResult]) -> tuple[str, ...]:
+def with_motion(keys: Sequence[str], *groups: Rows) -> tuple[str, ...]:
     """Return keys of measures, and those made for moving obstacles where each group has trials among such."""
     moving = bool(groups) and all(any(one.motion is not None for one in group) for group in groups)
     return (*keys, *MOVING) if moving else tuple(keys)
@@ -182,12 +182,12 @@ def measures_named(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-def metric_of(results: Sequence[TrialResult]) -> Measure:
+def metric_of(results: Rows) -> Measure:
     """Return the measure that the protocol of results ranks planners by; rows of version 1 do not name it."""
     first = results[0]
     return MEASURES[first.metric or ("challenge" if first.protocol == CHALLENGE.name else "normalised_time_s_per_m")]
 
 
-def safety_of(results: Sequence[TrialResult]) -> Measure:
+def safety_of(results: Rows) -> Measure:
     """Return the clearance that tells how safe trials were: to what moves, where all were among such."""
     return MEASURES["moving_clearance_m" if all(one.motion is not None for one in results) else "min_clearance_m"]

@@ -30,6 +30,7 @@ from barn_worlds.base.config import Checked, as_dict, fields_of
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.robots.files import ROBOTS
 
+Jobs = Sequence[Callable[[], Any]]
 MOST_PAIRS = 45  # of ten entries; more would be no table to read
 _ALIKE = 3  # pairs without a clear difference that are named
 _IN = ("success", "traversal_time_s", "min_clearance_m", "contact_s")
@@ -62,10 +63,7 @@ class Overview:
 
 
 def analyse(
-    entries: Sequence[Entry],
-    order: Difficulty,
-    run: Callable[[Sequence[Callable[[], Any]]], list[Any]],
-    columns: Sequence[str] = (),
+    entries: Sequence[Entry], order: Difficulty, run: Callable[[Jobs], list[Any]], columns: Sequence[str] = ()
 ) -> Overview:
     """Return what a report says in figures of at least one entry, all of one task.
 

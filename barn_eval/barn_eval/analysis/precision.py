@@ -12,7 +12,7 @@ from barn_eval.analysis.significance import Components, half_width, worlds_for_d
 from barn_eval.analysis.statistics import Columns, difference, matched_trials
 from barn_eval.analysis.text_table import TextTable, counted, joined
 from barn_eval.analysis.verdict import cautions, rank_results
-from barn_eval.trials.result import TrialResult
+from barn_eval.trials.result import Groups
 from barn_metrics.bootstrap import number
 from barn_worlds.base.errors import ConfigError, suggest
 
@@ -66,7 +66,7 @@ class Precision:
 
 
 def precision(
-    results: Mapping[str, Sequence[TrialResult]],
+    results: Groups,
     half_width_wanted: float | None = None,
     difference_wanted: float | None = None,
     *,
@@ -113,9 +113,7 @@ def precision(
         notes.append(f"For a difference choose two of the {len(results)} planners as {_CHOICE}.")
     available = worlds_of(next(iter(results.values())))
     if available and any(one.worlds is None or one.worlds > available for one in needs):
-        notes.append(
-            f"The set has {available} worlds: where more are needed it cannot tell; barn worlds generate makes more."
-        )
+        notes.append(f"The set has {available} worlds: where more are needed, barn worlds generate makes them.")
     return Precision(found.key, tuple(figures), tuple(needs), tuple(notes), available)
 
 
@@ -179,9 +177,7 @@ class RankingPower:
     enough: int | None
 
 
-def ranking_power(
-    results: Mapping[str, Sequence[TrialResult]], measures: Sequence[str] = (), seed: int = 0
-) -> list[RankingPower]:
+def ranking_power(results: Groups, measures: Sequence[str] = (), seed: int = 0) -> list[RankingPower]:
     """Return how well the worlds of results rank their planners, by measures or by the metric of the protocol.
 
     Worlds are drawn with replacement, so as to stand for other worlds of the same kind. The order and which planners
@@ -197,7 +193,7 @@ def ranking_power(
     return [_power(results, MEASURES[key], seed) for key in measures or (metric_of(first).key,)]
 
 
-def _power(results: Mapping[str, Sequence[TrialResult]], measure: Measure, seed: int) -> RankingPower:
+def _power(results: Groups, measure: Measure, seed: int) -> RankingPower:
     ranking = rank_results(results, measure)
     differing = [places for places in ranking.p if ranking.clear(*places)]
     rows = matched_trials([columns(results[name], measure) for name in ranking.names])

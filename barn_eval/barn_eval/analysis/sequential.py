@@ -43,14 +43,7 @@ def planned_looks(worlds: int) -> list[int]:
 
 
 def decide(
-    a: Columns,
-    b: Columns,
-    order: Sequence[int],
-    looks: Sequence[int],
-    *,
-    larger_is_better: bool,
-    seed: int = 0,
-    flips: int = FLIPS,
+    a: Columns, b: Columns, order: Sequence[int], looks: Sequence[int], *, larger_is_better: bool, flips: int = FLIPS
 ) -> LookResult:
     """Return what the first look says that decides, or the last that there are worlds for.
 
@@ -63,13 +56,12 @@ def decide(
         order: All worlds of the plan as they come, which must not follow from results.
         looks: Numbers of worlds at which it is looked, ascending; the last is the plan.
         larger_is_better: Which way is better.
-        seed: Of the patterns of signs.
-        flips: How many there are.
+        flips: How many patterns of signs there are.
     """
     place = {world: number for number, world in enumerate(order)}
     came: Integers = np.array([place[world] for world in a.worlds.tolist()], np.int64)
     sums = np.bincount(came, b.values - a.values, minlength=looks[-1]).astype(np.float64)
-    patterns = sign_patterns(looks[-1], seed, flips)
+    patterns = sign_patterns(looks[-1], 0, flips)
     alive, used, crossed = np.ones(len(patterns), bool), 0.0, False
     found = LookResult("continue", 0, Interval(math.nan))
     for look in (one for one in looks if one <= len(np.unique(came))):
@@ -80,7 +72,7 @@ def decide(
         crossing = sizes > most
         crossed, used, alive = crossed or bool(crossing[0]), used + float(crossing.mean()), alive & ~crossing
         there = np.flatnonzero(came < look)
-        plain = difference(b.at(there), a.at(there), seed, flips)
+        plain = difference(b.at(there), a.at(there), flips=flips)
         decided: Decided = "open" if look == looks[-1] else "continue"
         if crossed and plain.p <= ALPHA:
             decided = "better" if (plain.interval.estimate > 0.0) == larger_is_better else "worse"

@@ -16,7 +16,7 @@ from barn_eval.experiments.rows import TrackRows
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.experiments.sweep import expanded
 from barn_eval.trials.identity import first_difference
-from barn_eval.trials.result import DECLARED, FREE, MEASURED, MOST_MISSED, REAL_TIME, TrialResult, assumption
+from barn_eval.trials.result import MOST_MISSED, WAYS, Groups, Rows, TrialResult, assumption
 from barn_sim.config import chassis_in, robot_of
 from barn_worlds.base.config import from_dict
 from barn_worlds.base.errors import BarnError, ConfigError, suggest
@@ -82,7 +82,7 @@ class Entry:
     results: tuple[TrialResult, ...]
 
 
-def read_source(path: Path, rows: Sequence[TrialResult] | None = None) -> Source:
+def read_source(path: Path, rows: Rows | None = None) -> Source:
     """Return the results of an experiment, finished or not; ConfigError or BarnError in one line if there is none.
 
     rows: of the folder, where they have been read already; there may be none yet, and tracks are left out then.
@@ -104,14 +104,14 @@ def read_source(path: Path, rows: Sequence[TrialResult] | None = None) -> Source
     )
 
 
-def notes_on(source: Source, results: Sequence[TrialResult]) -> list[str]:
+def notes_on(source: Source, results: Rows) -> list[str]:
     """Return what to know of a folder and results of it: unfinished, late commands, planners that are too slow."""
     trials, planned = len(source.results), source.planned
     partial = f"{source.path} is partial: {trials} of {planned} trials" if planned and planned > trials else ""
     return [*filter(None, (partial, _late_text(source.path, results), assumed_text(source.path, results)))]
 
 
-def _late_text(path: Path, results: Sequence[TrialResult]) -> str:
+def _late_text(path: Path, results: Rows) -> str:
     """Return how many trials in a folder are marked, for late commands or a second attempt; empty if none is."""
     late = sum(result.wall_clock.late for result in results)
     text = (
@@ -125,26 +125,18 @@ def _late_text(path: Path, results: Sequence[TrialResult]) -> str:
     return "; ".join(filter(None, (text if late else "", repeated if again else "")))
 
 
-def compute_way(results: Sequence[TrialResult]) -> str:
+def compute_way(results: Rows) -> str:
     """Return in words what trials of a planner charge for its computing; those of unlike ways are not ranked together.
 
     One that declares its computing, or nothing, must fit what it declares or the control period on the reference
     computer, in the median of its trials; else the text says so. Empty for rows of versions that did not say.
     """
-    ways = {_WAYS[result.compute] for result in results if result.compute}
+    ways = {WAYS[result.compute] for result in results if result.compute}
     computers = [one.wall_clock.computer for one in results if one.wall_clock.computer is not None]
     return assumption(median(computers) if computers else 0.0) or " and ".join(sorted(ways))
 
 
-_WAYS = {
-    DECLARED: "computing as declared",
-    FREE: "computing as declared",  # which is nothing
-    MEASURED: "computing as measured",
-    REAL_TIME: "computing in real time",
-}
-
-
-def assumed_text(path: Path, results: Sequence[TrialResult]) -> str:
+def assumed_text(path: Path, results: Rows) -> str:
     """Return which planners of a folder do not fit the control period and are not charged for it; empty if none."""
     ways = ((spelling(name), compute_way(one)) for name, one in by_planner(results).items())
     return "; ".join(f"{name} in {path}: {way}" for name, way in ways if way.startswith("its score"))
@@ -218,7 +210,7 @@ def require_same_task(folders: Sequence[Path]) -> None:
             raise ConfigError(f"different tasks cannot be compared: {key} is {old!r} in {first}, {new!r} in {folder}")
 
 
-def by_planner(results: Iterable[TrialResult]) -> dict[str, list[TrialResult]]:
+def by_planner(results: Iterable[TrialResult]) -> Groups:
     """Return the results of each planner, planners in the order in which they come."""
     groups: dict[str, list[TrialResult]] = {}
     for result in results:
@@ -226,9 +218,7 @@ def by_planner(results: Iterable[TrialResult]) -> dict[str, list[TrialResult]]:
     return groups
 
 
-def chosen_planners(
-    path: Path, groups: Mapping[str, list[TrialResult]], names: Sequence[str]
-) -> dict[str, list[TrialResult]]:
+def chosen_planners(path: Path, groups: Groups, names: Sequence[str]) -> Groups:
     """Return the results of some planners of a folder, of all without names; ConfigError for one it does not have."""
     for name in names:
         if name not in groups:

@@ -205,9 +205,8 @@ def difference(a: Columns, b: Columns, seed: int = 0, flips: int = FLIPS) -> Dif
         ends.append(size - cost * (more.limits[1] - more.share))
         if size * cost > 0.0:
             p = max(p, more.p_above(more.share + size / cost))
-    return replace(
-        found, interval=found.interval.reaching(*ends), p=p, parts=replace(found.parts, unseen=a.unseen + b.unseen)
-    )
+    parts = replace(found.parts, unseen=a.unseen + b.unseen)
+    return replace(found, interval=found.interval.reaching(*ends), p=p, parts=parts)
 
 
 def paired(a: Columns, b: Columns, *, larger_is_better: bool, seed: int = 0) -> Paired:

@@ -16,7 +16,7 @@ from barn_eval.analysis.sources import Entry, by_planner
 from barn_eval.analysis.statistics import repetition_spread
 from barn_eval.analysis.verdict import results_verdict
 from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.result import TrialResult
+from barn_eval.trials.result import Rows, TrialResult
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.config import as_dict
 
@@ -77,7 +77,7 @@ class CampaignSummary:
         return {"planners": planners, "comparisons": list(map(as_dict, self.comparisons)), "verdict": self.verdict}
 
 
-def summarise(results: Sequence[TrialResult], keys: Sequence[str] = SCORED) -> Summary:
+def summarise(results: Rows, keys: Sequence[str] = SCORED) -> Summary:
     """Return the figures of one planner's results: the rates and means of the measures named by keys."""
     worlds = np.array([result.world for result in results], np.int64)
     outcomes = Counter(result.outcome for result in results)
@@ -93,7 +93,7 @@ def summarise(results: Sequence[TrialResult], keys: Sequence[str] = SCORED) -> S
     )
 
 
-def summarise_campaign(results: Sequence[TrialResult]) -> CampaignSummary:
+def summarise_campaign(results: Rows) -> CampaignSummary:
     """Return the summary of at least one result; planners in the order in which they come."""
     groups = by_planner(results)
     keys = with_motion(SCORED + DRIVEN, *groups.values())
@@ -132,7 +132,7 @@ def bars(entries: Sequence[Entry]) -> Bars:
     return Bars(rows, f"{most:.3g}", len({one.world for one in groups[0]}))
 
 
-def in_common(groups: Sequence[Sequence[TrialResult]]) -> list[list[TrialResult]]:
+def in_common(groups: Sequence[Rows]) -> list[list[TrialResult]]:
     """Return of each planner's results those of worlds and repetitions that all have; all where there are none."""
     keys = [{(one.world, one.repetition) for one in group} for group in groups]
     shared = set.intersection(*keys) or set.union(*keys)

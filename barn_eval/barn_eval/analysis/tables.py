@@ -12,7 +12,7 @@ from barn_eval.analysis.significance import ALPHA
 from barn_eval.analysis.summary import Summary, in_common, sorted_by, summarise
 from barn_eval.analysis.text_table import TextTable, counted, latex_text
 from barn_eval.analysis.verdict import few_worlds, rank_results
-from barn_eval.trials.result import TrialResult
+from barn_eval.trials.result import Groups, Rows
 from barn_metrics.bootstrap import Interval, number
 from barn_worlds.base.errors import ConfigError
 
@@ -21,7 +21,7 @@ _TRIAL = ("traversal_time_s", "normalised_time_s_per_m", "challenge", "min_clear
 _HEADLINE = ("success", "efficiency", "traversal_time_s", "normalised_time_s_per_m", "challenge")
 
 
-def trials_table(results: Sequence[TrialResult], title: str) -> TextTable:
+def trials_table(results: Rows, title: str) -> TextTable:
     """Return the figures of single trials, a trial per row."""
     measures = [MEASURES[key] for key in _TRIAL]
     rows = ((one.trial_id, one.outcome.value, *(by.number(by.value(one)) for by in measures)) for one in results)
@@ -119,13 +119,7 @@ COLUMNS = ("success", "traversal_time_s", "min_clearance_m")
 _LABEL = re.compile(r"[\w:.-]+")
 
 
-def paper_table(
-    results: Mapping[str, Sequence[TrialResult]],
-    columns: Sequence[str] = (),
-    *,
-    caption: str = "",
-    label: str = "tab:planners",
-) -> str:
+def paper_table(results: Groups, columns: Sequence[str] = (), *, caption: str = "", label: str = "tab:planners") -> str:
     """Return a table in LaTeX, for the package booktabs, of planners on the worlds and seeds that all have.
 
     columns: keys of measures; without any, the metric of the protocol, then `COLUMNS`. Bold are the best by each
@@ -151,7 +145,7 @@ def paper_table(
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", r"\end{table}", ""])
 
 
-def _best(groups: Mapping[str, Sequence[TrialResult]], summaries: Mapping[str, Summary], measure: Measure) -> set[str]:
+def _best(groups: Groups, summaries: Mapping[str, Summary], measure: Measure) -> set[str]:
     """Return the names of the best and of those not clearly worse; none where no way is better, or for one planner."""
     if not measure.better or len(groups) < 2:
         return set()
@@ -172,7 +166,7 @@ def _heading(measure: Measure) -> str:
     return latex_text(measure.heading) + better
 
 
-def _caption(groups: Mapping[str, Sequence[TrialResult]]) -> str:
+def _caption(groups: Groups) -> str:
     first = next(iter(groups.values()))
     worlds = {one.world for one in first}
     each = len(first) / len(worlds)

@@ -4,7 +4,7 @@ Those that cannot be told apart share a rank.
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from barn_eval.analysis.significance import ALPHA, FLIPS, POWER, Difference, hol
 from barn_eval.analysis.sources import Source, notes_on
 from barn_eval.analysis.statistics import Columns, difference, matched_trials
 from barn_eval.analysis.text_table import counted, joined
-from barn_eval.trials.result import TrialResult
+from barn_eval.trials.result import Groups
 from barn_metrics.bootstrap import Interval, number
 from barn_worlds.base.errors import BarnError, ConfigError
 
@@ -66,7 +66,7 @@ class Ranking:
         return tuple(ranks)
 
 
-def rank_results(results: Mapping[str, Sequence[TrialResult]], measure: Measure) -> Ranking:
+def rank_results(results: Groups, measure: Measure) -> Ranking:
     """Rank at least one planner by the results of each; ConfigError if two have not done the same task."""
     try:
         for a, b in combinations(results, 2):
@@ -163,7 +163,7 @@ def verdict(ranking: Ranking, measure: Measure) -> Conclusion:
     return Conclusion(_SENTENCES[kinds[len(leaders) > 1, count == 2]].format(**words), details)
 
 
-def results_verdict(results: Mapping[str, Sequence[TrialResult]]) -> Conclusion:
+def results_verdict(results: Groups) -> Conclusion:
     """Return what the results of at least one planner, of one protocol, say by its metric; errors as `rank_results`."""
     measure = metric_of(next(iter(results.values())))
     return verdict(rank_results(results, measure), measure)
@@ -189,11 +189,8 @@ def cautions(worlds: int, sources: Iterable[Source] = ()) -> tuple[str, ...]:
 
 def few_worlds(worlds: int) -> str:
     """Return a warning if there are fewer than ten worlds, else an empty text."""
-    text = (
-        f"Only {counted(worlds, 'world')}: with fewer than {FEW_WORLDS}, intervals and tests are rough, and hardly any"
-        " difference is clear."
-    )
-    return text if worlds < FEW_WORLDS else ""
+    rough = "intervals and tests are rough, and hardly any difference is clear"
+    return f"Only {counted(worlds, 'world')}: with fewer than {FEW_WORLDS}, {rough}." if worlds < FEW_WORLDS else ""
 
 
 def _failures(ranking: Ranking, places: Iterable[int]) -> str:

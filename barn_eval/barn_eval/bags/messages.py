@@ -9,11 +9,11 @@ from barn_eval.trials.outcome import Outcome, Verdict, challenge_metric
 from barn_eval.trials.protocol import Course
 from barn_eval.trials.referee import Standing
 from barn_eval.trials.spec import TrialSpec
-from barn_eval.trials.trajectory import Floats
 from barn_planners.interface import Decision, Planner
 from barn_planners.runtime.messages import PlannerMessages
 from barn_sim.messages import SimulatorMessages
 from barn_sim.sensors.readings import Sensors
+from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import Velocity2D, nanoseconds, seconds
 from barn_worlds.messages import encode, topics
 from barn_worlds.messages.cdr import make, serialise

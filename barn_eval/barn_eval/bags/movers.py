@@ -4,9 +4,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
-from barn_worlds.base.arrays import Floats, Points
+from barn_worlds.base.arrays import Bools, Floats, Points
 from barn_worlds.geometry.bodies import Bodies
 from barn_worlds.geometry.footprint import Footprint
 
@@ -26,7 +25,7 @@ class RecordedMotions:
     walls: Bodies
 
     @cached_property
-    def jumps(self) -> npt.NDArray[np.bool_]:
+    def jumps(self) -> Bools:
         """Whether (m, n) an obstacle has jumped to a place from the one before; an obstacle does so as it repeats."""
         found = np.zeros(self.places.shape[:2], np.bool_)
         if len(self.times_s) > 1:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from barn_eval.bags import BAGS, decode
 from barn_eval.bags.bagfile import BagFile
@@ -17,7 +16,7 @@ from barn_eval.bags.decode import ORIGIN, TOPICS, metadata
 from barn_eval.bags.messages import MOVED_M
 from barn_eval.bags.movers import RecordedMotions
 from barn_eval.trials.trajectory import clearances
-from barn_worlds.base.arrays import Floats
+from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.errors import BagError, BarnError, one_line
 from barn_worlds.base.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Velocity2D
 from barn_worlds.geometry.footprint import Footprint, contact_of
@@ -50,7 +49,7 @@ class Recorded:
     poses: Floats  # (n, 3) m, rad
     speeds: Floats  # (n, 2) m/s, rad/s
     commands: Floats  # (n, 2), NaN where there was none by then
-    contact: npt.NDArray[np.bool_]  # (n,)
+    contact: Bools  # (n,)
     odometry: Floats  # (n, 3) poses in the odom frame at the same times
     outline: Footprint  # of what of the robot can touch
     lidar: Pose2D  # where it is mounted

@@ -45,7 +45,7 @@ def command(a: Path, b: Path | None, columns: str, latex: Path | None, margins: 
     keys, wanted = measures_named(keys_of(columns)), [Margin.parse(one) for one in margins]
     with progress("comparing") as share:
         compared = dict.fromkeys((*(keys or COMPARED), *(one.measure for one in wanted)))
-        found = compare_folders(a, b, keys=list(compared), progress=share)
+        found = compare_folders(a, b, keys=list(compared), share=share)
     decided = [[decide_margin(one, margin) for margin in wanted] for one in found]
     if latex is not None:
         write_page(latex, paper_table(groups_of(a, b), keys))
@@ -69,9 +69,7 @@ _ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
 @click.argument("folders", nargs=-1, required=True, type=PATH)
 @click.option("--half-width", type=_ABOVE_ZERO, help="Half the 95 % interval wanted of a mean [default: 5 % of it].")
 @click.option(
-    "--difference",
-    type=_ABOVE_ZERO,
-    help="Difference of two planners to be found 8 times in 10 [default: 5 % of the first one's mean].",
+    "--difference", type=_ABOVE_ZERO, help="To be found of two planners 8 times in 10 [default: 5 % of the first mean]."
 )
 @click.option(
     "--measure",

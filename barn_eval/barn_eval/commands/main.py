@@ -26,7 +26,7 @@ _BESIDE = {"demo": "run", "precision": "compare", "submit": "check", "verify": "
 _BESIDE |= dict.fromkeys(("reproduce", "validate", "bench", "info"), "suite")
 
 
-def _print_version(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
+def _tell_version(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
     """Print the version, and the commit where the source is in a repository."""
     if asked and not ctx.resilient_parsing:
         commit = import_module("barn_eval.experiments.run_file").commit()
@@ -81,12 +81,7 @@ def _listed() -> list[tuple[str, str]]:
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110, "show_default": True},
 )
 @click.option(
-    "--version",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=_print_version,
-    help="Show version and commit.",
+    "--version", is_flag=True, is_eager=True, expose_value=False, callback=_tell_version, help="Show version, commit."
 )
 def cli() -> None:
     """Benchmark ground-robot navigation: worlds, metrics, trials and their scores."""

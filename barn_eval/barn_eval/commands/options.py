@@ -58,7 +58,7 @@ def settings_option(
 
 def run_option(command: Command) -> Command:
     """Return a command with the option for what a run's file may have and no option of its own stands for."""
-    about = "What else a file for barn run has, as dataset, repetitions, seed, workers, ros.lockstep"
+    about = "What else a file for barn run has, as dataset, repetitions, seed, workers, ros.lockstep; repeatable."
 
     def read(_: click.Context, __: click.Parameter, given: tuple[str, ...]) -> dict[str, Any]:
         found: dict[str, Any] = {}
@@ -70,9 +70,7 @@ def run_option(command: Command) -> Command:
                 found[key] = value
         return found
 
-    return click.option("--run", multiple=True, metavar="KEY=VALUE", callback=read, help=f"{about}; repeatable.")(
-        command
-    )
+    return click.option("--run", multiple=True, metavar="KEY=VALUE", callback=read, help=about)(command)
 
 
 def read_course(_: click.Context, __: click.Parameter, given: str | None) -> tuple[float, ...] | None:

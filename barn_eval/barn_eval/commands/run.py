@@ -34,7 +34,7 @@ from barn_eval.experiments.run import MOST_LINES, Plan, clock, plan_experiment
 from barn_eval.experiments.sweep import LATENCY, Setting, grid, parse_sweep, sweep_of
 from barn_eval.ros.work import run_request
 from barn_eval.trials.outcome import NOT_DRIVEN
-from barn_eval.trials.result import TrialResult
+from barn_eval.trials.result import Rows
 from barn_sim.config import SimulatorConfig
 from barn_worlds.base.config import as_dict
 from barn_worlds.worlds.dataset import open_dataset
@@ -68,19 +68,13 @@ NOT_SCORED = 3  # the exit code
     metavar="[PLANNER.]KEY=VALUE",
 )
 @click.option(
-    "--sweep",
-    multiple=True,
-    metavar="KEY=V1,V2,...",
-    help="Run each value of a parameter, and all combinations of several; repeatable.",
+    "--sweep", multiple=True, metavar="KEY=V1,V2,...", help="All values of a parameter; of several, all combinations."
 )
 @click.option("--latency", metavar="S1,S2,...", help="Drive each planner with commands that come so much late, in s.")
 @settings_option("--sim", "simulator", "Of the simulator", SimulatorConfig())
 @settings_option("--ros", "ros", "Of mode ros", RosSetup())
 @settings_option(
-    "--execution",
-    "execution",
-    "How it is run, which changes no result but by compute (declared or measured)",
-    Execution(),
+    "--execution", "execution", "How it is run; changes no result but by compute (declared or measured)", Execution()
 )
 @click.option("--workers", type=click.IntRange(0), help="Trials at a time [default: as processors].")
 @click.option("--bags", type=click.Choice(BAGS), help="Which trials are recorded [default: none].")
@@ -151,7 +145,7 @@ def _sweep(settings: Sequence[Setting], *, overwrite: bool, as_json: bool) -> in
     return 0
 
 
-def _print(request: Request, results: Sequence[TrialResult], as_json: bool) -> None:
+def _print(request: Request, results: Rows, as_json: bool) -> None:
     """Print trials unless they are many, what they say together, and where the rest is."""
     scored = [result for result in results if result.counts]
     found = summarise_campaign(scored) if scored else None

@@ -13,9 +13,7 @@ from barn_eval.results import overlay
 @click.argument("worlds", metavar="WORLDS")
 @click.option("--dataset", default="barn300", help="Data set that numbers are looked up in.")
 @click.option(
-    "--out",
-    type=FILE,
-    help="Picture (.png), of trials also .svg or .pdf, of a world that moves also .gif [default: named after WORLDS].",
+    "--out", type=FILE, help="A .png, of trials also .svg or .pdf, of a moving world .gif [default: by WORLDS]."
 )
 @course_option
 @click.option("--trials", multiple=True, type=PATH, help="Draw the trials of this folder in it; repeatable.")

@@ -20,13 +20,7 @@ from barn_eval.studies.validation import checks_table, statistics_page
 @click.option("--quick", is_flag=True, help="Part of the worlds, spread over their order by difficulty; minutes.")
 @click.option("--out", type=FOLDER, help="Folder of trials and page [default: out/results, or out/results_quick].")
 @settings_option("--set", "settings", "What is run", ReproduceConfig())
-@click.option(
-    "--workers",
-    type=click.IntRange(0),
-    default=0,
-    show_default=False,
-    help="Trials at a time [default: as processors].",
-)
+@click.option("--workers", type=click.IntRange(0), default=0, help="Trials at a time; 0 for one per processor.")
 @click.option("--docs", type=FOLDER, help="Write the page into this folder as well.")
 def reproduce(**options: Any) -> None:
     """Run the paper's 3000 trials and write all of it up.
@@ -42,9 +36,7 @@ def reproduce(**options: Any) -> None:
 @click.option("--simulations", default=400, type=click.IntRange(10, 1_000_000), help="So many per check.")
 @seed_option()
 @click.option(
-    "--out",
-    type=FILE,
-    help="Write the page of the documentation that says it, .md; with ranking.json beside it, that table as well.",
+    "--out", type=FILE, help="Write the documentation's page of it, .md; with ranking.json beside it, that table too."
 )
 @json_option
 def validate(simulations: int, seed: int, out: Path | None, as_json: bool) -> int:

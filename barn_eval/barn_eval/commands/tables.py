@@ -61,24 +61,21 @@ class FittedTable:
                 return
 
 
-def table(
-    columns: Sequence[str], rows: Iterable[Sequence[object]], *, title: str = "", caption: str = ""
-) -> FittedTable:
+def table(names: Sequence[str], rows: Iterable[Sequence[object]], *, title: str = "", caption: str = "") -> FittedTable:
     """Return a table of plain texts, in which brackets are brackets.
 
     Columns whose name begins with '>' hold numbers and are aligned to the right.
     """
-    heads = [name.removeprefix(">") for name in columns]
+    heads = [name.removeprefix(">") for name in names]
     made = tuple(zip(heads, *(map(str, row) for row in rows), strict=True))
-    return FittedTable(made, tuple(name.startswith(">") for name in columns), 1, title, caption)
+    return FittedTable(made, tuple(name.startswith(">") for name in names), 1, title, caption)
 
 
 def rich_table(found: TextTable) -> FittedTable:
     """Return a table of results for the terminal."""
     right = tuple(place >= found.texts for place in range(len(found.columns)))
-    return FittedTable(
-        tuple(zip(found.columns, *found.rows, strict=True)), right, found.texts, found.title, found.caption
-    )
+    columns = tuple(zip(found.columns, *found.rows, strict=True))
+    return FittedTable(columns, right, found.texts, found.title, found.caption)
 
 
 def _fitted(columns: Sequence[Column], width: int) -> list[Column]:

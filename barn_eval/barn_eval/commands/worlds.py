@@ -38,13 +38,7 @@ def command() -> None:
 @click.option("--per-set", default=25, type=COUNT, help="Worlds per parameter set.")
 @settings_option("--set", "parameters", "One parameter set of your own", WorldParameters())
 @robot_option
-@click.option(
-    "--keep",
-    default=0,
-    show_default=False,
-    type=click.IntRange(0),
-    help="Keep so many, evenly spread from wide to narrow [default: all].",
-)
+@click.option("--keep", default=0, type=click.IntRange(0), help="Keep so many, evenly from wide to narrow; 0: all.")
 def generate(target: Path, **options: Any) -> None:
     """Generate a data set: TARGET.npz, or a folder in the original layout.
 
@@ -60,9 +54,7 @@ def generate(target: Path, **options: Any) -> None:
 @command.command()
 @click.argument("source")
 @click.argument("target", type=PATH)
-@click.option(
-    "--format", "form", type=click.Choice(FORMATS), help="What to write [default: npz for TARGET.npz, else original]."
-)
+@click.option("--format", "form", type=click.Choice(FORMATS), help="What [default: npz for TARGET.npz, else original].")
 @worlds_option
 @robot_option
 def convert(source: str, target: Path, form: Form | None, select: str, robot: str) -> None:

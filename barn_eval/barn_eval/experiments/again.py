@@ -19,10 +19,11 @@ from barn_eval.trials.identity import first_difference
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import REAL_TIME, TrialResult, unpacked_delays
 from barn_eval.trials.spec import TrialSpec
-from barn_eval.trials.trajectory import Floats, Trajectory
+from barn_eval.trials.trajectory import Trajectory
 from barn_eval.trials.trial import RunningTrial
 from barn_sim.body.bullet import PhysicsClient
 from barn_sim.simulator import Simulator
+from barn_worlds.base.arrays import Floats
 from barn_worlds.base.compute import NOTHING, Turnaround
 from barn_worlds.base.errors import BarnError
 from barn_worlds.base.text_files import parse_json

@@ -163,9 +163,8 @@ def _checked(trials: Sequence[KeptTrial], workers: int) -> Iterator[CheckedTrial
     waiting = deque(trials[first : first + _SHARE] for first in range(0, len(trials), _SHARE))
     out: dict[str, Sequence[KeptTrial]] = {}
     processes = min(Execution(workers=workers).processes, len(waiting))
-    with closing(
-        LocalEngine(CheckWork(), processes, _LIMIT_S) if processes > 1 else InlineEngine(CheckWork())
-    ) as engine:
+    engine = LocalEngine(CheckWork(), processes, _LIMIT_S) if processes > 1 else InlineEngine(CheckWork())
+    with closing(engine):
         while waiting or out:
             while waiting and len(out) < engine.slots:
                 job = waiting.popleft()

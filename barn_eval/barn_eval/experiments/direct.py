@@ -5,6 +5,7 @@ import time
 import timeit
 from collections.abc import Sequence
 from contextlib import closing, suppress
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -51,12 +52,11 @@ def run_direct_trial(
         "direct",
         verdict,
         run.trial.log.trajectory(),
-        cylinders_m=run.cylinders_m,
-        traceback=run.trial.traceback,
         wall_clock=clock.on(pace(), max(spec.protocol.control_period_s, spec.compute.charged_s), spec.way),
         recoveries=run.trial.recoveries or 0,
         delays=packed_delays(run.turnaround.delays_ns) if spec.way == MEASURED else "",
     )
+    finished = replace(finished, cylinders_m=run.cylinders_m, traceback=run.trial.traceback)
     if recorder is not None:
         finish_bag(recorder, finished)
     return finished

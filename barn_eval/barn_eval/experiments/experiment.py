@@ -208,9 +208,7 @@ class Execution(Checked):
     engine: str = quantity("local", "what runs the trials", choices=ENGINES)
     workers: int = quantity(0, "trials at a time, 0 for one per processor", "", 0, 10_000)
     address: str = quantity("", "address of a Ray cluster, empty to start one on this machine")
-    trial_limit_s: float = quantity(
-        600.0, "wall-clock time after which a trial is given up, 0 for never", "s", 0.0, 1e6
-    )
+    trial_limit_s: float = quantity(600.0, "wall-clock time after which a trial is given up; 0: never", "s", 0.0, 1e6)
     attempts: int = quantity(3, "attempts at a trial whose worker dies or exceeds that time", "", 1, 100)
     losses: int = quantity(20, "trials lost one after the other before it stops", "", 1, 10_000)
 

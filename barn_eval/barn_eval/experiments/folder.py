@@ -28,7 +28,7 @@ from barn_eval.experiments.experiment import NO_SOURCE, Execution, Experiment
 from barn_eval.experiments.rows import FILE_NAME, TABLE_FILES, TRACKS_NAME, ResultRows, TrackRows, write_tables
 from barn_eval.experiments.run_file import RUN_FILE, WORLDS, RunFile
 from barn_eval.experiments.store import LOGS, Record
-from barn_eval.trials.result import TrialResult
+from barn_eval.trials.result import Rows, TrialResult
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trial import OF_SPEC
 from barn_worlds.base.errors import ConfigError, StoreError, reported_as
@@ -47,7 +47,7 @@ class ExperimentFolder:
     alone, so that memory does not grow with them while an experiment runs.
     """
 
-    def __init__(self, path: Path, specs: Sequence[TrialSpec], results: Sequence[TrialResult]) -> None:
+    def __init__(self, path: Path, specs: Sequence[TrialSpec], results: Rows) -> None:
         self.path = path
         self._rows = ResultRows(path)
         self._tracks = TrackRows(path)
@@ -70,7 +70,7 @@ class ExperimentFolder:
         """Return the results so far in the order of the plan."""
         return self._in_order(self._rows.read())
 
-    def _in_order(self, results: Sequence[TrialResult]) -> list[TrialResult]:
+    def _in_order(self, results: Rows) -> list[TrialResult]:
         return sorted(results, key=lambda result: self._order[result.trial_id])
 
     def append(self, record: Record) -> None:
@@ -164,7 +164,7 @@ class EarlierResults(NamedTuple):
     """What an experiment finds in its folder: sessions, results that stay, and how many rows are to be run again."""
 
     sessions: tuple[Mapping[str, Any], ...] = ()
-    results: Sequence[TrialResult] = ()
+    results: Rows = ()
     dropped: int = 0
 
 
@@ -228,7 +228,7 @@ def read_results(path: Path) -> list[TrialResult]:
     return results_of(RunFile.read(path), path, rows)
 
 
-def results_of(run: RunFile, path: Path, rows: Sequence[TrialResult]) -> list[TrialResult]:
+def results_of(run: RunFile, path: Path, rows: Rows) -> list[TrialResult]:
     """Return those among the rows of a folder that are not to be run again; ConfigError for one of another task."""
     results, written = [row for row in rows if row.counts], run.written_task()
     for result in results:

@@ -28,6 +28,7 @@ from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.dataset import Dataset
 from barn_worlds.worlds.world import World
 
+Values = Mapping[str, Any]
 SCHEMA_VERSION = 1
 _CAP = "max_speed_mps"
 _EXECUTION = tuple(field.name for field in fields(Execution))
@@ -58,10 +59,7 @@ class Request:
 
 
 def read_request(
-    path: Path | None,
-    options: Mapping[str, Any],
-    settings: Mapping[str, Any] | None = None,
-    worlds: Mapping[int, World] | None = None,
+    path: Path | None, options: Values, settings: Values | None = None, worlds: Mapping[int, World] | None = None
 ) -> Request:
     """Return what a YAML file asks for, with what `options` give in place of it; an option None does not count.
 
@@ -153,7 +151,7 @@ def _changes(value: object, key: str) -> dict[str, Any]:
     return dict(_given(value or {}, Mapping, f"{key} must be a mapping of parameters to values"))
 
 
-def _experiment(content: dict[str, Any], settings: Mapping[str, Any], where: str) -> Experiment:
+def _experiment(content: dict[str, Any], settings: Values, where: str) -> Experiment:
     rule = "must be a name or a YAML file"
     rules = _given(content.pop("protocol", CHALLENGE), (str, Protocol), f"{where}protocol {rule}")
     rules = load_protocol(rules) if isinstance(rules, str) else rules
@@ -209,9 +207,7 @@ def _planner(entry: Any, where: str) -> PlannerChoice:
     return replace(made, name=name, files=command_files(command_words(made.command)))
 
 
-def _with_settings(
-    planners: Sequence[PlannerChoice], settings: Mapping[str, Any], where: str
-) -> tuple[PlannerChoice, ...]:
+def _with_settings(planners: Sequence[PlannerChoice], settings: Values, where: str) -> tuple[PlannerChoice, ...]:
     found = {planner.name: planner.overrides for planner in planners}
     for key, value in settings.items():
         name, changes = _setting(key, value, planners)
@@ -222,7 +218,7 @@ def _with_settings(
     return tuple(_changed(planner, found[planner.name], where) for planner in planners)
 
 
-def _changed(planner: PlannerChoice, changes: Mapping[str, Any], where: str) -> PlannerChoice:
+def _changed(planner: PlannerChoice, changes: Values, where: str) -> PlannerChoice:
     """Return a planner with its parameters; of one that the suite does not make, the only one is its speed cap."""
     about = f"{where}planner {planner.name!r}: "
     own: dict[str, Any] = {"overrides": dict(changes)}
@@ -236,7 +232,7 @@ def _changed(planner: PlannerChoice, changes: Mapping[str, Any], where: str) -> 
     return replace(planner, **own)
 
 
-def _setting(key: str, value: object, planners: Sequence[PlannerChoice]) -> tuple[str, Mapping[str, Any]]:
+def _setting(key: str, value: object, planners: Sequence[PlannerChoice]) -> tuple[str, Values]:
     """Return the planner that a setting is of, and its parameters.
 
     A key may be a planner's name, with a mapping of its parameters; "planner.parameter"; or, of an only planner, the

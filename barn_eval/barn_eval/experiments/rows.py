@@ -16,7 +16,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from barn_eval.trials.outcome import Scores
-from barn_eval.trials.result import TrialResult, WallClock, from_json_line, to_json_line
+from barn_eval.trials.result import Rows, TrialResult, WallClock, from_json_line, to_json_line
 from barn_eval.trials.trajectory import Encounters, Measures
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError, StoreError, reported_as
@@ -40,7 +40,7 @@ class ResultRows:
         """Add a row and see it onto the disk; StoreError, with the rows as they were, if that fails."""
         _append_line(self.path, to_json_line(result))
 
-    def replace(self, results: Sequence[TrialResult]) -> None:
+    def replace(self, results: Rows) -> None:
         """Keep these rows and no others; StoreError, with the rows as they were, if that fails."""
         write_whole(self.path, "".join(f"{sealed(to_json_line(result))}\n" for result in results).encode())
 
@@ -136,21 +136,21 @@ _APART = ("wall_clock", "motion", "delays")  # not among the columns of every ta
 _COLUMNS: dict[type, pa.DataType] = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}
 
 
-def results_table(results: Sequence[TrialResult]) -> pa.Table:
+def results_table(results: Rows) -> pa.Table:
     """Return a row per result, in the order given, without wall-clock figures."""
     moving = any(result.motion is not None for result in results)
     schema = pa.schema([*_columns(TrialResult), *(_columns(Encounters) if moving else ())])
     return pa.Table.from_pylist([_flat(result.repeatable()) for result in results], schema)
 
 
-def timing_table(results: Sequence[TrialResult]) -> pa.Table:
+def timing_table(results: Rows) -> pa.Table:
     """Return a row per result with its trial and the fields of `WallClock`."""
     schema = pa.schema([("trial_id", pa.string()), *_columns(WallClock)])
     rows = [{"trial_id": result.trial_id} | as_dict(result.wall_clock) for result in results]
     return pa.Table.from_pylist(rows, schema)
 
 
-def write_tables(folder: Path, results: Sequence[TrialResult]) -> None:
+def write_tables(folder: Path, results: Rows) -> None:
     """Write both tables, each as Parquet and CSV; StoreError, with the earlier files in place, if one cannot be."""
     for name, table in ((RESULTS, results_table(results)), (TIMING, timing_table(results))):
         buffer = io.BytesIO()

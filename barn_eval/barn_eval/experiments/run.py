@@ -3,7 +3,7 @@
 import signal
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager, nullcontext
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -25,7 +25,7 @@ from barn_eval.experiments.run_file import RunFile
 from barn_eval.experiments.runner import Event, Loss, run_remaining
 from barn_eval.experiments.store import Store
 from barn_eval.trials.identity import task_line
-from barn_eval.trials.result import TrialResult
+from barn_eval.trials.result import Rows, TrialResult
 from barn_eval.trials.trial import handled
 from barn_worlds.base.errors import BarnError
 
@@ -107,14 +107,12 @@ def scored(drive: Drive, worlds: Iterable[int]) -> list[TrialResult]:
     return results
 
 
-def kept_apart(results: Sequence[TrialResult]) -> str:
+def kept_apart(results: Rows) -> str:
     """Return in one line which trials are not scored because something other than the planner failed; empty if none."""
     apart = [f"{one.trial_id} ({one.fault}: {one.detail})" for one in results if not one.counts]
     more = f" and {len(apart) - _NAMED} more" if len(apart) > _NAMED else ""
-    text = (
-        f"{len(apart)} of {len(results)} trials failed by no fault of the planner and are not scored; the same command"
-    )
-    return f"{text} runs them again: {', '.join(apart[:_NAMED])}{more}" if apart else ""
+    text = f"{len(apart)} of {len(results)} trials failed by no fault of the planner and are not scored"
+    return f"{text}; the same command runs them again: {', '.join(apart[:_NAMED])}{more}" if apart else ""
 
 
 @dataclass(frozen=True)
@@ -157,7 +155,7 @@ def plan_experiment(request: Request, *, overwrite: bool = False) -> Plan:
     )
 
 
-def _trial_s(request: Request, there: Sequence[TrialResult]) -> float:
+def _trial_s(request: Request, there: Rows) -> float:
     if there:
         return fmean(result.wall_clock.duration_s for result in there)
     setup = request.experiment.ros
@@ -166,7 +164,7 @@ def _trial_s(request: Request, there: Sequence[TrialResult]) -> float:
     return TRIAL_S[request.experiment.mode]
 
 
-def _bag_bytes(out: Path, there: Sequence[TrialResult]) -> float:
+def _bag_bytes(out: Path, there: Rows) -> float:
     kept = [folder for result in there if (folder := out / BAGS / result.trial_id).is_dir()]
     sizes = [sum(file.stat().st_size for file in folder.iterdir()) for folder in kept]
     return fmean(sizes) if sizes else BAG_BYTES
@@ -203,7 +201,7 @@ MOST_LINES = 100  # trials, up to which each gets a line of its own
 class ExperimentProgress:
     """Show the number of trials, rate, real-time factor, remaining time and outcomes; a context manager."""
 
-    def __init__(self, total: int, earlier: Sequence[TrialResult], console: Console) -> None:
+    def __init__(self, total: int, earlier: Rows, console: Console) -> None:
         self._total, self._done, self._earlier = total, len(earlier), len(earlier)
         self._outcomes = Counter(result.outcome for result in earlier)
         self._simulated_s, self._note = 0.0, ""

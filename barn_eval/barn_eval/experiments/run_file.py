@@ -183,10 +183,9 @@ class RunFile:
             if (found := identity.first_difference(there, here)) is not None:
                 name, *values = found
                 text = [value if value == identity.MISSING else shown(value) for value in values]
-                raise ConfigError(
-                    f"{self.path.parent}: holds results of another {what}: {name.removeprefix(f'{key}.')} is {text[0]}"
-                    f" there, {text[1]} here; use another folder, or --overwrite"
-                )
+                told = f"{name.removeprefix(f'{key}.')} is {text[0]} there, {text[1]} here"
+                told += "; use another folder, or --overwrite"
+                raise ConfigError(f"{self.path.parent}: holds results of another {what}: {told}")
 
     def with_session(self, execution: Execution) -> "RunFile":
         """Return the same with a session that begins now."""

@@ -14,7 +14,7 @@ from typing import Any
 import yaml
 
 from barn_eval.experiments.experiment import PlannerChoice
-from barn_eval.experiments.request import SCHEMA_VERSION, Request, command_words, read_request
+from barn_eval.experiments.request import SCHEMA_VERSION, Request, Values, command_words, read_request
 from barn_eval.experiments.run_file import RUN_FILE
 from barn_worlds.base.errors import ConfigError, shown, suggest
 from barn_worlds.base.files import read_bytes, write_bytes
@@ -26,7 +26,6 @@ LATENCY = "latency"
 PARAMETERS = "parameters"  # the folder of parameter files that were written for settings
 _VALUE = re.compile(r"([^=,]+)=([^=,]+)")
 Sweep = Mapping[str, Sequence[Any]]
-Values = Mapping[str, Any]
 Ask = Callable[..., Request]
 
 
@@ -38,7 +37,7 @@ class Setting:
     """
 
     name: str
-    values: Mapping[str, Any]
+    values: Values
     request: Request
     files: Mapping[Path, bytes]
 
@@ -72,8 +71,8 @@ def sweep_of(path: Path | None, texts: Sequence[str]) -> Mapping[str, Sequence[A
 def grid(
     sweep: Sweep,
     path: Path | None,
-    options: Mapping[str, Any],
-    settings: Mapping[str, Any] | None = None,
+    options: Values,
+    settings: Values | None = None,
     worlds: Mapping[int, World] | None = None,
 ) -> list[Setting]:
     """Return every combination of the values, as requests for folders below the one that is asked for.
@@ -86,9 +85,7 @@ def grid(
     ask: Ask = partial(read_request, path, worlds=worlds)
     base = ask(options, settings)
     if list(sweep) == [LATENCY]:
-        asked_s = {
-            delay_s: {**options, "out": base.out / f"{LATENCY}={value_text(delay_s)}"} for delay_s in _delays(sweep)
-        }
+        asked_s = {one: {**options, "out": base.out / f"{LATENCY}={value_text(one)}"} for one in _delays(sweep)}
         return [_late(delay_s, read_request(path, asked, settings, worlds)) for delay_s, asked in asked_s.items()]
     planners = base.experiment.planners
     if len(planners) != 1:
@@ -193,7 +190,7 @@ def _number(text: str) -> Any:
         return text
 
 
-def _with_parameters(planner: PlannerChoice, changes: Mapping[str, Any], file: Path) -> tuple[str, dict[Path, bytes]]:
+def _with_parameters(planner: PlannerChoice, changes: Values, file: Path) -> tuple[str, dict[Path, bytes]]:
     """Return the command that starts a planner with changed parameters, and the parameter files that it then needs."""
     words, files = command_words(planner.command), {}
     contents = _contents(words)
@@ -249,7 +246,7 @@ def _place(contents: Mapping[int, tuple[str, dict[str, Any]]], key: str) -> tupl
     raise ConfigError(f"{sources}: has no parameter {key!r}{suggest(key, sorted(names))}")
 
 
-def _nodes(content: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
+def _nodes(content: Values, before: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
     """Yield the nodes of a parameter file by dotted name, each with its parameters."""
     for node, about in content.items():
         parameters = about.get("ros__parameters") if isinstance(about, dict) else None

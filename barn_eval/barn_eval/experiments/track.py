@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from barn_eval.trials.trajectory import Floats, Trajectory, clearances
+from barn_eval.trials.trajectory import Trajectory, clearances
 from barn_eval.trials.trial import FinishedTrial
+from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.errors import ConfigError, shown
 from barn_worlds.base.text_files import parse_json
 from barn_worlds.base.types import NANOSECONDS
@@ -84,7 +85,7 @@ class Track:
     """What a robot did, thinned out: (n, 9) after `CHANNELS` (s, m, rad, m/s, rad/s; NaN: none), contact (n,)."""
 
     samples: Floats
-    contact: npt.NDArray[np.bool_]
+    contact: Bools
     note: str = ""
 
     @property
@@ -106,7 +107,7 @@ class Track:
         return content | {"steps": steps.tolist(), "note": self.note}
 
 
-def thinned(samples: Floats, contact: npt.NDArray[np.bool_]) -> Track:
+def thinned(samples: Floats, contact: Bools) -> Track:
     """Return the track of samples (n, 9) after `CHANNELS`, n at least 1, and contact (n,): 5 a second, `MOST_SAMPLES`.
 
     Kept are the first sample, then every k-th and the last one; contact and smallest clearance are those since the one
@@ -128,14 +129,12 @@ def thinned(samples: Floats, contact: npt.NDArray[np.bool_]) -> Track:
     return Track(kept, touched)
 
 
-def track_of(
-    trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outline: Footprint | None = None
-) -> Track | None:
+def track_of(trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outline: Footprint) -> Track | None:
     """Return the track of a trajectory among cylinders (k, 2), m in the map frame; None where nothing was read."""
     if not len(trajectory.stamps_ns):
         return None
     times = (trajectory.stamps_ns - trajectory.stamps_ns[0]) / NANOSECONDS
-    gaps = clearances(trajectory.truth, cylinders_m, radius_m, outline or contact_of())
+    gaps = clearances(trajectory.truth, cylinders_m, radius_m, outline)
     gaps = gaps if len(gaps) else np.full(len(times), np.nan)
     samples = np.column_stack([times, trajectory.truth, trajectory.velocity, _held(trajectory.command), gaps])
     return thinned(samples, trajectory.contact)

@@ -11,7 +11,7 @@ from gymnasium import spaces
 
 from barn_eval.learning.config import EnvConfig
 from barn_eval.learning.drawing import TopView
-from barn_eval.learning.episodes import Episodes, info_of_end, way_points
+from barn_eval.learning.episodes import Episodes, Known, info_of_end, way_points
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.spec import TrialSpec, simulator_config
@@ -84,9 +84,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         """Let the episodes from now on advance among others, instead of by `step`."""
         self._place, self._joined = (episodes, index), True
 
-    def reset(
-        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
-    ) -> tuple[Vector, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Vector, dict[str, Any]]:
         """Begin an episode in the world of `options`, or in one drawn; among others, observation and info are empty."""
         super().reset(seed=seed)
         if self._place is None:
@@ -137,9 +135,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
             self._place[0].close()
         self._place = self._picture = None
 
-    def _drawn(
-        self, options: Mapping[str, int], known: dict[int, tuple[TrialSpec, Floats]]
-    ) -> tuple[TrialSpec, Floats]:
+    def _drawn(self, options: Mapping[str, int], known: Known) -> tuple[TrialSpec, Floats]:
         """Return a new trial and the way in its world; what `options` do not give is drawn."""
         index = options.get("world")
         if index is None:
@@ -173,10 +169,8 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         """Return the shield for the robot, its lidar where the simulator has it; ConfigError for another place."""
         mount_m = self.simulator_config.lidar.mount_x_m
         if safety.lidar_x_m not in (SafetyConfig().lidar_x_m, mount_m):
-            raise ConfigError(
-                f"safety.lidar_x_m is {safety.lidar_x_m:g}, but the lidar is mounted at {mount_m:g} m (simulator"
-                " parameter lidar.mount_x_m)"
-            )
+            mounted = f"mounted at {mount_m:g} m (simulator parameter lidar.mount_x_m)"
+            raise ConfigError(f"safety.lidar_x_m is {safety.lidar_x_m:g}, but the lidar is {mounted}")
         placed = replace(safety, lidar_x_m=mount_m)
         robot = robot_of(self.simulator_config)
         return replace_dotted(placed, fitted(placed, robot) | lidar_place(placed, robot.lidar), "safety")

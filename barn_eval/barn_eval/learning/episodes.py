@@ -21,15 +21,15 @@ from barn_eval.trials.trial import RunningTrial
 from barn_planners.policy.planner import SafetyConfig, safe_command
 from barn_planners.policy.space import ObservationEncoder
 from barn_sim.body.bullet import PhysicsClient
-from barn_sim.body.cylinders import Bools
 from barn_sim.config import SimulatorConfig
 from barn_sim.motion.batch import Batch
 from barn_sim.simulator import Simulator
-from barn_worlds.base.arrays import Floats, Integers
+from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D, Scan, Velocity2D
 from barn_worlds.worlds.world import World
 
+Known = dict[int, tuple[TrialSpec, Floats]]  # by world
 _ROUNDED = 1.0 + 1e-12  # more than squares of distances are rounded by
 
 
@@ -47,7 +47,7 @@ class Episodes:
         self.running = np.zeros(count, np.bool_)
         self.worlds = np.zeros(count, np.int64)
         self.left_m = np.zeros(count)
-        self.known: dict[int, tuple[TrialSpec, Floats]] = {}  # first trial in each world and its `way_points`
+        self.known: Known = {}  # first trial in each world and its `way_points`
         self._config, self._safety, self._period_s = config, safety, simulator.control_period_s
         self._encoder = ObservationEncoder(config.observation)
         self._clients = [PhysicsClient(idle=self.batch.engines) for _ in range(count)]

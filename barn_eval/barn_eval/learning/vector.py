@@ -12,8 +12,7 @@ from barn_eval.learning.config import EnvConfig
 from barn_eval.learning.environment import JackalEnv
 from barn_eval.learning.episodes import info_of_end
 from barn_planners.policy.space import ACTIONS
-from barn_sim.body.cylinders import Bools
-from barn_worlds.base.arrays import Integers
+from barn_worlds.base.arrays import Bools, Integers
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import NANOSECONDS

@@ -80,11 +80,5 @@ def _environment() -> jinja2.Environment:
         keep_trailing_newline=True,
     )
     environment.globals |= {"asset": asset, "colour_sheet": colour_sheet}
-    environment.filters |= {
-        "script_json": script_json,
-        "counted": counted,
-        "number": number,
-        "spelling": spelling,
-        "themed": themed,
-    }
+    environment.filters |= {one.__name__: one for one in (script_json, counted, number, spelling, themed)}
     return environment

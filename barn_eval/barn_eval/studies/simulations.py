@@ -13,7 +13,7 @@ from barn_eval.analysis.sequential import LOOKS, decide, planned_looks
 from barn_eval.analysis.significance import ALPHA, paired_difference, proportion
 from barn_eval.analysis.statistics import Columns, difference, mean_interval
 from barn_eval.analysis.verdict import rank
-from barn_metrics.bootstrap import Interval
+from barn_metrics.bootstrap import Interval, Statistic
 from barn_worlds.base.arrays import Floats, Integers
 
 _FLIPS = 2000  # patterns of signs: enough for whether p is below 5 %, where reports draw 10 000
@@ -71,12 +71,7 @@ def scored(percent: float, scale: float, effect: Floats, trials: int, generator:
 
 
 def _trials(
-    trials: int,
-    fails: Floats,
-    values: Callable[[Integers], Floats],
-    generator: np.random.Generator,
-    as_failure: float,
-    best: float = 0.0,
+    trials: int, fails: Floats, values: Statistic, generator: np.random.Generator, as_failure: float, best: float = 0.0
 ) -> Columns:
     """Return so many trials in each world, of which a share fails (m,)."""
     world, repetition = np.repeat(np.arange(len(fails)), trials), np.tile(np.arange(trials), len(fails))
@@ -159,14 +154,12 @@ _BETTER = f"{100.0 * _DIFFERENCE:g} %"
 _PLANS, _WORLDS = [(100, 2.0), (300, 2.0), (300, 5.0)], [(20,), (50,), (300,)]
 
 
-def _of_plans(
-    what: str, wanted: tuple[float, float], more: float = 0.0, part: int = 0, *, steady: bool = False
-) -> Group:
+def _of_plans(what: str, wanted: tuple[float, float], by: float = 0.0, part: int = 0, *, steady: bool = False) -> Group:
     """Return what is checked of plans with looks: part 0 is whether they decide, part 1 the share that they take."""
 
     def once(worlds: int, percent: float, generator: np.random.Generator) -> float:
         percents = (0.0 if steady else percent, percent)
-        return _decided(_two(worlds, 1, percents, 1.0 + more, generator), worlds)[part]
+        return _decided(_two(worlds, 1, percents, 1.0 + by, generator), worlds)[part]
 
     return Group(what, wanted, _PLAN, once, _PLANS)
 

@@ -122,12 +122,7 @@ class Protocol(Checked):
     metric: str = quantity("normalised_time_s_per_m", "measure that planners are ranked by", choices=METRICS)
     clipped: bool = quantity(True, "the time in the challenge metric is clipped to 2 T to 8 T", optional=True)
     look_period_s: float = quantity(
-        0.0,
-        "simulated time between two looks at the robot, by which a trial is judged; 0: each reading",
-        "s",
-        0.0,
-        10.0,
-        optional=True,
+        0.0, "simulated time between two looks that judge a trial; 0: each reading", "s", 0.0, 10.0, optional=True
     )
     arena: bool = quantity(False, "made for arenas, worlds without the containment of BARN", optional=True)
     random_phase: bool = quantity(
@@ -191,10 +186,9 @@ class Protocol(Checked):
             reference_speed_mps=scale * self.reference_speed_mps,
         )
         if found.start.anchor_y == "map" and found.start.y_m + chassis.extent_m[0] < world.resolution_m:
-            place = (
-                f"between the back wall and the obstacles, {first_column_m:.1f} m, at the start of protocol {self.name}"
-            )
-            raise ConfigError(f"world {world.name}: robot {chassis.name} does not fit {place}")
+            place = f"between the back wall and the obstacles, {first_column_m:.1f} m, at the start"
+            fits = f"robot {chassis.name} does not fit {place} of protocol {self.name}"
+            raise ConfigError(f"world {world.name}: {fits}")
         return found
 
     def map_offset_m(self) -> float:

@@ -4,7 +4,7 @@ import base64
 import binascii
 import json
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -19,6 +19,9 @@ from barn_worlds.base.text_files import parse_json
 # What a trial charges for a planner's computing, in simulated time: what it declares; what is measured; nothing; or,
 # where the simulator does not wait, all that it takes.
 DECLARED, MEASURED, FREE, REAL_TIME = "declared", "measured", "free", "real_time"
+# The same in words.
+WAYS = dict.fromkeys((DECLARED, FREE), "computing as declared")  # which is nothing for the latter
+WAYS |= {MEASURED: "computing as measured", REAL_TIME: "computing in real time"}
 MOST_MISSED = 0.02  # share of control periods without a command in time, in a trial that is not marked
 SCHEMA_VERSION = 2
 _MOST_DELAY_BYTES = 1 << 24
@@ -140,6 +143,10 @@ class TrialResult:
         content = as_dict(self)
         del content["wall_clock"]
         return content
+
+
+Rows = Sequence[TrialResult]
+Groups = Mapping[str, Rows]  # by planner
 
 
 def assumption(computer: float) -> str:

@@ -7,7 +7,7 @@ import numpy.typing as npt
 from numba import njit
 
 from barn_eval.trials.protocol import Course, Protocol
-from barn_worlds.base.arrays import Floats, Integers
+from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.types import nanoseconds
 
 # How a trial stands after a reading.
@@ -46,21 +46,14 @@ def states_of(protocol: Protocol, course: Course) -> States:
 
 
 @njit(cache=True)
-def observe(
-    states: States,
-    which: Integers,
-    stamps_ns: Integers,
-    odometry: Floats,
-    truths: Floats,
-    contacts: npt.NDArray[np.bool_],
-) -> None:
+def observe(states: States, which: Integers, stamps_ns: Integers, odom: Floats, truths: Floats, touches: Bools) -> None:
     """Judge a reading of each of the trials `which` that still runs, by their rows of all arrays.
 
-    odometry, truths (n, 3): x, y, yaw in the odom and the map frame; contacts (n,): since the reading before.
+    odom, truths (n, 3): x, y, yaw in the odom and the map frame; touches (n,): since the reading before.
     """
     for i in which:
         if states[i].code == RUNNING:
-            _observe(states[i], stamps_ns[i], odometry[i], truths[i], contacts[i])
+            _observe(states[i], stamps_ns[i], odom[i], truths[i], touches[i])
 
 
 @njit(cache=True)

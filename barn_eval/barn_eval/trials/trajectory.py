@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_eval.trials.protocol import Course, Protocol
+from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.types import NANOSECONDS, Odometry, Pose2D, Velocity2D, nanoseconds
 from barn_worlds.geometry.bodies import shape_rows, wall_bodies
 from barn_worlds.geometry.footprint import Footprint
@@ -15,7 +16,6 @@ from barn_worlds.messages.topics import PLAN
 from barn_worlds.moving.tracks import Tracks
 from barn_worlds.worlds.world import World
 
-Floats = npt.NDArray[np.float64]
 CLOSE_M = 0.1  # from an obstacle, so that it counts as near contact
 MOST_POINTS = 10_000  # of a plan
 
@@ -28,7 +28,7 @@ class Trajectory:
     truth: Floats  # (n, 3) x, y m, yaw rad in the map frame
     velocity: Floats  # (n, 2) true forward speed m/s and yaw rate rad/s
     command: Floats  # (n, 2) the command answering each reading, NaN where there was none
-    contact: npt.NDArray[np.bool_]  # (n,)
+    contact: Bools  # (n,)
     off_plan_m: Floats | None = None  # (n,) from the planner's last plan, NaN without one; None: plans were not taken
 
 
@@ -246,9 +246,7 @@ def _nearness(trajectory: Trajectory, tracks: Tracks, times_s: Floats, outline: 
     return gaps, waits
 
 
-def _first_hit(
-    trajectory: Trajectory, world: World, times_s: Floats, gaps: Floats, outline: Footprint
-) -> dict[str, Any]:
+def _first_hit(trajectory: Trajectory, world: World, times_s: Floats, gaps: Floats, body: Footprint) -> dict[str, Any]:
     """Return what `Encounters` has of the first contact, if that was with a moving obstacle.
 
     Contact lies between two readings; the obstacle is the one that is nearest at either of them. Speeds are those along
@@ -261,7 +259,7 @@ def _first_hit(
     rows = slice(before, int(touching[0]) + 1)
     nearest = gaps[rows].min(axis=0)
     index = int(nearest.argmin())
-    if _standing_gap(trajectory.truth[rows], world, outline) < nearest[index]:
+    if _standing_gap(trajectory.truth[rows], world, body) < nearest[index]:
         return {}
     positions, velocities = world.tracks.at(float(times_s[before]))
     shape, position, velocity = moving_shapes(world.tracks, positions)[index], positions[index], velocities[index]
@@ -273,7 +271,7 @@ def _first_hit(
         side, across = shape[5:7], np.array([-shape[6], shape[5]])
         along = np.clip([(base - position) @ side, (base - position) @ across], -shape[3:5], shape[3:5])
         towards = position + along[0] * side + along[1] * across
-    local = outline.nearest((towards - base) @ ahead, (towards - base) @ left)
+    local = body.nearest((towards - base) @ ahead, (towards - base) @ left)
     lever = local[0] * ahead + local[1] * left
     line = towards - base - lever
     length = float(np.hypot(*line)) or math.inf

@@ -16,8 +16,9 @@ from barn_eval.trials.outcome import Outcome, Scores, Verdict, score
 from barn_eval.trials.referee import Referee
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import TrialSpec
-from barn_eval.trials.trajectory import Floats, Trajectory, TrajectoryLog, encounters, measure
+from barn_eval.trials.trajectory import Trajectory, TrajectoryLog, encounters, measure
 from barn_planners.interface import PlannerStatus
+from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import NANOSECONDS, Odometry, Pose2D, Velocity2D
 from barn_worlds.geometry.footprint import contact_of
 
@@ -198,16 +199,7 @@ class FinishedTrial:
     traceback: str = ""  # of the exception that the planner raised
 
 
-def conclude(
-    spec: TrialSpec,
-    mode: str,
-    verdict: Verdict,
-    trajectory: Trajectory,
-    *,
-    cylinders_m: Floats | None = None,
-    traceback: str = "",
-    **told: Any,
-) -> FinishedTrial:
+def conclude(spec: TrialSpec, mode: str, verdict: Verdict, trajectory: Trajectory, **told: Any) -> FinishedTrial:
     """Return the finished trial with scores and measures; mode is "direct" or "ros", `told` more fields of its row."""
     world, scores = spec.world, score(verdict, spec.course, spec.protocol, spec.least_time_s)
     traversal_s = scores.traversal_time_s if scores.success else None
@@ -230,7 +222,7 @@ def conclude(
         motion=encounters(trajectory, world, spec.phase_s, outline, spec.course, spec.rules, traversal_s),
         **told,
     )
-    return FinishedTrial(spec, result, trajectory, cylinders_m, traceback)
+    return FinishedTrial(spec, result, trajectory)
 
 
 def error_line(error: Exception) -> str:

@@ -10,18 +10,7 @@ from barn_worlds.formats.own import Order, write_own
 from barn_worlds.moving.generate import class_named, generate_arenas, with_crossings, with_motion
 from barn_worlds.robots.files import load_robot, other_name
 from barn_worlds.robots.robot import Robot
-from barn_worlds.worlds.generate import (
-    NARROWNESS,
-    TABLE_I,
-    DatasetParameters,
-    WorldParameters,
-    cell_m,
-    narrowness,
-    ranked_dataset,
-    reordered,
-    write_dataset,
-    write_ordered,
-)
+from barn_worlds.worlds import generate as maker
 from barn_worlds.worlds.hard import hard_worlds
 from barn_worlds.worlds.world import World
 
@@ -71,28 +60,28 @@ def generate(
             raise ConfigError("keep is not for hard worlds, of which all are kept")
         name = target.stem if target else "hard"
         worlds = hard_worlds(parameters, per_set, seed, driven, name, progress)
-        order = Order(NARROWNESS, tuple(map(narrowness, worlds)))
+        order = Order(maker.NARROWNESS, tuple(map(maker.narrowness, worlds)))
         if file:
-            return write_ordered(file, name, worlds, order, {"seed": seed, "robot": named})
+            return maker.write_ordered(file, name, worlds, order, {"seed": seed, "robot": named})
     else:
         name, sets = target.stem if target else "generated", _sets(parameters or {}, driven)
-        asked = DatasetParameters(name, seed, per_set, keep=keep, robot=named, sets=sets)
+        asked = maker.DatasetParameters(name, seed, per_set, keep=keep, robot=named, sets=sets)
         if file:
-            write_dataset(file, asked, progress=progress)
+            maker.write_dataset(file, asked, progress=progress)
             return load(file)
-        worlds, order = ranked_dataset(asked, progress=progress)
-    numbered = reordered(worlds, order)
+        worlds, order = maker.ranked_dataset(asked, progress=progress)
+    numbered = maker.reordered(worlds, order)
     if target is not None:
         write_layout(target, numbered)
     return numbered
 
 
-def _sets(changes: Mapping[str, object], robot: Robot) -> tuple[WorldParameters, ...]:
+def _sets(changes: Mapping[str, object], robot: Robot) -> tuple[maker.WorldParameters, ...]:
     """Return sets of parameters with cells in the size of a robot, unless changes say otherwise."""
-    sets = (replace_dotted(WorldParameters(), changes, "world parameters"),) if changes else TABLE_I
+    sets = (replace_dotted(maker.WorldParameters(), changes, "world parameters"),) if changes else maker.TABLE_I
     sized: dict[str, float] = {}
     if not {"resolution_m", "footprint_cells"} & set(changes):
-        sized["resolution_m"] = cell_m(robot)
+        sized["resolution_m"] = maker.cell_m(robot)
     if "footprint_cells" not in changes:
         sized["footprint_cells"] = robot.footprint_cells(sized.get("resolution_m", sets[0].resolution_m))
     return tuple(replace_dotted(one, sized, "world parameters") for one in sets)

@@ -12,8 +12,8 @@ from barn_metrics.bootstrap import Interval
 from barn_metrics.metrics import METRIC_NAMES
 from barn_metrics.model.inputs import inputs_of
 from barn_metrics.model.predictor import DifficultyModel, moments
-from barn_metrics.model.trials import Mask, Trials, fold_masks, held_out, trained_worlds
-from barn_worlds.base.arrays import Floats, Integers
+from barn_metrics.model.trials import Trials, fold_masks, held_out, trained_worlds
+from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ModelError
 from barn_worlds.worlds.world import World
@@ -119,7 +119,7 @@ def ridge_score(inputs: Floats, trials: Trials, config: EvaluationConfig) -> Mod
     """Return the errors of ridge regression on the five metrics, which are the first of the inputs (w, d)."""
     difficulty, five = trials.difficulty(), inputs[:, : len(METRIC_NAMES)]
 
-    def fitted(kept: Mask, _: int) -> list[Floats]:
+    def fitted(kept: Bools, _: int) -> list[Floats]:
         return [ridge(five[mask], difficulty[mask])(five) for mask in kept]
 
     predicted, training_mse = on_folds(fitted, difficulty, config)
@@ -127,7 +127,7 @@ def ridge_score(inputs: Floats, trials: Trials, config: EvaluationConfig) -> Mod
 
 
 def on_folds(
-    fitted: Callable[[Mask, int], list[Floats]], difficulty: Floats, config: EvaluationConfig
+    fitted: Callable[[Bools, int], list[Floats]], difficulty: Floats, config: EvaluationConfig
 ) -> tuple[Floats, float]:
     """Return predictions (repeats, w) by models that were trained without the world, and their mean training error.
 

@@ -7,20 +7,12 @@ import numpy as np
 
 from barn_metrics.features import world_features
 from barn_metrics.metrics import METRIC_NAMES, world_metrics
-from barn_metrics.model.route import (
-    CHANNELS,
-    SAMPLES,
-    ClearanceMap,
-    Route,
-    cheapest_route,
-    clearance_map,
-    route_strip,
-    strip_names,
-)
+from barn_metrics.model import route as routing
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import ModelError
 from barn_worlds.worlds.world import World
 
+Named = Iterator[tuple[str, float]]
 _LARGEST = 1e6  # stands for infinity: a metric of a world without obstacles
 _WIDTHS_M = (0.7, 0.85, 1.0, 1.1)
 _CLEARANCES_M = (0.2, 0.25, 0.3, 0.4)
@@ -60,15 +52,16 @@ _SUMMED_UP = ("bare", "padded", "quick")
 STRIPS = ("planned", "padded", "quick")  # which of them are seen as strips
 
 
-def _inputs(world: World) -> Iterator[tuple[str, float]]:
-    where = clearance_map(world)
-    routes = {name: cheapest_route(where, cost(where.clearance_m)) for name, cost in _ROUTES.items()}
+def _inputs(world: World) -> Named:
+    where = routing.clearance_map(world)
+    routes = {name: routing.cheapest_route(where, cost(where.clearance_m)) for name, cost in _ROUTES.items()}
     yield from _summed_up(world, where, routes)
     for name in STRIPS:
-        yield from zip(strip_names(name), route_strip(where, routes[name]).ravel().tolist(), strict=True)
+        strip = routing.route_strip(where, routes[name])
+        yield from zip(routing.strip_names(name), strip.ravel().tolist(), strict=True)
 
 
-def _summed_up(world: World, where: ClearanceMap, routes: Mapping[str, Route]) -> Iterator[tuple[str, float]]:
+def _summed_up(world: World, where: routing.ClearanceMap, routes: Mapping[str, routing.Route]) -> Named:
     yield from zip(METRIC_NAMES, world_metrics(world).as_array().tolist(), strict=True)
     # Both hold tortuosity; it counts once.
     yield from ((name, value) for name, value in world_features(world).items() if name not in METRIC_NAMES)
@@ -77,7 +70,7 @@ def _summed_up(world: World, where: ClearanceMap, routes: Mapping[str, Route]) -
         yield from ((f"{name}_{what}", value) for what, value in _along(routes[name], world.path_length_m))
 
 
-def _ends(where: ClearanceMap) -> Iterator[tuple[str, float]]:
+def _ends(where: routing.ClearanceMap) -> Named:
     """Yield how much room there is where the paper's trials start and end, and one cell ahead of the goal."""
     places = (("start", where.start, 0), ("goal", where.goal, 0), ("goal_ahead", where.goal, 3))
     for name, (row, column), ahead in places:
@@ -87,13 +80,13 @@ def _ends(where: ClearanceMap) -> Iterator[tuple[str, float]]:
         yield f"{name}_clearance_highest_m", float(far.max())
 
 
-def _around(where: ClearanceMap, row: int, column: int, reach: int) -> Floats:
+def _around(where: routing.ClearanceMap, row: int, column: int, reach: int) -> Floats:
     """Return the clearances about a cell, (2 reach + 1, 2 reach + 1), the map's edge repeated."""
     reached = np.arange(-reach, reach + 1)
     return where.clearance_m.take(row + reached, axis=0, mode="clip").take(column + reached, axis=1, mode="clip")
 
 
-def _along(route: Route, path_length_m: float) -> Iterator[tuple[str, float]]:
+def _along(route: routing.Route, path_length_m: float) -> Named:
     heading = route.heading_rad
     turning = np.abs(np.diff(heading))
     yield "cost_m", route.cost_m
@@ -127,7 +120,7 @@ def input_names() -> tuple[str, ...]:
 
 def summary_names() -> tuple[str, ...]:
     """Return the names of the inputs that sum a world up, which come first."""
-    return input_names()[: -len(STRIPS) * SAMPLES * CHANNELS]
+    return input_names()[: -len(STRIPS) * routing.SAMPLES * routing.CHANNELS]
 
 
 def inputs_of(worlds: Iterable[World]) -> Floats:

@@ -9,8 +9,8 @@ import numpy as np
 from barn_metrics.model.inputs import inputs_of
 from barn_metrics.model.predictor import DifficultyModel
 from barn_metrics.model.torch_training import train_network
-from barn_metrics.model.trials import HELD_OUT, Mask, Trials, fold_masks, held_out, trained_worlds
-from barn_worlds.base.arrays import Floats
+from barn_metrics.model.trials import HELD_OUT, Trials, fold_masks, held_out, trained_worlds
+from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.errors import ModelError
 from barn_worlds.worlds.world import World
 
@@ -47,7 +47,7 @@ def train(worlds: Mapping[int, World], trials: Trials, seed: int = 0) -> Difficu
     return DifficultyModel(whole.planners, whole.networks, _relative_std(others, folds, inputs, difficulty), about)
 
 
-def train_models(inputs: Floats, trials: Trials, kept: Mask, seed: int) -> list[DifficultyModel]:
+def train_models(inputs: Floats, trials: Trials, kept: Bools, seed: int) -> list[DifficultyModel]:
     """Return a model per row of `kept` (b, w), trained on the worlds kept there, from inputs (w, d)."""
     targets = np.concatenate([trials.times(), trials.failures()], axis=1)
     made = []
@@ -58,7 +58,7 @@ def train_models(inputs: Floats, trials: Trials, kept: Mask, seed: int) -> list[
     return made
 
 
-def _relative_std(models: Sequence[DifficultyModel], folds: Mask, inputs: Floats, difficulty: Floats) -> float:
+def _relative_std(models: Sequence[DifficultyModel], folds: Bools, inputs: Floats, difficulty: Floats) -> float:
     """Return by what share of it a prediction is off beyond the members' disagreement, in 68.3 % of worlds left out."""
     beyond = []
     for model, kept in zip(models, folds, strict=True):

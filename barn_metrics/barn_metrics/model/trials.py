@@ -7,17 +7,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
-from barn_worlds.base.arrays import Floats, Integers
+from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.errors import ModelError, suggest
 from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 FEWEST_WORLDS = 10
 HELD_OUT = "barn_test"  # judges models; nothing is trained on it or chosen by it
-
-Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +29,7 @@ class Trials:
     worlds: Integers
     planners: tuple[str, ...]
     normalised_s_per_m: Floats
-    succeeded: npt.NDArray[np.bool_]
+    succeeded: Bools
 
     def __post_init__(self) -> None:
         sizes = {len(self.worlds), len(self.planners), len(self.normalised_s_per_m), len(self.succeeded)}
@@ -88,7 +85,7 @@ class Trials:
             means.append(np.bincount(at, values[mine], len(numbers)) / np.bincount(at, minlength=len(numbers)))
         return np.stack(means, axis=1)
 
-    def _where(self, kept: npt.NDArray[np.bool_]) -> Trials:
+    def _where(self, kept: Bools) -> Trials:
         planners = tuple(name for name, keep in zip(self.planners, kept, strict=True) if keep)
         return Trials(self.worlds[kept], planners, self.normalised_s_per_m[kept], self.succeeded[kept])
 
@@ -105,9 +102,7 @@ def trained_worlds(worlds: Mapping[int, World], trials: Trials) -> list[World]:
     numbers = trials.world_numbers
     check_worlds(worlds, numbers)
     if len(numbers) < FEWEST_WORLDS:
-        raise ModelError(
-            f"a model needs at least {FEWEST_WORLDS} worlds with trials of every planner, got {len(numbers)}"
-        )
+        raise ModelError(f"a model needs {FEWEST_WORLDS} worlds with trials of every planner, got {len(numbers)}")
     return [worlds[number] for number in numbers]
 
 
@@ -118,7 +113,7 @@ def held_out(worlds: Iterable[World]) -> World | None:
     return next((world for world in worlds if world.grid.tobytes() in grids), None)
 
 
-def fold_masks(worlds: int, folds: int, seed: int) -> Mask:
+def fold_masks(worlds: int, folds: int, seed: int) -> Bools:
     """Return which worlds (folds, worlds) are trained on in each fold; each world is left out in exactly one."""
     order = np.random.default_rng(seed).permutation(worlds)
     kept = np.ones((folds, worlds), np.bool_)

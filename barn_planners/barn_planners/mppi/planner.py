@@ -67,9 +67,7 @@ class MppiController(Controller):
         """Improve the solution and return its first control."""
         config, goal, pose = self.config, inputs.goal, inputs.pose
         to_goal = pose.distance(goal)
-        self._near_goal = to_goal <= config.xy_tolerance_m or (
-            self._near_goal and to_goal <= 2.0 * config.xy_tolerance_m
-        )
+        self._near_goal = to_goal <= (2.0 if self._near_goal else 1.0) * config.xy_tolerance_m
         if self._near_goal and abs(wrap_angle(goal.yaw - pose.yaw)) <= config.yaw_tolerance_rad:
             return Control(STOP, goal_reached=True)
         if self._progress.stuck(inputs.stamp_ns, pose):

@@ -57,16 +57,13 @@ class Policy:
             raise PolicyError(f"{self.where}: must have 1 to {MOST_LAYERS} layers, got {len(self.weights)}")
         layers = self.layers
         if layers[0] != self.observation.size or layers[-1] != ACTIONS:
-            raise PolicyError(
-                f"{self.where}: must lead from {self.observation.size} observed values to {ACTIONS} actions,"
-                f" got layers of {layers}"
-            )
+            ends = f"{self.observation.size} observed values to {ACTIONS} actions"
+            raise PolicyError(f"{self.where}: must lead from {ends}, got layers of {layers}")
         for k, (weights, biases) in enumerate(zip(self.weights, self.biases, strict=True)):
             if weights.shape != (layers[k], layers[k + 1]) or biases.shape != (layers[k + 1],):
-                raise PolicyError(
-                    f"{self.where}: layer {k} must have weights {(layers[k], layers[k + 1])} and as many biases,"
-                    f" got {weights.shape} and {biases.shape}"
-                )
+                needed = f"weights {(layers[k], layers[k + 1])} and as many biases"
+                got = f"{weights.shape} and {biases.shape}"
+                raise PolicyError(f"{self.where}: layer {k} must have {needed}, got {got}")
             if not (np.isfinite(weights).all() and np.isfinite(biases).all()):
                 raise PolicyError(f"{self.where}: layer {k} holds values that are not finite")
 

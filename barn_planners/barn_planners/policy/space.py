@@ -144,10 +144,8 @@ class ObservationEncoder:
             return "the scan holds no usable angles"
         slack = max(width, step)
         if angles[0] > config.angle_min_rad + slack or angles[-1] < config.angle_max_rad - slack:
-            return (
-                f"the policy sees from {config.angle_min_rad:.3f} to {config.angle_max_rad:.3f} rad,"
-                f" the scan only from {angles[0]:.3f} to {angles[-1]:.3f} rad"
-            )
+            seen = f"{config.angle_min_rad:.3f} to {config.angle_max_rad:.3f} rad"
+            return f"the policy sees from {seen}, the scan only from {angles[0]:.3f} to {angles[-1]:.3f} rad"
         edges = config.angle_min_rad + width * np.arange(config.beams)
         edges[0] -= 0.5 * width
         self._end = int(np.searchsorted(angles, config.angle_max_rad + 0.5 * width, "right"))

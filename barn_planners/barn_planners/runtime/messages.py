@@ -9,23 +9,8 @@ import numpy as np
 
 from barn_planners.interface import Decision, FloatArray, Planner, PlannerStatus
 from barn_worlds.base.types import NANOSECONDS, STOP, Velocity2D, nanoseconds
-from barn_worlds.messages import topics
+from barn_worlds.messages import encode, topics
 from barn_worlds.messages.cdr import Template, make
-from barn_worlds.messages.encode import (
-    CYLINDER,
-    DELETE_ALL,
-    ERROR,
-    FINE,
-    LINE_STRIP,
-    STAMP_FIELDS,
-    WARNING,
-    PathEncoder,
-    TwistStampedEncoder,
-    encode_diagnostics,
-    encode_map,
-    encode_twist,
-    marker,
-)
 from barn_worlds.messages.topics import Frames, Outgoing, Topic
 
 MOST_SHOWN = 20
@@ -33,11 +18,11 @@ MOST_POINTS = 8
 # Red, green, blue, opacity of the cheapest and the costliest valid trajectory, and of rejected ones.
 CHEAPEST, DEAREST, REJECTED = (0.0, 0.25, 0.5, 0.9), (0.55, 0.8, 0.95, 0.7), (0.55, 0.55, 0.55, 0.5)
 _LEVELS = {
-    PlannerStatus.RUNNING: FINE,
-    PlannerStatus.GOAL_REACHED: FINE,
-    PlannerStatus.RECOVERING: WARNING,
-    PlannerStatus.BLOCKED: WARNING,
-    PlannerStatus.FAILED: ERROR,
+    PlannerStatus.RUNNING: encode.FINE,
+    PlannerStatus.GOAL_REACHED: encode.FINE,
+    PlannerStatus.RECOVERING: encode.WARNING,
+    PlannerStatus.BLOCKED: encode.WARNING,
+    PlannerStatus.FAILED: encode.ERROR,
 }
 _BUBBLE_COLOUR, _BAND_COLOUR = (0.1, 0.5, 0.9, 0.3), (0.9, 0.3, 0.1, 1.0)
 _BUBBLE_HEIGHT_M, _BAND_WIDTH_M, _CANDIDATE_WIDTH_M = 0.01, 0.02, 0.01
@@ -82,22 +67,17 @@ def _spread(count: int, most: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]
 
 
 class PlannerMessages:
-    """The messages of one planner, a node of that name: each command, stamped if told so, and its view at intervals."""
+    """The messages of one planner, a node of that name: each command, stamped if told so, its view each period."""
 
     def __init__(
-        self,
-        frames: Frames,
-        name: str = "planner",
-        *,
-        stamped: bool = False,
-        view_period_s: float = topics.PLAN.period_s,
+        self, frames: Frames, name: str = "planner", *, stamped: bool = False, period_s: float = topics.PLAN.period_s
     ) -> None:
         self._name = name
         self._frames = frames
-        self._stamped = TwistStampedEncoder(frames.of(topics.CMD_VEL_STAMPED)) if stamped else None
-        self._plan = PathEncoder(frames.of(topics.PLAN))
-        self._local_plans = {frame: PathEncoder(frame) for frame in (frames.odom, frames.planning)}
-        self._view_period_ns = nanoseconds(view_period_s)
+        self._stamped = encode.TwistStampedEncoder(frames.of(topics.CMD_VEL_STAMPED)) if stamped else None
+        self._plan = encode.PathEncoder(frames.of(topics.PLAN))
+        self._local_plans = {frame: encode.PathEncoder(frame) for frame in (frames.odom, frames.planning)}
+        self._view_period_ns = nanoseconds(period_s)
         self.reset()
 
     def reset(self) -> None:
@@ -113,7 +93,7 @@ class PlannerMessages:
     def command(self, velocity: Velocity2D, stamp_ns: int) -> Outgoing:
         """Return a command."""
         if self._stamped is None:
-            return Outgoing(topics.CMD_VEL, encode_twist(velocity))
+            return Outgoing(topics.CMD_VEL, encode.encode_twist(velocity))
         return Outgoing(topics.CMD_VEL_STAMPED, self._stamped.encode(velocity, stamp_ns))
 
     def shown(
@@ -144,7 +124,7 @@ class PlannerMessages:
         if view.local_plan is not None and topics.LOCAL_PLAN in asked:
             yield Outgoing(topics.LOCAL_PLAN, self._local_plans[frame].encode(view.local_plan, stamp_ns))
         if view.costmap is not None and topics.COSTMAP in asked:
-            yield Outgoing(topics.COSTMAP, encode_map(view.costmap, stamp_ns, frame))
+            yield Outgoing(topics.COSTMAP, encode.encode_map(view.costmap, stamp_ns, frame))
         if view.band is not None and topics.BAND in asked:
             yield Outgoing(topics.BAND, encode_band(view.band, stamp_ns, frame))
         if view.candidates is not None and topics.CANDIDATES in asked:
@@ -168,11 +148,11 @@ def encode_band(band: FloatArray, stamp_ns: int, frame: str) -> bytes:
 @cache
 def _band_template(count: int, frame: str) -> Template:
     """Return the template of a band; bands have a few dozen lengths, which recur."""
-    discs = [marker(frame, "bubbles", CYLINDER, index=index, colour=_BUBBLE_COLOUR) for index in range(count)]
+    discs = [encode.marker(frame, "bubbles", encode.CYLINDER, index=k, colour=_BUBBLE_COLOUR) for k in range(count)]
     for disc in discs:
         disc.scale.z = _BUBBLE_HEIGHT_M
     place = ("pose.position.x", "pose.position.y", "scale.x", "scale.y")
-    line = _line(marker(frame, "band", LINE_STRIP, colour=_BAND_COLOUR), _BAND_WIDTH_M, count)
+    line = _line(encode.marker(frame, "band", encode.LINE_STRIP, colour=_BAND_COLOUR), _BAND_WIDTH_M, count)
     return _template(topics.BAND, frame, "band", [*((disc, place) for disc in discs), line])
 
 
@@ -184,8 +164,8 @@ def _line(line: Any, width_m: float, count: int) -> tuple[Any, tuple[str, ...]]:
 
 def _template(topic: Topic, frame: str, namespace: str, markers: list[tuple[Any, tuple[str, ...]]]) -> Template:
     """Return the template of markers with the fields that vary, besides stamps; the first one deletes all others."""
-    every = [(marker(frame, namespace, action=DELETE_ALL), ()), *markers]
-    fields = [f"markers.{k}.{name}" for k, (_, varying) in enumerate(every) for name in (*STAMP_FIELDS, *varying)]
+    every = [(encode.marker(frame, namespace, action=encode.DELETE_ALL), ()), *markers]
+    fields = [f"markers.{k}.{name}" for k, (_, own) in enumerate(every) for name in (*encode.STAMP_FIELDS, *own)]
     return Template(make(topic.type_name, markers=[one for one, _ in every]), fields)
 
 
@@ -204,14 +184,14 @@ def _candidates_template(count: int, length: int, frame: str) -> Template:
     """Return the template of that many lines of that many points; a planner has one or two of them."""
     markers = []
     for index in range(count):
-        line, points = _line(marker(frame, "candidates", LINE_STRIP, index=index), _CANDIDATE_WIDTH_M, length)
+        line = encode.marker(frame, "candidates", encode.LINE_STRIP, index=index)
+        line, points = _line(line, _CANDIDATE_WIDTH_M, length)
         markers.append((line, ("color.r", "color.g", "color.b", "color.a", *points)))
     return _template(topics.CANDIDATES, frame, "candidates", markers)
 
 
 def _diagnostics(decision: Decision, name: str, stamp_ns: int) -> bytes:
     figures = {key: f"{value:.6g}" for key, value in decision.diagnostics.items() if math.isfinite(value)}
-    values = {"status": decision.status.value} | figures
-    return encode_diagnostics(
-        stamp_ns, _LEVELS[decision.status], name, decision.reason or decision.status.value, values
-    )
+    status = decision.status
+    values = {"status": status.value} | figures
+    return encode.encode_diagnostics(stamp_ns, _LEVELS[status], name, decision.reason or status.value, values)

@@ -7,13 +7,11 @@ of its axis seen from above. That segment is a point while the cylinder stands u
 import math
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from barn_worlds.base.arrays import Floats, Integers
+from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.geometry.kernels import rectangle_gap
 
-Bools = npt.NDArray[np.bool_]
 _SAMPLES = 9  # per segment of 1 m: closer together than a cylinder is thick
 _ROUNDING_M = 1e-9  # more than distances are rounded by
 

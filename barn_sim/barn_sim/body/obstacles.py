@@ -12,9 +12,9 @@ from functools import partial
 import numpy as np
 
 from barn_sim.body.bullet import PhysicsClient, add_body, bullet
-from barn_sim.body.cylinders import Bools, follow_cylinders, near_cylinders, see_cylinders
+from barn_sim.body.cylinders import follow_cylinders, near_cylinders, see_cylinders
 from barn_sim.config import SimulatorConfig
-from barn_worlds.base.arrays import Floats, Integers
+from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.types import Pose2D
 from barn_worlds.worlds.world import World
 

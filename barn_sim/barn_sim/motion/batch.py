@@ -5,14 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from barn_sim.body.bullet import PhysicsEngine, end
-from barn_sim.body.cylinders import Bools
 from barn_sim.config import SimulatorConfig
 from barn_sim.motion.lanes import advance_all
 from barn_sim.motion.state import Fleet
 from barn_sim.motion.ticks import read_all
 from barn_sim.sensors.lidar import Singles, scan_all
 from barn_sim.simulator import Simulator
-from barn_worlds.base.arrays import Floats, Integers
+from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.types import nanoseconds
 
 _NEVER_NS = -(2**62)

@@ -2,8 +2,8 @@
 
 import math
 
-import numpy as np
 from numba import njit
+from numpy.random import Generator
 
 from barn_sim.config import OdometryConfig
 from barn_sim.motion.state import Fleet, Record, Records
@@ -19,9 +19,7 @@ class FusedOdometry:
     or not the update is read. A biased gyro without a compass makes the heading drift, in proportion to time.
     """
 
-    def __init__(
-        self, config: OdometryConfig, rng: np.random.Generator, start_yaw: float, fleet: Fleet, index: int
-    ) -> None:
+    def __init__(self, config: OdometryConfig, rng: Generator, start_yaw: float, fleet: Fleet, index: int) -> None:
         """Begin with the noise of the first update; fleet, index: whose state it keeps."""
         self._fleet, self._index, self._rng, self._drawn = fleet, index, rng, 0
         settings = self._fleet.settings
@@ -30,7 +28,7 @@ class FusedOdometry:
         self._fleet.robots[index]["start_yaw"] = start_yaw
         self._fleet.robots[index]["speed_factor"] = 1.0
 
-    def draw_errors(self, config: OdometryConfig, rng: np.random.Generator) -> None:
+    def draw_errors(self, config: OdometryConfig, rng: Generator) -> None:
         """Draw the errors that stay for a trial: of the gyro and of the wheels' radius."""
         robot, (gyro, radius) = self._fleet.robots[self._index], rng.standard_normal(2)
         robot["gyro_bias"] = config.gyro_bias_rad_s * gyro

@@ -4,6 +4,7 @@ import numpy as np
 import numpy.typing as npt
 
 BoolGrid = npt.NDArray[np.bool_]  # (rows, cols), True where filled or occupied
+Bools = npt.NDArray[np.bool_]  # (n,)
 Cells = npt.NDArray[np.int64]  # (n, 2) row, column
 Points = npt.NDArray[np.float64]  # (n, 2) x, y in metres
 Floats = npt.NDArray[np.float64]

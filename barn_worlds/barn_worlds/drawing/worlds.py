@@ -36,14 +36,12 @@ _ARROWS = 4  # along a track
 _LONGEST_TRACK_S = 200.0
 
 
-def world_figure(
-    world: World, start: Pose2D | None = None, goal: Pose2D | None = None, reached_m: float = 0.0
-) -> Figure:
+def world_figure(world: World, start: Pose2D | None = None, goal: Pose2D | None = None, near_m: float = 0.0) -> Figure:
     """Return a picture of one world; moving obstacles with their tracks, where they are at time 0.
 
     start, goal: what is driven, with how near to the goal counts as arrival; without, the ends of the path.
     """
-    figure, axes = _figure(world, start, goal, reached_m)
+    figure, axes = _figure(world, start, goal, near_m)
     _draw_moving(axes, world, arrows=_ARROWS)
     axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), borderaxespad=0.0, frameon=False)
     return figure
@@ -83,13 +81,13 @@ def sheet_figure(worlds: Mapping[int, World]) -> Figure:
 
 
 def _figure(
-    world: World, start: Pose2D | None = None, goal: Pose2D | None = None, reached_m: float = 0.0
+    world: World, start: Pose2D | None = None, goal: Pose2D | None = None, near_m: float = 0.0
 ) -> tuple[Figure, Axes]:
     """Return a figure of what stands in a world, and its axes in metres."""
     left, below, right, above = world.bounds_m
     extent = (left, right, above - world.cols * world.resolution_m, above)
     first, last = (Pose2D(x, y, 0.0) for x, y in world.path_m()[[0, -1]].tolist())
-    scene = scene_of(world, start or first, goal or last, reached_m)
+    scene = scene_of(world, start or first, goal or last, near_m)
     (left, below), (right, above) = scene.view_m(np.array([left, below]), np.array([right, above]))
     size = (6.4, min(30.0, 1.2 + 4.2 * (above - below) / (right - left)))
     figure = Figure(figsize=size, layout="constrained")
@@ -103,7 +101,7 @@ def _figure(
     if world.grid.any():
         axes.scatter([], [], marker="s", color=palette.INFLATED, label="C-space obstacle")
         axes.scatter([], [], color=palette.OBSTACLE, label="obstacle")
-    above = max(above, goal.y + reached_m + 0.2) if goal else above
+    above = max(above, goal.y + near_m + 0.2) if goal else above
     axes.set(xlim=(left, right), ylim=(below, above), aspect="equal", xlabel="x [m]", ylabel="y [m]")
     moving = f", {len(world.moving)} moving obstacles" if world.moving else ""
     axes.set_title(f"{world.name}: path {world.path_length_m:.2f} m{moving}", parse_math=False)

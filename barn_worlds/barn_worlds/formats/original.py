@@ -55,15 +55,11 @@ def read_world(folder: Path, index: int, robot: Robot = STANDARD) -> World:
 
 
 def write_original(
-    folder: Path,
-    worlds: Mapping[int, World],
-    metrics: Mapping[int, Floats] | None = None,
-    *,
-    historical_maps: bool = False,
+    folder: Path, worlds: Mapping[int, World], metrics: Mapping[int, Floats] | None = None, *, historical: bool = False
 ) -> None:
     """Write worlds by number into a new folder of the original layout, atomically.
 
-    metrics: the five metrics of each world, for metrics_files. historical_maps: place the obstacles in map_files one
+    metrics: the five metrics of each world, for metrics_files. historical: place the obstacles in map_files one
     cell too near, as the original data set does. Raises WorldError if the folder exists and is not empty.
     """
     from barn_worlds.formats.sdf import write_sdf  # noqa: PLC0415 (loads the standard library's clients of the web)
@@ -74,7 +70,7 @@ def write_original(
                 content = to_npy(getattr(world, kind).astype(np.int64))
                 write_bytes(target / f"{kind}_files" / f"{kind}_{index}.npy", content)
             write_sdf(world, target / "world_files" / f"world_{index}.world.gz")
-            occupancy = world.occupancy_map(historical=historical_maps)
+            occupancy = world.occupancy_map(historical=historical)
             map_server.write_map(occupancy, target / "map_files" / f"yaml_{index}", image=f"map_pgm_{index}.pgm")
         for index, values in (metrics or {}).items():
             write_bytes(target / "metrics_files" / f"metrics_{index}.npy", to_npy(np.asarray(values, np.float64)))

@@ -19,9 +19,7 @@ from barn_worlds.worlds.course import course_of
 from barn_worlds.worlds.world import LARGEST_SIDE, Provenance, World
 
 _WITH_SCENES = 2  # the schema of data sets in which anything is no static world; it has the arrays of `_scenes` as well
-FORMAT = NpzFormat(
-    "a data set of the suite", "manifest.json", 1, LARGEST_FILE, 512 * 1024 * 1024, newer=(_WITH_SCENES,)
-)
+FORMAT = NpzFormat("a data set of the suite", "manifest.json", 1, LARGEST_FILE, 1 << 29, newer=(_WITH_SCENES,))
 _NUMBERS = attrgetter("radius_m", "size_x_m", "size_y_m", "yaw_rad", "height_m", "phase_s")  # of an obstacle, in order
 
 

@@ -44,14 +44,12 @@ class Footprint:
         """Return the distances (n,) in m from the robot at a pose to shapes (n, 7) of `geometry.kernels`, 0 inside."""
         return self._gaps(shapes, x, y, yaw, *self._outline)
 
-    def times_to_contact(
-        self, shapes: Floats, velocities: Floats, x: float, y: float, yaw: float, speed: float
-    ) -> Floats:
+    def times_to_contact(self, shapes: Floats, motions: Floats, x: float, y: float, yaw: float, speed: float) -> Floats:
         """Return when (n,) in s the robot meets shapes (n, 7) if all keep their velocities, inf for never.
 
-        velocities (n, 2): of the shapes, m/s; the robot goes straight ahead at `speed`. A box counts as a disc.
+        motions (n, 2): velocities of the shapes, m/s; the robot goes straight ahead at `speed`. A box counts as a disc.
         """
-        return self._times(shapes, velocities, x, y, yaw, speed, *self._outline)
+        return self._times(shapes, motions, x, y, yaw, speed, *self._outline)
 
     def nearest(self, x: float, y: float) -> Floats:
         """Return the point (2,) of the outline's inside or edge that is nearest to a point in base_link."""

@@ -18,8 +18,6 @@ CUBE, SPHERE, CYLINDER, LINE_STRIP, LINE_LIST, TEXT_VIEW_FACING = 1, 2, 3, 4, 5,
 ADD, DELETE_ALL = 0, 3
 _LITTLE_ENDIAN = b"\x00\x01\x00\x00"  # in front of every message; those without texts and lengths are packed at once
 _POSE_BYTES = 56  # x, y, z of the position, x, y, z, w of the orientation
-
-
 T = TypeVar("T")
 
 
@@ -70,9 +68,7 @@ class ScanEncoder(Encoder[Scan]):
 
     def __init__(self, first: Scan, frame: str, period_s: float) -> None:
         names = ("angle_min", "angle_increment", "range_min", "range_max")
-        message = make(
-            "sensor_msgs/msg/LaserScan", header=header(frame), **{name: getattr(first, name) for name in names}
-        )
+        message = make("sensor_msgs/msg/LaserScan", header=header(frame), **{one: getattr(first, one) for one in names})
         message.angle_max = first.angle_min + first.angle_increment * (len(first.ranges) - 1)
         message.scan_time, message.ranges = period_s, np.zeros(len(first.ranges), np.float32)
         super().__init__(message, ["ranges"], lambda scan: (scan.ranges.tobytes(),))
@@ -90,11 +86,9 @@ class TwistStampedEncoder(Encoder[Velocity2D]):
 class JointEncoder(Encoder[tuple[Sequence[float], Sequence[float]]]):
     """sensor_msgs/JointState of positions (rad) and velocities (rad/s) in the order of a fixed list of joints."""
 
-    def __init__(self, names: Sequence[str], frame: str = "") -> None:
-        fields, zeros = ("position", "velocity"), np.zeros(len(names))
-        message = make(
-            "sensor_msgs/msg/JointState", header=header(frame), name=list(names), position=zeros, velocity=zeros
-        )
+    def __init__(self, names: Sequence[str]) -> None:
+        fields, rest = ("position", "velocity"), np.zeros(len(names))
+        message = make("sensor_msgs/msg/JointState", header=header(""), name=list(names), position=rest, velocity=rest)
         super().__init__(message, fields, lambda both: [np.asarray(one, np.float64).tobytes() for one in both])
 
 

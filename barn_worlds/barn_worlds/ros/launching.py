@@ -96,11 +96,9 @@ def topic_argument(name: str) -> str:
     return name.replace("/", "_") + "_topic"
 
 
-def include(
-    package: str, name: str, passed: Iterable[str], condition: Condition | None = None, **fixed: str
-) -> GroupAction:
+def include(package: str, name: str, passed: Iterable[str], when: Condition | None = None, **fixed: str) -> GroupAction:
     """Include a launch file of a package and pass the named arguments on; what it sets stays inside."""
     path = PathJoinSubstitution([FindPackageShare(package), "launch", f"{name}.launch.py"])
     values = {argument: LaunchConfiguration(argument) for argument in passed} | fixed
     included = IncludeLaunchDescription(PythonLaunchDescriptionSource(path), launch_arguments=values.items())
-    return GroupAction([included], condition=condition, scoped=True)
+    return GroupAction([included], condition=when, scoped=True)

@@ -11,18 +11,20 @@ from barn_worlds.base.arrays import BoolGrid, Cells, Integers
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.types import Pose2D
 from barn_worlds.geometry.footprint import contact_of
+from barn_worlds.geometry.polygon import Corner
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.cspace import configuration_space, label_regions
 from barn_worlds.worlds.path_planner import plan_path
 from barn_worlds.worlds.world import Provenance, World
 
+Ends = tuple[Pose2D, Pose2D]  # start and goal
 LONGEST_CHOSEN_M = 25.0  # of a way that is chosen: 50 s at 0.5 m/s, half the challenge's limit
 _SEEN_M = 15.0  # how near an obstacle should be to ends that are chosen: half a usual lidar's range
 _AHEAD_M = 1.0  # along the way, where a start that is chosen looks
 CHOSEN = "chosen"  # a world's path_source, where its start and goal are
 
 
-def course_of(numbers: Sequence[float], where: str) -> tuple[Pose2D, Pose2D]:
+def course_of(numbers: Sequence[float], where: str) -> Ends:
     """Return start and goal of the numbers x, y, yaw of the start and x, y (, yaw) of the goal; WorldError if not."""
     if len(numbers) not in (5, 6) or not all(math.isfinite(number) for number in numbers):
         raise WorldError(f"{where} must be x, y, yaw of the start and x, y (, yaw) of the goal, got {list(numbers)}")
@@ -35,10 +37,10 @@ def open_world(
     name: str,
     grid: BoolGrid,
     cell_m: float,
-    corner_m: tuple[float, float],
+    corner_m: Corner,
     robot: Robot,
     about: Provenance,
-    ends: tuple[Pose2D, Pose2D] | None = None,
+    ends: Ends | None = None,
 ) -> World:
     """Return a world of any shape, its grid's outer corner at a place of the map frame; WorldError without a way.
 
@@ -69,7 +71,7 @@ def for_robot(world: World, robot: Robot, course: Sequence[float] = ()) -> World
     return world if same else with_course(world, robot, (world.start, world.goal))
 
 
-def with_course(world: World, robot: Robot, ends: tuple[Pose2D, Pose2D] | None = None) -> World:
+def with_course(world: World, robot: Robot, ends: Ends | None = None) -> World:
     """Return a world with start, goal and the way between them as its path; ends: None to choose them."""
     cells = robot.footprint_cells(world.resolution_m)
     occupied = world.occupied
@@ -103,7 +105,7 @@ def _require_free(world: World, robot: Robot, start: Pose2D, goal: Pose2D) -> No
             raise WorldError(f"{at} is blocked: robot {robot.name} would touch an obstacle there")
 
 
-def _between(world: World, occupied: BoolGrid, cspace: BoolGrid, robot: Robot, ends: tuple[Pose2D, Pose2D]) -> Cells:
+def _between(world: World, occupied: BoolGrid, cspace: BoolGrid, robot: Robot, ends: Ends) -> Cells:
     """Return the cells of a way (n, 2); the robot may stand nearer to obstacles at its ends than on the way."""
     points = np.array([(pose.x, pose.y) for pose in ends])
     inside = np.clip(world.containing_cells(points), 0, np.array(world.grid.shape) - 1)

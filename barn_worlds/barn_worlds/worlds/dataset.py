@@ -69,10 +69,9 @@ class Dataset:
         for world in map(self.load, () if made_for == robot.name else indices):
             side_m, own, cells = world.resolution_m, world.footprint_cells, robot.footprint_cells(world.resolution_m)
             if cells > own:
-                raise WorldError(
-                    f"{self.name} is made for robot {made_for}, with ways for {own} x {own} cells of {side_m:g} m: "
-                    f"robot {robot.name} takes {cells} x {cells}; name one that fits, such as {made_for}"
-                )
+                made = f"{self.name} is made for robot {made_for}, with ways for {own} x {own} cells of {side_m:g} m"
+                takes = f"robot {robot.name} takes {cells} x {cells}"
+                raise WorldError(f"{made}: {takes}; name one that fits, such as {made_for}")
 
     @cached_property
     def checksum(self) -> str:

@@ -134,11 +134,7 @@ _DRAWN = dict(zip(KINDS, (_doors, _dead_ends, _turns, _clutter), strict=True))
 
 
 def hard_world(
-    parameters: HardParameters,
-    robot: Robot,
-    generator: np.random.Generator,
-    name: str = "hard",
-    seed: tuple[int, ...] = (),
+    parameters: HardParameters, robot: Robot, generator: np.random.Generator, name: str, seed: tuple[int, ...] = ()
 ) -> World:
     """Return a random world with a way proven for the robot's turned footprint as its path.
 

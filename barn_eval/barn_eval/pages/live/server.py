@@ -3,7 +3,6 @@
 import json
 import threading
 from collections import Counter
-from collections.abc import Sequence
 from contextlib import AbstractContextManager, suppress
 from datetime import datetime, timedelta
 from functools import lru_cache
@@ -30,7 +29,7 @@ from barn_eval.pages import LOOPBACK, PAGE_PORT
 from barn_eval.pages.replay.page import replay_page
 from barn_eval.pages.template import render, themed
 from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.result import TrialResult
+from barn_eval.trials.result import Rows, TrialResult
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.base.text_files import finite
 
@@ -113,7 +112,7 @@ def _leader(source: Source) -> dict[str, Any]:
     }
 
 
-def _pace(rows: Sequence[TrialResult], planned: int | None) -> dict[str, Any]:
+def _pace(rows: Rows, planned: int | None) -> dict[str, Any]:
     """Return when the last trial ended (ISO 8601), trials per minute of the last ones, and seconds left at that."""
     ends = sorted(end for end in map(_end, rows[-_RECENT:]) if end is not None)
     span_s = (ends[-1] - ends[0]).total_seconds() if ends else 0.0

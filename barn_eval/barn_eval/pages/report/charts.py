@@ -87,9 +87,8 @@ class Panels(NamedTuple):
         maps = min(self.rows, self.columns) > 1  # as high as they are wide
         columns = max(1, min(self.columns, int(width_in / (_NARROWEST_IN if self.sharey or maps else _NARROW_IN))))
         rows = -(-self.rows * self.columns // columns)
-        kept = (
-            width_in * self.columns / (columns * self.width_in) if maps else _IN_PAPERS if self.rows == 1 else _STRIPS
-        )
+        flatter = _IN_PAPERS if self.rows == 1 else _STRIPS
+        kept = width_in * self.columns / (columns * self.width_in) if maps else flatter
         height_in = kept * self.height_in * rows / self.rows
         return self._replace(height_in=height_in, columns=columns, rows=rows, width_in=width_in)
 
@@ -184,9 +183,7 @@ def _strip_heights(data: ChartData) -> list[int]:
 @chart(
     "Outcome of every trial in every world",
     lambda data: Panels(
-        1.4 + sum(0.28 + min(0.15 * height, 1.2) for height in _strip_heights(data)),
-        rows=len(data.entries),
-        sharex=True,
+        1.4 + sum(0.28 + min(0.15 * high, 1.2) for high in _strip_heights(data)), rows=len(data.entries), sharex=True
     ),
 )
 def _outcomes(panels: Sequence[Axes], data: ChartData) -> Legend:
@@ -207,9 +204,7 @@ def _outcomes(panels: Sequence[Axes], data: ChartData) -> Legend:
         axes.set_ylabel("trial")
     panels[-1].set_xlabel(_RANK)
     _world_ticks(panels[-1], order)
-    names = [
-        one.value.replace("_", " ") if look != BROKEN else "other failure" for one, look in OUTCOME_COLOURS.items()
-    ]
+    names = [one.value.replace("_", " ") if hue != BROKEN else "other failure" for one, hue in OUTCOME_COLOURS.items()]
     shown = {["no trial", *names][one]: colours[one] for one in sorted(there)}
     return Legend([Patch(facecolor=one, edgecolor=INK, linewidth=0.5) for one in shown.values()], list(shown))
 

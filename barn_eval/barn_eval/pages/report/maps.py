@@ -21,17 +21,8 @@ from barn_eval.pages.report.charts import ChartData, Legend, Panels, chart
 from barn_eval.pages.report.trials import DrivenTrial, driven_trials, known_scene, scene_under
 from barn_eval.trials.outcome import Outcome
 from barn_worlds.base.errors import ConfigError, suggest
+from barn_worlds.drawing import scene as drawing
 from barn_worlds.drawing.palette import CONTACT, FAINT, GOAL, INK, MOVER, START
-from barn_worlds.drawing.scene import (
-    draw_arrow,
-    draw_contacts,
-    draw_outlines,
-    draw_scene,
-    draw_trail,
-    draw_ways,
-    scale_speeds,
-    ways,
-)
 from barn_worlds.geometry.bodies import moving_bodies
 from barn_worlds.worlds.scene import TrialScene
 from barn_worlds.worlds.world import World
@@ -98,14 +89,15 @@ def _seen(world: World, drives: Sequence[DrivenTrial]) -> tuple[float, float, fl
 
 def _draw_map(axes: Axes, world: World, drives: Sequence[DrivenTrial]) -> None:
     scene = known_scene(drives[0].entry.source, world)
-    draw_scene(axes, scene, faint=True)
+    drawing.draw_scene(axes, scene, faint=True)
     draw_motion(axes, world, drives)
     for drive in drives:
         if drive.track is None:
             continue
         colour, trail = drive.entry.colour, drive.poses[:, :2]
         marks: list[Artist] = [*axes.plot(*trail.T, color=colour, linewidth=1.5, alpha=0.8)]
-        marks.append(draw_outlines(axes, drive.poses[-1:], drive.entry.source.outline.corners_m, colour, linewidth=1.0))
+        corners_m = drive.entry.source.outline.corners_m
+        marks.append(drawing.draw_outlines(axes, drive.poses[-1:], corners_m, colour, linewidth=1.0))
         marks += draw_touched(axes, world, drive)
         if not drive.result.scores.success:
             marks += axes.plot(*trail[-1], color=colour, marker="x", markersize=9, markeredgewidth=2.4, zorder=5)
@@ -125,11 +117,11 @@ def draw_motion(axes: Axes, world: World, drives: Sequence[DrivenTrial]) -> None
             begin_s = drive.result.motion.phase_s
             longest[begin_s] = max(longest.get(begin_s, 0.0), begin_s + drive.end_s)
     for begin_s, end_s in longest.items() if world.moving else ():
-        pieces = ways(world.tracks, np.arange(max(begin_s, end_s - _LONGEST_WAY_S), end_s + 1e-9, _WAY_STEP_S))
-        draw_ways(axes, pieces, alpha=0.55, zorder=1.5)
+        pieces = drawing.ways(world.tracks, np.arange(max(begin_s, end_s - _LONGEST_WAY_S), end_s + 1e-9, _WAY_STEP_S))
+        drawing.draw_ways(axes, pieces, alpha=0.55, zorder=1.5)
         for piece in pieces:
             if np.hypot(*(piece[-1] - piece[0])) > _SHORTEST_ARROW_M:
-                draw_arrow(axes, piece[-1], piece[-1] - piece[-2], mutation_scale=8.0, linewidth=0.6, alpha=0.7)
+                drawing.draw_arrow(axes, piece[-1], piece[-1] - piece[-2], mutation_scale=8.0, linewidth=0.6, alpha=0.7)
 
 
 def draw_touched(axes: Axes, world: World, drive: DrivenTrial) -> list[Artist]:
@@ -172,11 +164,11 @@ def overlay(
     side_in = _SIDE_IN + (_ARENA_IN if found.corner_m is not None else 0.0)
     figure = new_figure(_HEIGHT_IN, side_in + (_HEIGHT_IN - 1.0) * (right - left) / (above - below))
     axes = figure.add_subplot()
-    draw_scene(axes, scene)
+    drawing.draw_scene(axes, scene)
     draw_motion(axes, found, chosen)
     trails = [_draw_trial(axes, found, driven, by) for driven in chosen]
     if by == "speed":
-        scale_speeds(axes, trails)
+        drawing.scale_speeds(axes, trails)
     axes.set(xlim=(left, right), ylim=(below, above), aspect="equal", xlabel="x [m]", ylabel="y [m]")
     axes.set_title(f"world {world}: {len(chosen)} trial{'s' if len(chosen) > 1 else ''}")
     handles = _legend(chosen, by) + (motion_handles() if found.moving else [])
@@ -184,12 +176,10 @@ def overlay(
     return figure
 
 
-def choose(
-    entries: Sequence[Entry], world: int, planners: Sequence[str], outcome: str
-) -> tuple[list[DrivenTrial], World]:
+def choose(entries: Sequence[Entry], world: int, names: Sequence[str], outcome: str) -> tuple[list[DrivenTrial], World]:
     """Return the trials in a world of these planners and with this outcome, or of all, and the world."""
     known, outcomes = {entry.planner for entry in entries}, {one.value for one in Outcome}
-    for name in set(planners) - known:
+    for name in set(names) - known:
         there = ", ".join(sorted(known))
         raise ConfigError(f"planner {name!r}: has no trial here{suggest(name, known)}; there are {there}")
     if outcome and outcome not in outcomes:
@@ -201,7 +191,7 @@ def choose(
     wanted = []
     for entry in entries:
         own = (one for one in entry.results if one.world == world and outcome in ("", one.outcome.value))
-        wanted += [replace(entry, results=tuple(own))] if entry.planner in (planners or known) else []
+        wanted += [replace(entry, results=tuple(own))] if entry.planner in (names or known) else []
     drives, worlds = driven_trials(wanted)
     found = [one for one in drives if one.track is not None]
     if not found:
@@ -228,9 +218,9 @@ def _draw_trial(axes: Axes, world: World, driven: DrivenTrial, by: str) -> LineC
     assert driven.track is not None
     colour, poses, corners_m = driven.entry.colour, driven.poses, driven.entry.source.outline.corners_m
     speeds = driven.track.samples[:, _SPEED] if by == "speed" else None
-    trail = draw_trail(axes, poses[:, :2], speeds, colour)
-    draw_outlines(axes, poses[[0, -1]], corners_m, colour, linewidth=1.2, zorder=4)
-    draw_contacts(axes, poses[driven.track.contact, :2])
+    trail = drawing.draw_trail(axes, poses[:, :2], speeds, colour)
+    drawing.draw_outlines(axes, poses[[0, -1]], corners_m, colour, linewidth=1.2, zorder=4)
+    drawing.draw_contacts(axes, poses[driven.track.contact, :2])
     draw_touched(axes, world, driven)
     return trail
 

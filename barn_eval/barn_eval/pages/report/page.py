@@ -33,12 +33,11 @@ from barn_eval.pages.template import render, write_page
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.worlds.world import World
 
+Onto = Axes | Sequence[Axes] | None
 DEFAULT_HARDEST = 8  # worlds that are drawn as maps
 
 
-def draw(
-    chart: Chart, data: ChartData, ax: Axes | Sequence[Axes] | None = None, width_mm: float | None = None
-) -> list[Axes]:
+def draw(chart: Chart, data: ChartData, ax: Onto = None, width_mm: float | None = None) -> list[Axes]:
     """Draw a figure of the catalogue and return its axes, none where it has nothing to show.
 
     ax: what to draw onto, as many as the figure has panels; without, a figure of its own. width_mm: of that.
@@ -71,9 +70,7 @@ def draw(
     return panels
 
 
-def plot(
-    name: str, entries: Sequence[Entry], ax: Axes | Sequence[Axes] | None = None, width_mm: float | None = None
-) -> list[Axes]:
+def plot(name: str, entries: Sequence[Entry], ax: Onto = None, width_mm: float | None = None) -> list[Axes]:
     """Draw the figure of that name of planners' results, onto axes or a figure of its own, and return its axes.
 
     width_mm: as of `draw`. ConfigError for an unknown name, a wrong number of axes, and where there is nothing to draw.

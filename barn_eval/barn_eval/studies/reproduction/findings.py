@@ -18,16 +18,7 @@ from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoic
 from barn_eval.experiments.request import Request
 from barn_eval.experiments.run import run_experiment
 from barn_eval.experiments.run_file import RunFile, provenance
-from barn_eval.studies.reproduction.trials import (
-    PLANNERS,
-    REPETITIONS,
-    MetricsFinding,
-    PlannerTrials,
-    TrialsFinding,
-    metrics_finding,
-    trials_by_planner,
-    trials_finding,
-)
+from barn_eval.studies.reproduction import trials as paper
 from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.spec import simulator_config
 from barn_metrics.model import load_model
@@ -50,7 +41,7 @@ class ReproduceConfig(Checked):
 
     dataset: str = quantity("barn300", "data set: a name, folder or file")
     strata: int = quantity(0, "parts of the order of which one world each is taken, 0 for all", "", 0, 10_000)
-    repetitions: int = quantity(REPETITIONS, "trials per world and planner", "", 2, 99)
+    repetitions: int = quantity(paper.REPETITIONS, "trials per world and planner", "", 2, 99)
     seed: int = quantity(0, "all randomness comes from it", "", 0, 2**31)
     folds: int = quantity(10, "parts that held-out worlds are taken in", "", 2, 100)
     repeats: int = quantity(5, "how often they are drawn anew", "", 1, 100)
@@ -78,8 +69,8 @@ class Findings:
     """The outcome of a reproduction; equal configurations and code give equal findings, bit for bit."""
 
     scope: Scope
-    metrics: MetricsFinding
-    trials: TrialsFinding
+    metrics: paper.MetricsFinding
+    trials: paper.TrialsFinding
     learning: Evaluation
     schema_version: int = SCHEMA_VERSION
 
@@ -130,13 +121,13 @@ def reproduce(config: ReproduceConfig, out: Path, execution: Execution, console:
     experiment = paper_campaign(config)
     console.print(f"the paper's trials, in {where}", markup=False)
     results = run_experiment(Request(experiment, execution, where), console)
-    found = trials_by_planner(results, str(where))
+    found = paper.trials_by_planner(results, str(where))
     worlds = {int(number): dataset.load(int(number)) for number in found["dwa"].worlds}
     judged = EvaluationConfig(folds=config.folds, repeats=config.repeats, seed=config.seed)
     findings = Findings(
         Scope(config, dataset.checksum, len(dataset.indices), len(worlds), PAPER_2020.name),
-        metrics_finding(dataset, config.seed),
-        trials_finding(results, found, config.seed),
+        paper.metrics_finding(dataset, config.seed),
+        paper.trials_finding(results, found, config.seed),
         evaluate(worlds, _model_trials(found), model, judged),
     )
     return findings, Origin.of(RunFile.read(where).sessions)
@@ -149,7 +140,7 @@ def paper_campaign(config: ReproduceConfig) -> Experiment:
     return Experiment(
         dataset=config.dataset,
         worlds="all" if len(chosen) == len(indices) else ",".join(map(str, chosen)),
-        planners=tuple(PlannerChoice(name) for name in PLANNERS),
+        planners=tuple(PlannerChoice(name) for name in paper.PLANNERS),
         repetitions=config.repetitions,
         protocol=PAPER_2020,
         simulator=simulator_config(PAPER_2020),
@@ -169,7 +160,7 @@ def chosen_worlds(indices: Sequence[int], strata: int, seed: int) -> tuple[int, 
     return tuple(int(part[int(generator.random() * len(part))]) for part in parts)
 
 
-def _model_trials(found: dict[str, PlannerTrials]) -> Trials:
+def _model_trials(found: dict[str, paper.PlannerTrials]) -> Trials:
     """Return trials as the difficulty model takes them."""
     return Trials(
         np.concatenate([one.world_of_each for one in found.values()]),

@@ -1,22 +1,21 @@
 """What worlds and trials say: Table II, times as the paper counts them, failures, worlds by difficulty (Fig. 6)."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
 from barn_eval.analysis.significance import proportion
 from barn_eval.analysis.statistics import mean_interval, rank_correlation
 from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.result import TrialResult
+from barn_eval.trials.result import Rows
 from barn_metrics import bootstrap
 from barn_metrics.bootstrap import Interval
 from barn_metrics.metrics import CORRECTED, METRICS, PUBLISHED
 from barn_metrics.report import metrics_table
-from barn_worlds.base.arrays import Floats, Integers
+from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.worlds.dataset import Dataset
 
@@ -25,7 +24,7 @@ PLANNERS, REPETITIONS = ("dwa", "eband"), 5  # of the paper
 EXTREME_SHARE = 0.1
 
 # Deviations of very few worlds have no bias correction that could be trusted.
-over_worlds = partial(bootstrap.over_worlds, method="percentile")
+over_worlds = partial(bootstrap.over_worlds, percentile=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +37,7 @@ class PlannerTrials:
     worlds: Integers
     normalised_s_per_m: Floats
     time_s: Floats
-    succeeded: npt.NDArray[np.bool_]
+    succeeded: Bools
 
     @property
     def world_of_each(self) -> Integers:
@@ -97,7 +96,7 @@ class TrialsFinding:
         return next(one for one in self.planners if one.planner == planner)
 
 
-def trials_by_planner(results: Sequence[TrialResult], where: str) -> dict[str, PlannerTrials]:
+def trials_by_planner(results: Rows, where: str) -> dict[str, PlannerTrials]:
     """Return the trials of each of the paper's planners; ConfigError, beginning with `where`, if some are missing."""
     worlds = sorted({one.world for one in results})
     found = {}
@@ -115,7 +114,7 @@ def trials_by_planner(results: Sequence[TrialResult], where: str) -> dict[str, P
     return found
 
 
-def trials_finding(results: Sequence[TrialResult], found: Mapping[str, PlannerTrials], seed: int) -> TrialsFinding:
+def trials_finding(results: Rows, found: Mapping[str, PlannerTrials], seed: int) -> TrialsFinding:
     """Return what the trials of both planners say."""
     dwa, eband = (found[planner].normalised_s_per_m for planner in PLANNERS)
     worlds = found["dwa"].worlds
@@ -140,9 +139,7 @@ def trials_finding(results: Sequence[TrialResult], found: Mapping[str, PlannerTr
     )
 
 
-def _planner(
-    planner: str, results: Sequence[TrialResult], trials: PlannerTrials, order: Integers, seed: int
-) -> PlannerFinding:
+def _planner(planner: str, results: Rows, trials: PlannerTrials, order: Integers, seed: int) -> PlannerFinding:
     outcomes = Counter(one.outcome for one in results if one.planner == planner)
     failed, worlds = ~trials.succeeded, trials.world_of_each
     times, tenth = trials.time_s.ravel(), _tenth(len(order))
