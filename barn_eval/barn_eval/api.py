@@ -11,7 +11,7 @@ from rich.console import Console
 
 from barn_eval.analysis.leaderboard import sweep_board, sweep_rows
 from barn_eval.experiments.live import LivePlanner, Planners, split_planners
-from barn_eval.experiments.request import read_request
+from barn_eval.experiments.request import Given, Values, read_request
 from barn_eval.experiments.run import Plan, plan_experiment
 from barn_eval.experiments.sweep import Sweep, grid
 from barn_eval.results import Results
@@ -173,10 +173,7 @@ def _sweep_of(call: Callable[P, Results]) -> Callable[Concatenate[Sweep, P], pd.
 sweep = _sweep_of(run)
 
 
-_Options = tuple[Path | None, Mapping[str, Any], Mapping[str, Any] | None, Mapping[int, World] | None]
-
-
-def _options(arguments: Mapping[str, Any]) -> tuple[_Options, dict[str, LivePlanner]]:
+def _options(arguments: Values) -> tuple[tuple[Path | None, Values, Values | None, Given], dict[str, LivePlanner]]:
     """Return the arguments of `read_request` for those of `run`, and the planners that are Python objects."""
     given = {name: value for name, value in arguments.items() if name not in ("overwrite", "progress")}
     file, settings, planners = (given.pop(name) for name in ("file", "settings", "planners"))

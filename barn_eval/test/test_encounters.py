@@ -27,9 +27,8 @@ def world_of(*keys: tuple[float, float, float], walls: tuple[Wall, ...] = (), **
 
 
 def figures(world: World, poses: list[Pose2D], speeds: list[float], contacts=(), *, phase_s=0.0, traversal_s=None):
-    course = DYNABARN.course(world)
     trajectory = drive(poses, speeds, contacts)
-    found = encounters(trajectory, world, phase_s, EXTENT, course, DYNABARN, traversal_s)
+    found = encounters(trajectory, world, phase_s, EXTENT, DYNABARN, traversal_s)
     assert found is not None
     return found
 
@@ -93,7 +92,7 @@ def test_a_trial_without_readings_and_a_world_without_motion_have_nothing_to_tel
     found = figures(world_of((0.0, 1.0, 0.0), (10.0, 1.0, 0.0)), [], [])
     assert (found.moving_clearance_m, found.time_to_collision_s, found.near_s, found.touched) == (None, None, 0.0, "")
     quiet = replace(world_of((0.0, 1.0, 0.0), (10.0, 1.0, 0.0)), moving=())
-    assert encounters(drive(still(2)), quiet, 0.0, EXTENT, DYNABARN.course(quiet), DYNABARN, None) is None
+    assert encounters(drive(still(2)), quiet, 0.0, EXTENT, DYNABARN, None) is None
 
 
 @settings(max_examples=100, deadline=None)

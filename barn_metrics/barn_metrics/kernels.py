@@ -9,7 +9,7 @@ from barn_worlds.base.arrays import BoolGrid, Cells, Floats, Integers
 
 SQRT2 = math.sqrt(2.0)
 TAN_22_5 = SQRT2 - 1.0
-COS_22_5 = math.cos(math.pi / 8.0)
+LONG = 1.0 / math.cos(math.pi / 8.0)  # in cells, of a step along an axis of 22.5 degrees
 
 # (row, column) directions in cells, 45 degrees apart; the second four are the opposites of the first.
 EIGHT_RAYS: Integers = np.array([(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)], np.int64)
@@ -29,16 +29,8 @@ EVEN_POINTS: Integers = np.array([3, 2] * 8, np.int64)
 
 # Per axis: step along rows, step along columns (cells per point, fractions rounded) and length of a step in cells.
 FOUR_AXES: Floats = np.array([(0, 1, 1), (1, 1, SQRT2), (1, 0, 1), (1, -1, SQRT2)], np.float64)
-EIGHT_AXES: Floats = np.array(
-    [
-        *FOUR_AXES,
-        (TAN_22_5, 1, 1 / COS_22_5),
-        (1, TAN_22_5, 1 / COS_22_5),
-        (1, -TAN_22_5, 1 / COS_22_5),
-        (TAN_22_5, -1, 1 / COS_22_5),
-    ],
-    np.float64,
-)
+_BETWEEN = [(TAN_22_5, 1, LONG), (1, TAN_22_5, LONG), (1, -TAN_22_5, LONG), (TAN_22_5, -1, LONG)]
+EIGHT_AXES: Floats = np.array([*FOUR_AXES, *_BETWEEN], np.float64)
 
 
 @njit(cache=True)

@@ -14,8 +14,7 @@ from barn_worlds.worlds.dataset import open_dataset
 
 torch = pytest.importorskip("torch", reason="networks are trained with PyTorch")
 
-from barn_metrics.model.torch_training import NetworkConfig, NetworkTraining, train_network  # noqa: E402
-from barn_metrics.model.training import train  # noqa: E402
+from barn_metrics.model.training import NetworkConfig, NetworkTraining, train, train_network  # noqa: E402
 
 
 @pytest.fixture(scope="module")

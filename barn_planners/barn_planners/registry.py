@@ -23,13 +23,8 @@ ANY_PROTOCOL = "default"
 _NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 # Imported on demand: some of these take a while to load.
-_BUILT_IN = {
-    "dwa": "barn_planners.dwa.planner:ENTRY",
-    "eband": "barn_planners.eband.planner:ENTRY",
-    "gap": "barn_planners.gap.planner:ENTRY",
-    "mppi": "barn_planners.mppi.planner:ENTRY",
-    "policy": "barn_planners.policy.planner:ENTRY",
-}
+_OWN = ("dwa", "eband", "gap", "mppi", "policy")
+_BUILT_IN = {name: f"barn_planners.{name}.planner:ENTRY" for name in _OWN}
 
 
 @dataclass(frozen=True)

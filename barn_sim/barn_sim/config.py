@@ -10,8 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 from barn_worlds.base.compute import Compute
-from barn_worlds.base.config import OPTIONAL, Checked, from_dict, optional, quantity
-from barn_worlds.base.presets import read_presets
+from barn_worlds.base.config import OPTIONAL, Checked, from_dict, optional, quantity, read_presets
 from barn_worlds.base.types import Pose2D, nanoseconds
 from barn_worlds.messages.topics import FRAMES, Frames
 from barn_worlds.robots.files import STANDARD

@@ -10,29 +10,15 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from barn_eval.analysis.significance import (
-    FLIPS,
-    Components,
-    Difference,
-    Share,
-    components,
-    paired_difference,
-    share_of,
-    t_quantile,
-)
+from barn_eval.analysis import significance
+from barn_eval.analysis.significance import FLIPS, Components, Difference, Share
 from barn_metrics.bootstrap import LEVEL, Interval, over_worlds, spearman
 from barn_worlds.base.arrays import Floats, Integers
 
 _STRAIGHT = 1e-9  # skewness below which a distribution counts as symmetric
-
-
-def _none() -> npt.NDArray[Any]:
-    return np.empty(0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +32,8 @@ class Columns:
     values: Floats
     worlds: Integers
     repetitions: Integers
-    failures: Integers = field(default_factory=_none)
-    as_failure: Floats = field(default_factory=_none)
+    failures: Integers = field(default_factory=lambda: np.empty(0, np.int64))
+    as_failure: Floats = field(default_factory=lambda: np.empty(0))
     best: float = 0.0
 
     def at(self, places: Integers) -> "Columns":
@@ -77,7 +63,7 @@ class Columns:
 
     def parts(self) -> Components:
         """Return the variance of the values, all of them finite."""
-        return replace(components(self.values, self.worlds), unseen=self.unseen)
+        return replace(significance.components(self.values, self.worlds), unseen=self.unseen)
 
     def failure_share(self) -> Interval | None:
         """Return the share of failures, None where they have no value of their own."""
@@ -91,7 +77,7 @@ class Columns:
     @cached_property
     def failures_seen(self) -> Share:
         """The share of failures."""
-        return share_of(self.failures, self.worlds)
+        return significance.share_of(self.failures, self.worlds)
 
     @cached_property
     def cost(self) -> float:
@@ -107,7 +93,7 @@ class Columns:
         """Return the share of failures that another has not had in the same worlds, of the same trials."""
         world = np.unique(self.worlds, return_inverse=True)[1]
         more = np.maximum(0.0, np.bincount(world, self.failures - other.failures) / np.bincount(world))
-        return share_of(more[world], self.worlds)
+        return significance.share_of(more[world], self.worlds)
 
 
 def mean_interval(values: Floats, worlds: Integers) -> Interval:
@@ -135,7 +121,8 @@ def _errors(residuals: Floats) -> tuple[float, float]:
     worlds, spread = len(residuals), float(residuals @ residuals)
     if spread == 0.0:
         return 0.0, 0.0
-    error, quantile = math.sqrt(spread * worlds / (worlds - 1)), t_quantile(0.5 + LEVEL / 2.0, worlds - 1)
+    error = math.sqrt(spread * worlds / (worlds - 1))
+    quantile = significance.t_quantile(0.5 + LEVEL / 2.0, worlds - 1)
     skewness: float = float(np.sum(residuals**3)) * math.sqrt(worlds) / math.pow(spread, 1.5)
     if abs(skewness) < _STRAIGHT:
         return quantile * error, quantile * error
@@ -196,7 +183,7 @@ def difference(a: Columns, b: Columns, seed: int = 0, flips: int = FLIPS) -> Dif
     far allow: by the test alone, a quick planner that fails rarely seems better than a steady one of the same mean as
     long as no failure was drawn. Limits hold what either one's failures would make of the difference.
     """
-    found = paired_difference(a.values - b.values, a.worlds, seed, flips)
+    found = significance.paired_difference(a.values - b.values, a.worlds, seed, flips)
     if not (a.counted and b.counted and found.trials):
         return found
     size, p, ends = found.interval.estimate, found.p, []
@@ -230,7 +217,7 @@ def paired(a: Columns, b: Columns, *, larger_is_better: bool, seed: int = 0) -> 
         found.interval,
         found.p,
         found.parts,
-        paired_difference(chances - 0.5, np.array(list(groups_a)), seed).interval.shifted(0.5),
+        significance.paired_difference(chances - 0.5, np.array(list(groups_a)), seed).interval.shifted(0.5),
         (left.failure_share(), right.failure_share()),
     )
 

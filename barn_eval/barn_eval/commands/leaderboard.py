@@ -1,6 +1,5 @@
 """`barn leaderboard`: planners of many experiments, ranked."""
 
-from itertools import chain
 from pathlib import Path
 
 import click
@@ -27,11 +26,10 @@ def command(folders: tuple[Path, ...], by: str | None, out: tuple[Path, ...], wo
         boards = leaderboard(folders, by or "", worlds)
     told = [verdict(board.ranking, board.measure) for board in boards]
     if as_json or not out:
-        shown = (
-            (*filter(None, said), *one.notes, rich_table(board_table(one)))
-            for said, one in zip(told, boards, strict=True)
-        )
-        tell(as_json, {"verdicts": list(map(str, told)), "places": board_rows(boards)}, *chain.from_iterable(shown))
+        shown: list[object] = []
+        for said, one in zip(told, boards, strict=True):
+            shown += [*filter(None, said), *one.notes, rich_table(board_table(one))]
+        tell(as_json, {"verdicts": list(map(str, told)), "places": board_rows(boards)}, *shown)
     for path in out:
         write_boards(boards, path)
         say(path)

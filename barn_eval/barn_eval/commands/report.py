@@ -6,10 +6,10 @@ from typing import Any
 
 import click
 
-from barn_eval.commands.options import PATH, keys_of, progress, say, settings_option
+from barn_eval.commands.options import PATH, bar, keys_of, say, set_option
 from barn_eval.pages.report.page import DEFAULT_HARDEST
 from barn_eval.results.folders import report
-from barn_worlds.base.config import Checked, from_dict, quantity
+from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Look(Checked):
 @click.option("--out", default="report.html", type=PATH, help="The page.")
 @click.option("--assets/--no-assets", default=True, help="Write figures and tables into OUT_assets as well.")
 @click.option("--replays", is_flag=True, help="Draw the replay of each bag into OUT_replays and link to it.")
-@settings_option("--set", "settings", "Of the page and its figures", Look())
+@set_option("--set", "settings", "Of the page and its figures", Look())
 def command(folders: tuple[Path, ...], out: Path, assets: bool, replays: bool, settings: dict[str, Any]) -> None:
     """Write the report of FOLDERS of experiments, finished or not.
 
@@ -36,19 +36,11 @@ def command(folders: tuple[Path, ...], out: Path, assets: bool, replays: bool, s
     if out.is_dir():
         raise click.UsageError(f"--out {out}: is a folder, name a file")
     look = from_dict(Look, settings, "--set")
+    chosen = as_dict(look) | {"columns": keys_of(look.columns), "width_mm": look.width_mm or None}
     beside = out.with_name(f"{out.stem}_assets") if assets else None
-    with progress("making the report") as share:
-        report(
-            folders,
-            out,
-            assets=beside,
-            title=look.title,
-            hardest=look.hardest,
-            replays=out.with_name(f"{out.stem}_replays") if replays else None,
-            columns=keys_of(look.columns),
-            width_mm=look.width_mm or None,
-            progress=share,
-        )
+    drawn = out.with_name(f"{out.stem}_replays") if replays else None
+    with bar("making the report") as share:
+        report(folders, out, assets=beside, replays=drawn, progress=share, **chosen)
     say(out)
-    if beside is not None:
+    if assets:
         say(f"figures and tables in {beside}")

@@ -12,19 +12,7 @@ from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.summary import summarise, summarise_campaign
 from barn_eval.analysis.tables import comparison_table, summary_table, trials_table
 from barn_eval.analysis.verdict import verdict
-from barn_eval.commands.options import (
-    FILE,
-    FOLDER,
-    SEED,
-    console,
-    course_option,
-    json_option,
-    notes,
-    print_json,
-    say,
-    settings_option,
-    tell,
-)
+from barn_eval.commands.options import FILE, FOLDER, SEED, course_option, json_option, notes, say, set_option, tell
 from barn_eval.commands.tables import FittedTable, rich_table, table
 from barn_eval.commands.watch import viewed
 from barn_eval.experiments.experiment import Execution
@@ -61,7 +49,7 @@ NOT_SCORED = 3  # the exit code
     metavar="[NAME=]COMMAND",
     help="Start a planner of your own (mode ros) [default name: of its script]; repeatable.",
 )
-@settings_option(
+@set_option(
     "--set",
     "settings",
     "A planner's parameter (barn_planners/README.md lists them), its name without PLANNER where there is one planner",
@@ -71,11 +59,9 @@ NOT_SCORED = 3  # the exit code
     "--sweep", multiple=True, metavar="KEY=V1,V2,...", help="All values of a parameter; of several, all combinations."
 )
 @click.option("--latency", metavar="S1,S2,...", help="Drive each planner with commands that come so much late, in s.")
-@settings_option("--sim", "simulator", "Of the simulator", SimulatorConfig())
-@settings_option("--ros", "ros", "Of mode ros", RosSetup())
-@settings_option(
-    "--execution", "execution", "How it is run; changes no result but by compute (declared or measured)", Execution()
-)
+@set_option("--sim", "simulator", "Of the simulator", SimulatorConfig())
+@set_option("--ros", "ros", "Of mode ros", RosSetup())
+@set_option("--execution", "execution", "How it runs; only compute (declared or measured) changes results", Execution())
 @click.option("--workers", type=click.IntRange(0), help="Trials at a time [default: as processors].")
 @click.option("--bags", type=click.Choice(BAGS), help="Which trials are recorded [default: none].")
 @click.option("--out", type=FOLDER, help="Folder of the results [default: a new one under out/, named by the time].")
@@ -149,17 +135,18 @@ def _print(request: Request, results: Rows, as_json: bool) -> None:
     """Print trials unless they are many, what they say together, and where the rest is."""
     scored = [result for result in results if result.counts]
     found = summarise_campaign(scored) if scored else None
-    if as_json:
-        said = found.as_json() if found else {"planners": [], "comparisons": [], "verdict": ""}
-        print_json({"results": [as_dict(one) for one in results]} | said)
-        return
+    shown: list[object] = []
     if len(results) <= MOST_LINES:
-        console.print(rich_table(trials_table(results, _title(request))))
+        shown.append(rich_table(trials_table(results, _title(request))))
     if found is not None and found.comparisons:
-        console.print(found.verdict, markup=False, highlight=False)
-        console.print(*map(rich_table, (summary_table(found.planners), *map(comparison_table, found.comparisons))))
+        tables = (summary_table(found.planners), *map(comparison_table, found.comparisons))
+        shown += [found.verdict, *map(rich_table, tables)]
     elif scored:
-        console.print(rich_table(summary_table([summarise(scored)])))
+        shown.append(rich_table(summary_table([summarise(scored)])))
+    said = found.as_json() if found else {"planners": [], "comparisons": [], "verdict": ""}
+    tell(as_json, {"results": [as_dict(one) for one in results]} | said, *shown)
+    if as_json:
+        return
     bags = request.out / "bags"
     say(f"tables in {request.out}" + (f", bags in {bags}" if bags.is_dir() else ""))
 

@@ -1,20 +1,19 @@
 """`barn show`: worlds as pictures, or trials drawn over one."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
 from barn_eval import worlds as world_sets
-from barn_eval.commands.options import FILE, PATH, course_option, say
+from barn_eval.commands.options import FILE, PATH, course_option, keys_of, say
 from barn_eval.results import overlay
 
 
 @click.command("show")
 @click.argument("worlds", metavar="WORLDS")
 @click.option("--dataset", default="barn300", help="Data set that numbers are looked up in.")
-@click.option(
-    "--out", type=FILE, help="A .png, of trials also .svg or .pdf, of a moving world .gif [default: by WORLDS]."
-)
+@click.option("--out", type=FILE, help="A .png; of trials also .svg, .pdf; of moving worlds .gif [default: by WORLDS].")
 @course_option
 @click.option("--trials", multiple=True, type=PATH, help="Draw the trials of this folder in it; repeatable.")
 @click.option("--by", type=click.Choice(("planner", "speed")), help="What trials are coloured by [default: planner].")
@@ -24,11 +23,9 @@ def command(
     worlds: str,
     dataset: str,
     out: Path | None,
-    course: tuple[float, ...] | None,
-    trials: tuple[Path, ...],
-    by: str | None,
-    planners: str | None,
-    outcome: str | None,
+    course: Sequence[float] | None,
+    trials: Sequence[Path],
+    **drawn: str | None,
 ) -> None:
     """Draw a world, several on one sheet, or trials over one.
 
@@ -41,13 +38,13 @@ def command(
         if not worlds.isdecimal():
             raise click.UsageError(f"--trials needs the number of a world, got {worlds!r}")
         target = out or Path(f"trials_w{int(worlds):04d}.png")
-        chosen = planners.split(",") if planners else ()
-        overlay(trials, int(worlds), by=by or "planner", planners=chosen, outcome=outcome or "").save(target)
+        by, planners, outcome = (drawn[name] or "" for name in ("by", "planners", "outcome"))
+        overlay(trials, int(worlds), by or "planner", planners=keys_of(planners), outcome=outcome).save(target)
         say(target)
         return
-    for option, value in (("--by", by), ("--planners", planners), ("--outcome", outcome)):
+    for option, value in drawn.items():
         if value:
-            raise click.UsageError(f"{option} needs --trials")
+            raise click.UsageError(f"--{option} needs --trials")
     found = world_sets.load(dataset, worlds) if numbers else world_sets.load(worlds)
     first, *others = found
     target = out or Path("worlds.png" if others else f"world_{first}.png")

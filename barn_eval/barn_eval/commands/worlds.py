@@ -6,17 +6,7 @@ from typing import Any
 import click
 
 from barn_eval import worlds
-from barn_eval.commands.options import (
-    COUNT,
-    PATH,
-    json_option,
-    progress,
-    say,
-    seed_option,
-    settings_option,
-    tell,
-    worlds_option,
-)
+from barn_eval.commands.options import COUNT, PATH, bar, json_option, say, seed_option, set_option, tell, worlds_option
 from barn_eval.commands.tables import table
 from barn_eval.worlds.sets import FORMATS, Form
 from barn_worlds.worlds.dataset import open_dataset
@@ -36,7 +26,7 @@ def command() -> None:
 @click.argument("target", type=PATH)
 @seed_option(2020)
 @click.option("--per-set", default=25, type=COUNT, help="Worlds per parameter set.")
-@settings_option("--set", "parameters", "One parameter set of your own", WorldParameters())
+@set_option("--set", "parameters", "One parameter set of your own", WorldParameters())
 @robot_option
 @click.option("--keep", default=0, type=click.IntRange(0), help="Keep so many, evenly from wide to narrow; 0: all.")
 def generate(target: Path, **options: Any) -> None:
@@ -46,7 +36,7 @@ def generate(target: Path, **options: Any) -> None:
     turns, clutter) worlds are hard ones: PER-SET of each kind, with ways proven for the robot's turned footprint. Other
     keys are then margin_cells, spare_cells, rows, cols, resolution_m, attempts.
     """
-    with progress("worlds") as share:
+    with bar("worlds") as share:
         made = worlds.generate(target, **options, progress=lambda made, total: share(made / total))
     say(f"{len(made)} worlds in {target}")
 

@@ -29,6 +29,7 @@ from barn_worlds.worlds.dataset import Dataset
 from barn_worlds.worlds.world import World
 
 Values = Mapping[str, Any]
+Given = Mapping[int, World] | None  # worlds in place of a data set, by number
 SCHEMA_VERSION = 1
 _CAP = "max_speed_mps"
 _EXECUTION = tuple(field.name for field in fields(Execution))
@@ -44,7 +45,7 @@ class Request:
     experiment: Experiment
     execution: Execution
     out: Path
-    worlds: Mapping[int, World] | None = None
+    worlds: Given = None
 
     def __post_init__(self) -> None:
         if "\0" in str(self.out):
@@ -58,9 +59,7 @@ class Request:
         return self.experiment.trials(dataset=Dataset(Path(WORLDS).stem, readers))
 
 
-def read_request(
-    path: Path | None, options: Values, settings: Values | None = None, worlds: Mapping[int, World] | None = None
-) -> Request:
+def read_request(path: Path | None, options: Values, settings: Values | None = None, worlds: Given = None) -> Request:
     """Return what a YAML file asks for, with what `options` give in place of it; an option None does not count.
 
     Short forms: `planners` as texts "name" or "name:preset", one or several joined by commas, as an option also a name

@@ -14,12 +14,11 @@ from typing import Any
 import yaml
 
 from barn_eval.experiments.experiment import PlannerChoice
-from barn_eval.experiments.request import SCHEMA_VERSION, Request, Values, command_words, read_request
+from barn_eval.experiments.request import SCHEMA_VERSION, Given, Request, Values, command_words, read_request
 from barn_eval.experiments.run_file import RUN_FILE
 from barn_worlds.base.errors import ConfigError, shown, suggest
 from barn_worlds.base.files import read_bytes, write_bytes
 from barn_worlds.base.text_files import parse_yaml, read_yaml
-from barn_worlds.worlds.world import World
 
 MOST_SETTINGS = 400
 LATENCY = "latency"
@@ -69,11 +68,7 @@ def sweep_of(path: Path | None, texts: Sequence[str]) -> Mapping[str, Sequence[A
 
 
 def grid(
-    sweep: Sweep,
-    path: Path | None,
-    options: Values,
-    settings: Values | None = None,
-    worlds: Mapping[int, World] | None = None,
+    sweep: Sweep, path: Path | None, options: Values, settings: Values | None = None, worlds: Given = None
 ) -> list[Setting]:
     """Return every combination of the values, as requests for folders below the one that is asked for.
 

@@ -151,6 +151,8 @@ _COVERED, _AT_LEAST, _ALARMS, _FOUND = (0.93, 0.97), (0.93, 1.0), (0.0, 0.06), (
 _COVERS, _FAILING = "the 95 % interval of a {} covers the truth", "{0} worlds x {1}, {2:g} % failures"
 _PLAN = f"{{0}} worlds, {LOOKS} looks, {{1:g}} % failures"
 _BETTER = f"{100.0 * _DIFFERENCE:g} %"
+_FEW = [(10, 1, 10.0), (50, 3, 10.0), (50, 3, 50.0)]
+_ALIKE = f"{{0}} worlds x {_REPETITIONS}"
 _PLANS, _WORLDS = [(100, 2.0), (300, 2.0), (300, 5.0)], [(20,), (50,), (300,)]
 
 
@@ -187,11 +189,7 @@ GROUPS = {
         [(10,), (50,)],
     ),
     "filtered": Group(
-        _COVERS.format("mean of successes, failures filtered out,"),
-        _AT_LEAST,
-        _FAILING,
-        _successes_cover,
-        [(10, 1, 10.0), (50, 3, 10.0), (50, 3, 50.0)],
+        _COVERS.format("mean of successes, failures filtered out,"), _AT_LEAST, _FAILING, _successes_cover, _FEW
     ),
     "success": Group(
         _COVERS.format("difference of success"),
@@ -207,24 +205,14 @@ GROUPS = {
         lambda w, t, p, g: _clear(_two(w, t, (0.0, p), 1.0, g)),
         [(*size, percent) for size, percent in product(_SIZES, (2.0, 5.0))],
     ),
-    "test": Group(
-        "two equal planners differ by the test of signs alone",
-        (0.04, 0.06),
-        f"{{0}} worlds x {_REPETITIONS}",
-        _test_differs,
-        _WORLDS,
-    ),
+    "test": Group("two equal planners differ by the test of signs alone", (0.04, 0.06), _ALIKE, _test_differs, _WORLDS),
     "equal": Group(
-        "two equal planners differ clearly",
-        _ALARMS,
-        f"{{0}} worlds x {_REPETITIONS}",
-        lambda w, g: _clear(equal_planners(2, w, g)),
-        _WORLDS,
+        "two equal planners differ clearly", _ALARMS, _ALIKE, lambda w, g: _clear(equal_planners(2, w, g)), _WORLDS
     ),
     "board": Group(
         f"a board of {BOARD_PLANNERS} equal planners has a clear difference",
         _ALARMS,
-        f"{{0}} worlds x {_REPETITIONS}, no failures",
+        _ALIKE + ", no failures",
         _board_differs,
         [(50,)],
     ),

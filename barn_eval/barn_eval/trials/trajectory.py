@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from barn_eval.trials.protocol import Course, Protocol
+from barn_eval.trials.protocol import Protocol
 from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.types import NANOSECONDS, Odometry, Pose2D, Velocity2D, nanoseconds
 from barn_worlds.geometry.bodies import shape_rows, wall_bodies
@@ -202,21 +202,16 @@ class Encounters:
 
 
 def encounters(
-    trajectory: Trajectory,
-    world: World,
-    phase_s: float,
-    outline: Footprint,
-    course: Course,
-    protocol: Protocol,
-    traversal_s: float | None,
+    trajectory: Trajectory, world: World, phase_s: float, outline: Footprint, rules: Protocol, traversal_s: float | None
 ) -> Encounters | None:
     """Return the figures of a trajectory in a world whose obstacles were `phase_s` into their motions at its start."""
     if not world.moving:
         return None
+    course = rules.course(world)
     times_s = (trajectory.stamps_ns - trajectory.stamps_ns[:1]) / NANOSECONDS + phase_s
     gaps, waits = _nearness(trajectory, world.tracks, times_s, outline)
     periods_s = np.diff(times_s, prepend=times_s[:1])
-    straight_m = course.start.distance(course.goal) - protocol.goal_distance_m
+    straight_m = course.start.distance(course.goal) - rules.goal_distance_m
     driven_m = float(np.hypot(*np.diff(trajectory.truth[:, :2], axis=0).T).sum())
     shortest_s = float(waits.min(initial=math.inf))
     return Encounters(
@@ -225,7 +220,7 @@ def encounters(
         time_to_collision_s=shortest_s if math.isfinite(shortest_s) else None,
         near_s=float(periods_s[(gaps <= NEAR_M).any(axis=1)].sum()),
         path_over_straight=None if traversal_s is None else driven_m / straight_m,
-        time_over_straight=None if traversal_s is None else traversal_s * protocol.reference_speed_mps / straight_m,
+        time_over_straight=None if traversal_s is None else traversal_s * rules.reference_speed_mps / straight_m,
         **_first_hit(trajectory, world, times_s, gaps, outline),
     )
 

@@ -219,7 +219,7 @@ def conclude(spec: TrialSpec, mode: str, verdict: Verdict, trajectory: Trajector
         fault=verdict.fault,
         speed_cap_mps=spec.speed_cap_mps,
         compute=spec.way,
-        motion=encounters(trajectory, world, spec.phase_s, outline, spec.course, spec.rules, traversal_s),
+        motion=encounters(trajectory, world, spec.phase_s, outline, spec.rules, traversal_s),
         **told,
     )
     return FinishedTrial(spec, result, trajectory)

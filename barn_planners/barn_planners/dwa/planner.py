@@ -18,7 +18,7 @@ from barn_planners.navigation.loop import Control, ControlInput, Controller, Nav
 from barn_planners.registry import PlannerEntry
 from barn_planners.robots import fitted
 from barn_worlds.base.compute import Compute
-from barn_worlds.base.presets import read_presets
+from barn_worlds.base.config import read_presets
 from barn_worlds.base.types import Pose2D, Velocity2D
 
 _COLUMNS = kernels.OBSTACLE + 1

@@ -7,22 +7,8 @@ import math
 
 from numba import njit
 
-from barn_planners.eband.kernels import (
-    RADIUS,
-    YAW,
-    X,
-    Y,
-    append_back,
-    bridge,
-    connect_front,
-    measure,
-    overlaps,
-    place,
-    put,
-    radius_at,
-    refine,
-    wrapped,
-)
+from barn_planners.eband import kernels
+from barn_planners.eband.kernels import RADIUS, YAW, X, Y
 
 _CLOSE_M = 0.01
 
@@ -34,7 +20,7 @@ def _pull(band, i, x, y, yaw, metres_per_rad):  # type: ignore[no-untyped-def]
     distance = math.hypot(dx, dy)
     if distance <= _CLOSE_M:
         return 0.0, 0.0, 0.0
-    return dx / distance, dy / distance, metres_per_rad * wrapped(band[i, YAW] - yaw) / distance
+    return dx / distance, dy / distance, metres_per_rad * kernels.wrapped(band[i, YAW] - yaw) / distance
 
 
 @njit(cache=True, error_model="numpy")
@@ -47,13 +33,13 @@ def force_on(band, i, x, y, radius, yaw, grid, gains):  # type: ignore[no-untype
     before_x, before_y, before_turn = _pull(band, i - 1, x, y, yaw, gains.metres_per_rad)
     after_x, after_y, after_turn = _pull(band, i + 1, x, y, yaw, gains.metres_per_rad)
     across = 2.0 * max(radius, gains.tiny_bubble_m)
-    slope_x = (radius_at(grid, x + radius, y) - radius_at(grid, x - radius, y)) / across
-    slope_y = (radius_at(grid, x, y + radius) - radius_at(grid, x, y - radius)) / across
+    slope_x = (kernels.radius_at(grid, x + radius, y) - kernels.radius_at(grid, x - radius, y)) / across
+    slope_y = (kernels.radius_at(grid, x, y + radius) - kernels.radius_at(grid, x, y - radius)) / across
     fx = gains.internal_gain * (before_x + after_x) + gains.external_gain * slope_x
     fy = gains.internal_gain * (before_y + after_y) + gains.external_gain * slope_y
     torque = gains.internal_gain * (before_turn + after_turn)
     tx, ty = band[i - 1, X] - band[i + 1, X], band[i - 1, Y] - band[i + 1, Y]
-    turn = gains.metres_per_rad * wrapped(band[i - 1, YAW] - band[i + 1, YAW])
+    turn = gains.metres_per_rad * kernels.wrapped(band[i - 1, YAW] - band[i + 1, YAW])
     along = (fx * tx + fy * ty + torque * turn) / max(tx * tx + ty * ty + turn * turn, 1e-12)
     return fx - along * tx, fy - along * ty, torque - along * turn
 
@@ -74,8 +60,8 @@ def _near_balance(band, i, force, jump, grid, gains):  # type: ignore[no-untyped
     x, y, radius, yaw = band[i, X], band[i, Y], 0.0, band[i, YAW]
     share = 0.5
     for depth in range(gains.halvings + 1):
-        new_x, new_y, new_yaw = x + share * jump[0], y + share * jump[1], wrapped(yaw + share * jump[2])
-        new_radius = radius_at(grid, new_x, new_y)
+        new_x, new_y, new_yaw = x + share * jump[0], y + share * jump[1], kernels.wrapped(yaw + share * jump[2])
+        new_radius = kernels.radius_at(grid, new_x, new_y)
         if new_radius <= 0.0:
             break
         x, y, radius, yaw = new_x, new_y, new_radius, new_yaw
@@ -92,11 +78,11 @@ def _near_balance(band, i, force, jump, grid, gains):  # type: ignore[no-untyped
 
 @njit(cache=True)
 def _connected(band, i, grid, gains, work):  # type: ignore[no-untyped-def]
-    if overlaps(band, i, band, i + 1, gains.min_overlap):
+    if kernels.overlaps(band, i, band, i + 1, gains.min_overlap):
         return True
-    put(work.nodes, 0, band, i)
-    put(work.nodes, 1, band, i + 1)
-    return bridge(work, 0, 1, 2, grid, gains) >= 0
+    kernels.put(work.nodes, 0, band, i)
+    kernels.put(work.nodes, 1, band, i + 1)
+    return kernels.bridge(work, 0, 1, 2, grid, gains) >= 0
 
 
 @njit(cache=True)
@@ -104,10 +90,10 @@ def _move(band, i, grid, gains, work):  # type: ignore[no-untyped-def]
     old_x, old_y, old_radius, old_yaw = band[i, X], band[i, Y], band[i, RADIUS], band[i, YAW]
     force = force_on(band, i, old_x, old_y, old_radius, old_yaw, grid, gains)
     fx, fy, torque = force
-    turn = wrapped(old_radius / gains.metres_per_rad * torque) if gains.metres_per_rad > 0.0 else 0.0
+    turn = kernels.wrapped(old_radius / gains.metres_per_rad * torque) if gains.metres_per_rad > 0.0 else 0.0
     jump = (old_radius * fx, old_radius * fy, turn)
-    x, y, yaw = old_x + jump[0], old_y + jump[1], wrapped(old_yaw + turn)
-    radius = radius_at(grid, x, y)
+    x, y, yaw = old_x + jump[0], old_y + jump[1], kernels.wrapped(old_yaw + turn)
+    radius = kernels.radius_at(grid, x, y)
     if radius <= gains.tiny_bubble_m:
         return
     turned, strong = _overshoots(force, force_on(band, i, x, y, radius, yaw, grid, gains), gains)
@@ -128,7 +114,7 @@ def relax(band, n, grid, gains, work, sweeps):  # type: ignore[no-untyped-def]
             _move(band, i, grid, gains, work)
         for i in range(n - 2, 0, -1):
             _move(band, i, grid, gains, work)
-        n = refine(band, n, grid, gains, work)
+        n = kernels.refine(band, n, grid, gains, work)
         if n < 0:
             break
     return n
@@ -137,14 +123,14 @@ def relax(band, n, grid, gains, work, sweeps):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def renew(band, n, grid, gains, work):  # type: ignore[no-untyped-def]
     """Recompute radii and refine, in place; return the new length."""
-    n = measure(band, n, grid)
-    return n if n < 0 else refine(band, n, grid, gains, work)
+    n = kernels.measure(band, n, grid)
+    return n if n < 0 else kernels.refine(band, n, grid, gains, work)
 
 
 @njit(cache=True)
 def from_plan(band, poses, grid, gains, work):  # type: ignore[no-untyped-def]
     """Make a band from poses (n, 3), no more than it has room for; return its length."""
-    place(band, poses, gains)
+    kernels.place(band, poses, gains)
     return renew(band, len(poses), grid, gains, work)
 
 
@@ -167,11 +153,11 @@ def advance(band, trial, n, pose, ahead, grid, gains, work, sweeps):  # type: ig
     """
     (x, y, yaw), kept = pose, n
     trial[:n] = band[:n]
-    n = connect_front(trial, n, x, y, yaw, grid, gains, work)
+    n = kernels.connect_front(trial, n, x, y, yaw, grid, gains, work)
     if n >= 0 and len(ahead) > 0:
         kept = n
         band[:n] = trial[:n]
-        n = append_back(trial, n, ahead, grid, gains, work)
+        n = kernels.append_back(trial, n, ahead, grid, gains, work)
     if n < 0:
         return kept, n, False
     band[:n] = trial[:n]

@@ -13,7 +13,7 @@ from barn_planners.navigation.loop import Control, ControlInput, Controller, Nav
 from barn_planners.registry import PlannerEntry
 from barn_planners.robots import fitted
 from barn_worlds.base.compute import Compute
-from barn_worlds.base.presets import read_presets
+from barn_worlds.base.config import read_presets
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D, wrap_angle
 
 _FULL_COST = 252.0

@@ -37,9 +37,7 @@ class Readings:
     def of(cls, count: int, beams: int) -> "Readings":
         """Return readings of which nothing is known yet."""
         poses, ranges = np.zeros((2, count, 3)), np.zeros((count, beams), np.float32)
-        return cls(
-            np.zeros(count, np.int64), poses[0], poses[1], np.zeros((count, 2)), np.zeros(count, np.bool_), ranges
-        )
+        return cls(np.zeros(count, np.int64), poses[0], poses[1], np.zeros((count, 2)), np.zeros(count, bool), ranges)
 
 
 class Batch:

@@ -23,6 +23,7 @@ from cattrs.errors import ClassValidationError, ForbiddenExtraKeysError, Iterabl
 from cattrs.gen import make_dict_structure_fn, make_dict_unstructure_fn, override
 
 from barn_worlds.base.errors import ConfigError, shown, suggest
+from barn_worlds.base.text_files import packaged_yaml
 
 T = TypeVar("T")
 
@@ -189,6 +190,19 @@ def replace_dotted(config: T, changes: Mapping[str, Any], where: str) -> T:
         parents, _, last = name.rpartition(".")
         (known[parents] if parents else merged)[last] = value
     return from_dict(type(config), merged, where)
+
+
+def read_presets(package: str, file: str, standard: T) -> dict[str, T]:
+    """Return the configurations of a file in a package's data, by name.
+
+    The file has of each what it changes, nested as the configuration is: of the one before it that it names as its
+    base, or else of the standard one.
+    """
+    found: dict[str, T] = {}
+    for name, changes in packaged_yaml(package, file).items():
+        base = found[changes.pop("base")] if "base" in changes else standard
+        found[name] = replace_dotted(base, changes, f"{file}: {name}")
+    return found
 
 
 def _dotted(mapping: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -46,10 +46,8 @@ def encode_scene(scene: TrialScene, stamp_ns: int) -> bytes:
         found += _solid(_STANDING, name, Bodies(*pillars), stamp_ns)
     if len(scene.path_m):
         found.append(_line(_STANDING, _PATH, LINE_STRIP, _LINE_M, scene.path_m, stamp_ns))
-    for name, kind, pose, size_m in (
-        (_START, SPHERE, scene.start, _START_M),
-        (_GOAL, CYLINDER, scene.goal, 2.0 * scene.goal_distance_m),
-    ):
+    ends = (_START, SPHERE, scene.start, _START_M), (_GOAL, CYLINDER, scene.goal, 2.0 * scene.goal_distance_m)
+    for name, kind, pose, size_m in ends:
         if pose is not None:
             disc = _marker(_STANDING, name, kind, stamp_ns)
             disc.scale.x, disc.scale.y, disc.scale.z = size_m, size_m, _DISC_M
