@@ -1,8 +1,8 @@
 """Metrics of many worlds as a table, for people and as JSON, and what the paper publishes of its worlds."""
 
-import json
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
@@ -32,8 +32,8 @@ class MetricsTable:
         """Return the metrics of each world by name."""
         return [dict(zip(metrics.METRIC_NAMES, row, strict=True)) for row in self.values.tolist()]
 
-    def to_json(self) -> str:
-        """Return everything as JSON; values that are not finite become null."""
+    def as_json(self) -> dict[str, Any]:
+        """Return everything as plain data; values that are not finite become None."""
         document = {
             "schema_version": SCHEMA_VERSION,
             "formula": asdict(self.formula),
@@ -41,7 +41,7 @@ class MetricsTable:
             "worlds": [{"world": world, **row} for world, row in zip(self.worlds, self.rows(), strict=True)],
             "summary": {metric.name: self.summary_of(metric) for metric in metrics.METRICS},
         }
-        return json.dumps(finite(document), indent=2, allow_nan=False) + "\n"
+        return dict(finite(document))
 
     def summary_cells(self) -> tuple[list[str], list[list[str]]]:
         """Return headings and lines of the summary, two decimals: extremes of cells (as Table II), then of worlds."""

@@ -8,8 +8,7 @@ import pytest
 
 from barn_sim.body.model import model_of
 from barn_sim.config import LidarConfig
-from barn_sim.drawing.camera import CAMERAS, Studio, camera_at
-from barn_sim.drawing.meshes import pillars, prism
+from barn_sim.drawing.camera import CAMERAS, Studio, camera_at, pillars, prism
 from barn_sim.drawing.robot_parts import jackal_parts, robot_parts
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D

@@ -12,10 +12,9 @@ from typing import Any
 
 import yaml
 
-from barn_eval.analysis.compare import Comparison, compare, holm_adjusted
+from barn_eval.analysis.compare import Comparison, changed_parameters, compare, holm_adjusted
 from barn_eval.analysis.difficulty import Band, Difficulty, bands
 from barn_eval.analysis.measures import COMPARED, DRIVEN, MEASURES, SCORED, metric_of, with_motion
-from barn_eval.analysis.parameters import changed_parameters
 from barn_eval.analysis.significance import ALPHA, holm
 from barn_eval.analysis.sources import Entry, Source
 from barn_eval.analysis.summary import Summary, summarise

@@ -22,7 +22,7 @@ _TOLD = json.loads((Path(__file__).parents[1] / "data" / "commands.json").read_t
 COMMANDS: dict[str, str] = {name: about for name, (about, _, _) in _TOLD.items()}
 MORE: dict[str, tuple[str, str]] = {name: (example, page) for name, (_, example, page) in _TOLD.items()}
 # Where the verbs are that have no module of their own.
-_BESIDE = {"demo": "run", "precision": "compare", "submit": "check", "verify": "check"}
+_BESIDE = {"demo": "run", "metrics": "worlds", "precision": "compare", "submit": "check", "verify": "check"}
 _BESIDE |= dict.fromkeys(("reproduce", "validate", "bench", "info"), "suite")
 
 

@@ -1,4 +1,4 @@
-"""`barn worlds`: generate, convert and list worlds."""
+"""`barn worlds`: generate, convert and list worlds; `barn metrics`: how difficult they are by the five metrics."""
 
 from pathlib import Path
 from typing import Any
@@ -8,7 +8,7 @@ import click
 from barn_eval import worlds
 from barn_eval.commands.options import COUNT, PATH, bar, json_option, say, seed_option, set_option, tell, worlds_option
 from barn_eval.commands.tables import table
-from barn_eval.worlds.sets import FORMATS, Form
+from barn_eval.worlds.sets import FORMATS, Form, metrics_table
 from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.generate import WorldParameters
 
@@ -76,3 +76,20 @@ def show_list(source: str | None, select: str, as_json: bool) -> None:
         ]
     rows = [tuple(f"{one:.2f}" if isinstance(one, float) else one for one in entry.values()) for entry in entries]
     return tell(as_json, entries, table(tuple(entries[0]), rows))
+
+
+@click.command("metrics")
+@click.argument("source", default="barn300")
+@worlds_option
+@click.option("--formula", default="corrected", help="corrected, published (the numbers in print) or paper_text.")
+@click.option("--robot", help="Whose C-space and path are measured: a name or a YAML file [default: the worlds' own].")
+@json_option
+def metrics(source: str, select: str, formula: str, robot: str | None, as_json: bool) -> None:
+    """Compute the five difficulty metrics of the worlds of SOURCE and their summary, as in the paper's Table II.
+
+    Under protocol challenge they order worlds better than the learned difficulty does, under paper2020 less well.
+    """
+    found = metrics_table(source, select, formula, robot=robot or "")
+    (first, *others), lines = found.summary_cells()
+    columns = [first, *(f">{heading}" for heading in others)]
+    tell(as_json, found.as_json(), table(columns, lines, title=f"{len(found.worlds)} worlds, {formula}"))

@@ -50,11 +50,11 @@ class FolderCheck:
     unchecked: list[str] = field(default_factory=list)
 
 
-def check_folder(folder: Path, *, sample: int | None = None, workers: int = 0) -> FolderCheck:
+def check_folder(folder: Path, *, sample: int | None = None) -> FolderCheck:
     """Return what is wrong with a folder of results, finished or not; BarnError where its run.json cannot be read.
 
     Every row is computed again from what was recorded. sample: the commands of so many trials, drawn anew, are driven
-    again, None for all. workers: processes at a time, 0 for one per processor.
+    again, None for all.
     """
     run = RunFile.read(folder)
     experiment = run.configuration()
@@ -82,7 +82,7 @@ def check_folder(folder: Path, *, sample: int | None = None, workers: int = 0) -
         there = bag if bag.is_dir() else None
         trials.append(KeptTrial(row, specs[trial_id], tracks.get(trial_id), there, line, trial_id in drawn))
     unchecked = Counter[str]()
-    for told in _checked(trials, workers):
+    for told in _checked(trials):
         found.bags, found.driven = found.bags + told.bag, found.driven + told.driven
         found.problems += [f"{folder}: {told.trial_id}: {problem}" for problem in told.problems]
         found.problems += [f"{folder / BAGS / told.trial_id}: {problem}" for problem in told.of_bag]
@@ -158,11 +158,11 @@ def _named(line: str, where: str) -> tuple[str, str]:
     return str(content.get("trial_id") if isinstance(content, dict) else ""), line
 
 
-def _checked(trials: Sequence[KeptTrial], workers: int) -> Iterator[CheckedTrial]:
-    """Yield what there is to say of trials, looked at by so many processes, 0 for one per processor."""
+def _checked(trials: Sequence[KeptTrial]) -> Iterator[CheckedTrial]:
+    """Yield what there is to say of trials, looked at by a process per processor."""
     waiting = deque(trials[first : first + _SHARE] for first in range(0, len(trials), _SHARE))
     out: dict[str, Sequence[KeptTrial]] = {}
-    processes = min(Execution(workers=workers).processes, len(waiting))
+    processes = min(Execution().processes, len(waiting))
     engine = LocalEngine(CheckWork(), processes, _LIMIT_S) if processes > 1 else InlineEngine(CheckWork())
     with closing(engine):
         while waiting or out:

@@ -101,8 +101,8 @@ def trained_worlds(worlds: Mapping[int, World], trials: Trials) -> list[World]:
     """Return the worlds in the order of the trials' `world_numbers`; ModelError if one is missing or they are few."""
     numbers = trials.world_numbers
     check_worlds(worlds, numbers)
-    if len(numbers) < FEWEST_WORLDS:
-        raise ModelError(f"a model needs {FEWEST_WORLDS} worlds with trials of every planner, got {len(numbers)}")
+    if (count := len(numbers)) < FEWEST_WORLDS:
+        raise ModelError(f"a model needs at least {FEWEST_WORLDS} worlds with trials of every planner, got {count}")
     return [worlds[number] for number in numbers]
 
 
