@@ -4,7 +4,6 @@ import math
 from typing import Any
 
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle, Wedge
 
@@ -18,7 +17,6 @@ _SEEN = 0.6  # of the longer side, to which the field of view is drawn
 def robot_figure(robot: Robot) -> Figure:
     """Return a picture of a robot from above in base_link, x to the right."""
     figure = Figure(figsize=(6.4, 5.6), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     _draw_lidar(axes, robot)
     _draw_body(axes, robot)
