@@ -35,6 +35,7 @@ ELSEWHERE = {
         [f"worst_nav2_{name}.png" for name in ("rpp", "dwb", "graceful", "mppi")],
         "python qa/worst_worlds.py out/nav2_barn300 docs/figures, after docs/boards.md",
     ),
+    **dict.fromkeys(["latency.png", "latency_nav2.png"], "sweep of barn report, after docs/boards.md"),
     "fidelity_defaults.png": "python qa/calibrate.py FOLDER --reference TABLE --figure, with the published times",
 }
 
