@@ -143,7 +143,7 @@ def test_views_come_twice_a_second_and_diagnostics_once_or_on_a_change():
 
 
 def test_a_plan_that_is_new_before_it_is_due_is_not_shown_and_one_after_is_shown_at_once():
-    messages, planned = PlannerMessages(Frames(), period_s=1.0), Decision(STOP, plan=np.zeros((2, 2)))
+    messages, planned = PlannerMessages(Frames(), view_period_s=1.0), Decision(STOP, plan=np.zeros((2, 2)))
     assert "plan" not in shown(messages, Decision(STOP), 0.0)
     assert "plan" in shown(messages, planned, 0.3)
     assert "plan" not in shown(messages, planned, 1.25)

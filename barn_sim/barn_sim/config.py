@@ -62,7 +62,9 @@ class LocalisationConfig(Checked):
     random_share: float = quantity(0.5, "particles: weight of a random range", "", 0.0, 1.0)
     hit_std_m: float = quantity(0.2, "particles: standard deviation of a hit from the obstacle", "m", 0.001, 10.0)
     beams: int = quantity(720, "particles: beams of a scan that are compared with the map", "", 2, 10_000)
-    correction_delay_s: float = quantity(0.0, "particles: a correction takes effect so late (amcl 1 s)", "s", 0.0, 10.0)
+    correction_delay_s: float = quantity(
+        0.0, "particles: a correction takes effect so late (amcl: 1 s)", "s", 0.0, 10.0
+    )
     recovery_alpha_slow: float = quantity(0.0, "particles: decay of the slow average of weights (amcl)", "", 0.0, 1.0)
     recovery_alpha_fast: float = quantity(0.0, "particles: decay of the fast one (Jackal 0.1); 0: off", "", 0.0, 1.0)
     half_cell_low: bool = quantity(True, "particles: cells are centred on their lower corners (a quirk of amcl)")
@@ -169,7 +171,9 @@ class SimulatorNodeConfig(Checked):
 
     lockstep: bool = quantity(False, "wait for one command after each scan instead of running freely")
     start_paused: bool = quantity(False, "start paused")
-    command_type: str = quantity("auto", "type of commands; auto: as sent", choices=("auto", "twist", "twist_stamped"))
+    command_type: str = quantity(
+        "auto", "type of commands; auto: the publisher's", choices=("auto", "twist", "twist_stamped")
+    )
     scan_reliability: str = quantity(
         "auto", "reliability of the scan; auto: reliable in lockstep", choices=("auto", "reliable", "best_effort")
     )

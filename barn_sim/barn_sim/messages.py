@@ -15,15 +15,19 @@ ORIGIN = Pose2D(0.0, 0.0, 0.0)
 class SimulatorMessages:
     """The messages of one trial.
 
-    period_s: time between two scans, if None that in whole control periods. start: initial pose of the robot
+    scan_period_s: time between two scans, if None that in whole control periods. start: initial pose of the robot
     in the map frame, for the first transforms.
     """
 
     def __init__(
-        self, config: SimulatorConfig, frames: Frames = FRAMES, period_s: float | None = None, start: Pose2D = ORIGIN
+        self,
+        config: SimulatorConfig,
+        frames: Frames = FRAMES,
+        scan_period_s: float | None = None,
+        start: Pose2D = ORIGIN,
     ) -> None:
         self._config, self._frames = config, frames
-        self._scan_period_s = config.scan_steps * config.control_period_s if period_s is None else period_s
+        self._scan_period_s = config.scan_steps * config.control_period_s if scan_period_s is None else scan_period_s
         self._odometry = encode.OdometryEncoder(frames.of(topics.ODOM), frames.base)
         self._truth = encode.OdometryEncoder(frames.of(topics.GROUND_TRUTH), frames.base)
         variances = _variances(config.localisation)

@@ -117,5 +117,5 @@ def test_the_variance_of_the_localisation_is_stated_unless_it_is_exact():
 
 @pytest.mark.parametrize(("period_s", "expected"), [(None, PRESETS["paper2020"].control_period_s), (0.025, 0.025)])
 def test_a_scan_says_how_long_it_is_to_the_next(period_s, expected):
-    _, data = SimulatorMessages(PRESETS["paper2020"], period_s=period_s).scan(SENSORS.scan, STAMP)
+    _, data = SimulatorMessages(PRESETS["paper2020"], scan_period_s=period_s).scan(SENSORS.scan, STAMP)
     assert deserialise(data, SCAN.type_name).scan_time == pytest.approx(expected)

@@ -133,7 +133,11 @@ def holm_adjusted(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
 
 
 def compare_folders(
-    a: Path, b: Path | None = None, *, keys: Sequence[str] = COMPARED, share: Callable[[float], None] = lambda _: None
+    a: Path,
+    b: Path | None = None,
+    *,
+    keys: Sequence[str] = COMPARED,
+    progress: Callable[[float], None] = lambda _: None,
 ) -> list[Comparison]:
     """Compare the results of two folders, each FOLDER or FOLDER:PLANNER, finished or not, or the planners of one.
 
@@ -162,7 +166,7 @@ def compare_folders(
         name_a, name_b = (f"{spelling(one)} ({place})" for place in places) if one == other else (one, other)
         made = compare(first[one], second[other], name_a, name_b, keys)
         found.append(replace(made, parameters=changed_parameters(source_a, one, source_b, other)))
-        share(done / len(pairs))
+        progress(done / len(pairs))
     notes = (notes_on(source, [*chain.from_iterable(groups.values())]) for source, groups in chosen)
     told = tuple(dict.fromkeys(chain.from_iterable(notes)))
     return [replace(one, notes=told, robot=source_a.robot) for one in holm_adjusted(found)]

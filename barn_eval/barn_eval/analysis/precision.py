@@ -113,7 +113,9 @@ def precision(
         notes.append(f"For a difference choose two of the {len(results)} planners as {_CHOICE}.")
     available = worlds_of(next(iter(results.values())))
     if available and any(one.worlds is None or one.worlds > available for one in needs):
-        notes.append(f"The set has {available} worlds: where more are needed, barn worlds generate makes them.")
+        notes.append(
+            f"The set has {available} worlds: where more are needed it cannot tell; barn worlds generate makes more."
+        )
     return Precision(found.key, tuple(figures), tuple(needs), tuple(notes), available)
 
 

@@ -11,7 +11,7 @@ from barn_eval.analysis.precision import figures_table, needs_table, ranking_pow
 from barn_eval.analysis.precision import precision as precision_of
 from barn_eval.analysis.tables import comparison_table, paper_table
 from barn_eval.analysis.verdict import pair_verdict
-from barn_eval.commands.options import COUNT, FILE, PATH, bar, json_option, keys_of, say, tell
+from barn_eval.commands.options import COUNT, FILE, PATH, json_option, keys_of, progress, say, tell
 from barn_eval.commands.tables import rich_table
 from barn_eval.pages.template import write_page
 from barn_eval.trials.identity import task_line
@@ -43,9 +43,9 @@ def command(a: Path, b: Path | None, columns: str, latex: Path | None, margins: 
     ruled out at 95 %.
     """
     keys, wanted = measures_named(keys_of(columns)), [Margin.parse(one) for one in margins]
-    with bar("comparing") as share:
+    with progress("comparing") as share:
         compared = dict.fromkeys((*(keys or COMPARED), *(one.measure for one in wanted)))
-        found = compare_folders(a, b, keys=list(compared), share=share)
+        found = compare_folders(a, b, keys=list(compared), progress=share)
     decided = [[decide_margin(one, margin) for margin in wanted] for one in found]
     if latex is not None:
         write_page(latex, paper_table(groups_of(a, b), keys))
@@ -69,7 +69,9 @@ _ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
 @click.argument("folders", nargs=-1, required=True, type=PATH)
 @click.option("--half-width", type=_ABOVE_ZERO, help="Half the 95 % interval wanted of a mean [default: 5 % of it].")
 @click.option(
-    "--difference", type=_ABOVE_ZERO, help="To be found of two planners 8 times in 10 [default: 5 % of the first mean]."
+    "--difference",
+    type=_ABOVE_ZERO,
+    help="Difference of two planners to be found 8 times in 10 [default: 5 % of the first one's mean].",
 )
 @click.option(
     "--measure",

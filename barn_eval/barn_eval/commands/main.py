@@ -22,11 +22,11 @@ _TOLD = json.loads((Path(__file__).parents[1] / "data" / "commands.json").read_t
 COMMANDS: dict[str, str] = {name: about for name, (about, _, _) in _TOLD.items()}
 MORE: dict[str, tuple[str, str]] = {name: (example, page) for name, (_, example, page) in _TOLD.items()}
 # Where the verbs are that have no module of their own.
-_BESIDE = {"demo": "run", "metrics": "worlds", "precision": "compare", "submit": "check", "verify": "check"}
+_BESIDE = {"demo": "run", "precision": "compare", "submit": "check", "verify": "check"}
 _BESIDE |= dict.fromkeys(("reproduce", "validate", "bench", "info"), "suite")
 
 
-def _tell_version(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
+def _print_version(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
     """Print the version, and the commit where the source is in a repository."""
     if asked and not ctx.resilient_parsing:
         commit = import_module("barn_eval.experiments.run_file").commit()
@@ -81,7 +81,12 @@ def _listed() -> list[tuple[str, str]]:
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110, "show_default": True},
 )
 @click.option(
-    "--version", is_flag=True, is_eager=True, expose_value=False, callback=_tell_version, help="Show version, commit."
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_version,
+    help="Show version and commit.",
 )
 def cli() -> None:
     """Benchmark ground-robot navigation: worlds, metrics, trials and their scores."""

@@ -40,7 +40,7 @@ def seed_option(default: int = 0) -> Callable[[Command], Command]:
     return click.option("--seed", default=default, type=SEED, help="All randomness comes from it.")
 
 
-def set_option(
+def settings_option(
     option: str, name: str, about: str, config: object = None, *, metavar: str = "KEY=VALUE"
 ) -> Callable[[Command], Command]:
     """Return a repeatable option that gives a command parameters as a mapping; values are read as YAML.
@@ -109,11 +109,11 @@ def tell(as_json: bool, content: object, *shown: object) -> None:
 
 
 @contextmanager
-def bar(text: str) -> Iterator[Callable[[float], None]]:
+def progress(text: str) -> Iterator[Callable[[float], None]]:
     """Show a bar on a terminal; yield what tells it the share that is done."""
-    with Progress(console=notes, transient=True, disable=not notes.is_terminal) as shown:
-        task = shown.add_task(text, total=1.0)
-        yield lambda done: shown.update(task, completed=done)
+    with Progress(console=notes, transient=True, disable=not notes.is_terminal) as bar:
+        task = bar.add_task(text, total=1.0)
+        yield lambda done: bar.update(task, completed=done)
 
 
 def say(*lines: object) -> None:

@@ -4,13 +4,14 @@ from pathlib import Path
 
 import click
 
-from barn_eval.commands.options import FILE, PATH, bar, say
+from barn_eval.commands.options import FILE, progress, say
+from barn_eval.commands.options import PATH as BAG
 from barn_eval.pages.replay.files import write_replay
 from barn_sim.drawing.camera import CAMERAS
 
 
 @click.command("replay")
-@click.argument("bags", type=PATH, nargs=-1, required=True)
+@click.argument("bags", type=BAG, nargs=-1, required=True)
 @click.option(
     "--out",
     type=FILE,
@@ -27,6 +28,6 @@ def command(bags: tuple[Path, ...], out: tuple[Path, ...], camera: str, fps: flo
     Several BAGS are drawn beside each other on one clock; their page also overlays them and aligns them in progress
     along the path. Nothing but the bags is needed. One that is cut off is shown as far as it goes.
     """
-    with bar("drawing" if {".gif", ".mp4"} & {one.suffix for one in out} else "reading") as share:
+    with progress("drawing" if {".gif", ".mp4"} & {one.suffix for one in out} else "reading") as share:
         written = write_replay(bags, out, frames_per_s=fps, speed=speed, camera=camera, note=say, progress=share)
     say(*written)

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from barn_eval.commands.options import PATH, bar, keys_of, say, set_option
+from barn_eval.commands.options import PATH, keys_of, progress, say, settings_option
 from barn_eval.pages.report.page import DEFAULT_HARDEST
 from barn_eval.results.folders import report
 from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
@@ -27,7 +27,7 @@ class Look(Checked):
 @click.option("--out", default="report.html", type=PATH, help="The page.")
 @click.option("--assets/--no-assets", default=True, help="Write figures and tables into OUT_assets as well.")
 @click.option("--replays", is_flag=True, help="Draw the replay of each bag into OUT_replays and link to it.")
-@set_option("--set", "settings", "Of the page and its figures", Look())
+@settings_option("--set", "settings", "Of the page and its figures", Look())
 def command(folders: tuple[Path, ...], out: Path, assets: bool, replays: bool, settings: dict[str, Any]) -> None:
     """Write the report of FOLDERS of experiments, finished or not.
 
@@ -39,7 +39,7 @@ def command(folders: tuple[Path, ...], out: Path, assets: bool, replays: bool, s
     chosen = as_dict(look) | {"columns": keys_of(look.columns), "width_mm": look.width_mm or None}
     beside = out.with_name(f"{out.stem}_assets") if assets else None
     drawn = out.with_name(f"{out.stem}_replays") if replays else None
-    with bar("making the report") as share:
+    with progress("making the report") as share:
         report(folders, out, assets=beside, replays=drawn, progress=share, **chosen)
     say(out)
     if assets:

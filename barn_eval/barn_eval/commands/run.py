@@ -12,7 +12,7 @@ from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.summary import summarise, summarise_campaign
 from barn_eval.analysis.tables import comparison_table, summary_table, trials_table
 from barn_eval.analysis.verdict import verdict
-from barn_eval.commands.options import FILE, FOLDER, SEED, course_option, json_option, notes, say, set_option, tell
+from barn_eval.commands.options import FILE, FOLDER, SEED, course_option, json_option, notes, say, settings_option, tell
 from barn_eval.commands.tables import FittedTable, rich_table, table
 from barn_eval.commands.watch import viewed
 from barn_eval.experiments.experiment import Execution
@@ -49,19 +49,27 @@ NOT_SCORED = 3  # the exit code
     metavar="[NAME=]COMMAND",
     help="Start a planner of your own (mode ros) [default name: of its script]; repeatable.",
 )
-@set_option(
+@settings_option(
     "--set",
     "settings",
     "A planner's parameter (barn_planners/README.md lists them), its name without PLANNER where there is one planner",
     metavar="[PLANNER.]KEY=VALUE",
 )
 @click.option(
-    "--sweep", multiple=True, metavar="KEY=V1,V2,...", help="All values of a parameter; of several, all combinations."
+    "--sweep",
+    multiple=True,
+    metavar="KEY=V1,V2,...",
+    help="Run each value of a parameter, and all combinations of several; repeatable.",
 )
 @click.option("--latency", metavar="S1,S2,...", help="Drive each planner with commands that come so much late, in s.")
-@set_option("--sim", "simulator", "Of the simulator", SimulatorConfig())
-@set_option("--ros", "ros", "Of mode ros", RosSetup())
-@set_option("--execution", "execution", "How it runs; only compute (declared or measured) changes results", Execution())
+@settings_option("--sim", "simulator", "Of the simulator", SimulatorConfig())
+@settings_option("--ros", "ros", "Of mode ros", RosSetup())
+@settings_option(
+    "--execution",
+    "execution",
+    "How it is run, which changes no result but by compute (declared or measured)",
+    Execution(),
+)
 @click.option("--workers", type=click.IntRange(0), help="Trials at a time [default: as processors].")
 @click.option("--bags", type=click.Choice(BAGS), help="Which trials are recorded [default: none].")
 @click.option("--out", type=FOLDER, help="Folder of the results [default: a new one under out/, named by the time].")

@@ -13,7 +13,11 @@ from barn_eval.results import overlay
 @click.command("show")
 @click.argument("worlds", metavar="WORLDS")
 @click.option("--dataset", default="barn300", help="Data set that numbers are looked up in.")
-@click.option("--out", type=FILE, help="A .png; of trials also .svg, .pdf; of moving worlds .gif [default: by WORLDS].")
+@click.option(
+    "--out",
+    type=FILE,
+    help="Picture (.png), of trials also .svg or .pdf, of a world that moves also .gif [default: named after WORLDS].",
+)
 @course_option
 @click.option("--trials", multiple=True, type=PATH, help="Draw the trials of this folder in it; repeatable.")
 @click.option("--by", type=click.Choice(("planner", "speed")), help="What trials are coloured by [default: planner].")

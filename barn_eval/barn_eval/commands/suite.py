@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from barn_eval import suite
-from barn_eval.commands.options import FILE, FOLDER, json_option, notes, say, seed_option, set_option, tell
+from barn_eval.commands.options import FILE, FOLDER, json_option, notes, say, seed_option, settings_option, tell
 from barn_eval.commands.tables import rich_table, table
 from barn_eval.experiments.run_file import provenance
 from barn_eval.pages.template import write_page
@@ -19,8 +19,14 @@ from barn_eval.studies.validation import checks_table, statistics_page
 @click.command("reproduce")
 @click.option("--quick", is_flag=True, help="Part of the worlds, spread over their order by difficulty; minutes.")
 @click.option("--out", type=FOLDER, help="Folder of trials and page [default: out/results, or out/results_quick].")
-@set_option("--set", "settings", "What is run", ReproduceConfig())
-@click.option("--workers", type=click.IntRange(0), default=0, help="Trials at a time; 0 for one per processor.")
+@settings_option("--set", "settings", "What is run", ReproduceConfig())
+@click.option(
+    "--workers",
+    type=click.IntRange(0),
+    default=0,
+    show_default=False,
+    help="Trials at a time [default: as processors].",
+)
 @click.option("--docs", type=FOLDER, help="Write the page into this folder as well.")
 def reproduce(**options: Any) -> None:
     """Run the paper's 3000 trials and write all of it up.
@@ -35,7 +41,11 @@ def reproduce(**options: Any) -> None:
 @click.command("validate")
 @click.option("--simulations", default=400, type=click.IntRange(10, 1_000_000), help="So many per check.")
 @seed_option()
-@click.option("--out", type=FILE, help="Write the docs' page of it, .md; with ranking.json beside it, that table too.")
+@click.option(
+    "--out",
+    type=FILE,
+    help="Write the page of the documentation that says it, .md; with ranking.json beside it, that table as well.",
+)
 @json_option
 def validate(simulations: int, seed: int, out: Path | None, as_json: bool) -> int:
     """Simulate trials and count how often intervals cover the truth and tests raise a false alarm.
@@ -58,7 +68,7 @@ def validate(simulations: int, seed: int, out: Path | None, as_json: bool) -> in
 
 @click.command("bench")
 @click.option("--planners", default="dwa,eband", help="Planners to measure, joined by commas.")
-@set_option("--set", "settings", "What is measured", suite.BenchSetup())
+@settings_option("--set", "settings", "What is measured", suite.BenchSetup())
 @click.option(
     "--against", type=FILE, help="Earlier result of --json from this machine: print how many times as good figures are."
 )

@@ -61,14 +61,16 @@ class FittedTable:
                 return
 
 
-def table(names: Sequence[str], rows: Iterable[Sequence[object]], *, title: str = "", caption: str = "") -> FittedTable:
+def table(
+    columns: Sequence[str], rows: Iterable[Sequence[object]], *, title: str = "", caption: str = ""
+) -> FittedTable:
     """Return a table of plain texts, in which brackets are brackets.
 
     Columns whose name begins with '>' hold numbers and are aligned to the right.
     """
-    heads = [name.removeprefix(">") for name in names]
+    heads = [name.removeprefix(">") for name in columns]
     made = tuple(zip(heads, *(map(str, row) for row in rows), strict=True))
-    return FittedTable(made, tuple(name.startswith(">") for name in names), 1, title, caption)
+    return FittedTable(made, tuple(name.startswith(">") for name in columns), 1, title, caption)
 
 
 def rich_table(found: TextTable) -> FittedTable:

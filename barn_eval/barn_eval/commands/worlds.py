@@ -1,4 +1,4 @@
-"""`barn worlds`: generate, convert and list worlds; `barn metrics`: how difficult they are by the five metrics."""
+"""`barn worlds`: generate, convert and list worlds."""
 
 from pathlib import Path
 from typing import Any
@@ -6,9 +6,19 @@ from typing import Any
 import click
 
 from barn_eval import worlds
-from barn_eval.commands.options import COUNT, PATH, bar, json_option, say, seed_option, set_option, tell, worlds_option
+from barn_eval.commands.options import (
+    COUNT,
+    PATH,
+    json_option,
+    progress,
+    say,
+    seed_option,
+    settings_option,
+    tell,
+    worlds_option,
+)
 from barn_eval.commands.tables import table
-from barn_eval.worlds.sets import FORMATS, Form, metrics_table
+from barn_eval.worlds.sets import FORMATS, Form
 from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.generate import WorldParameters
 
@@ -26,9 +36,15 @@ def command() -> None:
 @click.argument("target", type=PATH)
 @seed_option(2020)
 @click.option("--per-set", default=25, type=COUNT, help="Worlds per parameter set.")
-@set_option("--set", "parameters", "One parameter set of your own", WorldParameters())
+@settings_option("--set", "parameters", "One parameter set of your own", WorldParameters())
 @robot_option
-@click.option("--keep", default=0, type=click.IntRange(0), help="Keep so many, evenly from wide to narrow; 0: all.")
+@click.option(
+    "--keep",
+    default=0,
+    show_default=False,
+    type=click.IntRange(0),
+    help="Keep so many, evenly spread from wide to narrow [default: all].",
+)
 def generate(target: Path, **options: Any) -> None:
     """Generate a data set: TARGET.npz, or a folder in the original layout.
 
@@ -36,7 +52,7 @@ def generate(target: Path, **options: Any) -> None:
     turns, clutter) worlds are hard ones: PER-SET of each kind, with ways proven for the robot's turned footprint. Other
     keys are then margin_cells, spare_cells, rows, cols, resolution_m, attempts.
     """
-    with bar("worlds") as share:
+    with progress("worlds") as share:
         made = worlds.generate(target, **options, progress=lambda made, total: share(made / total))
     say(f"{len(made)} worlds in {target}")
 
@@ -44,7 +60,9 @@ def generate(target: Path, **options: Any) -> None:
 @command.command()
 @click.argument("source")
 @click.argument("target", type=PATH)
-@click.option("--format", "form", type=click.Choice(FORMATS), help="What [default: npz for TARGET.npz, else original].")
+@click.option(
+    "--format", "form", type=click.Choice(FORMATS), help="What to write [default: npz for TARGET.npz, else original]."
+)
 @worlds_option
 @robot_option
 def convert(source: str, target: Path, form: Form | None, select: str, robot: str) -> None:
@@ -76,20 +94,3 @@ def show_list(source: str | None, select: str, as_json: bool) -> None:
         ]
     rows = [tuple(f"{one:.2f}" if isinstance(one, float) else one for one in entry.values()) for entry in entries]
     return tell(as_json, entries, table(tuple(entries[0]), rows))
-
-
-@click.command("metrics")
-@click.argument("source", default="barn300")
-@worlds_option
-@click.option("--formula", default="corrected", help="corrected, published (the numbers in print) or paper_text.")
-@click.option("--robot", help="Whose C-space and path are measured: a name or a YAML file [default: the worlds' own].")
-@json_option
-def metrics(source: str, select: str, formula: str, robot: str | None, as_json: bool) -> None:
-    """Compute the five difficulty metrics of the worlds of SOURCE and their summary, as in the paper's Table II.
-
-    Under protocol challenge they order worlds better than the learned difficulty does, under paper2020 less well.
-    """
-    found = metrics_table(source, select, formula, robot=robot or "")
-    (first, *others), lines = found.summary_cells()
-    columns = [first, *(f">{heading}" for heading in others)]
-    tell(as_json, found.as_json(), table(columns, lines, title=f"{len(found.worlds)} worlds, {formula}"))

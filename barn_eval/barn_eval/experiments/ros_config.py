@@ -36,13 +36,17 @@ class Patience(Checked):
     gate_s: float = _limit(30.0, "until the planner is there and ready")
     lifecycle_s: float = _limit(60.0, "until all managed nodes that are waited for are active")
     mismatch_s: float = _limit(2.0, "how long publishers of a wrong type are given to be replaced", 0.0)
-    settle_s: float = _limit(0.3, "how long the graph must have been complete, for others to see it as well", 0.0, 60.0)
+    settle_s: float = _limit(
+        0.3, "how long the graph must have been complete, for the others to see it as well", 0.0, 60.0
+    )
     connection_s: float = _limit(3.0, "for simulator and planner to be connected once they are on the graph", 0.0, 60.0)
     service_s: float = _limit(10.0, "for the answer to a service call")
     command_s: float = _limit(15.0, "without a command, during a trial")
     clock_s: float = _limit(15.0, "without a tick of /clock, during a trial")
     vanished_s: float = _limit(1.0, "for which a planner may have no publisher on the graph, during a trial", 0.0)
-    slowness: float = quantity(50.0, "per simulated second of a minute in which answers are owed", "s", 1.0, 1e6)
+    slowness: float = quantity(
+        50.0, "per simulated second over a minute in which the planner owes its answers", "s", 1.0, 1e6
+    )
     trial_s: float = _limit(3600.0, "for a whole trial", maximum_s=1e6)
 
 
@@ -52,7 +56,8 @@ class PlannerLink(Checked):
 
     command_type: str = quantity("auto", "type of the commands on cmd_vel", choices=COMMAND_TYPES)
     planner_node: str = quantity(
-        "", "of a node to wait for, whose ~/ready, ~/reset and seed are used if offered; empty: the commands' sender"
+        "",
+        "name of a node to wait for, whose ~/ready, ~/reset and seed are used if offered; empty: the commands' sender",
     )
     goal_by: str = quantity("topic", "how the planner gets its goal", choices=GOAL_WAYS)
     goal_action: str = quantity("navigate_to_pose", "name of the action that takes the goal, with goal_by action")
@@ -67,7 +72,9 @@ class PlannerLink(Checked):
     )
     map_frame: str = quantity("map", "frame of the map, and of the goal where the planner is given a map")
     odom_frame: str = quantity("odom", "frame of the odometry, and of the goal where it is not")
-    planner_rate_hz: float = quantity(0.0, "rate of commands that is expected; 0: the protocol's", "Hz", 0.0, 1000.0)
+    planner_rate_hz: float = quantity(
+        0.0, "rate at which the planner is to send commands; 0: the protocol's", "Hz", 0.0, 1000.0
+    )
     restart_planner: str = quantity(
         "on_fault", "when a supervised planner is started afresh for the next trial", choices=RESTARTS
     )
@@ -81,7 +88,7 @@ class RosSetup(PlannerLink):
     lockstep: bool = quantity(True, "the simulator waits for a command after each scan")
     command_wait_s: float = _limit(5.0, "how long it waits, in wall-clock time", 0.001)
     real_time_factor: float = quantity(
-        1.0, "simulated by real time without lockstep; 0: at full speed", "", 0.0, 1000.0
+        1.0, "simulated by real time without lockstep, 0 for as fast as it can", "", 0.0, 1000.0
     )
     namespace: str = quantity("", "namespace of simulator and evaluator, and of our planners; such as robot1")
     remap: tuple[str, ...] = quantity((), "topics that go by another name in simulator and evaluator, as FROM:=TO")
@@ -89,7 +96,9 @@ class RosSetup(PlannerLink):
     lidar_frame: str = quantity("lidar_link", "frame of the scans")
     ground_truth: bool = quantity(False, "publish the true pose and contacts; rows name who reads them")
 
-    isolate: bool = quantity(True, "the planner's processes see and signal only each other, where the kernel can")
+    isolate: bool = quantity(
+        True, "the planner's processes see and signal only each other, where the kernel offers that"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

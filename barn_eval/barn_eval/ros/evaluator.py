@@ -120,8 +120,10 @@ class Runner:
     have ended another process; by hand nobody says.
     """
 
-    def __init__(self, run: RunContext, store: Store, keep: Callable[[Record], None], *, apart: bool = True) -> None:
-        self._context, self._store, self._keep, self._apart = run, store, keep, apart
+    def __init__(
+        self, context: RunContext, store: Store, keep: Callable[[Record], None], *, apart: bool = True
+    ) -> None:
+        self._context, self._store, self._keep, self._apart = context, store, keep, apart
         self._failed_starts = self._driven = 0
 
     def run(self, trials: Iterable[TrialSpec]) -> None:

@@ -45,7 +45,9 @@ class GraphView:
             (len(self._node.get_service_names_and_types()), _MOST_SERVICES, "services"),
             (len(self._node.get_node_names()), _MOST_NODES, "nodes"),
         )
-        return "; ".join(f"{n} {what} are on the graph, more than {most}" for n, most, what in counted if n > most)
+        return "; ".join(
+            f"{count} {what} are on the graph, more than {most}" for count, most, what in counted if count > most
+        )
 
     def graph(self) -> Graph:
         """Return all endpoints of other nodes that are alive as far as known."""

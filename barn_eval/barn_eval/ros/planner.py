@@ -11,7 +11,15 @@ from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.ros.goals import ActionGoal, TopicGoal
 from barn_eval.ros.graph import GraphView, resolve_node_name
 from barn_eval.ros.readiness import Finding, Needs, inspect
-from barn_eval.ros.session import PLANNER, SET_PARAMETERS, Denied, NoAnswer, Remote, Session, TrialEnded
+from barn_eval.ros.session import (
+    PLANNER,
+    SET_PARAMETERS,
+    RemoteNode,
+    ServiceRefused,
+    ServiceTimeout,
+    Session,
+    TrialEnded,
+)
 from barn_eval.ros.supervision.nodes import reach
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.spec import TrialSpec
@@ -37,7 +45,7 @@ class PlannerClient:
         node: Node = session.node
         self._session, self._view = session, view
         self._config, self._patience = config, config.patience
-        self._remotes: dict[str, Remote] = {}
+        self._remotes: dict[str, RemoteNode] = {}
         self._name = resolve_node_name(node, config.planner_node) if config.planner_node else ""
         self._remote = self._known(self._name)
         self._looked_at = not self._name  # whether the named node has been
@@ -105,8 +113,8 @@ class PlannerClient:
         self.told = found = dict[str, str]()
         end_s, nodes = self._session.now_s + _READ_S, self._view.nodes() - {"", *self._needs.known_nodes}
         for name in sorted(nodes)[:_MOST_NODES]:
-            remote, own = Remote(self._session, name, PLANNER), {}
-            with suppress(NoAnswer, RuntimeError):  # too late, or a value of no type that there is
+            remote, own = RemoteNode(self._session, name, PLANNER), {}
+            with suppress(ServiceTimeout, RuntimeError):  # too late, or a value of no type that there is
                 if len(found) < _MOST_READ and remote.offers("list_parameters"):
                     own = remote.parameters(min(_NODE_S, end_s - self._session.now_s))
             remote.close()
@@ -153,8 +161,8 @@ class PlannerClient:
         frame = self._config.map_frame if spec.protocol.map_given else self._config.odom_frame
         return PoseStampedEncoder(frame).encode(spec.goal, stamp_ns)
 
-    def _known(self, name: str) -> Remote:
-        return self._remotes.setdefault(name, Remote(self._session, name, PLANNER))
+    def _known(self, name: str) -> RemoteNode:
+        return self._remotes.setdefault(name, RemoteNode(self._session, name, PLANNER))
 
     def _reset(self, spec: TrialSpec) -> None:
         remote, limit_s, seed = self._remote, self._patience.service_s, {"seed": spec.planner_seed}
@@ -168,8 +176,8 @@ class PlannerClient:
         """Call a service of the planner and return what it says against that; TrialEnded if it does not answer."""
         try:
             call()
-        except Denied as error:
+        except ServiceRefused as error:
             return f"{self._remote.name} says: {error}"
-        except NoAnswer as error:
+        except ServiceTimeout as error:
             raise TrialEnded(Outcome.PLANNER_NOT_READY, str(error)) from None
         return ""

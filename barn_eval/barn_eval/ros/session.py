@@ -132,18 +132,18 @@ _STATE_S = 2.0  # for a managed node to tell its state
 _MOST_PARAMETERS, _MOST_TEXT = 1000, 100  # of a node; characters of a name, and of the beginning of a value
 
 
-class NoAnswer(Exception):
+class ServiceTimeout(Exception):
     """A service did not answer in time, or is not there."""
 
 
-class Denied(Exception):
+class ServiceRefused(Exception):
     """A service answered that it does not do what was asked of it, for the reason given."""
 
 
-class Remote:
+class RemoteNode:
     """Another node by its full name. Clients are made once; `watched` is the process whose end ends any wait.
 
-    All calls raise NoAnswer or, with the node's reason, Denied. One that changes nothing when made twice
+    All calls raise ServiceTimeout or, with the node's reason, ServiceRefused. One that changes nothing when made twice
     is made again every second until it is answered: the service that the graph shows may be that of a process that was
     killed, whose successor is about to come.
     """
@@ -165,7 +165,7 @@ class Remote:
             return ", ".join(f"{self.name}/{name}" for name in names if not self.offers(name))
 
         if left := self._session.wait_for("the service ", missing, limit_s, self._watched):
-            raise NoAnswer(f"no service {left} within {limit_s:g} s")
+            raise ServiceTimeout(f"no service {left} within {limit_s:g} s")
 
     def trigger(self, service: str, limit_s: float, again_s: float = _AGAIN_S) -> str:
         """Call a Trigger and return its message; again_s: not less than the limit for what changes something."""
@@ -181,7 +181,7 @@ class Remote:
         request = SetParametersAtomically.Request(parameters=given)
         result = self.call(SET_PARAMETERS, SetParametersAtomically, request, limit_s).result
         if not result.successful:
-            raise Denied(f"{self.name}: {result.reason or 'parameters refused'}")
+            raise ServiceRefused(f"{self.name}: {result.reason or 'parameters refused'}")
 
     def parameters(self, limit_s: float) -> dict[str, str]:
         """Return its first 1,000 parameters as texts; of a long one the beginning and the SHA-256."""
@@ -196,7 +196,7 @@ class Remote:
             return f"the lifecycle node {self.name} is not there"
         try:
             state = self.call("get_state", GetState, GetState.Request(), _STATE_S).current_state.label
-        except NoAnswer:
+        except ServiceTimeout:
             return f"the lifecycle node {self.name} does not answer"
         return "" if state == "active" else f"the lifecycle node {self.name} is {state or 'in no state'}"
 
@@ -206,13 +206,13 @@ class Remote:
             self._clients[service] = self._session.node.create_client(kind, f"{self.name}/{service}")
         client, deadline_s = self._clients[service], self._session.now_s + limit_s
         if not self._session.wait(client.service_is_ready, limit_s, self._watched):
-            raise NoAnswer(f"no service {self.name}/{service} within {limit_s:g} s")
+            raise ServiceTimeout(f"no service {self.name}/{service} within {limit_s:g} s")
         while (left_s := deadline_s - self._session.now_s) > 0.0:
             future = client.call_async(request)
             if self._session.wait(future.done, min(left_s, again_s), self._watched):
                 return future.result()
             client.remove_pending_request(future)
-        raise NoAnswer(f"no answer from {self.name}/{service} within {limit_s:g} s")
+        raise ServiceTimeout(f"no answer from {self.name}/{service} within {limit_s:g} s")
 
     def close(self) -> None:
         """Do without its clients from now on: each makes every spin longer."""
@@ -222,7 +222,7 @@ class Remote:
     @staticmethod
     def _granted(answer: Any) -> str:
         if not answer.success:
-            raise Denied(answer.message)
+            raise ServiceRefused(answer.message)
         return str(answer.message)
 
 

@@ -10,7 +10,16 @@ from typing import Any
 from barn_eval.experiments.ros_config import Patience
 from barn_eval.ros.readiness import PARTICIPANT_BYTES
 from barn_eval.ros.sequencer import Message
-from barn_eval.ros.session import PLANNER, SET_PARAMETERS, SIMULATOR, Denied, NoAnswer, Remote, Session, TrialEnded
+from barn_eval.ros.session import (
+    PLANNER,
+    SET_PARAMETERS,
+    SIMULATOR,
+    RemoteNode,
+    ServiceRefused,
+    ServiceTimeout,
+    Session,
+    TrialEnded,
+)
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.base.config import fields_of
@@ -53,15 +62,15 @@ class SimulatorChannel:
         self._line.send(heard=None)
 
     def ask(self, what: str, limit_s: float, **content: object) -> str:
-        """Make a request of `barn_sim.ros.leader` and return the answer; Denied, or NoAnswer."""
+        """Make a request of `barn_sim.ros.leader` and return the answer; ServiceRefused, or ServiceTimeout."""
         self._ignored = self._ignored and what != "reset"
         number = time.monotonic_ns()  # an answer to an evaluator before this one is not taken for one to this
         self._line.send(number=number, do=what, **content)
         answer = self._session.wait(lambda: self._answers.pop(number, None), limit_s, SIMULATOR)
         if answer is None:
-            raise NoAnswer(f"no answer from the simulator to {what} within {limit_s:g} s")
+            raise ServiceTimeout(f"no answer from the simulator to {what} within {limit_s:g} s")
         if not answer["ok"]:
-            raise Denied(answer["text"])
+            raise ServiceRefused(answer["text"])
         if what == "introduce":
             self.participant = bytes.fromhex(answer["text"])[:PARTICIPANT_BYTES]
         return str(answer["text"])
@@ -77,7 +86,7 @@ class SimulatorChannel:
                 self.interference.append(packet["interference"])
 
 
-class SimulatorServices(Remote):
+class SimulatorServices(RemoteNode):
     """The services of a simulator that was started by hand, as if they were a `SimulatorChannel`."""
 
     def ask(self, what: str, limit_s: float, *, values: Mapping[str, Any] | None = None, on: bool = False) -> str:
@@ -92,14 +101,16 @@ class SimulatorServices(Remote):
 
 
 class SimulatorClient:
-    """Sets up, resets, pauses and releases the simulator, which it asks by `ask`, as `SimulatorChannel.ask` does.
+    """Sets up, resets, pauses and releases the simulator, which it asks by `request`, as `SimulatorChannel.ask` does.
 
     dataset, robot: names, or paths, of what all trials are of. Raises TrialEnded if the simulator does not answer and
     BarnError if it cannot do what the trial needs.
     """
 
-    def __init__(self, session: Session, ask: Callable[..., str], patience: Patience, dataset: str, robot: str) -> None:
-        self._session, self._request, self._patience = session, ask, patience
+    def __init__(
+        self, session: Session, request: Callable[..., str], patience: Patience, dataset: str, robot: str
+    ) -> None:
+        self._session, self._request, self._patience = session, request, patience
         self._given = {"robot": robot, "dataset": str(Path(dataset).resolve()) if Path(dataset).exists() else dataset}
 
     def prepare(self, spec: TrialSpec, start_limit_s: float) -> int:
@@ -143,7 +154,7 @@ class SimulatorClient:
     def _ask(self, what: str, limit_s: float, **content: object) -> str:
         try:
             return self._request(what, limit_s, **content)
-        except NoAnswer as error:
+        except ServiceTimeout as error:
             raise TrialEnded(Outcome.SIMULATOR_DIED, str(error)) from None
-        except Denied as error:
+        except ServiceRefused as error:
             raise BarnError(f"simulator: {error}") from None

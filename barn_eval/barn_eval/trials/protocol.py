@@ -122,7 +122,12 @@ class Protocol(Checked):
     metric: str = quantity("normalised_time_s_per_m", "measure that planners are ranked by", choices=METRICS)
     clipped: bool = quantity(True, "the time in the challenge metric is clipped to 2 T to 8 T", optional=True)
     look_period_s: float = quantity(
-        0.0, "simulated time between two looks that judge a trial; 0: each reading", "s", 0.0, 10.0, optional=True
+        0.0,
+        "simulated time between two looks at the robot, by which a trial is judged; 0: each reading",
+        "s",
+        0.0,
+        10.0,
+        optional=True,
     )
     arena: bool = quantity(False, "made for arenas, worlds without the containment of BARN", optional=True)
     random_phase: bool = quantity(

@@ -46,14 +46,16 @@ def states_of(protocol: Protocol, course: Course) -> States:
 
 
 @njit(cache=True)
-def observe(states: States, which: Integers, stamps_ns: Integers, odom: Floats, truths: Floats, touches: Bools) -> None:
+def observe(
+    states: States, which: Integers, stamps_ns: Integers, odometry: Floats, truths: Floats, contacts: Bools
+) -> None:
     """Judge a reading of each of the trials `which` that still runs, by their rows of all arrays.
 
-    odom, truths (n, 3): x, y, yaw in the odom and the map frame; touches (n,): since the reading before.
+    odometry, truths (n, 3): x, y, yaw in the odom and the map frame; contacts (n,): since the reading before.
     """
     for i in which:
         if states[i].code == RUNNING:
-            _observe(states[i], stamps_ns[i], odom[i], truths[i], touches[i])
+            _observe(states[i], stamps_ns[i], odometry[i], truths[i], contacts[i])
 
 
 @njit(cache=True)

@@ -202,16 +202,21 @@ class Encounters:
 
 
 def encounters(
-    trajectory: Trajectory, world: World, phase_s: float, outline: Footprint, rules: Protocol, traversal_s: float | None
+    trajectory: Trajectory,
+    world: World,
+    phase_s: float,
+    outline: Footprint,
+    protocol: Protocol,
+    traversal_s: float | None,
 ) -> Encounters | None:
     """Return the figures of a trajectory in a world whose obstacles were `phase_s` into their motions at its start."""
     if not world.moving:
         return None
-    course = rules.course(world)
+    course = protocol.course(world)
     times_s = (trajectory.stamps_ns - trajectory.stamps_ns[:1]) / NANOSECONDS + phase_s
     gaps, waits = _nearness(trajectory, world.tracks, times_s, outline)
     periods_s = np.diff(times_s, prepend=times_s[:1])
-    straight_m = course.start.distance(course.goal) - rules.goal_distance_m
+    straight_m = course.start.distance(course.goal) - protocol.goal_distance_m
     driven_m = float(np.hypot(*np.diff(trajectory.truth[:, :2], axis=0).T).sum())
     shortest_s = float(waits.min(initial=math.inf))
     return Encounters(
@@ -220,7 +225,7 @@ def encounters(
         time_to_collision_s=shortest_s if math.isfinite(shortest_s) else None,
         near_s=float(periods_s[(gaps <= NEAR_M).any(axis=1)].sum()),
         path_over_straight=None if traversal_s is None else driven_m / straight_m,
-        time_over_straight=None if traversal_s is None else traversal_s * rules.reference_speed_mps / straight_m,
+        time_over_straight=None if traversal_s is None else traversal_s * protocol.reference_speed_mps / straight_m,
         **_first_hit(trajectory, world, times_s, gaps, outline),
     )
 
@@ -241,7 +246,9 @@ def _nearness(trajectory: Trajectory, tracks: Tracks, times_s: Floats, outline: 
     return gaps, waits
 
 
-def _first_hit(trajectory: Trajectory, world: World, times_s: Floats, gaps: Floats, body: Footprint) -> dict[str, Any]:
+def _first_hit(
+    trajectory: Trajectory, world: World, times_s: Floats, gaps: Floats, outline: Footprint
+) -> dict[str, Any]:
     """Return what `Encounters` has of the first contact, if that was with a moving obstacle.
 
     Contact lies between two readings; the obstacle is the one that is nearest at either of them. Speeds are those along
@@ -254,7 +261,7 @@ def _first_hit(trajectory: Trajectory, world: World, times_s: Floats, gaps: Floa
     rows = slice(before, int(touching[0]) + 1)
     nearest = gaps[rows].min(axis=0)
     index = int(nearest.argmin())
-    if _standing_gap(trajectory.truth[rows], world, body) < nearest[index]:
+    if _standing_gap(trajectory.truth[rows], world, outline) < nearest[index]:
         return {}
     positions, velocities = world.tracks.at(float(times_s[before]))
     shape, position, velocity = moving_shapes(world.tracks, positions)[index], positions[index], velocities[index]
@@ -266,7 +273,7 @@ def _first_hit(trajectory: Trajectory, world: World, times_s: Floats, gaps: Floa
         side, across = shape[5:7], np.array([-shape[6], shape[5]])
         along = np.clip([(base - position) @ side, (base - position) @ across], -shape[3:5], shape[3:5])
         towards = position + along[0] * side + along[1] * across
-    local = body.nearest((towards - base) @ ahead, (towards - base) @ left)
+    local = outline.nearest((towards - base) @ ahead, (towards - base) @ left)
     lever = local[0] * ahead + local[1] * left
     line = towards - base - lever
     length = float(np.hypot(*line)) or math.inf

@@ -61,7 +61,9 @@ class Recovery:
         if stamp_ns - self._control_ns > nanoseconds(self.config.controller_patience_s):
             self.active, self._for_plan = True, False
 
-    def step(self, now_ns: int, pose: Pose2D, local: Costmap, clear: tuple[tuple[Costmap, Pose2D], ...]) -> Velocity2D:
+    def step(
+        self, stamp_ns: int, pose: Pose2D, local: Costmap, clear: tuple[tuple[Costmap, Pose2D], ...]
+    ) -> Velocity2D:
         """Continue for a cycle and return its command; clear: costmaps to clear, each with the robot in its frame."""
         command = None
         if self._turning_from is not None or self._next in (1, 3):
@@ -74,7 +76,7 @@ class Recovery:
         if command is None:
             self._turning_from, self.active = None, False
             self._next += 1
-            self._plan_ns = self._control_ns = now_ns
+            self._plan_ns = self._control_ns = stamp_ns
         return command or Velocity2D()
 
     def _turn(self, pose: Pose2D, costmap: Costmap) -> Velocity2D | None:

@@ -86,7 +86,7 @@ class PlannerNode(Node):
             self._node_config.frames,
             self.get_name(),
             stamped=self._node_config.command_type == "twist_stamped",
-            period_s=self._node_config.view_period_s,
+            view_period_s=self._node_config.view_period_s,
         )
         self._messages.warm_up(self._session.planner)
         self._open()
@@ -101,10 +101,12 @@ class PlannerNode(Node):
     def _new_session(self) -> PlannerSession:
         config = self._node_config
         planner = self._entry.build(self._config)
-        made = PlannerSession(planner, seed=config.seed, use_map=config.use_map, repeat_command=config.repeat_command)
-        made.warm_up()
-        made.reset()
-        return made
+        session = PlannerSession(
+            planner, seed=config.seed, use_map=config.use_map, repeat_command=config.repeat_command
+        )
+        session.warm_up()
+        session.reset()
+        return session
 
     def _open(self) -> None:
         command = self._messages.command(STOP, 0).topic

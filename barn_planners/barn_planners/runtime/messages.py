@@ -67,17 +67,22 @@ def _spread(count: int, most: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]
 
 
 class PlannerMessages:
-    """The messages of one planner, a node of that name: each command, stamped if told so, its view each period."""
+    """The messages of one planner, a node of that name: each command, stamped if told so, and its view at intervals."""
 
     def __init__(
-        self, frames: Frames, name: str = "planner", *, stamped: bool = False, period_s: float = topics.PLAN.period_s
+        self,
+        frames: Frames,
+        name: str = "planner",
+        *,
+        stamped: bool = False,
+        view_period_s: float = topics.PLAN.period_s,
     ) -> None:
         self._name = name
         self._frames = frames
         self._stamped = encode.TwistStampedEncoder(frames.of(topics.CMD_VEL_STAMPED)) if stamped else None
         self._plan = encode.PathEncoder(frames.of(topics.PLAN))
         self._local_plans = {frame: encode.PathEncoder(frame) for frame in (frames.odom, frames.planning)}
-        self._view_period_ns = nanoseconds(period_s)
+        self._view_period_ns = nanoseconds(view_period_s)
         self.reset()
 
     def reset(self) -> None:

@@ -42,7 +42,9 @@ class LidarConfig(Checked):
     mount_yaw_rad: float = optional(0.0, "direction of angle 0 of a scan, from base_link's x", "rad", -3.15, 3.15)
     noise_share: float = optional(0.0, "that standard deviation as a share of the range, if larger", "", 0.0, 0.5)
     sweeps: bool = optional(False, "beams are taken one after the other, as the mirror turns")
-    mixed_share: float = optional(0.0, "share of edge beams that read between both sides (mixed pixels)", "", 0.0, 1.0)
+    mixed_share: float = optional(
+        0.0, "share of beams at an edge that read between its sides (mixed pixels)", "", 0.0, 1.0
+    )
     dropout_share: float = optional(0.0, "share of the beams that read +inf whatever is there", "", 0.0, 1.0)
 
     def __post_init__(self) -> None:
@@ -61,4 +63,6 @@ class OdometryConfig(Checked):
     yaw_noise_rad: float = quantity(0.005, "standard deviation of the yaw", "rad", 0.0, 1.0)
     yaw_rate_noise_rad_s: float = quantity(0.005, "standard deviation of the yaw rate", "rad/s", 0.0, 1.0)
     gyro_bias_rad_s: float = optional(0.0, "standard deviation over trials of the gyro's bias", "rad/s", 0.0, 1.0)
-    wheel_radius_error: float = optional(0.0, "standard deviation over trials of wheel radii, as a share", "", 0.0, 0.5)
+    wheel_radius_error: float = optional(
+        0.0, "standard deviation over trials of the wheels' radius, as a share", "", 0.0, 0.5
+    )

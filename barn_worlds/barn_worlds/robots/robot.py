@@ -46,7 +46,9 @@ class Chassis(Checked):
     track_m: float = required("distance between the centres of left and right wheels", "m", 0.01, 10.0)
     wheelbase_m: float = optional(0.0, "distance between the axles; 0 for one axle", "m", 0.0, 20.0)
     axle_x_m: float = optional(0.0, "x of the driven axle, or half way between two", "m", -10.0, 10.0)
-    footprint_m: tuple[Corner, ...] = optional((), "corners of the outline, counter-clockwise, unless it is round", "m")
+    footprint_m: tuple[Corner, ...] = optional(
+        (), "corners of the outline, counter-clockwise; not of a round robot", "m"
+    )
     footprint_radius_m: float = optional(0.0, "radius of a round robot about base_link", "m", 0.0, _LARGEST_M)
     casters_m: tuple[Corner, ...] = optional((), "x, y where casters touch the ground", "m")
     body_m: tuple[float, float] = optional(

@@ -34,7 +34,13 @@ def course_of(numbers: Sequence[float], where: str) -> Ends:
 
 
 def open_world(
-    name: str, grid: BoolGrid, cell_m: float, corner_m: Corner, robot: Robot, told: Provenance, ends: Ends | None = None
+    name: str,
+    grid: BoolGrid,
+    cell_m: float,
+    corner_m: Corner,
+    robot: Robot,
+    about: Provenance,
+    ends: Ends | None = None,
 ) -> World:
     """Return a world of any shape, its grid's outer corner at a place of the map frame; WorldError without a way.
 
@@ -43,7 +49,7 @@ def open_world(
     anywhere = np.argwhere(~grid)[:1]
     if not len(anywhere):
         raise WorldError(f"{name}: no cell of it is free")
-    about = replace(told, path_source="planned" if ends else CHOSEN)
+    about = replace(about, path_source="planned" if ends else CHOSEN)
     world = World(name, grid, anywhere, cell_m, robot.footprint_cells(cell_m), about, corner_m=corner_m)
     return with_course(world, robot, ends)
 

@@ -53,7 +53,9 @@ class TrialScene(NamedTuple):
         return np.maximum(low, way.min(axis=0) - _NEAR_M), np.minimum(high, way.max(axis=0) + _NEAR_M)
 
 
-def scene_of(world: World, start: Pose2D | None = None, goal: Pose2D | None = None, near_m: float = 0.0) -> TrialScene:
-    """Return the scene of a world and a course through it; near_m: from the goal, what counts as arrival."""
+def scene_of(
+    world: World, start: Pose2D | None = None, goal: Pose2D | None = None, reached_m: float = 0.0
+) -> TrialScene:
+    """Return the scene of a world and a course through it; reached_m: from the goal, what counts as arrival."""
     size, boxes = (world.cylinder_radius_m, world.cylinder_height_m), wall_bodies(world.walls)
-    return TrialScene(world.obstacles_m, world.containment_m, *size, world.path_m(), start, goal, near_m, boxes)
+    return TrialScene(world.obstacles_m, world.containment_m, *size, world.path_m(), start, goal, reached_m, boxes)

@@ -176,10 +176,12 @@ def overlay(
     return figure
 
 
-def choose(entries: Sequence[Entry], world: int, names: Sequence[str], outcome: str) -> tuple[list[DrivenTrial], World]:
+def choose(
+    entries: Sequence[Entry], world: int, planners: Sequence[str], outcome: str
+) -> tuple[list[DrivenTrial], World]:
     """Return the trials in a world of these planners and with this outcome, or of all, and the world."""
     known, outcomes = {entry.planner for entry in entries}, {one.value for one in Outcome}
-    for name in set(names) - known:
+    for name in set(planners) - known:
         there = ", ".join(sorted(known))
         raise ConfigError(f"planner {name!r}: has no trial here{suggest(name, known)}; there are {there}")
     if outcome and outcome not in outcomes:
@@ -191,7 +193,7 @@ def choose(entries: Sequence[Entry], world: int, names: Sequence[str], outcome: 
     wanted = []
     for entry in entries:
         own = (one for one in entry.results if one.world == world and outcome in ("", one.outcome.value))
-        wanted += [replace(entry, results=tuple(own))] if entry.planner in (names or known) else []
+        wanted += [replace(entry, results=tuple(own))] if entry.planner in (planners or known) else []
     drives, worlds = driven_trials(wanted)
     found = [one for one in drives if one.track is not None]
     if not found:
