@@ -148,8 +148,8 @@ class Chassis(Checked):
 
     def _check_wheels(self) -> None:
         low = self.wheel_z_m + self.base_height_m - self.wheel_radius_m
-        wanted = self.wheel_radius_m - self.base_height_m
-        down = f"must let wheels touch the ground, {low:+.3f} m away: wheel_radius_m - base_height_m is {wanted:.4g}"
+        wanted = f"wheel_radius_m - base_height_m is {self.wheel_radius_m - self.base_height_m:.4g}"
+        down = f"must let the wheels touch the ground, {low:+.3f} m away: {wanted}"
         self.require(abs(low) <= _OFF_GROUND_M, "wheel_z_m", down)
         if self.kind == "differential":
             one = "must be 0 for a differential drive, which has one axle"
