@@ -130,7 +130,8 @@ def read_trials(source: Path, dataset: str = "") -> tuple[dict[int, World], Tria
     known = {(world := worlds.load(index)).checksum: (index, world) for index in worlds.indices}
     lost = next((one.world for one in found.results if one.world_checksum not in known), None)
     if lost is not None:
-        raise ConfigError(f"{source}: world {lost} of its trials is none of {worlds.name}; name their data set")
+        other = f"world {lost} of its trials is none of {worlds.name}"
+        raise ConfigError(f"{source}: {other}; name the data set they ran in")
     trials = Trials(
         np.array([known[one.world_checksum][0] for one in found.results], np.int64),
         tuple(one.planner for one in found.results),
