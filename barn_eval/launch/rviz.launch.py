@@ -9,8 +9,19 @@ from launch_ros.substitutions import FindPackageShare
 from barn_worlds.ros.launching import LOG_LEVEL, SIM_TIME, USUAL, argument
 
 # The layout names topics from the root; so they follow the namespace.
-TOPICS: tuple[str, ...] = ("amcl_pose", "band", "goal_pose", "ground_truth/odom", "local_costmap/costmap", "local_plan")
-TOPICS += ("map", "odom", "plan", "robot_description", "scan")
+TOPICS = (
+    "amcl_pose",
+    "band",
+    "goal_pose",
+    "ground_truth/odom",
+    "local_costmap/costmap",
+    "local_plan",
+    "map",
+    "odom",
+    "plan",
+    "robot_description",
+    "scan",
+)
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -29,8 +29,13 @@ PLANNER, SIMULATOR, ENVIRONMENT = "planner", "simulator", "environment"
 _BLAMED = {Outcome.SIMULATOR_DIED: SIMULATOR, Outcome.ENVIRONMENT_FAILED: ENVIRONMENT}
 
 # A planner that did not drive to the end of a trial; where none did, the command says so by its exit code.
-NOT_DRIVEN: tuple[Outcome, ...] = (Outcome.PLANNER_NOT_READY, Outcome.PLANNER_DIED, Outcome.PLANNER_STALLED)
-NOT_DRIVEN += (Outcome.WRONG_MESSAGE_TYPE, Outcome.INVALID_COMMAND)
+NOT_DRIVEN = (
+    Outcome.PLANNER_NOT_READY,
+    Outcome.PLANNER_DIED,
+    Outcome.PLANNER_STALLED,
+    Outcome.WRONG_MESSAGE_TYPE,
+    Outcome.INVALID_COMMAND,
+)
 
 
 @dataclass(frozen=True, slots=True)
