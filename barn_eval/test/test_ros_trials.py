@@ -57,7 +57,7 @@ def own_robot(folder):
 @pytest.mark.parametrize(
     ("protocol", "robot", "planner"),
     [
-        (PAPER_2020, "jackal", "dwa"),
+        (PAPER_2020, "jackal", "eband"),
         (DYNABARN, "jackal", "dwa"),
         (CHALLENGE, "own_robot", "mppi"),
     ],
