@@ -81,7 +81,7 @@ def test_each_trial_may_have_a_planner_of_its_own_whose_parameters_are_kept(tmp_
     done = runs.run(file, "--mode", "ros", *options, "--out", out)
     assert done.returncode == 0 and "SIGTERM" not in done.stderr, done.stderr  # its restarts are no news
     assert [row.planner for row in read_results(out)] == ["simple"] * 2
-    assert starts.read_text() == "\n\n"
+    assert starts.read_text().count("\n") >= 2  # one more may be starting as the campaign ends
     assert told_parameters(out, "simple")["/simple_planner use_sim_time"] == "False"
 
 
