@@ -14,7 +14,6 @@ from barn_worlds.worlds.dataset import Dataset
 from barn_worlds.worlds.world import World
 
 SCHEMA_VERSION = 1
-Formula = metrics.Formula | str
 TABLE_II: dict[str, dict[str, float]] = packaged_yaml("barn_metrics", "table_ii.yaml")
 
 
@@ -69,7 +68,9 @@ class MetricsTable:
         return found
 
 
-def metrics_table(worlds: Dataset | Iterable[World], formula: Formula = metrics.CORRECTED) -> MetricsTable:
+def metrics_table(
+    worlds: Dataset | Iterable[World], formula: metrics.Formula | str = metrics.CORRECTED
+) -> MetricsTable:
     """Return the metrics of a data set or of worlds; WorldError if there is none or one cannot be read."""
     chosen = metrics.as_formula(formula)
     if isinstance(worlds, Dataset):

@@ -153,10 +153,9 @@ def _print(request: Request, results: Rows, as_json: bool) -> None:
         shown.append(rich_table(summary_table([summarise(scored)])))
     said = found.as_json() if found else {"planners": [], "comparisons": [], "verdict": ""}
     tell(as_json, {"results": [as_dict(one) for one in results]} | said, *shown)
-    if as_json:
-        return
     bags = request.out / "bags"
-    say(f"tables in {request.out}" + (f", bags in {bags}" if bags.is_dir() else ""))
+    if not as_json:
+        say(f"tables in {request.out}" + (f", bags in {bags}" if bags.is_dir() else ""))
 
 
 def _title(request: Request) -> str:
