@@ -75,19 +75,11 @@ def test_the_phase_belongs_to_the_protocol_and_to_its_fingerprint(tmp_path):
         simulator_config(DYNABARN, {"obstacles.random_phase": False})
 
 
-def test_ends_of_the_papers_course(open_world):
-    course = PAPER_2020.course(open_world)
-    assert (course.start.x, course.start.y) == pytest.approx((-4.575 + 0.15 * 15, 4.075))
-    assert (course.goal.x, course.goal.y) == pytest.approx((-4.575 + 0.15 * 15, 9.725))
-    assert course.start.yaw == course.goal.yaw == math.pi / 2
-
-
 @pytest.mark.parametrize(("row", "x"), [(1, -3.9), (3, -3.9), (5, -3.825), (27, -0.525), (28, -0.5)])
 def test_the_papers_start_stays_clear_of_the_side_walls(open_world, row, x):
     path = open_world.path.copy()
     path[:, 0] = row
-    moved = type(open_world)("moved", open_world.grid, path)
-    assert PAPER_2020.course(moved).start.x == pytest.approx(x)
+    assert PAPER_2020.course(replace(open_world, path=path)).start.x == pytest.approx(x)
 
 
 def test_ends_of_the_challenges_course(open_world):
@@ -105,6 +97,7 @@ def test_the_papers_start_is_by_the_first_cell_of_the_path_and_its_goal_by_the_l
     course = PAPER_2020.course(bent(open_world))
     assert (course.start.x, course.start.y) == pytest.approx((-4.575 + 0.15 * 10, 4.075))
     assert (course.goal.x, course.goal.y) == pytest.approx((-4.575 + 0.15 * 13, 9.725))
+    assert course.start.yaw == course.goal.yaw == math.pi / 2
 
 
 def test_the_reference_length_is_from_the_start_along_the_path_to_the_goal(open_world):
@@ -128,10 +121,8 @@ def test_a_course_needs_two_cells_of_path(open_world):
 
 def test_only_a_map_that_is_given_can_be_off(open_world):
     assert PAPER_2020.map_offset_m() == -0.15
-    for change in ({"historical_map": False}, {"map_given": False}):
-        protocol = replace(PAPER_2020, **change)
+    for protocol in (replace(PAPER_2020, historical_map=False), replace(PAPER_2020, map_given=False), CHALLENGE):
         assert protocol.map_offset_m() == 0.0
-    assert CHALLENGE.map_offset_m() == 0.0
 
 
 def test_the_two_protocols_differ_as_published():
@@ -260,12 +251,12 @@ def test_names_lead_to_the_protocols():
 
 
 def test_the_challenge_by_its_years(open_world):
-    courses = [one.course(open_world) for one in (CHALLENGE, CHALLENGE_2022, CHALLENGE_2022_03)]
-    assert [course.start.x for course in courses] == [-2.25, -2.0, -2.0]
-    assert [one.goal_distance_m for one in (CHALLENGE, CHALLENGE_2022, CHALLENGE_2022_03)] == [1.0, 1.0, 0.5]
-    assert [one.metric for one in (CHALLENGE, CHALLENGE_2022, CHALLENGE_2022_03)] == [
-        "challenge", "challenge_2022", "challenge",
-    ]  # fmt: skip
+    years = (CHALLENGE, CHALLENGE_2022, CHALLENGE_2022_03)
+    assert [(one.course(open_world).start.x, one.goal_distance_m, one.metric) for one in years] == [
+        (-2.25, 1.0, "challenge"),
+        (-2.0, 1.0, "challenge_2022"),
+        (-2.0, 0.5, "challenge"),
+    ]
     assert "clipped" not in as_dict(CHALLENGE) and "look_period_s" not in as_dict(CHALLENGE)
 
 

@@ -2,7 +2,7 @@ import random
 
 import pytest
 
-from barn_eval.ros.sequencer import LATER_TICKS, Message, TickSequencer
+from barn_eval.ros.sequencer import Message, TickSequencer
 
 
 def message(topic, sent_ns):
@@ -18,31 +18,9 @@ def published(ticks):
             yield topic, k * 50, sent + 10 * (offset + 1)
 
 
-def queue(sequencer, kind, stamp_ns, sent_ns):
-    if kind == "tick":
-        sequencer.tick(stamp_ns, sent_ns)
-    else:
-        sequencer.add(message(kind, sent_ns))
-
-
 def sorted_out(ticks):
     """Stamp, topics and the thousand of sending times, of each tick."""
     return [(one.stamp_ns, [m.topic for m in one.messages], {m.sent_ns // 1000 for m in one.messages}) for one in ticks]
-
-
-def in_order(ticks):
-    """What `published` is, sorted out."""
-    return [(50 * k, ["/odom", "/collision", "/scan", "/cmd_vel"], {k}) for k in range(ticks)]
-
-
-def test_in_order():
-    sequencer = TickSequencer()
-    done = []
-    for event in published(20):
-        queue(sequencer, *event)
-        done += sequencer.complete()
-    assert len(done) == 20 - LATER_TICKS
-    assert sorted_out([*done, *sequencer.rest()]) == in_order(20)
 
 
 def test_a_command_may_come_as_late_as_the_scan_after_its_own():
@@ -64,27 +42,25 @@ def test_any_order_across_topics_gives_the_same_ticks(seed):
     events.sort(key=lambda event: event[2] + late[event[0]])
     sequencer = TickSequencer()
     done = []
-    for event in events:
-        queue(sequencer, *event)
+    for kind, stamp_ns, sent_ns in events:
+        if kind == "tick":
+            sequencer.tick(stamp_ns, sent_ns)
+        else:
+            sequencer.add(message(kind, sent_ns))
         done += sequencer.complete()
-    assert sorted_out([*done, *sequencer.rest()]) == in_order(30)
+    in_order = [(50 * k, ["/odom", "/collision", "/scan", "/cmd_vel"], {k}) for k in range(30)]
+    assert sorted_out([*done, *sequencer.rest()]) == in_order
 
 
-def test_repeated_tick_begins_nothing_new():
+def test_a_tick_that_repeats_the_time_begins_nothing_new_and_tells_so():
     sequencer = TickSequencer()
-    for sent_ns in (0, 100, 200):
-        sequencer.tick(7, sent_ns)
+    begun = []
+    for sent_ns, stamp_ns in ((0, 7), (100, 8), (200, 8), (300, 9)):
+        begun.append(sequencer.tick(stamp_ns, sent_ns))
         sequencer.add(message("/odom", sent_ns + 1))
-    (tick,) = sequencer.rest()
-    assert [one.sent_ns for one in tick.messages] == [1, 101, 201]
-
-
-def test_a_tick_tells_whether_it_begins_a_tick():
-    sequencer = TickSequencer()
-    begun = [sequencer.tick(stamp_ns, sent_ns) for sent_ns, stamp_ns in enumerate([7, 8, 8, 9])]
-    assert begun == [True, True, False, True]
-    assert sequencer.latest_ns == 9
-    assert [tick.stamp_ns for tick in sequencer.rest()] == [7, 8, 9]
+    assert (begun, sequencer.latest_ns) == ([True, True, False, True], 9)
+    found = [(tick.stamp_ns, [one.sent_ns for one in tick.messages]) for tick in sequencer.rest()]
+    assert found == [(7, [1]), (8, [101, 201]), (9, [301])]
 
 
 def test_a_message_sent_with_a_tick_belongs_to_it_whichever_comes_first():
