@@ -64,28 +64,22 @@ def test_pictures_and_animations(bag, tmp_path):
         next(camera_frames(replace(recorded, scene=None), "side", [1.0], 1))
 
 
-@pytest.fixture
-def film_maker(tmp_path, monkeypatch):
-    """A stand-in for ffmpeg, which writes how it was called and how much it was sent; it fails when told to."""
-    folder = tmp_path / "programs"
-    folder.mkdir()
-    script = folder / "ffmpeg"
-    script.write_text(
-        f"#!{sys.executable}\n"
-        "import os, sys\n"
-        "if os.environ.get('FAIL'):\n"
-        "    sys.exit('no such encoder')\n"
-        "size = len(sys.stdin.buffer.read())\n"
-        "open(sys.argv[-1], 'w').write(' '.join(sys.argv[1:-1]) + f'|{size}')\n"
-    )
-    script.chmod(0o755)
-    monkeypatch.setenv("PATH", f"{folder}{os.pathsep}{os.environ['PATH']}")
+# A stand-in for ffmpeg, which writes how it was called and how much it was sent; it fails when told to.
+FILM_MAKER = f"""#!{sys.executable}
+import os, sys
+if os.environ.get("FAIL"):
+    sys.exit("no such encoder")
+size = len(sys.stdin.buffer.read())
+open(sys.argv[-1], "w").write(" ".join(sys.argv[1:-1]) + f"|{{size}}")
+"""
 
 
-@pytest.mark.usefixtures("film_maker")
 def test_a_film_gets_each_frame_whole_or_is_not_there(bag, tmp_path, monkeypatch):
     recorded = read_recorded(bag)
     written = tmp_path / "trial.mp4"
+    (tmp_path / "ffmpeg").write_text(FILM_MAKER)
+    (tmp_path / "ffmpeg").chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
     write_replay([bag], [written], frames_per_s=2.0, speed=4.0)
     called, sent = written.read_text().split("|")
     width, height = (int(text) for text in re.search(r"-s (\d+)x(\d+) -r 2 ", called).groups())

@@ -13,39 +13,32 @@ if shutil.which("git") is None:
 NAMED = ("-c", "user.name=a", "-c", "user.email=a@b")
 
 
-@pytest.fixture
-def repository(tmp_path):
-    """Return a function that commits a file to a repository and returns a folder in it that git ignores."""
-
-    def made(tracked: str):
-        inside = tmp_path / ".venv" / "lib" / "barn_eval"
-        inside.mkdir(parents=True)
-        (tmp_path / ".gitignore").write_text(".venv\n")
-        (tmp_path / tracked).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / tracked).write_text("<package/>")
-        for arguments in (("init", "-q"), ("add", "."), (*NAMED, "commit", "-qm", "first")):
-            subprocess.run(["git", "-C", tmp_path, *arguments], check=True)
-        return inside
-
-    return made
+def repository(folder, tracked):
+    """Commit a file to a repository and return a folder in it that git ignores."""
+    inside = folder / ".venv" / "lib" / "barn_eval"
+    inside.mkdir(parents=True)
+    (folder / ".gitignore").write_text(".venv\n")
+    (folder / tracked).parent.mkdir(parents=True, exist_ok=True)
+    (folder / tracked).write_text("<package/>")
+    for arguments in (("init", "-q"), ("add", "."), (*NAMED, "commit", "-qm", "first")):
+        subprocess.run(["git", "-C", folder, *arguments], check=True)
+    return inside
 
 
 def head(folder):
-    return subprocess.run(
-        ["git", "-C", folder, "rev-parse", "HEAD"], capture_output=True, text=True, check=True
-    ).stdout.strip()
+    return subprocess.check_output(["git", "-C", folder, "rev-parse", "HEAD"], text=True).strip()
 
 
 @pytest.mark.parametrize("tracked", ["barn_eval/package.xml", "src/suite/barn_eval/package.xml"])
-def test_the_commit_of_a_repository_with_the_suite(repository, tmp_path, tracked):
-    inside = repository(tracked)
+def test_the_commit_of_a_repository_with_the_suite(tmp_path, tracked):
+    inside = repository(tmp_path, tracked)
     assert commit_of(inside) == head(tmp_path)
     (tmp_path / tracked).write_text("<changed/>")
     assert commit_of(inside) == head(tmp_path) + "+changes"
 
 
-def test_the_repository_of_another_project_is_not_named(repository):
-    assert commit_of(repository("main.py")) == ""
+def test_the_repository_of_another_project_is_not_named(tmp_path):
+    assert commit_of(repository(tmp_path, "main.py")) == ""
 
 
 def test_no_repository(tmp_path):

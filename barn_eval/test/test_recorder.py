@@ -2,11 +2,10 @@
 
 import os
 import signal
-import subprocess
-import sys
 import zlib
 from contextlib import suppress
 from io import BytesIO
+from multiprocessing import get_context
 from pathlib import Path
 
 import lz4.frame
@@ -47,15 +46,12 @@ def test_rosbags_reads_it(tmp_path):
     with Reader(record(tmp_path / "bag")) as reader:
         assert reader.message_count == 100
         assert (reader.start_time, reader.duration) == (0, 49 * PERIOD_NS + 1)
-        twists = [
-            deserialise(data, connection.msgtype)
-            for connection, _, data in reader.messages()
-            if connection.topic == "/cmd_vel"
-        ]
+        commands = [connection for connection in reader.connections if connection.topic == "/cmd_vel"]
+        twists = [deserialise(data, CMD_VEL.type_name) for _, _, data in reader.messages(commands)]
         assert [one.linear.x for one in twists] == [0.1 * cycle for cycle in range(50)]
         profiles = {connection.topic: connection.ext.offered_qos_profiles[0] for connection in reader.connections}
-    assert profiles["/cmd_vel"].durability.name == "TRANSIENT_LOCAL"
-    assert profiles["/clock"].durability.name == "VOLATILE"
+    durabilities = {topic: profile.durability.name for topic, profile in profiles.items()}
+    assert durabilities == {"/cmd_vel": "TRANSIENT_LOCAL", "/clock": "VOLATILE"}
 
 
 def test_mcap_reads_it_with_schemas_metadata_and_index(tmp_path):
@@ -145,19 +141,12 @@ def test_a_full_disk_is_told_in_one_line(tmp_path):
     assert not (tmp_path / "bag").exists()
 
 
-CHILD = """
-import os, sys, time
-from pathlib import Path
-from barn_worlds.messages.encode import encode_clock
-from barn_worlds.messages.topics import CLOCK
-from barn_eval.bags.recorder import Recorder
-recorder = Recorder(Path(sys.argv[1]))
-recorder.add_topic("/clock", CLOCK.type_name)
-for cycle in range(205):
-    recorder.write("/clock", encode_clock(cycle * 50_000_000), cycle * 50_000_000)
-print("written", flush=True)
-time.sleep(60)
-"""
+def record_and_die(path: Path) -> None:
+    recorder = Recorder(path)
+    recorder.add_topic("/clock", CLOCK.type_name)
+    for cycle in range(205):
+        recorder.write("/clock", encode_clock(cycle * PERIOD_NS), cycle * PERIOD_NS)
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def partial_messages(path: Path) -> list[Message]:
@@ -169,11 +158,10 @@ def partial_messages(path: Path) -> list[Message]:
 
 
 def test_a_killed_recording_is_readable_up_to_the_last_second(tmp_path):
-    with subprocess.Popen(
-        [sys.executable, "-c", CHILD, str(tmp_path / "bag")], stdout=subprocess.PIPE, cwd=tmp_path
-    ) as child:
-        assert child.stdout.readline() == b"written\n"
-        child.send_signal(signal.SIGKILL)
+    child = get_context("spawn").Process(target=record_and_die, args=(tmp_path / "bag",))
+    child.start()
+    child.join()
+    assert child.exitcode == -signal.SIGKILL
     messages = partial_messages(tmp_path / f"bag{PARTIAL}" / "bag_0.mcap")
     # 205 cycles of 0.05 s are 10.2 s; a chunk is written with each whole second.
     assert len(messages) == 201

@@ -17,6 +17,7 @@ from barn_eval.ros.supervision import guard, nodes
 from barn_eval.ros.supervision.process import EventChannel, GuardedProcess, last_lines
 from barn_worlds.base.errors import ConfigError
 
+KEPT_APART = pytest.mark.skipif(not isolated(), reason=f"the kernel keeps no planner apart here: {isolation()}")
 # A command with a child that leaves its session and a grandchild that has lost its parent; `stubborn` ignores signals.
 FAMILY = """
 import os, signal, subprocess, sys, time
@@ -32,14 +33,25 @@ time.sleep(3600)
 
 def family(tmp_path, *arguments):
     """Start the family under guard and return the process and the pids of its three members."""
-    note = tmp_path / "pids"
-    process = GuardedProcess(
-        "family", [sys.executable, "-c", FAMILY, str(note), *arguments], os.environ, tmp_path / "family.log"
-    )
+    command = [sys.executable, "-c", FAMILY, str(tmp_path / "pids"), *arguments]
+    process = GuardedProcess("family", command, os.environ, tmp_path / "family.log")
+    return process, members(tmp_path / "pids")
+
+
+def members(note):
+    """Wait for the note of the family and return the three pids in it."""
     until(lambda: note.exists() and len(note.read_text().split()) == 3)
     pids = [int(pid) for pid in note.read_text().split()]
-    assert all(map(alive, pids))
-    return process, pids
+    assert all(map(alive, pids)) and len(set(pids)) == 3
+    return pids
+
+
+def ended(log, *command, **more):
+    """Wait for the end of a command and return its process, which nothing is left of."""
+    process = GuardedProcess("one", command, os.environ, log, **more)
+    process.wait(600.0)
+    process.stop()
+    return process
 
 
 def test_stop_ends_the_whole_family(tmp_path):
@@ -80,10 +92,8 @@ def test_nothing_is_left_when_the_supervisor_is_killed(tmp_path, also):
     time.sleep(3600)
     """
     supervisor = subprocess.Popen([sys.executable, "-c", textwrap.dedent(script)], cwd=tmp_path)
-    note = tmp_path / "pids"
     try:
-        until(lambda: note.exists() and len(note.read_text().split()) == 3)
-        pids = [int(pid) for pid in note.read_text().split()]
+        pids = members(tmp_path / "pids")
         guards = guards_of(pids[0])
     finally:
         supervisor.kill()
@@ -91,8 +101,6 @@ def test_nothing_is_left_when_the_supervisor_is_killed(tmp_path, also):
             os.kill(guards[also == "second guard"], signal.SIGKILL)
         supervisor.wait()
     until(lambda: not any(map(alive, (*pids, *guards))))
-    assert len(set(pids)) == 3
-    assert not any(map(alive, pids))
 
 
 def guards_of(pid):
@@ -110,31 +118,25 @@ def test_nothing_is_left_when_the_guard_is_killed(tmp_path, which, number):
     assert "guard" in process.end
     assert process.lost
     until(lambda: not any(map(alive, (*pids, *guards))))
-    assert len(set(pids)) == 3
     process.stop()
 
 
-def test_exit_code_log_and_unknown_command(tmp_path):
-    process = GuardedProcess(
-        "talker", [sys.executable, "-c", "print('out'); raise SystemExit(3)"], os.environ, tmp_path / "talker.log"
-    )
-    process.wait(600.0)
+def test_the_exit_code_and_what_was_printed_are_kept(tmp_path):
+    process = ended(tmp_path / "talker.log", sys.executable, "-c", "print('out'); raise SystemExit(3)")
     assert process.end == "exited with code 3"
     assert last_lines(process.log) == f"the end of {process.log}:\n  out"
-    process.stop()
-    process = GuardedProcess("nobody", ["/no/such/command"], os.environ, tmp_path / "nobody.log")
-    process.wait(600.0)
+
+
+@pytest.mark.parametrize("kind", [guard.SUITE, pytest.param(guard.APART, marks=KEPT_APART)])
+def test_an_unknown_command_is_told(tmp_path, kind):
+    process = ended(tmp_path / "nobody.log", "/no/such/command", kind=kind)
     assert process.end == "cannot be started: /no/such/command: No such file or directory"
-    process.stop()
 
 
 def test_a_planner_that_prints_without_end_keeps_beginning_and_end(tmp_path):
     log = tmp_path / "loud.log"
     script = "import sys\nfor k in range(400_000): print(f'{k:099d}')\nprint('x' * 5000)"
-    process = GuardedProcess("loud", [sys.executable, "-c", script], os.environ, log)
-    process.wait(600.0)
-    assert process.end == "exited with code 0"
-    process.stop()
+    assert ended(log, sys.executable, "-c", script).end == "exited with code 0"
     lines = log.read_text().splitlines()
     assert log.stat().st_size < 10.2e6  # of 40 MB
     assert lines[0] == f"{0:099d}"
@@ -143,9 +145,7 @@ def test_a_planner_that_prints_without_end_keeps_beginning_and_end(tmp_path):
     assert 49_990 < cut < 50_010
     assert last_lines(log, 1) == f"the end of {log}:\n  {'x' * 300}"
     # what the next start prints begins a file of its own, so that many starts take no more
-    process = GuardedProcess("loud", [sys.executable, "-c", "print('again')"], os.environ, log)
-    process.wait(600.0)
-    process.stop()
+    ended(log, sys.executable, "-c", "print('again')")
     assert log.read_text() == "again\n"
     assert (tmp_path / "loud.log.1").stat().st_size > 9e6
 
@@ -197,7 +197,7 @@ def test_a_foreign_command_gets_the_environment_without_our_wheels():
     assert nodes.foreign_environment({"A": "b"}) == {"A": "b"}
 
 
-@pytest.mark.skipif(not isolated(), reason=f"the kernel keeps no planner apart here: {isolation()}")
+@KEPT_APART
 def test_a_planner_kept_apart_sees_and_signals_no_process_but_its_own_and_its_end_is_told(tmp_path):
     script = f"""
     import os, signal
@@ -209,14 +209,8 @@ def test_a_planner_kept_apart_sees_and_signals_no_process_but_its_own_and_its_en
     os.kill(os.getppid(), signal.SIGKILL)  # the first process of the namespace, which does not mind
     os.kill(os.getpid(), signal.SIGKILL)
     """
-    log, command = tmp_path / "apart.log", [sys.executable, "-c", textwrap.dedent(script)]
-    process = GuardedProcess("apart", command, os.environ, log, kind=f"{guard.APART}:{tmp_path}")
-    process.wait(600.0)
-    process.stop()
+    command = [sys.executable, "-c", textwrap.dedent(script)]
+    process = ended(tmp_path / "apart.log", *command, kind=f"{guard.APART}:{tmp_path}")
     assert process.end == "was killed by SIGKILL"
     if isolation() == "apart":
-        assert log.read_text() == f"sees 2 has the user {os.getuid()} writes False\n"
-    process = GuardedProcess("nobody", ["/no/such/command"], os.environ, log, kind=guard.APART)
-    process.wait(600.0)
-    assert process.end == "cannot be started: /no/such/command: No such file or directory"
-    process.stop()
+        assert process.log.read_text() == f"sees 2 has the user {os.getuid()} writes False\n"

@@ -6,14 +6,12 @@ import json
 import os
 import resource
 import signal
-import subprocess
-import sys
-import textwrap
 import time
 import zlib
-from pathlib import Path
+from multiprocessing import get_context
 
 import pytest
+from waiting import until
 
 from barn_eval.experiments.rows import ResultRows, sealed
 from barn_eval.trials.outcome import Outcome, Scores
@@ -93,30 +91,29 @@ def test_wrong_rows_are_named_by_file_and_line(rows, content, words):
         rows.read()
 
 
+def append_rows(folder, reported):
+    """Append rows without end, from after the last one that was reported, and report each."""
+    rows = ResultRows(folder)
+    for number in range(reported.value + 1, 100_000):
+        rows.append(result(number))
+        reported.value = number
+
+
 def test_kill_at_any_moment_loses_no_row_that_was_reported(tmp_path):
-    script = textwrap.dedent(f"""
-        import sys
-        sys.path.insert(0, {str(Path(__file__).parent)!r})
-        from pathlib import Path
-        from test_rows import ResultRows, result
-        rows = ResultRows(Path(sys.argv[1]))
-        for number in range(int(sys.argv[2]), 100000):
-            rows.append(result(number))
-            print(number, flush=True)
-    """)
-    reported = -1
+    processes = get_context("spawn")
+    reported = processes.Value("q", -1, lock=False)
     for _ in range(4):
-        command = [sys.executable, "-c", script, str(tmp_path), str(reported + 1)]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as writer:
-            assert writer.stdout.readline()
-            time.sleep(0.05)
-            writer.send_signal(signal.SIGKILL)
-            last = [line for line in writer.stdout if line.endswith("\n")]
-        reported = int(last[-1]) if last else reported + 1
+        before = reported.value
+        writer = processes.Process(target=append_rows, args=(tmp_path, reported), daemon=True)
+        writer.start()
+        until(lambda before=before: reported.value > before)
+        time.sleep(0.05)
+        writer.kill()
+        writer.join()
         found = [row.world for row in ResultRows(tmp_path).read()]
         assert found == list(range(len(found)))
-        assert len(found) >= reported + 1
-        reported = len(found) - 1
+        assert len(found) >= reported.value + 1
+        reported.value = len(found) - 1
 
 
 @pytest.fixture

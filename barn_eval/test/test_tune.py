@@ -25,9 +25,9 @@ def ranges_file(folder, parameters=RANGES, **more):
     return str(path)
 
 
-def tuned(folder, settings, out="out", by=()):
-    ranges = Ranges.read(ranges_file(folder))
-    return tune(ranges, OPTIONS | {"out": folder / out}, "1,4", by, settings, CONSOLE)
+def tuned(folder, out="out", by=(), parameters=RANGES, settings=4, unseen="1,4"):
+    ranges = Ranges.read(ranges_file(folder, parameters))
+    return tune(ranges, OPTIONS | {"out": folder / out}, unseen, by, settings, CONSOLE)
 
 
 @pytest.mark.parametrize("name", sorted(one.stem for one in tuning._RANGES.glob("*.yaml")))
@@ -53,21 +53,20 @@ def test_ranges_of_the_suite_are_read_and_hold_what_is_the_default(name, tmp_pat
 )
 def test_what_are_no_ranges_is_refused_in_one_line(parameters, words, tmp_path):
     with pytest.raises(BarnError, match=words):
-        ranges = Ranges.read(ranges_file(tmp_path, parameters))
-        tune(ranges, OPTIONS | {"out": tmp_path / "out"}, "1", (), 1, CONSOLE)
+        tuned(tmp_path, parameters=parameters, settings=1)
 
 
 def test_unknown_ranges_and_worlds_that_were_seen_are_refused(tmp_path):
     with pytest.raises(BarnError, match="one of dwa, eband, gap, mppi"):
         Ranges.read("dvb")
     with pytest.raises(BarnError, match="none that settings are chosen by"):
-        tune(Ranges.read("gap"), OPTIONS | {"out": tmp_path}, "2,3", (), 1, CONSOLE)
+        tuned(tmp_path, unseen="2,3")
     with pytest.raises(BarnError, match="unknown measure 'min_clearnce_m'"):
-        tune(Ranges.read("gap"), OPTIONS | {"out": tmp_path}, "2", ["min_clearnce_m"], 1, CONSOLE)
+        tuned(tmp_path, by=["min_clearnce_m"])
 
 
 def test_a_tuning_that_was_stopped_becomes_what_it_would_have_been(tmp_path, monkeypatch):
-    whole = tuned(tmp_path, 4)
+    whole = tuned(tmp_path)
     begun = tuning.scored
 
     def stop(drive, worlds):
@@ -78,16 +77,15 @@ def test_a_tuning_that_was_stopped_becomes_what_it_would_have_been(tmp_path, mon
 
     monkeypatch.setattr(tuning, "scored", stop)
     with pytest.raises(KeyboardInterrupt):
-        tuned(tmp_path, 4, "stopped")
+        tuned(tmp_path, "stopped")
     monkeypatch.undo()
-    again = tuned(tmp_path, 4, "stopped")
+    again = tuned(tmp_path, "stopped")
     assert [one.values for one in again.tuned] == [one.values for one in whole.tuned]
     for number in range(4):
         rows = [read_results(tmp_path / out / "settings" / f"{number:04}") for out in ("out", "stopped")]
         assert rows[0] and [one.repeatable() for one in rows[0]] == [one.repeatable() for one in rows[1]]
     with pytest.raises(BarnError, match=r"holds another tuning: ranges\."):
-        fewer = Ranges.read(ranges_file(tmp_path, {"max_speed_mps": RANGES["max_speed_mps"]}))
-        tune(fewer, OPTIONS | {"out": tmp_path / "out"}, "1,4", (), 4, CONSOLE)
+        tuned(tmp_path, parameters={"max_speed_mps": RANGES["max_speed_mps"]})
 
 
 def test_what_is_written_drives_as_the_setting_that_was_judged(command, tmp_path):
@@ -107,7 +105,7 @@ def test_what_is_written_drives_as_the_setting_that_was_judged(command, tmp_path
 
 
 def test_several_measures_give_a_front_and_its_picture(tmp_path):
-    found = tuned(tmp_path, 4, by=("challenge", "min_clearance_m"))
+    found = tuned(tmp_path, by=("challenge", "min_clearance_m"))
     means = [one.seen for one in found.tuned]
     assert found.given_up == 0 and means
     for one in means:
