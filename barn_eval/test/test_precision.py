@@ -61,9 +61,8 @@ def test_what_the_results_cannot_say_is_said():
     assert {one.repetitions for one in precision({"dwa": single}).needs} == {1}
     with pytest.raises(ConfigError, match="DWA: 1 world with time per metre as counted cannot say"):
         precision({"dwa": results(worlds=1)})
-    with pytest.raises(
-        ConfigError, match="a difference needs two planners; there are 1: dwa; choose two as FOLDER:PLANNER,PLANNER"
-    ):
+    said = "a difference needs two planners; there are 1: dwa; choose two as FOLDER:PLANNER,PLANNER"
+    with pytest.raises(ConfigError, match=said):
         precision({"dwa": results()}, difference_wanted=0.1)
     with pytest.raises(ConfigError, match="unknown measure 'succes'; did you mean 'success'"):
         precision({"dwa": results()}, measure="succes")
@@ -103,10 +102,9 @@ def test_draws_of_worlds_rank_planners_the_surer_the_more_there_are():
     assert three.differing == (("best", "second"), ("best", "third"), ("second", "third"))
     assert three.shares[10] < three.shares[20] < three.shares[50]
     assert 1 < three.enough < 60
-    generator, right = np.random.default_rng(5), 0
-    for _ in range(1000):
-        right += lead["third"][generator.integers(0, 60, 20)].mean() > 0.0
-    assert three.shares[20] == pytest.approx(right / 1000, abs=0.05)
+    draws = np.random.default_rng(5).integers(0, 60, (1000, 20))
+    right = (lead["third"][draws].mean(axis=1) > 0.0).mean()
+    assert three.shares[20] == pytest.approx(right, abs=0.05)
     cells = ranking_table([pair, three]).rows
     assert [row[-1] for row in cells] == ["1", str(three.enough)]
     with pytest.raises(ConfigError, match="unknown measure 'sucess'; did you mean 'success'"):
@@ -135,9 +133,8 @@ def test_the_command_takes_one_or_two_planners_of_a_folder(folders):  # noqa: F8
     content = json.loads(invoke(f"{both}:eband,dwa", "--json").output)
     assert content["figures"][2]["of"] == "E-Band - DWA"
     assert "Worlds needed" in invoke(both).output
-    powers = json.loads(
-        invoke("--ranking", both, both, "--measure", "success", "--measure", "challenge", "--json").output
-    )
+    measures = ("--measure", "success", "--measure", "challenge")
+    powers = json.loads(invoke("--ranking", both, both, *measures, "--json").output)
     assert [one["measure"] for one in powers] == ["success", "challenge"] * 2
     assert "DWA and E-Band 0 of 1 over 4" in " ".join(invoke("--ranking", both).output.split())
     with pytest.raises(ConfigError, match="only --ranking takes several"):

@@ -52,12 +52,8 @@ def test_deviation():
 
 
 def test_verdicts_follow_the_interval():
-    assert [above(Interval(1.0, low, high)) for low, high in ((0.1, 2.0), (-0.1, 2.0), (-2.0, -0.1), (None, None))] == [
-        HOLDS,
-        OPEN,
-        FAILS,
-        OPEN,
-    ]
+    limits = [(0.1, 2.0), (-0.1, 2.0), (-2.0, -0.1), (None, None)]
+    assert [above(Interval(1.0, low, high)) for low, high in limits] == [HOLDS, OPEN, FAILS, OPEN]
     inside = [contains(Interval(1.0, 0.5, 2.0), value) for value in (0.4, 0.5, 1.9, 2.0, 2.1)]
     assert inside == ["no", "yes", "yes", "yes", "no"] and contains(Interval(1.0), 1.0) == "no"
 
@@ -70,11 +66,9 @@ def test_trials_are_counted_as_the_paper_does(results, found):
         failed = np.array([not one.scores.success for one in own])
         one = finding.of(planner)
         assert one.trials == len(own) == 60
-        assert one.normalised_s_per_m.estimate == pytest.approx(
-            np.mean([r.scores.normalised_time_s_per_m for r in own])
-        )
-        assert one.time_s.estimate == pytest.approx(times.mean())
-        assert one.success_time_s.estimate == pytest.approx(times[~failed].mean())
+        per_m = np.mean([trial.scores.normalised_time_s_per_m for trial in own])
+        means = [figure.estimate for figure in (one.normalised_s_per_m, one.time_s, one.success_time_s)]
+        assert means == pytest.approx([per_m, times.mean(), times[~failed].mean()])
         assert one.failure_share.estimate == failed.mean() and one.outcomes["timeout"] == failed.sum() > 0
         assert one.failure_time_s == 30.0
         published = PAPER["trials"][planner]

@@ -97,12 +97,8 @@ def test_verdicts_follow_the_numbers(tiny):
     mean = "time per metre as counted [s/m]"
     for low, high, within in ((3.0, 4.0, "yes"), (4.0, 5.0, "no")):
         time = replace(first.normalised_s_per_m, low=low, high=high)
-        assert row(replace(first, normalised_s_per_m=time), mean)[1:] == [
-            "3.30",
-            time.text(),
-            f"{time.estimate - 3.30:+.2f}",
-            within,
-        ]
+        cells = ["3.30", time.text(), f"{time.estimate - 3.30:+.2f}", within]
+        assert row(replace(first, normalised_s_per_m=time), mean)[1:] == cells
     timeouts = first.outcomes["timeout"]
     assert row(first, "failures by timeout")[1:] == ["29", f"{timeouts}", f"{timeouts - 29:+d}", ""]
     assert row(first, "timeout")[1:] == [f"{one.outcomes['timeout']}" for one in (first, second)]

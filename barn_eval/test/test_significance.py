@@ -29,11 +29,8 @@ VALUES = st.lists(st.floats(-10.0, 10.0, allow_subnormal=False), min_size=1, max
 
 def plain_p(sums):
     """The share of all patterns of signs whose sum is as far from zero as that of the data."""
-    found = [
-        abs(sum(s * v for s, v in zip(signs, sums, strict=True)))
-        for signs in itertools.product((1, -1), repeat=len(sums))
-    ]
-    return np.mean([one >= abs(sum(sums)) - 1e-9 * sum(map(abs, sums)) for one in found])
+    found = np.abs(list(itertools.product((1, -1), repeat=len(sums))) @ np.array(sums))
+    return np.mean(found >= abs(sum(sums)) - 1e-9 * sum(map(abs, sums)))
 
 
 @given(VALUES)
@@ -97,10 +94,8 @@ def test_shares_with_one_trial_a_world_are_wilsons_with_students_quantile():
     found = proportion(successes, np.arange(50))
     n, p, z = 50 - 1, 0.8, stats.t.ppf(0.975, 49)  # the variance over worlds has the divisor n - 1
     middle, half = p + z * z / (2 * n), z * math.sqrt(p * (1 - p) / n + (z / (2 * n)) ** 2)
-    assert found.estimate == pytest.approx(0.8)
-    assert (found.low, found.high) == pytest.approx(
-        ((middle - half) / (1 + z * z / n), (middle + half) / (1 + z * z / n))
-    )
+    limits = np.array([middle - half, middle + half]) / (1 + z * z / n)
+    assert (found.estimate, found.low, found.high) == pytest.approx((0.8, *limits))
 
 
 def test_shares_know_that_trials_of_a_world_are_alike():
@@ -159,25 +154,18 @@ def test_components_by_hand():
 def test_components_of_uneven_worlds_are_unbiased():
     generator = np.random.default_rng(3)
     worlds = np.repeat(np.arange(200), generator.integers(1, 6, 200))
-    found = [
-        components(generator.normal(0.0, 2.0, 200)[worlds] + generator.normal(0.0, 1.0, len(worlds)), worlds)
-        for _ in range(200)
-    ]
-    assert np.mean([one.between for one in found]) == pytest.approx(4.0, rel=0.03)
-    assert np.mean([one.within for one in found]) == pytest.approx(1.0, rel=0.03)
+    between, within = generator.normal(0.0, 2.0, (200, 200)), generator.normal(0.0, 1.0, (200, len(worlds)))
+    found = [components(values, worlds) for values in between[:, worlds] + within]
+    means = np.mean([(one.between, one.within) for one in found], axis=0)
+    assert means == pytest.approx([4.0, 1.0], rel=0.03)
 
 
 def test_counts_just_suffice():
     found = Components(0.04, 0.02)
-    for repetitions in (1, 5):
-        enough = worlds_for_half_width(found, 0.03, repetitions)
-        assert half_width(found, enough, repetitions) <= 0.03 < half_width(found, enough - 1, repetitions)
-        enough = worlds_for_difference(found, 0.03, repetitions)
-        assert (
-            detectable_difference(found, enough, repetitions)
-            <= 0.03
-            < detectable_difference(found, enough - 1, repetitions)
-        )
+    for worlds_for, reached in ((worlds_for_half_width, half_width), (worlds_for_difference, detectable_difference)):
+        for repetitions in (1, 5):
+            enough = worlds_for(found, 0.03, repetitions)
+            assert reached(found, enough, repetitions) <= 0.03 < reached(found, enough - 1, repetitions)
     assert worlds_for_half_width(found, 1e-9, 1) is None
     assert half_width(found, 1, 5) == math.inf
 
@@ -187,11 +175,9 @@ def test_a_detectable_difference_is_found_as_often_as_promised():
     truth, worlds, repetitions = Components(0.09, 0.18), 40, 2
     shift = detectable_difference(truth, worlds, repetitions)
     world = np.repeat(np.arange(worlds), repetitions)
-    found = 0
-    for _ in range(400):
-        values = shift + generator.normal(0.0, 0.3, worlds)[world] + generator.normal(0.0, math.sqrt(0.18), len(world))
-        found += paired_difference(values, world).p <= 0.05
-    assert found / 400 == pytest.approx(0.8, abs=0.06)
+    draws = shift + generator.normal(0.0, 0.3, (400, worlds))[:, world]
+    draws += generator.normal(0.0, math.sqrt(0.18), draws.shape)
+    assert np.mean([paired_difference(values, world).p <= 0.05 for values in draws]) == pytest.approx(0.8, abs=0.06)
 
 
 WORLDS, LOOKS = 100, (20, 40, 60, 80, 100)

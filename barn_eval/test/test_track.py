@@ -54,10 +54,8 @@ def test_samples_that_are_further_apart_are_all_kept():
 def test_an_infinite_command_in_a_row(command):
     rows = samples(50)
     rows[7, 6:8] = command
-    line = json.dumps(
-        {"trial_id": "x", "schema_version": 1} | thinned(rows, np.zeros(50, bool)).packed, allow_nan=False
-    )
-    _, track = from_track_line(line, "line")
+    named = {"trial_id": "x", "schema_version": 1} | thinned(rows, np.zeros(50, bool)).packed
+    _, track = from_track_line(json.dumps(named, allow_nan=False), "line")
     assert np.nanmax(np.abs(track.samples[:, 6:8])) <= LARGEST_COMMAND
     # the others keep their digits: rounded to half the smallest step
     last = np.minimum(np.arange(0, 50, 4) + 3, 49)
@@ -136,12 +134,11 @@ def test_a_damaged_track_is_refused_in_one_line(run, changes, words):
 def test_packed_arrays_come_back():
     arrays = {"a": np.arange(5, dtype="u1"), "b": np.array([NO_NUMBER, 7], "i2"), "c": np.array([0.5, 1e9], "f4")}
     arrays["d"] = np.array([1e-300, 0.1])
-    assert pack(arrays)["arrays"]["d"][1] % 8 == 0
-    back = unpack(pack(arrays), 1000)
-    assert list(back) == list(arrays)
-    for name, array in arrays.items():
-        np.testing.assert_array_equal(back[name], array)
-    cut = pack(arrays)
-    cut["zlib"] = cut["zlib"][:8]
+    packed = pack(arrays)
+    assert packed["arrays"]["d"][1] % 8 == 0
+    back = unpack(packed, 1000)
+    assert [(name, one.tolist()) for name, one in back.items()] == [
+        (name, one.tolist()) for name, one in arrays.items()
+    ]
     with pytest.raises(ValueError, match="cut off"):
-        unpack(cut, 1000)
+        unpack(packed | {"zlib": packed["zlib"][:8]}, 1000)

@@ -45,29 +45,25 @@ def test_the_log_keeps_each_reading_with_the_command_that_answers_it():
 
 def test_lengths_turns_and_times():
     poses = [Pose2D(5.0, 7.0, 0.0), Pose2D(6.0, 7.0, 3.0), Pose2D(6.0, 8.0, -3.0), Pose2D(6.0, 8.0, -3.0)]
-    measures = measure(drive(poses, contacts={1, 3}), FAR, 0.075, EXTENT)
-    assert measures.driven_m == pytest.approx(2.0)
-    assert measures.driven_ratio == pytest.approx(2.0 / math.sqrt(2.0))
-    assert measures.rotation_rad == pytest.approx(3.0 + (2.0 * math.pi - 6.0))
-    assert measures.mean_speed_mps == pytest.approx(2.0 / 0.15)
-    assert (measures.contact_s, measures.contacts) == (pytest.approx(0.1), 2)
+    found = measure(drive(poses), FAR, 0.075, EXTENT)
+    assert (found.driven_m, found.driven_ratio) == pytest.approx((2.0, 2.0 / math.sqrt(2.0)))
+    assert found.rotation_rad == pytest.approx(3.0 + (2.0 * math.pi - 6.0))
+    assert found.mean_speed_mps == pytest.approx(2.0 / 0.15)
 
 
-def test_contact_that_lasts_is_one_contact():
-    measures = measure(drive([Pose2D(0.0, 0.0, 0.0)] * 6, contacts={2, 3, 4}), FAR, 0.075, EXTENT)
-    assert (measures.contacts, measures.contact_s) == (1, pytest.approx(0.15))
-
-
-def test_a_contact_in_the_first_reading_is_a_contact_of_no_time():
-    measures = measure(drive([Pose2D(0.0, 0.0, 0.0)] * 4, contacts={0, 2}), FAR, 0.075, EXTENT)
-    assert (measures.contacts, measures.contact_s) == (2, pytest.approx(0.05))
+@pytest.mark.parametrize(
+    ("contacts", "count", "contact_s"),
+    [({1, 3}, 2, 0.1), ({2, 3, 4}, 1, 0.15), ({0, 2}, 2, 0.05)],
+    ids=["two", "one that lasts", "one in the first reading, of no time"],
+)
+def test_contacts_are_counted_and_last_since_the_reading_before(contacts, count, contact_s):
+    found = measure(drive([Pose2D(0.0, 0.0, 0.0)] * 6, contacts=contacts), FAR, 0.075, EXTENT)
+    assert (found.contacts, found.contact_s) == (count, pytest.approx(contact_s))
 
 
 def test_a_motion_of_some_millimetres_has_a_speed_and_a_ratio():
-    measures = measure(drive([Pose2D(1.0, 1.0, 0.0), Pose2D(1.003, 1.004, 0.0)]), FAR, 0.075, EXTENT)
-    assert measures.driven_m == pytest.approx(0.005)
-    assert measures.driven_ratio == pytest.approx(1.0)
-    assert measures.mean_speed_mps == pytest.approx(0.1)
+    found = measure(drive([Pose2D(1.0, 1.0, 0.0), Pose2D(1.003, 1.004, 0.0)]), FAR, 0.075, EXTENT)
+    assert (found.driven_m, found.driven_ratio, found.mean_speed_mps) == pytest.approx((0.005, 1.0, 0.1))
 
 
 def test_a_way_back_to_its_beginning_has_no_ratio():
@@ -79,8 +75,8 @@ def test_a_way_back_to_its_beginning_has_no_ratio():
 def test_clearance_of_a_trajectory_is_its_smallest_and_its_mean():
     approach = [Pose2D(0.0, 0.0, 0.0), Pose2D(0.1, 0.0, 0.0), Pose2D(0.5, 0.0, 0.0)]
     measures = measure(drive(approach), np.array([[1.0, 0.0]]), 0.075, EXTENT)
-    assert measures.min_clearance_m == pytest.approx(0.5 - 0.25 - 0.075)
-    assert measures.mean_clearance_m == pytest.approx((1.0 + 0.9 + 0.5) / 3.0 - 0.25 - 0.075)
+    gaps = (measures.min_clearance_m, measures.mean_clearance_m)
+    assert gaps == pytest.approx((0.5 - 0.25 - 0.075, (1.0 + 0.9 + 0.5) / 3.0 - 0.25 - 0.075))
     nothing_near = measure(drive(approach), np.empty((0, 2)), 0.075, EXTENT)
     assert (nothing_near.min_clearance_m, nothing_near.mean_clearance_m) == (None, None)
 
