@@ -28,7 +28,7 @@ status=0
     set -u
     "$python" -m colcon test --packages-select "$@" --executor sequential --return-code-on-test-failure \
         --event-handlers console_direct+ desktop_notification- --pytest-args " -n" "$processes" " --dist" loadfile || ended=$?
-    "$python" -m pytest tests -n "$processes" --dist loadgroup --no-loadscope-reorder --durations=5 \
+    "$python" -m pytest tests -n "$processes" --dist loadfile --no-loadscope-reorder --durations=5 \
         --junit-xml build/tests/pytest.xml || ended=$?
     exit "${ended:-0}"
 ) || status=$?

@@ -4,13 +4,10 @@ import pytest
 from extra_messages import more_messages, with_more_messages
 
 __all__ = ["more_messages", "with_more_messages"]
-# What takes longest, so that it is begun first and no process waits for it at the end.
-LONGEST = ("test_way_in", "test_templates", "test_python_runs_as_it_is_shown", "test_endurance", "test_faults")
+LONGEST = ["documented_commands", "way_in", "templates", "faults", "endurance", "nav2", "notebooks", "mutation"]
 
 
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Put the longest tests first, and keep those of a file together but for examples, which share nothing."""
-    items.sort(key=lambda item: not item.name.startswith(LONGEST) and item.path.stem not in LONGEST)
-    if config.pluginmanager.hasplugin("xdist"):
-        for item in (one for one in items if not one.name.startswith(LONGEST)):
-            item.add_marker(pytest.mark.xdist_group(item.path.stem))
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the longest files first, so that no process waits for one of them at the end."""
+    names = [*LONGEST, *(item.path.stem.removeprefix("test_") for item in items)]
+    items.sort(key=lambda item: names.index(item.path.stem.removeprefix("test_")))

@@ -19,13 +19,15 @@ from barn_worlds.worlds.world import World
 
 __all__ = ["more_messages", "with_more_messages"]
 # What takes longest, so that it is begun first and no process waits for it at the end.
-LONGEST = ("ros_trials", "ros_neighbours", "campaign", "campaign_ray", "campaign_local", "report", "replay")
+LONGEST = ["ros_trials", "ros_neighbours", "campaign_ray", "campaign_ros", "report", "campaign", "ros_interference"]
+LONGEST += ["campaign_local", "pages", "motion_shown", "front_door", "tune", "compute", "cli", "ab", "difficulty"]
 ROOT = Path(__file__).resolve().parents[2]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the longest files of tests first; take a picture again where the browser of a busy machine could not."""
-    items.sort(key=lambda item: item.path.stem.removeprefix("test_") not in LONGEST)
+    names = [*LONGEST, *(item.path.stem.removeprefix("test_") for item in items)]
+    items.sort(key=lambda item: names.index(item.path.stem.removeprefix("test_")))
     for item in (one for one in items if "screenshots" in getattr(one, "fixturenames", ())):
         item.add_marker(pytest.mark.flaky(reruns=2, only_rerun="Unable to capture screenshot"))
 
