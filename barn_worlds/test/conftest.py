@@ -1,5 +1,7 @@
 """What several tests need."""
 
+from contextlib import contextmanager
+
 import numpy as np
 import pytest
 from hypothesis import settings
@@ -10,6 +12,20 @@ from barn_worlds.worlds.world import World
 __all__ = ["original_folder", "own_domain"]
 settings.register_profile("suite", deadline=None, max_examples=60, derandomize=True)
 settings.load_profile("suite")
+
+
+@pytest.fixture
+def refused():
+    """Expects an error of one short line with a pattern in it."""
+
+    @contextmanager
+    def expect(kind, pattern, longest=400):
+        with pytest.raises(kind, match=pattern) as caught:
+            yield
+        assert "\n" not in str(caught.value)
+        assert len(str(caught.value)) < longest
+
+    return expect
 
 
 @pytest.fixture

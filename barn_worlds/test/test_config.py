@@ -1,5 +1,6 @@
 """A configuration checks itself and says in one line what is wrong."""
 
+import re
 from dataclasses import dataclass, field
 
 import pytest
@@ -41,8 +42,8 @@ for _ in range(30):
         ({"count": True}, "count must be a whole number, got True"),
         ({"cuont": 1}, "unknown key 'cuont'; did you mean 'count'?"),
         ({"inner": {"lenght_m": 1}}, "unknown key 'inner.lenght_m'; did you mean 'inner.length_m'?"),
-        ({"inner": {"length_m": -1.0}}, "file.yaml: inner.length_m must be at least 0 m, got -1.0"),
-        ({"inner": {"length_m": float("nan")}}, "file.yaml: inner.length_m must be at least 0 m, got nan"),
+        ({"inner": {"length_m": -1.0}}, "inner.length_m must be at least 0 m, got -1.0"),
+        ({"inner": {"length_m": float("nan")}}, "inner.length_m must be at least 0 m, got nan"),
         ({"inner": {"length_m": "1"}}, "inner.length_m must be a number, got '1'"),
         ({"inner": {"kind": "yelow"}}, "did you mean 'yellow'?"),
         ({"inner": {"length_m": 10**400}}, "inner.length_m must be a number, got 1000000000"),
@@ -57,13 +58,9 @@ for _ in range(30):
         ([], "must be a mapping"),
     ],
 )
-def test_what_is_wrong_is_named(mapping, message):
-    with pytest.raises(ConfigError) as caught:
+def test_what_is_wrong_is_named(mapping, message, refused):
+    with refused(ConfigError, "^file.yaml: .*" + re.escape(message)):
         from_dict(Outer, mapping, "file.yaml")
-    assert str(caught.value).startswith("file.yaml: ")
-    assert message in str(caught.value)
-    assert "\n" not in str(caught.value)
-    assert len(str(caught.value)) < 400
 
 
 def test_round_trip_and_integers_as_floats():

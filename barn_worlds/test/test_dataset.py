@@ -131,10 +131,9 @@ def test_checksum_tells_data_sets_apart(layout, worlds, tmp_path):
         ("x" * 5000, "cannot be read: .*[Nn]ame too long"),
     ],
 )
-def test_sources_that_are_not_there(source, message):
-    with pytest.raises(WorldError, match=message) as caught:
+def test_sources_that_are_not_there(source, message, refused):
+    with refused(WorldError, message, longest=6000):
         open_dataset(source)
-    assert len(str(caught.value)) < 6000
 
 
 def test_what_holds_no_worlds_is_refused(tmp_path, layout):
@@ -215,11 +214,9 @@ def test_choices(spec, indices, chosen):
         ("all,?", "'\\?' is not"),
     ],
 )
-def test_mistakes_are_one_line(spec, message):
-    with pytest.raises(WorldError, match=message) as caught:
+def test_mistakes_are_one_line(spec, message, refused):
+    with refused(WorldError, message, longest=300):
         select_worlds(spec, SIXTH)
-    assert len(str(caught.value)) < 300
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ import gzip
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -130,15 +131,11 @@ def test_two_writers_leave_the_file_of_one(tmp_path):
         pytest.param(b"[" + b"[]," * 700_000 + b"[]]", "not JSON: more than ", id="many"),
     ],
 )
-def test_what_is_no_json_is_one_line(tmp_path, content, complaint):
+def test_what_is_no_json_is_one_line(tmp_path, content, complaint, refused):
     path = tmp_path / "file.json"
     path.write_bytes(content)
-    limit = 100 if "allowed" in complaint else 3_000_000
-    with pytest.raises(ConfigError) as raised:
-        read_json(path, limit)
-    assert str(raised.value).startswith(f"{path}: {complaint}")
-    assert "\n" not in str(raised.value)
-    assert len(str(raised.value)) < len(str(path)) + 300
+    with refused(ConfigError, f"^{path}: {complaint}"):
+        read_json(path, 100 if "allowed" in complaint else 3_000_000)
 
 
 def test_numbers_without_a_word_in_json_become_null(tmp_path):
@@ -172,13 +169,11 @@ def test_a_yaml_file_is_a_mapping_with_its_version(tmp_path):
         pytest.param(b"#" * (LARGEST_YAML_BYTES + 1), "more than the allowed 262144 bytes", id="large"),
     ],
 )
-def test_what_is_no_such_mapping_is_one_line(tmp_path, content, complaint):
+def test_what_is_no_such_mapping_is_one_line(tmp_path, content, complaint, refused):
     path = tmp_path / "file.yaml"
     path.write_bytes(content)
-    with pytest.raises(ConfigError) as raised:
+    with refused(ConfigError, f"^{path}: {re.escape(complaint)}"):
         read_yaml(path, 1)
-    assert str(raised.value).startswith(f"{path}: {complaint}")
-    assert "\n" not in str(raised.value)
 
 
 @pytest.mark.parametrize("name", ["/dev/zero", "pipe", "nul\0.yaml", "."])
@@ -222,9 +217,8 @@ def test_lines_come_without_one_that_was_cut_off(tmp_path):
     ],
     ids=["encoding", "length"],
 )
-def test_lines_that_are_none_are_named(tmp_path, content, complaint):
+def test_lines_that_are_none_are_named(tmp_path, content, complaint, refused):
     path = tmp_path / "rows.jsonl"
     path.write_bytes(content)
-    with pytest.raises(ConfigError) as raised:
+    with refused(ConfigError, f"^{path}{complaint}"):
         list(read_lines(path))
-    assert str(raised.value).startswith(f"{path}{complaint}")

@@ -41,18 +41,13 @@ def inside(outline, point):
 
 def test_distances_of_points_are_those_to_the_nearest_point_of_the_edge(outline):
     edge, rng = boundary(outline), np.random.default_rng(0)
-    points = rng.uniform(-0.9, 0.9, (200, 2))
-    outside = [point for point in points if not inside(outline, point)]
-    for x, y in outside:
-        expected = np.hypot(*(edge - (x, y)).T).min()
-        assert outline.distances(np.array([x]), np.array([y]))[0] == pytest.approx(expected, abs=1e-3)
-        assert np.hypot(*(outline.nearest(x, y) - (x, y))) == pytest.approx(expected, abs=1e-3)
-    within = [point for point in points if inside(outline, point)]
-    assert len(within) > 5
-    for x, y in within:
-        depth = -outline.distances(np.array([x]), np.array([y]))[0]
-        assert depth == pytest.approx(np.hypot(*(edge - (x, y)).T).min(), abs=1e-3)
-        np.testing.assert_array_equal(outline.nearest(x, y), [x, y])
+    points = rng.uniform(-0.9, 0.9, (200, 2)).tolist()
+    for x, y in points:
+        distance = np.hypot(*(edge - (x, y)).T).min() * (-1.0 if inside(outline, (x, y)) else 1.0)
+        assert outline.distances(np.array([x]), np.array([y]))[0] == pytest.approx(distance, abs=1e-3)
+        away = np.hypot(*(outline.nearest(x, y) - (x, y)))
+        assert away == (pytest.approx(distance, abs=1e-3) if distance > 0.0 else 0.0)
+    assert sum(inside(outline, point) for point in points) > 5
 
 
 def some_shapes(rng, count=60):
@@ -94,17 +89,14 @@ def test_times_to_contact_are_those_of_a_search(outline):
     discs[:, 3:5] = 0.0
     x, y, yaw, speed = 0.2, -0.1, 0.8, 0.4
     found = outline.times_to_contact(shapes, velocities, x, y, yaw, speed)
-    for k, step_s in enumerate(np.full(40, 0.005)):
-        expected = math.inf
-        for time_s in np.arange(0.0, 4.0, step_s):
-            there = discs[k : k + 1].copy()
-            there[0, :2] += time_s * velocities[k]
-            at = x + time_s * speed * math.cos(yaw), y + time_s * speed * math.sin(yaw)
-            if outline.gaps(there, *at, yaw)[0] == 0.0:
-                expected = time_s
-                break
-        if math.isfinite(expected) or found[k] < 3.9:
-            assert found[k] == pytest.approx(expected, abs=0.02)
+    expected = np.full(40, math.inf)
+    for time_s in np.arange(0.0, 4.0, 0.005)[::-1]:  # the first contact is written last
+        there = discs.copy()
+        there[:, :2] += time_s * velocities
+        at = x + time_s * speed * math.cos(yaw), y + time_s * speed * math.sin(yaw)
+        expected[outline.gaps(there, *at, yaw) == 0.0] = time_s
+    within = np.isfinite(expected) | (found < 3.9)
+    assert found[within] == pytest.approx(expected[within], abs=0.02)
     assert np.isfinite(found).sum() > 5
     assert np.isinf(found).any()
 

@@ -162,11 +162,9 @@ EXTERNAL = b'<!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]><sdf><world>&
         (document(model(), model(pose="-0.075 0.075 0 0 0 0")), "of the containment is missing at"),
     ],
 )
-def test_malformed_files_are_refused_in_one_line(content, message):
-    with pytest.raises(WorldError, match=message) as caught:
+def test_malformed_files_are_refused_in_one_line(content, message, refused):
+    with refused(WorldError, f"^a.world: .*{message}"):
         grid_in(content)
-    assert str(caught.value).startswith("a.world: ")
-    assert "\n" not in str(caught.value)
 
 
 def test_a_file_of_nothing_but_containment_has_no_field(small_world):

@@ -107,11 +107,9 @@ def test_any_other_map_is_taken_as_it_is_in_its_place(tmp_path):
         ((YAML, "a: " + "x" * 70_000), "more than the allowed 65536 bytes"),
     ],
 )
-def test_malformed_descriptions_are_refused(tmp_path, change, message):
-    with pytest.raises(WorldError, match=message) as caught:
+def test_malformed_descriptions_are_refused(tmp_path, change, message, refused):
+    with refused(WorldError, message):
         read_map(save(tmp_path, YAML.replace(*change)))
-    assert "\n" not in str(caught.value)
-    assert len(str(caught.value)) < 400
 
 
 @pytest.mark.parametrize(
@@ -128,8 +126,6 @@ def test_malformed_descriptions_are_refused(tmp_path, change, message):
         (b"P5\n3 2\n65535\n" + bytes(12), "8 bits and opaque"),
     ],
 )
-def test_malformed_images_are_refused(tmp_path, pgm, message):
-    with pytest.raises(WorldError, match=message) as caught:
+def test_malformed_images_are_refused(tmp_path, pgm, message, refused):
+    with refused(WorldError, f"{tmp_path / 'm.pgm'}.*{message}"):
         read_map(save(tmp_path, pgm=pgm))
-    assert str(tmp_path / "m.pgm") in str(caught.value)
-    assert "\n" not in str(caught.value)

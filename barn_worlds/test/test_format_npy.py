@@ -1,13 +1,12 @@
 """NumPy files and the suite's own data set files, good and malformed."""
 
-import json
 import struct
 import zipfile
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from archives import members, pickled, repack
+from archives import pickled, repack
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
@@ -54,11 +53,9 @@ def test_arrays_come_back(array):
         (header("{'descr': '<i8', 'fortran_order': False, 'shape': (1,)}" + " " * 10**6, (2, 0)), "not a .npy file"),
     ],
 )
-def test_malformed_arrays_are_refused_at_once(content, message):
-    with pytest.raises(WorldError, match=message) as caught:
+def test_malformed_arrays_are_refused_at_once(content, message, refused):
+    with refused(WorldError, f"^grid.npy: .*{message}"):
         parse_npy(content, "grid.npy")
-    assert str(caught.value).startswith("grid.npy: ")
-    assert "\n" not in str(caught.value)
 
 
 @st.composite
@@ -96,13 +93,6 @@ def own_file(tmp_path, small_world):
     return path
 
 
-def with_manifest(path, **changes):
-    """Change keys of a data set file's manifest."""
-    manifest = json.loads(members(path)["manifest.json"])
-    repack(path, {"manifest.json": json.dumps(manifest | changes).encode()})
-    return manifest
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -119,26 +109,17 @@ def with_manifest(path, **changes):
         ({"index.npy": to_npy(np.array([-1]))}, "numbers of worlds must be from 0, each once"),
         ({"manifest.json": b"{"}, "manifest.json: not JSON"),
         ({"manifest.json": b"[]"}, "schema version must be 1 or 2, got None"),
+        ({"manifest.json": b'{"schema": 3}'}, "schema version must be 1 or 2, got 3"),
         ({"manifest.json": b'{"schema": 1}'}, "numbers of worlds do not match"),
+        (
+            {"manifest.json": b'{"schema": 1, "name": "set", "worlds": [{}], "robot": ["husky"]}'},
+            "its manifest lacks a name, or has a robot without one",
+        ),
     ],
 )
-def test_malformed_own_files_are_refused(own_file, change, message):
+def test_malformed_own_files_are_refused(own_file, change, message, refused):
     repack(own_file, change)
-    with pytest.raises(WorldError, match=message) as caught:
-        open_dataset(own_file).load(3)
-    assert str(caught.value).startswith(str(own_file)) and "\n" not in str(caught.value)
-
-
-def test_own_files_of_another_version_or_changed_are_refused(own_file):
-    with_manifest(own_file, schema=3)
-    with pytest.raises(WorldError, match="schema version must be 1 or 2, got 3"):
-        read_own(own_file)
-    with_manifest(own_file, schema=1, robot=["husky"])
-    with pytest.raises(WorldError, match="its manifest lacks a name, or has a robot without one"):
-        read_own(own_file)
-    (world,) = with_manifest(own_file, robot="husky")["worlds"]
-    with_manifest(own_file, worlds=[world | {"sha256": "0"}])
-    with pytest.raises(WorldError, match="world 3 is damaged: its checksum"):
+    with refused(WorldError, f"^{own_file}.*{message}"):
         open_dataset(own_file).load(3)
 
 

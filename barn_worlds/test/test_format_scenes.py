@@ -133,15 +133,13 @@ WRONG = {
 
 
 @pytest.mark.parametrize("case", WRONG)
-def test_a_malformed_yaml_world_is_one_clear_line(case, scenes, tmp_path):
+def test_a_malformed_yaml_world_is_one_clear_line(case, scenes, tmp_path, refused):
     changes, message = WRONG[case]
     file = tmp_path / "wrong.world.yaml"
     million = "moving: [{motion: {keys: [" + "[0,0,0]," * 10**6 + "]}}]"
     file.write_text(million if case == "a million keys" else changed(world_yaml(scenes[0]), **changes))
-    with pytest.raises(BarnError) as caught:
+    with refused(BarnError, f"^{file}.*{re.escape(message)}"):
         open_dataset(file).load(0)
-    assert str(caught.value).startswith(str(file)) and message in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -157,13 +155,12 @@ def test_a_malformed_yaml_world_is_one_clear_line(case, scenes, tmp_path):
         ("wall", np.full((4, 6), np.nan), "x_m must be from -10000 to 10000 m, got nan"),
     ],
 )
-def test_malformed_motion_in_a_data_set_file_is_one_clear_line(own_file, name, array, message):
+def test_malformed_motion_in_a_data_set_file_is_one_clear_line(own_file, name, array, message, refused):
     repack(own_file, {f"{name}.npy": to_npy(array)})
-    with pytest.raises(BarnError) as caught:
+    with refused(BarnError, re.escape(message)):
         dataset = open_dataset(own_file)
         for index in dataset.indices:
             dataset.load(index)
-    assert message in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_the_example_of_the_page_is_a_world(tmp_path):

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
+from scipy import ndimage
 
 from barn_worlds.base.errors import ConfigError, WorldError
 from barn_worlds.formats.own import Order
@@ -141,24 +142,9 @@ GRIDS = npst.arrays(bool, st.tuples(st.integers(1, 12), st.integers(1, 12)))
 
 
 def plain_smooth(grid, fill_threshold, clear_threshold):
-    rows, cols = grid.shape
-    result = grid.copy()
-    for row in range(rows):
-        for col in range(cols):
-            count = 0
-            for r in (row - 1, row, row + 1):
-                for c in (col - 1, col, col + 1):
-                    if (r, c) == (row, col):
-                        continue
-                    if r < 0 or r >= rows:
-                        count += 1
-                    elif 0 <= c < cols:
-                        count += grid[r, c]
-            if count >= fill_threshold:
-                result[row, col] = True
-            elif count <= clear_threshold:
-                result[row, col] = False
-    return result
+    walled = np.pad(np.pad(grid, ((0, 0), (1, 1))), ((1, 1), (0, 0)), constant_values=True)
+    count = ndimage.convolve(walled.astype(int), [[1, 1, 1], [1, 0, 1], [1, 1, 1]])[1:-1, 1:-1]
+    return np.where(count >= fill_threshold, True, np.where(count <= clear_threshold, False, grid))
 
 
 @given(GRIDS, st.integers(0, 9), st.integers(-1, 8))

@@ -104,10 +104,9 @@ def test_crossings_of_an_arena_are_square_to_its_drive():
         ({"profiles": 10}, "obstacles_max must be at most profiles = 10, got 14"),
     ],
 )
-def test_wrong_parameters_are_one_clear_line(changes, message):
-    with pytest.raises(ConfigError) as caught:
+def test_wrong_parameters_are_one_clear_line(changes, message, refused):
+    with refused(ConfigError, f"^{message}"):
         MotionParameters(**changes)
-    assert str(caught.value).startswith(message)
 
 
 def test_an_unknown_class_is_named_with_the_near_one():

@@ -175,8 +175,11 @@ def test_markers_are_discs_and_lines_where_they_are_to_be_drawn():
 
 def test_transforms_and_diagnostics():
     encoder = encode.TransformEncoder([("map", "odom"), ("odom", "base_link")])
-    found = decode.transforms(encoder.encode([POSE, Pose2D(1.0, 2.0, 0.0)], 7))
+    sent = encoder.encode([POSE, Pose2D(1.0, 2.0, 0.0)], 12_000_000_345)
+    found = decode.transforms(sent)
     assert found == [("map", "odom", POSE.through_quaternion()), ("odom", "base_link", Pose2D(1.0, 2.0, 0.0))]
+    stamps = [one.header.stamp for one in deserialise(sent, encoder.type_name).transforms]
+    assert [(one.sec, one.nanosec) for one in stamps] == [(12, 345)] * 2
     values = {"status": "blocked", "cost": "1.5"}
     assert decode.diagnostics(encode.encode_diagnostics(7, encode.FINE, "planner", "", values)) == [values]
 

@@ -26,13 +26,8 @@ def test_a_name_has_two_entries_only_where_type_or_sender_differ():
 
 def test_frames_are_those_of_the_node():
     frames = Frames("world", "wheels", "robot", "laser", planning="world")
-    assert frames.of(topics.GROUND_TRUTH) == frames.of(topics.PLAN) == "world"
-    assert (frames.of(topics.ODOM), frames.of(topics.SCAN), frames.of(topics.CMD_VEL_STAMPED)) == (
-        "wheels",
-        "laser",
-        "robot",
-    )
-    assert frames.of(topics.CLOCK) == ""
+    fixed, moving = (topics.GROUND_TRUTH, topics.PLAN), (topics.ODOM, topics.SCAN, topics.CMD_VEL_STAMPED, topics.CLOCK)
+    assert [frames.of(topic) for topic in (*fixed, *moving)] == ["world", "world", "wheels", "laser", "robot", ""]
 
 
 def test_qualities_of_service_in_rclpy():

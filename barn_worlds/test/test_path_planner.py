@@ -27,34 +27,36 @@ def ends(cspace, data):
     return data.draw(pick), data.draw(pick)
 
 
-def turns(path):
-    steps = np.diff(path, axis=0)
-    angles = np.degrees(np.arctan2(steps[:, 1], steps[:, 0]))
-    return np.abs((np.diff(angles) + 180.0) % 360.0 - 180.0)
+def turned_deg(before, after):
+    if before is None:
+        return 0.0
+    return abs((math.degrees(math.atan2(*after) - math.atan2(*before)) + 180.0) % 360.0 - 180.0)
+
+
+def steps_from(cspace, cell, entered):
+    """Yield the steps that a path may take from a cell that it has entered by a step, in the order of the original."""
+    for down, right in [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)]:
+        row, col = there = cell[0] + down, cell[1] + right
+        if not (0 <= row < cspace.shape[0] and 0 <= col < cspace.shape[1]) or cspace[there]:
+            continue
+        between_walls = down and right and cspace[cell[0], col] and cspace[row, cell[1]]
+        if not between_walls and turned_deg(entered, (down, right)) <= 46.0:
+            yield down, right
 
 
 def plain_shortest(cspace, start, goal):
     """Length of the shortest path by Dijkstra over (cell, direction), None if there is none."""
-    rows, cols = cspace.shape
     queue, done, tie = [(0.0, 0, start, None)], set(), itertools.count(1)
     while queue:
-        cost, _, (row, col), entered = heapq.heappop(queue)
-        if (row, col) == goal:
+        cost, _, cell, entered = heapq.heappop(queue)
+        if cell == goal:
             return cost
-        if ((row, col), entered) in done:
+        if (cell, entered) in done:
             continue
-        done.add(((row, col), entered))
-        for dr, dc in itertools.product((-1, 0, 1), repeat=2):
-            r, c = row + dr, col + dc
-            if (dr, dc) == (0, 0) or not (0 <= r < rows and 0 <= c < cols) or cspace[r, c]:
-                continue
-            if dr and dc and cspace[row, c] and cspace[r, col]:
-                continue
-            if entered is not None:
-                cosine = (dr * entered[0] + dc * entered[1]) / (math.hypot(dr, dc) * math.hypot(*entered))
-                if math.degrees(math.acos(max(-1.0, min(1.0, cosine)))) > 46.0:
-                    continue
-            heapq.heappush(queue, (cost + math.hypot(dr, dc), next(tie), (r, c), (dr, dc)))
+        done.add((cell, entered))
+        for step in steps_from(cspace, cell, entered):
+            there = cell[0] + step[0], cell[1] + step[1]
+            heapq.heappush(queue, (cost + math.hypot(*step), next(tie), there, step))
     return None
 
 
@@ -71,7 +73,7 @@ def test_paths_are_free_connected_and_limited_in_their_turns(cspace, data):
     assert tuple(path[-1]) == goal
     assert not cspace[path[:, 0], path[:, 1]].any()
     assert (np.abs(np.diff(path, axis=0)).max(axis=1, initial=0) == 1).all()
-    assert (turns(path) <= 45.0 + 1e-6).all()
+    assert all(turned_deg(*both) <= 45.0 + 1e-6 for both in itertools.pairwise(np.diff(path, axis=0)))
     for (r0, c0), (r1, c1) in itertools.pairwise(path):
         assert not (r0 != r1 and c0 != c1 and cspace[r0, c1] and cspace[r1, c0])
     assert np.array_equal(path, plan_path(cspace, start, goal))
@@ -98,16 +100,8 @@ def test_inflation_falls_with_the_distance_to_the_closest_obstacle(cspace):
         assert found[tuple(cell)] == pytest.approx(5.0 / distance if distance <= 2.0 else 0.0)
 
 
-def turned_deg(before, after):
-    if before is None:
-        return 0.0
-    return abs((math.degrees(math.atan2(*after) - math.atan2(*before)) + 180.0) % 360.0 - 180.0)
-
-
 def plain_original(cspace, start, goal, penalty):
     """The original's search over a plain list of open cells, of which the first of the lowest priority is taken."""
-    steps = [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)]
-    rows, cols = cspace.shape
     cost, parent, entered, open_, closed = {start: 0.0}, {start: None}, {start: None}, {start: (0.0, 0)}, set()
     while open_:
         cell = min(open_, key=open_.get)
@@ -119,15 +113,10 @@ def plain_original(cspace, start, goal, penalty):
                 path.append(cell)
                 cell = parent[cell]
             return path[::-1]
-        for number, (down, right) in enumerate(steps):
-            row, col = there = cell[0] + down, cell[1] + right
-            if not (0 <= row < rows and 0 <= col < cols) or cspace[there] or there in closed:
-                continue
-            between_walls = down and right and cspace[cell[0], col] and cspace[row, cell[1]]
-            if between_walls or turned_deg(entered[cell], (down, right)) > 46.0:
-                continue
+        for number, (down, right) in enumerate(steps_from(cspace, cell, entered[cell])):
+            there = cell[0] + down, cell[1] + right
             new_cost = cost[cell] + math.hypot(down, right)
-            if new_cost >= cost.get(there, math.inf):
+            if there in closed or new_cost >= cost.get(there, math.inf):
                 continue
             priority = new_cost + penalty[there]
             if there in open_:

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 import yaml
 
-from barn_worlds.base.config import as_dict, from_dict
+from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.geometry.polygon import area, contains, hull, regular
 from barn_worlds.robots.files import ROBOTS, load_robot, robot_text, shipped_robots
 from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
-from barn_worlds.robots.robot import Chassis, Robot
 from barn_worlds.robots.urdf import LARGEST_URDF_BYTES, chassis_of, rotation
 
 BURGER = shipped_robots()["turtlebot3_burger"]
@@ -45,7 +44,6 @@ def test_robots_of_the_suite_say_where_their_numbers_are_from(name):
     assert robot.name == name
     assert robot.summary
     assert {"chassis", "drive", "lidar", "odometry", "wheel_friction"} == set(robot.sources)
-    assert from_dict(Robot, as_dict(robot), name) == robot
 
 
 def test_the_sizes_are_those_of_the_data_sheets():
@@ -136,13 +134,11 @@ WRONG = {
 
 
 @pytest.mark.parametrize("what", WRONG)
-def test_a_wrong_file_is_answered_in_one_line(changed, what):
+def test_a_wrong_file_is_answered_in_one_line(changed, what, refused):
     changes, said, *source = WRONG[what]
     path = changed(changes, *source)
-    with pytest.raises(ConfigError, match=said) as raised:
+    with refused(ConfigError, f"^{path.parent}.*{said}"):
         load_robot(path)
-    assert str(raised.value).startswith(str(path.parent))
-    assert "\n" not in str(raised.value)
 
 
 def test_keys_in_the_yaml_win_over_the_urdf(changed, tmp_path):
@@ -202,12 +198,11 @@ def test_a_rotation_is_about_fixed_axes():
         (TURNED + " " * LARGEST_URDF_BYTES, "more than the allowed"),
     ],
 )
-def test_a_wrong_urdf_is_answered_in_one_line(tmp_path, text, said):
+def test_a_wrong_urdf_is_answered_in_one_line(tmp_path, text, said, refused):
     path = tmp_path / "r.urdf"
     path.write_text(text, "utf-8")
-    with pytest.raises(ConfigError, match=said) as raised:
+    with refused(ConfigError, f"^{path}.*{said}"):
         chassis_of(path)
-    assert str(raised.value).startswith(str(path))
 
 
 def test_axles_are_where_the_kind_of_drive_has_them():
@@ -244,12 +239,6 @@ def test_polygons():
     assert set(around) <= set(points)
     assert all(contains(around, point) for point in points)
     assert area(regular(1.0, 400)) == pytest.approx(math.pi, rel=1e-4)
-
-
-def test_a_chassis_needs_no_file():
-    plain = as_dict(load_robot("husky"))["chassis"]
-    assert from_dict(Chassis, plain, "here") == load_robot("husky").chassis
-    assert hash(from_dict(Chassis, plain, "here")) == hash(load_robot("husky").chassis)
 
 
 def test_a_path_and_its_text_name_the_same_robot(changed):

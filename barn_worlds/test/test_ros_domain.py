@@ -19,22 +19,16 @@ def test_the_users_own_domain_is_respected_and_nobody_elses_meanwhile():
     asked = {"ROS_DOMAIN_ID": str(130 + os.getpid() % 100)}  # none that others choose by themselves
     with reserved_domain(asked) as number:
         assert str(number) == asked["ROS_DOMAIN_ID"]
-        with (
-            pytest.raises(
-                ConfigError, match=rf"^ROS_DOMAIN_ID {number}: another run uses this domain; choose another, "
-            ),
-            reserved_domain(asked),
-        ):
+        taken = rf"^ROS_DOMAIN_ID {number}: another run uses this domain; choose another, "
+        with pytest.raises(ConfigError, match=taken), reserved_domain(asked):
             pass
     with reserved_domain(asked) as again:
         assert again == number
 
 
 def test_a_domain_that_is_no_number_is_one_line():
-    with (
-        pytest.raises(ConfigError, match="ROS_DOMAIN_ID must be from 0 to 232, got 'x'"),
-        reserved_domain({"ROS_DOMAIN_ID": "x"}),
-    ):
+    asked = {"ROS_DOMAIN_ID": "x"}
+    with pytest.raises(ConfigError, match="ROS_DOMAIN_ID must be from 0 to 232, got 'x'"), reserved_domain(asked):
         pass
 
 
