@@ -1,6 +1,5 @@
 """The 50 original worlds of the sample, where they are there, and a sixth of barn300."""
 
-import csv
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,7 +16,6 @@ __all__ = ["original_folder"]
 class Original(NamedTuple):
     """One world of the original data set and what was published for it."""
 
-    number: int
     grid: np.ndarray
     cspace: np.ndarray
     path: np.ndarray
@@ -36,16 +34,11 @@ def originals(original_folder: Path) -> list[Original]:
     table = original_folder / "metrics_corrected.csv"
     if not table.is_file():
         pytest.skip(f"no {table}")
-    with table.open() as file:
-        rows = list(csv.reader(file))[1:]
     worlds = []
-    for row in rows:
-        number = int(row[0])
-        parts = [
-            np.load(original_folder / f"{kind}_files" / f"{kind}_{number}.npy", allow_pickle=False)
+    for number, *corrected in np.loadtxt(table, delimiter=",", skiprows=1):
+        grid, cspace, path, published = (
+            np.load(original_folder / f"{kind}_files" / f"{kind}_{number:.0f}.npy", allow_pickle=False)
             for kind in ("grid", "cspace", "path", "metrics")
-        ]
-        grid, cspace, path, published = parts
-        corrected = np.array(row[1:], float)
-        worlds.append(Original(number, grid.astype(bool), cspace.astype(bool), path, published, corrected))
+        )
+        worlds.append(Original(grid.astype(bool), cspace.astype(bool), path, published, np.array(corrected)))
     return worlds

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
+from scipy.spatial.distance import cdist
 
 from barn_metrics.features import (
     heading_changes,
@@ -27,30 +28,15 @@ paths = st.lists(steps, min_size=1, max_size=40).map(lambda moves: np.cumsum([(0
 
 
 def reference_gap(grid):
-    """Try every gap: the smallest one at which obstacles and edges that near each other join edge to edge, in cells."""
-    cells = np.argwhere(grid)
-    rows = len(grid)
-
-    def gap(a, b):
-        if {a, b} == {"upper", "lower"}:
-            return float(rows)
-        if isinstance(a, str):
-            a, b = b, a
-        if b == "upper":
-            return float(a[0])
-        if b == "lower":
-            return float(rows - 1 - a[0])
-        return math.dist(a, b) - 1.0
-
-    nodes = ["upper", "lower", *map(tuple, cells.tolist())]
-    pairs = sorted((gap(a, b), i, j) for (i, a), (j, b) in itertools.combinations(enumerate(nodes), 2))
-    group = list(range(len(nodes)))
-    for size, i, j in pairs:
-        old, new = group[i], group[j]
-        group = [new if g == old else g for g in group]
-        if group[0] == group[1]:
-            return max(0.0, size)
-    raise AssertionError("the edges are never joined")
+    """The least of all largest gaps on ways from edge to edge that step from obstacle to obstacle, in cells."""
+    cells, rows = np.argwhere(grid), len(grid)
+    gaps = np.full((len(cells) + 2, len(cells) + 2), float(rows))  # the upper edge, the lower one, and every obstacle
+    gaps[2:, 2:] = cdist(cells, cells) - 1.0
+    gaps[0, 2:] = gaps[2:, 0] = cells[:, 0]
+    gaps[1, 2:] = gaps[2:, 1] = rows - 1 - cells[:, 0]
+    for k in range(len(gaps)):
+        gaps = np.minimum(gaps, np.maximum(gaps[:, k, None], gaps[k]))  # by way of this one
+    return max(0.0, gaps[0, 1])
 
 
 @given(grid=arrays(bool, array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=7), elements=st.booleans()))

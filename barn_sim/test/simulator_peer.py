@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
+from driving import readings_of
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import SetParameters
@@ -18,12 +19,15 @@ from sensor_msgs.msg import JointState, LaserScan
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
 
+from barn_sim.config import SimulatorConfig
 from barn_sim.sensors.readings import Sensors
-from barn_worlds.base.types import NANOSECONDS, Velocity2D
+from barn_sim.simulator import Simulator
+from barn_worlds.base.types import NANOSECONDS, Pose2D, Velocity2D
 from barn_worlds.messages import decode
 from barn_worlds.messages.encode import TwistStampedEncoder, encode_twist
 from barn_worlds.messages.topics import LATCHED, Qos
 from barn_worlds.ros.topics import profile
+from barn_worlds.worlds.dataset import open_dataset
 
 TOPICS = {
     "/clock": Clock,
@@ -113,8 +117,11 @@ def commands(count: int) -> list[Velocity2D]:
 TRIAL = {"world": 120, "seed": 42, "start_x_m": -2.25, "start_y_m": 3.5, "start_yaw_rad": 1.57}
 
 
-def assert_equal(heard: dict[str, list], expected: list[Sensors]) -> None:
-    """Check that a peer has heard just these readings, to the last bit."""
+def assert_equal(heard: dict[str, list], config: SimulatorConfig, sent: list[Velocity2D]) -> list[Sensors]:
+    """Check that a peer has heard just what the simulator reads in that trial, to the last bit, and return that."""
+    start = Pose2D(TRIAL["start_x_m"], TRIAL["start_y_m"], TRIAL["start_yaw_rad"])
+    world = open_dataset("barn300").load(TRIAL["world"])
+    expected = readings_of(Simulator(world, config, start, TRIAL["seed"]), sent)
     for topic in TOPICS.keys() - {"/clock", "/diagnostics"}:
         assert len(heard[topic]) == len(expected), topic
     origin_ns = stamp_of(heard["/odom"][0])
@@ -132,6 +139,7 @@ def assert_equal(heard: dict[str, list], expected: list[Sensors]) -> None:
             assert getattr(scan, name) == getattr(sensors.scan, name), name
         assert scan.stamp_ns == origin_ns + sensors.stamp_ns
         assert tuple(heard["/joint_states"][k].position) == sensors.joints.positions
+    return expected
 
 
 def read(decoder, message):

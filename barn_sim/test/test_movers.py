@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from driving import wander
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from wandering import wander
 
 from barn_sim.body.bullet import PhysicsClient
 from barn_sim.config import ObstacleConfig, SimulatorConfig, with_robot

@@ -1,4 +1,5 @@
 import math
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -24,13 +25,10 @@ def world_with(*cells: tuple[int, int]) -> World:
 
 def push(world: World, config: SimulatorConfig, steps: int, speed: float = 0.5, start: Pose2D = HERE):
     """Drive straight on; return the last readings and the displaced obstacles."""
-    simulator = Simulator(world, config, start, 0)
-    try:
+    with closing(Simulator(world, config, start, 0)) as simulator:
         for _ in range(steps):
             sensors = simulator.step(Velocity2D(speed, 0.0))
         return sensors, simulator.moved_obstacles()
-    finally:
-        simulator.close()
 
 
 def test_a_single_cylinder_is_pushed_along() -> None:

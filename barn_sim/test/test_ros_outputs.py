@@ -1,6 +1,6 @@
 """The publishers of the simulator node: transforms only where tf2_msgs is installed, and the quality of the scans."""
 
-from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 
@@ -14,38 +14,18 @@ from barn_worlds.messages.topics import TF
 from barn_worlds.ros import topics
 
 
-class RecordingNode:
-    """Keeps what is published."""
-
-    def __init__(self) -> None:
-        self.sent: dict[str, list[bytes]] = {}
-        self.profiles: dict[str, object] = {}
-        self.said: list[str] = []
-
-    def create_publisher(self, _kind, topic, profile):
-        self.profiles[topic] = profile
-        return SimpleNamespace(publish=self.sent.setdefault(topic, []).append)
-
-    def get_logger(self):
-        return SimpleNamespace(info=self.said.append)
-
-
-@pytest.fixture
-def node() -> RecordingNode:
-    return RecordingNode()
-
-
 def without_transforms(type_name: str):
-    return None if type_name == TF.type_name else SimpleNamespace
+    return None if type_name == TF.type_name else object
 
 
-def test_without_tf2_msgs_transforms_are_off_and_that_is_said(node, monkeypatch) -> None:
+def test_without_tf2_msgs_transforms_are_off_and_that_is_said(monkeypatch) -> None:
     monkeypatch.setattr(topics, "message_class", without_transforms)
-    messages = SimulatorMessages(SimulatorConfig())
+    node, messages = Mock(), SimulatorMessages(SimulatorConfig())
     Outputs(node, SimulatorNodeConfig()).publish([*messages.constant(), messages.transforms(Pose2D(0.0, 0.0, 0.0), 5)])
-    assert not {"/tf", "/tf_static"} & set(node.sent)
-    assert len(node.sent["robot_description"]) == 1
-    assert any("tf2_msgs" in line for line in node.said)
+    assert not {"/tf", "/tf_static"} & {call.args[1] for call in node.create_publisher.call_args_list}
+    (_, description), _ = messages.constant()
+    node.create_publisher().publish.assert_called_once_with(description)
+    assert "tf2_msgs" in str(node.get_logger().info.mock_calls)
 
 
 @pytest.mark.parametrize(
@@ -57,9 +37,9 @@ def test_without_tf2_msgs_transforms_are_off_and_that_is_said(node, monkeypatch)
         (SimulatorNodeConfig(lockstep=True, scan_reliability="best_effort"), False),
     ],
 )
-def test_scans_are_reliable_in_lockstep_unless_said_otherwise(
-    node, config: SimulatorNodeConfig, reliable: bool
-) -> None:
+def test_scans_are_reliable_in_lockstep_unless_said_otherwise(config: SimulatorNodeConfig, reliable: bool) -> None:
+    node = Mock()
     Outputs(node, config)
-    assert (node.profiles["scan"].reliability.name == "RELIABLE") is reliable
-    assert node.profiles["odom"].reliability.name == "RELIABLE"
+    profiles = {topic: profile for _, topic, profile in (call.args for call in node.create_publisher.call_args_list)}
+    assert (profiles["scan"].reliability.name == "RELIABLE") is reliable
+    assert profiles["odom"].reliability.name == "RELIABLE"

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from driving import readings_of
 
 from barn_sim.config import LidarConfig, OdometryConfig, SimulatorConfig, with_robot
 from barn_sim.messages import SimulatorMessages
@@ -91,9 +92,8 @@ def test_a_turning_lidar_sees_early_beams_from_where_the_robot_was(walled_world,
     assert wrap_angle(now.yaw - poses[-1, 2]) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_between_scans_the_last_one_is_read_with_its_stamp(walled_world, simulators):
-    simulator = simulators(walled_world, SLOW, START, 0)
-    readings = [simulator.sense(), *(simulator.step(Velocity2D(0.3, 0.2)) for _ in range(9))]
+def test_between_scans_the_last_one_is_read_with_its_stamp(walled_world):
+    readings = readings_of(Simulator(walled_world, SLOW, START, 0), [Velocity2D(0.3, 0.2)] * 9)
     assert [r.scan.stamp_ns // 50_000_000 for r in readings] == [0, 0, 0, 0, 4, 4, 4, 4, 8, 8]
     assert readings[5].scan is readings[4].scan
     messages = SimulatorMessages(SLOW)
@@ -150,10 +150,8 @@ def test_the_same_seed_gives_the_same_errors_another_seed_others(walled_world):
     config = replace(config, lidar=replace(config.lidar, mixed_share=0.2, dropout_share=0.1))
 
     def ranges(seed):
-        simulator = Simulator(walled_world, config, START, seed)
-        found = [simulator.step(Velocity2D(0.3, 0.4)).scan.ranges for _ in range(9)]
-        simulator.close()
-        return np.array(found)
+        readings = readings_of(Simulator(walled_world, config, START, seed), [Velocity2D(0.3, 0.4)] * 9)
+        return np.array([one.scan.ranges for one in readings])
 
     assert np.array_equal(ranges(1), ranges(1))
     assert not np.array_equal(ranges(1), ranges(2))

@@ -64,20 +64,13 @@ def test_an_instant_is_whole_with_the_time_first_and_the_scan_last():
     assert joints.name[0] == "front_left_wheel_joint"
 
 
-def test_transforms_lead_from_the_map_to_the_robot():
+@pytest.mark.parametrize("since", [Pose2D(0.0, 0.0, 0.0), Pose2D(0.1, 0.0, 0.05)], ids=["at once", "later"])
+def test_transforms_lead_from_the_map_to_the_robot_also_between_two_localisations(since):
     messages = SimulatorMessages(SimulatorConfig(), Frames(map="world"))
     messages.localisation(BELIEVED, MEASURED, STAMP)
-    _, data = messages.transforms(MEASURED, STAMP)
+    _, data = messages.transforms(MEASURED @ since, STAMP)
     assert [(one.parent, one.child) for one in decode.transforms(data)] == [("world", "odom"), ("odom", "base_link")]
-    assert numbers(whole(data)) == pytest.approx(numbers(BELIEVED))
-
-
-def test_between_two_localisations_the_odometry_carries_the_robot_on():
-    messages = SimulatorMessages(SimulatorConfig())
-    messages.localisation(BELIEVED, MEASURED, STAMP)
-    step = Pose2D(0.1, 0.0, 0.05)
-    _, data = messages.transforms(MEASURED @ step, STAMP)
-    assert numbers(whole(data)) == pytest.approx(numbers(BELIEVED @ step))
+    assert numbers(whole(data)) == pytest.approx(numbers(BELIEVED @ since))
 
 
 def test_before_the_first_instant_the_transforms_are_those_of_the_start():

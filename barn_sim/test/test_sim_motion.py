@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from wandering import wander
+from driving import wander
 
 from barn_sim.body.bullet import PhysicsClient, PhysicsEngine, end
 from barn_sim.body.model import model_of

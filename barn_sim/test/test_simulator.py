@@ -4,9 +4,11 @@ import subprocess
 import sys
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
+from driving import readings_of
 
 from barn_sim.body.bullet import PhysicsClient
 from barn_sim.config import (
@@ -22,6 +24,7 @@ from barn_sim.config import (
 from barn_sim.sensors.readings import Sensors
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D
+from barn_worlds.formats.own import write_own
 
 START = Pose2D(-2.25, 3.0, 1.57)
 AT_THE_WALL = Pose2D(-3.5, 4.5, 1.57)
@@ -32,12 +35,8 @@ def commands(count: int) -> list[Velocity2D | None]:
     return [None if k % 17 == 16 else Velocity2D(0.6, 0.9 * math.sin(0.1 * k)) for k in range(count)]
 
 
-def drive(world, config=SimulatorConfig(), start=START, seed=0, steps=60) -> list[Sensors]:  # noqa: B008 (frozen)
-    simulator = Simulator(world, config, start, seed)
-    try:
-        return [simulator.sense(), *(simulator.step(command) for command in commands(steps))]
-    finally:
-        simulator.close()
+def drive(world, config=SimulatorConfig(), start=START, seed=0, steps=60, client=None):  # noqa: B008 (frozen)
+    return readings_of(Simulator(world, config, start, seed, client), commands(steps))
 
 
 def fingerprint(readings: list[Sensors]) -> str:
@@ -63,31 +62,22 @@ def test_a_client_used_before_repeats_a_new_one_to_the_last_bit(walled_world, em
         (walled_world, SimulatorConfig(physics=PhysicsConfig(tick_s=0.01, gravity_m_s2=3.0)), AT_THE_WALL),
         (walled_world, CONFIGS[name], AT_THE_WALL),
     ):
-        simulator = Simulator(world, config, start, 0, client)
-        again = [simulator.sense(), *(simulator.step(command) for command in commands(60))]
-        simulator.close()  # leaves the client to its owner
+        again = drive(world, config, start, client=client)
     client.close()
     assert any(sensors.collision for sensors in fresh)
     assert fingerprint(fresh) == fingerprint(again)
 
 
 def test_repeats_itself_in_another_process(walled_world, tmp_path) -> None:
-    np.savez(tmp_path / "world.npz", grid=walled_world.grid, path=walled_world.path)
-    script = tmp_path / "other.py"
-    script.write_text(
-        "import importlib.util, sys\n"
-        "import numpy as np\n"
-        "from barn_worlds.worlds.world import World\n"
-        f"spec = importlib.util.spec_from_file_location('cases', {__file__!r})\n"
-        "cases = importlib.util.module_from_spec(spec)\n"
-        "spec.loader.exec_module(cases)\n"
-        "data = np.load(sys.argv[1])\n"
-        "world = World('walled', data['grid'], data['path'])\n"
+    write_own(tmp_path / "world.npz", "walled", {0: walled_world})
+    script = (
+        "import sys, test_simulator as cases\n"
+        "from barn_worlds.worlds.dataset import open_dataset\n"
+        "world = open_dataset(sys.argv[1]).load(0)\n"
         "print(cases.fingerprint(cases.drive(world, cases.CONFIGS['paper'], cases.AT_THE_WALL)))\n"
     )
-    there = subprocess.run(
-        [sys.executable, script, tmp_path / "world.npz"], check=True, capture_output=True, text=True, timeout=600
-    )
+    command = [sys.executable, "-c", script, tmp_path / "world.npz"]
+    there = subprocess.run(command, cwd=Path(__file__).parent, check=True, capture_output=True, text=True, timeout=600)
     here = fingerprint(drive(walled_world, CONFIGS["paper"], AT_THE_WALL))
     assert there.stdout == f"{here}\n"  # and nothing else: PyBullet's banner is kept out of standard output
 

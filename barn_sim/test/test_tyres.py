@@ -1,6 +1,7 @@
 """Wheels on the ground against plain references: friction solved by a general optimiser, and statics by hand."""
 
 import math
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from fractions import Fraction
 
@@ -36,10 +37,10 @@ def push(robots, settings, left, right):
 class Driven:
     """The robot on the ground in PyBullet with its wheels at given speeds."""
 
-    def __init__(self, yaw: float = 0.0, tick_s: float = 0.005) -> None:
-        self.tick_s, self.client, self.fleet = tick_s, PhysicsClient(), Fleet.of(1)
+    def __init__(self, client: PhysicsClient, yaw: float = 0.0, tick_s: float = 0.005) -> None:
+        self.tick_s, self.fleet = tick_s, Fleet.of(1)
         config, start = PhysicsConfig(tick_s=tick_s), Pose2D(0.0, 0.0, yaw)
-        self.body = Body(model_of(STANDARD.chassis), config, start, self.client, self.fleet, 0)
+        self.body = Body(model_of(STANDARD.chassis), config, start, client, self.fleet, 0)
         self.body.enter()
 
     def run(self, speed: float, turn: float, duration_s: float) -> None:
@@ -58,15 +59,8 @@ class Driven:
 
 @pytest.fixture
 def driven():
-    made = []
-
-    def make(**options):
-        made.append(Driven(**options))
-        return made[-1]
-
-    yield make
-    for robot in made:
-        robot.client.close()
+    with ExitStack() as clients:
+        yield lambda **options: Driven(clients.enter_context(closing(PhysicsClient())), **options)
 
 
 def rows(matrix):

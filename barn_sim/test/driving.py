@@ -1,6 +1,14 @@
-"""A robot that is driven at random, to compare what moves it with PyBullet."""
+"""Robots driven by commands, and at random to compare what moves them with PyBullet."""
+
+from contextlib import closing
 
 from barn_worlds.base.types import Velocity2D
+
+
+def readings_of(simulator, commands):
+    """Return the first readings of a simulator and those after each command, and close it."""
+    with closing(simulator):
+        return [simulator.sense(), *(simulator.step(command) for command in commands)]
 
 
 def wander(simulator, rng, steps):
