@@ -12,6 +12,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from PIL import Image
 from planners import spec_of
 from report_work import drive
+from test_pictures import drawn
 from test_replay import some_of
 
 from barn_eval.bags.movers import RecordedMotions, gaps_to
@@ -76,8 +77,7 @@ def test_poses_and_clearance_are_those_of_the_world_and_of_the_result(bag, world
     assert np.median(np.abs(recorded.clearance_m - expected)) < 1e-3
     assert (np.abs(recorded.clearance_m - expected) > 0.02).mean() < 0.02
     assert recorded.clearance_m.min() == pytest.approx(motion["moving_clearance_m"], abs=0.02)
-    left, below, right, above = bounds(recorded)
-    assert (left, below, right, above) == pytest.approx((-10.5, -10.5, 12.1, 10.5), abs=0.1)
+    assert bounds(recorded) == pytest.approx((-10.5, -10.5, 12.1, 10.5), abs=0.1)
     assert not [note for note in recorded.notes if "moving" in note]
 
 
@@ -85,9 +85,9 @@ def test_poses_and_clearance_are_those_of_the_world_and_of_the_result(bag, world
 def test_without_shapes_or_poses_nothing_is_drawn_and_the_page_says_why(bag, tmp_path, topic):
     recorded = read_recorded(some_of(bag, tmp_path / "bag", topic.__ne__, read_recorded(bag).trial))
     assert recorded.moving is None and np.isnan(recorded.clearance_m).all()
+    why = ["moving obstacles are not drawn: /moving_obstacles with their shapes is missing"]
     told = [note for note in recorded.notes if "moving" in note]
-    assert told == (["moving obstacles are not drawn: /moving_obstacles with their shapes is missing"] if told else [])
-    assert bool(told) == (topic == "/moving_obstacles")
+    assert told == (why if topic == "/moving_obstacles" else [])
     assert "class RecordedMovers" not in replay_page(recorded)
 
 
@@ -121,6 +121,12 @@ def test_a_page_has_what_moves_in_millimetres_and_the_measures_made_for_it(bag):
     assert shown["phase of what moves [s]"] == f"{motion['phase_s']:.2f}"
 
 
+def violet(pixels):
+    """Which pixels have the colour of what moves."""
+    red, green, blue = np.moveaxis(pixels, 2, 0)
+    return (blue > green + 12) & (red > green)
+
+
 def test_pictures_and_films_show_what_moves(bag, tmp_path):
     still = some_of(bag, tmp_path / "still", "/moving_obstacles".__ne__, read_recorded(bag).trial)
     for camera in ("chase", "top"):
@@ -128,8 +134,8 @@ def test_pictures_and_films_show_what_moves(bag, tmp_path):
         for one, source in zip(seen, (bag, still), strict=True):
             write_replay([source], [one], camera=camera)
         pixels = [np.asarray(Image.open(one).convert("RGB"), int) for one in seen]
-        violet = [((one[:, :, 2] > one[:, :, 1] + 12) & (one[:, :, 0] > one[:, :, 1])).mean() for one in pixels]
-        assert violet[0] > 0.001 and violet[1] == 0.0
+        shares = [violet(one).mean() for one in pixels]
+        assert shares[0] > 0.001 and shares[1] == 0.0
 
 
 def test_a_report_has_motions_measures_and_the_clearance_to_what_moves(folder, world):
@@ -151,21 +157,15 @@ def test_an_overlay_shows_ways_and_what_was_hit(folder, world):
     figure = overlay([folder], WORLD)
     results = [one for one in read_results(folder) if one.motion.touched]
     assert results
-    ways = next(one for one in figure.axes[0].collections if type(one) is LineCollection).get_segments()
+    ways = drawn(figure, LineCollection)[0].get_segments()
     assert len(ways) >= len(world.moving)
     begin = world.tracks.at(results[0].motion.phase_s)[0]
     assert {tuple(way[0].round(6)) for way in ways} >= {tuple(place.round(6)) for place in begin}
-    outlines = [
-        path.vertices[:-1]
-        for one in figure.axes[0].collections
-        if type(one) is PolyCollection
-        for path in one.get_paths()
-    ]
+    middles = [path.vertices[:-1].mean(axis=0) for one in drawn(figure, PolyCollection) for path in one.get_paths()]
     for one in results:
-        place = world.tracks.at(one.motion.phase_s + one.scores.duration_s)[0][
-            world.tracks.names.index(one.motion.touched)
-        ]
-        assert min(np.hypot(*(outline.mean(axis=0) - place)) for outline in outlines) < 0.1
+        places = world.tracks.at(one.motion.phase_s + one.scores.duration_s)[0]
+        place = places[world.tracks.names.index(one.motion.touched)]
+        assert np.linalg.norm(np.array(middles) - place, axis=1).min() < 0.1
     assert "way of what moves" in [one.get_text() for one in figure.legends[0].get_texts()]
 
 
@@ -177,9 +177,8 @@ def test_pictures_of_an_environment_show_what_moves(monkeypatch):
     for _ in range(10):
         env.step(np.zeros(2, np.float32))
     later = env.render().astype(int)
-    violet = [((one[:, :, 2] > one[:, :, 1] + 12) & (one[:, :, 0] > one[:, :, 1])) for one in (first, later)]
-    assert violet[0].sum() > 30 and violet[1].sum() > 30
-    assert (violet[0] != violet[1]).sum() > 30
+    assert violet(first).sum() > 30 and violet(later).sum() > 30
+    assert (violet(first) != violet(later)).sum() > 30
     assert (env.render() == later).all()
     monkeypatch.setattr("barn_eval.learning.drawing.TRAIL_S", 0.0)
     assert (env.render() != later).sum() > 30
@@ -197,20 +196,17 @@ def test_pages_move_obstacles_as_the_world_does(bag, folder, world, tmp_path, op
     for time_s in (0.0, 0.55, float(recorded.times_s[-1])):
         found = page.evaluate("(time) => Array.from(replay.trials[0].movers.at(time))", time_s)
         assert found == pytest.approx(recorded.moving.at(np.array([time_s])).ravel().tolist(), abs=2e-3)
-    page.evaluate("replay.player.seek(1)")
-    drawn = page.evaluate(pixels)
-    page.click("#layer-moving")
-    assert page.evaluate(pixels) != drawn
+    for arrangement in ("beside", "overlay"):
+        page.select_option("#arrange", arrangement)
+        page.evaluate("replay.player.seek(1)")
+        shown = page.evaluate(pixels)
+        page.click("#layer-moving")
+        assert page.evaluate(pixels) != shown
+        page.click("#layer-moving")
     page.click("#to-closest")
     closest_s = recorded.times_s[recorded.clearance_m.argmin()]
     found_s = page.evaluate("replay.trials[0].times[replay.trials[0].closest]")
     assert found_s == pytest.approx(closest_s, abs=1e-3)
-    page.click("#layer-moving")
-    page.select_option("#arrange", "overlay")
-    page.evaluate("replay.player.seek(1)")
-    drawn = page.evaluate(pixels)
-    page.click("#layer-moving")
-    assert page.evaluate(pixels) != drawn
     page = open_page(tmp_path / "report.html")
     page.evaluate(f"report.view.open(report.data.trials.findIndex((one) => one.id === '{bag.name}'))")
     page.wait_for_function(f"document.body.dataset.opened === '{bag.name}'")

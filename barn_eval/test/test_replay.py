@@ -46,8 +46,7 @@ def test_what_the_scans_hit_is_drawn_where_they_hit_it(bag):
     def share_on_obstacles(off_y_m):
         hits, known = 0, 0
         for scan, pose in zip(recorded.scans[::20], recorded.poses[::20], strict=True):
-            ranges = np.asarray(scan.content.ranges)
-            angles = scan.content.angle_min + scan.content.angle_increment * np.arange(len(ranges))
+            ranges, angles = np.asarray(scan.content.ranges), scan.content.angles()
             near = np.isfinite(ranges) & (ranges < 8.0)
             # half a cylinder's radius behind its surface
             reach = ranges[near, None] + 0.04
@@ -75,11 +74,9 @@ def copy_of(bag, path, change):
 def test_poses_scans_and_result_are_those_of_the_bag(bag):
     recorded = read_recorded(bag)
     with Reader(bag) as reader:
-        messages = [
-            (stamp, jazzy_types().deserialize_cdr(data, connection.msgtype))
-            for connection, stamp, data in reader.messages()
-            if connection.topic == "/ground_truth/odom"
-        ]
+        truth = [connection for connection in reader.connections if connection.topic == "/ground_truth/odom"]
+        read = jazzy_types().deserialize_cdr
+        messages = [(stamp, read(data, connection.msgtype)) for connection, stamp, data in reader.messages(truth)]
     assert len(recorded.times_s) == len(messages) == len(recorded.scans)
     stamps = [stamp for stamp, _ in messages]
     assert recorded.times_s.tolist() == [(stamp - stamps[0]) / NANOSECONDS for stamp in stamps]
@@ -168,12 +165,10 @@ def test_a_foreign_bag_in_sqlite_with_odometry_alone_is_replayed(bag, tmp_path):
         odometry = writer.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=types)
         wrong = writer.add_connection("/map", "std_msgs/msg/String", typestore=types)
         writer.write(wrong, 0, serialise(make("std_msgs/msg/String", data=EVIL)))
-        for connection, stamp, data in reader.messages():
-            if connection.topic == "/odom":
-                writer.write(odometry, stamp, data)
+        for _, stamp, data in reader.messages([one for one in reader.connections if one.topic == "/odom"]):
+            writer.write(odometry, stamp, data)
     recorded = read_recorded(path)
-    assert recorded.frame == "odom"
-    assert recorded.map is None
+    assert (recorded.frame, recorded.map) == ("odom", None)
     notes = " ".join(recorded.notes)
     assert "positions are those of the odometry" in notes
     assert "/map is left out: its type is std_msgs/msg/String" in notes
@@ -209,8 +204,7 @@ def test_the_world_is_that_of_the_bag(bag, tmp_path):
     assert recorded.goal_pose().distance(PAPER_2020.course(world).goal) == 0.0
     assert float(recorded.clearance_m.min()) == recorded.result["measures"]["min_clearance_m"]
     left, below, right, above = bounds(recorded)
-    assert (left, below) <= (world.bounds_m[0], world.bounds_m[1])
-    assert right >= world.bounds_m[2]
+    assert left <= world.bounds_m[0] and below <= world.bounds_m[1] and right >= world.bounds_m[2]
     assert above >= max(world.bounds_m[3], recorded.scene.goal.y + recorded.scene.goal_distance_m)
     other = read_recorded(some_of(bag, tmp_path / "other", lambda topic: topic != "/world", recorded.trial))
     assert other.scene is None
