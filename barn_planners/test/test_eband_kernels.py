@@ -17,8 +17,6 @@ ORIGINAL = GAINS._replace(metres_per_rad=0.408, weighs_x_twice=True)
 CAPACITY = 1024
 RESOLUTION = 0.05
 SIDE = 120
-
-
 RADII = bubble_radii(10.0)
 
 

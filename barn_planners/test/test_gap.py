@@ -11,16 +11,11 @@ from barn_planners.registry import make_planner
 from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
 
 
-@pytest.fixture
-def decide(flat_world):
-    """What a planner decides before discs (x, y, radius), and the planner."""
-
-    def decided(discs, goal=(5.0, 0.0)):
-        planner = GapPlanner(GapConfig())
-        planner.start(Task(Pose2D(*goal, 0.0)), 0)
-        return planner.step(flat_world(cylinders=discs, angles=np.linspace(-math.pi, math.pi, 721)).observe()), planner
-
-    return decided
+def decide(flat_world, discs, goal=(5.0, 0.0)):
+    """Return what a planner decides before discs (x, y, radius), and the planner."""
+    planner = GapPlanner(GapConfig())
+    planner.start(Task(Pose2D(*goal, 0.0)), 0)
+    return planner.step(flat_world(cylinders=discs, angles=np.linspace(-math.pi, math.pi, 721)).observe()), planner
 
 
 def test_free_distances_equal_small_steps():
@@ -44,14 +39,14 @@ def test_returns_leave_out_what_is_no_range():
     np.testing.assert_allclose(points, [(1.5, 0.0), (-0.5, 0.0)], atol=1e-12)
 
 
-def test_free_way_is_driven_at_full_speed(decide):
-    decision, _ = decide([(20.0, 9.0, 0.1)])
+def test_free_way_is_driven_at_full_speed(flat_world):
+    decision, _ = decide(flat_world, [(20.0, 9.0, 0.1)])
     assert decision.command == Velocity2D(0.5, 0.0)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_steers_round_what_is_in_the_way(decide, side):
-    decision, planner = decide([(1.0, -0.1 * side, 0.1)])
+def test_steers_round_what_is_in_the_way(flat_world, side):
+    decision, planner = decide(flat_world, [(1.0, -0.1 * side, 0.1)])
     assert math.copysign(1.0, decision.command.angular) == side
     assert 0.0 < decision.command.linear < 0.5
     view = planner.view()
@@ -59,21 +54,21 @@ def test_steers_round_what_is_in_the_way(decide, side):
     assert view.candidate_costs.min() == pytest.approx(0.0)
 
 
-def test_turns_to_a_goal_behind(decide):
-    decision, _ = decide([(20.0, 0.0, 0.1)], goal=(-3.0, 1.0))
+def test_turns_to_a_goal_behind(flat_world):
+    decision, _ = decide(flat_world, [(20.0, 0.0, 0.1)], goal=(-3.0, 1.0))
     assert decision.command == Velocity2D(0.0, 1.57)
 
 
-def test_stops_before_a_wall_and_turns_away(decide):
+def test_stops_before_a_wall_and_turns_away(flat_world):
     wall = [(0.42, y, 0.02) for y in np.arange(-0.6, 0.61, 0.03)]
-    decision, _ = decide(wall)
+    decision, _ = decide(flat_world, wall)
     assert decision.command.linear == 0.0
     assert decision.command.angular != 0.0
 
 
-def test_stops_where_nothing_is_open(decide):
+def test_stops_where_nothing_is_open(flat_world):
     ring = [(0.4 * math.cos(a), 0.4 * math.sin(a), 0.05) for a in np.linspace(0.0, 2.0 * math.pi, 60)]
-    decision, _ = decide(ring)
+    decision, _ = decide(flat_world, ring)
     assert decision.command == STOP
     assert decision.status is PlannerStatus.BLOCKED
     assert decision.reason == "no gap is open"

@@ -228,8 +228,7 @@ def test_a_plan_is_made_anew_for_another_goal_or_start_and_where_the_grid_has_mo
     assert moved is not plan
 
 
-def f32(value) -> np.float32:
-    return np.float32(value)
+f32 = np.float32
 
 
 def plain_gradient(potential: np.ndarray, row: int, col: int) -> tuple[np.float32, np.float32]:

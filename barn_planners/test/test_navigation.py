@@ -16,6 +16,7 @@ from barn_worlds.base.types import STOP, OccupancyMap, Pose2D, Velocity2D
 BOX = [((-2.0, -2.0), (6.0, -2.0)), ((-2.0, 2.0), (6.0, 2.0)), ((-2.0, -2.0), (-2.0, 2.0))]
 GOAL = Pose2D(4.0, 0.0, 0.0)
 FORWARD = Velocity2D(0.3, 0.0)
+MAP_OF_ODOM = Pose2D(1.0, -0.5, 0.4)
 NO_PLAN = GlobalPlan(None, "gone")
 
 
@@ -34,9 +35,15 @@ class Scripted(Controller):
         return self.controls[min(len(self.inputs), len(self.controls)) - 1]
 
 
-def planner_of(*controls: Control, **changes) -> NavigationPlanner:
-    config = replace_dotted(NavigationConfig(), changes, "test")
-    return NavigationPlanner(config, Scripted(*controls))
+def started(*controls: Control, goal=GOAL, known=None, **changes) -> NavigationPlanner:
+    """Return a planner with a task, whose controller is scripted."""
+    planner = NavigationPlanner(replace_dotted(NavigationConfig(), changes, "test"), Scripted(*controls))
+    planner.start(Task(goal, known), seed=0)
+    return planner
+
+
+def free_map() -> OccupancyMap:
+    return OccupancyMap(np.zeros((80, 80), np.int8), 0.15, -6.0, -6.0)
 
 
 def steps(planner, world, count: int, moving: bool = False):
@@ -61,7 +68,7 @@ def test_leaving_everything_behind_is_not_blindness_for_a_while(flat_world):
 
 
 def test_without_a_task_and_with_time_running_backwards_it_stands(flat_world):
-    planner, world = planner_of(), flat_world(BOX)
+    planner, world = NavigationPlanner(NavigationConfig(), Scripted()), flat_world(BOX)
     assert planner.step(world.observe()).reason == "no task yet"
     planner.start(Task(GOAL), seed=0)
     late = world.observe()
@@ -73,7 +80,7 @@ def test_without_a_task_and_with_time_running_backwards_it_stands(flat_world):
 
 def test_a_goal_inside_an_obstacle_of_the_map_is_not_driven_to_at_all(flat_world):
     world = flat_world(BOX)
-    known = OccupancyMap(np.zeros((80, 80), np.int8), 0.15, -6.0, -6.0)
+    known = free_map()
     known.data[40, 60] = 100
     for preset in ("paper2020", "challenge"):
         planner = make_planner("dwa", preset)
@@ -84,8 +91,7 @@ def test_a_goal_inside_an_obstacle_of_the_map_is_not_driven_to_at_all(flat_world
 
 
 def test_a_plan_that_vanishes_is_followed_on_without_repetition_of_the_goal(flat_world):
-    planner, world = planner_of(), flat_world(BOX)
-    planner.start(Task(GOAL), seed=0)
+    planner, world = started(), flat_world(BOX)
     assert steps(planner, world, 2)[-1].reason == ""
     planner._planner.plan = lambda *_: NO_PLAN
     for decision in steps(planner, world, 5):
@@ -93,8 +99,7 @@ def test_a_plan_that_vanishes_is_followed_on_without_repetition_of_the_goal(flat
 
 
 def test_a_goal_sent_again_costs_a_cycle_and_a_lost_plan_then_ends_in_a_stop(flat_world):
-    planner, world = planner_of(goal_republish_period_s=0.1, hold_s=0.15), flat_world(BOX)
-    planner.start(Task(GOAL), seed=0)
+    planner, world = started(goal_republish_period_s=0.1, hold_s=0.15), flat_world(BOX)
     commands = [decision.command for decision in steps(planner, world, 9)]
     assert commands == [FORWARD, FORWARD, None, FORWARD, None, FORWARD, None, FORWARD, None]
     planner._planner.plan = lambda *_: NO_PLAN
@@ -104,25 +109,21 @@ def test_a_goal_sent_again_costs_a_cycle_and_a_lost_plan_then_ends_in_a_stop(fla
 
 
 def test_where_the_first_plan_waits_control_begins_in_the_next_cycle(flat_world):
-    planner, world = planner_of(goal_republish_period_s=0.1, hold_s=0.15, first_plan_waits=True), flat_world(BOX)
-    planner.start(Task(GOAL), seed=0)
+    planner, world = started(goal_republish_period_s=0.1, hold_s=0.15, first_plan_waits=True), flat_world(BOX)
     decisions = steps(planner, world, 5)
     assert [decision.command for decision in decisions] == [STOP, FORWARD, None, FORWARD, None]
     assert decisions[0].plan is not None and decisions[0].status is PlannerStatus.RUNNING
 
 
 def test_observations_between_control_periods_are_skipped(flat_world):
-    planner, world = planner_of(), flat_world(BOX, period_s=0.02)
-    planner.start(Task(GOAL), seed=0)
+    planner, world = started(), flat_world(BOX, period_s=0.02)
     commands = [decision.command for decision in steps(planner, world, 100)]
     assert commands.count(FORWARD) == 40 and commands.count(None) == 60
 
 
 def test_no_valid_command_leads_through_patience_into_recovery_and_out_again(flat_world):
     failing = [Control(None, reason="stuck")] * 45
-    planner = planner_of(*failing, Control(FORWARD), **{"recovery.controller_patience_s": 1.0})
-    world = flat_world(BOX)
-    planner.start(Task(GOAL), seed=0)
+    planner, world = started(*failing, Control(FORWARD), **{"recovery.controller_patience_s": 1.0}), flat_world(BOX)
     decisions = steps(planner, world, 400, moving=True)
     statuses = [decision.status for decision in decisions]
     first = statuses.index(PlannerStatus.RECOVERING)
@@ -134,13 +135,9 @@ def test_no_valid_command_leads_through_patience_into_recovery_and_out_again(fla
 
 
 def test_the_known_map_is_planned_on_and_the_plan_handed_over_in_the_odometry_frame(flat_world):
-    world = flat_world(BOX)
-    known = OccupancyMap(np.zeros((80, 80), np.int8), 0.15, -6.0, -6.0)
-    map_of_odom = Pose2D(1.0, -0.5, 0.4)
-    planner = planner_of()
-    goal = map_of_odom @ GOAL
-    planner.start(Task(goal, known), seed=0)
-    observation = dataclasses.replace(world.observe(), pose=map_of_odom @ world.pose)
+    goal = MAP_OF_ODOM @ GOAL
+    planner, world = started(goal=goal, known=free_map()), flat_world(BOX)
+    observation = dataclasses.replace(world.observe(), pose=MAP_OF_ODOM @ world.pose)
     decision = planner.step(observation)
     assert math.dist(decision.plan[-1], (goal.x, goal.y)) < 1e-9
     inputs = planner.controller.inputs[0]
@@ -150,14 +147,10 @@ def test_the_known_map_is_planned_on_and_the_plan_handed_over_in_the_odometry_fr
 
 
 def test_in_the_frame_of_the_map_costmap_plan_and_goal_go_by_the_pose_believed(flat_world):
-    world = flat_world(BOX)
-    known = OccupancyMap(np.zeros((80, 80), np.int8), 0.15, -6.0, -6.0)
-    map_of_odom = Pose2D(1.0, -0.5, 0.4)
-    planner = planner_of(local_costmap_in_map=True)
-    goal = map_of_odom @ GOAL
-    planner.start(Task(goal, known), seed=0)
+    goal = MAP_OF_ODOM @ GOAL
+    planner, world = started(goal=goal, known=free_map(), local_costmap_in_map=True), flat_world(BOX)
     for jump in (Pose2D(0.0, 0.0, 0.0), Pose2D(0.3, 0.2, 0.1)):  # as when the localisation corrects itself
-        pose = map_of_odom @ jump @ world.pose
+        pose = MAP_OF_ODOM @ jump @ world.pose
         decision = planner.step(dataclasses.replace(world.observe(), pose=pose))
         world.advance(STOP)
         inputs = planner.controller.inputs[-1]
@@ -173,8 +166,7 @@ def test_in_the_frame_of_the_map_costmap_plan_and_goal_go_by_the_pose_believed(f
 
 
 def test_without_a_map_there_is_no_other_frame_than_that_of_the_odometry(flat_world):
-    planner, world = planner_of(local_costmap_in_map=True), flat_world(BOX)
-    planner.start(Task(GOAL), seed=0)
+    planner, world = started(local_costmap_in_map=True), flat_world(BOX)
     observation = dataclasses.replace(world.observe(), pose=Pose2D(0.4, 0.1, 0.0))
     planner.step(observation)
     assert planner.controller.inputs[0].pose == observation.odometry.pose
@@ -182,11 +174,8 @@ def test_without_a_map_there_is_no_other_frame_than_that_of_the_odometry(flat_wo
 
 
 def test_what_was_given_up_after_recovery_starts_again_when_the_goal_is_sent_again(flat_world):
-    planner = planner_of(
-        Control(None, reason="stuck"), goal_republish_period_s=30.0, **{"recovery.controller_patience_s": 0.1}
-    )
-    world = flat_world(BOX)
-    planner.start(Task(GOAL), seed=0)
+    patience = {"recovery.controller_patience_s": 0.1}
+    planner, world = started(Control(None, reason="stuck"), goal_republish_period_s=30.0, **patience), flat_world(BOX)
     statuses = [decision.status for decision in steps(planner, world, 640, moving=True)]
     failed = statuses.index(PlannerStatus.FAILED)
     assert statuses[:failed].count(PlannerStatus.RECOVERING) > 200  # it has turned twice
@@ -196,8 +185,7 @@ def test_what_was_given_up_after_recovery_starts_again_when_the_goal_is_sent_aga
 
 
 def test_a_command_that_is_no_number_never_leaves_the_loop(flat_world):
-    planner, world = planner_of(Control(Velocity2D(math.nan, 0.0))), flat_world(BOX)
-    planner.start(Task(GOAL), seed=0)
+    planner, world = started(Control(Velocity2D(math.nan, 0.0))), flat_world(BOX)
     decision = planner.step(world.observe())
     assert decision.command == STOP and decision.reason == "no valid command"
 

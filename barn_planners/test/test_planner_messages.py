@@ -91,15 +91,12 @@ class Shower(Planner):
 
     asked = 0
 
-    def start(self, task, seed):
-        """Begin nothing."""
+    def start(self, task, seed): ...
 
     def step(self, observation):
-        """Stand still."""
         return Decision(STOP)
 
     def view(self):
-        """Return one of each."""
         self.asked += 1
         return PlannerView(
             local_plan=np.zeros((3, 3)),
