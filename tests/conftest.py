@@ -2,8 +2,9 @@
 
 import pytest
 from extra_messages import more_messages, with_more_messages
+from shared_fixtures import original_folder
 
-__all__ = ["more_messages", "with_more_messages"]
+__all__ = ["more_messages", "original_folder", "with_more_messages"]
 LONGEST = ["documented_commands", "way_in", "templates", "faults", "endurance", "nav2", "notebooks", "mutation"]
 
 

@@ -1,4 +1,4 @@
-"""The arguments of launch files, read from their source: launch itself is only in a full ROS 2 installation."""
+"""What launch files have, read from their source: launch itself is only in a full ROS 2 installation."""
 
 import ast
 from functools import cache
@@ -23,6 +23,14 @@ def launch_arguments(path: Path) -> set[str]:
             for config in (one.name for one in node.names if one.name.endswith("Config")):
                 names |= {name for name, _, _ in fields_of(getattr(import_module(node.module), config)())}
     return names
+
+
+def constant(path: Path, name: str) -> object:
+    """Return what a launch file assigns to a name at its top."""
+    for node in ast.parse(path.read_text("utf-8")).body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == name:
+            return ast.literal_eval(node.value)
+    raise AssertionError(f"{path}: no {name}")
 
 
 def _texts(tree: ast.Module) -> set[str]:

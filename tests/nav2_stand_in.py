@@ -4,8 +4,6 @@ Usage: nav2_stand_in.py TRIAL_NODE, a script, which is run in a process of its o
 Ctrl-C. Prints what ~/ready says, what the manager is asked to do, and how the script ended.
 """
 
-import signal
-import subprocess
 import sys
 
 from action_msgs.msg import GoalStatus, GoalStatusArray
@@ -13,7 +11,7 @@ from geometry_msgs.msg import PoseStamped
 from nav2_msgs.srv import ManageLifecycleNodes
 from nav_msgs.msg import Path
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
-from ros_peer import LIMIT_S, Peer
+from ros_peer import Peer, Process
 from std_srvs.srv import Trigger
 
 TASKS = {ManageLifecycleNodes.Request.STARTUP: "STARTUP", ManageLifecycleNodes.Request.RESET: "RESET"}
@@ -35,7 +33,7 @@ def answer(_, response):
     return response
 
 
-trial_node = subprocess.Popen([sys.executable, sys.argv[1]], stderr=subprocess.PIPE, text=True)
+trial_node = Process(sys.argv[1])
 peer = Peer("stand_in")
 peer.node.create_service(Trigger, "lifecycle_manager_navigation/is_active", answer)
 peer.node.create_service(ManageLifecycleNodes, "lifecycle_manager_navigation/manage_nodes", obey)
@@ -45,8 +43,8 @@ plans = peer.node.create_publisher(Path, "plan", 1)
 
 
 def look():
-    if trial_node.poll() is not None:
-        raise SystemExit(f"the node has ended: {trial_node.communicate()[1]}")
+    if trial_node.process.poll() is not None:
+        raise SystemExit(f"the node has ended: {trial_node.end()[1]}")
 
 
 peer.node.create_timer(1.0, look)
@@ -85,8 +83,7 @@ state["obedient"] = False
 refused = reset()
 print(refused.success, refused.message)
 until_it_says("lifecycle_manager_navigation could not do RESET")
-trial_node.send_signal(signal.SIGINT)
-_, said = trial_node.communicate(timeout=LIMIT_S)
-print("ended with", trial_node.returncode, "Traceback" in said)
+code, said = trial_node.stop()
+print("ended with", code, "Traceback" in said)
 print(said, file=sys.stderr)
 peer.close()

@@ -31,12 +31,8 @@ def test_statistics_lie_near_table_ii(table: MetricsTable, name: str):
     assert 0.8 <= values.std() / published["std"] <= 1.15
 
 
-@pytest.fixture(scope="module")
-def page() -> str:
-    return (DOCS / "metrics.md").read_text()
-
-
-def test_the_page_shows_the_tables_of_the_data_set(page: str, barn300: Dataset, table: MetricsTable):
+def test_the_page_shows_the_tables_of_the_data_set(barn300: Dataset, table: MetricsTable):
+    page = (DOCS / "metrics.md").read_text()
     for text in (page_tool.table_i(barn300), page_tool.table_ii(table), page_tool.variants_table(barn300)):
         assert text in page
 

@@ -1,5 +1,6 @@
 """Whether difficulty carries over from robot to robot: the page shows what its command makes of the trials kept."""
 
+from itertools import product
 from pathlib import Path
 
 import carry_over as tool
@@ -12,15 +13,12 @@ from barn_worlds.base.errors import ConfigError
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 
 
-def made_up(robots=("jackal", "husky"), planners=("gap", "dwa"), worlds=range(0, 60, 6)):
+def made_up():
     rows = []
-    for robot in robots:
-        for planner in planners:
-            for seed in (0, 1):
-                for world in worlds:
-                    draw = np.random.default_rng([world, seed, len(robot)])
-                    time_s = 20.0 + world + 30.0 * draw.random() * (planner == "dwa")
-                    rows.append(tool.Trial(robot, planner, seed, 0, world, time_s < 90.0, round(time_s, 3)))
+    for robot, planner, seed, world in product(("jackal", "husky"), ("gap", "dwa"), (0, 1), range(0, 60, 6)):
+        draw = np.random.default_rng([world, seed, len(robot)])
+        time_s = 20.0 + world + 30.0 * draw.random() * (planner == "dwa")
+        rows.append(tool.Trial(robot, planner, seed, 0, world, time_s < 90.0, round(time_s, 3)))
     return tool.Trials(tuple(rows))
 
 

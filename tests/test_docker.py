@@ -6,19 +6,17 @@ No container engine is needed: files are read. That they build is for the workfl
 import re
 import shlex
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import click
 import pytest
 import yaml
 from launch_files import launch_arguments
+from test_repository import PACKAGES, ROOT
 
 from barn_eval import __version__
 from barn_eval.commands.main import cli
 
-ROOT = Path(__file__).resolve().parents[1]
 DOCKER = ROOT / "docker"
-PACKAGES = ("barn_worlds", "barn_sim", "barn_planners", "barn_metrics", "barn_eval")
 
 
 @dataclass
@@ -144,8 +142,11 @@ def test_a_service_has_a_pinned_image_a_target_and_commands_that_exist(path, ser
 def runs_known_program(words):
     """Assert that a command of a service is one of the suite's, of Ray's, or a launch file that exists."""
     text = re.sub(r"\$\{\w+:-([^}]*)\}", r"\1", " ".join(words))
-    for arguments in re.findall(r"\bbarn ([a-z][^&]*)", text):
-        parse([word for word in arguments.split() if not word.startswith("$$")])
+    for found in re.findall(r"\bbarn ([a-z][^&]*)", text):
+        name, *arguments = (word for word in found.split() if not word.startswith("$$"))
+        command = cli.get_command(click.Context(cli), name)
+        assert isinstance(command, click.Command)
+        command.make_context(name, arguments)
     launched = [
         (ROOT / a / "launch" / b, c) for a, b, c in re.findall(r"ros2 launch (\w+) (\S+\.launch\.py)(.*)", text)
     ]
@@ -153,12 +154,6 @@ def runs_known_program(words):
     for path, given in launched:
         assert set(re.findall(r"(\w+):=", given)) <= launch_arguments(path)
     assert re.search(r"\b(barn|ray start|ros2 launch) ", text), text
-
-
-def parse(arguments):
-    command = cli.get_command(click.Context(cli), arguments[0])
-    assert isinstance(command, click.Command)
-    command.make_context(arguments[0], list(arguments[1:]))
 
 
 def test_containers_that_talk_share_a_network_and_agree_on_how():

@@ -75,18 +75,8 @@ INPUTS = 400  # the same in every run, which qa/fuzz.py goes beyond
 def found(tmp_path_factory):
     """What the tool says of each reader."""
     out = tmp_path_factory.mktemp("fuzz")
-    command = [
-        sys.executable,
-        ROOT / "qa" / "fuzz.py",
-        "--corpus",
-        "--inputs",
-        str(INPUTS),
-        "--seconds",
-        "3600",
-        "--out",
-        out,
-        "--json",
-    ]
+    options = f"--corpus --inputs {INPUTS} --seconds 3600 --json".split()
+    command = [sys.executable, ROOT / "qa" / "fuzz.py", *options, "--out", out]
     patient = {**os.environ, "FUZZ_LIMIT_S": "60"}
     ended = subprocess.run(command, capture_output=True, text=True, check=False, env=patient)
     told = {one["reader"]: one for one in map(json.loads, ended.stdout.splitlines())}

@@ -5,8 +5,11 @@ import importlib.util
 from pathlib import Path
 
 import pytest
+from launch_files import constant
 from topics_used import CATALOGUE, topics_of
 
+from barn_eval.experiments.ros_config import EvaluatorConfig
+from barn_sim.config import RunConfig, SimulatorNodeConfig
 from barn_worlds.base.config import fields_of
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -27,29 +30,13 @@ REASON = "launch and launch_ros come with a full ROS 2 installation"
 
 def node_configs(name):
     """Return the configurations that a node declares its parameters from."""
-    from barn_eval.experiments.ros_config import EvaluatorConfig  # noqa: PLC0415
-
-    if name == "evaluator":
-        return [EvaluatorConfig()]
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-    from barn_planners.ros.planner import NodeConfig as PlannerNodeConfig  # noqa: PLC0415
-    from barn_sim.config import RunConfig, SimulatorNodeConfig  # noqa: PLC0415
+    from barn_planners.ros.planner import NodeConfig  # noqa: PLC0415
     from barn_worlds.ros.map_server import MapServerConfig  # noqa: PLC0415
 
-    found = {
-        "simulator": [RunConfig(), SimulatorNodeConfig()],
-        "planner": [PlannerNodeConfig()],
-        "map_server": [MapServerConfig()],
-    }
+    found = {"planner": [NodeConfig()], "map_server": [MapServerConfig()]}
+    found |= {"simulator": [RunConfig(), SimulatorNodeConfig()], "evaluator": [EvaluatorConfig()]}
     return found[name]
-
-
-def constant(name, constant_name):
-    """Return what a launch file assigns to a name at its top."""
-    for node in ast.parse(FILES[name].read_text()).body:
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == constant_name:
-            return ast.literal_eval(node.value)
-    raise AssertionError(f"{name}: no {constant_name}")
 
 
 def module_of(name):
@@ -80,7 +67,7 @@ def test_every_launch_file_is_there_and_makes_a_description():
 def test_parameters_without_a_dot_are_arguments_and_no_others(name):
     given = declared(name)
     parameters = {field for config in node_configs(name) for field, _, _ in fields_of(config)}
-    topics = {topic.replace("/", "_") + "_topic" for topic in constant(name, "TOPICS")}
+    topics = {topic.replace("/", "_") + "_topic" for topic in constant(FILES[name], "TOPICS")}
     assert given - USUAL - topics - {"use_sim_time", "planner"} <= parameters
     handles = {"supervisor_fd", "simulator_fd", "evaluator_fd"}
     assert {field for field in parameters if "." not in field} - handles <= given
@@ -89,7 +76,7 @@ def test_parameters_without_a_dot_are_arguments_and_no_others(name):
 @pytest.mark.parametrize("name", [*NODES, "rviz"])
 def test_it_renames_only_topics_that_there_are(name):
     used = CATALOGUE.values() if name == "rviz" else topics_of(FILES[name].parent.parent.name)
-    topics = set(constant(name, "TOPICS"))
+    topics = set(constant(FILES[name], "TOPICS"))
     assert topics and topics <= {topic.name for topic in used}
 
 

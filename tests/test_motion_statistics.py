@@ -12,14 +12,17 @@ from barn_worlds.moving.motion import Motion, MovingObstacle
 from barn_worlds.worlds.dataset import open_dataset
 
 
-def crossing(name, x, period_s, y=5.0, **more):
-    """Return a cylinder that goes to and fro between -y and y across the drive at x."""
-    keys = ((0.0, x, -y), (period_s / 2, x, y), (period_s, x, -y))
-    return MovingObstacle(name, radius_m=0.5, motion=Motion("linear", period_s, keys), **more)
+def cylinder(name, period_s, *keys):
+    return MovingObstacle(name, radius_m=0.5, motion=Motion("linear", period_s, keys))
+
+
+def crossing(x, period_s):
+    """Return a cylinder that goes to and fro between -5 m and 5 m across the drive at x."""
+    return cylinder("a", period_s, (0.0, x, -5.0), (period_s / 2, x, 5.0), (period_s, x, -5.0))
 
 
 def test_an_obstacle_that_goes_to_and_fro_crosses_twice_a_period():
-    found = motion_statistics(arena_world("one", [crossing("a", 0.0, 20.0)]))
+    found = motion_statistics(arena_world("one", [crossing(0.0, 20.0)]))
     assert found.crossings_per_min == pytest.approx(6.0)
     assert found.mean_speed_mps == pytest.approx(1.0, rel=1e-3)
     assert (found.obstacles, found.period_s) == (1, 20.0)
@@ -28,19 +31,17 @@ def test_an_obstacle_that_goes_to_and_fro_crosses_twice_a_period():
 
 
 def test_who_jumps_over_the_line_or_passes_beyond_its_ends_does_not_cross_it():
-    jump = Motion("linear", 10.0, ((0.0, 0.0, 1.0), (10.0, 0.0, 3.0)))
-    below = Motion("linear", 10.0, ((0.0, 0.0, -3.0), (5.0, 0.0, -1.0)))
-    there = [MovingObstacle(name, radius_m=0.5, motion=motion) for name, motion in (("jump", jump), ("below", below))]
-    over = MovingObstacle("over", radius_m=0.5, motion=Motion("linear", 10.0, ((0.0, 0.0, -1.0), (9.9, 0.0, -0.6))))
-    assert motion_statistics(arena_world("jumps", [*there, over])).crossings_per_min == 0.0
-    assert motion_statistics(arena_world("beyond", [crossing("a", 11.5, 20.0)])).crossings_per_min == 0.0
-    back = Motion("linear", 10.0, ((0.0, 0.0, -5.0), (10.0, 0.0, 5.0)))
-    once = motion_statistics(arena_world("once", [MovingObstacle("a", radius_m=0.5, motion=back)]))
+    jump = cylinder("jump", 10.0, (0.0, 0.0, 1.0), (10.0, 0.0, 3.0))
+    below = cylinder("below", 10.0, (0.0, 0.0, -3.0), (5.0, 0.0, -1.0))
+    over = cylinder("over", 10.0, (0.0, 0.0, -1.0), (9.9, 0.0, -0.6))
+    assert motion_statistics(arena_world("jumps", [jump, below, over])).crossings_per_min == 0.0
+    assert motion_statistics(arena_world("beyond", [crossing(11.5, 20.0)])).crossings_per_min == 0.0
+    once = motion_statistics(arena_world("once", [cylinder("a", 10.0, (0.0, 0.0, -5.0), (10.0, 0.0, 5.0))]))
     assert once.crossings_per_min == pytest.approx(6.0)  # once a period: the jump back is none
 
 
 def test_means_are_over_worlds_and_extremes_over_all():
-    slow, fast = arena_world("slow", [crossing("a", 0.0, 40.0)]), arena_world("fast", [crossing("a", 0.0, 10.0)])
+    slow, fast = arena_world("slow", [crossing(0.0, 40.0)]), arena_world("fast", [crossing(0.0, 10.0)])
     found = mean_statistics([slow, fast])
     assert (found.slowest_mps, found.fastest_mps) == pytest.approx((0.5, 2.0), rel=1e-3)
     assert found.mean_speed_mps == pytest.approx(1.25, rel=1e-3)

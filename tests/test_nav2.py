@@ -15,11 +15,13 @@ from pathlib import Path
 import click
 import pytest
 import yaml
+from launch_files import constant
 
 from barn_eval.commands import ab
 from barn_eval.experiments.ros_config import Patience
 from barn_eval.trials.protocol import PROTOCOLS
-from barn_sim.config import PRESETS
+from barn_sim.config import PRESETS, SimulatorNodeConfig
+from barn_worlds.messages.topics import FRAMES
 from barn_worlds.robots.files import ROBOTS
 from barn_worlds.ros.domain import reserved_domain
 
@@ -61,10 +63,6 @@ def test_plugins_that_are_listed_are_configured(nodes):
 
 
 def test_frames_are_those_of_the_simulator(nodes):
-    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-    from barn_sim.config import SimulatorNodeConfig  # noqa: PLC0415
-    from barn_worlds.messages.topics import FRAMES  # noqa: PLC0415
-
     frames = SimulatorNodeConfig()
     planning = frames.map_frame if nodes["mode"] == "map" else frames.odom_frame
     assert nodes["local_costmap"]["global_frame"] == frames.odom_frame
@@ -138,12 +136,7 @@ def test_speeds_are_those_of_the_paper(nodes):
 
 
 def test_commands_pass_from_server_to_server_to_cmd_vel(nodes):
-    tree = ast.parse((FOLDER / "nav2.launch.py").read_text())
-    (servers,) = (
-        ast.literal_eval(node.value)
-        for node in tree.body
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "SERVERS"
-    )
+    servers = constant(FOLDER / "nav2.launch.py", "SERVERS")
     remapped = {name: remappings.get("cmd_vel") for _, name, remappings in servers}
     assert set(nodes) - {"mode", "local_costmap", "global_costmap"} == set(remapped)
     # the smoother hears what the controller and the behaviours send, the monitor what the smoother sends

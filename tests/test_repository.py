@@ -58,14 +58,10 @@ def test_the_paper_that_is_cited_is_the_one_of_the_front_page():
     assert f"SSRR {paper['year']}" in page
 
 
-def configuration() -> dict:
-    tomllib = pytest.importorskip("tomllib", reason="Python 3.10 has no reader of TOML")
-    return tomllib.loads(text_of("pyproject.toml"))
-
-
 def test_a_new_version_is_written_wherever_the_old_one_stands():
     """The files of bump-my-version's configuration are all that have the version, but for records of what was made."""
-    bump = configuration()["tool"]["bumpversion"]
+    tomllib = pytest.importorskip("tomllib", reason="Python 3.10 has no reader of TOML")
+    bump = tomllib.loads(text_of("pyproject.toml"))["tool"]["bumpversion"]
     assert bump["current_version"] == __version__
     listed = {"pyproject.toml"}
     for entry in bump["files"]:
