@@ -12,12 +12,12 @@ from barn_planners.dwa.kernels import SPEED, TURN
 from barn_planners.dwa.memory import DwaMemory
 from barn_planners.dwa.planner import DwaController, samples
 from barn_planners.navigation.loop import ControlInput
-from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
 
 HERE = Pose2D(0.0, 0.0, 0.0)
 AHEAD = Pose2D(3.0, 0.0, 0.0)
 QUIRKY = DwaConfig(sample_highest_turn=False, escape_through=True)
+BLOCKED_ALL_AROUND = [(0.22 * math.cos(a), 0.22 * math.sin(a)) for a in np.linspace(-math.pi, math.pi, 300)]
 
 
 def inputs(pose=HERE, velocity=STOP, goal=AHEAD, lethal=()) -> ControlInput:
@@ -106,23 +106,17 @@ def test_an_escape_ends_after_a_distance_or_a_turn():
         assert not memory.escaping
 
 
-def blocked_all_around() -> list[tuple[float, float]]:
-    angles = np.linspace(-math.pi, math.pi, 300)
-    return [(0.22 * math.cos(a), 0.22 * math.sin(a)) for a in angles]
-
-
 def test_where_nothing_is_allowed_the_robot_escapes_backwards_only_if_the_quirk_is_on():
-    ring = blocked_all_around()
-    assert DwaController(QUIRKY).control(inputs(lethal=ring)).command == Velocity2D(-0.5, 0.0)
+    assert DwaController(QUIRKY).control(inputs(lethal=BLOCKED_ALL_AROUND)).command == Velocity2D(-0.5, 0.0)
     slow = dataclasses.replace(QUIRKY, max_speed_mps=0.4)  # the speed cap that it declares
-    assert DwaController(slow).control(inputs(lethal=ring)).command == Velocity2D(-0.4, 0.0)
-    plain = DwaController(dataclasses.replace(QUIRKY, escape_through=False)).control(inputs(lethal=ring))
+    assert DwaController(slow).control(inputs(lethal=BLOCKED_ALL_AROUND)).command == Velocity2D(-0.4, 0.0)
+    plain = DwaController(dataclasses.replace(QUIRKY, escape_through=False)).control(inputs(lethal=BLOCKED_ALL_AROUND))
     assert plain.command is None and plain.reason == "no sample is allowed"
 
 
 def test_while_it_escapes_the_robot_does_not_drive_forward():
     controller = DwaController(QUIRKY)
-    controller.control(inputs(lethal=blocked_all_around()))
+    controller.control(inputs(lethal=BLOCKED_ALL_AROUND))
     assert controller.control(inputs()).command.linear <= 0.0
     away = inputs(pose=Pose2D(-0.2, 0.0, 0.0))
     assert controller.control(away).command.linear <= 0.0, "the cycle that sees the escape end still belongs to it"
@@ -153,7 +147,7 @@ def test_the_goal_turn_goes_the_short_way_and_not_into_an_obstacle():
     goal = Pose2D(0.0, 0.0, -3.0)
     turning = DwaController(QUIRKY).control(inputs(pose=Pose2D(0.0, 0.0, 3.0), goal=goal))
     assert turning.command.angular > 0.0
-    blocked = DwaController(QUIRKY).control(inputs(goal=goal, lethal=blocked_all_around()))
+    blocked = DwaController(QUIRKY).control(inputs(goal=goal, lethal=BLOCKED_ALL_AROUND))
     assert blocked.command is None and "no room" in blocked.reason
 
 
@@ -165,32 +159,19 @@ def test_a_goal_turn_that_is_rolled_out_needs_room_for_all_of_it():
     blocked = DwaController(quirky).control(inputs(goal=goal, lethal=aside))
     assert blocked.command is None and "no room to turn" in blocked.reason
     assert DwaController(quirky).control(inputs(goal=goal)).command.angular > 0.0
-    moving = DwaController(quirky).control(
-        inputs(velocity=Velocity2D(0.1, 0.0), goal=goal, lethal=blocked_all_around())
-    )
+    moving = DwaController(quirky).control(inputs(velocity=Velocity2D(0.1, 0.0), goal=goal, lethal=BLOCKED_ALL_AROUND))
     assert moving.command is None and "no room to brake" in moving.reason
-
-
-def test_what_there_is_to_see_are_the_samples_and_the_one_chosen():
-    controller = DwaController(QUIRKY)
-    assert controller.view().candidates is None
-    controller.control(inputs(velocity=Velocity2D(0.5, 0.0), lethal=[(1.0, 0.3)]))
-    view = controller.view()
-    assert view.candidates.shape == (140, 80, 2) and view.candidate_costs.shape == (140,)
-    assert np.isinf(view.candidate_costs).any() and np.isfinite(view.candidate_costs).any()
-    assert view.local_plan.shape == (80, 3) and np.isfinite(view.local_plan).all()
-
-
-def test_speeds_that_contradict_each_other_are_refused():
-    with pytest.raises(ConfigError, match="min_speed_mps must be at most"):
-        DwaConfig(min_speed_mps=0.6)
 
 
 def test_all_samples_are_shown_as_they_cost_when_the_command_was_chosen():
     controller, given = DwaController(DwaConfig()), inputs(velocity=Velocity2D(0.3, 0.0), lethal=[(0.7, 0.1)])
+    assert controller.view().candidates is None
     chosen = controller.control(given)
     given.costmap.costs[:] = LETHAL
-    costs = controller.view().candidate_costs
+    view = controller.view()
+    assert view.candidates.shape == (6 * 21 + 20, 80, 2) and view.local_plan.shape == (80, 3)
+    assert np.isfinite(view.local_plan).all()
+    costs = view.candidate_costs
     assert len(costs) == 6 * 21 + 20 and 20 < np.isfinite(costs).sum() < len(costs)
     assert costs[: 6 * 21].min() == chosen.diagnostics["cost"]
     np.testing.assert_array_equal(controller.view().candidate_costs, costs)

@@ -10,8 +10,7 @@ from barn_planners.eband.config import EBandConfig
 from barn_planners.eband.planner import ENTRY, EBandController, bubble_radii
 from barn_planners.interface import PlannerStatus
 from barn_planners.navigation.loop import ControlInput
-from barn_planners.registry import make_planner, planner_entry
-from barn_worlds.base.errors import ConfigError
+from barn_planners.registry import make_planner
 from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
 
 BEAMS = 181
@@ -168,16 +167,3 @@ def test_straight_run_takes_as_long_as_published(flat_world, preset):
     ended = np.argmax(np.hypot(track[:, 0] - goal.x, track[:, 1] - goal.y) < 0.316)
     assert 13.95 <= (ended - began) * world.period_s <= 14.9
     assert world.pose.distance(goal) < 0.1
-
-
-def test_goes_round_an_obstacle(flat_world):
-    world = flat_world([((2.5, -0.6), (2.5, 0.6))])
-    planner = make_planner("eband", "challenge")
-    assert world.drive(planner, Pose2D(5.0, 0.0, 0.0), limit_s=40.0) is PlannerStatus.GOAL_REACHED
-    assert world.clearance > 0.2
-
-
-def test_registered_and_checked():
-    assert planner_entry("eband") is ENTRY
-    with pytest.raises(ConfigError, match="min_speed_mps must be at most"):
-        EBandConfig(min_speed_mps=0.6)

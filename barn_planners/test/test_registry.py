@@ -1,6 +1,7 @@
 """Planners by name: built in, registered, announced by other packages."""
 
 from dataclasses import dataclass
+from importlib.metadata import EntryPoint, EntryPoints
 
 import pytest
 
@@ -30,18 +31,6 @@ class Stand(Planner):
 ENTRY = PlannerEntry(Stand, {"default": StandConfig()}, "stands")
 
 
-class Point:
-    """What importlib.metadata gives for an entry point."""
-
-    def __init__(self, name: str, target: object):
-        self.name, self.value, self._target = name, "some.module:ENTRY", target
-
-    def load(self) -> object:
-        if isinstance(self._target, Exception):
-            raise self._target
-        return self._target
-
-
 @pytest.fixture(autouse=True)
 def _untouched(monkeypatch):
     monkeypatch.setattr(registry, "_registered", {})
@@ -49,10 +38,11 @@ def _untouched(monkeypatch):
 
 @pytest.fixture
 def announced(monkeypatch):
-    def announce(name: str, target: object) -> None:
-        monkeypatch.setattr(
-            registry, "entry_points", lambda group: [Point(name, target)] if group == registry.GROUP else []
-        )
+    """Return the function by which a package announces what it has under a name in a module as the planner 'stand'."""
+
+    def announce(value: str) -> None:
+        every = EntryPoints([EntryPoint("stand", value, registry.GROUP)])
+        monkeypatch.setattr(registry, "entry_points", every.select)
 
     return announce
 
@@ -88,6 +78,32 @@ def test_mistakes_are_named_in_one_line(arguments, message):
     assert message in str(caught.value) and "\n" not in str(caught.value)
 
 
+CANNOT_WORK = {
+    "dwa.min_speed_mps must be at most max_speed_mps = 0.5": ("dwa", {"dwa.min_speed_mps": 0.6}),
+    "band.min_speed_mps must be at most max_speed_mps = 0.5": ("eband", {"band.min_speed_mps": 0.6}),
+    "min_speed_mps must be at least -0.5: no faster than max_speed_mps": ("mppi", {"mppi.min_speed_mps": -0.6}),
+    "samples must be at most 10000000 divided by steps = 1000, got 100000": (
+        "mppi",
+        {"mppi.samples": 100_000, "mppi.steps": 1000},
+    ),
+    "step_s must keep a step's turn to at most 0.5 rad": ("mppi", {"mppi.step_s": 0.5}),
+    "at most 16000000 cells": ("dwa", {"local_costmap.resolution_m": 0.005, "local_costmap.size_m": 100.0}),
+    "footprint must be corners": ("dwa", {"local_costmap.footprint": "[[1, 1], [1, -1], [-1, 0]]"}),
+    "must leave a footprint": (
+        "dwa",
+        {"local_costmap.footprint_half_width_m": 0.05, "local_costmap.footprint_padding_m": -0.06},
+    ),
+}
+
+
+@pytest.mark.parametrize("message", CANNOT_WORK)
+def test_values_that_cannot_work_are_refused(message):
+    name, values = CANNOT_WORK[message]
+    with pytest.raises(ConfigError) as caught:
+        make_planner(name, overrides=values)
+    assert message in str(caught.value)
+
+
 def test_a_registered_planner_is_found_and_names_are_not_taken_twice():
     register("stand", ENTRY)
     assert "stand" in planner_names() and isinstance(make_planner("stand"), Stand)
@@ -97,25 +113,25 @@ def test_a_registered_planner_is_found_and_names_are_not_taken_twice():
 
 
 def test_a_planner_of_another_package_is_found_by_its_entry_point(announced):
-    announced("stand", ENTRY)
+    announced("test_registry:ENTRY")
     assert "stand" in planner_names()
     assert make_planner("stand", "challenge", {"patience_s": 2.0}).config == StandConfig(2.0)
 
 
 def test_one_preset_named_default_serves_every_protocol(announced):
-    announced("stand", ENTRY)
+    announced("test_registry:ENTRY")
     assert planner_config("stand", "paper2020") == planner_config("stand", "challenge") == StandConfig()
 
 
 @pytest.mark.parametrize(
-    ("target", "message"),
+    ("value", "message"),
     [
-        (ImportError("no module named x"), "planner 'stand': cannot load 'some.module:ENTRY': no module named x"),
-        (Stand, "planner 'stand': its entry point must be a PlannerEntry"),
+        ("no_module:ENTRY", "planner 'stand': cannot load 'no_module:ENTRY': No module named 'no_module'"),
+        ("test_registry:Stand", "planner 'stand': its entry point must be a PlannerEntry"),
     ],
 )
-def test_a_broken_entry_point_is_named(announced, target, message):
-    announced("stand", target)
+def test_a_broken_entry_point_is_named(announced, value, message):
+    announced(value)
     with pytest.raises(ConfigError) as caught:
         make_planner("stand")
     assert message in str(caught.value)
