@@ -214,13 +214,6 @@ def test_the_table_holds_every_value_to_the_last_bit(tmp_path, config, specs):
     assert len(set(table.column_names)) == len(table.column_names)
 
 
-def test_a_row_of_another_campaign_is_refused(tmp_path, config, specs):
-    with opened(tmp_path, config, Execution(), specs) as folder:
-        folder.append(Record(replace(finished(specs[0]), trial_id="dwa_w0999_r00"), None))
-    with pytest.raises(Exception, match="holds a result of dwa_w0999_r00, which is no trial of this experiment"):
-        run(tmp_path, config, specs, Scripted())
-
-
 class Shares(DirectWork):
     """Hands out trials by planner."""
 

@@ -8,7 +8,7 @@ from functools import cache
 from itertools import count as numbers
 
 import pytest
-from report_work import rewrite_rows
+from report_work import change_row
 from test_campaign_runner import record
 
 from barn_eval.experiments.experiment import NO_SOURCE, Execution, Experiment, PlannerChoice
@@ -111,18 +111,21 @@ def test_what_is_no_experiment_is_refused_in_one_line(tmp_path, text, told):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("name", ["campaign_seed", "simulator_seed", "planner_seed", "repetition"])
-def test_rows_of_another_seed_are_refused(tmp_path, name):
-    keep(tmp_path, GAP, 2)
-    (row,) = rewrite_rows(tmp_path, lambda rows: [rows[1] | {name: rows[1][name] + 7}])
-    with pytest.raises(ConfigError, match=rf"{row['trial_id']} has {name} {row[name]}, must have {row[name] - 7}"):
-        keep(tmp_path, GAP)
-
-
-def test_a_row_of_another_task_is_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("name", "value", "told"),
+    [
+        ("campaign_seed", 10, "gap_w0000_r00 has campaign_seed 10, must have 3"),
+        ("simulator_seed", 7, "gap_w0000_r00 has simulator_seed 7, must have "),
+        ("planner_seed", 7, "gap_w0000_r00 has planner_seed 7, must have "),
+        ("repetition", 7, "gap_w0000_r00 has repetition 7, must have 0"),
+        ("task", "0" * 12, r"was run as task 000000000000, but run\.json describes"),
+        ("trial_id", "dwa_w0999_r00", "holds a result of dwa_w0999_r00, which is no trial of this experiment"),
+    ],
+)
+def test_a_row_of_another_trial_is_refused(tmp_path, name, value, told):
     keep(tmp_path, GAP, 1)
-    rewrite_rows(tmp_path, lambda rows: [rows[0] | {"task": "0" * 12}])
-    with pytest.raises(ConfigError, match=r"was run as task 000000000000, but run\.json describes"):
+    change_row(tmp_path, **{name: value})
+    with pytest.raises(ConfigError, match=told):
         keep(tmp_path, GAP)
 
 
