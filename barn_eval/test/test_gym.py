@@ -22,16 +22,16 @@ from barn_eval.learning.config import EnvConfig, RewardConfig  # noqa: E402
 from barn_eval.learning.environment import JackalEnv  # noqa: E402
 from barn_eval.learning.episodes import RewardWeights, reward_of_end, reward_steps, way_left, way_points  # noqa: E402
 from barn_eval.trials.outcome import Outcome, Verdict  # noqa: E402
-from barn_eval.trials.protocol import CHALLENGE, PAPER_2020  # noqa: E402
+from barn_eval.trials.protocol import CHALLENGE, KNOWN_MAP, PAPER_2020  # noqa: E402
 from barn_eval.trials.spec import simulator_config  # noqa: E402
 from barn_planners.policy.file import Policy, PolicyNetwork, write_policy  # noqa: E402
 from barn_planners.policy.planner import SafetyConfig  # noqa: E402
 from barn_planners.policy.space import PolicyAction, PolicyObservation  # noqa: E402
 from barn_worlds.base.errors import BarnError  # noqa: E402
-from barn_worlds.base.types import Pose2D  # noqa: E402
 from barn_worlds.drawing import palette  # noqa: E402
 
-FORWARD, STILL = np.array([0.2, 0.0], np.float32), np.array([-0.6, 0.0], np.float32)  # of -0.5 to 2 m/s
+# Of -0.5 to 2 m/s.
+FORWARD, STILL, NO_NUMBER = (np.array([speed, 0.0], np.float32) for speed in (0.2, -0.6, np.nan))
 
 
 @pytest.fixture
@@ -99,7 +99,7 @@ def steering_policy() -> Policy:
 
 
 @pytest.mark.parametrize("shield", [False, True], ids=["raw", "shielded"])
-@pytest.mark.parametrize("protocol", [CHALLENGE, PAPER_2020], ids=lambda one: one.name)
+@pytest.mark.parametrize("protocol", [CHALLENGE, KNOWN_MAP, PAPER_2020], ids=lambda one: one.name)
 def test_an_episode_is_the_trial_of_the_benchmark_to_the_last_bit(make, tmp_path, protocol, shield):
     policy, world = steering_policy(), 12
     write_policy(tmp_path / "policy.npz", policy)
@@ -133,18 +133,6 @@ def test_an_episode_is_the_trial_of_the_benchmark_to_the_last_bit(make, tmp_path
     assert info["scores"] == (scores if scores["success"] else {**scores, "least_time_s": None})
 
 
-def test_the_observation_is_what_the_planner_sees(make):
-    """The goal comes in the planning frame, the pose as it is known in it."""
-    for protocol in ("challenge", "known_map", "paper2020"):
-        env = make(protocol=protocol, worlds="3")
-        seen, _ = env.reset(seed=0)
-        spec = env._place[0].trial(0).spec
-        known = spec.course.start if spec.protocol.map_given else Pose2D(0.0, 0.0, 0.0)
-        distance = known.distance(spec.goal)
-        assert seen[720] == pytest.approx(min(distance / 10.0, 1.0), abs=0.02)
-        assert seen[721] > 0.9  # ahead
-
-
 def run_out(env, action, limit=4000):
     rewards = []
     for _ in range(limit):
@@ -155,26 +143,32 @@ def run_out(env, action, limit=4000):
     raise AssertionError("the episode does not end")
 
 
-def test_a_collision_terminates(make):
+@pytest.mark.parametrize(
+    ("action", "ends", "outcome", "detail", "time_s"),
+    [
+        (FORWARD, (True, False), "collision", "contact", pytest.approx(3.5, abs=0.5)),
+        (STILL, (False, True), "no_first_motion", "moved less", CHALLENGE.first_motion_limit_s),
+        (NO_NUMBER, (True, False), "invalid_command", "is not finite", 0.0),
+    ],
+    ids=["a collision terminates", "time truncates", "what is not a number terminates"],
+)
+def test_a_failure_ends_an_episode(make, action, ends, outcome, detail, time_s):
     env = make(worlds="150")
+    env.reset(seed=0)
+    rewards, *ended, info = run_out(env, action)
+    assert (tuple(ended), info["outcome"], info["is_success"], info["time_s"]) == (ends, outcome, False, time_s)
+    assert rewards[-1] < -9.0 and info["scores"]["challenge"] == 0.0 and detail in info["detail"]
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(action)
+    env.reset()
+    env.step(action)
+
+
+def test_an_action_of_another_shape_is_told(make):
+    env = make()
     env.reset(seed=0)
     with pytest.raises(BarnError, match=r"action must be an array of shape \(2,\), got \(3,\)"):
         env.step(np.zeros(3))
-    rewards, terminated, truncated, info = run_out(env, FORWARD)
-    assert (terminated, truncated, info["outcome"], info["is_success"]) == (True, False, "collision", False)
-    assert rewards[-1] < -9.0 and info["scores"]["challenge"] == 0.0 and "contact" in info["detail"]
-    with pytest.raises(gymnasium.error.ResetNeeded):
-        env.step(FORWARD)
-    env.reset()
-    env.step(FORWARD)
-
-
-def test_time_truncates(make):
-    env = make(worlds="150")
-    env.reset(seed=0)
-    rewards, terminated, truncated, info = run_out(env, STILL)
-    assert (terminated, truncated, info["outcome"]) == (False, True, "no_first_motion")
-    assert info["time_s"] == CHALLENGE.first_motion_limit_s and rewards[-1] < -9.0
 
 
 @pytest.mark.parametrize("along", ["straight", "path"])
@@ -188,13 +182,6 @@ def test_a_success_terminates_and_the_progress_adds_up(make, open_world, tmp_pat
     assert (terminated, truncated, info["outcome"], info["is_success"]) == (True, False, "success", True)
     assert info["scores"]["challenge"] == 0.5
     assert sum(rewards) == pytest.approx(2.0 * (before_m - info["way_left_m"]) + reward.success)
-
-
-def test_a_command_that_is_not_a_number_terminates(make):
-    env = make(worlds="0")
-    env.reset(seed=0)
-    _, reward, terminated, truncated, info = env.step(np.array([np.nan, 0.0], np.float32))
-    assert (terminated, truncated, info["outcome"]) == (True, False, "invalid_command") and reward < -9.0
 
 
 def test_the_reward_of_a_step():
