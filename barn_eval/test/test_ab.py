@@ -70,17 +70,13 @@ def test_a_file_of_a_run_is_a_side(tmp_path):
         ("no_such_program --fast", "", "is no workspace, file, planner of the suite or command"),
         ("dwa,dwa.path_weight", "", "must be key=value"),
         (".", "run me", "has no setup.bash"),
+        ("ws", "", "a workspace needs --planner-command"),
     ],
 )
-def test_what_is_nothing_is_refused_in_one_line(text, command, words, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_what_is_nothing_is_refused_in_one_line(text, command, words, workspace, monkeypatch):
+    monkeypatch.chdir(workspace.parent)
     with pytest.raises(BarnError, match=words):
         side(text, command)
-
-
-def test_a_workspace_needs_a_command(workspace):
-    with pytest.raises(BarnError, match="a workspace needs --planner-command"):
-        side(str(workspace))
 
 
 def test_equal_sides_are_refused(tmp_path):

@@ -25,8 +25,6 @@ from barn_worlds.messages.topics import CMD_VEL
 ORIGIN = 7_000_000_000
 PERIOD, SILENCE = 50_000_000, 500_000_000
 AHEAD = replace(CHALLENGE, start=PoseRule(yaw_rad=0.0), goal=PoseRule(x_m=10.0, yaw_rad=0.0))
-
-
 TOPICS = TrialTopics("/clock", "/odom", "/truth", "/collision", "/cmd_vel", "/scan", "/diagnostics")
 ODOMETRY = OdometryEncoder("odom", "base_link")
 
@@ -98,17 +96,12 @@ def test_nothing_after_the_verdict_is_kept(adapter):
     assert adapter.trial.verdict.duration_s == pytest.approx(0.1)
 
 
-def test_contact_counts_for_the_tick_it_was_told_in(adapter):
-    adapter.take(tick(0, 0.0))
-    adapter.take(tick(1, 0.1, collision=True))
+@pytest.mark.parametrize("command", [(0.5, 0.0), None], ids=["with a command", "without one"])
+def test_contact_counts_for_the_tick_it_was_told_in(adapter, command):
+    adapter.take(tick(0, 0.0, command=command))
+    adapter.take(tick(1, 0.1, collision=True, command=command))
     assert adapter.trial.verdict.outcome is Outcome.COLLISION
     assert adapter.trial.verdict.duration_s == pytest.approx(0.05)
-
-
-def test_a_tick_without_a_command_is_judged_as_it_ends(adapter):
-    adapter.take(tick(0, 0.0, command=None))
-    adapter.take(tick(1, 0.1, collision=True, command=None))
-    assert adapter.trial.verdict.outcome is Outcome.COLLISION
 
 
 def test_odometry_and_true_pose_are_kept_apart(adapter):
@@ -159,17 +152,14 @@ def test_response_time_is_from_scan_to_first_command(adapter):
     assert adapter.response_times_s == [0.003]
 
 
-def test_recoveries_are_counted_when_they_begin(adapter):
-    adapter.take(tick(0, 0.0))
-    assert adapter.trial.recoveries is None
-    for k, status in enumerate(["running", "recovering", "recovering", "", "running", "recovering"], 1):
+@pytest.mark.parametrize(
+    ("told", "count"),
+    [([""], None), (["recovering"], 1), (["running", "recovering", "recovering", "", "running", "recovering"], 2)],
+)
+def test_recoveries_are_counted_when_they_begin(adapter, told, count):
+    for k, status in enumerate(told):
         adapter.take(tick(k, 0.0, extra=[("/diagnostics", status)]))
-    assert adapter.trial.recoveries == 2
-
-
-def test_a_planner_may_begin_with_a_recovery(adapter):
-    adapter.take(tick(0, 0.0, extra=[("/diagnostics", "recovering")]))
-    assert adapter.trial.recoveries == 1
+    assert adapter.trial.recoveries == count
 
 
 def test_a_planner_reports_its_status_and_nobody_else_does():

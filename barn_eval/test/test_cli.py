@@ -51,7 +51,7 @@ def output_and_modules(arguments, **environment):
     return lines, set(loaded.split())
 
 
-def test_help_lists_the_commands_and_imports_none(command):
+def test_help_lists_the_commands_and_imports_none():
     lines, loaded = output_and_modules(["--help"])
     assert all(any(f"  {name} " in line for line in lines) for name in COMMANDS)
     assert not {"numpy", "numba", "matplotlib", "rclpy", "pybullet", "barn_eval.experiments.run_file"} & loaded
@@ -253,30 +253,21 @@ def test_bench(command, tiny, tmp_path):
         ("bench --planners daw", "unknown planner 'daw'"),
         ("bench --set world=999", "no world 999"),
         ("bench --against nowhere.json", "--against nowhere.json: not a result of barn bench --json"),
+        ("run --dataset TINY --out x --worlds 9", "no world 9"),
+        ("run --dataset TINY --out x --worlds a-b", "'a-b' is not a number"),
+        ("run --dataset TINY --out x --planner daw", "unknown planner 'daw'; did you mean 'dwa'?"),
+        ("run --dataset TINY --out x --set dwa.max_sped_mps=1", "did you mean 'dwa.max_speed_mps'?"),
+        ("run --dataset TINY --out x --set dwa.max_speed_mps=fast", "must be a number, got 'fast'"),
+        ("run --dataset TINY --out x --set dwa.max_speed_mps", "must be key=value"),
+        ("run --dataset TINY --out x --set a=1 --set a=2", "each key given once"),
+        ("run --dataset TINY --out x --set 'a=['", "--set 'a=[': not YAML: "),
+        ("run --dataset TINY --out x --sim obstacles.movable=false", "given by protocol challenge"),
+        ("run --dataset TINY --out x --protocol no.yaml", "no.yaml: No such file"),
+        ("run --dataset TINY --out x --mode ros --planner a/b --planner-command x", "'a/b'"),
     ],
 )
 def test_mistakes_are_told_in_one_line(rejected, tiny, words, complaint):
     assert complaint in rejected(*(tiny if word == "TINY" else word for word in shlex.split(words)))
-
-
-@pytest.mark.parametrize(
-    ("options", "complaint"),
-    [
-        ("--worlds 9", "no world 9"),
-        ("--worlds a-b", "'a-b' is not a number"),
-        ("--planner daw", "unknown planner 'daw'; did you mean 'dwa'?"),
-        ("--set dwa.max_sped_mps=1", "did you mean 'dwa.max_speed_mps'?"),
-        ("--set dwa.max_speed_mps=fast", "must be a number, got 'fast'"),
-        ("--set dwa.max_speed_mps", "must be key=value"),
-        ("--set a=1 --set a=2", "each key given once"),
-        ("--set 'a=['", "--set 'a=[': not YAML: "),
-        ("--sim obstacles.movable=false", "given by protocol challenge"),
-        ("--protocol no.yaml", "no.yaml: No such file"),
-        ("--mode ros --planner a/b --planner-command x", "'a/b'"),
-    ],
-)
-def test_mistakes_in_a_run_are_told_in_one_line(rejected, tiny, options, complaint):
-    assert complaint in rejected("run", "--dataset", tiny, "--out", "x", *shlex.split(options))
 
 
 def test_a_folder_with_something_else_or_a_damaged_run_in_it_is_left_alone(rejected, tiny, tmp_path):
