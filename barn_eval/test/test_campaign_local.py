@@ -36,7 +36,6 @@ def test_every_job_is_reported_once_and_workers_are_kept(engine):
     assert len({pid for pid, _, _ in seen}) <= 2
     assert os.getpid() not in {pid for pid, _, _ in seen}
     assert max(jobs for _, jobs, _ in seen) > 1
-    assert {threads for _, _, threads in seen} == {"1"}
 
 
 def test_a_worker_that_is_stopped_is_given_up_as_the_machines_fault(monkeypatch):
@@ -155,22 +154,17 @@ def test_a_worker_ended_amid_a_construction_ends_quietly(tmp_path, capfd):
 def test_no_worker_outlives_the_campaign(tmp_path, number):
     script = textwrap.dedent("""
         import sys
-        sys.path.insert(0, sys.argv[1])
+        from contextlib import closing
         from campaign_work import Deeds
         from barn_eval.experiments.local import LocalEngine
-        if __name__ == "__main__":
-            engine = LocalEngine(Deeds(sys.argv[2]), workers=2, trial_limit_s=600.0)
-            try:
-                engine.submit("a", ("sleep", 3600))
-                engine.submit("b", ("sleep", 3600))
-                engine.wait(600.0)
-            except KeyboardInterrupt:
-                engine.close()
+        with closing(LocalEngine(Deeds(sys.argv[1]), workers=2, trial_limit_s=600.0)) as engine:
+            engine.submit("a", ("sleep", 3600))
+            engine.submit("b", ("sleep", 3600))
+            engine.wait(600.0)
     """)
-    (tmp_path / "parent.py").write_text(script)
     log = tmp_path / "log"
-    command = [sys.executable, str(tmp_path / "parent.py"), str(Path(__file__).parent), str(log)]
-    with subprocess.Popen(command, start_new_session=True) as parent:
+    command, here = [sys.executable, "-c", script, str(log)], Path(__file__).parent
+    with subprocess.Popen(command, cwd=here, start_new_session=True) as parent:
         until(lambda: log.exists() and log.read_text().count("started") == 2)
         pids = [int(line.split()[1]) for line in log.read_text().splitlines()]
         if number == signal.SIGINT:
@@ -179,7 +173,5 @@ def test_no_worker_outlives_the_campaign(tmp_path, number):
             parent.send_signal(number)
         parent.wait(600.0)
     until(lambda: not any(map(alive, pids)) and log.read_text().count("closed") == 2)
-    assert len(set(pids)) == 2
-    assert not any(map(alive, pids))
-    closed = [line.split()[1] for line in log.read_text().splitlines() if line.startswith("closed")]
-    assert {int(pid) for pid in closed} == set(pids)
+    closed = [int(line.split()[1]) for line in log.read_text().splitlines() if line.startswith("closed")]
+    assert sorted(closed) == sorted(pids)
