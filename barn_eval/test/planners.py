@@ -3,7 +3,7 @@
 import math
 import time
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,6 +14,8 @@ from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_planners.interface import Decision, Observation, Planner, PlannerStatus, PlannerView, Task
 from barn_worlds.base.types import Velocity2D, wrap_angle
 from barn_worlds.worlds.dataset import open_dataset
+
+SHORT = replace(CHALLENGE, name="short", limit_s=3.0, timeout_time_s=3.0, first_motion_limit_s=3.0)
 
 
 def dataset_of(protocol):
@@ -60,7 +62,6 @@ class Faulty(Straight):
 
     fault: str
     after: int = 20
-    cycle: int = 0
 
     def start(self, task: Task, seed: int) -> None:
         super().start(task, seed)
@@ -79,14 +80,13 @@ class Faulty(Straight):
         if self.fault == "hangs and catches":
             with suppress(Exception):
                 time.sleep(60.0)
+        waiting = PlannerStatus.RECOVERING if self.cycle % 2 else PlannerStatus.BLOCKED
         answers = {
             "nan": Decision(Velocity2D(math.nan, 0.0)),
             "infinity": Decision(Velocity2D(0.1, math.inf)),
             "nothing": Decision(None, PlannerStatus.BLOCKED),
             "no decision": "forward",
             "no velocity": Decision((0.5, 0.0)),
-            "stops": Decision(
-                Velocity2D(0.0, 0.0), PlannerStatus.RECOVERING if self.cycle % 2 else PlannerStatus.BLOCKED
-            ),
+            "stops": Decision(Velocity2D(0.0, 0.0), waiting),
         }
         return answers[self.fault]

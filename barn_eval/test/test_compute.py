@@ -2,17 +2,16 @@
 
 import json
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import barn_eval as barn
 from barn_eval.analysis.leaderboard import leaderboard
 from barn_eval.analysis.sources import assumed_text
-from barn_eval.commands.main import cli
 from barn_eval.experiments import direct
 from barn_eval.experiments.direct import Stopwatch
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
@@ -25,7 +24,7 @@ from barn_planners.interface import Decision, Observation, Planner, Task
 from barn_worlds.base.compute import Compute, Turnaround
 from barn_worlds.base.errors import ConfigError
 
-WORLDS = "60"
+Command = Callable[..., tuple[int, str, str]]
 FAST = 60.0  # pace of the machine that this one is taken for, so that little has to be burnt
 
 
@@ -49,7 +48,7 @@ class Busy(Planner):
 def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, barn.Results]:
     """Busy without a declaration, with one, and measured; and gap itself."""
     folder = tmp_path_factory.mktemp("compute")
-    common = {"worlds": WORLDS, "engine": "inline", "progress": False}
+    common = {"worlds": "60", "engine": "inline", "progress": False}
     gap = barn.run(planners="gap", out=folder / "gap", **common)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(direct, "pace", lambda: FAST)
@@ -99,16 +98,13 @@ def test_the_declaration_is_in_the_fingerprint(runs: dict[str, barn.Results]) ->
     assert runs["declared"].trials[0].task == runs["gap"].trials[0].task
 
 
-def test_the_shell_takes_a_declaration_and_measuring(tmp_path: Path) -> None:
-    given = ["run", "--planner", "gap", "--worlds", "0", "--workers", "1", "--out", str(tmp_path / "out")]
-    done = CliRunner().invoke(
-        cli, [*given, "--set", "compute.delay_s=0.2", "--set", "compute.period_s=0.25", "--execution", "engine=inline"]
-    )
-    assert done.exit_code == 0, done.output
+def test_the_shell_takes_a_declaration_and_measuring(command: Command, tmp_path: Path) -> None:
+    given = ["run", "--planner", "gap", "--worlds", "0", "--workers", "1", "--out", "out"]
+    settings = ["--set", "compute.delay_s=0.2", "--set", "compute.period_s=0.25"]
+    assert command(*given, *settings, "--execution", "engine=inline")[0] == 0
     (choice,) = RunFile.read(tmp_path / "out").experiment["planners"]
     assert (choice["delay_s"], choice["period_s"]) == (0.2, 0.25)
-    measured = CliRunner().invoke(cli, [*given, "--execution", "compute=measured", "--dry-run", "--overwrite"])
-    assert measured.exit_code == 0, measured.output
+    assert command(*given, "--execution", "compute=measured", "--dry-run", "--overwrite")[0] == 0
 
 
 @pytest.mark.parametrize(
@@ -166,11 +162,11 @@ def test_the_figures_of_a_faster_machine_say_the_same_planner_does_not_fit() -> 
     assert clock.on(2.0, 0.05, "measured") == replace(clock, pace=2.0)
 
 
-def test_latency_drives_each_planner_at_each_delay(tmp_path: Path) -> None:
+def test_latency_drives_each_planner_at_each_delay(command: Command, tmp_path: Path) -> None:
     given = ["run", "--planners", "gap,dwa", "--worlds", "60", "--out", str(tmp_path / "late")]
-    done = CliRunner().invoke(cli, [*given, "--execution", "engine=inline", "--latency", "0,0.3", "--json"])
-    assert done.exit_code == 0, done.output
-    found = json.loads(done.stdout)["settings"]
+    code, out, _ = command(*given, "--execution", "engine=inline", "--latency", "0,0.3", "--json")
+    assert code == 0
+    found = json.loads(out)["settings"]
     assert [(one["planner"], one["latency"]) for one in found] == [
         ("dwa", 0.0), ("dwa", 0.3), ("gap", 0.0), ("gap", 0.3),
     ]  # fmt: skip
@@ -182,19 +178,16 @@ def test_latency_drives_each_planner_at_each_delay(tmp_path: Path) -> None:
     assert [axes.get_xlabel() for axes in panels] == ["delay of commands [s]"] * 3
     lines = [line.get_ydata() for line in panels[0].lines if line.get_linestyle() == "-"]
     assert made.names == ["gap", "DWA"] and [*lines[1], *lines[0]] == list(again["challenge"])
-    assert CliRunner().invoke(cli, [*given, "--latency", "0,x"]).exit_code
+    assert command(*given, "--latency", "0,x")[0] == 1
 
 
 def test_lockstep_over_ros_charges_what_one_process_does(tmp_path: Path) -> None:
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     settings = {"gap.compute.delay_s": 0.12, "gap.compute.delay_p95_s": 0.3}
     short = replace(CHALLENGE, name="short", limit_s=4.0, timeout_time_s=4.0)
-    direct_row, ros_row = (
-        barn.run(60, "gap", short, settings=settings, mode=mode, out=tmp_path / mode, workers=1, progress=False)
-        .trials[0]
-        .repeatable()
-        for mode in ("direct", "ros")
-    )
+    asked = {"protocol": short, "settings": settings, "workers": 1, "progress": False}
+    runs = [barn.run(60, "gap", mode=mode, out=tmp_path / mode, **asked) for mode in ("direct", "ros")]
+    direct_row, ros_row = (run.trials[0].repeatable() for run in runs)
     assert direct_row | {"mode": "ros"} == ros_row
     tracks = [(tmp_path / mode / "tracks.jsonl").read_text() for mode in ("direct", "ros")]
     assert tracks[0] == tracks[1]

@@ -21,7 +21,6 @@ from barn_worlds.formats.own import write_own
 from barn_worlds.worlds.dataset import open_dataset
 
 COUNT = 30
-FOLDS = {"folds": 3, "repeats": 1}
 
 
 @pytest.fixture(scope="module")
@@ -49,10 +48,6 @@ def test_networks_are_judged_on_folds_by_a_tool(source):
     tool = pytest.importorskip("judge_difficulty", reason="the repository's qa folder is not beside this package")
     judged = CliRunner().invoke(tool.main, [str(source), "--folds", "3", "--repeats", "1"])
     assert "ridge" in judged.output and "routes" in judged.output
-
-
-def predict(*arguments):
-    return CliRunner().invoke(cli, ["difficulty", "predict", "barn300", *map(str, arguments)], catch_exceptions=True)
 
 
 def test_worlds_are_known_by_their_checksum_whatever_their_number(source, tmp_path):
@@ -91,20 +86,21 @@ def test_other_sources_are_refused(tmp_path):
         assert "\n" not in str(caught.value)
 
 
-def test_a_model_is_trained_and_predicts_from_the_command_line(weights):
+def test_a_model_is_trained_and_predicts_from_the_command_line(weights, command):
     path, told = weights
     assert told["training_worlds"] == COUNT
-    predicted = predict("--worlds", "0-4", "--weights", path, "--json")
-    assert predicted.exit_code == 0, predicted.output
-    lines = json.loads(predicted.stdout)["worlds"]
+    predict = ("difficulty", "predict", "barn300", "--weights", path)
+    code, out, _ = command(*predict, "--worlds", "0-4", "--json")
+    assert code == 0
+    lines = json.loads(out)["worlds"]
     expected = load_model(path).predict(open_dataset("barn300").load(3))
     assert lines[3]["difficulty_s_per_m"] == expected.difficulty_s_per_m
-    assert f"{expected.difficulty_s_per_m:.2f}" in predict("--worlds", "3", "--weights", path).stdout
+    assert f"{expected.difficulty_s_per_m:.2f}" in command(*predict, "--worlds", "3")[1]
 
 
 def test_models_and_weights_are_judged_beside_ridge_regression(source, weights):
     path, trained = weights
-    found = evaluate(source, weights=path, **FOLDS)
+    found = evaluate(source, weights=path, folds=3, repeats=1)
     ridge, one = found.scores
     assert all(each.mse.low <= each.mse.estimate <= each.mse.high for each in (ridge, one))
     difficulty = read_trials(source)[1].difficulty()
@@ -143,11 +139,10 @@ def test_the_page_on_metrics_quotes_the_card():
     assert f"the trials themselves allow {100 * ceiling:.0f} %" in told
 
 
-def test_mistakes_are_told(source, tmp_path):
+def test_mistakes_are_told(source, tmp_path, rejected):
     (tmp_path / "w.npz").write_bytes(b"PK")
-    refused = predict("--weights", tmp_path / "w.npz").exception
-    assert isinstance(refused, BarnError)
-    assert str(refused).startswith(f"{tmp_path / 'w.npz'}: not a difficulty model, or a damaged one")
+    told = rejected("difficulty", "predict", "barn300", "--weights", "w.npz")
+    assert told.startswith("error: w.npz: not a difficulty model, or a damaged one")
     with pytest.raises(BarnError, match="no trials of planner 'dwb'"):
         evaluate(source, planner="dwb")
     with pytest.raises(BarnError, match="16 folds need at least 32 worlds, got 30"):

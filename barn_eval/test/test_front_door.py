@@ -7,27 +7,23 @@ import sys
 import textwrap
 import threading
 from base64 import b64decode
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.figure import Figure
-from planners import Straight
-from test_folder import BOTH, GAP, keep
+from planners import SHORT, Straight
+from test_folder import GAP, keep
 
 import barn_eval as barn
 from barn_eval.experiments.live import NO_SOURCE, FunctionPlanner, LivePlanner, fingerprint, split_planners
 from barn_eval.experiments.rows import results_table
 from barn_eval.results import Trial
 from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.protocol import CHALLENGE
 from barn_planners.interface import Task
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.base.types import Pose2D, Velocity2D
-
-SHORT = replace(CHALLENGE, name="short", limit_s=3.0, timeout_time_s=3.0, first_motion_limit_s=3.0)
 
 
 def ahead(observation):
@@ -49,13 +45,6 @@ class Steady(barn.Planner):
 
     def step(self, observation):
         return barn.Decision(barn.Velocity2D(self.speed_mps, 0.0))
-
-
-class Unmoved(Steady):
-    """Stands still, so that no clock starts."""
-
-    def step(self, observation):
-        return barn.Decision(None)
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +81,10 @@ def test_tables_have_a_row_per_trial_planner_and_measure(driven):
 
 
 def test_columns_have_their_types_whatever_is_in_them(driven, tmp_path):
-    crash = barn.run(0, {"none": Unmoved()}, SHORT, workers=1, out=tmp_path / "none", progress=False)
+    def unmoved(observation):
+        return None
+
+    crash = barn.run(0, unmoved, SHORT, workers=1, out=tmp_path / "none", progress=False)
     assert crash.table["traversal_time_s"].isna().all()
     for one, other in ((driven.table, crash.table), (driven.timing, crash.timing), (driven.summary, crash.summary)):
         assert one.dtypes.to_dict() == other.dtypes.to_dict()
@@ -190,8 +182,7 @@ def test_one_worker_drives_live_planners_in_this_process(tmp_path):
 
 def test_a_script_without_a_main_guard_runs_once(tmp_path):
     script = tmp_path / "script.py"
-    script.write_text(
-        textwrap.dedent("""
+    code = textwrap.dedent("""
         from pathlib import Path
         import helper
         import barn_eval as barn
@@ -213,12 +204,11 @@ def test_a_script_without_a_main_guard_runs_once(tmp_path):
 
         results = barn.run([0, 60], [mine, Own], workers=2, out="out", file="short.yaml", progress=False)
         print(len(results), sorted({one.wall_clock.worker for one in results.trials}), results.planners)
-        """)
-    )
+    """)
+    script.write_text(code)
     (tmp_path / "helper.py").write_text("GAIN = 0.4\n")
-    (tmp_path / "protocol.yaml").write_text(
-        "schema_version: 1\nbase: challenge\nname: short\nlimit_s: 3.0\nfirst_motion_limit_s: 3.0\n"
-    )
+    protocol = "schema_version: 1\nbase: challenge\nname: short\nlimit_s: 3.0\nfirst_motion_limit_s: 3.0\n"
+    (tmp_path / "protocol.yaml").write_text(protocol)
     (tmp_path / "short.yaml").write_text("schema_version: 1\nprotocol: protocol.yaml\nrepetitions: 2\n")
     done = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
@@ -372,9 +362,9 @@ def test_a_replay_of_a_planner_that_does_not_repeat_says_so(tmp_path, capfd):
 
 
 def test_a_folder_that_is_not_finished_is_loaded(tmp_path):
-    keep(tmp_path, BOTH, 3)
+    keep(tmp_path, GAP, 3)
     results = barn.load(tmp_path)
-    assert "3 of 8 trials" in repr(results)
+    assert "3 of 4 trials" in repr(results)
     assert len(results.table) == 3
     with pytest.raises(BarnError, match=r"run\.json: No such file"):
         barn.load(tmp_path / "nowhere")

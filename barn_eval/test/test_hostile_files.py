@@ -24,18 +24,6 @@ def good(tmp_path_factory):
     return out
 
 
-@pytest.fixture
-def out(good, tmp_path):
-    """A copy of the good folder, to be spoilt."""
-    return shutil.copytree(good, tmp_path / "out")
-
-
-@pytest.fixture
-def refused(rejected):
-    """Return a function that calls `barn` and returns why it refuses."""
-    return lambda *arguments: rejected(*arguments).removeprefix("error: ")
-
-
 CAMPAIGN = {
     "hexadecimal": ("seed: 0x" + "f" * 5000, "c.yaml: seed must be "),
     "10^400": ("seed: 1" + "0" * 400, "c.yaml: seed must be "),
@@ -53,17 +41,17 @@ CAMPAIGN = {
 
 
 @pytest.mark.parametrize("case", CAMPAIGN)
-def test_a_campaign_file(refused, tmp_path, case):
+def test_a_campaign_file(rejected, tmp_path, case):
     text, words = CAMPAIGN[case]
     out = "" if "out:" in text else "out: out\n"
     (tmp_path / "c.yaml").write_text(f"schema_version: 1\n{out}{text}\n")
-    assert refused("campaign", "c.yaml").startswith(words)
+    assert rejected("campaign", "c.yaml").startswith(f"error: {words}")
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("value", ["2001-13-99", "!!int x", "[" * 2000, "9" * 5000, "\ud800"])
-def test_a_setting(refused, value):
-    assert refused("run", "--set", f"dwa.max_speed_mps={value}").startswith("--set 'dwa.max_speed_mps=")
+def test_a_setting(rejected, value):
+    assert rejected("run", "--set", f"dwa.max_speed_mps={value}").startswith("error: --set 'dwa.max_speed_mps=")
 
 
 ROWS = {
@@ -76,11 +64,12 @@ ROWS = {
 
 
 @pytest.mark.parametrize("case", ROWS)
-def test_a_row(refused, out, case):
+def test_a_row(rejected, good, tmp_path, case):
+    out = shutil.copytree(good, tmp_path / "out")
     first = (out / "results.jsonl").read_text().splitlines()[0]
     (out / "results.jsonl").write_text(sealed(ROWS[case](unsealed(first, case))) + "\n")
     for command in (("report", out), ("compare", f"{out}:gap", f"{out}:dwa"), ("leaderboard", out)):
-        assert refused(*command).startswith(f"{out}/results.jsonl, line 1: ")
+        assert rejected(*command).startswith(f"error: {out}/results.jsonl, line 1: ")
 
 
 def test_a_parquet_table_of_any_number_of_rows(tmp_path):
