@@ -1,6 +1,5 @@
 """A client of the live view: Foxglove's protocol over a WebSocket, as far as a test needs it."""
 
-import asyncio
 import json
 import struct
 
@@ -13,7 +12,7 @@ class LiveClient:
     def __init__(self, url):
         reason = "Tornado, which comes with nbclient, is not installed"
         websocket = pytest.importorskip("tornado.websocket", reason=reason)
-        self._loop = asyncio.new_event_loop()
+        self._loop = pytest.importorskip("tornado.ioloop", reason=reason).IOLoop(make_current=False)
         self._connection = self._do(lambda: websocket.websocket_connect(url, subprotocols=["foxglove.sdk.v1"]))
 
     def __enter__(self):
@@ -27,11 +26,7 @@ class LiveClient:
 
     def _do(self, begin):
         """Begin something, and wait for what it gives."""
-
-        async def done():
-            return await asyncio.wait_for(begin(), 600.0)
-
-        return self._loop.run_until_complete(done())
+        return self._loop.run_sync(begin, timeout=600.0)
 
     def receive(self):
         """The next message: what JSON holds, or (subscription, log time in ns, payload)."""

@@ -6,14 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 from planners import dataset_of
-from rich.console import Console
 
+import barn_eval as barn
 from barn_eval.bags.recorded import read_recorded
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.folder import read_results
-from barn_eval.experiments.request import Request
 from barn_eval.experiments.rows import TrackRows, sealed, unsealed
-from barn_eval.experiments.run import run_experiment
 from barn_eval.experiments.run_file import RunFile, provenance
 from barn_eval.experiments.track import thinned
 from barn_eval.trials import identity
@@ -60,10 +58,8 @@ def recorded_track(bag, world):
 
 def drive(path, protocol=CHALLENGE, planners=("gap",), worlds="0"):
     """Drive a trial of each planner in each world, with bags, and return the folder."""
-    rules = {"dataset": dataset_of(protocol), "protocol": protocol, "simulator": simulator_config(protocol)}
-    experiment = Experiment(worlds=worlds, planners=tuple(map(PlannerChoice, planners)), seed=5, bags="all", **rules)
-    run_experiment(Request(experiment, Execution(engine="inline"), path), Console(quiet=True))
-    return path
+    asked = {"dataset": dataset_of(protocol), "seed": 5, "bags": "all", "engine": "inline", "progress": False}
+    return barn.run(worlds, list(planners), protocol, out=path, **asked).folder
 
 
 def campaign(path, run, planners=("gap", "dwa"), worlds=8, repetitions=2, bags=3, faster=0.3, protocol=CHALLENGE):

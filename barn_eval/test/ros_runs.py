@@ -10,10 +10,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from mcap.reader import make_reader
 from rich.console import Console
-from rosbags.typesys import get_types_from_msg
+from rosbags.highlevel import AnyReader
 
+from barn_eval.bags.bagfile import BagFile
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.request import Request
 from barn_eval.experiments.ros_config import Patience, RosSetup
@@ -22,7 +22,7 @@ from barn_eval.ros.supervision import run_ros_trials
 from barn_eval.ros.work import run_request
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.spec import simulator_config
-from barn_worlds.messages.cdr import deserialise, jazzy_types, layout
+from barn_worlds.messages.cdr import deserialise, layout
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
@@ -81,18 +81,9 @@ def guards(mark, command):
 
 
 def make_plan(protocol=SHORT, ros=PATIENT, planner="dwa", planner_command="", **changes):
-    plan = Experiment(
-        dataset="barn300",
-        worlds="0",
-        planners=(PlannerChoice(planner, command=planner_command),),
-        mode="ros",
-        protocol=protocol,
-        simulator=simulator_config(protocol),
-        ros=ros,
-        seed=5,
-        bags="all",
-    )
-    return replace(plan, **changes)
+    planners = (PlannerChoice(planner, command=planner_command),)
+    rules = {"protocol": protocol, "simulator": simulator_config(protocol), "ros": ros}
+    return replace(Experiment(worlds="0", planners=planners, mode="ros", seed=5, bags="all", **rules), **changes)
 
 
 def drive(folder, plan, notice=lambda _: None):
@@ -120,15 +111,12 @@ def foreign(script, *arguments):
 
 def messages(bag):
     """Return the decoded messages of a bag by topic, as (time from the first, message)."""
-    (path,) = bag.glob("*.mcap")
     found = {}
-    with path.open("rb") as file:
-        for schema, channel, message in make_reader(file).iter_messages():
-            if schema.name not in jazzy_types().fielddefs:
-                jazzy_types().register(get_types_from_msg(schema.data.decode(), schema.name))
-            found.setdefault(channel.topic, []).append((message.log_time, deserialise(message.data, schema.name)))
-    origin = min(times[0][0] for times in found.values())
-    return {topic: [(stamp - origin, message) for stamp, message in rows] for topic, rows in found.items()}
+    with AnyReader([bag]) as reader:
+        for connection, stamp, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            found.setdefault(connection.topic, []).append((stamp - reader.start_time, message))
+    return found
 
 
 def unstamped(bag):
@@ -136,15 +124,13 @@ def unstamped(bag):
 
     Of the reports on /diagnostics only those of the planner.
     """
-    (path,) = bag.glob("*.mcap")
     found = {}
-    with path.open("rb") as file:
-        for schema, channel, record in make_reader(file).iter_messages():
-            data, message = bytearray(record.data), deserialise(record.data, schema.name)
-            if channel.topic == "/diagnostics" and message.status[0].name != "planner":
-                continue
-            for name, slot in layout(message).items():
-                if name.endswith(".sec"):
-                    data[slot.offset : slot.offset + 4] = bytes(4)
-            found.setdefault(channel.topic, []).append(bytes(data))
+    for record in BagFile(bag).messages():
+        data, message = bytearray(record.data), deserialise(record.data, record.type_name)
+        if record.topic == "/diagnostics" and message.status[0].name != "planner":
+            continue
+        for name, slot in layout(message).items():
+            if name.endswith(".sec"):
+                data[slot.offset : slot.offset + 4] = bytes(4)
+        found.setdefault(record.topic, []).append(bytes(data))
     return found
