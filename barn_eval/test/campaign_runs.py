@@ -55,10 +55,8 @@ def run(file, *arguments):
 
 def start(file, *arguments):
     """Start the command in a session of its own, as a terminal does."""
-    pipe = subprocess.PIPE
-    return subprocess.Popen(
-        command(file, *arguments), stdout=pipe, stderr=pipe, start_new_session=True, **options(file)
-    )
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen(command(file, *arguments), start_new_session=True, **pipes, **options(file))
 
 
 def rows(out):
@@ -76,6 +74,6 @@ def children(pid):
     return [one for one, parent, line in processes() if parent == pid and b"barn_eval.experiments.worker" in line]
 
 
-def interrupt(process):
-    """Press Ctrl-C in the terminal of a process."""
-    os.killpg(process.pid, signal.SIGINT)
+def stop(process, number):
+    """Send a signal to a process; Ctrl-C goes to all that run in its terminal."""
+    os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)

@@ -7,6 +7,7 @@ import re
 import shutil
 import signal
 import subprocess
+from itertools import product
 
 import campaign_runs as runs
 import pyarrow.parquet
@@ -37,14 +38,10 @@ def same_table(whole, out):
 
 def test_one_row_per_trial_in_the_order_of_the_plan(whole):
     table = pyarrow.parquet.read_table(whole[1] / "results.parquet").to_pylist()
-    assert [row["trial_id"] for row in table] == [
-        f"{planner}_w{world:04d}_r{repetition:02d}"
-        for world in runs.STATIC["worlds"]
-        for repetition in (0, 1)
-        for planner in ("gap", "stranger")
-    ]
-    outcomes = {row["outcome"] for row in table}
-    assert outcomes <= {"success", "collision", "timeout"}
+    planned = product(runs.STATIC["worlds"], (0, 1), ("gap", "stranger"))
+    names = [f"{planner}_w{world:04d}_r{repetition:02d}" for world, repetition, planner in planned]
+    assert [row["trial_id"] for row in table] == names
+    assert {row["outcome"] for row in table} <= {"success", "collision", "timeout"}
     assert all(row["driven_m"] > 0.5 for row in table)
 
 
@@ -69,7 +66,7 @@ def test_a_campaign_that_is_killed_and_interrupted_goes_on_to_the_same_table(who
         campaign = runs.start(whole[0], "--out", out, "--workers", 2)
         until(lambda kept=kept: runs.rows(out) >= kept + 2)
         workers = runs.children(campaign.pid)
-        campaign.send_signal(number) if number != signal.SIGINT else runs.interrupt(campaign)
+        runs.stop(campaign, number)
         _, errors = campaign.communicate(timeout=600)
         assert len(workers) == 2
         until(lambda workers=workers: not any(map(alive, workers)))

@@ -5,9 +5,7 @@ import os
 import shlex
 import signal
 import sys
-from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 
 import campaign_runs as runs
 from ros_runs import EXAMPLE, MARK, marked, node_process, nothing_left  # noqa: F401 (a fixture)
@@ -18,17 +16,6 @@ from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.experiments.folder import fair_order, fair_worlds, read_results
 from barn_eval.experiments.store import Store
 from barn_eval.ros.work import RosWork
-
-
-def domains():
-    """Return the ROS domains of the simulators that run."""
-    found = set()
-    for pid in node_process(os.environ[MARK], "barn_sim.ros.simulator"):
-        with suppress(OSError):
-            for entry in Path(f"/proc/{pid}/environ").read_bytes().split(b"\0"):
-                if entry.startswith(b"ROS_DOMAIN_ID="):
-                    found.add(entry)
-    return found
 
 
 def comparable(out):
@@ -44,7 +31,7 @@ def test_two_workers_one_of_which_is_killed_give_the_rows_of_a_direct_campaign(t
     out = tmp_path / "ros"
     campaign = runs.start(file, "--mode", "ros", "--out", out, "--workers", 2, "--bags", "all")
     until(lambda: runs.rows(out) >= 1)
-    until(lambda: len(domains()) == 2)
+    until(lambda: len(node_process(os.environ[MARK], "barn_sim.ros.simulator")) == 2)
     os.kill(runs.children(campaign.pid)[0], signal.SIGKILL)
     _, errors = campaign.communicate(timeout=600)
     assert campaign.returncode == 0, errors
@@ -62,7 +49,7 @@ def test_a_campaign_that_is_ended_leaves_no_process_and_goes_on(tmp_path):
         kept = runs.rows(out)
         campaign = runs.start(file, "--mode", "ros", "--out", out, "--workers", 1)
         until(lambda kept=kept: runs.rows(out) > kept)
-        runs.interrupt(campaign) if number == signal.SIGINT else campaign.kill()
+        runs.stop(campaign, number)
         _, errors = campaign.communicate(timeout=600)
         until(lambda: not marked(os.environ[MARK]))
     assert campaign.returncode == 130
