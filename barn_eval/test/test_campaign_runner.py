@@ -21,19 +21,16 @@ from barn_eval.trials.result import WallClock
 from barn_eval.trials.trajectory import Trajectory
 from barn_eval.trials.trial import conclude
 
+ENDED_AT = "2026-01-01T00:00:00.000+00:00"
+
 
 def driven(spec, clock=0.0):
     """Return a finished trial that depends on the trial's seeds only, apart from its wall-clock figures."""
     draw = np.random.default_rng([spec.simulator_seed, spec.planner_seed])
     count = 50
     truth = np.cumsum(draw.uniform(0.0, 0.1, (count, 3)), axis=0)
-    trajectory = Trajectory(
-        np.arange(count) * 50_000_000,
-        truth,
-        draw.uniform(0, 0.5, (count, 2)),
-        np.ones((count, 2)),
-        np.zeros(count, bool),
-    )
+    stamps_ns, speeds = np.arange(count) * 50_000_000, draw.uniform(0, 0.5, (count, 2))
+    trajectory = Trajectory(stamps_ns, truth, speeds, np.ones((count, 2)), np.zeros(count, bool))
     outcome = Outcome.SUCCESS if draw.random() < 0.8 else Outcome.TIMEOUT
     verdict = Verdict(outcome, "", float(draw.uniform(10, 40)), 45.0, 0.0)
     return conclude(spec, "direct", verdict, trajectory, wall_clock=WallClock(duration_s=clock))
@@ -70,7 +67,7 @@ class Scripted(Engine):
         key = list(self.out)[self.draw.integers(len(self.out))]
         job = self.out.pop(key)
         self.attempts[key] = self.attempts.get(key, 0) + 1
-        done = Done(key, "scripted", record(job.trials[0], float(self.draw.random())), "2026-01-01T00:00:00.000+00:00")
+        done = Done(key, "scripted", record(job.trials[0], float(self.draw.random())), ENDED_AT)
         return [self.fate(key, self.attempts[key], done)]
 
     def close(self):
@@ -115,13 +112,10 @@ def test_a_lost_trial_is_tried_again_and_the_loss_is_noted(tmp_path, config, spe
     key = specs[2].trial_id
     fate = lost_if(lambda name, attempt: name == key and attempt < 3, traceback="Traceback of it")
     events = run(tmp_path, config, specs, Scripted(fate=fate))
-    assert [event for event in events if isinstance(event, Loss)] == [
-        Loss(key, 1, "it was told to"),
-        Loss(key, 2, "it was told to"),
-    ]
+    losses = [event for event in events if isinstance(event, Loss)]
+    assert losses == [Loss(key, 1, "it was told to"), Loss(key, 2, "it was told to")]
     (result,) = [event for event in events if not isinstance(event, Loss) and event.trial_id == key]
-    assert result.wall_clock.attempts == 3
-    assert result.wall_clock.worker == "scripted"
+    assert (result.wall_clock.attempts, result.wall_clock.worker) == (3, "scripted")
     assert result.repeatable() == finished(specs[2]).repeatable()
     note = (tmp_path / "losses" / f"{key}.txt").read_text()
     assert note.count("it was told to") == 2
@@ -137,13 +131,11 @@ def test_a_trial_lost_at_every_attempt_is_a_failure_with_its_reason(tmp_path, co
     assert engine.attempts[key] == 2
     table = pyarrow.parquet.read_table(tmp_path / "results.parquet").to_pylist()
     (row,) = [row for row in table if row["trial_id"] == key]
-    assert row["outcome"] == outcome.value
     assert row["fault"] == "planner"  # which shares the worker's process, and could end it to escape its score
-    assert row["detail"] == "it was told to, at the last of 2 attempts"
-    assert row["success"] is False
-    assert row["traversal_time_s"] is None
-    assert row["scored_time_s"] == config.protocol.failure_time_s
-    assert row["simulator_seed"] == specs[1].simulator_seed
+    expected = {"outcome": outcome.value, "detail": "it was told to, at the last of 2 attempts", "success": False}
+    expected |= {"traversal_time_s": None, "scored_time_s": config.protocol.failure_time_s}
+    expected |= {"simulator_seed": specs[1].simulator_seed}
+    assert {key: row[key] for key in expected} == expected
 
 
 def test_faults_of_the_set_up_are_kept_apart_named_and_run_again(tmp_path, config, specs):
@@ -231,9 +223,7 @@ class PartByPart(Scripted):
         reports = []
         for spec in job.trials:
             number = self.attempts[spec.trial_id] = self.attempts.get(spec.trial_id, 0) + 1
-            part = self.fate(
-                spec.trial_id, number, Part(key, "scripted", record(spec), "2026-01-01T00:00:00.000+00:00")
-            )
+            part = self.fate(spec.trial_id, number, Part(key, "scripted", record(spec), ENDED_AT))
             reports.append(replace(part, key=key))
             if isinstance(part, Lost):
                 return reports
@@ -249,7 +239,5 @@ def test_a_job_of_several_trials_resumes_at_the_one_that_was_lost(tmp_path, conf
         results = {result.trial_id: result for result in folder.complete()}
     assert [event.trial_id for event in events if isinstance(event, Loss)] == [second, second, last, last, last]
     assert set(engine.attempts.values()) == {1, 3}
-    assert results[second].wall_clock.attempts == 3
-    assert results[second].outcome is finished(specs[2]).outcome
-    assert results[last].outcome is Outcome.PLANNER_DIED
-    assert results[specs[0].trial_id].wall_clock.attempts == 1
+    assert [results[name].outcome for name in (second, last)] == [finished(specs[2]).outcome, Outcome.PLANNER_DIED]
+    assert [results[name].wall_clock.attempts for name in (second, specs[0].trial_id)] == [3, 1]

@@ -25,7 +25,6 @@ from barn_worlds.formats.own import write_own
 from barn_worlds.worlds.dataset import open_dataset
 
 INLINE = ("--execution", "engine=inline")  # which starts no worker
-BARN = [sys.executable, "-c", "from barn_eval.commands.main import main; main()"]
 
 
 @pytest.fixture(scope="module")
@@ -88,9 +87,8 @@ def test_another_package_adds_a_command(tmp_path):
     about.mkdir()
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: stranger\nVersion: 1.0\n")
     (about / "entry_points.txt").write_text("[barn_eval.commands]\nhello = stranger:hello\n")
-    (tmp_path / "stranger.py").write_text(
-        "import click\nhello = click.Command('hello', callback=lambda: print('hi'))\n"
-    )
+    code = "import click\nhello = click.Command('hello', callback=lambda: print('hi'))\n"
+    (tmp_path / "stranger.py").write_text(code)
     for arguments, said in ((["hello"], "hi"), (["--help"], "  hello ")):
         lines, loaded = output_and_modules(arguments, PYTHONPATH=str(tmp_path))
         assert any(said in line for line in lines)
@@ -105,10 +103,8 @@ def test_version_names_the_commit_that_the_records_name(command, monkeypatch):
 
 
 def test_run(command, tiny, tmp_path):
-    code, out, err = command(
-        *("run", "--dataset", tiny, "--worlds", "0", "--protocol", "challenge", "--repetitions", 2, "--out", "run"),
-        *("--bags", "all", *INLINE),
-    )
+    run = ("run", "--dataset", tiny, "--worlds", "0", "--protocol", "challenge", "--repetitions", 2, "--out", "run")
+    code, out, err = command(*run, "--bags", "all", *INLINE)
     assert code == 0
     assert "[2/2] dwa_w0000_r0" in err and "] dwa_w0000_r01: success" in err  # in either order
     assert "success [%]" in out
@@ -131,27 +127,20 @@ def test_run_is_completed_and_not_mixed_with_another(command, tiny, tmp_path):
     code, out, err = command(*run, "--json")
     assert code == 0
     assert "1 of 1 trials are there already" in err
-    shown = json.loads(out)
-    row = json.loads(lines)
+    shown, row = json.loads(out), json.loads(lines)
     assert row.pop("crc32")
-    assert shown["results"] == [row]
-    assert [one["scores"]["trials"] for one in shown["planners"]] == [1]
-    code, _, err = command(*run, "--seed", 1, "--overwrite")
-    assert code == 0
+    assert (shown["results"], [one["scores"]["trials"] for one in shown["planners"]]) == ([row], [1])
+    assert command(*run, "--seed", 1, "--overwrite")[0] == 0
     assert [result.campaign_seed for result in read_results(tmp_path / "run")] == [1]
 
 
 def test_parameters_reach_planner_and_simulator(command, tiny, tmp_path):
-    code, _, _ = command(
-        *("run", "--dataset", tiny, "--worlds", "0", "--protocol", "challenge", "--out", "run"),
-        *("--set", "dwa.max_speed_mps=0.2", "--sim", "lidar.noise_m=0.0", *INLINE),
-    )
-    assert code == 0
+    run = ("run", "--dataset", tiny, "--worlds", "0", "--protocol", "challenge", "--out", "run", *INLINE)
+    assert command(*run, "--set", "dwa.max_speed_mps=0.2", "--sim", "lidar.noise_m=0.0")[0] == 0
     experiment = RunFile.read(tmp_path / "run").configuration()
     assert experiment.planners[0].overrides == {"dwa.max_speed_mps": 0.2}
     assert experiment.simulator.lidar.noise_m == 0.0
-    result = read_results(tmp_path / "run")[0]
-    assert result.measures.mean_speed_mps < 0.21
+    assert read_results(tmp_path / "run")[0].measures.mean_speed_mps < 0.21
 
 
 def test_demo_in_one_process(command, tiny):
@@ -184,11 +173,8 @@ def test_worlds_are_generated_listed_shown_exported_and_imported(command, tmp_pa
 
 
 def test_one_parameter_set_of_ones_own(command, tmp_path):
-    code, _, _ = command(
-        *("worlds", "generate", "layout", "--per-set", 2, "--robot", "turtlebot3_burger"),
-        *("--set", "initial_fill=0.35", "--set", "cols=20"),
-    )
-    assert code == 0
+    words = ("worlds", "generate", "layout", "--per-set", 2, "--robot", "turtlebot3_burger")
+    assert command(*words, "--set", "initial_fill=0.35", "--set", "cols=20")[0] == 0
     made = open_dataset(tmp_path / "layout")
     assert len(made.indices) == 2
     world = made.load(0)
@@ -206,15 +192,13 @@ def test_metrics(command, tiny):
 def test_info(command):
     code, out, _ = command("info", "--json")
     content = json.loads(out)
-    assert code == 0
-    assert "dwa" in content["planners"]
+    assert code == 0 and "dwa" in content["planners"]
     assert content["versions"]["barn_eval"] != "not installed"
     for state in content["optional"].values():
         assert state == "on" or state.startswith("off: ")
     films = "on" if shutil.which("ffmpeg") else "off: ffmpeg is not installed; films are off, .gif works"
     assert content["optional"]["ffmpeg"].startswith(films)
-    parts = {"foxglove", "gymnasium", "stable_baselines3", "ray", "optuna"}
-    assert parts <= content["optional"].keys()
+    assert {"foxglove", "gymnasium", "stable_baselines3", "ray", "optuna"} <= content["optional"].keys()
     assert "installed" in command("info")[1]
 
 
@@ -284,9 +268,8 @@ def test_a_folder_with_something_else_or_a_damaged_run_in_it_is_left_alone(rejec
 
 
 def test_a_reader_that_leaves_early_is_no_error(tmp_path):
-    with subprocess.Popen(
-        [*BARN, "worlds", "list", "barn300", "--json"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    ) as child:
+    listing = [sys.executable, "-m", "barn_eval", "worlds", "list", "barn300", "--json"]
+    with subprocess.Popen(listing, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:
         child.stdout.read(10)
         child.stdout.close()
         assert child.stderr.read() == b""

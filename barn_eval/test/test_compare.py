@@ -86,22 +86,13 @@ def test_a_comparison_is_a_row_of_a_table_by_measure():
     rows = {row["measure"]: row for row in found.columns()}
     row = rows["scored_time_s"]
     paired = found.row("scored_time_s").paired
-    assert row == {
-        "a": "dwa",
-        "b": "eband",
-        "measure": "scored_time_s",
-        "unit": "s",
-        "mean_a": pytest.approx(np.mean([one.scores.scored_time_s for one in a])),
-        "mean_b": pytest.approx(np.mean([one.scores.scored_time_s for one in b])),
-        "difference": paired.difference.estimate,
-        "difference_low": paired.difference.low,
-        "difference_high": paired.difference.high,
-        "p": paired.p,
-        "p_holm": paired.p,
-        "p_a_better": paired.improvement.estimate,
-        "worlds": 2,
-        "trials": 6,
-    }
+    means = [pytest.approx(np.mean([one.scores.scored_time_s for one in part])) for part in (a, b)]
+    difference = paired.difference
+    expected = {"a": "dwa", "b": "eband", "measure": "scored_time_s", "unit": "s", "worlds": 2, "trials": 6}
+    expected |= {"mean_a": means[0], "mean_b": means[1], "difference": difference.estimate}
+    expected |= {"difference_low": difference.low, "difference_high": difference.high}
+    expected |= {"p": paired.p, "p_holm": paired.p, "p_a_better": paired.improvement.estimate}
+    assert row == expected
     assert list(rows) == list(COMPARED)
     assert {tuple(one) for one in rows.values()} == {tuple(row)}
 
@@ -215,10 +206,8 @@ def test_folders_are_compared_in_the_order_given_under_their_short_names(folders
     (found,) = compare_folders(folders / "a", folders / "b")
     assert found.row("scored_time_s").paired.difference.estimate == pytest.approx(-1.0)
     write_folder(folders / "copy", results(worlds=4) + results("eband", 1.0, worlds=4))
-    assert [(one.a, one.b) for one in compare_folders(folders / "both", folders / "copy")] == [
-        ("DWA (both)", "DWA (copy)"),
-        ("E-Band (both)", "E-Band (copy)"),
-    ]
+    pairs = [(one.a, one.b) for one in compare_folders(folders / "both", folders / "copy")]
+    assert pairs == [("DWA (both)", "DWA (copy)"), ("E-Band (both)", "E-Band (copy)")]
 
 
 def test_parameters_in_which_planners_differ_are_told(folders):
@@ -247,11 +236,8 @@ def test_parameters_in_which_planners_differ_are_told(folders):
 
 def test_planners_of_one_folder_are_compared_with_each_other(folders):
     write_folder(folders / "three", results(worlds=4) + results("eband", 1.0, worlds=4) + results("gap", 2.0, worlds=4))
-    assert [(one.a, one.b) for one in compare_folders(folders / "three")] == [
-        ("dwa", "eband"),
-        ("dwa", "gap"),
-        ("eband", "gap"),
-    ]
+    pairs = [(one.a, one.b) for one in compare_folders(folders / "three")]
+    assert pairs == [("dwa", "eband"), ("dwa", "gap"), ("eband", "gap")]
     chosen = folders / "three:dwa,gap"
     (found,) = json.loads(invoke(chosen, "--json").output)
     assert (found["a"], found["b"]) == ("dwa", "gap")
@@ -269,10 +255,8 @@ def test_an_unfinished_folder_is_told(folders):
 
 
 def test_trials_with_late_commands_are_told(folders):
-    late = [
-        replace(one, wall_clock=WallClock(missed_cycles=9, missed_share=0.03))
-        for one in results("eband", 1.0, worlds=1)
-    ]
+    missed = WallClock(missed_cycles=9, missed_share=0.03)
+    late = [replace(one, wall_clock=missed) for one in results("eband", 1.0, worlds=1)]
     folder = write_folder(folders / "late", late + [one for one in results("eband", 1.0, worlds=4) if one.world])
     (found,) = compare_folders(folders / "a", folder)
     (note,) = found.notes

@@ -20,7 +20,7 @@ from barn_eval.bags.messages import MOVED_M
 from barn_eval.bags.recorded import read_recorded
 from barn_eval.experiments import direct
 from barn_eval.experiments.direct import run_direct_trial
-from barn_eval.experiments.engine import DirectWork, Job, Lost, attempt
+from barn_eval.experiments.engine import DirectWork, Job, attempt
 from barn_eval.experiments.live import LivePlanner
 from barn_eval.experiments.store import Store
 from barn_eval.trials import trial
@@ -56,9 +56,8 @@ def test_an_open_world_is_crossed(open_world, protocol):
     assert result.scores.traversal_time_s == pytest.approx(apart / 0.5, rel=0.05)
     assert result.measures.driven_ratio == pytest.approx(1.0, abs=0.01)
     assert result.measures.contacts == 0
-    assert (
-        result.wall_clock.compute_max_ms >= result.wall_clock.compute_p95_ms >= result.wall_clock.compute_p50_ms > 0.0
-    )
+    clock = result.wall_clock
+    assert clock.compute_max_ms >= clock.compute_p95_ms >= clock.compute_p50_ms > 0.0
     assert from_json_line(to_json_line(result), "line") == result
 
 
@@ -152,7 +151,6 @@ def test_a_machine_that_stalls_for_good_is_told_from_the_planner(open_world, mon
     monkeypatch.setattr(trial, "STALLED", 0.0)
     work = DirectWork(Store(Path()), {"straight": LivePlanner("straight", lambda _: time.sleep(60.0))})
     report = attempt(work, "key", "here", Job("key", (spec_of(open_world),)), lambda _: None)
-    assert isinstance(report, Lost)
     assert report.stalled and not report.overtime
     assert "the machine stalled" in report.reason
 
@@ -167,8 +165,7 @@ def test_only_the_first_answer_has_time_to_compile(open_world, monkeypatch):
 
 def test_a_planner_that_never_moves(open_world):
     finished = run_direct_trial(spec_of(open_world), planner=Faulty("stops", after=0))
-    assert finished.result.outcome is Outcome.NO_FIRST_MOTION
-    assert finished.result.recoveries == 20
+    assert (finished.result.outcome, finished.result.recoveries) == (Outcome.NO_FIRST_MOTION, 20)
     assert finished.result.scores.scored_time_s == QUICK.failure_time_s
 
 
@@ -185,8 +182,7 @@ def test_a_simulator_that_fails_is_an_outcome(open_world, monkeypatch):
 def test_a_contact_ends_the_challenge_but_not_the_papers_trial(walled_world, tmp_path):
     challenge = run_direct_trial(spec_of(walled_world, CHALLENGE), planner=Straight()).result
     assert (challenge.outcome, challenge.measures.contacts) == (Outcome.COLLISION, 1)
-    assert challenge.measures.min_clearance_m < 0.02
-    assert challenge.scores.challenge == 0.0
+    assert challenge.measures.min_clearance_m < 0.02 and challenge.scores.challenge == 0.0
     finished = recorded(spec_of(walled_world, PAPER_2020), tmp_path / "bag", Straight())
     paper = finished.result
     assert paper.outcome in (Outcome.SUCCESS, Outcome.TIMEOUT)
@@ -230,12 +226,10 @@ def test_a_protocol_may_give_the_map_of_the_original_data_set(open_world):
     grid = open_world.grid.copy()
     grid[5, 20] = True
     world = type(open_world)("one", grid, open_world.path)
-    cells = [
-        set(map(tuple, np.argwhere(spec_of(world, replace(PAPER_2020, historical_map=old)).map.data == 100).tolist()))
-        for old in (False, True)
-    ]
-    assert (54, 5) in cells[0] - cells[1]
-    assert (53, 5) in cells[1] - cells[0]
+    maps = (spec_of(world, replace(PAPER_2020, historical_map=old)).map for old in (False, True))
+    own, historical = (one.data == 100 for one in maps)
+    assert (own[54, 5], historical[54, 5]) == (True, False)
+    assert (own[53, 5], historical[53, 5]) == (False, True)
 
 
 def test_the_map_of_a_world_of_other_cells_is_off_by_as_much_as_the_pose(open_world):

@@ -40,9 +40,8 @@ def still(count: int) -> list[Pose2D]:
 def test_an_obstacle_runs_a_standing_robot_over():
     """It comes from ahead at 1 m/s; its edge is 0.8 m from the outline (0.25 m ahead) at first."""
     found = figures(world_of((0.0, 1.55, 0.0), (10.0, -8.45, 0.0)), still(18), [0.0] * 18, {17})
-    assert (found.touched, found.hit_robot_mps) == ("walker", 0.0)
+    assert (found.touched, found.hit_robot_mps, found.moving_clearance_m) == ("walker", 0.0, 0.0)
     assert (found.hit_closing_mps, found.hit_robot_share) == pytest.approx((1.0, 0.0))
-    assert found.moving_clearance_m == 0.0
     assert found.near_s == pytest.approx(0.6)  # readings from 0.3 s to 0.85 s, each for the 0.05 s before it
     assert found.time_to_collision_s == pytest.approx(0.0)
 

@@ -14,7 +14,6 @@ from barn_worlds.base.errors import BarnError, ConfigError
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "python.md"
 
-
 SCRIPT = """
 import math
 
@@ -44,7 +43,6 @@ trial = results.trial(first.trial_id)
 print(results.table["planner"].tolist(), first.scores.success, trial.trajectory["x_m"].max(), trial.to_tum("trial.txt"))
 print(barn.plan(worlds, "dwa", seed=3).trials, barn.robots.load("husky").name, barn.compare(results, "out").columns)
 """
-
 
 WRONG = """
 import barn_eval as barn

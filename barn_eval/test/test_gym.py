@@ -35,17 +35,15 @@ FORWARD, STILL, NO_NUMBER = (np.array([speed, 0.0], np.float32) for speed in (0.
 
 
 @pytest.fixture
-def make():
+def make(request):
     """Make environments that are closed after the test."""
-    made = []
 
     def one(**changes) -> JackalEnv:
-        made.append(JackalEnv(**changes))
-        return made[-1]
+        env = JackalEnv(**changes)
+        request.addfinalizer(env.close)
+        return env
 
-    yield one
-    for env in made:
-        env.close()
+    return one
 
 
 @pytest.mark.parametrize("changes", [{}, {"observation.beams": 40}, {"protocol": "paper2020"}])
@@ -103,21 +101,12 @@ def steering_policy() -> Policy:
 def test_an_episode_is_the_trial_of_the_benchmark_to_the_last_bit(make, tmp_path, protocol, shield):
     policy, world = steering_policy(), 12
     write_policy(tmp_path / "policy.npz", policy)
-    config = EnvConfig(
-        protocol=protocol.name,
-        observation=policy.observation,
-        action=policy.action,
-        safety=SafetyConfig(enabled=shield),
-    )
-    env = make(config=config)
+    spaces = {"observation": policy.observation, "action": policy.action}
+    env = make(config=EnvConfig(protocol=protocol.name, safety=SafetyConfig(enabled=shield), **spaces))
     settings = {"policy_path": str(tmp_path / "policy.npz"), "safety.enabled": shield}
-    experiment = Experiment(
-        planners=(PlannerChoice("policy", overrides=settings),),
-        repetitions=2,
-        protocol=protocol,
-        simulator=simulator_config(protocol),
-        seed=3,
-    )
+    planners = (PlannerChoice("policy", overrides=settings),)
+    rules = {"protocol": protocol, "simulator": simulator_config(protocol)}
+    experiment = Experiment(planners=planners, repetitions=2, seed=3, **rules)
     finished = run_direct_trial(experiment.trials([world])[1])
     network = PolicyNetwork(policy)
     seen, info = env.reset(options={"world": world, "campaign_seed": 3, "repetition": 1})
@@ -206,11 +195,8 @@ def test_a_shield_keeps_from_a_collision_and_costs(make):
 
 def test_the_way_left_is_that_of_the_nearest_point_the_first_of_several():
     rng = np.random.default_rng(0)
-    points, positions, left_m = (
-        rng.integers(0, 5, (200, 30, 3)) * 0.15,
-        rng.integers(0, 5, (200, 2)) * 0.15,
-        np.zeros(200),
-    )
+    points, positions = (rng.integers(0, 5, shape) * 0.15 for shape in ((200, 30, 3), (200, 2)))
+    left_m = np.zeros(200)
     positions[::2] += rng.normal(size=(100, 2))
     away = np.hypot(*(points[:, :, :2] - positions[:, None]).transpose(2, 0, 1))
     nearest = away[:, :20].argmin(axis=1)

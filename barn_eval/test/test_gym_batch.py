@@ -17,19 +17,17 @@ COUNT = 5
 
 
 @pytest.fixture
-def pair():
+def pair(request):
     """Make a batch of environments and the same ones in Gymnasium's own vector environment."""
-    made = []
 
     def make(autoreset="NextStep", **changes):
         one = gymnasium.make_vec(NAME, COUNT, "vector_entry_point", autoreset_mode=autoreset, **changes)
         other = gymnasium.make_vec(NAME, COUNT, "sync", vector_kwargs={"autoreset_mode": autoreset}, **changes)
-        made.extend([one, other])
+        request.addfinalizer(one.close)
+        request.addfinalizer(other.close)
         return one, other
 
-    yield make
-    for envs in made:
-        envs.close()
+    return make
 
 
 def drive(pair, steps, actions):

@@ -13,15 +13,15 @@ from barn_eval.trials.outcome import Outcome
 from barn_worlds.base.errors import ConfigError
 
 SIMULATOR, PLANNER, OTHER = b"simulator...", b"planner.....", b"other......."
-THEIRS = ("/clock", "/odom", "/scan")
 TOPICS = TrialTopics("/clock", "/odom", "/truth", "/collision", "/cmd_vel", "/scan", "/diagnostics")
 
 
 class View:
     """A graph of plain data."""
 
-    def __init__(self, publishers=(), subscriptions=(), clients=()):
+    def __init__(self, publishers=(), subscriptions=(), clients=(), crowded=""):
         self._publishers, self._subscriptions, self._clients = publishers, subscriptions, clients
+        self._crowded = crowded
 
     def publishers(self, topic):
         return [endpoint for endpoint in self._publishers if endpoint.topic == topic]
@@ -30,9 +30,7 @@ class View:
         return [endpoint for endpoint in self._subscriptions if endpoint.topic == topic]
 
     def crowd(self):
-        return self.crowded
-
-    crowded = ""
+        return self._crowded
 
     def clients_of(self, name):
         assert name == "/simulator"
@@ -51,7 +49,7 @@ def endpoint(topic, process, node):
 
 
 def ordinary():
-    own = [endpoint(topic, SIMULATOR, "/simulator") for topic in THEIRS]
+    own = [endpoint(topic, SIMULATOR, "/simulator") for topic in ("/clock", "/odom", "/scan")]
     return [*own, endpoint("/cmd_vel", PLANNER, "/planner"), endpoint("/tf", PLANNER, "/planner")]
 
 
@@ -60,9 +58,8 @@ def integrity(view, line):
 
 
 def test_a_graph_too_large_to_be_looked_at_is_interference():
-    view = View(ordinary())
-    view.crowded = "5000 topics are on the graph, more than 1000"
-    assert integrity(view, Channel()).look() == view.crowded
+    told = "5000 topics are on the graph, more than 1000"
+    assert integrity(View(ordinary(), crowded=told), Channel()).look() == told
 
 
 @pytest.mark.parametrize("line", [Channel(), None], ids=["private line", "by hand"])

@@ -39,10 +39,8 @@ def test_a_bag_is_followed_second_by_second_and_then_the_next_one(tmp_path):
     with Recorder(tmp_path / "bags" / "one") as recorder:
         record(recorder, 0, 4)
         another, heard = follower.read()
-        assert another
-        assert stamps(heard) == [0, 1, 2, 3]
-        assert heard[0].data == encode_text("a robot")
-        assert heard[0].type_name == ROBOT_DESCRIPTION.type_name
+        assert (another, stamps(heard)) == (True, [0, 1, 2, 3])
+        assert (heard[0].data, heard[0].type_name) == (encode_text("a robot"), ROBOT_DESCRIPTION.type_name)
         assert follower.read() == (False, [])
         record(recorder, 4, 6)
         assert stamps(follower.read()[1]) == [4, 5]
@@ -53,8 +51,7 @@ def test_a_bag_is_followed_second_by_second_and_then_the_next_one(tmp_path):
     with Recorder(tmp_path / "bags" / "two") as recorder:
         record(recorder, 0, 3)
         another, heard = follower.read()
-        assert another
-        assert stamps(heard) == [0, 1, 2]
+        assert (another, stamps(heard)) == (True, [0, 1, 2])
         follower.close()
 
 
