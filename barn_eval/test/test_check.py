@@ -5,6 +5,8 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+import pyarrow.parquet
 import pytest
 from forgery import forge, replace_text, rewrite_bag, without_bags, won
 from planners import SHORT, Straight
@@ -41,6 +43,12 @@ def test_a_good_folder_has_nothing_wrong_with_it(driven, command):
     assert (code, json.loads(out)["problems"]) == (0, [])
 
 
+def write_long_table(path):
+    """Write a table of which run lengths let some kilobytes stand for any number of rows."""
+    table = pyarrow.table({"world": np.zeros(2_000_000, np.int64)})
+    pyarrow.parquet.write_table(table, path, compression="zstd")
+
+
 def test_an_unfinished_folder_is_good_as_far_as_it_goes(folder):
     rows = (folder / "results.jsonl").read_text().splitlines(keepends=True)
     (folder / "results.jsonl").write_text(rows[0] + rows[1][:40])
@@ -65,6 +73,7 @@ def test_an_unfinished_folder_is_good_as_far_as_it_goes(folder):
         (lambda out: shutil.rmtree(out / "bags" / "gap_w0000_r00"), "gap_w0000_r00: is missing, bags of all trials"),
         (lambda out: (out / "results.parquet").unlink(), "results.parquet: is missing, though all trials have rows"),
         (lambda out: (out / "results.parquet").write_bytes(b"PAR1"), "results.parquet: "),
+        (lambda out: write_long_table(out / "results.parquet"), "results.parquet: has 2000000 rows or columns that"),
         (lambda out: (out / "results.csv").unlink(), "results.csv: is missing, though all trials have rows"),
         (lambda out: replace_text(out / "results.csv", "planner", "success"), "results.csv: is not the table of its"),
     ],

@@ -2,15 +2,11 @@
 
 import shutil
 
-import numpy as np
-import pyarrow as pa
-import pyarrow.parquet
 import pytest
 from reproduce_work import write_made_up
 
-from barn_eval.experiments.check import _parquet_problem
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
-from barn_eval.experiments.rows import results_table, sealed, unsealed
+from barn_eval.experiments.rows import sealed, unsealed
 from barn_eval.results import Results
 
 GAP = Experiment(worlds="0,9", planners=(PlannerChoice("gap"), PlannerChoice("dwa")))
@@ -70,15 +66,6 @@ def test_a_row(rejected, good, tmp_path, case):
     (out / "results.jsonl").write_text(sealed(ROWS[case](unsealed(first, case))) + "\n")
     for command in (("report", out), ("compare", f"{out}:gap", f"{out}:dwa"), ("leaderboard", out)):
         assert rejected(*command).startswith(f"error: {out}/results.jsonl, line 1: ")
-
-
-def test_a_parquet_table_of_any_number_of_rows(tmp_path):
-    """Run lengths let a kilobyte stand for any number of rows."""
-    table = pa.table({"world": pa.array(np.zeros(2_000_000, np.int64))})
-    pyarrow.parquet.write_table(table, tmp_path / "t.parquet", compression="zstd")
-    assert (tmp_path / "t.parquet").stat().st_size < 20_000
-    problem = _parquet_problem((tmp_path / "t.parquet").read_bytes(), results_table([]))
-    assert problem == "has 2000000 rows or columns that are not those of results.jsonl"
 
 
 def test_names_of_folders_are_text_on_every_page(good, tmp_path, command):
