@@ -92,15 +92,13 @@ class Deeds(Work):
 
 def all_reports(engine, jobs):
     """Run jobs and return the reports by key."""
-    waiting, out, reports = list(jobs.items()), 0, {}
-    while waiting or out:
-        while waiting and out < engine.slots:
+    waiting, reports = list(jobs.items()), {}
+    while len(reports) < len(jobs):
+        while waiting and len(jobs) - len(waiting) - len(reports) < engine.slots:
             engine.submit(*waiting.pop(0))
-            out += 1
         for report in engine.wait(5.0):
             assert report.key not in reports
             reports[report.key] = report
-            out -= 1
     return reports
 
 
