@@ -33,18 +33,11 @@ def test_a_managed_planner_gets_its_goal_by_action_and_gives_its_own_verdict(tmp
     plan = ros.make_plan(longer, setup, planner="managed", planner_command=command, repetitions=3)
     folder = tmp_path / "run"
     results = ros.run(folder, plan)
-    assert [result.outcome for result in results] == [Outcome.TIMEOUT] * 3
-    assert [result.planner_verdict for result in results] == ["executing", "aborted (error 104)", "succeeded"]
+    verdicts = ["executing", "aborted (error 104)", "succeeded"]
+    assert [(one.outcome, one.planner_verdict) for one in results] == [(Outcome.TIMEOUT, told) for told in verdicts]
     assert read_results(folder) == results
-    goal = "in odom: 10.0"
-    assert notes.read_text().splitlines() == [
-        "active",
-        f"goal 1 {goal}",
-        "canceled",
-        f"goal 2 {goal}",
-        "refused",
-        f"goal 3 {goal}",
-    ]
+    goals = [f"goal {number} in odom: 10.0" for number in (1, 2, 3)]
+    assert notes.read_text().splitlines() == ["active", goals[0], "canceled", goals[1], "refused", goals[2]]
     recorded = ros.messages(folder / "bags" / results[0].trial_id)
     # a type of others is recorded with the definition that its package has
     _, costmap = recorded["/costmap_raw"][-1]
@@ -99,8 +92,8 @@ def test_the_node_that_leads_the_planner_is_waited_for(tmp_path):
     late, absent = ros.drive_kinds(tmp_path, "late", "drives", setup=setup)
     assert late.outcome is Outcome.TIMEOUT
     assert int((tmp_path / "starts.heard").read_text()) >= 2  # asked again where an answer is slow to come
-    assert absent.outcome is Outcome.PLANNER_NOT_READY
-    assert absent.detail == "the node /late (planner_node) is not there (waited 5 s)"
+    told = "the node /late (planner_node) is not there (waited 5 s)"
+    assert (absent.outcome, absent.detail) == (Outcome.PLANNER_NOT_READY, told)
 
 
 def test_a_robot_in_a_namespace_with_names_and_frames_of_its_own(tmp_path):
@@ -120,15 +113,13 @@ def test_a_robot_in_a_namespace_with_names_and_frames_of_its_own(tmp_path):
     assert result.outcome is Outcome.TIMEOUT
     assert result.measures.driven_m > 0.2
     heard = ros.messages(folder / "bags" / result.trial_id)
-    last = {topic: rows[-1][1] for topic, rows in heard.items()}
-    assert last["/robot1/cmd_vel"].header.frame_id == "robot1/base_link"
-    assert last["/robot1/front/scan"].header.frame_id == "robot1/front"
-    odometry = last["/robot1/odom"]
-    assert (odometry.header.frame_id, odometry.child_frame_id) == ("robot1/odom", "robot1/base_link")
-    assert last["/robot1/ground_truth/odom"].header.frame_id == "world"
-    assert [last[f"/robot1/{name}"].header.frame_id for name in ("goal_pose", "map")] == ["world"] * 2
-    assert {"/cmd_vel", "/scan", "/robot1/scan", "/clock"} & set(heard) == set()
-    assert "/sim/clock" in heard
+    frames = {
+        **{"cmd_vel": "robot1/base_link", "front/scan": "robot1/front", "odom": "robot1/odom"},
+        **dict.fromkeys(("ground_truth/odom", "goal_pose", "map"), "world"),
+    }
+    assert {name: heard[f"/robot1/{name}"][-1][1].header.frame_id for name in frames} == frames
+    assert heard["/robot1/odom"][-1][1].child_frame_id == "robot1/base_link"
+    assert {"/cmd_vel", "/scan", "/robot1/scan", "/clock", "/sim/clock"} & set(heard) == {"/sim/clock"}
     read = {message.topic for message in BagFile(folder / "bags" / result.trial_id).messages()}
     assert {"/odom", "/scan", "/cmd_vel", "/ground_truth/odom", "/collision"} <= read
 
