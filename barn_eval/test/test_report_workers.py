@@ -26,14 +26,10 @@ run_forked([tell], print)
 """
 
 
-def _die():
-    os.kill(os.getpid(), signal.SIGKILL)
-
-
 def test_a_killed_process_is_one_line():
     said = r"^a process that computed a part of the report was killed; was there enough"
     with pytest.raises(BarnError, match=said):
-        run_forked([_die], print)
+        run_forked([partial(signal.raise_signal, signal.SIGKILL)], print)
 
 
 def test_what_was_not_begun_is_left_when_the_report_fails(tmp_path):
