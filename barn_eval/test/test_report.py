@@ -55,13 +55,6 @@ def test_names_from_files_are_escaped(page):
     assert "A &lt;b&gt;title" in page
 
 
-def test_the_slower_planner_is_found_slower(report):
-    (found,) = report.overview.comparisons
-    row = found.row("traversal_time_s")
-    assert row.paired.difference.high < 0.0 < row.paired.improvement.low - 0.5
-    assert row.paired.difference.estimate == pytest.approx(-0.3)
-
-
 def test_json_within_a_script_cannot_leave_it():
     text = script_json({"a": "</script><!--\u2028\u2029&", "b": float("nan")})
     assert not set("<>&\u2028\u2029") & set(text)
@@ -161,10 +154,8 @@ def test_the_page_begins_with_the_verdict_and_a_warning_of_few_worlds(report):
     assert f'<p class="verdict">{verdict.short}</p>\n  <p>{verdict.details}</p>' in html.unescape(text)
     task = report.entries[0].results[0].task
     assert re.fullmatch("[0-9a-f]{12}", task)
-    places = [
-        text.index(one) for one in ("Protocol challenge, robot Jackal", verdict.short, f"Task {task}: a checksum")
-    ]
-    assert places == sorted(places)
+    said = ("Protocol challenge, robot Jackal", verdict.short, f"Task {task}: a checksum")
+    assert sorted(said, key=text.index) == list(said)
     assert text.index("Only 8 worlds") < text.index('id="headline"')
 
 

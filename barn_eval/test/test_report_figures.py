@@ -44,6 +44,7 @@ def test_differences_are_drawn_of_the_metric_in_favour_of_who_is_named_there(rep
     titles = [" ".join(axes.get_title(loc="left").split()) for axes in (first, *others)]
     assert titles == ["challenge metric", "success", "time per metre as counted", "better in a trial"]
     (found,) = report.overview.comparisons
+    assert found.row("traversal_time_s").paired.difference.estimate == pytest.approx(-0.3)  # gap is faster
     assert [label.get_text() for label in first.get_yticklabels()] == ["DWA \u25c2 \u25b8 gap"] and found.a == "gap"
     assert [axes.xaxis_inverted() for axes in (first, *others)] == [False, False, True, False]
     drawn = first.lines[1].get_xydata().tolist()
