@@ -38,14 +38,9 @@ def experiment_of(worlds, repetitions=3, dataset="barn300"):
     return Experiment(dataset=dataset, worlds=worlds, planners=planners, repetitions=repetitions, **rules)
 
 
-def made_up_results(worlds, repetitions=3):
-    """Return the results of an experiment of both planners."""
-    return [made_up(spec) for spec in experiment_of(worlds, repetitions).trials()]
-
-
-def write_made_up(out, experiment, execution=None, change=lambda result: result):
+def write_made_up(out, experiment, change=lambda result: result):
     """Write a folder of trials that were not driven, and return their results."""
-    with opened(out, experiment, execution or Execution(), experiment.trials()) as folder:
+    with opened(out, experiment, Execution(), experiment.trials()) as folder:
         for spec in folder.remaining:
             folder.append(Record(change(made_up(spec)), None))
         return folder.complete()

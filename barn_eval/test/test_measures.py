@@ -174,12 +174,10 @@ def test_planners_are_spelled_as_the_field_does():
     ]  # fmt: skip
 
 
-ROW = re.compile(r"^\{\}(.*) \\\\$", re.M)
-
-
 def cells(text):
     """The cells of each row by the planner's name."""
-    return {row.split(" & ")[0]: row.split(" & ")[1:] for row in ROW.findall(text)}
+    rows = [row.split(" & ") for row in re.findall(r"^\{\}(.*) \\\\$", text, re.MULTILINE)]
+    return {name: figures for name, *figures in rows}
 
 
 def test_the_best_and_what_is_not_clearly_worse_is_bold():

@@ -28,19 +28,16 @@ class Reading(NamedTuple):
     collision: bool
 
 
-def reading(step: int, y: float, collision: bool = False, offset_ns: int = 0) -> Reading:
+def reading(step: int, y: float, collision: bool = False) -> Reading:
     """Return the readings of a robot that has driven straight to y; odometry counts along its own x."""
-    return Reading(offset_ns + step * PERIOD_NS, Pose2D(y, 0.0, 0.0), Pose2D(0.0, y, math.pi / 2), collision)
+    return Reading(step * PERIOD_NS, Pose2D(y, 0.0, 0.0), Pose2D(0.0, y, math.pi / 2), collision)
 
 
-def judge(protocol, positions, contacts=(), offset_ns=0):
+def judge(protocol, positions, contacts=()):
     """Return the verdict on a list of positions along the course, None if there is none."""
     referee = Referee(protocol, COURSE)
-    for step, y in enumerate(positions):
-        verdict = referee.observe(*reading(step, y, step in contacts, offset_ns))
-        if verdict is not None:
-            return verdict
-    return None
+    verdicts = (referee.observe(*reading(step, y, step in contacts)) for step, y in enumerate(positions))
+    return next((verdict for verdict in verdicts if verdict is not None), None)
 
 
 def test_success_is_timed_from_the_first_motion_to_the_goal():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from reproduce_work import made_up_results
+from reproduce_work import experiment_of, made_up
 
 from barn_eval.studies.reproduction.findings import ReproduceConfig, chosen_worlds, paper_campaign
 from barn_eval.studies.reproduction.page import FAILS, HOLDS, OPEN, PAPER, above, contains
@@ -26,7 +26,7 @@ WORLDS = "0:300:15"
 @pytest.fixture(scope="module")
 def results():
     """Made-up trials in twenty worlds."""
-    return made_up_results(WORLDS)
+    return [made_up(spec) for spec in experiment_of(WORLDS).trials()]
 
 
 @pytest.fixture(scope="module")

@@ -21,18 +21,19 @@ from barn_eval.analysis.statistics import (
 from barn_metrics.bootstrap import Interval, over_worlds
 
 
-def trials_of(worlds=20, repetitions=5, seed=1, within=1.0, between=3.0):
-    draw = np.random.default_rng(seed)
+def trials_of(worlds=20, repetitions=5):
+    draw = np.random.default_rng(1)
     world = np.repeat(np.arange(worlds), repetitions)
-    values = 20.0 + np.repeat(draw.gamma(1.0, between, worlds), repetitions) + draw.normal(0, within, len(world))
+    values = 20.0 + np.repeat(draw.gamma(1.0, 3.0, worlds), repetitions) + draw.normal(0, 1.0, len(world))
     return values, world, np.tile(np.arange(repetitions), worlds)
 
 
 def test_order_of_trials_changes_no_bit():
-    values, worlds, repetitions = trials_of()
+    values, worlds, repetitions = trials_of(30, 20)
     shuffled = np.random.default_rng(0).permutation(len(values))
     assert Columns(values, worlds, repetitions).mean() == Columns(values, worlds, repetitions).at(shuffled).mean()
-    assert repetition_spread(values, worlds) == repetition_spread(values[shuffled], worlds[shuffled])
+    for figure in (mean_interval, repetition_spread):
+        assert figure(values, worlds) == figure(values[shuffled], worlds[shuffled])
 
 
 def test_unbalanced_worlds_are_weighted_by_their_trials_and_nan_has_no_part():
@@ -160,12 +161,10 @@ def counted(values, failures, worlds, as_failure=0.0, best=0.5):
     return Columns(values, np.asarray(worlds), np.zeros(len(values), int), *failing, best)
 
 
-def draw(generator, worlds, repetitions, failing, mean, *, correlation=0.5, effect=None):
-    """Trials of a bounded score, 0 for a failure; worlds differ, and so do their chances of failure."""
-    world = np.repeat(np.arange(worlds), repetitions)
-    effect = generator.normal(0.0, 0.04, worlds) if effect is None else effect
-    size = 1.0 / correlation - 1.0
-    chances = generator.beta(failing * size, (1.0 - failing) * size, worlds) if failing else np.zeros(worlds)
+def draw(generator, mean, effect):
+    """Two trials a world of a bounded score, 0 for a failure; worlds differ, and so do their chances of failure."""
+    world = np.repeat(np.arange(len(effect)), 2)
+    chances = generator.beta(0.02, 0.98, len(effect))
     failures = (generator.random(len(world)) < chances[world]).astype(np.int64)
     scores = mean + effect[world] + generator.normal(0.0, 0.02, len(world))
     return counted(np.where(failures == 1, 0.0, scores), failures, world)
@@ -239,7 +238,7 @@ def test_a_difference_is_clear_where_its_interval_leaves_out_zero_and_turns_with
     generator = np.random.default_rng(4)
     for mean in (0.30, 0.28, 0.26):
         effect = generator.normal(0.0, 0.04, 60)
-        a, b = (draw(generator, 60, 2, 0.02, one, effect=effect) for one in (0.30, mean))
+        a, b = (draw(generator, one, effect) for one in (0.30, mean))
         found, turned = difference(a, b), difference(b, a)
         assert (found.p <= 0.05) == found.interval.excludes(0.0)
         assert (turned.p, turned.interval.mirrored().low) == pytest.approx((found.p, found.interval.low))

@@ -144,16 +144,10 @@ def time(monkeypatch):
     return clock
 
 
-def failed(number):
-    one = result(number)
-    return replace(one, outcome=Outcome.TIMEOUT, detail="too slow", scores=replace(one.scores, success=False))
-
-
-def show(total, earlier, events, time, terminal=False):
+def show(total, earlier, events, time):
     """Take one event every two seconds and return the text shown and the last state."""
     file = io.StringIO()
-    console = Console(file=file, force_terminal=terminal, width=200)
-    with ExperimentProgress(total, earlier, console) as shown:
+    with ExperimentProgress(total, earlier, Console(file=file, force_terminal=False, width=200)) as shown:
         for event in events:
             time.now += 2.0
             shown.take(event)
@@ -176,7 +170,10 @@ def test_lines_come_now_and_then_and_at_the_end(time):
 
 
 def test_trials_of_a_small_experiment_have_a_line_each(time):
-    shown, _ = show(3, [result(0)], [result(1), failed(2)], time)
+    slow = replace(
+        result(2), outcome=Outcome.TIMEOUT, detail="too slow", scores=replace(result(2).scores, success=False)
+    )
+    shown, _ = show(3, [result(0)], [result(1), slow], time)
     first, second, _ = shown.splitlines()
     assert first == "[2/3] dwa_w0001_r00: success in 10.10 s"
     assert second == "[3/3] dwa_w0002_r00: timeout (too slow)"
