@@ -16,17 +16,13 @@ from barn_worlds.formats.npz import parse_npy, to_npy
 
 SUMMED_UP = len(summary_names())
 EVEN = "must span an odd number of samples"
-
-
-def small_model():
-    """Return a model of two networks."""
-    return DifficultyModel(("dwa",), (made_network(), made_network(seed=5)), 0.2, {"seed": 1})
+SMALL_MODEL = DifficultyModel(("dwa",), (made_network(), made_network(seed=5)), 0.2, {"seed": 1})
 
 
 @pytest.fixture
 def file(tmp_path):
     path = tmp_path / "weights.npz"
-    save_model(small_model(), path)
+    save_model(SMALL_MODEL, path)
     return path
 
 
@@ -52,7 +48,7 @@ def refused(path):
 
 def test_a_model_is_read_as_it_was_written(file, tmp_path):
     inputs = np.random.default_rng(1).uniform(0.5, 3.0, (20, len(input_names())))
-    model, read = small_model(), load_model(file)
+    model, read = SMALL_MODEL, load_model(file)
     assert read.predict_inputs(inputs) == model.predict_inputs(inputs)
     assert (read.planners, read.about) == (("dwa",), {"seed": 1})
     again = tmp_path / "again.npz"

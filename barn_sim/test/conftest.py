@@ -15,10 +15,8 @@ __all__ = ["own_domain"]
 @pytest.fixture(scope="module")
 def clients() -> Iterator[tuple[PhysicsClient, PhysicsClient]]:
     """Two physics clients, for two simulators in turn."""
-    both = PhysicsClient(), PhysicsClient()
-    yield both
-    for client in both:
-        client.close()
+    with closing(PhysicsClient()) as one, closing(PhysicsClient()) as other:
+        yield one, other
 
 
 @pytest.fixture

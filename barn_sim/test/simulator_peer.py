@@ -47,18 +47,16 @@ class Driver(Peer):
     def __init__(self, command: type = Twist) -> None:
         super().__init__()
         self.heard: dict[str, list] = defaultdict(list)
-        self.description = ""
+        self.description = String()
         self.command_type = command
         self.commands = self.node.create_publisher(command, "cmd_vel", 10)
         for topic, kind in TOPICS.items():
             self.node.create_subscription(kind, topic, partial(self._listen, topic), profile(Qos(depth=1000)))
-        self.node.create_subscription(String, "robot_description", self._describe, profile(LATCHED))
+        describe = partial(setattr, self, "description")
+        self.node.create_subscription(String, "robot_description", describe, profile(LATCHED))
 
     def _listen(self, topic: str, message) -> None:
         self.heard[topic].append(message)
-
-    def _describe(self, message: String) -> None:
-        self.description = message.data
 
     def set(self, **values):
         given = [Parameter(name.replace("__", "."), value=v).to_parameter_msg() for name, v in values.items()]

@@ -114,12 +114,8 @@ def test_a_pushed_cylinder_tips_where_the_ground_holds_its_foot(friction: float,
     smooth = PhysicsConfig(chassis_friction=0.0)  # or the chassis holds it upright
     config = SimulatorConfig(physics=smooth, obstacles=ObstacleConfig(movable=True, friction=friction))
     _, moved = push(world_with((14, 5)), config, 140, speed=0.2)  # gently: a blow could tip it as well
-    assert (abs(uprightness(moved.quaternions[0])) < 0.5) is tips
-
-
-def uprightness(quaternion: np.ndarray) -> float:
-    x, y, _, _ = quaternion
-    return float(1.0 - 2.0 * (x * x + y * y))
+    x, y, _, _ = moved.quaternions[0].tolist()
+    assert (abs(1.0 - 2.0 * (x * x + y * y)) < 0.5) is tips
 
 
 def test_driving_away_takes_the_bodies_out_again(simulators) -> None:

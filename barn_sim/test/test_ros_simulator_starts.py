@@ -103,7 +103,7 @@ def test_robots_over_ros_equal_the_core_to_the_last_bit(started, tmp_path):
     config = replace(config, lidar=replace(config.lidar, **EACH))  # what was set has precedence
     assert_equal(peer.heard, config, sent)
     assert tuple(peer.heard["/joint_states"][0].name) == joint_names(robot.chassis)
-    peer.wait(lambda: peer.description == robot_description(config.lidar, robot.chassis))
+    peer.wait(lambda: peer.description.data == robot_description(config.lidar, robot.chassis))
 
     other = load_robot("turtlebot3_waffle")
     file = tmp_path / "mine.yaml"
@@ -120,7 +120,7 @@ def test_robots_over_ros_equal_the_core_to_the_last_bit(started, tmp_path):
     peer.drive(sent)
     assert_equal(peer.heard, config, sent)
     assert tuple(peer.heard["/joint_states"][0].name) == joint_names(other.chassis)
-    peer.wait(lambda: peer.description == robot_description(other.lidar, other.chassis))
+    peer.wait(lambda: peer.description.data == robot_description(other.lidar, other.chassis))
 
     assert peer.set(robot="huskie")[0].successful
     answer = peer.reset()

@@ -25,17 +25,13 @@ STEPS = 100
 CHECK_MOTION = Path(__file__).resolve().parents[2] / "qa" / "check_motion.py"
 
 
-def sparse_world(rng: np.random.Generator) -> World:
-    grid = rng.random((30, 30)) < 0.02
-    grid[:, 15] = grid[9:21, 9:21] = False
-    return World("sparse", grid, np.array([[row, 15] for row in range(30)]))
-
-
 def simulator_of(
     seed: int, client: PhysicsClient, rng: np.random.Generator, *, free_motion: bool = True, robot: str = "jackal"
 ) -> Simulator:
     """Return a robot in the middle of a sparse world, whose obstacles can be moved if the seed is odd."""
-    world = sparse_world(rng)
+    grid = rng.random((30, 30)) < 0.02
+    grid[:, 15] = grid[9:21, 9:21] = False
+    world = World("sparse", grid, np.array([[row, 15] for row in range(30)]))
     config = with_robot(SimulatorConfig(), load_robot(robot))
     config = replace(config, obstacles=replace(config.obstacles, movable=bool(seed % 2)))
     x, y = world.path_m()[15]

@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -54,11 +55,8 @@ def test_missing_files_and_folders_are_said(tmp_path):
 def test_a_failed_write_leaves_what_was_there(tmp_path, monkeypatch):
     path = tmp_path / "a.txt"
     write_bytes(path, b"old")
-
-    def fail(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("barn_worlds.base.files.os.replace", fail)
+    full = Mock(side_effect=OSError(28, "No space left on device"))
+    monkeypatch.setattr("barn_worlds.base.files.os.replace", full)
     with pytest.raises(WorldError, match=r"a\.txt: cannot be written: No space left"):
         write_bytes(path, b"new")
     assert path.read_bytes() == b"old"

@@ -180,19 +180,18 @@ def test_a_viewer_can_draw_it_and_a_later_scene_takes_its_place():
 
 
 def test_other_markers_are_no_scene():
-    big, small = (marker("map", "walls", CYLINDER, index=index) for index in range(2))
-    for one, size in ((big, 2.0), (small, 1.0)):
-        one.scale.x = one.scale.y = one.scale.z = size
-    lost = marker("map", "goal", CYLINDER)
-    lost.pose.position.x = np.nan
-    endless = marker("map", "obstacles", CYLINDER)
-    endless.scale.x = endless.scale.y = endless.scale.z = np.inf
+    def one(frame="map", namespace="walls", x=0.0, size=1.0, index=0):
+        made = marker(frame, namespace, CYLINDER, index=index)
+        made.pose.position.x = x
+        made.scale.x = made.scale.y = made.scale.z = size
+        return made
+
     refused = {
-        "namespace 'band'": encoded(marker("map", "band", CYLINDER)),
-        "frame 'odom'": encoded(marker("odom", "walls", CYLINDER)),
-        "different sizes": encoded(big, small),
-        "not finite": encoded(lost),
-        "not finite, or no size": encoded(endless),
+        "namespace 'band'": encoded(one(namespace="band")),
+        "frame 'odom'": encoded(one("odom")),
+        "different sizes": encoded(one(size=2.0), one(index=1)),
+        "not finite": encoded(one(namespace="goal", x=np.nan)),
+        "not finite, or no size": encoded(one(namespace="obstacles", size=np.inf)),
         "not a message": b"\0\1\0\0\xff\xff",
     }
     for reason, data in refused.items():

@@ -120,12 +120,6 @@ def test_historical_maps_equal_the_original_ones(original_folder):
         assert (ours.resolution, ours.origin_x, ours.origin_y) == pytest.approx((0.15, -4.5, 0.0))
 
 
-def solid(world):
-    """Return the centres (n, 2) of all cylinders, those included that stand where .world files leave them out."""
-    hollow = np.argwhere(geometry.hollow(world.grid))
-    return np.concatenate([world.cylinders_m, geometry.cell_centres(hollow, world.rows, world.resolution_m)])
-
-
 @pytest.mark.parametrize("resolution_m", [None, 0.03, 0.05, 0.1, 0.4])
 def test_a_map_of_any_resolution_is_occupied_where_a_cylinder_reaches_into(small_world, resolution_m):
     occupancy = small_world.occupancy_map(resolution_m)
@@ -134,7 +128,8 @@ def test_a_map_of_any_resolution_is_occupied_where_a_cylinder_reaches_into(small
     left = occupancy.origin_x + np.arange(width) * resolution_m
     below = occupancy.origin_y + np.arange(height) * resolution_m
     expected = np.zeros((height, width), bool)
-    for x, y in solid(small_world):
+    hollow = np.argwhere(geometry.hollow(small_world.grid))  # where .world files leave cylinders out
+    for x, y in np.concatenate([small_world.cylinders_m, geometry.cell_centres(hollow, small_world.rows, 0.15)]):
         dx = np.maximum(0.0, np.maximum(left - x, x - left - resolution_m))
         dy = np.maximum(0.0, np.maximum(below - y, y - below - resolution_m))
         expected |= np.hypot(dx[None], dy[:, None]) < small_world.cylinder_radius_m - 1e-9
