@@ -5,7 +5,6 @@ import shutil
 from pathlib import Path
 
 import figures as tool
-import pytest
 import yaml
 
 from barn_eval.experiments.experiment import Experiment
@@ -16,6 +15,7 @@ from barn_metrics.bootstrap import RESAMPLES
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
+CAMPAIGNS = (DOCS / "campaigns.md").read_text("utf-8")
 
 
 def test_one_command_draws_all_figures_but_those_it_names(tmp_path, capsys):
@@ -45,28 +45,20 @@ def test_every_figure_is_shown_with_a_text_that_says_what_is_on_it():
     assert [target for text, target in found if len(text.split()) < 3] == []
 
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "campaigns.md"
-
-
-@pytest.fixture(scope="module")
-def page():
-    return PAGE.read_text("utf-8")
-
-
 def columns_of(section):
     rows = [line for line in section.splitlines() if line.startswith("| `")]
     return [name for row in rows for name in re.findall("`(.*?)`", row.split("|")[1])]
 
 
-def test_every_column_is_described_in_its_order(page):
-    _, rest = page.split("`results.*`:\n")
+def test_every_column_is_described_in_its_order():
+    _, rest = CAMPAIGNS.split("`results.*`:\n")
     results, timing = rest.split("`timing.*`:\n")
     assert columns_of(results) == results_table([]).column_names
     assert columns_of(timing) == timing_table([]).column_names
 
 
-def test_the_file_that_is_shown_is_a_campaign(page, tmp_path):
-    block = page.split("`barn run paper.yaml`:\n")[1].split("\nOptions on")[0]
+def test_the_file_that_is_shown_is_a_campaign(tmp_path):
+    block = CAMPAIGNS.split("`barn run paper.yaml`:\n")[1].split("\nOptions on")[0]
     text = "\n".join(line[4:] for line in block.splitlines())
     path = tmp_path / "paper.yaml"
     path.write_text(text)
@@ -77,5 +69,5 @@ def test_the_file_that_is_shown_is_a_campaign(page, tmp_path):
     assert set(Experiment.__dataclass_fields__) - shown == {"ros"}
 
 
-def test_the_number_of_resamples_is_the_codes(page):
-    assert f"{RESAMPLES:,}".replace(",", " ") in " ".join(page.split())
+def test_the_number_of_resamples_is_the_codes():
+    assert f"{RESAMPLES:,}".replace(",", " ") in " ".join(CAMPAIGNS.split())

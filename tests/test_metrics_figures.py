@@ -79,8 +79,7 @@ def test_world_figure_is_a_png_of_the_stated_width_and_repeatable(tmp_path: Path
     first, second = ((tmp_path / "new folder" / name).read_bytes() for name in ("first.png", "second.png"))
     assert first == second
     with Image.open(tmp_path / "new folder" / "first.png") as image:
-        assert image.format == "PNG"
-        assert image.width == WIDTH_PX
+        assert (image.format, image.width) == ("PNG", WIDTH_PX)
 
 
 def test_documentation_figures_are_all_written(tmp_path: Path):

@@ -13,11 +13,8 @@ NODES = [path for path in sorted(ROOT.glob("barn_*/README.md")) if (path.parent 
 
 def services_of(package):
     """Return the names of the services that a package's nodes offer."""
-    found = set()
-    for node in (node for tree in trees_of(package) for node in ast.walk(tree)):
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "create_service":
-            found.add(node.args[1].value)
-    return found
+    calls = (node for tree in trees_of(package) for node in ast.walk(tree) if isinstance(node, ast.Call))
+    return {call.args[1].value for call in calls if ast.unparse(call.func).endswith(".create_service")}
 
 
 def rows_of(text):

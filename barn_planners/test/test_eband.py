@@ -54,8 +54,7 @@ def test_radii_of_the_paper():
 @pytest.mark.parametrize(("length", "speed"), [(4.0, FREE_SPEED), (0.7, FREE_SPEED / 2.0)])
 def test_speed_in_the_open(length, speed):
     control = controller().control(inputs(Pose2D(0.0, 0.0, 0.0), straight_plan(length)))
-    assert control.command.linear == pytest.approx(speed, abs=1e-12)
-    assert control.command.angular == pytest.approx(0.0, abs=1e-12)
+    assert control.command == Velocity2D(pytest.approx(speed, abs=1e-12), pytest.approx(0.0, abs=1e-12))
     assert pytest.approx(0.387, abs=1e-3) == FREE_SPEED
 
 
@@ -71,8 +70,7 @@ def test_small_bearing_steers_while_driving(yaw):
     control = controller().control(inputs(Pose2D(0.0, 0.0, yaw), straight_plan()))
     bearing = control.diagnostics["bearing_rad"]
     assert bearing == pytest.approx(-yaw, abs=0.1)
-    assert control.command.angular == pytest.approx(4.0 * bearing)
-    assert control.command.linear == pytest.approx(FREE_SPEED * math.cos(bearing))
+    assert control.command == Velocity2D(pytest.approx(FREE_SPEED * math.cos(bearing)), pytest.approx(4.0 * bearing))
 
 
 @pytest.mark.parametrize(("yaw", "rate"), [(2.0, -1.57), (-2.0, 1.57), (0.7, -1.57)])
@@ -85,13 +83,11 @@ def test_final_turn_and_goal():
     robot = Pose2D(3.97, 0.02, 0.0)
     steering = controller()
     turning = steering.control(inputs(robot, straight_plan(yaw=0.2)))
-    assert turning.command == Velocity2D(0.0, pytest.approx(0.8))
-    assert not turning.goal_reached
+    assert (turning.command, turning.goal_reached) == (Velocity2D(0.0, pytest.approx(0.8)), False)
     drifted = steering.control(inputs(Pose2D(3.92, 0.02, 0.0), straight_plan(yaw=0.2)))
     assert drifted.command.linear == 0.0
     reached = steering.control(inputs(Pose2D(3.97, 0.02, 0.18), straight_plan(yaw=0.2)))
-    assert reached.goal_reached
-    assert reached.command == STOP
+    assert (reached.command, reached.goal_reached) == (STOP, True)
 
 
 def test_plan_in_collision_resets_the_costmap_once():

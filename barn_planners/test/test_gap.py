@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from barn_planners.gap.planner import GapConfig, GapPlanner, free_distances, returns
-from barn_planners.interface import PlannerStatus, Task
+from barn_planners.interface import Decision, PlannerStatus, Task
 from barn_planners.registry import make_planner
 from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
 
@@ -69,9 +69,7 @@ def test_stops_before_a_wall_and_turns_away(flat_world):
 def test_stops_where_nothing_is_open(flat_world):
     ring = [(0.4 * math.cos(a), 0.4 * math.sin(a), 0.05) for a in np.linspace(0.0, 2.0 * math.pi, 60)]
     decision, _ = decide(flat_world, ring)
-    assert decision.command == STOP
-    assert decision.status is PlannerStatus.BLOCKED
-    assert decision.reason == "no gap is open"
+    assert decision == Decision(STOP, PlannerStatus.BLOCKED, "no gap is open")
 
 
 def test_reaches_the_goal_between_obstacles_without_touching_them(flat_world):
