@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Collection, Iterator
-from contextlib import suppress
 from dataclasses import dataclass, field
 
 from rclpy.node import Node
@@ -77,14 +76,14 @@ class GraphView:
         return self._endpoints(topic, self._node.get_subscriptions_info_by_topic(topic))
 
     def clients_of(self, name: str) -> list[str]:
-        """Return the nodes that have a client for a service of a node, and have not gone meanwhile."""
-        found = []
-        for node, namespace in self._node.get_node_names_and_namespaces():
-            with suppress(RuntimeError):  # it has gone meanwhile
-                clients = self._node.get_client_names_and_types_by_node(node, namespace)
-                if any(service.rpartition("/")[0] == name for service, _ in clients):
-                    found.append(f"{namespace.rstrip('/')}/{node}")
-        return sorted(found)
+        """Return the nodes that have a client for a service of a node, those known to have died left out.
+
+        Of several nodes of one name, one of which may have died, DDS only tells apart the writers of requests.
+        """
+        services = [one for one, _ in self._node.get_service_names_and_types() if one.rpartition("/")[0] == name]
+        topics = [f"rq{service}Request" for service in services]
+        clients = [self._endpoints(topic, self._node.get_publishers_info_by_topic(topic, True)) for topic in topics]
+        return sorted({endpoint.node or _UNNAMED for of_one in clients for endpoint in of_one})
 
     def known_to_all(self, topic: str, type_name: str) -> tuple[int, int]:
         """Return how many publishers and subscriptions of a type a topic has, our own and the dead included."""
