@@ -23,9 +23,7 @@ def graph(*publishers, subscriptions=INPUTS):
 def test_a_complete_planner_passes_and_its_command_type_is_found():
     for kind in (TWIST, TWIST_STAMPED):
         finding = inspect(graph(Endpoint("/cmd_vel", kind, b"c", "/dwa_planner")), NEEDS)
-        assert not finding.missing
-        assert finding.command_node == "/dwa_planner"
-        assert finding.command_type == kind
+        assert (finding.text(), finding.command_node, finding.command_type) == ("", "/dwa_planner", kind)
 
 
 def test_nobody_but_the_simulator_is_another_matter_than_a_planner_with_something_missing():
@@ -113,8 +111,7 @@ def test_an_action_for_the_goal():
 def test_commands_without_guarantee_of_delivery_are_taken_and_known_as_such():
     for reliable in (True, False):
         finding = inspect(graph(Endpoint("/cmd_vel", TWIST, b"c", "/nav", reliable=reliable)), NEEDS)
-        assert not finding.missing
-        assert finding.command_reliable is reliable
+        assert (finding.text(), finding.command_reliable) == ("", reliable)
 
 
 PATIENCE = Patience(command_s=5.0, clock_s=3.0, vanished_s=1.0, trial_s=60.0)

@@ -44,20 +44,18 @@ def test_what_the_scans_hit_is_drawn_where_they_hit_it(bag):
     grid = recorded.map
 
     def share_on_obstacles(off_y_m):
-        hits, known = 0, 0
+        hits = []
         for scan, pose in zip(recorded.scans[::20], recorded.poses[::20], strict=True):
             ranges, angles = np.asarray(scan.content.ranges), scan.content.angles()
             near = np.isfinite(ranges) & (ranges < 8.0)
             # half a cylinder's radius behind its surface
             reach = ranges[near, None] + 0.04
             ends = reach * np.stack([np.cos(angles[near]), np.sin(angles[near])], axis=1)
-            points = (Pose2D(*pose.tolist()) @ recorded.lidar).transform(ends)
-            columns = np.floor((points[:, 0] - grid.origin_x) / grid.resolution).astype(int)
-            rows = np.floor((points[:, 1] + off_y_m - grid.origin_y) / grid.resolution).astype(int)
-            inside = (rows >= 0) & (rows < grid.data.shape[0]) & (columns >= 0) & (columns < grid.data.shape[1])
-            hits += (grid.data[rows[inside], columns[inside]] >= 50).sum()
-            known += inside.sum()
-        return hits / known
+            points = (Pose2D(*pose.tolist()) @ recorded.lidar).transform(ends) + [0.0, off_y_m]
+            cells = np.floor((points - [grid.origin_x, grid.origin_y]) / grid.resolution).astype(int)[:, ::-1]
+            inside = ((cells >= 0) & (cells < grid.data.shape)).all(axis=1)
+            hits.extend(grid.data[tuple(cells[inside].T)] >= 50)
+        return np.mean(hits)
 
     assert share_on_obstacles(0.0) > 0.9
     assert share_on_obstacles(0.15) < 0.8

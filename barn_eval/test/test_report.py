@@ -210,7 +210,7 @@ def test_columns_of_tables_are_those_chosen(folder, rejected):
     assert "did you mean 'columns'" in rejected("report", folder, "--set", "colums=success")
 
 
-def test_a_trial_with_a_bag_links_to_its_replay(folder, tmp_path):
+def test_a_trial_with_a_bag_links_to_its_replay(folder, report, tmp_path):
     out = tmp_path / "pages" / "report.html"
     write_folders([folder], out, hardest=0, replays=tmp_path / "pages" / "replays")
     data = json.loads(re.search(r'id="data">(.*?)</script>', out.read_text("utf-8"))[1])
@@ -219,8 +219,7 @@ def test_a_trial_with_a_bag_links_to_its_replay(folder, tmp_path):
     assert linked.keys() == bags
     for page in linked.values():
         assert "Plan view of the trial" in (out.parent / page).read_text("utf-8")
-    made = build_report([folder], hardest=0)
-    assert not any(trial["replay"] for trial in trial_data(made.entries, made.drives, {})["trials"])
+    assert not any(trial["replay"] for trial in trial_data(report.entries, report.drives, {})["trials"])
 
 
 def failed(row):

@@ -88,8 +88,7 @@ def test_worlds_are_ordered_by_the_mean_over_both_planners(found, results):
 
 def test_the_trials_are_run_under_the_papers_rules():
     config = paper_campaign(ReproduceConfig(strata=40, seed=3))
-    assert config.protocol == PAPER_2020
-    assert config.simulator == simulator_config(PAPER_2020)
+    assert (config.protocol, config.simulator) == (PAPER_2020, simulator_config(PAPER_2020))
     assert ([one.name for one in config.planners], config.repetitions, config.seed) == (["dwa", "eband"], 5, 3)
     assert len(config.worlds.split(",")) == 40
 

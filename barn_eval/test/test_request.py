@@ -47,14 +47,11 @@ def file(tmp_path):
 
 
 def test_a_file_says_it_all(file):
-    campaign = read_request(file, {})
-    assert campaign.out == Path("results")
-    assert campaign.execution == Execution(workers=4, trial_limit_s=90.0)
-    config = campaign.experiment
-    assert config.planners == (PlannerChoice("dwa"), PlannerChoice("eband", "challenge", {"band.external_gain": 2.0}))
-    assert config.protocol == CHALLENGE
-    assert config.simulator == simulator_config(CHALLENGE, {"lidar.noise_m": 0.02})
-    assert (config.worlds, config.repetitions, config.seed, config.bags) == ("0-9", 3, 7, "failed")
+    rules = {"protocol": CHALLENGE, "simulator": simulator_config(CHALLENGE, {"lidar.noise_m": 0.02})}
+    rules |= {"dataset": "barn300", "worlds": "0-9", "repetitions": 3, "seed": 7, "bags": "failed"}
+    planners = (PlannerChoice("dwa"), PlannerChoice("eband", "challenge", {"band.external_gain": 2.0}))
+    execution = Execution(workers=4, trial_limit_s=90.0)
+    assert read_request(file, {}) == request.Request(Experiment(planners=planners, **rules), execution, Path("results"))
 
 
 def test_options_say_the_same(file):

@@ -4,16 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barn_eval.trials.outcome import (
-    CHALLENGE_CLIP,
-    CHALLENGE_CLIP_2022,
-    Outcome,
-    Scores,
-    Verdict,
-    challenge_metric,
-    score,
-    scored_time_s,
-)
+from barn_eval.trials.outcome import Outcome, Scores, Verdict, score
 from barn_eval.trials.protocol import CHALLENGE, PAPER_2020, Course
 from barn_eval.trials.seeds import planner_seed, simulator_seed
 from barn_worlds.base.types import Pose2D
@@ -37,9 +28,8 @@ def verdict(outcome: Outcome, time_s: float | None) -> Verdict:
     ],
 )
 def test_the_challenge_metric_is_clipped(time_s, metric, metric_2022):
-    ended = verdict(Outcome.SUCCESS, time_s)
-    assert challenge_metric(ended, 5.0, CHALLENGE_CLIP) == pytest.approx(metric)
-    assert challenge_metric(ended, 5.0, CHALLENGE_CLIP_2022) == pytest.approx(metric_2022)
+    found = score(verdict(Outcome.SUCCESS, time_s), COURSE, CHALLENGE)
+    assert (found.challenge, found.challenge_2022) == pytest.approx((metric, metric_2022))
 
 
 def test_scores_hold_what_the_verdict_and_the_course_say():
@@ -59,9 +49,8 @@ def test_scores_hold_what_the_verdict_and_the_course_say():
 
 
 def test_a_success_without_a_time_counts_as_a_failure():
-    ended = verdict(Outcome.SUCCESS, None)
-    assert scored_time_s(ended, PAPER_2020) == PAPER_2020.failure_time_s
-    assert challenge_metric(ended, 5.0) == 0.0
+    found = score(verdict(Outcome.SUCCESS, None), COURSE, PAPER_2020)
+    assert (found.scored_time_s, found.challenge) == (PAPER_2020.failure_time_s, 0.0)
 
 
 @pytest.mark.parametrize("outcome", [outcome for outcome in Outcome if outcome is not Outcome.SUCCESS])

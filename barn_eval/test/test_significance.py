@@ -72,15 +72,12 @@ def test_trials_of_a_world_flip_together_and_in_any_order():
 
 
 def test_fewer_than_six_worlds_leave_a_difference_open():
-    five = paired_difference(np.full(5, 1.0), np.arange(5))
-    assert five.p == pytest.approx(2.0 / 32.0)
-    assert (five.interval.low, five.interval.high) == (None, None)
-    six = paired_difference(np.full(6, 1.0), np.arange(6))
-    assert six.p == pytest.approx(2.0 / 64.0)
-    assert (six.interval.low, six.interval.high) == (1.0, 1.0)
+    for worlds, limit in ((5, None), (6, 1.0)):
+        found = paired_difference(np.full(worlds, 1.0), np.arange(worlds))
+        assert found.p == pytest.approx(2.0 / 2**worlds)
+        assert (found.interval.low, found.interval.high) == (limit, limit)
     none = paired_difference(np.array([]), np.array([], int))
-    assert math.isnan(none.p)
-    assert none.worlds == 0
+    assert math.isnan(none.p) and none.worlds == 0
 
 
 def test_a_world_with_more_trials_counts_more():
