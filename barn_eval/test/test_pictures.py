@@ -41,7 +41,6 @@ def test_pictures_and_animations(bag, tmp_path):
     recorded = read_recorded(bag)
     write_replay([bag], [tmp_path / "end.png"])
     with Image.open(tmp_path / "end.png") as picture:
-        assert picture.size[0] > 400
         assert len(picture.convert("RGB").resize((60, 90)).getcolors(10_000)) > 20
     shares = []
     write_replay([bag], [tmp_path / "trial.gif"], frames_per_s=2.0, speed=4.0, progress=shares.append)

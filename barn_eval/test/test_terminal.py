@@ -35,20 +35,6 @@ def folder(run, tmp_path_factory):
     return made
 
 
-@pytest.fixture
-def tables(monkeypatch):
-    """The tables that commands print."""
-    found = []
-    printed = options.console.print
-
-    def record(*content, **look):
-        found.extend(one for one in content if isinstance(one, FittedTable))
-        printed(*content, **look)
-
-    monkeypatch.setattr(options.console, "print", record)
-    return found
-
-
 def drawn(made, width):
     file = io.StringIO()
     Console(file=file, width=width).print(made)
@@ -82,8 +68,15 @@ def check_whole(made):
     ],
     ids=lambda command: " ".join(command[:2]),
 )
-def test_tables_of_commands_are_whole(folder, tables, monkeypatch, command):
+def test_tables_of_commands_are_whole(folder, monkeypatch, command):
     monkeypatch.chdir(folder.parent)  # names of files are short: one that is wider than the terminal has to be broken
+    tables, printed = [], options.console.print
+
+    def record(*content, **look):
+        tables.extend(one for one in content if isinstance(one, FittedTable))
+        printed(*content, **look)
+
+    monkeypatch.setattr(options.console, "print", record)
     with pytest.raises(SystemExit) as ended:
         main(command)
     assert ended.value.code == 0

@@ -192,14 +192,6 @@ def test_clearance_to_one_cylinder(pose, expected):
     assert clearances(np.array([pose]), np.array([[1.0, 0.0]]), 0.075, EXTENT)[0] == pytest.approx(expected)
 
 
-def distance_by_search(pose, centre, outline):
-    extent = outline.extent_m
-    """Return the distance from a point to the outline's rectangle, by trying its points in the map frame; 0 inside."""
-    u, v = np.meshgrid(np.linspace(extent[0], extent[2], 201), np.linspace(extent[1], extent[3], 161))
-    points = Pose2D(*pose).transform(np.stack([u.ravel(), v.ravel()], axis=1))
-    return float(np.hypot(*(points - centre).T).min())
-
-
 coordinate = st.floats(-1.5, 1.5)
 
 
@@ -208,7 +200,10 @@ coordinate = st.floats(-1.5, 1.5)
 @given(pose=st.tuples(coordinate, coordinate, st.floats(-4.0, 4.0)), centre=st.tuples(coordinate, coordinate))
 def test_clearance_is_that_of_a_search_over_the_outline(outline, pose, centre):
     found = clearances(np.array([pose]), np.array([centre]), 0.075, outline)[0]
-    slow = distance_by_search(pose, centre, outline) - 0.075
+    left, below, right, above = outline.extent_m
+    u, v = np.meshgrid(np.linspace(left, right, 201), np.linspace(below, above, 161))
+    points = Pose2D(*pose).transform(np.stack([u.ravel(), v.ravel()], axis=1))  # of the outline, in the map frame
+    slow = np.hypot(*(points - centre).T).min() - 0.075
     if found > -0.075:
         assert found == pytest.approx(slow, abs=2e-3)
     else:
