@@ -30,8 +30,8 @@ def results():
 
 
 @pytest.fixture(scope="module")
-def found(results):
-    return trials_by_planner(results, "there")
+def finding(results):
+    return trials_finding(results, trials_by_planner(results, "there"), 0)
 
 
 def test_worlds_are_drawn_one_from_each_part_of_their_order():
@@ -58,8 +58,7 @@ def test_verdicts_follow_the_interval():
     assert inside == ["no", "yes", "yes", "yes", "no"] and contains(Interval(1.0), 1.0) == "no"
 
 
-def test_trials_are_counted_as_the_paper_does(results, found):
-    finding = trials_finding(results, found, 0)
+def test_trials_are_counted_as_the_paper_does(results, finding):
     for planner in PLANNERS:
         own = [one for one in results if one.planner == planner]
         times = np.array([one.scores.scored_time_s for one in own])
@@ -78,8 +77,8 @@ def test_trials_are_counted_as_the_paper_does(results, found):
         assert published_s == pytest.approx(published["time_s"], abs=0.01)  # they agree with each other
 
 
-def test_worlds_are_ordered_by_the_mean_over_both_planners(found, results):
-    rows = trials_finding(results, found, 0).worlds
+def test_worlds_are_ordered_by_the_mean_over_both_planners(finding):
+    rows = finding.worlds
     means = [row.mean_s_per_m["both"] for row in rows]
     assert means == sorted(means) and len(rows) == 20
     for row in rows:
