@@ -9,12 +9,8 @@ from bisect import bisect_right, insort_left, insort_right
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import islice, pairwise
 from operator import attrgetter
-
-# A tick is complete when the tick after the next scan's has begun: a command is handed to the simulator and to the
-# recorder one after the other, so that ticks may overtake it, but in lockstep none beyond the next scan, which the
-# planner has to answer before.
-LATER_TICKS = 2  # where every tick has a scan
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,12 +34,16 @@ class Tick:
 class TickSequencer:
     """Sort messages by the ticks of /clock; those that were sent before the first tick belong to that.
 
-    fenced: ticks come by a faster way than other messages, so that a later tick shows only what is complete once it has
-    been heard by theirs as well. scan_ticks: from one scan to the next.
+    A tick is complete when the tick after the next scan's has begun: a command is handed to the simulator and to the
+    recorder one after the other, so that ticks may overtake it, but in lockstep none beyond the next scan, which the
+    planner has to answer before. There is none while a planner is charged for its computing.
+
+    scan: the topic. fenced: ticks come by a faster way than other messages, so that a later tick shows only what is
+    complete once it has been heard by theirs as well.
     """
 
-    def __init__(self, *, fenced: bool = False, scan_ticks: int = 1) -> None:
-        self._later = LATER_TICKS + scan_ticks - 1
+    def __init__(self, scan: str, *, fenced: bool = False) -> None:
+        self._scan = scan
         self._heard_ns = 0 if fenced else None
         self._open: deque[Tick] = deque()
         self._early: list[Message] = []
@@ -79,9 +79,7 @@ class TickSequencer:
     def complete(self) -> Iterator[Tick]:
         """Yield the ticks to which nothing can come any more, oldest first."""
         self._settle()
-        while len(self._open) > self._later:
-            if self._heard_ns is not None and self._open[self._later].stamp_ns > self._heard_ns:
-                return
+        while (shows := self._after_scan()) and (self._heard_ns is None or shows.stamp_ns <= self._heard_ns):
             yield self._open.popleft()
 
     def rest(self) -> Iterator[Tick]:
@@ -89,6 +87,11 @@ class TickSequencer:
         self._settle()
         while self._open:
             yield self._open.popleft()
+
+    def _after_scan(self) -> Tick | None:
+        """Return the tick after the first later one with a scan."""
+        later = pairwise(islice(self._open, 1, None))
+        return next((after for tick, after in later if any(one.topic == self._scan for one in tick.messages)), None)
 
     def _settle(self) -> None:
         """Move messages on that were taken before the tick that they belong to, in order."""

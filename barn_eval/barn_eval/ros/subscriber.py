@@ -117,11 +117,11 @@ class Subscriber:
 class TrialQueue:
     """Sorts what arrives by the ticks of /clock, from the reset of the simulator on.
 
-    channel: brings the simulator's readings; without one they come by DDS. steps: ticks from one scan to the next.
+    channel: brings the simulator's readings; without one they come by DDS.
     """
 
     def __init__(
-        self, subscriber: Subscriber, topics: TrialTopics, reset_ns: int, channel: SimulatorChannel | None, steps: int
+        self, subscriber: Subscriber, topics: TrialTopics, reset_ns: int, channel: SimulatorChannel | None
     ) -> None:
         # simulated time at which the trial begins, once it is known: a reset leaves the clock there until the release
         self.origin_ns: int | None = None
@@ -129,7 +129,7 @@ class TrialQueue:
         self._subscriber, self._topics, self._channel = subscriber, topics, channel
         self._reset_ns = reset_ns
         self._released = self._exceeded = False
-        self._sequencer = TickSequencer(fenced=channel is not None, scan_ticks=steps)
+        self._sequencer = TickSequencer(topics.scan, fenced=channel is not None)
         self._heard_ns = self._told_ns = self._told_ticks = 0
         self._bytes: Counter[str] = Counter()  # taken, by topic
         self._waiting = 0  # bytes of these that have not been handed over

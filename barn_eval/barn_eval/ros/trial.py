@@ -136,9 +136,7 @@ class RosTrial:
             simulator.release()
             planner.await_active()
             reset_ns = simulator.prepare(self._spec, patience.simulator_s)
-        self._queue = queue = TrialQueue(
-            context.subscriber, context.topics, reset_ns, context.channel, self._spec.simulator.scan_steps
-        )
+        self._queue = queue = TrialQueue(context.subscriber, context.topics, reset_ns, context.channel)
         found = planner.await_presence(limits_s[1])
         qos = RELIABLE if found.command_reliable else BEST_EFFORT
         context.subscriber.subscribe(context.topics.command, found.command_type, qos)
