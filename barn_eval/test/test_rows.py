@@ -8,6 +8,7 @@ import resource
 import signal
 import time
 import zlib
+from contextlib import contextmanager
 from multiprocessing import get_context
 
 import pytest
@@ -116,37 +117,34 @@ def test_kill_at_any_moment_loses_no_row_that_was_reported(tmp_path):
         reported.value = len(found) - 1
 
 
-@pytest.fixture
-def file_size_limit():
-    """Make writes fail with EFBIG beyond a size, as a full disk does with ENOSPC."""
+@contextmanager
+def file_size_limit(size):
+    """Let writes fail with EFBIG beyond a size, as a full disk does with ENOSPC: those of pytest as well."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
 
-    def limit(size):
-        resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
 
-    yield limit
-    resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    signal.signal(signal.SIGXFSZ, handler)
-
-
-def test_a_write_that_fails_half_way_leaves_the_rows_as_they_were(rows, file_size_limit):
+def test_a_write_that_fails_half_way_leaves_the_rows_as_they_were(rows):
     rows.append(result(0))
     size = rows.path.stat().st_size
-    file_size_limit(size + 100)
-    with pytest.raises(StoreError, match=rf"results\.jsonl: cannot be written: {os.strerror(errno.EFBIG)}"):
+    failed = pytest.raises(StoreError, match=rf"results\.jsonl: cannot be written: {os.strerror(errno.EFBIG)}")
+    with file_size_limit(size + 100), failed:
         rows.append(result(1))
     assert rows.path.stat().st_size == size
-    file_size_limit(10 * size)
     rows.append(result(1))
     assert rows.read() == [result(0), result(1)]
 
 
-def test_a_table_is_replaced_as_a_whole_or_not_at_all(tmp_path, file_size_limit):
+def test_a_table_is_replaced_as_a_whole_or_not_at_all(tmp_path):
     path = tmp_path / "table"
     write_whole(path, b"first")
-    file_size_limit(100)
-    with pytest.raises(StoreError, match="table: cannot be written"):
+    with file_size_limit(100), pytest.raises(StoreError, match="table: cannot be written"):
         write_whole(path, bytes(1000))
     assert path.read_bytes() == b"first"
     assert [entry.name for entry in tmp_path.iterdir()] == ["table"]
