@@ -51,3 +51,12 @@ def test_the_region_through_is_the_largest_at_both_ends(cspace):
     region = through_region(cspace)
     assert (region is not None) == (first == last != 0)
     assert region is None or np.array_equal(region, labels == first)
+
+
+def test_of_regions_of_one_size_the_first_in_reading_order_counts():
+    free = np.zeros((8, 7), bool)
+    free[0, 1:] = free[:, 6] = free[7] = True
+    arch = free.copy()
+    free[2:6, :5] = True  # within the arch, nearer to the beginning of the first column
+    free[5, 4] = False
+    assert np.array_equal(through_region(~free), arch) and free.sum() == 2 * arch.sum()
