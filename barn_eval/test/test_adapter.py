@@ -85,6 +85,10 @@ def test_a_plan_counts_from_the_reading_after_it_if_it_is_in_the_frame_of_plans(
     assert adapter.trial.verdict is None
 
 
+def test_only_the_simulator_publishes_the_time_and_all_readings():
+    assert TOPICS.of_simulator == ("/clock", "/scan", "/odom", "/truth", "/collision")
+
+
 def test_nothing_after_the_verdict_is_kept(adapter):
     adapter.take(tick(0, 0.0))
     adapter.take(tick(1, 0.5))
@@ -147,9 +151,11 @@ def test_ticks_without_readings_end_nothing(adapter):
 
 
 def test_response_time_is_from_scan_to_first_command(adapter):
-    messages = [("/scan", 0, 1_000_000), ("/cmd_vel", (0.1, 0.0), 4_000_000), ("/cmd_vel", (0.1, 0.0), 9_000_000)]
-    adapter.take(Tick(ORIGIN, 0, [message(*one) for one in messages]))
-    assert adapter.response_times_s == [0.003]
+    sent_ms = [("/scan", 1), ("/cmd_vel", 4), ("/cmd_vel", 9), ("/cmd_vel", 55), ("/scan", 100), ("/cmd_vel", 105)]
+    sent_ms += [("/scan", 200), ("/cmd_vel", 199)]  # clocks may be told to say anything
+    adapter.take(Tick(ORIGIN, 0, [message(topic, (0.1, 0.0), 1_000_000 * now_ms) for topic, now_ms in sent_ms]))
+    assert adapter.response_times_s == [0.003, 0.005, 0.0]
+    assert adapter.waited_s == pytest.approx(0.008)
 
 
 @pytest.mark.parametrize(
@@ -177,7 +183,11 @@ def test_a_planner_reports_its_status_and_nobody_else_does():
         ([100, 160, 190, 260, 300], 300, 0, 0.0),  # up to half a period late or early
         ([100, 150, 240, 300], 300, 1, 0.25),
         ([100, 150, 350], 350, 3, 0.6),
+        ([100, 175, 251], 251, 1, 50 / 151),  # no more than half a period
         ([100, 150], 300, 2, 0.5),  # and none since
+        ([100, 600], 600, 9, 0.9),  # the longest time without that counts
+        ([100], 150, 0, 0.0),
+        ([100], 147, 0, 0.0),  # not a period yet
         ([100, 150, 200, 900, 950, 1000, 1050, 1100], 1100, 0, 0.0),  # it has waited
         ([100, 120, 140, 160, 180, 200], 200, 0, 0.0),  # faster than it has to be
     ],
@@ -186,7 +196,8 @@ def test_control_periods_without_a_command_are_counted(commands_ms, now_ms, miss
     commands_ns, now_ns = [1_000_000 * now for now in commands_ms], 1_000_000 * now_ms
     assert missed_periods(commands_ns, now_ns, PERIOD, SILENCE) == missed
     assert missed_share(missed, commands_ns, now_ns, PERIOD) == pytest.approx(share)
-    assert missed_share(1000, commands_ns, now_ns, PERIOD) == (1.0 if commands_ms else 0.0)
+    begun = bool(commands_ns) and now_ns - commands_ns[0] >= PERIOD
+    assert missed_share(1000, commands_ns, now_ns, PERIOD) == (1.0 if begun else 0.0)
 
 
 def test_a_planner_that_skips_cycles_is_seen_to(adapter):
