@@ -80,11 +80,12 @@ def test_a_message_sent_with_a_tick_belongs_to_it_whichever_comes_first():
 def test_what_came_before_the_first_tick_belongs_to_it_alone():
     sequencer = TickSequencer("/scan")
     sequencer.add(message("/map", -500))
+    sequencer.add(message("/goal", -500))
     assert sequencer.latest_ns is None
     sequencer.tick(0, 0)
     sequencer.add(message("/odom", 1))
     assert sequencer.latest_ns == 0
-    assert [[one.topic for one in tick.messages] for tick in sequencer.rest()] == [["/map", "/odom"]]
+    assert [[one.topic for one in tick.messages] for tick in sequencer.rest()] == [["/map", "/goal", "/odom"]]
     sequencer.tick(50, 1000)
     assert [tick.messages for tick in sequencer.rest()] == [[]]
 
