@@ -172,14 +172,35 @@ def test_the_goal_counts_until_the_limit_and_not_after():
     assert judge(CHALLENGE, [0.0] + [1.0] * (steps + 1) + [4.5]).outcome is Outcome.TIMEOUT
 
 
-@pytest.mark.parametrize("command", [Velocity2D(math.nan, 0.0), Velocity2D(0.0, math.inf)])
-def test_a_command_that_is_no_number_ends_the_trial(command):
-    referee = Referee(CHALLENGE, COURSE)
+@pytest.mark.parametrize(
+    ("command", "told"),
+    [
+        (Velocity2D(math.nan, 0.2), "command (nan m/s, 0.2 rad/s) is not finite"),
+        (Velocity2D(0.3, math.inf), "command (0.3 m/s, inf rad/s) is not finite"),
+        (Velocity2D(-0.6, 0.0), "command of -0.6 m/s is above the planner's declared speed cap of 0.5 m/s"),
+    ],
+)
+def test_a_command_that_cannot_be_given_ends_the_trial(command, told):
+    referee = Referee(CHALLENGE, COURSE, 0.5)
     referee.observe(*reading(0, 0.0))
-    assert referee.command(Velocity2D(0.5, 0.0)) is None
+    assert referee.command(Velocity2D(0.5, 9.0)) is None
     verdict = referee.command(command)
-    assert verdict.outcome is Outcome.INVALID_COMMAND
-    assert "not finite" in verdict.detail
+    assert (verdict.outcome, verdict.detail) == (Outcome.INVALID_COMMAND, told)
+
+
+@pytest.mark.parametrize(
+    ("declared_mps", "command_mps", "allowed"),
+    [
+        (0.0, 99.0, True),  # nothing is declared
+        (0.05, 0.06, False),
+        (0.5, 0.5 * (1.0 + 0.95e-6), True),  # as numbers of 32 bits are rounded
+        (0.5, 0.5 * (1.0 + 1e-6), True),
+        (0.5, 0.5 * (1.0 + 1.05e-6), False),
+    ],
+)
+def test_a_cap_holds_but_for_rounding(declared_mps, command_mps, allowed):
+    verdict = Referee(CHALLENGE, COURSE, declared_mps).command(Velocity2D(command_mps, 0.0))
+    assert (verdict is None) is allowed
 
 
 def test_a_clock_runs_back_by_the_last_reading_and_may_stand_still():

@@ -1,5 +1,7 @@
 """Scores against the rules of the paper and of the challenge, and seeds."""
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -51,6 +53,45 @@ def test_scores_hold_what_the_verdict_and_the_course_say():
 def test_a_success_without_a_time_counts_as_a_failure():
     found = score(verdict(Outcome.SUCCESS, None), COURSE, PAPER_2020)
     assert (found.scored_time_s, found.challenge) == (PAPER_2020.failure_time_s, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("outcome", "blamed", "fault"),
+    [
+        (Outcome.SUCCESS, "planner", ""),
+        (Outcome.COLLISION, "", "planner"),
+        (Outcome.SIMULATOR_DIED, "", "simulator"),
+        (Outcome.ENVIRONMENT_FAILED, "", "environment"),
+        (Outcome.INTERFERENCE, "environment", "environment"),
+    ],
+)
+def test_who_failed_follows_from_the_outcome_unless_it_is_known(outcome, blamed, fault):
+    assert replace(verdict(outcome, 9.0), blamed=blamed).fault == fault
+
+
+def test_before_times_were_clipped_the_metric_had_no_limit():
+    rules = replace(CHALLENGE, clipped=False)
+    assert score(verdict(Outcome.SUCCESS, 0.05), COURSE, rules).challenge == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize(
+    ("outcome", "time_s", "least_time_s", "efficiency"),
+    [
+        (Outcome.SUCCESS, 0.08, 0.06, 0.75),
+        (Outcome.SUCCESS, 20.0, None, None),
+        (Outcome.SUCCESS, 0.0, 6.0, 1.0),
+        (Outcome.COLLISION, 20.0, 6.0, 0.0),
+    ],
+)
+def test_efficiency_is_the_least_time_by_that_of_a_success(outcome, time_s, least_time_s, efficiency):
+    found = score(verdict(outcome, time_s), COURSE, CHALLENGE, least_time_s)
+    assert (found.efficiency, found.least_time_s) == (efficiency and pytest.approx(efficiency), least_time_s)
+
+
+@pytest.mark.parametrize(("outcome", "counted_s"), [(Outcome.TIMEOUT, 50.0), (Outcome.COLLISION, 30.0)])
+def test_a_timeout_may_count_with_more_than_another_failure(outcome, counted_s):
+    found = score(verdict(outcome, 12.0), COURSE, replace(PAPER_2020, timeout_time_s=50.0))
+    assert (found.scored_time_s, found.failure_time_s) == (counted_s, 50.0)
 
 
 @pytest.mark.parametrize("outcome", [outcome for outcome in Outcome if outcome is not Outcome.SUCCESS])
