@@ -19,15 +19,18 @@ from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 
-def world_of(*keys: tuple[float, float, float], walls: tuple[Wall, ...] = (), **shape: object) -> World:
+def world_of(*keys: tuple[float, float, float], **shape: object) -> World:
     motion = Motion("linear", 10.0, keys)
     body = shape or {"radius_m": 0.5}
     arena = open_dataset("dynabarn60").load(0)
-    return replace(arena, walls=walls, moving=(MovingObstacle("walker", motion=motion, **body),))
+    far = Motion("linear", 10.0, ((0.0, 50.0, 60.0), (10.0, 50.0, 60.0)))
+    others = (MovingObstacle(name, motion=far, radius_m=0.5) for name in ("one", "two"))
+    return replace(arena, walls=(), moving=(*others, MovingObstacle("walker", motion=motion, **body)))
 
 
-def figures(world: World, poses: list[Pose2D], speeds: list[float], contacts=(), *, phase_s=0.0, traversal_s=None):
+def figures(world: World, poses, speeds, contacts=(), *, turn_radps=0.0, phase_s=0.0, traversal_s=None):
     trajectory = drive(poses, speeds, contacts)
+    trajectory.velocity[:, 1] = turn_radps
     found = encounters(trajectory, world, phase_s, EXTENT, DYNABARN, traversal_s)
     assert found is not None
     return found
@@ -46,30 +49,69 @@ def test_an_obstacle_runs_a_standing_robot_over():
     assert found.time_to_collision_s == pytest.approx(0.0)
 
 
-BOX = {"shape": "box", "size_x_m": 1.0, "size_y_m": 4.0}
+FRAME = Pose2D(2.0, -1.0, 0.6)  # so that x and y of the map are not those of the robot
+BOX = {"shape": "box", "size_x_m": 1.0, "size_y_m": 4.0, "yaw_rad": FRAME.yaw}
+
+
+def in_frame(x_m: float, y_m: float) -> tuple[float, float]:
+    return (FRAME @ Pose2D(x_m, y_m, 0.0)).x, (FRAME @ Pose2D(x_m, y_m, 0.0)).y
 
 
 @pytest.mark.parametrize(
-    ("first", "last", "shape", "speed_mps", "y_m", "contacts", "closing_mps", "share"),
+    ("first", "last", "shape", "speed_mps", "turn_radps", "y_m", "contacts", "closing_mps", "share"),
     [
-        ((1.55, 0.0), (1.55, 0.0), {}, 1.0, 0.0, {16}, 1.0, 1.0),
-        ((1.55, 0.0), (-13.45, 0.0), {}, 0.5, 0.0, {9, 10}, 2.0, 0.25),
-        ((0.2, 0.85), (0.2, -9.15), {}, 2.0, 0.0, {3}, 1.0, 0.0),
-        ((1.15, 0.0), (1.15, 0.0), BOX, 1.0, 1.0, {8}, 1.0, 1.0),
+        ((1.55, 0.0), (1.55, 0.0), {}, 1.0, 0.0, 0.0, {16}, 1.0, 1.0),  # it stands
+        ((1.55, 0.0), (-13.45, 0.0), {}, 0.5, 0.0, 0.0, {9, 10}, 2.0, 0.25),  # both drive
+        ((0.2, 0.85), (0.2, -9.15), {}, 2.0, 0.0, 0.0, {3}, 1.0, 0.0),  # it comes from the side
+        ((1.15, 0.0), (1.15, 0.0), BOX, 1.0, 0.0, 1.0, {8}, 1.0, 1.0),  # a box, at its nearest point
+        ((1.15, 0.0), (1.15, 0.0), BOX, 1.0, 0.0, 2.5, {0}, 0.8, 1.0),  # its corner
+        ((-1.15, 0.0), (-1.15, 0.0), BOX, -1.0, 0.0, -2.5, {0}, 0.8, 1.0),  # the opposite corner, backwards
+        ((0.8, 0.1), (0.8, 0.1), {}, 1.0, 2.0, 0.0, {0, 1}, 0.8, 1.0),  # at once, turning away
+        ((0.2, 0.75), (0.2, 0.75), {}, 0.0, 2.0, 0.0, {1}, 0.4, 1.0),  # turning towards it
+        ((1.55, 0.0), (11.55, 0.0), {}, 2.0, 0.0, 0.0, {1}, 1.0, 1.0),  # it flees
+        ((1.55, 0.0), (1.05, 0.0), {}, -1.0, 0.0, 0.0, {1}, -0.95, 0.0),  # the robot flees
+        ((1.55, 0.0), (1.55, 0.0), {}, 0.05, 0.0, 0.0, {1}, 0.05, 1.0),  # slowly
+        ((1.55, 0.0), (1.55, 0.0), {}, 0.0, 0.0, 0.0, {1}, 0.0, None),  # both stand
     ],
-    ids=["it stands", "both drive", "it comes from the side", "a box, at its nearest point"],
 )
-def test_who_drove_towards_whom_has_the_share(first, last, shape, speed_mps, y_m, contacts, closing_mps, share):
-    poses = [Pose2D(0.05 * speed_mps * k, y_m, 0.0) for k in range(max(contacts) + 1)]
-    found = figures(world_of((0.0, *first), (10.0, *last), **shape), poses, [speed_mps] * len(poses), contacts)
-    assert (found.touched, found.hit_robot_mps) == ("walker", speed_mps)
+def test_who_drove_towards_whom_has_the_share(
+    first, last, shape, speed_mps, turn_radps, y_m, contacts, closing_mps, share
+):
+    poses = [FRAME @ Pose2D(0.05 * speed_mps * k, y_m, 0.0) for k in range(max(contacts) + 1)]
+    speeds = [9.0] * len(poses)
+    speeds[max(min(contacts) - 1, 0)] = speed_mps
+    world = world_of((0.0, *in_frame(*first)), (10.0, *in_frame(*last)), **shape)
+    found = figures(world, poses, speeds, contacts, turn_radps=turn_radps)
+    assert (found.touched, found.hit_robot_mps) == ("walker", abs(speed_mps))
     assert (found.hit_closing_mps, found.hit_robot_share) == pytest.approx((closing_mps, share))
 
 
-def test_a_contact_with_a_wall_is_nobodys_but_the_robots():
-    wall = (Wall(x_m=0.5, y_m=0.0, size_x_m=0.2, size_y_m=4.0),)
-    found = figures(world_of((0.0, 0.0, 3.0), (10.0, 0.0, 3.0), walls=wall), still(3), [0.0] * 3, {2})
-    assert (found.touched, found.hit_robot_mps, found.hit_robot_share) == ("", None, None)
+def test_the_time_to_collision_is_that_at_the_velocities_of_a_reading():
+    world = world_of((0.0, *in_frame(1.55, 0.1)), (10.0, *in_frame(-3.45, 0.1)))
+    found = figures(world, [FRAME], [1.5], turn_radps=0.3)
+    assert (found.moving_clearance_m, found.time_to_collision_s) == pytest.approx((0.8, 0.8 / 2.0))
+
+
+@pytest.mark.parametrize(
+    ("standing", "ahead_m", "gap_m", "speed_mps", "touched"),
+    [
+        ("wall", 0.15, 0.2, 0.0, ""),
+        ("wall", 0.15, 0.27, 4.0, "walker"),  # 0.07 m as they touch
+        ("wall", 0.15, 0.5, 4.0, ""),  # 0.1 m only later
+        ("cylinder", 0.15, 0.2, 0.0, ""),
+        ("cylinder", -0.1, 0.05, 0.0, ""),
+        ("cylinder", -0.2, -0.1, 0.0, "walker"),  # of two that overlap the robot the one that moves
+    ],
+)
+def test_a_contact_is_with_what_is_nearest_at_it_or_before(standing, ahead_m, gap_m, speed_mps, touched):
+    side_m = gap_m - 0.3  # of the centre, beside the robot
+    world = world_of((0.0, 2.5, side_m), (10.0, 2.5, side_m - 10.0 * speed_mps))
+    grid = world.grid.copy()
+    grid[26, 18] = standing == "cylinder"  # of radius 0.25 m at (3, -1)
+    walls = (Wall(x_m=2.85, y_m=-1.0, size_x_m=0.2, size_y_m=0.4),) if standing == "wall" else ()
+    poses = [Pose2D(2.5 - ahead_m - back_m, -1.0, 0.0) for back_m in (0.1, 0.0, 0.0)]
+    found = figures(replace(world, grid=grid, walls=walls), poses, [0.0] * 3, {1, 2})
+    assert (found.touched, found.hit_robot_mps is None) == (touched, not touched)
 
 
 def test_the_phase_shifts_the_obstacle():

@@ -21,10 +21,10 @@ def drive(poses, speeds=None, contacts=(), commands=True, stamps_ns=None):
     log = TrajectoryLog()
     for step, pose in enumerate(poses):
         speed = 0.0 if speeds is None else speeds[step]
-        stamp_ns = step * PERIOD_NS if stamps_ns is None else stamps_ns[step]
+        stamp_ns = (step + 20) * PERIOD_NS if stamps_ns is None else stamps_ns[step]
         log.reading(Odometry(stamp_ns, pose, Velocity2D(speed, 0.0)), step in contacts)
         if commands:
-            log.command(Velocity2D(0.5, 0.1))
+            log.command(Velocity2D(0.5 * step, 0.1))
     return log.trajectory()
 
 
@@ -123,18 +123,25 @@ def test_what_controllers_are_compared_by_is_what_plain_loops_give(seed):
     stamps_ns = np.cumsum(rng.integers(1, 100, count)) * 1_000_000
     command = rng.uniform(-1.0, 1.0, (count, 2))
     command[rng.random(count) < 0.2] = np.nan  # nothing was sent: the last command holds
+    command[-1, 0] = np.nan  # no command, which ends a trial
     velocity = rng.uniform(-1.0, 1.0, (count, 2))
     one = Trajectory(stamps_ns, rng.uniform(0.0, 1.0, (count, 3)), velocity, command, np.zeros(count, np.bool_))
     found = measure(one, FAR, 0.075, EXTENT)
     for key, expected in plainly(one).items():
         assert getattr(found, key) == pytest.approx(expected), key
+    assert found.off_plan_m is None
 
 
 def test_time_near_an_obstacle_is_that_up_to_readings_there():
-    ahead = [Pose2D(x, 0.0, 0.0) for x in (0.0, 0.60, 0.65, 0.5, 0.66)]
+    ahead = [Pose2D(x, 0.0, 0.0) for x in (0.0, 0.58, 0.65, 0.57, 0.66)]
     measures = measure(drive(ahead), np.array([[1.0, 0.0]]), 0.075, EXTENT)  # touched at 0.675 m
     assert measures.near_contact_s == pytest.approx(3 * PERIOD_NS / 1e9)
     assert measure(drive(ahead), np.empty((0, 2)), 0.075, EXTENT).near_contact_s == 0.0
+    assert measure(drive([Pose2D(0.0, 0.0, 0.0)] * 2), np.array([[0.5, 0.0]]), 0.15, EXTENT).near_contact_s == 0.0
+
+
+def test_two_commands_have_one_step():
+    assert measure(drive([Pose2D(0.0, 0.0, 0.0)] * 2), FAR, 0.075, EXTENT).rms_speed_step_mps == 0.5
 
 
 def test_no_two_commands_have_no_steps():
@@ -145,15 +152,16 @@ def test_no_two_commands_have_no_steps():
 
 def test_the_distance_from_the_plan_is_to_the_last_published_one_that_answers_an_earlier_reading():
     log = TrajectoryLog()
-    for stamp_ns in range(0, 1_100_000_000, 250_000_000):
-        log.reading(Odometry(stamp_ns, Pose2D(9.0, 9.0, 0.0), Velocity2D(0.0, 0.0)), False, Pose2D(1.0, 1.0, 0.0))
-    log.plan(np.array([[0.0, 0.0], [4.0, 0.0]]), 0)
-    log.plan(np.array([[0.0, 0.9], [4.0, 0.9]]), 499_999_999)  # too soon
-    log.plan(np.array([[5.0, 1.0], [4.0, 1.0]]), 500_000_000)
-    for wrong in (np.empty((0, 2)), np.array([[math.nan, 0.0]]), np.zeros((3, 3))):
-        log.plan(wrong, 1_000_000_000)
+    for stamp_ns in range(0, 1_600_000_000, 250_000_000):
+        log.reading(Odometry(stamp_ns, Pose2D(9.0, 9.0, 0.0), Velocity2D(0.0, 0.0)), False, Pose2D(1.0, 0.5, 0.0))
+    log.plan(np.array([[1.0, 0.0]]), 250_000_000)
+    log.plan(np.array([[0.0, 0.9], [4.0, 0.9]]), 749_999_999)  # too soon
+    log.plan(np.linspace([5.0, 0.5], [4.0, 0.5], 10_000), 750_000_000)
+    log.plan(np.array([[0.0, 0.9], [4.0, 0.9]]), 1_249_999_999)  # too soon
+    for wrong in (np.empty((0, 2)), np.array([[math.nan, 0.0]]), np.zeros((3, 3)), np.zeros((10_001, 2))):
+        log.plan(wrong, 1_250_000_000)
     found = log.trajectory()
-    np.testing.assert_allclose(found.off_plan_m, [math.nan, 1.0, 1.0, 3.0, 3.0])
+    np.testing.assert_allclose(found.off_plan_m, [math.nan, math.nan, 0.5, 0.5, 3.0, 3.0, 3.0])
     assert measure(found, FAR, 0.075, EXTENT).off_plan_m == pytest.approx(2.0)
 
 
@@ -165,6 +173,7 @@ def test_the_distance_from_a_line_is_that_of_its_nearest_point(seed):
     dense = np.concatenate([np.linspace(a, b, 2001) for a, b in itertools.pairwise(line)])
     assert distance_to(line, x, y) == pytest.approx(np.hypot(*(dense - [x, y]).T).min(), abs=2e-3)
     assert distance_to(line[:1], x, y) == pytest.approx(math.hypot(x - line[0, 0], y - line[0, 1]))
+    assert distance_to(np.array([[0.0, 0.0], [4.0, 0.0]]), -1.0, 0.0) == 1.0
 
 
 def test_readings_without_an_answer_are_counted_but_for_the_last():

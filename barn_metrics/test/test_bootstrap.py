@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from barn_metrics.bootstrap import Interval, number, over_worlds
+from barn_metrics.bootstrap import Interval, correlation, number, over_worlds, spearman
 
 VALUES = np.random.default_rng(1).gamma(2.0, 3.0, 30)
 
@@ -97,6 +97,12 @@ def test_an_interval_excludes_what_lies_outside_its_limits():
 def test_one_limit_alone_is_none():
     for half in (Interval(1.0, 0.5, None), Interval(1.0, None, 2.0)):
         assert (half.excludes(0.0), half.excludes(3.0), half.text()) == (False, False, "1.00")
+        assert half.reaching(0.0, 3.0) == half
+
+
+def test_an_interval_reaches_what_it_is_to_hold():
+    found = Interval(1.0, 0.5, 2.0)
+    assert [found.reaching(*values) for values in ((3.0, 0.2), (0.7,))] == [Interval(1.0, 0.2, 3.0), found]
 
 
 def test_columns_of_an_interval_are_named_after_it():
@@ -109,3 +115,15 @@ def test_an_interval_is_shifted_and_mirrored_with_its_limits():
     assert found.mirrored() == Interval(-1.0, -2.0, -0.5)
     assert Interval(1.0).shifted(1.0) == Interval(2.0)
     assert Interval(1.0).mirrored() == Interval(-1.0)
+
+
+@pytest.mark.parametrize("kind", [np.int64, np.float64])
+def test_rank_correlations_are_those_of_scipy(kind):
+    pairs = np.random.default_rng(3).integers(1, 7, (2, 4, 3, 8)).astype(kind)
+    expected = [stats.spearmanr(one, other).statistic for one, other in zip(*pairs.reshape(2, -1, 8), strict=True)]
+    np.testing.assert_allclose(spearman(*pairs), np.reshape(expected, (4, 3)))
+
+
+def test_what_varies_by_rounding_only_has_no_correlation():
+    found = [correlation(np.array([0.0, 1.0]), np.array([0.0, step])) for step in (1.9e-12, 2e-12, 2.1e-12)]
+    np.testing.assert_allclose(found, [math.nan, math.nan, 1.0])
