@@ -14,6 +14,7 @@ from barn_eval.trials.protocol import (
     CHALLENGE_2022,
     CHALLENGE_2022_03,
     DYNABARN,
+    KNOWN_MAP,
     PAPER_2020,
     PROTOCOLS,
     PoseRule,
@@ -24,8 +25,11 @@ from barn_eval.trials.spec import simulator_config
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D
+from barn_worlds.robots.files import STANDARD, load_robot
 from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
+
+HUSKY = load_robot("husky").chassis
 
 
 def test_courses_of_the_challenge_have_the_published_optimal_times(original):
@@ -119,6 +123,70 @@ def test_a_course_needs_two_cells_of_path(open_world):
         PAPER_2020.course(bent(open_world, 1))
 
 
+def ended(open_world, y_m):
+    """Return the bent world with a start and a goal of its own, 7 m and so far along it."""
+    return replace(bent(open_world), start=Pose2D(-2.5, 7.0, 1.0), goal=Pose2D(-2.5, y_m, 2.0))
+
+
+def test_a_course_of_the_worlds_own_is_along_its_true_path(open_world):
+    world = ended(open_world, 11.0)
+    course = KNOWN_MAP.course(world)
+    assert (course.start, course.goal, course.path_length_m) == (world.start, world.goal, world.path_length_m)
+    # from (-2.5, 7) to the first cell at (-2.925, 5.175); from the last at (-2.475, 9.525) to (-2.5, 11)
+    to_path_m, from_path_m = math.hypot(0.425, 1.825), math.hypot(0.025, 1.475)
+    assert course.reference_length_m == pytest.approx(to_path_m + world.path_length_m + from_path_m)
+
+
+def test_a_course_of_the_worlds_own_is_longer_than_the_distance_of_arrival(open_world):
+    with pytest.raises(ConfigError, match=r"^world bent: start and goal are 1\.00 m apart, which is arrival under"):
+        KNOWN_MAP.course(ended(open_world, 8.0))
+    assert KNOWN_MAP.course(ended(open_world, 8.001)).goal.y == 8.001
+
+
+def test_a_course_of_the_worlds_own_is_not_for_maps_that_are_off(open_world):
+    with pytest.raises(ConfigError, match=r"^world bent: has start and goal of its own; protocol paper2020 is for"):
+        PAPER_2020.course(ended(open_world, 11.0))
+
+
+@pytest.mark.parametrize(
+    ("rule", "expected"),
+    [
+        (PoseRule(x_m=-2.0, x_min_m=-3.0, y_m=3.0), PoseRule(x_m=-4.0, x_min_m=-6.0, y_m=6.0 + 2.0 * (3.0 - 5.1))),
+        (PoseRule(x_max_m=4.0, anchor_y="start", y_m=10.0), PoseRule(x_max_m=8.0, anchor_y="start", y_m=20.0)),
+    ],
+)
+def test_a_rule_in_larger_cells_counts_from_the_first_column_or_its_anchor(rule, expected):
+    assert rule.sized(2.0, 6.0) == expected
+
+
+def test_distances_for_another_robot_are_in_the_cells_of_its_world(open_world):
+    rules = CHALLENGE_2022_03.sized(replace(open_world, resolution_m=0.2), HUSKY)
+    assert (rules.start.x_m, rules.start.y_m) == pytest.approx((-8.0 / 3.0, 2.4))  # the first column is at 5.2 m
+    assert (rules.goal.x_m, rules.goal.y_m) == pytest.approx((0.0, 40.0 / 3.0))
+    distances = (rules.clock_start_distance_m, rules.goal_distance_m, rules.reference_speed_mps)
+    assert distances == pytest.approx((0.4 / 3.0, 2.0 / 3.0, 8.0 / 3.0))
+    assert rules.limit_s == CHALLENGE_2022_03.limit_s
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS.values(), ids=PROTOCOLS)
+@pytest.mark.parametrize(
+    ("chassis", "changes"),
+    [(STANDARD.chassis, {"resolution_m": 0.2}), (HUSKY, {}), (HUSKY, {"resolution_m": 0.2, "corner_m": (0.0, 0.0)})],
+    ids=["jackal", "standard cells", "arena"],
+)
+def test_rules_are_in_metres_unless_another_robot_drives_in_other_cells(open_world, protocol, chassis, changes):
+    assert protocol.sized(replace(open_world, **changes), chassis) is protocol
+
+
+def test_another_robot_starts_clear_of_the_back_wall(open_world):
+    """With the rear 0.5 m behind its start, at 5.25 m - 4.5 m, it touches the wall of one cell."""
+    world, corners = replace(open_world, resolution_m=0.25), ((-0.5, -0.4), (0.5, -0.4), (0.5, 0.4), (-0.5, 0.4))
+    robot, near = replace(HUSKY, footprint_m=corners), replace(CHALLENGE, start=PoseRule(y_m=2.4))
+    assert near.sized(world, robot).start.y_m == 0.75
+    with pytest.raises(ConfigError, match=r"^world open: robot husky does not fit between .*, 5\.2 m, at the start of"):
+        replace(near, start=PoseRule(y_m=2.39)).sized(world, robot)
+
+
 def test_only_a_map_that_is_given_can_be_off(open_world):
     assert PAPER_2020.map_offset_m() == -0.15
     for protocol in (replace(PAPER_2020, historical_map=False), replace(PAPER_2020, map_given=False), CHALLENGE):
@@ -144,6 +212,7 @@ def test_the_two_protocols_differ_as_published():
 def test_a_protocol_without_a_base_is_judged_as_the_papers_on_a_map_that_is_right():
     own = Protocol(name="own", start=PoseRule(x_m=-2.0), goal=PoseRule(y_m=5.0))
     assert own == replace(PAPER_2020, name="own", start=own.start, goal=own.goal, historical_map=False)
+    assert (own.clipped, own.look_period_s) == (True, 0.0)
 
 
 def test_a_pose_is_counted_from_the_map_unless_told_otherwise_and_heads_along_y():
@@ -169,6 +238,7 @@ def test_a_pose_is_counted_from_the_map_unless_told_otherwise_and_heads_along_y(
         ("failure_time_s", 0.0, math.inf),
         ("timeout_time_s", 0.0, math.inf),
         ("reference_speed_mps", 0.01, 100.0),
+        ("look_period_s", 0.0, 10.0),
     ],
 )
 def test_numbers_that_a_protocol_may_hold(name, lowest, highest):
@@ -215,13 +285,14 @@ def test_a_file_may_stand_alone(tmp_path):
         ("schema_version: 1\nname: x\nbase: paper2020\nstart: 3\n", "start must be a mapping"),
         ("schema_version: 1\nname: x\nbase: paper2020\nstart: {x_min_m: 1, x_max_m: 0}\n", "x_min_m must be at most"),
         ("schema_version: 1\nbase: paper2020\nlimit_s: 3\n", "missing key 'name'"),
-        ("schema_version: 1\nbase: challenge\nname: challenge\nlimit_s: 3\n", "'challenge' is built in with another"),
-        ("schema_version: 1\nbase: challenge\nname: paper2020\n", "'paper2020' is built in with another"),
+        ("schema_version: 1\nbase: challenge\nname: challenge\nlimit_s: 3\n", "is built in with another limit_s;"),
+        ("schema_version: 1\nbase: challenge\nname: paper2020\n", "'paper2020' is built in with another start; give"),
         ("schema_version: 1\nname: x\n", "missing key 'goal' (or a base: challenge, dynabarn, known_map, paper2020, "),
         ("schema_version: 1\nname: x\ngoal: {}\n", "missing key 'start'"),
         ("schema_version: 1\nname: x\nbase: [a]\n", "unknown base "),
         ("schema_version: 1\nname: x\nbase: {a: 1}\n", "unknown base "),
         ("schema_version: 1\nname: x\nbase: 3\n", "unknown base "),
+        ('schema_version: 1\nbase: challenge\nname: " "\n', "name must be printable text, got ' '"),
         ('schema_version: 1\nbase: challenge\nname: "\\0"\n', "name must be printable text, got "),
     ],
 )
