@@ -13,7 +13,17 @@ from test_rows import result
 import barn_eval as barn
 from barn_eval.analysis.compare import compare
 from barn_eval.analysis.leaderboard import RANKINGS
-from barn_eval.analysis.measures import COMPARED, DRIVEN, MEASURES, MOVING, SCORED, metric_of, with_motion
+from barn_eval.analysis.measures import (
+    COMPARED,
+    DRIVEN,
+    MEASURES,
+    MOVING,
+    SCORED,
+    measures_named,
+    metric_of,
+    safety_of,
+    with_motion,
+)
 from barn_eval.analysis.planners import colours, spelling
 from barn_eval.analysis.summary import summarise, summarise_campaign
 from barn_eval.analysis.tables import paper_table, summary_table, trials_table
@@ -46,6 +56,7 @@ def test_a_robot_does_better_that_arrives_sooner_farther_from_obstacles_and_smoo
         *("moving_clearance_m", "time_to_collision_s"),
     }
     assert sides[""] == {"optimal_time_s", "least_time_s", "mean_speed_mps", "recoveries", "real_time_factor"}
+    assert COMPARED[-3:] == ("rotation_rad", "compute_p50_ms", "compute_p95_ms")
     assert not sides[""] & {*COMPARED, *RANKINGS.values()}  # there is no better one by these
     assert len(sides["smaller"]) == len(MEASURES) - 13
 
@@ -103,6 +114,28 @@ def test_measures_of_a_trial_are_written_with_units_and_as_many_decimals_as_they
     }
 
 
+def test_a_title_says_that_only_successes_are_in():
+    assert MEASURES["driven_m"].heading == "driven length of successes [m]"
+    assert MEASURES["contact_s"].heading == "time in contact [s]"
+
+
+def test_a_unit_follows_a_value():
+    assert [MEASURES[key].after for key in ("success", "driven_m", "recoveries")] == [" %", " m", ""]
+
+
+def test_the_best_is_the_highest_there_can_be_or_no_time():
+    assert [MEASURES[key].best for key in ("success", "challenge", "scored_time_s")] == [1.0, 0.5, 0.0]
+
+
+def test_failures_count_nothing_or_the_time_of_a_failure():
+    one = result(3)
+    counted_as = {key: measure.as_failure(one) for key, measure in MEASURES.items() if measure.as_failure}
+    nothing = dict.fromkeys(("success", "challenge", "challenge_2022", "efficiency"), 0.0)
+    times = {"scored_time_s": one.scores.failure_time_s}
+    times["normalised_time_s_per_m"] = one.scores.failure_time_s / one.scores.path_length_m
+    assert counted_as == nothing | times
+
+
 def test_values_of_successes_leave_failed_trials_out():
     one = result(3)
     failed = replace(one, scores=replace(one.scores, success=False))
@@ -117,11 +150,20 @@ def test_only_trials_among_moving_obstacles_have_their_measures():
     assert "phase_s" not in results_table([still]).column_names
     assert results_table([still, one])["phase_s"].to_pylist() == [None, 7.0]
     assert {key for key in MOVING if MEASURES[key].value(still) is not None} == set()
-    assert with_motion(("success",), [one]) == ("success", *MOVING)
+    assert with_motion(("success",), [one, still]) == ("success", *MOVING)
     assert with_motion(("success",), [one], [still]) == ("success",)
     assert list(summarise_campaign([one]).planners[0].means) == [*SCORED, *DRIVEN, *MOVING]
     other = replace(one, planner="gap")
     assert [row.key for row in compare([one], [other]).rows] == [*COMPARED, *MOVING]
+
+
+def test_safety_is_told_by_what_moves_where_all_trials_are_among_such():
+    groups = [moved()], [moved(), result(3)]
+    assert [safety_of(group).key for group in groups] == ["moving_clearance_m", "min_clearance_m"]
+
+
+def test_measures_are_named_once():
+    assert measures_named(["success", "contact_s", "success"]) == ("success", "contact_s")
 
 
 def test_shares_are_written_in_percent():
