@@ -13,6 +13,7 @@ from barn_eval.analysis.significance import Share, paired_difference, share_of
 from barn_eval.analysis.statistics import (
     Columns,
     difference,
+    matched_trials,
     mean_interval,
     paired,
     rank_correlation,
@@ -90,7 +91,8 @@ def test_only_shared_worlds_and_repetitions_are_compared():
     assert found.difference.estimate == -2.5
     assert found.improvement.estimate == 1.0
     none = paired(a, replace(b, worlds=b.worlds + 100), larger_is_better=False)
-    assert none.trials == 0
+    assert (none.worlds, none.trials) == (0, 0)
+    assert math.isnan(none.p) and math.isnan(none.improvement.estimate)
     assert math.isnan(none.difference.estimate)
 
 
@@ -98,7 +100,11 @@ def test_intervals_are_drawn_with_seed_0_unless_told_otherwise():
     values, worlds, repetitions = trials_of()
     planner, other = Columns(values, worlds, repetitions), Columns(values[::-1].copy(), worlds, repetitions)
     correlation = partial(rank_correlation, (planner.values, worlds), (other.values, worlds))
-    for find in (correlation, partial(paired, planner, other, larger_is_better=True)):
+    for find in (
+        correlation,
+        partial(difference, planner, other),
+        partial(paired, planner, other, larger_is_better=True),
+    ):
         assert find() == find(seed=0) != find(seed=1)
 
 
@@ -116,10 +122,10 @@ def test_an_improvement_however_small_counts_whole():
 
 
 def test_rank_correlation_uses_the_worlds_that_both_have_done():
-    a = (np.array([1.0, 2.0, 3.0, 9.0, np.nan]), np.array([0, 1, 2, 7, 4]))
+    a = (np.array([1.0, 1.0, 1.0, 1.0, 2.0, 3.0, 9.0, np.nan]), np.array([0, 0, 0, 0, 1, 2, 7, 4]))
     b = (np.array([10.0, 30.0, 20.0, 0.0, 5.0]), np.array([0, 1, 2, 8, 4]))
     assert rank_correlation(a, b).estimate == pytest.approx(0.5)
-    two_worlds = rank_correlation((a[0][:2], a[1][:2]), b)
+    two_worlds = rank_correlation((a[0][:5], a[1][:5]), b)
     assert math.isnan(two_worlds.estimate)
 
 
@@ -182,6 +188,14 @@ def test_a_mean_of_skewed_values_reaches_further_to_their_long_side():
     assert found.high - found.estimate > 2.0 * (found.estimate - found.low)
 
 
+def test_the_limits_of_a_skewed_mean_are_where_halls_transform_is_students_quantile():
+    values = np.array([1.0, 1.1, 1.2, 1.3, 1.2, 1.1, 9.0])
+    found, error, skewness = mean_interval(values, np.arange(7)), stats.sem(values), stats.skew(values) / math.sqrt(7)
+    t = (found.estimate - np.array([found.low, found.high])) / error
+    transformed = t + skewness * t**2 / 3.0 + skewness**2 * t**3 / 27.0 + skewness / 6.0
+    assert transformed == pytest.approx(stats.t.ppf([0.975, 0.025], 6))
+
+
 def test_the_limits_of_a_mean_are_those_of_the_means_of_worlds():
     found = mean_interval(np.array([1.0, 1.1, 5.0, 5.2, 9.0, 9.1]), np.array([3, 3, 7, 7, 8, 8]))
     means = mean_interval(np.array([1.05, 5.1, 9.05]), np.arange(3))
@@ -205,6 +219,50 @@ def test_a_failure_that_counts_less_than_a_success_raises_the_mean_of_times():
     """As under the paper's rules, where giving up counts 30 s and a slow success up to 50 s."""
     found = counted([40.0, 41.0, 39.0, 42.0, 40.5], [0] * 5, range(5), as_failure=30.0, best=0.0).mean()
     assert found.estimate - found.low > found.high - found.estimate
+
+
+@pytest.mark.parametrize(("least", "cut"), [(-0.05, False), (0.0, True), (0.05, True)])
+def test_only_where_no_value_is_below_zero_are_limits_not_either(least, cut):
+    values, trials = np.array([least, 1.0, 3.0]), np.arange(3)
+    plain = mean_interval(values, trials).low
+    assert Columns(values, trials, trials).mean().low == (0.0 if cut else plain)
+    assert plain < 0.0
+
+
+def test_the_upper_limit_of_a_mean_is_not_above_the_best():
+    assert counted([0.0, 0.05, 0.05], [0] * 3, range(3), best=0.05).mean().high == 0.05
+
+
+def test_parts_of_a_mean_are_those_of_a_difference_from_zero():
+    planner = Columns(*trials_of())
+    apart = difference(planner, replace(planner, values=0.0 * planner.values)).parts
+    assert planner.parts().within == pytest.approx(apart.within)
+
+
+def test_matched_trials_are_in_the_order_of_worlds():
+    (found,) = matched_trials([Columns(np.array([1.0, 2.0]), np.array([1, 0]), np.array([0, 1]))])
+    assert found.worlds.tolist() == [0, 1]
+
+
+def test_success_in_one_world_is_worth_the_best_and_in_two_what_it_was():
+    costs = [counted([0.3, 0.3, 0.2], failures, range(3), 0.1).cost for failures in ([0, 1, 1], [0, 0, 1])]
+    assert costs == pytest.approx([0.5 - 0.1, 0.3 - 0.1])
+
+
+def test_what_a_failure_costs_is_unseen_only_where_none_was_seen():
+    none, one = (counted([0.3, 0.3], failures, range(2), 0.4) for failures in ([0, 0], [0, 1]))
+    assert (none.parts().unseen, one.unseen, replace(none, failures=one.failures[:0]).unseen) == (
+        (none.cost * -1,),
+        (),
+        (),
+    )
+    assert paired(none, one, larger_is_better=True).parts.unseen == difference(one, none).parts.unseen == none.unseen
+
+
+def test_paired_comparison_gives_the_share_of_failures_of_each():
+    found = paired(*(counted([0.3], [failure], [0]) for failure in (0, 1)), larger_is_better=True)
+    shares = [Share(share, 1.0) for share in (0.0, 1.0)]
+    assert found.failures == tuple(Interval(one.share, *one.limits) for one in shares)
 
 
 def test_where_nothing_succeeded_a_success_may_be_worth_the_best():
@@ -259,3 +317,20 @@ def test_failures_that_both_have_in_the_same_worlds_cancel():
     a, b = (counted([0.0] * 5 + [value] * 45, failures, range(50)) for value in (0.30, 0.20))
     assert a.excess(b).share == 0.0
     assert difference(a, b).p < 0.01
+
+
+def test_failures_in_excess_are_a_share_of_the_trials_of_a_world():
+    one, none = (counted([0.3] * 2, failures, [0, 0]) for failures in ([1, 0], [0, 0]))
+    assert one.excess(none).share == 0.5
+
+
+def test_failures_do_not_change_a_difference_where_only_one_side_counts_them():
+    a, b = (counted([value] * 9, [0] * 9, range(9)) for value in (0.3, 0.2))
+    plain = paired_difference(a.values - b.values, a.worlds)
+    without = [replace(one, failures=one.failures[:0]) for one in (a, b)]
+    assert difference(a, without[1]).interval == difference(without[0], b).interval == plain.interval
+
+
+def test_failures_that_cost_nothing_change_no_difference():
+    a, b = (counted([value] * 9, [0] * 9, range(9), value) for value in (0.5, 0.25))
+    assert difference(a, b).interval == paired_difference(a.values - b.values, a.worlds).interval
