@@ -166,6 +166,11 @@ def test_measures_are_named_once():
     assert measures_named(["success", "contact_s", "success"]) == ("success", "contact_s")
 
 
+def test_an_unknown_measure_is_refused():
+    with pytest.raises(ConfigError, match="unknown measure 'succes'; did you mean 'success'"):
+        measures_named(["succes"])
+
+
 def test_shares_are_written_in_percent():
     assert MEASURES["success"].text(Interval(0.5, 0.25, 1.0)) == "50.0 [25.0, 100.0]"
     assert [MEASURES["success"].number(value) for value in (1.0, 0.25, None)] == ["100.0", "25.0", "-"]
