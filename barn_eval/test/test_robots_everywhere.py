@@ -13,12 +13,12 @@ from barn_eval.analysis.sources import read_source
 from barn_eval.bags.recorded import read_recorded
 from barn_eval.experiments.request import read_request
 from barn_eval.experiments.run_file import RunFile
-from barn_eval.trials.protocol import CHALLENGE, PROTOCOLS
+from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.spec import simulator_config
 from barn_sim.config import PRESETS, robot_of, with_robot
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.formats.own import write_own
-from barn_worlds.robots.files import STANDARD, load_robot, shipped_robots
+from barn_worlds.robots.files import load_robot, shipped_robots
 from barn_worlds.worlds.cells import LEAD_IN_M
 from barn_worlds.worlds.dataset import open_dataset
 
@@ -124,13 +124,6 @@ def test_courses_are_in_the_size_of_the_robot(husky_worlds):
     assert (course.goal.y - course.start.y, rules.goal_distance_m) == pytest.approx((scale * 10.0, scale * 1.0))
     assert course.start.x == pytest.approx(scale * usual.start.x)
     assert rules.limit_s == CHALLENGE.limit_s
-
-
-@pytest.mark.parametrize("protocol", PROTOCOLS.values(), ids=PROTOCOLS)
-def test_courses_are_as_they_are_for_the_jackal_and_in_standard_worlds(protocol, husky_worlds):
-    large, standard = open_dataset(husky_worlds).load(0), open_dataset("barn300").load(0)
-    assert protocol.sized(large, STANDARD.chassis) is protocol
-    assert protocol.sized(standard, HUSKY.chassis) is protocol
 
 
 def test_a_robot_that_does_not_fit_before_the_obstacles_is_refused(husky_worlds):
