@@ -105,7 +105,7 @@ def plainly(trajectory):
     rates = trajectory.velocity[:, 1].tolist()
     changes = [(b - a) / (t - s) for a, b, s, t in zip(rates, rates[1:], times, times[1:], strict=False)]
     jerks = [(b - a) / (0.5 * (times[k + 2] - times[k])) for k, (a, b) in enumerate(itertools.pairwise(changes))]
-    given = [row for row in trajectory.command.tolist() if not math.isnan(row[0])]
+    given = [row for row in trajectory.command.tolist() if all(map(math.isfinite, row))]
     steps = [[b[axis] - a[axis] for a, b in itertools.pairwise(given)] for axis in (0, 1)]
     return {
         "rms_yaw_jerk_radps3": math.sqrt(sum(one**2 for one in jerks) / len(jerks)),
@@ -123,7 +123,7 @@ def test_what_controllers_are_compared_by_is_what_plain_loops_give(seed):
     stamps_ns = np.cumsum(rng.integers(1, 100, count)) * 1_000_000
     command = rng.uniform(-1.0, 1.0, (count, 2))
     command[rng.random(count) < 0.2] = np.nan  # nothing was sent: the last command holds
-    command[-1, 0] = np.nan  # no command, which ends a trial
+    command[-1, seed % 2] = (np.nan, np.inf)[seed // 2 % 2]  # no command, which ends a trial
     velocity = rng.uniform(-1.0, 1.0, (count, 2))
     one = Trajectory(stamps_ns, rng.uniform(0.0, 1.0, (count, 3)), velocity, command, np.zeros(count, np.bool_))
     found = measure(one, FAR, 0.075, EXTENT)

@@ -114,7 +114,7 @@ def measure(trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outlin
     turns = np.abs((steps[:, 2] + np.pi) % (2.0 * np.pi) - np.pi)
     began = trajectory.contact & ~np.concatenate(([False], trajectory.contact[:-1]))
     near = clearance[1:] < CLOSE_M if clearance.size else np.zeros(len(periods_ns), np.bool_)
-    jumps = np.diff(trajectory.command[~np.isnan(trajectory.command[:, 0])], axis=0)
+    jumps = np.diff(trajectory.command[np.isfinite(trajectory.command).all(axis=1)], axis=0)
     summed, mean = np.abs(jumps).sum(axis=0).tolist(), np.sqrt((jumps**2).sum(axis=0) / max(len(jumps), 1)).tolist()
     variation: list[float | None] = [*summed, *mean] if len(jumps) else [None] * 4
     off_plan = np.empty(0) if trajectory.off_plan_m is None else trajectory.off_plan_m
