@@ -4,7 +4,7 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 python="$(command -v python)"
-unset PYTHONDONTWRITEBYTECODE # images set it, and each of a thousand processes would compile every module anew
+unset PYTHONDONTWRITEBYTECODE # set in many images: every process that a test starts would compile all modules anew
 processes=$(($(nproc) + 1)) # one more than processors: tests of processes wait for them to start and to end
 "$python" -m colcon build --packages-select "$@" --event-handlers console_cohesion- desktop_notification-
 # What tests start runs from the installation, which holds copies. So that nothing is compiled twice it shares the folders

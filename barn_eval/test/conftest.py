@@ -1,6 +1,5 @@
 """Fixtures of the package's tests."""
 
-import os
 import signal
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +9,7 @@ import pytest
 from browser import Opened, launch
 from extra_messages import more_messages, with_more_messages
 from report_work import campaign, drive
+from shared_fixtures import longest_first, original_folder
 
 from barn_eval.commands.main import main
 from barn_eval.pages.report.page import build_report
@@ -17,8 +17,7 @@ from barn_eval.trials.protocol import PAPER_2020
 from barn_worlds.moving.motion import Motion, MovingObstacle
 from barn_worlds.worlds.world import World
 
-__all__ = ["more_messages", "with_more_messages"]
-# What takes longest, so that it is begun first and no process waits for it at the end.
+__all__ = ["more_messages", "original_folder", "with_more_messages"]
 LONGEST = ["ros_trials", "ros_neighbours", "campaign_ray", "campaign_ros", "report", "campaign", "ros_interference"]
 LONGEST += ["campaign_local", "pages", "motion_shown", "front_door", "tune", "compute", "cli", "ab", "difficulty"]
 ROOT = Path(__file__).resolve().parents[2]
@@ -26,8 +25,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the longest files of tests first; take a picture again where the browser of a busy machine could not."""
-    names = [*LONGEST, *(item.path.stem.removeprefix("test_") for item in items)]
-    items.sort(key=lambda item: names.index(item.path.stem.removeprefix("test_")))
+    longest_first(items, LONGEST)
     for item in (one for one in items if "screenshots" in getattr(one, "fixturenames", ())):
         item.add_marker(pytest.mark.flaky(reruns=2, only_rerun="Unable to capture screenshot"))
 
@@ -67,15 +65,6 @@ def rejected(command, tmp_path):
         return err
 
     return run
-
-
-@pytest.fixture(scope="session")
-def original() -> Path:
-    """Folder of the original worlds; tests that need it are skipped where it is absent."""
-    path = Path(os.environ.get("BARN_ORIGINAL", ROOT.parent / "shared" / "barn_original"))
-    if not path.is_dir():
-        pytest.skip(f"no original worlds at {path} (set BARN_ORIGINAL)")
-    return path
 
 
 @pytest.fixture(scope="session")

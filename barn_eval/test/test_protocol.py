@@ -32,16 +32,16 @@ from barn_worlds.worlds.world import World
 HUSKY = load_robot("husky").chassis
 
 
-def test_courses_of_the_challenge_have_the_published_optimal_times(original):
-    dataset = open_dataset(original)
+def test_courses_of_the_challenge_have_the_published_optimal_times(original_folder):
+    dataset = open_dataset(original_folder)
     times = [CHALLENGE.course(dataset.load(index)).optimal_time_s for index in dataset.indices]
     assert len(times) == 50
     assert (round(min(times), 2), round(max(times), 2), round(float(np.mean(times)), 2)) == (5.14, 6.84, 5.78)
 
 
-def test_path_lengths_are_those_of_the_published_trials(original):
-    dataset = open_dataset(original)
-    with (original / "trials.csv").open() as file:
+def test_path_lengths_are_those_of_the_published_trials(original_folder):
+    dataset = open_dataset(original_folder)
+    with (original_folder / "trials.csv").open() as file:
         published = {int(row["world"]): float(row["path_length_m"]) for row in csv.DictReader(file)}
     for index in dataset.indices:
         assert PAPER_2020.course(dataset.load(index)).path_length_m == pytest.approx(published[index], abs=1e-6)

@@ -146,9 +146,9 @@ def test_rank_correlation_and_its_interval_are_scipys_with_ties_too(monkeypatch)
     assert (found.estimate, found.low, found.high) == pytest.approx((plain.estimate, plain.low, plain.high), rel=1e-9)
 
 
-def test_published_trials_give_the_known_agreement_of_planners(original):
+def test_published_trials_give_the_known_agreement_of_planners(original_folder):
     """The 50 shared worlds: Spearman of DWA's and E-Band's means, known to be about 0.37 over all 300 worlds."""
-    table = np.genfromtxt(original / "trials.csv", delimiter=",", names=True)
+    table = np.genfromtxt(original_folder / "trials.csv", delimiter=",", names=True)
     worlds = np.repeat(np.arange(len(table)), 5)
     dwa, eband = (
         np.stack([table[f"{name}_{i}"] / table["path_length_m"] for i in range(1, 6)], 1).ravel()

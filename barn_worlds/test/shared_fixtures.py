@@ -1,15 +1,21 @@
-"""Fixtures of the tests of several packages: a ROS domain of one's own, and the sample of the original data."""
+"""What tests of several packages share: a ROS domain of one's own, the sample of the original data, their order."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
 
 from barn_worlds.ros.domain import reserved_domain
 
-__all__ = ["original_folder", "own_domain"]
+__all__ = ["longest_first", "original_folder", "own_domain"]
 SAMPLE = Path(__file__).resolve().parents[3] / "shared" / "barn_original"
+
+
+def longest_first(items: list[pytest.Item], longest: Sequence[str]) -> None:
+    """Put the files of tests that take longest first, so that no process waits for one of them at the end."""
+    names = [*longest, *(item.path.stem.removeprefix("test_") for item in items)]
+    items.sort(key=lambda item: names.index(item.path.stem.removeprefix("test_")))
 
 
 @pytest.fixture(scope="module")

@@ -81,9 +81,9 @@ class GraphView:
         Of several nodes of one name, one of which may have died, DDS only tells apart the writers of requests.
         """
         services = [one for one, _ in self._node.get_service_names_and_types() if one.rpartition("/")[0] == name]
-        topics = [f"rq{service}Request" for service in services]
-        clients = [self._endpoints(topic, self._node.get_publishers_info_by_topic(topic, True)) for topic in topics]
-        return sorted({endpoint.node or _UNNAMED for of_one in clients for endpoint in of_one})
+        writers = self._node.get_publishers_info_by_topic
+        clients = [self._endpoints(one, writers(f"rq{one}Request", no_mangle=True)) for one in services]
+        return sorted({client.node or _UNNAMED for of_one in clients for client in of_one})
 
     def known_to_all(self, topic: str, type_name: str) -> tuple[int, int]:
         """Return how many publishers and subscriptions of a type a topic has, our own and the dead included."""
