@@ -105,21 +105,12 @@ def _clipped(x: float, y: float, limit: float, surely: float) -> tuple[float, fl
 @njit(cache=True, error_model="numpy", forceinline=True)
 def clipped_abreast(x: float, y: float, limit: float, surely: float) -> tuple[float, float, bool]:
     """Return what `_clipped` does, without a branch, and whether it is right: not where lengths are tiny or huge."""
-    across, along = abs(x), abs(y)
-    low = across if across < along else along
-    high = along if across < along else across
     squared = x * x + y * y
-    length = math.sqrt(squared)
-    steep, flat = length - low, length - high
-    steep_error = high * (2.0 * steep - high) + (steep - 2.0 * (high - low)) * steep
-    flat_error = 2.0 * flat * (high - 2.0 * low) + ((4.0 * flat - low) * low + flat * flat)
-    error = steep_error if length <= 2.0 * low else flat_error
-    length = length - error / (2.0 * length)
-    length = high + low if low <= high * _NOTHING else length
+    length, right = _hypot_abreast(x, y)
     beyond, allowed = length > limit, squared < surely
     scale = limit / length
     scale = scale if beyond & (not allowed) else 1.0
-    return x * scale, y * scale, allowed | (((low >= _TINY) | (low == 0.0)) & (high <= _HUGE))
+    return x * scale, y * scale, allowed | right
 
 
 @njit(cache=True, error_model="numpy")
@@ -129,18 +120,21 @@ def hypot(x: float, y: float) -> float:
     The algorithm is that of the C library of GNU since 2.35 without fused operations (Borges, "An improved algorithm
     for hypot(a,b)", arXiv:1904.09481), here without a call and the same on every processor.
     """
-    low, high = abs(x), abs(y)
-    if low > high:
-        low, high = high, low
-    if not (low >= _TINY and high <= _HUGE):
-        return math.hypot(x, y)
-    if low <= high * _NOTHING:
-        return high + low
+    length, right = _hypot_abreast(x, y)
+    return length if right else math.hypot(x, y)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _hypot_abreast(x: float, y: float) -> tuple[float, bool]:
+    """Return what `hypot` does, without a branch, and whether it is right: not where it is tiny or huge."""
+    across, along = abs(x), abs(y)
+    low = across if across < along else along
+    high = along if across < along else across
     length = math.sqrt(x * x + y * y)
-    if length <= 2.0 * low:
-        beyond = length - low
-        error = high * (2.0 * beyond - high) + (beyond - 2.0 * (high - low)) * beyond
-    else:
-        beyond = length - high
-        error = 2.0 * beyond * (high - 2.0 * low) + ((4.0 * beyond - low) * low + beyond * beyond)
-    return length - error / (2.0 * length)
+    steep, flat = length - low, length - high
+    steep_error = high * (2.0 * steep - high) + (steep - 2.0 * (high - low)) * steep
+    flat_error = 2.0 * flat * (high - 2.0 * low) + ((4.0 * flat - low) * low + flat * flat)
+    error = steep_error if length <= 2.0 * low else flat_error
+    length = length - error / (2.0 * length)
+    length = high + low if low <= high * _NOTHING else length
+    return length, ((low >= _TINY) | (low == 0.0)) & (high <= _HUGE)

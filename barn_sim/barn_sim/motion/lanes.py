@@ -2,8 +2,8 @@
 
 In the iteration for friction each step waits for the one before, and it takes a few sweeps for most robots but a
 hundred for some. So sweeps are done for several robots at once, each in a lane of vector instructions. A robot keeps
-its lane until it has no tick left, then the next one takes it. When there is none, the last lane takes its place, so
-that the few robots left at the end do not pay for lanes that nobody needs.
+its lane until it has no tick left, then the next one takes it. When there is none, the last lane takes its place. The
+few robots left at the end go on one after the other, each from the beginning of its tick.
 """
 
 import numpy as np
@@ -55,18 +55,12 @@ def _advance(
 ) -> None:  # fmt: skip
     """Do as `advance_all`, given the commands."""
     fixed: Record = settings[0]
-    if len(indices) <= _FEW:
-        for index in indices:
-            near = segments[index, : cylinders[index]]
-            left[index], push = advance(robots, pending, settings, index, near, noise, left[index])
-            _fill(pushes[index], push)
-        return
     used = min(LANES, len(indices))
     for lane in range(used):
         held[lane] = indices[lane]
         _begin(robots, pending, settings, held[lane], rows, wheels, begun[lane], lane)
     taken = used
-    while used:
+    while used > _FEW:
         while _sweep(rows, wheels, done, fixed.grips, fixed.inverse_mass, used) == 0:
             pass
         for lane in range(used - 1, -1, -1):
@@ -83,6 +77,12 @@ def _advance(
                 held[lane] = index = indices[taken]
                 taken += 1
             _begin(robots, pending, settings, index, rows, wheels, begun[lane], lane)
+    for lane in range(used):
+        index, rows[_WRONG * LANES + lane] = held[lane], 1.0
+        near = segments[index, : cylinders[index]]
+        if _end(robots, settings, near, noise, index, rows, wheels, begun[lane], lane, left, pushes[index]):
+            left[index], push = advance(robots, pending, settings, index, near, noise, left[index])
+            _fill(pushes[index], push)
 
 
 @njit(cache=True, **BARE)
@@ -96,7 +96,7 @@ def _copy(rows: Floats, wheels: Floats, begun: Floats, lane: int, to: int, grips
         wheels[row * LANES + to] = wheels[row * LANES + lane]
 
 
-@njit(cache=True, **BARE)
+@njit(cache=True, forceinline=True, **BARE)
 def _begin(
     robots: Records, pending: Floats, settings: Records, index: int, rows: Floats, wheels: Floats, begun: Floats,
     lane: int,
@@ -117,7 +117,7 @@ def _begin(
         to[_RIM * LANES], to[(_RIM + 1) * LANES] = rims[i % 2], rims[2 + i % 2]
 
 
-@njit(cache=True, **BARE)
+@njit(cache=True, forceinline=True, **BARE)
 def _end(
     robots: Records, settings: Records, near: Floats, noise: Floats, index: int, rows: Floats, wheels: Floats,
     begun: Floats, lane: int, left: Integers, pushes: Floats,
@@ -149,10 +149,10 @@ def _fill(rows: Floats, push: Push) -> None:
         fill(rows[k], push[k])
 
 
-@njit(cache=True, error_model="numpy", **BARE)
+@njit(cache=True, error_model="numpy", forceinline=True, **BARE)
 def _sweep(rows: Floats, wheels: Floats, done: Integers, grips: int, inverse_mass: float, used: int) -> int:
     """Do a sweep of `sweep_friction` in the lanes in use; fill in which are done (LANES,), and return how many."""
-    width = (used + 3) // 4 * 4  # whole vectors; what is computed in the lanes beyond, nobody reads
+    width = (used + 7) // 8 * 8  # whole vectors; what is computed in the lanes beyond, nobody reads
     for k in range(width):
         rows[_LARGEST * LANES + k] = 0.0
     for i in range(grips):
