@@ -10,7 +10,7 @@ from barn_sim.motion.robot_motion import RobotMotion
 from barn_sim.motion.state import Fleet
 from barn_sim.seeds import generator, phase_s
 from barn_sim.sensors.lidar import Lidar, Singles
-from barn_sim.sensors.localisation import localisation_of
+from barn_sim.sensors.localisation import FilterLocalisation, localisation_of
 from barn_sim.sensors.particles import ParticleLocalisation
 from barn_sim.sensors.readings import Joints, Sensors
 from barn_worlds.base.types import STOP, Odometry, Pose2D, Scan, Velocity2D, nanoseconds
@@ -60,22 +60,27 @@ class Simulator:
         self.config = config
         engine = client or PhysicsClient()
         self._own_client = None if client else engine
-        engine.empty()
-        self.phase_s = phase_s(world, config.obstacles.random_phase, seed)
         self._fleet, self._index = Fleet.of(1) if fleet is None else fleet, index
-        self.motion = RobotMotion(
-            world, config, start, self.phase_s, engine,
-            generator(seed, seeds.ODOMETRY), self._fleet, index, free_motion=free_motion,
-        )  # fmt: skip
-        if config.odometry.gyro_bias_rad_s or config.odometry.wheel_radius_error:
-            self.motion.odometry.draw_errors(config.odometry, generator(seed, seeds.BIAS))
+        self.motion = RobotMotion(config, engine, self._fleet, index, free_motion=free_motion)
         self.lidar = Lidar(config.lidar, generator(seed, seeds.LIDAR))
         self._scan_period_ns = config.scan_steps * nanoseconds(config.control_period_s)
         self._scan_height_m = config.lidar.mount_z_m - float(self.motion.model.footing[2])
         self._ticks_per_step = config.ticks(config.control_period_s)
-        rng = generator(seed, seeds.LOCALISATION)
-        self._localisation = localisation_of(config, world, start, self.lidar.mount, rng)
-        self._localisation_lidar = Lidar(config.lidar, rng)
+        self.begin(world, start, seed)
+
+    def begin(self, world: World, start: Pose2D, seed: int) -> None:
+        """Begin anew, as a new simulator would with these arguments, but sooner."""
+        config = self.config
+        self.phase_s = phase_s(world, config.obstacles.random_phase, seed)
+        self.motion.begin(world, start, self.phase_s, generator(seed, seeds.ODOMETRY))
+        if config.odometry.gyro_bias_rad_s or config.odometry.wheel_radius_error:
+            self.motion.odometry.draw_errors(config.odometry, generator(seed, seeds.BIAS))
+        self.lidar.rng = generator(seed, seeds.LIDAR)
+        self._localisation: FilterLocalisation | ParticleLocalisation | None = None
+        if config.localisation.mode != "exact":
+            rng = generator(seed, seeds.LOCALISATION)
+            self._localisation = localisation_of(config, world, start, self.lidar.mount, rng)
+            self._localisation_lidar = Lidar(config.lidar, rng)
         self.invalid_commands = 0
         self._sensed: Sensors | None = None
 

@@ -78,7 +78,8 @@ def in_bullet(chassis):
     """Return the bounds (2, 3) in base_link of the shapes that Bullet has of a robot."""
     model = model_of(chassis)
     with closing(PhysicsClient()) as client:
-        body = Body(model, PhysicsConfig(), Pose2D(0.0, 0.0, 0.0), client, Fleet.of(1), 0)
+        body = Body(model, PhysicsConfig(), client, Fleet.of(1), 0)
+        body.begin(Pose2D(0.0, 0.0, 0.0))
         body.enter()
         bullet.resetBasePositionAndOrientation(body.id, model.centre_of_mass, (0, 0, 0, 1), physicsClientId=client.id)
         return np.array(bullet.getAABB(body.id, physicsClientId=client.id))

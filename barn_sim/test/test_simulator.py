@@ -35,8 +35,8 @@ def commands(count: int) -> list[Velocity2D | None]:
     return [None if k % 17 == 16 else Velocity2D(0.6, 0.9 * math.sin(0.1 * k)) for k in range(count)]
 
 
-def drive(world, config=SimulatorConfig(), start=START, seed=0, steps=60, client=None):  # noqa: B008 (frozen)
-    return readings_of(Simulator(world, config, start, seed, client), commands(steps))
+def drive(world, config=SimulatorConfig(), start=START, seed=0, steps=60):  # noqa: B008 (frozen)
+    return readings_of(Simulator(world, config, start, seed), commands(steps))
 
 
 def fingerprint(readings: list[Sensors]) -> str:
@@ -62,10 +62,14 @@ def test_a_client_used_before_repeats_a_new_one_to_the_last_bit(walled_world, em
         (walled_world, SimulatorConfig(physics=PhysicsConfig(tick_s=0.01, gravity_m_s2=3.0)), AT_THE_WALL),
         (walled_world, CONFIGS[name], AT_THE_WALL),
     ):
-        again = drive(world, config, start, client=client)
+        simulator = Simulator(world, config, start, 0, client)
+        again = readings_of(simulator, commands(60))
+    for world, start in ((empty_world, START), (walled_world, AT_THE_WALL)):
+        simulator.begin(world, start, 0)
+        anew = readings_of(simulator, commands(60))
     client.close()
     assert any(sensors.collision for sensors in fresh)
-    assert fingerprint(fresh) == fingerprint(again)
+    assert fingerprint(fresh) == fingerprint(again) == fingerprint(anew)
 
 
 def test_repeats_itself_in_another_process(walled_world, tmp_path) -> None:
@@ -204,8 +208,7 @@ def test_readings_at_rates_of_their_own_are_of_the_same_motion(walled_world, sim
         for _ in range(10):
             ticked.advance(1)
             ticked.read_truth()
-        truth = stepped.step(command).truth
-        assert ticked.read_truth() == truth
+        assert stepped.step(command).truth == ticked.read_truth()
 
 
 def test_closing_twice_does_nothing(empty_world) -> None:
@@ -232,9 +235,8 @@ def test_clients_are_given_back(empty_world) -> None:
 @pytest.mark.parametrize("mode", ["exact", "amcl"])
 def test_an_offset_moves_what_is_believed_and_nothing_else(walled_world, mode) -> None:
     plain = drive(walled_world, SimulatorConfig(localisation=LocalisationConfig(mode=mode)))
-    moved = drive(
-        walled_world, SimulatorConfig(localisation=LocalisationConfig(mode=mode, offset_x_m=0.3, offset_y_m=-0.15))
-    )
+    off = LocalisationConfig(mode=mode, offset_x_m=0.3, offset_y_m=-0.15)
+    moved = drive(walled_world, SimulatorConfig(localisation=off))
     assert [s.truth for s in moved] == [s.truth for s in plain]
     for ours, theirs in zip(moved, plain, strict=True):
         apart = ours.localisation.x - theirs.localisation.x, ours.localisation.y - theirs.localisation.y

@@ -49,6 +49,7 @@ class Episodes:
         self.left_m = np.zeros(count)
         self.known: Known = {}  # first trial in each world and its `way_points`
         self._config, self._safety, self._period_s = config, safety, simulator.control_period_s
+        self._weights = RewardWeights.of(config.reward)
         self._encoder = ObservationEncoder(config.observation)
         self._clients = [PhysicsClient(idle=self.batch.engines) for _ in range(count)]
         self._now: list[tuple[RunningTrial, Simulator] | None] = [None] * count
@@ -78,10 +79,13 @@ class Episodes:
         if other.rules is not spec.rules and other.rules != spec.rules:
             names = f"{spec.world.name} and {other.world.name}"
             raise ConfigError(f"worlds {names}: robots that advance together need worlds with cells of one size")
-        simulator = Simulator(
-            spec.world, spec.simulator, spec.course.start, spec.simulator_seed, self._clients[index],
-            fleet=self.batch.fleet, index=index,
-        )  # fmt: skip
+        begun, before = (spec.world, spec.course.start, spec.simulator_seed), self._now[index]
+        if before is None:
+            config, client, fleet = spec.simulator, self._clients[index], self.batch.fleet
+            simulator = Simulator(begun[0], config, *begun[1:], client, fleet=fleet, index=index)
+        else:
+            simulator = before[1]
+            simulator.begin(*begun)
         self.batch.put(index, simulator)
         trial = RunningTrial(spec, logged=False)
         trial.referee.move_to(self._states[index : index + 1])
@@ -131,8 +135,8 @@ class Episodes:
         before_m = self.look(np.flatnonzero(finite | resting))
         rewards = np.empty(len(actions))
         reward_steps(
-            RewardWeights.of(self._config.reward), before_m, self.left_m, self._period_s,
-            self.seen[:, : view.beams], view.range_limit_m, shielded, rewards,
+            self._weights, before_m, self.left_m, self._period_s, self.seen[:, : view.beams], view.range_limit_m,
+            shielded, rewards,
         )  # fmt: skip
         rewards[resting] = 0.0
         refused = np.flatnonzero(~(finite | resting)).tolist()
@@ -148,12 +152,13 @@ class Episodes:
 
     def _shielded(self, resting: Bools, wanted: Floats) -> tuple[Floats, Bools]:
         """Return the commands given (n, 2), and which of them are not those wanted."""
+        if not self._safety.enabled:
+            return wanted, np.zeros(len(wanted), np.bool_)
         given = wanted.copy()
-        if self._safety.enabled:
-            for index in np.flatnonzero(~resting & np.isfinite(wanted).all(axis=1)).tolist():
-                command, moving = (Velocity2D(*of[index].tolist()) for of in (wanted, self.readings.velocities))
-                safe = safe_command(command, moving, self.scan(index), self._safety)
-                given[index] = safe.linear, safe.angular
+        for index in np.flatnonzero(~resting & np.isfinite(wanted).all(axis=1)).tolist():
+            command, moving = (Velocity2D(*of[index].tolist()) for of in (wanted, self.readings.velocities))
+            safe = safe_command(command, moving, self.scan(index), self._safety)
+            given[index] = safe.linear, safe.angular
         changed: Bools = ((given != wanted) & ~np.isnan(wanted)).any(axis=1)
         return given, changed
 

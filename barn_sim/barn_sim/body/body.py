@@ -10,7 +10,7 @@ from barn_sim.body.model import RobotModel
 from barn_sim.body.tyres import Tyres
 from barn_sim.config import PhysicsConfig
 from barn_sim.motion.free_motion import Triple
-from barn_sim.motion.state import Fleet, set_body
+from barn_sim.motion.state import ROBOT, Fleet, set_body
 from barn_sim.motion.ticks import LEVEL, STILL, State, follow, place_at_rest, way_back
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import Pose2D
@@ -28,36 +28,38 @@ class Body:
 
     PyBullet has the body from the first tick on that it is to move. client: PyBullet's number of the client, -1 before;
     id: the robot's body in it; ground: the body that obstacles stand on (the robot touches it only through its tyres).
-    fleet, index: whose state it keeps. stays: whether ground and robot stay in the engine for whoever uses it next,
-    which they can where obstacles are fixed.
+    fleet, index: whose state it keeps.
     """
 
     def __init__(
-        self,
-        model: RobotModel,
-        config: PhysicsConfig,
-        start: Pose2D,
-        client: PhysicsClient,
-        fleet: Fleet,
-        index: int,
-        *,
-        stays: bool = False,
+        self, model: RobotModel, config: PhysicsConfig, client: PhysicsClient, fleet: Fleet, index: int
     ) -> None:
-        self._model, self._config, self._physics, self._stays = model, config, client, stays
-        self.client = self.id = self.ground = -1
+        self._model, self._config, self._physics = model, config, client
         self._fleet, self._index, settings = fleet, index, fleet.settings
-        tyres = _tyres_of(model, config)
+        self._tyres = tyres = _tyres_of(model, config)
+        self._begun_at: Pose2D | None = None
         if not settings["tick_ns"]:
             set_body(settings, model, config, tyres.stiffness, tyres.damping)
             settings["first_inverse_inertia"] = first_inverse_inertia_of(model)
-        height, roll, pitch = tyres.rest
-        attitude = bullet.getQuaternionFromEuler([roll, pitch, start.yaw])
-        offset = np.array(bullet.getMatrixFromQuaternion(attitude)).reshape(3, 3) @ model.centre_of_mass
-        self._start = [start.x + offset[0], start.y + offset[1], height], attitude  # of the centre of mass, at rest
-        robot = fleet.robots[index]
-        robot["wheels"][: len(tyres.wheels), :5], robot["known"] = tyres.wheels, True
-        robot["position"], robot["heading"] = self._start
-        place_at_rest(fleet.robots, settings, index)
+
+    def begin(self, start: Pose2D, *, stays: bool = False) -> None:
+        """Put the robot on the ground, at rest, with nothing else in its state.
+
+        stays: whether ground and robot stay in the engine for the next robot, which they can where obstacles are fixed.
+        """
+        self.client = self.id = self.ground = -1
+        self._stays, robots, index = stays, self._fleet.robots, self._index
+        if start != self._begun_at:
+            self._begun_at, self._at_rest = start, np.zeros(1, ROBOT)
+            height, roll, pitch = self._tyres.rest
+            attitude = bullet.getQuaternionFromEuler([roll, pitch, start.yaw])
+            offset = np.array(bullet.getMatrixFromQuaternion(attitude)).reshape(3, 3) @ self._model.centre_of_mass
+            self._start = [start.x + offset[0], start.y + offset[1], height], attitude  # of the centre of mass
+            robot = self._at_rest[0]
+            robot["wheels"][: len(self._tyres.wheels), :5], robot["known"] = self._tyres.wheels, True
+            robot["position"], robot["heading"] = self._start
+            place_at_rest(self._at_rest, self._fleet.settings, 0)
+        robots[index] = self._at_rest[0]
 
     def enter(self) -> None:
         """Let PyBullet have the body, at the robot's start unless it goes on in place of the last one."""
@@ -113,8 +115,7 @@ class Body:
         start, torque, end = way_back(robots, settings, index, missing > 0)
         if missing:
             self._set((STILL, LEVEL, STILL, STILL))
-        for _ in range(missing):
-            self._physics.tick()
+        self._physics.tick(missing)
         self._set(start)
         bullet.applyExternalTorque(self.id, -1, torque, bullet.WORLD_FRAME, self.client)
         self._physics.tick()

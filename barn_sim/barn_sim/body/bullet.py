@@ -36,9 +36,8 @@ class PhysicsEngine:
     """An engine of PyBullet, its number there, and what is in it.
 
     ticks: simulated since it was new or reset; residents: kind, ground and robot that stay in it and can go on there
-    for the next robot of their kind. Guests are bodies
-    that come and go; guests: kinds of those that are there, None of those that move; kept: those of a kind that stand
-    far away until they are needed again. shapes: of cylinders, by radius and height.
+    for the next robot of their kind. Guests are bodies that come and go; guests: kinds of those that are there, None of
+    those that move; kept: those of a kind that stand far away until needed again. shapes: of cylinders, by size.
     """
 
     id: int
@@ -91,11 +90,12 @@ class PhysicsClient:
             bullet.unloadPlugin(_RENDERER, physicsClientId=number)
         return PhysicsEngine(number)
 
-    def tick(self) -> None:
-        """Simulate a tick."""
+    def tick(self, count: int = 1) -> None:
+        """Simulate so many ticks."""
         engine = self.engine
-        bullet.stepSimulation(engine.id)
-        engine.ticks += 1
+        for _ in range(count):
+            bullet.stepSimulation(engine.id)
+        engine.ticks += count
 
     def resume(self, kind: object) -> tuple[int, int] | None:
         """Return ground and robot, if they are of this kind in the engine that is to be used next; it then is."""

@@ -18,7 +18,6 @@ class DriveController:
         self.fleet, self._index = fleet, index
         self._latency_ns = nanoseconds(config.command_latency_s)
         set_drive(self.fleet.settings, config, track_m, tick_s)
-        self.fleet.robots[index]["timed_out"] = True
 
     def command(self, velocity: Velocity2D, now_ns: int) -> None:
         """Take a command that arrives now."""

@@ -71,10 +71,9 @@ class Obstacles:
         count = len(self._centres)
         self._movable: Bools = np.full(count, config.obstacles.movable)
         self._movable[len(world.obstacles_m) :] &= config.obstacles.containment_movable
-        self._any_movable = bool(self._movable.any())
         self._states = np.zeros((count, 7))  # position and quaternion
         self._states[:, :2], self._states[:, 2], self._states[:, 6] = self._centres, self._half, 1.0
-        self.segments = np.column_stack([self._centres, self._centres])
+        self.segments = np.concatenate([self._centres, self._centres], axis=1)
         self._bodies: dict[int, int] = {}
         self.bodied, self._pushed, self._displaced = np.zeros((3, count), np.bool_)
         self.undisturbed = True
@@ -130,7 +129,7 @@ class Obstacles:
 
     def follow(self, robot: Pose2D) -> None:
         """Copy the bodies' states after a tick, and remove the bodies that nothing is near any more."""
-        indices = [index for index in self._bodies if self._movable[index]] if self._any_movable else []
+        indices = [index for index in self._bodies if self._movable[index]] if self._config.movable else []
         if indices:
             self.undisturbed, self._free_m = False, 0.0
             bodies, client = [self._bodies[index] for index in indices], self._client.id

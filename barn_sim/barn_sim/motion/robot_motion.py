@@ -30,7 +30,7 @@ from barn_sim.body.model import model_of
 from barn_sim.body.movers import Movers
 from barn_sim.body.obstacles import Obstacles
 from barn_sim.config import SimulatorConfig
-from barn_sim.motion.state import ROBOT, Fleet
+from barn_sim.motion.state import Fleet
 from barn_sim.motion.ticks import Push, advance, free_tick, motion_of
 from barn_sim.sensors.odometry import FusedOdometry
 from barn_worlds.base.arrays import Floats
@@ -45,43 +45,38 @@ class RobotMotion:
     """
 
     def __init__(
-        self,
-        world: World,
-        config: SimulatorConfig,
-        start: Pose2D,
-        phase_s: float,
-        client: PhysicsClient,
-        odometry_rng: np.random.Generator,
-        fleet: Fleet,
-        index: int,
-        *,
-        free_motion: bool,
+        self, config: SimulatorConfig, client: PhysicsClient, fleet: Fleet, index: int, *, free_motion: bool
     ) -> None:
         self.model = model_of(config.chassis)
-        self._index, self._free_motion = index, free_motion
-        # Where obstacles neither move nor can be moved, engines can be left to other robots in between.
-        self._fixed = not (config.obstacles.movable or world.walls or world.moving)
+        self._config, self._client, self._index, self._free_motion = config, client, index, free_motion
         self._tick_ns = config.tick_ns
         self._odometry_ns = self._tick_ns * config.ticks(1.0 / config.odometry.rate_hz)
         self._ticks_of_noise = (len(fleet.noise[index]) - 1) * self._odometry_ns // self._tick_ns
-        fleet.robots[index] = np.zeros((), ROBOT)
-        self.odometry = FusedOdometry(config.odometry, odometry_rng, start.yaw, fleet, index)
         self.drive = DriveController(config.drive, self.model.track_m, config.physics.tick_s, fleet, index)
-        self._body = Body(self.model, config.physics, start, client, fleet, index, stays=free_motion and self._fixed)
-        extent = self.model.extent
-        self.obstacles = Obstacles(client, extent, world, config)
-        moves = bool(world.walls or world.moving)
-        self.movers = Movers(client, extent, world, phase_s, config) if moves else None
-        robots = fleet.robots
-        robots["movers_clearance_m"][index] = 0.0 if moves else math.inf
-        robots["radius_m"][index] = self.obstacles.radius_m
-        robots["near_m"][index] = self.obstacles.radius_m + self.obstacles.gap_m
-        robots["in_bullet"][index] = not free_motion
+        self._body = Body(self.model, config.physics, client, fleet, index)
         self._stamps, self._away, self._known, self._in_bullet = (
-            robots[name] for name in ("stamp_ns", "away", "known", "in_bullet")
+            fleet.robots[name] for name in ("stamp_ns", "away", "known", "in_bullet")
         )
-        self._touched = False
         self._past: deque[tuple[int, float, float, float]] = deque(maxlen=config.ticks(1.0 / config.lidar.rate_hz) + 2)
+
+    def begin(self, world: World, start: Pose2D, phase_s: float, rng: np.random.Generator) -> None:
+        """Put the robot on the ground of a world, at rest; rng: of the odometry."""
+        config, client, fleet, index = self._config, self._client, self.drive.fleet, self._index
+        client.empty()
+        moves = bool(world.walls or world.moving)
+        # Where obstacles neither move nor can be moved, engines can be left to other robots in between.
+        self._fixed = not (config.obstacles.movable or moves)
+        self._body.begin(start, stays=self._free_motion and self._fixed)
+        self.odometry = FusedOdometry(config.odometry, rng, start.yaw, fleet, index)
+        self.obstacles = Obstacles(client, self.model.extent, world, config)
+        self.movers = Movers(client, self.model.extent, world, phase_s, config) if moves else None
+        robot = fleet.robots[index]
+        robot["movers_clearance_m"] = 0.0 if moves else math.inf
+        robot["radius_m"] = self.obstacles.radius_m
+        robot["near_m"] = self.obstacles.radius_m + self.obstacles.gap_m
+        robot["in_bullet"] = not self._free_motion
+        self._touched = False
+        self._past.clear()
         self._placed: tuple[int, tuple[Pose2D, Velocity2D]] | None = None
         self.odometry.update(0)
 

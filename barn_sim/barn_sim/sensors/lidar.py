@@ -31,10 +31,10 @@ _EDGE_M = 0.2  # between neighbours that do not see the same thing
 
 
 class Lidar:
-    """A scanner with noise, range limits and the special values of REP-117; mount: its pose in base_link."""
+    """A scanner with noise, range limits and the values of REP-117; mount: its pose in base_link; rng: of the noise."""
 
     def __init__(self, config: LidarConfig, rng: np.random.Generator) -> None:
-        self._rng = rng
+        self.rng = rng
         self.mount = Pose2D(config.mount_x_m, config.mount_y_m, config.mount_yaw_rad)
         spread = config.angle_max_rad - config.angle_min_rad
         # single precision, as in the message, so that sending a scan does not change it
@@ -83,7 +83,7 @@ class Lidar:
             self.draw(noise := np.empty(len(ranges), np.float32))
         measure(ranges, noise, *self.limits, measured)
         if self._dropped:
-            measured[self._rng.random(len(measured)) < self._dropped] = np.inf
+            measured[self.rng.random(len(measured)) < self._dropped] = np.inf
         return self.scan_of(stamp_ns, measured)
 
     def _frames(self, poses: Array) -> tuple[Array, float]:
@@ -95,7 +95,7 @@ class Lidar:
 
     def _mix(self, ranges: Array) -> None:
         """Let beams on the near side of an edge read something between its sides, evenly, as often as configured."""
-        chances, between = self._rng.random((2, len(ranges)))
+        chances, between = self.rng.random((2, len(ranges)))
         true = np.minimum(ranges, self._range_max)
         beside = np.maximum(np.append(true[1:], true[-1]), np.insert(true[:-1], 0, true[0]))
         mixed = (beside - true > _EDGE_M) & (chances < self._mixed)
@@ -108,7 +108,7 @@ class Lidar:
 
     def draw(self, noise: Singles) -> None:
         """Draw the noise of a scan (n,), or of several (k, n), standard normal."""
-        self._rng.standard_normal(out=noise, dtype=np.float32)
+        self.rng.standard_normal(out=noise, dtype=np.float32)
 
     def scan_of(self, stamp_ns: int, measured: Singles) -> Scan:
         """Return the scan of measured ranges (n,)."""
