@@ -25,6 +25,7 @@ from barn_worlds.messages.topics import RELIABLE, Qos
 METADATA_VERSION = 9  # of metadata.yaml, what rosbag2 of Jazzy writes
 PARTIAL = ".partial"
 _CHUNK_BYTES = 1 << 20
+_Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # libyaml's is five times faster
 _INFINITE = {"sec": 9223372036, "nsec": 854775807}
 
 
@@ -181,4 +182,4 @@ def _topic_entry(topic: _Topic) -> dict[str, Any]:
 
 def _yaml(content: object) -> str:
     plain = json.loads(json.dumps(content))  # nothing in it twice, for which there would be anchors
-    return yaml.safe_dump(plain, sort_keys=False, allow_unicode=True, width=10_000)
+    return str(yaml.dump(plain, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=10_000))
