@@ -16,10 +16,9 @@ from barn_eval.experiments.run_file import RunFile
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.spec import simulator_config
 from barn_sim.config import PRESETS, robot_of, with_robot
-from barn_worlds.base.errors import BarnError, ConfigError
+from barn_worlds.base.errors import ConfigError
 from barn_worlds.formats.own import write_own
 from barn_worlds.robots.files import load_robot, shipped_robots
-from barn_worlds.worlds.cells import LEAD_IN_M
 from barn_worlds.worlds.dataset import open_dataset
 
 HUSKY = load_robot("husky")
@@ -105,31 +104,6 @@ def test_results_say_which_robot(folders):
 def test_robots_are_not_mixed(verb, folders, rejected):
     said = rejected(verb, *folders, *(["--out", "x.html"] if verb == "report" else []))
     assert f"different robots cannot be compared: husky in {folders[0]}, jackal in {folders[1]}" in said
-
-
-def test_worlds_are_in_the_size_of_the_robot(husky_worlds):
-    world = open_dataset(husky_worlds).load(0)
-    assert world.resolution_m == pytest.approx(0.15 * 0.495 / 0.254, abs=0.001)
-    assert world.footprint_cells == 5
-    assert not world.cspace[tuple(world.path.T)].any()
-
-
-def test_courses_are_in_the_size_of_the_robot(husky_worlds):
-    world, standard = open_dataset(husky_worlds).load(0), open_dataset("barn300").load(0)
-    scale = world.resolution_m / 0.15
-    rules = CHALLENGE.sized(world, HUSKY.chassis)
-    course, usual = rules.course(world), CHALLENGE.course(standard)
-    first_column_m = world.cell_centres_m(np.array([[0, 0]]))[0, 1] - 0.5 * world.resolution_m
-    assert first_column_m - course.start.y == pytest.approx(scale * (LEAD_IN_M - usual.start.y))
-    assert (course.goal.y - course.start.y, rules.goal_distance_m) == pytest.approx((scale * 10.0, scale * 1.0))
-    assert course.start.x == pytest.approx(scale * usual.start.x)
-    assert rules.limit_s == CHALLENGE.limit_s
-
-
-def test_a_robot_that_does_not_fit_before_the_obstacles_is_refused(husky_worlds):
-    world = replace(open_dataset(husky_worlds).load(0), resolution_m=0.4)
-    with pytest.raises(BarnError, match="robot husky does not fit between the back wall and the obstacles"):
-        CHALLENGE.sized(world, HUSKY.chassis)
 
 
 def test_metrics_are_those_of_the_robot(rejected):

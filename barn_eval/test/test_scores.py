@@ -71,7 +71,8 @@ def test_who_failed_follows_from_the_outcome_unless_it_is_known(outcome, blamed,
 
 def test_before_times_were_clipped_the_metric_had_no_limit():
     rules = replace(CHALLENGE, clipped=False)
-    assert score(verdict(Outcome.SUCCESS, 0.05), COURSE, rules).challenge == pytest.approx(100.0)
+    found = [score(verdict(Outcome.SUCCESS, time_s), COURSE, rules).challenge for time_s in (0.05, 90.0)]
+    assert found == pytest.approx([5.0 / 0.05, 5.0 / 90.0])
 
 
 @pytest.mark.parametrize(
