@@ -83,7 +83,6 @@ class Faulty(Straight):
         waiting = PlannerStatus.RECOVERING if self.cycle % 2 else PlannerStatus.BLOCKED
         answers = {
             "nan": Decision(Velocity2D(math.nan, 0.0)),
-            "infinity": Decision(Velocity2D(0.1, math.inf)),
             "nothing": Decision(None, PlannerStatus.BLOCKED),
             "no decision": "forward",
             "no velocity": Decision((0.5, 0.0)),
