@@ -59,8 +59,6 @@ def test_an_unfinished_folder_is_good_as_far_as_it_goes(folder):
     ("change", "words"),
     [
         (lambda out: replace_text(out / "results.jsonl", "success", "Success"), "results.jsonl, line 1: damaged or ed"),
-        (lambda out: change_row(out, 0, planner_seed=1), "gap_w0000_r00 has planner_seed 1, must have"),
-        (lambda out: change_row(out, 1, task="0" * 12), "gap_w0120_r00 was run as task 000000000000"),
         (lambda out: change_row(out, 1, trial_id="gap_w0009_r00"), "gap_w0009_r00 is no trial of this experiment"),
         (lambda out: change_row(out, 1, world_checksum="0"), "world 120 is not the one that gap_w0120_r00 was run in"),
         (lambda out: change_row(out, 0, scores__challenge=0.5), "challenge of gap_w0000_r00 is not that of its row"),
