@@ -134,13 +134,6 @@ def test_a_contact_is_told_once():
     assert patient.trial.log.trajectory().contact.tolist() == [False, True, False, False]
 
 
-def test_a_command_that_is_not_finite(adapter):
-    adapter.take(tick(0, 0.0))
-    kept = adapter.take(tick(1, 0.1, command=(float("nan"), 0.0)))
-    assert adapter.trial.verdict.outcome is Outcome.INVALID_COMMAND
-    assert kept[-1].topic == "/cmd_vel"
-
-
 def test_ticks_without_readings_end_nothing(adapter):
     # a clock that ticks more often than the robot is measured
     adapter.take(Tick(ORIGIN, 0, []))
