@@ -100,14 +100,6 @@ def test_nothing_after_the_verdict_is_kept(adapter):
     assert verdict.duration_s == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize("command", [(0.5, 0.0), None], ids=["with a command", "without one"])
-def test_contact_counts_for_the_tick_it_was_told_in(adapter, command):
-    adapter.take(tick(0, 0.0, command=command))
-    adapter.take(tick(1, 0.1, collision=True, command=command))
-    assert adapter.trial.verdict.outcome is Outcome.COLLISION
-    assert adapter.trial.verdict.duration_s == pytest.approx(0.05)
-
-
 def test_odometry_and_true_pose_are_kept_apart(adapter):
     for k, x in enumerate((0.0, 5.0, 9.5)):
         adapter.take(tick(k, x, odometry_x=0.0))
@@ -127,10 +119,11 @@ def test_two_readings_in_one_tick_are_judged_one_by_one(adapter):
     assert adapter.trial.verdict.traversal_time_s == pytest.approx(0.05)
 
 
-def test_a_contact_is_told_once():
+@pytest.mark.parametrize("command", [(0.5, 0.0), None], ids=["with a command", "without one"])
+def test_a_contact_counts_for_the_tick_it_was_told_in_alone(command):
     patient = adapter_of(collision_ends_trial=False)
     for k, collision in enumerate((False, True, False, False)):
-        patient.take(tick(k, 0.0, collision=collision))
+        patient.take(tick(k, 0.0, collision=collision, command=command))
     assert patient.trial.log.trajectory().contact.tolist() == [False, True, False, False]
 
 
