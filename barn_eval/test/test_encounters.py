@@ -3,17 +3,12 @@
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from test_trajectory import EXTENT, drive
 
 from barn_eval.trials.protocol import DYNABARN
 from barn_eval.trials.trajectory import encounters
 from barn_worlds.base.types import Pose2D
-from barn_worlds.geometry.bodies import shape_rows
-from barn_worlds.geometry.kernels import gaps_to_rectangle, times_to_rectangle
 from barn_worlds.moving.motion import Motion, MovingObstacle, Wall
 from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
@@ -134,25 +129,3 @@ def test_a_trial_without_readings_and_a_world_without_motion_have_nothing_to_tel
     assert (found.moving_clearance_m, found.time_to_collision_s, found.near_s, found.touched) == (None, None, 0.0, "")
     quiet = replace(world_of((0.0, 1.0, 0.0), (10.0, 1.0, 0.0)), moving=())
     assert encounters(drive(still(2)), quiet, 0.0, EXTENT, DYNABARN, None) is None
-
-
-@settings(max_examples=100, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_times_to_contact_agree_with_small_steps(seed):
-    rng = np.random.default_rng(seed)
-    shapes = shape_rows(rng.uniform(-4.0, 4.0, (5, 2)), rng.uniform(0.1, 0.8, 5), np.zeros((5, 2)), np.zeros(5))
-    velocities, (x, y, yaw), speed = rng.uniform(-2.0, 2.0, (5, 2)), rng.uniform(-1.0, 1.0, 3), rng.uniform(-1.0, 2.0)
-    found = times_to_rectangle(shapes, velocities, x, y, yaw, speed, EXTENT.extent_m)
-    expected = np.full(5, np.inf)
-    for time_s in np.arange(0.0, 8.0, 0.005)[::-1]:
-        moved = shapes.copy()
-        moved[:, :2] += velocities * time_s
-        away = x + speed * time_s * math.cos(yaw), y + speed * time_s * math.sin(yaw)
-        expected[gaps_to_rectangle(moved, *away, yaw, EXTENT.extent_m) <= 0.0] = time_s
-    for one, other in zip(found, expected, strict=True):
-        assert one <= other + 1e-9  # a short graze may lie between two steps
-        if math.isfinite(one) and one < 7.9:
-            at = shapes.copy()
-            at[:, :2] += velocities * one
-            away = x + speed * one * math.cos(yaw), y + speed * one * math.sin(yaw)
-            assert gaps_to_rectangle(at, *away, yaw, EXTENT.extent_m)[found == one].min() <= 1e-6

@@ -80,23 +80,29 @@ def test_gaps_are_those_of_a_search(outline):
     assert (found > 0.5).any()
 
 
-def test_times_to_contact_are_those_of_a_search(outline):
+@pytest.mark.parametrize(("yaw", "speed"), [(0.8, 0.4), (-0.7, 1.5), (2.0, -0.8)])
+def test_times_to_contact_are_those_of_a_search(outline, yaw, speed):
     rng = np.random.default_rng(2)
     shapes = some_shapes(rng, 40)
     velocities = rng.uniform(-1.0, 1.0, (40, 2))
     discs = shapes.copy()
     discs[:, 2] = np.where(shapes[:, 2] > 0.0, shapes[:, 2], np.hypot(shapes[:, 3], shapes[:, 4]))
     discs[:, 3:5] = 0.0
-    x, y, yaw, speed = 0.2, -0.1, 0.8, 0.4
+    x, y = 0.2, -0.1
     found = outline.times_to_contact(shapes, velocities, x, y, yaw, speed)
-    expected = np.full(40, math.inf)
-    for time_s in np.arange(0.0, 4.0, 0.005)[::-1]:  # the first contact is written last
+
+    def gaps(time_s):
         there = discs.copy()
         there[:, :2] += time_s * velocities
-        at = x + time_s * speed * math.cos(yaw), y + time_s * speed * math.sin(yaw)
-        expected[outline.gaps(there, *at, yaw) == 0.0] = time_s
+        return outline.gaps(there, x + time_s * speed * math.cos(yaw), y + time_s * speed * math.sin(yaw), yaw)
+
+    expected = np.full(40, math.inf)
+    for time_s in np.arange(0.0, 4.0, 0.005)[::-1]:  # the first contact is written last
+        expected[gaps(time_s) == 0.0] = time_s
     within = np.isfinite(expected) | (found < 3.9)
     assert found[within] == pytest.approx(expected[within], abs=0.02)
+    assert max(gaps(found[i])[i] for i in np.flatnonzero(np.isfinite(found))) < 1e-6
+    assert (found <= expected + 1e-9).all()
     assert np.isfinite(found).sum() > 5
     assert np.isinf(found).any()
 
