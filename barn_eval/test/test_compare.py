@@ -2,13 +2,14 @@
 
 import json
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 from test_rows import result as a_result
 
-from barn_eval.analysis.compare import compare, compare_folders, holm_adjusted
-from barn_eval.analysis.measures import COMPARED, DRIVEN, SCORED
+from barn_eval.analysis.compare import compare, compare_folders, groups_of, holm_adjusted, worlds_of
+from barn_eval.analysis.measures import COMPARED, DRIVEN, MOVING, SCORED
 from barn_eval.analysis.summary import summarise_campaign
 from barn_eval.analysis.tables import comparison_table
 from barn_eval.experiments.command_files import keep_told
@@ -19,6 +20,8 @@ from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.result import WallClock, trial_id
 from barn_eval.trials.spec import simulator_config
+from barn_eval.trials.trajectory import Encounters
+from barn_planners.registry import planner_config
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import BarnError
 from barn_worlds.base.text_files import finite
@@ -76,6 +79,27 @@ def test_a_comparison_says_who_is_better_by_each_measure():
 def test_a_row_names_its_measure_with_unit_and_side():
     row = compare(results(worlds=1), results("eband", worlds=1)).row("contact_s")
     assert (row.key, row.measure, row.unit, row.larger_is_better) == ("contact_s", "time in contact", "s", False)
+
+
+def test_one_trial_each_is_compared():
+    (a, *_), (b, *_) = results(), results("eband")
+    found = compare([a], [b])
+    assert (found.a, found.b, found.protocol, found.task) == ("dwa", "eband", "paper2020", "")
+    assert (found.trials_a, found.trials_b, found.worlds, found.pairs) == (1, 1, 1, 1)
+
+
+def test_measures_of_motion_are_compared_where_both_have_met_something():
+    met = Encounters(7.0, 0.25, 1.5, 2.0, 1.25, 2.5)
+    still, moved = results(worlds=1), [replace(one, motion=met) for one in results(worlds=1)]
+    keys = [[row.key for row in compare(a, b, keys=()).rows] for a, b in product((still, moved), repeat=2)]
+    assert keys == [*[["normalised_time_s_per_m"]] * 3, ["normalised_time_s_per_m", *MOVING]]
+
+
+def test_a_comparison_tells_how_many_worlds_the_data_set_of_the_first_has():
+    unknown, known = (results(name, worlds=1) for name in ("dwa", "eband"))
+    known = [replace(one, dataset="barn300") for one in known]
+    assert (compare(known, unknown).available, compare(unknown, known).available) == (300, 0)
+    assert (worlds_of(known[:1]), worlds_of(known[:1] + unknown), worlds_of([])) == (300, 300, 0)
 
 
 def test_a_comparison_is_a_row_of_a_table_by_measure():
@@ -158,10 +182,10 @@ def test_limits_hold_the_mean_of_what_has_no_best_value():
     assert found.low < found.estimate == 12.5 < found.high
 
 
-def write_folder(path, content, worlds="0-3", protocol=PAPER_2020):
+def write_folder(path, content, worlds="0-3", protocol=PAPER_2020, **choice):
     """Write results as the folder of an experiment with as many repetitions as they have."""
     path.mkdir()
-    planners = tuple(PlannerChoice(name) for name in dict.fromkeys(one.planner for one in content))
+    planners = tuple(PlannerChoice(name, **choice) for name in dict.fromkeys(one.planner for one in content))
     repetitions = 1 + max(one.repetition for one in content)
     rules = {"protocol": protocol, "simulator": simulator_config(protocol)}
     RunFile.of(path, Experiment(worlds=worlds, planners=planners, repetitions=repetitions, **rules), {}).write()
@@ -228,6 +252,51 @@ def test_parameters_in_which_planners_differ_are_told(folders, command):
     assert expected in " ".join(command("compare", folders / "a", folders / "slow")[1].split())
 
 
+@pytest.mark.parametrize("count", [5, 7])
+def test_the_first_five_parameters_that_differ_are_named(folders, count):
+    config = as_dict(planner_config("dwa", "paper2020"))
+    differ = [f"dwa.{key}" for key, value in config["dwa"].items() if isinstance(value, float)][:count]
+    halved = {key: 0.5 * config["dwa"][key.removeprefix("dwa.")] for key in differ}
+    write_folder(folders / "halved", results(worlds=4), overrides=halved)
+    told = compare_folders(folders / "a", folders / "halved")[0].parameters
+    assert [word for word in told.split() if word.startswith("dwa.")] == differ[:5]
+    assert (f"{count - 5} more" in told) == (count > 5)
+
+
+def test_of_a_planner_that_is_not_installed_here_no_parameter_is_told(folders):
+    for name in ("one", "two"):
+        write_folder(folders / name, results("gone", worlds=4))
+    assert compare_folders(folders / "one", folders / "two")[0].parameters == ""
+
+
+def test_the_share_of_pairs_that_is_compared_is_told(folders):
+    shares = []
+    write_folder(folders / "three", results(worlds=4) + results("eband", worlds=4) + results("gap", worlds=4))
+    compare_folders(folders / "three", keys=(), progress=shares.append)
+    assert shares == [1 / 3, 2 / 3, 1.0]
+
+
+def test_folders_of_different_tasks_are_refused_by_the_first_key_that_differs(folders):
+    write_folder(folders / "other", results("eband", worlds=4), protocol=replace(PAPER_2020, failure_time_s=60.0))
+    with pytest.raises(
+        BarnError, match=r"different tasks cannot be compared: protocol.failure_time_s is 30.0 in .*, 60.0"
+    ):
+        compare_folders(folders / "a", folders / "other")
+
+
+def test_planners_of_several_folders_are_told_apart(folders):
+    assert {name: group[0].planner for name, group in groups_of(folders / "both").items()} == {
+        "DWA": "dwa",
+        "E-Band": "eband",
+    }
+    assert list(groups_of(folders / "b", folders / "a")) == ["E-Band", "DWA"]
+    assert list(groups_of(folders / "a", folders / "both")) == [
+        f"DWA ({folders / 'a'})",
+        f"DWA ({folders / 'both'})",
+        "E-Band",
+    ]
+
+
 def test_planners_of_one_folder_are_compared_with_each_other(folders, command):
     write_folder(folders / "three", results(worlds=4) + results("eband", 1.0, worlds=4) + results("gap", 2.0, worlds=4))
     pairs = [(one.a, one.b) for one in compare_folders(folders / "three")]
@@ -264,6 +333,12 @@ def test_the_table_marks_what_is_clear_after_holm(folders):
     assert cells["success [%]"][4] == "1.000"
     many = holm_adjusted([clear] * 8)[0]
     assert comparison_table(many).columns[4] == "p (Holm, 8 pairs)"
+
+
+def test_comparisons_by_other_measures_are_not_adjusted_together():
+    a, b = results(worlds=1), results("eband", worlds=1)
+    with pytest.raises(ValueError, match="shorter"):
+        holm_adjusted([compare(a, b), compare(a, b, keys=("success",))])
 
 
 def test_a_folder_whose_name_has_a_colon_is_that_folder(folders):

@@ -48,9 +48,9 @@ class Comparison:
     """A and B on what they share, under one protocol and task (its fingerprint).
 
     metric: key of the measure that the protocol ranks planners by. rank_correlation: Spearman's, of the counted time
-    per metre over worlds. pairs: how many are compared together. notes: what to know of the folders, such as that one
-    is not finished. robot: its name, empty for the Jackal. available: how many worlds the data set has, 0 if unknown.
-    parameters: in which the planners are known to differ, in a sentence.
+    per metre over worlds. available: how many worlds the data set has, 0 if unknown. pairs: how many are compared
+    together. notes: what to know of the folders, such as that one is not finished. robot: its name, empty for the
+    Jackal. parameters: in which the planners are known to differ, in a sentence.
     """
 
     a: str
@@ -62,10 +62,10 @@ class Comparison:
     trials_b: int
     rows: tuple[PairedMeasure, ...]
     rank_correlation: Interval
+    available: int
     pairs: int = 1
     notes: tuple[str, ...] = ()
     robot: str = ""
-    available: int = 0
     parameters: str = ""
 
     @property
@@ -110,7 +110,7 @@ def compare(a: Rows, b: Rows, label_a: str = "", label_b: str = "", keys: Sequen
         len(b),
         tuple(_row(a, b, MEASURES[key]) for key in compared),
         rank_correlation((first.values, first.worlds), (second.values, second.worlds)),
-        available=worlds_of(a),
+        worlds_of(a),
     )
 
 
