@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from barn_eval.analysis.frames import frame_of
 from barn_eval.analysis.sources import read_source
-from barn_eval.results.frames import frame_of
 from barn_metrics.model import DifficultyModel, load_model, save_model
 from barn_metrics.model.evaluation import Evaluation, EvaluationConfig
 from barn_metrics.model.evaluation import evaluate as evaluate_model

@@ -7,6 +7,7 @@ from typing import Literal, Protocol
 import pandas as pd
 
 from barn_eval.analysis.compare import compare_folders
+from barn_eval.analysis.frames import frame_of
 from barn_eval.analysis.leaderboard import board_rows
 from barn_eval.analysis.leaderboard import leaderboard as rank
 from barn_eval.experiments.check import FolderCheck, check_folder
@@ -18,7 +19,6 @@ from barn_eval.pages.report.leaderboard import write_boards
 from barn_eval.pages.report.maps import overlay as drawn
 from barn_eval.pages.report.page import build_report, checked_width, replay_links, report_page, write_assets
 from barn_eval.pages.template import write_page
-from barn_eval.results.frames import frame_of
 from barn_worlds.base.errors import ConfigError, shown
 
 

@@ -11,6 +11,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from rich.console import Console
 
+from barn_eval.analysis.frames import frame, frame_of
 from barn_eval.analysis.measures import metric_of
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.precision import precision, ranking_power
@@ -33,7 +34,6 @@ from barn_eval.pages.report.charts import CHARTS
 from barn_eval.pages.report.page import plot
 from barn_eval.pages.template import render
 from barn_eval.results.folders import Folder, compare, overlay, replay, report
-from barn_eval.results.frames import frame, frame_of
 from barn_eval.results.trial import Trial
 from barn_eval.ros.work import work_of
 from barn_eval.trials.result import TrialResult, unpacked_delays

@@ -8,8 +8,8 @@ from typing import Literal
 
 import pandas as pd
 
+from barn_eval.analysis.frames import frame_of
 from barn_eval.pages.figures import Plot
-from barn_eval.results.frames import frame_of
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN
 from barn_metrics.metrics import PUBLISHED, as_formula, world_metrics
 from barn_metrics.report import MetricsTable
