@@ -128,7 +128,8 @@ def _(node: ast.Compare) -> list[Change]:
 @changes.register
 def _(node: ast.BinOp) -> list[Change]:
     if isinstance(node.op, ast.MatMult):
-        return [(node, _text(ast.BinOp(node.right, node.op, node.left)))]
+        sides = [node.right, node.left]
+        return [] if _text(sides[0]) == _text(sides[1]) else [(node, _text(ast.BinOp(sides[0], node.op, sides[1])))]
     return [(node, _text(ast.BinOp(node.left, OPERATORS[type(node.op)](), node.right)))]
 
 

@@ -97,14 +97,15 @@ def compare(a: Rows, b: Rows, label_a: str = "", label_b: str = "", keys: Sequen
     common.
     """
     check_pairs(a, b)
+    of_a, of_b = a[0], b[0]  # each side is of one planner, both are of one task
     first, second = (columns(one, MEASURES["normalised_time_s_per_m"]) for one in (a, b))
     metric = metric_of(a).key
     compared = with_motion(keys if metric in keys else (metric, *keys), a, b)
     return Comparison(
-        label_a or a[0].planner,
-        label_b or b[0].planner,
-        a[0].protocol,
-        a[0].task,
+        label_a or of_a.planner,
+        label_b or of_b.planner,
+        of_a.protocol,
+        of_a.task,
         metric,
         len(a),
         len(b),

@@ -132,7 +132,7 @@ def _errors(residuals: Floats) -> tuple[float, float]:
         inner = 1.0 + skewness * (y / math.sqrt(worlds) - skewness / (6.0 * worlds))
         return math.sqrt(worlds) * 3.0 / skewness * (float(np.cbrt(inner)) - 1.0)
 
-    return max(0.0, untransformed(quantile)) * error, max(0.0, -untransformed(-quantile)) * error
+    return untransformed(quantile) * error, -untransformed(-quantile) * error
 
 
 @dataclass(frozen=True)
@@ -206,9 +206,9 @@ def paired(a: Columns, b: Columns, *, larger_is_better: bool, seed: int = 0) -> 
     found = difference(left, right, seed)
     if not found.trials:
         return Paired(0, 0, math.nan, math.nan, found.interval, math.nan, found.parts, Interval(math.nan))
-    sign = 1.0 if larger_is_better else -1.0
-    groups_a, groups_b = (_groups(sign * one.values, one.worlds) for one in (left, right))
-    chances = np.array([_chance(groups_a[world], groups_b[world]) for world in groups_a])
+    larger, smaller = (left, right) if larger_is_better else (right, left)
+    groups, others = (_groups(one.values, one.worlds) for one in (larger, smaller))
+    chances = np.array([_chance(groups[world], others[world]) for world in groups])
     return Paired(
         found.worlds,
         found.trials,
@@ -217,7 +217,7 @@ def paired(a: Columns, b: Columns, *, larger_is_better: bool, seed: int = 0) -> 
         found.interval,
         found.p,
         found.parts,
-        significance.paired_difference(chances - 0.5, np.array(list(groups_a)), seed).interval.shifted(0.5),
+        significance.paired_difference(chances - 0.5, np.array(list(groups)), seed).interval.shifted(0.5),
         (left.failure_share(), right.failure_share()),
     )
 

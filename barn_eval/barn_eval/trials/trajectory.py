@@ -145,7 +145,7 @@ def distance_to(line: Floats, x: float, y: float) -> float:
     away, sides = np.array([x, y]) - line, np.diff(line, axis=0)
     if not len(sides):
         return float(np.hypot(*away[0]))
-    squares = np.maximum((sides**2).sum(axis=1), 1e-300)
+    squares = np.maximum((sides**2).sum(axis=1), np.finfo(np.float64).tiny)
     along = np.clip((away[:-1] * sides).sum(axis=1) / squares, 0.0, 1.0)
     return float(np.hypot(*(away[:-1] - along[:, None] * sides).T).min())
 
