@@ -287,3 +287,5 @@ def test_traces_are_the_rolled_out_poses():
     assert len(places) == 50
     np.testing.assert_allclose([*places[-1], headings[-1, 0]], end, atol=1e-12)
     assert len(kernels.poses_of(start, 0.5, 0.8, MOTION, 20)[0]) == 20
+    shown = kernels.traces(start, np.array([[0.0, 0.8], [0.5, 0.8]]), MOTION, 80)[1]
+    np.testing.assert_array_equal(shown, np.column_stack([places, headings[:, 0]])[np.minimum(np.arange(80), 49)])

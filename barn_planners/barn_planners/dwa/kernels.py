@@ -253,6 +253,18 @@ def poses_of(start, speed, turn, motion, most):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def traces(start, velocities, motion, most):  # type: ignore[no-untyped-def]
+    """Return poses (n, most, 3) of rollouts at velocities (n, 2), the last one of each repeated to the end."""
+    shown = np.empty((len(velocities), most, 3))
+    for i in range(len(velocities)):
+        places, headings = poses_of(start, velocities[i, SPEED], velocities[i, TURN], motion, most)
+        for k in range(most):
+            last = min(k, len(places) - 1)
+            shown[i, k, 0], shown[i, k, 1], shown[i, k, 2] = places[last, 0], places[last, 1], headings[last, 0]
+    return shown
+
+
+@njit(cache=True)
 def score(scene, start, motion, weights, table):  # type: ignore[no-untyped-def]
     """Score samples by their speeds and turns; the cost is TOUCHES or NO_WAY where a pose is not allowed."""
     (costs, clear, grid, outline), path, goal = scene

@@ -68,16 +68,12 @@ class DwaController(Controller):
             scene, weights = self._unscored
             kernels.score(scene, self._start, self._motion, weights, self._table)
             self._unscored = None
-        shown = np.array([self._trace(*row[: kernels.COST].tolist()) for row in self._table])
+        shown = kernels.traces(self._start, self._table, self._motion, _SHOWN_POSES)
         costs = np.where(self._table[:, kernels.COST] < 0.0, math.inf, self._table[:, kernels.COST])
-        chosen = None if self._chosen is None else self._trace(*self._chosen)
+        if self._chosen is None:
+            return PlannerView(candidates=shown[:, :, :2], candidate_costs=costs)
+        chosen = kernels.traces(self._start, np.array([self._chosen]), self._motion, _SHOWN_POSES)[0]
         return PlannerView(local_plan=chosen, candidates=shown[:, :, :2], candidate_costs=costs)
-
-    def _trace(self, speed: float, turn: float) -> FloatArray:
-        """Return `_SHOWN_POSES` poses (n, 3) of a rollout, the last one repeated."""
-        places, headings = kernels.poses_of(self._start, speed, turn, self._motion, _SHOWN_POSES)
-        poses = np.column_stack([places, headings[:, 0]])
-        return np.concatenate([poses, np.repeat(poses[-1:], _SHOWN_POSES - len(poses), axis=0)])
 
     def _drive(self, inputs: ControlInput, end: Pose2D) -> Control:
         config, costmap, pose = self.config, inputs.costmap, inputs.pose
