@@ -25,7 +25,7 @@ from barn_worlds.messages.topics import RELIABLE, Qos
 METADATA_VERSION = 9  # of metadata.yaml, what rosbag2 of Jazzy writes
 PARTIAL = ".partial"
 _CHUNK_BYTES = 1 << 20
-_Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # libyaml's is five times faster
+_Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # libyaml's is faster
 _INFINITE = {"sec": 9223372036, "nsec": 854775807}
 
 

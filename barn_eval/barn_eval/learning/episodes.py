@@ -79,13 +79,13 @@ class Episodes:
         if other.rules is not spec.rules and other.rules != spec.rules:
             names = f"{spec.world.name} and {other.world.name}"
             raise ConfigError(f"worlds {names}: robots that advance together need worlds with cells of one size")
-        begun, before = (spec.world, spec.course.start, spec.simulator_seed), self._now[index]
-        if before is None:
-            config, client, fleet = spec.simulator, self._clients[index], self.batch.fleet
-            simulator = Simulator(begun[0], config, *begun[1:], client, fleet=fleet, index=index)
+        start, seed = spec.course.start, spec.simulator_seed
+        if (before := self._now[index]) is None:
+            client, fleet = self._clients[index], self.batch.fleet
+            simulator = Simulator(spec.world, spec.simulator, start, seed, client, fleet=fleet, index=index)
         else:
             simulator = before[1]
-            simulator.begin(*begun)
+            simulator.begin(spec.world, start, seed)
         self.batch.put(index, simulator)
         trial = RunningTrial(spec, logged=False)
         trial.referee.move_to(self._states[index : index + 1])

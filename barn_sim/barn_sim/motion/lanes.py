@@ -78,7 +78,8 @@ def _advance(
                 taken += 1
             _begin(robots, pending, settings, index, rows, wheels, begun[lane], lane)
     for lane in range(used):
-        index, rows[_WRONG * LANES + lane] = held[lane], 1.0
+        index = held[lane]
+        rows[_WRONG * LANES + lane] = 1.0  # so that `_end` solves friction itself
         near = segments[index, : cylinders[index]]
         if _end(robots, settings, near, noise, index, rows, wheels, begun[lane], lane, left, pushes[index]):
             left[index], push = advance(robots, pending, settings, index, near, noise, left[index])

@@ -50,11 +50,9 @@ def known_map(world: World, historical: bool) -> OccupancyMap:
 
 def localisation_of(
     config: SimulatorConfig, world: World, start: Pose2D, mount: Pose2D, rng: np.random.Generator
-) -> FilterLocalisation | ParticleLocalisation | None:
-    """Return what estimates the pose in the map, None if the pose is exact."""
+) -> FilterLocalisation | ParticleLocalisation:
+    """Return what estimates the pose in the map where it is not exact."""
     localisation = config.localisation
     if localisation.mode == "amcl":
         return FilterLocalisation(localisation, rng)
-    if localisation.mode == "particles":
-        return ParticleLocalisation(localisation, rng, known_map(world, localisation.historical_map), start, mount)
-    return None
+    return ParticleLocalisation(localisation, rng, known_map(world, localisation.historical_map), start, mount)
