@@ -65,7 +65,7 @@ class Verdict:
 # Clips of the traversal time in multiples of the optimal time (BARN Challenge rules, since 2024, and in 2022 and 2023).
 CHALLENGE_CLIP = (2.0, 8.0)
 CHALLENGE_CLIP_2022 = (4.0, 8.0)
-UNCLIPPED = (0.0, math.inf)  # as before 2022-04-05
+UNCLIPPED = (-math.inf, math.inf)  # as before 2022-04-05
 
 
 @dataclass(frozen=True)

@@ -77,10 +77,10 @@ def _observe(state: np.record, now_ns: int, odometry: Floats, truth: Floats, con
         state.contact_ns += now_ns - state.last_ns
     state.last_ns, state.x, state.y = now_ns, truth[0], truth[1]
     state.left_m = math.hypot(arrived[0] - state.goal_x, arrived[1] - state.goal_y)
-    state.touched = contact or (state.touched and state.look_ns > 0)
+    state.touched = state.touched or contact
     if now_ns < state.next_look_ns:
         return
-    while state.look_ns > 0 and state.next_look_ns <= now_ns:
+    while state.look_ns and state.next_look_ns <= now_ns:
         state.next_look_ns += state.look_ns
     if not state.clock_started and math.hypot(moved[0] - state.from_x, moved[1] - state.from_y) > state.clock_start_m:
         state.clock_started, state.clock_ns = True, now_ns
