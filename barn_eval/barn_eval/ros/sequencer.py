@@ -5,6 +5,7 @@ with the time at which it was sent, by the clock of the one host that everything
 /clock before all else of one simulated time. So what was sent between two ticks of /clock belongs to the first of them.
 """
 
+import math
 from bisect import bisect_right, insort_left, insort_right
 from collections import deque
 from collections.abc import Iterator
@@ -43,8 +44,8 @@ class TickSequencer:
     """
 
     def __init__(self, scan: str, *, fenced: bool = False) -> None:
-        self._scan = scan
-        self._heard_ns = 0 if fenced else None
+        self._scan, self._fenced = scan, fenced
+        self._heard_ns = -math.inf
         self._open: deque[Tick] = deque()
         self._early: list[Message] = []
 
@@ -64,8 +65,8 @@ class TickSequencer:
 
     def hear(self, stamp_ns: int) -> None:
         """Note a tick that came by the way of the other messages; one that is yet to come counts as the last."""
-        if self._heard_ns is not None:
-            self._heard_ns = min(stamp_ns, self.latest_ns or 0)
+        if self._open:
+            self._heard_ns = min(stamp_ns, self._open[-1].stamp_ns)
 
     def add(self, message: Message) -> None:
         """Take any other message."""
@@ -79,7 +80,7 @@ class TickSequencer:
     def complete(self) -> Iterator[Tick]:
         """Yield the ticks to which nothing can come any more, oldest first."""
         self._settle()
-        while (shows := self._after_scan()) and (self._heard_ns is None or shows.stamp_ns <= self._heard_ns):
+        while (shows := self._after_scan()) and (not self._fenced or shows.stamp_ns <= self._heard_ns):
             yield self._open.popleft()
 
     def rest(self) -> Iterator[Tick]:
