@@ -18,8 +18,6 @@ from barn_eval.analysis.significance import FLIPS, Components, Difference, Share
 from barn_metrics.bootstrap import LEVEL, Interval, over_worlds, spearman
 from barn_worlds.base.arrays import Floats, Integers
 
-_STRAIGHT = 1e-9  # skewness below which a distribution counts as symmetric
-
 
 @dataclass(frozen=True, eq=False)
 class Columns:
@@ -33,8 +31,8 @@ class Columns:
     worlds: Integers
     repetitions: Integers
     failures: Integers = field(default_factory=lambda: np.empty(0, np.int64))
-    as_failure: Floats = field(default_factory=lambda: np.empty(0))
-    best: float = 0.0
+    as_failure: Floats = field(default_factory=lambda: np.array([]))
+    best: float = math.inf
 
     def at(self, places: Integers) -> "Columns":
         """Return the trials at these places."""
@@ -124,7 +122,7 @@ def _errors(residuals: Floats) -> tuple[float, float]:
     error = math.sqrt(spread * worlds / (worlds - 1))
     quantile = significance.t_quantile(0.5 + LEVEL / 2.0, worlds - 1)
     skewness: float = float(np.sum(residuals**3)) * math.sqrt(worlds) / math.pow(spread, 1.5)
-    if abs(skewness) < _STRAIGHT:
+    if math.isclose(skewness, 0.0, abs_tol=1e-9):  # it counts as symmetric
         return quantile * error, quantile * error
 
     def untransformed(y: float) -> float:
@@ -170,10 +168,9 @@ def matched_trials(columns: Sequence[Columns]) -> list[Columns]:
 
     Trials of one world and repetition belong together; they met the same noise.
     """
-    found = [_places(one) for one in columns]
-    keys = sorted(set.intersection(*map(set, found)))
-    rows = (np.array([places[key] for key in keys], np.int64) for places in found)
-    return [one.at(own) for one, own in zip(columns, rows, strict=True)]
+    found = [(one, _places(one)) for one in columns]
+    keys = sorted(set.intersection(*(set(places) for _, places in found)))
+    return [one.at(np.array([places[key] for key in keys], np.int64)) for one, places in found]
 
 
 def difference(a: Columns, b: Columns, seed: int = 0, flips: int = FLIPS) -> Difference:
@@ -229,8 +226,8 @@ def rank_correlation(a: tuple[Floats, Integers], b: tuple[Floats, Integers], see
     if len(shared) < 3:
         return Interval(math.nan)
     means = (np.array([groups[world].mean() for world in shared]) for groups in (first, second))
-    x, y = (np.unique(one, return_inverse=True)[1] for one in means)  # whole numbers are ranked quickly
-    return over_worlds(lambda drawn: spearman(x[drawn], y[drawn]), len(shared), seed)
+    ranks = np.array([np.unique(one, return_inverse=True)[1] for one in means])  # whole numbers are ranked quickly
+    return over_worlds(lambda drawn: spearman(*ranks[:, drawn]), len(shared), seed)
 
 
 def _chance(a: Floats, b: Floats) -> float:
@@ -241,8 +238,8 @@ def _chance(a: Floats, b: Floats) -> float:
 
 def _places(columns: Columns) -> dict[tuple[int, int], int]:
     """Return where the trials with a value are, by world and repetition."""
-    keys = zip(columns.worlds.tolist(), columns.repetitions.tolist(), columns.values.tolist(), strict=True)
-    return {(world, repetition): k for k, (world, repetition, value) in enumerate(keys) if math.isfinite(value)}
+    known = np.flatnonzero(np.isfinite(columns.values)).tolist()
+    return {(int(columns.worlds[k]), int(columns.repetitions[k])): k for k in known}
 
 
 def _groups(values: Floats, worlds: Integers) -> dict[int, Floats]:
