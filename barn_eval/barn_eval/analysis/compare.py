@@ -127,8 +127,8 @@ def holm_adjusted(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
     """Return comparisons by the same measures with their p-values after Holm, for each measure over all pairs."""
     adjusted = [holm([row.paired.p for row in rows]) for rows in zip(*(one.rows for one in comparisons), strict=True)]
     made = []
-    for one, p_holm in zip(comparisons, zip(*adjusted, strict=True), strict=True):
-        rows = tuple(replace(row, p_holm=p) for row, p in zip(one.rows, p_holm, strict=True))
+    for pair, one in enumerate(comparisons):
+        rows = tuple(replace(row, p_holm=adjusted[measure][pair]) for measure, row in enumerate(one.rows))
         made.append(replace(one, rows=rows, pairs=len(comparisons)))
     return tuple(made)
 
