@@ -9,7 +9,7 @@ import pytest
 
 TOOL = Path(__file__).resolve().parents[1] / "qa" / "house.py"
 MOST = {
-    "lines of Python": 40_547,
+    "lines of Python": 40_546,
     "lines of JavaScript": 1_400,
     "lines of tests": 28_339,
     "lines of the longest function": 76,

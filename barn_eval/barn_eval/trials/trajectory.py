@@ -66,14 +66,13 @@ class TrajectoryLog:
 
     def trajectory(self) -> Trajectory:
         """Return what has been collected."""
-        rows = np.array(self._rows, np.float64).reshape(-1, 8)
-        commands = np.array(self._commands, np.float64).reshape(-1, 2)
+        rows = np.array(self._rows, np.float64).reshape(len(self._rows), 8)
+        commands = np.array(self._commands, np.float64).reshape(len(self._commands), 2)
         # off the last plan that answers an earlier reading
         last = (np.searchsorted([stamp_ns for stamp_ns, _ in self._plans], self._stamps) - 1).tolist()
-        places = zip(last, rows[:, 6:].tolist(), strict=True)
-        off_plan_m = np.array([distance_to(self._plans[k][1], *at) if k >= 0 else np.nan for k, at in places])
-        stamps_ns = np.array(self._stamps, np.int64)
-        return Trajectory(stamps_ns, rows[:, :3], rows[:, 3:5], commands, rows[:, 5] > 0.0, off_plan_m)
+        off_plan_m = [distance_to(self._plans[k][1], *rows[i, 6:]) if k >= 0 else np.nan for i, k in enumerate(last)]
+        stamps_ns, contact = np.array(self._stamps, np.int64), rows[:, 5].astype(np.bool_)
+        return Trajectory(stamps_ns, rows[:, :3], rows[:, 3:5], commands, contact, np.array(off_plan_m))
 
 
 @dataclass(frozen=True)
@@ -105,18 +104,19 @@ class Measures:
 
 def measure(trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outline: Footprint) -> Measures:
     """Return the measures of a trajectory among cylinders with centres (k, 2) in the map frame."""
-    steps = np.diff(trajectory.truth, axis=0)
+    dx, dy, turned = np.diff(trajectory.truth, axis=0).T
     periods_ns = np.diff(trajectory.stamps_ns)
-    driven = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
+    driven = float(np.hypot(dx, dy).sum())
     straight = float(np.hypot(*(trajectory.truth[-1] - trajectory.truth[0])[:2])) if len(trajectory.truth) else 0.0
     duration = float(periods_ns.sum()) / NANOSECONDS
     clearance = clearances(trajectory.truth, cylinders_m, radius_m, outline)
-    turns = np.abs((steps[:, 2] + np.pi) % (2.0 * np.pi) - np.pi)
+    turns = np.abs((turned + np.pi) % (2.0 * np.pi) - np.pi)
     began = trajectory.contact & ~np.concatenate(([False], trajectory.contact[:-1]))
     near = clearance[1:] < CLOSE_M if clearance.size else np.zeros(len(periods_ns), np.bool_)
     jumps = np.diff(trajectory.command[np.isfinite(trajectory.command).all(axis=1)], axis=0)
-    summed, mean = np.abs(jumps).sum(axis=0).tolist(), np.sqrt((jumps**2).sum(axis=0) / max(len(jumps), 1)).tolist()
-    variation: list[float | None] = [*summed, *mean] if len(jumps) else [None] * 4
+    speed_sum, turn_sum, speed_rms, turn_rms = (
+        [*np.abs(jumps).sum(axis=0).tolist(), *np.sqrt((jumps**2).mean(axis=0)).tolist()] if len(jumps) else [None] * 4
+    )
     off_plan = np.empty(0) if trajectory.off_plan_m is None else trajectory.off_plan_m
     off_plan = off_plan[~np.isnan(off_plan)]
     return Measures(
@@ -129,13 +129,13 @@ def measure(trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outlin
         contacts=int(began.sum()),
         rms_jerk_mps3=_rms_jerk(trajectory, 0),
         rotation_rad=float(turns.sum()),
-        unanswered_cycles=int(np.isnan(trajectory.command[:-1, 0]).sum()),
+        unanswered_cycles=int(np.isnan(trajectory.command[:-1]).any(axis=1).sum()),
         near_contact_s=float(periods_ns[near].sum()) / NANOSECONDS,
         rms_yaw_jerk_radps3=_rms_jerk(trajectory, 1),
-        speed_variation_mps=variation[0],
-        turn_variation_radps=variation[1],
-        rms_speed_step_mps=variation[2],
-        rms_turn_step_radps=variation[3],
+        speed_variation_mps=speed_sum,
+        turn_variation_radps=turn_sum,
+        rms_speed_step_mps=speed_rms,
+        rms_turn_step_radps=turn_rms,
         off_plan_m=float(off_plan.mean()) if off_plan.size else None,
     )
 
@@ -144,9 +144,9 @@ def distance_to(line: Floats, x: float, y: float) -> float:
     """Return the distance in m of a point from a line through points (n, 2)."""
     away, sides = np.array([x, y]) - line, np.diff(line, axis=0)
     if not len(sides):
-        return float(np.hypot(*away[0]))
+        return float(np.hypot(*away.ravel()))
     squares = np.maximum((sides**2).sum(axis=1), np.finfo(np.float64).tiny)
-    along = np.clip((away[:-1] * sides).sum(axis=1) / squares, 0.0, 1.0)
+    along = ((away[:-1] * sides).sum(axis=1) / squares).clip(0.0, 1.0)
     return float(np.hypot(*(away[:-1] - along[:, None] * sides).T).min())
 
 
@@ -217,7 +217,8 @@ def encounters(
     gaps, waits = _nearness(trajectory, world.tracks, times_s, outline)
     periods_s = np.diff(times_s, prepend=times_s[:1])
     straight_m = course.start.distance(course.goal) - protocol.goal_distance_m
-    driven_m = float(np.hypot(*np.diff(trajectory.truth[:, :2], axis=0).T).sum())
+    dx, dy, _ = np.diff(trajectory.truth, axis=0).T
+    driven_m = float(np.hypot(dx, dy).sum())
     shortest_s = float(waits.min(initial=math.inf))
     return Encounters(
         phase_s=phase_s,
@@ -267,18 +268,18 @@ def _first_hit(
     shape, position, velocity = moving_shapes(world.tracks, positions)[index], positions[index], velocities[index]
     x, y, yaw = trajectory.truth[before].tolist()
     speed, turn = trajectory.velocity[before].tolist()
-    ahead, left = np.array([math.cos(yaw), math.sin(yaw)]), np.array([-math.sin(yaw), math.cos(yaw)])
+    ahead, left = axes = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
     base, towards = np.array([x, y]), position
     if not shape[2]:  # of a box, the point that is nearest to the robot
-        side, across = shape[5:7], np.array([-shape[6], shape[5]])
-        along = np.clip([(base - position) @ side, (base - position) @ across], -shape[3:5], shape[3:5])
+        side, across = sides = np.array([shape[5:], [-shape[6], shape[5]]])
+        along = np.array([(base - position) @ axis for axis in sides]).clip(-shape[3:5], shape[3:5])
         towards = position + along[0] * side + along[1] * across
-    local = outline.nearest((towards - base) @ ahead, (towards - base) @ left)
+    local = outline.nearest(*((towards - base) @ axis for axis in axes))
     lever = local[0] * ahead + local[1] * left
     line = towards - base - lever
     length = float(np.hypot(*line)) or math.inf
-    robot = float((speed * ahead + turn * np.array([-lever[1], lever[0]])) @ line) / length
-    other = -float(velocity @ line) / length
+    own = speed * ahead + turn * np.array([-lever[1], lever[0]])
+    robot, other = (float(one @ line) / length for one in (own, -velocity))
     both = max(robot, 0.0) + max(other, 0.0)
     share = max(robot, 0.0) / both if both > 0.0 else None
     hit = {"hit_robot_mps": abs(speed), "hit_closing_mps": robot + other, "hit_robot_share": share}
