@@ -73,7 +73,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.simulator_config.control_period_s))}
         self._picture: TopView | None = None
         self._place: tuple[Episodes, int] | None = None
-        self._joined = False
+        self._joined, self._driving = False, np.zeros(1, np.bool_)
         self._unseen = np.zeros(self.config.observation.size, np.float32)
 
     def episodes(self, count: int = 1) -> Episodes:
@@ -108,7 +108,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         if action.shape != (ACTIONS,):
             raise ConfigError(f"action must be an array of shape {(ACTIONS,)}, got {action.shape}")
         episodes = self._place[0]
-        rewards, ended = episodes.step(np.zeros(1, np.bool_), action[None])
+        rewards, ended = episodes.step(self._driving, action[None])
         if self._picture is not None:
             self._picture.add(episodes)
         terminated, truncated = self.conclude() if ended else (False, False)
@@ -145,7 +145,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         repetition = options.get("repetition", 0)
         if index in known:
             spec, way = known[index]
-            return replace(spec, campaign_seed=seed, repetition=repetition), way
+            return spec.reseeded(seed, repetition), way
         if len(known) >= _MOST_KEPT:
             known.clear()
         world = self._dataset.load(index)

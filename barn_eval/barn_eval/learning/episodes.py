@@ -57,6 +57,7 @@ class Episodes:
         self._goals = np.zeros((count, 2))
         self._ways, self._points = np.zeros((count, 0, 3)), np.zeros(count, np.int64)
         self._states = np.zeros(count, rules.STATE)
+        self._codes: Integers = self._states["code"]
 
     def trial(self, index: int) -> RunningTrial:
         """Return the trial that runs or was the last; ResetNeeded before the first."""
@@ -120,9 +121,9 @@ class Episodes:
         """Judge the last readings of those that have moved or begun; return which of them have ended."""
         readings = self.readings
         rules.observe(self._states, which, readings.stamps_ns, readings.odometry, readings.truths, readings.collisions)
-        ended: list[int] = which[self._states["code"][which] != rules.RUNNING].tolist()
+        ended = which[self._codes[which] != rules.RUNNING]
         self.running[ended] = False
-        return ended
+        return list(ended.tolist())
 
     def step(self, resting: Bools, actions: npt.NDArray[np.floating]) -> tuple[Floats, list[int]]:
         """Let trials that do not rest (n,) go on for a period by actions (n, 2); return rewards (n,), which ended."""
@@ -130,20 +131,21 @@ class Episodes:
         wanted = self._config.action.commands(actions)
         given, shielded = self._shielded(resting, wanted)
         finite = np.isfinite(given).all(axis=1)
-        moving = np.flatnonzero(finite & ~resting)
+        moving = (finite & ~resting).nonzero()[0]
         self.batch.advance(moving, given)
-        before_m = self.look(np.flatnonzero(finite | resting))
+        refused = ~(finite | resting)
+        before_m = self.look((~refused).nonzero()[0])
         rewards = np.empty(len(actions))
         reward_steps(
             self._weights, before_m, self.left_m, self._period_s, self.seen[:, : view.beams], view.range_limit_m,
             shielded, rewards,
         )  # fmt: skip
         rewards[resting] = 0.0
-        refused = np.flatnonzero(~(finite | resting)).tolist()
-        for index in refused:
+        ended = self.judge(moving)
+        for index in refused.nonzero()[0].tolist():
             self.trial(index).command(Velocity2D(*given[index].tolist()))
-        ended = refused + self.judge(moving)
-        self.running[ended] = False
+            self.running[index] = False
+            ended.append(index)
         for index in ended:
             verdict = self.trial(index).verdict
             assert verdict is not None
@@ -171,8 +173,7 @@ class Episodes:
 
 def info_of_end(trial: RunningTrial) -> dict[str, Any]:
     """Return what `info` has of the end of an episode, nothing before."""
-    verdict, scores = trial.verdict, trial.scores
-    if verdict is None or scores is None:
+    if (verdict := trial.verdict) is None or (scores := trial.scores) is None:
         return {}
     return {
         "outcome": verdict.outcome.value,

@@ -60,7 +60,7 @@ class TrialSpec:
         """Seed of the planner."""
         return seeds.planner_seed(self.campaign_seed, self.index, self.repetition, self.planner)
 
-    @cached_property
+    @property
     def phase_s(self) -> float:
         """How far into their motions moving obstacles are at the start."""
         return phase_s(self.world, self.simulator.obstacles.random_phase, self.simulator_seed)
@@ -114,6 +114,12 @@ class TrialSpec:
     def map(self) -> OccupancyMap | None:
         """The map that the planner is given, if any, as it comes out of a message."""
         return _map(self.protocol, self.world, self.course) if self.protocol.map_given else None
+
+    def reseeded(self, campaign_seed: int, repetition: int) -> "TrialSpec":
+        """Return the trial with another seed; what does not depend on it need not be worked out again."""
+        other = object.__new__(TrialSpec)  # `replace` would lose what is cached
+        vars(other).update(vars(self), campaign_seed=campaign_seed, repetition=repetition)
+        return other
 
     def description(self) -> dict[str, Any]:
         """Return everything that determines the trial as plain data, all configuration resolved."""

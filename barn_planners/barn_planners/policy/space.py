@@ -77,7 +77,8 @@ class PolicyAction(Checked):
 
     def commands(self, actions: npt.NDArray[np.floating]) -> FloatArray:
         """Return the speeds and yaw rates (n, 2) of actions (n, 2), as `command` does."""
-        given = np.clip(actions.astype(np.float64), -1.0, 1.0)
+        # for one action np.clip takes longer
+        given: FloatArray = np.minimum(np.maximum(actions.astype(np.float64), -1.0), 1.0)
         given[:, 0] = self.min_speed_mps + 0.5 * (given[:, 0] + 1.0) * (self.max_speed_mps - self.min_speed_mps)
         given[:, 1] *= self.max_yaw_rate_radps
         return given

@@ -4,6 +4,7 @@ The body is made of the robot's `Chassis`, and so is its URDF unless it comes wi
 `tyres` says why the wheels are not joints.
 """
 
+import math
 from dataclasses import dataclass
 from functools import cache, cached_property
 from importlib import resources
@@ -65,6 +66,11 @@ class RobotModel:
         centres = np.array([shape.centre[:2] for shape in self.shapes])
         halves = np.array([shape.half_sizes[:2] for shape in self.shapes])
         return np.concatenate([(centres - halves).min(axis=0), (centres + halves).max(axis=0)])
+
+    @cached_property
+    def reach_m(self) -> float:
+        """Distance from base_link to the farthest corner of that."""
+        return math.hypot(*np.abs(self.extent).reshape(2, 2).max(axis=0).tolist())
 
 
 @cache

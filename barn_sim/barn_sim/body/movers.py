@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from barn_sim.body.bullet import PhysicsClient, add_body, bullet
-from barn_sim.body.obstacles import PASSED_BY, tick_gap_m
+from barn_sim.body.obstacles import PASSED_BY
 from barn_sim.config import SimulatorConfig
 from barn_sim.motion.free_motion import fill
 from barn_sim.motion.state import Record, Records
@@ -34,10 +34,11 @@ class Movers:
     """Walls and moving obstacles of a world, the walls first in all arrays.
 
     phase_s: time into the motions at stamp 0. extent: x_min, y_min, x_max, y_max of the robot's shapes in base_link.
+    gap_m: how near the robot must be for a body.
     """
 
     def __init__(
-        self, client: PhysicsClient, extent: Floats, world: World, phase_s: float, config: SimulatorConfig
+        self, client: PhysicsClient, extent: Floats, world: World, phase_s: float, config: SimulatorConfig, gap_m: float
     ) -> None:
         self._client, self._extent, self._phase_s, self._tick_ns = client, extent, phase_s, config.tick_ns
         self._friction = config.obstacles.friction
@@ -48,8 +49,7 @@ class Movers:
         self._velocities = np.zeros((len(self._shapes), 2))
         self._heights = np.concatenate([[wall.height_m for wall in walls], tracks.height_m])
         self._fastest_m_s: Floats = np.concatenate([np.zeros(len(walls)), tracks.fastest_mps])
-        self._gap_m = tick_gap_m(config)
-        self._wake_m = self._gap_m + self._fastest_m_s * config.physics.tick_s
+        self._gap_m, self._wake_m = gap_m, gap_m + self._fastest_m_s * config.physics.tick_s
         half_rad = [0.5 * math.atan2(sine, cosine) for cosine, sine in self._shapes[:, 5:].tolist()]
         self._attitudes = [(0.0, 0.0, math.sin(half), math.cos(half)) for half in half_rad]
         self._bodies: dict[int, int] = {}

@@ -13,7 +13,8 @@ import numpy as np
 
 from barn_sim.body.bullet import PhysicsClient, add_body, bullet
 from barn_sim.body.cylinders import follow_cylinders, near_cylinders, see_cylinders
-from barn_sim.config import SimulatorConfig
+from barn_sim.body.model import RobotModel
+from barn_sim.config import ObstacleConfig, SimulatorConfig
 from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.types import Pose2D
 from barn_worlds.worlds.world import World
@@ -56,21 +57,22 @@ def tick_gap_m(config: SimulatorConfig) -> float:
 class Obstacles:
     """All cylinders of a world, and the bodies of those that are near the robot.
 
-    extent: x_min, y_min, x_max, y_max of the robot's shapes in base_link. segments (n, 4): ends of the cylinders' axes
-    seen from above, m. undisturbed: whether every cylinder stands exactly where it stood. gap_m: how near the robot
-    must be for a body. bodied (n,): which cylinders are bodies. radius_m: of every cylinder.
+    segments (n, 4): ends of the cylinders' axes seen from above, m. undisturbed: whether every cylinder stands exactly
+    where it stood. gap_m: how near the robot must be for a body. bodied (n,): which cylinders are bodies. radius_m: of
+    every cylinder.
     """
 
-    def __init__(self, client: PhysicsClient, extent: Floats, world: World, config: SimulatorConfig) -> None:
-        self._client, self._extent, self._config = client, extent, config.obstacles
-        self.gap_m = tick_gap_m(config)
-        self._rest_gap_m = max(REST_GAP_M, 2.0 * self.gap_m)
+    def __init__(
+        self, client: PhysicsClient, model: RobotModel, world: World, config: ObstacleConfig, gap_m: float
+    ) -> None:
+        self._client, self._extent, self._reach_m, self._config = client, model.extent, model.reach_m, config
+        self.gap_m, self._rest_gap_m = gap_m, max(REST_GAP_M, 2.0 * gap_m)
         self._passed = bool(world.moving)  # whether moving obstacles pass through
         self._centres, self.radius_m = world.cylinders_m, world.cylinder_radius_m
         self._half = 0.5 * world.cylinder_height_m
         count = len(self._centres)
-        self._movable: Bools = np.full(count, config.obstacles.movable)
-        self._movable[len(world.obstacles_m) :] &= config.obstacles.containment_movable
+        self._movable: Bools = np.full(count, config.movable)
+        self._movable[len(world.obstacles_m) :] &= config.containment_movable
         self._states = np.zeros((count, 7))  # position and quaternion
         self._states[:, :2], self._states[:, 2], self._states[:, 6] = self._centres, self._half, 1.0
         self.segments = np.concatenate([self._centres, self._centres], axis=1)
@@ -80,7 +82,6 @@ class Obstacles:
         self._ticks = 0
         # where the robot was when bodies were made last, and how far it may go from there until others are near
         self._looked_from, self._free_m = (0.0, 0.0, 0.0), 0.0
-        self._reach_m = math.hypot(*np.abs(extent).reshape(2, 2).max(axis=0))
         self._needed = np.zeros(count, np.int64)  # tick at which a body was last near anything that moves
 
     def prepare(self, x: float, y: float, yaw: float) -> None:

@@ -15,7 +15,7 @@ from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.types import nanoseconds
 
 _NEVER_NS = -(2**62)
-_AHEAD = 8  # scans whose noise is drawn at once
+_AHEAD = 16  # scans whose noise is drawn at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +108,7 @@ class Batch:
             robots, fleet.pending, settings, self._segments, self._cylinders, fleet.noise, self._ticks, which, commands,
             self._latency_ns, left, pushes,
         )  # fmt: skip
-        for index in np.flatnonzero(left).tolist():
+        for index in left.nonzero()[0].tolist():
             simulator = self._simulator(index)
             place, centre, force, torque = (tuple(row) for row in pushes[index].tolist())
             simulator.motion.run(int(left[index]), (place, centre, force, torque))
@@ -130,7 +130,7 @@ class Batch:
         for index in scanned[drawn[scanned] == _AHEAD].tolist():
             self._simulator(index).lidar.draw(self._noise[index])
             drawn[index] = 0
-        others = sorted(self._disturbed.intersection(scanned.tolist()))
+        others = sorted(self._disturbed.intersection(scanned.tolist())) if self._disturbed else []
         for index in others:
             readings.ranges[index] = self._simulator(index).read_scan(self._noise[index, drawn[index]]).ranges
             drawn[index] += 1

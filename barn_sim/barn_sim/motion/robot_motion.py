@@ -28,7 +28,7 @@ from barn_sim.body.bullet import PhysicsClient
 from barn_sim.body.drive import DriveController
 from barn_sim.body.model import model_of
 from barn_sim.body.movers import Movers
-from barn_sim.body.obstacles import Obstacles
+from barn_sim.body.obstacles import Obstacles, tick_gap_m
 from barn_sim.config import SimulatorConfig
 from barn_sim.motion.state import Fleet
 from barn_sim.motion.ticks import Push, advance, free_tick, motion_of
@@ -49,7 +49,7 @@ class RobotMotion:
     ) -> None:
         self.model = model_of(config.chassis)
         self._config, self._client, self._index, self._free_motion = config, client, index, free_motion
-        self._tick_ns = config.tick_ns
+        self._tick_ns, self._gap_m = config.tick_ns, tick_gap_m(config)
         self._odometry_ns = self._tick_ns * config.ticks(1.0 / config.odometry.rate_hz)
         self._ticks_of_noise = (len(fleet.noise[index]) - 1) * self._odometry_ns // self._tick_ns
         self.drive = DriveController(config.drive, self.model.track_m, config.physics.tick_s, fleet, index)
@@ -68,8 +68,8 @@ class RobotMotion:
         self._fixed = not (config.obstacles.movable or moves)
         self._body.begin(start, stays=self._free_motion and self._fixed)
         self.odometry = FusedOdometry(config.odometry, rng, start.yaw, fleet, index)
-        self.obstacles = Obstacles(client, self.model.extent, world, config)
-        self.movers = Movers(client, self.model.extent, world, phase_s, config) if moves else None
+        self.obstacles = Obstacles(client, self.model, world, config.obstacles, self._gap_m)
+        self.movers = Movers(client, self.model.extent, world, phase_s, config, self._gap_m) if moves else None
         robot = fleet.robots[index]
         robot["movers_clearance_m"] = 0.0 if moves else math.inf
         robot["radius_m"] = self.obstacles.radius_m

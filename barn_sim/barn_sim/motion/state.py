@@ -19,7 +19,7 @@ Record: TypeAlias = Any  # one of them, the fields of which numba knows
 _NUMBER, _WHOLE, _YES = np.float64, np.int64, np.bool_
 _PENDING = 8  # commands that there is room for at first
 _NEVER_NS = 2**62
-_UPDATES = 64  # of the odometry whose noise is drawn at once
+_UPDATES = 128  # of the odometry whose noise is drawn at once
 _CONTACTS = max(4, 2 + MOST_CASTERS)  # with the ground that there is room for
 
 
@@ -128,5 +128,4 @@ def set_body(settings: Records, model: RobotModel, config: PhysicsConfig, stiffn
     settings["inverse_mass"], settings["inverse_inertia"] = 1.0 / model.mass_kg, 1.0 / model.inertia
     settings["weight"] = model.mass_kg * config.gravity_m_s2
     settings["per_metre"] = config.tick_s / model.wheel_radius_m
-    x_min, y_min, x_max, y_max = settings["extent"] = model.extent
-    settings["reach_m"] = math.hypot(max(abs(x_min), abs(x_max)), max(abs(y_min), abs(y_max)))
+    settings["extent"], settings["reach_m"] = model.extent, model.reach_m
