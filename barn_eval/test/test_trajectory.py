@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from barn_eval.trials.trajectory import Trajectory, TrajectoryLog, clearances, distance_to, measure
+from barn_eval.trials.trajectory import Trajectory, TrajectoryLog, clearances, measure
 from barn_worlds.base.types import Odometry, Pose2D, Velocity2D
 from barn_worlds.geometry.footprint import Rectangle
 
@@ -161,17 +161,6 @@ def test_the_distance_from_the_plan_is_to_the_last_published_one_that_answers_an
     found = log.trajectory()
     np.testing.assert_allclose(found.off_plan_m, [math.nan, math.nan, 0.5, 0.5, 3.0, 3.0, 3.0])
     assert measure(found, FAR, 0.075, EXTENT).off_plan_m == pytest.approx(2.0)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_the_distance_from_a_line_is_that_of_its_nearest_point(seed):
-    rng = np.random.default_rng(seed)
-    line, (x, y) = rng.uniform(-1.0, 1.0, (6, 2)), rng.uniform(-2.0, 2.0, 2)
-    line[3] = line[2]
-    dense = np.concatenate([np.linspace(a, b, 2001) for a, b in itertools.pairwise(line)])
-    assert distance_to(line, x, y) == pytest.approx(np.hypot(*(dense - [x, y]).T).min(), abs=2e-3)
-    assert distance_to(line[:1], x, y) == pytest.approx(math.hypot(x - line[0, 0], y - line[0, 1]))
-    assert distance_to(np.array([[0.0, 0.0], [4.0, 0.0]]), -1.0, 0.0) == 1.0
 
 
 def test_readings_without_an_answer_are_counted_but_for_the_last():

@@ -37,7 +37,8 @@ def fitted(config: Checked, robot: Robot) -> dict[str, Any]:
         return {}
     scale = scale_of(robot)
     found: dict[str, Any] = {}
-    of_metres = _OF_METRES + (_DWA if _in_metres(config) else ())
+    in_metres = getattr(getattr(config, "dwa", None), "distances_in_metres", False)
+    of_metres = _OF_METRES + (_DWA if in_metres else ())
     for name, about, value in fields_of(config):
         if isinstance(value, float) and not name.startswith(_KEPT):
             changed = value / scale if name.endswith(of_metres) else _scaled(name, value, scale, robot)
@@ -70,10 +71,6 @@ def parameters_for(name: str, preset: str, overrides: Mapping[str, Any], robot: 
         raise ConfigError(f"planner {name!r}: {error}") from None
     written = {key: float(f"{value:.6g}") if isinstance(value, float) else value for key, value in derived.items()}
     return written | dict(overrides)
-
-
-def _in_metres(config: Checked) -> bool:
-    return bool(getattr(getattr(config, "dwa", None), "distances_in_metres", False))
 
 
 def _scaled(name: str, value: float, scale: float, robot: Robot) -> float:

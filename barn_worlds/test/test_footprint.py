@@ -7,6 +7,7 @@ import pytest
 
 from barn_worlds.geometry.bodies import shape_rows
 from barn_worlds.geometry.footprint import Footprint, Rectangle, contact_of
+from barn_worlds.geometry.kernels import distance_to
 from barn_worlds.robots.files import load_robot
 
 POLYGON = Footprint(np.array([[0.5, 0.0], [0.2, 0.3], [-0.3, 0.2], [-0.3, -0.25], [0.1, -0.3]]))
@@ -115,3 +116,13 @@ def test_what_can_touch_of_robots():
     assert isinstance(jackal, Rectangle) and isinstance(husky, Rectangle)
     assert round_one.radius_m == 0.171
     assert round_one.extent_m == pytest.approx([-0.171, -0.171, 0.171, 0.171])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_distance_from_a_line_is_that_of_its_nearest_point(seed):
+    rng = np.random.default_rng(seed)
+    line, (x, y) = rng.uniform(-1.0, 1.0, (6, 2)), rng.uniform(-2.0, 2.0, 2)
+    line[3] = line[2]
+    dense = np.linspace(line[:-1], line[1:], 2001).reshape(-1, 2)
+    assert distance_to(line, x, y) == pytest.approx(np.hypot(*(dense - [x, y]).T).min(), abs=2e-3)
+    assert distance_to(line[:1], x, y) == pytest.approx(math.hypot(x - line[0, 0], y - line[0, 1]))

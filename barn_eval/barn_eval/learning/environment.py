@@ -115,12 +115,11 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         return episodes.seen[0].copy(), float(rewards[0]), terminated, truncated, self._info(episodes)
 
     def conclude(self) -> tuple[bool, bool]:
-        """Take note of an episode's end; return whether it terminated or was truncated."""
+        """Return whether the episode, which has ended, terminated or was truncated."""
         assert self._place is not None
         episodes, index = self._place
         verdict = episodes.trial(index).verdict
-        assert verdict is not None
-        terminated = verdict.outcome in _TERMINAL
+        terminated = verdict is not None and verdict.outcome in _TERMINAL
         return terminated, not terminated
 
     def render(self) -> npt.NDArray[np.uint8] | None:

@@ -7,7 +7,6 @@ Russell, "Policy invariance under reward transformations", ICML 1999; exactly so
 import math
 from typing import Any, NamedTuple
 
-import gymnasium
 import numpy as np
 import numpy.typing as npt
 from numba import njit
@@ -52,36 +51,28 @@ class Episodes:
         self._weights = RewardWeights.of(config.reward)
         self._encoder = ObservationEncoder(config.observation)
         self._clients = [PhysicsClient(idle=self.batch.engines) for _ in range(count)]
-        self._now: list[tuple[RunningTrial, Simulator] | None] = [None] * count
+        self._now: dict[int, tuple[RunningTrial, Simulator]] = {}
         self._scan: Scan | None = None
         self._goals = np.zeros((count, 2))
         self._ways, self._points = np.zeros((count, 0, 3)), np.zeros(count, np.int64)
         self._states = np.zeros(count, rules.STATE)
-        self._codes: Integers = self._states["code"]
 
     def trial(self, index: int) -> RunningTrial:
-        """Return the trial that runs or was the last; ResetNeeded before the first."""
-        return self._at(index)[0]
+        """Return the trial that runs or was the last."""
+        return self._now[index][0]
 
     def scan(self, index: int) -> Scan:
         """Return the last scan of a robot."""
-        return self._at(index)[1].lidar.scan_of(int(self.readings.stamps_ns[index]), self.readings.ranges[index])
-
-    def _at(self, index: int) -> tuple[RunningTrial, Simulator]:
-        now = self._now[index]
-        if now is None:
-            raise gymnasium.error.ResetNeeded("reset() must be called before the first step of an episode")
-        return now
+        return self._now[index][1].lidar.scan_of(int(self.readings.stamps_ns[index]), self.readings.ranges[index])
 
     def begin(self, index: int, spec: TrialSpec, points: Floats) -> None:
         """Begin a trial, of which nothing is read yet; ConfigError if its distances differ from the others'."""
-        others = (one[0].spec for k, one in enumerate(self._now) if one is not None and k != index)
-        other = next(others, spec)
+        other = next((one.spec for k, (one, _) in self._now.items() if k != index), spec)
         if other.rules is not spec.rules and other.rules != spec.rules:
             names = f"{spec.world.name} and {other.world.name}"
             raise ConfigError(f"worlds {names}: robots that advance together need worlds with cells of one size")
         start, seed = spec.course.start, spec.simulator_seed
-        if (before := self._now[index]) is None:
+        if (before := self._now.get(index)) is None:
             client, fleet = self._clients[index], self.batch.fleet
             simulator = Simulator(spec.world, spec.simulator, start, seed, client, fleet=fleet, index=index)
         else:
@@ -105,11 +96,11 @@ class Episodes:
             return before_m
         self.batch.read(which)
         readings, poses = self.readings, self.readings.odometry
-        trial, simulator = self._at(int(which[0]))
+        trial, simulator = self._now[int(which[0])]
         if trial.spec.protocol.map_given:
             poses = poses.copy()
             for index in which.tolist():
-                pose = self._at(index)[1].read_localisation(Pose2D(*poses[index].tolist()))
+                pose = self._now[index][1].read_localisation(Pose2D(*poses[index].tolist()))
                 poses[index] = pose.x, pose.y, pose.yaw
         if self._scan is None:
             self._scan = simulator.lidar.scan_of(0, readings.ranges[which[0]])
@@ -121,7 +112,7 @@ class Episodes:
         """Judge the last readings of those that have moved or begun; return which of them have ended."""
         readings = self.readings
         rules.observe(self._states, which, readings.stamps_ns, readings.odometry, readings.truths, readings.collisions)
-        ended = which[self._codes[which] != rules.RUNNING]
+        ended = which[self._states["code"][which] != rules.RUNNING]
         self.running[ended] = False
         return list(ended.tolist())
 

@@ -123,5 +123,5 @@ def missed_periods(commands_ns: Sequence[int], now_ns: int, period_ns: int, sile
 
 def missed_share(missed: int, commands_ns: Sequence[int], now_ns: int, period_ns: int) -> float:
     """Return missed periods as a share of all from the first command to now, 1 at most."""
-    periods = (now_ns - next(iter(commands_ns), now_ns)) / period_ns
+    periods = (now_ns - commands_ns[0]) / period_ns if commands_ns else 0.0
     return min(1.0, missed / periods) if periods >= 1.0 else 0.0

@@ -12,6 +12,7 @@ from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.types import NANOSECONDS, Odometry, Pose2D, Velocity2D, nanoseconds
 from barn_worlds.geometry.bodies import shape_rows, wall_bodies
 from barn_worlds.geometry.footprint import Footprint
+from barn_worlds.geometry.kernels import distance_to
 from barn_worlds.messages.topics import PLAN
 from barn_worlds.moving.tracks import Tracks
 from barn_worlds.worlds.world import World
@@ -138,16 +139,6 @@ def measure(trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outlin
         rms_turn_step_radps=turn_rms,
         off_plan_m=float(off_plan.mean()) if off_plan.size else None,
     )
-
-
-def distance_to(line: Floats, x: float, y: float) -> float:
-    """Return the distance in m of a point from a line through points (n, 2)."""
-    away, sides = np.array([x, y]) - line, np.diff(line, axis=0)
-    if not len(sides):
-        return float(np.hypot(*away.ravel()))
-    squares = np.maximum((sides**2).sum(axis=1), np.finfo(np.float64).tiny)
-    along = ((away[:-1] * sides).sum(axis=1) / squares).clip(0.0, 1.0)
-    return float(np.hypot(*(away[:-1] - along[:, None] * sides).T).min())
 
 
 def clearances(poses: Floats, cylinders_m: Floats, radius_m: float, outline: Footprint) -> Floats:

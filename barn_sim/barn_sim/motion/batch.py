@@ -56,7 +56,7 @@ class Batch:
         self._scan_ns = config.scan_steps * nanoseconds(config.control_period_s) if config.scan_steps > 1 else 0
         self._scanned_ns = np.zeros(count, np.int64)
         self._plain = True
-        self._simulators: list[Simulator | None] = [None] * count
+        self._simulators: dict[int, Simulator] = {}
         self._segments = np.zeros((count, 0, 4))
         self._circles = np.zeros((count, 2, 0))
         self._cylinders = np.zeros(count, np.int64)
@@ -73,14 +73,9 @@ class Batch:
         self._disturbed.discard(index)
         self._look_at(index)
 
-    def _simulator(self, index: int) -> Simulator:
-        simulator = self._simulators[index]
-        assert simulator is not None
-        return simulator
-
     def _look_at(self, index: int) -> None:
         """Take over where the cylinders of a simulator are."""
-        simulator = self._simulator(index)
+        simulator = self._simulators[index]
         segments = simulator.motion.obstacles.segments
         missing = len(segments) - self._segments.shape[1]
         if missing > 0:
@@ -99,17 +94,17 @@ class Batch:
         readings.collisions[which] = False
         last = (robots["stamp_ns"][which] + self._ticks * settings["tick_ns"]) // settings["odometry_ns"]
         for index in which[last >= robots["noise_from"][which] + fleet.noise.shape[1]].tolist():
-            self._simulator(index).motion.draw_noise(self._ticks)
+            self._simulators[index].motion.draw_noise(self._ticks)
         if not self._plain:
             for index in which.tolist():
-                self._simulator(index).motion.remember()
+                self._simulators[index].motion.remember()
         left, pushes = np.zeros(len(commands), np.int64), np.zeros((len(commands), 4, 3))
         advance_all(
             robots, fleet.pending, settings, self._segments, self._cylinders, fleet.noise, self._ticks, which, commands,
             self._latency_ns, left, pushes,
         )  # fmt: skip
         for index in left.nonzero()[0].tolist():
-            simulator = self._simulator(index)
+            simulator = self._simulators[index]
             place, centre, force, torque = (tuple(row) for row in pushes[index].tolist())
             simulator.motion.run(int(left[index]), (place, centre, force, torque))
             readings.collisions[index] = simulator.read_collision()
@@ -125,18 +120,18 @@ class Batch:
         self._scanned_ns[scanned] = now_ns[due]
         if not self._plain:
             for index in scanned.tolist():
-                readings.ranges[index] = self._simulator(index).read_scan().ranges
+                readings.ranges[index] = self._simulators[index].read_scan().ranges
             scanned = scanned[:0]
         for index in scanned[drawn[scanned] == _AHEAD].tolist():
-            self._simulator(index).lidar.draw(self._noise[index])
+            self._simulators[index].lidar.draw(self._noise[index])
             drawn[index] = 0
         others = sorted(self._disturbed.intersection(scanned.tolist())) if self._disturbed else []
         for index in others:
-            readings.ranges[index] = self._simulator(index).read_scan(self._noise[index, drawn[index]]).ranges
+            readings.ranges[index] = self._simulators[index].read_scan(self._noise[index, drawn[index]]).ranges
             drawn[index] += 1
         upright = np.setdiff1d(scanned, others, assume_unique=True) if others else scanned
         if len(upright):
-            lidar = self._simulator(int(upright[0])).lidar
+            lidar = self._simulators[int(upright[0])].lidar
             mount = lidar.mount.x, lidar.mount.y, lidar.mount.yaw
             scan_all(
                 self.fleet.robots, upright, self._circles, self._cylinders, lidar.directions, lidar.fan, mount,

@@ -218,3 +218,16 @@ def times_to_polygon(
                     first = min(first, after)
         times[i] = first
     return times
+
+
+@njit(cache=True)
+def distance_to(line: Floats, x: float, y: float) -> float:
+    """Return the distance in m of a point from a line through points (n, 2)."""
+    nearest = math.hypot(x - line[0, 0], y - line[0, 1])
+    for k in range(len(line) - 1):
+        from_x, from_y = x - line[k, 0], y - line[k, 1]
+        side_x, side_y = line[k + 1, 0] - line[k, 0], line[k + 1, 1] - line[k, 1]
+        square = side_x * side_x + side_y * side_y
+        along = min(max((from_x * side_x + from_y * side_y) / square, 0.0), 1.0) if square > 0.0 else 0.0
+        nearest = min(nearest, math.hypot(from_x - along * side_x, from_y - along * side_y))
+    return nearest
