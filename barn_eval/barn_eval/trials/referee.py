@@ -36,8 +36,8 @@ class Referee:
     def __init__(self, protocol: Protocol, course: Course, declared_mps: float = 0.0) -> None:
         self._protocol, self._declared_mps = protocol, declared_mps
         self._verdict: Verdict | None = None
-        self._stamp_ns, self._contact = np.zeros(1, np.int64), np.zeros(1, np.bool_)
-        self._odometry, self._truth = np.zeros((1, 3)), np.zeros((1, 3))
+        self._stamp_ns, self._contact = np.zeros_like(_ONLY), np.zeros_like(_ONLY, np.bool_)
+        self._odometry, self._truth = np.zeros((len(_ONLY), 3)), np.zeros((len(_ONLY), 3))
         self._keep(rules.states_of(protocol, course))
 
     @property
