@@ -1,4 +1,4 @@
-"""Distances of convex outlines from upright cylinders and boxes, and times to contact: compiled loops.
+"""Compiled loops: distances of convex outlines from upright cylinders and boxes, times to contact, points from lines.
 
 A shape is a row x, y (m, map frame), radius, half length and half width (m), cosine and sine of its heading. A cylinder
 has half sizes 0, a box radius 0. An outline moves with a pose x, y, yaw; `extent` is x_min, y_min, x_max, y_max of a
