@@ -14,12 +14,8 @@ from barn_worlds.messages.topics import TF
 from barn_worlds.ros import topics
 
 
-def without_transforms(type_name: str):
-    return None if type_name == TF.type_name else object
-
-
 def test_without_tf2_msgs_transforms_are_off_and_that_is_said(monkeypatch) -> None:
-    monkeypatch.setattr(topics, "message_class", without_transforms)
+    monkeypatch.setattr(topics, "message_class", lambda name: None if name == TF.type_name else object)
     node, messages = Mock(), SimulatorMessages(SimulatorConfig())
     Outputs(node, SimulatorNodeConfig()).publish([*messages.constant(), messages.transforms(Pose2D(0.0, 0.0, 0.0), 5)])
     assert not {"/tf", "/tf_static"} & {call.args[1] for call in node.create_publisher.call_args_list}

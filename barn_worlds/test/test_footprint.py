@@ -126,3 +126,4 @@ def test_the_distance_from_a_line_is_that_of_its_nearest_point(seed):
     dense = np.linspace(line[:-1], line[1:], 2001).reshape(-1, 2)
     assert distance_to(line, x, y) == pytest.approx(np.hypot(*(dense - [x, y]).T).min(), abs=2e-3)
     assert distance_to(line[:1], x, y) == pytest.approx(math.hypot(x - line[0, 0], y - line[0, 1]))
+    assert distance_to(np.array([[0.0, 0.0], [4.0, 0.0]]), -1.0, 0.0) == 1.0

@@ -222,7 +222,7 @@ def times_to_polygon(
 
 @njit(cache=True)
 def distance_to(line: Floats, x: float, y: float) -> float:
-    """Return the distance in m of a point from a line through points (n, 2)."""
+    """Return the distance in m of a point from a line through points (n, 2), one at least."""
     nearest = math.hypot(x - line[0, 0], y - line[0, 1])
     for k in range(len(line) - 1):
         from_x, from_y = x - line[k, 0], y - line[k, 1]
