@@ -11,7 +11,7 @@ TOOL = Path(__file__).resolve().parents[1] / "qa" / "house.py"
 MOST = {
     "lines of Python": 40_546,
     "lines of JavaScript": 1_400,
-    "lines of tests": 28_332,
+    "lines of tests": 28_336,
     "lines of the longest function": 76,
     "imports inside functions": 11,
     "exceptions from rules (noqa)": 34,

@@ -122,7 +122,7 @@ def assert_equal(heard: dict[str, list], config: SimulatorConfig, sent: list[Vel
     expected = readings_of(Simulator(world, config, start, TRIAL["seed"]), sent)
     for topic in TOPICS.keys() - {"/clock", "/diagnostics"}:
         assert len(heard[topic]) == len(expected), topic
-    origin_ns = read(decode.header, heard["/odom"][0]).stamp_ns
+    origin_ns = stamp_of(heard["/odom"][0])
     assert origin_ns % NANOSECONDS == 0
     for k, sensors in enumerate(expected):
         odometry, truth = (read(decode.odometry, heard[topic][k]) for topic in ("/odom", "/ground_truth/odom"))
@@ -143,6 +143,10 @@ def assert_equal(heard: dict[str, list], config: SimulatorConfig, sent: list[Vel
 def read(decoder, message):
     """Return what the suite reads of a message that rclpy has received."""
     return decoder(serialize_message(message))
+
+
+def stamp_of(message) -> int:
+    return read(decode.header, message).stamp_ns
 
 
 def says(message: DiagnosticArray, text: str) -> bool:
