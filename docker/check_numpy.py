@@ -13,7 +13,9 @@ pose = PoseWithCovariance(covariance=np.arange(36.0))
 for message in (scan, grid, pose):
     again = deserialize_message(serialize_message(message), type(message))
     if again != message:
-        raise SystemExit(f"NumPy {np.__version__}: a {type(message).__name__} is not the same after a round trip")
+        raise SystemExit(
+            f"NumPy {np.__version__}: a {type(message).__name__} is not the same after a round trip"
+        )
 if np.asarray(pose.covariance).tolist() != list(range(36)):
     raise SystemExit(f"NumPy {np.__version__}: {pose.covariance}")
 print(f"messages and NumPy {np.__version__} agree")

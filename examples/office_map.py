@@ -12,7 +12,13 @@ WALLS = [  # x, y, x, y of their ends in metres
     (4, 0, 4, 3.2), (8, 0, 8, 3.2),
     (0, 4.8, 2.6, 4.8), (3.6, 4.8, 8.4, 4.8), (9.4, 4.8, 12, 4.8), (6, 4.8, 6, 8),  # and above it
 ]  # fmt: skip
-DESKS = [(0.6, 0.6, 1.4, 2.0), (5.0, 0.5, 7.0, 1.2), (9.2, 1.0, 10.0, 2.4), (1.6, 6.2, 3.4, 7.0), (8.4, 6.2, 10.4, 7.0)]
+DESKS = [
+    (0.6, 0.6, 1.4, 2.0),
+    (5.0, 0.5, 7.0, 1.2),
+    (9.2, 1.0, 10.0, 2.4),
+    (1.6, 6.2, 3.4, 7.0),
+    (8.4, 6.2, 10.4, 7.0),
+]
 
 
 def main() -> None:
@@ -35,7 +41,10 @@ def main() -> None:
 
 def pixels(metres: tuple[float, ...]) -> list[int]:
     """Return x and y in metres as columns and rows of the image, whose first row is at the top."""
-    return [round((HEIGHT_M - at if place % 2 else at) / CELL_M) for place, at in enumerate(metres)]
+    return [
+        round((HEIGHT_M - at if place % 2 else at) / CELL_M)
+        for place, at in enumerate(metres)
+    ]
 
 
 if __name__ == "__main__":

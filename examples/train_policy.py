@@ -25,17 +25,20 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecMonitor
 
 from barn_eval.analysis.summary import Summary, summarise
-from barn_eval.experiments.direct import run_direct_trial
-from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.learning.config import EnvConfig
+from barn_eval.running.direct import run_direct_trial
 from barn_eval.trials.protocol import load_protocol
+from barn_eval.trials.run_config import Experiment, PlannerChoice
 from barn_eval.trials.spec import simulator_config
 from barn_planners.policy.space import PolicyAction, PolicyObservation
 from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.generate import DatasetParameters, write_dataset
 
 RECENT = 400  # episodes that the curve is averaged over
-RATE, LEAST_RATE = 5e-4, 0.05  # learning rate at first, and the share of it that is left in the end
+RATE, LEAST_RATE = (
+    5e-4,
+    0.05,
+)  # learning rate at first, and the share of it that is left in the end
 COLUMNS = ("steps", "wall_s", "episodes", "success_rate", "mean_return", "mean_length")
 
 
@@ -53,14 +56,26 @@ class Curve(BaseCallback):
         for info in self.locals["infos"]:
             if "episode" in info:
                 self._episodes += 1
-                self._recent.append((info["is_success"], info["episode"]["r"], info["episode"]["l"]))
+                self._recent.append(
+                    (info["is_success"], info["episode"]["r"], info["episode"]["l"])
+                )
         return True
 
     def _on_rollout_end(self) -> None:
         if not self._recent:
             return
-        means = tuple(sum(column) / len(self._recent) for column in zip(*self._recent, strict=True))
-        self.rows.append((self.num_timesteps, time.perf_counter() - self._began, self._episodes, *means))
+        means = tuple(
+            sum(column) / len(self._recent)
+            for column in zip(*self._recent, strict=True)
+        )
+        self.rows.append(
+            (
+                self.num_timesteps,
+                time.perf_counter() - self._began,
+                self._episodes,
+                *means,
+            )
+        )
         click.echo(
             "{:8d} steps {:5.0f} s {:6d} episodes: success {:.2f}, return {:7.2f}, length {:4.0f}".format(
                 *self.rows[-1]
@@ -68,7 +83,9 @@ class Curve(BaseCallback):
         )
 
 
-def train(config: EnvConfig, steps: int, seed: int, environments: int, out: Path) -> Curve:
+def train(
+    config: EnvConfig, steps: int, seed: int, environments: int, out: Path
+) -> Curve:
     """Train and write both policies; equal seeds give equal policies on equal machines."""
     torch.set_num_threads(1)  # these networks are too small for more
     worlds = VecMonitor(StableBatch(environments, config))
@@ -96,7 +113,9 @@ def train(config: EnvConfig, steps: int, seed: int, environments: int, out: Path
 def evaluate(dataset: str, worlds: str, policy: Path, safety: bool) -> Summary:
     """Return the summary of a trial per world, the very trials of `barn run --planner policy --protocol challenge`."""
     protocol = load_protocol("challenge")
-    planner = PlannerChoice("policy", overrides={"policy_path": str(policy), "safety.enabled": safety})
+    planner = PlannerChoice(
+        "policy", overrides={"policy_path": str(policy), "safety.enabled": safety}
+    )
     experiment = Experiment(
         dataset=dataset,
         worlds=worlds,
@@ -128,20 +147,63 @@ def checksums(dataset: str | Path) -> set[str]:
 
 
 @click.command()
-@click.option("--steps", default=3_000_000, show_default=True, type=click.IntRange(1), help="Steps to train for.")
-@click.option("--seed", default=0, show_default=True, type=click.IntRange(0), help="Seed of everything random.")
 @click.option(
-    "--worlds-per-set", default=100, show_default=True, type=click.IntRange(1, 1000), help="Of Table I, to train in."
+    "--steps",
+    default=3_000_000,
+    show_default=True,
+    type=click.IntRange(1),
+    help="Steps to train for.",
 )
-@click.option("--dataset", default="barn300", show_default=True, help="Data set to judge in.")
-@click.option("--held-out", default="0:300:6", show_default=True, help="Which of its worlds.")
-@click.option("--environments", default=64, show_default=True, type=click.IntRange(1, 256), help="Stepped together.")
-@click.option("--out", default=Path("out/policy"), show_default=True, type=click.Path(path_type=Path, file_okay=False))
-def main(steps: int, seed: int, worlds_per_set: int, dataset: str, held_out: str, environments: int, out: Path) -> None:
+@click.option(
+    "--seed",
+    default=0,
+    show_default=True,
+    type=click.IntRange(0),
+    help="Seed of everything random.",
+)
+@click.option(
+    "--worlds-per-set",
+    default=100,
+    show_default=True,
+    type=click.IntRange(1, 1000),
+    help="Of Table I, to train in.",
+)
+@click.option(
+    "--dataset", default="barn300", show_default=True, help="Data set to judge in."
+)
+@click.option(
+    "--held-out", default="0:300:6", show_default=True, help="Which of its worlds."
+)
+@click.option(
+    "--environments",
+    default=64,
+    show_default=True,
+    type=click.IntRange(1, 256),
+    help="Stepped together.",
+)
+@click.option(
+    "--out",
+    default=Path("out/policy"),
+    show_default=True,
+    type=click.Path(path_type=Path, file_okay=False),
+)
+def main(
+    steps: int,
+    seed: int,
+    worlds_per_set: int,
+    dataset: str,
+    held_out: str,
+    environments: int,
+    out: Path,
+) -> None:
     """Train a policy and compare it with the untrained one."""
-    write_dataset(out / "training.npz", DatasetParameters("training", seed, worlds_per_set))
+    write_dataset(
+        out / "training.npz", DatasetParameters("training", seed, worlds_per_set)
+    )
     if checksums(out / "training.npz") & checksums(dataset):
-        raise click.UsageError(f"--seed {seed} generates worlds of {dataset} itself; take another")
+        raise click.UsageError(
+            f"--seed {seed} generates worlds of {dataset} itself; take another"
+        )
     config = EnvConfig(
         dataset=str(out / "training.npz"),
         observation=PolicyObservation(beams=40),
@@ -154,11 +216,15 @@ def main(steps: int, seed: int, worlds_per_set: int, dataset: str, held_out: str
         draw(curve, out / "curve.png")
     for name, safety in (("untrained", False), ("policy", False), ("policy", True)):
         summary = evaluate(dataset, held_out, out / f"{name}.npz", safety)
-        outcomes = ", ".join(f"{outcome} {count}" for outcome, count in summary.outcomes.items())
+        outcomes = ", ".join(
+            f"{outcome} {count}" for outcome, count in summary.outcomes.items()
+        )
         click.echo(
             f"{name}, {'with' if safety else 'without'} its shield, {summary.trials} held-out worlds: {outcomes}"
         )
-        click.echo(f"    success {summary['success'].text(3)}, challenge metric {summary['challenge'].text(3)}")
+        click.echo(
+            f"    success {summary['success'].text(3)}, challenge metric {summary['challenge'].text(3)}"
+        )
 
 
 if __name__ == "__main__":

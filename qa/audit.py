@@ -14,9 +14,20 @@ ROOT = Path(__file__).resolve().parents[1]
 
 def audited(lock: str) -> tuple[int, list[str], str]:
     """Return how many packages of a lock file were audited, their vulnerabilities, and why not all were."""
-    words = ["uvx", "pip-audit", "--requirement", lock, "--disable-pip", "--require-hashes", "--format", "json"]
+    words = [
+        "uvx",
+        "pip-audit",
+        "--requirement",
+        lock,
+        "--disable-pip",
+        "--require-hashes",
+        "--format",
+        "json",
+    ]
     try:
-        ended = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
+        ended = subprocess.run(
+            words, cwd=ROOT, capture_output=True, text=True, check=False
+        )
         packages = json.loads(ended.stdout)["dependencies"]
     except FileNotFoundError:
         return 0, [], "uv is not installed"
@@ -28,7 +39,11 @@ def audited(lock: str) -> tuple[int, list[str], str]:
         for flaw in one.get("vulns", [])
     ]
     skipped = [one["name"] for one in packages if "skip_reason" in one]
-    why = f"{len(skipped)} packages are not known to the service, such as {skipped[0]}" if skipped else ""
+    why = (
+        f"{len(skipped)} packages are not known to the service, such as {skipped[0]}"
+        if skipped
+        else ""
+    )
     return len(packages) - len(skipped), found, why
 
 
@@ -37,10 +52,15 @@ def main() -> int:
     code = 0
     for lock in LOCKS:
         count, found, why = audited(lock)
-        print(f"{lock}: {count} packages audited, {len(found)} known vulnerabilities{f'; {why}' if why else ''}")
+        print(
+            f"{lock}: {count} packages audited, {len(found)} known vulnerabilities{f'; {why}' if why else ''}"
+        )
         print(*found, sep="\n" if found else "", end="\n" if found else "")
         if not count:
-            print(f"{lock}: NOT AUDITED: the service cannot be asked from here", file=sys.stderr)
+            print(
+                f"{lock}: NOT AUDITED: the service cannot be asked from here",
+                file=sys.stderr,
+            )
         code = max(code, 2 if not count else int(bool(found)))
     return code
 

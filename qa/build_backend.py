@@ -12,7 +12,9 @@ from typing import Any
 from setuptools import build_meta
 
 ROOT = Path(__file__).resolve().parents[1]
-COMMIT = ROOT / "barn_eval" / "barn_eval" / "data" / "commit"  # which barn_eval reads where there is no repository
+COMMIT = (
+    ROOT / "barn_eval" / "barn_eval" / "data" / "commit"
+)  # which barn_eval reads where there is no repository
 
 # What an installer asks besides; an editable installation runs from the repository, which knows its commit.
 build_editable = build_meta.build_editable
@@ -37,12 +39,16 @@ def build_sdist(*arguments: Any, **options: Any) -> str:
 
 @contextmanager
 def _commit_written() -> Iterator[None]:
-    shutil.rmtree(ROOT / "build" / "lib", ignore_errors=True)  # else what has been removed since would be in it
+    shutil.rmtree(
+        ROOT / "build" / "lib", ignore_errors=True
+    )  # else what has been removed since would be in it
     if not (ROOT / ".git").exists():  # an archive, which has it
         yield
         return
     changes = _git("status", "--porcelain", "--untracked-files=no")
-    COMMIT.write_text(_git("rev-parse", "HEAD") + ("+changes" if changes else "") + "\n")
+    COMMIT.write_text(
+        _git("rev-parse", "HEAD") + ("+changes" if changes else "") + "\n"
+    )
     try:
         yield
     finally:
@@ -51,4 +57,6 @@ def _commit_written() -> Iterator[None]:
 
 def _git(*arguments: str) -> str:
     command = ["git", "--no-optional-locks", "-C", str(ROOT), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    return subprocess.run(
+        command, capture_output=True, text=True, check=True
+    ).stdout.strip()

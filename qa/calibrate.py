@@ -45,7 +45,12 @@ def scatter(report: CalibrationReport) -> Figure:
     columns = min(_COLUMNS, len(report.planners))
     rows = -(-len(report.planners) // columns)
     figure = new_figure(5.0 * rows + 0.8, 4.8 * columns)
-    times = [time for one in report.planners for world in one.worlds for time in (world.ours_s, world.published_s)]
+    times = [
+        time
+        for one in report.planners
+        for world in one.worlds
+        for time in (world.ours_s, world.published_s)
+    ]
     limits = (0.95 * min(times), 1.05 * max(times))
     for index, one in enumerate(report.planners):
         axes = figure.add_subplot(rows, columns, index + 1)
@@ -56,9 +61,15 @@ def scatter(report: CalibrationReport) -> Figure:
 
 
 def _panel(axes: Axes, one: Calibration, limits: tuple[float, float]) -> None:
-    axes.axline((limits[0], limits[0]), slope=1.0, color=FAINT, lw=1.0, label="equal times")
+    axes.axline(
+        (limits[0], limits[0]), slope=1.0, color=FAINT, lw=1.0, label="equal times"
+    )
     for kind, (label, marker, colour) in _KINDS.items():
-        worlds = [world for world in one.worlds if (world.our_failures > 0, world.published_failures > 0) == kind]
+        worlds = [
+            world
+            for world in one.worlds
+            if (world.our_failures > 0, world.published_failures > 0) == kind
+        ]
         axes.scatter(
             [world.published_s for world in worlds],
             [world.ours_s for world in worlds],
@@ -78,15 +89,35 @@ def _table(one: Calibration) -> FittedTable:
     rows = (
         ("trials", *(str(side.trials) for side in sides)),
         ("failures [%]", *(side.failure_share.scaled(100.0).text(1) for side in sides)),
-        ("mean time per metre [s/m]", *(side.normalised_s_per_m.text() for side in sides)),
+        (
+            "mean time per metre [s/m]",
+            *(side.normalised_s_per_m.text() for side in sides),
+        ),
         ("its bias [%]", one.bias_percent.text(1), ""),
-        ("its bias, each failure as 30 s [%]", one.bias_percent_of_equal_failures.text(1), ""),
-        ("mean of successes per metre [s/m]", *(number(side.successes_s_per_m) for side in sides)),
-        ("its spread in a world [s/m]", *(number(side.spread_s_per_m) for side in sides)),
+        (
+            "its bias, each failure as 30 s [%]",
+            one.bias_percent_of_equal_failures.text(1),
+            "",
+        ),
+        (
+            "mean of successes per metre [s/m]",
+            *(number(side.successes_s_per_m) for side in sides),
+        ),
+        (
+            "its spread in a world [s/m]",
+            *(number(side.spread_s_per_m) for side in sides),
+        ),
         ("time in easy worlds [s]", *(side.easy_s.text() for side in sides)),
-        ("lowest, highest of these [s]", *(", ".join(map(number, side.easy_range_s)) for side in sides)),
+        (
+            "lowest, highest of these [s]",
+            *(", ".join(map(number, side.easy_range_s)) for side in sides),
+        ),
         ("Spearman, failures counted", one.correlation.text(), ""),
-        ("Spearman, each failure as 30 s", one.correlation_of_equal_failures.text(), ""),
+        (
+            "Spearman, each failure as 30 s",
+            one.correlation_of_equal_failures.text(),
+            "",
+        ),
         ("Spearman, successes only", one.correlation_of_successes.text(), ""),
         ("R2, each failure as 30 s", one.determination_of_equal_failures.text(), ""),
     )
@@ -104,9 +135,15 @@ def _table(one: Calibration) -> FittedTable:
     type=click.Path(path_type=Path, dir_okay=False),
     help="Table of published times: world, path_length_m, dwa_1, ..., eband_1, ...",
 )
-@click.option("--figure", type=click.Path(path_type=Path, dir_okay=False), help="Scatter to write, .png, .svg or .pdf.")
+@click.option(
+    "--figure",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Scatter to write, .png, .svg or .pdf.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-def main(folders: tuple[Path, ...], reference: Path, figure: Path | None, *, as_json: bool) -> None:
+def main(
+    folders: tuple[Path, ...], reference: Path, figure: Path | None, *, as_json: bool
+) -> None:
     """Compare the planners of FOLDERS of runs or campaigns with published times of the same worlds."""
     if figure is not None and figure.suffix not in FIGURES:
         raise click.UsageError(f"--figure {figure}: must end in {', '.join(FIGURES)}")
@@ -125,7 +162,9 @@ def main(folders: tuple[Path, ...], reference: Path, figure: Path | None, *, as_
         click.echo(
             f"Spearman correlation of the mean of {names} over {joint.worlds} worlds: {joint.correlation.text()}"
         )
-        click.echo(f"R2 of the same, each failure as 30 s: {joint.determination_of_equal_failures.text()}")
+        click.echo(
+            f"R2 of the same, each failure as 30 s: {joint.determination_of_equal_failures.text()}"
+        )
 
 
 if __name__ == "__main__":

@@ -10,7 +10,11 @@ from published import FAILURE_TIME_S, TimedTrials, read_published
 
 from barn_eval.analysis.significance import proportion
 from barn_eval.analysis.sources import Entry, read_entries
-from barn_eval.analysis.statistics import mean_interval, rank_correlation, repetition_spread
+from barn_eval.analysis.statistics import (
+    mean_interval,
+    rank_correlation,
+    repetition_spread,
+)
 from barn_metrics.bootstrap import Interval, over_worlds
 from barn_metrics.model.evaluation import determination
 from barn_worlds.base.arrays import Floats, Integers
@@ -107,14 +111,24 @@ def calibrate(folders: Sequence[Path], reference: Path) -> CalibrationReport:
     table = read_published(reference)
     entries = [entry for entry in read_entries(folders) if entry.planner in table]
     if not entries:
-        raise ConfigError(f"{reference}: has times of {', '.join(table)}, the results of none of these")
-    pairs = {entry.label: _common(entry, table[entry.planner], reference) for entry in entries}
+        raise ConfigError(
+            f"{reference}: has times of {', '.join(table)}, the results of none of these"
+        )
+    pairs = {
+        entry.label: _common(entry, table[entry.planner], reference)
+        for entry in entries
+    }
     planners = tuple(_calibration(entry, *pairs[entry.label]) for entry in entries)
     groups = _together(entries)
-    return CalibrationReport(planners, tuple(_joint({label: pairs[label] for label in group}) for group in groups))
+    return CalibrationReport(
+        planners,
+        tuple(_joint({label: pairs[label] for label in group}) for group in groups),
+    )
 
 
-def _common(entry: Entry, published: TimedTrials, reference: Path) -> tuple[TimedTrials, TimedTrials]:
+def _common(
+    entry: Entry, published: TimedTrials, reference: Path
+) -> tuple[TimedTrials, TimedTrials]:
     """Return our trials and the published ones in the worlds that both have."""
     ours = TimedTrials(
         np.array([one.world for one in entry.results], np.int64),
@@ -124,7 +138,9 @@ def _common(entry: Entry, published: TimedTrials, reference: Path) -> tuple[Time
     )
     shared = sorted(ours.lengths_m.keys() & published.lengths_m.keys())
     if not shared:
-        raise ConfigError(f"{reference}: has no world in common with the results of {entry.label}")
+        raise ConfigError(
+            f"{reference}: has no world in common with the results of {entry.label}"
+        )
     other = published.other_length((world, ours.lengths_m[world]) for world in shared)
     if other is not None:
         raise ConfigError(
@@ -134,7 +150,9 @@ def _common(entry: Entry, published: TimedTrials, reference: Path) -> tuple[Time
     return _only(ours, shared), _only(published, shared)
 
 
-def _calibration(entry: Entry, ours: TimedTrials, published: TimedTrials) -> Calibration:
+def _calibration(
+    entry: Entry, ours: TimedTrials, published: TimedTrials
+) -> Calibration:
     easy = _easy_worlds(published)
     equal = _equal_failures(ours), _equal_failures(published)
     return Calibration(
@@ -143,7 +161,9 @@ def _calibration(entry: Entry, ours: TimedTrials, published: TimedTrials) -> Cal
         protocol=", ".join(sorted({one.protocol for one in entry.results})),
         worlds=_world_times(ours, published),
         correlation=_correlation(ours, published),
-        correlation_of_successes=rank_correlation(_successes(ours), _successes(published)),
+        correlation_of_successes=rank_correlation(
+            _successes(ours), _successes(published)
+        ),
         bias_percent=_bias_percent(ours, published),
         correlation_of_equal_failures=_correlation(*equal),
         bias_percent_of_equal_failures=_bias_percent(*equal),
@@ -172,7 +192,10 @@ def _side(trials: TimedTrials, easy: tuple[int, ...]) -> Side:
 def _joint(pairs: Mapping[str, tuple[TimedTrials, TimedTrials]]) -> Joint:
     """Return the agreement of the planners' mean in the worlds that all of them have."""
     worlds, mine, theirs = _means_of_planners(list(pairs.values()))
-    equal = [(_equal_failures(ours), _equal_failures(published)) for ours, published in pairs.values()]
+    equal = [
+        (_equal_failures(ours), _equal_failures(published))
+        for ours, published in pairs.values()
+    ]
     return Joint(
         tuple(pairs),
         len(worlds),
@@ -181,12 +204,22 @@ def _joint(pairs: Mapping[str, tuple[TimedTrials, TimedTrials]]) -> Joint:
     )
 
 
-def _means_of_planners(pairs: Sequence[tuple[TimedTrials, TimedTrials]]) -> tuple[Integers, Floats, Floats]:
+def _means_of_planners(
+    pairs: Sequence[tuple[TimedTrials, TimedTrials]],
+) -> tuple[Integers, Floats, Floats]:
     """Return the worlds (n,) that all planners have and the mean of the planners there, ours and published (n,)."""
-    means = [[_by_world(side, side.normalised_s_per_m) for side in pair] for pair in pairs]
+    means = [
+        [_by_world(side, side.normalised_s_per_m) for side in pair] for pair in pairs
+    ]
     shared = sorted(set.intersection(*(set(ours) for ours, _ in means)))
     mine, theirs = (
-        np.array([np.mean([of_planner[side][world] for of_planner in means]) for world in shared]) for side in (0, 1)
+        np.array(
+            [
+                np.mean([of_planner[side][world] for of_planner in means])
+                for world in shared
+            ]
+        )
+        for side in (0, 1)
     )
     return np.array(shared, np.int64), mine, theirs
 
@@ -203,7 +236,10 @@ def _together(entries: Sequence[Entry]) -> list[list[str]]:
         groups = [[entry.label for entry in entries]]
     else:
         sources = {entry.source.path: entry.source for entry in entries}.values()
-        groups = [[entry.label for entry in entries if entry.source is source] for source in sources]
+        groups = [
+            [entry.label for entry in entries if entry.source is source]
+            for source in sources
+        ]
     return [group for group in groups if len(group) > 1]
 
 
@@ -215,8 +251,14 @@ def _easy_worlds(published: TimedTrials) -> tuple[int, ...]:
 
 def _world_times(ours: TimedTrials, published: TimedTrials) -> tuple[WorldTimes, ...]:
     mine, theirs = (_by_world(side, side.times_s) for side in (ours, published))
-    failed = [{world: int(side.failed[side.worlds == world].sum()) for world in mine} for side in (ours, published)]
-    return tuple(WorldTimes(one, mine[one], theirs[one], failed[0][one], failed[1][one]) for one in mine)
+    failed = [
+        {world: int(side.failed[side.worlds == world].sum()) for world in mine}
+        for side in (ours, published)
+    ]
+    return tuple(
+        WorldTimes(one, mine[one], theirs[one], failed[0][one], failed[1][one])
+        for one in mine
+    )
 
 
 def _successes(trials: TimedTrials) -> tuple[Floats, Integers]:
@@ -224,28 +266,46 @@ def _successes(trials: TimedTrials) -> tuple[Floats, Integers]:
 
 
 def _correlation(ours: TimedTrials, published: TimedTrials) -> Interval:
-    return rank_correlation((ours.normalised_s_per_m, ours.worlds), (published.normalised_s_per_m, published.worlds))
+    return rank_correlation(
+        (ours.normalised_s_per_m, ours.worlds),
+        (published.normalised_s_per_m, published.worlds),
+    )
 
 
 def _bias_percent(ours: TimedTrials, published: TimedTrials) -> Interval:
     """Return how far our mean time per metre is from the published one; every world counts alike."""
-    mine, theirs = (np.array(list(_by_world(side, side.normalised_s_per_m).values())) for side in (ours, published))
-    ratio = over_worlds(lambda drawn: mine[drawn].sum(axis=-1) / theirs[drawn].sum(axis=-1), len(mine))
-    low, high = (None if limit is None else 100.0 * (limit - 1.0) for limit in (ratio.low, ratio.high))
+    mine, theirs = (
+        np.array(list(_by_world(side, side.normalised_s_per_m).values()))
+        for side in (ours, published)
+    )
+    ratio = over_worlds(
+        lambda drawn: mine[drawn].sum(axis=-1) / theirs[drawn].sum(axis=-1), len(mine)
+    )
+    low, high = (
+        None if limit is None else 100.0 * (limit - 1.0)
+        for limit in (ratio.low, ratio.high)
+    )
     return Interval(100.0 * (ratio.estimate - 1.0), low, high)
 
 
 def _equal_failures(trials: TimedTrials) -> TimedTrials:
     """Return trials with every failure counted as `FAILURE_TIME_S`."""
-    return replace(trials, times_s=np.where(trials.failed, FAILURE_TIME_S, trials.times_s))
+    return replace(
+        trials, times_s=np.where(trials.failed, FAILURE_TIME_S, trials.times_s)
+    )
 
 
 def _only(trials: TimedTrials, worlds: Collection[int]) -> TimedTrials:
     """Return the trials in some of the worlds."""
     kept = np.isin(trials.worlds, sorted(worlds))
-    return TimedTrials(trials.worlds[kept], trials.times_s[kept], trials.failed[kept], trials.lengths_m)
+    return TimedTrials(
+        trials.worlds[kept], trials.times_s[kept], trials.failed[kept], trials.lengths_m
+    )
 
 
 def _by_world(trials: TimedTrials, values: Floats) -> dict[int, float]:
     """Return the mean of one value per trial (n,) over each world's trials, worlds ascending."""
-    return {int(world): float(values[trials.worlds == world].mean()) for world in np.unique(trials.worlds)}
+    return {
+        int(world): float(values[trials.worlds == world].mean())
+        for world in np.unique(trials.worlds)
+    }

@@ -79,21 +79,33 @@ class Trials:
             driven[row.robot, row.planner].add(row.world)
         shared = set.intersection(*driven.values())
         if len(driven) < len(self.robots) * len(self.planners) or len(shared) < 3:
-            raise ConfigError("every planner must have driven with every robot, in 3 worlds at least")
+            raise ConfigError(
+                "every planner must have driven with every robot, in 3 worlds at least"
+            )
         return np.array(sorted(shared), np.int64)
 
     def of(self, robot: str, planner: str) -> list[Trial]:
         """Return the trials of a robot under a planner, in the worlds that all share."""
         shared = set(self.worlds.tolist())
-        return [row for row in self.rows if (row.robot, row.planner) == (robot, planner) and row.world in shared]
+        return [
+            row
+            for row in self.rows
+            if (row.robot, row.planner) == (robot, planner) and row.world in shared
+        ]
 
     def tries(self, robot: str, planner: str) -> Floats:
         """Return the times of each try in each world, (tries, worlds)."""
         by_try: dict[tuple[int, int], dict[int, float]] = defaultdict(dict)
         for row in self.of(robot, planner):
             by_try[row.seed, row.repetition][row.world] = row.time_s
-        whole = [by_try[key] for key in sorted(by_try) if len(by_try[key]) == len(self.worlds)]
-        return np.array([[one[world] for world in self.worlds.tolist()] for one in whole])
+        whole = [
+            by_try[key]
+            for key in sorted(by_try)
+            if len(by_try[key]) == len(self.worlds)
+        ]
+        return np.array(
+            [[one[world] for world in self.worlds.tolist()] for one in whole]
+        )
 
     def failed(self, robot: str, planner: str) -> npt.NDArray[np.bool_]:
         """Return in which worlds (worlds,) any try failed."""
@@ -103,7 +115,9 @@ class Trials:
     def times(self, robot: str, planner: str) -> Floats:
         """Return the mean time of a robot in each world (worlds,), of all planners if they are taken together."""
         planners = self.planners if planner == TOGETHER else [planner]
-        found: Floats = np.mean([self.tries(robot, one).mean(axis=0) for one in planners], axis=0)
+        found: Floats = np.mean(
+            [self.tries(robot, one).mean(axis=0) for one in planners], axis=0
+        )
         return found
 
 
@@ -112,14 +126,33 @@ def read_folders(folders: Sequence[Path]) -> Trials:
     rows = []
     for folder in folders:
         source = read_source(folder)
-        dataset, standard = open_dataset(str(source.configuration["dataset"])), open_dataset(GRIDS)
+        dataset, standard = (
+            open_dataset(str(source.configuration["dataset"])),
+            open_dataset(GRIDS),
+        )
         for one in source.results:
             world = dataset.load(one.world)
             if not np.array_equal(world.grid, standard.load(one.world).grid):
-                raise ConfigError(f"{folder}: world {one.world} has not the grid of that of {GRIDS}")
-            name, seed, scores = source.chassis.name, int(source.configuration["seed"]), one.scores
+                raise ConfigError(
+                    f"{folder}: world {one.world} has not the grid of that of {GRIDS}"
+                )
+            name, seed, scores = (
+                source.chassis.name,
+                int(source.configuration["seed"]),
+                one.scores,
+            )
             time_s = round(scores.scored_time_s, 3)
-            rows.append(Trial(name, one.planner, seed, one.repetition, one.world, scores.success, time_s))
+            rows.append(
+                Trial(
+                    name,
+                    one.planner,
+                    seed,
+                    one.repetition,
+                    one.world,
+                    scores.success,
+                    time_s,
+                )
+            )
     return Trials(tuple(rows))
 
 
@@ -129,7 +162,15 @@ def read_trials(path: Path) -> Trials:
     with path.open(newline="") as file:
         for row in csv.DictReader(file):
             numbers = int(row["seed"]), int(row["repetition"]), int(row["world"])
-            made.append(Trial(row["robot"], row["planner"], *numbers, row["success"] == "1", float(row["time_s"])))
+            made.append(
+                Trial(
+                    row["robot"],
+                    row["planner"],
+                    *numbers,
+                    row["success"] == "1",
+                    float(row["time_s"]),
+                )
+            )
     return Trials(tuple(made))
 
 
@@ -138,7 +179,10 @@ def csv_text(trials: Trials) -> str:
     file = io.StringIO()
     rows = csv.writer(file, lineterminator="\n")
     rows.writerow(item.name for item in fields(Trial))
-    rows.writerows([int(value) if isinstance(value, bool) else value for value in astuple(row)] for row in trials.rows)
+    rows.writerows(
+        [int(value) if isinstance(value, bool) else value for value in astuple(row)]
+        for row in trials.rows
+    )
     return file.getvalue()
 
 
@@ -151,10 +195,23 @@ def results_table(trials: Trials) -> str:
             worlds = np.array([one.world for one in found])
             success, time = (
                 mean_interval(np.array(values, np.float64), worlds)
-                for values in ([100.0 * one.success for one in found], [one.time_s for one in found])
+                for values in (
+                    [100.0 * one.success for one in found],
+                    [one.time_s for one in found],
+                )
             )
-            rows.append([spelling(planner), f"`{robot}`", str(len(found)), success.text(0), time.text(1)])
-    return markdown_table(["planner", "robot", "trials", "success [%]", "time as counted [s]"], rows)
+            rows.append(
+                [
+                    spelling(planner),
+                    f"`{robot}`",
+                    str(len(found)),
+                    success.text(0),
+                    time.text(1),
+                ]
+            )
+    return markdown_table(
+        ["planner", "robot", "trials", "success [%]", "time as counted [s]"], rows
+    )
 
 
 def predictors(worlds: Integers) -> dict[str, Floats]:
@@ -163,18 +220,27 @@ def predictors(worlds: Integers) -> dict[str, Floats]:
     loaded = [dataset.load(number) for number in worlds.tolist()]
     values = np.array([world_metrics(world).as_array() for world in loaded])
     found = {metric.title: values[:, column] for column, metric in enumerate(METRICS)}
-    return found | {LEARNED: np.array([model.predict(world).difficulty_s_per_m for world in loaded])}
+    return found | {
+        LEARNED: np.array([model.predict(world).difficulty_s_per_m for world in loaded])
+    }
 
 
 def metrics_table(trials: Trials, planners: Sequence[str]) -> str:
     """Return Spearman's correlation of predictors and mean times, a row per planner and predictor."""
     rows = [
         [*([spelling(planner)] if len(planners) > 1 else []), name]
-        + [_rank(trials, values, trials.times(robot, planner)).text() for robot in trials.robots]
+        + [
+            _rank(trials, values, trials.times(robot, planner)).text()
+            for robot in trials.robots
+        ]
         for planner in planners
         for name, values in predictors(trials.worlds).items()
     ]
-    headings = [*(["planner"] if len(planners) > 1 else []), "predictor", *(f"`{name}`" for name in trials.robots)]
+    headings = [
+        *(["planner"] if len(planners) > 1 else []),
+        "predictor",
+        *(f"`{name}`" for name in trials.robots),
+    ]
     return markdown_table(headings, rows)
 
 
@@ -183,9 +249,22 @@ def robots_table(trials: Trials) -> str:
     pairs = _pairs(trials)
     rows = []
     for planner in [*trials.planners, TOGETHER]:
-        across = [_rank(trials, *(trials.times(robot, planner) for robot in pair)).text() for pair in pairs]
-        rows.append([spelling(planner), *across, *(_repeatability(trials, one, planner) for one in trials.robots)])
-    headings = ["planner", *(f"`{a}`, `{b}`" for a, b in pairs), *(f"`{one}`, itself" for one in trials.robots)]
+        across = [
+            _rank(trials, *(trials.times(robot, planner) for robot in pair)).text()
+            for pair in pairs
+        ]
+        rows.append(
+            [
+                spelling(planner),
+                *across,
+                *(_repeatability(trials, one, planner) for one in trials.robots),
+            ]
+        )
+    headings = [
+        "planner",
+        *(f"`{a}`, `{b}`" for a, b in pairs),
+        *(f"`{one}`, itself" for one in trials.robots),
+    ]
     return markdown_table(headings, rows)
 
 
@@ -200,19 +279,36 @@ def regression_table(trials: Trials) -> str:
         for robot in others:
             x, y = trials.times(first, planner), trials.times(robot, planner)
             solved = ~(trials.failed(first, planner) | trials.failed(robot, planner))
-            line = [_over(part, x[solved], y[solved]) for part in (intercept, slope, determination)]
+            line = [
+                _over(part, x[solved], y[solved])
+                for part in (intercept, slope, determination)
+            ]
             found = [*line, _over(determination, x, y)]
             digits = (1, 2, 2, 2)
-            texts = [one.text(places) for one, places in zip(found, digits, strict=True)]
-            rows.append([spelling(planner), f"`{robot}`", str(int(solved.sum())), *texts])
-    headings = ["planner", "robot", "worlds", "intercept [s]", "slope", "R2", "R2, all worlds"]
+            texts = [
+                one.text(places) for one, places in zip(found, digits, strict=True)
+            ]
+            rows.append(
+                [spelling(planner), f"`{robot}`", str(int(solved.sum())), *texts]
+            )
+    headings = [
+        "planner",
+        "robot",
+        "worlds",
+        "intercept [s]",
+        "slope",
+        "R2",
+        "R2, all worlds",
+    ]
     return markdown_table(headings, rows)
 
 
 def slope(x: Floats, y: Floats) -> Floats:
     """Return the slope of the line of least squares through points, along the last axis."""
     x = x - x.mean(axis=-1, keepdims=True)
-    found: Floats = (x * (y - y.mean(axis=-1, keepdims=True))).sum(axis=-1) / (x**2).sum(axis=-1)
+    found: Floats = (x * (y - y.mean(axis=-1, keepdims=True))).sum(axis=-1) / (
+        x**2
+    ).sum(axis=-1)
     return found
 
 
@@ -246,12 +342,20 @@ def scatter(trials: Trials) -> Figure:
             axis.set_major_locator(FixedLocator(_TICKS_S))
             axis.set_major_formatter(StrMethodFormatter("{x:g}"))
             axis.set_minor_locator(NullLocator())
-    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(others))
+    figure.legend(
+        *figure.axes[0].get_legend_handles_labels(),
+        loc="outside lower center",
+        ncols=len(others),
+    )
     return figure
 
 
 def _pairs(trials: Trials) -> list[tuple[str, str]]:
-    return [(a, b) for place, a in enumerate(trials.robots) for b in trials.robots[place + 1 :]]
+    return [
+        (a, b)
+        for place, a in enumerate(trials.robots)
+        for b in trials.robots[place + 1 :]
+    ]
 
 
 def _rank(trials: Trials, x: Floats, y: Floats) -> Interval:
@@ -267,11 +371,15 @@ def _repeatability(trials: Trials, robot: str, planner: str) -> str:
     one = _rank(trials, *np.mean(tries, axis=0))
     if one.low is None or one.high is None:
         return "-"
-    doubled = (2.0 * r / (1.0 + r) for r in (one.estimate, one.low, one.high))  # Spearman and Brown
+    doubled = (
+        2.0 * r / (1.0 + r) for r in (one.estimate, one.low, one.high)
+    )  # Spearman and Brown
     return Interval(*doubled).text()
 
 
-def _over(statistic: Callable[[Floats, Floats], Floats], x: Floats, y: Floats) -> Interval:
+def _over(
+    statistic: Callable[[Floats, Floats], Floats], x: Floats, y: Floats
+) -> Interval:
     return over_worlds(lambda drawn: statistic(x[drawn], y[drawn]), len(x))
 
 
@@ -288,7 +396,9 @@ def tables(trials: Trials) -> dict[str, str]:
 
 @click.command()
 @click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--csv", "target", type=click.Path(path_type=Path), help="Write the trials here.")
+@click.option(
+    "--csv", "target", type=click.Path(path_type=Path), help="Write the trials here."
+)
 @click.option("--figure", type=click.Path(path_type=Path), help="Draw the times here.")
 def main(sources: Sequence[Path], target: Path | None, figure: Path | None) -> None:
     """Print the tables, of a CSV file of trials or of folders of results."""

@@ -62,7 +62,9 @@ def self_test(robot: Robot) -> list[Measured]:
     """Drive a robot and return all that was measured; ConfigError if it cannot be simulated, or does not get going."""
     for name in ("max_speed_m_s", "max_yaw_rate_rad_s"):
         if getattr(robot.drive, name) == 0.0:
-            raise ConfigError(f"robot {robot.name}: drive.{name} must be above 0 to drive it, got 0")
+            raise ConfigError(
+                f"robot {robot.name}: drive.{name} must be above 0 to drive it, got 0"
+            )
     client = PhysicsClient()
     try:
         drives = _SelfTest(robot, client)
@@ -74,9 +76,13 @@ def self_test(robot: Robot) -> list[Measured]:
 class _SelfTest:
     def __init__(self, robot: Robot, client: PhysicsClient) -> None:
         self._robot, self._client, self._theory = robot, client, Planar(robot)
-        self._world = World("self-test", np.zeros((3, 3), np.bool_), np.array([[1, 0], [1, 1], [1, 2]]))
+        self._world = World(
+            "self-test", np.zeros((3, 3), np.bool_), np.array([[1, 0], [1, 1], [1, 2]])
+        )
         config = with_robot(PRESETS["default"], robot)
-        self._config = replace(config, lidar=replace(config.lidar, beams=1))  # scans that take no time
+        self._config = replace(
+            config, lidar=replace(config.lidar, beams=1)
+        )  # scans that take no time
 
     def straight(self) -> Iterator[Measured]:
         speed, simulator = self._robot.drive.max_speed_m_s, self._simulator()
@@ -84,30 +90,51 @@ class _SelfTest:
         reached, covered = self._theory.go(speed, settling_s)
         self._drive(simulator, Velocity2D(speed, 0.0), settling_s)
         gone = simulator.sense().truth.pose.distance(start)
-        yield Measured("straight", f"distance in {settling_s:.1f} s", "m", None, covered, gone)
+        yield Measured(
+            "straight", f"distance in {settling_s:.1f} s", "m", None, covered, gone
+        )
         steady = self._drive(simulator, Velocity2D(speed, 0.0), _MEASURED_S)[0]
         yield Measured("straight", "speed", "m/s", speed, reached, steady)
         before = simulator.sense().truth.pose
         self._drive(simulator, STOP, settling_s)
         stopped = simulator.sense().truth.pose.distance(before)
-        yield Measured("stop", "distance", "m", None, self._theory.stopping_m(speed), stopped)
+        yield Measured(
+            "stop", "distance", "m", None, self._theory.stopping_m(speed), stopped
+        )
 
     def turn(self) -> Iterator[Measured]:
         simulator, turn = self._simulator(), 0.5 * self._robot.drive.max_yaw_rate_rad_s
         command = Velocity2D(0.0, turn)
         self._drive(simulator, command, self._settling_s(0.0, turn))
         rate = self._drive(simulator, command, _MEASURED_S)[1]
-        yield Measured("turn in place", "yaw rate", "rad/s", turn, self._theory.arc(0.0, turn)[1], rate)
+        yield Measured(
+            "turn in place",
+            "yaw rate",
+            "rad/s",
+            turn,
+            self._theory.arc(0.0, turn)[1],
+            rate,
+        )
         if self._robot.chassis.kind == "differential":
             before = simulator.sense().truth.pose.yaw
             self._drive(simulator, STOP, self._settling_s(0.0, turn))
             turned = (simulator.sense().truth.pose.yaw - before) % (2.0 * math.pi)
-            yield Measured("stop turning", "angle", "rad", None, self._theory.stopping_rad(turn), turned)
+            yield Measured(
+                "stop turning",
+                "angle",
+                "rad",
+                None,
+                self._theory.stopping_rad(turn),
+                turned,
+            )
 
     def arcs(self) -> Iterator[Measured]:
         drive = self._robot.drive
         speed = 0.5 * drive.max_speed_m_s
-        turn = min(0.5 * drive.max_yaw_rate_rad_s, _SIDEWAYS * self._theory.friction_m_s2 / max(speed, 1e-6))
+        turn = min(
+            0.5 * drive.max_yaw_rate_rad_s,
+            _SIDEWAYS * self._theory.friction_m_s2 / max(speed, 1e-6),
+        )
         yield from self._steady("arc to the left", speed, turn)
         yield from self._steady("arc to the right", speed, -0.5 * turn)
 
@@ -129,18 +156,29 @@ class _SelfTest:
         grip = min(self._theory.grip_m_s2(1), self._theory.grip_m_s2(-1))
         gain = max(min(drive.max_acceleration_m_s2, grip), 1e-9)
         ramp = max(speed / gain, abs(turn) / drive.max_yaw_acceleration_rad_s2)
-        needed_s = ramp + _LAGS * drive.motor_lag_s + drive.command_latency_s + _SETTLED_S
+        needed_s = (
+            ramp + _LAGS * drive.motor_lag_s + drive.command_latency_s + _SETTLED_S
+        )
         if needed_s > _LONGEST_S:
             wanted = f"must let it reach its speeds within {_LONGEST_S:g} s, it takes {needed_s:.3g} s"
-            raise ConfigError(f"robot {self._robot.name}: its accelerations and wheel_friction {wanted}")
+            raise ConfigError(
+                f"robot {self._robot.name}: its accelerations and wheel_friction {wanted}"
+            )
         period = self._config.control_period_s
         return period * math.ceil(needed_s / period)
 
-    def _drive(self, simulator: Simulator, command: Velocity2D, duration_s: float) -> tuple[float, float]:
+    def _drive(
+        self, simulator: Simulator, command: Velocity2D, duration_s: float
+    ) -> tuple[float, float]:
         """Return the mean forward speed and yaw rate while driving so long."""
-        sensed = [simulator.step(command) for _ in range(round(duration_s / self._config.control_period_s))]
+        sensed = [
+            simulator.step(command)
+            for _ in range(round(duration_s / self._config.control_period_s))
+        ]
         velocities = [one.truth.velocity for one in sensed]
-        linear, angular = np.mean([(one.linear, one.angular) for one in velocities], axis=0).tolist()
+        linear, angular = np.mean(
+            [(one.linear, one.angular) for one in velocities], axis=0
+        ).tolist()
         return linear, angular
 
 
@@ -159,8 +197,14 @@ def show(found: Robot, driven: list[Measured]) -> None:
     Console().print(table)
     beyond = sum(not one.passed for one in driven)
     worst = max(abs(one.deviation) for one in driven)
-    verdict = f"does not drive as theory says in {beyond} respects" if beyond else "drives as theory says"
-    click.echo(f"{found.name} {verdict}: at most {100 * worst:.1f} % off, {100 * LARGEST_DEVIATION:g} % allowed")
+    verdict = (
+        f"does not drive as theory says in {beyond} respects"
+        if beyond
+        else "drives as theory says"
+    )
+    click.echo(
+        f"{found.name} {verdict}: at most {100 * worst:.1f} % off, {100 * LARGEST_DEVIATION:g} % allowed"
+    )
 
 
 @click.command()
@@ -175,8 +219,15 @@ def main(robot: str, as_json: bool) -> None:
         raise click.ClickException(str(error)) from None
     passed = all(one.passed for one in driven)
     if as_json:
-        measured = [{**asdict(one), "deviation": one.deviation, "passed": one.passed} for one in driven]
-        click.echo(json.dumps({"robot": found.name, "passed": passed, "self_test": measured}, indent=1))
+        measured = [
+            {**asdict(one), "deviation": one.deviation, "passed": one.passed}
+            for one in driven
+        ]
+        click.echo(
+            json.dumps(
+                {"robot": found.name, "passed": passed, "self_test": measured}, indent=1
+            )
+        )
     else:
         show(found, driven)
     sys.exit(int(not passed))

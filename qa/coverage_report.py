@@ -45,7 +45,9 @@ class Reached:
         self.branches += content["summary"]["num_branches"]
         self.reached += content["summary"]["covered_branches"]
         if content["missing_branches"]:
-            self.missing[path] = [(abs(start), max(end, 0)) for start, end in content["missing_branches"]]
+            self.missing[path] = [
+                (abs(start), max(end, 0)) for start, end in content["missing_branches"]
+            ]
 
 
 def counted(content: dict[str, Any]) -> dict[str, Reached]:
@@ -61,10 +63,14 @@ def reason_for(path: str, line: str, reasons: Mapping[str, str]) -> str:
     """Return why a branch to a line of a file is not reached, empty if nobody says; reasons: by pattern of paths."""
     if line.startswith("raise "):
         return REFUSAL
-    return next((reason for pattern, reason in reasons.items() if fnmatch(path, pattern)), "")
+    return next(
+        (reason for pattern, reason in reasons.items() if fnmatch(path, pattern)), ""
+    )
 
 
-def by_reason(missing: Mapping[str, list[tuple[int, int]]], reasons: Mapping[str, str]) -> dict[str, int]:
+def by_reason(
+    missing: Mapping[str, list[tuple[int, int]]], reasons: Mapping[str, str]
+) -> dict[str, int]:
     """Return the number of branches not reached by reason, the most first."""
     counts: Counter[str] = Counter()
     for path, gaps in missing.items():
@@ -88,26 +94,48 @@ def collected() -> dict[str, Any]:
 
 
 @click.command()
-@click.option("--goal", default=GOAL_PERCENT, show_default=True, help="Least share of branches, in percent.")
+@click.option(
+    "--goal",
+    default=GOAL_PERCENT,
+    show_default=True,
+    help="Least share of branches, in percent.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 def main(goal: float, as_json: bool) -> None:
     """Report the branches that tests reach."""
     found, reasons = counted(collected()), yaml.safe_load(REASONS.read_text("utf-8"))
     whys = by_reason(found["all"].missing, reasons)
     if as_json:
-        content = {name: asdict(one) | {"percent": one.percent} for name, one in found.items()}
+        content = {
+            name: asdict(one) | {"percent": one.percent} for name, one in found.items()
+        }
         click.echo(json.dumps(content | {"reasons": whys}, indent=2))
     else:
         shown = Table("", "branches", "reached", "%")
         for name, one in found.items():
-            shown.add_row(name, str(one.branches), str(one.reached), f"{one.percent:.1f}")
+            shown.add_row(
+                name, str(one.branches), str(one.reached), f"{one.percent:.1f}"
+            )
         console = Console()
         console.print(shown)
         for path, gaps in found["all"].missing.items():
-            texts = (f"{start} to {end}" if end else f"{start} to the end" for start, end in gaps)
-            console.print(f"{path}: {', '.join(texts)}", markup=False, highlight=False, soft_wrap=True)
+            texts = (
+                f"{start} to {end}" if end else f"{start} to the end"
+                for start, end in gaps
+            )
+            console.print(
+                f"{path}: {', '.join(texts)}",
+                markup=False,
+                highlight=False,
+                soft_wrap=True,
+            )
         for reason, count in whys.items():
-            console.print(f"{count} not reached: {reason}", markup=False, highlight=False, soft_wrap=True)
+            console.print(
+                f"{count} not reached: {reason}",
+                markup=False,
+                highlight=False,
+                soft_wrap=True,
+            )
     sys.exit(int(found["all"].percent < goal))
 
 

@@ -14,7 +14,13 @@ from barn_worlds.moving.generate import arena_world
 from barn_worlds.moving.motion import Motion, MovingObstacle
 from barn_worlds.worlds.world import Provenance
 
-TARGET = Path(__file__).parents[1] / "barn_worlds" / "barn_worlds" / "data" / "dynabarn60.npz"
+TARGET = (
+    Path(__file__).parents[1]
+    / "barn_worlds"
+    / "barn_worlds"
+    / "data"
+    / "dynabarn60.npz"
+)
 LICENCE = "MIT, Copyright (c) 2022 Zifan Xu; see dynabarn60.LICENSE"
 PAPER = (
     "Nair, Jiang, Hou, Xu, Li, Xiao, Stone: DynaBARN: Benchmarking Metric Ground Navigation in Dynamic Environments "
@@ -25,18 +31,33 @@ PAPER = (
 def main() -> None:
     """Write the data set."""
     content = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
-    obstacles = {name: _obstacle(name, profile) for name, profile in content["profiles"].items()}
+    obstacles = {
+        name: _obstacle(name, profile) for name, profile in content["profiles"].items()
+    }
     worlds = {}
     for entry in content["worlds"]:
         index = entry["world"]
-        provenance = Provenance("original", parameters={"difficulty": entry["difficulty"]})
-        worlds[index] = arena_world(f"dynabarn_{index}", [obstacles[name] for name in entry["obstacles"]], provenance)
-    write_own(TARGET, "dynabarn60", worlds, {"credit": PAPER, "data": content["source"], "licence": LICENCE})
+        provenance = Provenance(
+            "original", parameters={"difficulty": entry["difficulty"]}
+        )
+        worlds[index] = arena_world(
+            f"dynabarn_{index}",
+            [obstacles[name] for name in entry["obstacles"]],
+            provenance,
+        )
+    write_own(
+        TARGET,
+        "dynabarn60",
+        worlds,
+        {"credit": PAPER, "data": content["source"], "licence": LICENCE},
+    )
 
 
 def _obstacle(name: str, profile: dict[str, Any]) -> MovingObstacle:
     motion = Motion("gazebo", profile["period_s"], tuple(map(tuple, profile["keys"])))
-    return MovingObstacle(name, radius_m=profile["radius_m"], height_m=profile["height_m"], motion=motion)
+    return MovingObstacle(
+        name, radius_m=profile["radius_m"], height_m=profile["height_m"], motion=motion
+    )
 
 
 if __name__ == "__main__":

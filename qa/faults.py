@@ -24,7 +24,13 @@ from fault_cases import CASES, FAMILIES
 from fault_cases.kit import Case, Lab, Skipped, Wrong
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+)
 
 BEGIN, END = "<!-- fault table -->", "<!-- end of the fault table -->"
 PASSED, FAILED, SKIPPED, UNTRIED = "passed", "failed", "skipped", "not tried"
@@ -63,7 +69,9 @@ def tried(case: Case, kept: Path, labs: list[Lab]) -> Outcome:
         place = kept / case.key.replace("/", "-")
         shutil.rmtree(place, ignore_errors=True)
         with suppress(OSError, shutil.Error):
-            shutil.copytree(folder, place, symlinks=True, ignore=lambda *_: ["pipe", "c.yaml"])
+            shutil.copytree(
+                folder, place, symlinks=True, ignore=lambda *_: ["pipe", "c.yaml"]
+            )
     shutil.rmtree(folder, ignore_errors=True)
     text = " ".join(measured.replace(str(folder), "").split())
     return Outcome(case.key, status, text, round(duration_s, 1))
@@ -71,7 +79,11 @@ def tried(case: Case, kept: Path, labs: list[Lab]) -> Outcome:
 
 def chosen(patterns: Sequence[str]) -> list[Case]:
     """Return the cases that match one of the patterns, all without any."""
-    found = [case for key, case in CASES.items() if not patterns or any(fnmatch.fnmatch(key, p) for p in patterns)]
+    found = [
+        case
+        for key, case in CASES.items()
+        if not patterns or any(fnmatch.fnmatch(key, p) for p in patterns)
+    ]
     return sorted(found, key=lambda case: list(FAMILIES).index(case.family))
 
 
@@ -93,7 +105,11 @@ def table(rows: Mapping[str, str]) -> Iterator[str]:
 
 def row(case: Case, found: Outcome) -> str:
     """Return the line of a case in the table."""
-    measured = found.measured if len(found.measured) <= _MEASURED else found.measured[:_MEASURED] + " ..."
+    measured = (
+        found.measured
+        if len(found.measured) <= _MEASURED
+        else found.measured[:_MEASURED] + " ..."
+    )
     word = "" if found.status == PASSED else f"**{found.status}** "
     seconds = f"{found.duration_s:.0f}" if found.status != UNTRIED else ""
     said = _cell(measured).replace("[", "\\[")  # no link
@@ -111,12 +127,22 @@ def _rows(page: str, outcomes: Mapping[str, Outcome]) -> dict[str, str]:
     for key, case in CASES.items():
         kept = [line for line in there if line.startswith(_beginning(case))]
         untried = Outcome(key, UNTRIED, "", 0.0)
-        found[key] = kept[0] if kept and key not in outcomes else row(case, outcomes.get(key, untried))
+        found[key] = (
+            kept[0]
+            if kept and key not in outcomes
+            else row(case, outcomes.get(key, untried))
+        )
     return found
 
 
 def _cell(text: str) -> str:
-    return text.replace("&", "&amp;").replace("<", "&lt;").replace("|", "\\|").replace("*", "\\*").replace("_", "\\_")
+    return (
+        text.replace("&", "&amp;")
+        .replace("<", "&lt;")
+        .replace("|", "\\|")
+        .replace("*", "\\*")
+        .replace("_", "\\_")
+    )
 
 
 def write(page: Path, outcomes: Mapping[str, Outcome]) -> None:
@@ -129,24 +155,63 @@ def write(page: Path, outcomes: Mapping[str, Outcome]) -> None:
     rows = _rows(text, outcomes)
     cells = [line.rsplit(" | ", 2)[1:] for line in rows.values()]
     words = Counter(
-        next((one for one in (FAILED, SKIPPED, UNTRIED) if f"**{one}**" in cell), PASSED) for cell, _ in cells
+        next(
+            (one for one in (FAILED, SKIPPED, UNTRIED) if f"**{one}**" in cell), PASSED
+        )
+        for cell, _ in cells
     )
     took_min = sum(float(seconds.strip("| ") or 0.0) for _, seconds in cells) / 60.0
-    told = ", ".join(f"{words[word]} {word}" for word in (PASSED, FAILED, SKIPPED, UNTRIED) if words[word])
+    told = ", ".join(
+        f"{words[word]} {word}"
+        for word in (PASSED, FAILED, SKIPPED, UNTRIED)
+        if words[word]
+    )
     head = f"{len(CASES)} cases: {told}. Their times sum up to {took_min:.0f} minutes."
-    page.write_text(f"{before}{begin}\n{head}\n" + "\n".join(table(rows)) + f"\n\n{end}{after}", "utf-8")
+    page.write_text(
+        f"{before}{begin}\n{head}\n" + "\n".join(table(rows)) + f"\n\n{end}{after}",
+        "utf-8",
+    )
 
 
 @click.command()
 @click.option("--list", "listed", is_flag=True, help="List the cases and try none.")
-@click.option("--only", multiple=True, metavar="GLOB", help="Cases such as 'ros/*'; repeatable.")
-@click.option("--resume", is_flag=True, help="Leave out what has passed already, as OUT says.")
-@click.option("--jobs", default=2, show_default=True, type=click.IntRange(1, 64), help="Cases at a time.")
-@click.option("--json", "as_json", is_flag=True, help="Print what was measured as JSON.")
-@click.option("--out", default="out/faults", show_default=True, type=click.Path(path_type=Path), help="Results.")
-@click.option("--write", "page", type=click.Path(path_type=Path, exists=True), help="Page whose table is renewed.")
+@click.option(
+    "--only", multiple=True, metavar="GLOB", help="Cases such as 'ros/*'; repeatable."
+)
+@click.option(
+    "--resume", is_flag=True, help="Leave out what has passed already, as OUT says."
+)
+@click.option(
+    "--jobs",
+    default=2,
+    show_default=True,
+    type=click.IntRange(1, 64),
+    help="Cases at a time.",
+)
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print what was measured as JSON."
+)
+@click.option(
+    "--out",
+    default="out/faults",
+    show_default=True,
+    type=click.Path(path_type=Path),
+    help="Results.",
+)
+@click.option(
+    "--write",
+    "page",
+    type=click.Path(path_type=Path, exists=True),
+    help="Page whose table is renewed.",
+)
 def main(
-    listed: bool, only: Sequence[str], resume: bool, jobs: int, as_json: bool, out: Path, page: Path | None
+    listed: bool,
+    only: Sequence[str],
+    resume: bool,
+    jobs: int,
+    as_json: bool,
+    out: Path,
+    page: Path | None,
 ) -> None:
     """Try fault cases; exit code 1 if one failed."""
     cases = chosen(only)
@@ -154,7 +219,13 @@ def main(
         raise click.ClickException(f"no case matches {', '.join(only)}")
     if listed:
         click.echo(
-            json.dumps([{"case": one.key, "done": one.done, "must": one.must} for one in cases], indent=1)
+            json.dumps(
+                [
+                    {"case": one.key, "done": one.done, "must": one.must}
+                    for one in cases
+                ],
+                indent=1,
+            )
             if as_json
             else "\n".join(f"{one.key}: {one.done}" for one in cases)
         )
@@ -162,12 +233,18 @@ def main(
     out.mkdir(parents=True, exist_ok=True)
     outcomes = known(out / "faults.json")
     if resume:
-        cases = [one for one in cases if one.key not in outcomes or outcomes[one.key].status != PASSED]
+        cases = [
+            one
+            for one in cases
+            if one.key not in outcomes or outcomes[one.key].status != PASSED
+        ]
     fresh = []
     for outcome in _all_tried(cases, jobs, out):
         fresh.append(outcome)
         outcomes[outcome.case] = outcome
-        (out / "faults.json").write_text(json.dumps([asdict(one) for one in outcomes.values()], indent=1))
+        (out / "faults.json").write_text(
+            json.dumps([asdict(one) for one in outcomes.values()], indent=1)
+        )
     if as_json:
         click.echo(json.dumps([asdict(one) for one in fresh], indent=1))
     if page is not None:
@@ -177,10 +254,17 @@ def main(
 
 def _all_tried(cases: Sequence[Case], jobs: int, out: Path) -> Iterator[Outcome]:
     console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+    )
     colours = {PASSED: "green", FAILED: "red", SKIPPED: "yellow"}
     with (
-        Progress(*columns, console=console, disable=not console.is_terminal) as progress,
+        Progress(
+            *columns, console=console, disable=not console.is_terminal
+        ) as progress,
         ThreadPoolExecutor(jobs) as pool,
     ):
         bar = progress.add_task("fault cases", total=len(cases))
@@ -190,10 +274,16 @@ def _all_tried(cases: Sequence[Case], jobs: int, out: Path) -> Iterator[Outcome]
             for future in as_completed(waited_for):
                 outcome = future.result()
                 text = f"{outcome.case} ({outcome.duration_s:.0f} s) {escape(outcome.measured)}"
-                console.print(f"[{colours[outcome.status]}]{outcome.status}[/] {text}", highlight=False, soft_wrap=True)
+                console.print(
+                    f"[{colours[outcome.status]}]{outcome.status}[/] {text}",
+                    highlight=False,
+                    soft_wrap=True,
+                )
                 progress.advance(bar)
                 yield outcome
-        except BaseException:  # interrupted: nothing is left of the cases that are being tried
+        except (
+            BaseException
+        ):  # interrupted: nothing is left of the cases that are being tried
             pool.shutdown(wait=False, cancel_futures=True)
             for lab in tuple(labs):
                 lab.end_all()

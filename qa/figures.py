@@ -35,7 +35,10 @@ ELSEWHERE = {
         [f"worst_nav2_{name}.png" for name in ("rpp", "dwb", "graceful", "mppi")],
         "python qa/worst_worlds.py out/nav2_barn300 docs/figures, after docs/boards.md",
     ),
-    **dict.fromkeys(["latency.png", "latency_nav2.png"], "sweep of barn report, after docs/boards.md"),
+    **dict.fromkeys(
+        ["latency.png", "latency_nav2.png"],
+        "sweep of barn report, after docs/boards.md",
+    ),
     "fidelity_defaults.png": "python qa/calibrate.py FOLDER --reference TABLE --figure, with the published times",
 }
 
@@ -47,16 +50,28 @@ def draw_all(docs: Path, dataset: str = "barn300") -> list[Path]:
     write_figures(read_results(docs)[0], folder)
     draw_documentation_figures(folder, open_dataset(dataset))
     with style():
-        write_figure(scatter(read_trials(docs / "carry_over.csv")), folder / "carry_over.png")
-    write_png(world_figure(open_dataset(MOVING).load(MOVING_WORLD)), folder / "dynabarn.png")
-    return sorted(path for path in folder.glob("*") if before.get(path) != path.stat().st_mtime_ns)
+        write_figure(
+            scatter(read_trials(docs / "carry_over.csv")), folder / "carry_over.png"
+        )
+    write_png(
+        world_figure(open_dataset(MOVING).load(MOVING_WORLD)), folder / "dynabarn.png"
+    )
+    return sorted(
+        path for path in folder.glob("*") if before.get(path) != path.stat().st_mtime_ns
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Draw the figures of a documentation folder."""
     parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("docs", type=Path, help="the folder with results.json, such as docs")
-    parser.add_argument("--dataset", default="barn300", help="a shipped data set, file or folder (default: barn300)")
+    parser.add_argument(
+        "docs", type=Path, help="the folder with results.json, such as docs"
+    )
+    parser.add_argument(
+        "--dataset",
+        default="barn300",
+        help="a shipped data set, file or folder (default: barn300)",
+    )
     options = parser.parse_args(arguments)
     try:
         print(*draw_all(options.docs, options.dataset), sep="\n")

@@ -29,10 +29,15 @@ from fuzz_readers import READERS, Reader
 from barn_worlds.base.errors import BarnError
 
 CORPUS = Path(__file__).parent / "corpus"
-LIMIT_S = float(os.environ.get("FUZZ_LIMIT_S", "2"))  # of processor time, which a busy machine stretches
+LIMIT_S = float(
+    os.environ.get("FUZZ_LIMIT_S", "2")
+)  # of processor time, which a busy machine stretches
 LIMIT_BYTES, LONGEST_MESSAGE = 1 << 30, 2000
 _HANGS_S = 20.0  # of processor time, after which a child is killed
-_NUMBER, _READ = 0, 1  # places in what a child shares: the input it is at, how many were read without a refusal
+_NUMBER, _READ = (
+    0,
+    1,
+)  # places in what a child shares: the input it is at, how many were read without a refusal
 
 
 def finding(reader: Reader, path: Path) -> tuple[str, bool]:
@@ -47,7 +52,10 @@ def finding(reader: Reader, path: Path) -> tuple[str, bool]:
     else:
         text, read = "", True
     if "\n" in text or len(text) > LONGEST_MESSAGE:
-        return f"message of {len(text)} characters, or of several lines: {text[:300]!r}", read
+        return (
+            f"message of {len(text)} characters, or of several lines: {text[:300]!r}",
+            read,
+        )
     took_s = time.process_time() - began
     return (f"took {took_s:.1f} s" if took_s > LIMIT_S else ""), read
 
@@ -57,7 +65,9 @@ def prepared(reader: Reader, name: str, folder: Path) -> list[bytes]:
     seeds = reader.seeds(folder)
     for seed in seeds:
         (folder / reader.name).write_bytes(seed)
-        reader.read(folder / reader.name)  # an error ends the tool: a seed is to be good
+        reader.read(
+            folder / reader.name
+        )  # an error ends the tool: a seed is to be good
     return seeds + [path.read_bytes() for path in corpus(name)]
 
 
@@ -66,7 +76,9 @@ def corpus(name: str) -> list[Path]:
     return sorted((CORPUS / name).glob("*"))
 
 
-def fuzz(name: str, inputs: int, seconds: float, seed: int, out: Path, first: int = 0) -> tuple[int, int, list[str]]:
+def fuzz(
+    name: str, inputs: int, seconds: float, seed: int, out: Path, first: int = 0
+) -> tuple[int, int, list[str]]:
     """Return how many inputs were tried, how many of them were read, and the findings, whose files go to `out`."""
     reader = READERS[name]
     with tempfile.TemporaryDirectory() as folder:
@@ -76,20 +88,41 @@ def fuzz(name: str, inputs: int, seconds: float, seed: int, out: Path, first: in
         end = time.monotonic() + seconds
         while shared[_NUMBER] < first + inputs and time.monotonic() < end:
             target = first + inputs
-            arguments = (reader, seeds, Path(folder), name, seed, target, end, shared, out)
+            arguments = (
+                reader,
+                seeds,
+                Path(folder),
+                name,
+                seed,
+                target,
+                end,
+                shared,
+                out,
+            )
             child = get_context("fork").Process(target=_child, args=arguments)
             child.start()
             why = _watched(child, shared)
             if child.exitcode != 0:
                 number = shared[_NUMBER]
                 content = made(reader, seeds, name, seed, number)
-                findings.append(keep(out, name, content, f"input {number} of seed {seed}: {why or child.exitcode}"))
+                findings.append(
+                    keep(
+                        out,
+                        name,
+                        content,
+                        f"input {number} of seed {seed}: {why or child.exitcode}",
+                    )
+                )
                 shared[_NUMBER] = number + 1
-        findings += [path.name for path in out.glob(f"{name}-*.txt") if path.name not in findings]
+        findings += [
+            path.name for path in out.glob(f"{name}-*.txt") if path.name not in findings
+        ]
         return shared[_NUMBER] - first, shared[_READ], findings
 
 
-def made(reader: Reader, seeds: Sequence[bytes], name: str, seed: int, number: int) -> bytes:
+def made(
+    reader: Reader, seeds: Sequence[bytes], name: str, seed: int, number: int
+) -> bytes:
     """Return an input."""
     draw = random.Random(f"{name} {seed} {number}")
     return reader.mutate(draw, draw.choice(seeds), seeds)
@@ -168,14 +201,38 @@ def _corpus_findings(name: str) -> Iterator[str]:
 
 
 @click.command()
-@click.option("--reader", "names", multiple=True, type=click.Choice(list(READERS)), help="Reader; all without one.")
-@click.option("--inputs", default=1_000_000, show_default=True, help="Most inputs of each reader.")
-@click.option("--seconds", default=10.0, show_default=True, help="Longest time for each reader.")
-@click.option("--seed", default=0, show_default=True, help="Inputs of another seed are others.")
-@click.option("--first", default=0, show_default=True, help="Number of the first input.")
-@click.option("--out", default="out/fuzz", show_default=True, type=click.Path(path_type=Path), help="Findings.")
-@click.option("--corpus", "with_corpus", is_flag=True, help="Read the committed corpus first.")
-@click.option("--json", "as_json", is_flag=True, help="Print a line of JSON for each reader.")
+@click.option(
+    "--reader",
+    "names",
+    multiple=True,
+    type=click.Choice(list(READERS)),
+    help="Reader; all without one.",
+)
+@click.option(
+    "--inputs", default=1_000_000, show_default=True, help="Most inputs of each reader."
+)
+@click.option(
+    "--seconds", default=10.0, show_default=True, help="Longest time for each reader."
+)
+@click.option(
+    "--seed", default=0, show_default=True, help="Inputs of another seed are others."
+)
+@click.option(
+    "--first", default=0, show_default=True, help="Number of the first input."
+)
+@click.option(
+    "--out",
+    default="out/fuzz",
+    show_default=True,
+    type=click.Path(path_type=Path),
+    help="Findings.",
+)
+@click.option(
+    "--corpus", "with_corpus", is_flag=True, help="Read the committed corpus first."
+)
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print a line of JSON for each reader."
+)
 def main(
     names: Sequence[str],
     inputs: int,
@@ -190,14 +247,24 @@ def main(
     failed = False
     for name in names or READERS:
         findings = list(_corpus_findings(name)) if with_corpus else []
-        told = f"{name}: {len(corpus(name))} files of the corpus, {len(findings)} findings\n" if with_corpus else ""
+        told = (
+            f"{name}: {len(corpus(name))} files of the corpus, {len(findings)} findings\n"
+            if with_corpus
+            else ""
+        )
         tried = read = 0
         if inputs:
             tried, read, fresh = fuzz(name, inputs, seconds, seed, out, first)
             told += f"{name}: {tried} inputs, {read} read, {tried - read} refused, {len(fresh)} findings\n"
             findings += fresh
         told += "".join(f"  {line}\n" for line in findings)
-        whole = {"reader": name, "seed": seed, "inputs": tried, "read": read, "findings": findings}
+        whole = {
+            "reader": name,
+            "seed": seed,
+            "inputs": tried,
+            "read": read,
+            "findings": findings,
+        }
         click.echo(json.dumps(whole) if as_json else told.rstrip())
         failed |= bool(findings)
     sys.exit(int(failed))

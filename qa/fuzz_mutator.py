@@ -18,8 +18,29 @@ TOKENS = tuple(
     token.encode()
     for token in (
         *"\"'\\{}[],:\n\r\0#%|",
-        *("- ", "? ", "&a ", "*a", "<<: ", "!!int ", "!!binary ", "!!set ", "!!python/object:os.system ", "---\n"),
-        *("2001-13-99", "0x" + "f" * 4000, "1:" * 50 + "1", "1e400", "-1", "NaN", "Infinity", "9" * 4400, "null"),
+        *(
+            "- ",
+            "? ",
+            "&a ",
+            "*a",
+            "<<: ",
+            "!!int ",
+            "!!binary ",
+            "!!set ",
+            "!!python/object:os.system ",
+            "---\n",
+        ),
+        *(
+            "2001-13-99",
+            "0x" + "f" * 4000,
+            "1:" * 50 + "1",
+            "1e400",
+            "-1",
+            "NaN",
+            "Infinity",
+            "9" * 4400,
+            "null",
+        ),
         *("\\ud800", "\ufeff", "[" * 80, "{a: " * 80, "P5\n9999999 9999999\n255\n"),
         *(
             "<!DOCTYPE x>",
@@ -33,7 +54,16 @@ TOKENS = tuple(
             "<a>" * 120,
             "/>",
         ),
-        *("<!--", "<?xml ", "inf inf inf", "descr", "shape", "fortran_order", "|O", "<f8"),
+        *(
+            "<!--",
+            "<?xml ",
+            "inf inf inf",
+            "descr",
+            "shape",
+            "fortran_order",
+            "|O",
+            "<f8",
+        ),
     )
 )
 
@@ -95,9 +125,15 @@ def mutated_plain(draw: random.Random, content: Any) -> Any:
 
 def _change_plain(draw: random.Random, holder: Any) -> None:
     parent, key = holder, 0
-    while isinstance(parent[key], (dict, list)) and parent[key] and draw.random() < 0.85:
+    while (
+        isinstance(parent[key], (dict, list)) and parent[key] and draw.random() < 0.85
+    ):
         parent = parent[key]
-        key = draw.choice(list(parent)) if isinstance(parent, dict) else draw.randrange(len(parent))
+        key = (
+            draw.choice(list(parent))
+            if isinstance(parent, dict)
+            else draw.randrange(len(parent))
+        )
     kind = draw.randrange(8)
     if kind == 0 and parent is not holder:
         del parent[key]

@@ -20,21 +20,28 @@ from rosbags import rosbag2
 
 from barn_eval.analysis.sources import read_source
 from barn_eval.analysis.tables import trials_table
-from barn_eval.bags.decode import TOPICS
-from barn_eval.bags.recorded import read_recorded
-from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
-from barn_eval.experiments.folder import opened
-from barn_eval.experiments.request import read_request
-from barn_eval.experiments.rows import ResultRows, TrackRows, results_table, sealed, timing_table, unsealed
-from barn_eval.experiments.run_file import RunFile
-from barn_eval.experiments.store import Record
-from barn_eval.experiments.track import from_track_line, track_line
 from barn_eval.pages.replay.page import facts, subtitle
 from barn_eval.pages.replay.payload import payload
 from barn_eval.pages.template import script_json
+from barn_eval.results.bags.decode import TOPICS
+from barn_eval.results.bags.recorded import read_recorded
+from barn_eval.results.folder import opened
+from barn_eval.results.rows import (
+    ResultRows,
+    TrackRows,
+    results_table,
+    sealed,
+    timing_table,
+    unsealed,
+)
+from barn_eval.results.run_file import RunFile
+from barn_eval.results.store import Record
+from barn_eval.results.tracks import from_track_line, track_line
+from barn_eval.running.request import read_request
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import CHALLENGE, load_protocol
 from barn_eval.trials.result import from_json_line, to_json_line
+from barn_eval.trials.run_config import Execution, Experiment, PlannerChoice
 from barn_eval.trials.trajectory import Trajectory
 from barn_eval.trials.trial import conclude
 from barn_metrics.model import load_model
@@ -82,7 +89,9 @@ def _json(draw: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:
         return mutated(draw, data, others)
     try:
         content = mutated_plain(draw, json.loads(data))
-        return json.dumps(content, ensure_ascii=draw.random() < 0.8).encode("utf-8", "surrogatepass")
+        return json.dumps(content, ensure_ascii=draw.random() < 0.8).encode(
+            "utf-8", "surrogatepass"
+        )
     except (ValueError, RecursionError):
         return mutated(draw, data, others)
 
@@ -95,8 +104,14 @@ def _lines(draw: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:
     number = draw.randrange(len(lines))
     try:
         line = unsealed(lines[number].decode(), "")
-        content = _unpacked_change(draw, json.loads(line)) if draw.random() < 0.3 else None
-        changed = json.dumps(content).encode() if content else _json(draw, line.encode(), others)
+        content = (
+            _unpacked_change(draw, json.loads(line)) if draw.random() < 0.3 else None
+        )
+        changed = (
+            json.dumps(content).encode()
+            if content
+            else _json(draw, line.encode(), others)
+        )
         if draw.random() < 0.5:
             changed = sealed(changed.decode()).encode()
         lines[number] = changed
@@ -108,7 +123,9 @@ def _lines(draw: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:
 def _unpacked_change(draw: random.Random, content: Any) -> Any:
     """Change what a track has packed."""
     if isinstance(content, dict) and isinstance(content.get("zlib"), str):
-        packed = mutated(draw, zlib.decompress(base64.b64decode(content["zlib"])), [b"\xff" * 100])
+        packed = mutated(
+            draw, zlib.decompress(base64.b64decode(content["zlib"])), [b"\xff" * 100]
+        )
         content["zlib"] = base64.b64encode(zlib.compress(packed, 1)).decode()
         return content
     return None
@@ -129,12 +146,16 @@ def _npz(draw: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:
     else:
         head, rest = members[name][:128], members[name][128:]
         members[name] = (
-            mutated(draw, head, [head]) + rest if draw.random() < 0.7 else mutated(draw, members[name], [head])
+            mutated(draw, head, [head]) + rest
+            if draw.random() < 0.7
+            else mutated(draw, members[name], [head])
         )
     if draw.random() < 0.05:
         del members[name]
     file = io.BytesIO()
-    with zipfile.ZipFile(file, "w", draw.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED))) as archive:
+    with zipfile.ZipFile(
+        file, "w", draw.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED))
+    ) as archive:
         for name, content in members.items():
             archive.writestr(name, content)
     return file.getvalue()
@@ -156,7 +177,9 @@ def _scene() -> Any:
 
 def _experiment(folder: Path) -> Path:
     """Make a folder of an experiment in which every trial timed out, with tracks."""
-    asked = Experiment(worlds="0,9", planners=(PlannerChoice("gap"), PlannerChoice("dwa")))
+    asked = Experiment(
+        worlds="0,9", planners=(PlannerChoice("gap"), PlannerChoice("dwa"))
+    )
     specs = asked.trials()
     out = folder / "experiment"
     with opened(out, asked, Execution(), specs) as kept:
@@ -169,7 +192,9 @@ def _experiment(folder: Path) -> Path:
                 np.full((40, 2), 0.5),
                 np.zeros(40, bool),
             )
-            finished = conclude(spec, "direct", Verdict(Outcome.TIMEOUT, "", 100.0, 100.0, 0.0), driven)
+            finished = conclude(
+                spec, "direct", Verdict(Outcome.TIMEOUT, "", 100.0, 100.0, 0.0), driven
+            )
             kept.append(Record(finished.result, track_line(finished)))
         kept.complete()
     return out
@@ -234,8 +259,13 @@ out: y
 
 
 def _protocol_seeds(_: Path) -> list[bytes]:
-    whole = yaml.safe_dump({"schema_version": 1} | as_dict(CHALLENGE) | {"name": "mine"}).encode()
-    return [b"schema_version: 1\nbase: challenge\nname: slow\nlimit_s: 200.0\nstart: {x_m: 1.0}\n", whole]
+    whole = yaml.safe_dump(
+        {"schema_version": 1} | as_dict(CHALLENGE) | {"name": "mine"}
+    ).encode()
+    return [
+        b"schema_version: 1\nbase: challenge\nname: slow\nlimit_s: 200.0\nstart: {x_m: 1.0}\n",
+        whole,
+    ]
 
 
 def _robot_seeds(folder: Path, ending: str) -> list[bytes]:
@@ -254,22 +284,40 @@ def _urdf(path: Path) -> None:
 
 def _bag_seeds(_: Path) -> list[bytes]:
     found = []
-    for part, compression in enumerate((CompressionType.NONE, CompressionType.ZSTD, CompressionType.LZ4)):
+    for part, compression in enumerate(
+        (CompressionType.NONE, CompressionType.ZSTD, CompressionType.LZ4)
+    ):
         file = io.BytesIO()
         writer: Any = Writer(
-            file, compression=compression, chunk_size=4096, enable_crcs=compression != CompressionType.NONE
+            file,
+            compression=compression,
+            chunk_size=4096,
+            enable_crcs=compression != CompressionType.NONE,
         )
         writer.start("ros2")
-        for number, (topic, kinds) in enumerate(TOPICS.items()):  # each bag has the poses, and a third of the others
+        for number, (topic, kinds) in enumerate(
+            TOPICS.items()
+        ):  # each bag has the poses, and a third of the others
             if number % 3 != part and topic not in (ODOM.path, GROUND_TRUTH.path):
                 continue
             kind = sorted(kinds)[0]
             schema = writer.register_schema(kind, "ros2msg", b"")
             channel = writer.register_channel(topic, "cdr", schema)
             for time in range(2):
-                writer.add_message(channel, time * 10**8, serialise(_message(make, kind, time)), time * 10**8)
-        writer.add_metadata("barn.trial", {"specification": '{"planner": {"name": "dwa"}, "world": {"name": "w"}}'})
-        writer.add_metadata("barn.result", {"result": '{"outcome": "success", "scores": {"challenge": 0.5}}'})
+                writer.add_message(
+                    channel,
+                    time * 10**8,
+                    serialise(_message(make, kind, time)),
+                    time * 10**8,
+                )
+        writer.add_metadata(
+            "barn.trial",
+            {"specification": '{"planner": {"name": "dwa"}, "world": {"name": "w"}}'},
+        )
+        writer.add_metadata(
+            "barn.result",
+            {"result": '{"outcome": "success", "scores": {"challenge": 0.5}}'},
+        )
         writer.finish()
         found.append(file.getvalue())
     return found
@@ -278,7 +326,12 @@ def _bag_seeds(_: Path) -> list[bytes]:
 def _message(make: Any, kind: str, time: int) -> Any:
     """Return a message of a type that a replay shows something of."""
     if kind == "sensor_msgs/msg/LaserScan":
-        return make(kind, ranges=np.full(20, 2.0, np.float32), angle_increment=0.1, range_max=30.0)
+        return make(
+            kind,
+            ranges=np.full(20, 2.0, np.float32),
+            angle_increment=0.1,
+            range_max=30.0,
+        )
     if kind == "nav_msgs/msg/OccupancyGrid":
         info = make("nav_msgs/msg/MapMetaData", width=4, height=3, resolution=0.15)
         return make(kind, info=info, data=np.zeros(12, np.int8))
@@ -286,9 +339,17 @@ def _message(make: Any, kind: str, time: int) -> Any:
         return make(kind, poses=[make("geometry_msgs/msg/PoseStamped")] * 3)
     if kind == "visualization_msgs/msg/MarkerArray":
         point = make("geometry_msgs/msg/Point", x=0.1 * time)
-        return make(kind, markers=[make("visualization_msgs/msg/Marker", type=4, points=[point] * 3)])
+        return make(
+            kind,
+            markers=[make("visualization_msgs/msg/Marker", type=4, points=[point] * 3)],
+        )
     if kind == "tf2_msgs/msg/TFMessage":
-        return make(kind, transforms=[make("geometry_msgs/msg/TransformStamped", child_frame_id="laser")])
+        return make(
+            kind,
+            transforms=[
+                make("geometry_msgs/msg/TransformStamped", child_frame_id="laser")
+            ],
+        )
     return make(kind)
 
 
@@ -298,8 +359,12 @@ def _bag(path: Path) -> None:
 
 
 def _sqlite_seeds(folder: Path) -> list[bytes]:
-    with rosbag2.Writer(folder / "bag", version=9, storage_plugin=rosbag2.StoragePlugin.SQLITE3) as writer:
-        for topic, kinds in list(TOPICS.items())[::6]:  # the reader takes most of its time for their description
+    with rosbag2.Writer(
+        folder / "bag", version=9, storage_plugin=rosbag2.StoragePlugin.SQLITE3
+    ) as writer:
+        for topic, kinds in list(TOPICS.items())[
+            ::6
+        ]:  # the reader takes most of its time for their description
             kind = sorted(kinds)[0]
             connection = writer.add_connection(topic, kind, typestore=jazzy_types())
             for time in range(2):
@@ -333,9 +398,14 @@ def _single(path: Path) -> None:
 def _gazebo_seeds(folder: Path) -> list[bytes]:
     whole = _world()
     thin = whole.grid & (np.indices(whole.grid.shape).sum(axis=0) % 10 == 0)
-    world = replace(whole, grid=thin, corner_m=(-4.5, 5.1))  # an arena, without the many cylinders of a containment
+    world = replace(
+        whole, grid=thin, corner_m=(-4.5, 5.1)
+    )  # an arena, without the many cylinders of a containment
     write_sdf(world, folder / "w.world.gz")
-    return [*(sdf_text(world, flavour).encode() for flavour in ("classic", "gz")), *_files(folder / "w.world.gz")]
+    return [
+        *(sdf_text(world, flavour).encode() for flavour in ("classic", "gz")),
+        *_files(folder / "w.world.gz"),
+    ]
 
 
 def _map_seeds(folder: Path) -> list[bytes]:
@@ -350,7 +420,9 @@ def _image_seeds(folder: Path) -> list[bytes]:
     for ending in ("png", "bmp", "ppm"):
         for mode in ("L", "RGB", "1"):
             files.append(folder / f"{mode}.{ending}")
-            Image.open(folder / "map.pgm").resize((20, 30)).convert(mode).save(files[-1])
+            Image.open(folder / "map.pgm").resize((20, 30)).convert(mode).save(
+                files[-1]
+            )
     return _files(*files)
 
 
@@ -366,7 +438,10 @@ def _policy(path: Path) -> None:
 def _policy_seeds(folder: Path) -> list[bytes]:
     weights = tuple(np.ones(size, np.float32) for size in ((11, 4), (4, 2)))
     biases = tuple(np.zeros(size, np.float32) for size in (4, 2))
-    write_policy(folder / "own.npz", Policy(PolicyObservation(beams=6), PolicyAction(), weights, biases))
+    write_policy(
+        folder / "own.npz",
+        Policy(PolicyObservation(beams=6), PolicyAction(), weights, biases),
+    )
     return _files(folder / "own.npz")
 
 
@@ -376,7 +451,10 @@ def _weights(path: Path) -> None:
 
 def _weights_seeds(folder: Path) -> list[bytes]:
     size = len(summary_names())
-    filters = tuple((np.ones((1, first, 2)), np.zeros(2)) for first in (len(STRIPS) * CHANNELS, 2, 2))
+    filters = tuple(
+        (np.ones((1, first, 2)), np.zeros(2))
+        for first in (len(STRIPS) * CHANNELS, 2, 2)
+    )
     layers = ((np.ones((4 + size, 2)), np.zeros(2)),)
     network = RouteNetwork(np.zeros(size), np.ones(size), filters, layers)
     save_model(DifficultyModel(("dwa",), (network,), 0.1, {}), folder / "own.npz")
@@ -384,8 +462,12 @@ def _weights_seeds(folder: Path) -> list[bytes]:
 
 
 READERS = {
-    "rows": Reader("results.jsonl", lambda folder: _beside(folder, "results.jsonl"), _rows, _lines),
-    "tracks": Reader("tracks.jsonl", lambda folder: _beside(folder, "tracks.jsonl"), _tracks, _lines),
+    "rows": Reader(
+        "results.jsonl", lambda folder: _beside(folder, "results.jsonl"), _rows, _lines
+    ),
+    "tracks": Reader(
+        "tracks.jsonl", lambda folder: _beside(folder, "tracks.jsonl"), _tracks, _lines
+    ),
     "run": Reader("run.json", lambda folder: _beside(folder, "run.json"), _run, _json),
     "campaign": Reader("input.yaml", lambda _: list(_REQUESTS), _request),
     "protocol": Reader("input.yaml", _protocol_seeds, _protocol),
@@ -395,7 +477,9 @@ READERS = {
     "dataset": Reader("input.npz", _own_seeds, _dataset, _npz),
     "policy": Reader("input.npz", _policy_seeds, _policy, _npz),
     "weights": Reader("input.npz", _weights_seeds, _weights, _npz),
-    "scene": Reader("input.world.yaml", lambda _: [world_yaml(_scene()).encode()], _dataset),
+    "scene": Reader(
+        "input.world.yaml", lambda _: [world_yaml(_scene()).encode()], _dataset
+    ),
     "world": Reader("input.world", _gazebo_seeds, _single),
     "map": Reader("input.yaml", _map_seeds, _single),
     "image": Reader("input.pgm", _image_seeds, _image),

@@ -79,13 +79,21 @@ class Source:
     @property
     def local_imports(self) -> int:
         """How many imports stand inside functions."""
-        inside = {id(node) for function in self.functions for node in ast.walk(function) if _imports(node)}
+        inside = {
+            id(node)
+            for function in self.functions
+            for node in ast.walk(function)
+            if _imports(node)
+        }
         return len(inside)
 
     @property
     def signatures_with_any(self) -> int:
         """How many functions have a parameter or a result annotated as Any, and as nothing more."""
-        return sum(any(_is_any(one) for one in _annotations(function)) for function in self.functions)
+        return sum(
+            any(_is_any(one) for one in _annotations(function))
+            for function in self.functions
+        )
 
 
 def _imports(node: ast.AST) -> bool:
@@ -96,9 +104,17 @@ def _is_any(annotation: ast.expr | None) -> bool:
     return isinstance(annotation, ast.Name) and annotation.id == "Any"
 
 
-def _annotations(function: ast.FunctionDef | ast.AsyncFunctionDef) -> Iterator[ast.expr | None]:
+def _annotations(
+    function: ast.FunctionDef | ast.AsyncFunctionDef,
+) -> Iterator[ast.expr | None]:
     given = function.args
-    for one in (*given.posonlyargs, *given.args, *given.kwonlyargs, given.vararg, given.kwarg):
+    for one in (
+        *given.posonlyargs,
+        *given.args,
+        *given.kwonlyargs,
+        given.vararg,
+        given.kwarg,
+    ):
         yield one.annotation if one else None
     yield function.returns
 
@@ -116,17 +132,29 @@ def leaves(command: click.Command) -> Iterator[click.Command]:
 
 def lines_of(*patterns: str) -> int:
     """Return the number of lines of files of the repository."""
-    return sum(len(path.read_text("utf-8").splitlines()) for one in patterns for path in ROOT.glob(one))
+    return sum(
+        len(path.read_text("utf-8").splitlines())
+        for one in patterns
+        for path in ROOT.glob(one)
+    )
 
 
 def counted() -> dict[str, float]:
     """Return what is counted, by name."""
     files = [path for name in PACKAGES for path in sorted((ROOT / name).rglob("*.py"))]
-    sources = [Source(path) for path in files if "test" not in path.relative_to(ROOT).parts]
+    sources = [
+        Source(path) for path in files if "test" not in path.relative_to(ROOT).parts
+    ]
     lengths = [source.lines for source in sources]
     classes = Counter(name for source in sources for name in source.classes)
-    bodies = [(one.end_lineno or 0) - one.lineno + 1 for source in sources for one in source.functions]
-    commands = {id(one): one for one in leaves(cli)}.values()  # one that goes by two names counts once
+    bodies = [
+        (one.end_lineno or 0) - one.lineno + 1
+        for source in sources
+        for one in source.functions
+    ]
+    commands = {
+        id(one): one for one in leaves(cli)
+    }.values()  # one that goes by two names counts once
     return {
         "lines of Python": sum(lengths),
         "files of Python": len(sources),
@@ -136,13 +164,19 @@ def counted() -> dict[str, float]:
         "median lines of a file": statistics.median(lengths),
         "lines of the biggest file": max(lengths),
         "lines of the longest function": max(bodies),
-        "own-line comments, percent": round(100.0 * sum(one.own_line_comments for one in sources) / sum(lengths), 2),
+        "own-line comments, percent": round(
+            100.0 * sum(one.own_line_comments for one in sources) / sum(lengths), 2
+        ),
         "imports inside functions": sum(source.local_imports for source in sources),
         "exceptions from rules (noqa)": sum(source.noqa for source in sources),
-        "signatures with a bare Any": sum(source.signatures_with_any for source in sources),
+        "signatures with a bare Any": sum(
+            source.signatures_with_any for source in sources
+        ),
         "class names used twice": sum(count > 1 for count in classes.values()),
         "leaf commands": len(commands),
-        "options of commands": sum(isinstance(one, click.Option) for each in commands for one in each.params),
+        "options of commands": sum(
+            isinstance(one, click.Option) for each in commands for one in each.params
+        ),
     }
 
 

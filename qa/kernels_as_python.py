@@ -17,7 +17,12 @@ _whole = state.Fleet.of.__func__  # type: ignore[attr-defined]
 def _with_attributes(cls: type[state.Fleet], *arguments: int) -> state.Fleet:
     """Make a fleet whose records have attributes in Python, too."""
     made = _whole(cls, *arguments)
-    return cls(made.robots.view(np.recarray), made.pending, made.settings.view(np.recarray), made.noise)
+    return cls(
+        made.robots.view(np.recarray),
+        made.pending,
+        made.settings.view(np.recarray),
+        made.noise,
+    )
 
 
 def _rounded_once(a: float, b: float, c: float) -> float:

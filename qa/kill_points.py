@@ -29,8 +29,8 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from barn_eval.experiments.check import check_folder
-from barn_eval.experiments.rows import ResultRows
+from barn_eval.results.rows import ResultRows
+from barn_eval.verification.check import check_folder
 from barn_worlds.base.errors import BarnError
 
 FILES = ("results.csv", "results.parquet", "tracks.jsonl")
@@ -39,7 +39,10 @@ ROLES = {
     "ros": ("campaign", "worker", "guard", "simulator", "planner", "evaluator"),
 }
 # What is waited for in wall-clock time is waited for longer than usual: a busy machine is not what is looked at.
-PATIENT, PATIENCE_S = ("simulator", "gate", "service", "command", "clock", "vanished"), 300
+PATIENT, PATIENCE_S = (
+    ("simulator", "gate", "service", "command", "clock", "vanished"),
+    300,
+)
 SESSIONS = 5  # most, until a campaign must be complete
 LEFT_S = 60.0  # time that processes have to end after one of them was killed
 SESSION_S = 600.0  # after which a session hangs
@@ -71,7 +74,13 @@ class Session:
         self._mark = folder.name
         protocol = folder.parent / "near.yaml"
         protocol.write_text(NEAR)
-        chosen = {"worlds": "0,100,200,299", "planners": "gap", "protocol": protocol, "mode": mode, "seed": 5}
+        chosen = {
+            "worlds": "0,100,200,299",
+            "planners": "gap",
+            "protocol": protocol,
+            "mode": mode,
+            "seed": 5,
+        }
         chosen |= {"workers": 2, "bags": "all", "repetitions": 1, "out": folder / "out"}
         options = [f"--{key}={value}" for key, value in chosen.items()]
         if mode == "ros":
@@ -127,7 +136,9 @@ def undisturbed(folder: Path, mode: str) -> float:
     began = time.monotonic()
     code, problems = Session(folder, mode).end()
     if code or problems:
-        raise click.ClickException(f"undisturbed: {code} {problems} {(folder / 'printed.txt').read_text()[-2000:]}")
+        raise click.ClickException(
+            f"undisturbed: {code} {problems} {(folder / 'printed.txt').read_text()[-2000:]}"
+        )
     return time.monotonic() - began
 
 
@@ -140,13 +151,23 @@ def disturbed(point: Point, folder: Path, model: Path) -> Point:
     code, problems = session.end()
     if not hit and point.at_s < _SOONEST_S:
         return replace(point, problems=(f"no {point.role} was seen",))
-    if not hit and code == 0 and not problems:  # it was over sooner than the undisturbed one
-        return replace(disturbed(replace(point, at_s=point.at_s / 2), folder.with_name(f"{folder.name}s"), model))
+    if (
+        not hit and code == 0 and not problems
+    ):  # it was over sooner than the undisturbed one
+        return replace(
+            disturbed(
+                replace(point, at_s=point.at_s / 2),
+                folder.with_name(f"{folder.name}s"),
+                model,
+            )
+        )
     sessions = 1
     while code and not problems and sessions < SESSIONS:
         sessions += 1
         code, problems = Session(folder, point.mode).end()
-    point = replace(point, sessions=sessions, seconds=round(time.monotonic() - began, 1))
+    point = replace(
+        point, sessions=sessions, seconds=round(time.monotonic() - began, 1)
+    )
     if code or problems:
         printed = (folder / "printed.txt").read_text()[-1000:]
         return replace(point, problems=(*problems, f"exit code {code}: {printed}"))
@@ -157,7 +178,11 @@ def compared(point: Point, out: Path, model: Path) -> Point:
     """Return the point with what is the matter with a complete campaign."""
     try:
         problems = check_folder(out).problems
-        died = [one.trial_id for one in ResultRows(out).read() if one.detail == "the planner was killed by SIGKILL"]
+        died = [
+            one.trial_id
+            for one in ResultRows(out).read()
+            if one.detail == "the planner was killed by SIGKILL"
+        ]
     except BarnError as error:
         return replace(point, problems=(str(error),))
     names = [*FILES, *bags(model)] if point.mode == "direct" else FILES
@@ -177,15 +202,25 @@ def same(one: Path, other: Path) -> bool:
 
 def bags(out: Path) -> list[str]:
     """Return the files of the bags of a campaign."""
-    return sorted(str(path.relative_to(out)) for path in (out / "bags").rglob("*") if path.is_file())
+    return sorted(
+        str(path.relative_to(out))
+        for path in (out / "bags").rglob("*")
+        if path.is_file()
+    )
 
 
 def without(table: Path, trial_id: str) -> list[str]:
     """Return the lines of a table without that of a trial."""
-    return [line for line in table.read_text().splitlines() if not line.startswith(f"{trial_id},")]
+    return [
+        line
+        for line in table.read_text().splitlines()
+        if not line.startswith(f"{trial_id},")
+    ]
 
 
-def drawn(points: int, seed: int, modes: Sequence[str], durations_s: dict[str, float]) -> list[Point]:
+def drawn(
+    points: int, seed: int, modes: Sequence[str], durations_s: dict[str, float]
+) -> list[Point]:
     """Return that many points, the modes in turn."""
     draw = random.Random(seed)
     found = []
@@ -199,18 +234,36 @@ def drawn(points: int, seed: int, modes: Sequence[str], durations_s: dict[str, f
 @click.command()
 @click.option("--points", default=100, show_default=True, help="Number of kills.")
 @click.option("--seed", default=1, show_default=True, help="Of moments and roles.")
-@click.option("--mode", "modes", multiple=True, type=click.Choice(list(ROLES)), help="Mode; both without one.")
-@click.option("--log", type=click.Path(path_type=Path, dir_okay=False), help="File for a line of JSON per point.")
+@click.option(
+    "--mode",
+    "modes",
+    multiple=True,
+    type=click.Choice(list(ROLES)),
+    help="Mode; both without one.",
+)
+@click.option(
+    "--log",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="File for a line of JSON per point.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
-def main(points: int, seed: int, modes: Sequence[str], log: Path | None, as_json: bool) -> None:
+def main(
+    points: int, seed: int, modes: Sequence[str], log: Path | None, as_json: bool
+) -> None:
     """Kill, resume and compare; exit code 1 if anything differs or is left behind."""
     console = Console(stderr=True)
     modes = list(dict.fromkeys(modes)) or list(ROLES)
     done: list[Point] = []
-    with tempfile.TemporaryDirectory(prefix="barn_kill_points_") as name, Progress(console=console) as progress:
+    with (
+        tempfile.TemporaryDirectory(prefix="barn_kill_points_") as name,
+        Progress(console=console) as progress,
+    ):
         root = Path(name)
         task = progress.add_task("points", total=points)
-        durations_s = {mode: undisturbed(root / f"{root.name}_{mode}", mode) for mode in modes[:points]}
+        durations_s = {
+            mode: undisturbed(root / f"{root.name}_{mode}", mode)
+            for mode in modes[:points]
+        }
         for number, point in enumerate(drawn(points, seed, modes, durations_s)):
             folder = root / f"{root.name}_{number}"
             done.append(disturbed(point, folder, root / f"{root.name}_{point.mode}"))
@@ -219,10 +272,17 @@ def main(points: int, seed: int, modes: Sequence[str], log: Path | None, as_json
                 with log.open("a") as file:
                     file.write(json.dumps(asdict(done[-1])) + "\n")
             for problem in done[-1].problems:
-                progress.console.print(f"{point.mode} {point.role} at {point.at_s} s: {problem}", markup=False)
+                progress.console.print(
+                    f"{point.mode} {point.role} at {point.at_s} s: {problem}",
+                    markup=False,
+                )
     good = all(one.equal and not one.problems for one in done)
     if as_json:
-        click.echo(json.dumps({"good": good, "points": [asdict(one) for one in done]}, indent=2))
+        click.echo(
+            json.dumps(
+                {"good": good, "points": [asdict(one) for one in done]}, indent=2
+            )
+        )
     else:
         console.print(table(done))
     sys.exit(int(not good))
@@ -230,11 +290,24 @@ def main(points: int, seed: int, modes: Sequence[str], log: Path | None, as_json
 
 def table(points: Sequence[Point]) -> Table:
     """Return points by mode and role for a terminal."""
-    shown = Table("mode", "role killed", "points", "equal", "but for a killed planner", "most sessions", "longest [s]")
-    for (mode, role), number in sorted(Counter((one.mode, one.role) for one in points).items()):
+    shown = Table(
+        "mode",
+        "role killed",
+        "points",
+        "equal",
+        "but for a killed planner",
+        "most sessions",
+        "longest [s]",
+    )
+    for (mode, role), number in sorted(
+        Counter((one.mode, one.role) for one in points).items()
+    ):
         own = [one for one in points if (one.mode, one.role) == (mode, role)]
         died = sum(bool(one.planner_died) for one in own)
-        sessions, longest_s = max(one.sessions for one in own), max(one.seconds for one in own)
+        sessions, longest_s = (
+            max(one.sessions for one in own),
+            max(one.seconds for one in own),
+        )
         equal = sum(one.equal for one in own)
         shown.add_row(mode, role, *map(str, (number, equal, died, sessions, longest_s)))
     return shown

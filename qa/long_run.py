@@ -21,7 +21,17 @@ from pathlib import Path
 
 import click
 import numpy as np
-from processes import NEAR, ROLES, SHARED_MEMORY, Usage, ended, environment, mapped, marked, usage
+from processes import (
+    NEAR,
+    ROLES,
+    SHARED_MEMORY,
+    Usage,
+    ended,
+    environment,
+    mapped,
+    marked,
+    usage,
+)
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
@@ -57,12 +67,16 @@ def growth(name: str, trials: Sequence[float], values: Sequence[float]) -> Growt
     x, y = x[settled], y[settled]
     if len(x) < BLOCKS:
         raise ValueError(f"{len(x)} samples, at least {BLOCKS} are needed")
-    means = np.array([[part.mean() for part in np.array_split(one, BLOCKS)] for one in (x, y)])
+    means = np.array(
+        [[part.mean() for part in np.array_split(one, BLOCKS)] for one in (x, y)]
+    )
     fit = linregress(*means)
     half = float(t.ppf(0.975, BLOCKS - 2)) * fit.stderr if np.ptp(means[1]) else 0.0
     allowed = ALLOWED_SHARE * y.mean() if name.endswith("_mb") else ALLOWED_COUNT
     flat = (fit.slope + half) * (x[-1] - x[0]) <= allowed
-    return Growth(name, float(y.mean()), fit.slope * 1000, half * 1000, len(x), bool(flat))
+    return Growth(
+        name, float(y.mean()), fit.slope * 1000, half * 1000, len(x), bool(flat)
+    )
 
 
 def campaign(mode: str, trials: int, folder: Path) -> list[str]:
@@ -70,26 +84,53 @@ def campaign(mode: str, trials: int, folder: Path) -> list[str]:
     protocol = folder / "near.yaml"
     protocol.write_text(NEAR)
     worlds = -(-trials // 99) if trials > 99 * WORLDS else WORLDS
-    chosen = {"worlds": f"0-{worlds - 1}", "repetitions": -(-trials // worlds), "planners": "gap", "mode": mode}
-    chosen |= {"protocol": protocol, "workers": 1, "bags": "failed" if mode == "ros" else "none", "out": folder / "out"}
-    return [sys.executable, "-m", "barn_eval", "campaign", *(f"--{key}={value}" for key, value in chosen.items())]
+    chosen = {
+        "worlds": f"0-{worlds - 1}",
+        "repetitions": -(-trials // worlds),
+        "planners": "gap",
+        "mode": mode,
+    }
+    chosen |= {
+        "protocol": protocol,
+        "workers": 1,
+        "bags": "failed" if mode == "ros" else "none",
+        "out": folder / "out",
+    }
+    return [
+        sys.executable,
+        "-m",
+        "barn_eval",
+        "campaign",
+        *(f"--{key}={value}" for key, value in chosen.items()),
+    ]
 
 
-def run(mode: str, trials: int, limit_s: float, progress: Progress) -> tuple[list[Sample], dict[str, int], int]:
+def run(
+    mode: str, trials: int, limit_s: float, progress: Progress
+) -> tuple[list[Sample], dict[str, int], int]:
     """Return samples of a campaign, its outcomes, and the number of processes that it left behind.
 
     It is stopped after the limit. Raises ClickException, with what it printed last, if it fails.
     """
     with tempfile.TemporaryDirectory(prefix="barn_long_run_") as name:
         folder = Path(name)
-        mark, temporary, rows = folder.name, folder / "tmp", folder / "out" / "results.jsonl"
-        segments: set[str] = set()  # of shared memory that one of the processes was seen to use
+        mark, temporary, rows = (
+            folder.name,
+            folder / "tmp",
+            folder / "out" / "results.jsonl",
+        )
+        segments: set[str] = (
+            set()
+        )  # of shared memory that one of the processes was seen to use
         task = progress.add_task(f"{mode} trials", total=trials)
         end = time.monotonic() + limit_s
         samples: list[Sample] = []
         with (folder / "printed.txt").open("w") as printed:
             process = subprocess.Popen(
-                campaign(mode, trials, folder), stdout=printed, stderr=printed, env=environment(mark, temporary)
+                campaign(mode, trials, folder),
+                stdout=printed,
+                stderr=printed,
+                env=environment(mark, temporary),
             )
             try:
                 while process.poll() is None and time.monotonic() < end:
@@ -103,7 +144,9 @@ def run(mode: str, trials: int, limit_s: float, progress: Progress) -> tuple[lis
                 process.wait()
         if process.returncode and time.monotonic() < end:
             raise click.ClickException((folder / "printed.txt").read_text()[-2000:])
-        outcomes = Counter(json.loads(line)["outcome"] for line in rows.read_text().splitlines())
+        outcomes = Counter(
+            json.loads(line)["outcome"] for line in rows.read_text().splitlines()
+        )
         return samples, dict(outcomes), len(ended(mark, _END_S))
 
 
@@ -138,12 +181,24 @@ def table(mode: str, found: Sequence[Growth]) -> Table:
 
 
 @click.command()
-@click.option("--direct", default=5000, show_default=True, help="Trials in mode direct.")
+@click.option(
+    "--direct", default=5000, show_default=True, help="Trials in mode direct."
+)
 @click.option("--ros", default=500, show_default=True, help="Trials in mode ros.")
-@click.option("--minutes", default=0.0, help="Longest time of each mode, after which it is stopped; 0: none.")
+@click.option(
+    "--minutes",
+    default=0.0,
+    help="Longest time of each mode, after which it is stopped; 0: none.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
-@click.option("--samples", type=click.Path(path_type=Path, file_okay=False), help="Folder for all samples, as JSON.")
-def main(direct: int, ros: int, minutes: float, as_json: bool, samples: Path | None) -> None:
+@click.option(
+    "--samples",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder for all samples, as JSON.",
+)
+def main(
+    direct: int, ros: int, minutes: float, as_json: bool, samples: Path | None
+) -> None:
     """Run trials for long; exit code 1 if something grows or is left behind."""
     console = Console(stderr=True)
     report, good = {}, True
@@ -152,13 +207,21 @@ def main(direct: int, ros: int, minutes: float, as_json: bool, samples: Path | N
             continue
         began = time.monotonic()
         with Progress(console=console) as progress:
-            taken, outcomes, left = run(mode, trials, minutes * 60 or math.inf, progress)
+            taken, outcomes, left = run(
+                mode, trials, minutes * 60 or math.inf, progress
+            )
         if samples:
             samples.mkdir(parents=True, exist_ok=True)
             (samples / f"{mode}.json").write_text(json.dumps(taken))
         done = [one["trials"] for one in taken]
-        names = [name for name in taken[0] if name != "trials" and any(one[name] for one in taken)]
-        names += [name for name in ("shared_memory", "temporary_files") if name not in names]
+        names = [
+            name
+            for name in taken[0]
+            if name != "trials" and any(one[name] for one in taken)
+        ]
+        names += [
+            name for name in ("shared_memory", "temporary_files") if name not in names
+        ]
         found = [growth(name, done, [one[name] for one in taken]) for name in names]
         good &= not left and all(one.flat for one in found)
         took_min = (time.monotonic() - began) / 60
@@ -169,7 +232,10 @@ def main(direct: int, ros: int, minutes: float, as_json: bool, samples: Path | N
             "growth": [asdict(one) for one in found],
         }
         if not as_json:
-            console.print(table(mode, found), f"{outcomes} in {took_min:.1f} min, {left} processes left behind")
+            console.print(
+                table(mode, found),
+                f"{outcomes} in {took_min:.1f} min, {left} processes left behind",
+            )
     if as_json:
         click.echo(json.dumps(report | {"flat": good}, indent=2))
     sys.exit(int(not good))

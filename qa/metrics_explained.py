@@ -27,14 +27,28 @@ def visibility_figure(world: World) -> Figure:
     figure = new_figure(640)
     cells = _inner_path(world)
     values = cell_metrics(world.cspace, cells)[:, 1]
-    for axes, at, word in zip(figure.subplots(1, 2), (values.argmax(), values.argmin()), ("High", "Low"), strict=True):
+    for axes, at, word in zip(
+        figure.subplots(1, 2),
+        (values.argmax(), values.argmin()),
+        ("High", "Low"),
+        strict=True,
+    ):
         cell = _cell(cells[at])
         show_cells(axes, world.grid, world.cspace)
         for direction in kernels.EIGHT_RAYS:
             length, blocked = _ray(world.cspace, cell, direction)
-            _line(axes, cell, direction, length + 0.5, VERMILION if blocked else BLUE, dashed=not blocked)
+            _line(
+                axes,
+                cell,
+                direction,
+                length + 0.5,
+                VERMILION if blocked else BLUE,
+                dashed=not blocked,
+            )
         _mark(axes, cell)
-        axes.set_title(f"{word}: average visibility {values[at]:.2f} cells", fontsize=10)
+        axes.set_title(
+            f"{word}: average visibility {values[at]:.2f} cells", fontsize=10
+        )
     _legend(figure, "ends at an obstacle of the C-space", "leaves the grid")
     return figure
 
@@ -49,14 +63,20 @@ def dispersion_figure(world: World) -> Figure:
     free = _free_cells_beside(world, path)
     low = _cell(path[cell_metrics(world.cspace, path, PAPER_TEXT)[:, 2].argmin()])
     high = _cell(free[cell_metrics(world.cspace, free, PAPER_TEXT)[:, 2].argmax()])
-    for axes, cell, word in zip(figure.subplots(1, 2), (low, high), ("Low", "High"), strict=True):
-        ordered, published = (cell_metrics(world.cspace, np.array([cell]), f)[0, 2] for f in (PAPER_TEXT, PUBLISHED))
+    for axes, cell, word in zip(
+        figure.subplots(1, 2), (low, high), ("Low", "High"), strict=True
+    ):
+        ordered, published = (
+            cell_metrics(world.cspace, np.array([cell]), f)[0, 2]
+            for f in (PAPER_TEXT, PUBLISHED)
+        )
         show_cells(axes, world.grid, world.cspace)
         _draw_circle(axes, world.cspace, cell)
         _mark(axes, cell)
         _zoom(axes, cell)
         axes.set_title(
-            f"{word}: {ordered:.0f} alternations\npublished sampling and order: {published:.0f}", fontsize=10
+            f"{word}: {ordered:.0f} alternations\npublished sampling and order: {published:.0f}",
+            fontsize=10,
         )
     _legend(figure, "blocked", "open")
     return figure
@@ -70,8 +90,12 @@ def characteristic_dimension_figure(world: World) -> Figure:
     """
     figure = new_figure(660)
     tight, spacious = _tight_and_open(world)
-    for axes, cell, word in zip(figure.subplots(1, 2), (tight, spacious), ("Tight", "Open"), strict=True):
-        closest, visibility, _, narrowest = cell_metrics(world.cspace, np.array([cell]))[0]
+    for axes, cell, word in zip(
+        figure.subplots(1, 2), (tight, spacious), ("Tight", "Open"), strict=True
+    ):
+        closest, visibility, _, narrowest = cell_metrics(
+            world.cspace, np.array([cell])
+        )[0]
         show_cells(axes, world.grid, world.cspace)
         _draw_axes(axes, world.cspace, cell)
         _mark(axes, cell)
@@ -87,7 +111,9 @@ def characteristic_dimension_figure(world: World) -> Figure:
 def _inner_path(world: World) -> Cells:
     """Return the path's cells (n, 2) that are not near the open ends of the grid; all of them in a short world."""
     columns = world.path[:, 1]
-    inner: Cells = world.path[(columns >= _ZOOM_CELLS) & (columns < world.cols - _ZOOM_CELLS)]
+    inner: Cells = world.path[
+        (columns >= _ZOOM_CELLS) & (columns < world.cols - _ZOOM_CELLS)
+    ]
     return inner if len(inner) else world.path
 
 
@@ -110,7 +136,10 @@ def _tight_and_open(world: World) -> tuple[Cell, Cell]:
 def _draw_circle(axes: Axes, cspace: BoolGrid, cell: Cell) -> None:
     """Draw the sixteen rays with their sampled points, and a ring around them whose alternations are numbered."""
     rays, points = kernels.ORDERED_RAYS, kernels.EVEN_POINTS
-    blocked = [kernels.ray_blocked(cspace, *cell, ray, count) for ray, count in zip(rays, points, strict=True)]
+    blocked = [
+        kernels.ray_blocked(cspace, *cell, ray, count)
+        for ray, count in zip(rays, points, strict=True)
+    ]
     angles = np.unwrap(np.arctan2(rays[:, 0], rays[:, 1]))
     between = (angles + np.roll(angles, 1)) / 2.0
     between[0] -= math.pi
@@ -120,46 +149,85 @@ def _draw_circle(axes: Axes, cspace: BoolGrid, cell: Cell) -> None:
         colour = VERMILION if blocked[k] else BLUE
         _draw_sampled_ray(axes, cell, ray, points[k], colour, dashed=not blocked[k])
         span = (math.degrees(edges[k]), math.degrees(edges[k + 1]))
-        axes.add_patch(Wedge(cell[::-1], _RING_OUTER, *span, width=_RING_WIDTH, color=colour, zorder=3))
+        axes.add_patch(
+            Wedge(
+                cell[::-1],
+                _RING_OUTER,
+                *span,
+                width=_RING_WIDTH,
+                color=colour,
+                zorder=3,
+            )
+        )
         if blocked[k] != blocked[k - 1]:
             alternations += 1
             _number(axes, cell, edges[k], alternations)
 
 
-def _draw_sampled_ray(axes: Axes, cell: Cell, ray: Integers, points: int, colour: str, *, dashed: bool) -> None:
+def _draw_sampled_ray(
+    axes: Axes, cell: Cell, ray: Integers, points: int, colour: str, *, dashed: bool
+) -> None:
     at = np.array(cell) + np.arange(points + 1)[:, None] * ray
-    axes.plot(at[:, 1], at[:, 0], color=colour, linewidth=1.3, marker=".", linestyle="--" if dashed else "-")
+    axes.plot(
+        at[:, 1],
+        at[:, 0],
+        color=colour,
+        linewidth=1.3,
+        marker=".",
+        linestyle="--" if dashed else "-",
+    )
 
 
 def _number(axes: Axes, cell: Cell, angle: float, number: int) -> None:
     """Put a number on the ring."""
     radius = _RING_OUTER - _RING_WIDTH / 2.0
     at = (cell[1] + radius * math.cos(angle), cell[0] + radius * math.sin(angle))
-    axes.plot(*at, marker="o", markersize=14, color="white", markeredgecolor=OBSTACLE, zorder=4)
-    axes.annotate(str(number), at, ha="center", va="center_baseline", fontsize=8, zorder=5)
+    axes.plot(
+        *at,
+        marker="o",
+        markersize=14,
+        color="white",
+        markeredgecolor=OBSTACLE,
+        zorder=4,
+    )
+    axes.annotate(
+        str(number), at, ha="center", va="center_baseline", fontsize=8, zorder=5
+    )
 
 
 def _draw_axes(axes: Axes, cspace: BoolGrid, cell: Cell) -> None:
     """Draw the four axes through a cell, the shortest in front, each with its free length."""
     lengths = []
     for down, right, step in kernels.FOUR_AXES:
-        ends = [_ray(cspace, cell, sign * np.array([down, right]))[0] for sign in (1, -1)]
+        ends = [
+            _ray(cspace, cell, sign * np.array([down, right]))[0] for sign in (1, -1)
+        ]
         lengths.append((sum(ends) * step, np.array([down, right]), ends))
     shortest = min(range(len(lengths)), key=lambda k: lengths[k][0])
     for k, (_, direction, ends) in enumerate(lengths):
         colour = VERMILION if k == shortest else BLUE
         for sign, reach in zip((1, -1), ends, strict=True):
-            _line(axes, cell, sign * direction, reach + 0.5, colour, dashed=k != shortest)
+            _line(
+                axes, cell, sign * direction, reach + 0.5, colour, dashed=k != shortest
+            )
 
 
-def _ray(cspace: BoolGrid, cell: Cell, direction: npt.NDArray[np.generic]) -> tuple[int, bool]:
+def _ray(
+    cspace: BoolGrid, cell: Cell, direction: npt.NDArray[np.generic]
+) -> tuple[int, bool]:
     down, right = direction.tolist()
     count, blocked = kernels.free_cells(cspace, *cell, down, right)
     return int(count), bool(blocked)
 
 
 def _line(
-    axes: Axes, cell: Cell, direction: npt.NDArray[np.generic], reach: float, colour: str, *, dashed: bool
+    axes: Axes,
+    cell: Cell,
+    direction: npt.NDArray[np.generic],
+    reach: float,
+    colour: str,
+    *,
+    dashed: bool,
 ) -> None:
     down, right = direction.tolist()
     axes.plot(
@@ -173,12 +241,22 @@ def _line(
 
 
 def _mark(axes: Axes, cell: Cell) -> None:
-    axes.plot(cell[1], cell[0], marker="o", markersize=8, color=ORANGE, markeredgecolor="black", zorder=6)
+    axes.plot(
+        cell[1],
+        cell[0],
+        marker="o",
+        markersize=8,
+        color=ORANGE,
+        markeredgecolor="black",
+        zorder=6,
+    )
 
 
 def _zoom(axes: Axes, cell: Cell) -> None:
     reach = _ZOOM_CELLS + 0.5
-    axes.set(xlim=(cell[1] - reach, cell[1] + reach), ylim=(cell[0] + reach, cell[0] - reach))
+    axes.set(
+        xlim=(cell[1] - reach, cell[1] + reach), ylim=(cell[0] + reach, cell[0] - reach)
+    )
     axes.set_facecolor("#f4f4f4")
     label_cells(axes)
 
@@ -188,7 +266,9 @@ def _legend(figure: Figure, solid: str, dashed: str) -> None:
         Line2D([], [], color=VERMILION, linewidth=2.0, label=solid),
         Line2D([], [], color=BLUE, linewidth=2.0, linestyle="--", label=dashed),
     ]
-    figure.legend(handles=lines, loc="outside lower center", ncols=2, fontsize=9, frameon=False)
+    figure.legend(
+        handles=lines, loc="outside lower center", ncols=2, fontsize=9, frameon=False
+    )
 
 
 def _cell(pair: npt.ArrayLike) -> Cell:

@@ -8,7 +8,11 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from metrics_explained import characteristic_dimension_figure, dispersion_figure, visibility_figure
+from metrics_explained import (
+    characteristic_dimension_figure,
+    dispersion_figure,
+    visibility_figure,
+)
 from world_metrics import new_figure, save, show_cells, show_path, world_figure
 
 from barn_metrics.metrics import CORRECTED, METRIC_NAMES, METRICS, PUBLISHED, Formula
@@ -20,9 +24,16 @@ from barn_worlds.worlds.dataset import Dataset, open_dataset
 from barn_worlds.worlds.generate import WorldParameters, iterations
 from barn_worlds.worlds.world import World
 
-FIG_1 = WorldParameters(initial_fill=0.35, smoothing_iterations=3, fill_threshold=5, clear_threshold=1)
+FIG_1 = WorldParameters(
+    initial_fill=0.35, smoothing_iterations=3, fill_threshold=5, clear_threshold=1
+)
 _FIG_1_SEED = 1
-_EXAMPLE_RANKS = (0.05, 0.35, 0.65, 0.95)  # positions of the example worlds in the data set's order
+_EXAMPLE_RANKS = (
+    0.05,
+    0.35,
+    0.65,
+    0.95,
+)  # positions of the example worlds in the data set's order
 _METRICS_RANK = 0.35
 # Published values by the name of the field of `barn_worlds.worlds.generate.WorldParameters`; each combination was
 # repeated.
@@ -57,8 +68,12 @@ def draw_documentation_figures(folder: Path, dataset: Dataset) -> tuple[Path, ..
         "dispersion": lambda: dispersion_figure(middle),
         "characteristic_dimension": lambda: characteristic_dimension_figure(middle),
         "world_metrics": lambda: world_figure(middle),
-        "example_worlds": lambda: example_worlds_figure([_at_rank(dataset, rank) for rank in _EXAMPLE_RANKS]),
-        "metrics_distribution": lambda: distribution_figure(metrics_table(dataset, PUBLISHED), dataset.name),
+        "example_worlds": lambda: example_worlds_figure(
+            [_at_rank(dataset, rank) for rank in _EXAMPLE_RANKS]
+        ),
+        "metrics_distribution": lambda: distribution_figure(
+            metrics_table(dataset, PUBLISHED), dataset.name
+        ),
     }
     files = []
     for name, draw in figures.items():
@@ -67,11 +82,15 @@ def draw_documentation_figures(folder: Path, dataset: Dataset) -> tuple[Path, ..
     return tuple(files)
 
 
-def automaton_figure(parameters: WorldParameters = FIG_1, seed: int = _FIG_1_SEED) -> Figure:
+def automaton_figure(
+    parameters: WorldParameters = FIG_1, seed: int = _FIG_1_SEED
+) -> Figure:
     """Show the random grid and the grid after each smoothing iteration (Fig. 1)."""
     grids = list(iterations(parameters, np.random.default_rng(seed)))
     figure = new_figure(405)
-    for k, (axes, grid) in enumerate(zip(figure.subplots(1, len(grids)), grids, strict=True)):
+    for k, (axes, grid) in enumerate(
+        zip(figure.subplots(1, len(grids)), grids, strict=True)
+    ):
         show_cells(axes, grid)
         axes.set(xticks=[], yticks=[], xlabel="", ylabel="")
         step = "Random fill" if k == 0 else f"Iteration {k}"
@@ -83,11 +102,17 @@ def example_worlds_figure(worlds: Iterable[World]) -> Figure:
     """Show worlds side by side, with their C-space, path and path length."""
     chosen = list(worlds)
     figure = new_figure(400)
-    for axes, world in zip(np.atleast_1d(figure.subplots(1, len(chosen))), chosen, strict=True):
+    for axes, world in zip(
+        np.atleast_1d(figure.subplots(1, len(chosen))), chosen, strict=True
+    ):
         show_cells(axes, world.grid, world.cspace)
         show_path(axes, world.path)
         axes.set(xticks=[], yticks=[], xlabel="", ylabel="")
-        axes.set_title(f"{world.name}\npath {world.path_length_m:.2f} m", fontsize=10, parse_math=False)
+        axes.set_title(
+            f"{world.name}\npath {world.path_length_m:.2f} m",
+            fontsize=10,
+            parse_math=False,
+        )
     return figure
 
 
@@ -98,19 +123,38 @@ def distribution_figure(table: MetricsTable, name: str) -> Figure:
     panels = figure.subplots(1, len(METRICS))
     for k, (axes, metric) in enumerate(zip(panels, METRICS, strict=True)):
         published = TABLE_II[metric.name]
-        low, high = published["mean"] - published["std"], published["mean"] + published["std"]
+        low, high = (
+            published["mean"] - published["std"],
+            published["mean"] + published["std"],
+        )
         axes.hist(values[:, k], bins=20, color=BLUE, zorder=2)
         axes.axvspan(low, high, color=ORANGE, alpha=0.3, zorder=1)
-        axes.axvline(published["mean"], color=ORANGE, linewidth=2.2, zorder=3, label="Table II, mean and std.")
         axes.axvline(
-            values[:, k].mean(), color=VERMILION, linewidth=2.2, linestyle="--", zorder=4, label=f"{name}, mean"
+            published["mean"],
+            color=ORANGE,
+            linewidth=2.2,
+            zorder=3,
+            label="Table II, mean and std.",
         )
-        axes.set_title(metric.title.replace("closest", "closest\n").replace(" dim", "\ndim"), fontsize=9)
+        axes.axvline(
+            values[:, k].mean(),
+            color=VERMILION,
+            linewidth=2.2,
+            linestyle="--",
+            zorder=4,
+            label=f"{name}, mean",
+        )
+        axes.set_title(
+            metric.title.replace("closest", "closest\n").replace(" dim", "\ndim"),
+            fontsize=9,
+        )
         axes.set_xlabel(metric.unit, fontsize=8)
         axes.tick_params(labelsize=8, length=2)
     panels[0].set_ylabel("worlds", fontsize=8)
     handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2, fontsize=9, frameon=False)
+    figure.legend(
+        handles, labels, loc="outside lower center", ncols=2, fontsize=9, frameon=False
+    )
     return figure
 
 
@@ -127,7 +171,10 @@ def table_i(dataset: Dataset) -> str:
 
 
 def _listed(values: Iterable[object]) -> str:
-    return ", ".join(f"{value:.2f}" if isinstance(value, float) else str(value) for value in sorted(values, key=str))
+    return ", ".join(
+        f"{value:.2f}" if isinstance(value, float) else str(value)
+        for value in sorted(values, key=str)
+    )
 
 
 def table_ii(table: MetricsTable) -> str:
@@ -136,8 +183,16 @@ def table_ii(table: MetricsTable) -> str:
     for metric in METRICS:
         published, ours = TABLE_II[metric.name], table.summary_of(metric)
         # The extremes are of cells, for tortuosity of paths.
-        ours |= {name: ours.get(f"cell_{name}", ours[name]) for name in ("minimum", "maximum")}
-        rows.append([metric.title, *(f"{published[name]:.2f} / {ours[name]:.2f}" for name in published)])
+        ours |= {
+            name: ours.get(f"cell_{name}", ours[name])
+            for name in ("minimum", "maximum")
+        }
+        rows.append(
+            [
+                metric.title,
+                *(f"{published[name]:.2f} / {ours[name]:.2f}" for name in published),
+            ]
+        )
     return markdown_table(["Metric", "Min.", "Max.", "Mean", "Std."], rows)
 
 
@@ -147,20 +202,32 @@ def variants_table(dataset: Dataset) -> str:
     for name, variant, formula in _VARIANTS:
         metric = METRICS[METRIC_NAMES.index(name)]
         ours = metrics_table(dataset, formula).summary_of(metric)
-        rows.append([metric.title, variant, f"{ours['mean']:.2f}", f"{ours['std']:.2f}"])
+        rows.append(
+            [metric.title, variant, f"{ours['mean']:.2f}", f"{ours['std']:.2f}"]
+        )
     return markdown_table(["Metric", "Variant", "Mean", "Std."], rows)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write the figures of docs/metrics.md and print its tables."""
     parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("folder", type=Path, help="where the figures go, such as docs/figures")
-    parser.add_argument("--dataset", default="barn300", help="a shipped data set, file or folder (default: barn300)")
+    parser.add_argument(
+        "folder", type=Path, help="where the figures go, such as docs/figures"
+    )
+    parser.add_argument(
+        "--dataset",
+        default="barn300",
+        help="a shipped data set, file or folder (default: barn300)",
+    )
     options = parser.parse_args(arguments)
     try:
         dataset = open_dataset(options.dataset)
         files = draw_documentation_figures(options.folder, dataset)
-        tables = table_i(dataset), table_ii(metrics_table(dataset, PUBLISHED)), variants_table(dataset)
+        tables = (
+            table_i(dataset),
+            table_ii(metrics_table(dataset, PUBLISHED)),
+            variants_table(dataset),
+        )
     except BarnError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1

@@ -55,10 +55,15 @@ def motion_statistics(world: World) -> MotionStatistics:
     path = world.path_m()
     length_m = math.dist(path[0], path[-1])
     if length_m == 0.0:
-        raise WorldError(f"{world.name}: its path ends where it begins, so no straight line can be crossed")
+        raise WorldError(
+            f"{world.name}: its path ends where it begins, so no straight line can be crossed"
+        )
     along_x, along_y = (path[-1] - path[0]) / length_m
     from_start = positions - path[0]
-    on_line, beside = from_start @ np.array([along_x, along_y]), from_start @ np.array([-along_y, along_x])
+    on_line, beside = (
+        from_start @ np.array([along_x, along_y]),
+        from_start @ np.array([-along_y, along_x]),
+    )
     reach_m = np.maximum(world.tracks.radius_m, np.hypot(*world.tracks.size_m.T) / 2.0)
     return MotionStatistics(
         len(speeds),
@@ -66,7 +71,9 @@ def motion_statistics(world: World) -> MotionStatistics:
         min(speeds),
         max(speeds),
         float(np.mean([one.motion.period_s for one in world.moving])),
-        crossings(on_line, beside, jumps(positions, velocities, _STEP_S), length_m) * 60.0 / DURATION_S,
+        crossings(on_line, beside, jumps(positions, velocities, _STEP_S), length_m)
+        * 60.0
+        / DURATION_S,
         occupied(on_line[::4], beside[::4], reach_m, length_m),
     )
 
@@ -74,7 +81,10 @@ def motion_statistics(world: World) -> MotionStatistics:
 def mean_statistics(worlds: Iterable[World]) -> MotionStatistics:
     """Return the means over worlds, but the slowest and the fastest obstacle of all."""
     each = [motion_statistics(world) for world in worlds]
-    means = {item.name: float(np.mean([getattr(one, item.name) for one in each])) for item in fields(MotionStatistics)}
+    means = {
+        item.name: float(np.mean([getattr(one, item.name) for one in each]))
+        for item in fields(MotionStatistics)
+    }
     means["slowest_mps"] = min(one.slowest_mps for one in each)
     means["fastest_mps"] = max(one.fastest_mps for one in each)
     return MotionStatistics(**means)
@@ -84,10 +94,14 @@ def mean_speed(obstacle: MovingObstacle) -> float:
     """Return the length of a motion by its period, without the jump at its end."""
     times_s = np.linspace(0.0, obstacle.motion.period_s, 1001)[:-1] - obstacle.phase_s
     positions, _ = Tracks([obstacle]).over(times_s)
-    return float(np.hypot(*np.diff(positions[:, 0], axis=0).T).sum()) / (obstacle.motion.period_s * 0.999)
+    return float(np.hypot(*np.diff(positions[:, 0], axis=0).T).sum()) / (
+        obstacle.motion.period_s * 0.999
+    )
 
 
-def crossings(on_line: Floats, beside: Floats, jumped: BoolGrid, length_m: float) -> int:
+def crossings(
+    on_line: Floats, beside: Floats, jumped: BoolGrid, length_m: float
+) -> int:
     """Count the changes of side within a line, jumps left out; on_line, beside: (t, n) m along it, left of it."""
     within = (on_line[1:] >= 0.0) & (on_line[1:] <= length_m)
     other_side = (beside[1:] > 0.0) != (beside[:-1] > 0.0)
@@ -111,7 +125,9 @@ def by_class(source: str) -> dict[str, list[World]]:
     dataset = open_dataset(source)
     for world in map(dataset.load, dataset.indices):
         given = world.provenance.parameters
-        found.setdefault(str(given.get("motion", given).get("difficulty", "all")), []).append(world)
+        found.setdefault(
+            str(given.get("motion", given).get("difficulty", "all")), []
+        ).append(world)
     return found
 
 
@@ -122,7 +138,11 @@ def main(source: str) -> None:
     table = Table("class", "worlds", *(item.name for item in fields(MotionStatistics)))
     for name, worlds in by_class(source).items():
         figures = mean_statistics(worlds)
-        table.add_row(name, str(len(worlds)), *(f"{value:.3f}" for value in vars(figures).values()))
+        table.add_row(
+            name,
+            str(len(worlds)),
+            *(f"{value:.3f}" for value in vars(figures).values()),
+        )
     Console(width=160).print(table)
 
 

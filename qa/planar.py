@@ -55,7 +55,9 @@ class Planar:
         """Return how far a robot goes on from this speed after it was told to stop."""
         return self.go(0.0, math.inf, speed_m_s)[1]
 
-    def go(self, wanted_m_s: float, duration_s: float, start_m_s: float = 0.0) -> tuple[float, float]:
+    def go(
+        self, wanted_m_s: float, duration_s: float, start_m_s: float = 0.0
+    ) -> tuple[float, float]:
         """Return speed (m/s) and distance (m) so long after a robot was given a forward speed.
 
         With latency, ramp of the controller, lag of the motors and friction.
@@ -65,7 +67,9 @@ class Planar:
         asked = rim = speed = start_m_s
         time_s = distance = 0.0
         while time_s < duration_s and (
-            duration_s < math.inf or time_s <= drive.command_latency_s or max(abs(rim), abs(speed)) > _STILL_M_S
+            duration_s < math.inf
+            or time_s <= drive.command_latency_s
+            or max(abs(rim), abs(speed)) > _STILL_M_S
         ):
             if time_s >= drive.command_latency_s:
                 most = drive.max_acceleration_m_s2 * _STEP_S
@@ -93,11 +97,17 @@ class Planar:
         gain = rate / turn_rad_s
         ahead = chassis.centre_of_mass_m[0] - chassis.axle_x_m
         inertia = chassis.inertia_kg_m2[2] + chassis.mass_kg * ahead**2
-        other = sum(x for x, _ in chassis.casters_m) / len(chassis.casters_m) - chassis.axle_x_m
+        other = (
+            sum(x for x, _ in chassis.casters_m) / len(chassis.casters_m)
+            - chassis.axle_x_m
+        )
         load = chassis.mass_kg * GRAVITY_M_S2 * (1.0 - ahead / other)
         grip = self.robot.wheel_friction * load * 0.5 * chassis.track_m / inertia
         slowing = min(drive.max_yaw_acceleration_rad_s2 * gain, grip)
-        return rate * (drive.command_latency_s + drive.motor_lag_s) + 0.5 * rate**2 / slowing
+        return (
+            rate * (drive.command_latency_s + drive.motor_lag_s)
+            + 0.5 * rate**2 / slowing
+        )
 
     def _skid(self, left_m_s: float, right_m_s: float) -> tuple[float, float]:
         """Return the steady forward speed of base_link and the yaw rate of a robot on four wheels that slip.
@@ -109,29 +119,61 @@ class Planar:
         centre_x, centre_y, _ = chassis.centre_of_mass_m
         places = [(x - centre_x, y - centre_y) for x, y, _ in chassis.wheels_m]
         rims = [left_m_s if k % 2 == 0 else right_m_s for k in range(4)]
-        vx, vy, turn = 0.5 * (left_m_s + right_m_s), 0.0, (right_m_s - left_m_s) / chassis.track_m
+        vx, vy, turn = (
+            0.5 * (left_m_s + right_m_s),
+            0.0,
+            (right_m_s - left_m_s) / chassis.track_m,
+        )
         forces: list[Force] = [(0.0, 0.0)] * 4
         for _ in range(round(_TURN_S / _TURN_STEP_S)):
-            loads = self._loads(places, sum(fx for fx, _ in forces), sum(fy for _, fy in forces))
+            loads = self._loads(
+                places, sum(fx for fx, _ in forces), sum(fy for _, fy in forces)
+            )
             forces = []
             for (x, y), rim, load in zip(places, rims, loads, strict=True):
                 slip_x, slip_y = vx - turn * y - rim, vy + turn * x
-                push = -self.robot.wheel_friction * load / max(math.hypot(slip_x, slip_y), _CREEP_M_S)
+                push = (
+                    -self.robot.wheel_friction
+                    * load
+                    / max(math.hypot(slip_x, slip_y), _CREEP_M_S)
+                )
                 forces.append((push * slip_x, push * slip_y))
-            moment = sum(x * fy - y * fx for (x, y), (fx, fy) in zip(places, forces, strict=True))
-            ax, ay = sum(fx for fx, _ in forces) / mass + turn * vy, sum(fy for _, fy in forces) / mass - turn * vx
-            vx, vy, turn = vx + _TURN_STEP_S * ax, vy + _TURN_STEP_S * ay, turn + _TURN_STEP_S * moment / spin_inertia
+            moment = sum(
+                x * fy - y * fx for (x, y), (fx, fy) in zip(places, forces, strict=True)
+            )
+            ax, ay = (
+                sum(fx for fx, _ in forces) / mass + turn * vy,
+                sum(fy for _, fy in forces) / mass - turn * vx,
+            )
+            vx, vy, turn = (
+                vx + _TURN_STEP_S * ax,
+                vy + _TURN_STEP_S * ay,
+                turn + _TURN_STEP_S * moment / spin_inertia,
+            )
             if max(abs(ax), abs(ay), abs(moment / spin_inertia)) < _STEADY:
                 break
         return vx + turn * centre_y, turn
 
-    def _loads(self, places: list[tuple[float, float]], fx: float, fy: float) -> list[float]:
+    def _loads(
+        self, places: list[tuple[float, float]], fx: float, fy: float
+    ) -> list[float]:
         """Return the loads (N) of wheels at corners of a rectangle, on equal springs, under forces at the ground."""
         mass, count = self.robot.chassis.mass_kg, len(places)
-        mean_x, mean_y = sum(x for x, _ in places) / count, sum(y for _, y in places) / count
+        mean_x, mean_y = (
+            sum(x for x, _ in places) / count,
+            sum(y for _, y in places) / count,
+        )
         spread_x = sum((x - mean_x) ** 2 for x, _ in places)
         spread_y = sum((y - mean_y) ** 2 for _, y in places)
         weight = mass * GRAVITY_M_S2
         # moments about the middle of the wheels, with the weight at the origin
-        pitch, roll = -weight * mean_x - self.height_m * fx, -weight * mean_y - self.height_m * fy
-        return [weight / count + pitch * (x - mean_x) / spread_x + roll * (y - mean_y) / spread_y for x, y in places]
+        pitch, roll = (
+            -weight * mean_x - self.height_m * fx,
+            -weight * mean_y - self.height_m * fy,
+        )
+        return [
+            weight / count
+            + pitch * (x - mean_x) / spread_x
+            + roll * (y - mean_y) / spread_y
+            for x, y in places
+        ]

@@ -12,7 +12,11 @@ MARK = "BARN_TOOL_SESSION"  # variable of the environment
 NEAR = "schema_version: 1\nbase: challenge\nname: near\ngoal: {y_m: 2.0}\nlimit_s: 10.0\n"  # a protocol of short trials
 SHARED_MEMORY = Path("/dev/shm")  # noqa: S108  # nosec B108
 ROLES = ("campaign", "worker", "guard", "simulator", "planner", "evaluator")
-_NODES = {"barn_sim.ros": "simulator", "barn_planners.ros": "planner", "barn_eval.ros": "evaluator"}
+_NODES = {
+    "barn_sim.ros": "simulator",
+    "barn_planners.ros": "planner",
+    "barn_eval.ros": "evaluator",
+}
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,11 @@ def marked(mark: str) -> list[Seen]:
             if wanted in (folder / "environ").read_bytes().split(b"\0"):
                 fields = (folder / "stat").read_text().rsplit(")", 1)[1].split()
                 if fields[0] not in "ZX":
-                    found.append(Seen(int(folder.name), int(fields[19]), role(_arguments(folder))))
+                    found.append(
+                        Seen(
+                            int(folder.name), int(fields[19]), role(_arguments(folder))
+                        )
+                    )
     return sorted(found, key=lambda one: one.pid)
 
 
@@ -54,10 +62,17 @@ def role(arguments: Sequence[str]) -> str:
     scripts = [argument.rsplit("/", 1)[-1] for argument in arguments[1:4]]
     if "guard.py" in scripts:
         return "guard"
-    if "barn_eval.experiments.worker" in scripts:
+    if "barn_eval.running.worker" in scripts:
         return "worker"
     if "start.py" in scripts:
-        return next((name for part, name in _NODES.items() if any(part in one for one in arguments)), "other")
+        return next(
+            (
+                name
+                for part, name in _NODES.items()
+                if any(part in one for one in arguments)
+            ),
+            "other",
+        )
     return "campaign" if "barn_eval" in arguments else "other"
 
 
@@ -71,7 +86,10 @@ def usage(process: Seen) -> Usage:
     except (FileNotFoundError, ProcessLookupError):
         return Usage()
     return Usage(
-        _number(memory, "Rss") * 1024, _number(memory, "Anonymous") * 1024, handles, _number(status, "Threads")
+        _number(memory, "Rss") * 1024,
+        _number(memory, "Anonymous") * 1024,
+        handles,
+        _number(status, "Threads"),
     )
 
 
@@ -88,7 +106,11 @@ def mapped(processes: Sequence[Seen]) -> set[str]:
     names: set[str] = set()
     for one in processes:
         with suppress(OSError):
-            names.update(re.findall(rf"{SHARED_MEMORY}/(\S+)", Path(f"/proc/{one.pid}/maps").read_text()))
+            names.update(
+                re.findall(
+                    rf"{SHARED_MEMORY}/(\S+)", Path(f"/proc/{one.pid}/maps").read_text()
+                )
+            )
     return names
 
 

@@ -29,7 +29,9 @@ from barn_worlds.worlds.world import World
 # How failures stand in the paper's table: exactly 30 s, or cut off at 50 s.
 FAILURE_TIME_S = 30.0
 LIMIT_S = 50.0
-SAME_LENGTH_M = 0.001  # path lengths of the same world: tables hold them with six decimals
+SAME_LENGTH_M = (
+    0.001  # path lengths of the same world: tables hold them with six decimals
+)
 _COLUMN = re.compile(r"(.+)_([1-9][0-9]*)")
 
 
@@ -48,12 +50,21 @@ class TimedTrials:
     @property
     def normalised_s_per_m(self) -> Floats:
         """The times by the length of the world's path (n,)."""
-        lengths_m: Floats = np.array([self.lengths_m[int(world)] for world in self.worlds])
+        lengths_m: Floats = np.array(
+            [self.lengths_m[int(world)] for world in self.worlds]
+        )
         return self.times_s / lengths_m
 
     def other_length(self, lengths_m: Iterable[tuple[int, float]]) -> int | None:
         """Return the first of some worlds, given with their path lengths, that has another length here."""
-        return next((world for world, one in lengths_m if abs(one - self.lengths_m[world]) > SAME_LENGTH_M), None)
+        return next(
+            (
+                world
+                for world, one in lengths_m
+                if abs(one - self.lengths_m[world]) > SAME_LENGTH_M
+            ),
+            None,
+        )
 
 
 def read_published(path: Path) -> dict[str, TimedTrials]:
@@ -67,16 +78,24 @@ def read_published(path: Path) -> dict[str, TimedTrials]:
             lengths[world] = _above(0.0, where, "path_length_m", row)
             for column in row:
                 if match := _COLUMN.fullmatch(column or ""):
-                    times.setdefault(match[1], []).append((world, _above(0.0, where, column, row)))
+                    times.setdefault(match[1], []).append(
+                        (world, _above(0.0, where, column, row))
+                    )
     if not times:
-        raise ConfigError(f"{path}: must have at least one world and columns of times, such as dwa_1")
+        raise ConfigError(
+            f"{path}: must have at least one world and columns of times, such as dwa_1"
+        )
     return {planner: _trials(found, lengths) for planner, found in times.items()}
 
 
-def _trials(found: list[tuple[int, float]], lengths: Mapping[int, float]) -> TimedTrials:
+def _trials(
+    found: list[tuple[int, float]], lengths: Mapping[int, float]
+) -> TimedTrials:
     times = np.array([time for _, time in found])
     failed = np.isclose(times, FAILURE_TIME_S, rtol=0.0, atol=1e-9) | (times >= LIMIT_S)
-    return TimedTrials(np.array([world for world, _ in found], np.int64), times, failed, lengths)
+    return TimedTrials(
+        np.array([world for world, _ in found], np.int64), times, failed, lengths
+    )
 
 
 def _above(low: float, where: str, column: str, row: Mapping[str, str]) -> float:
@@ -85,7 +104,9 @@ def _above(low: float, where: str, column: str, row: Mapping[str, str]) -> float
     except ValueError:
         value = math.nan
     if not low < value < math.inf:
-        raise ConfigError(f"{where}: {column} must be a number above {low:g}, got {shown(row.get(column))}")
+        raise ConfigError(
+            f"{where}: {column} must be a number above {low:g}, got {shown(row.get(column))}"
+        )
     return value
 
 
@@ -94,8 +115,14 @@ def published_trials(path: Path) -> tuple[dict[int, World], Trials]:
     published, dataset = read_published(path), open_dataset(path.resolve().parent)
     first = next(iter(published.values()))
     worlds = {number: dataset.load(number) for number in sorted(first.lengths_m)}
-    if (other := first.other_length((number, one.path_length_m) for number, one in worlds.items())) is not None:
-        raise ConfigError(f"{path}: path of world {other} has another length in {dataset.name}")
+    if (
+        other := first.other_length(
+            (number, one.path_length_m) for number, one in worlds.items()
+        )
+    ) is not None:
+        raise ConfigError(
+            f"{path}: path of world {other} has another length in {dataset.name}"
+        )
     trials = Trials(
         np.concatenate([one.worlds for one in published.values()]),
         tuple(planner for planner, one in published.items() for _ in one.worlds),
@@ -114,7 +141,9 @@ def main(table: Path) -> None:
     except BarnError as error:
         raise click.ClickException(str(error)) from None
     for one in found.scores:
-        click.echo(f"{one.name}: error {one.mse.text()}, R2 {one.r2.text()}, Spearman {one.spearman.text()}")
+        click.echo(
+            f"{one.name}: error {one.mse.text()}, R2 {one.r2.text()}, Spearman {one.spearman.text()}"
+        )
 
 
 if __name__ == "__main__":

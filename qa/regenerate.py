@@ -14,7 +14,7 @@ from typing import Any
 import click
 from reference import REFERENCES
 
-from barn_eval.worlds import generate
+from barn_eval.api.worlds import generate
 
 ROOT = Path(__file__).resolve().parents[1]
 # By name what `barn worlds generate` is told. barn300 is numbered by measured times: barn_worlds/README.md says how.
@@ -40,27 +40,35 @@ def run_notebook(path: Path) -> None:
     notebook = nbformat.read(path, as_version=4)
     about = dict(notebook.metadata)
     with tempfile.TemporaryDirectory() as folder:
-        NotebookClient(notebook, record_timing=False, resources={"metadata": {"path": folder}}).execute()
+        NotebookClient(
+            notebook, record_timing=False, resources={"metadata": {"path": folder}}
+        ).execute()
     notebook.metadata = about
     nbformat.write(notebook, path)
 
 
 @click.command()
-@click.argument("parts", nargs=-1, type=click.Choice(["parameters", "worlds", "notebooks"]))
+@click.argument(
+    "parts", nargs=-1, type=click.Choice(["parameters", "worlds", "notebooks"])
+)
 def main(parts: Sequence[str]) -> None:
     """Write PARTS anew, all without any.
 
     parameters: the parameter tables of all READMEs and the parameter files. worlds: shipped data sets that one command
     makes. notebooks: the results in the notebooks of examples/, which need `make extras`.
     """
-    for package, made in REFERENCES.items() if not parts or "parameters" in parts else ():
+    for package, made in (
+        REFERENCES.items() if not parts or "parameters" in parts else ()
+    ):
         made().write(ROOT / package)
     for name in DATA_SETS if not parts or "worlds" in parts else ():
         write_data_set(name, ROOT / "barn_worlds" / "barn_worlds" / "data")
     if parts and "notebooks" not in parts:
         return
     if find_spec("nbclient") is None or find_spec("ipykernel") is None:
-        sys.exit("the notebooks were left as they are: nbclient and ipykernel are not installed (make extras)")
+        sys.exit(
+            "the notebooks were left as they are: nbclient and ipykernel are not installed (make extras)"
+        )
     for notebook in sorted((ROOT / "examples").glob("*.ipynb")):
         run_notebook(notebook)
 

@@ -22,9 +22,13 @@ def main() -> None:
 @click.argument("tag")
 def check(tag: str) -> None:
     """Exit with 1 unless the tag is that of the version in CITATION.cff, and the changelog has notes on it."""
-    (version,) = re.findall(r"(?m)^version: (.+)$", (ROOT / "CITATION.cff").read_text("utf-8"))
+    (version,) = re.findall(
+        r"(?m)^version: (.+)$", (ROOT / "CITATION.cff").read_text("utf-8")
+    )
     if tag != f"v{version}":
-        raise click.ClickException(f"the tag is {tag}, the suite is {version}: v{version} is due")
+        raise click.ClickException(
+            f"the tag is {tag}, the suite is {version}: v{version} is due"
+        )
     notes_on(version)
 
 
@@ -39,15 +43,22 @@ def notes(version: str) -> None:
 @click.argument("address")
 def citation(address: str) -> None:
     """Print CITATION.cff with where the suite can be had."""
-    click.echo((ROOT / "CITATION.cff").read_text("utf-8") + f"repository-code: {address}", nl=True)
+    click.echo(
+        (ROOT / "CITATION.cff").read_text("utf-8") + f"repository-code: {address}",
+        nl=True,
+    )
 
 
 def notes_on(version: str) -> str:
     """Return the text of a version's part of the changelog."""
-    parts = re.split(r"(?m)^## \[(.+?)\].*$", (ROOT / "CHANGELOG.md").read_text("utf-8"))
+    parts = re.split(
+        r"(?m)^## \[(.+?)\].*$", (ROOT / "CHANGELOG.md").read_text("utf-8")
+    )
     found = dict(zip(parts[1::2], parts[2::2], strict=True))
     if not found.get(version, "").strip():
-        raise click.ClickException(f"CHANGELOG.md has nothing on {version}; it has {', '.join(found)}")
+        raise click.ClickException(
+            f"CHANGELOG.md has nothing on {version}; it has {', '.join(found)}"
+        )
     return found[version].strip()
 
 

@@ -27,7 +27,14 @@ from barn_planners.interface import FloatArray, Observation, Task
 from barn_planners.navigation.loop import NavigationConfig, NavigationPlanner
 from barn_planners.registry import planner_config, planner_entry
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.types import STOP, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
+from barn_worlds.base.types import (
+    STOP,
+    OccupancyMap,
+    Odometry,
+    Pose2D,
+    Scan,
+    Velocity2D,
+)
 
 DEPTHS = ("controller", "plan", "observations")
 TIGHT, LOOSE = (0.005, 0.01), (0.02, 0.05)  # tolerances in m/s and rad/s
@@ -53,7 +60,9 @@ class Recording:
 
     def origins(self, name: str) -> FloatArray:
         """Return the outer corners (cycles, 2) of cell 0, 0 of a costmap, x and y in m."""
-        return np.broadcast_to(self._arrays[f"{name}_origin"], (self.cycles, 2)).astype(np.float64)
+        return np.broadcast_to(self._arrays[f"{name}_origin"], (self.cycles, 2)).astype(
+            np.float64
+        )
 
     def number(self, name: str) -> float:
         """Return a number that is recorded once."""
@@ -74,7 +83,9 @@ class Recording:
         """What was configured otherwise than launched, as parameters of our planners."""
         options = ast.literal_eval(str(self._arrays["options"]))
         paddings = {
-            f"{ours}.footprint_padding_m": options.get(theirs, {}).get("footprint_padding", 0.1)
+            f"{ours}.footprint_padding_m": options.get(theirs, {}).get(
+                "footprint_padding", 0.1
+            )
             for ours, theirs in (("local_costmap", "local"), ("global_costmap", "glob"))
         }
         return {**paddings, "global_costmap.map_resolution": "static_at" not in options}
@@ -89,15 +100,24 @@ class Recording:
             (self.number("angle_min"), self.number("angle_increment")),
             (self.number("range_min"), self.number("range_max")),
         )
-        scan = Scan(int(recorded["scan_stamp_ns"][cycle]), recorded["ranges"][cycle], *angles, *limits)
-        return Observation(stamp_ns, odometry, scan, Pose2D(*recorded["pose"][cycle].tolist()))
+        scan = Scan(
+            int(recorded["scan_stamp_ns"][cycle]),
+            recorded["ranges"][cycle],
+            *angles,
+            *limits,
+        )
+        return Observation(
+            stamp_ns, odometry, scan, Pose2D(*recorded["pose"][cycle].tolist())
+        )
 
     def plan(self, cycle: int) -> FloatArray:
         """Return the plan (n, 2) in m after a cycle; what lies on lines of the grid is put back there exactly."""
         points = self._joined("plan", cycle)
         resolution = self.number("global_resolution")
         origin: FloatArray = self._arrays["global_origin"]
-        lines: FloatArray = origin + np.rint((points - origin) / resolution) * resolution
+        lines: FloatArray = (
+            origin + np.rint((points - origin) / resolution) * resolution
+        )
         return np.where(np.abs(points - lines) <= _ROUNDED_M, lines, points)
 
     def band(self, cycle: int) -> FloatArray:
@@ -115,7 +135,9 @@ class Recording:
 
     def _joined(self, name: str, cycle: int) -> FloatArray:
         end = self._ends[name][cycle]
-        points: FloatArray = self._arrays[name][end - self._arrays[f"{name}_n"][cycle] : end].astype(np.float64)
+        points: FloatArray = self._arrays[name][
+            end - self._arrays[f"{name}_n"][cycle] : end
+        ].astype(np.float64)
         return points
 
     @cached_property
@@ -129,7 +151,11 @@ class _RecordedCosts(RollingCostmap):
     def __init__(self, costmap: Costmap, recording: Recording, name: str):
         super().__init__(costmap.config)
         self.resolution = recording.number(f"{name}_resolution")
-        self._recorded, self._origins, self.cycle = recording.costs(name), recording.origins(name), 0
+        self._recorded, self._origins, self.cycle = (
+            recording.costs(name),
+            recording.origins(name),
+            0,
+        )
 
     def update(self, pose: Pose2D, scan: Scan, lidar: Pose2D) -> None:
         """Take the costs of the cycle."""
@@ -173,27 +199,41 @@ class Cycle:
 
     def within(self, tolerance: tuple[float, float]) -> bool:
         """Tell whether the commands are equal within m/s and rad/s."""
-        speed, turn = abs(self.ours.linear - self.original.linear), abs(self.ours.angular - self.original.angular)
+        speed, turn = (
+            abs(self.ours.linear - self.original.linear),
+            abs(self.ours.angular - self.original.angular),
+        )
         return speed <= tolerance[0] and turn <= tolerance[1]
 
     def __str__(self) -> str:
-        parts = [f"local costmap {self.local} cells"] * (self.local > 0) + [f"global costmap {self.whole} cells"] * (
-            self.whole > 0
-        )
+        parts = [f"local costmap {self.local} cells"] * (self.local > 0) + [
+            f"global costmap {self.whole} cells"
+        ] * (self.whole > 0)
         parts += ["plan"] * (not self.plan) + ["band"] * (not self.band)
-        commands = " against ".join(f"({c.linear:.3f} m/s, {c.angular:.3f} rad/s)" for c in (self.ours, self.original))
+        commands = " against ".join(
+            f"({c.linear:.3f} m/s, {c.angular:.3f} rad/s)"
+            for c in (self.ours, self.original)
+        )
         return f"cycle {self.number}: {commands}; differ: {', '.join(parts) or 'the command alone'}"
 
 
 class Replay(NavigationPlanner):
     """Our planner, given at a depth what the original had in place of its own."""
 
-    def __init__(self, recording: Recording, depth: str, overrides: Mapping[str, object]):
+    def __init__(
+        self, recording: Recording, depth: str, overrides: Mapping[str, object]
+    ):
         if depth not in DEPTHS:
-            raise ConfigError(f"depth must be one of {', '.join(DEPTHS)}, got {depth!r}")
-        config = planner_config(recording.planner, PRESET, {**recording.parameters, **overrides})
+            raise ConfigError(
+                f"depth must be one of {', '.join(DEPTHS)}, got {depth!r}"
+            )
+        config = planner_config(
+            recording.planner, PRESET, {**recording.parameters, **overrides}
+        )
         if not isinstance(config, NavigationConfig):
-            raise ConfigError(f"{recording.name}: {recording.planner!r} follows no global plan")
+            raise ConfigError(
+                f"{recording.name}: {recording.planner!r} follows no global plan"
+            )
         made = planner_entry(recording.planner).build(config)
         assert isinstance(made, NavigationPlanner)
         super().__init__(config, made.controller)
@@ -234,7 +274,15 @@ class Replay(NavigationPlanner):
         plan = np.empty((0, 2)) if self._plan is None else self._plan[:, :2]
         bubbles = np.empty((0, 3)) if band is None else band
         same_band = recorded.planner != "eband" or _near(bubbles, recorded.band(number))
-        return Cycle(number, _near(plan, recorded.plan(number)), local, whole, same_band, sent, original)
+        return Cycle(
+            number,
+            _near(plan, recorded.plan(number)),
+            local,
+            whole,
+            same_band,
+            sent,
+            original,
+        )
 
 
 def _near(one: FloatArray, other: FloatArray) -> bool:
@@ -257,26 +305,60 @@ def row(name: str, cycles: Sequence[Cycle]) -> str:
         sum(cycle.plan for cycle in cycles) / count,
         sum(cycle.band for cycle in cycles) / count,
     ]
-    return f"{name:18} {len(cycles):6}" + "".join(f"{100 * part:8.1f} %" for part in equal)
+    return f"{name:18} {len(cycles):6}" + "".join(
+        f"{100 * part:8.1f} %" for part in equal
+    )
 
 
 @click.command()
-@click.argument("paths", nargs=-1, required=True, type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@click.option("--depth", "depths", multiple=True, type=click.Choice(DEPTHS), help="What is compared; all without it.")
-@click.option("--partings", default=0, show_default=True, type=click.IntRange(0), help="Cycles to tell of per drive.")
-@click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="A parameter of our planner.")
-def main(paths: Sequence[Path], depths: Sequence[str], partings: int, settings: Sequence[str]) -> None:
+@click.argument(
+    "paths",
+    nargs=-1,
+    required=True,
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+)
+@click.option(
+    "--depth",
+    "depths",
+    multiple=True,
+    type=click.Choice(DEPTHS),
+    help="What is compared; all without it.",
+)
+@click.option(
+    "--partings",
+    default=0,
+    show_default=True,
+    type=click.IntRange(0),
+    help="Cycles to tell of per drive.",
+)
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="A parameter of our planner.",
+)
+def main(
+    paths: Sequence[Path], depths: Sequence[str], partings: int, settings: Sequence[str]
+) -> None:
     """Compare our planners with recordings of the originals."""
-    overrides = {key: yaml.safe_load(value) for key, _, value in (text.partition("=") for text in settings)}
+    overrides = {
+        key: yaml.safe_load(value)
+        for key, _, value in (text.partition("=") for text in settings)
+    }
     for depth in depths or DEPTHS:
-        click.echo(f"{depth:18} cycles{'tight':>10}{'loose':>10}{'local':>10}{'global':>10}{'plan':>10}{'band':>10}")
+        click.echo(
+            f"{depth:18} cycles{'tight':>10}{'loose':>10}{'local':>10}{'global':>10}{'plan':>10}{'band':>10}"
+        )
         found: list[Cycle] = []
         for path in paths:
             recording = Recording(path)
             cycles = list(Replay(recording, depth, overrides).compare())
             found += cycles
             click.echo(row(recording.name, cycles))
-            for cycle in [cycle for cycle in cycles if not cycle.within(TIGHT)][:partings]:
+            for cycle in [cycle for cycle in cycles if not cycle.within(TIGHT)][
+                :partings
+            ]:
                 click.echo(f"    {cycle}")
         click.echo(row("all", found))
 

@@ -12,7 +12,13 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = ("*.md", "docs/**/*.md", "barn_*/README.md", "barn_*/barn_*/data/*.md", "examples/**/README.md")
+PAGES = (
+    "*.md",
+    "docs/**/*.md",
+    "barn_*/README.md",
+    "barn_*/barn_*/data/*.md",
+    "examples/**/README.md",
+)
 ASSETS = ("docs/site.css", "docs/iframe-worker.js")
 LINK = re.compile(r"\]\(([^)\s#]+)|<img src=\"([^\"]+)\"")
 
@@ -24,18 +30,27 @@ def pages() -> list[Path]:
 
 def targets(page: Path) -> set[Path]:
     """Return the files within the repository that a page links to or shows."""
-    found = {(page.parent / (link or image)).resolve() for link, image in LINK.findall(page.read_text("utf-8"))}
+    found = {
+        (page.parent / (link or image)).resolve()
+        for link, image in LINK.findall(page.read_text("utf-8"))
+    }
     return {path for path in found if path.is_file() and path.is_relative_to(ROOT)}
 
 
 def lay_out(folder: Path) -> None:
     """Make the folder anew."""
     shutil.rmtree(folder, ignore_errors=True)
-    for path in {*pages(), *(target for page in pages() for target in targets(page)), *map(ROOT.joinpath, ASSETS)}:
+    for path in {
+        *pages(),
+        *(target for page in pages() for target in targets(page)),
+        *map(ROOT.joinpath, ASSETS),
+    }:
         place = folder / path.relative_to(ROOT)
         place.parent.mkdir(parents=True, exist_ok=True)
         place.symlink_to(path)
-    (folder.parent / "COLCON_IGNORE").touch()  # as colcon does: no packages are looked for among the links
+    (
+        folder.parent / "COLCON_IGNORE"
+    ).touch()  # as colcon does: no packages are looked for among the links
 
 
 if __name__ == "__main__":

@@ -40,7 +40,10 @@ _PANEL_WIDTH_PX, _PANEL_FRAME_PX, _TITLE_PX = 315, 110, 30
 
 def new_figure(height_px: int) -> Figure:
     """Return an empty figure, `WIDTH_PX` wide, with automatic layout."""
-    return Figure(figsize=(WIDTH_PX / _DOTS_PER_INCH, height_px / _DOTS_PER_INCH), layout="constrained")
+    return Figure(
+        figsize=(WIDTH_PX / _DOTS_PER_INCH, height_px / _DOTS_PER_INCH),
+        layout="constrained",
+    )
 
 
 def save(figure: Figure, file: Path) -> None:
@@ -74,7 +77,9 @@ def show_path(axes: Axes, path: Cells) -> None:
         axes.plot(columns[end], rows[end], marker=marker, markersize=size, **look)
 
 
-def draw_world_figure(world: World, file: Path, formula: Formula | str = CORRECTED) -> None:
+def draw_world_figure(
+    world: World, file: Path, formula: Formula | str = CORRECTED
+) -> None:
     """Write the maps of a world as PNG, 1280 pixels wide; WorldError if that fails or the world has no metrics."""
     save(world_figure(world, formula), file)
 
@@ -86,14 +91,19 @@ def world_figure(world: World, formula: Formula | str = CORRECTED) -> Figure:
     figure = new_figure(_height_px(world))
     panels = figure.subplots(2, 3)
     show_cells(panels[0, 0], world.grid)
-    panels[0, 0].set_title(f"Obstacles\n{float(world.grid.mean()):.0%} of the cells filled", fontsize=9)
+    panels[0, 0].set_title(
+        f"Obstacles\n{float(world.grid.mean()):.0%} of the cells filled", fontsize=9
+    )
     _draw_cspace(panels[0, 1], world, averages["tortuosity"])
     maps = metric_maps(world.cspace, chosen)
     places = (panels[0, 2], *panels[1])
     for axes, metric in zip(places, CELL_METRICS, strict=True):
         draw_map(axes, metric, maps[metric.name])
         show_path(axes, world.path)
-        axes.set_title(f"{metric.title}\npath mean {averages[metric.name]:.2f} {metric.unit}", fontsize=9)
+        axes.set_title(
+            f"{metric.title}\npath mean {averages[metric.name]:.2f} {metric.unit}",
+            fontsize=9,
+        )
     figure.suptitle(
         f"{world.name}: {world.rows} x {world.cols} cells of {world.resolution_m:g} m, "
         f"robot {world.footprint_cells} x {world.footprint_cells} cells, visibility {chosen.visibility}, "
@@ -107,7 +117,11 @@ def world_figure(world: World, formula: Formula | str = CORRECTED) -> Figure:
 def _height_px(world: World) -> int:
     """Return the height at which two rows of panels of the world's shape fill the width, within limits."""
     panel = _PANEL_WIDTH_PX * world.rows / world.cols
-    return round(_TITLE_PX + 2 * (_PANEL_FRAME_PX + min(max(panel, _PANEL_WIDTH_PX / 3), 2 * _PANEL_WIDTH_PX)))
+    return round(
+        _TITLE_PX
+        + 2
+        * (_PANEL_FRAME_PX + min(max(panel, _PANEL_WIDTH_PX / 3), 2 * _PANEL_WIDTH_PX))
+    )
 
 
 def draw_map(axes: Axes, metric: Metric, values: Floats) -> None:
@@ -124,7 +138,9 @@ def draw_map(axes: Axes, metric: Metric, values: Floats) -> None:
     axes.set(xticks=[], yticks=[])
     figure = axes.get_figure()
     assert isinstance(figure, Figure)
-    bar = figure.colorbar(picture, cax=axes.inset_axes((1.03, 0.0, 0.05, 1.0)), ticks=ticks)
+    bar = figure.colorbar(
+        picture, cax=axes.inset_axes((1.03, 0.0, 0.05, 1.0)), ticks=ticks
+    )
     bar.minorticks_off()
     bar.set_label(metric.unit, fontsize=8)
     bar.ax.tick_params(labelsize=8, length=2)
@@ -136,7 +152,10 @@ def _draw_cspace(axes: Axes, world: World, tortuosity: float) -> None:
     axes.plot(ends[:, 1], ends[:, 0], color=ROUTE, linewidth=1.0, linestyle=":")
     show_path(axes, world.path)
     title = METRICS[4].title.lower()
-    axes.set_title(f"C-space (grey) and path\n{title} {tortuosity:.2f}, {world.path_length_m:.2f} m", fontsize=9)
+    axes.set_title(
+        f"C-space (grey) and path\n{title} {tortuosity:.2f}, {world.path_length_m:.2f} m",
+        fontsize=9,
+    )
 
 
 @click.command()

@@ -21,15 +21,27 @@ _SIZE_IN, _SHOWN_M = (3.2, 6.4), (2.4, 13.4)  # from the start to the goal
 def worst_worlds(folders: Sequence[Path]) -> dict[str, int]:
     """Return the number of the world by planner; of worlds that are equally bad for it, the first."""
     table = pd.concat([barn.load(folder).table for folder in folders])
-    efficiency = table.pivot_table(index="world", columns="planner", values="efficiency", aggfunc="mean").dropna()
-    others = (efficiency.sum(axis=1).to_numpy()[:, None] - efficiency) / (efficiency.shape[1] - 1)
-    return {str(planner): int(world) for planner, world in (others - efficiency).idxmax().items()}
+    efficiency = table.pivot_table(
+        index="world", columns="planner", values="efficiency", aggfunc="mean"
+    ).dropna()
+    others = (efficiency.sum(axis=1).to_numpy()[:, None] - efficiency) / (
+        efficiency.shape[1] - 1
+    )
+    return {
+        str(planner): int(world)
+        for planner, world in (others - efficiency).idxmax().items()
+    }
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write worst_PLANNER.png for each planner and say which worlds they are."""
     parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("results", type=Path, nargs="+", help="folders of experiments in the same worlds")
+    parser.add_argument(
+        "results",
+        type=Path,
+        nargs="+",
+        help="folders of experiments in the same worlds",
+    )
     parser.add_argument("figures", type=Path, help="the folder that the pictures go to")
     options = parser.parse_args(arguments)
     try:

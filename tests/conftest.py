@@ -5,7 +5,16 @@ from extra_messages import more_messages, with_more_messages
 from shared_fixtures import longest_first, original_folder
 
 __all__ = ["more_messages", "original_folder", "with_more_messages"]
-LONGEST = ["documented_commands", "way_in", "templates", "faults", "endurance", "nav2", "notebooks", "mutation"]
+LONGEST = [
+    "documented_commands",
+    "way_in",
+    "templates",
+    "faults",
+    "endurance",
+    "nav2",
+    "notebooks",
+    "mutation",
+]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

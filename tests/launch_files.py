@@ -7,7 +7,13 @@ from pathlib import Path
 
 from barn_worlds.base.config import fields_of
 
-SHARED = Path(__file__).resolve().parents[1] / "barn_worlds" / "barn_worlds" / "ros" / "launching.py"
+SHARED = (
+    Path(__file__).resolve().parents[1]
+    / "barn_worlds"
+    / "barn_worlds"
+    / "ros"
+    / "launching.py"
+)
 
 
 @cache
@@ -20,8 +26,15 @@ def launch_arguments(path: Path) -> set[str]:
     names = _texts(tree) | _texts(ast.parse(SHARED.read_text("utf-8")))
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and node.module.startswith("barn_"):
-            for config in (one.name for one in node.names if one.name.endswith("Config")):
-                names |= {name for name, _, _ in fields_of(getattr(import_module(node.module), config)())}
+            for config in (
+                one.name for one in node.names if one.name.endswith("Config")
+            ):
+                names |= {
+                    name
+                    for name, _, _ in fields_of(
+                        getattr(import_module(node.module), config)()
+                    )
+                }
     return names
 
 
@@ -34,4 +47,8 @@ def constant(path: Path, name: str) -> object:
 
 
 def _texts(tree: ast.Module) -> set[str]:
-    return {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+    return {
+        node.value
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    }

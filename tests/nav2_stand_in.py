@@ -14,7 +14,10 @@ from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from ros_peer import Peer, Process
 from std_srvs.srv import Trigger
 
-TASKS = {ManageLifecycleNodes.Request.STARTUP: "STARTUP", ManageLifecycleNodes.Request.RESET: "RESET"}
+TASKS = {
+    ManageLifecycleNodes.Request.STARTUP: "STARTUP",
+    ManageLifecycleNodes.Request.RESET: "RESET",
+}
 state = {"active": False, "obedient": True, "begun": None}
 
 
@@ -36,9 +39,13 @@ def answer(_, response):
 trial_node = Process(sys.argv[1])
 peer = Peer("stand_in")
 peer.node.create_service(Trigger, "lifecycle_manager_navigation/is_active", answer)
-peer.node.create_service(ManageLifecycleNodes, "lifecycle_manager_navigation/manage_nodes", obey)
+peer.node.create_service(
+    ManageLifecycleNodes, "lifecycle_manager_navigation/manage_nodes", obey
+)
 latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
-statuses = peer.node.create_publisher(GoalStatusArray, "navigate_to_pose/_action/status", latched)
+statuses = peer.node.create_publisher(
+    GoalStatusArray, "navigate_to_pose/_action/status", latched
+)
 plans = peer.node.create_publisher(Path, "plan", 1)
 
 
@@ -52,7 +59,12 @@ peer.node.create_timer(1.0, look)
 
 def until_it_says(text):
     found = []
-    peer.wait(lambda: found.append(peer.call("nav2_trial/ready")) or found[-1].message == text, text)
+    peer.wait(
+        lambda: (
+            found.append(peer.call("nav2_trial/ready")) or found[-1].message == text
+        ),
+        text,
+    )
     print(found[-1].success, found[-1].message)
 
 
@@ -61,7 +73,9 @@ def reset():
 
 
 def take_goal():
-    statuses.publish(GoalStatusArray(status_list=[GoalStatus(status=GoalStatus.STATUS_EXECUTING)]))
+    statuses.publish(
+        GoalStatusArray(status_list=[GoalStatus(status=GoalStatus.STATUS_EXECUTING)])
+    )
 
 
 peer.wait(lambda: statuses.get_subscription_count() and plans.get_subscription_count())
@@ -76,7 +90,9 @@ until_it_says("")
 for _ in range(3):  # one reset after the other comes through
     reset()
     until_it_says("Nav2 has taken no goal yet")
-state["begun"] = take_goal  # a goal by action is taken, and said so once, before Nav2 is known to be active
+state["begun"] = (
+    take_goal  # a goal by action is taken, and said so once, before Nav2 is known to be active
+)
 reset()
 until_it_says("Nav2 has no plan yet")
 state["obedient"] = False

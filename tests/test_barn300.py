@@ -31,14 +31,25 @@ def test_statistics_lie_near_table_ii(table: MetricsTable, name: str):
     assert 0.8 <= values.std() / published["std"] <= 1.15
 
 
-def test_the_page_shows_the_tables_of_the_data_set(barn300: Dataset, table: MetricsTable):
+def test_the_page_shows_the_tables_of_the_data_set(
+    barn300: Dataset, table: MetricsTable
+):
     page = (DOCS / "metrics.md").read_text()
-    for text in (page_tool.table_i(barn300), page_tool.table_ii(table), page_tool.variants_table(barn300)):
+    for text in (
+        page_tool.table_i(barn300),
+        page_tool.table_ii(table),
+        page_tool.variants_table(barn300),
+    ):
         assert text in page
 
 
-def test_a_data_set_that_is_not_there_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    assert page_tool.main([str(tmp_path / "figures"), "--dataset", str(tmp_path / "none")]) == 1
+def test_a_data_set_that_is_not_there_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    assert (
+        page_tool.main([str(tmp_path / "figures"), "--dataset", str(tmp_path / "none")])
+        == 1
+    )
     error = capsys.readouterr().err
     assert error.startswith("error: ")
     assert error.count("\n") == 1

@@ -14,15 +14,17 @@ from scipy import stats
 from test_compare import write_folder
 from test_rows import result as a_result
 
-from barn_eval.experiments.rows import ResultRows
-from barn_eval.experiments.run_file import RunFile
+from barn_eval.results.rows import ResultRows
+from barn_eval.results.run_file import RunFile
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import trial_id
 from barn_worlds.base.errors import ConfigError
 
 WORLDS = 10
 LENGTH_M = 5.0
-PUBLISHED = {world: [10.0 + world, 11.0 + world, 12.0 + world] for world in range(WORLDS)}
+PUBLISHED = {
+    world: [10.0 + world, 11.0 + world, 12.0 + world] for world in range(WORLDS)
+}
 MEANS = np.array([np.mean(times) for times in PUBLISHED.values()])
 
 
@@ -42,9 +44,17 @@ def write_run(path, times):
 def timed(planner, world, repetition, time_s):
     one, ended = a_result(world), Outcome.TIMEOUT if time_s is None else Outcome.SUCCESS
     scored_s = 50.0 if time_s is None else time_s
-    times = {"scored_time_s": scored_s, "path_length_m": LENGTH_M, "normalised_time_s_per_m": scored_s / LENGTH_M}
+    times = {
+        "scored_time_s": scored_s,
+        "path_length_m": LENGTH_M,
+        "normalised_time_s_per_m": scored_s / LENGTH_M,
+    }
     scores = replace(one.scores, success=time_s is not None, **times)
-    name = {"trial_id": trial_id(planner, world, repetition), "planner": planner, "repetition": repetition}
+    name = {
+        "trial_id": trial_id(planner, world, repetition),
+        "planner": planner,
+        "repetition": repetition,
+    }
     return replace(one, **name, outcome=ended, scores=scores)
 
 
@@ -65,13 +75,17 @@ def table(tmp_path):
 
 
 def test_the_same_times_agree_in_everything(tmp_path, table):
-    (one,) = calibrate([write_run(tmp_path / "run", {"dwa": PUBLISHED})], table).planners
+    (one,) = calibrate(
+        [write_run(tmp_path / "run", {"dwa": PUBLISHED})], table
+    ).planners
     assert one.correlation.estimate == pytest.approx(1.0)
     assert one.correlation_of_successes.estimate == pytest.approx(1.0)
     assert one.bias_percent.estimate == pytest.approx(0.0, abs=1e-9)
     assert one.determination_of_equal_failures.estimate == pytest.approx(1.0)
     assert one.ours == one.published
-    assert one.ours.spread_s_per_m == pytest.approx(np.std([10.0, 11.0, 12.0]) / LENGTH_M)
+    assert one.ours.spread_s_per_m == pytest.approx(
+        np.std([10.0, 11.0, 12.0]) / LENGTH_M
+    )
     assert one.easy_worlds == (0, 1)
     assert one.ours.easy_s.estimate == pytest.approx(11.5)
     assert one.ours.easy_range_s == pytest.approx((11.0, 12.0))
@@ -89,16 +103,30 @@ def test_failures_count_in_one_correlation_and_not_in_the_other(tmp_path, table)
     ours[0] = [None, 11.0, 12.0]
     ours[1] = [None, None, None]
     (one,) = calibrate([write_run(tmp_path / "run", {"dwa": ours})], table).planners
-    counted = [np.mean([50.0 if time is None else time for time in times]) for times in ours.values()]
+    counted = [
+        np.mean([50.0 if time is None else time for time in times])
+        for times in ours.values()
+    ]
     expected = stats.spearmanr(counted, MEANS).statistic
     assert expected < 0.5
     assert one.correlation.estimate == pytest.approx(expected)
     assert one.correlation_of_successes.estimate == pytest.approx(1.0)
-    as_30_s = np.array([np.mean([30.0 if time is None else time for time in times]) for times in ours.values()])
-    assert one.bias_percent.estimate == pytest.approx(100.0 * (np.mean(counted) / MEANS.mean() - 1.0))
+    as_30_s = np.array(
+        [
+            np.mean([30.0 if time is None else time for time in times])
+            for times in ours.values()
+        ]
+    )
+    assert one.bias_percent.estimate == pytest.approx(
+        100.0 * (np.mean(counted) / MEANS.mean() - 1.0)
+    )
     assert one.bias_percent.low < one.bias_percent.estimate < one.bias_percent.high
-    assert one.ours.normalised_s_per_m.estimate == pytest.approx(np.mean(counted) / LENGTH_M)
-    assert one.bias_percent_of_equal_failures.estimate == pytest.approx(100.0 * (as_30_s.mean() / MEANS.mean() - 1.0))
+    assert one.ours.normalised_s_per_m.estimate == pytest.approx(
+        np.mean(counted) / LENGTH_M
+    )
+    assert one.bias_percent_of_equal_failures.estimate == pytest.approx(
+        100.0 * (as_30_s.mean() / MEANS.mean() - 1.0)
+    )
     r2 = 1.0 - ((as_30_s - MEANS) ** 2).mean() / MEANS.var()
     assert r2 < 0.0
     assert one.determination_of_equal_failures.estimate == pytest.approx(r2)
@@ -107,14 +135,23 @@ def test_failures_count_in_one_correlation_and_not_in_the_other(tmp_path, table)
     assert one.published.successes_s_per_m == pytest.approx(MEANS.mean() / LENGTH_M)
     assert one.ours.failure_share.estimate == pytest.approx(4 / 30)
     assert one.published.failure_share.estimate == 0.0
-    assert [(world.our_failures, world.published_failures) for world in one.worlds[:3]] == [(1, 0), (3, 0), (0, 0)]
+    assert [
+        (world.our_failures, world.published_failures) for world in one.worlds[:3]
+    ] == [(1, 0), (3, 0), (0, 0)]
     assert one.worlds[1].ours_s == 50.0
 
 
 def test_the_mean_of_both_is_compared_over_folders_and_within_them(tmp_path):
     falling = {world: PUBLISHED[WORLDS - 1 - world] for world in PUBLISHED}
-    table = write_table(tmp_path / "trials.csv", dwa=PUBLISHED, eband={world: [20.0] * 3 for world in PUBLISHED})
-    dwa, eband = write_run(tmp_path / "a", {"dwa": PUBLISHED}), write_run(tmp_path / "b", {"eband": falling})
+    table = write_table(
+        tmp_path / "trials.csv",
+        dwa=PUBLISHED,
+        eband={world: [20.0] * 3 for world in PUBLISHED},
+    )
+    dwa, eband = (
+        write_run(tmp_path / "a", {"dwa": PUBLISHED}),
+        write_run(tmp_path / "b", {"eband": falling}),
+    )
     (joint,) = calibrate([dwa, eband], table).joint
     # Rising and falling times cancel out, so that every world has the same mean.
     assert joint.labels == ("DWA", "E-Band")
@@ -148,14 +185,32 @@ def test_only_common_worlds_and_planners_of_the_table_take_part(tmp_path, table)
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ("world,dwa_1\n0,10\n", "line 2: path_length_m must be a number above 0, got None"),
+        (
+            "world,dwa_1\n0,10\n",
+            "line 2: path_length_m must be a number above 0, got None",
+        ),
         ("world,path_length_m\n0,5.0\n", "columns of times, such as dwa_1"),
         ("world,path_length_m,dwa_1\n", "at least one world"),
-        ("world,path_length_m,dwa_1\n0,5.0,soon\n", "line 2: dwa_1 must be a number above 0, got 'soon'"),
-        ("world,path_length_m,dwa_1\n0,-1,10\n", "line 2: path_length_m must be a number above 0, got '-1'"),
-        ("world,path_length_m,eband_1\n0,5,10\n", "has times of eband, the results of none of these"),
-        ("world,path_length_m,dwa_1\n55,5,10\n", "has no world in common with the results of DWA"),
-        ("world,path_length_m,dwa_1\n0,6,10\n", "the path of world 0 is 6.000 m there and 5.000 m in the results"),
+        (
+            "world,path_length_m,dwa_1\n0,5.0,soon\n",
+            "line 2: dwa_1 must be a number above 0, got 'soon'",
+        ),
+        (
+            "world,path_length_m,dwa_1\n0,-1,10\n",
+            "line 2: path_length_m must be a number above 0, got '-1'",
+        ),
+        (
+            "world,path_length_m,eband_1\n0,5,10\n",
+            "has times of eband, the results of none of these",
+        ),
+        (
+            "world,path_length_m,dwa_1\n55,5,10\n",
+            "has no world in common with the results of DWA",
+        ),
+        (
+            "world,path_length_m,dwa_1\n0,6,10\n",
+            "the path of world 0 is 6.000 m there and 5.000 m in the results",
+        ),
     ],
 )
 def test_what_cannot_be_compared_is_named(tmp_path, content, words):
@@ -169,24 +224,42 @@ def test_what_cannot_be_compared_is_named(tmp_path, content, words):
 def test_published_times_are_read_with_the_worlds_beside_them(original_folder):
     table = original_folder / "trials.csv"
     worlds, trials = published_trials(table)
-    assert (len(worlds), len(trials), trials.planner_names) == (50, 500, ("dwa", "eband"))
+    assert (len(worlds), len(trials), trials.planner_names) == (
+        50,
+        500,
+        ("dwa", "eband"),
+    )
     with table.open() as file:
         first = next(csv.DictReader(file))
-    times = [float(first[f"{planner}_{number}"]) for planner in ("dwa", "eband") for number in range(1, 6)]
-    assert trials.difficulty()[0] == pytest.approx(np.mean(times) / float(first["path_length_m"]))
+    times = [
+        float(first[f"{planner}_{number}"])
+        for planner in ("dwa", "eband")
+        for number in range(1, 6)
+    ]
+    assert trials.difficulty()[0] == pytest.approx(
+        np.mean(times) / float(first["path_length_m"])
+    )
 
 
 def invoke(*arguments):
     return CliRunner().invoke(main, [*map(str, arguments)], catch_exceptions=False)
 
 
-@pytest.mark.parametrize(("suffix", "magic"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])
+@pytest.mark.parametrize(
+    ("suffix", "magic"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")]
+)
 def test_command_draws_and_prints(tmp_path, suffix, magic):
     ours = PUBLISHED | {3: [None, 12.0, 13.0]}
-    table = write_table(tmp_path / "trials.csv", dwa=PUBLISHED, eband=PUBLISHED | {4: [30.0, 30.0, 30.0]})
+    table = write_table(
+        tmp_path / "trials.csv",
+        dwa=PUBLISHED,
+        eband=PUBLISHED | {4: [30.0, 30.0, 30.0]},
+    )
     run = write_run(tmp_path / "run", {"dwa": ours, "eband": ours})
     figure = tmp_path / f"scatter.{suffix}"
-    content = json.loads(invoke(run, "--reference", table, "--figure", figure, "--json").stdout)
+    content = json.loads(
+        invoke(run, "--reference", table, "--figure", figure, "--json").stdout
+    )
     assert [one["label"] for one in content["planners"]] == ["DWA", "E-Band"]
     assert content["planners"][1]["published"]["failure_share"]["estimate"] == 0.1
     assert figure.read_bytes().startswith(magic)
@@ -208,7 +281,9 @@ def test_command_draws_and_prints(tmp_path, suffix, magic):
 def test_mistakes_are_one_line(tmp_path, table, change, words):
     write_run(tmp_path / "run", {"dwa": PUBLISHED})
     given = {"folder": "run", "reference": table.name, "figure": "scatter.png"} | change
-    folder, reference, figure = (str(tmp_path / given[name]) for name in ("folder", "reference", "figure"))
+    folder, reference, figure = (
+        str(tmp_path / given[name]) for name in ("folder", "reference", "figure")
+    )
     done = invoke(folder, "--reference", reference, "--figure", figure)
     assert done.exit_code != 0
     error = done.stderr.splitlines()[-1]

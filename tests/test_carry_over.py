@@ -15,10 +15,14 @@ DOCS = Path(__file__).resolve().parents[1] / "docs"
 
 def made_up():
     rows = []
-    for robot, planner, seed, world in product(("jackal", "husky"), ("gap", "dwa"), (0, 1), range(0, 60, 6)):
+    for robot, planner, seed, world in product(
+        ("jackal", "husky"), ("gap", "dwa"), (0, 1), range(0, 60, 6)
+    ):
         draw = np.random.default_rng([world, seed, len(robot)])
         time_s = 20.0 + world + 30.0 * draw.random() * (planner == "dwa")
-        rows.append(tool.Trial(robot, planner, seed, 0, world, time_s < 90.0, round(time_s, 3)))
+        rows.append(
+            tool.Trial(robot, planner, seed, 0, world, time_s < 90.0, round(time_s, 3))
+        )
     return tool.Trials(tuple(rows))
 
 
@@ -28,7 +32,9 @@ def test_trials_are_written_and_read_again(tmp_path):
     assert tool.read_trials(tmp_path / "trials.csv") == trials
     assert (trials.robots, trials.planners) == (["jackal", "husky"], ["gap", "dwa"])
     assert trials.tries("husky", "dwa").shape == (2, 10)
-    together = np.mean([trials.times("husky", planner) for planner in trials.planners], axis=0)
+    together = np.mean(
+        [trials.times("husky", planner) for planner in trials.planners], axis=0
+    )
     assert trials.times("husky", tool.TOGETHER) == pytest.approx(together)
 
 
@@ -38,24 +44,38 @@ def test_the_line_is_that_of_least_squares():
     assert tool.slope(x, y) == pytest.approx(expected.slope)
     assert tool.intercept(x, y) == pytest.approx(expected.intercept)
     assert tool.determination(x, y) == pytest.approx(expected.rvalue**2)
-    assert tool.slope(np.array([x, y]), np.array([y, x])) == pytest.approx([tool.slope(x, y), tool.slope(y, x)])
+    assert tool.slope(np.array([x, y]), np.array([y, x])) == pytest.approx(
+        [tool.slope(x, y), tool.slope(y, x)]
+    )
 
 
 def test_correlations_between_robots_and_with_themselves():
     trials = made_up()
     x, y = trials.times("jackal", "dwa"), trials.times("husky", "dwa")
     first, second = trials.tries("jackal", "dwa")
-    row = next(line for line in tool.robots_table(trials).splitlines() if "DWA" in line).split("|")
-    assert float(row[2].split()[0]) == pytest.approx(stats.spearmanr(x, y).statistic, abs=0.006)
+    row = next(
+        line for line in tool.robots_table(trials).splitlines() if "DWA" in line
+    ).split("|")
+    assert float(row[2].split()[0]) == pytest.approx(
+        stats.spearmanr(x, y).statistic, abs=0.006
+    )
     once = stats.spearmanr(first, second).statistic
-    assert float(row[3].split()[0]) == pytest.approx(2.0 * once / (1.0 + once), abs=0.006)
+    assert float(row[3].split()[0]) == pytest.approx(
+        2.0 * once / (1.0 + once), abs=0.006
+    )
     assert "| gap | 1.00" in tool.robots_table(trials)
 
 
 def test_planners_that_did_not_drive_every_robot_are_refused():
     trials = made_up()
-    some = tool.Trials(tuple(row for row in trials.rows if (row.robot, row.planner) != ("husky", "gap")))
-    with pytest.raises(ConfigError, match="every planner must have driven with every robot"):
+    some = tool.Trials(
+        tuple(
+            row for row in trials.rows if (row.robot, row.planner) != ("husky", "gap")
+        )
+    )
+    with pytest.raises(
+        ConfigError, match="every planner must have driven with every robot"
+    ):
         tool.results_table(some)
 
 

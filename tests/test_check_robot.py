@@ -28,9 +28,18 @@ def test_robots_drive_as_theory_says(name):
     assert len(driven) >= 8
     assert {one.manoeuvre: abs(one.deviation) for one in driven if not one.passed} == {}
     assert LARGEST_DEVIATION == 0.03
-    lines = [line.split("|")[2:-1] for line in PAGE.read_text("utf-8").splitlines() if line.startswith(f"| `{name}` |")]
+    lines = [
+        line.split("|")[2:-1]
+        for line in PAGE.read_text("utf-8").splitlines()
+        if line.startswith(f"| `{name}` |")
+    ]
     (cells,) = (line for line in lines if len(line) == 7)
-    told = [float(number) for cell in cells for number in cell.split(";") if number.strip() != "none"]
+    told = [
+        float(number)
+        for cell in cells
+        for number in cell.split(";")
+        if number.strip() != "none"
+    ]
     found = [100.0 * one.deviation for one in driven]
     assert told == pytest.approx([*found[:-4], *found[-4::2], *found[-3::2]], abs=0.06)
 
@@ -39,14 +48,28 @@ def test_what_it_prints(tmp_path):
     text = shipped_robots()["turtlebot4"].read_text("utf-8")
     mine, late = tmp_path / "mine.yaml", tmp_path / "late.yaml"
     mine.write_text(text, "utf-8")
-    late.write_text(text.replace("command_timeout_s: 0.5", "command_timeout_s: 0.01"))  # shorter than a control period
-    runs = [CliRunner().invoke(main, [str(one), *more]) for one in (mine, late) for more in ((), ("--json",))]
+    late.write_text(
+        text.replace("command_timeout_s: 0.5", "command_timeout_s: 0.01")
+    )  # shorter than a control period
+    runs = [
+        CliRunner().invoke(main, [str(one), *more])
+        for one in (mine, late)
+        for more in ((), ("--json",))
+    ]
     assert [one.exit_code for one in runs] == [0, 0, 1, 1]
     first, *_, last = runs[0].output.splitlines()
-    assert first == "turtlebot4: differential, 0.342 x 0.342 x 0.351 m, 3.945 kg, up to 0.46 m/s, 1.9 rad/s"
+    assert (
+        first
+        == "turtlebot4: differential, 0.342 x 0.342 x 0.351 m, 3.945 kg, up to 0.46 m/s, 1.9 rad/s"
+    )
     assert "stop turning" in runs[0].output and "arc to the right" in runs[0].output
-    assert re.fullmatch(r"turtlebot4 drives as theory says: at most \d\.\d % off, 3 % allowed", last)
-    assert " % !" in runs[2].output and "does not drive as theory says in" in runs[2].output
+    assert re.fullmatch(
+        r"turtlebot4 drives as theory says: at most \d\.\d % off, 3 % allowed", last
+    )
+    assert (
+        " % !" in runs[2].output
+        and "does not drive as theory says in" in runs[2].output
+    )
     assert [json.loads(one.output)["passed"] for one in runs[1::2]] == [True, False]
     assert "none.yaml: No such file" in CliRunner().invoke(main, ["none.yaml"]).output
 
@@ -59,14 +82,17 @@ def test_with_lag_and_little_grip_too(name):
 
 @pytest.mark.parametrize("name", ["max_speed_m_s", "max_yaw_rate_rad_s"])
 def test_a_robot_that_may_not_drive_is_refused(name):
-    with pytest.raises(ConfigError, match=f"^robot turtlebot4: drive.{name} must be above 0"):
+    with pytest.raises(
+        ConfigError, match=f"^robot turtlebot4: drive.{name} must be above 0"
+    ):
         self_test(changed("turtlebot4", "drive", **{name: 0.0}))
 
 
 @pytest.mark.parametrize("friction", [0.0, 1e-4])
 def test_a_robot_that_does_not_get_going_is_refused(friction):
     with pytest.raises(
-        ConfigError, match=r"^robot husky: its accelerations and wheel_friction .* within 120 s, it takes"
+        ConfigError,
+        match=r"^robot husky: its accelerations and wheel_friction .* within 120 s, it takes",
     ):
         self_test(replace(load_robot("husky"), wheel_friction=friction))
 
@@ -76,17 +102,27 @@ def test_a_stop_is_latency_ramp_and_lag():
     speed, ramp = 0.46, robot.drive.max_acceleration_m_s2
     by_hand = speed * (0.1 + 0.2) + 0.5 * speed**2 / ramp
     assert Planar(robot).stopping_m(speed) == pytest.approx(by_hand, rel=0.002)
-    assert Planar(robot).go(speed, 5.0)[1] == pytest.approx(speed * 5.0 - by_hand, rel=0.002)
+    assert Planar(robot).go(speed, 5.0)[1] == pytest.approx(
+        speed * 5.0 - by_hand, rel=0.002
+    )
 
 
 def test_grip_is_what_the_driven_wheels_carry():
-    assert Planar(load_robot("jackal")).grip_m_s2(-1) == pytest.approx(0.5 * GRAVITY_M_S2)
+    assert Planar(load_robot("jackal")).grip_m_s2(-1) == pytest.approx(
+        0.5 * GRAVITY_M_S2
+    )
     robot = load_robot("turtlebot4")
     ((caster_m, _),) = robot.chassis.casters_m
     level = replace(robot.chassis, centre_of_mass_m=(0.5 * caster_m, 0.0, 1e-6))
-    share = Planar(replace(robot, chassis=level)).grip_m_s2(1) / (robot.wheel_friction * GRAVITY_M_S2)
-    assert share == pytest.approx(0.5, rel=1e-3)  # half of the weight is on the driven axle, none moves
-    assert Planar(robot).grip_m_s2(1) > Planar(robot).grip_m_s2(-1)  # the caster is in front
+    share = Planar(replace(robot, chassis=level)).grip_m_s2(1) / (
+        robot.wheel_friction * GRAVITY_M_S2
+    )
+    assert share == pytest.approx(
+        0.5, rel=1e-3
+    )  # half of the weight is on the driven axle, none moves
+    assert Planar(robot).grip_m_s2(1) > Planar(robot).grip_m_s2(
+        -1
+    )  # the caster is in front
 
 
 def test_a_skid_steer_robot_of_no_length_turns_as_its_wheels_say():
@@ -99,4 +135,6 @@ def test_a_skid_steer_robot_of_no_length_turns_as_its_wheels_say():
     assert Planar(short).arc(0.0, 1.0) == pytest.approx((0.0, 1.0), abs=2e-3)
     long = Planar(robot).arc(0.0, 1.0)[1]
     slip = 1.0 + (robot.chassis.wheelbase_m / robot.chassis.track_m) ** 2
-    assert long == pytest.approx(robot.drive.wheel_separation_multiplier / slip, rel=2e-3)
+    assert long == pytest.approx(
+        robot.drive.wheel_separation_multiplier / slip, rel=2e-3
+    )

@@ -8,8 +8,14 @@ FILES = {
         "summary": {"num_branches": 10, "covered_branches": 7},
         "missing_branches": [[3, 4], [5, -1], [-8, 9]],
     },
-    "barn_sim/barn_sim/b.py": {"summary": {"num_branches": 2, "covered_branches": 2}, "missing_branches": []},
-    "barn_eval/barn_eval/c.py": {"summary": {"num_branches": 4, "covered_branches": 3}, "missing_branches": [[1, 2]]},
+    "barn_sim/barn_sim/b.py": {
+        "summary": {"num_branches": 2, "covered_branches": 2},
+        "missing_branches": [],
+    },
+    "barn_eval/barn_eval/c.py": {
+        "summary": {"num_branches": 4, "covered_branches": 3},
+        "missing_branches": [[1, 2]],
+    },
 }
 
 
@@ -22,7 +28,9 @@ def test_branches_are_counted_by_package_and_all_come_last():
     }
     assert list(found)[-1] == "all"
     assert found["all"].percent == 75.0
-    assert found["barn_sim"].missing == {"barn_sim/barn_sim/a.py": [(3, 4), (5, 0), (8, 9)]}
+    assert found["barn_sim"].missing == {
+        "barn_sim/barn_sim/a.py": [(3, 4), (5, 0), (8, 9)]
+    }
 
 
 def test_each_gap_counts_for_the_first_reason_that_fits(tmp_path, monkeypatch):
@@ -31,11 +39,16 @@ def test_each_gap_counts_for_the_first_reason_that_fits(tmp_path, monkeypatch):
         (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / path).write_text("\n".join(["", "raise Mistake", *["pass"] * 8]))
     missing = counted({"files": FILES})["all"].missing
-    assert by_reason(missing, {"barn_sim/*": "cannot be", "barn_sim/barn_sim/a.py": "later"}) == {
+    assert by_reason(
+        missing, {"barn_sim/*": "cannot be", "barn_sim/barn_sim/a.py": "later"}
+    ) == {
         "cannot be": 3,
         REFUSAL: 1,
     }
-    assert reason_for("barn_eval/barn_eval/c.py", "pass", {"barn_sim/*": "cannot be"}) == ""
+    assert (
+        reason_for("barn_eval/barn_eval/c.py", "pass", {"barn_sim/*": "cannot be"})
+        == ""
+    )
 
 
 def test_reasons_are_given_of_files_that_exist():

@@ -13,7 +13,12 @@ from barn_eval import __version__
 
 
 def git(*arguments):
-    done = subprocess.run(["git", "-C", str(ROOT), *arguments], check=False, capture_output=True, text=True)
+    done = subprocess.run(
+        ["git", "-C", str(ROOT), *arguments],
+        check=False,
+        capture_output=True,
+        text=True,
+    )
     return done.stdout.split() if done.returncode == 0 else None
 
 
@@ -22,8 +27,21 @@ def wheel(tmp_path_factory):
     if not git("rev-parse", "HEAD"):
         pytest.skip("this is no repository, so a wheel would have no commit")
     place = tmp_path_factory.mktemp("distribution")
-    subprocess.run(["git", "clone", "--quiet", "--no-hardlinks", str(ROOT), place / "clone"], check=True)
-    build = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "-w", place]
+    subprocess.run(
+        ["git", "clone", "--quiet", "--no-hardlinks", str(ROOT), place / "clone"],
+        check=True,
+    )
+    build = [
+        sys.executable,
+        "-m",
+        "pip",
+        "wheel",
+        "--quiet",
+        "--no-deps",
+        "--no-build-isolation",
+        "-w",
+        place,
+    ]
     subprocess.run([*build, place / "clone"], check=True)
     (found,) = place.glob("*.whl")
     return zipfile.ZipFile(found)
@@ -38,14 +56,20 @@ def test_it_has_every_file_of_the_packages(wheel):
 def test_ros_finds_the_packages_their_launch_files_and_parameters(wheel):
     share = f"barn_suite-{__version__}.data/data/share"
     places = {"launch", "config", "package.xml"}
-    tracked = [name for name in git("ls-files", *PACKAGES) if name.split("/")[1] in places]
+    tracked = [
+        name for name in git("ls-files", *PACKAGES) if name.split("/")[1] in places
+    ]
     assert len(tracked) > 20
-    index = [f"{share}/ament_index/resource_index/packages/{package}" for package in PACKAGES]
+    index = [
+        f"{share}/ament_index/resource_index/packages/{package}" for package in PACKAGES
+    ]
     assert {*index, *(f"{share}/{name}" for name in tracked)} <= set(wheel.namelist())
 
 
 def test_it_requires_what_the_packages_require(wheel, monkeypatch):
-    (name,) = (name for name in wheel.namelist() if name.endswith(".dist-info/METADATA"))
+    (name,) = (
+        name for name in wheel.namelist() if name.endswith(".dist-info/METADATA")
+    )
     about = message_from_bytes(wheel.read(name))
     assert about["Version"] == __version__
     needed = {}
@@ -53,15 +77,31 @@ def test_it_requires_what_the_packages_require(wheel, monkeypatch):
         monkeypatch.chdir(ROOT / package)
         for one in run_setup("setup.py", stop_after="config").install_requires:
             library, version = re.fullmatch(r"(\w+)(?:>=|==)?(.*)", one).groups()
-            needed.setdefault(library, set()).add(tuple(map(int, version.split("."))) if version else ())
-    highest = {library: max(versions) for library, versions in needed.items() if library not in PACKAGES}
-    stated = [re.fullmatch(r"(\w+)>=([\d.]+)", one) for one in about.get_all("Requires-Dist") if "extra" not in one]
+            needed.setdefault(library, set()).add(
+                tuple(map(int, version.split("."))) if version else ()
+            )
+    highest = {
+        library: max(versions)
+        for library, versions in needed.items()
+        if library not in PACKAGES
+    }
+    stated = [
+        re.fullmatch(r"(\w+)>=([\d.]+)", one)
+        for one in about.get_all("Requires-Dist")
+        if "extra" not in one
+    ]
     assert {one[1]: tuple(map(int, one[2].split("."))) for one in stated} == highest
 
 
 def test_installed_it_says_its_commit(wheel, tmp_path):
     wheel.extractall(tmp_path / "installed")
-    asked = "from barn_eval.experiments.run_file import commit, versions; print(commit(), versions()['barn_sim'])"
+    asked = "from barn_eval.results.run_file import commit, versions; print(commit(), versions()['barn_sim'])"
     environment = {"PYTHONPATH": str(tmp_path / "installed"), "PATH": "/usr/bin:/bin"}
-    done = subprocess.run([sys.executable, "-c", asked], env=environment, cwd=tmp_path, check=True, capture_output=True)
+    done = subprocess.run(
+        [sys.executable, "-c", asked],
+        env=environment,
+        cwd=tmp_path,
+        check=True,
+        capture_output=True,
+    )
     assert done.stdout.decode().split() == [*git("rev-parse", "HEAD"), __version__]

@@ -62,7 +62,9 @@ def test_everything_copied_exists_and_is_sent_to_the_engine(path):
     copied = 0
     for stage in stages(path):
         for arguments in stage.all("COPY"):
-            *sources, _ = [word for word in shlex.split(arguments) if not word.startswith("--")]
+            *sources, _ = [
+                word for word in shlex.split(arguments) if not word.startswith("--")
+            ]
             if "--from=" in arguments:
                 assert arguments.split("--from=")[1].split()[0] in SUITE
                 continue
@@ -79,15 +81,21 @@ def test_bases_and_packages_are_pinned(path):
     defaults = dict(one.split("=", 1) for one in stages(path)[0].all("ARG"))
     for stage in stages(path)[1:]:
         base = re.sub(r"\$\{(\w+)\}", lambda match: defaults[match[1]], stage.base)
-        assert base in names or re.fullmatch(r"ros:jazzy-[a-z]+-[a-z]+-noble", base), base
+        assert base in names or re.fullmatch(r"ros:jazzy-[a-z]+-[a-z]+-noble", base), (
+            base
+        )
         for command in stage.all("RUN"):
             for words in re.findall(r"apt-get install ([^&|;]*)", command):
                 packages = [word for word in words.split() if not word.startswith("-")]
                 assert packages
                 assert [word for word in packages if "=" not in word] == []
             for words in re.findall(r"pip install ([^&|;]*)", command):
-                assert re.search(r"--(requirement|constraint) /?\S+\.lock", words), words
-    (version,) = (arguments.partition("=")[2] for arguments in SUITE["wheels"].all("ARG"))
+                assert re.search(r"--(requirement|constraint) /?\S+\.lock", words), (
+                    words
+                )
+    (version,) = (
+        arguments.partition("=")[2] for arguments in SUITE["wheels"].all("ARG")
+    )
     assert f"pybullet=={version} \\\n" in (ROOT / "requirements.lock").read_text()
 
 
@@ -95,7 +103,9 @@ def test_bases_and_packages_are_pinned(path):
 def test_what_runs_is_no_superuser(path):
     made = {stage.name: stage for stage in stages(path)}
     for stage in stages(path)[1:]:
-        runs = bool(stage.all("CMD") or stage.all("ENTRYPOINT") or stage.name == "cluster")
+        runs = bool(
+            stage.all("CMD") or stage.all("ENTRYPOINT") or stage.name == "cluster"
+        )
         if runs:
             assert stage.all("USER")[-1] == "10001:10001", stage.name
     assert stages(path)[-1].all("USER") or made[stages(path)[-1].base].all("USER")
@@ -104,14 +114,29 @@ def test_what_runs_is_no_superuser(path):
 def test_all_packages_are_built_and_all_tests_run():
     copied = {arguments.split()[0] for arguments in SUITE["build"].all("COPY")}
     assert set(PACKAGES) <= copied
-    (tests,) = (command for command in SUITE["test"].all("RUN") if "colcon_test.sh" in command)
+    (tests,) = (
+        command for command in SUITE["test"].all("RUN") if "colcon_test.sh" in command
+    )
     assert tests.split("colcon_test.sh")[1].split() == list(PACKAGES)
     assert SUITE["test"].base == "build"
     assert SUITE["final"].base == "runtime"
-    assert any("requirements-extra.lock" in command for command in SUITE["test"].all("RUN"))
+    assert any(
+        "requirements-extra.lock" in command for command in SUITE["test"].all("RUN")
+    )
     # tests look at these beside the packages
-    wanted = {"docs", "docker", "examples", "qa", "tests", ".github", "README.md", "Makefile"}
-    assert wanted <= {word for arguments in SUITE["test"].all("COPY") for word in arguments.split()}
+    wanted = {
+        "docs",
+        "docker",
+        "examples",
+        "qa",
+        "tests",
+        ".github",
+        "README.md",
+        "Makefile",
+    }
+    assert wanted <= {
+        word for arguments in SUITE["test"].all("COPY") for word in arguments.split()
+    }
 
 
 def test_the_entrypoint_can_be_started():
@@ -127,9 +152,13 @@ def test_a_service_has_a_pinned_image_a_target_and_commands_that_exist(path, ser
     assert name in ("barn-suite", "barn-nav2")
     assert tag.split("-")[0] == __version__
     if "build" in service:
-        dockerfile = path.parent / service["build"]["context"] / service["build"]["dockerfile"]
+        dockerfile = (
+            path.parent / service["build"]["context"] / service["build"]["dockerfile"]
+        )
         assert dockerfile.is_file()
-        assert service["build"].get("target", "") in {stage.name for stage in stages(dockerfile)}
+        assert service["build"].get("target", "") in {
+            stage.name for stage in stages(dockerfile)
+        }
     declared = yaml.safe_load(path.read_text()).get("volumes", {})
     for volume in service.get("volumes", []):
         source = volume.split(":")[0]
@@ -148,9 +177,13 @@ def runs_known_program(words):
         assert isinstance(command, click.Command)
         command.make_context(name, arguments)
     launched = [
-        (ROOT / a / "launch" / b, c) for a, b, c in re.findall(r"ros2 launch (\w+) (\S+\.launch\.py)(.*)", text)
+        (ROOT / a / "launch" / b, c)
+        for a, b, c in re.findall(r"ros2 launch (\w+) (\S+\.launch\.py)(.*)", text)
     ]
-    launched += [(ROOT / "examples" / path, given) for path, given in re.findall(r"ros2 launch /(\S+)(.*)", text)]
+    launched += [
+        (ROOT / "examples" / path, given)
+        for path, given in re.findall(r"ros2 launch /(\S+)(.*)", text)
+    ]
     for path, given in launched:
         assert set(re.findall(r"(\w+):=", given)) <= launch_arguments(path)
     assert re.search(r"\b(barn|ray start|ros2 launch) ", text), text
@@ -172,7 +205,11 @@ def test_the_workflow_pins_its_actions_and_calls_what_exists():
     path = ROOT / ".github" / "workflows" / "ci.yaml"
     workflow = yaml.safe_load(path.read_text())
     assert workflow["permissions"] == {"contents": "read"}
-    assert workflow["jobs"]["pypi"]["strategy"]["matrix"]["python"] == ["3.10", "3.11", "3.12"]
+    assert workflow["jobs"]["pypi"]["strategy"]["matrix"]["python"] == [
+        "3.10",
+        "3.11",
+        "3.12",
+    ]
     targets = set(re.findall(r"(?m)^([a-z-]+):", (ROOT / "Makefile").read_text()))
     stage_names = set(SUITE)
     for job in workflow["jobs"].values():
@@ -185,5 +222,7 @@ def test_the_workflow_pins_its_actions_and_calls_what_exists():
                 assert (ROOT / inputs.get("file", "README.md")).is_file()
             run = step.get("run", "")
             assert set(re.findall(r"\bmake ([\w-]+)", run)) <= targets
-            for file in re.findall(r"(?:-f (?=docker/)|python3 (?=examples/))(\S+)", run):
+            for file in re.findall(
+                r"(?:-f (?=docker/)|python3 (?=examples/))(\S+)", run
+            ):
                 assert (ROOT / file).is_file()

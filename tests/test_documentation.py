@@ -7,10 +7,10 @@ from pathlib import Path
 import figures as tool
 import yaml
 
-from barn_eval.experiments.experiment import Experiment
-from barn_eval.experiments.request import read_request
-from barn_eval.experiments.rows import results_table, timing_table
+from barn_eval.results.rows import results_table, timing_table
+from barn_eval.running.request import read_request
 from barn_eval.trials.protocol import PAPER_2020
+from barn_eval.trials.run_config import Experiment
 from barn_metrics.bootstrap import RESAMPLES
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -25,7 +25,9 @@ def test_one_command_draws_all_figures_but_those_it_names(tmp_path, capsys):
     drawn = {path.name for path in (tmp_path / "figures").iterdir()}
     shown = capsys.readouterr().out
     assert all(f"{tmp_path / 'figures' / name}\n" in shown for name in drawn)
-    assert {path.name for path in (DOCS / "figures").iterdir()} == drawn | tool.ELSEWHERE.keys()
+    assert {
+        path.name for path in (DOCS / "figures").iterdir()
+    } == drawn | tool.ELSEWHERE.keys()
     assert not drawn & tool.ELSEWHERE.keys()
     assert all(f"{name} is left as it is: " in shown for name in tool.ELSEWHERE)
 
@@ -38,10 +40,20 @@ def test_a_folder_without_results_is_one_line(tmp_path, capsys):
 def test_every_figure_is_shown_with_a_text_that_says_what_is_on_it():
     pages = [ROOT / "README.md", *DOCS.rglob("*.md")]
     texts = [page.read_text("utf-8") for page in pages]
-    found = [match for text in texts for match in re.findall(r"!\[([^\]]*)\]\(([^)]*figures/[^)]*)\)", text)]
-    tags = [match for text in texts for match in re.findall(r'<img src="([^"]*figures/[^"]*)" alt="([^"]*)"', text)]
+    found = [
+        match
+        for text in texts
+        for match in re.findall(r"!\[([^\]]*)\]\(([^)]*figures/[^)]*)\)", text)
+    ]
+    tags = [
+        match
+        for text in texts
+        for match in re.findall(r'<img src="([^"]*figures/[^"]*)" alt="([^"]*)"', text)
+    ]
     found += [(about, target) for target, about in tags]
-    assert {Path(target).name for _, target in found} == {path.name for path in (DOCS / "figures").iterdir()}
+    assert {Path(target).name for _, target in found} == {
+        path.name for path in (DOCS / "figures").iterdir()
+    }
     assert [target for text, target in found if len(text.split()) < 3] == []
 
 
@@ -63,7 +75,10 @@ def test_the_file_that_is_shown_is_a_campaign(tmp_path):
     path = tmp_path / "paper.yaml"
     path.write_text(text)
     campaign = read_request(path, {})
-    assert [planner.name for planner in campaign.experiment.planners] == ["dwa", "eband"]
+    assert [planner.name for planner in campaign.experiment.planners] == [
+        "dwa",
+        "eband",
+    ]
     assert campaign.experiment.protocol == PAPER_2020
     shown = set(yaml.safe_load(text)) - {"schema_version", "execution", "out"}
     assert set(Experiment.__dataclass_fields__) - shown == {"ros"}

@@ -19,19 +19,30 @@ from launch_files import launch_arguments
 import barn_eval
 from barn_eval.commands.main import COMMANDS, MORE, cli
 from barn_eval.commands.options import parse_settings
-from barn_eval.experiments.ros_config import RosSetup
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, PROTOCOLS, load_protocol
+from barn_eval.trials.ros_config import RosSetup
 from barn_eval.trials.spec import simulator_config
 from barn_planners.registry import planner_names
 from barn_worlds.base.config import replace_dotted
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(
-    path for pattern in ("*.md", "docs/**/*.md", "barn_*/README.md", "examples/**/*.md") for path in ROOT.glob(pattern)
+    path
+    for pattern in ("*.md", "docs/**/*.md", "barn_*/README.md", "examples/**/*.md")
+    for path in ROOT.glob(pattern)
 )
 # What a planner of one's own is called on these pages.
-EXAMPLES = {"mine", "simple", "template", "vector_pursuit", "nav2_dwb", "nav2_mppi", "nav2_rpp", "nav2_rpp_lockstep"}
+EXAMPLES = {
+    "mine",
+    "simple",
+    "template",
+    "vector_pursuit",
+    "nav2_dwb",
+    "nav2_mppi",
+    "nav2_rpp",
+    "nav2_rpp_lockstep",
+}
 EXAMPLES |= {"gap_predictive", "mppi_predictive"}  # of examples/predictive_planners
 
 
@@ -46,14 +57,19 @@ def commands(program):
             for part in re.split(r" && | & | \| ", line):
                 assignments = re.match(r"(?:[A-Z_]+=\S+ )*", part).end()
                 if part[assignments:].startswith(program + " "):
-                    yield pytest.param(part[assignments:], id=f"{path.relative_to(ROOT)}: {part[assignments:][:70]}")
+                    yield pytest.param(
+                        part[assignments:],
+                        id=f"{path.relative_to(ROOT)}: {part[assignments:][:70]}",
+                    )
 
 
 def words_of(line):
     return shlex.split(line, comments=True)
 
 
-@pytest.mark.parametrize("line", [*commands("barn"), *(example for example, _ in MORE.values())])
+@pytest.mark.parametrize(
+    "line", [*commands("barn"), *(example for example, _ in MORE.values())]
+)
 def test_barn_takes_what_is_shown(line):
     words = words_of(line)[1:]
     command, name = cli, "barn"
@@ -67,7 +83,9 @@ def test_barn_takes_what_is_shown(line):
     values, _, _ = command.make_parser(context).parse_args(list(words))
     for parameter in command.params:
         value = values.get(parameter.name)
-        if isinstance(value, str) and isinstance(parameter.type, (click.Choice, click.IntRange, click.FloatRange)):
+        if isinstance(value, str) and isinstance(
+            parameter.type, (click.Choice, click.IntRange, click.FloatRange)
+        ):
             parameter.type.convert(value, parameter, context)
     check_values(name, values)
 
@@ -89,7 +107,9 @@ def check_values(name, values):
     if name in ("run", "campaign"):
         settings = [one for one in values.get("ros") or [] if "KEY" not in one]
         replace_dotted(RosSetup(), parse_settings(tuple(settings), "--ros"), "--ros")
-        simulator_config(rules, parse_settings(tuple(values.get("simulator") or ()), "--sim"))
+        simulator_config(
+            rules, parse_settings(tuple(values.get("simulator") or ()), "--sim")
+        )
     known = {*planner_names(), *EXAMPLES}
     for planner in (values.get("planners") or "dwa").split(","):
         assert planner.split(":")[0] in known
@@ -102,13 +122,30 @@ def executables(package):
     return set(re.findall(r"(?m)^    (\w+) = [\w.]+:\w+$", setup))
 
 
-FOREIGN = {"my_nav", "my_robot", "my_planner", "template_planner", "template_planner_cpp"}
+FOREIGN = {
+    "my_nav",
+    "my_robot",
+    "my_planner",
+    "template_planner",
+    "template_planner_cpp",
+}
 
 
 @pytest.mark.parametrize("line", list(commands("ros2")))
 def test_ros2_is_shown_with_what_exists(line):
     _, verb, *words = words_of(line)
-    assert verb in ("run", "launch", "bag", "topic", "param", "node", "service", "action", "lifecycle", "pkg")
+    assert verb in (
+        "run",
+        "launch",
+        "bag",
+        "topic",
+        "param",
+        "node",
+        "service",
+        "action",
+        "lifecycle",
+        "pkg",
+    )
     if verb == "run" and words and words[0] not in FOREIGN:
         package, program, *rest = words
         assert program in executables(package)
@@ -124,11 +161,16 @@ def test_ros2_is_shown_with_what_exists(line):
             assert one.partition(":=")[0] in declared, one
 
 
-@pytest.mark.parametrize("line", [*commands("make"), *commands("docker"), *commands("python"), *commands("python3")])
+@pytest.mark.parametrize(
+    "line",
+    [*commands("make"), *commands("docker"), *commands("python"), *commands("python3")],
+)
 def test_files_and_targets_that_are_shown_exist(line):
     words = words_of(line)
     if words[0] == "make":
-        targets = set(re.findall(r"(?m)^([a-z-]+):", (ROOT / "Makefile").read_text("utf-8")))
+        targets = set(
+            re.findall(r"(?m)^([a-z-]+):", (ROOT / "Makefile").read_text("utf-8"))
+        )
         assert words[1] in targets
     for word in words[1:]:
         if word.startswith(("docker/", "examples/")):
@@ -148,7 +190,9 @@ def test_links_lead_to_files_and_headings_that_exist(path):
         assert there.exists(), target
         if heading:
             found = re.findall(r"(?m)^#+ (.+)$", there.read_text("utf-8"))
-            anchors = {re.sub(r"[^\w\- ]", "", one.lower()).replace(" ", "-") for one in found}
+            anchors = {
+                re.sub(r"[^\w\- ]", "", one.lower()).replace(" ", "-") for one in found
+            }
             assert heading in anchors, target
 
 
@@ -162,15 +206,23 @@ def quoted(path):
 
 
 PYTHON_NAME = re.compile(r"barn_(?:worlds|sim|planners|metrics|eval)(?:\.\w+)+(?=\(|$)")
-TOP_FOLDER = re.compile(r"(?:barn_\w+|docs|docker|examples|qa|tests|\.ci|\.github)/[\w./*-]+$")
-ENTRY_POINTS = {"barn_planners.planners"}  # a group of entry points, named like a module
+TOP_FOLDER = re.compile(
+    r"(?:barn_\w+|docs|docker|examples|qa|tests|\.ci|\.github)/[\w./*-]+$"
+)
+ENTRY_POINTS = {
+    "barn_planners.planners"
+}  # a group of entry points, named like a module
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_python_names_exist(path):
-    found = [PYTHON_NAME.match(text) for text in quoted(path) if not TOP_FOLDER.match(text)]
+    found = [
+        PYTHON_NAME.match(text) for text in quoted(path) if not TOP_FOLDER.match(text)
+    ]
     names = [name[0] for name in found if name]
-    assert [name for name in names if name not in ENTRY_POINTS and not exists(name)] == []
+    assert [
+        name for name in names if name not in ENTRY_POINTS and not exists(name)
+    ] == []
 
 
 def exists(name):
@@ -185,7 +237,8 @@ def test_everything_in_the_api_pages_exists():
     found = 0
     for path in (ROOT / "docs" / "api").glob("*.md"):
         for module, members in re.findall(
-            r"(?m)^::: (\S+)(?:\n    options: .*members: \[(.*?)\])?", path.read_text("utf-8")
+            r"(?m)^::: (\S+)(?:\n    options: .*members: \[(.*?)\])?",
+            path.read_text("utf-8"),
         ):
             for name in ["", *filter(None, members.split(", "))]:
                 resolve_name(f"{module}:{name}" if name else module)
@@ -195,8 +248,12 @@ def test_everything_in_the_api_pages_exists():
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_paths_exist(path):
-    named = [text.replace("NAME", "*") for text in quoted(path) if TOP_FOLDER.match(text)]
-    assert [text for text in named if not [*ROOT.glob(text), *path.parent.glob(text)]] == []
+    named = [
+        text.replace("NAME", "*") for text in quoted(path) if TOP_FOLDER.match(text)
+    ]
+    assert [
+        text for text in named if not [*ROOT.glob(text), *path.parent.glob(text)]
+    ] == []
 
 
 @cache
@@ -214,7 +271,10 @@ def symptoms():
     """Return what the first columns of troubleshooting's tables quote."""
     text = (ROOT / "docs" / "troubleshooting.md").read_text("utf-8")
     cells = re.findall(r"(?m)^\| ([^|]+) \|", text)
-    return sorted({quoted for cell in cells for quoted in re.findall(r"`([^`]+)`", cell)} - {"pip install", "/tf"})
+    return sorted(
+        {quoted for cell in cells for quoted in re.findall(r"`([^`]+)`", cell)}
+        - {"pip install", "/tf"}
+    )
 
 
 @pytest.mark.parametrize("symptom", symptoms())
@@ -226,7 +286,11 @@ def test_what_troubleshooting_quotes_is_what_the_suite_says(symptom):
 
 def test_every_failure_is_in_troubleshooting():
     text = (ROOT / "docs" / "troubleshooting.md").read_text("utf-8")
-    assert [one.value for one in Outcome if one is not Outcome.SUCCESS and f"`{one.value}`" not in text] == []
+    assert [
+        one.value
+        for one in Outcome
+        if one is not Outcome.SUCCESS and f"`{one.value}`" not in text
+    ] == []
 
 
 def test_there_is_something_to_check():
@@ -236,8 +300,17 @@ def test_there_is_something_to_check():
 
 
 # With what examples are tried instead, so that they do not take long: fewer worlds and processes.
-FEWER = {'"0:300:100"': '"0,100"', '"0:300:150"': '"0"', '"0:300:60"': '"0"', "per_set=3": "per_set=1"}
-FEWER |= {'predict("barn300")': 'predict("barn_test")', "per_class=50": "per_class=5", "workers=2": "workers=1"}
+FEWER = {
+    '"0:300:100"': '"0,100"',
+    '"0:300:150"': '"0"',
+    '"0:300:60"': '"0"',
+    "per_set=3": "per_set=1",
+}
+FEWER |= {
+    'predict("barn300")': 'predict("barn_test")',
+    "per_class=50": "per_class=5",
+    "workers=2": "workers=1",
+}
 
 
 def python_examples():
@@ -245,37 +318,73 @@ def python_examples():
     for path in PAGES:
         text = path.read_text("utf-8")
         blocks = re.findall(r"(?ms)^```python\n(.*?)^```", text)
-        if path == ROOT / "README.md":  # which shows a whole node as well; test_ros_trials.py drives by its file
+        if (
+            path == ROOT / "README.md"
+        ):  # which shows a whole node as well; test_ros_trials.py drives by its file
             node = (ROOT / "examples" / "simple_planner.py").read_text("utf-8")
             blocks = [block for block in blocks if block != node]
-        before = re.findall(r"(?m)^    (barn run .*)$", text)[:1] if "out/bag/" in "".join(blocks) else []
+        before = (
+            re.findall(r"(?m)^    (barn run .*)$", text)[:1]
+            if "out/bag/" in "".join(blocks)
+            else []
+        )
         if blocks:
-            yield pytest.param(before, "\n".join(blocks), id=str(path.relative_to(ROOT)))
-    found = {"": barn_eval} | {name: getattr(barn_eval, name) for name in dir(barn_eval)}
-    for noun, module in [(name, one) for name, one in found.items() if name and inspect.ismodule(one)]:
-        found |= {f"{noun}.{name}": one for name, one in vars(module).items() if inspect.isfunction(one)}
+            yield pytest.param(
+                before, "\n".join(blocks), id=str(path.relative_to(ROOT))
+            )
+    found = {"": barn_eval} | {
+        name: getattr(barn_eval, name) for name in dir(barn_eval)
+    }
+    for noun, module in [
+        (name, one) for name, one in found.items() if name and inspect.ismodule(one)
+    ]:
+        found |= {
+            f"{noun}.{name}": one
+            for name, one in vars(module).items()
+            if inspect.isfunction(one)
+        }
     for name, one in found.items():
         text = inspect.getdoc(one) or ""
-        shown = re.search(r"(?m)^    (?:import |def |barn\.|worlds? = ).*(?:\n(?:    .*)?)*", text)
+        shown = re.search(
+            r"(?m)^    (?:import |def |barn\.|worlds? = ).*(?:\n(?:    .*)?)*", text
+        )
         if shown:
             yield pytest.param(
-                [], "import barn_eval as barn\n\n" + textwrap.dedent(shown[0]), id=f"barn_eval.{name}".strip(".")
+                [],
+                "import barn_eval as barn\n\n" + textwrap.dedent(shown[0]),
+                id=f"barn_eval.{name}".strip("."),
             )
 
 
 @pytest.mark.parametrize(("before", "example"), list(python_examples()))
 def test_python_runs_as_it_is_shown(before, example, tmp_path):
-    for module in {"gymnasium", "stable_baselines3"} & {one.split(".")[-1] for one in re.findall(r"[\w.]+", example)}:
-        pytest.importorskip(module, reason=f"{module}, an optional extra, is not installed")
+    for module in {"gymnasium", "stable_baselines3"} & {
+        one.split(".")[-1] for one in re.findall(r"[\w.]+", example)
+    }:
+        pytest.importorskip(
+            module, reason=f"{module}, an optional extra, is not installed"
+        )
     (tmp_path / "out").mkdir()
     for shown, tried in FEWER.items():
         example = example.replace(shown, tried)
     (tmp_path / "shown.py").write_text(example)
-    found = os.pathsep.join([str(ROOT / "examples"), *filter(None, [os.environ.get("PYTHONPATH")])])
+    found = os.pathsep.join(
+        [str(ROOT / "examples"), *filter(None, [os.environ.get("PYTHONPATH")])]
+    )
     commands = [["-m", "barn_eval", *words_of(line)[1:]] for line in before]
     for words in (*commands, ["shown.py"]):
-        command, environment = [sys.executable, *words], os.environ | {"PYTHONPATH": found}
-        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+        command, environment = (
+            [sys.executable, *words],
+            os.environ | {"PYTHONPATH": found},
+        )
+        done = subprocess.run(
+            command,
+            cwd=tmp_path,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
         assert done.returncode == 0, done.stderr
 
 
@@ -283,5 +392,11 @@ def test_python_examples_are_found():
     shown = (ROOT / "examples" / "simple_planner.py").read_text("utf-8").strip()
     assert shown in (ROOT / "README.md").read_text("utf-8")
     found = {one.id for one in python_examples()}
-    assert {"README.md", "docs/python.md", "docs/tutorials/reading_a_bag.md", "barn_eval", "barn_eval.run"} <= found
+    assert {
+        "README.md",
+        "docs/python.md",
+        "docs/tutorials/reading_a_bag.md",
+        "barn_eval",
+        "barn_eval.run",
+    } <= found
     assert len(found) > 12

@@ -22,8 +22,17 @@ TOOLS = Path(__file__).resolve().parents[1] / "qa"
 
 
 def test_campaigns_with_a_killed_process_are_resumed_to_the_same_tables():
-    mode = "ros" if importlib.util.find_spec("rclpy") else "direct"  # which test_campaign.py kills as well
-    command = [sys.executable, TOOLS / "kill_points.py", "--json", "--points=1", "--seed=4", f"--mode={mode}"]
+    mode = (
+        "ros" if importlib.util.find_spec("rclpy") else "direct"
+    )  # which test_campaign.py kills as well
+    command = [
+        sys.executable,
+        TOOLS / "kill_points.py",
+        "--json",
+        "--points=1",
+        "--seed=4",
+        f"--mode={mode}",
+    ]
     ended = subprocess.run(command, capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stderr + ended.stdout
     found = json.loads(ended.stdout)["points"]
@@ -33,7 +42,10 @@ def test_campaigns_with_a_killed_process_are_resumed_to_the_same_tables():
 
 def test_the_same_seed_gives_the_same_points():
     durations_s = {"direct": 10.0, "ros": 20.0}
-    one, other, third = (kill_points.drawn(20, seed, ["direct", "ros"], durations_s) for seed in (1, 1, 2))
+    one, other, third = (
+        kill_points.drawn(20, seed, ["direct", "ros"], durations_s)
+        for seed in (1, 1, 2)
+    )
     assert one == other != third
     assert {point.role for point in one} <= set(kill_points.ROLES["ros"])
     assert all(0.0 <= point.at_s <= durations_s[point.mode] for point in one)
@@ -43,9 +55,25 @@ def test_the_same_seed_gives_the_same_points():
 def complete(tmp_path_factory):
     """A complete campaign in mode direct, with its bags."""
     folder = tmp_path_factory.mktemp("complete")
-    (folder / "near.yaml").write_text("schema_version: 1\nbase: challenge\nname: near\ngoal: {y_m: 2.0}\n")
-    options = ["--worlds=0", "--planners=gap", "--repetitions=2", "--bags=all", f"--protocol={folder / 'near.yaml'}"]
-    command = [sys.executable, "-m", "barn_eval", "campaign", *options, "--workers=1", f"--out={folder / 'out'}"]
+    (folder / "near.yaml").write_text(
+        "schema_version: 1\nbase: challenge\nname: near\ngoal: {y_m: 2.0}\n"
+    )
+    options = [
+        "--worlds=0",
+        "--planners=gap",
+        "--repetitions=2",
+        "--bags=all",
+        f"--protocol={folder / 'near.yaml'}",
+    ]
+    command = [
+        sys.executable,
+        "-m",
+        "barn_eval",
+        "campaign",
+        *options,
+        "--workers=1",
+        f"--out={folder / 'out'}",
+    ]
     subprocess.run(command, check=True, capture_output=True)
     return folder / "out"
 
@@ -53,14 +81,28 @@ def complete(tmp_path_factory):
 @pytest.mark.parametrize(
     ("name", "change", "complaint"),
     [
-        ("results.csv", lambda content: content.replace(b"success", b"timeout", 1), "results.csv is not that"),
+        (
+            "results.csv",
+            lambda content: content.replace(b"success", b"timeout", 1),
+            "results.csv is not that",
+        ),
         ("results.parquet", lambda content: content[:-1], "results.parquet"),
         ("tracks.jsonl", lambda content: content + content, "tracks.jsonl is not that"),
-        ("bags/gap_w0000_r00/metadata.yaml", lambda content: content + b"\n", "metadata.yaml is not that"),
-        ("results.jsonl", lambda content: content.replace(b'"success"', b'"timeout"', 1), "crc32"),
+        (
+            "bags/gap_w0000_r00/metadata.yaml",
+            lambda content: content + b"\n",
+            "metadata.yaml is not that",
+        ),
+        (
+            "results.jsonl",
+            lambda content: content.replace(b'"success"', b'"timeout"', 1),
+            "crc32",
+        ),
     ],
 )
-def test_a_campaign_that_differs_is_not_equal(complete, tmp_path, name, change, complaint):
+def test_a_campaign_that_differs_is_not_equal(
+    complete, tmp_path, name, change, complaint
+):
     out = shutil.copytree(complete, tmp_path / "out")
     point = kill_points.Point("direct", "worker", 1.0)
     assert kill_points.compared(point, out, complete).equal
@@ -77,9 +119,13 @@ def test_what_grows_is_not_flat():
     leaking = long_run.growth("all.anonymous_mb", trials, 200.0 + noise + 0.02 * trials)
     assert not leaking.flat
     assert leaking.per_1000 == pytest.approx(20.0, abs=3 * leaking.uncertainty)
-    assert not long_run.growth("all.handles", trials, 20.0 + np.floor(trials / 500)).flat
+    assert not long_run.growth(
+        "all.handles", trials, 20.0 + np.floor(trials / 500)
+    ).flat
     assert long_run.growth("all.handles", trials, np.full(len(trials), 20.0)).flat
-    assert not long_run.growth("all.anonymous_mb", trials, 200.0 + 100.0 * noise).flat  # nothing can be told
+    assert not long_run.growth(
+        "all.anonymous_mb", trials, 200.0 + 100.0 * noise
+    ).flat  # nothing can be told
     with pytest.raises(ValueError, match="at least 20"):
         long_run.growth("all.handles", trials[:10], trials[:10])
 
@@ -89,7 +135,9 @@ def test_processes_are_found_by_their_mark_and_measured(tmp_path):
     code += "threading.Thread(target=time.sleep, args=(600,), daemon=True).start()\nprint('up', flush=True)\n"
     code += "time.sleep(600)"
     environment = processes.environment(tmp_path.name, tmp_path / "tmp")
-    with subprocess.Popen([sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE) as process:
+    with subprocess.Popen(
+        [sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE
+    ) as process:
         try:
             assert process.stdout.readline() == b"up\n"
             (seen,) = processes.marked(tmp_path.name)
@@ -100,7 +148,11 @@ def test_processes_are_found_by_their_mark_and_measured(tmp_path):
             assert 0 < used.anonymous_bytes <= used.rss_bytes
             (tmp_path / "tmp" / "left").touch()
             taken = long_run.sample(7, tmp_path.name, set(), tmp_path / "tmp")
-            assert (taken["trials"], taken["temporary_files"], taken["all.threads"]) == (7, 1, 2)
+            assert (
+                taken["trials"],
+                taken["temporary_files"],
+                taken["all.threads"],
+            ) == (7, 1, 2)
             assert processes.ended(tmp_path.name, 0.0) == [seen]
         finally:
             process.send_signal(signal.SIGKILL)
@@ -112,9 +164,15 @@ def test_processes_are_found_by_their_mark_and_measured(tmp_path):
     ("line", "role"),
     [
         ("python -m barn_eval campaign --worlds=0", "campaign"),
-        ("python -P -m barn_eval.experiments.worker 5 local-0", "worker"),
-        ("python -I -S /a/supervision/guard.py 7 -- python start.py barn_sim.ros.simulator:main", "guard"),
-        ("python /a/supervision/start.py barn_sim.ros.simulator:main --ros-args", "simulator"),
+        ("python -P -m barn_eval.running.worker 5 local-0", "worker"),
+        (
+            "python -I -S /a/supervision/guard.py 7 -- python start.py barn_sim.ros.simulator:main",
+            "guard",
+        ),
+        (
+            "python /a/supervision/start.py barn_sim.ros.simulator:main --ros-args",
+            "simulator",
+        ),
         ("python /a/supervision/start.py barn_planners.ros.planner:main", "planner"),
         ("python /a/supervision/start.py barn_eval.ros.evaluator:main", "evaluator"),
         ("sleep 600", "other"),

@@ -15,28 +15,52 @@ from fuzz_readers import READERS
 
 ROOT = Path(__file__).resolve().parents[1]
 TOOL, PAGE = ROOT / "qa" / "faults.py", ROOT / "docs" / "reliability.md"
-QUICK = ("inputs/campaign-aliases", "inputs/xml-laughs", "commands/typo-planner", "files/folder-of-something-else")
+QUICK = (
+    "inputs/campaign-aliases",
+    "inputs/xml-laughs",
+    "commands/typo-planner",
+    "files/folder-of-something-else",
+)
 
 
 def faults(*arguments):
-    return subprocess.run([sys.executable, TOOL, *arguments], capture_output=True, text=True, check=False)
+    return subprocess.run(
+        [sys.executable, TOOL, *arguments], capture_output=True, text=True, check=False
+    )
 
 
 def test_quick_cases_pass(tmp_path):
-    ended = faults(*(word for name in QUICK for word in ("--only", name)), "--json", "--out", tmp_path / "out")
+    ended = faults(
+        *(word for name in QUICK for word in ("--only", name)),
+        "--json",
+        "--out",
+        tmp_path / "out",
+    )
     assert ended.returncode == 0, ended.stderr
     found = json.loads(ended.stdout)
-    assert {one["case"]: one["status"] for one in found} == dict.fromkeys(QUICK, "passed")
+    assert {one["case"]: one["status"] for one in found} == dict.fromkeys(
+        QUICK, "passed"
+    )
     assert json.loads((tmp_path / "out" / "faults.json").read_text()) == found
-    assert faults("--only", QUICK[0], "--resume", "--json", "--out", tmp_path / "out").stdout.strip() == "[]"
+    assert (
+        faults(
+            "--only", QUICK[0], "--resume", "--json", "--out", tmp_path / "out"
+        ).stdout.strip()
+        == "[]"
+    )
 
 
 def test_the_page_lists_exactly_the_cases_of_the_tool():
     cases = {one["case"]: one for one in json.loads(faults("--list", "--json").stdout)}
     assert len(cases) >= 80
-    rows = re.findall(r"^\| `([a-z]+/[a-z0-9-]+)` \|", PAGE.read_text("utf-8"), re.MULTILINE)
+    rows = re.findall(
+        r"^\| `([a-z]+/[a-z0-9-]+)` \|", PAGE.read_text("utf-8"), re.MULTILINE
+    )
     assert sorted(rows) == sorted(cases)
-    assert all(one["done"].endswith(".") and one["must"].endswith(".") for one in cases.values())
+    assert all(
+        one["done"].endswith(".") and one["must"].endswith(".")
+        for one in cases.values()
+    )
 
 
 def test_a_page_without_a_place_for_the_table_is_refused(tmp_path):
@@ -62,7 +86,16 @@ def test_a_fault_that_is_not_met_fails(tmp_path, monkeypatch):
     outcome = tool.tried(kit.Case("x", "y", "Done.", "Must.", act, 60.0), tmp_path, [])
     assert (outcome.status, outcome.measured) == ("failed", "it is not so")
     left = tool.tried(
-        kit.Case("x", "z", "Done.", "Must.", lambda lab: lab.start_program(["sleep", "600"]), 60.0), tmp_path, []
+        kit.Case(
+            "x",
+            "z",
+            "Done.",
+            "Must.",
+            lambda lab: lab.start_program(["sleep", "600"]),
+            60.0,
+        ),
+        tmp_path,
+        [],
     )
     assert left.status == "failed"
     assert "processes are left: ['sleep 600 ']" in left.measured
@@ -78,7 +111,9 @@ def found(tmp_path_factory):
     options = f"--corpus --inputs {INPUTS} --seconds 3600 --json".split()
     command = [sys.executable, ROOT / "qa" / "fuzz.py", *options, "--out", out]
     patient = {**os.environ, "FUZZ_LIMIT_S": "60"}
-    ended = subprocess.run(command, capture_output=True, text=True, check=False, env=patient)
+    ended = subprocess.run(
+        command, capture_output=True, text=True, check=False, env=patient
+    )
     told = {one["reader"]: one for one in map(json.loads, ended.stdout.splitlines())}
     assert told.keys() == READERS.keys(), ended.stderr
     return told

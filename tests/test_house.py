@@ -24,7 +24,11 @@ MOST = {
 
 @pytest.fixture(scope="module")
 def counted():
-    return json.loads(subprocess.run([sys.executable, TOOL, "--json"], check=True, capture_output=True).stdout)
+    return json.loads(
+        subprocess.run(
+            [sys.executable, TOOL, "--json"], check=True, capture_output=True
+        ).stdout
+    )
 
 
 @pytest.mark.parametrize("name", MOST)

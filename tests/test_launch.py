@@ -8,12 +8,15 @@ import pytest
 from launch_files import constant
 from topics_used import CATALOGUE, topics_of
 
-from barn_eval.experiments.ros_config import EvaluatorConfig
+from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_sim.config import RunConfig, SimulatorNodeConfig
 from barn_worlds.base.config import fields_of
 
 ROOT = Path(__file__).resolve().parents[1]
-FILES = {path.name.partition(".")[0]: path for path in sorted(ROOT.glob("barn_*/launch/*.launch.py"))}
+FILES = {
+    path.name.partition(".")[0]: path
+    for path in sorted(ROOT.glob("barn_*/launch/*.launch.py"))
+}
 NODES = ("map_server", "simulator", "planner", "evaluator")
 USUAL = {"params_file", "namespace", "log_level"}
 ARGUMENTS = {
@@ -35,7 +38,10 @@ def node_configs(name):
     from barn_worlds.ros.map_server import MapServerConfig  # noqa: PLC0415
 
     found = {"planner": [NodeConfig()], "map_server": [MapServerConfig()]}
-    found |= {"simulator": [RunConfig(), SimulatorNodeConfig()], "evaluator": [EvaluatorConfig()]}
+    found |= {
+        "simulator": [RunConfig(), SimulatorNodeConfig()],
+        "evaluator": [EvaluatorConfig()],
+    }
     return found[name]
 
 
@@ -59,15 +65,23 @@ def declared(name):
 def test_every_launch_file_is_there_and_makes_a_description():
     assert set(FILES) == set(ARGUMENTS)
     for path in FILES.values():
-        functions = [node.name for node in ast.parse(path.read_text()).body if isinstance(node, ast.FunctionDef)]
+        functions = [
+            node.name
+            for node in ast.parse(path.read_text()).body
+            if isinstance(node, ast.FunctionDef)
+        ]
         assert "generate_launch_description" in functions
 
 
 @pytest.mark.parametrize("name", NODES)
 def test_parameters_without_a_dot_are_arguments_and_no_others(name):
     given = declared(name)
-    parameters = {field for config in node_configs(name) for field, _, _ in fields_of(config)}
-    topics = {topic.replace("/", "_") + "_topic" for topic in constant(FILES[name], "TOPICS")}
+    parameters = {
+        field for config in node_configs(name) for field, _, _ in fields_of(config)
+    }
+    topics = {
+        topic.replace("/", "_") + "_topic" for topic in constant(FILES[name], "TOPICS")
+    }
     assert given - USUAL - topics - {"use_sim_time", "planner"} <= parameters
     handles = {"supervisor_fd", "simulator_fd", "evaluator_fd"}
     assert {field for field in parameters if "." not in field} - handles <= given
@@ -75,7 +89,11 @@ def test_parameters_without_a_dot_are_arguments_and_no_others(name):
 
 @pytest.mark.parametrize("name", [*NODES, "rviz"])
 def test_it_renames_only_topics_that_there_are(name):
-    used = CATALOGUE.values() if name == "rviz" else topics_of(FILES[name].parent.parent.name)
+    used = (
+        CATALOGUE.values()
+        if name == "rviz"
+        else topics_of(FILES[name].parent.parent.name)
+    )
     topics = set(constant(FILES[name], "TOPICS"))
     assert topics and topics <= {topic.name for topic in used}
 
@@ -91,7 +109,11 @@ def test_it_declares_the_usual_arguments(name):
         ({"protocol": "challenge"}, "challenge", "false"),
         ({"protocol": "known_map"}, "challenge", "true"),
         ({"protocol": "paper2020"}, "paper2020", "true"),
-        ({"protocol": "paper2020", "preset": "challenge", "use_map": "false"}, "challenge", "false"),
+        (
+            {"protocol": "paper2020", "preset": "challenge", "use_map": "false"},
+            "challenge",
+            "false",
+        ),
     ],
 )
 def test_a_planner_is_started_as_the_protocol_says(given, preset, use_map):

@@ -22,23 +22,36 @@ from barn_worlds.worlds.world import World
 
 def _world(seed: int = 3, rows: int = 30, cols: int = 30) -> World:
     parameters = WorldParameters(initial_fill=0.2, rows=rows, cols=cols)
-    return generate_world(parameters, np.random.default_rng(seed), f"world of seed {seed}")
+    return generate_world(
+        parameters, np.random.default_rng(seed), f"world of seed {seed}"
+    )
 
 
 def _free_world() -> World:
-    return World("nothing in the way", np.zeros((12, 20), bool), np.array([[6, column] for column in range(20)]))
+    return World(
+        "nothing in the way",
+        np.zeros((12, 20), bool),
+        np.array([[6, column] for column in range(20)]),
+    )
 
 
 def _texts(figure: Figure) -> list[Text]:
     """Return the texts that are seen; matplotlib also keeps labels of ticks beyond the ends of an axis."""
-    texts = [*figure.texts, *(text for legend in figure.legends for text in legend.get_texts())]
+    texts = [
+        *figure.texts,
+        *(text for legend in figure.legends for text in legend.get_texts()),
+    ]
     for axes in figure.findobj(Axes):
         texts += [axes.title, axes.xaxis.label, axes.yaxis.label, *axes.texts]
         for axis in (axes.xaxis, axes.yaxis):
             low, high = sorted(axis.get_view_interval())
             for tick in axis.get_major_ticks():
                 if low <= tick.get_loc() <= high:
-                    texts += [label for label in (tick.label1, tick.label2) if label.get_visible()]
+                    texts += [
+                        label
+                        for label in (tick.label1, tick.label2)
+                        if label.get_visible()
+                    ]
     return [text for text in texts if text.get_text().strip()]
 
 
@@ -46,11 +59,24 @@ def _overlapping_texts(figure: Figure) -> list[tuple[str, str]]:
     """Return pairs of texts of which one covers part of the other, and texts that the figure's edge cuts."""
     FigureCanvasAgg(figure).draw()
     renderer = figure.canvas.get_renderer()
-    boxes = [(text.get_text(), text.get_window_extent(renderer)) for text in _texts(figure)]
+    boxes = [
+        (text.get_text(), text.get_window_extent(renderer)) for text in _texts(figure)
+    ]
     width, height = figure.canvas.get_width_height()
-    inside = [box.x0 >= -1 and box.x1 <= width + 1 and box.y0 >= -1 and box.y1 <= height + 1 for _, box in boxes]
-    cut = [(text, "edge") for (text, _), whole in zip(boxes, inside, strict=True) if not whole]
-    return cut + [(a, b) for (a, first), (b, second) in itertools.combinations(boxes, 2) if first.overlaps(second)]
+    inside = [
+        box.x0 >= -1 and box.x1 <= width + 1 and box.y0 >= -1 and box.y1 <= height + 1
+        for _, box in boxes
+    ]
+    cut = [
+        (text, "edge")
+        for (text, _), whole in zip(boxes, inside, strict=True)
+        if not whole
+    ]
+    return cut + [
+        (a, b)
+        for (a, first), (b, second) in itertools.combinations(boxes, 2)
+        if first.overlaps(second)
+    ]
 
 
 FIGURES = {
@@ -64,7 +90,9 @@ FIGURES = {
     "characteristic dimension": lambda: tool.characteristic_dimension_figure(_world()),
     "automaton": tool.automaton_figure,
     "examples": lambda: tool.example_worlds_figure([_world(seed) for seed in range(4)]),
-    "distribution": lambda: tool.distribution_figure(metrics_table([_world(seed) for seed in range(9)]), "nine"),
+    "distribution": lambda: tool.distribution_figure(
+        metrics_table([_world(seed) for seed in range(9)]), "nine"
+    ),
 }
 
 
@@ -76,7 +104,10 @@ def test_texts_neither_overlap_nor_leave_the_figure(name):
 def test_world_figure_is_a_png_of_the_stated_width_and_repeatable(tmp_path: Path):
     for name in ("first.png", "second.png"):
         draw_world_figure(_world(), tmp_path / "new folder" / name)
-    first, second = ((tmp_path / "new folder" / name).read_bytes() for name in ("first.png", "second.png"))
+    first, second = (
+        (tmp_path / "new folder" / name).read_bytes()
+        for name in ("first.png", "second.png")
+    )
     assert first == second
     with Image.open(tmp_path / "new folder" / "first.png") as image:
         assert (image.format, image.width) == ("PNG", WIDTH_PX)
@@ -86,7 +117,12 @@ def test_documentation_figures_are_all_written(tmp_path: Path):
     dataset = Dataset("few", {k: (lambda seed=k: _world(seed)) for k in range(5)})
     files = tool.draw_documentation_figures(tmp_path / "figures", dataset)
     assert sorted(tmp_path.joinpath("figures").iterdir()) == sorted(files)
-    assert {file.stem for file in files} >= {"automaton", "dispersion", "example_worlds", "world_metrics"}
+    assert {file.stem for file in files} >= {
+        "automaton",
+        "dispersion",
+        "example_worlds",
+        "world_metrics",
+    }
     for file in files:
         with Image.open(file) as image:
             assert image.width == WIDTH_PX

@@ -18,7 +18,9 @@ def cylinder(name, period_s, *keys):
 
 def crossing(x, period_s):
     """Return a cylinder that goes to and fro between -5 m and 5 m across the drive at x."""
-    return cylinder("a", period_s, (0.0, x, -5.0), (period_s / 2, x, 5.0), (period_s, x, -5.0))
+    return cylinder(
+        "a", period_s, (0.0, x, -5.0), (period_s / 2, x, 5.0), (period_s, x, -5.0)
+    )
 
 
 def test_an_obstacle_that_goes_to_and_fro_crosses_twice_a_period():
@@ -27,21 +29,38 @@ def test_an_obstacle_that_goes_to_and_fro_crosses_twice_a_period():
     assert found.mean_speed_mps == pytest.approx(1.0, rel=1e-3)
     assert (found.obstacles, found.period_s) == (1, 20.0)
     # it is within 0.5 m of the line for 2 s of 20, and covers there 2 sqrt(0.25 - d^2), 0.785 m in the mean, of 20 m
-    assert found.occupied_share == pytest.approx(0.1 * 0.7854 / 20.0, rel=0.1)  # counted in steps of 0.1 m
+    assert found.occupied_share == pytest.approx(
+        0.1 * 0.7854 / 20.0, rel=0.1
+    )  # counted in steps of 0.1 m
 
 
 def test_who_jumps_over_the_line_or_passes_beyond_its_ends_does_not_cross_it():
     jump = cylinder("jump", 10.0, (0.0, 0.0, 1.0), (10.0, 0.0, 3.0))
     below = cylinder("below", 10.0, (0.0, 0.0, -3.0), (5.0, 0.0, -1.0))
     over = cylinder("over", 10.0, (0.0, 0.0, -1.0), (9.9, 0.0, -0.6))
-    assert motion_statistics(arena_world("jumps", [jump, below, over])).crossings_per_min == 0.0
-    assert motion_statistics(arena_world("beyond", [crossing(11.5, 20.0)])).crossings_per_min == 0.0
-    once = motion_statistics(arena_world("once", [cylinder("a", 10.0, (0.0, 0.0, -5.0), (10.0, 0.0, 5.0))]))
-    assert once.crossings_per_min == pytest.approx(6.0)  # once a period: the jump back is none
+    assert (
+        motion_statistics(arena_world("jumps", [jump, below, over])).crossings_per_min
+        == 0.0
+    )
+    assert (
+        motion_statistics(
+            arena_world("beyond", [crossing(11.5, 20.0)])
+        ).crossings_per_min
+        == 0.0
+    )
+    once = motion_statistics(
+        arena_world("once", [cylinder("a", 10.0, (0.0, 0.0, -5.0), (10.0, 0.0, 5.0))])
+    )
+    assert once.crossings_per_min == pytest.approx(
+        6.0
+    )  # once a period: the jump back is none
 
 
 def test_means_are_over_worlds_and_extremes_over_all():
-    slow, fast = arena_world("slow", [crossing(0.0, 40.0)]), arena_world("fast", [crossing(0.0, 10.0)])
+    slow, fast = (
+        arena_world("slow", [crossing(0.0, 40.0)]),
+        arena_world("fast", [crossing(0.0, 10.0)]),
+    )
     found = mean_statistics([slow, fast])
     assert (found.slowest_mps, found.fastest_mps) == pytest.approx((0.5, 2.0), rel=1e-3)
     assert found.mean_speed_mps == pytest.approx(1.25, rel=1e-3)
@@ -49,14 +68,23 @@ def test_means_are_over_worlds_and_extremes_over_all():
 
 def test_worlds_are_counted_by_their_class(tmp_path):
     chosen = [class_named(name) for name in ("easy", "hard")]
-    made = dict(enumerate(world for one in chosen for world in generate_arenas(one, 2, 5)))
+    made = dict(
+        enumerate(world for one in chosen for world in generate_arenas(one, 2, 5))
+    )
     write_own(tmp_path / "own.npz", "own", made, {"seed": 5})
     found = by_class(str(tmp_path / "own.npz"))
-    assert {name: len(worlds) for name, worlds in found.items()} == {"easy": 2, "hard": 2}
+    assert {name: len(worlds) for name, worlds in found.items()} == {
+        "easy": 2,
+        "hard": 2,
+    }
     mean = (len(made[0].moving) + len(made[1].moving)) / 2
     assert mean_statistics(found["easy"]).obstacles == mean
     (row,) = (
-        line for line in CliRunner().invoke(main, [str(tmp_path / "own.npz")]).output.splitlines() if "easy" in line
+        line
+        for line in CliRunner()
+        .invoke(main, [str(tmp_path / "own.npz")])
+        .output.splitlines()
+        if "easy" in line
     )
     assert f"{mean:.3f}" in row
 
@@ -68,10 +96,20 @@ def test_a_world_without_motion_is_refused():
 
 def test_dynabarn_has_the_speeds_and_periods_that_were_published():
     dataset = open_dataset("dynabarn60")
-    for first, speeds, periods in ((0, (0.50, 0.90), (12, 85)), (40, (1.52, 1.90), (16, 70))):
-        moving = [one for index in range(first, first + 20) for one in dataset.load(index).moving]
+    for first, speeds, periods in (
+        (0, (0.50, 0.90), (12, 85)),
+        (40, (1.52, 1.90), (16, 70)),
+    ):
+        moving = [
+            one
+            for index in range(first, first + 20)
+            for one in dataset.load(index).moving
+        ]
         keys = [np.array(one.motion.keys) for one in moving]
-        mean = [np.hypot(*np.diff(table[:, 1:], axis=0).T).sum() / table[-1, 0] for table in keys]
+        mean = [
+            np.hypot(*np.diff(table[:, 1:], axis=0).T).sum() / table[-1, 0]
+            for table in keys
+        ]
         assert (min(mean), max(mean)) == pytest.approx(speeds, abs=0.005)
         of_period = [one.motion.period_s for one in moving]
         assert periods[0] - 0.5 <= min(of_period) and max(of_period) <= periods[1] + 0.5

@@ -74,11 +74,16 @@ def test_good_tests_kill_and_weak_tests_are_found_out(tmp_path):
         "from barn_eval.trials.seeds import planner_seed\ndef test(): assert planner_seed(1, 1, 1, 'dwa') > 0\n"
     )
     sample = ("trials.seeds", "--sample", 5, "--seed", 2)
-    assert run(*sample) == (0, {"summary": "5 mutants, 5 killed, 0 survived (100.0 %)", "survivors": []})
+    assert run(*sample) == (
+        0,
+        {"summary": "5 mutants, 5 killed, 0 survived (100.0 %)", "survivors": []},
+    )
     code, found = run(*sample, "--tests", weak)
     assert code == 1
     assert 0 < len(found["survivors"]) < 5
-    assert all(one["was"] != one["now"] and one["reason"] is None for one in found["survivors"])
+    assert all(
+        one["was"] != one["now"] and one["reason"] is None for one in found["survivors"]
+    )
 
 
 def test_a_hang_counts_as_killed():
@@ -88,7 +93,9 @@ def test_a_hang_counts_as_killed():
         "tests = [runner.ROOT / 'barn_eval' / 'test' / 'test_scores.py'];"
         "print(*runner.survivals('barn_eval.trials.seeds', ['while True: pass'], tests, 1, 1))"
     )
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    ended = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
     assert ended.stdout.split() == ["False"]
 
 
@@ -100,5 +107,7 @@ def test_every_mutant_that_is_known_to_survive_is_there(tool):
         for module in {change[0] for change in reasons}
         for one in changes.mutants_of(runner.source_of(module).read_text("utf-8"))
     }
-    assert reasons.keys() - known == set(), "the code has changed: look at these in qa/mutate/survivors.yaml again"
+    assert reasons.keys() - known == set(), (
+        "the code has changed: look at these in qa/mutate/survivors.yaml again"
+    )
     assert all(reason.endswith(".") for reason in reasons.values())

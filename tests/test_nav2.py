@@ -18,8 +18,8 @@ import yaml
 from launch_files import constant
 
 from barn_eval.commands import ab
-from barn_eval.experiments.ros_config import Patience
 from barn_eval.trials.protocol import PROTOCOLS
+from barn_eval.trials.ros_config import Patience
 from barn_sim.config import PRESETS, SimulatorNodeConfig
 from barn_worlds.messages.topics import FRAMES
 from barn_worlds.robots.files import ROBOTS
@@ -34,28 +34,53 @@ def merged(*names):
     """Return the parameters of all nodes by node, as Nav2 gets them from several files."""
     nodes = {}
     for name in names:
-        for node, content in yaml.safe_load((FOLDER / "params" / f"{name}.yaml").read_text()).items():
-            nodes[node] = updated(nodes.get(node, {}), content.get(node, content)["ros__parameters"])
+        for node, content in yaml.safe_load(
+            (FOLDER / "params" / f"{name}.yaml").read_text()
+        ).items():
+            nodes[node] = updated(
+                nodes.get(node, {}), content.get(node, content)["ros__parameters"]
+            )
     return nodes
 
 
 def updated(before, values):
-    return before | {k: updated(before.get(k, {}), v) if isinstance(v, dict) else v for k, v in values.items()}
+    return before | {
+        k: updated(before.get(k, {}), v) if isinstance(v, dict) else v
+        for k, v in values.items()
+    }
 
 
-@pytest.fixture(params=[(mode, name) for mode in ("map", "mapless") for name in CONTROLLERS], ids="_".join)
+@pytest.fixture(
+    params=[(mode, name) for mode in ("map", "mapless") for name in CONTROLLERS],
+    ids="_".join,
+)
 def nodes(request):
     return merged("common", *request.param) | {"mode": request.param[0]}
 
 
 def test_plugins_that_are_listed_are_configured(nodes):
-    listed = {"controller_server": ("controller_plugins", "goal_checker_plugins", "progress_checker_plugins")}
-    listed |= {"planner_server": ("planner_plugins",), "behavior_server": ("behavior_plugins",)}
-    listed |= {"bt_navigator": ("navigators",), "local_costmap": ("plugins",), "global_costmap": ("plugins",)}
+    listed = {
+        "controller_server": (
+            "controller_plugins",
+            "goal_checker_plugins",
+            "progress_checker_plugins",
+        )
+    }
+    listed |= {
+        "planner_server": ("planner_plugins",),
+        "behavior_server": ("behavior_plugins",),
+    }
+    listed |= {
+        "bt_navigator": ("navigators",),
+        "local_costmap": ("plugins",),
+        "global_costmap": ("plugins",),
+    }
     for node, keys in listed.items():
         for key in keys:
             assert nodes[node][key]
-            assert all("::" in nodes[node][plugin]["plugin"] for plugin in nodes[node][key]), (node, key)
+            assert all(
+                "::" in nodes[node][plugin]["plugin"] for plugin in nodes[node][key]
+            ), (node, key)
     for costmap in ("local_costmap", "global_costmap"):
         layer = nodes[costmap]["obstacle_layer"]
         assert layer[layer["observation_sources"]]["topic"] == "/scan"
@@ -73,14 +98,22 @@ def test_frames_are_those_of_the_simulator(nodes):
         assert nodes[node]["global_frame"] == planning
         assert nodes[node]["robot_base_frame"] == FRAMES.base
     assert nodes["local_costmap"]["robot_base_frame"] == FRAMES.base
-    assert ("static_layer" in nodes["global_costmap"]["plugins"]) == (nodes["mode"] == "map")
+    assert ("static_layer" in nodes["global_costmap"]["plugins"]) == (
+        nodes["mode"] == "map"
+    )
 
 
 def test_the_footprint_is_that_of_the_robot(nodes):
     jackal = ROBOTS["jackal"]
-    corners = {(x * jackal.length_m / 2, y * jackal.width_m / 2) for x in (-1, 1) for y in (-1, 1)}
+    corners = {
+        (x * jackal.length_m / 2, y * jackal.width_m / 2)
+        for x in (-1, 1)
+        for y in (-1, 1)
+    }
     for costmap in ("local_costmap", "global_costmap"):
-        assert {tuple(corner) for corner in ast.literal_eval(nodes[costmap]["footprint"])} == corners
+        assert {
+            tuple(corner) for corner in ast.literal_eval(nodes[costmap]["footprint"])
+        } == corners
         radius = (jackal.length_m**2 + jackal.width_m**2) ** 0.5 / 2
         assert nodes[costmap]["inflation_layer"]["inflation_radius"] > radius
 
@@ -89,20 +122,38 @@ def test_the_footprint_is_that_of_the_robot(nodes):
 @pytest.mark.parametrize("name", ["turtlebot4", "husky"])
 def test_another_robot_has_its_own_size_and_limits(name, mode):
     chassis, drive = ROBOTS[name].chassis, ROBOTS[name].drive
-    nodes, before = merged("common", mode, "rpp", f"{name}_rpp"), merged("common", mode, "rpp")
+    nodes, before = (
+        merged("common", mode, "rpp", f"{name}_rpp"),
+        merged("common", mode, "rpp"),
+    )
     outline = {(x, y) for x, y in chassis.footprint_m}
     scale = chassis.circumscribed_m / ROBOTS["jackal"].chassis.circumscribed_m
     for costmap in ("local_costmap", "global_costmap"):
-        assert {tuple(corner) for corner in ast.literal_eval(nodes[costmap]["footprint"])} == outline
+        assert {
+            tuple(corner) for corner in ast.literal_eval(nodes[costmap]["footprint"])
+        } == outline
         assert outline or nodes[costmap]["robot_radius"] == chassis.footprint_radius_m
-        assert nodes[costmap]["inflation_layer"]["inflation_radius"] > chassis.circumscribed_m
+        assert (
+            nodes[costmap]["inflation_layer"]["inflation_radius"]
+            > chassis.circumscribed_m
+        )
     follow, speed = nodes["controller_server"]["FollowPath"], scale * SPEED_MPS
     for key, value in follow.items():
-        if key.endswith(("_dist", "_vel", "_speed", "_radius")) and "angular" not in key and "robot_pose" not in key:
+        if (
+            key.endswith(("_dist", "_vel", "_speed", "_radius"))
+            and "angular" not in key
+            and "robot_pose" not in key
+        ):
             about = before["controller_server"]["FollowPath"][key]
-            assert isinstance(about, bool) or value == pytest.approx(scale * about, rel=0.04), key
+            assert isinstance(about, bool) or value == pytest.approx(
+                scale * about, rel=0.04
+            ), key
     smoother = nodes["velocity_smoother"]
-    assert smoother["max_velocity"][0] == follow["desired_linear_vel"] == pytest.approx(speed, rel=0.02)
+    assert (
+        smoother["max_velocity"][0]
+        == follow["desired_linear_vel"]
+        == pytest.approx(speed, rel=0.02)
+    )
     assert smoother["max_velocity"][2] <= drive.max_yaw_rate_rad_s
     assert smoother["max_accel"][0] == drive.max_acceleration_m_s2
     assert smoother["max_accel"][2] <= drive.max_yaw_acceleration_rad_s2
@@ -111,7 +162,9 @@ def test_another_robot_has_its_own_size_and_limits(name, mode):
     assert follow["cost_scaling_dist"] <= layer["inflation_radius"]
 
 
-@pytest.mark.parametrize(("mode", "goal_m"), [("mapless", 20.0), ("map", 10.0)])  # of DynaBARN, of the challenge
+@pytest.mark.parametrize(
+    ("mode", "goal_m"), [("mapless", 20.0), ("map", 10.0)]
+)  # of DynaBARN, of the challenge
 def test_goals_lie_within_the_global_costmap(mode, goal_m):
     # beyond the map as well, so that a costmap of the map's size would not do
     costmap = merged("common", mode)["global_costmap"]
@@ -121,14 +174,25 @@ def test_goals_lie_within_the_global_costmap(mode, goal_m):
 
 def test_speeds_are_those_of_the_paper(nodes):
     follow = nodes["controller_server"]["FollowPath"]
-    speed = next(follow[key] for key in ("max_vel_x", "vx_max", "v_linear_max", "desired_linear_vel") if key in follow)
-    turns = ("max_vel_theta", "wz_max", "v_angular_max", "rotate_to_heading_angular_vel")
+    speed = next(
+        follow[key]
+        for key in ("max_vel_x", "vx_max", "v_linear_max", "desired_linear_vel")
+        if key in follow
+    )
+    turns = (
+        "max_vel_theta",
+        "wz_max",
+        "v_angular_max",
+        "rotate_to_heading_angular_vel",
+    )
     turn = next(follow[key] for key in turns if key in follow)
     assert speed == SPEED_MPS == nodes["velocity_smoother"]["max_velocity"][0]
     assert turn <= TURN_RADPS == nodes["velocity_smoother"]["max_velocity"][2]
     assert PRESETS["default"].drive.max_speed_m_s >= speed
     assert follow.get("critics", True)
-    assert follow.get("model_dt", 0.05) * nodes["controller_server"]["controller_frequency"] == pytest.approx(1.0)
+    assert follow.get("model_dt", 0.05) * nodes["controller_server"][
+        "controller_frequency"
+    ] == pytest.approx(1.0)
     if "inflation_cost_scaling_factor" in follow:
         layer = nodes["local_costmap"]["inflation_layer"]
         assert follow["inflation_cost_scaling_factor"] == layer["cost_scaling_factor"]
@@ -140,7 +204,12 @@ def test_commands_pass_from_server_to_server_to_cmd_vel(nodes):
     remapped = {name: remappings.get("cmd_vel") for _, name, remappings in servers}
     assert set(nodes) - {"mode", "local_costmap", "global_costmap"} == set(remapped)
     # the smoother hears what the controller and the behaviours send, the monitor what the smoother sends
-    assert remapped["controller_server"] == remapped["behavior_server"] == remapped["velocity_smoother"] != "cmd_vel"
+    assert (
+        remapped["controller_server"]
+        == remapped["behavior_server"]
+        == remapped["velocity_smoother"]
+        != "cmd_vel"
+    )
     assert nodes["collision_monitor"]["cmd_vel_in_topic"] == "cmd_vel_smoothed"
     assert nodes["collision_monitor"]["cmd_vel_out_topic"] == "cmd_vel"
 
@@ -153,7 +222,9 @@ def test_a_nav2_that_works_is_not_taken_for_a_stalled_one(nodes):
 
 
 def test_a_nav2_that_has_given_up_may_stand_until_the_trial_is_over():
-    commands = re.findall(r"barn run .*nav2\.launch\.py.*", (FOLDER / "README.md").read_text("utf-8"))
+    commands = re.findall(
+        r"barn run .*nav2\.launch\.py.*", (FOLDER / "README.md").read_text("utf-8")
+    )
     assert len(commands) == 3
     for command in commands:
         assert float(re.search(r"patience\.command_s=(\d+)", command)[1]) > max(
@@ -164,43 +235,84 @@ def test_a_nav2_that_has_given_up_may_stand_until_the_trial_is_over():
 def test_the_workflow_for_a_pull_request_calls_what_exists():
     workflow = yaml.safe_load((FOLDER / "compare_builds.yaml").read_text())
     steps = workflow["jobs"]["compare"]["steps"]
-    named = re.findall(r"\bbarn/(examples/\S+)", " ".join(step.get("run", "") for step in steps))
+    named = re.findall(
+        r"\bbarn/(examples/\S+)", " ".join(step.get("run", "") for step in steps)
+    )
     assert set(named) == {"examples/nav2/lockstep", "examples/nav2/params"}
     assert all((FOLDER.parents[1] / name).exists() for name in named)
     assert (FOLDER / "params" / f"{workflow['env']['CONTROLLER']}.yaml").is_file()
     (call,) = re.findall(r"barn ab (.*?) \|", steps[-2]["run"].replace("\\\n", " "))
-    values, *_ = ab.command.make_parser(click.Context(ab.command)).parse_args(shlex.split(call))
-    assert (values["base"], values["head"]) == ("install_base/setup.bash", "install_head/setup.bash")
-    assert all(re.fullmatch(r"[\w/-]+@v\d+\.\d+\.\d+", step["uses"]) for step in steps if "uses" in step)
+    values, *_ = ab.command.make_parser(click.Context(ab.command)).parse_args(
+        shlex.split(call)
+    )
+    assert (values["base"], values["head"]) == (
+        "install_base/setup.bash",
+        "install_head/setup.bash",
+    )
+    assert all(
+        re.fullmatch(r"[\w/-]+@v\d+\.\d+\.\d+", step["uses"])
+        for step in steps
+        if "uses" in step
+    )
 
 
 @pytest.mark.parametrize("name", ["controllers", "fast"])
 def test_a_campaign_of_all_controllers_declares_the_speed_that_each_keeps(name):
     speeds = ("max_vel_x", "vx_max", "v_linear_max", "desired_linear_vel")
-    for one in yaml.safe_load((FOLDER / "lockstep" / f"{name}.yaml").read_text())["planners"]:
-        files = [Path(word) for word in shlex.split(one["command"]) if "examples/" in word]
+    for one in yaml.safe_load((FOLDER / "lockstep" / f"{name}.yaml").read_text())[
+        "planners"
+    ]:
+        files = [
+            Path(word) for word in shlex.split(one["command"]) if "examples/" in word
+        ]
         assert all((FOLDER.parents[1] / file).is_file() for file in files)
-        follow = merged(*(file.stem for file in files[1:]))["controller_server"]["FollowPath"]
-        follow |= {key: float(value) for key, value in re.findall(r"FollowPath\.(\w+):=([\d.]+)", one["command"])}
-        assert 0.99 <= next(follow[key] for key in speeds if key in follow) / one["max_speed_mps"] <= 1.0
+        follow = merged(*(file.stem for file in files[1:]))["controller_server"][
+            "FollowPath"
+        ]
+        follow |= {
+            key: float(value)
+            for key, value in re.findall(r"FollowPath\.(\w+):=([\d.]+)", one["command"])
+        }
+        assert (
+            0.99
+            <= next(follow[key] for key in speeds if key in follow)
+            / one["max_speed_mps"]
+            <= 1.0
+        )
 
 
 def test_the_protocols_that_nav2_is_shown_with_send_the_goal_once():
-    shown = set(re.findall(r"--protocol (\w+)", (FOLDER / "README.md").read_text("utf-8")))
+    shown = set(
+        re.findall(r"--protocol (\w+)", (FOLDER / "README.md").read_text("utf-8"))
+    )
     assert shown == {"challenge", "known_map"}
     assert {PROTOCOLS[name].goal_period_s for name in shown} == {0.0}
-    assert {name: PROTOCOLS[name].map_given for name in shown} == {"challenge": False, "known_map": True}
+    assert {name: PROTOCOLS[name].map_given for name in shown} == {
+        "challenge": False,
+        "known_map": True,
+    }
 
 
 def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, capsys):
-    spec = importlib.util.spec_from_file_location("check_parameters", FOLDER / "check_parameters.py")
+    spec = importlib.util.spec_from_file_location(
+        "check_parameters", FOLDER / "check_parameters.py"
+    )
     check = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(check)
-    source, other, mine = tmp_path / "navigation2", tmp_path / "other", tmp_path / "mine.yaml"
-    for place, read in ((source / "nav2_controller", "controller_frequency"), (other, "prefix.gain")):
+    source, other, mine = (
+        tmp_path / "navigation2",
+        tmp_path / "other",
+        tmp_path / "mine.yaml",
+    )
+    for place, read in (
+        (source / "nav2_controller", "controller_frequency"),
+        (other, "prefix.gain"),
+    ):
         place.mkdir(parents=True)
         (place / "server.cpp").write_text(f'declare_parameter("{read}", 20.0);')
-        (place / "plugins.xml").write_text(f'<class type="{place.name}::Checker" base_class_type="x"/>')
+        (place / "plugins.xml").write_text(
+            f'<class type="{place.name}::Checker" base_class_type="x"/>'
+        )
     (other / "package.xml").touch()
     text = "controller_server: {ros__parameters: {%s: 20.0, a: {plugin: 'nav2_controller::%s'}, b: {%s}}}"
     own = "plugin: 'other::Checker', gain: 1, %s: 2"
@@ -211,17 +323,33 @@ def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "controler_frequency is not read by nav2_controller" in said
     assert "b.gian is not read by other" in said
-    assert "no plugin nav2_controller::Chequer" in said and "5 parameters checked, 3 unknown" in said
+    assert (
+        "no plugin nav2_controller::Chequer" in said
+        and "5 parameters checked, 3 unknown" in said
+    )
 
 
 def test_each_trial_gets_a_fresh_nav2(with_more_messages):
     """The node nav2_trial, with a lifecycle manager and a navigator that are stood in for in another process."""
     script = Path(__file__).with_name("nav2_stand_in.py")
     with reserved_domain({}) as domain:
-        environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-        environment["PYTHONPATH"] = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), *sys.path]))
+        environment = {
+            **os.environ,
+            "ROS_DOMAIN_ID": str(domain),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        }
+        environment["PYTHONPATH"] = os.pathsep.join(
+            filter(None, [os.environ.get("PYTHONPATH"), *sys.path])
+        )
         command = [sys.executable, str(script), str(FOLDER / "trial_node.py")]
-        done = subprocess.run(command, check=False, env=environment, capture_output=True, text=True, timeout=600)
+        done = subprocess.run(
+            command,
+            check=False,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=600,
+        )
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.splitlines() == [
         "False Nav2 is being brought up",

@@ -15,21 +15,31 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from ros_runs import make_plan, nothing_left, run  # noqa: F401 (a fixture)
 
-from barn_eval.experiments.ros_config import RosSetup
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE
+from barn_eval.trials.ros_config import RosSetup
 
 PARAMETERS = Path(__file__).resolve().parents[1] / "examples" / "nav2" / "params"
 PREFIXES = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
-BUILT = [str(path) for path in (Path(p, "lib/nav2_lockstep/nav2_lockstep") for p in PREFIXES) if path.is_file()]
+BUILT = [
+    str(path)
+    for path in (Path(p, "lib/nav2_lockstep/nav2_lockstep") for p in PREFIXES)
+    if path.is_file()
+]
 HOST = os.environ.get("NAV2_LOCKSTEP") or next(map(shlex.quote, BUILT), "")
 
 if not HOST:
-    pytest.skip("examples/nav2/lockstep is not built, or Nav2 is not installed", allow_module_level=True)
+    pytest.skip(
+        "examples/nav2/lockstep is not built, or Nav2 is not installed",
+        allow_module_level=True,
+    )
 
 
 def host(controller):
-    files = [f"--params-file {shlex.quote(str(PARAMETERS / name))}.yaml" for name in ("common", "mapless", controller)]
+    files = [
+        f"--params-file {shlex.quote(str(PARAMETERS / name))}.yaml"
+        for name in ("common", "mapless", controller)
+    ]
     return " ".join([HOST, "--ros-args", *files])
 
 
@@ -42,7 +52,10 @@ def test_the_same_seed_gives_the_same_drive(tmp_path, controller):
     for turn in ("once", "again"):
         results = run(tmp_path / turn, plan)
         assert [result.wall_clock.missed_cycles for result in results] == [0, 0]
-        assert all(result.outcome in (Outcome.TIMEOUT, Outcome.COLLISION, Outcome.SUCCESS) for result in results)
+        assert all(
+            result.outcome in (Outcome.TIMEOUT, Outcome.COLLISION, Outcome.SUCCESS)
+            for result in results
+        )
         sent = [commands(bag) for bag in sorted((tmp_path / turn).glob("bags/*"))]
         assert all(result.measures.driven_m > 1.0 for result in results)
         runs.append(([result.repeatable() for result in results], sent))
@@ -53,4 +66,7 @@ def commands(bag):
     """Return the serialised commands of a bag; all else is not decoded, of which plugins may publish much."""
     (path,) = bag.glob("*.mcap")
     with path.open("rb") as file:
-        return [message.data for _, _, message in make_reader(file).iter_messages(topics=["/cmd_vel"])]
+        return [
+            message.data
+            for _, _, message in make_reader(file).iter_messages(topics=["/cmd_vel"])
+        ]

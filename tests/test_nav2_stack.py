@@ -18,11 +18,13 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 from ros_runs import drive, make_plan, marked, nothing_left  # noqa: F401 (a fixture)
 from waiting import until
 
-from barn_eval.experiments.ros_config import Patience, RosSetup
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE
+from barn_eval.trials.ros_config import Patience, RosSetup
 
-LAUNCH_FILE = Path(__file__).resolve().parents[1] / "examples" / "nav2" / "nav2.launch.py"
+LAUNCH_FILE = (
+    Path(__file__).resolve().parents[1] / "examples" / "nav2" / "nav2.launch.py"
+)
 PREFIXES = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
 INSTALLED = any(Path(prefix, "share/nav2_bt_navigator").is_dir() for prefix in PREFIXES)
 LAUNCH = os.environ.get("NAV2_LAUNCH") or ("ros2 launch" if INSTALLED else "")
@@ -33,23 +35,38 @@ if not LAUNCH or not importlib.util.find_spec("tf2_msgs"):
 
 def test_a_killed_server_ends_one_trial_and_the_next_ones_drive(tmp_path, nothing_left):  # noqa: F811
     ros = RosSetup(
-        lockstep=False, planner_node="nav2_trial", patience=Patience(gate_s=60.0, command_s=120.0), goal_by="action"
+        lockstep=False,
+        planner_node="nav2_trial",
+        patience=Patience(gate_s=60.0, command_s=120.0),
+        goal_by="action",
     )
     short = replace(CHALLENGE, name="short", limit_s=20.0, timeout_time_s=20.0)
     command = f"{LAUNCH} {LAUNCH_FILE} controller:=rpp map:=false"
     plan = make_plan(short, ros, "nav2_rpp", command, worlds="0-2")
     trials = drive(tmp_path, plan)
-    killer = threading.Thread(target=kill_once_it_controls, args=(nothing_left, tmp_path / "logs" / "planner.log"))
+    killer = threading.Thread(
+        target=kill_once_it_controls,
+        args=(nothing_left, tmp_path / "logs" / "planner.log"),
+    )
     killer.start()
     first, *others = trials
     killer.join()
     assert first.outcome is Outcome.PLANNER_DIED
     for result in others:
-        assert result.outcome in (Outcome.SUCCESS, Outcome.TIMEOUT, Outcome.COLLISION), result.detail
+        assert result.outcome in (
+            Outcome.SUCCESS,
+            Outcome.TIMEOUT,
+            Outcome.COLLISION,
+        ), result.detail
         assert result.measures.driven_m > 1.0
 
 
 def kill_once_it_controls(mark, log):
-    until(lambda: log.exists() and "begin computing control effort" in log.read_text(errors="replace"))
+    until(
+        lambda: (
+            log.exists()
+            and "begin computing control effort" in log.read_text(errors="replace")
+        )
+    )
     (server,) = marked(mark, "lib/nav2_controller/controller_server")
     os.kill(server, signal.SIGKILL)

@@ -8,22 +8,40 @@ import pytest
 from topics_used import CATALOGUE, topics_of, trees_of
 
 ROOT = Path(__file__).resolve().parents[1]
-NODES = [path for path in sorted(ROOT.glob("barn_*/README.md")) if (path.parent / path.parent.name / "ros").is_dir()]
+NODES = [
+    path
+    for path in sorted(ROOT.glob("barn_*/README.md"))
+    if (path.parent / path.parent.name / "ros").is_dir()
+]
 
 
 def services_of(package):
     """Return the names of the services that a package's nodes offer."""
-    calls = (node for tree in trees_of(package) for node in ast.walk(tree) if isinstance(node, ast.Call))
-    return {call.args[1].value for call in calls if ast.unparse(call.func).endswith(".create_service")}
+    calls = (
+        node
+        for tree in trees_of(package)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call)
+    )
+    return {
+        call.args[1].value
+        for call in calls
+        if ast.unparse(call.func).endswith(".create_service")
+    }
 
 
 def rows_of(text):
     """Return the rows of a page's tables of topics: name, with a slash in front, to the cells behind it."""
     rows = {}
-    for table in re.findall(r"^\| topic \|.*\n\| ---.*\n((?:\|.*\n)+)", text, re.MULTILINE):
+    for table in re.findall(
+        r"^\| topic \|.*\n\| ---.*\n((?:\|.*\n)+)", text, re.MULTILINE
+    ):
         for line in table.splitlines():
             names, *cells = line.strip("| ").split(" | ")
-            rows |= {"/" + name.lstrip("/"): " | ".join(cells) for name in re.findall(r"`([^`]+)`", names)}
+            rows |= {
+                "/" + name.lstrip("/"): " | ".join(cells)
+                for name in re.findall(r"`([^`]+)`", names)
+            }
     return rows
 
 
@@ -37,7 +55,8 @@ def test_every_topic_is_on_the_page_with_its_type_and_every_service(page):
     wrong = {
         topic.path
         for topic in used
-        if topic.type_name.rpartition("/")[2] not in rows[topic.path] and "as the simulator has" not in rows[topic.path]
+        if topic.type_name.rpartition("/")[2] not in rows[topic.path]
+        and "as the simulator has" not in rows[topic.path]
     }
     assert wrong == set()
     assert set(rows) <= {topic.path for topic in CATALOGUE.values()}

@@ -7,8 +7,8 @@ import pytest
 import reference as tool
 import yaml
 
-from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_planners.registry import planner_config
 from barn_sim.config import PRESETS, RunConfig, SimulatorConfig
 from barn_worlds.base.config import Checked, fields_of, quantity, replace_dotted
@@ -28,18 +28,24 @@ def values_of(made, file, section="/**"):
 def test_readme_and_parameter_files_are_those_of_the_code(package):
     if package in ("barn_worlds", "barn_planners"):
         pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-    assert tool.REFERENCES[package]().outdated(ROOT / package) == [], "run make generated"
+    assert tool.REFERENCES[package]().outdated(ROOT / package) == [], (
+        "run make generated"
+    )
 
 
 def test_files_that_differ_are_named_and_written_anew(tmp_path):
     (tmp_path / "config").mkdir()
-    (tmp_path / "README.md").write_text("before\n<!-- a b: begin -->\nold\n<!-- a b: end -->\nafter\n")
+    (tmp_path / "README.md").write_text(
+        "before\n<!-- a b: begin -->\nold\n<!-- a b: end -->\nafter\n"
+    )
     made = tool.Reference({"a b": "new"}, {"one.yaml": "1\n"})
     (tmp_path / "config" / "stale.yaml").write_text("")
     assert made.outdated(tmp_path) == ["README.md", "one.yaml", "stale.yaml"]
     made.write(tmp_path)
     assert made.outdated(tmp_path) == ["stale.yaml"]
-    assert (tmp_path / "README.md").read_text() == ("before\n<!-- a b: begin -->\n\nnew\n\n<!-- a b: end -->\nafter\n")
+    assert (tmp_path / "README.md").read_text() == (
+        "before\n<!-- a b: begin -->\n\nnew\n\n<!-- a b: end -->\nafter\n"
+    )
     assert (tmp_path / "config" / "one.yaml").read_text() == "1\n"
     (tmp_path / "README.md").write_text("nothing here")
     with pytest.raises(ValueError, match=r"README\.md: lacks <!-- a: begin -->"):
@@ -55,14 +61,26 @@ def test_a_node_takes_its_values_from_its_section_in_any_namespace(tmp_path, nam
     from barn_worlds.ros.map_server import MapServerConfig  # noqa: PLC0415
     from barn_worlds.ros.parameters import declare  # noqa: PLC0415
 
-    changed = MapServerConfig(dataset="other", world=7, resolution_m=0.5, historical_map=True, frame_id="world")
+    changed = MapServerConfig(
+        dataset="other",
+        world=7,
+        resolution_m=0.5,
+        historical_map=True,
+        frame_id="world",
+    )
     path = tmp_path / "changed.yaml"
     path.write_text(tool.parameter_file("/**/map_server", "Changed.", [changed]))
     context = rclpy.Context()
     rclpy.init(context=context)
     arguments = ["--ros-args", "--params-file", str(path)]
     for name, expected in (("map_server", changed), ("another", MapServerConfig())):
-        node = Node(name, namespace=namespace, context=context, cli_args=arguments, enable_rosout=False)
+        node = Node(
+            name,
+            namespace=namespace,
+            context=context,
+            cli_args=arguments,
+            enable_rosout=False,
+        )
         assert declare(node, MapServerConfig()) == expected
         node.destroy_node()
     rclpy.shutdown(context=context)
@@ -71,13 +89,19 @@ def test_a_node_takes_its_values_from_its_section_in_any_namespace(tmp_path, nam
 def test_values_of_every_kind_are_written_as_yaml_reads_them():
     @dataclass(frozen=True)
     class Kinds(Checked):
-        text: str = quantity("yes", "a text that looks like something else", choices=("yes", "no"))
+        text: str = quantity(
+            "yes", "a text that looks like something else", choices=("yes", "no")
+        )
         empty: tuple[str, ...] = quantity((), "nothing")
         several: tuple[str, ...] = quantity(("a", "0"), "two | texts")
         small: float = quantity(1e-9, "little", "m", minimum=0.0)
 
-    text = tool.parameter_file("/**", "Kinds.", [Kinds()], {"first": True}, leave_out=["several"])
-    assert tool.parameter_table({"one": Kinds(), "two": Kinds(several=("b",), small=2.0)}, leave_out=["empty"]) == (
+    text = tool.parameter_file(
+        "/**", "Kinds.", [Kinds()], {"first": True}, leave_out=["several"]
+    )
+    assert tool.parameter_table(
+        {"one": Kinds(), "two": Kinds(several=("b",), small=2.0)}, leave_out=["empty"]
+    ) == (
         "| parameter | one | two | unit | meaning |\n"
         "| --- | --- | --- | --- | --- |\n"
         "| `text` | yes | yes |  | a text that looks like something else (one of yes, no) |\n"
@@ -92,15 +116,22 @@ def test_values_of_every_kind_are_written_as_yaml_reads_them():
 
 def test_every_outcome_is_explained():
     text = readme("barn_eval")
-    assert [outcome.value for outcome in Outcome if f"| `{outcome.value}` |" not in text] == []
+    assert [
+        outcome.value for outcome in Outcome if f"| `{outcome.value}` |" not in text
+    ] == []
 
 
 def test_the_example_of_the_library_runs():
     """The indented block under 'As a library', with fewer worlds."""
     section = readme("barn_eval").split("## As a library")[1].split("##")[0]
-    code = "\n".join(line[4:] for line in section.splitlines() if line.startswith("    "))
+    code = "\n".join(
+        line[4:] for line in section.splitlines() if line.startswith("    ")
+    )
     shown: list[tuple[object, ...]] = []
-    exec(compile(code.replace("0-9", "0"), "README.md", "exec"), {"print": lambda *what: shown.append(what)})
+    exec(
+        compile(code.replace("0-9", "0"), "README.md", "exec"),
+        {"print": lambda *what: shown.append(what)},
+    )
     assert len(shown) == 1
     assert shown[0][0] is Outcome.SUCCESS
 
@@ -129,7 +160,11 @@ def test_the_presets_are_what_their_files_change_and_the_file_of_everything_hold
 def test_a_file_holds_the_whole_preset(preset):
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     values = values_of(tool.planners(), f"dwa_{preset}.yaml")
-    assert (values["planner"], values["preset"], values["use_sim_time"]) == ("dwa", preset, True)
+    assert (values["planner"], values["preset"], values["use_sim_time"]) == (
+        "dwa",
+        preset,
+        True,
+    )
     assert values["use_map"] is (preset != "challenge")
     for name, _, value in fields_of(planner_config("dwa", preset)):
         assert values[name] == value

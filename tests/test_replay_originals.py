@@ -8,28 +8,43 @@ import replay_originals as tool
 
 from barn_worlds.base.errors import ConfigError
 
-FOLDER = Path(os.environ.get("BARN_ORIGINALS", Path(__file__).resolve().parents[2] / "shared" / "originals"))
+FOLDER = Path(
+    os.environ.get(
+        "BARN_ORIGINALS", Path(__file__).resolve().parents[2] / "shared" / "originals"
+    )
+)
 PATHS = sorted(FOLDER.glob("*.npz"))
 # Share of driving cycles whose commands are equal: with plan and costmaps given, and from observations alone.
 GIVEN, SEEN = 0.99, 0.95
-SETTINGS = {"dwa": {"local_costmap.soft_costs": True}, "eband": {}}  # as the original has them
+SETTINGS = {
+    "dwa": {"local_costmap.soft_costs": True},
+    "eband": {},
+}  # as the original has them
 
-pytestmark = pytest.mark.skipif(not PATHS, reason=f"no recordings of the originals in {FOLDER}")
+pytestmark = pytest.mark.skipif(
+    not PATHS, reason=f"no recordings of the originals in {FOLDER}"
+)
 
 
 @pytest.mark.parametrize("path", PATHS, ids=lambda path: path.stem)
 def test_commands_are_the_originals(path):
     recording = tool.Recording(path)
     given, plan, seen = (
-        list(tool.Replay(recording, depth, SETTINGS[recording.planner]).compare()) for depth in tool.DEPTHS
+        list(tool.Replay(recording, depth, SETTINGS[recording.planner]).compare())
+        for depth in tool.DEPTHS
     )
     assert len(given) == len(plan) == len(seen) > 50
     assert tool.share(given, tool.TIGHT) >= GIVEN
     assert tool.share(seen, tool.LOOSE) >= SEEN
-    assert all(cycle.plan for cycle in plan), "navfn's plans are equal on its own costmap"
+    assert all(cycle.plan for cycle in plan), (
+        "navfn's plans are equal on its own costmap"
+    )
     assert tool.share(plan, tool.TIGHT) >= GIVEN
 
 
 def test_a_depth_that_there_is_not_is_refused():
-    with pytest.raises(ConfigError, match="depth must be one of controller, plan, observations, got 'bottom'"):
+    with pytest.raises(
+        ConfigError,
+        match="depth must be one of controller, plan, observations, got 'bottom'",
+    ):
         tool.Replay(tool.Recording(PATHS[0]), "bottom", {})

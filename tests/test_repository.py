@@ -30,7 +30,9 @@ def text_of(name: str) -> str:
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_a_package_has_the_version_of_the_suite_and_requires_the_others_in_it(package, monkeypatch):
+def test_a_package_has_the_version_of_the_suite_and_requires_the_others_in_it(
+    package, monkeypatch
+):
     about = ElementTree.fromstring(text_of(f"{package}/package.xml"))
     assert about.findtext("version") == __version__
     assert import_module(package).__version__ == __version__
@@ -45,7 +47,9 @@ def test_a_package_has_the_version_of_the_suite_and_requires_the_others_in_it(pa
 def test_citation_and_changelog_have_the_version_and_its_date():
     citation = yaml.safe_load(text_of("CITATION.cff"))
     assert citation["version"] == __version__
-    versions = re.findall(r"(?m)^## \[(.+?)\](?: - (\d{4}-\d\d-\d\d))?$", text_of("CHANGELOG.md"))
+    versions = re.findall(
+        r"(?m)^## \[(.+?)\](?: - (\d{4}-\d\d-\d\d))?$", text_of("CHANGELOG.md")
+    )
     assert versions[0] == ("Unreleased", "")
     assert versions[1] == (__version__, str(citation["date-released"]))
 
@@ -65,7 +69,9 @@ def test_a_new_version_is_written_wherever_the_old_one_stands():
     assert bump["current_version"] == __version__
     listed = {"pyproject.toml"}
     for entry in bump["files"]:
-        excluded = {path for glob in entry.get("glob_exclude", []) for path in ROOT.glob(glob)}
+        excluded = {
+            path for glob in entry.get("glob_exclude", []) for path in ROOT.glob(glob)
+        }
         paths = {*ROOT.glob(entry.get("glob") or entry["filename"])} - excluded
         assert paths
         for path in paths:
@@ -80,64 +86,112 @@ def test_a_new_version_is_written_wherever_the_old_one_stands():
         str(path.relative_to(ROOT))
         for top in (*PACKAGES, "docker", "docs", "examples", "qa", ".github")
         for path in (ROOT / top).rglob("*")
-        if path.suffix in (".py", ".xml", ".md", ".yaml", ".json", ".cfg") or path.name.endswith("Dockerfile")
-        if re.search(rf"(?<![\d.]){re.escape(__version__)}(?![\d.])", path.read_text("utf-8"))
-    } | {path.name for path in ROOT.glob("*.*") if path.is_file() and __version__ in path.read_text("utf-8")}
+        if path.suffix in (".py", ".xml", ".md", ".yaml", ".json", ".cfg")
+        or path.name.endswith("Dockerfile")
+        if re.search(
+            rf"(?<![\d.]){re.escape(__version__)}(?![\d.])", path.read_text("utf-8")
+        )
+    } | {
+        path.name
+        for path in ROOT.glob("*.*")
+        if path.is_file() and __version__ in path.read_text("utf-8")
+    }
     assert {name for name in stated if not records.fullmatch(name)} == listed
 
 
 def recipe(target: str) -> list[str]:
     """Return the commands of a target of the Makefile with its variables put in."""
     text = text_of("Makefile")
-    variables = dict(re.findall(r"(?m)^(\w+) :?\??= (.*)$", text)) | {"BIN": ".venv/bin"}
+    variables = dict(re.findall(r"(?m)^(\w+) :?\??= (.*)$", text)) | {
+        "BIN": ".venv/bin"
+    }
     block = re.search(rf"(?m)^{target}:.*\n((?:\t.*\n)+)", text)[1].replace("\\\n", " ")
-    return [re.sub(r"\$\((\w+)\)", lambda name: variables[name[1]], line.strip()) for line in block.splitlines()]
+    return [
+        re.sub(r"\$\((\w+)\)", lambda name: variables[name[1]], line.strip())
+        for line in block.splitlines()
+    ]
 
 
 def test_a_commit_is_held_to_the_checks_of_make_lint():
     (local,) = yaml.safe_load(text_of(".pre-commit-config.yaml"))["repos"]
     assert [hook["entry"] for hook in local["hooks"]] == recipe("lint")
-    assert {(hook["language"], hook["pass_filenames"]) for hook in local["hooks"]} == {("system", False)}
+    assert {(hook["language"], hook["pass_filenames"]) for hook in local["hooks"]} == {
+        ("system", False)
+    }
 
 
 def test_no_two_files_of_tests_have_the_same_name():
     """pytest imports them all into one process."""
-    names = [path.name for top in (*PACKAGES, "") for path in (ROOT / top).glob("test*/*.py")]
-    assert sorted(name for name, count in Counter(names).items() if count > 1) == ["conftest.py"]
+    names = [
+        path.name for top in (*PACKAGES, "") for path in (ROOT / top).glob("test*/*.py")
+    ]
+    assert sorted(name for name, count in Counter(names).items() if count > 1) == [
+        "conftest.py"
+    ]
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_package_xml_has_a_key_for_each_library_or_says_that_there_is_none(package, monkeypatch):
+def test_package_xml_has_a_key_for_each_library_or_says_that_there_is_none(
+    package, monkeypatch
+):
     text = text_of(f"{package}/package.xml")
     keys = {node.text for node in ElementTree.fromstring(text).iter("exec_depend")}
-    without = set(re.findall(r"\w+", "".join(re.findall("<!-- without a rosdep key: (.*) -->", text))))
+    without = set(
+        re.findall(
+            r"\w+", "".join(re.findall("<!-- without a rosdep key: (.*) -->", text))
+        )
+    )
     monkeypatch.chdir(ROOT / package)
-    required = {re.match(r"\w+", one)[0].lower() for one in run_setup("setup.py", stop_after="config").install_requires}
+    required = {
+        re.match(r"\w+", one)[0].lower()
+        for one in run_setup("setup.py", stop_after="config").install_requires
+    }
     of_library = {"pillow": "python3-pil", "pyyaml": "python3-yaml"}
     for library in required - set(PACKAGES):
         key = of_library.get(library, f"python3-{library}")
         assert (library in without) != bool({key, f"{key}-pip"} & keys), library
 
 
-@pytest.mark.skipif("ROSDISTRO" not in os.environ, reason="ROSDISTRO names no checkout of ros/rosdistro")
+@pytest.mark.skipif(
+    "ROSDISTRO" not in os.environ, reason="ROSDISTRO names no checkout of ros/rosdistro"
+)
 @pytest.mark.parametrize("package", PACKAGES)
 def test_rosdep_knows_every_key(package):
     lists = Path(os.environ["ROSDISTRO"])
     known = {*PACKAGES}
     for name in ("base", "python"):
-        known |= set(yaml.safe_load((lists / "rosdep" / f"{name}.yaml").read_text("utf-8")))
-    for name, about in yaml.safe_load((lists / "jazzy/distribution.yaml").read_text("utf-8"))["repositories"].items():
+        known |= set(
+            yaml.safe_load((lists / "rosdep" / f"{name}.yaml").read_text("utf-8"))
+        )
+    for name, about in yaml.safe_load(
+        (lists / "jazzy/distribution.yaml").read_text("utf-8")
+    )["repositories"].items():
         known |= set(about.get("release", {}).get("packages", [name]))
     about = ElementTree.fromstring(text_of(f"{package}/package.xml"))
-    assert {node.text for kind in ("exec_depend", "test_depend") for node in about.iter(kind)} <= known
+    assert {
+        node.text
+        for kind in ("exec_depend", "test_depend")
+        for node in about.iter(kind)
+    } <= known
 
 
 def test_a_release_says_what_the_citation_says():
-    citation, zenodo = yaml.safe_load(text_of("CITATION.cff")), json.loads(text_of(".zenodo.json"))
-    assert (zenodo["title"], zenodo["license"]) == (citation["title"], citation["license"])
-    assert zenodo["creators"] == [{"name": author["name"]} for author in citation["authors"]]
+    citation, zenodo = (
+        yaml.safe_load(text_of("CITATION.cff")),
+        json.loads(text_of(".zenodo.json")),
+    )
+    assert (zenodo["title"], zenodo["license"]) == (
+        citation["title"],
+        citation["license"],
+    )
+    assert zenodo["creators"] == [
+        {"name": author["name"]} for author in citation["authors"]
+    ]
     assert zenodo["keywords"] == citation["keywords"]
-    assert zenodo["related_identifiers"][0]["identifier"] == citation["references"][0]["identifiers"][0]["value"]
+    assert (
+        zenodo["related_identifiers"][0]["identifier"]
+        == citation["references"][0]["identifiers"][0]["value"]
+    )
 
 
 def test_a_tag_is_released_only_with_its_version_and_notes():
@@ -151,4 +205,7 @@ def test_a_tag_is_released_only_with_its_version_and_notes():
     assert (other.returncode, other.stderr) == (
         1, f"Error: the tag is v99.0.0, the suite is {__version__}: v{__version__} is due\n"
     )  # fmt: skip
-    assert "repository-code: https://host/barn" in release("citation", "https://host/barn").stdout
+    assert (
+        "repository-code: https://host/barn"
+        in release("citation", "https://host/barn").stdout
+    )

@@ -22,38 +22,90 @@ def installed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("installed")
     sources = [folder / one.name for one in (PYTHON, PREDICTIVE)]
     for source in sources:
-        shutil.copytree(EXAMPLES / source.name, source, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(
+            EXAMPLES / source.name, source, ignore=shutil.ignore_patterns("__pycache__")
+        )
     target = folder / "target"
-    install = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
-    subprocess.run([*install, "--target", str(target), *map(str, sources)], check=True, timeout=600)
-    paths = os.pathsep.join(filter(None, [str(target), str(EXAMPLES), os.environ.get("PYTHONPATH", "")]))
+    install = [
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--no-deps",
+        "--no-build-isolation",
+        "--no-index",
+    ]
+    subprocess.run(
+        [*install, "--target", str(target), *map(str, sources)], check=True, timeout=600
+    )
+    paths = os.pathsep.join(
+        filter(None, [str(target), str(EXAMPLES), os.environ.get("PYTHONPATH", "")])
+    )
     return {**os.environ, "PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1"}
 
 
 def python(environment, folder, *words):
     """Run a module in a folder and return how it ended."""
-    options = {"env": environment, "cwd": folder, "capture_output": True, "text": True, "timeout": 600}
+    options = {
+        "env": environment,
+        "cwd": folder,
+        "capture_output": True,
+        "text": True,
+        "timeout": 600,
+    }
     return subprocess.run([sys.executable, "-m", *words], **options, check=False)
 
 
 def barn(environment, folder, *arguments):
     """Run the barn command and return the rows of its results."""
-    words = ("run", "--protocol", "challenge", "--worlds", "0", "--json", *arguments, "--out", str(folder / "run"))
+    words = (
+        "run",
+        "--protocol",
+        "challenge",
+        "--worlds",
+        "0",
+        "--json",
+        *arguments,
+        "--out",
+        str(folder / "run"),
+    )
     done = python(environment, folder, "barn_eval", *words)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)["results"]
 
 
-@pytest.mark.parametrize("folder", [PYTHON, PREDICTIVE, TRAINING], ids=lambda folder: folder.name)
+@pytest.mark.parametrize(
+    "folder", [PYTHON, PREDICTIVE, TRAINING], ids=lambda folder: folder.name
+)
 def test_its_own_tests_pass(installed, tmp_path, folder):
     if folder is TRAINING:
         pytest.importorskip("stable_baselines3")
-    done = python(installed, tmp_path, "pytest", "-q", "-p", "no:cacheprovider", str(folder / "test"))
+    done = python(
+        installed,
+        tmp_path,
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        str(folder / "test"),
+    )
     assert done.returncode == 0, done.stdout
 
 
-def test_registered_it_refuses_what_its_configuration_does_not_allow(installed, tmp_path):
-    done = python(installed, tmp_path, "barn_eval", "run", "--planner", "template", "--set", "max_speed_mps=3.0")
+def test_registered_it_refuses_what_its_configuration_does_not_allow(
+    installed, tmp_path
+):
+    done = python(
+        installed,
+        tmp_path,
+        "barn_eval",
+        "run",
+        "--planner",
+        "template",
+        "--set",
+        "max_speed_mps=3.0",
+    )
     assert done.returncode == 1
     assert "max_speed_mps must be from 0 to 2 m/s, got 3.0" in done.stderr
     assert len(done.stderr.splitlines()) == 1
@@ -62,30 +114,54 @@ def test_registered_it_refuses_what_its_configuration_does_not_allow(installed, 
 def test_as_a_node_of_its_own_it_completes_a_world_in_lockstep(installed, tmp_path):
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     node = f"{sys.executable} -m template_planner.node"
-    (result,) = barn(installed, tmp_path, "--mode", "ros", "--planner", "mine", "--planner-command", node)
+    (result,) = barn(
+        installed,
+        tmp_path,
+        "--mode",
+        "ros",
+        "--planner",
+        "mine",
+        "--planner-command",
+        node,
+    )
     assert result["outcome"] == "success", result["detail"]
 
 
-def test_registered_it_completes_a_world_in_one_process_and_the_same_way_over_ros(installed, tmp_path):
+def test_registered_it_completes_a_world_in_one_process_and_the_same_way_over_ros(
+    installed, tmp_path
+):
     rows = []
     for mode in ("direct", "ros"):
         if mode == "ros":
             pytest.importorskip("rclpy", reason="ROS 2 is not installed")
         (tmp_path / mode).mkdir()
-        settings = ["--planner", "template", "--set", "max_speed_mps=0.6", "--mode", mode]
+        settings = [
+            "--planner",
+            "template",
+            "--set",
+            "max_speed_mps=0.6",
+            "--mode",
+            mode,
+        ]
         (row,) = barn(installed, tmp_path / mode, *settings)
         assert row["outcome"] == "success"
         rows.append({key: row[key] for key in ("planner", "scores", "measures")})
     assert rows[0] == rows[1]
 
 
-@pytest.mark.parametrize("folder", [PYTHON, PREDICTIVE, CPP], ids=lambda folder: folder.name)
+@pytest.mark.parametrize(
+    "folder", [PYTHON, PREDICTIVE, CPP], ids=lambda folder: folder.name
+)
 def test_package_and_build_agree(folder):
     package = ElementTree.parse(folder / "package.xml").getroot()
     name = package.findtext("name")
     build = (folder / ("CMakeLists.txt" if folder is CPP else "setup.py")).read_text()
     assert f'NAME = "{name}"' in build or f"project({name})" in build
-    needed = {element.text for element in package if element.tag in ("depend", "exec_depend", "buildtool_depend")}
+    needed = {
+        element.text
+        for element in package
+        if element.tag in ("depend", "exec_depend", "buildtool_depend")
+    }
     if folder is CPP:
         assert set(re.findall(r"find_package\((\w+)", build)) == needed
         for file in re.findall(r"(\S+\.cpp)", build):
@@ -94,7 +170,10 @@ def test_package_and_build_agree(folder):
     else:
         assert (folder / "resource" / name).is_file()
     if folder is not PREDICTIVE:
-        assert f'package="{name}"' in (folder / "launch" / "template_planner.launch.py").read_text()
+        assert (
+            f'package="{name}"'
+            in (folder / "launch" / "template_planner.launch.py").read_text()
+        )
 
 
 def test_the_build_of_the_suite_leaves_them_out():

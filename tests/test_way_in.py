@@ -17,19 +17,48 @@ from barn_eval.commands.main import main
 def test_the_readme_leads_from_nothing_to_the_score_of_its_planner(tmp_path):
     if not (ROOT / ".git").exists():
         pytest.skip("this is no repository, so it cannot be cloned")
-    asked = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "-d", tmp_path, "wheel"]
+    asked = [
+        sys.executable,
+        "-m",
+        "pip",
+        "download",
+        "--quiet",
+        "--no-deps",
+        "-d",
+        tmp_path,
+        "wheel",
+    ]
     if subprocess.run(asked, check=False).returncode:
         pytest.skip("no packages can be had from here")
-    pins = re.findall(r"(?m)^([\w.-]+)(?:\[\w+\])?(==\S+(?: ; [^\\\n]+)?)", text_of("requirements.lock"))
-    (tmp_path / "pins.txt").write_text("".join(f"{name}{version}\n" for name, version in pins))
-    given = {"PIP_CONSTRAINT": str(tmp_path / "pins.txt"), "PIP_BUILD_CONSTRAINT": os.devnull}
-    given |= {"PIP_NO_COMPILE": "no"}  # which is yes: most modules of the libraries are not imported here
+    pins = re.findall(
+        r"(?m)^([\w.-]+)(?:\[\w+\])?(==\S+(?: ; [^\\\n]+)?)",
+        text_of("requirements.lock"),
+    )
+    (tmp_path / "pins.txt").write_text(
+        "".join(f"{name}{version}\n" for name, version in pins)
+    )
+    given = {
+        "PIP_CONSTRAINT": str(tmp_path / "pins.txt"),
+        "PIP_BUILD_CONSTRAINT": os.devnull,
+    }
+    given |= {
+        "PIP_NO_COMPILE": "no"
+    }  # which is yes: most modules of the libraries are not imported here
     way = [ROOT / "qa" / "way_in.sh", tmp_path / "way", sys.executable]
-    done = subprocess.run(way, check=False, env=os.environ | given, capture_output=True, text=True)
+    done = subprocess.run(
+        way, check=False, env=os.environ | given, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stdout + done.stderr
-    rows = [json.loads(line) for line in (tmp_path / "way/out/simple/results.jsonl").read_text("utf-8").splitlines()]
+    rows = [
+        json.loads(line)
+        for line in (tmp_path / "way/out/simple/results.jsonl")
+        .read_text("utf-8")
+        .splitlines()
+    ]
     assert [row["outcome"] for row in rows] == ["success"]
-    assert len((tmp_path / "way/demo/results.jsonl").read_text("utf-8").splitlines()) == 3
+    assert (
+        len((tmp_path / "way/demo/results.jsonl").read_text("utf-8").splitlines()) == 3
+    )
 
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "tutorials" / "own_robot.md"
@@ -48,7 +77,12 @@ def test_the_tutorial_works_as_it_is_written(tmp_path, monkeypatch, capfd):
         assert ended.value.code in (0, None), (words, capfd.readouterr().err)
     said = capfd.readouterr().out
     assert "robot mine, " in said
-    for made in ("mine.png", "mine.npz", "out/mine_dwa.html", "out/mine/results.parquet"):
+    for made in (
+        "mine.png",
+        "mine.npz",
+        "out/mine_dwa.html",
+        "out/mine/results.parquet",
+    ):
         assert Path(made).stat().st_size > 1000
     for trial in re.findall(r"(?m)^ *dwa_w0000_r00 +(\w+)", said):
         assert trial == "success"

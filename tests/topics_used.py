@@ -7,9 +7,15 @@ from barn_worlds.messages import topics
 from barn_worlds.messages.topics import Topic
 
 ROOT = Path(__file__).resolve().parents[1]
-CATALOGUE = {name: value for name, value in vars(topics).items() if isinstance(value, Topic)}
+CATALOGUE = {
+    name: value for name, value in vars(topics).items() if isinstance(value, Topic)
+}
 # What is published or named outside the nodes' own folders, and topics of which the evaluator knows only the type.
-CORES = {"barn_sim": "messages.py", "barn_planners": "messages.py", "barn_eval": "live_score.py"}
+CORES = {
+    "barn_sim": "messages.py",
+    "barn_planners": "messages.py",
+    "barn_eval": "live_score.py",
+}
 ONLY_TYPES = {"barn_eval": {topics.AMCL_POSE, topics.TF}}
 
 
@@ -24,7 +30,11 @@ def topics_of(package):
     """Return the topics of the catalogue that a package's nodes publish or subscribe to."""
     found = set()
     for node in (node for tree in trees_of(package) for node in ast.walk(tree)):
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "topics":
+        if (
+            isinstance(node, ast.Attribute)
+            and isinstance(node.value, ast.Name)
+            and node.value.id == "topics"
+        ):
             found.add(CATALOGUE.get(node.attr))
         elif isinstance(node, ast.ImportFrom) and node.module == topics.__name__:
             found |= {CATALOGUE.get(alias.name) for alias in node.names}

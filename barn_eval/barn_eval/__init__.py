@@ -17,21 +17,21 @@ from typing import TYPE_CHECKING
 from barn_worlds import __version__ as __version__
 
 if TYPE_CHECKING:
-    from barn_eval import difficulty as difficulty
-    from barn_eval import results as results
-    from barn_eval import robots as robots
-    from barn_eval import suite as suite
-    from barn_eval import worlds as worlds
-    from barn_eval.front import *
-    from barn_eval.types import *
+    from barn_eval.api import difficulty as difficulty
+    from barn_eval.api import results as results
+    from barn_eval.api import robots as robots
+    from barn_eval.api import suite as suite
+    from barn_eval.api import worlds as worlds
+    from barn_eval.api.front import *
+    from barn_eval.api.types import *
 else:  # what type checkers are told above, found when it is asked for
     _NOUNS = ("difficulty", "results", "robots", "suite", "worlds")
-    _NAMES = ("types", "front")  # what loads fast comes first
+    _NAMES = ("api.types", "api.front")  # what loads fast comes first
 
     def __getattr__(name: str) -> object:
         """Return a part of the front door, imported now."""
         if name in _NOUNS:
-            return import_module(f"{__name__}.{name}")
+            return import_module(f"{__name__}.api.{name}")
         for module in () if name.startswith("_") else _NAMES:
             found = import_module(f"{__name__}.{module}")
             if hasattr(found, name):
@@ -40,5 +40,15 @@ else:  # what type checkers are told above, found when it is asked for
 
     def __dir__() -> list[str]:
         """Return what there is, for completion."""
-        found = (name for module in _NAMES for name in vars(import_module(f"{__name__}.{module}")))
-        return sorted({"__version__", *_NOUNS, *(name for name in found if not name.startswith("_"))})
+        found = (
+            name
+            for module in _NAMES
+            for name in vars(import_module(f"{__name__}.{module}"))
+        )
+        return sorted(
+            {
+                "__version__",
+                *_NOUNS,
+                *(name for name in found if not name.startswith("_")),
+            }
+        )

@@ -6,10 +6,18 @@ that was launched with it ends. It reads /clock itself; use_sim_time would only 
 
 from launch import LaunchDescription
 
-from barn_eval.experiments.ros_config import EvaluatorConfig
+from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_worlds.ros.launching import NodeLaunch
 
-TOPICS = ("cmd_vel", "scan", "odom", "ground_truth/odom", "collision", "goal_pose", "map")
+TOPICS = (
+    "cmd_vel",
+    "scan",
+    "odom",
+    "ground_truth/odom",
+    "collision",
+    "goal_pose",
+    "map",
+)
 
 
 def generate_launch_description() -> LaunchDescription:

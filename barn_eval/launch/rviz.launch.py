@@ -26,7 +26,9 @@ TOPICS = (
 
 def generate_launch_description() -> LaunchDescription:
     """Return RViz with the suite's layout."""
-    layout = PathJoinSubstitution([FindPackageShare("barn_eval"), "config", "barn.rviz"])
+    layout = PathJoinSubstitution(
+        [FindPackageShare("barn_eval"), "config", "barn.rviz"]
+    )
     arguments = [
         argument("layout", layout, "layout of RViz"),
         argument(SIM_TIME[0], "true", SIM_TIME[1]),
@@ -37,7 +39,13 @@ def generate_launch_description() -> LaunchDescription:
         executable="rviz2",
         name="rviz2",
         namespace=LaunchConfiguration("namespace"),
-        parameters=[{"use_sim_time": ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool)}],
+        parameters=[
+            {
+                "use_sim_time": ParameterValue(
+                    LaunchConfiguration("use_sim_time"), value_type=bool
+                )
+            }
+        ],
         remappings=[(f"/{name}", name) for name in TOPICS],
         arguments=["-d", LaunchConfiguration("layout"), *LOG_LEVEL],
         output="screen",

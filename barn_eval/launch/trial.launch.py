@@ -16,7 +16,10 @@ ARGUMENTS = {
     "dataset": ("barn300", "data set: a name, folder or file"),
     "worlds": ("0", "which of its worlds, such as 0, 0-49 or 0:300:6"),
     "planner": ("dwa", "name of the planner"),
-    "protocol": ("challenge", "challenge, dynabarn, known_map, paper2020 or a YAML file"),
+    "protocol": (
+        "challenge",
+        "challenge, dynabarn, known_map, paper2020 or a YAML file",
+    ),
     "preset": ("", "preset of the planner's parameters; empty: the protocol's"),
     "use_map": ("", "the planner plans on a map; empty: as the protocol says"),
     "seed": ("0", "seed of the run"),
@@ -34,19 +37,39 @@ ALL = tuple(USUAL)
 SIMULATOR = ("dataset", "lockstep", "real_time_factor", "command_type", *ALL)
 PLANNER = ("planner", "preset", "use_map", "command_type", "use_sim_time", *ALL)
 RVIZ = ("use_sim_time", "namespace", "log_level")
-EVALUATOR = ("dataset", "worlds", "planner", "protocol", "seed", "repetitions", "out", "command_type", *ALL)
+EVALUATOR = (
+    "dataset",
+    "worlds",
+    "planner",
+    "protocol",
+    "seed",
+    "repetitions",
+    "out",
+    "command_type",
+    *ALL,
+)
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the nodes with their arguments."""
     return LaunchDescription(
         [
-            *(argument(name, default, about) for name, (default, about) in ARGUMENTS.items()),
+            *(
+                argument(name, default, about)
+                for name, (default, about) in ARGUMENTS.items()
+            ),
             OpaqueFunction(function=_by_protocol),
             include("barn_sim", "simulator", SIMULATOR, start_paused="true"),
-            include("barn_planners", "planner", PLANNER, IfCondition(LaunchConfiguration("start_planner"))),
+            include(
+                "barn_planners",
+                "planner",
+                PLANNER,
+                IfCondition(LaunchConfiguration("start_planner")),
+            ),
             include("barn_eval", "evaluator", EVALUATOR, use_sim_time="false"),
-            include("barn_eval", "rviz", RVIZ, IfCondition(LaunchConfiguration("rviz"))),
+            include(
+                "barn_eval", "rviz", RVIZ, IfCondition(LaunchConfiguration("rviz"))
+            ),
         ]
     )
 
@@ -55,4 +78,8 @@ def _by_protocol(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     """Set what is left open to what the protocol says."""
     rules = load_protocol(LaunchConfiguration("protocol").perform(context))
     said = {"preset": rules.planner_preset, "use_map": str(rules.map_given).lower()}
-    return [SetLaunchConfiguration(*one) for one in said.items() if not LaunchConfiguration(one[0]).perform(context)]
+    return [
+        SetLaunchConfiguration(*one)
+        for one in said.items()
+        if not LaunchConfiguration(one[0]).perform(context)
+    ]

@@ -7,14 +7,21 @@ from urllib.parse import urlsplit
 import pytest
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-PHONE = {"viewport": {"width": 390, "height": 844}, "device_scale_factor": 2, "is_mobile": True, "has_touch": True}
+PHONE = {
+    "viewport": {"width": 390, "height": 844},
+    "device_scale_factor": 2,
+    "is_mobile": True,
+    "has_touch": True,
+}
 
 
 def launch(playwright):
     """The system's Chromium, or else Playwright's own; the test is skipped without either."""
     found = next(filter(None, map(shutil.which, BROWSERS)), None)
     if not found and not Path(playwright.chromium.executable_path).exists():
-        pytest.skip(f"no browser: none of {', '.join(BROWSERS)} on the path, nor what `playwright install` fetches")
+        pytest.skip(
+            f"no browser: none of {', '.join(BROWSERS)} on the path, nor what `playwright install` fetches"
+        )
     return playwright.chromium.launch(executable_path=found)
 
 
@@ -29,7 +36,9 @@ class Opened:
 
     def __call__(self, address, **view):
         """The page at an address (a path or a URL), ready; a view is what Playwright says of a context."""
-        context = self._browser.new_context(**{"viewport": {"width": 1280, "height": 900}} | view)
+        context = self._browser.new_context(
+            **{"viewport": {"width": 1280, "height": 900}} | view
+        )
         self._contexts.append(context)
         context.set_default_timeout(600_000.0)
         context.on("console", lambda message: self.written.append(message.text))
@@ -37,14 +46,20 @@ class Opened:
         context.on("request", lambda request: self.asked.add(request.url))
         page = context.new_page()
         page.goto(address.absolute().as_uri() if isinstance(address, Path) else address)
-        page.wait_for_function("document.body.dataset.ready || !document.querySelector('script')")
+        page.wait_for_function(
+            "document.body.dataset.ready || !document.querySelector('script')"
+        )
         return page
 
     def check(self):
         """No page has written to the console, nor asked for more than files and the machine's own server."""
         assert self.written == []
         own = {"file", "data", "blob"}
-        assert [url for url in self.asked if urlsplit(url).scheme not in own and "//127.0.0.1:" not in url] == []
+        assert [
+            url
+            for url in self.asked
+            if urlsplit(url).scheme not in own and "//127.0.0.1:" not in url
+        ] == []
 
     def close(self):
         for context in self._contexts:
@@ -54,14 +69,27 @@ class Opened:
 def violations(page):
     """What axe-core has against a page as it is now: the rule, its impact and where. What axe cannot judge counts too,
     but for the contrast of single signs, and of what has to be scrolled to."""
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
-    page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true })")
-    page.add_style_tag(content=".wide { background: none !important }")  # shadows at the edges, behind no text
-    answer = axe.Axe().run(page, options={"resultTypes": ["violations", "incomplete"]}).response
+    axe = pytest.importorskip(
+        "axe_playwright_python.sync_playwright",
+        reason="axe-playwright-python is not installed",
+    )
+    page.evaluate(
+        "document.querySelectorAll('details').forEach((one) => { one.open = true })"
+    )
+    page.add_style_tag(
+        content=".wide { background: none !important }"
+    )  # shadows at the edges, behind no text
+    answer = (
+        axe.Axe()
+        .run(page, options={"resultTypes": ["violations", "incomplete"]})
+        .response
+    )
     spared = {"nonBmp", "shortTextContent", "elmPartiallyObscured"}
     return [
         (one["id"], one["impact"], node["target"])
         for one in answer["violations"] + answer["incomplete"]
         for node in one["nodes"]
-        if not any((check["data"] or {}).get("messageKey") in spared for check in node["any"])
+        if not any(
+            (check["data"] or {}).get("messageKey") in spared for check in node["any"]
+        )
     ]

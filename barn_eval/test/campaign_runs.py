@@ -29,7 +29,11 @@ def write_campaign(folder, kind="static", **changes):
     installed.mkdir()
     (installed / "METADATA").write_text(PACKAGE)
     (installed / "entry_points.txt").write_text(ENTRY_POINTS)
-    lines = {"schema_version": 1, "dataset": of["dataset"], "planners": "[gap, stranger]"}
+    lines = {
+        "schema_version": 1,
+        "dataset": of["dataset"],
+        "planners": "[gap, stranger]",
+    }
     lines |= {"worlds": f'"{",".join(map(str, of["worlds"]))}"'}
     lines |= {"repetitions": 2, "protocol": folder / "short.yaml", "seed": 5} | changes
     path = folder / "campaign.yaml"
@@ -38,25 +42,42 @@ def write_campaign(folder, kind="static", **changes):
 
 
 def command(file, *arguments):
-    return [sys.executable, "-m", "barn_eval", "campaign", str(file), *map(str, arguments)]
+    return [
+        sys.executable,
+        "-m",
+        "barn_eval",
+        "campaign",
+        str(file),
+        *map(str, arguments),
+    ]
 
 
 def options(file):
     """Return where and how the command is run: with the stranger installed beside the campaign's file."""
-    path = os.pathsep.join([str(file.parent), *filter(None, [os.environ.get("PYTHONPATH")])])
+    path = os.pathsep.join(
+        [str(file.parent), *filter(None, [os.environ.get("PYTHONPATH")])]
+    )
     environment = os.environ | {"PYTHONPATH": path}
     return {"text": True, "cwd": Path(__file__).parent, "env": environment}
 
 
 def run(file, *arguments):
     """Run the command to its end."""
-    return subprocess.run(command(file, *arguments), check=False, capture_output=True, timeout=600, **options(file))
+    return subprocess.run(
+        command(file, *arguments),
+        check=False,
+        capture_output=True,
+        timeout=600,
+        **options(file),
+    )
 
 
 def start(file, *arguments):
     """Start the command in a session of its own, as a terminal does."""
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    return subprocess.Popen(command(file, *arguments), start_new_session=True, **pipes, **options(file))
+    return subprocess.Popen(
+        command(file, *arguments), start_new_session=True, **pipes, **options(file)
+    )
 
 
 def rows(out):
@@ -71,9 +92,15 @@ def tables(out):
 
 def children(pid):
     """Return the pids of the workers of a campaign: its children that do its work."""
-    return [one for one, parent, line in processes() if parent == pid and b"barn_eval.experiments.worker" in line]
+    return [
+        one
+        for one, parent, line in processes()
+        if parent == pid and b"barn_eval.running.worker" in line
+    ]
 
 
 def stop(process, number):
     """Send a signal to a process; Ctrl-C goes to all that run in its terminal."""
-    os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)
+    os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(
+        number
+    )

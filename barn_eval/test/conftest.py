@@ -18,16 +18,38 @@ from barn_worlds.moving.motion import Motion, MovingObstacle
 from barn_worlds.worlds.world import World
 
 __all__ = ["more_messages", "original_folder", "with_more_messages"]
-LONGEST = ["ros_trials", "ros_neighbours", "campaign_ray", "campaign_ros", "report", "campaign", "ros_interference"]
-LONGEST += ["campaign_local", "pages", "motion_shown", "front_door", "tune", "compute", "cli", "ab", "difficulty"]
+LONGEST = [
+    "ros_trials",
+    "ros_neighbours",
+    "campaign_ray",
+    "campaign_ros",
+    "report",
+    "campaign",
+    "ros_interference",
+]
+LONGEST += [
+    "campaign_local",
+    "pages",
+    "motion_shown",
+    "front_door",
+    "tune",
+    "compute",
+    "cli",
+    "ab",
+    "difficulty",
+]
 ROOT = Path(__file__).resolve().parents[2]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the longest files of tests first; take a picture again where the browser of a busy machine could not."""
     longest_first(items, LONGEST)
-    for item in (one for one in items if "screenshots" in getattr(one, "fixturenames", ())):
-        item.add_marker(pytest.mark.flaky(reruns=2, only_rerun="Unable to capture screenshot"))
+    for item in (
+        one for one in items if "screenshots" in getattr(one, "fixturenames", ())
+    ):
+        item.add_marker(
+            pytest.mark.flaky(reruns=2, only_rerun="Unable to capture screenshot")
+        )
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -88,7 +110,9 @@ def report(folder):
 @pytest.fixture(scope="session")
 def bag(tmp_path_factory):
     """The bag of a trial in which what the follower of gaps takes for the goal is off by a cell, like the map."""
-    protocol = replace(PAPER_2020, name="by_truth", goal_source="truth", goal_distance_m=0.5)
+    protocol = replace(
+        PAPER_2020, name="by_truth", goal_source="truth", goal_distance_m=0.5
+    )
     run = drive(tmp_path_factory.mktemp("replay") / "run", protocol)
     return run / "bags" / "gap_w0000_r00"
 
@@ -108,7 +132,9 @@ def moving_world(open_world) -> World:
     cart = Motion("gazebo", 3.0, ((0.0, -4.2, 0.5), (1.0, -4.1, 1.5), (2.5, -4.2, 4.0)))
     moving = (
         MovingObstacle("post", radius_m=0.2, motion=post),
-        MovingObstacle("cart", "box", size_x_m=0.2, size_y_m=0.4, yaw_rad=0.3, motion=cart),
+        MovingObstacle(
+            "cart", "box", size_x_m=0.2, size_y_m=0.4, yaw_rad=0.3, motion=cart
+        ),
     )
     return replace(open_world, name="moving", moving=moving)
 
@@ -128,7 +154,9 @@ def walled_world(open_world) -> World:
 
 @pytest.fixture(scope="module")
 def chromium():
-    api = pytest.importorskip("playwright.sync_api", reason="playwright, an optional extra, is not installed")
+    api = pytest.importorskip(
+        "playwright.sync_api", reason="playwright, an optional extra, is not installed"
+    )
     with api.sync_playwright() as playwright:
         browser = launch(playwright)
         yield browser

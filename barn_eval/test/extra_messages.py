@@ -16,7 +16,11 @@ def more_messages(tmp_path_factory):
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     if importlib.util.find_spec("nav2_msgs") and importlib.util.find_spec("tf2_msgs"):
         return None
-    if not (importlib.util.find_spec("rosidl_generator_py") and shutil.which("cc") and shutil.which("c++")):
+    if not (
+        importlib.util.find_spec("rosidl_generator_py")
+        and shutil.which("cc")
+        and shutil.which("c++")
+    ):
         pytest.skip("neither nav2_msgs nor what builds it is installed")
     folder = tmp_path_factory.mktemp("messages")
     script = Path(__file__).with_name("message_packages.py")
@@ -32,4 +36,9 @@ def more_messages(tmp_path_factory):
 def with_more_messages(more_messages, monkeypatch):
     if more_messages is not None:
         for name in ("PYTHONPATH", "LD_LIBRARY_PATH"):
-            monkeypatch.setenv(name, f"{more_messages}{os.pathsep}{os.environ.get(name, '')}".rstrip(os.pathsep))
+            monkeypatch.setenv(
+                name,
+                f"{more_messages}{os.pathsep}{os.environ.get(name, '')}".rstrip(
+                    os.pathsep
+                ),
+            )

@@ -30,7 +30,10 @@ SPEED_MPS = 0.5
 CYCLES = 30  # driven properly before a fault in the middle of a trial
 AT_GOAL = Odometry()
 AT_GOAL.header.frame_id = "odom"
-AT_GOAL.pose.pose.position.x, AT_GOAL.pose.pose.position.y = -2.25, 13.0  # the challenge's goal
+AT_GOAL.pose.pose.position.x, AT_GOAL.pose.pose.position.y = (
+    -2.25,
+    13.0,
+)  # the challenge's goal
 AT_GOAL.pose.pose.orientation.w = 1.0
 AT_GOAL.twist.twist.linear.x = 2.0
 FORGED = {  # by kind: what is published with each scan
@@ -52,10 +55,15 @@ class ForeignPlanner(Node):
         sensor = qos_profile_sensor_data  # as a free running simulator sends its scans
         qos = sensor if kind == "best_effort" else 10
         self.commands = self.create_publisher(COMMANDS.get(kind, Twist), "cmd_vel", qos)
-        self.create_subscription(LaserScan, "scan", self.answer, sensor if kind == "dozes" else 10)
+        self.create_subscription(
+            LaserScan, "scan", self.answer, sensor if kind == "dozes" else 10
+        )
         self.create_subscription(Odometry, "odom", lambda _: None, 10)
         self.create_subscription(PoseStamped, "goal_pose", lambda _: None, 10)
-        self.forged = [(self.create_publisher(type(one), topic, 10), one) for topic, one in FORGED.get(kind, [])]
+        self.forged = [
+            (self.create_publisher(type(one), topic, 10), one)
+            for topic, one in FORGED.get(kind, [])
+        ]
         if kind == "one_shot":
             self.create_subscription(String, "outcome", self.retire, 10)
         if kind == "curious":
@@ -64,7 +72,11 @@ class ForeignPlanner(Node):
             self.second = self.create_publisher(Twist, "cmd_vel", 10)
         start = [Parameter("start_y_m", value=12.5).to_parameter_msg()]
         self.requests = {
-            "parameters": ("set_parameters", SetParameters, SetParameters.Request(parameters=start)),
+            "parameters": (
+                "set_parameters",
+                SetParameters,
+                SetParameters.Request(parameters=start),
+            ),
             "reset": ("reset", Trigger, Trigger.Request()),
             "pause": ("pause", SetBool, SetBool.Request(data=True)),
         }
@@ -143,5 +155,7 @@ if __name__ == "__main__":
     executor.add_node(planner)
     if kind == "late":
         wall = NodeClock(clock_type=ClockType.STEADY_TIME)
-        timer = planner.create_timer(3.0, lambda: (timer.cancel(), executor.add_node(Late(heard))), clock=wall)
+        timer = planner.create_timer(
+            3.0, lambda: (timer.cancel(), executor.add_node(Late(heard))), clock=wall
+        )
     executor.spin()

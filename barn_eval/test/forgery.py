@@ -5,9 +5,9 @@ import shutil
 
 from report_work import change_row
 
-from barn_eval.bags.bagfile import BagFile
-from barn_eval.bags.recorder import Recorder
-from barn_eval.experiments.rows import ResultRows, write_tables
+from barn_eval.results.bags.bagfile import BagFile
+from barn_eval.results.bags.recorder import Recorder
+from barn_eval.results.rows import ResultRows, write_tables
 from barn_eval.trials.result import from_json_line
 from barn_worlds.base.config import as_dict
 
@@ -18,7 +18,11 @@ def forge(folder, **changes):
     write_tables(folder, ResultRows(folder).read())
     bag = folder / "bags" / row["trial_id"]
     if bag.is_dir():
-        rewrite_bag(bag, lambda message: message.data, from_json_line(json.dumps(row), "").repeatable())
+        rewrite_bag(
+            bag,
+            lambda message: message.data,
+            from_json_line(json.dumps(row), "").repeatable(),
+        )
     return row
 
 
@@ -50,7 +54,21 @@ def without_bags(folder):
 
 def won(row, time_s=10.0):
     """Return what to change in a row so that its trial was a quick success."""
-    scores = dict(row.scores.__dict__, success=True, traversal_time_s=time_s, scored_time_s=time_s, challenge=0.5)
-    scores |= {"normalised_time_s_per_m": time_s / row.scores.path_length_m, "challenge_2022": 0.25}
+    scores = dict(
+        row.scores.__dict__,
+        success=True,
+        traversal_time_s=time_s,
+        scored_time_s=time_s,
+        challenge=0.5,
+    )
+    scores |= {
+        "normalised_time_s_per_m": time_s / row.scores.path_length_m,
+        "challenge_2022": 0.25,
+    }
     scores["efficiency"] = row.scores.least_time_s / time_s
-    return {"outcome": "success", "fault": "", "detail": "", "scores": as_dict(type(row.scores)(**scores))}
+    return {
+        "outcome": "success",
+        "fault": "",
+        "detail": "",
+        "scores": as_dict(type(row.scores)(**scores)),
+    }

@@ -12,8 +12,12 @@ class LiveClient:
     def __init__(self, url):
         reason = "Tornado, which comes with nbclient, is not installed"
         websocket = pytest.importorskip("tornado.websocket", reason=reason)
-        self._loop = pytest.importorskip("tornado.ioloop", reason=reason).IOLoop(make_current=False)
-        self._connection = self._do(lambda: websocket.websocket_connect(url, subprotocols=["foxglove.sdk.v1"]))
+        self._loop = pytest.importorskip("tornado.ioloop", reason=reason).IOLoop(
+            make_current=False
+        )
+        self._connection = self._do(
+            lambda: websocket.websocket_connect(url, subprotocols=["foxglove.sdk.v1"])
+        )
 
     def __enter__(self):
         return self
@@ -31,7 +35,11 @@ class LiveClient:
     def receive(self):
         """The next message: what JSON holds, or (subscription, log time in ns, payload)."""
         data = self._do(self._connection.read_message)
-        return json.loads(data) if isinstance(data, str) else (*struct.unpack_from("<IQ", data, 1), data[13:])
+        return (
+            json.loads(data)
+            if isinstance(data, str)
+            else (*struct.unpack_from("<IQ", data, 1), data[13:])
+        )
 
     def channels(self, count):
         """Wait until so many channels have been advertised; return them by topic."""

@@ -12,7 +12,11 @@ import sysconfig
 from pathlib import Path
 
 import numpy as np
-from rosidl_adapter.cli import TranslateActionToIDL, TranslateMsgToIDL, TranslateSrvToIDL
+from rosidl_adapter.cli import (
+    TranslateActionToIDL,
+    TranslateMsgToIDL,
+    TranslateSrvToIDL,
+)
 from rosidl_generator_c.cli import GenerateC
 from rosidl_generator_py.cli import GeneratePython
 from rosidl_generator_type_description.cli import HashTypeDescription
@@ -21,11 +25,34 @@ from rosidl_typesupport_fastrtps_c.cli import GenerateFastRTPSCTypesupport
 from rosidl_typesupport_introspection_c.cli import GenerateIntrospectionCTypesupport
 
 PREFIX = Path(sys.prefix)
-USED = ("builtin_interfaces", "service_msgs", "unique_identifier_msgs", "action_msgs", "std_msgs", "geometry_msgs")
-PARTS = ("generator_c", "typesupport_fastrtps_c", "typesupport_introspection_c", "typesupport_c", "generator_py")
+USED = (
+    "builtin_interfaces",
+    "service_msgs",
+    "unique_identifier_msgs",
+    "action_msgs",
+    "std_msgs",
+    "geometry_msgs",
+)
+PARTS = (
+    "generator_c",
+    "typesupport_fastrtps_c",
+    "typesupport_introspection_c",
+    "typesupport_c",
+    "generator_py",
+)
 TYPE_SUPPORTS = ("c", "fastrtps_c", "fastrtps_cpp", "introspection_c")
-RUNTIME = ("rosidl_runtime_c", "rmw", "fastcdr", "rcutils", *(f"rosidl_typesupport_{one}" for one in TYPE_SUPPORTS))
-TRANSLATE = {"action": TranslateActionToIDL, "msg": TranslateMsgToIDL, "srv": TranslateSrvToIDL}
+RUNTIME = (
+    "rosidl_runtime_c",
+    "rmw",
+    "fastcdr",
+    "rcutils",
+    *(f"rosidl_typesupport_{one}" for one in TYPE_SUPPORTS),
+)
+TRANSLATE = {
+    "action": TranslateActionToIDL,
+    "msg": TranslateMsgToIDL,
+    "srv": TranslateSrvToIDL,
+}
 # The types' definitions, as far as the suite and its examples use them, by package, kind and name.
 DEFINITIONS = {
     "nav2_msgs/action/NavigateToPose": "geometry_msgs/PoseStamped pose, string behavior_tree, ---, uint16 error_code, "
@@ -42,19 +69,35 @@ DEFINITIONS = {
 def generate(folder, package):
     """Write the definitions of a package, where an installation has them, and its sources."""
     share = folder / "share" / package
-    made, shared, interfaces = folder / package, [str(PREFIX / "share"), str(folder / "share")], []
+    made, shared, interfaces = (
+        folder / package,
+        [str(PREFIX / "share"), str(folder / "share")],
+        [],
+    )
     for path in [one for one in DEFINITIONS if one.startswith(f"{package}/")]:
         _, kind, name = path.split("/")
         (share / kind).mkdir(parents=True, exist_ok=True)
-        (share / kind / f"{name}.{kind}").write_text(DEFINITIONS[path].replace(", ", "\n") + "\n")
-        interfaces += TRANSLATE[kind](kind).translate(package, [f"{share}:{kind}/{name}.{kind}"], shared, made)
-    hashes = HashTypeDescription("hash").generate_type_hashes(package, interfaces, shared, made)
+        (share / kind / f"{name}.{kind}").write_text(
+            DEFINITIONS[path].replace(", ", "\n") + "\n"
+        )
+        interfaces += TRANSLATE[kind](kind).translate(
+            package, [f"{share}:{kind}/{name}.{kind}"], shared, made
+        )
+    hashes = HashTypeDescription("hash").generate_type_hashes(
+        package, interfaces, shared, made
+    )
     both = ["rosidl_typesupport_introspection_c", "rosidl_typesupport_fastrtps_c"]
-    GenerateC("c").generate(package, interfaces, shared, made, type_description_files=hashes)
+    GenerateC("c").generate(
+        package, interfaces, shared, made, type_description_files=hashes
+    )
     GenerateFastRTPSCTypesupport("fast").generate(package, interfaces, shared, made)
     # two generators give a file the same name
-    GenerateIntrospectionCTypesupport("seen").generate(package, interfaces, shared, folder / "introspection" / package)
-    GenerateCTypesupport("c", typesupport_implementations=both).generate(package, interfaces, shared, made)
+    GenerateIntrospectionCTypesupport("seen").generate(
+        package, interfaces, shared, folder / "introspection" / package
+    )
+    GenerateCTypesupport("c", typesupport_implementations=both).generate(
+        package, interfaces, shared, made
+    )
     python = GeneratePython("py", typesupport_implementations=["rosidl_typesupport_c"])
     python.generate(package, interfaces, shared, made)
 
@@ -63,9 +106,16 @@ def build(folder, package):
     """Generate and compile a package."""
     generate(folder, package)
     library = PREFIX / "lib"
-    libraries = [library / f"lib{used}__rosidl_{part}.so" for used in USED for part in PARTS]
+    libraries = [
+        library / f"lib{used}__rosidl_{part}.so" for used in USED for part in PARTS
+    ]
     libraries += [library / f"lib{used}.so" for used in RUNTIME]
-    headers = [folder, folder / "introspection", PREFIX / "include", *(PREFIX / "include").iterdir()]
+    headers = [
+        folder,
+        folder / "introspection",
+        PREFIX / "include",
+        *(PREFIX / "include").iterdir(),
+    ]
     headers += [sysconfig.get_paths()["include"], np.get_include()]
     patterns = {
         "generator_c": f"{package}/*/detail/*.c",
@@ -74,13 +124,31 @@ def build(folder, package):
         "typesupport_c": f"{package}/*/*__type_support.cpp",
         "generator_py": f"{package}/*/*_s.c",
     }
-    targets = {folder / f"lib{package}__rosidl_{part}.so": pattern for part, pattern in patterns.items()}
-    targets[folder / package / f"{package}_s__rosidl_typesupport_c.so"] = f"{package}/_{package}_s.ep.*.c"
+    targets = {
+        folder / f"lib{package}__rosidl_{part}.so": pattern
+        for part, pattern in patterns.items()
+    }
+    targets[folder / package / f"{package}_s__rosidl_typesupport_c.so"] = (
+        f"{package}/_{package}_s.ep.*.c"
+    )
     for target, pattern in targets.items():
         sources = sorted(map(str, folder.glob(pattern)))
         compiler = ["c++", "-std=c++17"] if sources[0].endswith("cpp") else ["cc"]
-        command = [*compiler, "-shared", "-fPIC", "-O0", "-w", *(f"-I{one}" for one in headers), *sources]
-        command += ["-o", str(target), f"-Wl,-soname,{target.name},-rpath,{library}:{folder}", *map(str, libraries)]
+        command = [
+            *compiler,
+            "-shared",
+            "-fPIC",
+            "-O0",
+            "-w",
+            *(f"-I{one}" for one in headers),
+            *sources,
+        ]
+        command += [
+            "-o",
+            str(target),
+            f"-Wl,-soname,{target.name},-rpath,{library}:{folder}",
+            *map(str, libraries),
+        ]
         subprocess.run(command, check=True)
         libraries.append(target)
 

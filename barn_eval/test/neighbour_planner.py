@@ -33,15 +33,29 @@ class Managed(LifecycleNode):
         self.costmap = Costmap(data=[1, 2, 3])
         self.costmap.metadata.layer = "master"
         self.costmaps = self.create_publisher(Costmap, "costmap_raw", 10)
-        self.kind, self.notes, self.stays_inactive = NavigateToPose, notes, stays_inactive
+        self.kind, self.notes, self.stays_inactive = (
+            NavigateToPose,
+            notes,
+            stays_inactive,
+        )
         self.scans = self.goals = self.refusals = 0
         self.working = self.live = False
         group = ReentrantCallbackGroup()
         self.commands = self.create_publisher(Twist, "cmd_vel", 10)
         self.create_subscription(Odometry, "odom", lambda _: None, 10)
         self.create_subscription(LaserScan, "scan", self.answer, 10)
-        ways = {"goal_callback": self.judge, "cancel_callback": lambda _: CancelResponse.ACCEPT}
-        self.server = ActionServer(self, NavigateToPose, "navigate_to_pose", self.work, callback_group=group, **ways)
+        ways = {
+            "goal_callback": self.judge,
+            "cancel_callback": lambda _: CancelResponse.ACCEPT,
+        }
+        self.server = ActionServer(
+            self,
+            NavigateToPose,
+            "navigate_to_pose",
+            self.work,
+            callback_group=group,
+            **ways,
+        )
         self.trigger_configure()
 
     def on_activate(self, state):
@@ -68,7 +82,9 @@ class Managed(LifecycleNode):
     def work(self, handle):
         self.goals += 1
         goal = handle.request.pose
-        self.note(f"goal {self.goals} in {goal.header.frame_id}: {goal.pose.position.x:.1f}")
+        self.note(
+            f"goal {self.goals} in {goal.header.frame_id}: {goal.pose.position.x:.1f}"
+        )
         self.working = True
         until = self.scans + 3
         while self.goals == 1 or self.scans < until:

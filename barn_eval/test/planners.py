@@ -7,15 +7,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from barn_eval.bags.recorder import Recorder
-from barn_eval.experiments.direct import run_direct_trial
+from barn_eval.results.bags.recorder import Recorder
+from barn_eval.running.direct import run_direct_trial
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.spec import TrialSpec, simulator_config
-from barn_planners.interface import Decision, Observation, Planner, PlannerStatus, PlannerView, Task
+from barn_planners.interface import (
+    Decision,
+    Observation,
+    Planner,
+    PlannerStatus,
+    PlannerView,
+    Task,
+)
 from barn_worlds.base.types import Velocity2D, wrap_angle
 from barn_worlds.worlds.dataset import open_dataset
 
-SHORT = replace(CHALLENGE, name="short", limit_s=3.0, timeout_time_s=3.0, first_motion_limit_s=3.0)
+SHORT = replace(
+    CHALLENGE, name="short", limit_s=3.0, timeout_time_s=3.0, first_motion_limit_s=3.0
+)
 
 
 def dataset_of(protocol):
@@ -23,12 +32,30 @@ def dataset_of(protocol):
     return "dynabarn60" if protocol.arena else "barn300"
 
 
-def spec_of(world=0, protocol=CHALLENGE, planner="gap", *, robot=None, repetition=0, **changes):
+def spec_of(
+    world=0, protocol=CHALLENGE, planner="gap", *, robot=None, repetition=0, **changes
+):
     """A trial in a world, or in one of the protocol's data set by its number."""
     name, simulator = dataset_of(protocol), simulator_config(protocol, robot=robot)
-    index, found = (world, open_dataset(name).load(world)) if isinstance(world, int) else (0, world)
+    index, found = (
+        (world, open_dataset(name).load(world))
+        if isinstance(world, int)
+        else (0, world)
+    )
     preset = protocol.planner_preset
-    return TrialSpec(name, index, found, planner, preset, {}, protocol, simulator, 5, repetition, **changes)
+    return TrialSpec(
+        name,
+        index,
+        found,
+        planner,
+        preset,
+        {},
+        protocol,
+        simulator,
+        5,
+        repetition,
+        **changes,
+    )
 
 
 def recorded(spec, path, planner=None):
@@ -48,12 +75,20 @@ class Straight(Planner):
     def step(self, observation: Observation) -> Decision:
         pose = observation.pose
         bearing = math.atan2(self.goal.y - pose.y, self.goal.x - pose.x)
-        turn = max(-1.0, min(1.0, 2.0 * wrap_angle(bearing - pose.yaw))) + 0.01 * self.rng.standard_normal()
+        turn = (
+            max(-1.0, min(1.0, 2.0 * wrap_angle(bearing - pose.yaw)))
+            + 0.01 * self.rng.standard_normal()
+        )
         self.plan = np.array([[pose.x, pose.y], [self.goal.x, self.goal.y]])
-        return Decision(Velocity2D(0.5, turn), plan=self.plan, diagnostics={"turn_rad_s": turn})
+        return Decision(
+            Velocity2D(0.5, turn), plan=self.plan, diagnostics={"turn_rad_s": turn}
+        )
 
     def view(self) -> PlannerView:
-        return PlannerView(band=np.array([[0.0, 0.0, 0.3], [1.0, 0.0, 0.2]]), local_plan=np.zeros((3, 3)))
+        return PlannerView(
+            band=np.array([[0.0, 0.0, 0.3], [1.0, 0.0, 0.2]]),
+            local_plan=np.zeros((3, 3)),
+        )
 
 
 @dataclass

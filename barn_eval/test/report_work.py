@@ -8,16 +8,16 @@ import numpy as np
 from planners import dataset_of
 
 import barn_eval as barn
-from barn_eval.bags.recorded import read_recorded
-from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
-from barn_eval.experiments.folder import read_results
-from barn_eval.experiments.rows import TrackRows, sealed, unsealed
-from barn_eval.experiments.run_file import RunFile, provenance
-from barn_eval.experiments.track import thinned
+from barn_eval.results.bags.recorded import read_recorded
+from barn_eval.results.folder import read_results
+from barn_eval.results.rows import TrackRows, sealed, unsealed
+from barn_eval.results.run_file import RunFile, provenance
+from barn_eval.results.tracks import thinned
 from barn_eval.trials import identity
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.result import to_json_line, trial_id
+from barn_eval.trials.run_config import Execution, Experiment, PlannerChoice
 from barn_eval.trials.spec import simulator_config
 from barn_eval.trials.trajectory import clearances
 from barn_worlds.base.config import as_dict
@@ -31,7 +31,12 @@ EVIL = "</script><script>window.evil=1</script>"
 def rewrite_rows(folder, change):
     """Write the rows of a folder again, as `change` makes them of what they were, with checksums that are right."""
     path = folder / "results.jsonl"
-    rows = change([json.loads(unsealed(line, path.name)) for line in path.read_text().splitlines()])
+    rows = change(
+        [
+            json.loads(unsealed(line, path.name))
+            for line in path.read_text().splitlines()
+        ]
+    )
     path.write_text("".join(f"{sealed(json.dumps(row))}\n" for row in rows))
     return rows
 
@@ -51,21 +56,48 @@ def change_row(folder, number=0, **changes):
 def recorded_track(bag, world):
     """The track of a trial as its bag has it."""
     recorded = read_recorded(bag)
-    gaps = clearances(recorded.poses, world.cylinders_m, world.cylinder_radius_m, contact_of())
-    samples = [recorded.times_s, recorded.poses, recorded.speeds, recorded.commands, gaps]
+    gaps = clearances(
+        recorded.poses, world.cylinders_m, world.cylinder_radius_m, contact_of()
+    )
+    samples = [
+        recorded.times_s,
+        recorded.poses,
+        recorded.speeds,
+        recorded.commands,
+        gaps,
+    ]
     return thinned(np.column_stack(samples), recorded.contact)
 
 
 def drive(path, protocol=CHALLENGE, planners=("gap",), worlds="0"):
     """Drive a trial of each planner in each world, with bags, and return the folder."""
-    asked = {"dataset": dataset_of(protocol), "seed": 5, "bags": "all", "engine": "inline", "progress": False}
+    asked = {
+        "dataset": dataset_of(protocol),
+        "seed": 5,
+        "bags": "all",
+        "engine": "inline",
+        "progress": False,
+    }
     return barn.run(worlds, list(planners), protocol, out=path, **asked).folder
 
 
-def campaign(path, run, planners=("gap", "dwa"), worlds=8, repetitions=2, bags=3, faster=0.3, protocol=CHALLENGE):
+def campaign(
+    path,
+    run,
+    planners=("gap", "dwa"),
+    worlds=8,
+    repetitions=2,
+    bags=3,
+    faster=0.3,
+    protocol=CHALLENGE,
+):
     """Write a campaign of rows: the second planner is slower, every fifth trial fails; some have track and bag."""
     (model,) = read_results(run)
-    rules = {"dataset": dataset_of(protocol), "protocol": protocol, "simulator": simulator_config(protocol)}
+    rules = {
+        "dataset": dataset_of(protocol),
+        "protocol": protocol,
+        "simulator": simulator_config(protocol),
+    }
     task = identity.fingerprint(identity.task(protocol, rules["simulator"]))
     of_rules = {"protocol": protocol.name, "metric": protocol.metric, "task": task}
     dataset = open_dataset(rules["dataset"])
@@ -73,26 +105,49 @@ def campaign(path, run, planners=("gap", "dwa"), worlds=8, repetitions=2, bags=3
     track = json.loads(next(iter(TrackRows(run).read().values())))
     lines, tracks, left = [], [], bags
     for world in range(worlds):
-        of_world = {"world": world, "world_name": EVIL, "world_checksum": dataset.load(world).checksum}
+        of_world = {
+            "world": world,
+            "world_name": EVIL,
+            "world_checksum": dataset.load(world).checksum,
+        }
         for repetition in range(repetitions):
             for place, planner in enumerate(planners):
                 name = trial_id(planner, world, repetition)
                 fails = (world + repetition) % 5 == 4
                 time_s = 10.0 + world + 0.1 * repetition + faster * place
-                figures = (50.0, 10.0, 0.0) if fails else (time_s, time_s / 5.0, 2.0 / time_s)
+                figures = (
+                    (50.0, 10.0, 0.0) if fails else (time_s, time_s / 5.0, 2.0 / time_s)
+                )
                 scores = dict(zip(SCORES, figures, strict=True))
-                ended = {"scores": replace(model.scores, success=not fails, **scores), "detail": EVIL if fails else ""}
+                ended = {
+                    "scores": replace(model.scores, success=not fails, **scores),
+                    "detail": EVIL if fails else "",
+                }
                 ended |= {"outcome": Outcome.TIMEOUT if fails else Outcome.SUCCESS}
-                drawn = {"planner": planner, "repetition": repetition, "simulator_seed": 100 * world + repetition}
-                row = replace(model, trial_id=name, **of_world, **drawn, **of_rules, **ended)
+                drawn = {
+                    "planner": planner,
+                    "repetition": repetition,
+                    "simulator_seed": 100 * world + repetition,
+                }
+                row = replace(
+                    model, trial_id=name, **of_world, **drawn, **of_rules, **ended
+                )
                 lines.append(sealed(to_json_line(row)))
                 if left and world == 0:
                     shutil.copytree(run / "bags" / model.trial_id, path / "bags" / name)
                     tracks.append(sealed(json.dumps(track | {"trial_id": name})) + "\n")
                     left -= 1
-    rules |= {"worlds": f"0:{worlds}", "repetitions": repetitions, "seed": 5, "bags": "all" if bags else "none"}
+    rules |= {
+        "worlds": f"0:{worlds}",
+        "repetitions": repetitions,
+        "seed": 5,
+        "bags": "all" if bags else "none",
+    }
     experiment = Experiment(planners=tuple(map(PlannerChoice, planners)), **rules)
-    session = {"started_at": "2026-01-01T00:00:00+00:00", "execution": as_dict(Execution())} | provenance()
+    session = {
+        "started_at": "2026-01-01T00:00:00+00:00",
+        "execution": as_dict(Execution()),
+    } | provenance()
     replace(RunFile.of(path, experiment, {}), sessions=(session,)).write()
     (path / "results.jsonl").write_text("\n".join(lines) + "\n")
     (path / "tracks.jsonl").write_text("".join(tracks))

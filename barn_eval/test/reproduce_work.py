@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 from test_rows import result as a_result
 
-from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
-from barn_eval.experiments.folder import opened
-from barn_eval.experiments.store import Record
+from barn_eval.results.folder import opened
+from barn_eval.results.store import Record
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import PAPER_2020
+from barn_eval.trials.run_config import Execution, Experiment, PlannerChoice
 from barn_eval.trials.spec import simulator_config
 
 
@@ -18,24 +18,51 @@ def made_up(spec):
     generator = np.random.default_rng([spec.simulator_seed, spec.planner_seed])
     steepness = 8.0 if spec.planner == "dwa" else 4.0
     length_m = spec.world.path_length_m
-    time_s = length_m * (1.5 + steepness * float(spec.world.grid.mean()) + 0.2 * generator.random())
+    time_s = length_m * (
+        1.5 + steepness * float(spec.world.grid.mean()) + 0.2 * generator.random()
+    )
     fails = generator.random() < 0.1
     scored_s = spec.protocol.failure_time_s if fails else time_s
     one = a_result(spec.index)
-    times = {"traversal_time_s": spec.protocol.limit_s if fails else time_s, "scored_time_s": scored_s}
+    times = {
+        "traversal_time_s": spec.protocol.limit_s if fails else time_s,
+        "scored_time_s": scored_s,
+    }
     times |= {"path_length_m": length_m, "normalised_time_s_per_m": scored_s / length_m}
-    names = ("trial_id", "dataset", "planner", "task", "planner_config", "repetition", "simulator_seed", "planner_seed")
-    of_spec = {name: getattr(spec, name) for name in names} | {"world_checksum": spec.world.checksum}
+    names = (
+        "trial_id",
+        "dataset",
+        "planner",
+        "task",
+        "planner_config",
+        "repetition",
+        "simulator_seed",
+        "planner_seed",
+    )
+    of_spec = {name: getattr(spec, name) for name in names} | {
+        "world_checksum": spec.world.checksum
+    }
     of_spec |= {"protocol": spec.protocol.name, "metric": spec.protocol.metric}
     outcome = Outcome.TIMEOUT if fails else Outcome.SUCCESS
-    return replace(one, **of_spec, outcome=outcome, scores=replace(one.scores, success=not fails, **times))
+    return replace(
+        one,
+        **of_spec,
+        outcome=outcome,
+        scores=replace(one.scores, success=not fails, **times),
+    )
 
 
 def experiment_of(worlds, repetitions=3, dataset="barn300"):
     """Return an experiment of both planners."""
     planners = (PlannerChoice("dwa"), PlannerChoice("eband"))
     rules = {"protocol": PAPER_2020, "simulator": simulator_config(PAPER_2020)}
-    return Experiment(dataset=dataset, worlds=worlds, planners=planners, repetitions=repetitions, **rules)
+    return Experiment(
+        dataset=dataset,
+        worlds=worlds,
+        planners=planners,
+        repetitions=repetitions,
+        **rules,
+    )
 
 
 def write_made_up(out, experiment, change=lambda result: result):

@@ -13,14 +13,14 @@ import pytest
 from rich.console import Console
 from rosbags.highlevel import AnyReader
 
-from barn_eval.bags.bagfile import BagFile
-from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
-from barn_eval.experiments.request import Request
-from barn_eval.experiments.ros_config import Patience, RosSetup
-from barn_eval.experiments.store import Store
+from barn_eval.results.bags.bagfile import BagFile
+from barn_eval.results.store import Store
 from barn_eval.ros.supervision import run_ros_trials
 from barn_eval.ros.work import run_request
+from barn_eval.running.request import Request
 from barn_eval.trials.protocol import CHALLENGE
+from barn_eval.trials.ros_config import Patience, RosSetup
+from barn_eval.trials.run_config import Execution, Experiment, PlannerChoice
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.messages.cdr import deserialise, layout
 
@@ -30,15 +30,21 @@ EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "simple_planner.py"
 FOREIGN = Path(__file__).with_name("foreign_planner.py")
 MARK = "BARN_TEST_MARK"
 # Ends by itself after two seconds of driving, half a second of the machine's time.
-SHORT = replace(CHALLENGE, name="short", limit_s=2.0, first_motion_limit_s=2.0, timeout_time_s=2.0)
+SHORT = replace(
+    CHALLENGE, name="short", limit_s=2.0, first_motion_limit_s=2.0, timeout_time_s=2.0
+)
 _LONG_S = 600.0  # only what hangs takes as long
 _PATIENCE = Patience(
     start_s=_LONG_S, simulator_s=_LONG_S, gate_s=_LONG_S, lifecycle_s=_LONG_S, service_s=_LONG_S, command_s=_LONG_S,
     clock_s=_LONG_S, vanished_s=60.0, connection_s=60.0,
 )  # fmt: skip
-PATIENT = RosSetup(command_wait_s=_LONG_S, patience=_PATIENCE)  # no verdict hangs on the pace of the machine
+PATIENT = RosSetup(
+    command_wait_s=_LONG_S, patience=_PATIENCE
+)  # no verdict hangs on the pace of the machine
 EACH = replace(PATIENT, restart_planner="each_trial")
-MANAGED = replace(PATIENT, command_wait_s=5.0)  # what a scan costs that comes while nodes become active
+MANAGED = replace(
+    PATIENT, command_wait_s=5.0
+)  # what a scan costs that comes while nodes become active
 # So, but for a planner's silence: for tests that wait for it in full. It counts by the evaluator's own progress.
 QUICK = RosSetup(patience=replace(_PATIENCE, command_s=5.0))
 
@@ -63,7 +69,11 @@ def marked(mark, text=""):
         with suppress(OSError, ValueError):
             pid = int(entry.name)
             state = (entry / "stat").read_text().rsplit(")", 1)[1].split()[0]
-            if pid == os.getpid() or state == "Z" or f"{MARK}={mark}".encode() not in (entry / "environ").read_bytes():
+            if (
+                pid == os.getpid()
+                or state == "Z"
+                or f"{MARK}={mark}".encode() not in (entry / "environ").read_bytes()
+            ):
                 continue
             if text in (entry / "cmdline").read_bytes().decode():
                 found.append(pid)
@@ -72,30 +82,49 @@ def marked(mark, text=""):
 
 def node_process(mark, module):
     """Return the process of a node of ours, not its guard."""
-    return [pid for pid in marked(mark, module) if b"guard.py" not in Path(f"/proc/{pid}/cmdline").read_bytes()]
+    return [
+        pid
+        for pid in marked(mark, module)
+        if b"guard.py" not in Path(f"/proc/{pid}/cmdline").read_bytes()
+    ]
 
 
 def guards(mark, command):
     """Return the guards of a command."""
-    return [pid for pid in marked(mark, command) if b"guard.py" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+    return [
+        pid
+        for pid in marked(mark, command)
+        if b"guard.py" in Path(f"/proc/{pid}/cmdline").read_bytes()
+    ]
 
 
-def make_plan(protocol=SHORT, ros=PATIENT, planner="dwa", planner_command="", **changes):
+def make_plan(
+    protocol=SHORT, ros=PATIENT, planner="dwa", planner_command="", **changes
+):
     planners = (PlannerChoice(planner, command=planner_command),)
     rules = {"protocol": protocol, "simulator": simulator_config(protocol), "ros": ros}
-    return replace(Experiment(worlds="0", planners=planners, mode="ros", seed=5, bags="all", **rules), **changes)
+    return replace(
+        Experiment(
+            worlds="0", planners=planners, mode="ros", seed=5, bags="all", **rules
+        ),
+        **changes,
+    )
 
 
 def drive(folder, plan, notice=lambda _: None):
     """Yield the result of each trial of a plan once it has ended; bags go to the folder."""
-    for record in run_ros_trials(plan, plan.trials(), Store(folder, plan.bags), notice=notice):
+    for record in run_ros_trials(
+        plan, plan.trials(), Store(folder, plan.bags), notice=notice
+    ):
         yield record.result
 
 
 def drive_kinds(folder, *kinds, protocol=SHORT, setup=EACH, repetitions=0):
     """Return the results of the foreign planner, which is of one kind after the other."""
     command = foreign(FOREIGN, folder / "starts", *kinds)
-    plan = make_plan(protocol, setup, "foreign", command, repetitions=repetitions or len(kinds))
+    plan = make_plan(
+        protocol, setup, "foreign", command, repetitions=repetitions or len(kinds)
+    )
     return list(drive(folder / "run", plan))
 
 
@@ -115,7 +144,9 @@ def messages(bag):
     with AnyReader([bag]) as reader:
         for connection, stamp, data in reader.messages():
             message = reader.deserialize(data, connection.msgtype)
-            found.setdefault(connection.topic, []).append((stamp - reader.start_time, message))
+            found.setdefault(connection.topic, []).append(
+                (stamp - reader.start_time, message)
+            )
     return found
 
 
@@ -126,7 +157,10 @@ def unstamped(bag):
     """
     found = {}
     for record in BagFile(bag).messages():
-        data, message = bytearray(record.data), deserialise(record.data, record.type_name)
+        data, message = (
+            bytearray(record.data),
+            deserialise(record.data, record.type_name),
+        )
         if record.topic == "/diagnostics" and message.status[0].name != "planner":
             continue
         for name, slot in layout(message).items():

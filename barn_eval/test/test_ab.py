@@ -25,7 +25,9 @@ def workspace(tmp_path):
 
 
 def test_a_planner_of_the_suite_is_given_with_its_settings():
-    (planner,) = side("dwa:fast_dwa,dwa.path_weight=0.6,dwa.sim_time_s=1").experiment.planners
+    (planner,) = side(
+        "dwa:fast_dwa,dwa.path_weight=0.6,dwa.sim_time_s=1"
+    ).experiment.planners
     assert (planner.name, planner.preset) == ("dwa", "fast_dwa")
     assert planner.overrides == {"dwa.path_weight": 0.6, "dwa.sim_time_s": 1}
 
@@ -33,9 +35,15 @@ def test_a_planner_of_the_suite_is_given_with_its_settings():
 def test_a_workspace_is_sourced_and_known_by_what_is_installed(workspace):
     first = side(str(workspace), "ros2 run my_nav host")
     (planner,) = first.experiment.planners
-    assert planner.command == f"bash -c '. {workspace}/install/setup.bash && exec ros2 run my_nav host'"
+    assert (
+        planner.command
+        == f"bash -c '. {workspace}/install/setup.bash && exec ros2 run my_nav host'"
+    )
     assert first.experiment.mode == "ros"
-    assert side(str(workspace / "install" / "setup.bash"), "ros2 run my_nav host").out == first.out
+    assert (
+        side(str(workspace / "install" / "setup.bash"), "ros2 run my_nav host").out
+        == first.out
+    )
     (workspace / "install" / "lib" / "plugin.so").write_bytes(b"two")
     assert side(str(workspace), "ros2 run my_nav host").out != first.out
 
@@ -53,27 +61,38 @@ def test_a_parameter_file_counts_most_and_is_known_by_its_content(tmp_path):
 
 
 def test_both_commands_drive_under_the_name_of_base_so_that_seeds_are_the_same():
-    asked = [side(text, base="python base.py") for text in ("python base.py", "python head.py")]
+    asked = [
+        side(text, base="python base.py")
+        for text in ("python base.py", "python head.py")
+    ]
     assert [one.experiment.planners[0].name for one in asked] == ["base", "base"]
     assert asked[0].out != asked[1].out
 
 
 def test_a_file_of_a_run_is_a_side(tmp_path):
     file = tmp_path / "run.yaml"
-    file.write_text("schema_version: 1\nplanners: [{name: gap, overrides: {max_speed_mps: 0.4}}]\n")
+    file.write_text(
+        "schema_version: 1\nplanners: [{name: gap, overrides: {max_speed_mps: 0.4}}]\n"
+    )
     assert side(str(file)).experiment.planners[0].overrides == {"max_speed_mps": 0.4}
 
 
 @pytest.mark.parametrize(
     ("text", "command", "words"),
     [
-        ("no_such_program --fast", "", "is no workspace, file, planner of the suite or command"),
+        (
+            "no_such_program --fast",
+            "",
+            "is no workspace, file, planner of the suite or command",
+        ),
         ("dwa,dwa.path_weight", "", "must be key=value"),
         (".", "run me", "has no setup.bash"),
         ("ws", "", "a workspace needs --planner-command"),
     ],
 )
-def test_what_is_nothing_is_refused_in_one_line(text, command, words, workspace, monkeypatch):
+def test_what_is_nothing_is_refused_in_one_line(
+    text, command, words, workspace, monkeypatch
+):
     monkeypatch.chdir(workspace.parent)
     with pytest.raises(BarnError, match=words):
         side(text, command)
@@ -81,16 +100,28 @@ def test_what_is_nothing_is_refused_in_one_line(text, command, words, workspace,
 
 def test_equal_sides_are_refused(tmp_path):
     with pytest.raises(BarnError, match="BASE and HEAD are the same"):
-        ab("gap", "gap,max_speed_mps=0.5", "", OPTIONS | {"out": tmp_path}, Console(quiet=True))
+        ab(
+            "gap",
+            "gap,max_speed_mps=0.5",
+            "",
+            OPTIONS | {"out": tmp_path},
+            Console(quiet=True),
+        )
 
 
-def test_what_has_not_changed_is_not_driven_again_and_a_worse_head_ends_with_code_4(command, tmp_path):
+def test_what_has_not_changed_is_not_driven_again_and_a_worse_head_ends_with_code_4(
+    command, tmp_path
+):
     words = ("--worlds", "0:300:20", "--run", "engine=inline", "--out", "ab")
-    code, out, err = command("ab", "gap,max_speed_mps=0.9", "gap,max_speed_mps=0.4", *words)
+    code, out, err = command(
+        "ab", "gap,max_speed_mps=0.9", "gap,max_speed_mps=0.4", *words
+    )
     assert code == 4
     assert out.startswith("**HEAD is worse than BASE**, by the challenge metric: ")
     assert "| challenge metric (of 0.5) | " in out
-    code, out, err = command("ab", "gap,max_speed_mps=0.4", "gap,max_speed_mps=0.9", *words, "--json")
+    code, out, err = command(
+        "ab", "gap,max_speed_mps=0.4", "gap,max_speed_mps=0.9", *words, "--json"
+    )
     found = json.loads(out)
     assert (code, found["decision"]) == (0, "better")
     assert found["worlds"] < found["planned"] == 15
@@ -100,7 +131,13 @@ def test_what_has_not_changed_is_not_driven_again_and_a_worse_head_ends_with_cod
 
 
 def test_a_verdict_tells_how_far_it_went(tmp_path):
-    found = ab("gap", "gap,margin_m=0.031", "", OPTIONS | {"out": tmp_path}, Console(quiet=True))
+    found = ab(
+        "gap",
+        "gap,margin_m=0.031",
+        "",
+        OPTIONS | {"out": tmp_path},
+        Console(quiet=True),
+    )
     assert isinstance(found, AbResult) and found.decision in ("futile", "open")
     assert f"after {found.worlds} of 6 worlds" in found.markdown()
     assert "difference is clear" in found.markdown()

@@ -5,8 +5,13 @@ import numpy as np
 import pytest
 from planners import spec_of
 
-from barn_eval.bags.decode import planner_status
-from barn_eval.ros.adapter import TrialAdapter, TrialTopics, missed_periods, missed_share
+from barn_eval.results.bags.decode import planner_status
+from barn_eval.ros.adapter import (
+    TrialAdapter,
+    TrialTopics,
+    missed_periods,
+    missed_share,
+)
 from barn_eval.ros.sequencer import Message, Tick
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, PoseRule
@@ -24,8 +29,12 @@ from barn_worlds.messages.topics import CMD_VEL
 
 ORIGIN = 7_000_000_000
 PERIOD, SILENCE = 50_000_000, 500_000_000
-AHEAD = replace(CHALLENGE, start=PoseRule(yaw_rad=0.0), goal=PoseRule(x_m=10.0, yaw_rad=0.0))
-TOPICS = TrialTopics("/clock", "/odom", "/truth", "/collision", "/cmd_vel", "/scan", "/diagnostics")
+AHEAD = replace(
+    CHALLENGE, start=PoseRule(yaw_rad=0.0), goal=PoseRule(x_m=10.0, yaw_rad=0.0)
+)
+TOPICS = TrialTopics(
+    "/clock", "/odom", "/truth", "/collision", "/cmd_vel", "/scan", "/diagnostics"
+)
 ODOMETRY = OdometryEncoder("odom", "base_link")
 
 
@@ -33,18 +42,31 @@ def message(topic, value, sent_ns):
     """Return a message: of odometry, the stamp and x; of a command, its two speeds; of diagnostics, the status."""
     if topic in ("/odom", "/truth"):
         stamp_ns, x = value
-        return Message(topic, ODOMETRY.encode(Odometry(stamp_ns, Pose2D(x, 0.0, 0.0), Velocity2D()), stamp_ns), sent_ns)
+        return Message(
+            topic,
+            ODOMETRY.encode(
+                Odometry(stamp_ns, Pose2D(x, 0.0, 0.0), Velocity2D()), stamp_ns
+            ),
+            sent_ns,
+        )
     encoders = {
         "/collision": encode_bool,
         "/cmd_vel": lambda speeds: encode_twist(Velocity2D(*speeds)),
-        "/diagnostics": lambda status: encode_diagnostics(7, FINE, "planner", status, {"status": status}),
+        "/diagnostics": lambda status: encode_diagnostics(
+            7, FINE, "planner", status, {"status": status}
+        ),
     }
     return Message(topic, encoders[topic](value) if topic in encoders else b"", sent_ns)
 
 
 def adapter_of(**changes):
     """Return an adapter of a trial under the rules of the challenge, but for some changes, with 10 m straight ahead."""
-    return TrialAdapter(TOPICS, RunningTrial(spec_of(0, replace(AHEAD, **changes))), ORIGIN, CMD_VEL.type_name)
+    return TrialAdapter(
+        TOPICS,
+        RunningTrial(spec_of(0, replace(AHEAD, **changes))),
+        ORIGIN,
+        CMD_VEL.type_name,
+    )
 
 
 @pytest.fixture
@@ -54,7 +76,10 @@ def adapter():
 
 def tick(k, x, *, odometry_x=None, collision=False, command=(0.5, 0.0), extra=()):
     stamp = ORIGIN + k * PERIOD
-    content = [("/odom", [stamp, x if odometry_x is None else odometry_x]), ("/truth", [stamp, x])]
+    content = [
+        ("/odom", [stamp, x if odometry_x is None else odometry_x]),
+        ("/truth", [stamp, x]),
+    ]
     content += [("/collision", collision), ("/scan", 0)]
     content += [("/cmd_vel", command)] if command else []
     content += extra
@@ -64,7 +89,13 @@ def tick(k, x, *, odometry_x=None, collision=False, command=(0.5, 0.0), extra=()
 def test_readings_and_commands_pair_up_as_in_a_direct_trial(adapter):
     for k in range(5):
         kept = adapter.take(tick(k, 0.03 * k, command=(0.1 * k, 0.2)))
-        assert [message.topic for message in kept] == ["/odom", "/truth", "/collision", "/scan", "/cmd_vel"]
+        assert [message.topic for message in kept] == [
+            "/odom",
+            "/truth",
+            "/collision",
+            "/scan",
+            "/cmd_vel",
+        ]
     trajectory = adapter.trial.log.trajectory()
     assert trajectory.stamps_ns.tolist() == [k * PERIOD for k in range(5)]
     assert trajectory.truth[:, 0].tolist() == [0.03 * k for k in range(5)]
@@ -72,9 +103,17 @@ def test_readings_and_commands_pair_up_as_in_a_direct_trial(adapter):
     assert adapter.trial.verdict is None
 
 
-@pytest.mark.parametrize(("frame", "expected"), [("/odom", [math.nan, 0.2, 0.2]), ("map", [math.nan] * 3)])
-def test_a_plan_counts_from_the_reading_after_it_if_it_is_in_the_frame_of_plans(adapter, frame, expected):
-    plan = Message("/plan", PathEncoder(frame).encode(np.array([[-1.0, 0.2], [9.0, 0.2]]), ORIGIN), 0)
+@pytest.mark.parametrize(
+    ("frame", "expected"), [("/odom", [math.nan, 0.2, 0.2]), ("map", [math.nan] * 3)]
+)
+def test_a_plan_counts_from_the_reading_after_it_if_it_is_in_the_frame_of_plans(
+    adapter, frame, expected
+):
+    plan = Message(
+        "/plan",
+        PathEncoder(frame).encode(np.array([[-1.0, 0.2], [9.0, 0.2]]), ORIGIN),
+        0,
+    )
     for k in range(3):
         one = tick(k, 0.05 * k)
         one.messages.insert(4, plan)  # before the command
@@ -93,10 +132,19 @@ def test_nothing_after_the_verdict_is_kept(adapter):
     adapter.take(tick(0, 0.0))
     adapter.take(tick(1, 0.5))
     kept = adapter.take(tick(2, 9.5, extra=[("/plan", 1)]))
-    assert [message.topic for message in kept] == ["/odom", "/truth", "/collision", "/scan", "/plan"]
+    assert [message.topic for message in kept] == [
+        "/odom",
+        "/truth",
+        "/collision",
+        "/scan",
+        "/plan",
+    ]
     assert adapter.take(tick(3, 9.9)) == []
     verdict = adapter.trial.verdict
-    assert (verdict.outcome, verdict.traversal_time_s) == (Outcome.SUCCESS, pytest.approx(0.05))
+    assert (verdict.outcome, verdict.traversal_time_s) == (
+        Outcome.SUCCESS,
+        pytest.approx(0.05),
+    )
     assert verdict.duration_s == pytest.approx(0.1)
 
 
@@ -119,12 +167,19 @@ def test_two_readings_in_one_tick_are_judged_one_by_one(adapter):
     assert adapter.trial.verdict.traversal_time_s == pytest.approx(0.05)
 
 
-@pytest.mark.parametrize("command", [(0.5, 0.0), None], ids=["with a command", "without one"])
+@pytest.mark.parametrize(
+    "command", [(0.5, 0.0), None], ids=["with a command", "without one"]
+)
 def test_a_contact_counts_for_the_tick_it_was_told_in_alone(command):
     patient = adapter_of(collision_ends_trial=False)
     for k, collision in enumerate((False, True, False, False)):
         patient.take(tick(k, 0.0, collision=collision, command=command))
-    assert patient.trial.log.trajectory().contact.tolist() == [False, True, False, False]
+    assert patient.trial.log.trajectory().contact.tolist() == [
+        False,
+        True,
+        False,
+        False,
+    ]
 
 
 def test_ticks_without_readings_end_nothing(adapter):
@@ -137,16 +192,36 @@ def test_ticks_without_readings_end_nothing(adapter):
 
 
 def test_response_time_is_from_scan_to_first_command(adapter):
-    sent_ms = [("/scan", 1), ("/cmd_vel", 4), ("/cmd_vel", 9), ("/cmd_vel", 55), ("/scan", 100), ("/cmd_vel", 105)]
+    sent_ms = [
+        ("/scan", 1),
+        ("/cmd_vel", 4),
+        ("/cmd_vel", 9),
+        ("/cmd_vel", 55),
+        ("/scan", 100),
+        ("/cmd_vel", 105),
+    ]
     sent_ms += [("/scan", 200), ("/cmd_vel", 199)]  # clocks may be told to say anything
-    adapter.take(Tick(ORIGIN, 0, [message(topic, (0.1, 0.0), 1_000_000 * now_ms) for topic, now_ms in sent_ms]))
+    adapter.take(
+        Tick(
+            ORIGIN,
+            0,
+            [
+                message(topic, (0.1, 0.0), 1_000_000 * now_ms)
+                for topic, now_ms in sent_ms
+            ],
+        )
+    )
     assert adapter.response_times_s == [0.003, 0.005, 0.0]
     assert adapter.waited_s == pytest.approx(0.008)
 
 
 @pytest.mark.parametrize(
     ("told", "count"),
-    [([""], None), (["recovering"], 1), (["running", "recovering", "recovering", "", "running", "recovering"], 2)],
+    [
+        ([""], None),
+        (["recovering"], 1),
+        (["running", "recovering", "recovering", "", "running", "recovering"], 2),
+    ],
 )
 def test_recoveries_are_counted_when_they_begin(adapter, told, count):
     for k, status in enumerate(told):
@@ -156,8 +231,16 @@ def test_recoveries_are_counted_when_they_begin(adapter, told, count):
 
 def test_a_planner_reports_its_status_and_nobody_else_does():
     values = {"cost": "1.5", "status": "recovering"}
-    assert planner_status(encode_diagnostics(7, FINE, "planner", "recovering", values)) == "recovering"
-    assert planner_status(encode_diagnostics(7, FINE, "battery", "full", {"voltage": "24"})) == ""
+    assert (
+        planner_status(encode_diagnostics(7, FINE, "planner", "recovering", values))
+        == "recovering"
+    )
+    assert (
+        planner_status(
+            encode_diagnostics(7, FINE, "battery", "full", {"voltage": "24"})
+        )
+        == ""
+    )
     assert planner_status(b"not a message") == ""
 
 
@@ -178,7 +261,9 @@ def test_a_planner_reports_its_status_and_nobody_else_does():
         ([100, 120, 140, 160, 180, 200], 200, 0, 0.0),  # faster than it has to be
     ],
 )
-def test_control_periods_without_a_command_are_counted(commands_ms, now_ms, missed, share):
+def test_control_periods_without_a_command_are_counted(
+    commands_ms, now_ms, missed, share
+):
     commands_ns, now_ns = [1_000_000 * now for now in commands_ms], 1_000_000 * now_ms
     assert missed_periods(commands_ns, now_ns, PERIOD, SILENCE) == missed
     assert missed_share(missed, commands_ns, now_ns, PERIOD) == pytest.approx(share)
@@ -190,4 +275,6 @@ def test_a_planner_that_skips_cycles_is_seen_to(adapter):
     for k in range(21):
         adapter.take(tick(k, 0.01 * k, command=None if k % 5 == 4 else (0.2, 0.0)))
     assert missed_periods(adapter.commands_ns, adapter.now_ns, PERIOD, SILENCE) == 4
-    assert missed_share(4, adapter.commands_ns, adapter.now_ns, PERIOD) == pytest.approx(0.2)
+    assert missed_share(
+        4, adapter.commands_ns, adapter.now_ns, PERIOD
+    ) == pytest.approx(0.2)

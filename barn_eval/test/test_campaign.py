@@ -15,9 +15,9 @@ import pytest
 from rich.console import Console
 from waiting import alive, until
 
-from barn_eval.experiments.folder import read_results
-from barn_eval.experiments.request import read_request
+from barn_eval.results.folder import read_results
 from barn_eval.ros.work import run_request
+from barn_eval.running.request import read_request
 from barn_worlds.base.errors import ConfigError
 
 
@@ -39,28 +39,39 @@ def same_table(whole, out):
 def test_one_row_per_trial_in_the_order_of_the_plan(whole):
     table = pyarrow.parquet.read_table(whole[1] / "results.parquet").to_pylist()
     planned = product(runs.STATIC["worlds"], (0, 1), ("gap", "stranger"))
-    names = [f"{planner}_w{world:04d}_r{repetition:02d}" for world, repetition, planner in planned]
+    names = [
+        f"{planner}_w{world:04d}_r{repetition:02d}"
+        for world, repetition, planner in planned
+    ]
     assert [row["trial_id"] for row in table] == names
     assert {row["outcome"] for row in table} <= {"success", "collision", "timeout"}
     assert all(row["driven_m"] > 0.5 for row in table)
 
 
-@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGQUIT, signal.SIGTERM], ids=lambda one: one.name)
+@pytest.mark.parametrize(
+    "number", [signal.SIGHUP, signal.SIGQUIT, signal.SIGTERM], ids=lambda one: one.name
+)
 def test_a_signal_ends_a_campaign_with_a_word(whole, tmp_path, number):
     out = tmp_path / "out"
-    before = signal.signal(number, signal.SIG_DFL)  # tests that are run in the background may have it ignored
+    before = signal.signal(
+        number, signal.SIG_DFL
+    )  # tests that are run in the background may have it ignored
     campaign = runs.start(whole[0], "--out", out, "--workers", 2)
     signal.signal(number, before)
     until(lambda: runs.rows(out) >= 1)
     os.killpg(campaign.pid, number)  # as a terminal does
     _, errors = campaign.communicate(timeout=600)
     assert campaign.returncode == 130
-    assert f"finished trials are in {out}, the same command resumes" in " ".join(errors.split())
+    assert f"finished trials are in {out}, the same command resumes" in " ".join(
+        errors.split()
+    )
     assert "Traceback" not in errors
     assert "lost" not in errors
 
 
-def test_a_campaign_that_is_killed_and_interrupted_goes_on_to_the_same_table(whole, tmp_path):
+def test_a_campaign_that_is_killed_and_interrupted_goes_on_to_the_same_table(
+    whole, tmp_path
+):
     out, kept = tmp_path / "out", 0
     for number in (signal.SIGKILL, signal.SIGINT):
         campaign = runs.start(whole[0], "--out", out, "--workers", 2)
@@ -76,8 +87,13 @@ def test_a_campaign_that_is_killed_and_interrupted_goes_on_to_the_same_table(who
             assert f"{kept} of 12 trials are there already" in errors
         if number != signal.SIGKILL:
             assert campaign.returncode == 130
-            assert f"finished trials are in {out}, the same command resumes" in " ".join(errors.split())
-            assert errors.splitlines()[-1] == "interrupted" and "Traceback" not in errors
+            assert (
+                f"finished trials are in {out}, the same command resumes"
+                in " ".join(errors.split())
+            )
+            assert (
+                errors.splitlines()[-1] == "interrupted" and "Traceback" not in errors
+            )
         kept = runs.rows(out)
     assert kept < 12, "the campaign was complete before it could be disturbed"
     assert runs.run(whole[0], "--out", out, "--workers", 2).returncode == 0
@@ -88,7 +104,9 @@ def test_a_campaign_that_is_killed_and_interrupted_goes_on_to_the_same_table(who
 def test_more_workers_of_which_some_are_killed_give_the_same_bytes(whole, tmp_path):
     out = tmp_path / "out"
     # chance may kill the workers at the same trial each time
-    campaign = runs.start(whole[0], "--out", out, "--workers", 2, "--execution", "attempts=9")
+    campaign = runs.start(
+        whole[0], "--out", out, "--workers", 2, "--execution", "attempts=9"
+    )
     for count in (1, 4, 7):
         until(lambda count=count: runs.rows(out) >= count)
         for pid in runs.children(campaign.pid):
@@ -107,13 +125,18 @@ def small_disk(tmp_path):
     folder = tmp_path / "disk"
     folder.mkdir()
     mount = ["mount", "-t", "tmpfs", "-o", "size=96k", "barn-test", str(folder)]
-    if os.geteuid() != 0 or subprocess.run(mount, check=False, capture_output=True).returncode != 0:
+    if (
+        os.geteuid() != 0
+        or subprocess.run(mount, check=False, capture_output=True).returncode != 0
+    ):
         pytest.skip("cannot mount a small file system here (needs root)")
     yield folder
     subprocess.run(["umount", str(folder)], check=True)
 
 
-def test_a_full_disk_ends_the_campaign_in_one_line_and_nothing_is_lost(whole, small_disk):
+def test_a_full_disk_ends_the_campaign_in_one_line_and_nothing_is_lost(
+    whole, small_disk
+):
     out, filler = small_disk / "out", small_disk / "filler"
     filler.write_bytes(bytes(72 * 1024))
     full = runs.run(whole[0], "--out", out, "--workers", 2)
@@ -134,7 +157,9 @@ def run_here(whole, monkeypatch):
     monkeypatch.syspath_prepend(whole[0].parent)
 
     def run(settings=None, **options):
-        return run_request(read_request(whole[0], options, settings), Console(file=io.StringIO()))
+        return run_request(
+            read_request(whole[0], options, settings), Console(file=io.StringIO())
+        )
 
     return run
 
@@ -146,15 +171,26 @@ def run_here(whole, monkeypatch):
         ({"repetitions": 3}, "repetitions is 2 there, 3 here"),
         ({"protocol": "challenge"}, "protocol.name is 'short' there, 'challenge' here"),
         ({"planners": "gap"}, "planners.1.name is 'stranger' there, not set here"),
-        ({"settings": {"gap": {"max_speed_mps": 0.3}}}, "planners.0.overrides.max_speed_mps is not set there"),
-        ({"simulator": {"lidar.beams": 360}}, "simulator.lidar.beams is 720 there, 360 here"),
+        (
+            {"settings": {"gap": {"max_speed_mps": 0.3}}},
+            "planners.0.overrides.max_speed_mps is not set there",
+        ),
+        (
+            {"simulator": {"lidar.beams": 360}},
+            "simulator.lidar.beams is 720 there, 360 here",
+        ),
         ({"worlds": "0,100"}, "worlds is '0,100,200' there, '0,100' here"),
         ({"bags": "all"}, "bags is 'none' there, 'all' here"),
     ],
 )
-def test_another_configuration_is_refused_by_the_key_that_differs(whole, run_here, options, words):
+def test_another_configuration_is_refused_by_the_key_that_differs(
+    whole, run_here, options, words
+):
     before = {path.name: path.read_bytes() for path in whole[1].iterdir()}
-    with pytest.raises(ConfigError, match=rf"{whole[1]}: holds results of another configuration: {re.escape(words)}"):
+    with pytest.raises(
+        ConfigError,
+        match=rf"{whole[1]}: holds results of another configuration: {re.escape(words)}",
+    ):
         run_here(out=whole[1], **options)
     assert {path.name: path.read_bytes() for path in whole[1].iterdir()} == before
 
@@ -174,7 +210,12 @@ def test_bags_are_kept_of_what_was_asked_for(run_here, tmp_path):
     results = run_here(out=tmp_path / "failed", bags="failed", **asked)
     failed = {row.trial_id for row in results if not row.scores.success}
     folder = tmp_path / "failed" / "bags"
-    assert ({path.name for path in folder.iterdir()} if folder.exists() else set()) == failed
+    assert (
+        {path.name for path in folder.iterdir()} if folder.exists() else set()
+    ) == failed
     run_here(out=tmp_path / "all", bags="all", **asked)
-    assert {path.name for path in (tmp_path / "all" / "bags").iterdir()} == {"gap_w0000_r00", "gap_w0000_r01"}
+    assert {path.name for path in (tmp_path / "all" / "bags").iterdir()} == {
+        "gap_w0000_r00",
+        "gap_w0000_r01",
+    }
     assert runs.tables(tmp_path / "failed") == runs.tables(tmp_path / "all")

@@ -13,9 +13,9 @@ from campaign_runs import stop
 from campaign_work import Deeds, all_reports
 from waiting import alive, until
 
-from barn_eval.experiments import local
-from barn_eval.experiments.engine import Done, Lost, Part, Refused
-from barn_eval.experiments.local import LocalEngine
+from barn_eval.running import local
+from barn_eval.running.engine import Done, Lost, Part, Refused
+from barn_eval.running.local import LocalEngine
 
 
 @pytest.fixture
@@ -33,7 +33,12 @@ def started(engine):
 def test_every_job_is_reported_once_and_workers_are_kept(engine):
     reports = all_reports(engine, {str(n): ("echo", n) for n in range(40)})
     assert [reports[str(n)].result for n in range(40)] == list(range(40))
-    seen = [report.result for report in all_reports(engine, {str(n): ("whoami", None) for n in range(10)}).values()]
+    seen = [
+        report.result
+        for report in all_reports(
+            engine, {str(n): ("whoami", None) for n in range(10)}
+        ).values()
+    ]
     assert len({pid for pid, _, _ in seen}) <= 2
     assert os.getpid() not in {pid for pid, _, _ in seen}
     assert max(jobs for _, jobs, _ in seen) > 1
@@ -67,29 +72,45 @@ def test_environment_of_workers_does_not_leak(engine, monkeypatch):
     ],
 )
 def test_a_worker_that_dies_loses_its_own_job_only(engine, deed, argument, reason):
-    jobs = {str(n): ("echo", n) for n in range(12)} | {"lost": (deed, argument)} | {"after": ("echo", "after")}
+    jobs = (
+        {str(n): ("echo", n) for n in range(12)}
+        | {"lost": (deed, argument)}
+        | {"after": ("echo", "after")}
+    )
     reports = all_reports(engine, jobs)
     assert reports["lost"].reason == reason
-    assert [key for key, report in reports.items() if not isinstance(report, Done)] == ["lost"]
+    assert [key for key, report in reports.items() if not isinstance(report, Done)] == [
+        "lost"
+    ]
 
 
 def test_failures_and_mistakes_are_told_apart(engine):
-    reports = all_reports(engine, {"a": ("fail", "no luck"), "b": ("refuse", "no such preset")})
+    reports = all_reports(
+        engine, {"a": ("fail", "no luck"), "b": ("refuse", "no such preset")}
+    )
     assert "in fail" in reports["a"].traceback
     assert reports["b"] == Refused("b", reports["b"].worker, "no such preset")
 
 
 def test_a_result_that_cannot_be_sent_is_a_loss_and_a_large_one_is_not(engine):
-    reports = all_reports(engine, {"a": ("unpicklable", 1), "b": ("huge", 5_000_000), "c": ("echo", 1)})
+    reports = all_reports(
+        engine, {"a": ("unpicklable", 1), "b": ("huge", 5_000_000), "c": ("echo", 1)}
+    )
     assert isinstance(reports["a"], Lost)
     assert len(reports["b"].result) == 5_000_000
     assert reports["c"].result == 1
 
 
-def test_a_job_over_its_time_is_lost_even_if_the_worker_ignores_being_told(monkeypatch, tmp_path):
+def test_a_job_over_its_time_is_lost_even_if_the_worker_ignores_being_told(
+    monkeypatch, tmp_path
+):
     monkeypatch.setattr(local, "GRACE_S", 0.5)
-    with closing(LocalEngine(Deeds(str(tmp_path / "log")), workers=2, trial_limit_s=4.0)) as engine:
-        reports = all_reports(engine, {"a": ("sleep", 3600), "b": ("ignore_term", 3600)})
+    with closing(
+        LocalEngine(Deeds(str(tmp_path / "log")), workers=2, trial_limit_s=4.0)
+    ) as engine:
+        reports = all_reports(
+            engine, {"a": ("sleep", 3600), "b": ("ignore_term", 3600)}
+        )
         started(engine)
     for key in "ab":
         assert reports[key].reason.startswith("no result within 4 s of wall-clock time")
@@ -119,11 +140,21 @@ def test_the_time_limit_is_one_for_each_part():
 
 
 def test_an_idle_worker_that_was_killed_costs_nothing(engine):
-    pids = {report.result[0] for report in all_reports(engine, {str(n): ("whoami", 0) for n in range(6)}).values()}
+    pids = {
+        report.result[0]
+        for report in all_reports(
+            engine, {str(n): ("whoami", 0) for n in range(6)}
+        ).values()
+    }
     for pid in pids:
         os.kill(pid, signal.SIGKILL)
-        os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT)  # until its last thread has let go of the pipe
-    assert all(isinstance(one, Done) for one in all_reports(engine, {str(n): ("echo", n) for n in range(6)}).values())
+        os.waitid(
+            os.P_PID, pid, os.WEXITED | os.WNOWAIT
+        )  # until its last thread has let go of the pipe
+    assert all(
+        isinstance(one, Done)
+        for one in all_reports(engine, {str(n): ("echo", n) for n in range(6)}).values()
+    )
 
 
 def test_close_ends_idle_and_busy_workers_and_lets_them_clean_up(tmp_path):
@@ -135,7 +166,10 @@ def test_close_ends_idle_and_busy_workers_and_lets_them_clean_up(tmp_path):
     until(lambda: log.exists() and "started" in log.read_text())
     engine.close()
     words = [line.split() for line in log.read_text().splitlines()]
-    assert {int(pid) for word, pid in words if word == "closed"} == {int(words[0][1]), report.result[0]}
+    assert {int(pid) for word, pid in words if word == "closed"} == {
+        int(words[0][1]),
+        report.result[0],
+    }
     assert not any(alive(int(pid)) for _, pid in words)
 
 
@@ -155,7 +189,7 @@ def test_no_worker_outlives_the_campaign(tmp_path, number):
         import sys
         from contextlib import closing
         from campaign_work import Deeds
-        from barn_eval.experiments.local import LocalEngine
+        from barn_eval.running.local import LocalEngine
         with closing(LocalEngine(Deeds(sys.argv[1]), workers=2, trial_limit_s=600.0)) as engine:
             engine.submit("a", ("sleep", 3600))
             engine.submit("b", ("sleep", 3600))
@@ -169,5 +203,9 @@ def test_no_worker_outlives_the_campaign(tmp_path, number):
         stop(parent, number)
         parent.wait(600.0)
     until(lambda: not any(map(alive, pids)) and log.read_text().count("closed") == 2)
-    closed = [int(line.split()[1]) for line in log.read_text().splitlines() if line.startswith("closed")]
+    closed = [
+        int(line.split()[1])
+        for line in log.read_text().splitlines()
+        if line.startswith("closed")
+    ]
     assert sorted(closed) == sorted(pids)

@@ -14,10 +14,10 @@ from campaign_work import Deeds, all_reports, signatures
 from rich.console import Console
 from waiting import until
 
-from barn_eval.experiments.cluster import RayEngine
-from barn_eval.experiments.engine import Done, Lost, Refused
-from barn_eval.experiments.request import read_request
-from barn_eval.experiments.run import run_experiment
+from barn_eval.running.cluster import RayEngine
+from barn_eval.running.engine import Done, Lost, Refused
+from barn_eval.running.request import read_request
+from barn_eval.running.run import run_experiment
 from barn_worlds.base.errors import ConfigError
 
 
@@ -27,7 +27,9 @@ def cluster():
     Cluster = pytest.importorskip("ray.cluster_utils").Cluster
     for module in (campaign_work, waiting):
         ray.cloudpickle.register_pickle_by_value(module)
-    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
+    cluster = Cluster(
+        initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False}
+    )
     cluster.add_node(num_cpus=1)
     cluster.wait_for_nodes()
     yield cluster
@@ -36,7 +38,9 @@ def cluster():
 
 @pytest.fixture
 def engine(cluster):
-    with closing(RayEngine(Deeds(), workers=0, trial_limit_s=600.0, address=cluster.address)) as engine:
+    with closing(
+        RayEngine(Deeds(), workers=0, trial_limit_s=600.0, address=cluster.address)
+    ) as engine:
         yield engine
 
 
@@ -44,18 +48,33 @@ def test_jobs_go_to_both_nodes(engine, tmp_path):
     assert engine.slots == 2
     reports = all_reports(engine, dict.fromkeys("ab", ("meet", (tmp_path / "list", 2))))
     assert all(isinstance(report, Done) for report in reports.values())
-    assert len({report.result for report in reports.values()}) == 2, "one raylet is the parent of all workers"
+    assert len({report.result for report in reports.values()}) == 2, (
+        "one raylet is the parent of all workers"
+    )
 
 
 def test_a_killed_worker_loses_its_own_job_only(engine, tmp_path):
-    jobs = {str(n): ("echo", n) for n in range(8)} | {"killed": ("die", signal.SIGKILL)} | {"after": ("echo", "after")}
+    jobs = (
+        {str(n): ("echo", n) for n in range(8)}
+        | {"killed": ("die", signal.SIGKILL)}
+        | {"after": ("echo", "after")}
+    )
     reports = all_reports(engine, jobs)
     assert reports["killed"].reason == "its worker was lost: WorkerCrashedError"
-    assert [key for key, report in reports.items() if not isinstance(report, Done)] == ["killed"]
+    assert [key for key, report in reports.items() if not isinstance(report, Done)] == [
+        "killed"
+    ]
 
 
 def test_failures_and_mistakes_are_told_apart(engine):
-    reports = all_reports(engine, {"a": ("fail", "no luck"), "b": ("refuse", "no such preset"), "c": ("whoami", 0)})
+    reports = all_reports(
+        engine,
+        {
+            "a": ("fail", "no luck"),
+            "b": ("refuse", "no such preset"),
+            "c": ("whoami", 0),
+        },
+    )
     assert reports["a"].reason == "ValueError: no luck"
     assert "in fail" in reports["a"].traceback
     assert reports["b"] == Refused("b", reports["b"].worker, "no such preset")
@@ -63,14 +82,18 @@ def test_failures_and_mistakes_are_told_apart(engine):
 
 
 def test_a_job_over_its_time_is_lost(cluster, tmp_path):
-    with closing(RayEngine(Deeds(), workers=2, trial_limit_s=12.0, address=cluster.address)) as engine:
+    with closing(
+        RayEngine(Deeds(), workers=2, trial_limit_s=12.0, address=cluster.address)
+    ) as engine:
         lost = all_reports(engine, {"a": ("meet", (tmp_path / "list", 2))})["a"]
         while not isinstance(all_reports(engine, {"b": ("echo", 1)})["b"], Done):
             pass  # a worker starts within the limit of a job, for which a busy machine may need several
     assert lost.reason == "no result within 12 s of wall-clock time"
 
 
-def test_a_node_that_comes_is_given_jobs_which_are_lost_when_it_goes(engine, cluster, tmp_path):
+def test_a_node_that_comes_is_given_jobs_which_are_lost_when_it_goes(
+    engine, cluster, tmp_path
+):
     meeting, reports = tmp_path / "list", []
 
     def reported(count):
@@ -93,9 +116,13 @@ def test_a_node_that_comes_is_given_jobs_which_are_lost_when_it_goes(engine, clu
 
 
 def test_a_campaign_that_loses_a_node_gives_the_bytes_of_a_local_one(cluster, tmp_path):
-    file = campaign_runs.write_campaign(tmp_path, "moving", planners="[gap]", repetitions=10)
+    file = campaign_runs.write_campaign(
+        tmp_path, "moving", planners="[gap]", repetitions=10
+    )
     console = Console(file=io.StringIO())
-    run_experiment(read_request(file, {"out": tmp_path / "local", "engine": "inline"}), console)
+    run_experiment(
+        read_request(file, {"out": tmp_path / "local", "engine": "inline"}), console
+    )
     node = cluster.add_node(num_cpus=1)
     cluster.wait_for_nodes()
 
@@ -108,7 +135,9 @@ def test_a_campaign_that_loses_a_node_gives_the_bytes_of_a_local_one(cluster, tm
         options = {"engine": "ray", "address": cluster.address, "out": tmp_path / "ray"}
         results = run_experiment(read_request(file, options), console)
         losing.result()
-    assert campaign_runs.tables(tmp_path / "ray") == campaign_runs.tables(tmp_path / "local")
+    assert campaign_runs.tables(tmp_path / "ray") == campaign_runs.tables(
+        tmp_path / "local"
+    )
     assert max(one.wall_clock.attempts for one in results) <= 2
     assert len({one.wall_clock.worker for one in results}) >= 2
 
@@ -120,5 +149,7 @@ def test_an_address_that_leads_nowhere_is_named(cluster):
 
 def test_missing_ray_is_one_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
-    with pytest.raises(ConfigError, match="engine ray needs Ray, which is not installed"):
+    with pytest.raises(
+        ConfigError, match="engine ray needs Ray, which is not installed"
+    ):
         RayEngine(Deeds(), workers=1, trial_limit_s=5.0)

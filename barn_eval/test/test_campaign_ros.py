@@ -11,25 +11,34 @@ import campaign_runs as runs
 from ros_runs import EXAMPLE, MARK, marked, node_process, nothing_left  # noqa: F401 (a fixture)
 from waiting import until
 
-from barn_eval.experiments.command_files import told_parameters
-from barn_eval.experiments.experiment import Experiment, PlannerChoice
-from barn_eval.experiments.folder import fair_order, fair_worlds, read_results
-from barn_eval.experiments.store import Store
+from barn_eval.results.folder import fair_order, fair_worlds, read_results
+from barn_eval.results.store import Store
 from barn_eval.ros.work import RosWork
+from barn_eval.running.command_files import told_parameters
+from barn_eval.trials.run_config import Experiment, PlannerChoice
 
 
 def comparable(out):
     """Return the rows of a table without what says how the trials were run."""
     with (out / "results.csv").open() as file:
-        return [{key: row[key] for key in row if key not in ("mode", "recoveries")} for row in csv.DictReader(file)]
+        return [
+            {key: row[key] for key in row if key not in ("mode", "recoveries")}
+            for row in csv.DictReader(file)
+        ]
 
 
-def test_two_workers_one_of_which_is_killed_give_the_rows_of_a_direct_campaign(tmp_path):
+def test_two_workers_one_of_which_is_killed_give_the_rows_of_a_direct_campaign(
+    tmp_path,
+):
     first, second, _ = runs.KINDS["moving"]["worlds"]
-    file = runs.write_campaign(tmp_path, "moving", worlds=f'"{first},{second}"', planners="[gap]")
+    file = runs.write_campaign(
+        tmp_path, "moving", worlds=f'"{first},{second}"', planners="[gap]"
+    )
     assert runs.run(file, "--out", tmp_path / "direct").returncode == 0
     out = tmp_path / "ros"
-    campaign = runs.start(file, "--mode", "ros", "--out", out, "--workers", 2, "--bags", "all")
+    campaign = runs.start(
+        file, "--mode", "ros", "--out", out, "--workers", 2, "--bags", "all"
+    )
     until(lambda: runs.rows(out) >= 1)
     until(lambda: len(node_process(os.environ[MARK], "barn_sim.ros.simulator")) == 2)
     os.kill(runs.children(campaign.pid)[0], signal.SIGKILL)
@@ -37,8 +46,12 @@ def test_two_workers_one_of_which_is_killed_give_the_rows_of_a_direct_campaign(t
     assert campaign.returncode == 0, errors
     assert "lost, its worker process was killed by SIGKILL" in errors
     assert comparable(out) == comparable(tmp_path / "direct")
-    assert (out / "tracks.jsonl").read_bytes() == (tmp_path / "direct" / "tracks.jsonl").read_bytes()
-    assert {path.name for path in (out / "bags").iterdir()} == {row.trial_id for row in read_results(out)}
+    assert (out / "tracks.jsonl").read_bytes() == (
+        tmp_path / "direct" / "tracks.jsonl"
+    ).read_bytes()
+    assert {path.name for path in (out / "bags").iterdir()} == {
+        row.trial_id for row in read_results(out)
+    }
     assert not (out / "shards").exists()
 
 
@@ -62,13 +75,30 @@ def test_a_campaign_that_is_ended_leaves_no_process_and_goes_on(tmp_path):
 
 def test_each_trial_may_have_a_planner_of_its_own_whose_parameters_are_kept(tmp_path):
     file = runs.write_campaign(tmp_path, worlds='"0"', planners="[simple]")
-    planner, starts, out = tmp_path / "planner.sh", tmp_path / "starts", tmp_path / "out"
-    planner.write_text(f"echo >> {starts}\nexec {shlex.join([sys.executable, str(EXAMPLE)])}\n")
-    options = ["--planner-command", f"sh {planner}", "--ros", "restart_planner=each_trial", "--workers", 1]
+    planner, starts, out = (
+        tmp_path / "planner.sh",
+        tmp_path / "starts",
+        tmp_path / "out",
+    )
+    planner.write_text(
+        f"echo >> {starts}\nexec {shlex.join([sys.executable, str(EXAMPLE)])}\n"
+    )
+    options = [
+        "--planner-command",
+        f"sh {planner}",
+        "--ros",
+        "restart_planner=each_trial",
+        "--workers",
+        1,
+    ]
     done = runs.run(file, "--mode", "ros", *options, "--out", out)
-    assert done.returncode == 0 and "SIGTERM" not in done.stderr, done.stderr  # its restarts are no news
+    assert done.returncode == 0 and "SIGTERM" not in done.stderr, (
+        done.stderr
+    )  # its restarts are no news
     assert [row.planner for row in read_results(out)] == ["simple"] * 2
-    assert starts.read_text().count("\n") >= 2  # one more may be starting as the campaign ends
+    assert (
+        starts.read_text().count("\n") >= 2
+    )  # one more may be starting as the campaign ends
     assert told_parameters(out, "simple")["/simple_planner use_sim_time"] == "False"
 
 
@@ -77,9 +107,20 @@ def test_all_planners_drive_in_some_worlds_before_any_does_in_the_next(tmp_path)
     experiment = Experiment(worlds="0-24", planners=planners, repetitions=2, mode="ros")
     trials = fair_order(experiment.trials())
     jobs = RosWork(experiment, Store(tmp_path), 1).jobs(trials)
-    assert [job.key for job in jobs] == [f"{name}/{part}" for part in range(3) for name in ("gap", "dwa")]
-    assert [len({spec.index for spec in job.trials}) for job in jobs] == [10, 10, 10, 10, 5, 5]
-    assert sorted(spec.trial_id for job in jobs for spec in job.trials) == sorted(spec.trial_id for spec in trials)
+    assert [job.key for job in jobs] == [
+        f"{name}/{part}" for part in range(3) for name in ("gap", "dwa")
+    ]
+    assert [len({spec.index for spec in job.trials}) for job in jobs] == [
+        10,
+        10,
+        10,
+        10,
+        5,
+        5,
+    ]
+    assert sorted(spec.trial_id for job in jobs for spec in job.trials) == sorted(
+        spec.trial_id for spec in trials
+    )
     first, second = ({spec.index for spec in job.trials} for job in jobs[:2])
     assert first == second == set(fair_worlds(range(25))[:10])
     alone = replace(experiment, planners=planners[:1])

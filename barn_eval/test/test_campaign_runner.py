@@ -8,16 +8,16 @@ import pyarrow.csv
 import pyarrow.parquet
 import pytest
 
-from barn_eval.experiments.engine import DirectWork, Done, Engine, Job, Lost, Part, Refused
-from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
-from barn_eval.experiments.folder import opened, read_results
-from barn_eval.experiments.rows import ResultRows
-from barn_eval.experiments.run import kept_apart
-from barn_eval.experiments.runner import ExperimentError, Loss, run_remaining
-from barn_eval.experiments.store import Record, Store
-from barn_eval.experiments.track import track_line
+from barn_eval.results.folder import opened, read_results
+from barn_eval.results.rows import ResultRows
+from barn_eval.results.store import Record, Store
+from barn_eval.results.tracks import track_line
+from barn_eval.running.engine import DirectWork, Done, Engine, Job, Lost, Part, Refused
+from barn_eval.running.run import kept_apart
+from barn_eval.running.runner import ExperimentError, Loss, run_remaining
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.result import WallClock
+from barn_eval.trials.run_config import Execution, Experiment, PlannerChoice
 from barn_eval.trials.trajectory import Trajectory
 from barn_eval.trials.trial import conclude
 
@@ -30,10 +30,14 @@ def driven(spec, clock=0.0):
     count = 50
     truth = np.cumsum(draw.uniform(0.0, 0.1, (count, 3)), axis=0)
     stamps_ns, speeds = np.arange(count) * 50_000_000, draw.uniform(0, 0.5, (count, 2))
-    trajectory = Trajectory(stamps_ns, truth, speeds, np.ones((count, 2)), np.zeros(count, bool))
+    trajectory = Trajectory(
+        stamps_ns, truth, speeds, np.ones((count, 2)), np.zeros(count, bool)
+    )
     outcome = Outcome.SUCCESS if draw.random() < 0.8 else Outcome.TIMEOUT
     verdict = Verdict(outcome, "", float(draw.uniform(10, 40)), 45.0, 0.0)
-    return conclude(spec, "direct", verdict, trajectory, wall_clock=WallClock(duration_s=clock))
+    return conclude(
+        spec, "direct", verdict, trajectory, wall_clock=WallClock(duration_s=clock)
+    )
 
 
 def finished(spec, clock=0.0):
@@ -67,7 +71,9 @@ class Scripted(Engine):
         key = list(self.out)[self.draw.integers(len(self.out))]
         job = self.out.pop(key)
         self.attempts[key] = self.attempts.get(key, 0) + 1
-        done = Done(key, "scripted", record(job.trials[0], float(self.draw.random())), ENDED_AT)
+        done = Done(
+            key, "scripted", record(job.trials[0], float(self.draw.random())), ENDED_AT
+        )
         return [self.fate(key, self.attempts[key], done)]
 
     def close(self):
@@ -76,7 +82,12 @@ class Scripted(Engine):
 
 @pytest.fixture(scope="module")
 def config():
-    return Experiment(worlds="0,50", planners=(PlannerChoice("gap"), PlannerChoice("dwa")), repetitions=2, seed=3)
+    return Experiment(
+        worlds="0,50",
+        planners=(PlannerChoice("gap"), PlannerChoice("dwa")),
+        repetitions=2,
+        seed=3,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -87,34 +98,55 @@ def specs(config):
 def run(path, config, specs, engine, mode="direct", **execution):
     execution = Execution(**execution)
     with opened(path, config, execution, specs) as folder:
-        events = list(run_remaining(folder, engine, execution, DirectWork(Store(path)), mode))
+        events = list(
+            run_remaining(folder, engine, execution, DirectWork(Store(path)), mode)
+        )
         folder.complete()
     return events
 
 
 def lost_if(condition, **what):
     def fate(key, attempt, result):
-        return Lost(key, "scripted", "it was told to", **what) if condition(key, attempt) else result
+        return (
+            Lost(key, "scripted", "it was told to", **what)
+            if condition(key, attempt)
+            else result
+        )
 
     return fate
 
 
 def test_order_and_losses_change_no_byte_of_the_table(tmp_path, config, specs):
     run(tmp_path / "a", config, specs, Scripted(slots=1))
-    run(tmp_path / "b", config, specs, Scripted(slots=4, seed=9, fate=lost_if(lambda key, attempt: attempt == 1)))
+    run(
+        tmp_path / "b",
+        config,
+        specs,
+        Scripted(slots=4, seed=9, fate=lost_if(lambda key, attempt: attempt == 1)),
+    )
     for name in ("results.parquet", "results.csv", "tracks.jsonl"):
-        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+        assert (tmp_path / "a" / name).read_bytes() == (
+            tmp_path / "b" / name
+        ).read_bytes()
     for name in ("timing.parquet", "timing.csv"):
-        assert (tmp_path / "a" / name).read_bytes() != (tmp_path / "b" / name).read_bytes()
+        assert (tmp_path / "a" / name).read_bytes() != (
+            tmp_path / "b" / name
+        ).read_bytes()
 
 
 def test_a_lost_trial_is_tried_again_and_the_loss_is_noted(tmp_path, config, specs):
     key = specs[2].trial_id
-    fate = lost_if(lambda name, attempt: name == key and attempt < 3, traceback="Traceback of it")
+    fate = lost_if(
+        lambda name, attempt: name == key and attempt < 3, traceback="Traceback of it"
+    )
     events = run(tmp_path, config, specs, Scripted(fate=fate))
     losses = [event for event in events if isinstance(event, Loss)]
     assert losses == [Loss(key, 1, "it was told to"), Loss(key, 2, "it was told to")]
-    (result,) = [event for event in events if not isinstance(event, Loss) and event.trial_id == key]
+    (result,) = [
+        event
+        for event in events
+        if not isinstance(event, Loss) and event.trial_id == key
+    ]
     assert (result.wall_clock.attempts, result.wall_clock.worker) == (3, "scripted")
     assert result.repeatable() == finished(specs[2]).repeatable()
     note = (tmp_path / "losses" / f"{key}.txt").read_text()
@@ -123,48 +155,93 @@ def test_a_lost_trial_is_tried_again_and_the_loss_is_noted(tmp_path, config, spe
     assert "Traceback of it" in note
 
 
-@pytest.mark.parametrize(("overtime", "outcome"), [(False, Outcome.PLANNER_DIED), (True, Outcome.PLANNER_STALLED)])
-def test_a_trial_lost_at_every_attempt_is_a_failure_with_its_reason(tmp_path, config, specs, overtime, outcome):
+@pytest.mark.parametrize(
+    ("overtime", "outcome"),
+    [(False, Outcome.PLANNER_DIED), (True, Outcome.PLANNER_STALLED)],
+)
+def test_a_trial_lost_at_every_attempt_is_a_failure_with_its_reason(
+    tmp_path, config, specs, overtime, outcome
+):
     key = specs[1].trial_id
-    engine = Scripted(fate=lost_if(lambda name, attempt: name == key, overtime=overtime))
+    engine = Scripted(
+        fate=lost_if(lambda name, attempt: name == key, overtime=overtime)
+    )
     run(tmp_path, config, specs, engine, attempts=2)
     assert engine.attempts[key] == 2
     table = pyarrow.parquet.read_table(tmp_path / "results.parquet").to_pylist()
     (row,) = [row for row in table if row["trial_id"] == key]
-    assert row["fault"] == "planner"  # which shares the worker's process, and could end it to escape its score
-    expected = {"outcome": outcome.value, "detail": "it was told to, at the last of 2 attempts", "success": False}
-    expected |= {"traversal_time_s": None, "scored_time_s": config.protocol.failure_time_s}
+    assert (
+        row["fault"] == "planner"
+    )  # which shares the worker's process, and could end it to escape its score
+    expected = {
+        "outcome": outcome.value,
+        "detail": "it was told to, at the last of 2 attempts",
+        "success": False,
+    }
+    expected |= {
+        "traversal_time_s": None,
+        "scored_time_s": config.protocol.failure_time_s,
+    }
     expected |= {"simulator_seed": specs[1].simulator_seed}
     assert {key: row[key] for key in expected} == expected
 
 
-def test_faults_of_the_set_up_are_kept_apart_named_and_run_again(tmp_path, config, specs):
+def test_faults_of_the_set_up_are_kept_apart_named_and_run_again(
+    tmp_path, config, specs
+):
     key = specs[1].trial_id
     engine = Scripted(fate=lost_if(lambda name, attempt: name == key))
     run(tmp_path / "x", config, specs, engine, "ros", attempts=2)
     whole = pyarrow.csv.read_csv(tmp_path / "x" / "results.csv").to_pylist()
-    assert {row["trial_id"]: row["fault"] for row in whole if row["outcome"] == "simulator_died"} == {key: "simulator"}
+    assert {
+        row["trial_id"]: row["fault"]
+        for row in whole
+        if row["outcome"] == "simulator_died"
+    } == {key: "simulator"}
     scored = read_results(tmp_path / "x")
-    assert {result.trial_id for result in scored} == {spec.trial_id for spec in specs} - {key}
-    apart = kept_apart([*scored, *(row for row in ResultRows(tmp_path / "x").read() if not row.counts)])
-    assert apart.startswith(f"1 of {len(specs)} trials failed by no fault of the planner and are not scored; ")
-    assert apart.endswith(f"{key} (simulator: it was told to, at the last of 2 attempts)")
+    assert {result.trial_id for result in scored} == {
+        spec.trial_id for spec in specs
+    } - {key}
+    apart = kept_apart(
+        [*scored, *(row for row in ResultRows(tmp_path / "x").read() if not row.counts)]
+    )
+    assert apart.startswith(
+        f"1 of {len(specs)} trials failed by no fault of the planner and are not scored; "
+    )
+    assert apart.endswith(
+        f"{key} (simulator: it was told to, at the last of 2 attempts)"
+    )
     again = run(tmp_path / "x", config, specs, Scripted())
     assert [event.trial_id for event in again] == [key]
     run(tmp_path / "undisturbed", config, specs, Scripted())
     for name in ("results.csv", "tracks.jsonl"):
-        assert (tmp_path / "x" / name).read_bytes() == (tmp_path / "undisturbed" / name).read_bytes(), name
+        assert (tmp_path / "x" / name).read_bytes() == (
+            tmp_path / "undisturbed" / name
+        ).read_bytes(), name
     assert kept_apart(read_results(tmp_path / "x")) == ""
 
 
 def test_many_losses_in_a_row_stop_the_campaign(tmp_path, config, specs):
-    with pytest.raises(ExperimentError, match="4 attempts in a row were lost, the last one: it was told to"):
-        run(tmp_path, config, specs, Scripted(fate=lost_if(lambda name, attempt: True)), losses=4)
+    with pytest.raises(
+        ExperimentError,
+        match="4 attempts in a row were lost, the last one: it was told to",
+    ):
+        run(
+            tmp_path,
+            config,
+            specs,
+            Scripted(fate=lost_if(lambda name, attempt: True)),
+            losses=4,
+        )
     run(tmp_path, config, specs, Scripted())
-    assert pyarrow.parquet.read_table(tmp_path / "results.parquet").num_rows == len(specs)
+    assert pyarrow.parquet.read_table(tmp_path / "results.parquet").num_rows == len(
+        specs
+    )
 
 
-def test_a_mistake_of_the_user_stops_the_campaign_and_results_are_kept(tmp_path, config, specs):
+def test_a_mistake_of_the_user_stops_the_campaign_and_results_are_kept(
+    tmp_path, config, specs
+):
     key = specs[-1].trial_id
 
     def fate(name, attempt, result):
@@ -211,7 +288,10 @@ class Shares(DirectWork):
 
     def jobs(self, trials):
         names = dict.fromkeys(spec.planner for spec in trials)
-        return [Job(name, tuple(spec for spec in trials if spec.planner == name)) for name in names]
+        return [
+            Job(name, tuple(spec for spec in trials if spec.planner == name))
+            for name in names
+        ]
 
 
 class PartByPart(Scripted):
@@ -222,22 +302,44 @@ class PartByPart(Scripted):
         job = self.out.pop(key)
         reports = []
         for spec in job.trials:
-            number = self.attempts[spec.trial_id] = self.attempts.get(spec.trial_id, 0) + 1
-            part = self.fate(spec.trial_id, number, Part(key, "scripted", record(spec), ENDED_AT))
+            number = self.attempts[spec.trial_id] = (
+                self.attempts.get(spec.trial_id, 0) + 1
+            )
+            part = self.fate(
+                spec.trial_id, number, Part(key, "scripted", record(spec), ENDED_AT)
+            )
             reports.append(replace(part, key=key))
             if isinstance(part, Lost):
                 return reports
         return [*reports, Done(key, "scripted", None, "")]
 
 
-def test_a_job_of_several_trials_resumes_at_the_one_that_was_lost(tmp_path, config, specs):
+def test_a_job_of_several_trials_resumes_at_the_one_that_was_lost(
+    tmp_path, config, specs
+):
     second, last = (spec.trial_id for spec in (specs[2], specs[-2]))
-    engine = PartByPart(slots=1, fate=lost_if(lambda key, attempt: key == last or (key == second and attempt < 3)))
+    engine = PartByPart(
+        slots=1,
+        fate=lost_if(
+            lambda key, attempt: key == last or (key == second and attempt < 3)
+        ),
+    )
     execution = Execution(attempts=3)
     with opened(tmp_path, config, execution, specs) as folder:
         events = list(run_remaining(folder, engine, execution, Shares(Store(tmp_path))))
         results = {result.trial_id: result for result in folder.complete()}
-    assert [event.trial_id for event in events if isinstance(event, Loss)] == [second, second, last, last, last]
+    assert [event.trial_id for event in events if isinstance(event, Loss)] == [
+        second,
+        second,
+        last,
+        last,
+        last,
+    ]
     assert set(engine.attempts.values()) == {1, 3}
-    assert [results[name].outcome for name in (second, last)] == [finished(specs[2]).outcome, Outcome.PLANNER_DIED]
-    assert [results[name].wall_clock.attempts for name in (second, specs[0].trial_id)] == [3, 1]
+    assert [results[name].outcome for name in (second, last)] == [
+        finished(specs[2]).outcome,
+        Outcome.PLANNER_DIED,
+    ]
+    assert [
+        results[name].wall_clock.attempts for name in (second, specs[0].trial_id)
+    ] == [3, 1]

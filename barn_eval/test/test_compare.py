@@ -8,17 +8,23 @@ import numpy as np
 import pytest
 from test_rows import result as a_result
 
-from barn_eval.analysis.compare import compare, compare_folders, groups_of, holm_adjusted, worlds_of
+from barn_eval.analysis.compare import (
+    compare,
+    compare_folders,
+    groups_of,
+    holm_adjusted,
+    worlds_of,
+)
 from barn_eval.analysis.measures import COMPARED, DRIVEN, MOVING, SCORED
 from barn_eval.analysis.summary import summarise_campaign
 from barn_eval.analysis.tables import comparison_table
-from barn_eval.experiments.command_files import keep_told
-from barn_eval.experiments.experiment import Experiment, PlannerChoice
-from barn_eval.experiments.rows import ResultRows
-from barn_eval.experiments.run_file import RunFile
+from barn_eval.results.rows import ResultRows
+from barn_eval.results.run_file import RunFile
+from barn_eval.running.command_files import keep_told
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.result import WallClock, trial_id
+from barn_eval.trials.run_config import Experiment, PlannerChoice
 from barn_eval.trials.spec import simulator_config
 from barn_eval.trials.trajectory import Encounters
 from barn_planners.registry import planner_config
@@ -35,9 +41,18 @@ def results(planner="dwa", slower_s=0.0, worlds=20, seed=0):
         own_s = draw.uniform(10.0, 30.0)
         for repetition in range(3):
             time_s = own_s + slower_s + draw.normal(0.0, 0.5)
-            times = {"traversal_time_s": time_s, "scored_time_s": time_s, "normalised_time_s_per_m": time_s / 5.0}
-            named = {"trial_id": trial_id(planner, world, repetition), "simulator_seed": 100 * world + repetition}
-            one = replace(a_result(world), planner=planner, repetition=repetition, **named)
+            times = {
+                "traversal_time_s": time_s,
+                "scored_time_s": time_s,
+                "normalised_time_s_per_m": time_s / 5.0,
+            }
+            named = {
+                "trial_id": trial_id(planner, world, repetition),
+                "simulator_seed": 100 * world + repetition,
+            }
+            one = replace(
+                a_result(world), planner=planner, repetition=repetition, **named
+            )
             found.append(scored(one, **times))
     return found
 
@@ -48,7 +63,12 @@ def scored(one, **scores):
 
 
 def failed(one):
-    return scored(replace(one, outcome=Outcome.TIMEOUT), success=False, scored_time_s=50.0, challenge=0.0)
+    return scored(
+        replace(one, outcome=Outcome.TIMEOUT),
+        success=False,
+        scored_time_s=50.0,
+        challenge=0.0,
+    )
 
 
 def test_a_difference_that_worlds_hide_is_found_by_pairs():
@@ -64,42 +84,82 @@ def test_a_difference_that_worlds_hide_is_found_by_pairs():
 def test_a_comparison_says_who_is_better_by_each_measure():
     """The first does better by every measure that has a side."""
     good = results(worlds=3)
-    worse_scores = {"success": False, "scored_time_s": 50.0, "normalised_time_s_per_m": 9.9, "challenge": 0.0}
+    worse_scores = {
+        "success": False,
+        "scored_time_s": 50.0,
+        "normalised_time_s_per_m": 9.9,
+        "challenge": 0.0,
+    }
     worse = {"min_clearance_m": 0.05, "contact_s": 1.0, "rms_jerk_mps3": 2.0}
     bad = [scored(one, **worse_scores) for one in results("eband", worlds=3)]
     bad = [replace(one, measures=replace(one.measures, **worse)) for one in bad]
     found = compare(good, bad)
-    better = {key: found.row(key).paired.improvement.estimate for key in (*worse_scores, *worse)}
+    better = {
+        key: found.row(key).paired.improvement.estimate
+        for key in (*worse_scores, *worse)
+    }
     assert better == dict.fromkeys(better, 1.0)
-    longer = [replace(one, measures=replace(one.measures, driven_m=6.0, rotation_rad=2.0)) for one in good]
+    longer = [
+        replace(one, measures=replace(one.measures, driven_m=6.0, rotation_rad=2.0))
+        for one in good
+    ]
     found = compare(good, longer)
-    assert [found.row(key).paired.improvement.estimate for key in ("driven_m", "rotation_rad")] == [1.0, 1.0]
+    assert [
+        found.row(key).paired.improvement.estimate
+        for key in ("driven_m", "rotation_rad")
+    ] == [1.0, 1.0]
 
 
 def test_a_row_names_its_measure_with_unit_and_side():
     row = compare(results(worlds=1), results("eband", worlds=1)).row("contact_s")
-    assert (row.key, row.measure, row.unit, row.larger_is_better) == ("contact_s", "time in contact", "s", False)
+    assert (row.key, row.measure, row.unit, row.larger_is_better) == (
+        "contact_s",
+        "time in contact",
+        "s",
+        False,
+    )
 
 
 def test_one_trial_each_is_compared():
     (a, *_), (b, *_) = results(), results("eband")
     found = compare([a], [b])
-    assert (found.a, found.b, found.protocol, found.task) == ("dwa", "eband", "paper2020", "")
+    assert (found.a, found.b, found.protocol, found.task) == (
+        "dwa",
+        "eband",
+        "paper2020",
+        "",
+    )
     assert (found.trials_a, found.trials_b, found.worlds, found.pairs) == (1, 1, 1, 1)
 
 
 def test_measures_of_motion_are_compared_where_both_have_met_something():
     met = Encounters(7.0, 0.25, 1.5, 2.0, 1.25, 2.5)
-    still, moved = results(worlds=1), [replace(one, motion=met) for one in results(worlds=1)]
-    keys = [[row.key for row in compare(a, b, keys=()).rows] for a, b in product((still, moved), repeat=2)]
-    assert keys == [*[["normalised_time_s_per_m"]] * 3, ["normalised_time_s_per_m", *MOVING]]
+    still, moved = (
+        results(worlds=1),
+        [replace(one, motion=met) for one in results(worlds=1)],
+    )
+    keys = [
+        [row.key for row in compare(a, b, keys=()).rows]
+        for a, b in product((still, moved), repeat=2)
+    ]
+    assert keys == [
+        *[["normalised_time_s_per_m"]] * 3,
+        ["normalised_time_s_per_m", *MOVING],
+    ]
 
 
 def test_a_comparison_tells_how_many_worlds_the_data_set_of_the_first_has():
     unknown, known = (results(name, worlds=1) for name in ("dwa", "eband"))
     known = [replace(one, dataset="barn300") for one in known]
-    assert (compare(known, unknown).available, compare(unknown, known).available) == (300, 0)
-    assert (worlds_of(known[:1]), worlds_of(known[:1] + unknown), worlds_of([])) == (300, 300, 0)
+    assert (compare(known, unknown).available, compare(unknown, known).available) == (
+        300,
+        0,
+    )
+    assert (worlds_of(known[:1]), worlds_of(known[:1] + unknown), worlds_of([])) == (
+        300,
+        300,
+        0,
+    )
 
 
 def test_a_comparison_is_a_row_of_a_table_by_measure():
@@ -108,12 +168,30 @@ def test_a_comparison_is_a_row_of_a_table_by_measure():
     rows = {row["measure"]: row for row in found.columns()}
     row = rows["scored_time_s"]
     paired = found.row("scored_time_s").paired
-    means = [pytest.approx(np.mean([one.scores.scored_time_s for one in part])) for part in (a, b)]
+    means = [
+        pytest.approx(np.mean([one.scores.scored_time_s for one in part]))
+        for part in (a, b)
+    ]
     difference = paired.difference
-    expected = {"a": "dwa", "b": "eband", "measure": "scored_time_s", "unit": "s", "worlds": 2, "trials": 6}
-    expected |= {"mean_a": means[0], "mean_b": means[1], "difference": difference.estimate}
+    expected = {
+        "a": "dwa",
+        "b": "eband",
+        "measure": "scored_time_s",
+        "unit": "s",
+        "worlds": 2,
+        "trials": 6,
+    }
+    expected |= {
+        "mean_a": means[0],
+        "mean_b": means[1],
+        "difference": difference.estimate,
+    }
     expected |= {"difference_low": difference.low, "difference_high": difference.high}
-    expected |= {"p": paired.p, "p_holm": paired.p, "p_a_better": paired.improvement.estimate}
+    expected |= {
+        "p": paired.p,
+        "p_holm": paired.p,
+        "p_a_better": paired.improvement.estimate,
+    }
     assert row == expected
     assert list(rows) == list(COMPARED)
     assert {tuple(one) for one in rows.values()} == {tuple(row)}
@@ -121,7 +199,10 @@ def test_a_comparison_is_a_row_of_a_table_by_measure():
 
 def test_rank_correlation_is_of_the_time_per_metre_in_each_world():
     a, b = (
-        [scored(one, normalised_time_s_per_m=float(times[one.world])) for one in results(name, worlds=3)]
+        [
+            scored(one, normalised_time_s_per_m=float(times[one.world]))
+            for one in results(name, worlds=3)
+        ]
         for name, times in (("dwa", (1, 2, 3)), ("eband", (10, 30, 20)))
     )
     assert compare(a, b).rank_correlation.estimate == pytest.approx(0.5)
@@ -145,7 +226,10 @@ def test_only_what_both_have_is_compared():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"task": "ff"}, r"have different tasks \(protocol, simulator or robot\): , ff"),
+        (
+            {"task": "ff"},
+            r"have different tasks \(protocol, simulator or robot\): , ff",
+        ),
         ({"protocol": "challenge"}, "have different protocols: paper2020, challenge"),
         ({"world_checksum": "ff"}, "have different worlds of the same number: 00, ff"),
         ({"simulator_seed": 77}, "have different simulator seeds: 0, 77"),
@@ -159,15 +243,24 @@ def test_what_is_not_the_same_task_is_refused(change, words):
 
 def test_nothing_in_common_and_mixed_planners_are_refused():
     with pytest.raises(BarnError, match="no trial of the same world and repetition"):
-        compare(results(worlds=1), [replace(one, world=5) for one in results("eband", worlds=1)])
+        compare(
+            results(worlds=1),
+            [replace(one, world=5) for one in results("eband", worlds=1)],
+        )
     with pytest.raises(BarnError, match="several planners cannot be compared as one"):
         compare(results() + results("eband"), results())
 
 
 def test_summary_of_a_campaign_has_each_planner_and_each_pair():
-    found = summarise_campaign(results("dwa") + results("eband", 1.0) + results("gap", 2.0))
+    found = summarise_campaign(
+        results("dwa") + results("eband", 1.0) + results("gap", 2.0)
+    )
     assert [one.planner for one in found.planners] == ["dwa", "eband", "gap"]
-    assert [(one.a, one.b) for one in found.comparisons] == [("dwa", "eband"), ("dwa", "gap"), ("eband", "gap")]
+    assert [(one.a, one.b) for one in found.comparisons] == [
+        ("dwa", "eband"),
+        ("dwa", "gap"),
+        ("eband", "gap"),
+    ]
     dwa = found.planners[0]
     assert list(dwa.means) == [*SCORED, *DRIVEN]
     assert dwa["min_clearance_m"].estimate == pytest.approx(0.1)
@@ -185,10 +278,17 @@ def test_limits_hold_the_mean_of_what_has_no_best_value():
 def write_folder(path, content, worlds="0-3", protocol=PAPER_2020, **choice):
     """Write results as the folder of an experiment with as many repetitions as they have."""
     path.mkdir()
-    planners = tuple(PlannerChoice(name, **choice) for name in dict.fromkeys(one.planner for one in content))
+    planners = tuple(
+        PlannerChoice(name, **choice)
+        for name in dict.fromkeys(one.planner for one in content)
+    )
     repetitions = 1 + max(one.repetition for one in content)
     rules = {"protocol": protocol, "simulator": simulator_config(protocol)}
-    RunFile.of(path, Experiment(worlds=worlds, planners=planners, repetitions=repetitions, **rules), {}).write()
+    RunFile.of(
+        path,
+        Experiment(worlds=worlds, planners=planners, repetitions=repetitions, **rules),
+        {},
+    ).write()
     for one in content:
         ResultRows(path).append(one)
     return path
@@ -206,17 +306,25 @@ def test_command_compares_folders(folders, command):
     content = json.loads(command("compare", folders / "a", folders / "b", "--json")[1])
     assert [(one["a"], one["b"]) for one in content] == [("dwa", "eband")]
     assert content[0]["rows"][0]["paired"]["trials"] == 12
-    content = json.loads(command("compare", folders / "a", f"{folders / 'both'}:eband", "--json")[1])
+    content = json.loads(
+        command("compare", folders / "a", f"{folders / 'both'}:eband", "--json")[1]
+    )
     assert content[0]["b"] == "eband"
-    content = json.loads(command("compare", folders / "both", folders / "both", "--json")[1])
-    assert [one["a"] for one in content] == [f"{name} ({folders / 'both'})" for name in ("DWA", "E-Band")]
+    content = json.loads(
+        command("compare", folders / "both", folders / "both", "--json")[1]
+    )
+    assert [one["a"] for one in content] == [
+        f"{name} ({folders / 'both'})" for name in ("DWA", "E-Band")
+    ]
     assert content[0]["rows"][0]["paired"]["difference"]["estimate"] == 0.0
     assert content[0]["verdict"].startswith("DWA") and content[0]["pairs"] == 2
     text = " ".join(command("compare", folders / "a", folders / "b")[1].split())
     assert "same worlds and seeds" in text
     first = "protocol paper2020, task not recorded "
     assert text.startswith(first)
-    assert text.removeprefix(first).startswith("DWA and E-Band cannot be told apart: time per metre as counted")
+    assert text.removeprefix(first).startswith(
+        "DWA and E-Band cannot be told apart: time per metre as counted"
+    )
     assert "Only 4 worlds: with fewer than 10" in text
 
 
@@ -224,7 +332,9 @@ def test_folders_are_compared_in_the_order_given_under_their_short_names(folders
     (found,) = compare_folders(folders / "a", folders / "b")
     assert found.row("scored_time_s").paired.difference.estimate == pytest.approx(-1.0)
     write_folder(folders / "copy", results(worlds=4) + results("eband", 1.0, worlds=4))
-    pairs = [(one.a, one.b) for one in compare_folders(folders / "both", folders / "copy")]
+    pairs = [
+        (one.a, one.b) for one in compare_folders(folders / "both", folders / "copy")
+    ]
     assert pairs == [("DWA (both)", "DWA (copy)"), ("E-Band (both)", "E-Band (copy)")]
 
 
@@ -238,24 +348,40 @@ def test_parameters_in_which_planners_differ_are_told(folders, command):
         return compare_folders(folders / "a", folders / "slow")[0].parameters
 
     assert changed("a") == ""
-    told = changed("slow", ('"overrides": {}', '"overrides": {"dwa.max_speed_mps": 0.3}'))
+    told = changed(
+        "slow", ('"overrides": {}', '"overrides": {"dwa.max_speed_mps": 0.3}')
+    )
     assert told == "Parameters that differ: dwa dwa.max_speed_mps (0.5 against 0.3)."
-    foreign = ('"mode": "direct"', '"mode": "ros"'), ('"overrides": {"dwa.max_speed_mps": 0.3}', '"overrides": {}')
+    foreign = (
+        ('"mode": "direct"', '"mode": "ros"'),
+        ('"overrides": {"dwa.max_speed_mps": 0.3}', '"overrides": {}'),
+    )
     for name, speed in (("a", 0.5), ("slow", 1.0)):
         logs = folders / name / "logs" / "dwa_0"
         logs.mkdir(parents=True)
-        keep_told(logs.parent, logs, "dwa", json.dumps({"/nav speed": str(speed), f"/{name} x": "1"}))
+        keep_told(
+            logs.parent,
+            logs,
+            "dwa",
+            json.dumps({"/nav speed": str(speed), f"/{name} x": "1"}),
+        )
         files = f'"files": {{"p.yaml": "{name * 64}", "{name}.yaml": "0"}}'
-        told = changed(name, *foreign, ('"command": ""', f'{files}, "command": "drive"'))
+        told = changed(
+            name, *foreign, ('"command": ""', f'{files}, "command": "drive"')
+        )
     expected = f"file p.yaml ({'a' * 12} against {('slow' * 3)[:12]}) and /nav speed (0.5 against 1.0)."
     assert told == f"Parameters that differ: {expected}"
-    assert expected in " ".join(command("compare", folders / "a", folders / "slow")[1].split())
+    assert expected in " ".join(
+        command("compare", folders / "a", folders / "slow")[1].split()
+    )
 
 
 @pytest.mark.parametrize("count", [5, 7])
 def test_the_first_five_parameters_that_differ_are_named(folders, count):
     config = as_dict(planner_config("dwa", "paper2020"))
-    differ = [f"dwa.{key}" for key, value in config["dwa"].items() if isinstance(value, float)][:count]
+    differ = [
+        f"dwa.{key}" for key, value in config["dwa"].items() if isinstance(value, float)
+    ][:count]
     halved = {key: 0.5 * config["dwa"][key.removeprefix("dwa.")] for key in differ}
     write_folder(folders / "halved", results(worlds=4), overrides=halved)
     told = compare_folders(folders / "a", folders / "halved")[0].parameters
@@ -271,21 +397,31 @@ def test_of_a_planner_that_is_not_installed_here_no_parameter_is_told(folders):
 
 def test_the_share_of_pairs_that_is_compared_is_told(folders):
     shares = []
-    write_folder(folders / "three", results(worlds=4) + results("eband", worlds=4) + results("gap", worlds=4))
+    write_folder(
+        folders / "three",
+        results(worlds=4) + results("eband", worlds=4) + results("gap", worlds=4),
+    )
     compare_folders(folders / "three", keys=(), progress=shares.append)
     assert shares == [1 / 3, 2 / 3, 1.0]
 
 
 def test_folders_of_different_tasks_are_refused_by_the_first_key_that_differs(folders):
-    write_folder(folders / "other", results("eband", worlds=4), protocol=replace(PAPER_2020, failure_time_s=60.0))
+    write_folder(
+        folders / "other",
+        results("eband", worlds=4),
+        protocol=replace(PAPER_2020, failure_time_s=60.0),
+    )
     with pytest.raises(
-        BarnError, match=r"different tasks cannot be compared: protocol.failure_time_s is 30.0 in .*, 60.0"
+        BarnError,
+        match=r"different tasks cannot be compared: protocol.failure_time_s is 30.0 in .*, 60.0",
     ):
         compare_folders(folders / "a", folders / "other")
 
 
 def test_planners_of_several_folders_are_told_apart(folders):
-    assert {name: group[0].planner for name, group in groups_of(folders / "both").items()} == {
+    assert {
+        name: group[0].planner for name, group in groups_of(folders / "both").items()
+    } == {
         "DWA": "dwa",
         "E-Band": "eband",
     }
@@ -298,19 +434,28 @@ def test_planners_of_several_folders_are_told_apart(folders):
 
 
 def test_planners_of_one_folder_are_compared_with_each_other(folders, command):
-    write_folder(folders / "three", results(worlds=4) + results("eband", 1.0, worlds=4) + results("gap", 2.0, worlds=4))
+    write_folder(
+        folders / "three",
+        results(worlds=4)
+        + results("eband", 1.0, worlds=4)
+        + results("gap", 2.0, worlds=4),
+    )
     pairs = [(one.a, one.b) for one in compare_folders(folders / "three")]
     assert pairs == [("dwa", "eband"), ("dwa", "gap"), ("eband", "gap")]
     (found,) = json.loads(command("compare", folders / "three:dwa,gap", "--json")[1])
     assert (found["a"], found["b"]) == ("dwa", "gap")
     pair = as_dict(compare_folders(folders / "three:dwa", folders / "three:gap")[0])
     assert found["rows"] == json.loads(json.dumps(finite(pair["rows"])))
-    with pytest.raises(BarnError, match="has one planner only, dwa; name a second folder"):
+    with pytest.raises(
+        BarnError, match="has one planner only, dwa; name a second folder"
+    ):
         compare_folders(folders / "a")
 
 
 def test_an_unfinished_folder_is_told(folders):
-    begun = write_folder(folders / "begun", results("eband", 1.0, worlds=4), worlds="0-5")
+    begun = write_folder(
+        folders / "begun", results("eband", 1.0, worlds=4), worlds="0-5"
+    )
     (found,) = compare_folders(folders / "a", begun)
     assert found.notes == (f"{begun} is partial: 12 of 18 trials",)
     assert found.notes[0] in comparison_table(found).caption
@@ -319,10 +464,15 @@ def test_an_unfinished_folder_is_told(folders):
 def test_trials_with_late_commands_are_told(folders):
     missed = WallClock(missed_cycles=9, missed_share=0.03)
     late = [replace(one, wall_clock=missed) for one in results("eband", 1.0, worlds=1)]
-    folder = write_folder(folders / "late", late + [one for one in results("eband", 1.0, worlds=4) if one.world])
+    folder = write_folder(
+        folders / "late",
+        late + [one for one in results("eband", 1.0, worlds=4) if one.world],
+    )
     (found,) = compare_folders(folders / "a", folder)
     (note,) = found.notes
-    assert note.startswith(f"{len(late)} of 12 trials in {folder} are marked: more than 2% of their control periods")
+    assert note.startswith(
+        f"{len(late)} of 12 trials in {folder} are marked: more than 2% of their control periods"
+    )
 
 
 def test_the_table_marks_what_is_clear_after_holm(folders):
@@ -349,16 +499,23 @@ def test_a_folder_whose_name_has_a_colon_is_that_folder(folders):
 
 def test_folders_without_a_common_planner_need_a_choice(folders):
     write_folder(folders / "other", results("gap", worlds=1)[:1])
-    with pytest.raises(BarnError, match=r"has dwa, eband and .*other has gap: name them as FOLDER:PLANNER"):
+    with pytest.raises(
+        BarnError,
+        match=r"has dwa, eband and .*other has gap: name them as FOLDER:PLANNER",
+    ):
         compare_folders(folders / "both", folders / "other")
 
 
 def test_command_names_what_is_missing(folders, rejected):
-    assert "holds no results of a run or campaign" in rejected("compare", folders, folders / "a")
+    assert "holds no results of a run or campaign" in rejected(
+        "compare", folders, folders / "a"
+    )
     told = rejected("compare", folders / "a", f"{folders / 'both'}:ebnd")
     assert "has no planner 'ebnd'; did you mean 'eband'" in told
     (folders / "a" / "run.json").unlink()
-    assert "a/run.json: No such file or directory" in rejected("compare", folders / "a", folders / "b")
+    assert "a/run.json: No such file or directory" in rejected(
+        "compare", folders / "a", folders / "b"
+    )
 
 
 @pytest.mark.parametrize(
@@ -371,23 +528,41 @@ def test_command_names_what_is_missing(folders, rejected):
         (5.0, "scored_time_s:30%", "not worse", 0),
     ],
 )
-def test_a_planner_must_be_shown_not_to_be_worse(command, tmp_path, slower_s, margin, decision, code):
+def test_a_planner_must_be_shown_not_to_be_worse(
+    command, tmp_path, slower_s, margin, decision, code
+):
     """Nobody fails here, but each may in up to 17 % of its trials."""
     a, b = results(), results("eband", slower_s)
     counted = [[scored(one, failure_time_s=20.0) for one in part] for part in (a, b)]
-    folders = [write_folder(tmp_path / part[0].planner, part, worlds="0-19") for part in counted]
+    folders = [
+        write_folder(tmp_path / part[0].planner, part, worlds="0-19")
+        for part in counted
+    ]
     ended, out, _ = command("compare", *folders, "--fail-if-worse", margin, "--json")
     assert ended == code
     (found,) = json.loads(out)[0]["decisions"]
     assert (found["decision"], found["measure"]) == (decision, "scored_time_s")
     assert found["loss"] == pytest.approx(slower_s, abs=0.5)
-    words = {0: "eband is not worse than dwa by more than", 4: "eband is worse than", 5: "it is not shown that eband"}
-    assert words[code] in " ".join(command("compare", *folders, "--fail-if-worse", margin)[1].split())
+    words = {
+        0: "eband is not worse than dwa by more than",
+        4: "eband is worse than",
+        5: "it is not shown that eband",
+    }
+    assert words[code] in " ".join(
+        command("compare", *folders, "--fail-if-worse", margin)[1].split()
+    )
 
 
 def test_what_cannot_be_told_apart_is_not_shown_to_be_no_worse(folders, command):
     """Four worlds have no limits at all."""
-    code, out, _ = command("compare", folders / "a", folders / "b", "--fail-if-worse", "path_ratio:1", "--json")
+    code, out, _ = command(
+        "compare",
+        folders / "a",
+        folders / "b",
+        "--fail-if-worse",
+        "path_ratio:1",
+        "--json",
+    )
     content = json.loads(out)[0]
     assert code == 5
     assert content["rows"][-1]["key"] == "path_ratio"
@@ -404,4 +579,6 @@ def test_what_cannot_be_told_apart_is_not_shown_to_be_no_worse(folders, command)
     ],
 )
 def test_margins_that_say_nothing_are_told(folders, rejected, text, words):
-    assert words in rejected("compare", folders / "a", folders / "b", "--fail-if-worse", text)
+    assert words in rejected(
+        "compare", folders / "a", folders / "b", "--fail-if-worse", text
+    )

@@ -12,13 +12,13 @@ import pytest
 import barn_eval as barn
 from barn_eval.analysis.leaderboard import leaderboard
 from barn_eval.analysis.sources import assumed_text
-from barn_eval.experiments import direct
-from barn_eval.experiments.direct import Stopwatch
-from barn_eval.experiments.experiment import Experiment, PlannerChoice
-from barn_eval.experiments.run_file import RunFile
 from barn_eval.pages.report.page import build_report, plot
+from barn_eval.results.run_file import RunFile
+from barn_eval.running import direct
+from barn_eval.running.direct import Stopwatch
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.result import WallClock, packed_delays, unpacked_delays
+from barn_eval.trials.run_config import Experiment, PlannerChoice
 from barn_planners.gap.planner import ENTRY
 from barn_planners.interface import Decision, Observation, Planner, Task
 from barn_worlds.base.compute import Compute, Turnaround
@@ -55,9 +55,17 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, barn.Results]:
         return {
             "gap": gap,
             "free": barn.run(planners={"busy": Busy}, out=folder / "free", **common),
-            "measured": barn.run(planners={"busy": Busy}, compute="measured", out=folder / "measured", **common),
+            "measured": barn.run(
+                planners={"busy": Busy},
+                compute="measured",
+                out=folder / "measured",
+                **common,
+            ),
             "declared": barn.run(
-                planners="gap", settings={"gap.compute.delay_s": 0.3}, out=folder / "declared", **common
+                planners="gap",
+                settings={"gap.compute.delay_s": 0.3},
+                out=folder / "declared",
+                **common,
             ),
         }
 
@@ -66,7 +74,9 @@ def metric(results: barn.Results) -> float:
     return sum(one.scores.challenge for one in results.trials)
 
 
-def test_a_slow_planner_that_declares_nothing_drives_free_and_is_marked(runs: dict[str, barn.Results]) -> None:
+def test_a_slow_planner_that_declares_nothing_drives_free_and_is_marked(
+    runs: dict[str, barn.Results],
+) -> None:
     free, gap = runs["free"].trials[0], runs["gap"].trials[0]
     assert free.scores.traversal_time_s == gap.scores.traversal_time_s
     assert (free.compute, gap.compute) == ("free", "declared")
@@ -78,7 +88,10 @@ def test_a_slow_planner_that_declares_nothing_drives_free_and_is_marked(runs: di
 def test_what_is_charged_makes_the_score_worse(runs: dict[str, barn.Results]) -> None:
     assert metric(runs["measured"]) < metric(runs["free"])
     assert metric(runs["declared"]) < metric(runs["gap"])
-    assert [runs[name].trials[0].compute for name in ("measured", "declared")] == ["measured", "declared"]
+    assert [runs[name].trials[0].compute for name in ("measured", "declared")] == [
+        "measured",
+        "declared",
+    ]
 
 
 def test_a_measured_trial_is_repeated_to_the_bit(runs: dict[str, barn.Results]) -> None:
@@ -89,26 +102,54 @@ def test_a_measured_trial_is_repeated_to_the_bit(runs: dict[str, barn.Results]) 
 
 def test_a_board_does_not_mix_ways_of_computing(runs: dict[str, barn.Results]) -> None:
     boards = leaderboard([one.folder for one in runs.values()])
-    assert sorted(len(one.places) for one in boards) == [1, 1, 2]  # what gap declares, and what was set for it
+    assert sorted(len(one.places) for one in boards) == [
+        1,
+        1,
+        2,
+    ]  # what gap declares, and what was set for it
     assert sum("faster computer" in one.title for one in boards) == 1
 
 
 def test_the_declaration_is_in_the_fingerprint(runs: dict[str, barn.Results]) -> None:
-    assert runs["declared"].trials[0].planner_config != runs["gap"].trials[0].planner_config
+    assert (
+        runs["declared"].trials[0].planner_config
+        != runs["gap"].trials[0].planner_config
+    )
     assert runs["declared"].trials[0].task == runs["gap"].trials[0].task
 
 
-def test_the_shell_takes_a_declaration_and_measuring(command: Command, tmp_path: Path) -> None:
-    given = ["run", "--planner", "gap", "--worlds", "0", "--workers", "1", "--out", "out"]
+def test_the_shell_takes_a_declaration_and_measuring(
+    command: Command, tmp_path: Path
+) -> None:
+    given = [
+        "run",
+        "--planner",
+        "gap",
+        "--worlds",
+        "0",
+        "--workers",
+        "1",
+        "--out",
+        "out",
+    ]
     settings = ["--set", "compute.delay_s=0.2", "--set", "compute.period_s=0.25"]
     assert command(*given, *settings, "--execution", "engine=inline")[0] == 0
     (choice,) = RunFile.read(tmp_path / "out").experiment["planners"]
     assert (choice["delay_s"], choice["period_s"]) == (0.2, 0.25)
-    assert command(*given, "--execution", "compute=measured", "--dry-run", "--overwrite")[0] == 0
+    assert (
+        command(*given, "--execution", "compute=measured", "--dry-run", "--overwrite")[
+            0
+        ]
+        == 0
+    )
 
 
 @pytest.mark.parametrize(
-    ("settings", "named"), [({"gap.compute.dely_s": 0.1}, "delay_s"), ({"gap.compute.delay_p95_s": 0.1}, "delay_p95_s")]
+    ("settings", "named"),
+    [
+        ({"gap.compute.dely_s": 0.1}, "delay_s"),
+        ({"gap.compute.delay_p95_s": 0.1}, "delay_p95_s"),
+    ],
 )
 def test_a_wrong_declaration_is_refused(settings: dict[str, float], named: str) -> None:
     with pytest.raises(ConfigError, match=named):
@@ -123,12 +164,18 @@ def test_measuring_is_refused_over_ros() -> None:
 def test_a_choice_overrides_what_the_registry_declares() -> None:
     assert PlannerChoice("gap").compute == ENTRY.compute
     assert PlannerChoice("gap", delay_s=0.1).compute == Compute(delay_s=0.1)
-    assert PlannerChoice("mine", command="run me", delay_s=0.1).compute == Compute(delay_s=0.1)
+    assert PlannerChoice("mine", command="run me", delay_s=0.1).compute == Compute(
+        delay_s=0.1
+    )
 
 
 def test_no_cycle_begins_before_the_last_one_has_taken_effect() -> None:
     turnaround = Turnaround(Compute(delay_s=0.12, period_s=0.2), 1)
-    begun = [k * 50_000_000 for k in range(10) if turnaround.free(k * 50_000_000) and turnaround.take(k * 50_000_000)]
+    begun = [
+        k * 50_000_000
+        for k in range(10)
+        if turnaround.free(k * 50_000_000) and turnaround.take(k * 50_000_000)
+    ]
     assert begun == [0, 200_000_000, 400_000_000]
     assert turnaround.delays_ns == [120_000_000] * 3
 
@@ -143,7 +190,11 @@ def test_delays_are_drawn_from_the_seed_with_the_quantiles_declared() -> None:
 
 
 def test_delays_are_kept_in_whole_microseconds() -> None:
-    assert unpacked_delays(packed_delays([1_000, 5_000_000, 2_000])) == (1_000, 5_000_000, 2_000)
+    assert unpacked_delays(packed_delays([1_000, 5_000_000, 2_000])) == (
+        1_000,
+        5_000_000,
+        2_000,
+    )
     with pytest.raises(ConfigError, match="delays of a row"):
         unpacked_delays("no")
 
@@ -156,28 +207,54 @@ def test_a_planner_that_waits_is_charged_the_wait() -> None:
 
 def test_the_figures_of_a_faster_machine_say_the_same_planner_does_not_fit() -> None:
     clock = WallClock.of(1.0, None, [0.04] * 20)
-    assert clock.on(2.0, 0.05, "free").note == "its score assumes a computer 1.6 times as fast"
+    assert (
+        clock.on(2.0, 0.05, "free").note
+        == "its score assumes a computer 1.6 times as fast"
+    )
     assert clock.on(1.0, 0.05, "free").note == ""
     assert clock.on(2.0, 0.1, "declared").computer == pytest.approx(0.8)
     assert clock.on(2.0, 0.05, "measured") == replace(clock, pace=2.0)
 
 
-def test_latency_drives_each_planner_at_each_delay(command: Command, tmp_path: Path) -> None:
-    given = ["run", "--planners", "gap,dwa", "--worlds", "60", "--out", str(tmp_path / "late")]
-    code, out, _ = command(*given, "--execution", "engine=inline", "--latency", "0,0.3", "--json")
+def test_latency_drives_each_planner_at_each_delay(
+    command: Command, tmp_path: Path
+) -> None:
+    given = [
+        "run",
+        "--planners",
+        "gap,dwa",
+        "--worlds",
+        "60",
+        "--out",
+        str(tmp_path / "late"),
+    ]
+    code, out, _ = command(
+        *given, "--execution", "engine=inline", "--latency", "0,0.3", "--json"
+    )
     assert code == 0
     found = json.loads(out)["settings"]
     assert [(one["planner"], one["latency"]) for one in found] == [
         ("dwa", 0.0), ("dwa", 0.3), ("gap", 0.0), ("gap", 0.3),
     ]  # fmt: skip
-    asked = {"worlds": 60, "out": tmp_path / "late", "engine": "inline", "progress": False}
+    asked = {
+        "worlds": 60,
+        "out": tmp_path / "late",
+        "engine": "inline",
+        "progress": False,
+    }
     again = barn.sweep({"latency": [0, 0.3]}, planners=["gap", "dwa"], **asked)
     assert list(again["challenge"]) == [one["challenge"] for one in found]
     assert len(set(again["challenge"])) == 4
-    panels = plot("sweep", (made := build_report([tmp_path / "late"], hardest=0)).entries)
+    panels = plot(
+        "sweep", (made := build_report([tmp_path / "late"], hardest=0)).entries
+    )
     assert [axes.get_xlabel() for axes in panels] == ["delay of commands [s]"] * 3
-    lines = [line.get_ydata() for line in panels[0].lines if line.get_linestyle() == "-"]
-    assert made.names == ["gap", "DWA"] and [*lines[1], *lines[0]] == list(again["challenge"])
+    lines = [
+        line.get_ydata() for line in panels[0].lines if line.get_linestyle() == "-"
+    ]
+    assert made.names == ["gap", "DWA"] and [*lines[1], *lines[0]] == list(
+        again["challenge"]
+    )
     assert command(*given, "--latency", "0,x")[0] == 1
 
 
@@ -186,8 +263,13 @@ def test_lockstep_over_ros_charges_what_one_process_does(tmp_path: Path) -> None
     settings = {"gap.compute.delay_s": 0.12, "gap.compute.delay_p95_s": 0.3}
     short = replace(CHALLENGE, name="short", limit_s=4.0, timeout_time_s=4.0)
     asked = {"protocol": short, "settings": settings, "workers": 1, "progress": False}
-    runs = [barn.run(60, "gap", mode=mode, out=tmp_path / mode, **asked) for mode in ("direct", "ros")]
+    runs = [
+        barn.run(60, "gap", mode=mode, out=tmp_path / mode, **asked)
+        for mode in ("direct", "ros")
+    ]
     direct_row, ros_row = (run.trials[0].repeatable() for run in runs)
     assert direct_row | {"mode": "ros"} == ros_row
-    tracks = [(tmp_path / mode / "tracks.jsonl").read_text() for mode in ("direct", "ros")]
+    tracks = [
+        (tmp_path / mode / "tracks.jsonl").read_text() for mode in ("direct", "ros")
+    ]
     assert tracks[0] == tracks[1]

@@ -11,8 +11,8 @@ from click.testing import CliRunner
 from reproduce_work import experiment_of, write_made_up
 
 from barn_eval.analysis.sources import read_source
+from barn_eval.api.difficulty import evaluate, read_trials, train
 from barn_eval.commands.main import cli
-from barn_eval.difficulty import evaluate, read_trials, train
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.model import load_model
 from barn_metrics.model.weights import shipped_weights
@@ -36,7 +36,9 @@ def weights(source, tmp_path_factory):
     """Weights of a model trained on the source, and what is told about it."""
     pytest.importorskip("torch", reason="networks are trained with PyTorch")
     path = tmp_path_factory.mktemp("weights") / "w.npz"
-    trained = CliRunner().invoke(cli, ["difficulty", "train", str(source), "--out", str(path)])
+    trained = CliRunner().invoke(
+        cli, ["difficulty", "train", str(source), "--out", str(path)]
+    )
     assert trained.exit_code == 0, trained.output
     with pytest.raises(BarnError, match="no trials of planner 'dwb'"):
         train(source, path, planner="dwb")
@@ -45,8 +47,13 @@ def weights(source, tmp_path_factory):
 
 def test_networks_are_judged_on_folds_by_a_tool(source):
     pytest.importorskip("torch", reason="networks are trained with PyTorch")
-    tool = pytest.importorskip("judge_difficulty", reason="the repository's qa folder is not beside this package")
-    judged = CliRunner().invoke(tool.main, [str(source), "--folds", "3", "--repeats", "1"])
+    tool = pytest.importorskip(
+        "judge_difficulty",
+        reason="the repository's qa folder is not beside this package",
+    )
+    judged = CliRunner().invoke(
+        tool.main, [str(source), "--folds", "3", "--repeats", "1"]
+    )
     assert "ridge" in judged.output and "routes" in judged.output
 
 
@@ -54,22 +61,36 @@ def test_worlds_are_known_by_their_checksum_whatever_their_number(source, tmp_pa
     worlds, trials = read_trials(source)
     dataset = open_dataset("barn300")
     assert tuple(worlds) == trials.world_numbers == dataset.indices[::10]
-    assert all(world.checksum == dataset.load(index).checksum for index, world in worlds.items())
+    assert all(
+        world.checksum == dataset.load(index).checksum
+        for index, world in worlds.items()
+    )
     results = read_source(source).results
     first = [one.scores.normalised_time_s_per_m for one in results if one.world == 10]
     assert (len(first), len(trials)) == (4, len(results))
     assert trials.difficulty()[1] == pytest.approx(np.mean(first))
-    write_own(tmp_path / "again.npz", "again", {1000 - index: world for index, world in worlds.items()})
+    write_own(
+        tmp_path / "again.npz",
+        "again",
+        {1000 - index: world for index, world in worlds.items()},
+    )
     again, moved = read_trials(source, str(tmp_path / "again.npz"))
     assert tuple(again) == tuple(sorted(1000 - index for index in worlds))
     assert moved.difficulty().tolist() == trials.difficulty().tolist()[::-1]
-    with pytest.raises(ConfigError, match="world 0 of its trials is none of barn_test; name the data set they ran in"):
+    with pytest.raises(
+        ConfigError,
+        match="world 0 of its trials is none of barn_test; name the data set they ran in",
+    ):
         read_trials(source, "barn_test")
 
 
-def test_trials_that_do_not_count_and_worlds_without_every_planner_are_left_out(tmp_path):
+def test_trials_that_do_not_count_and_worlds_without_every_planner_are_left_out(
+    tmp_path,
+):
     def lost(result):
-        failed = replace(result, outcome=Outcome.ENVIRONMENT_FAILED, fault="environment")
+        failed = replace(
+            result, outcome=Outcome.ENVIRONMENT_FAILED, fault="environment"
+        )
         return failed if result.trial_id == lost_id else result
 
     lost_id = experiment_of("0-11", 1).trials()[0].trial_id
@@ -102,11 +123,22 @@ def test_models_and_weights_are_judged_beside_ridge_regression(source, weights):
     path, trained = weights
     found = evaluate(source, weights=path, folds=3, repeats=1)
     ridge, one = found.scores
-    assert all(each.mse.low <= each.mse.estimate <= each.mse.high for each in (ridge, one))
+    assert all(
+        each.mse.low <= each.mse.estimate <= each.mse.high for each in (ridge, one)
+    )
     difficulty = read_trials(source)[1].difficulty()
-    assert (ridge.name, ridge.gain, one.name, found.worlds) == ("ridge", None, "weights", COUNT)
-    assert one.mse.estimate == pytest.approx(trained["training_mse"]) == one.training_mse
-    assert one.r2.estimate == pytest.approx(1.0 - trained["training_mse"] / difficulty.var())
+    assert (ridge.name, ridge.gain, one.name, found.worlds) == (
+        "ridge",
+        None,
+        "weights",
+        COUNT,
+    )
+    assert (
+        one.mse.estimate == pytest.approx(trained["training_mse"]) == one.training_mse
+    )
+    assert one.r2.estimate == pytest.approx(
+        1.0 - trained["training_mse"] / difficulty.var()
+    )
     assert one.gain.estimate == pytest.approx(ridge.mse.estimate - one.mse.estimate)
     assert found.ceiling is not None
 
@@ -130,12 +162,23 @@ def test_the_page_on_metrics_quotes_the_card():
             values = [float(number) for number in re.findall(r"-?[\d.]+", cells[6])]
             (folds if cells[1] not in folds else elsewhere).setdefault(cells[1], values)
     told = " ".join(page.read_text("utf-8").split("## Difficulty, learned")[1].split())
-    assert f"ridge regression on them explains {100 * folds['ridge'][0]:.0f} % of the variance" in told
-    assert f"and {100 * elsewhere['ridge'][0]:.0f} % once it is trained in 9000 other worlds" in told
+    assert (
+        f"ridge regression on them explains {100 * folds['ridge'][0]:.0f} % of the variance"
+        in told
+    )
+    assert (
+        f"and {100 * elsewhere['ridge'][0]:.0f} % once it is trained in 9000 other worlds"
+        in told
+    )
     shipped, low, high = (round(100 * value) for value in elsewhere["routes"])
     assert f"none of them of barn300, it explains {shipped} % [{low}, {high}]" in told
-    assert f"Trained in barn300 alone it would come to {100 * folds['routes'][0]:.0f} %" in told
-    ceiling = float(re.search(r"highest R2 that these trials allow is ([\d.]+)", card)[1])
+    assert (
+        f"Trained in barn300 alone it would come to {100 * folds['routes'][0]:.0f} %"
+        in told
+    )
+    ceiling = float(
+        re.search(r"highest R2 that these trials allow is ([\d.]+)", card)[1]
+    )
     assert f"the trials themselves allow {100 * ceiling:.0f} %" in told
 
 

@@ -16,13 +16,13 @@ from mcap.reader import make_reader
 from planners import Faulty, Straight, recorded
 from rosbags.rosbag2 import Reader
 
-from barn_eval.bags.messages import MOVED_M
-from barn_eval.bags.recorded import read_recorded
-from barn_eval.experiments import direct
-from barn_eval.experiments.direct import run_direct_trial
-from barn_eval.experiments.engine import DirectWork, Job, attempt
-from barn_eval.experiments.live import LivePlanner
-from barn_eval.experiments.store import Store
+from barn_eval.results.bags.messages import MOVED_M
+from barn_eval.results.bags.recorded import read_recorded
+from barn_eval.results.store import Store
+from barn_eval.running import direct
+from barn_eval.running.direct import run_direct_trial
+from barn_eval.running.engine import DirectWork, Job, attempt
+from barn_eval.running.planner_objects import LivePlanner
 from barn_eval.trials import trial
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, PAPER_2020
@@ -30,20 +30,31 @@ from barn_eval.trials.result import from_json_line, to_json_line
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.messages.cdr import deserialise, serialise
 
-QUICK = replace(CHALLENGE, name="quick", limit_s=4.0, first_motion_limit_s=2.0, timeout_time_s=4.0)
+QUICK = replace(
+    CHALLENGE, name="quick", limit_s=4.0, first_motion_limit_s=2.0, timeout_time_s=4.0
+)
 
 
 def spec_of(world, protocol=QUICK, **changes):
     return planners.spec_of(world, protocol, "straight", **changes)
 
 
-@pytest.mark.parametrize(("preset", "frame"), [("challenge", "odom"), ("paper2020", "map")])
-def test_a_bag_says_in_which_frame_a_planner_follows_its_plan(open_world, tmp_path, preset, frame):
+@pytest.mark.parametrize(
+    ("preset", "frame"), [("challenge", "odom"), ("paper2020", "map")]
+)
+def test_a_bag_says_in_which_frame_a_planner_follows_its_plan(
+    open_world, tmp_path, preset, frame
+):
     short = replace(PAPER_2020, first_motion_limit_s=0.6, clock_start_distance_m=10.0)
-    recorded(replace(spec_of(open_world, short), planner="eband", preset=preset), tmp_path / "bag")
+    recorded(
+        replace(spec_of(open_world, short), planner="eband", preset=preset),
+        tmp_path / "bag",
+    )
     bag = read_recorded(tmp_path / "bag")
     assert bag.costmaps
-    assert {shown.frame for shown in [*bag.costmaps, *bag.local_plans, *bag.bands]} == {frame}
+    assert {shown.frame for shown in [*bag.costmaps, *bag.local_plans, *bag.bands]} == {
+        frame
+    }
 
 
 @pytest.mark.parametrize("protocol", [CHALLENGE, PAPER_2020], ids=lambda one: one.name)
@@ -52,7 +63,11 @@ def test_an_open_world_is_crossed(open_world, protocol):
     result = finished.result
     assert result.outcome is Outcome.SUCCESS
     course = finished.spec.course
-    apart = course.start.distance(course.goal) - protocol.goal_distance_m - protocol.clock_start_distance_m
+    apart = (
+        course.start.distance(course.goal)
+        - protocol.goal_distance_m
+        - protocol.clock_start_distance_m
+    )
     assert result.scores.traversal_time_s == pytest.approx(apart / 0.5, rel=0.05)
     assert result.measures.driven_ratio == pytest.approx(1.0, abs=0.01)
     assert result.measures.contacts == 0
@@ -62,10 +77,14 @@ def test_an_open_world_is_crossed(open_world, protocol):
 
 
 def test_the_same_trial_gives_the_same_bytes(either_world, tmp_path):
-    trials = [(spec_of(either_world), tmp_path / name / "bag") for name in ("one", "other")]
+    trials = [
+        (spec_of(either_world), tmp_path / name / "bag") for name in ("one", "other")
+    ]
     one, other = (recorded(*trial, Straight()) for trial in trials)
     for name in ("bag_0.mcap", "metadata.yaml"):
-        assert (tmp_path / "one/bag" / name).read_bytes() == (tmp_path / "other/bag" / name).read_bytes()
+        assert (tmp_path / "one/bag" / name).read_bytes() == (
+            tmp_path / "other/bag" / name
+        ).read_bytes()
     assert one.result.repeatable() == other.result.repeatable()
     np.testing.assert_array_equal(one.trajectory.truth, other.trajectory.truth)
 
@@ -79,7 +98,9 @@ def test_recording_does_not_change_the_trial(either_world, tmp_path):
 
 def test_a_planner_can_be_used_again(either_world):
     planner = Straight()
-    first, second = (run_direct_trial(spec_of(either_world), planner=planner) for _ in range(2))
+    first, second = (
+        run_direct_trial(spec_of(either_world), planner=planner) for _ in range(2)
+    )
     np.testing.assert_array_equal(first.trajectory.truth, second.trajectory.truth)
 
 
@@ -94,7 +115,10 @@ def test_a_trial_is_the_same_whatever_was_done_to_the_engine_before(walled_world
 
 
 def test_another_repetition_is_another_trial(either_world):
-    first, second = (run_direct_trial(spec_of(either_world, repetition=k), planner=Straight()) for k in range(2))
+    first, second = (
+        run_direct_trial(spec_of(either_world, repetition=k), planner=Straight())
+        for k in range(2)
+    )
     assert first.result.trial_id != second.result.trial_id
     assert not np.array_equal(first.trajectory.truth[:50], second.trajectory.truth[:50])
 
@@ -105,8 +129,16 @@ def test_another_repetition_is_another_trial(either_world):
         ("raises", Outcome.PLANNER_DIED, "RuntimeError: out of ideas"),
         ("raises at start", Outcome.PLANNER_DIED, "OSError: no such"),
         ("nan", Outcome.INVALID_COMMAND, "command (nan m/s, 0.0 rad/s) is not finite"),
-        ("no decision", Outcome.PLANNER_DIED, "AttributeError: 'str' object has no attribute 'status'"),
-        ("no velocity", Outcome.PLANNER_DIED, "TypeError: command must be a Velocity2D or None, got (0.5, 0.0)"),
+        (
+            "no decision",
+            Outcome.PLANNER_DIED,
+            "AttributeError: 'str' object has no attribute 'status'",
+        ),
+        (
+            "no velocity",
+            Outcome.PLANNER_DIED,
+            "TypeError: command must be a Velocity2D or None, got (0.5, 0.0)",
+        ),
         ("nothing", Outcome.TIMEOUT, ""),
         ("stops", Outcome.TIMEOUT, ""),
     ],
@@ -126,10 +158,15 @@ def test_a_planner_that_hangs_is_stopped(open_world, monkeypatch, fault):
     finished = run_direct_trial(spec_of(open_world), planner=Faulty(fault))
     assert finished.result.outcome is Outcome.PLANNER_STALLED
     assert "0.3 s of its own time" in finished.result.detail
-    assert run_direct_trial(spec_of(open_world), planner=Straight()).result.outcome is not Outcome.PLANNER_STALLED
+    assert (
+        run_direct_trial(spec_of(open_world), planner=Straight()).result.outcome
+        is not Outcome.PLANNER_STALLED
+    )
 
 
-def test_a_process_that_is_stopped_in_a_cycle_is_not_the_planners_fault(open_world, monkeypatch):
+def test_a_process_that_is_stopped_in_a_cycle_is_not_the_planners_fault(
+    open_world, monkeypatch
+):
     monkeypatch.setattr(direct, "STALL_LIMIT_S", 0.8)
 
     class Stopped(Straight):
@@ -138,18 +175,29 @@ def test_a_process_that_is_stopped_in_a_cycle_is_not_the_planners_fault(open_wor
         def step(self, observation):
             self.cycles += 1
             if self.cycles == 5:
-                subprocess.Popen(["sh", "-c", f"sleep 2; kill -CONT {os.getpid()}"])  # the fault that is tried
+                subprocess.Popen(
+                    ["sh", "-c", f"sleep 2; kill -CONT {os.getpid()}"]
+                )  # the fault that is tried
                 os.kill(os.getpid(), signal.SIGSTOP)
             return super().step(observation)
 
-    stopped, straight = (run_direct_trial(spec_of(open_world), planner=one).result for one in (Stopped(), Straight()))
+    stopped, straight = (
+        run_direct_trial(spec_of(open_world), planner=one).result
+        for one in (Stopped(), Straight())
+    )
     assert stopped.repeatable() == straight.repeatable()
 
 
-def test_a_machine_that_stalls_for_good_is_told_from_the_planner(open_world, monkeypatch):
+def test_a_machine_that_stalls_for_good_is_told_from_the_planner(
+    open_world, monkeypatch
+):
     monkeypatch.setattr(trial, "STALLED", 0.0)
-    work = DirectWork(Store(Path()), {"straight": LivePlanner("straight", lambda _: time.sleep(60.0))})
-    report = attempt(work, "key", "here", Job("key", (spec_of(open_world),)), lambda _: None)
+    work = DirectWork(
+        Store(Path()), {"straight": LivePlanner("straight", lambda _: time.sleep(60.0))}
+    )
+    report = attempt(
+        work, "key", "here", Job("key", (spec_of(open_world),)), lambda _: None
+    )
     assert report.stalled and not report.overtime
     assert "the machine stalled" in report.reason
 
@@ -164,7 +212,10 @@ def test_only_the_first_answer_has_time_to_compile(open_world, monkeypatch):
 
 def test_a_planner_that_never_moves(open_world):
     finished = run_direct_trial(spec_of(open_world), planner=Faulty("stops", after=0))
-    assert (finished.result.outcome, finished.result.recoveries) == (Outcome.NO_FIRST_MOTION, 20)
+    assert (finished.result.outcome, finished.result.recoveries) == (
+        Outcome.NO_FIRST_MOTION,
+        20,
+    )
     assert finished.result.scores.scored_time_s == QUICK.failure_time_s
 
 
@@ -175,13 +226,19 @@ def test_a_simulator_that_fails_is_an_outcome(open_world, monkeypatch):
     monkeypatch.setattr("barn_sim.simulator.Simulator.step", fail)
     finished = run_direct_trial(spec_of(open_world), planner=Straight())
     assert finished.result.outcome is Outcome.SIMULATOR_DIED
-    assert finished.result.detail.startswith("ArithmeticError: the physics blew up (test_direct.py, line ")
+    assert finished.result.detail.startswith(
+        "ArithmeticError: the physics blew up (test_direct.py, line "
+    )
 
 
 def test_a_contact_ends_the_challenge_but_not_the_papers_trial(walled_world, tmp_path):
-    challenge = run_direct_trial(spec_of(walled_world, CHALLENGE), planner=Straight()).result
+    challenge = run_direct_trial(
+        spec_of(walled_world, CHALLENGE), planner=Straight()
+    ).result
     assert (challenge.outcome, challenge.measures.contacts) == (Outcome.COLLISION, 1)
-    assert challenge.measures.min_clearance_m < 0.02 and challenge.scores.challenge == 0.0
+    assert (
+        challenge.measures.min_clearance_m < 0.02 and challenge.scores.challenge == 0.0
+    )
     finished = recorded(spec_of(walled_world, PAPER_2020), tmp_path / "bag", Straight())
     paper = finished.result
     assert paper.outcome in (Outcome.SUCCESS, Outcome.TIMEOUT)
@@ -194,11 +251,24 @@ def test_a_contact_ends_the_challenge_but_not_the_papers_trial(walled_world, tmp
 
 
 def test_every_message_decodes_with_rosbags_and_mcap(open_world, tmp_path):
-    recorded(spec_of(open_world, replace(PAPER_2020, limit_s=3.0)), tmp_path / "bag", Straight())
-    often = "clock odom ground_truth/odom amcl_pose tf collision joint_states scan cmd_vel"
-    at_least = {50: often, 20: "goal_pose", 5: "plan local_plan band score outcome score_text", 2: "diagnostics"}
+    recorded(
+        spec_of(open_world, replace(PAPER_2020, limit_s=3.0)),
+        tmp_path / "bag",
+        Straight(),
+    )
+    often = (
+        "clock odom ground_truth/odom amcl_pose tf collision joint_states scan cmd_vel"
+    )
+    at_least = {
+        50: often,
+        20: "goal_pose",
+        5: "plan local_plan band score outcome score_text",
+        2: "diagnostics",
+    }
     at_least[1] = "robot_description tf_static map world"
-    expected = {f"/{name}": count for count, names in at_least.items() for name in names.split()}
+    expected = {
+        f"/{name}": count for count, names in at_least.items() for name in names.split()
+    }
     counts: dict[str, int] = {}
     with Reader(tmp_path / "bag") as reader:
         for connection, _, data in reader.messages():
@@ -207,25 +277,47 @@ def test_every_message_decodes_with_rosbags_and_mcap(open_world, tmp_path):
     assert counts.keys() == expected.keys()
     assert all(counts[topic] >= count for topic, count in expected.items())
     with (tmp_path / "bag" / "bag_0.mcap").open("rb") as file:
-        assert sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages()) == sum(counts.values())
+        assert sum(
+            1 for _ in make_reader(file, validate_crcs=True).iter_messages()
+        ) == sum(counts.values())
 
 
 def test_the_bag_tells_what_the_trial_was(either_world, tmp_path):
     finished = recorded(spec_of(either_world), tmp_path / "bag", Straight())
     with (tmp_path / "bag" / "bag_0.mcap").open("rb") as file:
-        metadata = {record.name: record.metadata for record in make_reader(file).iter_metadata()}
-    assert '"checksum": "' + either_world.checksum in metadata["barn.trial"]["specification"]
-    assert '"simulator": ' + str(finished.spec.simulator_seed) in metadata["barn.trial"]["specification"]
+        metadata = {
+            record.name: record.metadata for record in make_reader(file).iter_metadata()
+        }
+    assert (
+        '"checksum": "' + either_world.checksum
+        in metadata["barn.trial"]["specification"]
+    )
+    assert (
+        '"simulator": ' + str(finished.spec.simulator_seed)
+        in metadata["barn.trial"]["specification"]
+    )
     assert '"numpy"' in metadata["barn.trial"]["versions"]
-    assert finished.result.outcome is (Outcome.COLLISION if either_world.moving else Outcome.TIMEOUT)
-    assert f'"outcome": "{finished.result.outcome.value}"' in metadata["barn.result"]["result"]
+    assert finished.result.outcome is (
+        Outcome.COLLISION if either_world.moving else Outcome.TIMEOUT
+    )
+    assert (
+        f'"outcome": "{finished.result.outcome.value}"'
+        in metadata["barn.result"]["result"]
+    )
 
 
 def test_the_map_of_a_world_of_other_cells_is_off_by_as_much_as_the_pose(open_world):
     world = replace(open_world, resolution_m=0.1)
-    maps = [spec_of(world, replace(PAPER_2020, historical_map=old)).map for old in (False, True)]
+    maps = [
+        spec_of(world, replace(PAPER_2020, historical_map=old)).map
+        for old in (False, True)
+    ]
     assert np.array_equal(maps[0].data, maps[1].data)
-    assert maps[1].origin_y - maps[0].origin_y == pytest.approx(PAPER_2020.map_offset_m()) == -0.15
+    assert (
+        maps[1].origin_y - maps[0].origin_y
+        == pytest.approx(PAPER_2020.map_offset_m())
+        == -0.15
+    )
 
 
 def test_the_pose_is_off_with_the_map_it_was_matched_to():
@@ -234,5 +326,9 @@ def test_the_pose_is_off_with_the_map_it_was_matched_to():
 
     protocol = replace(PAPER_2020, name="own", simulator="known_map")
     assert offset(protocol) == -0.15
-    assert offset(replace(protocol, historical_map=False)) == offset(replace(protocol, map_given=False)) == 0.0
+    assert (
+        offset(replace(protocol, historical_map=False))
+        == offset(replace(protocol, map_given=False))
+        == 0.0
+    )
     assert offset(protocol, {"localisation.offset_y_m": 0.02}) == 0.02

@@ -15,7 +15,9 @@ FILTERS = {
     "nothing": ({"search": "no such"}, lambda one: False),
 }
 NUMBERS = "map((one) => Number(one.id.split('-')[2]))"
-SHOWN = f"(all) => all.filter((one) => getComputedStyle(one).display !== 'none').{NUMBERS}"
+SHOWN = (
+    f"(all) => all.filter((one) => getComputedStyle(one).display !== 'none').{NUMBERS}"
+)
 FAINT = f"(all) => all.filter((one) => getComputedStyle(one).opacity < 1).{NUMBERS}"
 
 
@@ -47,21 +49,36 @@ def trajectories(page):
 
 def test_trials_shown_are_those_left_and_figures_those_of_all(report, file, open_page):
     page = open_page(file)
-    figures = page.locator("figure:not(#figure-hardest) svg, section > .wide table:not(#trials), .verdict, .bars")
+    figures = page.locator(
+        "figure:not(#figure-hardest) svg, section > .wide table:not(#trials), .verdict, .bars"
+    )
     before = figures.evaluate_all("(all) => all.map((one) => one.outerHTML)")
     assert len(before) > 10
     for chosen, keep in FILTERS.values():
         page.click("#filter-reset")
         choose(page, chosen)
         left = {drive.place for drive in report.drives if keep(drive.result)}
-        count = f"{len(left)} of {len(report.drives)} trials" if left else "no such trial"
+        count = (
+            f"{len(left)} of {len(report.drives)} trials" if left else "no such trial"
+        )
         assert page.locator("#count").text_content() == count
-        ids = page.locator("#trials tbody tr").evaluate_all("(rows) => rows.map((row) => row.dataset.trial)")
-        assert ids == [drive.result.trial_id for drive in report.drives if drive.place in left]
-        assert trajectories(page) == {drive.place for drive in report.drives if drive.track is not None} & left
+        ids = page.locator("#trials tbody tr").evaluate_all(
+            "(rows) => rows.map((row) => row.dataset.trial)"
+        )
+        assert ids == [
+            drive.result.trial_id for drive in report.drives if drive.place in left
+        ]
+        assert (
+            trajectories(page)
+            == {drive.place for drive in report.drives if drive.track is not None}
+            & left
+        )
         worlds = {report.drives[place].result.world for place in left}
         drawn = {drive.result.world for drive in report.drives}
-        assert set(page.locator("[id^=hardest-world-]").evaluate_all(FAINT)) == drawn - worlds
+        assert (
+            set(page.locator("[id^=hardest-world-]").evaluate_all(FAINT))
+            == drawn - worlds
+        )
     assert figures.evaluate_all("(all) => all.map((one) => one.outerHTML)") == before
 
 
@@ -70,7 +87,11 @@ def test_paper_and_a_filter_taken_back_show_all(report, file, open_page):
     tracks = {drive.place for drive in report.drives if drive.track is not None}
     assert trajectories(page) == tracks
     choose(page, {"search": "r01"})
-    assert trajectories(page) == {place for place in tracks if report.drives[place].result.repetition == 1} != tracks
+    assert (
+        trajectories(page)
+        == {place for place in tracks if report.drives[place].result.repetition == 1}
+        != tracks
+    )
     page.emulate_media(media="print")
     assert trajectories(page) == tracks
     page.emulate_media(media="screen")
@@ -82,7 +103,10 @@ def test_a_band_of_difficulty_can_be_chosen(report, file, open_page):
     page = open_page(file)
     band = report.overview.bands[-1]
     choose(page, {"filter-band": band.name})
-    assert {int(one) for one in page.locator("#trials tbody td:nth-child(2)").all_text_contents()} == set(band.worlds)
+    assert {
+        int(one)
+        for one in page.locator("#trials tbody td:nth-child(2)").all_text_contents()
+    } == set(band.worlds)
 
 
 def test_a_filtered_page_is_whole_and_readable(file, open_page, screenshots):
@@ -90,5 +114,8 @@ def test_a_filtered_page_is_whole_and_readable(file, open_page, screenshots):
     page.locator("#filters").evaluate("(one) => { one.open = true }")
     choose(page, {"filter-band": "hardest"})
     page.screenshot(path=screenshots / "report_filtered.png", full_page=True)
-    assert page.evaluate("document.documentElement.scrollWidth") <= page.viewport_size["width"]
+    assert (
+        page.evaluate("document.documentElement.scrollWidth")
+        <= page.viewport_size["width"]
+    )
     assert violations(page) == []

@@ -11,12 +11,14 @@ import pytest
 from report_work import change_row
 from test_campaign_runner import record
 
-from barn_eval.experiments.experiment import NO_SOURCE, Execution, Experiment, PlannerChoice
-from barn_eval.experiments.folder import opened, read_results
-from barn_eval.experiments.run_file import RunFile
+from barn_eval.results.folder import opened, read_results
+from barn_eval.results.run_file import RunFile
+from barn_eval.trials.run_config import NO_SOURCE, Execution, Experiment, PlannerChoice
 from barn_worlds.base.errors import BarnError, ConfigError
 
-GAP = Experiment(worlds="0,50", planners=(PlannerChoice("gap"),), repetitions=2, seed=3, bags="all")
+GAP = Experiment(
+    worlds="0,50", planners=(PlannerChoice("gap"),), repetitions=2, seed=3, bags="all"
+)
 EXECUTION = Execution(workers=1)
 
 
@@ -33,7 +35,9 @@ def content(path):
 
 
 def test_a_folder_without_a_result_is_taken_over(tmp_path):
-    typo = replace(GAP, mode="ros", planners=(PlannerChoice("mine", command="python3 mien.py"),))
+    typo = replace(
+        GAP, mode="ros", planners=(PlannerChoice("mine", command="python3 mien.py"),)
+    )
     keep(tmp_path, typo, 0)
     (tmp_path / "logs").mkdir()
     (tmp_path / "logs" / "planner.log").write_text("No such file")
@@ -41,17 +45,24 @@ def test_a_folder_without_a_result_is_taken_over(tmp_path):
     keep(tmp_path, mended, 1)
     assert RunFile.read(tmp_path).configuration() == mended
     assert not (tmp_path / "logs").exists()
-    with pytest.raises(ConfigError, match=r"planners\.0\.command is 'python3 mine\.py' there, 'python3 mien\.py' here"):
+    with pytest.raises(
+        ConfigError,
+        match=r"planners\.0\.command is 'python3 mine\.py' there, 'python3 mien\.py' here",
+    ):
         keep(tmp_path, typo)
 
 
 def test_results_are_replaced_only_when_told_to(tmp_path):
     keep(tmp_path, GAP)
     other = replace(GAP, seed=4)
-    with pytest.raises(ConfigError, match="seed is 3 there, 4 here; use another folder, or --overwrite"):
+    with pytest.raises(
+        ConfigError, match="seed is 3 there, 4 here; use another folder, or --overwrite"
+    ):
         keep(tmp_path, other, 0)
     assert len(read_results(tmp_path)) == 4
-    assert [one.campaign_seed for one in keep(tmp_path, other, 1, overwrite=True)] == [4]
+    assert [one.campaign_seed for one in keep(tmp_path, other, 1, overwrite=True)] == [
+        4
+    ]
     assert len(content(tmp_path)["sessions"]) == 1
 
 
@@ -69,13 +80,19 @@ def test_sessions_are_kept_one_after_the_other(tmp_path):
         keep(tmp_path, GAP, count)
     found = content(tmp_path)
     assert (found["schema_version"], len(found["sessions"])) == (2, 3)
-    assert all({"started_at", "execution", "versions", "commit", "machine"} <= one.keys() for one in found["sessions"])
+    assert all(
+        {"started_at", "execution", "versions", "commit", "machine"} <= one.keys()
+        for one in found["sessions"]
+    )
 
 
 def test_a_planner_whose_source_is_not_known_is_not_resumed(tmp_path):
     live = replace(GAP, planners=(PlannerChoice("mine", source=NO_SOURCE),))
     keep(tmp_path, live, 1)
-    with pytest.raises(ConfigError, match="'mine' has no source, so that whether it is the same cannot be told"):
+    with pytest.raises(
+        ConfigError,
+        match="'mine' has no source, so that whether it is the same cannot be told",
+    ):
         keep(tmp_path, live)
     known = replace(GAP, planners=(PlannerChoice("mine", source="0" * 64),))
     keep(tmp_path / "known", known, 1)
@@ -86,7 +103,9 @@ def test_another_robot_is_not_mixed_in(tmp_path):
     keep(tmp_path, GAP, 1)
     run = RunFile.read(tmp_path)
     replace(run, robot="0" * 64).write()
-    with pytest.raises(ConfigError, match="holds results of another robot: robot is '0000"):
+    with pytest.raises(
+        ConfigError, match="holds results of another robot: robot is '0000"
+    ):
         keep(tmp_path, GAP)
 
 
@@ -115,7 +134,11 @@ def test_what_is_no_experiment_is_refused_in_one_line(tmp_path, text, told):
         ("planner_seed", 7, "gap_w0000_r00 has planner_seed 7, must have "),
         ("repetition", 7, "gap_w0000_r00 has repetition 7, must have 0"),
         ("task", "0" * 12, r"was run as task 000000000000, but run\.json describes"),
-        ("trial_id", "dwa_w0999_r00", "holds a result of dwa_w0999_r00, which is no trial of this experiment"),
+        (
+            "trial_id",
+            "dwa_w0999_r00",
+            "holds a result of dwa_w0999_r00, which is no trial of this experiment",
+        ),
     ],
 )
 def test_a_row_of_another_trial_is_refused(tmp_path, name, value, told):
@@ -132,8 +155,12 @@ def test_a_kill_before_there_was_anything_leaves_a_folder_that_can_be_used(tmp_p
     assert not (tmp_path / ".run.json.x1y2.partial").exists()
 
 
-@pytest.mark.parametrize(("name", "code"), [("fsync", errno.ENOSPC), ("replace", errno.EROFS)])
-def test_a_disk_that_fails_at_any_write_stops_the_experiment_and_loses_nothing(tmp_path, monkeypatch, name, code):
+@pytest.mark.parametrize(
+    ("name", "code"), [("fsync", errno.ENOSPC), ("replace", errno.EROFS)]
+)
+def test_a_disk_that_fails_at_any_write_stops_the_experiment_and_loses_nothing(
+    tmp_path, monkeypatch, name, code
+):
     keep_whole(tmp_path / "whole")
     function = getattr(os, name)
     for number in range(1, 50):
@@ -157,8 +184,12 @@ def test_a_disk_that_fails_at_any_write_stops_the_experiment_and_loses_nothing(t
             monkeypatch.setattr(os, name, function)
         keep_whole(out)
         for table in ("results.parquet", "results.csv", "tracks.jsonl"):
-            assert (out / table).read_bytes() == (tmp_path / "whole" / table).read_bytes()
-        assert sorted(one.trial_id for one in read_results(out)) == sorted(spec.trial_id for spec in trials())
+            assert (out / table).read_bytes() == (
+                tmp_path / "whole" / table
+            ).read_bytes()
+        assert sorted(one.trial_id for one in read_results(out)) == sorted(
+            spec.trial_id for spec in trials()
+        )
         assert not list(out.glob(".*.partial"))
     else:
         pytest.fail("it never came to its end")
@@ -182,7 +213,9 @@ def test_two_writers_do_not_touch_each_others_files(tmp_path):
     with opened(tmp_path, GAP, EXECUTION, trials()) as folder:
         partial = tmp_path / "bags" / f"{folder.remaining[0].trial_id}.partial"
         partial.mkdir(parents=True)
-        with pytest.raises(ConfigError, match="another process is working in this folder"):
+        with pytest.raises(
+            ConfigError, match="another process is working in this folder"
+        ):
             keep_whole(tmp_path)
         assert partial.is_dir()
         for spec in folder.remaining:

@@ -17,9 +17,15 @@ from planners import SHORT, Straight
 from test_folder import GAP, keep
 
 import barn_eval as barn
-from barn_eval.experiments.live import NO_SOURCE, FunctionPlanner, LivePlanner, fingerprint, split_planners
-from barn_eval.experiments.rows import results_table
-from barn_eval.results import Trial
+from barn_eval.api.results import Trial
+from barn_eval.results.rows import results_table
+from barn_eval.running.planner_objects import (
+    NO_SOURCE,
+    FunctionPlanner,
+    LivePlanner,
+    fingerprint,
+    split_planners,
+)
 from barn_eval.trials.outcome import Outcome
 from barn_planners.interface import Task
 from barn_worlds.base.errors import BarnError, ConfigError
@@ -61,7 +67,10 @@ def test_planners_of_all_kinds_drive_side_by_side(driven):
     speeds = {one.planner: one.measures.mean_speed_mps for one in driven.trials}
     assert speeds["slow"] < speeds["Steady"] < speeds["ahead"]
     assert {one.wall_clock.worker for one in driven.trials} == {"local-0", "local-1"}
-    assert repr(driven) == f"Results({str(driven.folder)!r}: 8 trials, gap, ahead, Steady, slow)"
+    assert (
+        repr(driven)
+        == f"Results({str(driven.folder)!r}: 8 trials, gap, ahead, Steady, slow)"
+    )
 
 
 def test_tables_have_a_row_per_trial_planner_and_measure(driven):
@@ -69,14 +78,25 @@ def test_tables_have_a_row_per_trial_planner_and_measure(driven):
     assert list(table) == results_table([]).column_names
     assert list(table["trial_id"]) == [one.trial_id for one in driven.trials]
     assert list(table["driven_m"]) == [one.measures.driven_m for one in driven.trials]
-    assert list(driven.timing["worker"]) == [one.wall_clock.worker for one in driven.trials]
-    assert (list(summary["planner"]), list(summary["trials"])) == (driven.planners, [2, 2, 2, 2])
-    assert summary["success"].between(summary["success_low"], summary["success_high"]).all()
+    assert list(driven.timing["worker"]) == [
+        one.wall_clock.worker for one in driven.trials
+    ]
+    assert (list(summary["planner"]), list(summary["trials"])) == (
+        driven.planners,
+        [2, 2, 2, 2],
+    )
+    assert (
+        summary["success"]
+        .between(summary["success_low"], summary["success_high"])
+        .all()
+    )
     compared = driven.compare().set_index(["a", "b", "measure"])
     assert len(compared.groupby(["a", "b"])) == 6
     found = compared.loc["ahead", "slow", "min_clearance_m"]
     gaps = table.groupby("planner")["min_clearance_m"].mean()
-    assert [found["mean_a"], found["mean_b"]] == pytest.approx([gaps["ahead"], gaps["slow"]])
+    assert [found["mean_a"], found["mean_b"]] == pytest.approx(
+        [gaps["ahead"], gaps["slow"]]
+    )
     assert found["difference"] == pytest.approx(gaps["ahead"] - gaps["slow"])
 
 
@@ -84,31 +104,51 @@ def test_columns_have_their_types_whatever_is_in_them(driven, tmp_path):
     def unmoved(observation):
         return None
 
-    crash = barn.run(0, unmoved, SHORT, workers=1, out=tmp_path / "none", progress=False)
+    crash = barn.run(
+        0, unmoved, SHORT, workers=1, out=tmp_path / "none", progress=False
+    )
     assert crash.table["traversal_time_s"].isna().all()
-    for one, other in ((driven.table, crash.table), (driven.timing, crash.timing), (driven.summary, crash.summary)):
+    for one, other in (
+        (driven.table, crash.table),
+        (driven.timing, crash.timing),
+        (driven.summary, crash.summary),
+    ):
         assert one.dtypes.to_dict() == other.dtypes.to_dict()
         assert object not in set(one.dtypes)
     kinds = driven.compare().dtypes
     assert kinds.to_dict() == crash.compare(f"{driven.folder}:gap").dtypes.to_dict()
-    assert (kinds["difference_low"], kinds["worlds"], kinds["a"]) == (np.float64, np.int64, pd.StringDtype())
+    assert (kinds["difference_low"], kinds["worlds"], kinds["a"]) == (
+        np.float64,
+        np.int64,
+        pd.StringDtype(),
+    )
 
 
 def test_a_trial_has_its_trajectory(driven, tmp_path):
     trial = driven.trial("ahead_w0000_r00")
-    assert trial.result is next(one for one in driven.trials if one.trial_id == "ahead_w0000_r00")
+    assert trial.result is next(
+        one for one in driven.trials if one.trial_id == "ahead_w0000_r00"
+    )
     path = trial.trajectory
     assert path["time_s"].is_monotonic_increasing
-    assert path["time_s"].iloc[-1] == pytest.approx(trial.result.scores.duration_s, abs=0.01)
+    assert path["time_s"].iloc[-1] == pytest.approx(
+        trial.result.scores.duration_s, abs=0.01
+    )
     measures = trial.result.measures
-    assert np.hypot(path["x_m"].diff(), path["y_m"].diff()).sum() == pytest.approx(measures.driven_m, abs=0.05)
-    assert path["clearance_m"].min() == pytest.approx(measures.min_clearance_m, abs=0.005)
+    assert np.hypot(path["x_m"].diff(), path["y_m"].diff()).sum() == pytest.approx(
+        measures.driven_m, abs=0.05
+    )
+    assert path["clearance_m"].min() == pytest.approx(
+        measures.min_clearance_m, abs=0.005
+    )
     assert not path["contact"].any()
     written = np.loadtxt(trial.to_tum(tmp_path / "trial.txt"))
     assert written.shape == (len(path), 8)
     np.testing.assert_allclose(written[:, 1:3], path[["x_m", "y_m"]], atol=1e-9)
     np.testing.assert_allclose(np.hypot(written[:, 6], written[:, 7]), 1.0, atol=1e-8)
-    np.testing.assert_allclose(2.0 * np.arctan2(written[:, 6], written[:, 7]), path["yaw_rad"], atol=1e-7)
+    np.testing.assert_allclose(
+        2.0 * np.arctan2(written[:, 6], written[:, 7]), path["yaw_rad"], atol=1e-7
+    )
     assert driven.trial(0).result is driven.trials[0]
     empty = Trial(trial.result, None)
     assert empty.trajectory.dtypes.to_dict() == path.dtypes.to_dict()
@@ -119,41 +159,68 @@ def test_a_trial_has_its_trajectory(driven, tmp_path):
 def test_worlds_in_memory_are_driven_in_and_kept(tmp_path):
     first, second = barn.worlds.load("barn300", "0,100").values()
     out = tmp_path / "out"
-    results = barn.run([first, second], "gap", SHORT, engine="inline", out=out, progress=False)
+    results = barn.run(
+        [first, second], "gap", SHORT, engine="inline", out=out, progress=False
+    )
     driven = [(one.world, one.world_name, one.world_checksum) for one in results.trials]
-    assert driven == [(0, first.name, first.checksum), (1, second.name, second.checksum)]
+    assert driven == [
+        (0, first.name, first.checksum),
+        (1, second.name, second.checksum),
+    ]
     assert len(barn.run([first, second], "gap", SHORT, out=out, progress=False)) == 2
     assert barn.plan({0: first, 1: second}, "gap", SHORT, out=out).there == 2
     for others in ([second, first], [first], first, {1: first, 0: second}):
-        with pytest.raises(ConfigError, match=r"holds results of another (checksum of world|configuration)"):
+        with pytest.raises(
+            ConfigError,
+            match=r"holds results of another (checksum of world|configuration)",
+        ):
             barn.run(others, "gap", SHORT, out=out, progress=False)
     out = out.rename(tmp_path / "moved")
     found = barn.load(out)
     assert (barn.results.check(out).problems, found.rerun(1)) == ([], "")
     assert found.replay("gap_w0001_r00", tmp_path / "end.png").path.exists()
     assert second.name in Path(found.report(tmp_path / "report.html")).read_text()
-    (one,) = barn.run({7: second}, "gap", SHORT, out=out, overwrite=True, engine="inline", progress=False).trials
+    (one,) = barn.run(
+        {7: second},
+        "gap",
+        SHORT,
+        out=out,
+        overwrite=True,
+        engine="inline",
+        progress=False,
+    ).trials
     assert (one.world, one.world_checksum) == (7, second.checksum)
     for wrong in (3.5, [], ["0"], {"a": first}, {0: 1}, [first, 1]):
-        with pytest.raises(ConfigError, match="worlds must be numbers, a text or worlds, got"):
+        with pytest.raises(
+            ConfigError, match="worlds must be numbers, a text or worlds, got"
+        ):
             barn.plan(wrong, "gap")
 
 
 def test_the_same_call_resumes_and_other_objects_are_refused(driven):
     planners = ["gap", ahead, Steady, {"slow": Steady(0.2)}]
     before = (driven.folder / "results.jsonl").read_bytes()
-    again = barn.run([0, 60], planners, SHORT, workers=1, out=driven.folder, progress=False)
+    again = barn.run(
+        [0, 60], planners, SHORT, workers=1, out=driven.folder, progress=False
+    )
     assert again.trials == driven.trials
     assert (driven.folder / "results.jsonl").read_bytes() == before
     planners[3] = {"slow": Steady(0.1)}
-    with pytest.raises(ConfigError, match=r"planners\.3\.source is '[0-9a-f]{64}' there, '[0-9a-f]{64}' here"):
+    with pytest.raises(
+        ConfigError,
+        match=r"planners\.3\.source is '[0-9a-f]{64}' there, '[0-9a-f]{64}' here",
+    ):
         barn.run([0, 60], planners, SHORT, out=driven.folder, progress=False)
 
 
 def test_objects_are_recorded_by_a_hash_of_their_source(driven):
-    choices = json.loads((driven.folder / "run.json").read_text())["experiment"]["planners"]
+    choices = json.loads((driven.folder / "run.json").read_text())["experiment"][
+        "planners"
+    ]
     assert [bool(one["source"]) for one in choices] == [False, True, True, True]
-    assert fingerprint(Steady(0.2)) == fingerprint(Steady(0.2)) != fingerprint(Steady(0.3))
+    assert (
+        fingerprint(Steady(0.2)) == fingerprint(Steady(0.2)) != fingerprint(Steady(0.3))
+    )
     assert fingerprint(ahead) != fingerprint(at_the_goal)
 
     def made(speed_mps):
@@ -173,10 +240,20 @@ def test_one_worker_drives_live_planners_in_this_process(tmp_path):
             Counting.cycles += 1
             return super().step(observation)
 
-    inline = barn.run(0, Counting(), SHORT, workers=1, out=tmp_path / "a", progress=False)
+    inline = barn.run(
+        0, Counting(), SHORT, workers=1, out=tmp_path / "a", progress=False
+    )
     assert Counting.cycles > 50
     assert inline.trials[0].wall_clock.worker == "inline"
-    elsewhere = barn.run(0, Counting(), SHORT, workers=1, engine="local", out=tmp_path / "b", progress=False)
+    elsewhere = barn.run(
+        0,
+        Counting(),
+        SHORT,
+        workers=1,
+        engine="local",
+        out=tmp_path / "b",
+        progress=False,
+    )
     assert elsewhere.trials[0].repeatable() == inline.trials[0].repeatable()
 
 
@@ -209,8 +286,16 @@ def test_a_script_without_a_main_guard_runs_once(tmp_path):
     (tmp_path / "helper.py").write_text("GAIN = 0.4\n")
     protocol = "schema_version: 1\nbase: challenge\nname: short\nlimit_s: 3.0\nfirst_motion_limit_s: 3.0\n"
     (tmp_path / "protocol.yaml").write_text(protocol)
-    (tmp_path / "short.yaml").write_text("schema_version: 1\nprotocol: protocol.yaml\nrepetitions: 2\n")
-    done = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, check=False)
+    (tmp_path / "short.yaml").write_text(
+        "schema_version: 1\nprotocol: protocol.yaml\nrepetitions: 2\n"
+    )
+    done = subprocess.run(
+        [sys.executable, str(script)],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.strip() == "8 ['local-0', 'local-1'] ['mine', 'Own']"
     assert (tmp_path / "imported").read_text() == "once\n"
@@ -223,9 +308,16 @@ def test_what_cannot_be_handed_to_a_worker_is_said(tmp_path):
             self.lock = threading.Lock()
 
     locked = Locked()
-    with pytest.raises(ConfigError, match=r"a planner cannot be handed to a worker .* workers=1 needs none"):
-        barn.run(0, {"locked": locked}, SHORT, workers=2, out=tmp_path / "a", progress=False)
-    (one,) = barn.run(0, {"locked": locked}, SHORT, workers=1, out=tmp_path / "a", progress=False).trials
+    with pytest.raises(
+        ConfigError,
+        match=r"a planner cannot be handed to a worker .* workers=1 needs none",
+    ):
+        barn.run(
+            0, {"locked": locked}, SHORT, workers=2, out=tmp_path / "a", progress=False
+        )
+    (one,) = barn.run(
+        0, {"locked": locked}, SHORT, workers=1, out=tmp_path / "a", progress=False
+    ).trials
     assert one.outcome is Outcome.TIMEOUT
 
 
@@ -236,36 +328,70 @@ def test_what_goes_wrong_in_a_planner_of_ones_own_is_an_outcome(tmp_path, capfd)
     def talks(observation):
         return "left"
 
-    results = barn.run(0, [broken, talks], SHORT, workers=1, out=tmp_path, repetitions=2)
+    results = barn.run(
+        0, [broken, talks], SHORT, workers=1, out=tmp_path, repetitions=2
+    )
     told = {one.planner: one.detail for one in results.trials}
     line = broken.__code__.co_firstlineno + 1
     assert {one.outcome for one in results.trials} == {Outcome.PLANNER_DIED}
     assert told["broken"] == f"KeyError: 'speed' (test_front_door.py, line {line})"
-    assert told["talks"].startswith("TypeError: a planner's function must return (m/s, rad/s), got 'left' (")
+    assert told["talks"].startswith(
+        "TypeError: a planner's function must return (m/s, rad/s), got 'left' ("
+    )
     shown = capfd.readouterr().err
-    where = f'test_front_door.py", line {line}, in broken\n      raise KeyError("speed")'
+    where = (
+        f'test_front_door.py", line {line}, in broken\n      raise KeyError("speed")'
+    )
     assert shown.count(where) == 1
-    assert where.replace("\n  ", "\n") in (tmp_path / "tracebacks" / "broken_w0000_r01.txt").read_text("utf-8")
+    assert where.replace("\n  ", "\n") in (
+        tmp_path / "tracebacks" / "broken_w0000_r01.txt"
+    ).read_text("utf-8")
 
     class Unmade(Steady):
         def __init__(self):
             raise OSError("no weights")
 
-    with pytest.raises(BarnError, match="planner 'Unmade' cannot be made: OSError: no weights"):
+    with pytest.raises(
+        BarnError, match="planner 'Unmade' cannot be made: OSError: no weights"
+    ):
         barn.run(0, Unmade, SHORT, workers=1, out=tmp_path / "unmade", progress=False)
 
 
 @pytest.mark.parametrize(
     ("planners", "options", "words"),
     [
-        (3, {}, "a planner must be a name, a Planner class or object, or a function of the observation, got 3"),
-        (lambda observation: None, {}, "has no name; give it one, as {'name': planner}"),
-        ({"dwa": ahead}, {}, "planner 'dwa': is one of the registry's; give yours another name"),
-        (dict, {}, "planner dict: must be derived from barn_planners.interface.Planner"),
+        (
+            3,
+            {},
+            "a planner must be a name, a Planner class or object, or a function of the observation, got 3",
+        ),
+        (
+            lambda observation: None,
+            {},
+            "has no name; give it one, as {'name': planner}",
+        ),
+        (
+            {"dwa": ahead},
+            {},
+            "planner 'dwa': is one of the registry's; give yours another name",
+        ),
+        (
+            dict,
+            {},
+            "planner dict: must be derived from barn_planners.interface.Planner",
+        ),
         ([ahead, ahead], {}, "names 'ahead' twice"),
         ({"a/b": ahead}, {}, "planner 'a/b': a name must be 1 to 60 letters"),
-        (ahead, {"mode": "ros"}, "planner 'ahead': a Python object drives in mode direct only"),
-        (ahead, {"settings": {"ahead": {"a": 1}}}, "presets and parameters are for planners of the registry"),
+        (
+            ahead,
+            {"mode": "ros"},
+            "planner 'ahead': a Python object drives in mode direct only",
+        ),
+        (
+            ahead,
+            {"settings": {"ahead": {"a": 1}}},
+            "presets and parameters are for planners of the registry",
+        ),
     ],
 )
 def test_what_cannot_be_run_is_refused_in_one_line(tmp_path, planners, options, words):
@@ -282,21 +408,38 @@ def test_functions_may_ask_for_the_task_and_send_nothing():
     assert planner.step(None).command == Velocity2D(0.4, 0.1)
     assert FunctionPlanner(lambda observation: None).step(None).command is None
     assert isinstance(LivePlanner("x", Straight).make(), Straight)
-    chosen, live = split_planners(["dwa", {"name": "eband", "preset": "paper2020"}, {"mine": ahead}])
-    assert (chosen[:2], list(live)) == (["dwa", {"name": "eband", "preset": "paper2020"}], ["mine"])
+    chosen, live = split_planners(
+        ["dwa", {"name": "eband", "preset": "paper2020"}, {"mine": ahead}]
+    )
+    assert (chosen[:2], list(live)) == (
+        ["dwa", {"name": "eband", "preset": "paper2020"}],
+        ["mine"],
+    )
 
 
 def test_a_notebook_shows_results_figures_and_pages(driven, tmp_path):
     shown = driven._repr_html_()
     assert shown.count("<tr>") == 5
-    assert b"<svg" in b64decode(re.search(r'src="data:image/svg\+xml;base64,([^"]+)"', shown)[1])
+    assert b"<svg" in b64decode(
+        re.search(r'src="data:image/svg\+xml;base64,([^"]+)"', shown)[1]
+    )
     assert "Steady" in shown
     axes = Figure().subplots()
     assert driven.plot(ax=axes) == [axes]
-    one, other = (set(re.findall(r'\bid="([^"]+)"', driven.plot(what)._repr_svg_())) for what in ("worlds", "outcomes"))
+    one, other = (
+        set(re.findall(r'\bid="([^"]+)"', driven.plot(what)._repr_svg_()))
+        for what in ("worlds", "outcomes")
+    )
     assert one and other and not one & other
-    assert driven.plot("distributions").save(tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
-    with pytest.raises(ConfigError, match=r"unknown figure 'world'; did you mean 'worlds'\?"):
+    assert (
+        driven.plot("distributions")
+        .save(tmp_path / "figure.png")
+        .read_bytes()
+        .startswith(b"\x89PNG")
+    )
+    with pytest.raises(
+        ConfigError, match=r"unknown figure 'world'; did you mean 'worlds'\?"
+    ):
         driven.plot("world")
     page = driven.report(tmp_path / "report.html")
     assert "<iframe" in page._repr_html_()
@@ -306,27 +449,49 @@ def test_a_notebook_shows_results_figures_and_pages(driven, tmp_path):
     assert picture._repr_html_() is None is page._repr_png_()
     bag = driven.folder / "replays" / "bags" / "gap_w0000_r00"
     film = barn.replay(bag, tmp_path / "trial.gif", frames_per_s=2.0, speed=4.0)
-    assert '<img alt="trial" style="max-width: 100%" src="data:image/gif;base64,' in film._repr_html_()
+    assert (
+        '<img alt="trial" style="max-width: 100%" src="data:image/gif;base64,'
+        in film._repr_html_()
+    )
     for draw in (driven.replay, barn.replay):
-        with pytest.raises(ConfigError, match=r"out 'trial.jpg': must end in \.html, \.png, \.gif, \.mp4"):
+        with pytest.raises(
+            ConfigError,
+            match=r"out 'trial.jpg': must end in \.html, \.png, \.gif, \.mp4",
+        ):
             draw("gap_w0000_r00", "trial.jpg")
 
 
 def test_folders_are_ranked_compared_and_reported_together(driven, tmp_path):
-    other = barn.run([0, 60], {"quick": Steady(0.5)}, SHORT, out=tmp_path / "other", workers=1, progress=False)
-    board = barn.results.leaderboard([driven, other.folder], by="time", out=tmp_path / "board.md")
+    other = barn.run(
+        [0, 60],
+        {"quick": Steady(0.5)},
+        SHORT,
+        out=tmp_path / "other",
+        workers=1,
+        progress=False,
+    )
+    board = barn.results.leaderboard(
+        [driven, other.folder], by="time", out=tmp_path / "board.md"
+    )
     assert set(board["planner"]) == {"gap", "ahead", "Steady", "slow", "quick"}
-    assert board["rank"][0] == 1 and board["normalised_time_s_per_m"].is_monotonic_increasing
+    assert (
+        board["rank"][0] == 1
+        and board["normalised_time_s_per_m"].is_monotonic_increasing
+    )
     assert set(driven.summary) < set(board)
     assert "| quick |" in (tmp_path / "board.md").read_text()
     with pytest.raises(ConfigError, match="unknown ranking 'tme'; did you mean 'time'"):
         barn.results.leaderboard(driven, by="tme")
-    with pytest.raises(ConfigError, match=r"out 'board.pdf': must end in \.md or \.html"):
+    with pytest.raises(
+        ConfigError, match=r"out 'board.pdf': must end in \.md or \.html"
+    ):
         barn.results.leaderboard(driven, out="board.pdf")
     compared = barn.compare(f"{driven.folder}:ahead", other).set_index("measure")
     assert {*compared["a"]} | {*compared["b"]} == {"ahead", "quick"}
     assert compared["trials"]["success"] == 2
-    page = barn.report([driven, other], tmp_path / "both.html", assets=tmp_path / "assets", hardest=1)
+    page = barn.report(
+        [driven, other], tmp_path / "both.html", assets=tmp_path / "assets", hardest=1
+    )
     assert all(name in Path(page).read_text() for name in ("Steady", "quick"))
     assert list((tmp_path / "assets").glob("*.csv"))
 
@@ -341,13 +506,22 @@ def test_a_replay_without_a_bag_drives_the_trial_again_and_says_so(driven, capfd
     assert "once more" not in capfd.readouterr().err
     loaded = barn.load(driven.folder)
     loaded.replay("gap_w0000_r00")
-    with pytest.raises(ConfigError, match=r"planner 'ahead' was a Python object: barn\.load\(folder, planners="):
+    with pytest.raises(
+        ConfigError,
+        match=r"planner 'ahead' was a Python object: barn\.load\(folder, planners=",
+    ):
         loaded.replay("ahead_w0000_r00")
-    with pytest.raises(ConfigError, match="planner 'slow' is not the one of these results"):
+    with pytest.raises(
+        ConfigError, match="planner 'slow' is not the one of these results"
+    ):
         barn.load(driven.folder, {"slow": Steady(0.5)}).replay("slow_w0000_r00")
-    barn.load(driven.folder, ahead).replay("ahead_w0000_r00", driven.folder / "mine.html")
+    barn.load(driven.folder, ahead).replay(
+        "ahead_w0000_r00", driven.folder / "mine.html"
+    )
     assert (driven.folder / "mine.html").stat().st_size > 10_000
-    with pytest.raises(ConfigError, match="has no trial 'gap_w0001_r00'; did you mean 'gap_w0060_r00'"):
+    with pytest.raises(
+        ConfigError, match="has no trial 'gap_w0001_r00'; did you mean 'gap_w0060_r00'"
+    ):
         driven.replay("gap_w0001_r00")
 
 
@@ -372,12 +546,21 @@ def test_a_folder_that_is_not_finished_is_loaded(tmp_path):
 
 def test_a_comparison_needs_two(tmp_path):
     keep(tmp_path / "gap", GAP)
-    with pytest.raises(ConfigError, match="has one planner only; give other results to compare with"):
+    with pytest.raises(
+        ConfigError, match="has one planner only; give other results to compare with"
+    ):
         barn.load(tmp_path / "gap").compare()
 
 
 def test_a_plan_says_what_would_run_and_writes_nothing(tmp_path, driven):
-    found = barn.plan("0:300:60", ["gap", ahead], repetitions=2, workers=2, bags="all", out=tmp_path / "out")
+    found = barn.plan(
+        "0:300:60",
+        ["gap", ahead],
+        repetitions=2,
+        workers=2,
+        bags="all",
+        out=tmp_path / "out",
+    )
     assert (found.planners, found.worlds) == (("gap", "ahead"), (0, 60, 120, 180, 240))
     assert (found.trials, found.there, found.wall_s) == (20, 0, 20.0)
     assert found.disk_bytes > 20 * 1_000_000

@@ -56,79 +56,172 @@ barn.plan("0", 3, workers="two")
 
 def test_importing_it_loads_nothing_and_offers_everything():
     asked = "import sys, barn_eval as barn; print(*sys.modules); print(*dir(barn))"
-    done = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", asked], capture_output=True, text=True, check=True
+    )
     loaded, offered = (set(line.split()) for line in done.stdout.splitlines())
-    assert not {"numpy", "numba", "rich", "pandas", "matplotlib", "barn_eval.api", "barn_worlds.base.types"} & loaded
-    assert {"run", "load", "worlds", "difficulty", "Planner", "Protocol", "World", "Robot", "__version__"} <= offered
+    assert (
+        not {
+            "numpy",
+            "numba",
+            "rich",
+            "pandas",
+            "matplotlib",
+            "barn_eval.api.run",
+            "barn_worlds.base.types",
+        }
+        & loaded
+    )
+    assert {
+        "run",
+        "load",
+        "worlds",
+        "difficulty",
+        "Planner",
+        "Protocol",
+        "World",
+        "Robot",
+        "__version__",
+    } <= offered
     for name in offered:
         assert getattr(barn, name)
-    with pytest.raises(AttributeError, match="module 'barn_eval' has no attribute 'rnu'"):
+    with pytest.raises(
+        AttributeError, match="module 'barn_eval' has no attribute 'rnu'"
+    ):
         barn.rnu  # noqa: B018
 
 
 def offered():
     """Return all that the front door offers, by name."""
     found = {name: getattr(barn, name) for name in dir(barn) if name != "__version__"}
-    for noun, module in [(name, one) for name, one in found.items() if inspect.ismodule(one)]:
-        names = getattr(module, "__all__", [name for name in vars(module) if not name.startswith("_")])
+    for noun, module in [
+        (name, one) for name, one in found.items() if inspect.ismodule(one)
+    ]:
+        names = getattr(
+            module,
+            "__all__",
+            [name for name in vars(module) if not name.startswith("_")],
+        )
         found |= {f"{noun}.{name}": getattr(module, name) for name in names}
     return {name: one for name, one in found.items() if not inspect.ismodule(one)}
 
 
 def test_every_command_has_its_function():
-    functions = {"demo": "run", "show": "draw", "worlds": "generate save resize datasets"}
+    functions = {
+        "demo": "run",
+        "show": "draw",
+        "worlds": "generate save resize datasets",
+    }
     functions |= {"robots": "names load draw", "difficulty": "predict evaluate"}
-    functions |= {"ab": "compare", "tune": "sweep"}  # which choose what to run; these run it
-    names = {name.rpartition(".")[2] for name in offered()} | {one for one in vars(barn.Results) if one[0] != "_"}
-    assert [name for name in COMMANDS if not {*functions.get(name, name).split()} <= names] == []
+    functions |= {
+        "ab": "compare",
+        "tune": "sweep",
+    }  # which choose what to run; these run it
+    names = {name.rpartition(".")[2] for name in offered()} | {
+        one for one in vars(barn.Results) if one[0] != "_"
+    }
+    assert [
+        name for name in COMMANDS if not {*functions.get(name, name).split()} <= names
+    ] == []
 
 
 @pytest.mark.timeout(900)
 def test_a_users_script_passes_the_type_checker_and_a_wrong_one_does_not(tmp_path):
     for name, text in (("right.py", SCRIPT), ("wrong.py", WRONG)):
         (tmp_path / name).write_text(text)
-    cache = PAGE.parents[1] / "build" / "barn_eval" / "mypy"  # of the last time: most of the work is the suite itself
-    command = [sys.executable, "-m", "mypy", "--strict", "--config-file=", f"--cache-dir={cache}", "--no-pretty"]
+    cache = (
+        PAGE.parents[1] / "build" / "barn_eval" / "mypy"
+    )  # of the last time: most of the work is the suite itself
+    command = [
+        sys.executable,
+        "-m",
+        "mypy",
+        "--strict",
+        "--config-file=",
+        f"--cache-dir={cache}",
+        "--no-pretty",
+    ]
     command += ["right.py", "wrong.py"]
-    told = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False).stdout
+    told = subprocess.run(
+        command, cwd=tmp_path, capture_output=True, text=True, check=False
+    ).stdout
     assert "right.py" not in told
-    for words in ('did you mean "repetitions"?', 'has no attribute "rnu"', 'did you mean "per_set"?', "expected"):
+    for words in (
+        'did you mean "repetitions"?',
+        'has no attribute "rnu"',
+        'did you mean "per_set"?',
+        "expected",
+    ):
         assert words in told
 
 
 def test_worlds_are_listed_opened_generated_and_written(tmp_path):
     assert "barn300" in barn.worlds.datasets()
     assert list(barn.worlds.load("barn300", "0,7")) == [0, 7]
-    made = barn.worlds.generate(tmp_path / "own.npz", per_set=2, seed=3, parameters={"initial_fill": 0.2})
+    made = barn.worlds.generate(
+        tmp_path / "own.npz", per_set=2, seed=3, parameters={"initial_fill": 0.2}
+    )
     assert list(made) == [0, 1]
     assert barn.worlds.load(tmp_path / "own.npz")[1].checksum == made[1].checksum
     again = barn.worlds.generate(per_set=2, seed=3, parameters={"initial_fill": 0.2})
-    assert [one.checksum for one in again.values()] == [one.checksum for one in made.values()]
+    assert [one.checksum for one in again.values()] == [
+        one.checksum for one in made.values()
+    ]
     with pytest.raises(BarnError, match="exists already"):
         barn.worlds.save(made, tmp_path / "own.npz")
-    with pytest.raises(ConfigError, match=r"unknown format 'sfd'; did you mean 'sdf'\?"):
+    with pytest.raises(
+        ConfigError, match=r"unknown format 'sfd'; did you mean 'sdf'\?"
+    ):
         barn.worlds.save(made, tmp_path / "x", "sfd")
-    with pytest.raises(ConfigError, match="movable obstacles are for Gazebo worlds, not for map"):
+    with pytest.raises(
+        ConfigError, match="movable obstacles are for Gazebo worlds, not for map"
+    ):
         barn.worlds.save(made, tmp_path / "x", "map", movable=True)
 
 
 def test_metrics_and_difficulty_have_a_row_per_world():
     found = barn.worlds.metrics("barn300", "0:300:100")
-    assert (found.columns[0], len(found.columns), list(found["world"])) == ("world", 6, [0, 100, 200])
+    assert (found.columns[0], len(found.columns), list(found["world"])) == (
+        "world",
+        6,
+        [0, 100, 200],
+    )
     predicted = barn.difficulty.predict("barn300", "0,299")
     assert list(predicted["world"]) == [0, 299]
     assert predicted["difficulty_s_per_m"].is_monotonic_increasing
-    assert {"name", "std_s_per_m", "dwa_s_per_m", "eband_s_per_m", "failure_probability"} <= set(predicted)
+    assert {
+        "name",
+        "std_s_per_m",
+        "dwa_s_per_m",
+        "eband_s_per_m",
+        "failure_probability",
+    } <= set(predicted)
 
 
 def test_everything_offered_is_explained():
-    methods = {f"Results.{name}": one for name, one in vars(barn.Results).items() if not name.startswith("_")}
+    methods = {
+        f"Results.{name}": one
+        for name, one in vars(barn.Results).items()
+        if not name.startswith("_")
+    }
     for name, one in (offered() | methods).items():
         text = inspect.getdoc(one)
         assert text, name
-        if inspect.isfunction(one) and one.__module__.startswith("barn_eval") and "; as `barn." not in text:
-            taken = {parameter for parameter in inspect.signature(one).parameters if parameter != "self"}
-            explained = set(re.findall(r"(?m)^    (\w+): ", text.partition("Args:")[2].partition("\n\n")[0]))
+        if (
+            inspect.isfunction(one)
+            and one.__module__.startswith("barn_eval")
+            and "; as `barn." not in text
+        ):
+            taken = {
+                parameter
+                for parameter in inspect.signature(one).parameters
+                if parameter != "self"
+            }
+            explained = set(
+                re.findall(
+                    r"(?m)^    (\w+): ", text.partition("Args:")[2].partition("\n\n")[0]
+                )
+            )
             assert explained == (set() if name == "plan" else taken), name
 
 
@@ -137,6 +230,10 @@ def test_the_page_shows_what_there_is():
     told = set(re.findall(r"barn(?:\.\w+)+", text))
     public = [name for name, one in offered().items() if inspect.isfunction(one)]
     assert len(public) > 30
-    assert [name for name in public if not {f"barn.{name}", f"barn.{name.partition('.')[2]}"} & told] == []
+    assert [
+        name
+        for name in public
+        if not {f"barn.{name}", f"barn.{name.partition('.')[2]}"} & told
+    ] == []
     for block in re.findall(r"(?ms)^```python\n(.*?)^```", text):
         compile(block, str(PAGE), "exec")

@@ -21,8 +21,12 @@ def pair(request):
     """Make a batch of environments and the same ones in Gymnasium's own vector environment."""
 
     def make(autoreset="NextStep", **changes):
-        one = gymnasium.make_vec(NAME, COUNT, "vector_entry_point", autoreset_mode=autoreset, **changes)
-        other = gymnasium.make_vec(NAME, COUNT, "sync", vector_kwargs={"autoreset_mode": autoreset}, **changes)
+        one = gymnasium.make_vec(
+            NAME, COUNT, "vector_entry_point", autoreset_mode=autoreset, **changes
+        )
+        other = gymnasium.make_vec(
+            NAME, COUNT, "sync", vector_kwargs={"autoreset_mode": autoreset}, **changes
+        )
         request.addfinalizer(one.close)
         request.addfinalizer(other.close)
         return one, other
@@ -51,14 +55,18 @@ def forward(steps, seed=0):
 
 @pytest.mark.parametrize("autoreset", ["NextStep", "SameStep"])
 def test_a_batch_is_as_its_environments_one_by_one(pair, autoreset):
-    outcomes = drive(pair(autoreset=autoreset, worlds="0:300:7", **SHORT), 600, forward(600))
+    outcomes = drive(
+        pair(autoreset=autoreset, worlds="0:300:7", **SHORT), 600, forward(600)
+    )
     assert outcomes.count("collision") > 20
 
 
 def test_so_to_the_goal(pair, open_world, tmp_path):
     np.save(tmp_path / "world_0.npy", open_world.grid)
     ahead = np.full((250, COUNT, 2), [0.2, 0.0], np.float32)
-    assert "success" in drive(pair(dataset=str(tmp_path / "world_0.npy"), **SHORT), 250, ahead)
+    assert "success" in drive(
+        pair(dataset=str(tmp_path / "world_0.npy"), **SHORT), 250, ahead
+    )
 
 
 @pytest.mark.parametrize(
@@ -66,7 +74,16 @@ def test_so_to_the_goal(pair, open_world, tmp_path):
     [
         (60, True, {"protocol": "known_map", "worlds": "0:300:7", **SHORT}),
         (160, False, {"protocol": "paper2020", "worlds": "0:300:7", **SHORT}),
-        (150, True, {"dataset": "dynabarn60", "protocol": "dynabarn", "worlds": "0:60:7", **SHORT}),
+        (
+            150,
+            True,
+            {
+                "dataset": "dynabarn60",
+                "protocol": "dynabarn",
+                "worlds": "0:60:7",
+                **SHORT,
+            },
+        ),
     ],
     ids=["a pose in a map", "obstacles that can be pushed", "moving obstacles"],
 )
@@ -75,8 +92,12 @@ def test_so_with(pair, steps, collides, changes):
 
 
 def test_so_with_all_beams_and_a_shield(pair):
-    shielded = drive(pair(worlds="0:300:7", **{"safety.enabled": True}), 160, forward(160))
-    assert shielded.count("collision") < drive(pair(worlds="0:300:7"), 160, forward(160)).count("collision")
+    shielded = drive(
+        pair(worlds="0:300:7", **{"safety.enabled": True}), 160, forward(160)
+    )
+    assert shielded.count("collision") < drive(
+        pair(worlds="0:300:7"), 160, forward(160)
+    ).count("collision")
 
 
 def test_so_when_time_runs_out_and_for_what_is_not_a_number(pair):
@@ -87,7 +108,9 @@ def test_so_when_time_runs_out_and_for_what_is_not_a_number(pair):
 
 
 def test_where_nothing_is_near_pybullet_is_not_used(pair, monkeypatch):
-    monkeypatch.setattr(PhysicsClient, "id", property(lambda _: pytest.fail("PyBullet is used")))
+    monkeypatch.setattr(
+        PhysicsClient, "id", property(lambda _: pytest.fail("PyBullet is used"))
+    )
     one, _ = pair(worlds="150", **SHORT)
     one.reset(seed=0)
     for _ in range(50):
@@ -100,7 +123,9 @@ def test_actions_of_another_shape_are_refused(pair):
     with pytest.raises(gymnasium.error.ResetNeeded):
         one.step(np.zeros((COUNT, 2), np.float32))
     one.reset(seed=0)
-    with pytest.raises(BarnError, match=r"actions must be an array of shape \(5, 2\), got \(5, 3\)"):
+    with pytest.raises(
+        BarnError, match=r"actions must be an array of shape \(5, 2\), got \(5, 3\)"
+    ):
         one.step(np.zeros((COUNT, 3), np.float32))
 
 
@@ -108,7 +133,9 @@ def test_it_is_reset_where_it_is_asked_to(pair):
     one, other = pair(worlds="0:300:7", **SHORT)
     drive((one, other), 10, forward(10))
     mask = np.array([True, False, False, True, False])
-    first, second = (envs.reset(seed=7, options={"reset_mask": mask.copy()}) for envs in (one, other))
+    first, second = (
+        envs.reset(seed=7, options={"reset_mask": mask.copy()}) for envs in (one, other)
+    )
     np.testing.assert_array_equal(first[0], second[0])
     for action in forward(20, 1):
         np.testing.assert_array_equal(one.step(action)[0], other.step(action)[0])

@@ -5,9 +5,9 @@ import shutil
 import pytest
 from reproduce_work import write_made_up
 
-from barn_eval.experiments.experiment import Experiment, PlannerChoice
-from barn_eval.experiments.rows import sealed, unsealed
-from barn_eval.results import Results
+from barn_eval.api.results import Results
+from barn_eval.results.rows import sealed, unsealed
+from barn_eval.trials.run_config import Experiment, PlannerChoice
 
 GAP = Experiment(worlds="0,9", planners=(PlannerChoice("gap"), PlannerChoice("dwa")))
 TAG = "<img src=x onerror=alert(1)>"
@@ -25,10 +25,16 @@ CAMPAIGN = {
     "10^400": ("seed: 1" + "0" * 400, "c.yaml: seed must be "),
     "object": ("seed: !!python/object/apply:os.system [true]", "c.yaml: not YAML: "),
     "number as a key": ("3: 4", "c.yaml: unknown key 3"),
-    "misspelled key": ("execution: {worker: 2}", "c.yaml: execution: unknown key 'worker'; did you mean 'workers'?"),
+    "misspelled key": (
+        "execution: {worker: 2}",
+        "c.yaml: execution: unknown key 'worker'; did you mean 'workers'?",
+    ),
     "huge number as a key": ("? 0x" + "f" * 5000 + "\n: 4", "c.yaml: unknown key "),
     "list as a key": ("? [1]\n: 4", "c.yaml: "),
-    "number in overrides": ("planners: [{name: dwa, overrides: {3: 4}}]", "c.yaml: planners: overrides[3] must be "),
+    "number in overrides": (
+        "planners: [{name: dwa, overrides: {3: 4}}]",
+        "c.yaml: planners: overrides[3] must be ",
+    ),
     "out": ("out: 5", "c.yaml: out must name a folder for the results, got 5"),
     "NUL in the folder": ('out: "a\\0b"', r"out 'a\x00b': a path cannot hold a NUL"),
     "long text": ("dataset: " + "x" * 5000, ""),
@@ -45,17 +51,25 @@ def test_a_campaign_file(rejected, tmp_path, case):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("value", ["2001-13-99", "!!int x", "[" * 2000, "9" * 5000, "\ud800"])
+@pytest.mark.parametrize(
+    "value", ["2001-13-99", "!!int x", "[" * 2000, "9" * 5000, "\ud800"]
+)
 def test_a_setting(rejected, value):
-    assert rejected("run", "--set", f"dwa.max_speed_mps={value}").startswith("error: --set 'dwa.max_speed_mps=")
+    assert rejected("run", "--set", f"dwa.max_speed_mps={value}").startswith(
+        "error: --set 'dwa.max_speed_mps="
+    )
 
 
 ROWS = {
     "NaN": lambda row: row.replace('"contact_s":0.0', '"contact_s":NaN'),
-    "10^400 as text of a float": lambda row: row.replace('"contact_s":0.0', '"contact_s":1' + "0" * 400),
+    "10^400 as text of a float": lambda row: row.replace(
+        '"contact_s":0.0', '"contact_s":1' + "0" * 400
+    ),
     "list": lambda row: f"[{row}]",
     "mapping for a number": lambda row: row.replace('"world":0', '"world":{"a":0}'),
-    "long line": lambda row: row.replace('"detail":""', f'"detail":"{"x" * 2_000_000}"'),
+    "long line": lambda row: row.replace(
+        '"detail":""', f'"detail":"{"x" * 2_000_000}"'
+    ),
 }
 
 
@@ -64,7 +78,11 @@ def test_a_row(rejected, good, tmp_path, case):
     out = shutil.copytree(good, tmp_path / "out")
     first = (out / "results.jsonl").read_text().splitlines()[0]
     (out / "results.jsonl").write_text(sealed(ROWS[case](unsealed(first, case))) + "\n")
-    for command in (("report", out), ("compare", f"{out}:gap", f"{out}:dwa"), ("leaderboard", out)):
+    for command in (
+        ("report", out),
+        ("compare", f"{out}:gap", f"{out}:dwa"),
+        ("leaderboard", out),
+    ):
         assert rejected(*command).startswith(f"error: {out}/results.jsonl, line 1: ")
 
 
@@ -74,7 +92,13 @@ def test_names_of_folders_are_text_on_every_page(good, tmp_path, command):
         shutil.copytree(good, folder)
     for verb in ("report", "leaderboard"):
         page = tmp_path / f"{verb}.html"
-        code, _, err = command(verb, *folders, "--out", page, *(["--no-assets"] if verb == "report" else []))
+        code, _, err = command(
+            verb,
+            *folders,
+            "--out",
+            page,
+            *(["--no-assets"] if verb == "report" else []),
+        )
         assert code == 0, err
         assert "<img src=x" not in page.read_text()
         assert "&lt;img src=x onerror=alert(1)&gt;" in page.read_text()

@@ -7,10 +7,16 @@ import pytest
 from reproduce_work import write_made_up
 
 from barn_eval.analysis.compare import compare_folders
-from barn_eval.experiments.experiment import Experiment, PlannerChoice
-from barn_eval.experiments.folder import fair_order
+from barn_eval.results.folder import fair_order
 from barn_eval.ros.supervision import nodes
-from barn_eval.trials.protocol import CHALLENGE, KNOWN_MAP, PAPER_2020, PROTOCOLS, check_name
+from barn_eval.trials.protocol import (
+    CHALLENGE,
+    KNOWN_MAP,
+    PAPER_2020,
+    PROTOCOLS,
+    check_name,
+)
+from barn_eval.trials.run_config import Experiment, PlannerChoice
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.base.errors import BarnError, ConfigError
 
@@ -21,18 +27,34 @@ def experiment(protocol=CHALLENGE, worlds="0,9", **changes):
 
 
 def test_six_protocols_are_offered():
-    names = ["challenge", "challenge_2022", "challenge_2022_03", "dynabarn", "known_map", "paper2020"]
+    names = [
+        "challenge",
+        "challenge_2022",
+        "challenge_2022_03",
+        "dynabarn",
+        "known_map",
+        "paper2020",
+    ]
     assert sorted(PROTOCOLS) == names
     assert (KNOWN_MAP.map_given, KNOWN_MAP.historical_map) == (True, False)
-    assert (KNOWN_MAP.collision_ends_trial, KNOWN_MAP.movable_obstacles) == (True, False)
+    assert (KNOWN_MAP.collision_ends_trial, KNOWN_MAP.movable_obstacles) == (
+        True,
+        False,
+    )
     assert simulator_config(KNOWN_MAP).localisation.mode == "amcl"
-    assert (CHALLENGE.metric, PAPER_2020.metric) == ("challenge", "normalised_time_s_per_m")
+    assert (CHALLENGE.metric, PAPER_2020.metric) == (
+        "challenge",
+        "normalised_time_s_per_m",
+    )
 
 
 @pytest.mark.parametrize("name", PROTOCOLS)
 def test_a_built_in_name_stands_for_the_built_in_rules(name):
     check_name(PROTOCOLS[name])
-    with pytest.raises(ConfigError, match=rf"name: '{name}' is built in with another goal_distance_m; give this one"):
+    with pytest.raises(
+        ConfigError,
+        match=rf"name: '{name}' is built in with another goal_distance_m; give this one",
+    ):
         check_name(replace(PROTOCOLS[name], goal_distance_m=4.0))
 
 
@@ -47,15 +69,25 @@ def test_every_change_of_the_task_changes_its_fingerprint():
     ]
     found = [one.trials()[0].task for one in others]
     assert len({base, *found}) == len(others) + 1
-    assert {spec.task for spec in experiment(worlds="0-3", seed=7, repetitions=2).trials()} == {base}
+    assert {
+        spec.task for spec in experiment(worlds="0-3", seed=7, repetitions=2).trials()
+    } == {base}
 
 
 def test_a_planner_is_told_by_what_it_is_set_to():
     def configured(choice):
-        return [spec.planner_config for spec in experiment(worlds="0", planners=(choice,)).trials()]
+        return [
+            spec.planner_config
+            for spec in experiment(worlds="0", planners=(choice,)).trials()
+        ]
 
     faster = PlannerChoice("dwa", overrides={"dwa.max_speed_mps": 0.4})
-    others = [PlannerChoice("dwa"), faster, PlannerChoice("dwa", preset="fast_dwa"), PlannerChoice("eband")]
+    others = [
+        PlannerChoice("dwa"),
+        faster,
+        PlannerChoice("dwa", preset="fast_dwa"),
+        PlannerChoice("eband"),
+    ]
     found = [configured(choice)[0] for choice in others]
     assert len(set(found)) == 4
     assert configured(PlannerChoice("dwa", preset="challenge")) == found[:1]
@@ -66,8 +98,13 @@ def test_the_planner_knows_where_the_lidar_is():
     assert spec.overrides == {"lidar_x_m": 0.12}
     (spec,) = experiment(PAPER_2020, "0").trials()
     assert spec.overrides == {}
-    with pytest.raises(ConfigError, match=r"planner 'gap': lidar_x_m is 0\.3, but the lidar is mounted at 0\.055 m"):
-        experiment(planners=(PlannerChoice("gap", overrides={"lidar_x_m": 0.3}),)).trials()
+    with pytest.raises(
+        ConfigError,
+        match=r"planner 'gap': lidar_x_m is 0\.3, but the lidar is mounted at 0\.055 m",
+    ):
+        experiment(
+            planners=(PlannerChoice("gap", overrides={"lidar_x_m": 0.3}),)
+        ).trials()
 
 
 def test_a_planners_node_is_told_the_same_as_a_direct_one():
@@ -75,7 +112,11 @@ def test_a_planners_node_is_told_the_same_as_a_direct_one():
     asked = experiment(PAPER_2020, "0", planners=(choice,), mode="ros")
     (spec,) = asked.trials()
     told = nodes.planner(choice, asked).parameters
-    assert [told[name] for name in ("planner", "preset", "use_map")] == ["gap", spec.preset, True]
+    assert [told[name] for name in ("planner", "preset", "use_map")] == [
+        "gap",
+        spec.preset,
+        True,
+    ]
     assert spec.overrides == {"max_speed_mps": 0.4, "lidar_x_m": 0.12}
     assert spec.overrides.items() <= told.items()
 
@@ -83,16 +124,25 @@ def test_a_planners_node_is_told_the_same_as_a_direct_one():
 def test_different_tasks_are_not_compared_and_the_key_is_named(tmp_path):
     write_made_up(tmp_path / "a", experiment())
     write_made_up(tmp_path / "b", experiment(simulator={"localisation.mode": "amcl"}))
-    with pytest.raises(BarnError, match=r"simulator\.localisation\.mode is 'exact' in .*a, 'amcl' in .*b"):
+    with pytest.raises(
+        BarnError,
+        match=r"simulator\.localisation\.mode is 'exact' in .*a, 'amcl' in .*b",
+    ):
         compare_folders(tmp_path / "a", tmp_path / "b")
     write_made_up(tmp_path / "c", experiment())
     assert compare_folders(tmp_path / "a", tmp_path / "c")[0].trials_a == 2
 
 
 def test_every_beginning_of_the_trials_is_like_the_whole():
-    specs = experiment(worlds="0-63", repetitions=2, planners=(PlannerChoice("dwa"), PlannerChoice("eband"))).trials()
+    specs = experiment(
+        worlds="0-63",
+        repetitions=2,
+        planners=(PlannerChoice("dwa"), PlannerChoice("eband")),
+    ).trials()
     order = fair_order(specs)
-    assert sorted(spec.trial_id for spec in order) == sorted(spec.trial_id for spec in specs)
+    assert sorted(spec.trial_id for spec in order) == sorted(
+        spec.trial_id for spec in specs
+    )
     assert [spec.planner for spec in order[:4]] == ["dwa", "eband"] * 2
     assert [spec.repetition for spec in order] == [0] * 128 + [1] * 128
     for count in (8, 16, 32, 64):
@@ -102,11 +152,17 @@ def test_every_beginning_of_the_trials_is_like_the_whole():
 
 
 def test_the_map_that_is_given_holds_start_and_goal():
-    spec, paper = (experiment(protocol, "100").trials()[0] for protocol in (KNOWN_MAP, PAPER_2020))
+    spec, paper = (
+        experiment(protocol, "100").trials()[0] for protocol in (KNOWN_MAP, PAPER_2020)
+    )
     known, own = spec.map, spec.world.occupancy_map()
     rows, cols = own.data.shape
     assert np.array_equal(known.data[:rows, :cols], own.data)
     assert not known.data[rows:].any()
     for pose in (spec.course.start, spec.course.goal):
-        assert 0 <= (pose.y - known.origin_y) / known.resolution < known.data.shape[0] - 1
-    assert np.array_equal(paper.map.data, paper.world.occupancy_map(historical=True).data)
+        assert (
+            0 <= (pose.y - known.origin_y) / known.resolution < known.data.shape[0] - 1
+        )
+    assert np.array_equal(
+        paper.map.data, paper.world.occupancy_map(historical=True).data
+    )

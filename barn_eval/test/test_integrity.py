@@ -13,14 +13,20 @@ from barn_eval.trials.outcome import Outcome
 from barn_worlds.base.errors import ConfigError
 
 SIMULATOR, PLANNER, OTHER = b"simulator...", b"planner.....", b"other......."
-TOPICS = TrialTopics("/clock", "/odom", "/truth", "/collision", "/cmd_vel", "/scan", "/diagnostics")
+TOPICS = TrialTopics(
+    "/clock", "/odom", "/truth", "/collision", "/cmd_vel", "/scan", "/diagnostics"
+)
 
 
 class View:
     """A graph of plain data."""
 
     def __init__(self, publishers=(), subscriptions=(), clients=(), crowded=""):
-        self._publishers, self._subscriptions, self._clients = publishers, subscriptions, clients
+        self._publishers, self._subscriptions, self._clients = (
+            publishers,
+            subscriptions,
+            clients,
+        )
         self._crowded = crowded
 
     def publishers(self, topic):
@@ -49,8 +55,15 @@ def endpoint(topic, process, node):
 
 
 def ordinary():
-    own = [endpoint(topic, SIMULATOR, "/simulator") for topic in ("/clock", "/odom", "/scan")]
-    return [*own, endpoint("/cmd_vel", PLANNER, "/planner"), endpoint("/tf", PLANNER, "/planner")]
+    own = [
+        endpoint(topic, SIMULATOR, "/simulator")
+        for topic in ("/clock", "/odom", "/scan")
+    ]
+    return [
+        *own,
+        endpoint("/cmd_vel", PLANNER, "/planner"),
+        endpoint("/tf", PLANNER, "/planner"),
+    ]
 
 
 def integrity(view, line):
@@ -92,8 +105,14 @@ def test_a_process_with_the_simulators_name_is_told_from_it_by_its_identity():
 
 def test_what_was_asked_of_the_simulator_is_said_with_who_can_have_asked():
     interference = Channel("called simulator/reset", "set seed of simulator")
-    assert integrity(View(ordinary(), clients=["/a", "/b"]), interference).look() == "/a, /b called simulator/reset"
-    assert integrity(View(ordinary()), interference).look() == "an unnamed node called simulator/reset"
+    assert (
+        integrity(View(ordinary(), clients=["/a", "/b"]), interference).look()
+        == "/a, /b called simulator/reset"
+    )
+    assert (
+        integrity(View(ordinary()), interference).look()
+        == "an unnamed node called simulator/reset"
+    )
     watched = integrity(View(ordinary()), interference)
     watched.begin()
     assert watched.look() == ""
@@ -129,24 +148,42 @@ class Session:
         return condition()
 
 
-@pytest.mark.parametrize(("line", "limit_s"), [(Channel(), 0.0), (None, LEASE_S)], ids=["private line", "by hand"])
-def test_only_a_simulator_started_by_hand_is_given_time_to_take_the_place_of_another(line, limit_s):
+@pytest.mark.parametrize(
+    ("line", "limit_s"),
+    [(Channel(), 0.0), (None, LEASE_S)],
+    ids=["private line", "by hand"],
+)
+def test_only_a_simulator_started_by_hand_is_given_time_to_take_the_place_of_another(
+    line, limit_s
+):
     session = Session()
     with pytest.raises(TrialEnded, match="/gone publishes /odom") as ended:
-        integrity(View([*ordinary(), endpoint("/odom", OTHER, "/gone")]), line).require(session)
+        integrity(View([*ordinary(), endpoint("/odom", OTHER, "/gone")]), line).require(
+            session
+        )
     assert ended.value.outcome is Outcome.INTERFERENCE
     assert session.limits_s == [limit_s]
 
 
 def test_who_speaks_for_the_simulator_before_there_is_one_is_no_planner_and_is_refused():
     foreign = endpoint("/clock", OTHER, "/gazebo")
-    with pytest.raises(ConfigError, match=r"^ROS_DOMAIN_ID 55: /gazebo publishes /clock there"):
+    with pytest.raises(
+        ConfigError, match=r"^ROS_DOMAIN_ID 55: /gazebo publishes /clock there"
+    ):
         integrity(View([foreign]), Channel()).require_alone(Session(), "55")
-    integrity(View([endpoint("/cmd_vel", PLANNER, "/planner")]), Channel()).require_alone(Session(), "55")
+    integrity(
+        View([endpoint("/cmd_vel", PLANNER, "/planner")]), Channel()
+    ).require_alone(Session(), "55")
 
 
 def test_what_is_about_to_go_does_not_refuse_a_run():
     view = View([endpoint("/clock", OTHER, "/gone")])
-    session = Session([lambda: setattr(view, "_publishers", view._publishers[: 2 - len(session.limits_s)])])
+    session = Session(
+        [
+            lambda: setattr(
+                view, "_publishers", view._publishers[: 2 - len(session.limits_s)]
+            )
+        ]
+    )
     integrity(view, Channel()).require_alone(session, "55")
     assert len(session.limits_s) == 2

@@ -9,11 +9,16 @@ import yaml
 from report_work import EVIL, campaign, rewrite_rows
 
 import barn_eval as barn
-from barn_eval.analysis.leaderboard import configuration_hash, leaderboard, sweep_board, sweep_table
+from barn_eval.analysis.leaderboard import (
+    configuration_hash,
+    leaderboard,
+    sweep_board,
+    sweep_table,
+)
 from barn_eval.analysis.planners import colours
 from barn_eval.analysis.sources import read_source
-from barn_eval.experiments.sweep import grid, parse_sweep, swept_folders, values_of
 from barn_eval.pages.report.leaderboard import markdown, page
+from barn_eval.running.sweep import grid, parse_sweep, swept_folders, values_of
 from barn_eval.trials.protocol import PAPER_2020
 from barn_worlds.base.errors import BarnError
 
@@ -21,35 +26,64 @@ from barn_worlds.base.errors import BarnError
 def test_a_clear_difference_gives_ranks_and_the_same_results_a_tie(run, tmp_path):
     clear = campaign(tmp_path / "clear", run, worlds=60, faster=10.0, bags=1)
     (board,) = leaderboard([clear])
-    assert [(row.rank, row.tied, row.entry.planner) for row in board.places] == [(1, False, "gap"), (2, False, "dwa")]
+    assert [(row.rank, row.tied, row.entry.planner) for row in board.places] == [
+        (1, False, "gap"),
+        (2, False, "dwa"),
+    ]
     assert board.places[0].better_than == ("DWA",)
     assert " | all below | " in markdown([board])
-    same = campaign(tmp_path / "same", run, planners=("gap", "twin", "dwa"), faster=0.0, bags=0)
+    same = campaign(
+        tmp_path / "same", run, planners=("gap", "twin", "dwa"), faster=0.0, bags=0
+    )
     (board,) = leaderboard([same])
     assert [(row.rank, row.tied) for row in board.places] == [(1, True)] * 3
 
 
-def test_campaigns_are_ranked_on_the_worlds_in_common_and_without_any_have_boards_of_their_own(run, tmp_path):
+def test_campaigns_are_ranked_on_the_worlds_in_common_and_without_any_have_boards_of_their_own(
+    run, tmp_path
+):
     one = campaign(tmp_path / "one", run, planners=("gap",), bags=0)
     two = campaign(tmp_path / "two", run, planners=("twin",), bags=0)
     fewer = campaign(tmp_path / "fewer", run, planners=("dwa",), worlds=4, bags=0)
     (board,) = leaderboard([one, fewer, two], "time")
-    assert {row.entry.planner: row.summary.worlds for row in board.places} == {"gap": 4, "twin": 4, "dwa": 4}
+    assert {row.entry.planner: row.summary.worlds for row in board.places} == {
+        "gap": 4,
+        "twin": 4,
+        "dwa": 4,
+    }
     assert "4 worlds" in board.title
-    assert board.notes[0] == "Ranked on the 4 worlds that all have; gap and twin have more."
-    rewrite_rows(fewer, lambda rows: [row | {"campaign_seed": row["campaign_seed"] + 1} for row in rows])
+    assert (
+        board.notes[0]
+        == "Ranked on the 4 worlds that all have; gap and twin have more."
+    )
+    rewrite_rows(
+        fewer,
+        lambda rows: [
+            row | {"campaign_seed": row["campaign_seed"] + 1} for row in rows
+        ],
+    )
     boards = leaderboard([one, fewer, two], "time")
-    assert [[row.entry.planner for row in board.places] for board in boards] == [["gap", "twin"], ["dwa"]]
+    assert [[row.entry.planner for row in board.places] for board in boards] == [
+        ["gap", "twin"],
+        ["dwa"],
+    ]
 
 
-def test_planners_of_another_class_of_speed_caps_have_a_board_of_their_own(run, tmp_path):
+def test_planners_of_another_class_of_speed_caps_have_a_board_of_their_own(
+    run, tmp_path
+):
     planners = ("gap", "dwa", "creeper", "racer", "unknown")
     caps = {"gap": 0.5, "dwa": 0.26, "creeper": 0.25, "racer": 2.0, "unknown": None}
     folder = campaign(tmp_path / "one", run, planners=planners, bags=0)
-    rewrite_rows(folder, lambda rows: [row | {"speed_cap_mps": caps[row["planner"]]} for row in rows])
+    rewrite_rows(
+        folder,
+        lambda rows: [row | {"speed_cap_mps": caps[row["planner"]]} for row in rows],
+    )
     boards = leaderboard([folder])
     expected = [{"unknown"}, {"creeper"}, {"gap", "dwa"}, {"racer"}]
-    assert [{place.entry.planner for place in board.places} for board in boards] == expected
+    assert [
+        {place.entry.planner for place in board.places} for board in boards
+    ] == expected
     assert ["m/s" in board.title for board in boards] == [False, True, True, True]
     assert "up to 0.25 m/s" in boards[1].title and "up to 2 m/s" in boards[3].title
 
@@ -59,13 +93,23 @@ def test_two_settings_of_a_planner_are_named_by_what_differs(run, tmp_path):
     two = campaign(tmp_path / "two", run, planners=("dwa",), faster=0.5, bags=0)
     file = two / "run.json"
     content = json.loads(file.read_text())
-    content["experiment"]["planners"][0]["overrides"] = {"dwa.obstacle_weight": 0.0, "dwa.path_weight": 3.0}
+    content["experiment"]["planners"][0]["overrides"] = {
+        "dwa.obstacle_weight": 0.0,
+        "dwa.path_weight": 3.0,
+    }
     file.write_text(json.dumps(content))
     (board,) = leaderboard([one, two])
-    assert {place.entry.label for place in board.places} == {"DWA", "DWA (obstacle_weight=0.0, path_weight=3.0)"}
+    assert {place.entry.label for place in board.places} == {
+        "DWA",
+        "DWA (obstacle_weight=0.0, path_weight=3.0)",
+    }
     three = campaign(tmp_path / "three", run, planners=("dwa",), faster=0.7, bags=0)
     (board,) = leaderboard([one, two, three])
-    assert {place.entry.label for place in board.places} == {"DWA (one)", "DWA (two)", "DWA (three)"}
+    assert {place.entry.label for place in board.places} == {
+        "DWA (one)",
+        "DWA (two)",
+        "DWA (three)",
+    }
 
 
 def test_a_board_may_be_of_some_worlds_alone(run, tmp_path, command):
@@ -73,7 +117,10 @@ def test_a_board_may_be_of_some_worlds_alone(run, tmp_path, command):
     found = json.loads(command("leaderboard", folder, "--worlds", "0-3", "--json")[1])
     rows = [(row["tied"], row["planner"], row["worlds"]) for row in found["places"]]
     assert rows == [(True, "gap", 4), (True, "DWA", 4)]
-    assert "cannot be told apart" in found["verdicts"][0] and "4 worlds" in found["places"][0]["board"]
+    assert (
+        "cannot be told apart" in found["verdicts"][0]
+        and "4 worlds" in found["places"][0]["board"]
+    )
     with pytest.raises(BarnError, match="no world 900 among the 8"):
         leaderboard([folder], worlds="900")
 
@@ -82,20 +129,32 @@ def test_planners_are_told_apart_within_a_board_alone(run, tmp_path):
     one = campaign(tmp_path / "one", run, bags=0)
     fewer = campaign(tmp_path / "fewer", run, planners=("dwa",), worlds=4, bags=0)
     boards = leaderboard([fewer, one])
-    marks = [{(place.entry.label, place.entry.colour) for place in board.places} for board in boards]
+    marks = [
+        {(place.entry.label, place.entry.colour) for place in board.places}
+        for board in boards
+    ]
     gap, dwa = colours(["gap", "dwa"])
-    assert len(marks) == 1 and {colour for label, colour in marks[0] if label == "gap"} == {gap}
+    assert len(marks) == 1 and {
+        colour for label, colour in marks[0] if label == "gap"
+    } == {gap}
     assert len(marks[0]) == len({colour for _, colour in marks[0]}) == 3
     assert dwa in {colour for _, colour in marks[0]}
     again = campaign(tmp_path / "again", run, bags=0)
     (board,) = leaderboard([one, again])
-    assert {place.entry.label for place in board.places} == {"gap (one)", "DWA (one)", "gap (again)", "DWA (again)"}
+    assert {place.entry.label for place in board.places} == {
+        "gap (one)",
+        "DWA (one)",
+        "gap (again)",
+        "DWA (again)",
+    }
     assert len({place.entry.colour for place in board.places}) == 4
 
 
 def test_rows_lead_to_their_configuration_and_bags(run, tmp_path):
     folder = campaign(tmp_path / "one", run, planners=("gap",), bags=2)
-    row = f"| {folder} | {configuration_hash(read_source(folder), 'gap')} | 2 in bags/ |"
+    row = (
+        f"| {folder} | {configuration_hash(read_source(folder), 'gap')} | 2 in bags/ |"
+    )
     assert row.replace("_", "\\_") in markdown(leaderboard([folder]))
 
 
@@ -104,14 +163,23 @@ def test_planners_of_a_campaign_have_checksums_of_their_own(run, tmp_path):
     alone = campaign(tmp_path / "alone", run, planners=("gap",), bags=0)
     (board,) = leaderboard([both])
     assert len({place.configuration for place in board.places}) == 2
-    assert configuration_hash(read_source(alone), "gap") == configuration_hash(read_source(both), "gap")
+    assert configuration_hash(read_source(alone), "gap") == configuration_hash(
+        read_source(both), "gap"
+    )
 
 
-def test_the_terminal_gets_the_verdict_and_a_table_without_markup(run, tmp_path, command):
+def test_the_terminal_gets_the_verdict_and_a_table_without_markup(
+    run, tmp_path, command
+):
     folder = campaign(tmp_path / "one_two", run, faster=2.0, bags=0)
     code, shown, _ = command("leaderboard", folder)
     assert code == 0 and "Only 8 worlds" in shown and "rank" in shown
-    assert " ".join(shown.split()).count("gap and DWA cannot be told apart: challenge metric 0.") == 1
+    assert (
+        " ".join(shown.split()).count(
+            "gap and DWA cannot be told apart: challenge metric 0."
+        )
+        == 1
+    )
     assert not set("\\|#") & set(shown)
 
 
@@ -126,18 +194,28 @@ def test_texts_are_escaped_in_both_forms(run, tmp_path):
 
 def test_the_command_writes_both(run, tmp_path, command, rejected):
     folder = campaign(tmp_path / "one", run, bags=0)
-    assert command("leaderboard", folder, "--out", "board.md", "--out", "board.html")[0] == 0
+    assert (
+        command("leaderboard", folder, "--out", "board.md", "--out", "board.html")[0]
+        == 0
+    )
     assert (tmp_path / "board.md").read_text().startswith("# Leaderboard")
     assert (tmp_path / "board.html").read_text().startswith("<!DOCTYPE html>")
-    assert "must end in .md or .html" in rejected("leaderboard", folder, "--out", "board.doc")
+    assert "must end in .md or .html" in rejected(
+        "leaderboard", folder, "--out", "board.doc"
+    )
 
 
-def test_a_board_is_by_the_metric_of_its_protocol_and_shows_contact_beside_time(run, tmp_path):
+def test_a_board_is_by_the_metric_of_its_protocol_and_shows_contact_beside_time(
+    run, tmp_path
+):
     folder = campaign(tmp_path / "one", run, bags=0, protocol=PAPER_2020)
     (board,) = leaderboard([folder])
     assert board.measure.key == "normalised_time_s_per_m"
     text = markdown([board])
-    assert "| time per metre as counted [s/m] | time in contact [s] | success [%] |" in text
+    assert (
+        "| time per metre as counted [s/m] | time in contact [s] | success [%] |"
+        in text
+    )
     (by_score,) = leaderboard([folder], "challenge")
     assert "time in contact" not in markdown([by_score])
     (board,) = leaderboard([campaign(tmp_path / "two", run, bags=0)])
@@ -164,7 +242,12 @@ def test_a_board_begins_with_its_verdict_and_what_to_be_careful_about(run, tmp_p
 
 
 FILE = {
-    "controller": {"ros__parameters": {"FollowPath": {"speed": 0.5, "lookahead": 0.6}, "rate": 20.0}},
+    "controller": {
+        "ros__parameters": {
+            "FollowPath": {"speed": 0.5, "lookahead": 0.6},
+            "rate": 20.0,
+        }
+    },
     "planner": {"ros__parameters": {"rate": 5.0}},
 }
 
@@ -177,11 +260,23 @@ def test_values_are_read_as_yaml():
     ("sweep", "options", "words"),
     [
         ({"dwa.path_wieght": [1]}, {}, "did you mean 'dwa.path_weight'"),
-        ({"max_speed_mps": [0.1]}, {"planners": "gap,dwa"}, "a sweep is of one planner, got gap, dwa"),
+        (
+            {"max_speed_mps": [0.1]},
+            {"planners": "gap,dwa"},
+            "a sweep is of one planner, got gap, dwa",
+        ),
         ({"dwa.path_weight": []}, {}, "must be a list of values"),
-        ({"dwa.path_weight": [[1]]}, {}, "a value must be a number, a text, true or false"),
+        (
+            {"dwa.path_weight": [[1]]},
+            {},
+            "a value must be a number, a text, true or false",
+        ),
         ({"dwa.path_weight": [0.5, 0.5]}, {}, "names one value twice"),
-        ({"dwa.path_weight": [0.1] * 21, "dwa.goal_weight": [0.1] * 20}, {}, "may have 400 settings, these are 420"),
+        (
+            {"dwa.path_weight": [0.1] * 21, "dwa.goal_weight": [0.1] * 20},
+            {},
+            "may have 400 settings, these are 420",
+        ),
     ],
 )
 def test_what_is_no_sweep_is_refused_in_one_line(sweep, options, words, tmp_path):
@@ -197,55 +292,103 @@ def test_texts_that_are_none_are_refused(text):
 
 def test_a_ros_parameter_goes_into_the_command(tmp_path):
     asked = {"out": tmp_path, "mode": "ros", "planner_command": "mine=run me"}
-    commands = [one.request.experiment.planners[0].command for one in grid({"a.b": [1, 0.5]}, None, asked)]
+    commands = [
+        one.request.experiment.planners[0].command
+        for one in grid({"a.b": [1, 0.5]}, None, asked)
+    ]
     assert commands == ["run me --ros-args -p a.b:=1", "run me --ros-args -p a.b:=0.5"]
 
 
 def test_a_key_of_a_parameter_file_is_changed_in_a_copy(tmp_path):
     source = tmp_path / "given.yaml"
     source.write_text(yaml.safe_dump(FILE))
-    asked = {"out": tmp_path / "out", "mode": "ros", "planner_command": f"mine=run --ros-args --params-file {source}"}
+    asked = {
+        "out": tmp_path / "out",
+        "mode": "ros",
+        "planner_command": f"mine=run --ros-args --params-file {source}",
+    }
     made = grid({"FollowPath.speed": [0.3, 0.4], "planner.rate": [7]}, None, asked)
     assert [one.name for one in made] == ["speed=0.3,rate=7", "speed=0.4,rate=7"]
     for speed, one in zip((0.3, 0.4), made, strict=True):
         one.write_files()
         (path,) = one.files
-        assert one.request.experiment.planners[0].command == f"run --ros-args --params-file {path}"
+        assert (
+            one.request.experiment.planners[0].command
+            == f"run --ros-args --params-file {path}"
+        )
         changed = yaml.safe_load(path.read_text())
-        assert changed["controller"]["ros__parameters"]["FollowPath"] == {"speed": speed, "lookahead": 0.6}
-        assert [changed[node]["ros__parameters"]["rate"] for node in ("planner", "controller")] == [7, 20]
+        assert changed["controller"]["ros__parameters"]["FollowPath"] == {
+            "speed": speed,
+            "lookahead": 0.6,
+        }
+        assert [
+            changed[node]["ros__parameters"]["rate"]
+            for node in ("planner", "controller")
+        ] == [7, 20]
     again = grid({"FollowPath.speed": [0.3, 0.4], "planner.rate": [7]}, None, asked)
-    assert [one.request for one in again] == [one.request for one in made]  # so that it can be resumed
+    assert [one.request for one in again] == [
+        one.request for one in made
+    ]  # so that it can be resumed
     assert yaml.safe_load(source.read_text()) == FILE
 
 
 @pytest.mark.parametrize(
     ("key", "words"),
-    [("FollowPath.sped", "did you mean 'FollowPath.speed'"), ("rate", "has several parameters 'rate'; name the node")],
+    [
+        ("FollowPath.sped", "did you mean 'FollowPath.speed'"),
+        ("rate", "has several parameters 'rate'; name the node"),
+    ],
 )
 def test_a_key_that_a_parameter_file_has_not_is_refused(tmp_path, key, words):
     source = tmp_path / "given.yaml"
     source.write_text(yaml.safe_dump(FILE))
     with pytest.raises(BarnError, match=words):
-        grid({key: [1]}, None, {"out": tmp_path, "mode": "ros", "planner_command": f"m=r --params-file {source}"})
+        grid(
+            {key: [1]},
+            None,
+            {
+                "out": tmp_path,
+                "mode": "ros",
+                "planner_command": f"m=r --params-file {source}",
+            },
+        )
 
 
-def test_each_setting_is_what_a_run_of_its_own_is_and_the_best_comes_first(command, tmp_path):
-    out, words = tmp_path / "sweep", ("--worlds", "0", "--planner", "gap", "--execution", "engine=inline")
-    code, printed, _ = command("run", *words, "--sweep", "max_speed_mps=0.4,0.8", "--out", str(out), "--json")
+def test_each_setting_is_what_a_run_of_its_own_is_and_the_best_comes_first(
+    command, tmp_path
+):
+    out, words = (
+        tmp_path / "sweep",
+        ("--worlds", "0", "--planner", "gap", "--execution", "engine=inline"),
+    )
+    code, printed, _ = command(
+        "run", *words, "--sweep", "max_speed_mps=0.4,0.8", "--out", str(out), "--json"
+    )
     assert code == 0
     settings = json.loads(printed)["settings"]
     assert [one["max_speed_mps"] for one in settings] == [0.8, 0.4]
-    command("run", *words, "--set", "max_speed_mps=0.4", "--out", str(tmp_path / "alone"))
+    command(
+        "run", *words, "--set", "max_speed_mps=0.4", "--out", str(tmp_path / "alone")
+    )
     for name in ("results.csv", "tracks.jsonl"):
-        assert (out / "max_speed_mps=0.4" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes()
-    assert [values_of(one) for one in swept_folders(out)] == [{"max_speed_mps": 0.4}, {"max_speed_mps": 0.8}]
-    assert [row[:2] for row in sweep_table(sweep_board(out)).rows] == [("gap", "0.8"), ("gap", "0.4")]
+        assert (out / "max_speed_mps=0.4" / name).read_bytes() == (
+            tmp_path / "alone" / name
+        ).read_bytes()
+    assert [values_of(one) for one in swept_folders(out)] == [
+        {"max_speed_mps": 0.4},
+        {"max_speed_mps": 0.8},
+    ]
+    assert [row[:2] for row in sweep_table(sweep_board(out)).rows] == [
+        ("gap", "0.8"),
+        ("gap", "0.4"),
+    ]
 
 
 def test_python_has_a_column_per_parameter_and_a_figure(tmp_path):
     asked = {"max_speed_mps": [0.5, 1.0], "k_prop_per_s": [1.0, 2.0]}
-    frame = barn.sweep(asked, worlds=0, planners="gap", engine="inline", out=tmp_path, progress=False)
+    frame = barn.sweep(
+        asked, worlds=0, planners="gap", engine="inline", out=tmp_path, progress=False
+    )
     assert list(frame["max_speed_mps"][:2]) == [1.0, 1.0]
     assert set(frame["k_prop_per_s"]) == {1.0, 2.0}
     assert frame["level_with_best"].all()

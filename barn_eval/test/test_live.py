@@ -9,9 +9,9 @@ import time
 import pytest
 from live_client import LiveClient
 
-from barn_eval.bags.bagfile import TrialFollower
-from barn_eval.bags.recorder import Recorder
 from barn_eval.pages.live import foxglove as live
+from barn_eval.results.bags.bagfile import TrialFollower
+from barn_eval.results.bags.recorder import Recorder
 from barn_worlds.base.errors import BagError, ConfigError
 from barn_worlds.messages.encode import encode_number, encode_text
 from barn_worlds.messages.topics import OUTCOME, ROBOT_DESCRIPTION, SCORE
@@ -30,7 +30,9 @@ def record(recorder, first, last):
 
 
 def stamps(heard, topic=SCORE):
-    return [message.stamp_ns // SECOND for message in heard if message.topic == topic.path]
+    return [
+        message.stamp_ns // SECOND for message in heard if message.topic == topic.path
+    ]
 
 
 def test_a_bag_is_followed_second_by_second_and_then_the_next_one(tmp_path):
@@ -40,7 +42,10 @@ def test_a_bag_is_followed_second_by_second_and_then_the_next_one(tmp_path):
         record(recorder, 0, 4)
         another, heard = follower.read()
         assert (another, stamps(heard)) == (True, [0, 1, 2, 3])
-        assert (heard[0].data, heard[0].type_name) == (encode_text("a robot"), ROBOT_DESCRIPTION.type_name)
+        assert (heard[0].data, heard[0].type_name) == (
+            encode_text("a robot"),
+            ROBOT_DESCRIPTION.type_name,
+        )
         assert follower.read() == (False, [])
         record(recorder, 4, 6)
         assert stamps(follower.read()[1]) == [4, 5]
@@ -67,18 +72,25 @@ def test_a_trial_that_was_left_is_left_for_a_newer_one(tmp_path):
         follower.close()
 
 
-@pytest.mark.parametrize(("size", "words"), [(1 << 40, "damaged: a record of"), (20, "damaged")])
+@pytest.mark.parametrize(
+    ("size", "words"), [(1 << 40, "damaged: a record of"), (20, "damaged")]
+)
 def test_what_is_no_bag_is_refused(tmp_path, size, words):
     path = tmp_path / "bags" / "a.partial" / "a.mcap"
     path.parent.mkdir(parents=True)
-    path.write_bytes(b"\x89MCAP0\r\n" + b"\x06" + size.to_bytes(8, "little") + bytes(20))
+    path.write_bytes(
+        b"\x89MCAP0\r\n" + b"\x06" + size.to_bytes(8, "little") + bytes(20)
+    )
     with pytest.raises(BagError, match=words):
         TrialFollower(tmp_path).read()
 
 
 def test_without_the_sdk_one_line_says_so(rejected, monkeypatch):
     monkeypatch.setattr(live, "find_spec", lambda _: None)
-    for words in ("watch . --live --port 0", "run --worlds 0 --bags all --view --out out"):
+    for words in (
+        "watch . --live --port 0",
+        "run --worlds 0 --bags all --view --out out",
+    ):
         assert rejected(*words.split()) == f"error: {live.MISSING}\n"
 
 
@@ -88,8 +100,13 @@ def test_a_view_without_bags_is_refused(rejected):
 
 
 def test_messages_reach_who_watches_and_what_was_said_once_who_comes_later(tmp_path):
-    pytest.importorskip("foxglove", reason="foxglove-sdk, an optional extra, is not installed")
-    with live.LiveView(tmp_path, host="127.0.0.1", port=0) as view, Recorder(tmp_path / "bags" / "one") as recorder:
+    pytest.importorskip(
+        "foxglove", reason="foxglove-sdk, an optional extra, is not installed"
+    )
+    with (
+        live.LiveView(tmp_path, host="127.0.0.1", port=0) as view,
+        Recorder(tmp_path / "bags" / "one") as recorder,
+    ):
         record(recorder, 0, 3)
         with LiveClient(view.url) as client:
             channels = client.channels(len(live._TOPICS))
@@ -97,7 +114,10 @@ def test_messages_reach_who_watches_and_what_was_said_once_who_comes_later(tmp_p
             kind = [score[key] for key in ("schemaName", "encoding", "schemaEncoding")]
             assert kind == [SCORE.type_name, "cdr", "ros2msg"]
             client.subscribe([score])
-            expected = [(score["id"], second * SECOND, encode_number(float(second))) for second in range(3)]
+            expected = [
+                (score["id"], second * SECOND, encode_number(float(second)))
+                for second in range(3)
+            ]
             assert client.messages(3) == expected
             with LiveClient(view.url) as late:
                 robot = late.channels(len(live._TOPICS))[ROBOT_DESCRIPTION.path]
@@ -110,15 +130,41 @@ def test_messages_reach_who_watches_and_what_was_said_once_who_comes_later(tmp_p
 
 
 def test_a_run_is_watched_as_it_goes(tmp_path):
-    pytest.importorskip("foxglove", reason="foxglove-sdk, an optional extra, is not installed")
-    served = [sys.executable, "-m", "barn_eval", "watch", str(tmp_path / "out"), "--live", "0", "--wait", "--port", "0"]
+    pytest.importorskip(
+        "foxglove", reason="foxglove-sdk, an optional extra, is not installed"
+    )
+    served = [
+        sys.executable,
+        "-m",
+        "barn_eval",
+        "watch",
+        str(tmp_path / "out"),
+        "--live",
+        "0",
+        "--wait",
+        "--port",
+        "0",
+    ]
     with subprocess.Popen(served, stderr=subprocess.PIPE, text=True) as watch:
         url = re.search(r"ws://[\d.:]+", watch.stderr.readline())[0]
         with LiveClient(url) as client:
             channels = client.channels(len(live._TOPICS))
             client.subscribe([channels[OUTCOME.path]])
-            drive = [sys.executable, "-m", "barn_eval", "run", "--worlds", "0", "--planner", "gap"]
-            subprocess.run([*drive, "--bags", "all", "--out", str(tmp_path / "out")], check=True, capture_output=True)
+            drive = [
+                sys.executable,
+                "-m",
+                "barn_eval",
+                "run",
+                "--worlds",
+                "0",
+                "--planner",
+                "gap",
+            ]
+            subprocess.run(
+                [*drive, "--bags", "all", "--out", str(tmp_path / "out")],
+                check=True,
+                capture_output=True,
+            )
             texts = [client.messages(1)[0][2]]
             while b"success" not in texts[-1]:
                 texts += [client.messages(1)[0][2]]

@@ -3,7 +3,7 @@
 import pytest
 from planners import spec_of
 
-from barn_eval.bags.messages import RUNNING, TOPICS, LiveScore, score_so_far
+from barn_eval.results.bags.messages import RUNNING, TOPICS, LiveScore, score_so_far
 from barn_eval.trials.outcome import Outcome, score
 from barn_eval.trials.referee import Referee, Standing
 from barn_worlds.base.types import Pose2D, nanoseconds
@@ -22,7 +22,9 @@ def referee(spec):
 
 def read(referee, spec, time_s, forward_m, collision=False):
     odometry = Pose2D(forward_m, 0.0, 0.0)
-    referee.observe(nanoseconds(time_s), odometry, spec.course.start @ odometry, collision)
+    referee.observe(
+        nanoseconds(time_s), odometry, spec.course.start @ odometry, collision
+    )
 
 
 def drive(referee, spec, collision=False):
@@ -38,12 +40,18 @@ def told(live, referee, time_s):
 
 
 @pytest.mark.parametrize(
-    ("share", "worth"), [(None, 0.5), (0.0, 0.5), (2.0, 0.5), (4.0, 0.25), (8.0, 0.125), (99.0, 0.125)]
+    ("share", "worth"),
+    [(None, 0.5), (0.0, 0.5), (2.0, 0.5), (4.0, 0.25), (8.0, 0.125), (99.0, 0.125)],
 )
 def test_before_the_verdict_it_is_what_a_success_now_would_be_worth(spec, share, worth):
     on_clock_s = None if share is None else share * spec.course.optimal_time_s
-    assert score_so_far(Standing(None, on_clock_s, 0.0, 1.0), spec.course) == pytest.approx(worth)
-    assert score_so_far(Standing(Outcome.COLLISION, on_clock_s, 0.0, 1.0), spec.course) == 0.0
+    assert score_so_far(
+        Standing(None, on_clock_s, 0.0, 1.0), spec.course
+    ) == pytest.approx(worth)
+    assert (
+        score_so_far(Standing(Outcome.COLLISION, on_clock_s, 0.0, 1.0), spec.course)
+        == 0.0
+    )
 
 
 def test_twice_a_second_and_once_at_the_verdict(referee, spec):

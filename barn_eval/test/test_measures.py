@@ -23,7 +23,7 @@ from barn_eval.analysis.planners import colours, spelling
 from barn_eval.analysis.summary import summarise, summarise_campaign
 from barn_eval.analysis.tables import summary_table, trials_table
 from barn_eval.analysis.text_table import counted
-from barn_eval.experiments.rows import results_table, timing_table
+from barn_eval.results.rows import results_table, timing_table
 from barn_eval.trials.result import WallClock
 from barn_eval.trials.trajectory import Encounters
 from barn_metrics.bootstrap import Interval
@@ -33,26 +33,53 @@ from barn_worlds.drawing.palette import PLANNERS
 
 def moved():
     """Return a result of a world in which obstacles move."""
-    return replace(result(3), motion=Encounters(7.0, 0.25, 1.5, 2.0, 1.25, 2.5, "walker", 0.5, 2.0, 0.25))
+    return replace(
+        result(3),
+        motion=Encounters(7.0, 0.25, 1.5, 2.0, 1.25, 2.5, "walker", 0.5, 2.0, 0.25),
+    )
 
 
 def test_keys_are_columns_of_the_tables_and_values_are_theirs():
     one = moved()
-    columns = {**timing_table([one]).to_pylist()[0], **results_table([one]).to_pylist()[0]}
+    columns = {
+        **timing_table([one]).to_pylist()[0],
+        **results_table([one]).to_pylist()[0],
+    }
     columns["path_ratio"] = columns["driven_m"] / columns["path_length_m"]
     assert [measure.key for measure in MEASURES.values()] == list(MEASURES)
-    assert {key: measure.value(one) for key, measure in MEASURES.items()} == {key: columns[key] for key in MEASURES}
+    assert {key: measure.value(one) for key, measure in MEASURES.items()} == {
+        key: columns[key] for key in MEASURES
+    }
 
 
 def test_a_robot_does_better_that_arrives_sooner_farther_from_obstacles_and_smoother():
-    sides = {side: {key for key, one in MEASURES.items() if one.better == side} for side in ("larger", "smaller", "")}
+    sides = {
+        side: {key for key, one in MEASURES.items() if one.better == side}
+        for side in ("larger", "smaller", "")
+    }
     assert sides["larger"] == {
-        *("success", "challenge", "challenge_2022", "efficiency", "min_clearance_m", "mean_clearance_m"),
+        *(
+            "success",
+            "challenge",
+            "challenge_2022",
+            "efficiency",
+            "min_clearance_m",
+            "mean_clearance_m",
+        ),
         *("moving_clearance_m", "time_to_collision_s"),
     }
-    assert sides[""] == {"optimal_time_s", "least_time_s", "mean_speed_mps", "recoveries", "real_time_factor"}
+    assert sides[""] == {
+        "optimal_time_s",
+        "least_time_s",
+        "mean_speed_mps",
+        "recoveries",
+        "real_time_factor",
+    }
     assert COMPARED[-3:] == ("rotation_rad", "compute_p50_ms", "compute_p95_ms")
-    assert not sides[""] & {*COMPARED, *RANKINGS.values()}  # there is no better one by these
+    assert not sides[""] & {
+        *COMPARED,
+        *RANKINGS.values(),
+    }  # there is no better one by these
     assert len(sides["smaller"]) == len(MEASURES) - 13
 
 
@@ -64,8 +91,15 @@ def test_what_a_robot_drives_counts_where_it_arrives():
 
 def test_measures_of_a_trial_are_written_with_units_and_as_many_decimals_as_they_carry():
     one = moved()
-    timed = replace(one, recoveries=2, wall_clock=WallClock(12.0, 31.416, 1.111, 2.222, 3.333, missed_cycles=4))
-    written = {measure.trial_heading: measure.number(measure.value(timed)) for measure in MEASURES.values()}
+    timed = replace(
+        one,
+        recoveries=2,
+        wall_clock=WallClock(12.0, 31.416, 1.111, 2.222, 3.333, missed_cycles=4),
+    )
+    written = {
+        measure.trial_heading: measure.number(measure.value(timed))
+        for measure in MEASURES.values()
+    }
     assert written == {
         "success [%]": "100.0",
         "time [s]": "10.10",
@@ -115,29 +149,49 @@ def test_a_title_says_that_only_successes_are_in():
 
 
 def test_a_unit_follows_a_value():
-    assert [MEASURES[key].after for key in ("success", "driven_m", "recoveries")] == [" %", " m", ""]
+    assert [MEASURES[key].after for key in ("success", "driven_m", "recoveries")] == [
+        " %",
+        " m",
+        "",
+    ]
 
 
 def test_the_best_is_the_highest_there_can_be_or_no_time():
-    assert [MEASURES[key].best for key in ("success", "challenge", "scored_time_s")] == [1.0, 0.5, 0.0]
+    assert [
+        MEASURES[key].best for key in ("success", "challenge", "scored_time_s")
+    ] == [1.0, 0.5, 0.0]
 
 
 def test_failures_count_nothing_or_the_time_of_a_failure():
     one = result(3)
-    counted_as = {key: measure.as_failure(one) for key, measure in MEASURES.items() if measure.as_failure}
-    nothing = dict.fromkeys(("success", "challenge", "challenge_2022", "efficiency"), 0.0)
+    counted_as = {
+        key: measure.as_failure(one)
+        for key, measure in MEASURES.items()
+        if measure.as_failure
+    }
+    nothing = dict.fromkeys(
+        ("success", "challenge", "challenge_2022", "efficiency"), 0.0
+    )
     times = {"scored_time_s": one.scores.failure_time_s}
-    times["normalised_time_s_per_m"] = one.scores.failure_time_s / one.scores.path_length_m
+    times["normalised_time_s_per_m"] = (
+        one.scores.failure_time_s / one.scores.path_length_m
+    )
     assert counted_as == nothing | times
 
 
 def test_values_of_successes_leave_failed_trials_out():
     one = result(3)
     failed = replace(one, scores=replace(one.scores, success=False))
-    np.testing.assert_array_equal(MEASURES["driven_m"].values([one, failed]), [one.measures.driven_m, np.nan])
-    np.testing.assert_array_equal(MEASURES["contact_s"].values([one, failed]), [one.measures.contact_s] * 2)
+    np.testing.assert_array_equal(
+        MEASURES["driven_m"].values([one, failed]), [one.measures.driven_m, np.nan]
+    )
+    np.testing.assert_array_equal(
+        MEASURES["contact_s"].values([one, failed]), [one.measures.contact_s] * 2
+    )
     np.testing.assert_array_equal(MEASURES["success"].values([one, failed]), [1.0, 0.0])
-    np.testing.assert_array_equal(MEASURES["recoveries"].values([replace(one, recoveries=None)]), [np.nan])
+    np.testing.assert_array_equal(
+        MEASURES["recoveries"].values([replace(one, recoveries=None)]), [np.nan]
+    )
 
 
 def test_only_trials_among_moving_obstacles_have_their_measures():
@@ -147,35 +201,54 @@ def test_only_trials_among_moving_obstacles_have_their_measures():
     assert {key for key in MOVING if MEASURES[key].value(still) is not None} == set()
     assert with_motion(("success",), [one, still]) == ("success", *MOVING)
     assert with_motion(("success",), [one], [still]) == ("success",)
-    assert list(summarise_campaign([one]).planners[0].means) == [*SCORED, *DRIVEN, *MOVING]
+    assert list(summarise_campaign([one]).planners[0].means) == [
+        *SCORED,
+        *DRIVEN,
+        *MOVING,
+    ]
     other = replace(one, planner="gap")
     assert [row.key for row in compare([one], [other]).rows] == [*COMPARED, *MOVING]
 
 
 def test_safety_is_told_by_what_moves_where_all_trials_are_among_such():
     groups = [moved()], [moved(), result(3)]
-    assert [safety_of(group).key for group in groups] == ["moving_clearance_m", "min_clearance_m"]
+    assert [safety_of(group).key for group in groups] == [
+        "moving_clearance_m",
+        "min_clearance_m",
+    ]
 
 
 def test_measures_are_named_once():
-    assert measures_named(["success", "contact_s", "success"]) == ("success", "contact_s")
+    assert measures_named(["success", "contact_s", "success"]) == (
+        "success",
+        "contact_s",
+    )
 
 
 def test_an_unknown_measure_is_refused():
-    with pytest.raises(ConfigError, match="unknown measure 'succes'; did you mean 'success'"):
+    with pytest.raises(
+        ConfigError, match="unknown measure 'succes'; did you mean 'success'"
+    ):
         measures_named(["succes"])
 
 
 def test_shares_are_written_in_percent():
     assert MEASURES["success"].text(Interval(0.5, 0.25, 1.0)) == "50.0 [25.0, 100.0]"
-    assert [MEASURES["success"].number(value) for value in (1.0, 0.25, None)] == ["100.0", "25.0", "-"]
+    assert [MEASURES["success"].number(value) for value in (1.0, 0.25, None)] == [
+        "100.0",
+        "25.0",
+        "-",
+    ]
     assert MEASURES["challenge"].number(None) == "-"
 
 
 def test_results_name_the_metric_of_their_protocol():
     named = replace(result(3), protocol="slow_challenge", metric="challenge")
     assert metric_of([named]).key == "challenge"
-    assert metric_of([replace(named, metric="normalised_time_s_per_m")]).key == "normalised_time_s_per_m"
+    assert (
+        metric_of([replace(named, metric="normalised_time_s_per_m")]).key
+        == "normalised_time_s_per_m"
+    )
 
 
 def test_rows_of_version_1_are_ranked_as_their_protocols_were():
@@ -188,11 +261,20 @@ def test_rows_of_version_1_are_ranked_as_their_protocols_were():
 def test_tables_have_a_cell_for_each_measure_and_count_in_english():
     summary = summarise([result(3)], (*SCORED, *DRIVEN))
     table = summary_table([summary])
-    assert [row[0] for row in table.rows[:-1]] == [MEASURES[key].heading for key in (*SCORED, *DRIVEN)]
+    assert [row[0] for row in table.rows[:-1]] == [
+        MEASURES[key].heading for key in (*SCORED, *DRIVEN)
+    ]
     assert table.title == "1 trial in 1 world"
     assert all("nan" not in cell for row in table.rows for cell in row[1:])
-    assert trials_table([result(3)], "title").rows[0][:2] == (result(3).trial_id, "success")
-    assert [counted(number, "world") for number in (0, 1, 2)] == ["0 worlds", "1 world", "2 worlds"]
+    assert trials_table([result(3)], "title").rows[0][:2] == (
+        result(3).trial_id,
+        "success",
+    )
+    assert [counted(number, "world") for number in (0, 1, 2)] == [
+        "0 worlds",
+        "1 world",
+        "2 worlds",
+    ]
 
 
 def test_a_planner_has_one_colour_whoever_is_beside_it():

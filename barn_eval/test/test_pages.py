@@ -5,14 +5,27 @@ from browser import PHONE, violations
 from report_work import campaign
 
 from barn_eval.analysis.leaderboard import leaderboard
+from barn_eval.api.results import report
 from barn_eval.pages.live.server import Watch
 from barn_eval.pages.replay.files import write_replay
 from barn_eval.pages.report.leaderboard import write_boards
-from barn_eval.results import report
 
 PAGES = ("report", "leaderboard", "replay", "campaign")
-VIEWS = {"desk": {"viewport": {"width": 1920, "height": 1080}}, "phone": PHONE | {"color_scheme": "dark"}}
-NAMED = {"button", "link", "combobox", "textbox", "searchbox", "spinbutton", "slider", "image", "application"}
+VIEWS = {
+    "desk": {"viewport": {"width": 1920, "height": 1080}},
+    "phone": PHONE | {"color_scheme": "dark"},
+}
+NAMED = {
+    "button",
+    "link",
+    "combobox",
+    "textbox",
+    "searchbox",
+    "spinbutton",
+    "slider",
+    "image",
+    "application",
+}
 BACKGROUND = "getComputedStyle(document.body).backgroundColor"
 
 
@@ -25,7 +38,9 @@ def addresses(run, tmp_path_factory):
     write_boards(leaderboard([folder]), place / "leaderboard.html")
     write_replay([folder / "bags" / "gap_w0000_r00"], [place / "replay.html"])
     with Watch(folder, port=0) as page:
-        yield {name: (place / f"{name}.html").as_uri() for name in PAGES[:3]} | {"campaign": page.url}
+        yield {name: (place / f"{name}.html").as_uri() for name in PAGES[:3]} | {
+            "campaign": page.url
+        }
 
 
 @pytest.fixture(params=PAGES)
@@ -34,33 +49,52 @@ def name(request):
 
 
 @pytest.mark.parametrize("view", VIEWS)
-def test_a_page_is_whole_readable_and_alone(addresses, open_page, screenshots, name, view):
+def test_a_page_is_whole_readable_and_alone(
+    addresses, open_page, screenshots, name, view
+):
     page = open_page(addresses[name], **VIEWS[view])
     page.screenshot(path=screenshots / f"{name}_{view}.png", full_page=True)
-    assert page.evaluate("document.documentElement.scrollWidth") <= page.viewport_size["width"]
+    assert (
+        page.evaluate("document.documentElement.scrollWidth")
+        <= page.viewport_size["width"]
+    )
     assert violations(page) == []
     assert (page.evaluate(BACKGROUND) == "rgb(255, 255, 255)") == (view == "desk")
     if view == "desk":
         right = "Math.max(...[...document.querySelectorAll('main *')].map((one) => one.getBoundingClientRect().right))"
         assert page.evaluate(right) > 1700
     asked = {url for url in open_page.asked if not url.startswith(("data:", "blob:"))}
-    assert asked <= {addresses[name], addresses[name] + "state"}  # which is the campaign's page's own
+    assert asked <= {
+        addresses[name],
+        addresses[name] + "state",
+    }  # which is the campaign's page's own
 
 
 def test_parts_of_a_page_have_names(addresses, open_page, name):
     page = open_page(addresses[name])
-    nodes = page.context.new_cdp_session(page).send("Accessibility.getFullAXTree")["nodes"]
-    parts = [node for node in nodes if not node["ignored"] and node["role"]["value"] in NAMED]
+    nodes = page.context.new_cdp_session(page).send("Accessibility.getFullAXTree")[
+        "nodes"
+    ]
+    parts = [
+        node for node in nodes if not node["ignored"] and node["role"]["value"] in NAMED
+    ]
     assert [node for node in parts if not node.get("name", {}).get("value")] == []
-    assert {node["role"]["value"] for node in nodes if not node["ignored"]} >= {"heading", "main"}
+    assert {node["role"]["value"] for node in nodes if not node["ignored"]} >= {
+        "heading",
+        "main",
+    }
 
 
 def test_a_page_is_white_on_paper(addresses, open_page, screenshots, name):
-    page = open_page(addresses[name], color_scheme="dark", viewport={"width": 718, "height": 1047})
+    page = open_page(
+        addresses[name], color_scheme="dark", viewport={"width": 718, "height": 1047}
+    )
     page.emulate_media(media="print")
     assert page.evaluate(BACKGROUND) == "rgb(255, 255, 255)"
     page.screenshot(path=screenshots / f"{name}_print.png", full_page=True)
-    assert page.pdf(path=screenshots / f"{name}_print.pdf", prefer_css_page_size=True).startswith(b"%PDF")
+    assert page.pdf(
+        path=screenshots / f"{name}_print.pdf", prefer_css_page_size=True
+    ).startswith(b"%PDF")
     assert violations(page) == []
 
 

@@ -16,10 +16,10 @@ from report_work import EVIL
 import barn_eval as barn
 from barn_eval.analysis.planners import colours
 from barn_eval.analysis.sources import read_entries
-from barn_eval.bags.recorded import read_recorded
-from barn_eval.experiments.track import from_track_line
 from barn_eval.pages.replay.files import camera_frames, write_replay
 from barn_eval.pages.report.maps import choose, overlay
+from barn_eval.results.bags.recorded import read_recorded
+from barn_eval.results.tracks import from_track_line
 from barn_sim.drawing.camera import SIZES
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.worlds.dataset import open_dataset
@@ -43,23 +43,39 @@ def test_pictures_and_animations(bag, tmp_path):
     with Image.open(tmp_path / "end.png") as picture:
         assert len(picture.convert("RGB").resize((60, 90)).getcolors(10_000)) > 20
     shares = []
-    write_replay([bag], [tmp_path / "trial.gif"], frames_per_s=2.0, speed=4.0, progress=shares.append)
-    assert shares == pytest.approx(np.arange(1, len(shares) + 1) / (np.ceil(recorded.times_s[-1] / 2.0) + 1))
+    write_replay(
+        [bag],
+        [tmp_path / "trial.gif"],
+        frames_per_s=2.0,
+        speed=4.0,
+        progress=shares.append,
+    )
+    assert shares == pytest.approx(
+        np.arange(1, len(shares) + 1) / (np.ceil(recorded.times_s[-1] / 2.0) + 1)
+    )
     with Image.open(tmp_path / "trial.gif") as animation:
         # Frames that equal the one before are merged by the format.
         assert 3 <= animation.n_frames <= int(np.ceil(recorded.times_s[-1] / 2.0)) + 1
         assert animation.info["duration"] == 500
     assert [path.name for path in tmp_path.glob("*.partial")] == []
     write_replay([bag, bag], [tmp_path / "both.png"])
-    with Image.open(tmp_path / "end.png") as one, Image.open(tmp_path / "both.png") as both:
+    with (
+        Image.open(tmp_path / "end.png") as one,
+        Image.open(tmp_path / "both.png") as both,
+    ):
         assert one.size == SIZES["top"] and both.size == (2 * one.size[0], one.size[1])
-        halves = [np.asarray(both.crop((left, 0, left + one.size[0], one.size[1]))) for left in (0, one.size[0])]
+        halves = [
+            np.asarray(both.crop((left, 0, left + one.size[0], one.size[1])))
+            for left in (0, one.size[0])
+        ]
         assert all((half == np.asarray(one)).all() for half in halves)
     write_replay([bag], [tmp_path / "chase.png"], camera="chase")
     with Image.open(tmp_path / "chase.png") as picture:
         assert picture.size == SIZES["chase"]
         assert len(picture.convert("RGB").getcolors(1 << 24)) > 100
-    with pytest.raises(ConfigError, match="its world is not known, so a camera has nothing to see"):
+    with pytest.raises(
+        ConfigError, match="its world is not known, so a camera has nothing to see"
+    ):
         next(camera_frames(replace(recorded, scene=None), "side", [1.0], 1))
 
 
@@ -81,12 +97,18 @@ def test_a_film_gets_each_frame_whole_or_is_not_there(bag, tmp_path, monkeypatch
     monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
     write_replay([bag], [written], frames_per_s=2.0, speed=4.0)
     called, sent = written.read_text().split("|")
-    width, height = (int(text) for text in re.search(r"-s (\d+)x(\d+) -r 2 ", called).groups())
+    width, height = (
+        int(text) for text in re.search(r"-s (\d+)x(\d+) -r 2 ", called).groups()
+    )
     assert width % 2 == height % 2 == 0
-    assert int(sent) == 3 * width * height * (int(np.ceil(recorded.times_s[-1] / 2.0)) + 1)
+    assert int(sent) == 3 * width * height * (
+        int(np.ceil(recorded.times_s[-1] / 2.0)) + 1
+    )
     written.unlink()
     monkeypatch.setenv("FAIL", "1")
-    with pytest.raises(ConfigError, match=r"trial.mp4: ffmpeg failed: no such encoder$"):
+    with pytest.raises(
+        ConfigError, match=r"trial.mp4: ffmpeg failed: no such encoder$"
+    ):
         write_replay([bag], [written], frames_per_s=2.0, speed=4.0)
     assert list(tmp_path.glob("trial.mp4*")) == []
 
@@ -110,10 +132,16 @@ def test_each_trial_is_drawn_where_it_drove_in_the_colour_of_its_planner(folder)
     shades = dict(zip(("gap", "dwa"), colours(["gap", "dwa"]), strict=True))
     for line, one in zip(lines, chosen, strict=True):
         assert to_hex(line.get_color()[0]).upper() == shades[one.result.planner]
-        kept = from_track_line(one.entry.source.tracks[one.result.trial_id], "")[1].samples
+        kept = from_track_line(one.entry.source.tracks[one.result.trial_id], "")[
+            1
+        ].samples
         assert np.array(line.get_segments())[:, 0].tolist() == kept[:-1, 1:3].tolist()
         assert np.isfinite(kept[:, 1:3]).all()
-    outlines = [path.vertices for one in drawn(figure, PolyCollection) for path in one.get_paths()]
+    outlines = [
+        path.vertices
+        for one in drawn(figure, PolyCollection)
+        for path in one.get_paths()
+    ]
     assert len(outlines) == 6
     ends = [one.track.samples[index, 1:3] for one in chosen for index in (0, -1)]
     middles = [outline[:4].mean(axis=0) for outline in outlines]
@@ -122,7 +150,13 @@ def test_each_trial_is_drawn_where_it_drove_in_the_colour_of_its_planner(folder)
     stands = [len(one.get_offsets()) for one in drawn(figure, EllipseCollection)]
     assert stands == [len(world.containment_m), len(world.obstacles_m)]
     texts = [one.get_text() for one in figure.legends[0].get_texts()]
-    assert texts == ["gap\n2 success", "DWA\n1 success", "start", "goal", "robot at both ends"]
+    assert texts == [
+        "gap\n2 success",
+        "DWA\n1 success",
+        "start",
+        "goal",
+        "robot at both ends",
+    ]
 
 
 def test_colours_by_speed_have_a_scale(folder):
@@ -136,12 +170,27 @@ def test_colours_by_speed_have_a_scale(folder):
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        ({"world": 99}, "world 99: no trial of it; there are trials of 0, 1, 2, 3, 4, 5, 6, 7"),
+        (
+            {"world": 99},
+            "world 99: no trial of it; there are trials of 0, 1, 2, 3, 4, 5, 6, 7",
+        ),
         ({"world": 1}, "world 1: its trials have no tracks"),
-        ({"world": 0, "outcome": "collision"}, "world 0: no trial of it is of this kind"),
-        ({"world": 0, "outcome": "colision"}, "outcome 'colision': must be one of .*did you mean 'collision'"),
-        ({"world": 0, "planners": ["dwaa"]}, "planner 'dwaa': has no trial here; did you mean 'dwa'.* dwa, gap"),
-        ({"world": 0, "by": "sped"}, "by: must be one of planner, speed, got 'sped'; did you mean 'speed'"),
+        (
+            {"world": 0, "outcome": "collision"},
+            "world 0: no trial of it is of this kind",
+        ),
+        (
+            {"world": 0, "outcome": "colision"},
+            "outcome 'colision': must be one of .*did you mean 'collision'",
+        ),
+        (
+            {"world": 0, "planners": ["dwaa"]},
+            "planner 'dwaa': has no trial here; did you mean 'dwa'.* dwa, gap",
+        ),
+        (
+            {"world": 0, "by": "sped"},
+            "by: must be one of planner, speed, got 'sped'; did you mean 'speed'",
+        ),
     ],
 )
 def test_what_is_not_there_is_told_in_one_line(folder, arguments, reason):
@@ -160,7 +209,13 @@ def test_the_command_and_python_draw_the_same(folder, tmp_path, command, rejecte
     for wrong, told in (
         (["--trials", str(folder)], "Missing argument 'WORLDS'"),
         (["3", "--by", "speed"], "--by needs --trials"),
-        (["world.npy", "--trials", str(folder)], "--trials needs the number of a world, got 'world.npy'"),
-        (["0", "--trials", str(folder), "--out", "a.gif"], "a.gif: must end in .png, .svg or .pdf"),
+        (
+            ["world.npy", "--trials", str(folder)],
+            "--trials needs the number of a world, got 'world.npy'",
+        ),
+        (
+            ["0", "--trials", str(folder), "--out", "a.gif"],
+            "a.gif: must end in .png, .svg or .pdf",
+        ),
     ):
         assert told in rejected("show", *wrong)

@@ -18,7 +18,12 @@ from barn_eval.analysis.precision import (
     ranking_power,
     ranking_table,
 )
-from barn_eval.analysis.significance import components, half_width, worlds_for_difference, worlds_for_half_width
+from barn_eval.analysis.significance import (
+    components,
+    half_width,
+    worlds_for_difference,
+    worlds_for_half_width,
+)
 from barn_eval.commands.compare import precision as command
 from barn_worlds.base.errors import ConfigError
 
@@ -35,14 +40,51 @@ def test_needs_are_those_of_the_components_of_variance():
     assert [one.of for one in found.figures] == ["DWA", "E-Band", "DWA - E-Band"]
     parts = [components(*values(dwa)), components(*values(eband))]
     parts.append(components(values(dwa)[0] - values(eband)[0], values(dwa)[1]))
-    assert [len(one.parts.unseen) for one in found.figures] == [1, 1, 2]  # nobody has failed
-    parts = [replace(one, unseen=other.parts.unseen) for one, other in zip(parts, found.figures, strict=True)]
+    assert [len(one.parts.unseen) for one in found.figures] == [
+        1,
+        1,
+        2,
+    ]  # nobody has failed
+    parts = [
+        replace(one, unseen=other.parts.unseen)
+        for one, other in zip(parts, found.figures, strict=True)
+    ]
     assert [one.parts for one in found.figures] == parts
     assert found.figures[0].half_width == half_width(parts[0], 20, 3)
-    assert [(one.of, one.kind, one.wanted, one.repetitions, one.worlds) for one in found.needs] == [
-        *(("DWA", "half_width", 0.1, count, worlds_for_half_width(parts[0], 0.1, count)) for count in REPETITIONS),
-        *(("E-Band", "half_width", 0.1, count, worlds_for_half_width(parts[1], 0.1, count)) for count in REPETITIONS),
-        *(("DWA - E-Band", "difference", 0.2, c, worlds_for_difference(parts[2], 0.2, c)) for c in REPETITIONS),
+    assert [
+        (one.of, one.kind, one.wanted, one.repetitions, one.worlds)
+        for one in found.needs
+    ] == [
+        *(
+            (
+                "DWA",
+                "half_width",
+                0.1,
+                count,
+                worlds_for_half_width(parts[0], 0.1, count),
+            )
+            for count in REPETITIONS
+        ),
+        *(
+            (
+                "E-Band",
+                "half_width",
+                0.1,
+                count,
+                worlds_for_half_width(parts[1], 0.1, count),
+            )
+            for count in REPETITIONS
+        ),
+        *(
+            (
+                "DWA - E-Band",
+                "difference",
+                0.2,
+                c,
+                worlds_for_difference(parts[2], 0.2, c),
+            )
+            for c in REPETITIONS
+        ),
     ]
     assert found.notes == ()
 
@@ -59,23 +101,41 @@ def test_what_the_results_cannot_say_is_said():
     assert few.startswith("Only 4 worlds")
     assert alone.startswith("With one trial per world nothing is known of how alike")
     assert {one.repetitions for one in precision({"dwa": single}).needs} == {1}
-    with pytest.raises(ConfigError, match="DWA: 1 world with time per metre as counted cannot say"):
+    with pytest.raises(
+        ConfigError, match="DWA: 1 world with time per metre as counted cannot say"
+    ):
         precision({"dwa": results(worlds=1)})
     said = "a difference needs two planners; there are 1: dwa; choose two as FOLDER:PLANNER,PLANNER"
     with pytest.raises(ConfigError, match=said):
         precision({"dwa": results()}, difference_wanted=0.1)
-    with pytest.raises(ConfigError, match="unknown measure 'succes'; did you mean 'success'"):
+    with pytest.raises(
+        ConfigError, match="unknown measure 'succes'; did you mean 'success'"
+    ):
         precision({"dwa": results()}, measure="succes")
 
 
 def test_tables_have_a_row_for_each_figure_and_number_of_repetitions():
-    found = precision({"dwa": results(), "eband": results("eband", 1.0, seed=3)}, 0.1, 1e-9)
-    assert [row[0] for row in figures_table(found).rows] == ["DWA", "E-Band", "DWA - E-Band"]
+    found = precision(
+        {"dwa": results(), "eband": results("eband", 1.0, seed=3)}, 0.1, 1e-9
+    )
+    assert [row[0] for row in figures_table(found).rows] == [
+        "DWA",
+        "E-Band",
+        "DWA - E-Band",
+    ]
     table = needs_table(found)
     assert table.columns[1:3] == ("DWA to +- 0.100", "E-Band to +- 0.100")
-    assert [row[0] for row in table.rows] == ["1 trial", "2 trials", "3 trials", "5 trials", "10 trials"]
+    assert [row[0] for row in table.rows] == [
+        "1 trial",
+        "2 trials",
+        "3 trials",
+        "5 trials",
+        "10 trials",
+    ]
     assert {row[3] for row in table.rows} == {"over a million"}
-    assert [row[1] for row in table.rows] == [str(one.worlds) for one in found.needs if one.of == "DWA"]
+    assert [row[1] for row in table.rows] == [
+        str(one.worlds) for one in found.needs if one.of == "DWA"
+    ]
 
 
 def test_a_set_that_is_too_small_is_said_to_be(folders):  # noqa: F811 (a fixture)
@@ -85,21 +145,35 @@ def test_a_set_that_is_too_small_is_said_to_be(folders):  # noqa: F811 (a fixtur
     assert found.notes[-1].startswith("The set has 300 worlds")
     assert {row[1] for row in needs_table(found).rows} == {"over 300"}
     three = {"dwa": results(), "eband": results("eband"), "gap": results("gap")}
-    assert precision(three).notes[0] == "For a difference choose two of the 3 planners as FOLDER:PLANNER,PLANNER."
+    assert (
+        precision(three).notes[0]
+        == "For a difference choose two of the 3 planners as FOLDER:PLANNER,PLANNER."
+    )
 
 
 def test_draws_of_worlds_rank_planners_the_surer_the_more_there_are():
     """A planner that is better in all worlds is so in each draw; one by the mean alone in large draws."""
     times = np.random.default_rng(1).normal(4.0, 0.5, 60)
-    lead = {"best": -3.0, "second": 0.0, "third": np.random.default_rng(2).normal(0.12, 0.3, 60)}
+    lead = {
+        "best": -3.0,
+        "second": 0.0,
+        "third": np.random.default_rng(2).normal(0.12, 0.3, 60),
+    }
     made = {  # a failure counts little more than a success
-        name: [scored(one, failure_time_s=5.0 * 4.1) for one in timed(name, times + ahead, 60)]
+        name: [
+            scored(one, failure_time_s=5.0 * 4.1)
+            for one in timed(name, times + ahead, 60)
+        ]
         for name, ahead in lead.items()
     }
     (pair,) = ranking_power({name: made[name] for name in ("best", "second")})
     assert (pair.planners, pair.shares[10], pair.enough) == (("best", "second"), 1.0, 1)
     (three,) = ranking_power(made)
-    assert three.differing == (("best", "second"), ("best", "third"), ("second", "third"))
+    assert three.differing == (
+        ("best", "second"),
+        ("best", "third"),
+        ("second", "third"),
+    )
     assert three.shares[10] < three.shares[20] < three.shares[50]
     assert 1 < three.enough < 60
     draws = np.random.default_rng(5).integers(0, 60, (1000, 20))
@@ -107,9 +181,13 @@ def test_draws_of_worlds_rank_planners_the_surer_the_more_there_are():
     assert three.shares[20] == pytest.approx(right, abs=0.05)
     cells = ranking_table([pair, three]).rows
     assert [row[-1] for row in cells] == ["1", str(three.enough)]
-    with pytest.raises(ConfigError, match="unknown measure 'sucess'; did you mean 'success'"):
+    with pytest.raises(
+        ConfigError, match="unknown measure 'sucess'; did you mean 'success'"
+    ):
         ranking_power(made, ["sucess"])
-    with pytest.raises(ConfigError, match="a ranking needs two planners; there is best only"):
+    with pytest.raises(
+        ConfigError, match="a ranking needs two planners; there is best only"
+    ):
         ranking_power({"best": made["best"]})
 
 
@@ -122,21 +200,32 @@ def test_planners_that_do_not_differ_have_no_right_order():
 
 def test_the_command_takes_one_or_two_planners_of_a_folder(folders):  # noqa: F811
     def invoke(*arguments):
-        return CliRunner().invoke(command, [*map(str, arguments)], catch_exceptions=False)
+        return CliRunner().invoke(
+            command, [*map(str, arguments)], catch_exceptions=False
+        )
 
     both = folders / "both"
-    content = json.loads(invoke(both, "--difference", "0.1", "--repetitions", "3", "--json").output)
+    content = json.loads(
+        invoke(both, "--difference", "0.1", "--repetitions", "3", "--json").output
+    )
     assert [one["of"] for one in content["needs"]] == ["DWA", "E-Band", "DWA - E-Band"]
     assert content["needs"][2]["wanted"] == 0.1
-    content = json.loads(invoke(f"{both}:eband", "--measure", "success", "--json").output)
-    assert (content["measure"], [one["of"] for one in content["figures"]]) == ("success", ["E-Band"])
+    content = json.loads(
+        invoke(f"{both}:eband", "--measure", "success", "--json").output
+    )
+    assert (content["measure"], [one["of"] for one in content["figures"]]) == (
+        "success",
+        ["E-Band"],
+    )
     content = json.loads(invoke(f"{both}:eband,dwa", "--json").output)
     assert content["figures"][2]["of"] == "E-Band - DWA"
     assert "Worlds needed" in invoke(both).output
     measures = ("--measure", "success", "--measure", "challenge")
     powers = json.loads(invoke("--ranking", both, both, *measures, "--json").output)
     assert [one["measure"] for one in powers] == ["success", "challenge"] * 2
-    assert "DWA and E-Band 0 of 1 over 4" in " ".join(invoke("--ranking", both).output.split())
+    assert "DWA and E-Band 0 of 1 over 4" in " ".join(
+        invoke("--ranking", both).output.split()
+    )
     with pytest.raises(ConfigError, match="only --ranking takes several"):
         invoke(both, both)
     assert "--half-width" in invoke(both, "--half-width", "0").output

@@ -5,7 +5,7 @@ import subprocess
 
 import pytest
 
-from barn_eval.experiments.run_file import commit_of
+from barn_eval.results.run_file import commit_of
 
 if shutil.which("git") is None:
     pytest.skip("git is not installed", allow_module_level=True)
@@ -26,10 +26,14 @@ def repository(folder, tracked):
 
 
 def head(folder):
-    return subprocess.check_output(["git", "-C", folder, "rev-parse", "HEAD"], text=True).strip()
+    return subprocess.check_output(
+        ["git", "-C", folder, "rev-parse", "HEAD"], text=True
+    ).strip()
 
 
-@pytest.mark.parametrize("tracked", ["barn_eval/package.xml", "src/suite/barn_eval/package.xml"])
+@pytest.mark.parametrize(
+    "tracked", ["barn_eval/package.xml", "src/suite/barn_eval/package.xml"]
+)
 def test_the_commit_of_a_repository_with_the_suite(tmp_path, tracked):
     inside = repository(tmp_path, tracked)
     assert commit_of(inside) == head(tmp_path)

@@ -12,7 +12,14 @@ from barn_eval.analysis.measures import MEASURES
 from barn_eval.analysis.significance import paired_difference
 from barn_eval.analysis.sources import Source
 from barn_eval.analysis.statistics import Columns
-from barn_eval.analysis.verdict import cautions, pair_verdict, rank, rank_results, results_verdict, verdict
+from barn_eval.analysis.verdict import (
+    cautions,
+    pair_verdict,
+    rank,
+    rank_results,
+    results_verdict,
+    verdict,
+)
 from barn_worlds.base.errors import ConfigError
 
 TIME = MEASURES["normalised_time_s_per_m"]
@@ -29,14 +36,28 @@ def planner(offset, seed, worlds=30, noise=1.0):
 def timed(name, values, worlds):
     """Results of a planner with these times per metre, one trial in each world."""
     firsts = (one for one in results(name, worlds=worlds) if one.repetition == 0)
-    return tuple(scored(one, normalised_time_s_per_m=float(value)) for one, value in zip(firsts, values, strict=True))
+    return tuple(
+        scored(one, normalised_time_s_per_m=float(value))
+        for one, value in zip(firsts, values, strict=True)
+    )
 
 
 def test_clear_differences_make_ranks_in_the_order_of_the_means():
-    found = rank({"slow": planner(9.0, 1), "quick": planner(0.0, 2), "middle": planner(4.0, 3)}, larger_is_better=False)
-    assert (found.names, found.ranks, found.leaders) == (("quick", "middle", "slow"), (1, 2, 3), (0,))
-    assert found.differences[0, 2].interval.estimate == pytest.approx(found.means[0] - found.means[2])
-    found = rank({"low": planner(0.0, 1), "high": planner(9.0, 2)}, larger_is_better=True)
+    found = rank(
+        {"slow": planner(9.0, 1), "quick": planner(0.0, 2), "middle": planner(4.0, 3)},
+        larger_is_better=False,
+    )
+    assert (found.names, found.ranks, found.leaders) == (
+        ("quick", "middle", "slow"),
+        (1, 2, 3),
+        (0,),
+    )
+    assert found.differences[0, 2].interval.estimate == pytest.approx(
+        found.means[0] - found.means[2]
+    )
+    found = rank(
+        {"low": planner(0.0, 1), "high": planner(9.0, 2)}, larger_is_better=True
+    )
     assert (found.names, found.ranks) == (("high", "low"), (1, 2))
 
 
@@ -55,16 +76,32 @@ def test_a_chain_shares_a_rank_though_its_ends_differ():
     """The middle one cannot be told from either end, so that no rank may part it from them."""
     a = planner(0.0, 1)
     noise = np.random.default_rng(5).normal(0.0, 4.0, len(a.values))
-    b, c = replace(a, values=a.values + 0.6 + noise - noise.mean()), replace(a, values=a.values + 1.2)
+    b, c = (
+        replace(a, values=a.values + 0.6 + noise - noise.mean()),
+        replace(a, values=a.values + 1.2),
+    )
     found = rank({"a": a, "b": b, "c": c}, larger_is_better=False)
-    assert (found.names, found.ranks, found.leaders) == (("a", "b", "c"), (1, 1, 1), (0, 1))
-    assert [found.clear(*places) for places in ((0, 1), (1, 2), (0, 2))] == [False, False, True]
+    assert (found.names, found.ranks, found.leaders) == (
+        ("a", "b", "c"),
+        (1, 1, 1),
+        (0, 1),
+    )
+    assert [found.clear(*places) for places in ((0, 1), (1, 2), (0, 2))] == [
+        False,
+        False,
+        True,
+    ]
 
 
 def test_nobody_is_ahead_where_all_means_are_equal():
-    found = rank({name: planner(0.0, 1) for name in ("a", "b", "c")}, larger_is_better=False)
+    found = rank(
+        {name: planner(0.0, 1) for name in ("a", "b", "c")}, larger_is_better=False
+    )
     text = str(verdict(found, TIME))
-    assert text.startswith("a, b and c have the same time per metre as counted, ") and "30 worlds" in text
+    assert (
+        text.startswith("a, b and c have the same time per metre as counted, ")
+        and "30 worlds" in text
+    )
     assert "ahead" not in text
 
 
@@ -81,8 +118,12 @@ def test_ranks_are_of_the_trials_that_all_have():
 
 def test_even_a_big_board_can_find_a_difference():
     """Of 33 planners the smallest p-value, times 528 pairs, is still below 5 %."""
-    planners = {f"p{number:02}": planner(0.0, number, worlds=20) for number in range(32)}
-    found = rank(planners | {"winner": planner(-50.0, 33, worlds=20)}, larger_is_better=False)
+    planners = {
+        f"p{number:02}": planner(0.0, number, worlds=20) for number in range(32)
+    }
+    found = rank(
+        planners | {"winner": planner(-50.0, 33, worlds=20)}, larger_is_better=False
+    )
     assert found.names[0] == "winner"
     assert found.clear(0, 1)
     assert found.ranks[:2] == (1, 2)
@@ -98,20 +139,37 @@ def test_a_clear_verdict_has_size_unit_interval_percent_p_and_numbers():
     text = sentence(5.0)
     a, b = planner(10.0, 1, 20), planner(15.0, 2, 20)
     one = paired_difference(b.values - a.values, a.worlds).interval
-    assert text.startswith(f"A is better than B: time per metre as counted {a.values.mean():.3f} s/m against")
-    assert f"The difference is {one.estimate:.3f} [{one.low:.3f}, {one.high:.3f}] s/m" in text
+    assert text.startswith(
+        f"A is better than B: time per metre as counted {a.values.mean():.3f} s/m against"
+    )
+    assert (
+        f"The difference is {one.estimate:.3f} [{one.low:.3f}, {one.high:.3f}] s/m"
+        in text
+    )
     share = f"{100.0 * one.estimate / b.values.mean():.1f} %"
     assert f"or {share} of B's (p < 0.001, 20 worlds, 40 pairs of trials)." in text
 
 
 def test_an_open_verdict_has_the_number_of_worlds_that_are_needed():
     text = sentence(0.05)
-    assert "A and B cannot be told apart" in text or "B and A cannot be told apart" in text
-    needed = int(re.search(r"8 times in 10, about (\d+) worlds with 2 trials each would be needed", text)[1])
+    assert (
+        "A and B cannot be told apart" in text or "B and A cannot be told apart" in text
+    )
+    needed = int(
+        re.search(
+            r"8 times in 10, about (\d+) worlds with 2 trials each would be needed",
+            text,
+        )[1]
+    )
     assert needed > 20
-    assert "With fewer than 6 worlds no difference can be clear" in sentence(5.0, worlds=5)
+    assert "With fewer than 6 worlds no difference can be clear" in sentence(
+        5.0, worlds=5
+    )
     same = planner(0.0, 1)
-    assert "means are equal" in verdict(rank({"A": same, "B": same}, larger_is_better=False), TIME).details
+    assert (
+        "means are equal"
+        in verdict(rank({"A": same, "B": same}, larger_is_better=False), TIME).details
+    )
 
 
 def test_verdicts_on_several_planners_name_the_leader_or_the_group():
@@ -121,7 +179,9 @@ def test_verdicts_on_several_planners_name_the_leader_or_the_group():
     text = sentence(0.0, C=planner(40.0, 3, 20))
     assert re.match(r"[AB] is ahead, but [AB] cannot be told apart from it", text)
     assert " C" not in text
-    assert verdict(rank({"A": planner(0.0, 1)}, larger_is_better=False), TIME).short.startswith("A is the only planner")
+    assert verdict(
+        rank({"A": planner(0.0, 1)}, larger_is_better=False), TIME
+    ).short.startswith("A is the only planner")
 
 
 def test_a_verdict_is_by_the_metric_of_the_protocol():
@@ -129,13 +189,18 @@ def test_a_verdict_is_by_the_metric_of_the_protocol():
     worse = [scored(one, challenge=0.0) for one in results("eband", worlds=12)]
     paper = results_verdict({"DWA": good, "E-Band": worse}).short
     assert "cannot be told apart: time per metre as counted" in paper
-    good, worse = ([replace(one, protocol="challenge") for one in part] for part in (good, worse))
+    good, worse = (
+        [replace(one, protocol="challenge") for one in part] for part in (good, worse)
+    )
     challenge = results_verdict({"DWA": good, "E-Band": worse}).short
     assert challenge.startswith("DWA is better than E-Band: challenge metric")
 
 
 def test_the_verdict_on_a_pair_is_that_of_its_table_either_way_round():
-    a, b = results(), [replace(one, planner="eband") for one in results("eband", slower_s=5.0)]
+    a, b = (
+        results(),
+        [replace(one, planner="eband") for one in results("eband", slower_s=5.0)],
+    )
     first, second = pair_verdict(compare(a, b)), pair_verdict(compare(b, a))
     assert first == second
     assert first.short.startswith("DWA is better than E-Band")
@@ -145,16 +210,24 @@ def test_the_verdict_on_a_pair_is_that_of_its_table_either_way_round():
 def test_pairs_that_are_shown_together_are_corrected_together():
     a, b, c = results(), results("eband", slower_s=1.0), results("gap", slower_s=2.0)
     alone = compare(a, b)
-    assert (alone.pairs, alone.row("scored_time_s").p_holm) == (1, alone.row("scored_time_s").paired.p)
+    assert (alone.pairs, alone.row("scored_time_s").p_holm) == (
+        1,
+        alone.row("scored_time_s").paired.p,
+    )
     found = holm_adjusted([alone, compare(a, c), compare(b, c)])
     assert [one.pairs for one in found] == [3, 3, 3]
     p = [one.row("scored_time_s").paired.p for one in found]
-    assert min(one.row("scored_time_s").p_holm for one in found) == pytest.approx(3.0 * min(p))
+    assert min(one.row("scored_time_s").p_holm for one in found) == pytest.approx(
+        3.0 * min(p)
+    )
 
 
 def test_what_is_not_the_same_task_is_not_ranked():
     other = [replace(one, world_checksum="ff") for one in results("eband")]
-    with pytest.raises(ConfigError, match=r"DWA and E-Band cannot be ranked against each other: .* have different"):
+    with pytest.raises(
+        ConfigError,
+        match=r"DWA and E-Band cannot be ranked against each other: .* have different",
+    ):
         rank_results({"DWA": results(), "E-Band": other}, TIME)
 
 
@@ -164,11 +237,15 @@ def test_few_worlds_and_unfinished_folders_are_told(tmp_path):
     few, partial = cautions(9, [source])
     assert few.startswith("Only 9 worlds")
     assert partial == f"{tmp_path} is partial: 6 of 20 trials"
-    assert cautions(10, [replace(source, planned=6), replace(source, planned=None)]) == ()
+    assert (
+        cautions(10, [replace(source, planned=6), replace(source, planned=None)]) == ()
+    )
 
 
 def test_a_set_that_is_too_small_to_tell_is_said_to_be():
     a, b = planner(10.0, 1, 20), planner(10.05, 2, 20)
     found = replace(rank({"A": a, "B": b}, larger_is_better=False), available=21)
-    said = "The 21 worlds of this set cannot tell such a difference: it would take about"
+    said = (
+        "The 21 worlds of this set cannot tell such a difference: it would take about"
+    )
     assert said in verdict(found, TIME).details

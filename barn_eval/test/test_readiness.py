@@ -4,16 +4,31 @@ from dataclasses import replace
 
 import pytest
 
-from barn_eval.experiments.ros_config import Patience
-from barn_eval.ros.readiness import POSE_STAMPED, TWIST, TWIST_STAMPED, Endpoint, Graph, Needs, Watchdog, inspect
+from barn_eval.ros.readiness import (
+    POSE_STAMPED,
+    TWIST,
+    TWIST_STAMPED,
+    Endpoint,
+    Graph,
+    Needs,
+    Watchdog,
+    inspect,
+)
 from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.ros_config import Patience
 
 SCAN = "sensor_msgs/msg/LaserScan"
 ACTION = "nav2_msgs/action/NavigateToPose"
 ODOMETRY = "nav_msgs/msg/Odometry"
 NEEDS = Needs("/cmd_vel", "auto", (("/scan", SCAN), ("/odom", ODOMETRY)))
-INPUTS = (Endpoint("/scan", SCAN, b"s", reliable=False), Endpoint("/odom", ODOMETRY, b"o"))
-SIMULATOR = (Endpoint("/scan", SCAN, b"S", reliable=False), Endpoint("/odom", ODOMETRY, b"O"))
+INPUTS = (
+    Endpoint("/scan", SCAN, b"s", reliable=False),
+    Endpoint("/odom", ODOMETRY, b"o"),
+)
+SIMULATOR = (
+    Endpoint("/scan", SCAN, b"S", reliable=False),
+    Endpoint("/odom", ODOMETRY, b"O"),
+)
 
 
 def graph(*publishers, subscriptions=INPUTS):
@@ -22,20 +37,36 @@ def graph(*publishers, subscriptions=INPUTS):
 
 def test_a_complete_planner_passes_and_its_command_type_is_found():
     for kind in (TWIST, TWIST_STAMPED):
-        finding = inspect(graph(Endpoint("/cmd_vel", kind, b"c", "/dwa_planner")), NEEDS)
-        assert (finding.text(), finding.command_node, finding.command_type) == ("", "/dwa_planner", kind)
+        finding = inspect(
+            graph(Endpoint("/cmd_vel", kind, b"c", "/dwa_planner")), NEEDS
+        )
+        assert (finding.text(), finding.command_node, finding.command_type) == (
+            "",
+            "/dwa_planner",
+            kind,
+        )
 
 
 def test_nobody_but_the_simulator_is_another_matter_than_a_planner_with_something_missing():
     needs = replace(NEEDS, known_nodes={"/simulator"}, surroundings="on ROS domain 5")
     own = [replace(endpoint, node="/simulator") for endpoint in SIMULATOR]
-    assert inspect(Graph(own), needs).missing[-1] == "no node of a planner is seen on ROS domain 5"
+    assert (
+        inspect(Graph(own), needs).missing[-1]
+        == "no node of a planner is seen on ROS domain 5"
+    )
     talker = Endpoint("/chatter", "std_msgs/msg/String", b"t", "/talker")
-    assert inspect(Graph([*own, talker]), needs).missing[-1] == "no subscription to /odom"
+    assert (
+        inspect(Graph([*own, talker]), needs).missing[-1] == "no subscription to /odom"
+    )
 
 
-COMMAND, OTHER_SCAN = Endpoint("/cmd_vel", TWIST, b"c"), Endpoint("/scan", "sensor_msgs/msg/PointCloud2", b"s")
-STAMPED, TEXT = (Endpoint("/cmd_vel", kind, b"2") for kind in (TWIST_STAMPED, "std_msgs/msg/String"))
+COMMAND, OTHER_SCAN = (
+    Endpoint("/cmd_vel", TWIST, b"c"),
+    Endpoint("/scan", "sensor_msgs/msg/PointCloud2", b"s"),
+)
+STAMPED, TEXT = (
+    Endpoint("/cmd_vel", kind, b"2") for kind in (TWIST_STAMPED, "std_msgs/msg/String")
+)
 ELSEWHERE = replace(COMMAND, topic="/nav/cmd_vel")
 NOT_READY, WRONG_TYPE = Outcome.PLANNER_NOT_READY, Outcome.WRONG_MESSAGE_TYPE
 NO_COMMAND, THERE = "no publisher on /cmd_vel", "publisher exists on /cmd_vel"
@@ -46,43 +77,98 @@ NOBODY = "no node of a planner is seen"
 @pytest.mark.parametrize(
     ("seen", "command_type", "said", "outcome"),
     [
-        (Graph(), "auto", f"{NO_COMMAND}; no subscription to /scan; no subscription to /odom; {NOBODY}", NOT_READY),
-        (graph(STAMPED), "twist", f"{NO_COMMAND}; a TwistStamped {THERE}, this run expects Twist", WRONG_TYPE),
-        (graph(TEXT), "auto", f"{NO_COMMAND}; a String {THERE}, this run expects Twist or TwistStamped", WRONG_TYPE),
-        (graph(COMMAND, STAMPED), "auto", "publishers of different types on /cmd_vel: Twist, TwistStamped", WRONG_TYPE),
-        (graph(ELSEWHERE), "auto", f"{NO_COMMAND}; a Twist publisher exists on /nav/cmd_vel, remap it", NOT_READY),
-        (graph(COMMAND, subscriptions=(OTHER_SCAN, INPUTS[1])), "auto", NO_SCAN, WRONG_TYPE),
+        (
+            Graph(),
+            "auto",
+            f"{NO_COMMAND}; no subscription to /scan; no subscription to /odom; {NOBODY}",
+            NOT_READY,
+        ),
+        (
+            graph(STAMPED),
+            "twist",
+            f"{NO_COMMAND}; a TwistStamped {THERE}, this run expects Twist",
+            WRONG_TYPE,
+        ),
+        (
+            graph(TEXT),
+            "auto",
+            f"{NO_COMMAND}; a String {THERE}, this run expects Twist or TwistStamped",
+            WRONG_TYPE,
+        ),
+        (
+            graph(COMMAND, STAMPED),
+            "auto",
+            "publishers of different types on /cmd_vel: Twist, TwistStamped",
+            WRONG_TYPE,
+        ),
+        (
+            graph(ELSEWHERE),
+            "auto",
+            f"{NO_COMMAND}; a Twist publisher exists on /nav/cmd_vel, remap it",
+            NOT_READY,
+        ),
+        (
+            graph(COMMAND, subscriptions=(OTHER_SCAN, INPUTS[1])),
+            "auto",
+            NO_SCAN,
+            WRONG_TYPE,
+        ),
     ],
 )
-def test_what_is_missing_is_named_with_what_is_there_instead(seen, command_type, said, outcome):
+def test_what_is_missing_is_named_with_what_is_there_instead(
+    seen, command_type, said, outcome
+):
     finding = inspect(seen, replace(NEEDS, command_type=command_type))
     assert (finding.text(), finding.outcome) == (said, outcome)
 
 
 def test_incompatible_quality_of_service():
     inputs = (Endpoint("/scan", SCAN, b"s", reliable=True), INPUTS[1])
-    finding = inspect(graph(Endpoint("/cmd_vel", TWIST, b"c"), subscriptions=inputs), NEEDS)
-    assert finding.text() == "the subscription to /scan asks for reliable delivery, which its publisher does not offer"
+    finding = inspect(
+        graph(Endpoint("/cmd_vel", TWIST, b"c"), subscriptions=inputs), NEEDS
+    )
+    assert (
+        finding.text()
+        == "the subscription to /scan asks for reliable delivery, which its publisher does not offer"
+    )
     inputs = (INPUTS[0], Endpoint("/odom", ODOMETRY, b"o", latched=True))
-    finding = inspect(graph(Endpoint("/cmd_vel", TWIST, b"c"), subscriptions=inputs), NEEDS)
+    finding = inspect(
+        graph(Endpoint("/cmd_vel", TWIST, b"c"), subscriptions=inputs), NEEDS
+    )
     assert "transient local durability" in finding.text()
 
 
 def test_an_input_that_is_listened_for_elsewhere_is_hinted_at():
     inputs = (Endpoint("/front/scan", SCAN, b"s", "/nav"), INPUTS[1])
-    finding = inspect(graph(Endpoint("/cmd_vel", TWIST, b"c", "/nav"), subscriptions=inputs), NEEDS)
-    assert finding.text() == "no subscription to /scan; a LaserScan subscription exists on /front/scan, remap it"
+    finding = inspect(
+        graph(Endpoint("/cmd_vel", TWIST, b"c", "/nav"), subscriptions=inputs), NEEDS
+    )
+    assert (
+        finding.text()
+        == "no subscription to /scan; a LaserScan subscription exists on /front/scan, remap it"
+    )
     # the simulator's own subscriptions, and those that are served, are no hint
     served = Endpoint("/rear/scan", SCAN, b"R")
     needs = replace(NEEDS, known_nodes={"/nav"}, offered=[served])
-    assert inspect(graph(subscriptions=inputs), needs).missing[1] == "no subscription to /scan"
+    assert (
+        inspect(graph(subscriptions=inputs), needs).missing[1]
+        == "no subscription to /scan"
+    )
     inputs = (replace(inputs[0], topic="/rear/scan"), INPUTS[1])
-    assert inspect(graph(subscriptions=inputs), replace(needs, known_nodes=())).missing[1] == "no subscription to /scan"
+    assert (
+        inspect(graph(subscriptions=inputs), replace(needs, known_nodes=())).missing[1]
+        == "no subscription to /scan"
+    )
 
 
 def test_a_goal_that_the_evaluator_would_send_in_vain():
     latched = Endpoint("/goal_pose", POSE_STAMPED, b"g", "/nav", latched=True)
-    needs = Needs("/cmd_vel", "auto", [("/goal_pose", POSE_STAMPED)], offered=[replace(latched, latched=False)])
+    needs = Needs(
+        "/cmd_vel",
+        "auto",
+        [("/goal_pose", POSE_STAMPED)],
+        offered=[replace(latched, latched=False)],
+    )
     command = Endpoint("/cmd_vel", TWIST, b"c", "/nav")
     assert inspect(graph(command, subscriptions=[latched]), needs).text() == (
         "the subscription to /goal_pose asks for transient local durability, which its publisher does not offer"
@@ -96,21 +182,33 @@ def test_a_goal_that_the_evaluator_would_send_in_vain():
 def test_an_action_for_the_goal():
     command = Endpoint("/cmd_vel", TWIST, b"c", "/nav")
     needs = Needs("/cmd_vel", action=("/navigate_to_pose", ACTION))
-    assert inspect(Graph([command], [], [("/navigate_to_pose", ACTION)]), needs).text() == ""
+    assert (
+        inspect(Graph([command], [], [("/navigate_to_pose", ACTION)]), needs).text()
+        == ""
+    )
     assert inspect(Graph([command]), needs).text() == "no action /navigate_to_pose"
-    elsewhere = inspect(Graph([command], [], [("/robot/navigate_to_pose", ACTION)]), needs)
+    elsewhere = inspect(
+        Graph([command], [], [("/robot/navigate_to_pose", ACTION)]), needs
+    )
     assert elsewhere.text() == (
         "no action /navigate_to_pose; a NavigateToPose action exists as /robot/navigate_to_pose"
     )
     assert elsewhere.outcome is Outcome.PLANNER_NOT_READY
-    other = inspect(Graph([command], [], [("/navigate_to_pose", "my_msgs/action/Drive")]), needs)
-    assert other.text() == "no action /navigate_to_pose of NavigateToPose; one of Drive exists"
+    other = inspect(
+        Graph([command], [], [("/navigate_to_pose", "my_msgs/action/Drive")]), needs
+    )
+    assert (
+        other.text()
+        == "no action /navigate_to_pose of NavigateToPose; one of Drive exists"
+    )
     assert other.outcome is Outcome.WRONG_MESSAGE_TYPE
 
 
 def test_commands_without_guarantee_of_delivery_are_taken_and_known_as_such():
     for reliable in (True, False):
-        finding = inspect(graph(Endpoint("/cmd_vel", TWIST, b"c", "/nav", reliable=reliable)), NEEDS)
+        finding = inspect(
+            graph(Endpoint("/cmd_vel", TWIST, b"c", "/nav", reliable=reliable)), NEEDS
+        )
         assert (finding.text(), finding.command_reliable) == ("", reliable)
 
 
@@ -146,7 +244,10 @@ def test_a_simulator_that_is_stuck_is_not_the_planners_silence():
     quiet(watch, 5.0, ticks=False, commands=False)
     assert watch.judge(5.0, moved=True) is None
     quiet(watch, 6.1, ticks=False, commands=False)
-    assert watch.judge(6.1, moved=True) == (Outcome.SIMULATOR_DIED, "no tick of /clock for 5 s")
+    assert watch.judge(6.1, moved=True) == (
+        Outcome.SIMULATOR_DIED,
+        "no tick of /clock for 5 s",
+    )
 
 
 def test_a_trial_without_end():
@@ -154,16 +255,23 @@ def test_a_trial_without_end():
     quiet(watch, 60.0)
     assert watch.judge(60.0, moved=True) is None
     quiet(watch, 61.0)
-    assert watch.judge(61.0, moved=True) == (Outcome.PLANNER_STALLED, "no verdict after 60 s of wall-clock time")
+    assert watch.judge(61.0, moved=True) == (
+        Outcome.PLANNER_STALLED,
+        "no verdict after 60 s of wall-clock time",
+    )
 
 
 def test_a_planner_at_a_fifth_of_a_hertz_is_ended_after_a_minute():
     watch = Watchdog(Patience(), 0.0)
     found, second = None, 0
-    while found is None:  # 5 s for each step of 0.05 s, all of them spent waiting for its answer
+    while (
+        found is None
+    ):  # 5 s for each step of 0.05 s, all of them spent waiting for its answer
         second += 5
         quiet(watch, float(second))
-        found = watch.judge(float(second), moved=True, simulated_s=second * 0.01, waited_s=float(second))
+        found = watch.judge(
+            float(second), moved=True, simulated_s=second * 0.01, waited_s=float(second)
+        )
     assert second == 60
     assert found == (
         Outcome.PLANNER_STALLED,
@@ -171,12 +279,24 @@ def test_a_planner_at_a_fifth_of_a_hertz_is_ended_after_a_minute():
     )
 
 
-@pytest.mark.parametrize(("pace", "owed"), [(0.03, 1.0), (0.01, 0.4)], ids=["slow enough", "the simulator is slow"])
+@pytest.mark.parametrize(
+    ("pace", "owed"),
+    [(0.03, 1.0), (0.01, 0.4)],
+    ids=["slow enough", "the simulator is slow"],
+)
 def test_a_slow_planner_or_a_slow_simulator_is_not_ended(pace, owed):
     watch = Watchdog(Patience(), 0.0)
     for second in range(0, 600, 5):
         quiet(watch, float(second))
-        assert watch.judge(float(second), moved=True, simulated_s=second * pace, waited_s=second * owed) is None
+        assert (
+            watch.judge(
+                float(second),
+                moved=True,
+                simulated_s=second * pace,
+                waited_s=second * owed,
+            )
+            is None
+        )
 
 
 def test_the_silence_of_a_planner_that_never_spoke_says_so():

@@ -20,8 +20,8 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import Reader
 
-from barn_eval.bags.bagfile import BagFile
-from barn_eval.bags.recorder import PARTIAL, Recorder
+from barn_eval.results.bags.bagfile import BagFile
+from barn_eval.results.bags.recorder import PARTIAL, Recorder
 from barn_worlds.base.errors import BagError
 from barn_worlds.base.types import NANOSECONDS, Velocity2D
 from barn_worlds.messages.cdr import deserialise
@@ -37,8 +37,14 @@ def record(path: Path, cycles: int = 50) -> Path:
         recorder.add_topic("/cmd_vel", CMD_VEL.type_name, LATCHED)
         for cycle in range(cycles):
             recorder.write("/clock", encode_clock(cycle * PERIOD_NS), cycle * PERIOD_NS)
-            recorder.write("/cmd_vel", encode_twist(Velocity2D(0.1 * cycle, -1.0)), cycle * PERIOD_NS)
-        recorder.add_metadata("barn.result", {"outcome": "success", "scores": {"time_s": 1.5}})
+            recorder.write(
+                "/cmd_vel",
+                encode_twist(Velocity2D(0.1 * cycle, -1.0)),
+                cycle * PERIOD_NS,
+            )
+        recorder.add_metadata(
+            "barn.result", {"outcome": "success", "scores": {"time_s": 1.5}}
+        )
         return recorder.finish()
 
 
@@ -46,11 +52,23 @@ def test_rosbags_reads_it(tmp_path):
     with Reader(record(tmp_path / "bag")) as reader:
         assert reader.message_count == 100
         assert (reader.start_time, reader.duration) == (0, 49 * PERIOD_NS + 1)
-        commands = [connection for connection in reader.connections if connection.topic == "/cmd_vel"]
-        twists = [deserialise(data, CMD_VEL.type_name) for _, _, data in reader.messages(commands)]
+        commands = [
+            connection
+            for connection in reader.connections
+            if connection.topic == "/cmd_vel"
+        ]
+        twists = [
+            deserialise(data, CMD_VEL.type_name)
+            for _, _, data in reader.messages(commands)
+        ]
         assert [one.linear.x for one in twists] == [0.1 * cycle for cycle in range(50)]
-        profiles = {connection.topic: connection.ext.offered_qos_profiles[0] for connection in reader.connections}
-    durabilities = {topic: profile.durability.name for topic, profile in profiles.items()}
+        profiles = {
+            connection.topic: connection.ext.offered_qos_profiles[0]
+            for connection in reader.connections
+        }
+    durabilities = {
+        topic: profile.durability.name for topic, profile in profiles.items()
+    }
     assert durabilities == {"/cmd_vel": "TRANSIENT_LOCAL", "/clock": "VOLATILE"}
 
 
@@ -65,22 +83,42 @@ def test_mcap_reads_it_with_schemas_metadata_and_index(tmp_path):
         channels = {channel.topic: channel for channel in summary.channels.values()}
         assert channels["/clock"].message_encoding == "cdr"
         assert channels["/clock"].metadata["topic_type_hash"].startswith("RIHS01_")
-        profile = yaml.safe_load(channels["/cmd_vel"].metadata["offered_qos_profiles"])[0]
-        assert (profile["reliability"], profile["durability"]) == ("reliable", "transient_local")
+        profile = yaml.safe_load(channels["/cmd_vel"].metadata["offered_qos_profiles"])[
+            0
+        ]
+        assert (profile["reliability"], profile["durability"]) == (
+            "reliable",
+            "transient_local",
+        )
         metadata = {record.name: record.metadata for record in reader.iter_metadata()}
-        assert metadata["barn.result"] == {"outcome": "success", "scores": '{"time_s": 1.5}'}
-        stamps = [message.log_time for _, _, message in reader.iter_messages(topics=["/clock"])]
+        assert metadata["barn.result"] == {
+            "outcome": "success",
+            "scores": '{"time_s": 1.5}',
+        }
+        stamps = [
+            message.log_time
+            for _, _, message in reader.iter_messages(topics=["/clock"])
+        ]
         assert stamps == [cycle * PERIOD_NS for cycle in range(50)]
 
 
 def test_metadata_file_has_what_rosbag2_wants(tmp_path):
-    about = yaml.safe_load((record(tmp_path / "bag") / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-    assert (about["version"], about["storage_identifier"], about["ros_distro"]) == (9, "mcap", "jazzy")
+    about = yaml.safe_load((record(tmp_path / "bag") / "metadata.yaml").read_text())[
+        "rosbag2_bagfile_information"
+    ]
+    assert (about["version"], about["storage_identifier"], about["ros_distro"]) == (
+        9,
+        "mcap",
+        "jazzy",
+    )
     assert about["relative_file_paths"] == ["bag_0.mcap"]
     assert about["duration"] == {"nanoseconds": 49 * PERIOD_NS}
     assert about["files"][0]["message_count"] == about["message_count"] == 100
     assert about["custom_data"]["barn.result.outcome"] == "success"
-    topics = {topic["topic_metadata"]["name"]: topic for topic in about["topics_with_message_count"]}
+    topics = {
+        topic["topic_metadata"]["name"]: topic
+        for topic in about["topics_with_message_count"]
+    }
     assert topics["/clock"]["message_count"] == 50
     assert topics["/clock"]["topic_metadata"]["type"] == "rosgraph_msgs/msg/Clock"
 
@@ -117,7 +155,8 @@ def test_a_topic_has_one_known_type(tmp_path):
         with pytest.raises(BagError, match="recorded as rosgraph_msgs/msg/Clock"):
             recorder.add_topic("/clock", CMD_VEL.type_name)
         with pytest.raises(
-            BagError, match="unknown type 'geometry_msgs/msg/Twits' of /cmd_vel; did you mean 'geometry_msgs/msg/Twist'"
+            BagError,
+            match="unknown type 'geometry_msgs/msg/Twits' of /cmd_vel; did you mean 'geometry_msgs/msg/Twist'",
         ):
             recorder.add_topic("/cmd_vel", "geometry_msgs/msg/Twits")
 
@@ -153,12 +192,18 @@ def partial_messages(path: Path) -> list[Message]:
     """Return what can be read of a file that ends anywhere."""
     found = []
     with path.open("rb") as file, suppress(EndOfFile):
-        found += (record for record in StreamReader(file, skip_magic=False).records if isinstance(record, Message))
+        found += (
+            record
+            for record in StreamReader(file, skip_magic=False).records
+            if isinstance(record, Message)
+        )
     return found
 
 
 def test_a_killed_recording_is_readable_up_to_the_last_second(tmp_path):
-    child = get_context("spawn").Process(target=record_and_die, args=(tmp_path / "bag",))
+    child = get_context("spawn").Process(
+        target=record_and_die, args=(tmp_path / "bag",)
+    )
     child.start()
     child.join()
     assert child.exitcode == -signal.SIGKILL
@@ -185,8 +230,13 @@ def with_chunk(path, compression, content, stated):
 
 
 @pytest.mark.parametrize("compression", PACKED)
-@pytest.mark.parametrize(("size", "stated"), [(50_000_000, 100), (100, 50_000_000), (100, 1 << 40), (5_000, 4_999)])
-def test_a_chunk_that_is_not_what_it_states_ends_the_reading(tmp_path, compression, size, stated):
+@pytest.mark.parametrize(
+    ("size", "stated"),
+    [(50_000_000, 100), (100, 50_000_000), (100, 1 << 40), (5_000, 4_999)],
+)
+def test_a_chunk_that_is_not_what_it_states_ends_the_reading(
+    tmp_path, compression, size, stated
+):
     file = BagFile(with_chunk(tmp_path / "bomb.mcap", compression, bytes(size), stated))
     assert list(file.messages()) == []
     assert file.problem.startswith("the bag is damaged after 0.00 s (a chunk ")
@@ -196,7 +246,7 @@ def test_a_chunk_that_is_not_what_it_states_ends_the_reading(tmp_path, compressi
 def test_a_chunk_of_almost_nothing_is_not_unpacked(tmp_path, monkeypatch):
     size = 20_000_000
     file = BagFile(with_chunk(tmp_path / "bomb.mcap", "zstd", bytes(size), size))
-    monkeypatch.delattr("barn_eval.bags.bagfile.ZstdDecompressor")
+    monkeypatch.delattr("barn_eval.results.bags.bagfile.ZstdDecompressor")
     assert list(file.messages()) == []
     assert f"a chunk of {size} bytes in " in file.problem
 
@@ -206,7 +256,9 @@ def words_of(path, compression):
     with path.open("wb") as stream:
         writer = Writer(stream, compression=compression)
         writer.start()
-        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
+        schema = writer.register_schema(
+            "std_msgs/msg/String", "ros2msg", b"string data"
+        )
         channel = writer.register_channel("/words", "cdr", schema)
         for time in range(200):
             writer.add_message(channel, time, b"\0\1\0\0" + bytes(1000), time)
@@ -217,7 +269,9 @@ def words_of(path, compression):
 def test_a_chunk_that_does_not_fit_its_checksum_ends_the_reading(tmp_path):
     words_of(tmp_path / "good.mcap", CompressionType.NONE)
     content = (tmp_path / "good.mcap").read_bytes()
-    (tmp_path / "bad.mcap").write_bytes(content.replace(bytes(1000), b"\1" + bytes(999), 1))
+    (tmp_path / "bad.mcap").write_bytes(
+        content.replace(bytes(1000), b"\1" + bytes(999), 1)
+    )
     file = BagFile(tmp_path / "bad.mcap")
     assert list(file.messages()) == []
     assert file.problem.startswith("the bag is damaged after 0.00 s")

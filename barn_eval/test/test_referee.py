@@ -15,7 +15,9 @@ from barn_eval.trials.protocol import CHALLENGE, PAPER_2020, Course
 from barn_eval.trials.referee import Referee, Standing
 from barn_worlds.base.types import Pose2D, Velocity2D
 
-COURSE = Course(Pose2D(0.0, 0.0, math.pi / 2), Pose2D(0.0, 5.0, math.pi / 2), 4.5, 5.0, 2.5)
+COURSE = Course(
+    Pose2D(0.0, 0.0, math.pi / 2), Pose2D(0.0, 5.0, math.pi / 2), 4.5, 5.0, 2.5
+)
 PERIOD_NS = 50_000_000
 
 
@@ -30,13 +32,18 @@ class Reading(NamedTuple):
 
 def reading(step: int, y: float, collision: bool = False) -> Reading:
     """Return the readings of a robot that has driven straight to y; odometry counts along its own x."""
-    return Reading(step * PERIOD_NS, Pose2D(y, 0.0, 0.0), Pose2D(0.0, y, math.pi / 2), collision)
+    return Reading(
+        step * PERIOD_NS, Pose2D(y, 0.0, 0.0), Pose2D(0.0, y, math.pi / 2), collision
+    )
 
 
 def judge(protocol, positions, contacts=()):
     """Return the verdict on a list of positions along the course, None if there is none."""
     referee = Referee(protocol, COURSE)
-    verdicts = (referee.observe(*reading(step, y, step in contacts)) for step, y in enumerate(positions))
+    verdicts = (
+        referee.observe(*reading(step, y, step in contacts))
+        for step, y in enumerate(positions)
+    )
     return next((verdict for verdict in verdicts if verdict is not None), None)
 
 
@@ -55,7 +62,10 @@ def test_a_protocol_that_looks_ten_times_a_second_sees_everything_at_its_looks()
     # 0.15 m is passed at step 13 and seen at 14; 4 m at step 90, which is a look.
     assert verdict.traversal_time_s == pytest.approx((90 - 14) * 0.05)
     touched = judge(looking, [0.0] * 10, contacts=(3,))
-    assert (touched.outcome, touched.duration_s) == (Outcome.COLLISION, pytest.approx(4 * 0.05))
+    assert (touched.outcome, touched.duration_s) == (
+        Outcome.COLLISION,
+        pytest.approx(4 * 0.05),
+    )
     assert judge(looking, [0.0] * 4, contacts=(3,)) is None
 
 
@@ -78,21 +88,35 @@ def test_motion_of_exactly_the_distance_does_not_start_the_clock():
 def test_the_first_motion_is_in_any_direction_by_what_the_protocol_says(source, x, y):
     first, still = Pose2D(3.0, -2.0, 0.0), Pose2D(-1.0, 4.0, 0.0)
     for moves in ("odometry", "truth"):
-        referee = Referee(replace(CHALLENGE, clock_start_source=source, clock_start_distance_m=0.3), COURSE)
+        referee = Referee(
+            replace(CHALLENGE, clock_start_source=source, clock_start_distance_m=0.3),
+            COURSE,
+        )
         for stamp_ns, pose in enumerate((first, Pose2D(first.x + x, first.y + y, 0.0))):
-            referee.observe(stamp_ns, *((pose, still) if moves == "odometry" else (still, pose)), False)
+            referee.observe(
+                stamp_ns,
+                *((pose, still) if moves == "odometry" else (still, pose)),
+                False,
+            )
         assert referee.clock_started is (moves == source)
 
 
 def test_referees_may_keep_what_they_know_in_rows_that_are_judged_at_once():
-    states, referees = np.zeros(3, rules.STATE), [Referee(CHALLENGE, COURSE) for _ in range(3)]
+    states, referees = (
+        np.zeros(3, rules.STATE),
+        [Referee(CHALLENGE, COURSE) for _ in range(3)],
+    )
     for index, referee in enumerate(referees):
         referee.observe(*reading(0, 0.0))
         referee.move_to(states[index : index + 1])
     poses = np.array([[0.0, y, 0.0] for y in (0.0, 2.0, 4.5)])
     stamps_ns, contacts = np.full(3, 2 * PERIOD_NS), np.array([True, False, False])
     rules.observe(states, np.arange(2), stamps_ns, poses, poses, contacts)
-    assert [one.verdict and one.verdict.outcome for one in referees] == [Outcome.COLLISION, None, None]
+    assert [one.verdict and one.verdict.outcome for one in referees] == [
+        Outcome.COLLISION,
+        None,
+        None,
+    ]
     assert [one.standing.left_m for one in referees] == [5.0, 3.0, 5.0]
     assert referees[2].observe(*reading(1, 4.5)).outcome is Outcome.SUCCESS
 
@@ -102,8 +126,12 @@ def test_the_goal_is_measured_by_what_the_protocol_says(source):
     referee = Referee(replace(CHALLENGE, goal_source=source), COURSE)
     referee.observe(*reading(0, 0.0))
     far, near = 1.0, 4.5
-    by_odometry = Reading(PERIOD_NS, Pose2D(near, 0.0, 0.0), Pose2D(0.0, far, 0.0), False)
-    by_truth = Reading(2 * PERIOD_NS, Pose2D(far, 0.0, 0.0), Pose2D(0.0, near, 0.0), False)
+    by_odometry = Reading(
+        PERIOD_NS, Pose2D(near, 0.0, 0.0), Pose2D(0.0, far, 0.0), False
+    )
+    by_truth = Reading(
+        2 * PERIOD_NS, Pose2D(far, 0.0, 0.0), Pose2D(0.0, near, 0.0), False
+    )
     assert (referee.observe(*by_odometry) is not None) == (source == "odometry")
     assert referee.observe(*by_truth).outcome is Outcome.SUCCESS
 
@@ -115,38 +143,57 @@ def test_a_contact_ends_the_challenge_even_on_the_goal_and_before_the_clock():
 
 def test_time_in_contact_is_that_since_the_reading_before_each_contact():
     referee = Referee(PAPER_2020, COURSE)
-    for stamp_ms, collision in ((1000, True), (1100, True), (1300, False), (1700, True), (2500, False)):
+    for stamp_ms, collision in (
+        (1000, True),
+        (1100, True),
+        (1300, False),
+        (1700, True),
+        (2500, False),
+    ):
         one = reading(0, 0.0, collision)._replace(stamp_ns=stamp_ms * 1_000_000)
         assert referee.observe(*one) is None
     # 0.1 s up to the contact at 1.1 s and 0.4 s up to that at 1.7 s; before the first reading nothing is known
     assert referee.standing.contact_s == pytest.approx(0.5)
     verdict = referee.fail(Outcome.PLANNER_DIED, "")
-    assert (verdict.contact_s, verdict.duration_s) == (pytest.approx(0.5), pytest.approx(1.5))
+    assert (verdict.contact_s, verdict.duration_s) == (
+        pytest.approx(0.5),
+        pytest.approx(1.5),
+    )
 
 
 def test_a_contact_is_told_with_the_true_place():
     referee = Referee(CHALLENGE, COURSE)
-    verdict = referee.observe(*Reading(0, Pose2D(7.0, 8.0, 0.0), Pose2D(1.0, -2.0, 0.0), True))
+    verdict = referee.observe(
+        *Reading(0, Pose2D(7.0, 8.0, 0.0), Pose2D(1.0, -2.0, 0.0), True)
+    )
     assert verdict.detail == "contact at (1.00, -2.00) m"
 
 
 def test_no_first_motion():
     verdict = judge(CHALLENGE, [0.0] * 10_000)
-    assert (verdict.outcome, verdict.traversal_time_s) == (Outcome.NO_FIRST_MOTION, None)
+    assert (verdict.outcome, verdict.traversal_time_s) == (
+        Outcome.NO_FIRST_MOTION,
+        None,
+    )
     assert verdict.duration_s == CHALLENGE.first_motion_limit_s
 
 
 def test_timeout_counts_from_the_first_motion():
     verdict = judge(CHALLENGE, [0.0] * 100 + [1.0] * 10_000)
     times = (verdict.traversal_time_s, verdict.duration_s)
-    assert (verdict.outcome, times) == (Outcome.TIMEOUT, (CHALLENGE.limit_s, CHALLENGE.limit_s + 5.0))
+    assert (verdict.outcome, times) == (
+        Outcome.TIMEOUT,
+        (CHALLENGE.limit_s, CHALLENGE.limit_s + 5.0),
+    )
     assert "4.00 m from the goal" in verdict.detail
 
 
 def test_the_goal_counts_until_the_limit_and_not_after():
     steps = round(CHALLENGE.limit_s / 0.05)
     assert judge(CHALLENGE, [0.0] + [1.0] * steps + [4.5]).outcome is Outcome.SUCCESS
-    assert judge(CHALLENGE, [0.0] + [1.0] * (steps + 1) + [4.5]).outcome is Outcome.TIMEOUT
+    assert (
+        judge(CHALLENGE, [0.0] + [1.0] * (steps + 1) + [4.5]).outcome is Outcome.TIMEOUT
+    )
 
 
 @pytest.mark.parametrize(
@@ -154,7 +201,10 @@ def test_the_goal_counts_until_the_limit_and_not_after():
     [
         (Velocity2D(math.nan, 0.2), "command (nan m/s, 0.2 rad/s) is not finite"),
         (Velocity2D(0.3, math.inf), "command (0.3 m/s, inf rad/s) is not finite"),
-        (Velocity2D(-0.6, 0.0), "command of -0.6 m/s is above the planner's declared speed cap of 0.5 m/s"),
+        (
+            Velocity2D(-0.6, 0.0),
+            "command of -0.6 m/s is above the planner's declared speed cap of 0.5 m/s",
+        ),
     ],
 )
 def test_a_command_that_cannot_be_given_ends_the_trial(command, told):
@@ -175,7 +225,9 @@ def test_a_command_that_cannot_be_given_ends_the_trial(command, told):
     ],
 )
 def test_a_cap_holds_but_for_rounding(declared_mps, command_mps, allowed):
-    verdict = Referee(CHALLENGE, COURSE, declared_mps).command(Velocity2D(command_mps, 0.0))
+    verdict = Referee(CHALLENGE, COURSE, declared_mps).command(
+        Velocity2D(command_mps, 0.0)
+    )
     assert (verdict is None) is allowed
 
 
@@ -192,19 +244,29 @@ def test_a_clock_runs_back_by_the_last_reading_and_may_stand_still():
     assert "ran back from 100000000 to 50000000 ns" in verdict.detail
 
 
-@pytest.mark.parametrize(("field", "name"), [("odometry", "odometry"), ("truth", "true pose")])
+@pytest.mark.parametrize(
+    ("field", "name"), [("odometry", "odometry"), ("truth", "true pose")]
+)
 @pytest.mark.parametrize("coordinate", ["x", "y", "yaw"])
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_a_pose_that_is_no_number_is_the_simulators_fault(field, name, coordinate, value):
+def test_a_pose_that_is_no_number_is_the_simulators_fault(
+    field, name, coordinate, value
+):
     referee = Referee(CHALLENGE, COURSE)
     pose = replace(Pose2D(0.0, 0.0, 0.0), **{coordinate: value})
     verdict = referee.observe(*reading(0, 0.0)._replace(**{field: pose}))
-    assert verdict == Verdict(Outcome.SIMULATOR_DIED, f"the {name} is not finite", None, 0.0, 0.0)
+    assert verdict == Verdict(
+        Outcome.SIMULATOR_DIED, f"the {name} is not finite", None, 0.0, 0.0
+    )
 
 
 def test_a_trial_that_fails_before_its_first_reading_has_no_times():
-    verdict = Referee(CHALLENGE, COURSE).fail(Outcome.PLANNER_NOT_READY, "no answer within 10 s")
-    assert verdict == Verdict(Outcome.PLANNER_NOT_READY, "no answer within 10 s", None, 0.0, 0.0)
+    verdict = Referee(CHALLENGE, COURSE).fail(
+        Outcome.PLANNER_NOT_READY, "no answer within 10 s"
+    )
+    assert verdict == Verdict(
+        Outcome.PLANNER_NOT_READY, "no answer within 10 s", None, 0.0, 0.0
+    )
 
 
 def test_the_standing_is_that_of_the_last_reading_and_stays_at_the_verdict():
@@ -231,11 +293,17 @@ def test_the_first_verdict_stands():
 
 
 positions = st.floats(-1.0, 6.0, allow_nan=False)
-steps = st.lists(st.tuples(st.integers(0, 2_000_000_000), positions, st.booleans()), max_size=60)
+steps = st.lists(
+    st.tuples(st.integers(0, 2_000_000_000), positions, st.booleans()), max_size=60
+)
 
 
 @settings(max_examples=300, deadline=None)
-@given(steps=steps, protocol=st.sampled_from([PAPER_2020, CHALLENGE]), offset_ns=st.integers(0, 10**15))
+@given(
+    steps=steps,
+    protocol=st.sampled_from([PAPER_2020, CHALLENGE]),
+    offset_ns=st.integers(0, 10**15),
+)
 def test_one_verdict_with_sound_times_wherever_time_begins(steps, protocol, offset_ns):
     def run(first_ns: int):
         referee = Referee(protocol, COURSE)

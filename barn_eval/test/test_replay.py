@@ -10,12 +10,12 @@ from browser import violations
 from report_work import EVIL, drive
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
-from barn_eval.bags.bagfile import BagFile
-from barn_eval.bags.recorded import read_recorded
-from barn_eval.bags.recorder import Recorder
 from barn_eval.pages.replay.files import write_replay
 from barn_eval.pages.replay.page import labels, replay_page
 from barn_eval.pages.replay.payload import bounds, progress_m
+from barn_eval.results.bags.bagfile import BagFile
+from barn_eval.results.bags.recorded import read_recorded
+from barn_eval.results.bags.recorder import Recorder
 from barn_eval.trials.protocol import DYNABARN, PAPER_2020
 from barn_planners.runtime.messages import MOST_SHOWN
 from barn_worlds.base.errors import BagError
@@ -50,9 +50,16 @@ def test_what_the_scans_hit_is_drawn_where_they_hit_it(bag):
             near = np.isfinite(ranges) & (ranges < 8.0)
             # half a cylinder's radius behind its surface
             reach = ranges[near, None] + 0.04
-            ends = reach * np.stack([np.cos(angles[near]), np.sin(angles[near])], axis=1)
-            points = (Pose2D(*pose.tolist()) @ recorded.lidar).transform(ends) + [0.0, off_y_m]
-            cells = np.floor((points - [grid.origin_x, grid.origin_y]) / grid.resolution).astype(int)[:, ::-1]
+            ends = reach * np.stack(
+                [np.cos(angles[near]), np.sin(angles[near])], axis=1
+            )
+            points = (Pose2D(*pose.tolist()) @ recorded.lidar).transform(ends) + [
+                0.0,
+                off_y_m,
+            ]
+            cells = np.floor(
+                (points - [grid.origin_x, grid.origin_y]) / grid.resolution
+            ).astype(int)[:, ::-1]
             inside = ((cells >= 0) & (cells < grid.data.shape)).all(axis=1)
             hits.extend(grid.data[tuple(cells[inside].T)] >= 50)
         return np.mean(hits)
@@ -72,13 +79,25 @@ def copy_of(bag, path, change):
 def test_poses_scans_and_result_are_those_of_the_bag(bag):
     recorded = read_recorded(bag)
     with Reader(bag) as reader:
-        truth = [connection for connection in reader.connections if connection.topic == "/ground_truth/odom"]
+        truth = [
+            connection
+            for connection in reader.connections
+            if connection.topic == "/ground_truth/odom"
+        ]
         read = jazzy_types().deserialize_cdr
-        messages = [(stamp, read(data, connection.msgtype)) for connection, stamp, data in reader.messages(truth)]
+        messages = [
+            (stamp, read(data, connection.msgtype))
+            for connection, stamp, data in reader.messages(truth)
+        ]
     assert len(recorded.times_s) == len(messages) == len(recorded.scans)
     stamps = [stamp for stamp, _ in messages]
-    assert recorded.times_s.tolist() == [(stamp - stamps[0]) / NANOSECONDS for stamp in stamps]
-    positions = [(message.pose.pose.position.x, message.pose.pose.position.y) for _, message in messages]
+    assert recorded.times_s.tolist() == [
+        (stamp - stamps[0]) / NANOSECONDS for stamp in stamps
+    ]
+    positions = [
+        (message.pose.pose.position.x, message.pose.pose.position.y)
+        for _, message in messages
+    ]
     assert recorded.poses[:, :2].tolist() == [list(position) for position in positions]
     assert recorded.result["outcome"] == "success"
     assert recorded.map is not None
@@ -89,12 +108,16 @@ def test_poses_scans_and_result_are_those_of_the_bag(bag):
     assert recorded.scores[-1].content == recorded.result["scores"]["challenge"]
     assert all(len(shown.content.lines) == MOST_SHOWN for shown in recorded.candidates)
     assert len(recorded.candidates) == -(-len(messages) // 10)  # two a second
-    assert [note.split(" ")[0] for note in recorded.notes] == ["map"]  # that the map was off
+    assert [note.split(" ")[0] for note in recorded.notes] == [
+        "map"
+    ]  # that the map was off
 
 
 def test_a_cut_off_bag_is_replayed_as_far_as_it_goes(either_bag, tmp_path):
     whole = read_recorded(either_bag)
-    cut = read_recorded(copy_of(either_bag, tmp_path / "cut", lambda data: data[: len(data) * 6 // 10]))
+    cut = read_recorded(
+        copy_of(either_bag, tmp_path / "cut", lambda data: data[: len(data) * 6 // 10])
+    )
     assert 0.2 < len(cut.times_s) / len(whole.times_s) < 0.9
     assert cut.poses.tolist() == whole.poses[: len(cut.poses)].tolist()
     assert "cut off" in cut.notes[0]
@@ -102,11 +125,15 @@ def test_a_cut_off_bag_is_replayed_as_far_as_it_goes(either_bag, tmp_path):
     assert "the bag is cut off after" in replay_page(cut)
 
 
-def test_a_bag_that_ends_within_a_number_is_cut_off_and_not_damaged(either_bag, tmp_path):
+def test_a_bag_that_ends_within_a_number_is_cut_off_and_not_damaged(
+    either_bag, tmp_path
+):
     (file,) = either_bag.glob("*.mcap")
     data, cut = file.read_bytes(), tmp_path / "cut.mcap"
     told = set()
-    for length in range(len(data) - 36, len(data) - 8):  # the record before the last eight bytes has three numbers
+    for length in range(
+        len(data) - 36, len(data) - 8
+    ):  # the record before the last eight bytes has three numbers
         cut.write_bytes(data[:length])
         found = BagFile(cut)
         assert sum(1 for _ in found.messages()) > 1000
@@ -118,7 +145,9 @@ def test_a_damaged_bag_is_replayed_as_far_as_it_is_whole(either_bag, tmp_path):
     whole = read_recorded(either_bag)
     (file,) = either_bag.glob("*.mcap")
     there = file.read_bytes()[file.stat().st_size // 2 :][:64]
-    damaged = copy_of(either_bag, tmp_path / "damaged", lambda data: data.replace(there, bytes(64)))
+    damaged = copy_of(
+        either_bag, tmp_path / "damaged", lambda data: data.replace(there, bytes(64))
+    )
     hurt = read_recorded(damaged)
     assert 0.1 < len(hurt.times_s) / len(whole.times_s) < 0.9
     assert hurt.notes[0].startswith("the bag is damaged after ")
@@ -134,9 +163,13 @@ def test_a_damaged_bag_is_replayed_as_far_as_it_is_whole(either_bag, tmp_path):
         (b"\x89MCAP0\r\n" + b"\xff" * 99, ", or damaged at its beginning"),
     ],
 )
-def test_files_that_are_no_bags_are_refused_in_one_line(content, told, tmp_path, rejected):
+def test_files_that_are_no_bags_are_refused_in_one_line(
+    content, told, tmp_path, rejected
+):
     (tmp_path / "thing.mcap").write_bytes(content)
-    assert f"thing.mcap: not an MCAP file{told}\n" in rejected("replay", "thing.mcap", "--out", "out.html")
+    assert f"thing.mcap: not an MCAP file{told}\n" in rejected(
+        "replay", "thing.mcap", "--out", "out.html"
+    )
 
 
 def test_folders_without_a_bag_are_refused(tmp_path):
@@ -149,9 +182,13 @@ def test_folders_without_a_bag_are_refused(tmp_path):
 def test_a_bag_of_something_else_is_refused(tmp_path):
     with Recorder(tmp_path / "talk") as recorder:
         recorder.add_topic("/chatter", "std_msgs/msg/String")
-        recorder.write("/chatter", serialise(make("std_msgs/msg/String", data="hello")), 1)
+        recorder.write(
+            "/chatter", serialise(make("std_msgs/msg/String", data="hello")), 1
+        )
         recorder.finish()
-    with pytest.raises(BagError, match=r"no poses of a robot on /ground_truth/odom or /odom"):
+    with pytest.raises(
+        BagError, match=r"no poses of a robot on /ground_truth/odom or /odom"
+    ):
         read_recorded(tmp_path / "talk")
 
 
@@ -159,11 +196,18 @@ def test_a_foreign_bag_in_sqlite_with_odometry_alone_is_replayed(bag, tmp_path):
     """As another recorder may write it: SQLite, no truth, no result, a topic of a type it should not have."""
     path = tmp_path / "foreign"
     types = jazzy_types()
-    with Reader(bag) as reader, Writer(path, version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
-        odometry = writer.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=types)
+    with (
+        Reader(bag) as reader,
+        Writer(path, version=8, storage_plugin=StoragePlugin.SQLITE3) as writer,
+    ):
+        odometry = writer.add_connection(
+            "/odom", "nav_msgs/msg/Odometry", typestore=types
+        )
         wrong = writer.add_connection("/map", "std_msgs/msg/String", typestore=types)
         writer.write(wrong, 0, serialise(make("std_msgs/msg/String", data=EVIL)))
-        for _, stamp, data in reader.messages([one for one in reader.connections if one.topic == "/odom"]):
+        for _, stamp, data in reader.messages(
+            [one for one in reader.connections if one.topic == "/odom"]
+        ):
             writer.write(odometry, stamp, data)
     recorded = read_recorded(path)
     assert (recorded.frame, recorded.map) == ("odom", None)
@@ -187,10 +231,16 @@ def some_of(bag, path, wanted, about):
 
 
 @pytest.mark.parametrize("specified", [True, False])
-def test_without_static_transforms_the_lidar_is_where_the_trial_has_it(bag, tmp_path, specified):
+def test_without_static_transforms_the_lidar_is_where_the_trial_has_it(
+    bag, tmp_path, specified
+):
     """As in bags of trials over ROS where tf2_msgs is not installed; another's bag says nothing of its lidar."""
     about = {"simulator": {"lidar": {"mount_x_m": 0.2}}} if specified else {}
-    recorded = read_recorded(some_of(bag, tmp_path / "bare", {"/ground_truth/odom", "/scan"}.__contains__, about))
+    recorded = read_recorded(
+        some_of(
+            bag, tmp_path / "bare", {"/ground_truth/odom", "/scan"}.__contains__, about
+        )
+    )
     assert recorded.lidar == Pose2D(0.2 if specified else 0.0, 0.0, 0.0)
     assert any("drawn at base_link" in note for note in recorded.notes) != specified
 
@@ -198,13 +248,28 @@ def test_without_static_transforms_the_lidar_is_where_the_trial_has_it(bag, tmp_
 def test_the_world_is_that_of_the_bag(bag, tmp_path):
     world, recorded = open_dataset("barn300").load(0), read_recorded(bag)
     assert recorded.scene.cylinders_m.tolist() == world.cylinders_m.tolist()
-    assert (recorded.scene.start.x, recorded.scene.start.y) == pytest.approx(tuple(recorded.poses[0, :2]), abs=1e-3)
+    assert (recorded.scene.start.x, recorded.scene.start.y) == pytest.approx(
+        tuple(recorded.poses[0, :2]), abs=1e-3
+    )
     assert recorded.goal_pose().distance(PAPER_2020.course(world).goal) == 0.0
-    assert float(recorded.clearance_m.min()) == recorded.result["measures"]["min_clearance_m"]
+    assert (
+        float(recorded.clearance_m.min())
+        == recorded.result["measures"]["min_clearance_m"]
+    )
     left, below, right, above = bounds(recorded)
-    assert left <= world.bounds_m[0] and below <= world.bounds_m[1] and right >= world.bounds_m[2]
-    assert above >= max(world.bounds_m[3], recorded.scene.goal.y + recorded.scene.goal_distance_m)
-    other = read_recorded(some_of(bag, tmp_path / "other", lambda topic: topic != "/world", recorded.trial))
+    assert (
+        left <= world.bounds_m[0]
+        and below <= world.bounds_m[1]
+        and right >= world.bounds_m[2]
+    )
+    assert above >= max(
+        world.bounds_m[3], recorded.scene.goal.y + recorded.scene.goal_distance_m
+    )
+    other = read_recorded(
+        some_of(
+            bag, tmp_path / "other", lambda topic: topic != "/world", recorded.trial
+        )
+    )
     assert other.scene is None
     assert np.isnan(other.clearance_m).all()
     assert '"scene":null' in replay_page(other)
@@ -216,7 +281,9 @@ def test_progress_is_along_the_path_and_never_back(bag):
     assert along_m[0] == pytest.approx(0.0, abs=0.05)
     assert (np.diff(along_m) >= 0.0).all()
     scene = recorded.scene
-    whole = np.vstack([[scene.start.x, scene.start.y], scene.path_m, [scene.goal.x, scene.goal.y]])
+    whole = np.vstack(
+        [[scene.start.x, scene.start.y], scene.path_m, [scene.goal.x, scene.goal.y]]
+    )
     length_m = np.hypot(*np.diff(whole, axis=0).T).sum()
     assert length_m - scene.goal_distance_m - 0.1 < along_m[-1] < length_m + 1e-9
     back = replace(recorded, poses=recorded.poses[::-1].copy())
@@ -227,8 +294,14 @@ def test_trials_are_told_apart_by_planner_then_bag_then_folder(bag):
     first = read_recorded(bag)
     other = replace(first, trial=first.trial | {"planner": {"name": "dwa"}})
     assert labels([first, other]) == ["gap", "DWA"]
-    assert labels([first, replace(first, name="later")]) == ["gap (gap_w0000_r00)", "gap (later)"]
-    assert labels([first, replace(first, folder="again")]) == ["gap (run)", "gap (again)"]
+    assert labels([first, replace(first, name="later")]) == [
+        "gap (gap_w0000_r00)",
+        "gap (later)",
+    ]
+    assert labels([first, replace(first, folder="again")]) == [
+        "gap (run)",
+        "gap (again)",
+    ]
     assert labels([first, first]) == ["gap (1)", "gap (2)"]
 
 
@@ -263,7 +336,9 @@ def test_the_page_plays_pauses_scrubs_and_changes_speed(bag, open_page, tmp_path
     page.wait_for_timeout(200)
     assert page.evaluate(time) == paused
     assert pixels() != first
-    page.locator("#scrub").evaluate("(one) => { one.value = 2.0; one.dispatchEvent(new Event('input')) }")
+    page.locator("#scrub").evaluate(
+        "(one) => { one.value = 2.0; one.dispatchEvent(new Event('input')) }"
+    )
     assert page.evaluate(time) == pytest.approx(2.0, abs=0.01)
     assert text("clock").startswith("2.00 /")
     for layer in ("scan", "candidates"):
@@ -278,10 +353,20 @@ def test_the_page_plays_pauses_scrubs_and_changes_speed(bag, open_page, tmp_path
     page.wait_for_function(f"{time} > 0 && {time} < window.replay.player.end - 1")
 
 
-def test_two_trials_on_one_clock_looked_at_by_mouse_and_by_keys(bag, open_page, screenshots, tmp_path):
+def test_two_trials_on_one_clock_looked_at_by_mouse_and_by_keys(
+    bag, open_page, screenshots, tmp_path
+):
     recorded = read_recorded(bag)
-    touched = replace(recorded, contact=(recorded.times_s > 2.0) & (recorded.times_s < 2.3), recoveries_s=(3.0,))
-    slower = replace(recorded, times_s=2.0 * recorded.times_s, trial=recorded.trial | {"planner": {"name": EVIL}})
+    touched = replace(
+        recorded,
+        contact=(recorded.times_s > 2.0) & (recorded.times_s < 2.3),
+        recoveries_s=(3.0,),
+    )
+    slower = replace(
+        recorded,
+        times_s=2.0 * recorded.times_s,
+        trial=recorded.trial | {"planner": {"name": EVIL}},
+    )
     file = tmp_path / "two.html"
     file.write_text(replay_page(touched, slower), "utf-8")
     page = open_page(file)
@@ -291,13 +376,19 @@ def test_two_trials_on_one_clock_looked_at_by_mouse_and_by_keys(bag, open_page, 
         return page.evaluate("replay.player.time")
 
     def pixels():
-        return page.evaluate("['scene', 'scene-1'].map((id) => document.getElementById(id).toDataURL())")
+        return page.evaluate(
+            "['scene', 'scene-1'].map((id) => document.getElementById(id).toDataURL())"
+        )
 
     def told():
         return page.locator("#told").text_content()
 
-    assert page.evaluate("[document.querySelectorAll('figure').length, window.evil]") == [2, None]
-    assert page.evaluate("replay.player.end") == pytest.approx(2.0 * recorded.times_s[-1], abs=0.01)
+    assert page.evaluate(
+        "[document.querySelectorAll('figure').length, window.evil]"
+    ) == [2, None]
+    assert page.evaluate("replay.player.end") == pytest.approx(
+        2.0 * recorded.times_s[-1], abs=0.01
+    )
     page.screenshot(path=screenshots / "replay_two.png", full_page=True)
     assert violations(page) == []
     # Contact, recovery and closest approach: forward, back and around.
@@ -307,7 +398,9 @@ def test_two_trials_on_one_clock_looked_at_by_mouse_and_by_keys(bag, open_page, 
     assert told().startswith("gap: contact at 2.0")
     assert page.evaluate("replay.view.zoom") > 2.0
     page.click("#to-closest")
-    assert clock() == pytest.approx(recorded.times_s[recorded.clearance_m.argmin()], abs=0.01)
+    assert clock() == pytest.approx(
+        recorded.times_s[recorded.clearance_m.argmin()], abs=0.01
+    )
     key("0")
     whole = pixels()
     # Zoom by wheel keeps the point under the mouse; both scenes follow; Fit shows all again.

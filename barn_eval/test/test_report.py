@@ -20,16 +20,16 @@ from barn_eval.analysis.significance import proportion
 from barn_eval.analysis.sources import Source, read_entries, read_source
 from barn_eval.analysis.summary import bars
 from barn_eval.analysis.text_table import TextTable, latex_text
+from barn_eval.api.results import report as write_folders
 from barn_eval.commands.run import command as run_command
-from barn_eval.experiments.experiment import Experiment
-from barn_eval.experiments.folder import read_results
-from barn_eval.experiments.request import read_request
-from barn_eval.experiments.track import NO_NUMBER
 from barn_eval.pages.report import page as report_module
 from barn_eval.pages.report.page import build_report, report_page, write_assets
 from barn_eval.pages.report.trials import trial_data
 from barn_eval.pages.template import script_json
-from barn_eval.results import report as write_folders
+from barn_eval.results.folder import read_results
+from barn_eval.results.tracks import NO_NUMBER
+from barn_eval.running.request import read_request
+from barn_eval.trials.run_config import Experiment
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.worlds.dataset import open_dataset
@@ -63,7 +63,10 @@ def test_json_within_a_script_cannot_leave_it():
 
 def test_latex_takes_any_text():
     assert latex_text("50 % of a_b & {c}\n") == r"50 \% of a\_b \& \{c\} "
-    assert latex_text("-0.5 [-1.0, 2.0] a-1 2-3 <x>") == r"$-$0.5 [$-$1.0, 2.0] a-1 2-3 \textless{}x\textgreater{}"
+    assert (
+        latex_text("-0.5 [-1.0, 2.0] a-1 2-3 <x>")
+        == r"$-$0.5 [$-$1.0, 2.0] a-1 2-3 \textless{}x\textgreater{}"
+    )
     table = TextTable("t", "title", ("a", "b"), (("x_1", "2"),))
     assert r"x\_1 & 2 \\" in table.latex()
     assert table.csv() == "a,b\nx_1,2\n"
@@ -71,14 +74,28 @@ def test_latex_takes_any_text():
 
 def test_figures_are_those_of_the_statistics(report, folder, tmp_path):
     results = [result for result in read_results(folder) if result.planner == "gap"]
-    rate = proportion(np.array([one.scores.success for one in results], int), np.array([one.world for one in results]))
+    rate = proportion(
+        np.array([one.scores.success for one in results], int),
+        np.array([one.world for one in results]),
+    )
     write_assets(report, tmp_path)
     with (tmp_path / "headline.csv").open(newline="") as file:
         rows = {row["planner"]: row for row in csv.DictReader(file)}
-    expected = f"{100 * rate.estimate:.1f} [{100 * rate.low:.1f}, {100 * rate.high:.1f}]"
+    expected = (
+        f"{100 * rate.estimate:.1f} [{100 * rate.low:.1f}, {100 * rate.high:.1f}]"
+    )
     assert rows["gap"]["success [%]"] == expected
     names = {path.name for path in tmp_path.iterdir()}
-    for name in ("worlds", "trade", "bands", "outcomes", "paired", "distributions", "compute", "hardest"):
+    for name in (
+        "worlds",
+        "trade",
+        "bands",
+        "outcomes",
+        "paired",
+        "distributions",
+        "compute",
+        "hardest",
+    ):
         assert {f"{name}.svg", f"{name}.pdf"} <= names
     for name in ("headline", "bands", "measures", "outcomes", "paired_1"):
         assert {f"{name}.csv", f"{name}.tex"} <= names
@@ -88,7 +105,11 @@ def test_figures_are_those_of_the_statistics(report, folder, tmp_path):
 def test_worlds_are_ordered_from_easy_to_difficult(report, folder):
     order = report.overview.order
     assert list(order.mean_s_per_m) == sorted(order.mean_s_per_m)
-    results = [result.scores.normalised_time_s_per_m for result in read_results(folder) if result.world == 3]
+    results = [
+        result.scores.normalised_time_s_per_m
+        for result in read_results(folder)
+        if result.world == 3
+    ]
     assert order.mean_s_per_m[order.worlds.index(3)] == pytest.approx(np.mean(results))
     assert [len(band.worlds) for band in report.overview.bands] == [4, 4]
 
@@ -107,23 +128,33 @@ def test_a_packed_track_is_the_trajectory_to_within_its_steps(run):
     apart = np.abs(whole * np.array(packed["steps"]) - track.samples)
     assert (apart <= 0.5001 * np.array(packed["steps"]))[known].all()
     (result,) = read_results(run)
-    assert np.nanmin(track.samples[:, 8]) == pytest.approx(result.measures.min_clearance_m, abs=1e-9)
+    assert np.nanmin(track.samples[:, 8]) == pytest.approx(
+        result.measures.min_clearance_m, abs=1e-9
+    )
 
 
 def test_the_command_to_repeat_a_campaign_gives_its_configuration(tmp_path):
     config = Experiment(worlds="0:9:3", repetitions=2, seed=7, bags="failed")
     planner = replace(config.planners[0], overrides={"dwa.sim_time_s": 1.5})
     config = replace(config, planners=(planner,))
-    source = Source(tmp_path, "campaign", (), json.loads(json.dumps(as_dict(config))), (), None)
+    source = Source(
+        tmp_path, "campaign", (), json.loads(json.dumps(as_dict(config))), (), None
+    )
     words = shlex.split(repeat(source).command)
     assert words[:2] == ["barn", "run"]
-    asked = {key: value for key, value in run_command.make_context("run", words[2:]).params.items() if value}
+    asked = {
+        key: value
+        for key, value in run_command.make_context("run", words[2:]).params.items()
+        if value
+    }
     assert asked["settings"] == {"dwa.dwa.sim_time_s": 1.5}
     again = read_request(None, asked, asked.pop("settings"))
     assert again.experiment == config
 
 
-def test_folders_that_cannot_be_reported_are_refused_in_one_line(folder, tmp_path, rejected):
+def test_folders_that_cannot_be_reported_are_refused_in_one_line(
+    folder, tmp_path, rejected
+):
     (tmp_path / "empty").mkdir()
     (tmp_path / "strange").mkdir()
     (tmp_path / "strange" / "run.json").write_text('{"hello": 1}')
@@ -139,7 +170,9 @@ def test_folders_that_cannot_be_reported_are_refused_in_one_line(folder, tmp_pat
         read_source(tmp_path / "strange")
 
 
-def test_planners_of_one_name_are_told_apart_and_other_protocols_not_compared(folder, run, tmp_path):
+def test_planners_of_one_name_are_told_apart_and_other_protocols_not_compared(
+    folder, run, tmp_path
+):
     entries = read_entries([folder, run])
     assert [entry.label for entry in entries] == ["gap (campaign)", "DWA", "gap (run)"]
     made = build_report([folder, run], hardest=1)
@@ -150,11 +183,21 @@ def test_planners_of_one_name_are_told_apart_and_other_protocols_not_compared(fo
 def test_the_page_begins_with_the_verdict_and_a_warning_of_few_worlds(report):
     text = report_page(report, "whole")
     verdict = report.overview.verdict
-    assert re.fullmatch(r"gap and DWA cannot be told apart: challenge metric 0\.[^.]*\.[^.]*\.", verdict.short)
-    assert f'<p class="verdict">{verdict.short}</p>\n  <p>{verdict.details}</p>' in html.unescape(text)
+    assert re.fullmatch(
+        r"gap and DWA cannot be told apart: challenge metric 0\.[^.]*\.[^.]*\.",
+        verdict.short,
+    )
+    assert (
+        f'<p class="verdict">{verdict.short}</p>\n  <p>{verdict.details}</p>'
+        in html.unescape(text)
+    )
     task = report.entries[0].results[0].task
     assert re.fullmatch("[0-9a-f]{12}", task)
-    said = ("Protocol challenge, robot Jackal", verdict.short, f"Task {task}: a checksum")
+    said = (
+        "Protocol challenge, robot Jackal",
+        verdict.short,
+        f"Task {task}: a checksum",
+    )
     assert sorted(said, key=text.index) == list(said)
     assert text.index("Only 8 worlds") < text.index('id="headline"')
 
@@ -165,87 +208,159 @@ def test_the_first_screen_has_bars_and_the_headline_the_metric_first(report):
     headline = report.tables[0]
     assert headline.columns[2].startswith("challenge metric (of")
     assert [row[0] for row in headline.rows] == ["gap", "DWA"]
-    times = [row[headline.columns.index("time of successes [s]")] for row in headline.rows]
+    times = [
+        row[headline.columns.index("time of successes [s]")] for row in headline.rows
+    ]
     assert all(time.endswith(f" of {gap.outcomes['success']}") for time in times)
     widths = re.findall(r'class="bar" style="width: ([0-9.]+)%', text)
     expected = [100.0 * one["challenge"].estimate / 0.5 for one in (gap, dwa)]
     assert list(map(float, widths)) == pytest.approx(expected, abs=0.01)
-    assert "challenge metric (of 0.5), from 0 to 0.5: means over the 8 worlds that all planners have" in text
+    assert (
+        "challenge metric (of 0.5), from 0 to 0.5: means over the 8 worlds that all planners have"
+        in text
+    )
 
 
 def test_bars_and_verdict_are_of_the_worlds_that_all_planners_have(folder, tmp_path):
     part = tmp_path / "part"
     shutil.copytree(folder, part, ignore=shutil.ignore_patterns("bags"))
-    rewrite_rows(part, lambda rows: [row for row in rows if row["planner"] == "gap" or row["world"] < 5])
+    rewrite_rows(
+        part,
+        lambda rows: [
+            row for row in rows if row["planner"] == "gap" or row["world"] < 5
+        ],
+    )
     made = build_report([part], hardest=0)
     shown = bars(made.entries)
-    means = re.search(r"metric ([0-9.]+) against ([0-9.]+)\.", made.overview.verdict.short)
+    means = re.search(
+        r"metric ([0-9.]+) against ([0-9.]+)\.", made.overview.verdict.short
+    )
     assert [row["text"].split()[0] for row in shown.rows] == list(means.groups())
     assert shown.worlds == 5 and "Only 5 worlds" in report_page(made, "part")
 
 
-def test_where_and_why_name_every_planner_and_claim_nothing_beyond_the_tests(run, tmp_path):
-    made = build_report([campaign(tmp_path / "three", run, ("gap", "dwa", "eband"), worlds=8, bags=0)], hardest=0)
+def test_where_and_why_name_every_planner_and_claim_nothing_beyond_the_tests(
+    run, tmp_path
+):
+    made = build_report(
+        [campaign(tmp_path / "three", run, ("gap", "dwa", "eband"), worlds=8, bags=0)],
+        hardest=0,
+    )
     assert made.overview.where.keys() == {band.name for band in made.overview.bands}
     for text in made.overview.where.values():
         assert all(name in text for name in ("gap", "DWA", "E-Band"))
     assert len(made.overview.why) == 3
     for text, found in zip(made.overview.why, made.overview.comparisons, strict=True):
         assert text.startswith(f"{found.a} and {found.b} ")
-        clear, unclear = (*re.split(", not in | do not differ clearly in ", text), "")[:2]
+        clear, unclear = (*re.split(", not in | do not differ clearly in ", text), "")[
+            :2
+        ]
         for row in found.rows:
             if row.key in ("success", "traversal_time_s", "challenge"):
                 assert row.measure in (clear if row.p_holm <= 0.05 else unclear)
     page = html.unescape(report_page(made, "three"))
-    assert all(text in page for text in (*made.overview.where.values(), *made.overview.why))
+    assert all(
+        text in page for text in (*made.overview.where.values(), *made.overview.why)
+    )
 
 
 def test_columns_of_tables_are_those_chosen(folder, rejected):
     made = build_report([folder], hardest=0, columns=["mean_speed_mps", "success"])
-    assert made.tables[0].columns[2:5] == ("challenge metric (of 0.5)", "mean speed [m/s]", "success [%]")
+    assert made.tables[0].columns[2:5] == (
+        "challenge metric (of 0.5)",
+        "mean speed [m/s]",
+        "success [%]",
+    )
     data = trial_data(made.entries, made.drives, {}, keys=made.columns)
     assert [one["name"] for one in data["columns"]][4:] == ["mean_speed_mps", "success"]
-    with pytest.raises(ConfigError, match="unknown measure 'mean_sped_mps'; did you mean 'mean_speed_mps'"):
+    with pytest.raises(
+        ConfigError,
+        match="unknown measure 'mean_sped_mps'; did you mean 'mean_speed_mps'",
+    ):
         build_report([folder], columns=["mean_sped_mps"])
-    assert "did you mean 'columns'" in rejected("report", folder, "--set", "colums=success")
+    assert "did you mean 'columns'" in rejected(
+        "report", folder, "--set", "colums=success"
+    )
 
 
 def test_a_trial_with_a_bag_links_to_its_replay(folder, report, tmp_path):
     out = tmp_path / "pages" / "report.html"
     write_folders([folder], out, hardest=0, replays=tmp_path / "pages" / "replays")
     data = json.loads(re.search(r'id="data">(.*?)</script>', out.read_text("utf-8"))[1])
-    linked = {trial["id"]: trial["replay"] for trial in data["trials"] if trial["replay"]}
+    linked = {
+        trial["id"]: trial["replay"] for trial in data["trials"] if trial["replay"]
+    }
     bags = {path.name for path in (folder / "bags").iterdir()}
     assert linked.keys() == bags
     for page in linked.values():
         assert "Plan view of the trial" in (out.parent / page).read_text("utf-8")
-    assert not any(trial["replay"] for trial in trial_data(report.entries, report.drives, {})["trials"])
+    assert not any(
+        trial["replay"]
+        for trial in trial_data(report.entries, report.drives, {})["trials"]
+    )
 
 
 def failed(row):
     """A row of a trial in which nothing moved: no time, no clearance, no speed."""
-    scores = row["scores"] | {"success": False, "traversal_time_s": None, "challenge": 0.0, "challenge_2022": 0.0}
-    nothing = dict.fromkeys(("driven_ratio", "mean_speed_mps", "min_clearance_m", "mean_clearance_m", "rms_jerk_mps3"))
-    clock = row["wall_clock"] | dict.fromkeys(("compute_p50_ms", "compute_p95_ms", "compute_max_ms"))
+    scores = row["scores"] | {
+        "success": False,
+        "traversal_time_s": None,
+        "challenge": 0.0,
+        "challenge_2022": 0.0,
+    }
+    nothing = dict.fromkeys(
+        (
+            "driven_ratio",
+            "mean_speed_mps",
+            "min_clearance_m",
+            "mean_clearance_m",
+            "rms_jerk_mps3",
+        )
+    )
+    clock = row["wall_clock"] | dict.fromkeys(
+        ("compute_p50_ms", "compute_p95_ms", "compute_max_ms")
+    )
     measures = row["measures"] | nothing | {"driven_m": 0.0}
-    return row | {"outcome": "planner_not_ready", "scores": scores, "measures": measures, "wall_clock": clock}
+    return row | {
+        "outcome": "planner_not_ready",
+        "scores": scores,
+        "measures": measures,
+        "wall_clock": clock,
+    }
 
 
 @pytest.mark.parametrize(
     ("change", "told"),
     [
         (lambda rows: rows[:1], "odd is partial: 1 of 32 trials"),
-        (lambda rows: [row for row in rows if row["planner"] == "gap"], "gap is the only planner"),
+        (
+            lambda rows: [row for row in rows if row["planner"] == "gap"],
+            "gap is the only planner",
+        ),
         (lambda rows: list(map(failed, rows)), "computing time was not seen"),
         (lambda rows: [failed(rows[0])], "There are too few worlds for bands"),
         (lambda rows: [*map(failed, rows[::2]), *rows[1::2]], "planner_not_ready"),
-        (lambda rows: [row | {"world_checksum": "0" * 64} for row in rows], "is not the one it ran in any more"),
         (
-            lambda rows: [row | {"planner": EVIL, "trial_id": EVIL + row["trial_id"]} for row in rows[::2]],
+            lambda rows: [row | {"world_checksum": "0" * 64} for row in rows],
+            "is not the one it ran in any more",
+        ),
+        (
+            lambda rows: [
+                row | {"planner": EVIL, "trial_id": EVIL + row["trial_id"]}
+                for row in rows[::2]
+            ],
             "window.evil",
         ),
     ],
-    ids=["one trial", "one planner", "failures", "one failure", "one fails", "other worlds", "evil planner"],
+    ids=[
+        "one trial",
+        "one planner",
+        "failures",
+        "one failure",
+        "one fails",
+        "other worlds",
+        "evil planner",
+    ],
 )
 def test_a_campaign_of_an_odd_kind_is_reported(folder, tmp_path, change, told):
     odd = tmp_path / "odd"
@@ -278,7 +393,11 @@ HOSTILE = "[\\input{/etc/passwd}] * 100 % $x$ #1 a_b^c ~ & | <script>"
 
 def latex_shape(text):
     """Return the number of cells of each row of a tabular, and see that nothing in it is a command."""
-    rows = re.search(r"\\toprule\n(.*)\\bottomrule", text, re.DOTALL)[1].replace("\\midrule\n", "").splitlines()
+    rows = (
+        re.search(r"\\toprule\n(.*)\\bottomrule", text, re.DOTALL)[1]
+        .replace("\\midrule\n", "")
+        .splitlines()
+    )
     shape = []
     for row in rows:
         assert row.startswith("{}")
@@ -308,13 +427,17 @@ def put(page, element, value):
     page.locator(f"#{element}").evaluate(script, value)
 
 
-def test_the_table_sorts_and_filters_and_a_trial_opens(page, open_page, screenshots, tmp_path):
+def test_the_table_sorts_and_filters_and_a_trial_opens(
+    page, open_page, screenshots, tmp_path
+):
     file = tmp_path / "report.html"
     file.write_text(page, "utf-8")
     shown = open_page(file)
 
     def column(number):
-        return shown.locator(f"#trials tbody td:nth-child({number})").all_text_contents()
+        return shown.locator(
+            f"#trials tbody td:nth-child({number})"
+        ).all_text_contents()
 
     def opened(trial):
         shown.wait_for_selector(f"body[data-opened={trial}]")
@@ -356,7 +479,10 @@ def test_the_table_sorts_and_filters_and_a_trial_opens(page, open_page, screensh
     pixels = f"{canvases}.map((id) => document.getElementById(id).toDataURL())"
     at_end = shown.evaluate(pixels)
     put(shown, "trial-scrub", "1")
-    assert all(before != after for before, after in zip(at_end, shown.evaluate(pixels), strict=True))
+    assert all(
+        before != after
+        for before, after in zip(at_end, shown.evaluate(pixels), strict=True)
+    )
     shown.click("#trial-play")
     shown.wait_for_function("window.report.view.player.time > 2")
     shown.click("#close")
@@ -373,9 +499,21 @@ def test_a_report_made_by_several_processes_is_the_same(folder, tmp_path, monkey
     written = []
     for name in ("several", "one"):
         if name == "one":
-            monkeypatch.setattr(report_module, "run_forked", lambda jobs, progress: [job() for job in jobs])
+            monkeypatch.setattr(
+                report_module,
+                "run_forked",
+                lambda jobs, progress: [job() for job in jobs],
+            )
         shares, place = [], tmp_path / name
-        write_folders([folder], place / "report.html", assets=place / "assets", title="Same", progress=shares.append)
-        assert name == "one" or (shares == sorted(set(shares)) and 0.0 < shares[0] < shares[-1] == 1.0)
+        write_folders(
+            [folder],
+            place / "report.html",
+            assets=place / "assets",
+            title="Same",
+            progress=shares.append,
+        )
+        assert name == "one" or (
+            shares == sorted(set(shares)) and 0.0 < shares[0] < shares[-1] == 1.0
+        )
         written.append({path.name: path.read_bytes() for path in place.rglob("*.*")})
     assert written[0] == written[1]

@@ -18,12 +18,16 @@ from barn_worlds.base.errors import ConfigError
 from barn_worlds.drawing.palette import PLANNERS
 from barn_worlds.worlds.dataset import open_dataset
 
-SHOWN = [one for one in CHARTS.values() if one.name != "sweep"]  # which is of sweeps alone
+SHOWN = [
+    one for one in CHARTS.values() if one.name != "sweep"
+]  # which is of sweeps alone
 
 
 def test_trials_without_a_track_say_so(report):
     told = "no track of this trial was kept, so there is no trajectory to show"
-    problems = Counter((drive.track is not None, drive.problem) for drive in report.drives)
+    problems = Counter(
+        (drive.track is not None, drive.problem) for drive in report.drives
+    )
     assert problems == {(True, ""): 3, (False, told): len(report.drives) - 3}
 
 
@@ -41,11 +45,25 @@ def test_differences_are_drawn_of_the_metric_in_favour_of_who_is_named_there(rep
     with style():
         first, *others = draw(CHARTS["paired"], report.data)
     titles = [" ".join(axes.get_title(loc="left").split()) for axes in (first, *others)]
-    assert titles == ["challenge metric", "success", "time per metre as counted", "better in a trial"]
+    assert titles == [
+        "challenge metric",
+        "success",
+        "time per metre as counted",
+        "better in a trial",
+    ]
     (found,) = report.overview.comparisons
-    assert found.row("traversal_time_s").paired.difference.estimate == pytest.approx(-0.3)  # gap is faster
-    assert [label.get_text() for label in first.get_yticklabels()] == ["DWA \u25c2 \u25b8 gap"] and found.a == "gap"
-    assert [axes.xaxis_inverted() for axes in (first, *others)] == [False, False, True, False]
+    assert found.row("traversal_time_s").paired.difference.estimate == pytest.approx(
+        -0.3
+    )  # gap is faster
+    assert [label.get_text() for label in first.get_yticklabels()] == [
+        "DWA \u25c2 \u25b8 gap"
+    ] and found.a == "gap"
+    assert [axes.xaxis_inverted() for axes in (first, *others)] == [
+        False,
+        False,
+        True,
+        False,
+    ]
     drawn = first.lines[1].get_xydata().tolist()
     assert drawn == [[found.row("challenge").paired.difference.estimate, 0.0]]
 
@@ -56,13 +74,17 @@ def test_speed_is_drawn_over_safety_with_the_limits_of_both(report):
         (line, _, (across, up)) = axes.containers[place]
         time, clearance = summary["normalised_time_s_per_m"], summary["min_clearance_m"]
         assert line.get_xydata().tolist() == [[clearance.estimate, time.estimate]]
-        np.testing.assert_allclose(across.get_segments()[0][:, 0], [clearance.low, clearance.high])
+        np.testing.assert_allclose(
+            across.get_segments()[0][:, 0], [clearance.low, clearance.high]
+        )
         np.testing.assert_allclose(up.get_segments()[0][:, 1], [time.low, time.high])
 
 
 @pytest.mark.parametrize("width_mm", [88.0, 180.0])
 @pytest.mark.parametrize("chart", SHOWN, ids=lambda one: one.name)
-def test_figures_of_a_paper_have_its_width_and_type_of_7_to_9_pt(report, chart, width_mm):
+def test_figures_of_a_paper_have_its_width_and_type_of_7_to_9_pt(
+    report, chart, width_mm
+):
     with style(width_mm):
         figure = figure_of(draw(chart, report.data, width_mm=width_mm))
     assert figure.get_figwidth() == pytest.approx(width_mm / 25.4)
@@ -71,7 +93,9 @@ def test_figures_of_a_paper_have_its_width_and_type_of_7_to_9_pt(report, chart, 
 
 
 def test_a_pdf_has_its_fonts_embedded(report, tmp_path):
-    plot = Plot(figure_of(report_module.plot("trade", report.entries, width_mm=88.0)), "")
+    plot = Plot(
+        figure_of(report_module.plot("trade", report.entries, width_mm=88.0)), ""
+    )
     content = plot.save(tmp_path / "trade.pdf").read_bytes()
     assert content.count(b"/FontFile2") >= 1 and b"/Type3" not in content
     with pytest.raises(ConfigError, match="width_mm: must lie in 60 to 400, got 8"):
@@ -82,19 +106,33 @@ def test_a_pdf_has_its_fonts_embedded(report, tmp_path):
 def test_a_figure_can_be_drawn_onto_axes_of_others(report, chart):
     own = plot(chart.name, report.entries)
     panels = Figure().subplots(1, len(own), squeeze=False)[0]
-    assert plot(chart.name, report.entries, ax=panels[0] if len(own) == 1 else panels) == list(panels)
+    assert plot(
+        chart.name, report.entries, ax=panels[0] if len(own) == 1 else panels
+    ) == list(panels)
     for one, other in zip(own, panels, strict=True):
-        assert other.get_title() == one.get_title() and other.get_xlabel() == one.get_xlabel()
-        lines = [[line.get_xydata().tolist() for line in axes.lines] for axes in (one, other)]
+        assert (
+            other.get_title() == one.get_title()
+            and other.get_xlabel() == one.get_xlabel()
+        )
+        lines = [
+            [line.get_xydata().tolist() for line in axes.lines] for axes in (one, other)
+        ]
         assert repr(lines[0]) == repr(lines[1])
-    with pytest.raises(ConfigError, match=f"'{chart.name}' has {len(own)} panels, got {len(own) + 1} axes"):
+    with pytest.raises(
+        ConfigError,
+        match=f"'{chart.name}' has {len(own)} panels, got {len(own) + 1} axes",
+    ):
         plot(chart.name, report.entries, ax=[panels[0]] * (len(own) + 1))
 
 
 def test_a_figure_that_there_is_nothing_for_is_refused(report):
-    with pytest.raises(ConfigError, match="unknown figure 'wrlds'; did you mean 'worlds'"):
+    with pytest.raises(
+        ConfigError, match="unknown figure 'wrlds'; did you mean 'worlds'"
+    ):
         plot("wrlds", report.entries)
-    with pytest.raises(ConfigError, match="figure 'paired': these results have nothing to show in it"):
+    with pytest.raises(
+        ConfigError, match="figure 'paired': these results have nothing to show in it"
+    ):
         plot("paired", report.entries[:1])
     assert set(CHARTS) == {*report.figures, "sweep"}
 
@@ -104,6 +142,13 @@ def test_the_hardest_worlds_are_shown_from_start_to_goal(report):
     number = int(re.match(r"world (\d+)", axes.get_title(loc="left"))[1])
     course = CHALLENGE.course(open_dataset("barn300").load(number))
     (left, right), (below, above) = axes.get_xlim(), axes.get_ylim()
-    ends = {(line.get_marker(), *line.get_xydata()[0]) for line in axes.lines if line.get_marker() in ("o", "*")}
-    assert ends == {("o", course.start.x, course.start.y), ("*", course.goal.x, course.goal.y)}
+    ends = {
+        (line.get_marker(), *line.get_xydata()[0])
+        for line in axes.lines
+        if line.get_marker() in ("o", "*")
+    }
+    assert ends == {
+        ("o", course.start.x, course.start.y),
+        ("*", course.goal.x, course.goal.y),
+    }
     assert all(left < x < right and below < y < above for _, x, y in ends)

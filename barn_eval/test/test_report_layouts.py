@@ -34,14 +34,23 @@ IN_THE_SCENE = {
 def topics(tmp_path_factory):
     """Topics with type and profile that a trial's bag has: DWA's and E-Band's, and one among moving obstacles."""
     found = {}
-    for planner, protocol in (("dwa", PAPER_2020), ("eband", PAPER_2020), ("gap", DYNABARN)):
+    for planner, protocol in (
+        ("dwa", PAPER_2020),
+        ("eband", PAPER_2020),
+        ("gap", DYNABARN),
+    ):
         path = tmp_path_factory.mktemp("layouts") / "bag"
         recorded(spec_of(0, protocol, planner), path)
-        listed = yaml.safe_load((path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+        listed = yaml.safe_load((path / "metadata.yaml").read_text())[
+            "rosbag2_bagfile_information"
+        ]
         for entry in listed["topics_with_message_count"]:
             about = entry["topic_metadata"]
             if entry["message_count"]:
-                found[about["name"]] = about["type"], yaml.safe_load(str(about["offered_qos_profiles"]))[0]
+                found[about["name"]] = (
+                    about["type"],
+                    yaml.safe_load(str(about["offered_qos_profiles"]))[0],
+                )
     return found
 
 
@@ -52,37 +61,67 @@ def test_rviz_shows_what_there_is_and_can_receive_it(topics):
         for key in ("Topic", "Description Topic"):
             if key in display:
                 assert display["Enabled"] is display["Value"] is True
-                shown[display[key]["Value"]] = display["Class"].split("/")[1], display[key]
+                shown[display[key]["Value"]] = (
+                    display["Class"].split("/")[1],
+                    display[key],
+                )
     assert shown.keys() == IN_THE_SCENE
     for name, (kind, profile) in shown.items():
         offered_type, offered = topics[name]
         assert DISPLAYS[kind] == offered_type, name
         # A subscription may not ask for more than the publisher offers.
-        assert profile["Reliability Policy"] == "Best Effort" or offered["reliability"] == "reliable", name
-        assert profile["Durability Policy"] == "Volatile" or offered["durability"] == "transient_local", name
+        assert (
+            profile["Reliability Policy"] == "Best Effort"
+            or offered["reliability"] == "reliable"
+        ), name
+        assert (
+            profile["Durability Policy"] == "Volatile"
+            or offered["durability"] == "transient_local"
+        ), name
 
 
 def test_foxglove_shows_what_there_is(topics):
     layout = json.loads((CONFIG / "barn_foxglove.json").read_text())
     scene = layout["configById"]["3D!barn"]
-    robot = {layer["topic"] for layer in scene["layers"].values() if layer.get("sourceType") == "topic"}
-    assert {name for name, one in scene["topics"].items() if one["visible"]} | robot == IN_THE_SCENE
+    robot = {
+        layer["topic"]
+        for layer in scene["layers"].values()
+        if layer.get("sourceType") == "topic"
+    }
+    assert {
+        name for name, one in scene["topics"].items() if one["visible"]
+    } | robot == IN_THE_SCENE
     assert topics.keys() >= IN_THE_SCENE
-    panels = set(re.findall(r'"(?:first|second)": "([^"]+)"', json.dumps(layout["layout"])))
+    panels = set(
+        re.findall(r'"(?:first|second)": "([^"]+)"', json.dumps(layout["layout"]))
+    )
     assert panels == set(layout["configById"])
     assert layout["configById"]["DiagnosticSummary!all"]["topicToRender"] in topics
 
 
 def test_panels_of_foxglove_have_settings_that_its_own_sdk_knows():
-    layouts = pytest.importorskip("foxglove.layouts", reason="foxglove-sdk, an optional extra, is not installed")
+    layouts = pytest.importorskip(
+        "foxglove.layouts", reason="foxglove-sdk, an optional extra, is not installed"
+    )
 
     def strangers(content, kind):
         names = [field.name for field in dataclasses.fields(getattr(layouts, kind))]
-        return set(content) - {re.sub("_(.)", lambda found: found[1].upper(), name) for name in names}
+        return set(content) - {
+            re.sub("_(.)", lambda found: found[1].upper(), name) for name in names
+        }
 
-    kinds = {"3D": "ThreeDee", "Plot": "Plot", "Indicator": "Indicator", "DiagnosticSummary": "DiagnosticsSummary"}
-    for name, panel in json.loads((CONFIG / "barn_foxglove.json").read_text())["configById"].items():
-        assert strangers(panel, kinds[name.split("!")[0]] + "Config") <= {"foxglovePanelTitle"}, name
+    kinds = {
+        "3D": "ThreeDee",
+        "Plot": "Plot",
+        "Indicator": "Indicator",
+        "DiagnosticSummary": "DiagnosticsSummary",
+    }
+    for name, panel in json.loads((CONFIG / "barn_foxglove.json").read_text())[
+        "configById"
+    ].items():
+        assert strangers(panel, kinds[name.split("!")[0]] + "Config") <= {
+            "foxglovePanelTitle"
+        }, name
         parts = [(series, "PlotSeries") for series in panel.get("paths", [])]
         parts += [(rule, "IndicatorRule") for rule in panel.get("rules", [])]
         parts += [(panel.get("cameraState", {}), "ThreeDeeCameraState")]
@@ -93,7 +132,13 @@ def test_panels_of_foxglove_have_settings_that_its_own_sdk_knows():
 def test_paths_of_foxglove_lead_to_fields(topics):
     text = (CONFIG / "barn_foxglove.json").read_text()
     paths = re.findall(r'"(?:value|path)": "(/[a-z_/]+)\.([a-z_.]+)"', text)
-    assert {topic for topic, _ in paths} == {"/ground_truth/odom", "/cmd_vel", "/score", "/outcome", "/collision"}
+    assert {topic for topic, _ in paths} == {
+        "/ground_truth/odom",
+        "/cmd_vel",
+        "/score",
+        "/outcome",
+        "/collision",
+    }
     for topic, path in paths:
         kind = topics[topic][0]
         for field in path.split("."):
@@ -103,5 +148,10 @@ def test_paths_of_foxglove_lead_to_fields(topics):
 
 
 def test_foxglove_has_a_colour_for_each_outcome():
-    panel = json.loads((CONFIG / "barn_foxglove.json").read_text())["configById"]["Indicator!outcome"]
-    assert {rule["rawValue"] for rule in panel["rules"]} == {"running", *(outcome.value for outcome in Outcome)}
+    panel = json.loads((CONFIG / "barn_foxglove.json").read_text())["configById"][
+        "Indicator!outcome"
+    ]
+    assert {rule["rawValue"] for rule in panel["rules"]} == {
+        "running",
+        *(outcome.value for outcome in Outcome),
+    }

@@ -33,7 +33,9 @@ def test_a_killed_process_is_one_line():
 
 
 def test_what_was_not_begun_is_left_when_the_report_fails(tmp_path):
-    jobs = [partial(time.sleep, 0.5) for _ in range(1000)] + [(tmp_path / "begun").touch]
+    jobs = [partial(time.sleep, 0.5) for _ in range(1000)] + [
+        (tmp_path / "begun").touch
+    ]
     with pytest.raises(ValueError, match="math domain error"):
         run_forked([partial(math.sqrt, -1.0), *jobs], print)
     assert not (tmp_path / "begun").exists()
@@ -41,7 +43,9 @@ def test_what_was_not_begun_is_left_when_the_report_fails(tmp_path):
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 def test_processes_end_with_the_command(number):
-    process = subprocess.Popen([sys.executable, "-c", _WAITS], stdout=subprocess.PIPE, start_new_session=True)
+    process = subprocess.Popen(
+        [sys.executable, "-c", _WAITS], stdout=subprocess.PIPE, start_new_session=True
+    )
     try:
         child = int(process.stdout.readline())
         if number == signal.SIGINT:

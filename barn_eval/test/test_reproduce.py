@@ -4,8 +4,19 @@ import numpy as np
 import pytest
 from reproduce_work import experiment_of, made_up
 
-from barn_eval.studies.reproduction.findings import ReproduceConfig, chosen_worlds, paper_campaign
-from barn_eval.studies.reproduction.page import FAILS, HOLDS, OPEN, PAPER, above, contains
+from barn_eval.studies.reproduction.findings import (
+    ReproduceConfig,
+    chosen_worlds,
+    paper_campaign,
+)
+from barn_eval.studies.reproduction.page import (
+    FAILS,
+    HOLDS,
+    OPEN,
+    PAPER,
+    above,
+    contains,
+)
 from barn_eval.studies.reproduction.trials import (
     PLANNERS,
     deviation,
@@ -41,21 +52,37 @@ def test_worlds_are_drawn_one_from_each_part_of_their_order():
     assert len(chosen) == 40
     assert all(world in part for world, part in zip(chosen, parts, strict=True))
     assert chosen == chosen_worlds(indices, 40, 0) != chosen_worlds(indices, 40, 1)
-    assert chosen_worlds(indices, 0, 0) == chosen_worlds(indices, 300, 0) == tuple(indices)
+    assert (
+        chosen_worlds(indices, 0, 0) == chosen_worlds(indices, 300, 0) == tuple(indices)
+    )
 
 
 def test_deviation():
     values = np.random.default_rng(3).normal(0.0, 2.0, 400)
     found = deviation(values, 0)
-    assert found.estimate == values.std() and found.low < 2.0 < found.high and found.high - found.low < 0.6
+    assert (
+        found.estimate == values.std()
+        and found.low < 2.0 < found.high
+        and found.high - found.low < 0.6
+    )
     assert found == deviation(values, 0) != deviation(values, 1)
 
 
 def test_verdicts_follow_the_interval():
     limits = [(0.1, 2.0), (-0.1, 2.0), (-2.0, -0.1), (None, None)]
-    assert [above(Interval(1.0, low, high)) for low, high in limits] == [HOLDS, OPEN, FAILS, OPEN]
-    inside = [contains(Interval(1.0, 0.5, 2.0), value) for value in (0.4, 0.5, 1.9, 2.0, 2.1)]
-    assert inside == ["no", "yes", "yes", "yes", "no"] and contains(Interval(1.0), 1.0) == "no"
+    assert [above(Interval(1.0, low, high)) for low, high in limits] == [
+        HOLDS,
+        OPEN,
+        FAILS,
+        OPEN,
+    ]
+    inside = [
+        contains(Interval(1.0, 0.5, 2.0), value) for value in (0.4, 0.5, 1.9, 2.0, 2.1)
+    ]
+    assert (
+        inside == ["no", "yes", "yes", "yes", "no"]
+        and contains(Interval(1.0), 1.0) == "no"
+    )
 
 
 def test_trials_are_counted_as_the_paper_does(results, finding):
@@ -66,15 +93,29 @@ def test_trials_are_counted_as_the_paper_does(results, finding):
         one = finding.of(planner)
         assert one.trials == len(own) == 60
         per_m = np.mean([trial.scores.normalised_time_s_per_m for trial in own])
-        means = [figure.estimate for figure in (one.normalised_s_per_m, one.time_s, one.success_time_s)]
+        means = [
+            figure.estimate
+            for figure in (one.normalised_s_per_m, one.time_s, one.success_time_s)
+        ]
         assert means == pytest.approx([per_m, times.mean(), times[~failed].mean()])
-        assert one.failure_share.estimate == failed.mean() and one.outcomes["timeout"] == failed.sum() > 0
+        assert (
+            one.failure_share.estimate == failed.mean()
+            and one.outcomes["timeout"] == failed.sum() > 0
+        )
         assert one.failure_time_s == 30.0
         published = PAPER["trials"][planner]
         failed_s = 30.0 * published["failures_30_s"] + 50.0 * published["failures_50_s"]
-        succeeded = published["trials"] - published["failures_30_s"] - published["failures_50_s"]
-        published_s = (succeeded * published["success_time_s"] + failed_s) / published["trials"]
-        assert published_s == pytest.approx(published["time_s"], abs=0.01)  # they agree with each other
+        succeeded = (
+            published["trials"]
+            - published["failures_30_s"]
+            - published["failures_50_s"]
+        )
+        published_s = (succeeded * published["success_time_s"] + failed_s) / published[
+            "trials"
+        ]
+        assert published_s == pytest.approx(
+            published["time_s"], abs=0.01
+        )  # they agree with each other
 
 
 def test_worlds_are_ordered_by_the_mean_over_both_planners(finding):
@@ -82,20 +123,34 @@ def test_worlds_are_ordered_by_the_mean_over_both_planners(finding):
     means = [row.mean_s_per_m["both"] for row in rows]
     assert means == sorted(means) and len(rows) == 20
     for row in rows:
-        assert row.mean_s_per_m["both"] == pytest.approx((row.mean_s_per_m["dwa"] + row.mean_s_per_m["eband"]) / 2.0)
+        assert row.mean_s_per_m["both"] == pytest.approx(
+            (row.mean_s_per_m["dwa"] + row.mean_s_per_m["eband"]) / 2.0
+        )
 
 
 def test_the_trials_are_run_under_the_papers_rules():
     config = paper_campaign(ReproduceConfig(strata=40, seed=3))
-    assert (config.protocol, config.simulator) == (PAPER_2020, simulator_config(PAPER_2020))
-    assert ([one.name for one in config.planners], config.repetitions, config.seed) == (["dwa", "eband"], 5, 3)
+    assert (config.protocol, config.simulator) == (
+        PAPER_2020,
+        simulator_config(PAPER_2020),
+    )
+    assert ([one.name for one in config.planners], config.repetitions, config.seed) == (
+        ["dwa", "eband"],
+        5,
+        3,
+    )
     assert len(config.worlds.split(",")) == 40
 
 
 def test_missing_trials_are_named(results):
-    lacking = [one for one in results if (one.planner, one.world, one.repetition) != ("eband", 30, 1)]
+    lacking = [
+        one
+        for one in results
+        if (one.planner, one.world, one.repetition) != ("eband", 30, 1)
+    ]
     with pytest.raises(
-        ConfigError, match="there: planner 'eband' lacks trial 1 of world 30; finish the campaign first"
+        ConfigError,
+        match="there: planner 'eband' lacks trial 1 of world 30; finish the campaign first",
     ):
         trials_by_planner(lacking, "there")
     with pytest.raises(ConfigError, match="planner 'eband' lacks two trials per world"):

@@ -9,13 +9,13 @@ import reproduce_work
 from reproduce_work import write_made_up
 from rich.console import Console
 
-from barn_eval.experiments.experiment import Execution
-from barn_eval.experiments.folder import opened
-from barn_eval.experiments.store import Record
+from barn_eval.results.folder import opened
+from barn_eval.results.store import Record
 from barn_eval.studies.reproduction import findings
 from barn_eval.studies.reproduction.findings import QUICK, paper_campaign
 from barn_eval.studies.reproduction.findings import reproduce as findings_of
 from barn_eval.studies.reproduction.page import page, read_results, write_results
+from barn_eval.trials.run_config import Execution
 from barn_metrics.bootstrap import Interval
 
 TINY = replace(QUICK, strata=10, repetitions=2, folds=2)
@@ -32,7 +32,11 @@ def tiny(tmp_path_factory):
 def made_up(config, out):
     """Reproduce without driving."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(findings, "run_experiment", lambda asked, _: write_made_up(asked.out, asked.experiment))
+        patch.setattr(
+            findings,
+            "run_experiment",
+            lambda asked, _: write_made_up(asked.out, asked.experiment),
+        )
         return reproduce(config, out)
 
 
@@ -49,8 +53,12 @@ def test_only_trials_that_are_missing_are_driven(tmp_path):
     before = rows.read_bytes()
     found = reproduce(TINY, tmp_path)[0]
     after = rows.read_bytes()
-    assert after.startswith(before) and after.count(b"\n") == before.count(b"\n") + 2 == 40
-    assert found.trials.of("dwa").trials == 20 and (rows.parent / "results.csv").is_file()
+    assert (
+        after.startswith(before) and after.count(b"\n") == before.count(b"\n") + 2 == 40
+    )
+    assert (
+        found.trials.of("dwa").trials == 20 and (rows.parent / "results.csv").is_file()
+    )
     assert reproduce(TINY, tmp_path)[0] == found
     assert rows.read_bytes() == after
 
@@ -59,10 +67,16 @@ def test_a_second_run_writes_the_same_bytes(tiny, tmp_path):
     findings, path = tiny
     again, elsewhere = made_up(TINY, tmp_path / "again")
     assert again == findings
-    names = ["results.md", "results.json", *(f"figures/{file.name}" for file in (path.parent / "figures").iterdir())]
+    names = [
+        "results.md",
+        "results.json",
+        *(f"figures/{file.name}" for file in (path.parent / "figures").iterdir()),
+    ]
     assert len(names) == 4
     for name in names:
-        assert (elsewhere.parent / name).read_bytes() == (path.parent / name).read_bytes()
+        assert (elsewhere.parent / name).read_bytes() == (
+            path.parent / name
+        ).read_bytes()
 
 
 def test_the_page_shows_ours_beside_the_published_numbers(tiny):
@@ -71,9 +85,14 @@ def test_the_page_shows_ours_beside_the_published_numbers(tiny):
     dwa = findings.trials.of("dwa").normalised_s_per_m
     assert f"| time per metre as counted [s/m] | 3.30 | {dwa.estimate:.2f} [" in text
     assert "10 of 300 worlds, one from each of as many parts" in text
-    assert "| published: the paper's network | 0.10 | 0.31 | 0.42 | 0.29 | 0.60 |" in text
+    assert (
+        "| published: the paper's network | 0.10 | 0.31 | 0.42 | 0.29 | 0.60 |" in text
+    )
     assert all((path.parent / name).is_file() for name in _figures(text))
-    assert read_results(path.parent)[0] == findings and page(*read_results(path.parent)) == text
+    assert (
+        read_results(path.parent)[0] == findings
+        and page(*read_results(path.parent)) == text
+    )
     content = json.loads(path.with_suffix(".json").read_text())
     assert len(content["trials"]["worlds"]) == 10
     assert not {"started_at", "wall_clock"} & set(json.dumps(content).split('"'))
@@ -81,8 +100,12 @@ def test_the_page_shows_ours_beside_the_published_numbers(tiny):
 
 def rows(text, first):
     """Return the rows of a page's tables that begin with a cell, each as a list of cells."""
-    lines = [line.split("|")[1:-1] for line in text.splitlines() if line.startswith("| ")]
-    return [[cell.strip() for cell in cells] for cells in lines if cells[0].strip() == first]
+    lines = [
+        line.split("|")[1:-1] for line in text.splitlines() if line.startswith("| ")
+    ]
+    return [
+        [cell.strip() for cell in cells] for cells in lines if cells[0].strip() == first
+    ]
 
 
 def test_verdicts_follow_the_numbers(tiny):
@@ -100,30 +123,47 @@ def test_verdicts_follow_the_numbers(tiny):
         cells = ["3.30", time.text(), f"{time.estimate - 3.30:+.2f}", within]
         assert row(replace(first, normalised_s_per_m=time), mean)[1:] == cells
     timeouts = first.outcomes["timeout"]
-    assert row(first, "failures by timeout")[1:] == ["29", f"{timeouts}", f"{timeouts - 29:+d}", ""]
-    assert row(first, "timeout")[1:] == [f"{one.outcomes['timeout']}" for one in (first, second)]
+    assert row(first, "failures by timeout")[1:] == [
+        "29",
+        f"{timeouts}",
+        f"{timeouts - 29:+d}",
+        "",
+    ]
+    assert row(first, "timeout")[1:] == [
+        f"{one.outcomes['timeout']}" for one in (first, second)
+    ]
 
 
 def test_models_are_judged_by_the_interval_of_their_gain(tiny):
     findings, path = tiny
     origin = read_results(path.parent)[1]
     ridge, one = findings.learning.scores
-    for gain, verdict in ((Interval(1.0, 0.5, 2.0), "better"), (Interval(-1.0, -2.0, -0.5), "worse")):
+    for gain, verdict in (
+        (Interval(1.0, 0.5, 2.0), "better"),
+        (Interval(-1.0, -2.0, -0.5), "worse"),
+    ):
         learning = replace(findings.learning, scores=(ridge, replace(one, gain=gain)))
         text = page(replace(findings, learning=learning), origin)
-        assert rows(text, f"the suite's model: {one.title}")[0][-2:] == [gain.text(), verdict]
+        assert rows(text, f"the suite's model: {one.title}")[0][-2:] == [
+            gain.text(),
+            verdict,
+        ]
 
 
 def test_the_command_refuses_in_one_line(rejected):
     said = rejected("reproduce", "--quick", "--set", "dataset=barn301", "--out", "here")
-    assert said.startswith("error: barn301: no such file, folder or data set; did you mean 'barn300'")
+    assert said.startswith(
+        "error: barn301: no such file, folder or data set; did you mean 'barn300'"
+    )
 
 
 def test_the_page_in_docs_is_what_its_numbers_give():
     if not (DOCS / "results.json").is_file():
         pytest.skip("the repository's docs are not beside this package")
     shown = (DOCS / "results.md").read_text("utf-8")
-    assert page(*read_results(DOCS)) == shown, "run python -m barn_eval.studies.reproduction.page docs"
+    assert page(*read_results(DOCS)) == shown, (
+        "run python -m barn_eval.studies.reproduction.page docs"
+    )
     assert all((DOCS / name).is_file() for name in _figures(shown))
 
 

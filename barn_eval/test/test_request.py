@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from barn_eval.experiments import request
-from barn_eval.experiments.command_files import keep_told, told_parameters
-from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
-from barn_eval.experiments.ros_config import RosSetup
+from barn_eval.running import request
+from barn_eval.running.command_files import keep_told, told_parameters
 from barn_eval.trials.protocol import CHALLENGE
+from barn_eval.trials.ros_config import RosSetup
+from barn_eval.trials.run_config import Execution, Experiment, PlannerChoice
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import BarnError, ConfigError
@@ -47,11 +47,25 @@ def file(tmp_path):
 
 
 def test_a_file_says_it_all(file):
-    rules = {"protocol": CHALLENGE, "simulator": simulator_config(CHALLENGE, {"lidar.noise_m": 0.02})}
-    rules |= {"dataset": "barn300", "worlds": "0-9", "repetitions": 3, "seed": 7, "bags": "failed"}
-    planners = (PlannerChoice("dwa"), PlannerChoice("eband", "challenge", {"band.external_gain": 2.0}))
+    rules = {
+        "protocol": CHALLENGE,
+        "simulator": simulator_config(CHALLENGE, {"lidar.noise_m": 0.02}),
+    }
+    rules |= {
+        "dataset": "barn300",
+        "worlds": "0-9",
+        "repetitions": 3,
+        "seed": 7,
+        "bags": "failed",
+    }
+    planners = (
+        PlannerChoice("dwa"),
+        PlannerChoice("eband", "challenge", {"band.external_gain": 2.0}),
+    )
     execution = Execution(workers=4, trial_limit_s=90.0)
-    assert read_request(file, {}) == request.Request(Experiment(planners=planners, **rules), execution, Path("results"))
+    assert read_request(file, {}) == request.Request(
+        Experiment(planners=planners, **rules), execution, Path("results")
+    )
 
 
 def test_options_say_the_same(file):
@@ -72,7 +86,9 @@ def test_options_say_the_same(file):
 
 
 def test_an_option_counts_instead_of_what_the_file_says(file):
-    campaign = read_request(file, {"seed": 8, "workers": 1, "worlds": None, "out": "elsewhere"})
+    campaign = read_request(
+        file, {"seed": 8, "workers": 1, "worlds": None, "out": "elsewhere"}
+    )
     assert (campaign.experiment.seed, campaign.experiment.worlds) == (8, "0-9")
     assert (campaign.execution.workers, campaign.execution.trial_limit_s) == (1, 90.0)
     assert campaign.out == Path("elsewhere")
@@ -87,9 +103,17 @@ def test_a_configuration_comes_back_from_plain_data(file):
 def test_trials_share_everything_but_the_planner(file):
     first, second, *_ = read_request(file, {"worlds": "0"}).experiment.trials()
     assert (first.planner, second.planner) == ("dwa", "eband")
-    assert (first.preset, second.preset, second.overrides) == ("challenge", "challenge", {"band.external_gain": 2.0})
+    assert (first.preset, second.preset, second.overrides) == (
+        "challenge",
+        "challenge",
+        {"band.external_gain": 2.0},
+    )
     assert first.planner_config != second.planner_config
-    assert (first.task, first.campaign_seed, first.simulator) == (second.task, 7, second.simulator)
+    assert (first.task, first.campaign_seed, first.simulator) == (
+        second.task,
+        7,
+        second.simulator,
+    )
     assert first.campaign_seed == second.campaign_seed and first.world is second.world
 
 
@@ -114,19 +138,37 @@ def test_what_nobody_says_has_its_default():
         ),
     ],
 )
-def test_a_setting_names_its_planner_where_there_are_several(planners, settings, overrides):
+def test_a_setting_names_its_planner_where_there_are_several(
+    planners, settings, overrides
+):
     asked = read_request(None, {"planners": planners, "settings": settings})
     assert [one.overrides for one in asked.experiment.planners] == overrides
     assert len(asked.experiment.trials()) == 300 * len(overrides)
 
 
 def test_settings_of_mode_ros_and_bags_belong_to_the_experiment():
-    options = {"mode": "ros", "planners": "mine", "planner_command": "run me", "bags": "failed", "out": "x"}
+    options = {
+        "mode": "ros",
+        "planners": "mine",
+        "planner_command": "run me",
+        "bags": "failed",
+        "out": "x",
+    }
     ros = {"restart_planner": "each_trial", "patience.gate_s": 60.0}
     experiment = read_request(None, options | {"ros": ros}).experiment
-    assert (experiment.planners, experiment.bags) == ((PlannerChoice("mine", command="run me"),), "failed")
-    assert (experiment.ros.restart_planner, experiment.ros.patience.gate_s) == ("each_trial", 60.0)
-    nested = read_request(None, options | {"ros": {"restart_planner": "each_trial", "patience": {"gate_s": 60.0}}})
+    assert (experiment.planners, experiment.bags) == (
+        (PlannerChoice("mine", command="run me"),),
+        "failed",
+    )
+    assert (experiment.ros.restart_planner, experiment.ros.patience.gate_s) == (
+        "each_trial",
+        60.0,
+    )
+    nested = read_request(
+        None,
+        options
+        | {"ros": {"restart_planner": "each_trial", "patience": {"gate_s": 60.0}}},
+    )
     assert nested.experiment == experiment
 
 
@@ -142,9 +184,17 @@ def test_nodes_of_the_suite_and_commands_of_others_drive_side_by_side(tmp_path):
         PlannerChoice("their_planner", command="ros2 run theirs their_planner"),
     )
     assert read_request(file, {}).experiment.planners == expected
-    assert read_request(file, {"planners": "mine,dwa"}).experiment.planners == (expected[1], expected[0])
+    assert read_request(file, {"planners": "mine,dwa"}).experiment.planners == (
+        expected[1],
+        expected[0],
+    )
     commands = ("mine=python3 mine.py", "their_planner=ros2 run theirs their_planner")
-    options = {"mode": "ros", "out": "x", "planners": "dwa", "planner_command": commands}
+    options = {
+        "mode": "ros",
+        "out": "x",
+        "planners": "dwa",
+        "planner_command": commands,
+    }
     assert read_request(None, options).experiment.planners == expected
 
 
@@ -152,10 +202,16 @@ def test_nodes_of_the_suite_and_commands_of_others_drive_side_by_side(tmp_path):
     ("command", "name"),
     [
         ("python examples/simple_planner.py", "simple_planner"),
-        ("/opt/venv/bin/python3.11 -I -X dev 'my planner.py' --speed=0.5", "my_planner"),
+        (
+            "/opt/venv/bin/python3.11 -I -X dev 'my planner.py' --speed=0.5",
+            "my_planner",
+        ),
         ("env A=1 python3 -m template_planner.node", "template_planner"),
         ("ros2 run template_planner_cpp template_planner", "template_planner"),
-        ("bash examples/in_workspace.sh install/setup.bash ros2 run my_nav host --ros-args", "host"),
+        (
+            "bash examples/in_workspace.sh install/setup.bash ros2 run my_nav host --ros-args",
+            "host",
+        ),
         ("ros2 launch my_robot navigation.launch.py map:=true", "navigation"),
         ("ros2 launch examples/nav2/nav2.launch.py controller:=rpp", "nav2"),
         ("./build/drive --ros-args -r cmd_vel:=/drive", "drive"),
@@ -170,40 +226,88 @@ def test_a_command_gives_its_planner_a_name(command, name):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"planners": "dwa,dwa:challenge"}, "names 'dwa' twice; make two experiments and use `barn compare`"),
+        (
+            {"planners": "dwa,dwa:challenge"},
+            "names 'dwa' twice; make two experiments and use `barn compare`",
+        ),
         ({"planners": []}, "must name at least one planner"),
         ({"planners": 3}, "planners must be a list of names, got 3"),
-        ({"planner_command": 7}, "planner_command must be a text or a list of texts, got 7"),
-        ({"planner_command": [["a"]]}, "planner_command must be a text or a list of texts, got [['a']]"),
-        ({"planners": [{"nam": "dwa"}]}, "planners: unknown key 'nam'; did you mean 'name'?"),
-        ({"settings": {"ebadn": {"a": 1}}}, "of planner 'ebadn', which is not among them; did you mean 'eband'?"),
+        (
+            {"planner_command": 7},
+            "planner_command must be a text or a list of texts, got 7",
+        ),
+        (
+            {"planner_command": [["a"]]},
+            "planner_command must be a text or a list of texts, got [['a']]",
+        ),
+        (
+            {"planners": [{"nam": "dwa"}]},
+            "planners: unknown key 'nam'; did you mean 'name'?",
+        ),
+        (
+            {"settings": {"ebadn": {"a": 1}}},
+            "of planner 'ebadn', which is not among them; did you mean 'eband'?",
+        ),
         ({"repetitions": 0}, ": repetitions must be from 1 to 99, got 0"),
         ({"seed": -1}, ": seed must be"),
-        ({"protocol": "papper"}, "unknown protocol 'papper'; did you mean 'paper2020'?"),
-        ({"protocol": {"base": "paper2020"}}, "protocol must be a name or a YAML file, got"),
+        (
+            {"protocol": "papper"},
+            "unknown protocol 'papper'; did you mean 'paper2020'?",
+        ),
+        (
+            {"protocol": {"base": "paper2020"}},
+            "protocol must be a name or a YAML file, got",
+        ),
         ({"mode": "dirct"}, "did you mean 'direct'?"),
-        ({"planner_command": "run me", "planners": "mine"}, "planner 'mine': a planner command needs mode ros"),
-        ({"planner_command": "run me", "mode": "ros"}, "give it as NAME=COMMAND where there are several planners"),
-        ({"planner_command": ["a", "b"], "planners": [], "mode": "ros"}, "give it as NAME=COMMAND"),
+        (
+            {"planner_command": "run me", "planners": "mine"},
+            "planner 'mine': a planner command needs mode ros",
+        ),
+        (
+            {"planner_command": "run me", "mode": "ros"},
+            "give it as NAME=COMMAND where there are several planners",
+        ),
+        (
+            {"planner_command": ["a", "b"], "planners": [], "mode": "ros"},
+            "give it as NAME=COMMAND",
+        ),
         (
             {"planner_command": "python dwa.py", "planners": [], "mode": "ros"},
             "a name; 'dwa' is one of the suite's own",
         ),
-        ({"planner_command": "'", "planners": "x", "mode": "ros"}, 'planner command "\'": No closing quotation'),
-        ({"planner_command": " ", "planners": "x", "mode": "ros"}, "planner command must name a program, got ' '"),
+        (
+            {"planner_command": "'", "planners": "x", "mode": "ros"},
+            'planner command "\'": No closing quotation',
+        ),
+        (
+            {"planner_command": " ", "planners": "x", "mode": "ros"},
+            "planner command must name a program, got ' '",
+        ),
         ({"planners": "a/b"}, "planner 'a/b': a name must be 1 to 60 letters"),
-        ({"planners": [{"name": "x", "command": "y", "preset": "z"}]}, "presets and parameters are for"),
+        (
+            {"planners": [{"name": "x", "command": "y", "preset": "z"}]},
+            "presets and parameters are for",
+        ),
         ({"ros": {"restart_planner": "never"}}, "settings of ros need mode ros"),
-        ({"mode": "ros", "ros": {"bags": "none"}}, "ros.bags is given by bags (--bags)"),
+        (
+            {"mode": "ros", "ros": {"bags": "none"}},
+            "ros.bags is given by bags (--bags)",
+        ),
         ({"mode": "ros", "ros": {"lockstp": True}}, "did you mean 'lockstep'?"),
         ({"execution": 3}, "execution must be a mapping"),
         ({"mode": "ros", "engine": "ray"}, "mode ros needs engine local"),
-        ({"engine": "slurm"}, "execution: engine must be one of local, ray, inline, got 'slurm'"),
+        (
+            {"engine": "slurm"},
+            "execution: engine must be one of local, ray, inline, got 'slurm'",
+        ),
         ({"address": "head:6379"}, "execution: address needs engine ray"),
         ({"workers": -1}, "execution: workers must be"),
         ({"simulator": {"lidar.beam": 3}}, "did you mean 'lidar.beams'?"),
         ({"out": ""}, "out must name a folder for the results"),
-        ({"out": None, "repetitons": 3}, "unknown key 'repetitons'; did you mean 'repetitions'?"),
+        (
+            {"out": None, "repetitons": 3},
+            "unknown key 'repetitons'; did you mean 'repetitions'?",
+        ),
     ],
 )
 def test_mistakes_are_told_in_one_line(file, options, words):
@@ -220,10 +324,15 @@ def test_files_that_a_command_names_are_known_by_their_content(tmp_path):
     command = f"python {script} --params-file {parameters} params_file:={parameters} other.yaml --fast=yes"
 
     file = tmp_path / "c.yaml"
-    file.write_text(f"schema_version: 1\nmode: ros\nplanners: [{{name: mine, command: '{command}'}}]\n")
+    file.write_text(
+        f"schema_version: 1\nmode: ros\nplanners: [{{name: mine, command: '{command}'}}]\n"
+    )
 
     def made():
-        asked = [read_request(file, {}), read_request(None, {"planner_command": command, "mode": "ros"})]
+        asked = [
+            read_request(file, {}),
+            read_request(None, {"planner_command": command, "mode": "ros"}),
+        ]
         return [one.experiment for one in asked]
 
     before = [one.planners[0].files for one in made()]
@@ -243,6 +352,13 @@ def test_parameters_that_nodes_tell_are_kept_and_may_not_change(tmp_path):
     keep_told(logs, logs, "mine", '{"/a speed": "0.5", "/b": "tells none"}')
     keep_told(logs, logs, "mine", '{"/a speed": "0.5", "/c turn": "1.0"}')
     keep_told(logs, logs, "another_mine", '{"/a speed": "1.0"}')
-    assert told_parameters(logs, "mine") == {"/a speed": "0.5", "/b": "tells none", "/c turn": "1.0"}
-    with pytest.raises(ConfigError, match=r"planner 'mine': parameter /a speed was '0.5' there, is '0.6' now"):
+    assert told_parameters(logs, "mine") == {
+        "/a speed": "0.5",
+        "/b": "tells none",
+        "/c turn": "1.0",
+    }
+    with pytest.raises(
+        ConfigError,
+        match=r"planner 'mine': parameter /a speed was '0.5' there, is '0.6' now",
+    ):
         keep_told(logs, logs, "mine", '{"/a speed": "0.6"}')

@@ -10,11 +10,11 @@ import pytest
 from PIL import Image
 
 import barn_eval as barn
+from barn_eval.api.worlds import generate, resize
 from barn_eval.ros.supervision.nodes import robot_of_simulator
 from barn_eval.trials import identity
 from barn_eval.trials.protocol import PROTOCOLS
 from barn_eval.trials.spec import simulator_config
-from barn_eval.worlds import generate, resize
 from barn_metrics.metrics import world_metrics
 from barn_sim.config import robot_of, with_robot
 from barn_worlds.base.errors import BarnError, ConfigError
@@ -33,7 +33,11 @@ def test_list(command):
     entries = json.loads(command("robots", "--json")[1])
     assert [one["robot"] for one in entries] == list(ROBOTS)
     husky = entries[0]
-    assert (husky["drive"], husky["length [m]"], husky["speed [m/s]"]) == ("skid_steer", 0.99, 1.0)
+    assert (husky["drive"], husky["length [m]"], husky["speed [m/s]"]) == (
+        "skid_steer",
+        0.99,
+        1.0,
+    )
 
 
 @pytest.mark.parametrize("name", list(ROBOTS))
@@ -44,7 +48,10 @@ def test_show(command, tmp_path, name):
     assert "mass_kg" in out and "kg m2" in out and "sources" in out
     pixels = np.asarray(Image.open(tmp_path / "robot.png").convert("L"))
     assert pixels.std() > 10.0
-    assert json.loads(command("robots", name, "--json")[1])["lidar"]["beams"] == ROBOTS[name].lidar.beams
+    assert (
+        json.loads(command("robots", name, "--json")[1])["lidar"]["beams"]
+        == ROBOTS[name].lidar.beams
+    )
 
 
 def test_show_draws_vectors(command, tmp_path):
@@ -57,7 +64,10 @@ def test_show_draws_vectors(command, tmp_path):
     [
         (["none.yaml"], "none.yaml: No such file or directory"),
         (["husk"], "unknown robot 'husk'; did you mean 'husky'?"),
-        (["turtlebot4", "--out", "robot.doc"], "error: robot.doc: must end in .png, .svg or .pdf\n"),
+        (
+            ["turtlebot4", "--out", "robot.doc"],
+            "error: robot.doc: must end in .png, .svg or .pdf\n",
+        ),
     ],
 )
 def test_mistakes_are_one_line(rejected, arguments, said):
@@ -98,7 +108,11 @@ def test_the_file_that_the_page_shows_is_a_robot(tmp_path):
 
 
 def test_the_table_of_the_page_has_the_numbers_of_the_files():
-    lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in page().splitlines() if line.startswith("| `")]
+    lines = [
+        [cell.strip() for cell in line.split("|")[1:-1]]
+        for line in page().splitlines()
+        if line.startswith("| `")
+    ]
     shown = {line[0].split("`")[1]: line[1:] for line in lines if len(line) == 7}
     assert set(shown) == set(ROBOTS)
     for name, (_, size, mass, speed, turn, _) in shown.items():
@@ -106,47 +120,88 @@ def test_the_table_of_the_page_has_the_numbers_of_the_files():
         long, wide = f"{robot.length_m:.3f}", f"{robot.width_m:.3f}"
         assert size == (f"round, {long}" if robot.chassis.round else f"{long} x {wide}")
         assert float(mass) == pytest.approx(robot.chassis.mass_kg, abs=0.05)
-        assert (float(speed), float(turn)) == (robot.drive.max_speed_m_s, robot.drive.max_yaw_rate_rad_s)
+        assert (float(speed), float(turn)) == (
+            robot.drive.max_speed_m_s,
+            robot.drive.max_yaw_rate_rad_s,
+        )
 
 
 def test_barn_tb4_is_what_its_command_makes(tmp_path):
-    tool = pytest.importorskip("regenerate", reason="the repository's qa folder is not beside this package")
+    tool = pytest.importorskip(
+        "regenerate", reason="the repository's qa folder is not beside this package"
+    )
     for name in tool.DATA_SETS:
-        made, there = open_dataset(tool.write_data_set(name, tmp_path)), open_dataset(name)
+        made, there = (
+            open_dataset(tool.write_data_set(name, tmp_path)),
+            open_dataset(name),
+        )
         assert made.checksum == there.checksum
         assert {**made.manifest, "made_by": ""} == {**there.manifest, "made_by": ""}
-        assert json.loads(shipped()[name].with_suffix(".manifest.json").read_text()) == there.manifest
+        assert (
+            json.loads(shipped()[name].with_suffix(".manifest.json").read_text())
+            == there.manifest
+        )
 
 
 def test_every_world_of_barn_tb4_has_a_way_for_its_robot_and_they_rise_from_wide_to_narrow():
     robot, dataset = load_robot("turtlebot4"), open_dataset("barn_tb4")
-    assert dataset.indices == tuple(range(100)) and dataset.manifest["robot"] == "turtlebot4"
+    assert (
+        dataset.indices == tuple(range(100))
+        and dataset.manifest["robot"] == "turtlebot4"
+    )
     found = [dataset.load(index) for index in dataset.indices]
     assert len({world.checksum for world in found}) == 100
     for world in found:
         cells = robot.footprint_cells(world.resolution_m)
-        assert (cells, world.resolution_m) == (world.footprint_cells, pytest.approx(0.15 * 0.171 / 0.254, abs=0.001))
+        assert (cells, world.resolution_m) == (
+            world.footprint_cells,
+            pytest.approx(0.15 * 0.171 / 0.254, abs=0.001),
+        )
         cspace = configuration_space(world.grid, cells)
-        assert through_region(cspace) is not None and not cspace[tuple(world.path.T)].any()
+        assert (
+            through_region(cspace) is not None and not cspace[tuple(world.path.T)].any()
+        )
     order = [narrowness(world) for world in found]
     assert order == sorted(order)
     closest = np.array([world_metrics(world).closest_obstacle for world in found])
-    usual = [world_metrics(open_dataset("barn300").load(index)).closest_obstacle for index in range(300)]
-    assert closest.min() < np.quantile(usual, 0.05) and closest.max() > np.quantile(usual, 0.95)
+    usual = [
+        world_metrics(open_dataset("barn300").load(index)).closest_obstacle
+        for index in range(300)
+    ]
+    assert closest.min() < np.quantile(usual, 0.05) and closest.max() > np.quantile(
+        usual, 0.95
+    )
 
 
 def test_worlds_kept_are_spread_over_the_order(tmp_path):
     asked = {"per_set": 1, "seed": 3, "robot": "turtlebot4"}
     whole = [world.checksum for world in generate(**asked).values()]
-    kept = [world.checksum for world in generate(tmp_path / "few.npz", keep=4, **asked).values()]
+    kept = [
+        world.checksum
+        for world in generate(tmp_path / "few.npz", keep=4, **asked).values()
+    ]
     assert kept == [whole[k] for k in (0, 4, 7, 11)]
     assert len(generate(keep=1, **asked)) == 1
-    with pytest.raises(ConfigError, match="keep must be at most the 12 worlds made, got 13"):
+    with pytest.raises(
+        ConfigError, match="keep must be at most the 12 worlds made, got 13"
+    ):
         generate(keep=13, **asked)
 
 
-def test_robots_that_take_more_cells_than_the_data_set_is_made_for_are_refused(rejected):
-    said = rejected("run", "--dataset", "barn_tb4", "--worlds", "0", "--planner", "gap", "--out", "unused")
+def test_robots_that_take_more_cells_than_the_data_set_is_made_for_are_refused(
+    rejected,
+):
+    said = rejected(
+        "run",
+        "--dataset",
+        "barn_tb4",
+        "--worlds",
+        "0",
+        "--planner",
+        "gap",
+        "--out",
+        "unused",
+    )
     ways = "with ways for 5 x 5 cells of 0.101 m: robot jackal takes 7 x 7"
     assert f"barn_tb4 is made for robot turtlebot4, {ways}" in said
     dataset = open_dataset("barn_tb4")
@@ -165,9 +220,19 @@ def test_resized_worlds_have_the_same_grids_in_cells_of_the_robots(tmp_path):
         made = resize(chosen, robot)
         for index, world in made.items():
             assert world.resolution_m == side_m and world.footprint_cells == 5
-            assert (world.grid == chosen[index].grid).all() and (world.path == chosen[index].path).all()
-    assert [one.checksum for one in resize(chosen, "jackal").values()] == [one.checksum for one in chosen.values()]
+            assert (world.grid == chosen[index].grid).all() and (
+                world.path == chosen[index].path
+            ).all()
+    assert [one.checksum for one in resize(chosen, "jackal").values()] == [
+        one.checksum for one in chosen.values()
+    ]
     written = open_dataset(barn.worlds.save(made, tmp_path / "husky.npz"))
-    assert written.indices == (0, 150, 299) and written.load(150).checksum == made[150].checksum
-    with pytest.raises(BarnError, match="walls, moving obstacles and arenas are in metres and cannot be resized"):
+    assert (
+        written.indices == (0, 150, 299)
+        and written.load(150).checksum == made[150].checksum
+    )
+    with pytest.raises(
+        BarnError,
+        match="walls, moving obstacles and arenas are in metres and cannot be resized",
+    ):
         resize(barn.worlds.load("dynabarn60", "0"), "husky")

@@ -10,9 +10,9 @@ import pytest
 import barn_eval as barn
 from barn_eval.analysis.overview import repeat
 from barn_eval.analysis.sources import read_source
-from barn_eval.bags.recorded import read_recorded
-from barn_eval.experiments.request import read_request
-from barn_eval.experiments.run_file import RunFile
+from barn_eval.results.bags.recorded import read_recorded
+from barn_eval.results.run_file import RunFile
+from barn_eval.running.request import read_request
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.spec import simulator_config
 from barn_sim.config import PRESETS, robot_of, with_robot
@@ -32,7 +32,9 @@ def asked(**options):
 def husky_worlds(tmp_path_factory):
     path = tmp_path_factory.mktemp("worlds") / "husky.npz"
     file = str(shipped_robots()["husky"])
-    barn.worlds.generate(path, per_set=1, seed=5, robot=file, parameters={"initial_fill": 0.15})
+    barn.worlds.generate(
+        path, per_set=1, seed=5, robot=file, parameters={"initial_fill": 0.15}
+    )
     return path
 
 
@@ -40,7 +42,13 @@ def husky_worlds(tmp_path_factory):
 def folders(husky_worlds, tmp_path_factory):
     """Results of a Husky and of a Jackal, of one trial each."""
     out = tmp_path_factory.mktemp("results")
-    options = {"dataset": str(husky_worlds), "worlds": "0", "planners": "gap", "engine": "inline", "progress": False}
+    options = {
+        "dataset": str(husky_worlds),
+        "worlds": "0",
+        "planners": "gap",
+        "engine": "inline",
+        "progress": False,
+    }
     for name in ("husky", "jackal"):
         barn.run(**options, robot=name, out=out / name, bags="all")
     return out / "husky", out / "jackal"
@@ -52,7 +60,9 @@ def test_the_jackal_by_name_is_what_it_is_without():
 
 def test_robots_by_name_file_and_object(tmp_path):
     mine = tmp_path / "mine.yaml"
-    mine.write_text(shipped_robots()["husky"].read_text().replace("name: husky", "name: mine"))
+    mine.write_text(
+        shipped_robots()["husky"].read_text().replace("name: husky", "name: mine")
+    )
     assert asked(robot="husky").simulator.chassis == HUSKY.chassis
     assert asked(robot=HUSKY).simulator == asked(robot="husky").simulator
     found = asked(robot=str(mine), simulator={"drive.max_speed_m_s": 0.5}).simulator
@@ -64,7 +74,11 @@ def test_robots_by_name_file_and_object(tmp_path):
 
 def test_presets_keep_their_noise_for_other_robots():
     ideal = with_robot(PRESETS["ideal"], HUSKY)
-    assert (ideal.lidar.noise_m, ideal.drive.command_latency_s, ideal.odometry.yaw_noise_rad) == (0.0, 0.0, 0.0)
+    assert (
+        ideal.lidar.noise_m,
+        ideal.drive.command_latency_s,
+        ideal.odometry.yaw_noise_rad,
+    ) == (0.0, 0.0, 0.0)
     assert ideal.lidar.mount_x_m == HUSKY.lidar.mount_x_m
     known = with_robot(PRESETS["known_map"], HUSKY)
     assert known.localisation == PRESETS["known_map"].localisation
@@ -82,7 +96,17 @@ def test_tasks_and_planners_differ_by_robot():
 
 
 def test_a_planner_that_cannot_drive_it_is_refused(rejected):
-    said = rejected("run", "--worlds", "0", "--planner", "policy", "--robot", "husky", "--out", "unused")
+    said = rejected(
+        "run",
+        "--worlds",
+        "0",
+        "--planner",
+        "policy",
+        "--robot",
+        "husky",
+        "--out",
+        "unused",
+    )
     assert "the shipped policy was trained for the Jackal alone" in said
 
 
@@ -95,15 +119,22 @@ def test_results_say_which_robot(folders):
     assert "--robot" not in repeat(read_source(jackal)).command
     recorded = read_recorded(next((husky / "bags").iterdir()))
     assert recorded.chassis == HUSKY.chassis
-    np.testing.assert_allclose(recorded.outline.extent_m, [-0.495, -0.335, 0.495, 0.335])
+    np.testing.assert_allclose(
+        recorded.outline.extent_m, [-0.495, -0.335, 0.495, 0.335]
+    )
     (row,) = barn.load(husky).trials
-    assert row.measures.min_clearance_m == pytest.approx(float(np.nanmin(recorded.clearance_m)), abs=1e-6)
+    assert row.measures.min_clearance_m == pytest.approx(
+        float(np.nanmin(recorded.clearance_m)), abs=1e-6
+    )
 
 
 @pytest.mark.parametrize("verb", ["compare", "report", "leaderboard"])
 def test_robots_are_not_mixed(verb, folders, rejected):
     said = rejected(verb, *folders, *(["--out", "x.html"] if verb == "report" else []))
-    assert f"different robots cannot be compared: husky in {folders[0]}, jackal in {folders[1]}" in said
+    assert (
+        f"different robots cannot be compared: husky in {folders[0]}, jackal in {folders[1]}"
+        in said
+    )
 
 
 def test_metrics_are_those_of_the_robot(rejected):
@@ -111,14 +142,18 @@ def test_metrics_are_those_of_the_robot(rejected):
     assert barn.worlds.metrics("barn300", "0", robot="jackal").equals(own)
     assert not barn.worlds.metrics("barn300", "0", robot="turtlebot4").equals(own)
     said = rejected("metrics", "barn300", "--worlds", "290", "--robot", "husky")
-    assert "no path from the first to the last column for a robot of 7 x 7 cells" in said
+    assert (
+        "no path from the first to the last column for a robot of 7 x 7 cells" in said
+    )
 
 
 def test_environments_have_the_robot(husky_worlds):
     gymnasium = pytest.importorskip("gymnasium")
     pytest.importorskip("barn_eval.gym")
     options = {"render_mode": "rgb_array", "safety.enabled": True}
-    env = gymnasium.make("barn/Jackal-v0", dataset=str(husky_worlds), robot="husky", **options).unwrapped
+    env = gymnasium.make(
+        "barn/Jackal-v0", dataset=str(husky_worlds), robot="husky", **options
+    ).unwrapped
     env.reset(seed=0, options={"world": 0})
     assert env.simulator_config == simulator_config(CHALLENGE, {}, HUSKY)
     assert env._safety.half_length_m == 0.495
@@ -127,13 +162,19 @@ def test_environments_have_the_robot(husky_worlds):
     env.close()
 
 
-def test_environments_that_advance_together_have_cells_of_one_size(husky_worlds, tmp_path):
+def test_environments_that_advance_together_have_cells_of_one_size(
+    husky_worlds, tmp_path
+):
     pytest.importorskip("gymnasium", reason="the environment is one of Gymnasium")
     from barn_eval.learning.vector import JackalVectorEnv  # noqa: PLC0415
 
     sized = open_dataset(husky_worlds).load(0)
-    write_own(tmp_path / "mixed.npz", "mixed", {0: sized, 1: replace(sized, resolution_m=0.2)})
+    write_own(
+        tmp_path / "mixed.npz", "mixed", {0: sized, 1: replace(sized, resolution_m=0.2)}
+    )
     with pytest.raises(ConfigError, match="need worlds with cells of one size"):
         for seed in range(20):
-            with closing(JackalVectorEnv(4, dataset=str(tmp_path / "mixed.npz"), robot="husky")) as environments:
+            with closing(
+                JackalVectorEnv(4, dataset=str(tmp_path / "mixed.npz"), robot="husky")
+            ) as environments:
                 environments.reset(seed=seed)

@@ -9,7 +9,15 @@ import time
 from dataclasses import replace
 
 import pytest
-from ros_runs import EACH, SHORT, drive, drive_kinds, make_plan, messages, node_process, nothing_left  # noqa: F401
+from ros_runs import (
+    EACH,
+    SHORT,
+    drive,
+    drive_kinds,
+    make_plan,
+    messages,
+    node_process,
+)
 from waiting import until
 
 from barn_eval.ros.supervision import ProcessError
@@ -29,8 +37,13 @@ def test_scores_cannot_be_forged(tmp_path):
         "pause": "/foreign called simulator/pause",
     }
     *results, last = drive_kinds(tmp_path, *said, "drives")
-    assert {kind: result.detail for kind, result in zip(said, results, strict=True)} == said
-    ends = {(result.outcome, result.fault, result.scores.success, result.scores.challenge) for result in results}
+    assert {
+        kind: result.detail for kind, result in zip(said, results, strict=True)
+    } == said
+    ends = {
+        (result.outcome, result.fault, result.scores.success, result.scores.challenge)
+        for result in results
+    }
     assert ends == {(Outcome.INTERFERENCE, "planner", False, 0.0)}
     assert all(result.measures.driven_m < 2.0 for result in results)
     # whoever comes after is judged by what the simulator says, as if nobody had been there before
@@ -39,31 +52,55 @@ def test_scores_cannot_be_forged(tmp_path):
 
 
 @pytest.mark.parametrize("asked_for", [False, True])
-def test_the_truth_is_on_the_planners_domain_only_where_asked_for_and_readers_are_named(tmp_path, asked_for):
-    (result,) = drive_kinds(tmp_path, "curious", setup=replace(EACH, ground_truth=asked_for))
+def test_the_truth_is_on_the_planners_domain_only_where_asked_for_and_readers_are_named(
+    tmp_path, asked_for
+):
+    (result,) = drive_kinds(
+        tmp_path, "curious", setup=replace(EACH, ground_truth=asked_for)
+    )
     assert result.outcome is Outcome.TIMEOUT
     assert (tmp_path / "starts.heard").exists() is asked_for
-    assert result.remarks == "/foreign subscribed to /ground_truth/odom; 2 publishers on /cmd_vel: /foreign, /foreign"
+    assert (
+        result.remarks
+        == "/foreign subscribed to /ground_truth/odom; 2 publishers on /cmd_vel: /foreign, /foreign"
+    )
     heard = messages(tmp_path / "run" / "bags" / result.trial_id)
-    assert len(heard["/ground_truth/odom"]) == len(heard["/scan"])  # the bag has it all the same
+    assert len(heard["/ground_truth/odom"]) == len(
+        heard["/scan"]
+    )  # the bag has it all the same
 
 
 def test_a_command_that_cannot_be_read_is_the_planners_fault(tmp_path):
     (broken,) = drive_kinds(tmp_path, "broken_command")
     refused = "command (nan m/s, nan rad/s) is not finite"
-    assert (broken.outcome, broken.fault, broken.detail) == (Outcome.INVALID_COMMAND, "planner", refused)
+    assert (broken.outcome, broken.fault, broken.detail) == (
+        Outcome.INVALID_COMMAND,
+        "planner",
+        refused,
+    )
 
 
-def test_a_simulator_that_was_there_before_the_planner_is_not_the_planners_fault(tmp_path, monkeypatch):
+def test_a_simulator_that_was_there_before_the_planner_is_not_the_planners_fault(
+    tmp_path, monkeypatch
+):
     with reserved_domain({}) as domain:
         pass
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    other = [sys.executable, "-m", "barn_sim.ros.simulator", "--ros-args", "-r", "__node:=gazebo"]
+    other = [
+        sys.executable,
+        "-m",
+        "barn_sim.ros.simulator",
+        "--ros-args",
+        "-r",
+        "__node:=gazebo",
+    ]
     stranger = subprocess.Popen(other, stderr=subprocess.PIPE, text=True)
     try:
         next(line for line in stranger.stderr if "world_0" in line)
-        with pytest.raises(ProcessError, match=rf"^ROS_DOMAIN_ID {domain}: /gazebo publishes /"):
+        with pytest.raises(
+            ProcessError, match=rf"^ROS_DOMAIN_ID {domain}: /gazebo publishes /"
+        ):
             list(drive(tmp_path / "run", make_plan(ros=EACH)))
     finally:
         stranger.kill()
@@ -72,9 +109,17 @@ def test_a_simulator_that_was_there_before_the_planner_is_not_the_planners_fault
     assert not (tmp_path / "run" / "logs" / "planner.log").exists()
 
 
-def test_an_evaluator_without_processor_time_is_waited_for(tmp_path, nothing_left):  # noqa: F811
-    longer = replace(SHORT, limit_s=20.0, timeout_time_s=20.0, collision_ends_trial=False)
-    part = tmp_path / "run" / "bags" / "foreign_w0000_r00.partial" / "foreign_w0000_r00_0.mcap"
+def test_an_evaluator_without_processor_time_is_waited_for(tmp_path, nothing_left):
+    longer = replace(
+        SHORT, limit_s=20.0, timeout_time_s=20.0, collision_ends_trial=False
+    )
+    part = (
+        tmp_path
+        / "run"
+        / "bags"
+        / "foreign_w0000_r00.partial"
+        / "foreign_w0000_r00_0.mcap"
+    )
 
     def suspend():
         for size in (10_000, 100_000, 200_000):

@@ -12,12 +12,14 @@ from pathlib import Path
 import pytest
 from waiting import alive, parent, until
 
-from barn_eval.experiments.run_file import isolated, isolation
+from barn_eval.results.run_file import isolated, isolation
 from barn_eval.ros.supervision import guard, nodes
 from barn_eval.ros.supervision.process import EventChannel, GuardedProcess, last_lines
 from barn_worlds.base.errors import ConfigError
 
-KEPT_APART = pytest.mark.skipif(not isolated(), reason=f"the kernel keeps no planner apart here: {isolation()}")
+KEPT_APART = pytest.mark.skipif(
+    not isolated(), reason=f"the kernel keeps no planner apart here: {isolation()}"
+)
 # A command with a child that leaves its session and a grandchild that has lost its parent; `stubborn` ignores signals.
 FAMILY = """
 import os, signal, subprocess, sys, time
@@ -57,7 +59,9 @@ def ended(log, *command, **more):
 def test_stop_ends_the_whole_family(tmp_path):
     process, pids = family(tmp_path)
     process.stop()
-    assert re.match(r"was killed by SIG(INT|TERM)$|exited with code", process.end)  # it may wait for the processor
+    assert re.match(
+        r"was killed by SIG(INT|TERM)$|exited with code", process.end
+    )  # it may wait for the processor
     assert not any(map(alive, pids))
 
 
@@ -91,7 +95,9 @@ def test_nothing_is_left_when_the_supervisor_is_killed(tmp_path, also):
                    Path({str(tmp_path / "family.log")!r}))
     time.sleep(3600)
     """
-    supervisor = subprocess.Popen([sys.executable, "-c", textwrap.dedent(script)], cwd=tmp_path)
+    supervisor = subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(script)], cwd=tmp_path
+    )
     try:
         pids = members(tmp_path / "pids")
         guards = guards_of(pids[0])
@@ -109,7 +115,9 @@ def guards_of(pid):
     return parent(second), second
 
 
-@pytest.mark.parametrize(("which", "number"), [(0, signal.SIGKILL), (1, signal.SIGKILL), (1, signal.SIGTERM)])
+@pytest.mark.parametrize(
+    ("which", "number"), [(0, signal.SIGKILL), (1, signal.SIGKILL), (1, signal.SIGTERM)]
+)
 def test_nothing_is_left_when_the_guard_is_killed(tmp_path, which, number):
     process, pids = family(tmp_path)
     guards = guards_of(pids[0])
@@ -122,26 +130,41 @@ def test_nothing_is_left_when_the_guard_is_killed(tmp_path, which, number):
 
 
 def test_the_exit_code_and_what_was_printed_are_kept(tmp_path):
-    process = ended(tmp_path / "talker.log", sys.executable, "-c", "print('out'); raise SystemExit(3)")
+    process = ended(
+        tmp_path / "talker.log",
+        sys.executable,
+        "-c",
+        "print('out'); raise SystemExit(3)",
+    )
     assert process.end == "exited with code 3"
     assert last_lines(process.log) == f"the end of {process.log}:\n  out"
 
 
-@pytest.mark.parametrize("kind", [guard.SUITE, pytest.param(guard.APART, marks=KEPT_APART)])
+@pytest.mark.parametrize(
+    "kind", [guard.SUITE, pytest.param(guard.APART, marks=KEPT_APART)]
+)
 def test_an_unknown_command_is_told(tmp_path, kind):
     process = ended(tmp_path / "nobody.log", "/no/such/command", kind=kind)
-    assert process.end == "cannot be started: /no/such/command: No such file or directory"
+    assert (
+        process.end == "cannot be started: /no/such/command: No such file or directory"
+    )
 
 
 def test_a_planner_that_prints_without_end_keeps_beginning_and_end(tmp_path):
     log = tmp_path / "loud.log"
-    script = "import sys\nfor k in range(400_000): print(f'{k:099d}')\nprint('x' * 5000)"
+    script = (
+        "import sys\nfor k in range(400_000): print(f'{k:099d}')\nprint('x' * 5000)"
+    )
     assert ended(log, sys.executable, "-c", script).end == "exited with code 0"
     lines = log.read_text().splitlines()
     assert log.stat().st_size < 10.2e6  # of 40 MB
     assert lines[0] == f"{0:099d}"
     assert lines[-2] == f"{399_999:099d}"
-    (cut,) = [number for number, line in enumerate(lines) if line.endswith(" bytes are left out here]")]
+    (cut,) = [
+        number
+        for number, line in enumerate(lines)
+        if line.endswith(" bytes are left out here]")
+    ]
     assert 49_990 < cut < 50_010
     assert last_lines(log, 1) == f"the end of {log}:\n  {'x' * 300}"
     # what the next start prints begins a file of its own, so that many starts take no more
@@ -156,7 +179,9 @@ def test_a_log_that_cannot_be_written_is_one_line(tmp_path):
 
 
 def test_link_is_handed_down_to_the_command(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # a source tree's folders would hide the installed packages
+    monkeypatch.chdir(
+        tmp_path
+    )  # a source tree's folders would hide the installed packages
     ours, theirs = socket.socketpair()
     script = """
     import socket, sys
@@ -167,7 +192,9 @@ def test_link_is_handed_down_to_the_command(tmp_path, monkeypatch):
     link.send("echo", name=events[0]["name"])
     """
     command = [sys.executable, "-c", textwrap.dedent(script), str(theirs.fileno())]
-    process = GuardedProcess("echo", command, os.environ, tmp_path / "echo.log", [theirs])
+    process = GuardedProcess(
+        "echo", command, os.environ, tmp_path / "echo.log", [theirs]
+    )
     theirs.close()
     link = EventChannel(ours)
     link.send("started", name="planner")
@@ -191,14 +218,23 @@ def test_link_joins_lines_that_come_in_pieces():
 
 def test_a_foreign_command_gets_the_environment_without_our_wheels():
     mark, ours = "_ROS_WHEELS_BOOTSTRAP_COMPLETE", str(Path(sys.prefix) / "lib")
-    inherited = {"PATH": "/bin", mark: "1", "LD_LIBRARY_PATH": os.pathsep.join([ours, "/opt/theirs/lib"])}
-    assert nodes.foreign_environment(inherited) == {"PATH": "/bin", "LD_LIBRARY_PATH": "/opt/theirs/lib"}
+    inherited = {
+        "PATH": "/bin",
+        mark: "1",
+        "LD_LIBRARY_PATH": os.pathsep.join([ours, "/opt/theirs/lib"]),
+    }
+    assert nodes.foreign_environment(inherited) == {
+        "PATH": "/bin",
+        "LD_LIBRARY_PATH": "/opt/theirs/lib",
+    }
     assert nodes.foreign_environment({mark: "1", "LD_LIBRARY_PATH": ours}) == {}
     assert nodes.foreign_environment({"A": "b"}) == {"A": "b"}
 
 
 @KEPT_APART
-def test_a_planner_kept_apart_sees_and_signals_no_process_but_its_own_and_its_end_is_told(tmp_path):
+def test_a_planner_kept_apart_sees_and_signals_no_process_but_its_own_and_its_end_is_told(
+    tmp_path,
+):
     script = f"""
     import os, signal
     seen = [entry for entry in os.listdir("/proc") if entry.isdigit()]
@@ -213,4 +249,7 @@ def test_a_planner_kept_apart_sees_and_signals_no_process_but_its_own_and_its_en
     process = ended(tmp_path / "apart.log", *command, kind=f"{guard.APART}:{tmp_path}")
     assert process.end == "was killed by SIGKILL"
     if isolation() == "apart":
-        assert process.log.read_text() == f"sees 2 has the user {os.getuid()} writes False\n"
+        assert (
+            process.log.read_text()
+            == f"sees 2 has the user {os.getuid()} writes False\n"
+        )

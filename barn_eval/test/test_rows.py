@@ -14,7 +14,7 @@ from multiprocessing import get_context
 import pytest
 from waiting import until
 
-from barn_eval.experiments.rows import ResultRows, sealed
+from barn_eval.results.rows import ResultRows, sealed
 from barn_eval.trials.outcome import Outcome, Scores
 from barn_eval.trials.result import TrialResult, from_json_line, to_json_line, trial_id
 from barn_eval.trials.trajectory import Encounters, Measures
@@ -39,8 +39,28 @@ def result(number: int = 0) -> TrialResult:
         planner_seed=2,
         outcome=Outcome.SUCCESS,
         detail="",
-        scores=Scores(True, 10.1, 10.1, 12.0, 5.0, 2.02, 3.0, 0.29, 0.25, 30.0, 5.05, 0.5),
-        measures=Measures(5.5, 1.1, 0.5, 0.1, 0.3, 0.0, 0, 0.2, 1.0, 0, 0.4, 7.5, 3.0, 6.0, 0.01, 0.02, 0.15),
+        scores=Scores(
+            True, 10.1, 10.1, 12.0, 5.0, 2.02, 3.0, 0.29, 0.25, 30.0, 5.05, 0.5
+        ),
+        measures=Measures(
+            5.5,
+            1.1,
+            0.5,
+            0.1,
+            0.3,
+            0.0,
+            0,
+            0.2,
+            1.0,
+            0,
+            0.4,
+            7.5,
+            3.0,
+            6.0,
+            0.01,
+            0.02,
+            0.15,
+        ),
     )
 
 
@@ -56,7 +76,9 @@ def test_rows_come_back_as_they_were(rows):
     assert rows.read() == [result(number) for number in range(3)]
     assert from_json_line(to_json_line(result()), "line") == result()
     assert "motion" not in to_json_line(result())  # of worlds in which nothing moves
-    moved = dataclasses.replace(result(), motion=Encounters(1.0, 0.5, None, 0.0, None, None))
+    moved = dataclasses.replace(
+        result(), motion=Encounters(1.0, 0.5, None, 0.0, None, None)
+    )
     assert from_json_line(to_json_line(moved), "line") == moved
 
 
@@ -82,7 +104,10 @@ SEALED = f"{sealed(LINE)}\n"
         (SEALED * 2, "line 2: trial dwa_w0000_r00 is there already"),
         (SEALED.encode() + b"\xff\x00\n", "line 2: not JSON"),
         (f"{LINE}\n", "line 1: damaged or edited: has no crc32"),
-        (json.dumps(json.loads(SEALED) | {"planner": "other"}) + "\n", "line 1: damaged or edited: its crc32 is "),
+        (
+            json.dumps(json.loads(SEALED) | {"planner": "other"}) + "\n",
+            "line 1: damaged or edited: its crc32 is ",
+        ),
     ],
     ids=["schema", "twice", "bytes", "no checksum", "edited"],
 )
@@ -105,7 +130,9 @@ def test_kill_at_any_moment_loses_no_row_that_was_reported(tmp_path):
     reported = processes.Value("q", -1, lock=False)
     for _ in range(4):
         before = reported.value
-        writer = processes.Process(target=append_rows, args=(tmp_path, reported), daemon=True)
+        writer = processes.Process(
+            target=append_rows, args=(tmp_path, reported), daemon=True
+        )
         writer.start()
         until(lambda before=before: reported.value > before)
         time.sleep(0.05)
@@ -133,7 +160,10 @@ def file_size_limit(size):
 def test_a_write_that_fails_half_way_leaves_the_rows_as_they_were(rows):
     rows.append(result(0))
     size = rows.path.stat().st_size
-    failed = pytest.raises(StoreError, match=rf"results\.jsonl: cannot be written: {os.strerror(errno.EFBIG)}")
+    failed = pytest.raises(
+        StoreError,
+        match=rf"results\.jsonl: cannot be written: {os.strerror(errno.EFBIG)}",
+    )
     with file_size_limit(size + 100), failed:
         rows.append(result(1))
     assert rows.path.stat().st_size == size
@@ -144,14 +174,19 @@ def test_a_write_that_fails_half_way_leaves_the_rows_as_they_were(rows):
 def test_a_table_is_replaced_as_a_whole_or_not_at_all(tmp_path):
     path = tmp_path / "table"
     write_whole(path, b"first")
-    with file_size_limit(100), pytest.raises(StoreError, match="table: cannot be written"):
+    with (
+        file_size_limit(100),
+        pytest.raises(StoreError, match="table: cannot be written"),
+    ):
         write_whole(path, bytes(1000))
     assert path.read_bytes() == b"first"
     assert [entry.name for entry in tmp_path.iterdir()] == ["table"]
 
 
 def test_wall_clock_is_no_part_of_what_repeats():
-    slow = dataclasses.replace(result(), wall_clock=dataclasses.replace(result().wall_clock, duration_s=9.0))
+    slow = dataclasses.replace(
+        result(), wall_clock=dataclasses.replace(result().wall_clock, duration_s=9.0)
+    )
     assert slow != result()
     assert slow.repeatable() == result().repeatable()
 

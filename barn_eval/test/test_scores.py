@@ -31,7 +31,9 @@ def verdict(outcome: Outcome, time_s: float | None) -> Verdict:
 )
 def test_the_challenge_metric_is_clipped(time_s, metric, metric_2022):
     found = score(verdict(Outcome.SUCCESS, time_s), COURSE, CHALLENGE)
-    assert (found.challenge, found.challenge_2022) == pytest.approx((metric, metric_2022))
+    assert (found.challenge, found.challenge_2022) == pytest.approx(
+        (metric, metric_2022)
+    )
 
 
 def test_scores_hold_what_the_verdict_and_the_course_say():
@@ -71,7 +73,10 @@ def test_who_failed_follows_from_the_outcome_unless_it_is_known(outcome, blamed,
 
 def test_before_times_were_clipped_the_metric_had_no_limit():
     rules = replace(CHALLENGE, clipped=False)
-    found = [score(verdict(Outcome.SUCCESS, time_s), COURSE, rules).challenge for time_s in (0.05, 90.0)]
+    found = [
+        score(verdict(Outcome.SUCCESS, time_s), COURSE, rules).challenge
+        for time_s in (0.05, 90.0)
+    ]
     assert found == pytest.approx([5.0 / 0.05, 5.0 / 90.0])
 
 
@@ -84,21 +89,36 @@ def test_before_times_were_clipped_the_metric_had_no_limit():
         (Outcome.COLLISION, 20.0, 6.0, 0.0),
     ],
 )
-def test_efficiency_is_the_least_time_by_that_of_a_success(outcome, time_s, least_time_s, efficiency):
+def test_efficiency_is_the_least_time_by_that_of_a_success(
+    outcome, time_s, least_time_s, efficiency
+):
     found = score(verdict(outcome, time_s), COURSE, CHALLENGE, least_time_s)
-    assert (found.efficiency, found.least_time_s) == (efficiency and pytest.approx(efficiency), least_time_s)
+    assert (found.efficiency, found.least_time_s) == (
+        efficiency and pytest.approx(efficiency),
+        least_time_s,
+    )
 
 
-@pytest.mark.parametrize(("outcome", "counted_s"), [(Outcome.TIMEOUT, 50.0), (Outcome.COLLISION, 30.0)])
+@pytest.mark.parametrize(
+    ("outcome", "counted_s"), [(Outcome.TIMEOUT, 50.0), (Outcome.COLLISION, 30.0)]
+)
 def test_a_timeout_may_count_with_more_than_another_failure(outcome, counted_s):
-    found = score(verdict(outcome, 12.0), COURSE, replace(PAPER_2020, timeout_time_s=50.0))
+    found = score(
+        verdict(outcome, 12.0), COURSE, replace(PAPER_2020, timeout_time_s=50.0)
+    )
     assert (found.scored_time_s, found.failure_time_s) == (counted_s, 50.0)
 
 
-@pytest.mark.parametrize("outcome", [outcome for outcome in Outcome if outcome is not Outcome.SUCCESS])
+@pytest.mark.parametrize(
+    "outcome", [outcome for outcome in Outcome if outcome is not Outcome.SUCCESS]
+)
 def test_only_a_success_earns_the_challenge_metric(outcome):
     scores = score(verdict(outcome, 12.0), COURSE, CHALLENGE)
-    assert (scores.success, scores.challenge, scores.challenge_2022) == (False, 0.0, 0.0)
+    assert (scores.success, scores.challenge, scores.challenge_2022) == (
+        False,
+        0.0,
+        0.0,
+    )
 
 
 @pytest.mark.parametrize(
@@ -110,7 +130,9 @@ def test_only_a_success_earns_the_challenge_metric(outcome):
         (Outcome.TIMEOUT, 50.0, 30.0),
     ],
 )
-def test_the_paper_counts_a_success_by_its_time_and_a_failure_as_30_s_and_keeps_the_time(outcome, time_s, counted_s):
+def test_the_paper_counts_a_success_by_its_time_and_a_failure_as_30_s_and_keeps_the_time(
+    outcome, time_s, counted_s
+):
     found = score(verdict(outcome, time_s), COURSE, PAPER_2020)
     assert (found.scored_time_s, found.traversal_time_s) == (counted_s, time_s)
     assert found.normalised_time_s_per_m == pytest.approx(counted_s / 4.5)
@@ -119,15 +141,26 @@ def test_the_paper_counts_a_success_by_its_time_and_a_failure_as_30_s_and_keeps_
 def test_seeds_depend_on_what_a_trial_is_and_on_nothing_else():
     assert simulator_seed(0, 1, 2) == simulator_seed(0, 1, 2)
     everything = {
-        simulator_seed(seed, world, repetition) for seed in range(4) for world in range(40) for repetition in range(5)
+        simulator_seed(seed, world, repetition)
+        for seed in range(4)
+        for world in range(40)
+        for repetition in range(5)
     }
     assert len(everything) == 4 * 40 * 5
-    planners = {planner_seed(0, world, 0, planner) for world in range(40) for planner in ("dwa", "eband", "mppi")}
+    planners = {
+        planner_seed(0, world, 0, planner)
+        for world in range(40)
+        for planner in ("dwa", "eband", "mppi")
+    }
     assert len(planners) == 120
     assert not everything & planners
 
 
-@given(seed=st.integers(0, 2**62), world=st.integers(0, 10**6), repetition=st.integers(0, 98))
+@given(
+    seed=st.integers(0, 2**62),
+    world=st.integers(0, 10**6),
+    repetition=st.integers(0, 98),
+)
 def test_seeds_fit_every_generator(seed, world, repetition):
     assert 0 <= simulator_seed(seed, world, repetition) < 2**32
     assert 0 <= planner_seed(seed, world, repetition, "dwa") < 2**32
@@ -135,5 +168,11 @@ def test_seeds_fit_every_generator(seed, world, repetition):
 
 def test_seeds_never_change():
     """Recorded results are only repeatable while these stay what they are."""
-    assert [simulator_seed(0, 0, 0), simulator_seed(1, 2, 3)] == [2247579044, 1874683313]
-    assert [planner_seed(0, 0, 0, "dwa"), planner_seed(1, 2, 3, "dwa")] == [572186411, 1751269472]
+    assert [simulator_seed(0, 0, 0), simulator_seed(1, 2, 3)] == [
+        2247579044,
+        1874683313,
+    ]
+    assert [planner_seed(0, 0, 0, "dwa"), planner_seed(1, 2, 3, "dwa")] == [
+        572186411,
+        1751269472,
+    ]

@@ -20,12 +20,21 @@ def published(ticks):
 
 def sorted_out(ticks):
     """Stamp, topics and the thousand of sending times, of each tick."""
-    return [(one.stamp_ns, [m.topic for m in one.messages], {m.sent_ns // 1000 for m in one.messages}) for one in ticks]
+    return [
+        (
+            one.stamp_ns,
+            [m.topic for m in one.messages],
+            {m.sent_ns // 1000 for m in one.messages},
+        )
+        for one in ticks
+    ]
 
 
 def test_a_command_may_come_as_late_as_the_scan_after_its_own():
     sequencer = TickSequencer("/scan")
-    for number in range(9):  # ticks without a scan, while a planner is charged for its computing
+    for number in range(
+        9
+    ):  # ticks without a scan, while a planner is charged for its computing
         sequencer.tick(50 * number, 1000 * number)
         if number in (0, 7):
             sequencer.add(message("/scan", 1000 * number + 1))
@@ -42,7 +51,10 @@ def test_any_order_across_topics_gives_the_same_ticks(seed):
     # Each topic keeps its own order; across topics anything may be late by up to one tick.
     random.seed(seed)
     events = list(published(30))
-    late = {topic: random.uniform(0.0, 900.0) for topic in ("/odom", "/collision", "/scan", "/cmd_vel", "tick")}
+    late = {
+        topic: random.uniform(0.0, 900.0)
+        for topic in ("/odom", "/collision", "/scan", "/cmd_vel", "tick")
+    }
     events.sort(key=lambda event: event[2] + late[event[0]])
     sequencer = TickSequencer("/scan")
     done = []
@@ -52,7 +64,9 @@ def test_any_order_across_topics_gives_the_same_ticks(seed):
         else:
             sequencer.add(message(kind, sent_ns))
         done += sequencer.complete()
-    in_order = [(50 * k, ["/odom", "/collision", "/scan", "/cmd_vel"], {k}) for k in range(30)]
+    in_order = [
+        (50 * k, ["/odom", "/collision", "/scan", "/cmd_vel"], {k}) for k in range(30)
+    ]
     assert sorted_out([*done, *sequencer.rest()]) == in_order
 
 
@@ -63,7 +77,10 @@ def test_a_tick_that_repeats_the_time_begins_nothing_new_and_tells_so():
         begun.append(sequencer.tick(stamp_ns, sent_ns))
         sequencer.add(message("/odom", sent_ns + 1))
     assert (begun, sequencer.latest_ns) == ([True, True, False, True], 9)
-    found = [(tick.stamp_ns, [one.sent_ns for one in tick.messages]) for tick in sequencer.rest()]
+    found = [
+        (tick.stamp_ns, [one.sent_ns for one in tick.messages])
+        for tick in sequencer.rest()
+    ]
     assert found == [(7, [1]), (8, [101, 201]), (9, [301])]
 
 
@@ -74,7 +91,10 @@ def test_a_message_sent_with_a_tick_belongs_to_it_whichever_comes_first():
     sequencer.add(message("/truth", 1000))
     sequencer.tick(50, 1000)
     sequencer.add(message("/scan", 1000))
-    assert sorted_out(sequencer.rest()) == [(0, [], set()), (50, ["/odom", "/truth", "/scan"], {1})]
+    assert sorted_out(sequencer.rest()) == [
+        (0, [], set()),
+        (50, ["/odom", "/truth", "/scan"], {1}),
+    ]
 
 
 def test_what_came_before_the_first_tick_belongs_to_it_alone():
@@ -85,7 +105,9 @@ def test_what_came_before_the_first_tick_belongs_to_it_alone():
     sequencer.tick(0, 0)
     sequencer.add(message("/odom", 1))
     assert sequencer.latest_ns == 0
-    assert [[one.topic for one in tick.messages] for tick in sequencer.rest()] == [["/map", "/goal", "/odom"]]
+    assert [[one.topic for one in tick.messages] for tick in sequencer.rest()] == [
+        ["/map", "/goal", "/odom"]
+    ]
     sequencer.tick(50, 1000)
     assert [tick.messages for tick in sequencer.rest()] == [[]]
 
@@ -97,7 +119,10 @@ def test_a_message_later_than_all_patience_is_kept():
         sequencer.add(message("/scan", 10 * k))
     assert [tick.stamp_ns for tick in sequencer.complete()] == [0, 1]
     sequencer.add(message("/late", 5))
-    assert [[one.topic for one in tick.messages] for tick in sequencer.rest()] == [["/late", "/scan"], ["/scan"]]
+    assert [[one.topic for one in tick.messages] for tick in sequencer.rest()] == [
+        ["/late", "/scan"],
+        ["/scan"],
+    ]
 
 
 def test_ticks_that_come_by_a_faster_way_complete_nothing_before_the_others_are_heard_as_far():

@@ -30,18 +30,25 @@ VALUES = st.lists(st.floats(-10.0, 10.0, allow_subnormal=False), min_size=1, max
 @given(VALUES)
 def test_few_worlds_are_enumerated(values):
     found = paired_difference(np.array(values), np.arange(len(values)))
-    sums = np.abs(list(itertools.product((1, -1), repeat=len(values))) @ np.array(values))  # of all patterns of signs
+    sums = np.abs(
+        list(itertools.product((1, -1), repeat=len(values))) @ np.array(values)
+    )  # of all patterns of signs
     as_far = sums >= abs(sum(values)) - 1e-9 * sum(map(abs, values))
     assert found.p == pytest.approx(as_far.mean())
     assert found.interval.estimate == pytest.approx(np.mean(values))
     assert found.worlds == len(values)
 
 
-@example([0.5, -1.0, -1.9054275882702818, -3.99999, -9.999999999999998, -1.6411609986506726], 0.0)  # sums are rounded
+@example(
+    [0.5, -1.0, -1.9054275882702818, -3.99999, -9.999999999999998, -1.6411609986506726],
+    0.0,
+)  # sums are rounded
 @given(VALUES, st.floats(-5.0, 5.0))
 def test_the_interval_holds_the_shifts_that_the_test_does_not_reject(values, shift):
     values = np.array(values)
-    assume(not np.isclose(values, shift).any())  # a difference of 0 has no sign: at such a shift alone, p is larger
+    assume(
+        not np.isclose(values, shift).any()
+    )  # a difference of 0 has no sign: at such a shift alone, p is larger
     interval = paired_difference(values, np.arange(len(values))).interval
     p = paired_difference(values - shift, np.arange(len(values))).p
     if interval.low is None:
@@ -64,7 +71,9 @@ def test_trials_of_a_world_flip_together_and_in_any_order():
     student = stats.t.interval(0.95, 39, means.mean(), stats.sem(means))
     assert (found.interval.low, found.interval.high) == pytest.approx(student, abs=0.03)
     single = paired_difference(values, np.arange(120))
-    assert single.interval.high - single.interval.low < 0.7 * (found.interval.high - found.interval.low)
+    assert single.interval.high - single.interval.low < 0.7 * (
+        found.interval.high - found.interval.low
+    )
 
 
 def test_fewer_than_six_worlds_leave_a_difference_open():
@@ -85,8 +94,15 @@ def test_a_world_with_more_trials_counts_more():
 def test_shares_with_one_trial_a_world_are_wilsons_with_students_quantile():
     successes = np.array([1] * 40 + [0] * 10)
     found = proportion(successes, np.arange(50))
-    n, p, z = 50 - 1, 0.8, stats.t.ppf(0.975, 49)  # the variance over worlds has the divisor n - 1
-    middle, half = p + z * z / (2 * n), z * math.sqrt(p * (1 - p) / n + (z / (2 * n)) ** 2)
+    n, p, z = (
+        50 - 1,
+        0.8,
+        stats.t.ppf(0.975, 49),
+    )  # the variance over worlds has the divisor n - 1
+    middle, half = (
+        p + z * z / (2 * n),
+        z * math.sqrt(p * (1 - p) / n + (z / (2 * n)) ** 2),
+    )
     limits = np.array([middle - half, middle + half]) / (1 + z * z / n)
     assert (found.estimate, found.low, found.high) == pytest.approx((0.8, *limits))
 
@@ -118,7 +134,9 @@ def test_holm_by_hand():
     assert math.isnan(none)
 
 
-@pytest.mark.parametrize(("p", "text"), [(0.0004, "p < 0.001"), (0.001, "p = 0.001"), (0.0316, "p = 0.032")])
+@pytest.mark.parametrize(
+    ("p", "text"), [(0.0004, "p < 0.001"), (0.001, "p = 0.001"), (0.0316, "p = 0.032")]
+)
 def test_p_values_are_written_with_three_digits(p, text):
     assert p_text(p) == text
 
@@ -132,22 +150,32 @@ def test_the_smallest_p_value_follows_the_number_of_flips():
 def test_a_difference_knows_its_variance_between_and_within_worlds():
     worlds = np.repeat(np.arange(10), 2)
     values = np.random.default_rng(2).normal(0.0, 1.0, 20)
-    assert paired_difference(values, worlds).parts == components(values[np.lexsort((values, worlds))], worlds)
+    assert paired_difference(values, worlds).parts == components(
+        values[np.lexsort((values, worlds))], worlds
+    )
     assert paired_difference(values, worlds).trials == 20
 
 
 def test_components_by_hand():
     found = components(np.array([1.0, 3.0, 5.0, 7.0]), np.array([0, 0, 1, 1]))
     assert found == Components(pytest.approx((16.0 - 2.0) / 2.0), pytest.approx(2.0))
-    assert components(np.array([1.0, 3.0]), np.array([0, 1])) == Components(pytest.approx(2.0), 0.0)
+    assert components(np.array([1.0, 3.0]), np.array([0, 1])) == Components(
+        pytest.approx(2.0), 0.0
+    )
     assert math.isnan(components(np.array([1.0, 3.0]), np.array([0, 0])).between)
-    assert components(np.array([1.0, 3.0, 1.0, 3.0]), np.array([0, 0, 1, 1])).between == 0.0
+    assert (
+        components(np.array([1.0, 3.0, 1.0, 3.0]), np.array([0, 0, 1, 1])).between
+        == 0.0
+    )
 
 
 def test_components_of_uneven_worlds_are_unbiased():
     generator = np.random.default_rng(3)
     worlds = np.repeat(np.arange(200), generator.integers(1, 6, 200))
-    between, within = generator.normal(0.0, 2.0, (200, 200)), generator.normal(0.0, 1.0, (200, len(worlds)))
+    between, within = (
+        generator.normal(0.0, 2.0, (200, 200)),
+        generator.normal(0.0, 1.0, (200, len(worlds))),
+    )
     found = [components(values, worlds) for values in between[:, worlds] + within]
     means = np.mean([(one.between, one.within) for one in found], axis=0)
     assert means == pytest.approx([4.0, 1.0], rel=0.03)
@@ -155,10 +183,17 @@ def test_components_of_uneven_worlds_are_unbiased():
 
 def test_counts_just_suffice():
     found = Components(0.04, 0.02)
-    for worlds_for, reached in ((worlds_for_half_width, half_width), (worlds_for_difference, detectable_difference)):
+    for worlds_for, reached in (
+        (worlds_for_half_width, half_width),
+        (worlds_for_difference, detectable_difference),
+    ):
         for repetitions in (1, 5):
             enough = worlds_for(found, 0.03, repetitions)
-            assert reached(found, enough, repetitions) <= 0.03 < reached(found, enough - 1, repetitions)
+            assert (
+                reached(found, enough, repetitions)
+                <= 0.03
+                < reached(found, enough - 1, repetitions)
+            )
     assert worlds_for_half_width(found, 1e-9, 1) is None
     assert half_width(found, 1, 5) == math.inf
 
@@ -170,7 +205,9 @@ def test_a_detectable_difference_is_found_as_often_as_promised():
     world = np.repeat(np.arange(worlds), repetitions)
     draws = shift + generator.normal(0.0, 0.3, (400, worlds))[:, world]
     draws += generator.normal(0.0, math.sqrt(0.18), draws.shape)
-    assert np.mean([paired_difference(values, world).p <= 0.05 for values in draws]) == pytest.approx(0.8, abs=0.06)
+    assert np.mean(
+        [paired_difference(values, world).p <= 0.05 for values in draws]
+    ) == pytest.approx(0.8, abs=0.06)
 
 
 WORLDS, LOOKS = 100, (20, 40, 60, 80, 100)
@@ -180,7 +217,9 @@ def builds(better, noise=0.02, worlds=WORLDS):
     """Scores of two builds in the same worlds, one trial each, without failures."""
     generator = np.random.default_rng(6)
     effect = generator.normal(0.28, 0.04, WORLDS)
-    pair = (effect + more + generator.normal(0.0, noise, WORLDS) for more in (0.0, better))
+    pair = (
+        effect + more + generator.normal(0.0, noise, WORLDS) for more in (0.0, better)
+    )
     return [counted(one[:worlds], [0] * worlds, range(worlds)) for one in pair]
 
 
@@ -220,7 +259,11 @@ def test_what_is_to_come_is_waited_for():
 def test_the_first_decision_stands_whatever_comes_after_it():
     a, b = builds(0.08)
     first = decided(a, b)
-    turned = counted(np.where(np.arange(WORLDS) < first.worlds, b.values, 0.1), b.failures, range(WORLDS))
+    turned = counted(
+        np.where(np.arange(WORLDS) < first.worlds, b.values, 0.1),
+        b.failures,
+        range(WORLDS),
+    )
     assert decided(a, turned) == first
 
 

@@ -25,14 +25,21 @@ from barn_metrics.bootstrap import Interval, over_worlds
 def trials_of(worlds=20, repetitions=5):
     draw = np.random.default_rng(1)
     world = np.repeat(np.arange(worlds), repetitions)
-    values = 20.0 + np.repeat(draw.gamma(1.0, 3.0, worlds), repetitions) + draw.normal(0, 1.0, len(world))
+    values = (
+        20.0
+        + np.repeat(draw.gamma(1.0, 3.0, worlds), repetitions)
+        + draw.normal(0, 1.0, len(world))
+    )
     return values, world, np.tile(np.arange(repetitions), worlds)
 
 
 def test_order_of_trials_changes_no_bit():
     values, worlds, repetitions = trials_of(30, 20)
     shuffled = np.random.default_rng(0).permutation(len(values))
-    assert Columns(values, worlds, repetitions).mean() == Columns(values, worlds, repetitions).at(shuffled).mean()
+    assert (
+        Columns(values, worlds, repetitions).mean()
+        == Columns(values, worlds, repetitions).at(shuffled).mean()
+    )
     for figure in (mean_interval, repetition_spread):
         assert figure(values, worlds) == figure(values[shuffled], worlds[shuffled])
 
@@ -63,7 +70,9 @@ def test_paired_comparison_removes_what_the_worlds_share():
     values, worlds, repetitions = trials_of(worlds=30)
     shift = np.random.default_rng(5).normal(-1.0, 0.1, len(values))
     found = paired(
-        Columns(values + shift, worlds, repetitions), Columns(values, worlds, repetitions), larger_is_better=False
+        Columns(values + shift, worlds, repetitions),
+        Columns(values, worlds, repetitions),
+        larger_is_better=False,
     )
     assert (found.worlds, found.trials) == (30, 150)
     assert found.difference.estimate == pytest.approx(shift.mean(), rel=1e-9)
@@ -76,11 +85,24 @@ def test_probability_of_improvement_equals_the_mann_whitney_statistic():
     worlds = np.repeat(np.arange(8), 6)
     repetitions = np.tile(np.arange(6), 8)
     a, b = draw.integers(0, 5, 48).astype(float), draw.integers(1, 6, 48).astype(float)
-    found = paired(Columns(a, worlds, repetitions), Columns(b, worlds, repetitions), larger_is_better=True)
-    chances = [stats.mannwhitneyu(a[worlds == w], b[worlds == w]).statistic / 36.0 for w in range(8)]
+    found = paired(
+        Columns(a, worlds, repetitions),
+        Columns(b, worlds, repetitions),
+        larger_is_better=True,
+    )
+    chances = [
+        stats.mannwhitneyu(a[worlds == w], b[worlds == w]).statistic / 36.0
+        for w in range(8)
+    ]
     assert found.improvement.estimate == pytest.approx(np.mean(chances), rel=1e-12)
-    other = paired(Columns(b, worlds, repetitions), Columns(a, worlds, repetitions), larger_is_better=True)
-    assert other.improvement.estimate == pytest.approx(1.0 - np.mean(chances), rel=1e-12)
+    other = paired(
+        Columns(b, worlds, repetitions),
+        Columns(a, worlds, repetitions),
+        larger_is_better=True,
+    )
+    assert other.improvement.estimate == pytest.approx(
+        1.0 - np.mean(chances), rel=1e-12
+    )
 
 
 def test_only_shared_worlds_and_repetitions_are_compared():
@@ -98,8 +120,13 @@ def test_only_shared_worlds_and_repetitions_are_compared():
 
 def test_intervals_are_drawn_with_seed_0_unless_told_otherwise():
     values, worlds, repetitions = trials_of()
-    planner, other = Columns(values, worlds, repetitions), Columns(values[::-1].copy(), worlds, repetitions)
-    correlation = partial(rank_correlation, (planner.values, worlds), (other.values, worlds))
+    planner, other = (
+        Columns(values, worlds, repetitions),
+        Columns(values[::-1].copy(), worlds, repetitions),
+    )
+    correlation = partial(
+        rank_correlation, (planner.values, worlds), (other.values, worlds)
+    )
     for find in (
         correlation,
         partial(difference, planner, other),
@@ -111,18 +138,28 @@ def test_intervals_are_drawn_with_seed_0_unless_told_otherwise():
 def test_paired_comparison_gives_the_mean_of_each_over_the_pairs():
     worlds, repetitions = np.array([0, 1, 2, 3]), np.zeros(4, np.int64)
     a, b = np.array([1.0, 2.0, 6.0, 90.0]), np.array([10.0, 11.0, 15.0, np.nan])
-    found = paired(Columns(a, worlds, repetitions), Columns(b, worlds, repetitions), larger_is_better=False)
+    found = paired(
+        Columns(a, worlds, repetitions),
+        Columns(b, worlds, repetitions),
+        larger_is_better=False,
+    )
     assert (found.worlds, found.trials, found.mean_a, found.mean_b) == (3, 3, 3.0, 12.0)
 
 
 def test_an_improvement_however_small_counts_whole():
-    a, b = counted([1.0, 1.0, 1.0], [0] * 3, range(3)), counted([0.999, 1.0, 1.001], [0] * 3, range(3))
+    a, b = (
+        counted([1.0, 1.0, 1.0], [0] * 3, range(3)),
+        counted([0.999, 1.0, 1.001], [0] * 3, range(3)),
+    )
     found = paired(a, b, larger_is_better=True)
     assert found.improvement.estimate == pytest.approx((1.0 + 0.5 + 0.0) / 3.0)
 
 
 def test_rank_correlation_uses_the_worlds_that_both_have_done():
-    a = (np.array([1.0, 1.0, 1.0, 1.0, 2.0, 3.0, 9.0, np.nan]), np.array([0, 0, 0, 0, 1, 2, 7, 4]))
+    a = (
+        np.array([1.0, 1.0, 1.0, 1.0, 2.0, 3.0, 9.0, np.nan]),
+        np.array([0, 0, 0, 0, 1, 2, 7, 4]),
+    )
     b = (np.array([10.0, 30.0, 20.0, 0.0, 5.0]), np.array([0, 1, 2, 8, 4]))
     assert rank_correlation(a, b).estimate == pytest.approx(0.5)
     two_worlds = rank_correlation((a[0][:5], a[1][:5]), b)
@@ -135,15 +172,23 @@ def test_rank_correlation_and_its_interval_are_scipys_with_ties_too(monkeypatch)
     worlds = np.arange(12)
     x, y = draw.integers(0, 3, 12).astype(float), draw.integers(0, 8, 12).astype(float)
     apart = draw.integers(0, 9, 12)  # trials of a world, whose means are x and y
-    trials = [(np.concatenate([one - apart, one + apart]), np.tile(worlds, 2)) for one in (x, y)]
+    trials = [
+        (np.concatenate([one - apart, one + apart]), np.tile(worlds, 2))
+        for one in (x, y)
+    ]
     found = rank_correlation(*trials, seed=2)
 
     def spearman(drawn):
-        each = [stats.spearmanr(x[row], y[row]).statistic for row in drawn.reshape(-1, drawn.shape[-1])]
+        each = [
+            stats.spearmanr(x[row], y[row]).statistic
+            for row in drawn.reshape(-1, drawn.shape[-1])
+        ]
         return np.reshape(each, drawn.shape[:-1])
 
     plain = over_worlds(spearman, 12, seed=2, resamples=200)
-    assert (found.estimate, found.low, found.high) == pytest.approx((plain.estimate, plain.low, plain.high), rel=1e-9)
+    assert (found.estimate, found.low, found.high) == pytest.approx(
+        (plain.estimate, plain.low, plain.high), rel=1e-9
+    )
 
 
 def test_published_trials_give_the_known_agreement_of_planners(original_folder):
@@ -151,7 +196,9 @@ def test_published_trials_give_the_known_agreement_of_planners(original_folder):
     table = np.genfromtxt(original_folder / "trials.csv", delimiter=",", names=True)
     worlds = np.repeat(np.arange(len(table)), 5)
     dwa, eband = (
-        np.stack([table[f"{name}_{i}"] / table["path_length_m"] for i in range(1, 6)], 1).ravel()
+        np.stack(
+            [table[f"{name}_{i}"] / table["path_length_m"] for i in range(1, 6)], 1
+        ).ravel()
         for name in ("dwa", "eband")
     )
     found = rank_correlation((dwa, worlds), (eband, worlds))
@@ -164,7 +211,9 @@ def test_published_trials_give_the_known_agreement_of_planners(original_folder):
 def counted(values, failures, worlds, as_failure=0.0, best=0.5):
     values = np.asarray(values, float)
     failing = np.asarray(failures), np.full(len(values), as_failure)
-    return Columns(values, np.asarray(worlds), np.zeros(len(values), int), *failing, best)
+    return Columns(
+        values, np.asarray(worlds), np.zeros(len(values), int), *failing, best
+    )
 
 
 def draw(generator, mean, effect):
@@ -179,27 +228,39 @@ def draw(generator, mean, effect):
 def test_a_mean_of_symmetric_values_has_students_limits():
     values = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
     found = mean_interval(values, np.arange(5))
-    half = 2.7764451051977987 * math.sqrt(2.5 / 5)  # Student's quantile of 4 degrees of freedom
-    assert (found.estimate, found.low, found.high) == pytest.approx((3.0, 3.0 - half, 3.0 + half))
+    half = 2.7764451051977987 * math.sqrt(
+        2.5 / 5
+    )  # Student's quantile of 4 degrees of freedom
+    assert (found.estimate, found.low, found.high) == pytest.approx(
+        (3.0, 3.0 - half, 3.0 + half)
+    )
 
 
 def test_the_limits_of_a_skewed_mean_are_where_halls_transform_is_students_quantile():
     values = np.array([1.0, 1.1, 1.2, 1.3, 1.2, 1.1, 9.0])
-    found, error, skewness = mean_interval(values, np.arange(7)), stats.sem(values), stats.skew(values) / math.sqrt(7)
+    found, error, skewness = (
+        mean_interval(values, np.arange(7)),
+        stats.sem(values),
+        stats.skew(values) / math.sqrt(7),
+    )
     t = (found.estimate - np.array([found.low, found.high])) / error
     transformed = t + skewness * t**2 / 3.0 + skewness**2 * t**3 / 27.0 + skewness / 6.0
     assert transformed == pytest.approx(stats.t.ppf([0.975, 0.025], 6))
 
 
 def test_the_limits_of_a_mean_are_those_of_the_means_of_worlds():
-    found = mean_interval(np.array([1.0, 1.1, 5.0, 5.2, 9.0, 9.1]), np.array([3, 3, 7, 7, 8, 8]))
+    found = mean_interval(
+        np.array([1.0, 1.1, 5.0, 5.2, 9.0, 9.1]), np.array([3, 3, 7, 7, 8, 8])
+    )
     means = mean_interval(np.array([1.05, 5.1, 9.05]), np.arange(3))
     assert (found.low, found.high) == pytest.approx((means.low, means.high))
 
 
 @pytest.mark.parametrize("values", [[], [math.nan, math.nan]])
 def test_nothing_has_no_mean(values):
-    assert math.isnan(mean_interval(np.array(values, float), np.arange(len(values))).estimate)
+    assert math.isnan(
+        mean_interval(np.array(values, float), np.arange(len(values))).estimate
+    )
 
 
 def test_failures_that_were_not_seen_lower_the_lower_limit():
@@ -212,7 +273,9 @@ def test_failures_that_were_not_seen_lower_the_lower_limit():
 
 def test_a_failure_that_counts_less_than_a_success_raises_the_mean_of_times():
     """As under the paper's rules, where giving up counts 30 s and a slow success up to 50 s."""
-    found = counted([40.0, 41.0, 39.0, 42.0, 40.5], [0] * 5, range(5), as_failure=30.0, best=0.0).mean()
+    found = counted(
+        [40.0, 41.0, 39.0, 42.0, 40.5], [0] * 5, range(5), as_failure=30.0, best=0.0
+    ).mean()
     assert found.estimate - found.low > found.high - found.estimate > 0.0
 
 
@@ -235,38 +298,60 @@ def test_parts_of_a_mean_are_those_of_a_difference_from_zero():
 
 
 def test_matched_trials_are_in_the_order_of_worlds():
-    (found,) = matched_trials([Columns(np.array([1.0, 2.0]), np.array([1, 0]), np.array([0, 1]))])
+    (found,) = matched_trials(
+        [Columns(np.array([1.0, 2.0]), np.array([1, 0]), np.array([0, 1]))]
+    )
     assert found.worlds.tolist() == [0, 1]
 
 
 def test_success_in_one_world_is_worth_the_best_and_in_two_what_it_was():
-    costs = [counted([0.3, 0.3, 0.2], failures, range(3), 0.1).cost for failures in ([0, 1, 1], [0, 0, 1])]
+    costs = [
+        counted([0.3, 0.3, 0.2], failures, range(3), 0.1).cost
+        for failures in ([0, 1, 1], [0, 0, 1])
+    ]
     assert costs == pytest.approx([0.5 - 0.1, 0.3 - 0.1])
 
 
 def test_what_a_failure_costs_is_unseen_only_where_none_was_seen():
-    none, one = (counted([0.3, 0.3], failures, range(2), 0.4) for failures in ([0, 0], [0, 1]))
-    assert (none.parts().unseen, one.unseen, replace(none, failures=one.failures[:0]).unseen) == (
+    none, one = (
+        counted([0.3, 0.3], failures, range(2), 0.4) for failures in ([0, 0], [0, 1])
+    )
+    assert (
+        none.parts().unseen,
+        one.unseen,
+        replace(none, failures=one.failures[:0]).unseen,
+    ) == (
         (none.cost * -1,),
         (),
         (),
     )
-    assert paired(none, one, larger_is_better=True).parts.unseen == difference(one, none).parts.unseen == none.unseen
+    assert (
+        paired(none, one, larger_is_better=True).parts.unseen
+        == difference(one, none).parts.unseen
+        == none.unseen
+    )
 
 
 def test_paired_comparison_gives_the_share_of_failures_of_each():
-    found = paired(*(counted([0.3], [failure], [0]) for failure in (0, 1)), larger_is_better=True)
+    found = paired(
+        *(counted([0.3], [failure], [0]) for failure in (0, 1)), larger_is_better=True
+    )
     shares = [Share(share, 1.0) for share in (0.0, 1.0)]
     assert found.failures == tuple(Interval(one.share, *one.limits) for one in shares)
 
 
 def test_where_nothing_succeeded_a_success_may_be_worth_the_best():
     found = counted([0.0] * 10, [1] * 10, range(10)).mean()
-    assert (found.estimate, found.low, found.high) == pytest.approx((0.0, 0.0, 0.5 * (1.0 - 0.025**0.1)))
+    assert (found.estimate, found.low, found.high) == pytest.approx(
+        (0.0, 0.0, 0.5 * (1.0 - 0.025**0.1))
+    )
 
 
 def test_one_that_always_fails_is_worse_than_one_that_never_does():
-    never, always = (counted([value] * 12, [1 - int(value)] * 12, range(12), best=1.0) for value in (1.0, 0.0))
+    never, always = (
+        counted([value] * 12, [1 - int(value)] * 12, range(12), best=1.0)
+        for value in (1.0, 0.0)
+    )
     found = difference(never, always)
     assert found.interval.low > 0.3
     assert found.p < 0.01
@@ -275,14 +360,23 @@ def test_one_that_always_fails_is_worse_than_one_that_never_does():
 def test_few_failing_worlds_count_each_as_one_trial_and_more_tell_how_alike_trials_are():
     worlds = np.repeat(np.arange(20), 5)
     trial = np.arange(100)
-    one, single, alike = trial < 3, trial % 20 == 0, trial < 25  # single: in five worlds, as if trials were independent
-    effective = [share_of(failures.astype(np.int64), worlds).effective for failures in (one, single, alike)]
+    one, single, alike = (
+        trial < 3,
+        trial % 20 == 0,
+        trial < 25,
+    )  # single: in five worlds, as if trials were independent
+    effective = [
+        share_of(failures.astype(np.int64), worlds).effective
+        for failures in (one, single, alike)
+    ]
     assert effective == [20.0, 100.0, pytest.approx(19.0)]
 
 
 def test_a_share_beyond_its_limit_has_a_p_value_below_five_percent():
     share = Share(0.08, 50.0)
-    assert share.limits == pytest.approx((0.0222, 0.1923), abs=1e-4)  # Clopper and Pearson, 4 of 50
+    assert share.limits == pytest.approx(
+        (0.0222, 0.1923), abs=1e-4
+    )  # Clopper and Pearson, 4 of 50
     assert share.p_above(share.limits[1]) == pytest.approx(0.05)
     assert share.p_above(1.0) == 0.0
 
@@ -294,22 +388,31 @@ def test_a_difference_is_clear_where_its_interval_leaves_out_zero_and_turns_with
         a, b = (draw(generator, one, effect) for one in (0.30, mean))
         found, turned = difference(a, b), difference(b, a)
         assert (found.p <= 0.05) == found.interval.excludes(0.0)
-        assert (turned.p, turned.interval.mirrored().low) == pytest.approx((found.p, found.interval.low))
+        assert (turned.p, turned.interval.mirrored().low) == pytest.approx(
+            (found.p, found.interval.low)
+        )
 
 
 def test_a_difference_that_failures_not_seen_would_turn_is_not_clear():
     """B is better by 5 % in each of 50 worlds, but may fail in 7 %; in 100 worlds, in 4 %."""
     for worlds, clear in ((50, False), (100, True)):
-        a, b = (counted([value] * worlds, [0] * worlds, range(worlds)) for value in (0.285, 0.30))
+        a, b = (
+            counted([value] * worlds, [0] * worlds, range(worlds))
+            for value in (0.285, 0.30)
+        )
         assert paired_difference(a.values - b.values, a.worlds).p < 0.001
         found = difference(a, b)
         assert (found.p <= 0.05) is clear
-        assert found.interval.high == pytest.approx(-0.015 + 0.30 * (1.0 - 0.025 ** (1.0 / worlds)))
+        assert found.interval.high == pytest.approx(
+            -0.015 + 0.30 * (1.0 - 0.025 ** (1.0 / worlds))
+        )
 
 
 def test_failures_that_both_have_in_the_same_worlds_cancel():
     failures = [1] * 5 + [0] * 45
-    a, b = (counted([0.0] * 5 + [value] * 45, failures, range(50)) for value in (0.30, 0.20))
+    a, b = (
+        counted([0.0] * 5 + [value] * 45, failures, range(50)) for value in (0.30, 0.20)
+    )
     assert a.excess(b).share == 0.0
     assert difference(a, b).p < 0.01
 
@@ -323,9 +426,16 @@ def test_failures_do_not_change_a_difference_where_only_one_side_counts_them():
     a, b = (counted([value] * 9, [0] * 9, range(9)) for value in (0.3, 0.2))
     plain = paired_difference(a.values - b.values, a.worlds)
     without = [replace(one, failures=one.failures[:0]) for one in (a, b)]
-    assert difference(a, without[1]).interval == difference(without[0], b).interval == plain.interval
+    assert (
+        difference(a, without[1]).interval
+        == difference(without[0], b).interval
+        == plain.interval
+    )
 
 
 def test_failures_that_cost_nothing_change_no_difference():
     a, b = (counted([value] * 9, [0] * 9, range(9), value) for value in (0.5, 0.25))
-    assert difference(a, b).interval == paired_difference(a.values - b.values, a.worlds).interval
+    assert (
+        difference(a, b).interval
+        == paired_difference(a.values - b.values, a.worlds).interval
+    )

@@ -18,11 +18,11 @@ from barn_eval.analysis.tables import comparison_table, summary_table, trials_ta
 from barn_eval.commands import options
 from barn_eval.commands.main import main
 from barn_eval.commands.tables import FittedTable, rich_table, table
-from barn_eval.experiments import run as progress
-from barn_eval.experiments.engine import Note
-from barn_eval.experiments.folder import read_results
-from barn_eval.experiments.run import MOST_LINES, ExperimentProgress, clock
-from barn_eval.experiments.runner import Loss
+from barn_eval.results.folder import read_results
+from barn_eval.running import run as progress
+from barn_eval.running.engine import Note
+from barn_eval.running.run import MOST_LINES, ExperimentProgress, clock
+from barn_eval.running.runner import Loss
 from barn_eval.trials.outcome import Outcome
 
 WIDTHS = (60, 80, 120)
@@ -30,7 +30,12 @@ WIDTHS = (60, 80, 120)
 
 @pytest.fixture(scope="module")
 def folder(run, tmp_path_factory):
-    made = campaign(tmp_path_factory.mktemp("campaigns") / "a_campaign", run, planners=("gap", "dwa", "eband"), bags=1)
+    made = campaign(
+        tmp_path_factory.mktemp("campaigns") / "a_campaign",
+        run,
+        planners=("gap", "dwa", "eband"),
+        bags=1,
+    )
     shutil.copytree(made, made.with_name("b"))
     return made
 
@@ -43,7 +48,11 @@ def drawn(made, width):
 
 def check_whole(made):
     """Nothing is in the drawn table but the words of its cells and heads, and all of them are."""
-    texts = [made.title, made.caption, *(text for column in made.columns for text in column)]
+    texts = [
+        made.title,
+        made.caption,
+        *(text for column in made.columns for text in column),
+    ]
     words = set(" ".join(texts).split())
     for width in WIDTHS:
         shown = drawn(made, width)
@@ -60,7 +69,16 @@ def check_whole(made):
         ["leaderboard", "a_campaign", "--by", "time"],
         ["precision", "a_campaign"],
         ["precision", "a_campaign:dwa,gap"],
-        ["campaign", "--worlds", "0-40", "--planners", "dwa,eband", "--dry-run", "--out", "out"],
+        [
+            "campaign",
+            "--worlds",
+            "0-40",
+            "--planners",
+            "dwa,eband",
+            "--dry-run",
+            "--out",
+            "out",
+        ],
         ["metrics", "--worlds", "0-3"],
         ["worlds", "list"],
         ["difficulty", "predict", "barn300", "--worlds", "0-3"],
@@ -69,7 +87,9 @@ def check_whole(made):
     ids=lambda command: " ".join(command[:2]),
 )
 def test_tables_of_commands_are_whole(folder, monkeypatch, command):
-    monkeypatch.chdir(folder.parent)  # names of files are short: one that is wider than the terminal has to be broken
+    monkeypatch.chdir(
+        folder.parent
+    )  # names of files are short: one that is wider than the terminal has to be broken
     tables, printed = [], options.console.print
 
     def record(*content, **look):
@@ -88,25 +108,38 @@ def test_tables_of_commands_are_whole(folder, monkeypatch, command):
 def test_tables_of_runs_and_campaigns_are_whole(folder):
     results = read_results(folder)
     found = summarise_campaign(results)
-    made = [trials_table(results, "all"), summary_table(found.planners), *map(comparison_table, found.comparisons)]
+    made = [
+        trials_table(results, "all"),
+        summary_table(found.planners),
+        *map(comparison_table, found.comparisons),
+    ]
     for one in made:
         check_whole(rich_table(one))
 
 
 def test_columns_that_do_not_fit_go_below_and_repeat_the_first():
     columns = ("planner", *(f">measure{number} [m/s]" for number in range(12)))
-    rows = [("dwa", *["-12.345 [-13.456, -11.234]"] * 12), ("eband", *["<0.001 *"] * 12)]
+    rows = [
+        ("dwa", *["-12.345 [-13.456, -11.234]"] * 12),
+        ("eband", *["<0.001 *"] * 12),
+    ]
     made = table(columns, rows)
     check_whole(made)
     assert drawn(made, 60).count("eband") > drawn(made, 120).count("eband") > 1
-    assert all("*" not in line.split("<0.001")[0] for line in drawn(made, 60).splitlines() if "*" in line)
+    assert all(
+        "*" not in line.split("<0.001")[0]
+        for line in drawn(made, 60).splitlines()
+        if "*" in line
+    )
 
 
 @pytest.mark.parametrize(
     ("width", "lines"),
     [(60, ["a 12.345 [11.111, 13.333] *"]), (30, ["a 12.345", "[11.111, 13.333] *"])],
 )
-def test_limits_go_whole_below_their_estimates_where_the_terminal_is_narrow(width, lines):
+def test_limits_go_whole_below_their_estimates_where_the_terminal_is_narrow(
+    width, lines
+):
     made = table(("measure", ">E-Band"), [("a", "12.345 [11.111, 13.333] *")])
     body = drawn(made, width).rpartition("─")[2].splitlines()
     assert [" ".join(line.split()) for line in body if line.strip()] == lines
@@ -116,16 +149,24 @@ def test_a_word_that_is_wider_than_the_terminal_is_the_only_one_broken():
     made = table(("name", "path"), [("dwa", "/" + "a" * 100)])
     shown = drawn(made, 60)
     assert max(map(len, shown.splitlines())) <= 60
-    assert shown.count("a") == 100 + sum(text.count("a") for text in ("dwa", "name", "path"))
+    assert shown.count("a") == 100 + sum(
+        text.count("a") for text in ("dwa", "name", "path")
+    )
 
 
 def test_an_empty_table_has_its_head():
-    assert "nothing there" in " ".join(drawn(table(("nothing there", ">b"), []), 60).split())
+    assert "nothing there" in " ".join(
+        drawn(table(("nothing there", ">b"), []), 60).split()
+    )
 
 
 def test_there_is_no_other_way_to_a_table():
     package = Path(barn_eval.__file__).parent
-    users = [path.name for path in package.rglob("*.py") if "rich.table import Table" in path.read_text("utf-8")]
+    users = [
+        path.name
+        for path in package.rglob("*.py")
+        if "rich.table import Table" in path.read_text("utf-8")
+    ]
     assert users == ["tables.py"]
 
 
@@ -140,7 +181,9 @@ def time(monkeypatch):
 def show(total, earlier, events, time):
     """Take one event every two seconds and return the text shown and the last state."""
     file = io.StringIO()
-    with ExperimentProgress(total, earlier, Console(file=file, force_terminal=False, width=200)) as shown:
+    with ExperimentProgress(
+        total, earlier, Console(file=file, force_terminal=False, width=200)
+    ) as shown:
         for event in events:
             time.now += 2.0
             shown.take(event)
@@ -156,15 +199,26 @@ def test_rate_factor_remaining_time_and_outcomes_are_those_of_the_session(time):
 
 def test_lines_come_now_and_then_and_at_the_end(time):
     total = MOST_LINES + 1
-    shown, _ = show(total, [result(0)] * (total - 31), [result(number) for number in range(31)], time)
+    shown, _ = show(
+        total,
+        [result(0)] * (total - 31),
+        [result(number) for number in range(31)],
+        time,
+    )
     lines = shown.splitlines()
     assert [line.split()[0] for line in lines] == ["85/101", "100/101", "101/101"]
-    assert lines[-1] == "101/101 trials, 30.0/min, 6.0 x real time, in 0:01:02, success 101"
+    assert (
+        lines[-1]
+        == "101/101 trials, 30.0/min, 6.0 x real time, in 0:01:02, success 101"
+    )
 
 
 def test_trials_of_a_small_experiment_have_a_line_each(time):
     slow = replace(
-        result(2), outcome=Outcome.TIMEOUT, detail="too slow", scores=replace(result(2).scores, success=False)
+        result(2),
+        outcome=Outcome.TIMEOUT,
+        detail="too slow",
+        scores=replace(result(2).scores, success=False),
     )
     shown, _ = show(3, [result(0)], [result(1), slow], time)
     first, second, _ = shown.splitlines()
@@ -181,8 +235,13 @@ def test_what_is_waited_for_is_said_once(time):
 @pytest.mark.parametrize("width", [60, 80, 120])
 def test_a_narrow_terminal_shows_count_rate_time_left_and_outcomes_whole(time, width):
     file = io.StringIO()
-    results = [replace(result(number), outcome=outcome) for number, outcome in enumerate(Outcome)]
-    with ExperimentProgress(3000, results, Console(file=file, force_terminal=True, width=width)) as shown:
+    results = [
+        replace(result(number), outcome=outcome)
+        for number, outcome in enumerate(Outcome)
+    ]
+    with ExperimentProgress(
+        3000, results, Console(file=file, force_terminal=True, width=width)
+    ) as shown:
         time.now += 2.0
         shown.take(result(100))
         text = shown.text()
@@ -194,9 +253,21 @@ def test_a_narrow_terminal_shows_count_rate_time_left_and_outcomes_whole(time, w
 
 
 def test_losses_are_told_at_once(time):
-    shown, _ = show(2, [], [Loss("dwa_w0001_r00", 1, "its worker process was killed by SIGKILL")], time)
-    assert shown.startswith("dwa_w0001_r00: attempt 1 lost, its worker process was killed by SIGKILL\n")
+    shown, _ = show(
+        2,
+        [],
+        [Loss("dwa_w0001_r00", 1, "its worker process was killed by SIGKILL")],
+        time,
+    )
+    assert shown.startswith(
+        "dwa_w0001_r00: attempt 1 lost, its worker process was killed by SIGKILL\n"
+    )
 
 
 def test_durations_are_read_at_a_glance():
-    assert [clock(value) for value in (0.4, 59.6, 3725.0, 90000.0)] == ["0:00:00", "0:01:00", "1:02:05", "25:00:00"]
+    assert [clock(value) for value in (0.4, 59.6, 3725.0, 90000.0)] == [
+        "0:00:00",
+        "0:01:00",
+        "1:02:05",
+        "25:00:00",
+    ]

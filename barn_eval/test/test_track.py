@@ -7,9 +7,9 @@ import pytest
 from report_work import recorded_track
 
 from barn_eval.analysis.sources import read_source
-from barn_eval.experiments.rows import TrackRows, sealed
-from barn_eval.experiments.run_file import RunFile
-from barn_eval.experiments.track import (
+from barn_eval.results.rows import TrackRows, sealed
+from barn_eval.results.run_file import RunFile
+from barn_eval.results.tracks import (
     LARGEST_COMMAND,
     MOST_SAMPLES,
     NO_NUMBER,
@@ -54,7 +54,9 @@ def test_samples_that_are_further_apart_are_all_kept():
 def test_an_infinite_command_in_a_row(command):
     rows = samples(50)
     rows[7, 6:8] = command
-    named = {"trial_id": "x", "schema_version": 1} | thinned(rows, np.zeros(50, bool)).packed
+    named = {"trial_id": "x", "schema_version": 1} | thinned(
+        rows, np.zeros(50, bool)
+    ).packed
     _, track = from_track_line(json.dumps(named, allow_nan=False), "line")
     assert np.nanmax(np.abs(track.samples[:, 6:8])) <= LARGEST_COMMAND
     # the others keep their digits: rounded to half the smallest step
@@ -65,7 +67,9 @@ def test_an_infinite_command_in_a_row(command):
 
 def test_a_trial_without_a_reading_has_no_track():
     empty = np.empty((0, 2))
-    nothing = Trajectory(np.empty(0, np.int64), np.empty((0, 3)), empty, empty, np.empty(0, bool))
+    nothing = Trajectory(
+        np.empty(0, np.int64), np.empty((0, 3)), empty, empty, np.empty(0, bool)
+    )
     assert track_of(nothing, empty, 0.075, contact_of()) is None
 
 
@@ -81,15 +85,22 @@ def test_the_line_of_a_trial_is_what_its_bag_holds(run):
     known = ~np.isnan(kept.samples)
     assert (np.abs(kept.samples - recorded.samples) <= 0.51 * steps)[known].all()
     np.testing.assert_array_equal(kept.contact, recorded.contact)
-    assert kept.samples[:, 8].min() == pytest.approx(result.measures.min_clearance_m, abs=0.001)
-    assert len(source.tracks[name]) < 18 * len(kept.samples) + 300  # of 26 if it were not compressed
+    assert kept.samples[:, 8].min() == pytest.approx(
+        result.measures.min_clearance_m, abs=0.001
+    )
+    assert (
+        len(source.tracks[name]) < 18 * len(kept.samples) + 300
+    )  # of 26 if it were not compressed
 
 
 def test_the_last_track_counts_and_torn_ones_do_not(run, tmp_path):
     rows = TrackRows(tmp_path)
     assert rows.read() == {}
     line = next(iter(TrackRows(run).read().values()))
-    named = [{"trial_id": name, "note": note} for name, note in (("b", "1"), ("a", ""), ("b", "2"))]
+    named = [
+        {"trial_id": name, "note": note}
+        for name, note in (("b", "1"), ("a", ""), ("b", "2"))
+    ]
     lines = [json.dumps(json.loads(line) | about) for about in named]
     for one in lines:
         rows.append(one)
@@ -103,9 +114,14 @@ def test_the_last_track_counts_and_torn_ones_do_not(run, tmp_path):
 
 
 def test_a_line_of_something_else_is_refused_by_its_number(tmp_path):
-    lines = [sealed(json.dumps({"trial_id": "a"})), sealed(json.dumps({"what": "else"}))]
+    lines = [
+        sealed(json.dumps({"trial_id": "a"})),
+        sealed(json.dumps({"what": "else"})),
+    ]
     (tmp_path / "tracks.jsonl").write_text("".join(f"{line}\n" for line in lines))
-    with pytest.raises(ConfigError, match=r"tracks.jsonl, line 2: not the track of a trial"):
+    with pytest.raises(
+        ConfigError, match=r"tracks.jsonl, line 2: not the track of a trial"
+    ):
         TrackRows(tmp_path).read()
 
 
@@ -116,13 +132,19 @@ def test_a_line_of_something_else_is_refused_by_its_number(tmp_path):
         ({"trial_id": 5}, "trial_id is missing"),
         ({"zlib": "?"}, "packed arrays are damaged"),
         ({"zlib": "AAAA"}, "packed arrays are damaged"),
-        ({"arrays": {"samples": ["Int16Array", 0, 10**9]}}, "do not hold what they say"),
+        (
+            {"arrays": {"samples": ["Int16Array", 0, 10**9]}},
+            "do not hold what they say",
+        ),
         ({"arrays": {"samples": ["Int16Array", -4, 9]}}, "do not hold what they say"),
         ({"arrays": {}}, "do not fit together"),
         ({"steps": [1.0] * 8}, "steps are not one finite number per channel"),
         ({"steps": [float("nan")] * 9}, "numbers must be finite, got NaN"),
         (pack({"samples": np.zeros(9_000_000, "i2")}), "cut off, or of more than"),
-        (pack({"samples": np.zeros(0, "i2"), "contact": np.zeros(0, "u1")}), "there are no samples"),
+        (
+            pack({"samples": np.zeros(0, "i2"), "contact": np.zeros(0, "u1")}),
+            "there are no samples",
+        ),
     ],
 )
 def test_a_damaged_track_is_refused_in_one_line(run, changes, words):
@@ -132,7 +154,11 @@ def test_a_damaged_track_is_refused_in_one_line(run, changes, words):
 
 
 def test_packed_arrays_come_back():
-    arrays = {"a": np.arange(5, dtype="u1"), "b": np.array([NO_NUMBER, 7], "i2"), "c": np.array([0.5, 1e9], "f4")}
+    arrays = {
+        "a": np.arange(5, dtype="u1"),
+        "b": np.array([NO_NUMBER, 7], "i2"),
+        "c": np.array([0.5, 1e9], "f4"),
+    }
     arrays["d"] = np.array([1e-300, 0.1])
     packed = pack(arrays)
     assert packed["arrays"]["d"][1] % 8 == 0

@@ -42,9 +42,16 @@ def test_the_log_keeps_each_reading_with_the_command_that_answers_it():
 
 
 def test_lengths_turns_and_times():
-    poses = [Pose2D(5.0, 7.0, 0.0), Pose2D(6.0, 7.0, 3.0), Pose2D(6.0, 8.0, -3.0), Pose2D(6.0, 8.0, -3.0)]
+    poses = [
+        Pose2D(5.0, 7.0, 0.0),
+        Pose2D(6.0, 7.0, 3.0),
+        Pose2D(6.0, 8.0, -3.0),
+        Pose2D(6.0, 8.0, -3.0),
+    ]
     found = measure(drive(poses), FAR, 0.075, EXTENT)
-    assert (found.driven_m, found.driven_ratio) == pytest.approx((2.0, 2.0 / math.sqrt(2.0)))
+    assert (found.driven_m, found.driven_ratio) == pytest.approx(
+        (2.0, 2.0 / math.sqrt(2.0))
+    )
     assert found.rotation_rad == pytest.approx(3.0 + (2.0 * math.pi - 6.0))
     assert found.mean_speed_mps == pytest.approx(2.0 / 0.15)
 
@@ -54,18 +61,30 @@ def test_lengths_turns_and_times():
     [({1, 3}, 2, 0.1), ({2, 3, 4}, 1, 0.15), ({0, 2}, 2, 0.05)],
     ids=["two", "one that lasts", "one in the first reading, of no time"],
 )
-def test_contacts_are_counted_and_last_since_the_reading_before(contacts, count, contact_s):
-    found = measure(drive([Pose2D(0.0, 0.0, 0.0)] * 6, contacts=contacts), FAR, 0.075, EXTENT)
+def test_contacts_are_counted_and_last_since_the_reading_before(
+    contacts, count, contact_s
+):
+    found = measure(
+        drive([Pose2D(0.0, 0.0, 0.0)] * 6, contacts=contacts), FAR, 0.075, EXTENT
+    )
     assert (found.contacts, found.contact_s) == (count, pytest.approx(contact_s))
 
 
 def test_a_motion_of_some_millimetres_has_a_speed_and_a_ratio():
-    found = measure(drive([Pose2D(1.0, 1.0, 0.0), Pose2D(1.003, 1.004, 0.0)]), FAR, 0.075, EXTENT)
-    assert (found.driven_m, found.driven_ratio, found.mean_speed_mps) == pytest.approx((0.005, 1.0, 0.1))
+    found = measure(
+        drive([Pose2D(1.0, 1.0, 0.0), Pose2D(1.003, 1.004, 0.0)]), FAR, 0.075, EXTENT
+    )
+    assert (found.driven_m, found.driven_ratio, found.mean_speed_mps) == pytest.approx(
+        (0.005, 1.0, 0.1)
+    )
 
 
 def test_a_way_back_to_its_beginning_has_no_ratio():
-    there_and_back = [Pose2D(1.0, 1.0, 0.0), Pose2D(2.0, 1.0, 0.0), Pose2D(1.0, 1.0, 0.0)]
+    there_and_back = [
+        Pose2D(1.0, 1.0, 0.0),
+        Pose2D(2.0, 1.0, 0.0),
+        Pose2D(1.0, 1.0, 0.0),
+    ]
     measures = measure(drive(there_and_back), FAR, 0.075, EXTENT)
     assert (measures.driven_m, measures.driven_ratio) == (2.0, None)
 
@@ -74,7 +93,9 @@ def test_clearance_of_a_trajectory_is_its_smallest_and_its_mean():
     approach = [Pose2D(0.0, 0.0, 0.0), Pose2D(0.1, 0.0, 0.0), Pose2D(0.5, 0.0, 0.0)]
     measures = measure(drive(approach), np.array([[1.0, 0.0]]), 0.075, EXTENT)
     gaps = (measures.min_clearance_m, measures.mean_clearance_m)
-    assert gaps == pytest.approx((0.5 - 0.25 - 0.075, (1.0 + 0.9 + 0.5) / 3.0 - 0.25 - 0.075))
+    assert gaps == pytest.approx(
+        (0.5 - 0.25 - 0.075, (1.0 + 0.9 + 0.5) / 3.0 - 0.25 - 0.075)
+    )
     nothing_near = measure(drive(approach), np.empty((0, 2)), 0.075, EXTENT)
     assert (nothing_near.min_clearance_m, nothing_near.mean_clearance_m) == (None, None)
 
@@ -82,15 +103,21 @@ def test_clearance_of_a_trajectory_is_its_smallest_and_its_mean():
 def test_jerk_between_readings_that_are_not_evenly_spaced():
     # speeds 0, 1, 4, 4 m/s after 0, 1, 3 and 4 s: accelerations 1, 1.5 and 0 m/s2, 1.5 s apart
     stamps_ns = [0, 1_000_000_000, 3_000_000_000, 4_000_000_000]
-    trajectory = drive([Pose2D(0.0, 0.0, 0.0)] * 4, speeds=[0.0, 1.0, 4.0, 4.0], stamps_ns=stamps_ns)
+    trajectory = drive(
+        [Pose2D(0.0, 0.0, 0.0)] * 4, speeds=[0.0, 1.0, 4.0, 4.0], stamps_ns=stamps_ns
+    )
     expected = math.sqrt(((0.5 / 1.5) ** 2 + (1.5 / 1.5) ** 2) / 2.0)
-    assert measure(trajectory, FAR, 0.075, EXTENT).rms_jerk_mps3 == pytest.approx(expected)
+    assert measure(trajectory, FAR, 0.075, EXTENT).rms_jerk_mps3 == pytest.approx(
+        expected
+    )
 
 
 def test_jerk_needs_three_readings_at_different_times():
     def jerk(stamps_ns):
         poses = [Pose2D(0.0, 0.0, 0.0)] * len(stamps_ns)
-        return measure(drive(poses, stamps_ns=stamps_ns), FAR, 0.075, EXTENT).rms_jerk_mps3
+        return measure(
+            drive(poses, stamps_ns=stamps_ns), FAR, 0.075, EXTENT
+        ).rms_jerk_mps3
 
     assert jerk([0, PERIOD_NS]) is None
     assert jerk([0, PERIOD_NS, 2 * PERIOD_NS]) == 0.0
@@ -101,16 +128,28 @@ def plainly(trajectory):
     """The measures that controllers are compared by, in plain loops."""
     times = [stamp / 1e9 for stamp in trajectory.stamps_ns.tolist()]
     rates = trajectory.velocity[:, 1].tolist()
-    changes = [(b - a) / (t - s) for a, b, s, t in zip(rates, rates[1:], times, times[1:], strict=False)]
-    jerks = [(b - a) / (0.5 * (times[k + 2] - times[k])) for k, (a, b) in enumerate(itertools.pairwise(changes))]
+    changes = [
+        (b - a) / (t - s)
+        for a, b, s, t in zip(rates, rates[1:], times, times[1:], strict=False)
+    ]
+    jerks = [
+        (b - a) / (0.5 * (times[k + 2] - times[k]))
+        for k, (a, b) in enumerate(itertools.pairwise(changes))
+    ]
     given = [row for row in trajectory.command.tolist() if all(map(math.isfinite, row))]
-    steps = [[b[axis] - a[axis] for a, b in itertools.pairwise(given)] for axis in (0, 1)]
+    steps = [
+        [b[axis] - a[axis] for a, b in itertools.pairwise(given)] for axis in (0, 1)
+    ]
     return {
         "rms_yaw_jerk_radps3": math.sqrt(sum(one**2 for one in jerks) / len(jerks)),
         "speed_variation_mps": sum(abs(one) for one in steps[0]),
         "turn_variation_radps": sum(abs(one) for one in steps[1]),
-        "rms_speed_step_mps": math.sqrt(sum(one**2 for one in steps[0]) / len(steps[0])),
-        "rms_turn_step_radps": math.sqrt(sum(one**2 for one in steps[1]) / len(steps[1])),
+        "rms_speed_step_mps": math.sqrt(
+            sum(one**2 for one in steps[0]) / len(steps[0])
+        ),
+        "rms_turn_step_radps": math.sqrt(
+            sum(one**2 for one in steps[1]) / len(steps[1])
+        ),
     }
 
 
@@ -120,10 +159,20 @@ def test_what_controllers_are_compared_by_is_what_plain_loops_give(seed):
     count = 30
     stamps_ns = np.cumsum(rng.integers(1, 100, count)) * 1_000_000
     command = rng.uniform(-1.0, 1.0, (count, 2))
-    command[rng.random(count) < 0.2] = np.nan  # nothing was sent: the last command holds
-    command[-1, seed % 2] = (np.nan, np.inf)[seed // 2 % 2]  # no command, which ends a trial
+    command[rng.random(count) < 0.2] = (
+        np.nan
+    )  # nothing was sent: the last command holds
+    command[-1, seed % 2] = (np.nan, np.inf)[
+        seed // 2 % 2
+    ]  # no command, which ends a trial
     velocity = rng.uniform(-1.0, 1.0, (count, 2))
-    one = Trajectory(stamps_ns, rng.uniform(0.0, 1.0, (count, 3)), velocity, command, np.zeros(count, np.bool_))
+    one = Trajectory(
+        stamps_ns,
+        rng.uniform(0.0, 1.0, (count, 3)),
+        velocity,
+        command,
+        np.zeros(count, np.bool_),
+    )
     found = measure(one, FAR, 0.075, EXTENT)
     for key, expected in plainly(one).items():
         assert getattr(found, key) == pytest.approx(expected), key
@@ -132,46 +181,89 @@ def test_what_controllers_are_compared_by_is_what_plain_loops_give(seed):
 
 def test_time_near_an_obstacle_is_that_up_to_readings_there():
     ahead = [Pose2D(x, 0.0, 0.0) for x in (0.0, 0.58, 0.65, 0.57, 0.66)]
-    measures = measure(drive(ahead), np.array([[1.0, 0.0]]), 0.075, EXTENT)  # touched at 0.675 m
+    measures = measure(
+        drive(ahead), np.array([[1.0, 0.0]]), 0.075, EXTENT
+    )  # touched at 0.675 m
     assert measures.near_contact_s == pytest.approx(3 * PERIOD_NS / 1e9)
     assert measure(drive(ahead), np.empty((0, 2)), 0.075, EXTENT).near_contact_s == 0.0
-    assert measure(drive([Pose2D(0.0, 0.0, 0.0)] * 2), np.array([[0.5, 0.0]]), 0.15, EXTENT).near_contact_s == 0.0
+    assert (
+        measure(
+            drive([Pose2D(0.0, 0.0, 0.0)] * 2), np.array([[0.5, 0.0]]), 0.15, EXTENT
+        ).near_contact_s
+        == 0.0
+    )
 
 
 def test_two_commands_have_one_step():
-    assert measure(drive([Pose2D(0.0, 0.0, 0.0)] * 2), FAR, 0.075, EXTENT).rms_speed_step_mps == 0.5
+    assert (
+        measure(
+            drive([Pose2D(0.0, 0.0, 0.0)] * 2), FAR, 0.075, EXTENT
+        ).rms_speed_step_mps
+        == 0.5
+    )
 
 
 def test_no_two_commands_have_no_steps():
     for commands in (False, True):
-        measures = measure(drive([Pose2D(0.0, 0.0, 0.0)] * 1, commands=commands), FAR, 0.075, EXTENT)
-        assert (measures.speed_variation_mps, measures.rms_turn_step_radps, measures.off_plan_m) == (None, None, None)
+        measures = measure(
+            drive([Pose2D(0.0, 0.0, 0.0)] * 1, commands=commands), FAR, 0.075, EXTENT
+        )
+        assert (
+            measures.speed_variation_mps,
+            measures.rms_turn_step_radps,
+            measures.off_plan_m,
+        ) == (None, None, None)
 
 
 def test_the_distance_from_the_plan_is_to_the_last_published_one_that_answers_an_earlier_reading():
     log = TrajectoryLog()
     for stamp_ns in range(0, 1_600_000_000, 250_000_000):
-        log.reading(Odometry(stamp_ns, Pose2D(9.0, 9.0, 0.0), Velocity2D(0.0, 0.0)), False, Pose2D(1.0, 0.5, 0.0))
+        log.reading(
+            Odometry(stamp_ns, Pose2D(9.0, 9.0, 0.0), Velocity2D(0.0, 0.0)),
+            False,
+            Pose2D(1.0, 0.5, 0.0),
+        )
     log.plan(np.array([[1.0, 0.0]]), 250_000_000)
     log.plan(np.array([[0.0, 0.9], [4.0, 0.9]]), 749_999_999)  # too soon
     log.plan(np.linspace([5.0, 0.5], [4.0, 0.5], 10_000), 750_000_000)
     log.plan(np.array([[0.0, 0.9], [4.0, 0.9]]), 1_249_999_999)  # too soon
-    for wrong in (np.empty((0, 2)), np.array([[math.nan, 0.0]]), np.zeros((3, 3)), np.zeros((10_001, 2))):
+    for wrong in (
+        np.empty((0, 2)),
+        np.array([[math.nan, 0.0]]),
+        np.zeros((3, 3)),
+        np.zeros((10_001, 2)),
+    ):
         log.plan(wrong, 1_250_000_000)
     found = log.trajectory()
-    np.testing.assert_allclose(found.off_plan_m, [math.nan, math.nan, 0.5, 0.5, 3.0, 3.0, 3.0])
+    np.testing.assert_allclose(
+        found.off_plan_m, [math.nan, math.nan, 0.5, 0.5, 3.0, 3.0, 3.0]
+    )
     assert measure(found, FAR, 0.075, EXTENT).off_plan_m == pytest.approx(2.0)
 
 
 def test_readings_without_an_answer_are_counted_but_for_the_last():
-    assert measure(drive([Pose2D(0.0, 0.0, 0.0)] * 5, commands=False), FAR, 0.075, EXTENT).unanswered_cycles == 4
-    assert measure(drive([Pose2D(0.0, 0.0, 0.0)] * 5), FAR, 0.075, EXTENT).unanswered_cycles == 0
+    assert (
+        measure(
+            drive([Pose2D(0.0, 0.0, 0.0)] * 5, commands=False), FAR, 0.075, EXTENT
+        ).unanswered_cycles
+        == 4
+    )
+    assert (
+        measure(
+            drive([Pose2D(0.0, 0.0, 0.0)] * 5), FAR, 0.075, EXTENT
+        ).unanswered_cycles
+        == 0
+    )
 
 
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_the_shortest_trajectories_have_measures(count):
     measures = measure(drive([Pose2D(0.0, 0.0, 0.0)] * count), FAR, 0.075, EXTENT)
-    assert (measures.driven_m, measures.driven_ratio, measures.rms_jerk_mps3) == (0.0, None, None)
+    assert (measures.driven_m, measures.driven_ratio, measures.rms_jerk_mps3) == (
+        0.0,
+        None,
+        None,
+    )
     assert (measures.min_clearance_m is None) == (count == 0)
 
 
@@ -185,7 +277,9 @@ def test_the_shortest_trajectories_have_measures(count):
     ],
 )
 def test_clearance_to_one_cylinder(pose, expected):
-    assert clearances(np.array([pose]), np.array([[1.0, 0.0]]), 0.075, EXTENT)[0] == pytest.approx(expected)
+    assert clearances(np.array([pose]), np.array([[1.0, 0.0]]), 0.075, EXTENT)[
+        0
+    ] == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
@@ -197,15 +291,21 @@ def test_clearance_to_one_cylinder(pose, expected):
     ],
     ids=["ahead on the left", "behind on the right", "inside"],
 )
-def test_clearance_is_from_an_outline_that_need_not_be_centred(ahead_m, left_m, expected):
+def test_clearance_is_from_an_outline_that_need_not_be_centred(
+    ahead_m, left_m, expected
+):
     pose, outline = Pose2D(0.3, -0.2, 0.6), Rectangle([-0.1, -0.35, 0.4, 0.05])
     centre = pose.transform(np.array([[ahead_m, left_m]]))
-    assert clearances(np.array([[pose.x, pose.y, pose.yaw]]), centre, 0.075, outline)[0] == pytest.approx(expected)
+    assert clearances(np.array([[pose.x, pose.y, pose.yaw]]), centre, 0.075, outline)[
+        0
+    ] == pytest.approx(expected)
 
 
 def test_clearance_is_to_the_nearest_of_many():
     rng = np.random.default_rng(1)
     poses, centres = rng.uniform(-2, 2, (200, 3)), rng.uniform(-2, 2, (50, 2))
     each = [clearances(poses, centre[None], 0.075, EXTENT) for centre in centres]
-    np.testing.assert_array_equal(clearances(poses, centres, 0.075, EXTENT), np.min(each, axis=0))
+    np.testing.assert_array_equal(
+        clearances(poses, centres, 0.075, EXTENT), np.min(each, axis=0)
+    )
     assert clearances(poses, np.empty((0, 2)), 0.075, EXTENT).size == 0

@@ -10,18 +10,25 @@ from barn_worlds.base.errors import BarnError
 pytest.importorskip("optuna")
 from rich.console import Console
 
-from barn_eval.experiments.folder import read_results
+from barn_eval.results.folder import read_results
 from barn_eval.studies import tune as tuning
 from barn_eval.studies.tune import Ranges, tune
 
-RANGES = {"max_speed_mps": {"low": 0.2, "high": 1.0}, "directions": {"low": 51, "high": 151}}
+RANGES = {
+    "max_speed_mps": {"low": 0.2, "high": 1.0},
+    "directions": {"low": 51, "high": 151},
+}
 OPTIONS = {"worlds": "0,3,6,9,12,15", "workers": 1, "engine": "inline"}
 CONSOLE = Console(quiet=True)
 
 
 def ranges_file(folder, parameters=RANGES, **more):
     path = folder / "ranges.yaml"
-    path.write_text(yaml.safe_dump({"schema_version": 1, "planner": "gap", "parameters": parameters} | more))
+    path.write_text(
+        yaml.safe_dump(
+            {"schema_version": 1, "planner": "gap", "parameters": parameters} | more
+        )
+    )
     return str(path)
 
 
@@ -30,22 +37,33 @@ def tuned(folder, out="out", by=(), parameters=RANGES, settings=4, unseen="1,4")
     return tune(ranges, OPTIONS | {"out": folder / out}, unseen, by, settings, CONSOLE)
 
 
-@pytest.mark.parametrize("name", sorted(one.stem for one in tuning._RANGES.glob("*.yaml")))
+@pytest.mark.parametrize(
+    "name", sorted(one.stem for one in tuning._RANGES.glob("*.yaml"))
+)
 def test_ranges_of_the_suite_are_read_and_hold_what_is_the_default(name, tmp_path):
     ranges, params = Ranges.read(name), "examples/nav2/params"
     options = {"out": tmp_path, "worlds": "0-5"}
     if not ranges.planner:
-        root, names = tuning.Path(__file__).parents[2] / params, ("common", "mapless", name.removeprefix("nav2_"))
+        root, names = (
+            tuning.Path(__file__).parents[2] / params,
+            ("common", "mapless", name.removeprefix("nav2_")),
+        )
         files = " ".join(f"--params-file {root / one}.yaml" for one in names)
         options["planner_command"] = f"nav2=host --ros-args {files}"
-    assert tuning._Tuner(ranges, options, (), "6-9", CONSOLE).default.keys() == ranges.parameters.keys()
+    assert (
+        tuning._Tuner(ranges, options, (), "6-9", CONSOLE).default.keys()
+        == ranges.parameters.keys()
+    )
 
 
 @pytest.mark.parametrize(
     ("parameters", "words"),
     [
         ({}, "must have parameters"),
-        ({"max_speed_mps": {"low": 1.0, "high": 0.5}}, "max_speed_mps: must be low < high"),
+        (
+            {"max_speed_mps": {"low": 1.0, "high": 0.5}},
+            "max_speed_mps: must be low < high",
+        ),
         ({"max_speed_mps": 3}, "max_speed_mps: must be low < high"),
         ({"max_sped_mps": {"low": 0.1, "high": 0.5}}, "did you mean 'max_speed_mps'"),
         ({"max_speed_mps": {"low": 0.1, "high": 0.4}}, "must hold the default, 0.5"),
@@ -65,7 +83,9 @@ def test_unknown_ranges_and_worlds_that_were_seen_are_refused(tmp_path):
         tuned(tmp_path, by=["min_clearnce_m"])
 
 
-def test_a_tuning_that_was_stopped_becomes_what_it_would_have_been(tmp_path, monkeypatch):
+def test_a_tuning_that_was_stopped_becomes_what_it_would_have_been(
+    tmp_path, monkeypatch
+):
     whole = tuned(tmp_path)
     begun = tuning.scored
 
@@ -82,26 +102,56 @@ def test_a_tuning_that_was_stopped_becomes_what_it_would_have_been(tmp_path, mon
     again = tuned(tmp_path, "stopped")
     assert [one.values for one in again.tuned] == [one.values for one in whole.tuned]
     for number in range(4):
-        rows = [read_results(tmp_path / out / "settings" / f"{number:04}") for out in ("out", "stopped")]
-        assert rows[0] and [one.repeatable() for one in rows[0]] == [one.repeatable() for one in rows[1]]
+        rows = [
+            read_results(tmp_path / out / "settings" / f"{number:04}")
+            for out in ("out", "stopped")
+        ]
+        assert rows[0] and [one.repeatable() for one in rows[0]] == [
+            one.repeatable() for one in rows[1]
+        ]
     with pytest.raises(BarnError, match=r"holds another tuning: ranges\."):
         tuned(tmp_path, parameters={"max_speed_mps": RANGES["max_speed_mps"]})
 
 
 def test_what_is_written_drives_as_the_setting_that_was_judged(command, tmp_path):
-    words = ("--worlds", "0,3,6,9,12,15", "--unseen", "1,4", "--settings", 4, "--run", "engine=inline")
-    code, out, _ = command("tune", ranges_file(tmp_path), *words, "--out", "tuned", "--json")
+    words = (
+        "--worlds",
+        "0,3,6,9,12,15",
+        "--unseen",
+        "1,4",
+        "--settings",
+        4,
+        "--run",
+        "engine=inline",
+    )
+    code, out, _ = command(
+        "tune", ranges_file(tmp_path), *words, "--out", "tuned", "--json"
+    )
     assert code == 0
     found = json.loads(out)
     (best,) = found["tuned"]
     assert best["seen"]["challenge"] > found["default_seen"]["challenge"]
     assert (found["worlds"], found["unseen"], found["given_up"] > 0) == (6, 2, True)
     assert best["unseen"]["b"] == "default"
-    command("run", *best["files"], "--worlds", "1,4", "--execution", "engine=inline", "--out", "alone")
+    command(
+        "run",
+        *best["files"],
+        "--worlds",
+        "1,4",
+        "--execution",
+        "engine=inline",
+        "--out",
+        "alone",
+    )
     unseen = read_results(tmp_path / "tuned" / "unseen" / f"{best['number']:04}")
-    assert [one.repeatable() for one in read_results(tmp_path / "alone")] == [one.repeatable() for one in unseen]
+    assert [one.repeatable() for one in read_results(tmp_path / "alone")] == [
+        one.repeatable() for one in unseen
+    ]
     code, out, _ = command("tune", ranges_file(tmp_path), *words, "--out", "tuned")
-    assert f"setting {best['number']}" in out and "2 worlds that no setting was chosen by" in out
+    assert (
+        f"setting {best['number']}" in out
+        and "2 worlds that no setting was chosen by" in out
+    )
 
 
 def test_several_measures_give_a_front_and_its_picture(tmp_path):
@@ -109,15 +159,28 @@ def test_several_measures_give_a_front_and_its_picture(tmp_path):
     means = [one.seen for one in found.tuned]
     assert found.given_up == 0 and means
     for one in means:
-        assert not any(all(other[key] > one[key] for key in one) for other in [*means, found.default_seen])
+        assert not any(
+            all(other[key] > one[key] for key in one)
+            for other in [*means, found.default_seen]
+        )
     assert (tmp_path / "out" / "front.png").stat().st_size > 1000
 
 
 def test_parameters_of_a_command_are_written_as_its_own_file(tmp_path):
     source = tmp_path / "given.yaml"
-    source.write_text(yaml.safe_dump({"controller": {"ros__parameters": {"speed": 0.5, "rate": 20.0}}}))
-    ranges = Ranges.read(ranges_file(tmp_path, {"speed": {"low": 0.1, "high": 1.0}}, planner=""))
-    options = {"out": tmp_path / "out", "worlds": "0-5", "planner_command": f"m=run --params-file {source}"}
+    source.write_text(
+        yaml.safe_dump(
+            {"controller": {"ros__parameters": {"speed": 0.5, "rate": 20.0}}}
+        )
+    )
+    ranges = Ranges.read(
+        ranges_file(tmp_path, {"speed": {"low": 0.1, "high": 1.0}}, planner="")
+    )
+    options = {
+        "out": tmp_path / "out",
+        "worlds": "0-5",
+        "planner_command": f"m=run --params-file {source}",
+    }
     tuner = tuning._Tuner(ranges, options, (), "6", CONSOLE)
     study = tuner.study()
     for value in (0.5, 0.25):
@@ -125,4 +188,7 @@ def test_parameters_of_a_command_are_written_as_its_own_file(tmp_path):
     study.enqueue_trial({"speed": 0.3})
     made = tuner._setting(study.ask(dict(ranges.parameters)), "settings")
     (path,) = tuner._write(2, made, "better")
-    assert yaml.safe_load(path.read_text())["controller"]["ros__parameters"] == {"speed": 0.3, "rate": 20.0}
+    assert yaml.safe_load(path.read_text())["controller"]["ros__parameters"] == {
+        "speed": 0.3,
+        "rate": 20.0,
+    }

@@ -60,8 +60,14 @@ def test_a_verdict_that_knows_only_the_failures_it_saw_would_be_found_out(monkey
 
 def test_an_interval_over_trials_would_be_found_out(monkeypatch):
     over_trials = significance.proportion
-    monkeypatch.setattr(simulations, "proportion", lambda some, worlds: over_trials(some, np.arange(len(worlds))))
-    found = list(validate(300, groups=[some("share", (300, 5, 0.3, 0.9), (300, 5, 0.7, 0.7))]))
+    monkeypatch.setattr(
+        simulations,
+        "proportion",
+        lambda some, worlds: over_trials(some, np.arange(len(worlds))),
+    )
+    found = list(
+        validate(300, groups=[some("share", (300, 5, 0.3, 0.9), (300, 5, 0.7, 0.7))])
+    )
     assert [one.verdict for one in found] == ["missed"] * 2
     assert all(share < 0.85 for one in found for share in one.found)
 
@@ -73,7 +79,10 @@ def test_a_board_without_holm_would_be_found_out(monkeypatch):
 
 
 def test_equal_planners_share_their_worlds_and_nothing_else():
-    draws = [equal_planners(2, 300, np.random.default_rng([1, number])) for number in range(5)]
+    draws = [
+        equal_planners(2, 300, np.random.default_rng([1, number]))
+        for number in range(5)
+    ]
     values = np.array([[one.values for one in pair] for pair in draws])
     failed = (values == 10.0).astype(float)
     assert failed.mean() == pytest.approx(0.07, abs=0.02)
@@ -86,12 +95,17 @@ def test_equal_planners_share_their_worlds_and_nothing_else():
 
 
 @pytest.mark.parametrize(
-    ("found", "verdict"), [(0.95, "met"), (0.92, "met within chance"), (0.90, "missed"), (1.0, "missed")]
+    ("found", "verdict"),
+    [(0.95, "met"), (0.92, "met within chance"), (0.90, "missed"), (1.0, "missed")],
 )
 def test_a_target_is_missed_beyond_three_errors_with_any_seed(found, verdict):
-    one = Check("", "", 1000, (0.95, found), (0.93, 0.97))  # an error is 0.8 % at the lower limit, 0.5 % at the upper
+    one = Check(
+        "", "", 1000, (0.95, found), (0.93, 0.97)
+    )  # an error is 0.8 % at the lower limit, 0.5 % at the upper
     assert one.verdict == verdict
-    assert one.standard_error == pytest.approx(max((x * (1.0 - x) / 1000) ** 0.5 for x in (0.95, found)))
+    assert one.standard_error == pytest.approx(
+        max((x * (1.0 - x) / 1000) ** 0.5 for x in (0.95, found))
+    )
 
 
 def test_the_command_ends_with_1_if_a_target_is_missed(monkeypatch, tmp_path):
@@ -99,25 +113,45 @@ def test_the_command_ends_with_1_if_a_target_is_missed(monkeypatch, tmp_path):
     runner = CliRunner()
     arguments = ["--simulations", "20", "--seed", "3"]
     out = tmp_path / "statistics.md"
-    done = runner.invoke(command, [*arguments, "--json", "--out", str(out)], standalone_mode=False)
+    done = runner.invoke(
+        command, [*arguments, "--json", "--out", str(out)], standalone_mode=False
+    )
     assert done.return_value == 0
     content = json.loads(done.stdout)
-    assert (content["simulations"], content["seed"], len(content["checks"])) == (20, 3, 8)
+    assert (content["simulations"], content["seed"], len(content["checks"])) == (
+        20,
+        3,
+        8,
+    )
     assert "barn validate --simulations 20 --seed 3" in out.read_text()
     assert "| seed 3 [%] | seed 4 [%] |" in out.read_text()
-    assert "50 worlds x 3" in runner.invoke(command, arguments, standalone_mode=False).stdout
+    assert (
+        "50 worlds x 3"
+        in runner.invoke(command, arguments, standalone_mode=False).stdout
+    )
     monkeypatch.setattr(simulations, "proportion", lambda *_: Interval(0.5, 0.5, 0.5))
     assert runner.invoke(command, arguments, standalone_mode=False).return_value == 1
 
 
-@pytest.mark.skipif(not PAGE.is_file(), reason="the repository's documentation is not beside this package")
+@pytest.mark.skipif(
+    not PAGE.is_file(),
+    reason="the repository's documentation is not beside this package",
+)
 def test_the_page_is_what_the_command_writes():
     """The shares are simulated again in full; of the rest, the page must have a row with the settings of today."""
     text = PAGE.read_text("utf-8")
-    every = [line for line in text.splitlines() if line.endswith((" met |", " met within chance |", " missed |"))]
+    every = [
+        line
+        for line in text.splitlines()
+        if line.endswith((" met |", " met within chance |", " missed |"))
+    ]
     assert len(every) == sum(len(group.settings) for group in GROUPS.values())
     assert not any("missed" in line for line in every)
-    page = statistics_page(list(validate(groups=[GROUPS["share"]])), 0, PAGE.with_name("ranking.json"))
-    assert every[:8] == [line for line in page.splitlines() if line.startswith("| the 95 %")]
+    page = statistics_page(
+        list(validate(groups=[GROUPS["share"]])), 0, PAGE.with_name("ranking.json")
+    )
+    assert every[:8] == [
+        line for line in page.splitlines() if line.startswith("| the 95 %")
+    ]
     assert text.startswith(page.partition("| in simulations")[0])
     assert text.endswith(page.rpartition("\n\nThe error is")[2])

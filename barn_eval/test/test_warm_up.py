@@ -6,9 +6,9 @@ from unittest.mock import Mock
 import pytest
 from planners import Faulty, Straight
 
-from barn_eval.experiments import direct as module
-from barn_eval.experiments.direct import warm_up
-from barn_eval.experiments.experiment import Experiment, PlannerChoice
+from barn_eval.running import direct as module
+from barn_eval.running.direct import warm_up
+from barn_eval.trials.run_config import Experiment, PlannerChoice
 from barn_worlds.formats.own import write_own
 
 
@@ -17,7 +17,9 @@ def spec(tmp_path: Path, open_world, monkeypatch):
     """A trial, and a process that has not run any."""
     monkeypatch.setattr(module, "_ready", set())
     write_own(tmp_path / "one.npz", "one", {0: open_world})
-    (spec,) = Experiment(dataset=str(tmp_path / "one.npz"), planners=(PlannerChoice("dwa"),)).trials()
+    (spec,) = Experiment(
+        dataset=str(tmp_path / "one.npz"), planners=(PlannerChoice("dwa"),)
+    ).trials()
     return spec
 
 
@@ -39,5 +41,7 @@ def test_a_planner_that_fails_is_left_to_its_trials(spec, monkeypatch):
 
 
 def test_a_foreign_planner_is_not_made_here(spec, monkeypatch):
-    monkeypatch.setattr(module, "make_planner", lambda *_: pytest.fail("there is no such planner here"))
+    monkeypatch.setattr(
+        module, "make_planner", lambda *_: pytest.fail("there is no such planner here")
+    )
     warm_up(spec, with_planner=False)

@@ -13,9 +13,9 @@ from urllib.parse import quote
 import pytest
 from report_work import EVIL, campaign, rewrite_rows
 
-from barn_eval.experiments.folder import read_results
-from barn_eval.experiments.rows import ResultRows
 from barn_eval.pages.live.server import CampaignState, Watch, state_of
+from barn_eval.results.folder import read_results
+from barn_eval.results.rows import ResultRows
 from barn_worlds.base.errors import ConfigError
 
 
@@ -33,7 +33,9 @@ def get(page, path, host="localhost"):
 
 def cut(folder, count):
     lines = (folder / "results.jsonl").read_text().splitlines(keepends=True)
-    (folder / "results.jsonl").write_text("".join(lines[:count]) + (lines[count][:50] if count < len(lines) else ""))
+    (folder / "results.jsonl").write_text(
+        "".join(lines[:count]) + (lines[count][:50] if count < len(lines) else "")
+    )
     return lines
 
 
@@ -44,22 +46,31 @@ def test_the_state_is_that_of_the_files_and_follows_them(folder):
     assert (first["done"], first["planned"], first["problem"]) == (20, 32, "")
     assert state.read() is first
     assert sum(count for _, count in first["outcomes"]) == 20
-    assert first["verdict"].startswith("gap and DWA cannot be told apart: challenge metric 0.")
+    assert first["verdict"].startswith(
+        "gap and DWA cannot be told apart: challenge metric 0."
+    )
     assert [bar["label"] for bar in first["bars"]] == ["gap", "DWA"]
     assert first["notes"][0].startswith("Only 5 worlds")
     (folder / "results.jsonl").write_text("".join(lines))
     after = state.read()
     assert after["done"] == 32
-    failures = [row.trial_id for row in ResultRows(folder).read() if not row.scores.success]
+    failures = [
+        row.trial_id for row in ResultRows(folder).read() if not row.scores.success
+    ]
     assert [trial["id"] for trial in after["failures"]] == failures[::-1]
 
 
 def test_rate_and_time_left_are_those_of_the_trials(folder):
     def begun(place, row):
-        clock = {"started_at": f"2026-01-01T00:00:{5 * place:02d}+00:00", "duration_s": 4.0}
+        clock = {
+            "started_at": f"2026-01-01T00:00:{5 * place:02d}+00:00",
+            "duration_s": 4.0,
+        }
         return row | {"wall_clock": row["wall_clock"] | clock}
 
-    rewrite_rows(folder, lambda rows: [begun(place, row) for place, row in enumerate(rows[:11])])
+    rewrite_rows(
+        folder, lambda rows: [begun(place, row) for place, row in enumerate(rows[:11])]
+    )
     state = state_of(folder)
     assert state["last"] == "2026-01-01T00:00:54+00:00"
     assert state["per_minute"] == pytest.approx(12.0)
@@ -116,8 +127,12 @@ def test_nothing_is_written_and_a_taken_port_is_told(folder):
 def test_a_client_that_leaves_before_its_answer_leaves_no_traceback(folder, capfd):
     with Watch(folder, port=0) as page:
         for _ in range(5):
-            with socket.create_connection(("127.0.0.1", int(page.url.split(":")[2].strip("/")))) as client:
-                client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # closed by a reset
+            with socket.create_connection(
+                ("127.0.0.1", int(page.url.split(":")[2].strip("/")))
+            ) as client:
+                client.setsockopt(
+                    socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0)
+                )  # closed by a reset
                 client.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
         assert get(page, "/state")[0] == 200
     assert capfd.readouterr().err == ""
@@ -140,7 +155,9 @@ def test_the_page_updates_itself_and_a_failure_leads_to_its_replay(folder, open_
         assert text.text_content().startswith("12 of 32 trials")
         (folder / "results.jsonl").write_text("".join(lines))
         text.filter(has_text=re.compile("^32 of 32 trials, finished")).wait_for()
-        failed = {row.trial_id for row in read_results(folder) if not row.scores.success}
+        failed = {
+            row.trial_id for row in read_results(folder) if not row.scores.success
+        }
         assert set(page.locator("#failures td.id").all_text_contents()) == failed
         assert page.evaluate("window.evil") is None
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")

@@ -34,7 +34,11 @@ def processes():
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
             with suppress(OSError):  # it has ended meanwhile
-                yield int(entry.name), parent(entry.name), (entry / "cmdline").read_bytes()
+                yield (
+                    int(entry.name),
+                    parent(entry.name),
+                    (entry / "cmdline").read_bytes(),
+                )
 
 
 def _status(pid):

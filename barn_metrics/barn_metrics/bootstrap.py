@@ -28,7 +28,11 @@ class Interval:
 
     def excludes(self, value: float) -> bool:
         """Tell whether there are limits and a value lies outside them."""
-        return self.low is not None and self.high is not None and not self.low <= value <= self.high
+        return (
+            self.low is not None
+            and self.high is not None
+            and not self.low <= value <= self.high
+        )
 
     def reaching(self, *values: float) -> "Interval":
         """Return the estimate with limits that hold these values as well, none where it has none."""
@@ -38,7 +42,9 @@ class Interval:
 
     def scaled(self, factor: float) -> "Interval":
         """Return the interval in another unit; factor is above 0."""
-        low, high = (None if limit is None else factor * limit for limit in (self.low, self.high))
+        low, high = (
+            None if limit is None else factor * limit for limit in (self.low, self.high)
+        )
         return Interval(factor * self.estimate, low, high)
 
     def columns(self, name: str) -> dict[str, float | None]:
@@ -47,12 +53,16 @@ class Interval:
 
     def shifted(self, by: float) -> "Interval":
         """Return the interval of the estimate and a known figure together."""
-        low, high = (None if limit is None else limit + by for limit in (self.low, self.high))
+        low, high = (
+            None if limit is None else limit + by for limit in (self.low, self.high)
+        )
         return Interval(self.estimate + by, low, high)
 
     def mirrored(self) -> "Interval":
         """Return the interval of the estimate with the other sign."""
-        low, high = (None if limit is None else -limit for limit in (self.high, self.low))
+        low, high = (
+            None if limit is None else -limit for limit in (self.high, self.low)
+        )
         return Interval(-self.estimate, low, high)
 
     def text(self, digits: int = 2, unit: str = "") -> str:
@@ -65,11 +75,20 @@ class Interval:
 
 def number(value: float | None, digits: int = 2) -> str:
     """Return a number, zero without a sign; a dash for None, NaN and infinity."""
-    return "-" if value is None or not math.isfinite(value) else f"{round(value, digits) + 0.0:.{digits}f}"
+    return (
+        "-"
+        if value is None or not math.isfinite(value)
+        else f"{round(value, digits) + 0.0:.{digits}f}"
+    )
 
 
 def over_worlds(
-    statistic: Statistic, worlds: int, seed: int = 0, *, percentile: bool = False, resamples: int = RESAMPLES
+    statistic: Statistic,
+    worlds: int,
+    seed: int = 0,
+    *,
+    percentile: bool = False,
+    resamples: int = RESAMPLES,
 ) -> Interval:
     """Return a statistic of worlds with its bootstrap interval.
 
@@ -84,7 +103,9 @@ def over_worlds(
     from scipy import stats  # noqa: PLC0415 (takes a second, which runs in one world need not wait for)
 
     with warnings.catch_warnings(), np.errstate(invalid="ignore", divide="ignore"):
-        warnings.simplefilter("ignore", stats.DegenerateDataWarning)  # all worlds alike: handled below
+        warnings.simplefilter(
+            "ignore", stats.DegenerateDataWarning
+        )  # all worlds alike: handled below
         found = stats.bootstrap(
             (every,),
             lambda drawn, axis: statistic(drawn),  # noqa: ARG005 (worlds are along the last axis)
@@ -99,10 +120,18 @@ def over_worlds(
     limits = tuple(found.confidence_interval)
     if percentile:
         drawn = drawn[np.isfinite(drawn)]
-        limits = np.quantile(drawn, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0]) if len(drawn) else (math.nan, math.nan)
+        limits = (
+            np.quantile(drawn, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
+            if len(drawn)
+            else (math.nan, math.nan)
+        )
     if np.isfinite(limits).all():
         return Interval(estimate, *map(float, limits))
-    return Interval(estimate, estimate, estimate) if len(drawn) and np.ptp(drawn) == 0.0 else Interval(estimate)
+    return (
+        Interval(estimate, estimate, estimate)
+        if len(drawn) and np.ptp(drawn) == 0.0
+        else Interval(estimate)
+    )
 
 
 def spearman(a: Floats | Integers, b: Floats | Integers) -> Floats:
@@ -128,7 +157,9 @@ def _ranks(values: Floats | Integers) -> Floats:
     rows = values.reshape(-1, values.shape[-1])
     kinds = int(rows.max()) + 1
     places = rows + kinds * np.arange(len(rows))[:, None]
-    counts = np.bincount(places.ravel(), minlength=kinds * len(rows)).reshape(len(rows), kinds)
+    counts = np.bincount(places.ravel(), minlength=kinds * len(rows)).reshape(
+        len(rows), kinds
+    )
     ranks = np.cumsum(counts, axis=1) - counts / 2.0
     by_place: Floats = ranks.ravel()[places]
     return by_place.reshape(values.shape)

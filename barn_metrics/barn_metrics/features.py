@@ -15,10 +15,14 @@ NARROW_CLEARANCE_M = 0.55  # below which a place is narrow; fits a Jackal
 TURNING_WINDOW_M = 0.75  # of path, over which a change of heading is one turn
 
 
-def world_features(world: World, narrow_clearance_m: float = NARROW_CLEARANCE_M) -> dict[str, float]:
+def world_features(
+    world: World, narrow_clearance_m: float = NARROW_CLEARANCE_M
+) -> dict[str, float]:
     """Return the features of a world by name; cells that the path repeats count once. ConfigError below 0 m."""
     if not narrow_clearance_m >= 0.0:
-        raise ConfigError(f"narrow_clearance_m must be at least 0 m, got {narrow_clearance_m}")
+        raise ConfigError(
+            f"narrow_clearance_m must be at least 0 m, got {narrow_clearance_m}"
+        )
     path = without_repeats(world.path)
     lengths = step_lengths(path, world.resolution_m)
     clearance = path_clearance(world.grid, path, world.resolution_m)
@@ -34,21 +38,30 @@ def world_features(world: World, narrow_clearance_m: float = NARROW_CLEARANCE_M)
         "lateral_shift_m": abs(int(path[-1, 0]) - int(path[0, 0])) * world.resolution_m,
         # Distance from the path's cells to the surface of the nearest obstacle: lowest, percentiles and mean.
         "clearance_min_m": float(clearance.min()),
-        **{f"clearance_p{k:02}_m": float(np.percentile(clearance, k)) for k in (5, 10, 25, 50)},
+        **{
+            f"clearance_p{k:02}_m": float(np.percentile(clearance, k))
+            for k in (5, 10, 25, 50)
+        },
         "clearance_mean_m": float(clearance.mean()),
         # Share of the path's cells with narrow clearance, and stretches of them.
         "narrow_share": float(narrow.mean()),
         "narrow_passages": float(passages),
         "longest_narrow_m": longest,
-        "inverse_clearance_mean_per_m": float((1.0 / clearance).mean()),  # like the sum of a cost near obstacles
+        "inverse_clearance_mean_per_m": float(
+            (1.0 / clearance).mean()
+        ),  # like the sum of a cost near obstacles
         "widest_gap_m": widest_gap_m(world.grid, world.resolution_m),
         # Changes of heading, without sign.
         "turning_total_rad": total,
         "turning_rad_per_m": total / arc if arc > 0.0 else 0.0,
         "turning_sharpest_rad": sharpest_turn(turning, lengths, TURNING_WINDOW_M),
         "turns": float(np.count_nonzero(turning)),
-        "reversals": float(np.count_nonzero(np.diff(np.sign(turning[turning != 0.0])))),  # to the other side
-        "narrow_turning_rad": float(np.abs(turning[narrow[1:-1]]).sum()),  # at cells with narrow clearance
+        "reversals": float(
+            np.count_nonzero(np.diff(np.sign(turning[turning != 0.0])))
+        ),  # to the other side
+        "narrow_turning_rad": float(
+            np.abs(turning[narrow[1:-1]]).sum()
+        ),  # at cells with narrow clearance
         "filled_share": float(world.grid.mean()),
         "free_cspace_share": 1.0 - float(world.cspace.mean()),
     }
@@ -92,7 +105,10 @@ def sharpest_turn(turning: Floats, lengths: Floats, window_m: float) -> float:
     at = np.cumsum(lengths[:-1])
     turned = np.append(0.0, np.cumsum(turning))
     last = np.searchsorted(at, at + window_m + 1e-9, side="right")
-    return max(float(np.abs(turned[first + 1 : end + 1] - turned[first]).max()) for first, end in enumerate(last))
+    return max(
+        float(np.abs(turned[first + 1 : end + 1] - turned[first]).max())
+        for first, end in enumerate(last)
+    )
 
 
 def widest_gap_m(grid: BoolGrid, resolution_m: float) -> float:
@@ -102,7 +118,9 @@ def widest_gap_m(grid: BoolGrid, resolution_m: float) -> float:
     largest gap of a chain, minimised over all chains. Zero if touching obstacles block every way.
     """
     centres = np.argwhere(grid & ~hollow(grid)).astype(np.float64)
-    return float(max(0.0, _smallest_largest_gap(centres, float(len(grid)))) * resolution_m)
+    return float(
+        max(0.0, _smallest_largest_gap(centres, float(len(grid)))) * resolution_m
+    )
 
 
 @njit(cache=True)
@@ -110,7 +128,9 @@ def _smallest_largest_gap(centres: Floats, rows: float) -> float:
     """Return the least largest gap (cells) of a chain of unit discs (n, 2) from edge to edge, by Dijkstra's search."""
     count = len(centres)
     best = rows
-    cost = centres[:, 0].copy()  # of reaching each from the upper edge, which lies half a cell above row 0
+    cost = centres[
+        :, 0
+    ].copy()  # of reaching each from the upper edge, which lies half a cell above row 0
     done = np.zeros(count, np.bool_)
     for _ in range(count):
         at, lowest = -1, best
@@ -123,7 +143,12 @@ def _smallest_largest_gap(centres: Floats, rows: float) -> float:
         best = min(best, max(lowest, rows - 1.0 - centres[at, 0]))
         for i in range(count):
             if not done[i]:
-                gap = math.hypot(centres[i, 0] - centres[at, 0], centres[i, 1] - centres[at, 1]) - 1.0
+                gap = (
+                    math.hypot(
+                        centres[i, 0] - centres[at, 0], centres[i, 1] - centres[at, 1]
+                    )
+                    - 1.0
+                )
                 cost[i] = min(cost[i], max(lowest, gap))
     return best
 

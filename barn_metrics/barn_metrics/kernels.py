@@ -9,10 +9,14 @@ from barn_worlds.base.arrays import BoolGrid, Cells, Floats, Integers
 
 SQRT2 = math.sqrt(2.0)
 TAN_22_5 = SQRT2 - 1.0
-LONG = 1.0 / math.cos(math.pi / 8.0)  # in cells, of a step along an axis of 22.5 degrees
+LONG = 1.0 / math.cos(
+    math.pi / 8.0
+)  # in cells, of a step along an axis of 22.5 degrees
 
 # (row, column) directions in cells, 45 degrees apart; the second four are the opposites of the first.
-EIGHT_RAYS: Integers = np.array([(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)], np.int64)
+EIGHT_RAYS: Integers = np.array(
+    [(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)], np.int64
+)
 
 # Around the circle in the order of the original, which swaps (-1, -2) and (-2, -1).
 SIXTEEN_RAYS: Integers = np.array(
@@ -24,17 +28,28 @@ SIXTEEN_RAYS: Integers = np.array(
 )
 ORDERED_RAYS: Integers = SIXTEEN_RAYS[[*range(9), 11, 10, 9, *range(12, 16)]]
 # Number of sampled points on each of the sixteen rays.
-PUBLISHED_POINTS: Integers = np.array([3, 2, 3, 2, 3, 2, 3, 3, 3, 3, 3, 3, 3, 3, 3, 2], np.int64)
+PUBLISHED_POINTS: Integers = np.array(
+    [3, 2, 3, 2, 3, 2, 3, 3, 3, 3, 3, 3, 3, 3, 3, 2], np.int64
+)
 EVEN_POINTS: Integers = np.array([3, 2] * 8, np.int64)
 
 # Per axis: step along rows, step along columns (cells per point, fractions rounded) and length of a step in cells.
-FOUR_AXES: Floats = np.array([(0, 1, 1), (1, 1, SQRT2), (1, 0, 1), (1, -1, SQRT2)], np.float64)
-_BETWEEN = [(TAN_22_5, 1, LONG), (1, TAN_22_5, LONG), (1, -TAN_22_5, LONG), (TAN_22_5, -1, LONG)]
+FOUR_AXES: Floats = np.array(
+    [(0, 1, 1), (1, 1, SQRT2), (1, 0, 1), (1, -1, SQRT2)], np.float64
+)
+_BETWEEN = [
+    (TAN_22_5, 1, LONG),
+    (1, TAN_22_5, LONG),
+    (1, -TAN_22_5, LONG),
+    (TAN_22_5, -1, LONG),
+]
 EIGHT_AXES: Floats = np.array([*FOUR_AXES, *_BETWEEN], np.float64)
 
 
 @njit(cache=True)
-def free_cells(occupied: BoolGrid, row: int, column: int, down: float, right: float) -> tuple[int, bool]:
+def free_cells(
+    occupied: BoolGrid, row: int, column: int, down: float, right: float
+) -> tuple[int, bool]:
     """Return how many cells of a ray, rounded (row + k down, column + k right), are free, if an obstacle ends it."""
     rows, cols = occupied.shape
     count = 0
@@ -69,7 +84,9 @@ def average_visibility_published(occupied: BoolGrid, cells: Cells) -> Floats:
     for i in range(len(cells)):
         total, ended = 0, 0
         for k in range(8):
-            length, blocked = free_cells(occupied, cells[i, 0], cells[i, 1], EIGHT_RAYS[k, 0], EIGHT_RAYS[k, 1])
+            length, blocked = free_cells(
+                occupied, cells[i, 0], cells[i, 1], EIGHT_RAYS[k, 0], EIGHT_RAYS[k, 1]
+            )
             if blocked:
                 total += length + 1
                 ended += 1
@@ -78,7 +95,9 @@ def average_visibility_published(occupied: BoolGrid, cells: Cells) -> Floats:
 
 
 @njit(cache=True)
-def ray_blocked(occupied: BoolGrid, row: int, column: int, direction: Integers, points: int) -> bool:
+def ray_blocked(
+    occupied: BoolGrid, row: int, column: int, direction: Integers, points: int
+) -> bool:
     """Tell whether one of the first `points` cells of a ray is occupied; beyond the grid it is open."""
     rows, cols = occupied.shape
     down, right = direction
@@ -92,7 +111,9 @@ def ray_blocked(occupied: BoolGrid, row: int, column: int, direction: Integers, 
 
 
 @njit(cache=True)
-def dispersion(occupied: BoolGrid, cells: Cells, rays: Integers, points: Integers) -> Floats:
+def dispersion(
+    occupied: BoolGrid, cells: Cells, rays: Integers, points: Integers
+) -> Floats:
     """Return how often neighbouring rays (m, 2), `points` (m,) cells long, change between blocked and open, (n,)."""
     values = np.empty(len(cells))
     for i in range(len(cells)):

@@ -19,11 +19,21 @@ class Formula(Checked):
 
     # corrected: every ray counts, a diagonal is sqrt 2; published: every cell is worth 1, rays that leave the
     # grid do not count, the mean over the rays is rounded down
-    visibility: str = quantity("corrected", "how lengths of rays are averaged", choices=("corrected", "published"))
+    visibility: str = quantity(
+        "corrected",
+        "how lengths of rays are averaged",
+        choices=("corrected", "published"),
+    )
     # published: four of the eight in-between rays reach 6 cells far, the others 4; even: all of them 4; ordered: as
     # even, with the rays ordered by angle; the published order swaps two of them
-    dispersion: str = quantity("published", "rays and their order", choices=("published", "even", "ordered"))
-    axes: int = quantity(4, "axes of the characteristic dimension: 4 (published) or 8 (the paper's text)", minimum=4)
+    dispersion: str = quantity(
+        "published", "rays and their order", choices=("published", "even", "ordered")
+    )
+    axes: int = quantity(
+        4,
+        "axes of the characteristic dimension: 4 (published) or 8 (the paper's text)",
+        minimum=4,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -34,7 +44,11 @@ PUBLISHED = Formula(visibility="published")
 CORRECTED = Formula()
 PAPER_TEXT = Formula(dispersion="ordered", axes=8)
 
-FORMULAS: dict[str, Formula] = {"published": PUBLISHED, "corrected": CORRECTED, "paper_text": PAPER_TEXT}
+FORMULAS: dict[str, Formula] = {
+    "published": PUBLISHED,
+    "corrected": CORRECTED,
+    "paper_text": PAPER_TEXT,
+}
 
 
 def as_formula(formula: Formula | str) -> Formula:
@@ -81,7 +95,9 @@ class WorldMetrics:
         return np.array(astuple(self), np.float64)
 
 
-def cell_metrics(cspace: BoolGrid, cells: Cells, formula: Formula | str = CORRECTED) -> Floats:
+def cell_metrics(
+    cspace: BoolGrid, cells: Cells, formula: Formula | str = CORRECTED
+) -> Floats:
     """Return closest obstacle, average visibility, dispersion and characteristic dimension of cells, (n, 4).
 
     cspace: (rows, cols) bool, True where occupied; cells: (n, 2) row, column. Raises WorldError for cells that are
@@ -90,10 +106,20 @@ def cell_metrics(cspace: BoolGrid, cells: Cells, formula: Formula | str = CORREC
     """
     chosen = as_formula(formula)
     occupied, at = _checked(cspace, cells)
-    rays = kernels.ORDERED_RAYS if chosen.dispersion == "ordered" else kernels.SIXTEEN_RAYS
-    points = kernels.PUBLISHED_POINTS if chosen.dispersion == "published" else kernels.EVEN_POINTS
+    rays = (
+        kernels.ORDERED_RAYS if chosen.dispersion == "ordered" else kernels.SIXTEEN_RAYS
+    )
+    points = (
+        kernels.PUBLISHED_POINTS
+        if chosen.dispersion == "published"
+        else kernels.EVEN_POINTS
+    )
     axes = kernels.EIGHT_AXES if chosen.axes == 8 else kernels.FOUR_AXES
-    see = kernels.average_visibility if chosen.visibility == "corrected" else kernels.average_visibility_published
+    see = (
+        kernels.average_visibility
+        if chosen.visibility == "corrected"
+        else kernels.average_visibility_published
+    )
     values = np.empty((len(at), len(CELL_METRICS)))
     values[:, 0] = closest_obstacle(occupied)[at[:, 0], at[:, 1]]
     values[:, 1] = see(occupied, at)
@@ -122,7 +148,9 @@ def tortuosity(path: Cells) -> float:
 
 def averaged(values: Floats, path: Cells) -> WorldMetrics:
     """Return the metrics of a path (n, 2) from its `cell_metrics` (n, 4)."""
-    closest, visibility, alternations, narrowest = (float(mean) for mean in values.mean(axis=0))
+    closest, visibility, alternations, narrowest = (
+        float(mean) for mean in values.mean(axis=0)
+    )
     return WorldMetrics(closest, visibility, alternations, narrowest, tortuosity(path))
 
 
@@ -134,14 +162,20 @@ def world_metrics(world: World, formula: Formula | str = CORRECTED) -> WorldMetr
 def world_cell_metrics(world: World, formula: Formula | str = CORRECTED) -> Floats:
     """Return `cell_metrics` (n, 4) of the path of a world; errors name the world. An arena is refused: it has walls."""
     if world.corner_m is not None:
-        raise WorldError(f"{world.name}: is an arena; these metrics are of worlds whose obstacles stand on a grid")
+        raise WorldError(
+            f"{world.name}: is an arena; these metrics are of worlds whose obstacles stand on a grid"
+        )
     try:
         return cell_metrics(world.cspace, world.path, formula)
     except WorldError as error:
-        raise WorldError(f"{world.name}: {error} (footprint {world.footprint_cells} cells)") from None
+        raise WorldError(
+            f"{world.name}: {error} (footprint {world.footprint_cells} cells)"
+        ) from None
 
 
-def metric_maps(cspace: BoolGrid, formula: Formula | str = CORRECTED) -> dict[str, Floats]:
+def metric_maps(
+    cspace: BoolGrid, formula: Formula | str = CORRECTED
+) -> dict[str, Floats]:
     """Return each of the four cell metrics, by name, as a map (rows, cols); NaN in occupied cells."""
     free = np.argwhere(~cspace)
     values = cell_metrics(cspace, free, formula)
@@ -155,14 +189,27 @@ def metric_maps(cspace: BoolGrid, formula: Formula | str = CORRECTED) -> dict[st
 
 def _checked(cspace: object, cells: object) -> tuple[BoolGrid, Cells]:
     """Return both as contiguous arrays of the kernels' types; WorldError if they are malformed."""
-    if not isinstance(cspace, np.ndarray) or cspace.ndim != 2 or cspace.dtype != np.bool_:
+    if (
+        not isinstance(cspace, np.ndarray)
+        or cspace.ndim != 2
+        or cspace.dtype != np.bool_
+    ):
         raise WorldError("C-space must be a two-dimensional array of bools")
-    if not isinstance(cells, np.ndarray) or cells.ndim != 2 or cells.shape[1] != 2 or cells.dtype.kind not in "iu":
+    if (
+        not isinstance(cells, np.ndarray)
+        or cells.ndim != 2
+        or cells.shape[1] != 2
+        or cells.dtype.kind not in "iu"
+    ):
         raise WorldError("path must be an array of whole rows and columns, (n, 2)")
     outside = ((cells < 0) | (cells >= np.array(cspace.shape))).any(axis=1)
     if outside.any():
-        raise WorldError(f"path leaves the grid of {cspace.shape} at {cells[outside][0].tolist()}")
+        raise WorldError(
+            f"path leaves the grid of {cspace.shape} at {cells[outside][0].tolist()}"
+        )
     taken = cspace[cells[:, 0], cells[:, 1]]
     if taken.any():
-        raise WorldError(f"path goes through the occupied C-space cell {cells[taken][0].tolist()}")
+        raise WorldError(
+            f"path goes through the occupied C-space cell {cells[taken][0].tolist()}"
+        )
     return np.ascontiguousarray(cspace), np.ascontiguousarray(cells, np.int64)

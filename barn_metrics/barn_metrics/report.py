@@ -29,7 +29,10 @@ class MetricsTable:
 
     def rows(self) -> list[dict[str, float]]:
         """Return the metrics of each world by name."""
-        return [dict(zip(metrics.METRIC_NAMES, row, strict=True)) for row in self.values.tolist()]
+        return [
+            dict(zip(metrics.METRIC_NAMES, row, strict=True))
+            for row in self.values.tolist()
+        ]
 
     def as_json(self) -> dict[str, Any]:
         """Return everything as plain data; values that are not finite become None."""
@@ -37,8 +40,13 @@ class MetricsTable:
             "schema_version": SCHEMA_VERSION,
             "formula": asdict(self.formula),
             "units": {metric.name: metric.unit for metric in metrics.METRICS},
-            "worlds": [{"world": world, **row} for world, row in zip(self.worlds, self.rows(), strict=True)],
-            "summary": {metric.name: self.summary_of(metric) for metric in metrics.METRICS},
+            "worlds": [
+                {"world": world, **row}
+                for world, row in zip(self.worlds, self.rows(), strict=True)
+            ],
+            "summary": {
+                metric.name: self.summary_of(metric) for metric in metrics.METRICS
+            },
         }
         return dict(finite(document))
 
@@ -48,14 +56,31 @@ class MetricsTable:
         lines = []
         for metric in metrics.METRICS:
             values = self.summary_of(metric)
-            shown = ("cell_minimum", "cell_maximum", "minimum", "maximum", "mean", "std")
-            lines.append([metric.title, *("-" if key not in values else f"{values[key]:.2f}" for key in shown)])
+            shown = (
+                "cell_minimum",
+                "cell_maximum",
+                "minimum",
+                "maximum",
+                "mean",
+                "std",
+            )
+            lines.append(
+                [
+                    metric.title,
+                    *(
+                        "-" if key not in values else f"{values[key]:.2f}"
+                        for key in shown
+                    ),
+                ]
+            )
         return headings, lines
 
     def summary_of(self, metric: metrics.Metric) -> dict[str, float]:
         """Return minimum, maximum, mean and std (population) of a metric over worlds, and its extremes over cells."""
         k = metrics.METRICS.index(metric)
-        with np.errstate(invalid="ignore"):  # worlds without obstacles have infinite values, whose deviation is NaN
+        with np.errstate(
+            invalid="ignore"
+        ):  # worlds without obstacles have infinite values, whose deviation is NaN
             over_worlds = {
                 "minimum": self.values.min(axis=0),
                 "maximum": self.values.max(axis=0),
@@ -64,12 +89,16 @@ class MetricsTable:
             }
         found = {name: float(values[k]) for name, values in over_worlds.items()}
         if metric in metrics.CELL_METRICS:
-            found |= {"cell_minimum": float(self.cell_minimum[k]), "cell_maximum": float(self.cell_maximum[k])}
+            found |= {
+                "cell_minimum": float(self.cell_minimum[k]),
+                "cell_maximum": float(self.cell_maximum[k]),
+            }
         return found
 
 
 def metrics_table(
-    worlds: Dataset | Iterable[World], formula: metrics.Formula | str = metrics.CORRECTED
+    worlds: Dataset | Iterable[World],
+    formula: metrics.Formula | str = metrics.CORRECTED,
 ) -> MetricsTable:
     """Return the metrics of a data set or of worlds; WorldError if there is none or one cannot be read."""
     chosen = metrics.as_formula(formula)
@@ -86,4 +115,10 @@ def metrics_table(
         highest.append(values.max(axis=0))
     if not rows:
         raise WorldError("there are no worlds to compute metrics of")
-    return MetricsTable(chosen, tuple(labels), np.array(rows), np.min(lowest, axis=0), np.max(highest, axis=0))
+    return MetricsTable(
+        chosen,
+        tuple(labels),
+        np.array(rows),
+        np.min(lowest, axis=0),
+        np.max(highest, axis=0),
+    )

@@ -37,8 +37,19 @@ def originals(original_folder: Path) -> list[Original]:
     worlds = []
     for number, *corrected in np.loadtxt(table, delimiter=",", skiprows=1):
         grid, cspace, path, published = (
-            np.load(original_folder / f"{kind}_files" / f"{kind}_{number:.0f}.npy", allow_pickle=False)
+            np.load(
+                original_folder / f"{kind}_files" / f"{kind}_{number:.0f}.npy",
+                allow_pickle=False,
+            )
             for kind in ("grid", "cspace", "path", "metrics")
         )
-        worlds.append(Original(grid.astype(bool), cspace.astype(bool), path, published, np.array(corrected)))
+        worlds.append(
+            Original(
+                grid.astype(bool),
+                cspace.astype(bool),
+                path,
+                published,
+                np.array(corrected),
+            )
+        )
     return worlds

@@ -17,7 +17,12 @@ def mean(drawn):
 
 def plain_draws(resamples, seed):
     generator = np.random.default_rng(seed)
-    return np.array([mean(generator.integers(0, len(VALUES), len(VALUES))) for _ in range(resamples)])
+    return np.array(
+        [
+            mean(generator.integers(0, len(VALUES), len(VALUES)))
+            for _ in range(resamples)
+        ]
+    )
 
 
 def test_percentile_limits_are_quantiles_of_the_draws():
@@ -30,19 +35,30 @@ def test_percentile_limits_are_quantiles_of_the_draws():
 def test_bca_limits_are_those_of_efrons_formula():
     found = over_worlds(mean, len(VALUES), seed=4, resamples=1000)
     draws = plain_draws(1000, seed=4)
-    bias = stats.norm.ppf((draws < VALUES.mean()).mean() + 0.5 * (draws == VALUES.mean()).mean())
+    bias = stats.norm.ppf(
+        (draws < VALUES.mean()).mean() + 0.5 * (draws == VALUES.mean()).mean()
+    )
     left_out = np.array([np.delete(VALUES, at).mean() for at in range(len(VALUES))])
     deviation = left_out.mean() - left_out
     skew = (deviation**3).sum() / (6.0 * (deviation**2).sum() ** 1.5)
     z = stats.norm.ppf([0.025, 0.975])
-    expected = np.quantile(draws, stats.norm.cdf(bias + (bias + z) / (1.0 - skew * (bias + z))))
+    expected = np.quantile(
+        draws, stats.norm.cdf(bias + (bias + z) / (1.0 - skew * (bias + z)))
+    )
     assert (found.low, found.high) == pytest.approx(tuple(expected), rel=1e-9)
 
 
 def test_an_interval_is_of_95_percent_from_10_000_draws_with_seed_0_unless_told_otherwise():
     found = over_worlds(mean, len(VALUES))
-    assert found == over_worlds(mean, len(VALUES), seed=0, percentile=False, resamples=10_000)
-    for other in ({"seed": 1}, {"percentile": True}, {"resamples": 9_999}, {"resamples": 10_001}):
+    assert found == over_worlds(
+        mean, len(VALUES), seed=0, percentile=False, resamples=10_000
+    )
+    for other in (
+        {"seed": 1},
+        {"percentile": True},
+        {"resamples": 9_999},
+        {"resamples": 10_001},
+    ):
         assert found != over_worlds(mean, len(VALUES), **other), other
 
 
@@ -53,7 +69,12 @@ def test_draws_without_a_figure_are_left_out_of_percentiles_and_leave_bca_withou
     found = over_worlds(unless_alike, 2, percentile=True)
     assert found == Interval(0.5, 0.5, 0.5)
     assert over_worlds(unless_alike, 3) == Interval(1.0)
-    assert over_worlds(lambda drawn: np.full(drawn.shape[:-1], np.nan), 3, percentile=True).low is None
+    assert (
+        over_worlds(
+            lambda drawn: np.full(drawn.shape[:-1], np.nan), 3, percentile=True
+        ).low
+        is None
+    )
 
 
 def test_a_limit_that_is_infinite_is_none():
@@ -65,13 +86,25 @@ def test_a_limit_that_is_infinite_is_none():
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("percentile", [False, True])
-def test_one_world_has_no_limits_and_equal_worlds_have_no_width_and_raise_no_warning(percentile):
-    assert over_worlds(lambda drawn: drawn.mean(axis=-1), 1, percentile=percentile) == Interval(0.0)
-    assert over_worlds(lambda drawn: np.ones(drawn.shape[:-1]), 5, percentile=percentile) == Interval(1.0, 1.0, 1.0)
+def test_one_world_has_no_limits_and_equal_worlds_have_no_width_and_raise_no_warning(
+    percentile,
+):
+    assert over_worlds(
+        lambda drawn: drawn.mean(axis=-1), 1, percentile=percentile
+    ) == Interval(0.0)
+    assert over_worlds(
+        lambda drawn: np.ones(drawn.shape[:-1]), 5, percentile=percentile
+    ) == Interval(1.0, 1.0, 1.0)
 
 
 def test_numbers_have_no_signed_zero_and_none_is_a_dash():
-    written = {-0.004: "0.00", -0.0: "0.00", 0.004: "0.00", -0.006: "-0.01", 12.345: "12.35"}
+    written = {
+        -0.004: "0.00",
+        -0.0: "0.00",
+        0.004: "0.00",
+        -0.006: "-0.01",
+        12.345: "12.35",
+    }
     assert {value: number(value) for value in written} == written
     assert number(-0.0004, 3) == "0.000"
     assert [number(value) for value in (None, math.nan, -math.inf)] == ["-"] * 3
@@ -96,17 +129,28 @@ def test_an_interval_excludes_what_lies_outside_its_limits():
 
 def test_one_limit_alone_is_none():
     for half in (Interval(1.0, 0.5, None), Interval(1.0, None, 2.0)):
-        assert (half.excludes(0.0), half.excludes(3.0), half.text()) == (False, False, "1.00")
+        assert (half.excludes(0.0), half.excludes(3.0), half.text()) == (
+            False,
+            False,
+            "1.00",
+        )
         assert half.reaching(0.0, 3.0) == half
 
 
 def test_an_interval_reaches_what_it_is_to_hold():
     found = Interval(1.0, 0.5, 2.0)
-    assert [found.reaching(*values) for values in ((3.0, 0.2), (0.7,))] == [Interval(1.0, 0.2, 3.0), found]
+    assert [found.reaching(*values) for values in ((3.0, 0.2), (0.7,))] == [
+        Interval(1.0, 0.2, 3.0),
+        found,
+    ]
 
 
 def test_columns_of_an_interval_are_named_after_it():
-    assert Interval(2.0, 1.0, 4.0).columns("x") == {"x": 2.0, "x_low": 1.0, "x_high": 4.0}
+    assert Interval(2.0, 1.0, 4.0).columns("x") == {
+        "x": 2.0,
+        "x_low": 1.0,
+        "x_high": 4.0,
+    }
 
 
 def test_an_interval_is_shifted_and_mirrored_with_its_limits():
@@ -120,10 +164,16 @@ def test_an_interval_is_shifted_and_mirrored_with_its_limits():
 @pytest.mark.parametrize("kind", [np.int64, np.float64])
 def test_rank_correlations_are_those_of_scipy(kind):
     pairs = np.random.default_rng(3).integers(1, 7, (2, 4, 3, 8)).astype(kind)
-    expected = [stats.spearmanr(one, other).statistic for one, other in zip(*pairs.reshape(2, -1, 8), strict=True)]
+    expected = [
+        stats.spearmanr(one, other).statistic
+        for one, other in zip(*pairs.reshape(2, -1, 8), strict=True)
+    ]
     np.testing.assert_allclose(spearman(*pairs), np.reshape(expected, (4, 3)))
 
 
 def test_what_varies_by_rounding_only_has_no_correlation():
-    found = [correlation(np.array([0.0, 1.0]), np.array([0.0, step])) for step in (1.9e-12, 2e-12, 2.1e-12)]
+    found = [
+        correlation(np.array([0.0, 1.0]), np.array([0.0, step]))
+        for step in (1.9e-12, 2e-12, 2.1e-12)
+    ]
     np.testing.assert_allclose(found, [math.nan, math.nan, 1.0])

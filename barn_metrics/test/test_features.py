@@ -23,30 +23,49 @@ from barn_worlds.worlds.world import World
 
 RESOLUTION = 0.15
 
-steps = st.sampled_from([(0, 1), (1, 1), (-1, 1), (1, 0), (-1, 0), (0, -1), (1, -1), (-1, -1)])
-paths = st.lists(steps, min_size=1, max_size=40).map(lambda moves: np.cumsum([(0, 0), *moves], axis=0))
+steps = st.sampled_from(
+    [(0, 1), (1, 1), (-1, 1), (1, 0), (-1, 0), (0, -1), (1, -1), (-1, -1)]
+)
+paths = st.lists(steps, min_size=1, max_size=40).map(
+    lambda moves: np.cumsum([(0, 0), *moves], axis=0)
+)
 
 
 def reference_gap(grid):
     """The least of all largest gaps on ways from edge to edge that step from obstacle to obstacle, in cells."""
     cells, rows = np.argwhere(grid), len(grid)
-    gaps = np.full((len(cells) + 2, len(cells) + 2), float(rows))  # the upper edge, the lower one, and every obstacle
+    gaps = np.full(
+        (len(cells) + 2, len(cells) + 2), float(rows)
+    )  # the upper edge, the lower one, and every obstacle
     gaps[2:, 2:] = cdist(cells, cells) - 1.0
     gaps[0, 2:] = gaps[2:, 0] = cells[:, 0]
     gaps[1, 2:] = gaps[2:, 1] = rows - 1 - cells[:, 0]
     for k in range(len(gaps)):
-        gaps = np.minimum(gaps, np.maximum(gaps[:, k, None], gaps[k]))  # by way of this one
+        gaps = np.minimum(
+            gaps, np.maximum(gaps[:, k, None], gaps[k])
+        )  # by way of this one
     return max(0.0, gaps[0, 1])
 
 
-@given(grid=arrays(bool, array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=7), elements=st.booleans()))
+@given(
+    grid=arrays(
+        bool,
+        array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=7),
+        elements=st.booleans(),
+    )
+)
 @settings(max_examples=150, deadline=None)
 def test_widest_gap_equals_the_reference(grid):
-    assert widest_gap_m(grid, RESOLUTION) == pytest.approx(reference_gap(grid) * RESOLUTION)
+    assert widest_gap_m(grid, RESOLUTION) == pytest.approx(
+        reference_gap(grid) * RESOLUTION
+    )
 
 
 def test_the_original_worlds_let_a_robot_of_five_cells_through(originals):
-    assert min(widest_gap_m(world.grid, RESOLUTION) for world in originals) >= 5 * RESOLUTION - 1e-9
+    assert (
+        min(widest_gap_m(world.grid, RESOLUTION) for world in originals)
+        >= 5 * RESOLUTION - 1e-9
+    )
 
 
 @given(path=paths, window=st.floats(0.0, 2.0))
@@ -74,7 +93,9 @@ def test_features_of_a_corridor_with_a_door():
     grid[[0, -1]] = True
     grid[1:3, 10] = grid[8:10, 10] = True
     path = np.array([[5, 0], *([5, column] for column in range(20))])
-    features = world_features(World("door", grid, path, footprint_cells=3), narrow_clearance_m=0.5)
+    features = world_features(
+        World("door", grid, path, footprint_cells=3), narrow_clearance_m=0.5
+    )
     assert features["path_length_m"] == pytest.approx(19 * RESOLUTION)
     assert features["tortuosity"] == 1
     assert features["lateral_shift_m"] == 0
@@ -85,7 +106,9 @@ def test_features_of_a_corridor_with_a_door():
     assert features["narrow_share"] == pytest.approx(5 / 20)
     assert features["longest_narrow_m"] == pytest.approx(4 * RESOLUTION)
     assert features["widest_gap_m"] == pytest.approx(5 * RESOLUTION)
-    assert features["turning_total_rad"] == features["turns"] == features["reversals"] == 0
+    assert (
+        features["turning_total_rad"] == features["turns"] == features["reversals"] == 0
+    )
     assert features["filled_share"] == pytest.approx((2 * 20 + 4) / (11 * 20))
 
 
@@ -96,11 +119,15 @@ def test_turning_of_a_zigzag():
     assert features["turning_total_rad"] == pytest.approx(math.pi)
     assert features["reversals"] == 2  # left, right, right, left
     assert features["turning_sharpest_rad"] == pytest.approx(math.pi / 2)
-    assert features["turning_rad_per_m"] == pytest.approx(math.pi / ((3 + 2 * math.sqrt(2)) * RESOLUTION))
+    assert features["turning_rad_per_m"] == pytest.approx(
+        math.pi / ((3 + 2 * math.sqrt(2)) * RESOLUTION)
+    )
 
 
 def test_a_path_of_one_cell_has_finite_features():
-    values = world_features(World("still", np.zeros((5, 5), bool), np.array([[2, 2], [2, 2]])))
+    values = world_features(
+        World("still", np.zeros((5, 5), bool), np.array([[2, 2], [2, 2]]))
+    )
     assert len(values) == 22
     assert np.isfinite(list(values.values())).all()
 
@@ -110,10 +137,14 @@ def test_repeats_in_place_are_dropped_and_returns_are_kept():
     assert without_repeats(path).tolist() == [[0, 0], [0, 1], [0, 0]]
 
 
-def test_features_of_originals_are_finite_and_do_not_depend_on_left_and_right(originals):
+def test_features_of_originals_are_finite_and_do_not_depend_on_left_and_right(
+    originals,
+):
     for original in originals[::7]:
         world = World("as it is", original.grid, original.path)
-        path = np.column_stack([len(original.grid) - 1 - original.path[:, 0], original.path[:, 1]])
+        path = np.column_stack(
+            [len(original.grid) - 1 - original.path[:, 0], original.path[:, 1]]
+        )
         mirrored = world_features(World("mirrored", original.grid[::-1].copy(), path))
         assert np.isfinite(list(mirrored.values())).all()
         assert world_features(world) == pytest.approx(mirrored, rel=1e-7, abs=1e-12)

@@ -46,7 +46,11 @@ def _grid_with(shape, cells):
     return grid
 
 
-grids = arrays(bool, array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=14), elements=st.booleans())
+grids = arrays(
+    bool,
+    array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=14),
+    elements=st.booleans(),
+)
 sparse_grids = st.builds(
     _grid_with,
     st.tuples(st.integers(1, 25), st.integers(1, 25)),
@@ -64,7 +68,11 @@ def _look(cspace, cell):
 def _ray(cspace, cell, direction):
     """Return the number of free cells from the cell itself on, and what ends the ray."""
     count = 0
-    while (end := _look(cspace, (cell[0] + count * direction[0], cell[1] + count * direction[1]))) == "free":
+    while (
+        end := _look(
+            cspace, (cell[0] + count * direction[0], cell[1] + count * direction[1])
+        )
+    ) == "free":
         count += 1
     return count, end
 
@@ -84,11 +92,20 @@ def reference_visibility(cspace, cell, corrected):
 
 def reference_dispersion(cspace, cell, variant):
     signs = []
-    by_angle = sorted(CIRCLE, key=lambda direction: math.atan2(*direction) % (2 * math.pi))
+    by_angle = sorted(
+        CIRCLE, key=lambda direction: math.atan2(*direction) % (2 * math.pi)
+    )
     for direction in by_angle if variant == "ordered" else CIRCLE:
-        long_one = variant == "published" and max(direction) < 2 and abs(direction[0]) + abs(direction[1]) == 3
+        long_one = (
+            variant == "published"
+            and max(direction) < 2
+            and abs(direction[0]) + abs(direction[1]) == 3
+        )
         points = 3 if abs(direction[0]) + abs(direction[1]) != 3 or long_one else 2
-        seen = [_look(cspace, (cell[0] + k * direction[0], cell[1] + k * direction[1])) for k in range(1, points + 1)]
+        seen = [
+            _look(cspace, (cell[0] + k * direction[0], cell[1] + k * direction[1]))
+            for k in range(1, points + 1)
+        ]
         signs.append("occupied" in seen)
     return sum(signs[k] != signs[k - 1] for k in range(16))
 
@@ -102,7 +119,13 @@ def reference_characteristic(cspace, cell, axes):
         total = 0
         for sign in (1, -1):
             count = 1
-            while _look(cspace, tuple(int(v) for v in np.rint(cell + sign * count * direction))) == "free":
+            while (
+                _look(
+                    cspace,
+                    tuple(int(v) for v in np.rint(cell + sign * count * direction)),
+                )
+                == "free"
+            ):
                 count += 1
             total += count - 1
         lengths.append(total * np.hypot(*direction))
@@ -126,20 +149,36 @@ def reference(cspace, cell, formula):
 @settings(max_examples=30, deadline=None)
 def test_every_free_cell_equals_the_plain_reference(formula, cspace):
     free = np.argwhere(~cspace)
-    expected = np.array([reference(cspace, tuple(cell), formula) for cell in free]).reshape(-1, 4)
-    np.testing.assert_allclose(cell_metrics(cspace, free, formula), expected, rtol=0, atol=1e-9)
+    expected = np.array(
+        [reference(cspace, tuple(cell), formula) for cell in free]
+    ).reshape(-1, 4)
+    np.testing.assert_allclose(
+        cell_metrics(cspace, free, formula), expected, rtol=0, atol=1e-9
+    )
 
 
-@pytest.mark.parametrize(("formula", "within"), [("published", 1e-9), ("corrected", 1e-6)])
+@pytest.mark.parametrize(
+    ("formula", "within"), [("published", 1e-9), ("corrected", 1e-6)]
+)
 def test_a_formula_gives_the_values_that_it_is_named_after(originals, formula, within):
-    ours = [path_metrics(world.cspace, world.path, formula).as_array() for world in originals]
-    np.testing.assert_allclose(ours, [getattr(world, formula) for world in originals], rtol=0, atol=within)
+    ours = [
+        path_metrics(world.cspace, world.path, formula).as_array()
+        for world in originals
+    ]
+    np.testing.assert_allclose(
+        ours, [getattr(world, formula) for world in originals], rtol=0, atol=within
+    )
     assert len(ours) == 50
 
 
-def test_published_largest_characteristic_dimension_is_not_that_of_the_published_paths(originals):
+def test_published_largest_characteristic_dimension_is_not_that_of_the_published_paths(
+    originals,
+):
     """What docs/metrics.md says of Table II: the paper's maximum over cells is 20.00."""
-    largest = max(cell_metrics(world.cspace, world.path, "published")[:, 3].max() for world in originals)
+    largest = max(
+        cell_metrics(world.cspace, world.path, "published")[:, 3].max()
+        for world in originals
+    )
     assert largest == 22 > TABLE_II["characteristic_dimension"]["maximum"]
 
 
@@ -162,7 +201,9 @@ def test_repeated_cells_count_as_often_as_they_occur():
     twice = np.array([[1, 0], [1, 0], [2, 1], [3, 2]])
     assert path_metrics(grid, once).closest_obstacle == 2
     assert path_metrics(grid, twice).closest_obstacle == 1.75
-    assert path_metrics(grid, once).tortuosity == path_metrics(grid, twice).tortuosity == 1
+    assert (
+        path_metrics(grid, once).tortuosity == path_metrics(grid, twice).tortuosity == 1
+    )
 
 
 def test_tortuosity_of_paths_without_a_chord():
@@ -190,7 +231,10 @@ def test_a_robot_that_does_not_fit_is_named_with_its_world():
     grid = np.zeros((7, 7), bool)
     grid[0] = grid[6] = True
     path = np.array([[2, column] for column in range(7)])
-    assert world_metrics(World("fits", grid, path, footprint_cells=3)).closest_obstacle == 1
+    assert (
+        world_metrics(World("fits", grid, path, footprint_cells=3)).closest_obstacle
+        == 1
+    )
     with pytest.raises(WorldError, match=r"^tight: .*\[2, 0\] \(footprint 5 cells\)$"):
         world_metrics(World("tight", grid, path, footprint_cells=5))
 

@@ -39,29 +39,47 @@ def test_rows_and_extremes_are_those_of_the_worlds(formula):
 
 def test_a_data_set_is_labelled_by_its_numbers():
     worlds = _worlds()
-    dataset = Dataset("mine", {10 * k: (lambda world=world: world) for k, world in enumerate(worlds)})
+    dataset = Dataset(
+        "mine", {10 * k: (lambda world=world: world) for k, world in enumerate(worlds)}
+    )
     table = metrics_table(dataset)
     assert table.worlds == ("0", "10", "20", "30")
     for metric, values in zip(METRICS, table.values.T, strict=True):
         summary = table.summary_of(metric)
         found = [summary[name] for name in ("minimum", "maximum", "mean", "std")]
-        assert found == [min(values), max(values), pytest.approx(sum(values) / 4), pytest.approx(pstdev(values))]
+        assert found == [
+            min(values),
+            max(values),
+            pytest.approx(sum(values) / 4),
+            pytest.approx(pstdev(values)),
+        ]
 
 
 def test_json_holds_worlds_summary_and_formula():
     table = metrics_table(_worlds(), "published")
     document = table.as_json()
     assert document["schema_version"] == 1
-    assert document["formula"] == {"visibility": "published", "dispersion": "published", "axes": 4}
+    assert document["formula"] == {
+        "visibility": "published",
+        "dispersion": "published",
+        "axes": 4,
+    }
     assert [entry["world"] for entry in document["worlds"]] == list(table.worlds)
     assert document["worlds"][2]["tortuosity"] == 1.0
     closest = document["summary"]["closest_obstacle"]
-    assert closest["cell_minimum"] <= closest["minimum"] <= closest["mean"] <= closest["maximum"]
+    assert (
+        closest["cell_minimum"]
+        <= closest["minimum"]
+        <= closest["mean"]
+        <= closest["maximum"]
+    )
     assert "cell_minimum" not in document["summary"]["tortuosity"]
 
 
 def test_json_of_a_world_without_obstacles_is_still_json():
-    free = World("free", np.zeros((6, 6), bool), np.array([[2, column] for column in range(6)]))
+    free = World(
+        "free", np.zeros((6, 6), bool), np.array([[2, column] for column in range(6)])
+    )
     document = metrics_table([free], "published").as_json()
     assert document["worlds"][0]["closest_obstacle"] is None
     assert document["worlds"][0]["average_visibility"] is None
@@ -72,7 +90,9 @@ def test_summary_cells_are_the_summary_to_two_decimals():
     table = metrics_table(_worlds())
     headings, lines = table.summary_cells()
     assert all(len(line) == len(headings) for line in lines)
-    assert [float(line[-2]) for line in lines] == pytest.approx(table.values.mean(axis=0), abs=0.005)
+    assert [float(line[-2]) for line in lines] == pytest.approx(
+        table.values.mean(axis=0), abs=0.005
+    )
     assert lines[4][1:3] == ["-", "-"]
 
 

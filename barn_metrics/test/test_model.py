@@ -31,9 +31,16 @@ def made_trials(worlds, repetitions=4, noise=0.1):
     """Return trials whose time follows the share of narrow places, with noise, the second planner 1 s/m slower."""
     generator = np.random.default_rng(3)
     narrow = inputs_of(worlds.values())[:, input_names().index("narrow_share")]
-    easy = {index: 8.0 + 3.0 * share for index, share in zip(worlds, narrow, strict=True)}
+    easy = {
+        index: 8.0 + 3.0 * share for index, share in zip(worlds, narrow, strict=True)
+    }
     rows = [
-        (index, planner, easy[index] + slower + noise * generator.standard_normal(), generator.random() < 0.9)
+        (
+            index,
+            planner,
+            easy[index] + slower + noise * generator.standard_normal(),
+            generator.random() < 0.9,
+        )
         for index in worlds
         for planner, slower in (("quick", 0.0), ("slow", 1.0))
         for _ in range(repetitions)
@@ -91,7 +98,9 @@ def test_routes_know_how_wide_the_gap_is():
         route = cheapest_route(where, np.ones_like(where.clearance_m))
         widths.append(route.width_m.min())
         # From the squares of the wall; the original conversion sets start and goal a cell beside the gap's middle.
-        assert route.clearance_m.min() == pytest.approx((gap * 0.15 + 0.05) / 2.0 - 0.15, abs=0.08)
+        assert route.clearance_m.min() == pytest.approx(
+            (gap * 0.15 + 0.05) / 2.0 - 0.15, abs=0.08
+        )
         assert route.length_m == pytest.approx(9.73 - 4.075, abs=0.15)
         assert np.abs(route.heading_rad).max() < 0.3
         # The widest place within reach of the gap's middle lies beside the wall, so this is an upper limit.
@@ -130,8 +139,12 @@ def test_ceiling_is_the_known_reliability_of_simulated_trials():
     worlds, repetitions, noise = 500, 6, 0.8
     truth = 4.0 + 0.6 * generator.standard_normal(worlds)
     numbers = np.repeat(np.arange(worlds), repetitions)
-    times = np.maximum(truth[numbers] + noise * generator.standard_normal(len(numbers)), 0.01)
-    trials = Trials(numbers, ("a",) * len(numbers), times, np.ones(len(numbers), np.bool_))
+    times = np.maximum(
+        truth[numbers] + noise * generator.standard_normal(len(numbers)), 0.01
+    )
+    trials = Trials(
+        numbers, ("a",) * len(numbers), times, np.ones(len(numbers), np.bool_)
+    )
     expected = 0.36 / (0.36 + noise**2 / repetitions)
     found = noise_ceiling(trials)
     assert found.low < expected < found.high
@@ -148,7 +161,10 @@ def made_network(outputs=2, seed=4):
     drawn = np.random.default_rng(seed).standard_normal
     sizes = [len(STRIPS) * CHANNELS, 6, 5, 4]
     filters = tuple((drawn((3, a, b)) / a**0.5, drawn(b)) for a, b in pairwise(sizes))
-    layers = ((drawn((8 + SUMMED_UP, 7)), drawn(7)), (drawn((7, outputs)), drawn(outputs)))
+    layers = (
+        (drawn((8 + SUMMED_UP, 7)), drawn(7)),
+        (drawn((7, outputs)), drawn(outputs)),
+    )
     return RouteNetwork(np.zeros(SUMMED_UP), np.ones(SUMMED_UP), filters, layers)
 
 
@@ -164,7 +180,9 @@ def test_a_strip_shows_the_clearance_along_and_beside_the_route():
     assert strip[:count, PRESENT].all() and not strip[count:].any()
     row, column = where.at(np.round(route.points).astype(int)).T
     on_it = 0.4 * (strip[:count, MIDDLE] + 1.0)
-    assert on_it == pytest.approx(np.minimum(where.clearance_m[row, column], 0.8), abs=0.06)
+    assert on_it == pytest.approx(
+        np.minimum(where.clearance_m[row, column], 0.8), abs=0.06
+    )
     # In the gap there is less room to both sides than on the route.
     gap = int(strip[:count, MIDDLE].argmin())
     assert strip[gap, 0] < strip[gap, MIDDLE] > strip[gap, HEADING - 1]
@@ -174,7 +192,9 @@ def test_mirrored_strips_are_those_of_the_mirrored_world(worlds):
     where = clearance_map(worlds[150])
     route = cheapest_route(where, 1.0 / np.clip(where.clearance_m, 0.05, 1.0))
     turned = replace(where, clearance_m=where.clearance_m[::-1])
-    other = replace(route, points=[len(where.clearance_m) - 1, 0] + route.points * [-1, 1])
+    other = replace(
+        route, points=[len(where.clearance_m) - 1, 0] + route.points * [-1, 1]
+    )
     strip = route_strip(where, route)
     assert np.abs(strip[:, TURN]).max() > 0.1
     assert mirrored(strip) == pytest.approx(route_strip(turned, other), abs=1e-9)
@@ -183,7 +203,10 @@ def test_mirrored_strips_are_those_of_the_mirrored_world(worlds):
 
 def test_convolution_is_that_of_plain_loops():
     generator = np.random.default_rng(0)
-    values, weights = generator.standard_normal((2, 11, 3)), generator.standard_normal((5, 3, 4))
+    values, weights = (
+        generator.standard_normal((2, 11, 3)),
+        generator.standard_normal((5, 3, 4)),
+    )
     for dilation in (1, 2):
         expected = np.zeros((2, 11, 4))
         for n, at, shift in np.ndindex(2, 11, 5):
@@ -196,9 +219,13 @@ def test_convolution_is_that_of_plain_loops():
 def test_the_output_for_a_world_depends_on_that_world_alone_and_not_on_its_side(worlds):
     network, inputs = made_network(), inputs_of(list(worlds.values())[::2])
     together = network(inputs)
-    assert np.concatenate([network(row[None]) for row in inputs]) == pytest.approx(together, rel=1e-9)
+    assert np.concatenate([network(row[None]) for row in inputs]) == pytest.approx(
+        together, rel=1e-9
+    )
     turned = inputs.copy()
-    turned[:, SUMMED_UP:] = mirrored(inputs[:, SUMMED_UP:].reshape(-1, CHANNELS)).reshape(len(inputs), -1)
+    turned[:, SUMMED_UP:] = mirrored(
+        inputs[:, SUMMED_UP:].reshape(-1, CHANNELS)
+    ).reshape(len(inputs), -1)
     assert network(turned) == pytest.approx(together, rel=1e-9)
     assert network(inputs[:0]).shape == (0, 2)
     nothing = np.zeros_like(inputs[:1])

@@ -7,19 +7,32 @@ import pytest
 from test_model import made_trials
 
 from barn_metrics.model import ModelError, load_model, save_model
-from barn_metrics.model.evaluation import WEIGHTS, EvaluationConfig, evaluate, noise_ceiling
+from barn_metrics.model.evaluation import (
+    WEIGHTS,
+    EvaluationConfig,
+    evaluate,
+    noise_ceiling,
+)
 from barn_metrics.model.inputs import inputs_of
 from barn_metrics.model.trials import joined
 from barn_worlds.worlds.dataset import open_dataset
 
 torch = pytest.importorskip("torch", reason="networks are trained with PyTorch")
 
-from barn_metrics.model.training import NetworkConfig, NetworkTraining, train, train_network  # noqa: E402
+from barn_metrics.model.training import (  # noqa: E402
+    NetworkConfig,
+    NetworkTraining,
+    train,
+    train_network,
+)
 
 
 @pytest.fixture(scope="module")
 def tool():
-    return pytest.importorskip("judge_difficulty", reason="the repository's qa folder is not beside this package")
+    return pytest.importorskip(
+        "judge_difficulty",
+        reason="the repository's qa folder is not beside this package",
+    )
 
 
 def test_training_repeats_and_numpy_evaluates_it_as_torch_does(worlds):
@@ -38,7 +51,9 @@ def test_training_repeats_and_numpy_evaluates_it_as_torch_does(worlds):
     assert training.network()(inputs) == pytest.approx(theirs, rel=1e-4, abs=1e-4)
 
 
-def test_a_trained_model_is_stored_trained_again_alike_and_checked_on_trials(worlds, tmp_path):
+def test_a_trained_model_is_stored_trained_again_alike_and_checked_on_trials(
+    worlds, tmp_path
+):
     worlds = {number: worlds[number] for number in list(worlds)[::3]}
     trials = made_trials(worlds)
     model = train(worlds, trials)
@@ -48,62 +63,113 @@ def test_a_trained_model_is_stored_trained_again_alike_and_checked_on_trials(wor
     save_model(train(worlds, trials), tmp_path / "again.npz")
     assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "w.npz").read_bytes()
     found = evaluate(worlds, trials, read, EvaluationConfig(folds=2, repeats=1))
-    assert (found.worlds, found.trials, model.about["training_worlds"]) == (len(worlds), len(trials), len(worlds))
-    assert found.score(WEIGHTS).mse.estimate == pytest.approx(model.about["training_mse"])
+    assert (found.worlds, found.trials, model.about["training_worlds"]) == (
+        len(worlds),
+        len(trials),
+        len(worlds),
+    )
+    assert found.score(WEIGHTS).mse.estimate == pytest.approx(
+        model.about["training_mse"]
+    )
     assert found.score(WEIGHTS).predictions == pytest.approx(
         [model.predict(one).difficulty_s_per_m for one in worlds.values()]
     )
-    assert all(model.predict(world).std_s_per_m > 0.0 for world in list(worlds.values())[:3])
+    assert all(
+        model.predict(world).std_s_per_m > 0.0 for world in list(worlds.values())[:3]
+    )
 
 
 def test_both_kinds_are_judged_on_the_same_folds(worlds, tool):
     trials = made_trials(worlds)
     five, routes = tool.judged(worlds, trials, EvaluationConfig(folds=3, repeats=1))
     assert min(five.r2.estimate, routes.r2.estimate) > 0.5
-    assert routes.gain.estimate == pytest.approx(five.mse.estimate - routes.mse.estimate) and five.gain is None
-    assert (five.name, routes.name, len(routes.predictions)) == ("ridge", "routes", len(worlds))
+    assert (
+        routes.gain.estimate == pytest.approx(five.mse.estimate - routes.mse.estimate)
+        and five.gain is None
+    )
+    assert (five.name, routes.name, len(routes.predictions)) == (
+        "ridge",
+        "routes",
+        len(worlds),
+    )
     assert noise_ceiling(trials).estimate > 0.5
 
 
 def test_nothing_is_trained_on_the_worlds_held_out_by_whatever_name(worlds, tool):
     held_out = open_dataset("barn_test")
-    renamed = {number: replace(held_out.load(number), name=f"mine_{number}") for number in held_out.indices[:20]}
-    with pytest.raises(ModelError, match="mine_0 is a world of barn_test, which judges models and is never trained on"):
+    renamed = {
+        number: replace(held_out.load(number), name=f"mine_{number}")
+        for number in held_out.indices[:20]
+    }
+    with pytest.raises(
+        ModelError,
+        match="mine_0 is a world of barn_test, which judges models and is never trained on",
+    ):
         train(renamed, made_trials(renamed))
     mixed = worlds | {1000: held_out.load(7)}
     with pytest.raises(ModelError, match="is a world of barn_test"):
         train(mixed, made_trials(mixed))
-    with pytest.raises(ModelError, match="is a world of barn_test, which is never trained on; it judges weights"):
+    with pytest.raises(
+        ModelError,
+        match="is a world of barn_test, which is never trained on; it judges weights",
+    ):
         tool.judged(renamed, made_trials(renamed), EvaluationConfig(folds=2, repeats=1))
     (judged,) = evaluate(renamed, made_trials(renamed), load_model()).scores
-    assert (judged.name, judged.gain, judged.training_mse) == (WEIGHTS, None, load_model().about["training_mse"])
+    assert (judged.name, judged.gain, judged.training_mse) == (
+        WEIGHTS,
+        None,
+        load_model().about["training_mse"],
+    )
 
 
 def test_campaigns_are_joined_by_world_whatever_their_numbers(worlds):
     trials = made_trials(worlds, repetitions=1)
-    one, other = ({index: worlds[index] for index in list(worlds)[first::2]} for first in (0, 1))
+    one, other = (
+        {index: worlds[index] for index in list(worlds)[first::2]} for first in (0, 1)
+    )
     some, rest = trials.only(one), trials.only(other)
     renumbered = dict(enumerate(other.values()))
     numbers = dict(zip(other, renumbered, strict=True))
-    moved = replace(rest, worlds=np.array([numbers[int(index)] for index in rest.worlds]))
+    moved = replace(
+        rest, worlds=np.array([numbers[int(index)] for index in rest.worlds])
+    )
     found_worlds, found = joined([(one, some), (renumbered, moved), (one, some)])
     assert len(found_worlds) == len(worlds) and len(found) == len(trials) + len(some)
     expected = {
-        worlds[index].checksum: value for index, value in zip(trials.world_numbers, trials.difficulty(), strict=True)
+        worlds[index].checksum: value
+        for index, value in zip(trials.world_numbers, trials.difficulty(), strict=True)
     }
-    assert [expected[found_worlds[number].checksum] for number in found.world_numbers] == pytest.approx(
-        found.difficulty()
-    )
-    with pytest.raises(ModelError, match="there are trials of world 1, but not the world itself"):
+    assert [
+        expected[found_worlds[number].checksum] for number in found.world_numbers
+    ] == pytest.approx(found.difficulty())
+    with pytest.raises(
+        ModelError, match="there are trials of world 1, but not the world itself"
+    ):
         joined([({0: renumbered[0]}, moved)])
-    with pytest.raises(ModelError, match="there are trials of world 9999, but not the world itself"):
-        joined([(renumbered, replace(moved, worlds=np.where(np.arange(len(moved)) == 0, 9_999, moved.worlds)))])
+    with pytest.raises(
+        ModelError, match="there are trials of world 9999, but not the world itself"
+    ):
+        joined(
+            [
+                (
+                    renumbered,
+                    replace(
+                        moved,
+                        worlds=np.where(
+                            np.arange(len(moved)) == 0, 9_999, moved.worlds
+                        ),
+                    ),
+                )
+            ]
+        )
 
 
 def test_training_needs_worlds(worlds):
     trials = made_trials(worlds)
     few = trials.only(trials.world_numbers[:9])
-    with pytest.raises(ModelError, match="at least 10 worlds with trials of every planner, got 9"):
+    with pytest.raises(
+        ModelError, match="at least 10 worlds with trials of every planner, got 9"
+    ):
         train(worlds, few)
     with pytest.raises(ModelError, match="trials of world 0, but not the world itself"):
         train({6: worlds[6]}, trials)

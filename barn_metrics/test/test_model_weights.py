@@ -16,7 +16,9 @@ from barn_worlds.formats.npz import parse_npy, to_npy
 
 SUMMED_UP = len(summary_names())
 EVEN = "must span an odd number of samples"
-SMALL_MODEL = DifficultyModel(("dwa",), (made_network(), made_network(seed=5)), 0.2, {"seed": 1})
+SMALL_MODEL = DifficultyModel(
+    ("dwa",), (made_network(), made_network(seed=5)), 0.2, {"seed": 1}
+)
 
 
 @pytest.fixture
@@ -31,7 +33,11 @@ def rewrite(path, header=None, arrays=None, *, signed=True):
     found = members(path)
     about = json.loads(found["header.json"]) | (header or {})
     found |= {f"{name}.npy": to_npy(array) for name, array in (arrays or {}).items()}
-    parsed = {name[:-4]: parse_npy(data, name) for name, data in found.items() if name.endswith(".npy")}
+    parsed = {
+        name[:-4]: parse_npy(data, name)
+        for name, data in found.items()
+        if name.endswith(".npy")
+    }
     if signed:
         about["sha256"] = _checksum(parsed)
     found["header.json"] = json.dumps(about).encode()
@@ -62,37 +68,82 @@ def test_a_model_is_read_as_it_was_written(file, tmp_path):
         ({"schema": 2}, "schema version must be 1, got 2"),
         ({"inputs": "five"}, "inputs must be one of strips, got 'five'"),
         ({"recipe": "paper"}, "recipe must be one of routes, got 'paper'"),
-        ({"input_names": ["a", "b"]}, "input_names must be those of this version; train again"),
-        ({"planners": ["a", "b"]}, "m0_weights1 must be 7 x 4 of f8, got float64 of shape (7, 2)"),
+        (
+            {"input_names": ["a", "b"]},
+            "input_names must be those of this version; train again",
+        ),
+        (
+            {"planners": ["a", "b"]},
+            "m0_weights1 must be 7 x 4 of f8, got float64 of shape (7, 2)",
+        ),
         ({"planners": []}, "planners must be from 1 to 16"),
         ({"planners": [7]}, "planners[0] must be"),
         ({"planners": "dwa"}, "m0_weights1 must be 7 x 6 of f8"),
         ({"members": []}, "members must be from 1 to 64"),
-        ({"members": [{"kind": "sequence", "weight": 1.0, "layers": 1}] * 65}, "members must be from 1 to 64"),
-        ({"members": [{"kind": "shell", "weight": 1.0, "layers": 1}]}, "kind must be one of sequence, got 'shell'"),
-        ({"members": [{"kind": "sequence", "weight": 1.0, "layers": 9000}]}, "layers must be from 1 to 8, got 9000"),
+        (
+            {"members": [{"kind": "sequence", "weight": 1.0, "layers": 1}] * 65},
+            "members must be from 1 to 64",
+        ),
+        (
+            {"members": [{"kind": "shell", "weight": 1.0, "layers": 1}]},
+            "kind must be one of sequence, got 'shell'",
+        ),
+        (
+            {"members": [{"kind": "sequence", "weight": 1.0, "layers": 9000}]},
+            "layers must be from 1 to 8, got 9000",
+        ),
         (
             {"members": [{"kind": "sequence", "weight": 0.5, "layers": 2}]},
             "members must weigh the same and add up to 1",
         ),
-        ({"members": [{"kind": "sequence", "weight": 1.0, "layers": 3}]}, "has no array m0_weights2"),
+        (
+            {"members": [{"kind": "sequence", "weight": 1.0, "layers": 3}]},
+            "has no array m0_weights2",
+        ),
         ({"relative_std": -1.0}, "relative_std must be from 0 to 1e+06, got -1.0"),
-        ({"relative_std": float("nan")}, "header.json: not JSON: numbers must be finite, got NaN"),
+        (
+            {"relative_std": float("nan")},
+            "header.json: not JSON: numbers must be finite, got NaN",
+        ),
         ({"about": None}, "about"),
         ({"sizes": [5, 3]}, "unknown key 'sizes'"),
-        ({"m0_mean": np.zeros(4)}, f"m0_mean must be {SUMMED_UP} of f8, got float64 of shape (4,)"),
-        ({"m0_mean": np.zeros(SUMMED_UP, np.float32)}, f"m0_mean must be {SUMMED_UP} of f8, got float32"),
+        (
+            {"m0_mean": np.zeros(4)},
+            f"m0_mean must be {SUMMED_UP} of f8, got float64 of shape (4,)",
+        ),
+        (
+            {"m0_mean": np.zeros(SUMMED_UP, np.float32)},
+            f"m0_mean must be {SUMMED_UP} of f8, got float32",
+        ),
         ({"m0_std": np.zeros(SUMMED_UP)}, "m0_std must be above 0"),
-        ({"m0_bias1": np.array([np.nan, 0.0])}, "m0_bias1 holds values that are not finite"),
-        ({"m1_weights0": np.zeros((5, 1))}, f"m1_weights0 must be {8 + SUMMED_UP} x any of f8"),
-        ({"m0_filters0": np.zeros((4, len(STRIPS) * CHANNELS, 6))}, f"m0_filters0 {EVEN}"),
-        ({"m0_filters0": np.zeros((3, 7, 6))}, f"m0_filters0 must be any x {len(STRIPS) * CHANNELS} x any of f8"),
+        (
+            {"m0_bias1": np.array([np.nan, 0.0])},
+            "m0_bias1 holds values that are not finite",
+        ),
+        (
+            {"m1_weights0": np.zeros((5, 1))},
+            f"m1_weights0 must be {8 + SUMMED_UP} x any of f8",
+        ),
+        (
+            {"m0_filters0": np.zeros((4, len(STRIPS) * CHANNELS, 6))},
+            f"m0_filters0 {EVEN}",
+        ),
+        (
+            {"m0_filters0": np.zeros((3, 7, 6))},
+            f"m0_filters0 must be any x {len(STRIPS) * CHANNELS} x any of f8",
+        ),
         ({"m0_filters1": np.zeros((0, 6, 5))}, f"m0_filters1 {EVEN}"),
     ],
 )
 def test_a_wrong_header_or_array_is_refused(file, change, message):
-    arrays = {name: value for name, value in change.items() if isinstance(value, np.ndarray)}
-    rewrite(file, {name: value for name, value in change.items() if name not in arrays}, arrays)
+    arrays = {
+        name: value for name, value in change.items() if isinstance(value, np.ndarray)
+    }
+    rewrite(
+        file,
+        {name: value for name, value in change.items() if name not in arrays},
+        arrays,
+    )
     assert message in refused(file)
 
 
@@ -120,11 +171,16 @@ def test_other_files_are_refused(tmp_path):
 def test_shipped_weights_order_worlds(worlds):
     model = load_model()
     easy, hard = list(worlds.values())[:10], list(worlds.values())[-10:]
-    lower, higher = (np.mean([one.difficulty_s_per_m for one in map(model.predict, some)]) for some in (easy, hard))
+    lower, higher = (
+        np.mean([one.difficulty_s_per_m for one in map(model.predict, some)])
+        for some in (easy, hard)
+    )
     assert lower + 0.5 < higher
     one = model.predict(easy[0])
     assert set(one.per_planner_s_per_m) == {"dwa", "eband"}
-    assert one.difficulty_s_per_m == pytest.approx(np.mean(list(one.per_planner_s_per_m.values())))
+    assert one.difficulty_s_per_m == pytest.approx(
+        np.mean(list(one.per_planner_s_per_m.values()))
+    )
     assert 0.0 <= one.failure_probability <= 1.0 and one.std_s_per_m > 0.0
 
 

@@ -32,17 +32,27 @@ class PlannerEntry:
     """A planner that can be made by name."""
 
     build: Callable[[Any], Planner]
-    presets: Mapping[str, Checked]  # the recommended one first; only "default" if no protocol needs settings
+    presets: Mapping[
+        str, Checked
+    ]  # the recommended one first; only "default" if no protocol needs settings
     summary: str = ""
-    fit: Callable[[Any, Robot], dict[str, Any]] | None = None  # what a robot changes, by dotted name, or ConfigError
-    speed_cap: Callable[[Any], float] | None = None  # m/s, either way; None: the highest `max_speed_mps`
-    compute: Compute | None = None  # how long a cycle takes on the reference computer; None: without delay
+    fit: Callable[[Any, Robot], dict[str, Any]] | None = (
+        None  # what a robot changes, by dotted name, or ConfigError
+    )
+    speed_cap: Callable[[Any], float] | None = (
+        None  # m/s, either way; None: the highest `max_speed_mps`
+    )
+    compute: Compute | None = (
+        None  # how long a cycle takes on the reference computer; None: without delay
+    )
     config_class: type[Checked] = field(init=False)
 
     def __post_init__(self) -> None:
         if not self.presets:
             raise ConfigError("a planner needs at least one preset")
-        object.__setattr__(self, "config_class", type(next(iter(self.presets.values()))))
+        object.__setattr__(
+            self, "config_class", type(next(iter(self.presets.values())))
+        )
 
 
 _registered: dict[str, PlannerEntry] = {}
@@ -57,7 +67,9 @@ def register(name: str, entry: PlannerEntry) -> None:
 
 def planner_names() -> list[str]:
     """Return the names of all planners, sorted."""
-    return sorted({*_BUILT_IN, *_registered, *(point.name for point in entry_points(group=GROUP))})
+    return sorted(
+        {*_BUILT_IN, *_registered, *(point.name for point in entry_points(group=GROUP))}
+    )
 
 
 def planner_entry(name: str) -> PlannerEntry:
@@ -70,7 +82,9 @@ def planner_entry(name: str) -> PlannerEntry:
     else:
         entry = _announced(name)
     if not isinstance(entry, PlannerEntry):
-        raise ConfigError(f"planner {name!r}: its entry point must be a PlannerEntry, got {entry!r}")
+        raise ConfigError(
+            f"planner {name!r}: its entry point must be a PlannerEntry, got {entry!r}"
+        )
     _registered[name] = entry
     return entry
 
@@ -80,13 +94,17 @@ def presets(name: str) -> dict[str, Checked]:
     return dict(planner_entry(name).presets)
 
 
-def planner_config(name: str, preset: str = "challenge", overrides: Mapping[str, Any] = _NOTHING) -> Any:
+def planner_config(
+    name: str, preset: str = "challenge", overrides: Mapping[str, Any] = _NOTHING
+) -> Any:
     """Return a preset with `overrides` (dotted names); a planner with only the preset "default" uses it for all."""
     known = planner_entry(name).presets
     if list(known) == [ANY_PROTOCOL]:
         preset = ANY_PROTOCOL
     if preset not in known:
-        raise ConfigError(f"planner {name!r}: unknown preset {shown(preset)}{suggest(preset, known)}")
+        raise ConfigError(
+            f"planner {name!r}: unknown preset {shown(preset)}{suggest(preset, known)}"
+        )
     return replace_dotted(known[preset], overrides, f"planner {name!r}")
 
 
@@ -95,11 +113,17 @@ def speed_cap_mps(name: str, config: Checked) -> float:
     declared = planner_entry(name).speed_cap
     if declared is not None:
         return declared(config)
-    caps = (value for key, _, value in fields_of(config) if key.rpartition(".")[2] == "max_speed_mps")
+    caps = (
+        value
+        for key, _, value in fields_of(config)
+        if key.rpartition(".")[2] == "max_speed_mps"
+    )
     return max(caps, default=0.0)
 
 
-def make_planner(name: str, preset: str = "challenge", overrides: Mapping[str, Any] = _NOTHING) -> Planner:
+def make_planner(
+    name: str, preset: str = "challenge", overrides: Mapping[str, Any] = _NOTHING
+) -> Planner:
     """Return a new planner; its `config` is the resolved configuration. ConfigError for names or values unknown."""
     return planner_entry(name).build(planner_config(name, preset, overrides))
 
@@ -110,5 +134,7 @@ def _announced(name: str) -> Any:
             try:
                 return point.load()
             except (ImportError, AttributeError) as error:
-                raise ConfigError(f"planner {name!r}: cannot load {point.value!r}: {error}") from error
+                raise ConfigError(
+                    f"planner {name!r}: cannot load {point.value!r}: {error}"
+                ) from error
     raise ConfigError(f"unknown planner {shown(name)}{suggest(name, planner_names())}")

@@ -21,9 +21,18 @@ from barn_worlds.robots.robot import Robot
 # Sections about the sensor or about obstacles, which do not grow with the robot.
 _KEPT = ("guard.", "tracker.")
 # Weights of distances in metres.
-_OF_METRES = ("critics.goal_weight", "critics.align_weight", "critics.follow_weight", "critics.forward_weight")
+_OF_METRES = (
+    "critics.goal_weight",
+    "critics.align_weight",
+    "critics.follow_weight",
+    "critics.forward_weight",
+)
 _DWA = ("dwa.path_weight", "dwa.goal_weight")
-_LIDAR = {"lidar_x_m": "mount_x_m", "lidar_y_m": "mount_y_m", "lidar_yaw_rad": "mount_yaw_rad"}
+_LIDAR = {
+    "lidar_x_m": "mount_x_m",
+    "lidar_y_m": "mount_y_m",
+    "lidar_yaw_rad": "mount_yaw_rad",
+}
 
 
 def scale_of(robot: Robot) -> float:
@@ -41,12 +50,19 @@ def fitted(config: Checked, robot: Robot) -> dict[str, Any]:
     of_metres = _OF_METRES + (_DWA if in_metres else ())
     for name, about, value in fields_of(config):
         if isinstance(value, float) and not name.startswith(_KEPT):
-            changed = value / scale if name.endswith(of_metres) else _scaled(name, value, scale, robot)
+            changed = (
+                value / scale
+                if name.endswith(of_metres)
+                else _scaled(name, value, scale, robot)
+            )
             if changed != value:
                 found[name] = _allowed(changed, about)
     found |= _dwa(config, robot, scale)
     for name, costmap in _costmaps(config):
-        found |= {f"{name}.{key}": value for key, value in _outline(costmap, robot, scale).items()}
+        found |= {
+            f"{name}.{key}": value
+            for key, value in _outline(costmap, robot, scale).items()
+        }
     return found | _body(config, robot)
 
 
@@ -60,7 +76,9 @@ def lidar_place(config: Checked, lidar: LidarConfig) -> dict[str, float]:
     return found
 
 
-def parameters_for(name: str, preset: str, overrides: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
+def parameters_for(
+    name: str, preset: str, overrides: Mapping[str, Any], robot: Robot
+) -> dict[str, Any]:
     """Return a planner's parameters for a robot by dotted name, `overrides` over those derived, or ConfigError."""
     entry = planner_entry(name)
     if entry.fit is None or not other_name(robot.chassis):
@@ -69,14 +87,20 @@ def parameters_for(name: str, preset: str, overrides: Mapping[str, Any], robot: 
         derived = entry.fit(planner_config(name, preset, overrides), robot)
     except ConfigError as error:
         raise ConfigError(f"planner {name!r}: {error}") from None
-    written = {key: float(f"{value:.6g}") if isinstance(value, float) else value for key, value in derived.items()}
+    written = {
+        key: float(f"{value:.6g}") if isinstance(value, float) else value
+        for key, value in derived.items()
+    }
     return written | dict(overrides)
 
 
 def _scaled(name: str, value: float, scale: float, robot: Robot) -> float:
     """Return what becomes of a parameter, by the unit in its name."""
     drive, last = robot.drive, name.rpartition(".")[2]
-    fastest, backwards = drive.max_speed_m_s, min(drive.max_reverse_m_s, drive.max_speed_m_s)
+    fastest, backwards = (
+        drive.max_speed_m_s,
+        min(drive.max_reverse_m_s, drive.max_speed_m_s),
+    )
     by_unit = {
         "_per_m": value / scale,
         "_mps2": min(scale * value, drive.max_acceleration_m_s2),
@@ -85,7 +109,9 @@ def _scaled(name: str, value: float, scale: float, robot: Robot) -> float:
         "_mps": min(max(scale * value, -backwards), fastest),
         "_m": value if last in _LIDAR else scale * value,
     }
-    return next((changed for unit, changed in by_unit.items() if last.endswith(unit)), value)
+    return next(
+        (changed for unit, changed in by_unit.items() if last.endswith(unit)), value
+    )
 
 
 def _allowed(value: float, about: Quantity) -> float:
@@ -126,15 +152,25 @@ def _outline(costmap: CostmapConfig, robot: Robot, scale: float) -> dict[str, An
     share_y = 2.0 * costmap.footprint_half_width_m / own.width_m
     corners = [(share_x * x, share_y * y) for x, y in robot.chassis.hull_m]
     half_x, half_y = _reach(corners)
-    found: dict[str, Any] = {"footprint_half_length_m": half_x, "footprint_half_width_m": half_y}
+    found: dict[str, Any] = {
+        "footprint_half_length_m": half_x,
+        "footprint_half_width_m": half_y,
+    }
     if not _rectangle(corners):
         found["footprint"] = text_of(corners)
     padded = {**found, "footprint_padding_m": scale * costmap.footprint_padding_m}
     inscribed = replace_dotted(costmap, padded, "costmap").inscribed_m
     across = half_y + padded["footprint_padding_m"]
-    if isinstance(costmap, GlobalCostmapConfig) and across > inscribed + 1e-9 and not robot.chassis.round:
+    if (
+        isinstance(costmap, GlobalCostmapConfig)
+        and across > inscribed + 1e-9
+        and not robot.chassis.round
+    ):
         found["inscribed_radius_m"] = inscribed = across
-    return found | {"inflation_radius_m": inscribed + scale * (costmap.inflation_radius_m - costmap.inscribed_m)}
+    return found | {
+        "inflation_radius_m": inscribed
+        + scale * (costmap.inflation_radius_m - costmap.inscribed_m)
+    }
 
 
 def _body(config: Checked, robot: Robot) -> dict[str, float]:
@@ -150,9 +186,15 @@ def _body(config: Checked, robot: Robot) -> dict[str, float]:
             found[name] = half_y
         elif last == "turning_radius_m":
             found[name] = outer
-        elif last == "robot_radius_m":  # as far between inscribed and circumscribed radius as the Jackal's
-            share = (value - own.chassis.inscribed_m) / (own.chassis.circumscribed_m - own.chassis.inscribed_m)
-            found[name] = robot.chassis.inscribed_m + share * (outer - robot.chassis.inscribed_m)
+        elif (
+            last == "robot_radius_m"
+        ):  # as far between inscribed and circumscribed radius as the Jackal's
+            share = (value - own.chassis.inscribed_m) / (
+                own.chassis.circumscribed_m - own.chassis.inscribed_m
+            )
+            found[name] = robot.chassis.inscribed_m + share * (
+                outer - robot.chassis.inscribed_m
+            )
     return found
 
 
@@ -162,4 +204,6 @@ def _reach(corners: Sequence[Corner]) -> tuple[float, float]:
 
 def _rectangle(corners: Sequence[Corner]) -> bool:
     x, y = _reach(corners)
-    return len(corners) == 4 and all(abs(abs(u) - x) < 1e-9 and abs(abs(v) - y) < 1e-9 for u, v in corners)
+    return len(corners) == 4 and all(
+        abs(abs(u) - x) < 1e-9 and abs(abs(v) - y) < 1e-9 for u, v in corners
+    )

@@ -37,9 +37,13 @@ class FlatWorld:
             along = (x - sensor.x) * np.cos(angles) + (y - sensor.y) * np.sin(angles)
             across2 = (x - sensor.x) ** 2 + (y - sensor.y) ** 2 - along**2
             hit = (along > 0.0) & (across2 < radius**2)
-            ranges[hit] = np.minimum(ranges[hit], along[hit] - np.sqrt(radius**2 - across2[hit]))
+            ranges[hit] = np.minimum(
+                ranges[hit], along[hit] - np.sqrt(radius**2 - across2[hit])
+            )
         first, second = self.angles[:2]
-        return Scan(self.stamp_ns, ranges.astype(np.float32), first, second - first, 0.1, 30.0)
+        return Scan(
+            self.stamp_ns, ranges.astype(np.float32), first, second - first, 0.1, 30.0
+        )
 
     def observe(self) -> Observation:
         odometry = Odometry(self.stamp_ns, self.pose, self.velocity)
@@ -48,7 +52,9 @@ class FlatWorld:
     def advance(self, command: Velocity2D | None) -> None:
         wanted = self.velocity if command is None else command
         limit = 5.0 * self.period_s
-        speed = self.velocity.linear + float(np.clip(wanted.linear - self.velocity.linear, -limit, limit))
+        speed = self.velocity.linear + float(
+            np.clip(wanted.linear - self.velocity.linear, -limit, limit)
+        )
         self.velocity = Velocity2D(speed, wanted.angular)
         half = self.pose.yaw + 0.5 * wanted.angular * self.period_s
         moved = speed * self.period_s
@@ -60,8 +66,12 @@ class FlatWorld:
         self.stamp_ns += nanoseconds(self.period_s)
         self.track.append((self.pose.x, self.pose.y, self.pose.yaw))
         if len(self.cylinders):
-            gaps = np.hypot(self.cylinders[:, 0] - self.pose.x, self.cylinders[:, 1] - self.pose.y)
-            self.clearance = min(self.clearance, float((gaps - self.cylinders[:, 2]).min()))
+            gaps = np.hypot(
+                self.cylinders[:, 0] - self.pose.x, self.cylinders[:, 1] - self.pose.y
+            )
+            self.clearance = min(
+                self.clearance, float((gaps - self.cylinders[:, 2]).min())
+            )
 
     def drive(self, planner: Planner, goal: Pose2D, limit_s: float) -> PlannerStatus:
         """Drive until the planner is done or the time is over; returns its last status."""
@@ -77,7 +87,9 @@ class FlatWorld:
         return decision.status
 
 
-def wall(start: tuple[float, float], end: tuple[float, float]) -> list[tuple[float, float, float]]:
+def wall(
+    start: tuple[float, float], end: tuple[float, float]
+) -> list[tuple[float, float, float]]:
     """Return a row of cylinders of 0.075 m radius, 0.15 m apart."""
     count = max(2, round(math.dist(start, end) / 0.15) + 1)
     return [(x, y, 0.075) for x, y in np.linspace(start, end, count)]
@@ -88,7 +100,9 @@ def flat_world():
     """Return the function that makes a FlatWorld of walls, each a pair of end points, and single cylinders."""
 
     def make(walls=(), cylinders=(), **kwargs) -> FlatWorld:
-        shapes = [cylinder for ends in walls for cylinder in wall(*ends)] + list(cylinders)
+        shapes = [cylinder for ends in walls for cylinder in wall(*ends)] + list(
+            cylinders
+        )
         return FlatWorld(np.array(shapes, dtype=np.float64).reshape(-1, 3), **kwargs)
 
     return make

@@ -3,16 +3,27 @@
 import numpy as np
 import pytest
 
-from barn_planners.runtime.messages import CHEAPEST, DEAREST, MOST_POINTS, MOST_SHOWN, REJECTED, shown_candidates
+from barn_planners.runtime.messages import (
+    CHEAPEST,
+    DEAREST,
+    MOST_POINTS,
+    MOST_SHOWN,
+    REJECTED,
+    shown_candidates,
+)
 
 
 def lines(count, length):
     """Return straight lines: candidate k goes from (0, k) to (length - 1, k)."""
-    along, across = np.meshgrid(np.arange(length, dtype=float), np.arange(count, dtype=float))
+    along, across = np.meshgrid(
+        np.arange(length, dtype=float), np.arange(count, dtype=float)
+    )
     return np.stack([along, across], axis=2)
 
 
-@pytest.mark.parametrize(("count", "length"), [(1, 1), (3, 2), (20, 8), (21, 9), (140, 80), (5000, 30)])
+@pytest.mark.parametrize(
+    ("count", "length"), [(1, 1), (3, 2), (20, 8), (21, 9), (140, 80), (5000, 30)]
+)
 def test_few_are_shown_from_end_to_end(count, length):
     shown = shown_candidates(lines(count, length), np.zeros(count))
     assert shown.points.shape == (min(count, MOST_SHOWN), min(length, MOST_POINTS), 2)
@@ -38,9 +49,15 @@ def test_rejected_ones_are_told_apart_and_costs_may_be_missing():
     colours = shown_candidates(lines(5, 3), costs).colours
     np.testing.assert_allclose(colours[[0, 4]], [REJECTED] * 2)
     np.testing.assert_allclose(colours[[1, 2]], [CHEAPEST, DEAREST])
-    np.testing.assert_allclose(colours[3], 0.5 * (np.array(CHEAPEST) + np.array(DEAREST)))
-    np.testing.assert_allclose(shown_candidates(lines(5, 3), None).colours, [DEAREST] * 5)
-    np.testing.assert_allclose(shown_candidates(lines(3, 3), np.full(3, np.inf)).colours, [REJECTED] * 3)
+    np.testing.assert_allclose(
+        colours[3], 0.5 * (np.array(CHEAPEST) + np.array(DEAREST))
+    )
+    np.testing.assert_allclose(
+        shown_candidates(lines(5, 3), None).colours, [DEAREST] * 5
+    )
+    np.testing.assert_allclose(
+        shown_candidates(lines(3, 3), np.full(3, np.inf)).colours, [REJECTED] * 3
+    )
 
 
 def test_none_at_all():

@@ -36,15 +36,23 @@ def plain_cost(distance_cells: float, config: CostmapConfig, resolution: float) 
         return LETHAL
     if d <= config.inscribed_m + 1e-9:
         return INSCRIBED
-    if config.soft_costs and distance_cells <= math.ceil(config.inflation_radius_m / resolution - 1e-9):
-        return int(252.0 * math.exp(-config.cost_scaling_per_m * (d - config.inscribed_m)))
+    if config.soft_costs and distance_cells <= math.ceil(
+        config.inflation_radius_m / resolution - 1e-9
+    ):
+        return int(
+            252.0 * math.exp(-config.cost_scaling_per_m * (d - config.inscribed_m))
+        )
     return 0
 
 
-def plain_inflation(lethal: np.ndarray, config: CostmapConfig, resolution: float) -> np.ndarray:
+def plain_inflation(
+    lethal: np.ndarray, config: CostmapConfig, resolution: float
+) -> np.ndarray:
     if not lethal.any():
         return np.zeros(lethal.shape, np.uint8)
-    return np.vectorize(plain_cost, [np.uint8])(distance_transform_edt(lethal == 0), config, resolution)
+    return np.vectorize(plain_cost, [np.uint8])(
+        distance_transform_edt(lethal == 0), config, resolution
+    )
 
 
 def plain_line(row: int, col: int, end_row: int, end_col: int) -> list[tuple[int, int]]:
@@ -57,12 +65,17 @@ def plain_line(row: int, col: int, end_row: int, end_col: int) -> list[tuple[int
         # The nearest whole number, away from the start at a tie after half of an even step count.
         offset_row = (abs(end_row - row) * k + n // 2) // n
         offset_col = (abs(end_col - col) * k + n // 2) // n
-        up, right = int(math.copysign(1, end_row - row)), int(math.copysign(1, end_col - col))
+        up, right = (
+            int(math.copysign(1, end_row - row)),
+            int(math.copysign(1, end_col - col)),
+        )
         cells.append((row + up * offset_row, col + right * offset_col))
     return cells
 
 
-def plain_update(costmap: Costmap, lethal: np.ndarray, pose: Pose2D, scan: Scan, lidar: Pose2D) -> np.ndarray:
+def plain_update(
+    costmap: Costmap, lethal: np.ndarray, pose: Pose2D, scan: Scan, lidar: Pose2D
+) -> np.ndarray:
     """Return the lethal cells after a scan, by sets of cells and plain loops."""
     config, rows, cols = costmap.config, *lethal.shape
     sensor = pose @ lidar
@@ -73,10 +86,16 @@ def plain_update(costmap: Costmap, lethal: np.ndarray, pose: Pose2D, scan: Scan,
             continue
         angle = sensor.yaw + scan.angle_min + k * scan.angle_increment
         end = min(r, config.raytrace_range_m)
-        tip = costmap.cell(sensor.x + end * math.cos(angle), sensor.y + end * math.sin(angle))
+        tip = costmap.cell(
+            sensor.x + end * math.cos(angle), sensor.y + end * math.sin(angle)
+        )
         cleared |= set(plain_line(*costmap.cell(sensor.x, sensor.y), *tip))
         if r < config.obstacle_range_m:
-            marked.add(costmap.cell(sensor.x + r * math.cos(angle), sensor.y + r * math.sin(angle)))
+            marked.add(
+                costmap.cell(
+                    sensor.x + r * math.cos(angle), sensor.y + r * math.sin(angle)
+                )
+            )
     after = lethal.copy()
     for cells, value in ((cleared, False), (marked, True)):
         for row, col in cells:
@@ -91,8 +110,15 @@ def plain_update(costmap: Costmap, lethal: np.ndarray, pose: Pose2D, scan: Scan,
 def plain_footprint(costmap: Costmap, pose: Pose2D) -> set[tuple[int, int]]:
     """Return outline and inside of the padded footprint: in every column all cells between two of the outline."""
     a, b = costmap.outline[0]
-    corners = [costmap.cell((p := pose @ Pose2D(x, y, 0.0)).x, p.y) for x, y in ((a, b), (-a, b), (-a, -b), (a, -b))]
-    outline = [cell for k in range(4) for cell in plain_line(*corners[k], *corners[(k + 1) % 4])]
+    corners = [
+        costmap.cell((p := pose @ Pose2D(x, y, 0.0)).x, p.y)
+        for x, y in ((a, b), (-a, b), (-a, -b), (a, -b))
+    ]
+    outline = [
+        cell
+        for k in range(4)
+        for cell in plain_line(*corners[k], *corners[(k + 1) % 4])
+    ]
     cells = set()
     for col in {col for _, col in outline}:
         rows = [row for row, other in outline if other == col]
@@ -104,7 +130,11 @@ def test_costs_beside_a_lethal_cell_are_those_of_the_published_set_up():
     costs = costs_by_square(CostmapConfig(), 0.05)
     assert set(costs.tolist()) == {0, 177, 193, 210, 241, INSCRIBED, LETHAL}
     assert [costs[k * k] for k in range(8)] == [254, 253, 253, 253, 253, 253, 177, 0]
-    assert (costs[2**2 + 5**2], costs[4**2 + 4**2], costs[3**2 + 5**2]) == (241, 210, 193)
+    assert (costs[2**2 + 5**2], costs[4**2 + 4**2], costs[3**2 + 5**2]) == (
+        241,
+        210,
+        193,
+    )
 
 
 @pytest.mark.parametrize(
@@ -133,22 +163,34 @@ def test_inflation_of_a_window_equals_the_plain_one(config, share):
 @pytest.mark.parametrize("seed", range(3))
 def test_marks_and_costs_equal_the_plain_ones_along_a_drive_that_the_grid_follows(seed):
     """Marks stay where they are in the world; those that have left the grid are forgotten."""
-    config = CostmapConfig(size_m=4.0, resolution_m=0.1, obstacle_range_m=3.5, raytrace_range_m=3.6)
+    config = CostmapConfig(
+        size_m=4.0, resolution_m=0.1, obstacle_range_m=3.5, raytrace_range_m=3.6
+    )
     costmap, rng = RollingCostmap(config), np.random.default_rng(seed)
-    pose, lidar, lethal, corner = Pose2D(0.0, 0.0, 0.0), Pose2D(0.12, -0.2, 0.3), np.zeros((40, 40), bool), None
+    pose, lidar, lethal, corner = (
+        Pose2D(0.0, 0.0, 0.0),
+        Pose2D(0.12, -0.2, 0.3),
+        np.zeros((40, 40), bool),
+        None,
+    )
     for step in range(15):
         ranges = rng.uniform(0.05, 5.0, 90)
         ranges[rng.random(90) < 0.2] = rng.choice([np.inf, -np.inf, 30.0, 10.0])
         ranges[step] = np.nan
         scan, before = scan_of(ranges), corner
         costmap.update(pose, scan, lidar)
-        assert costmap.cell(pose.x, pose.y) == (20, 20) and costmap.cost_at(pose.x + 2.1, pose.y) is None
+        assert (
+            costmap.cell(pose.x, pose.y) == (20, 20)
+            and costmap.cost_at(pose.x + 2.1, pose.y) is None
+        )
         corner = np.rint(np.array([costmap.origin_y, costmap.origin_x]) / 0.1)
         if before is not None:
             lethal = shift(lethal, before - corner, order=0)
         lethal = plain_update(costmap, lethal, pose, scan, lidar)
         np.testing.assert_array_equal(costmap.costs == LETHAL, lethal)
-        np.testing.assert_array_equal(costmap.costs, plain_inflation(lethal, config, 0.1))
+        np.testing.assert_array_equal(
+            costmap.costs, plain_inflation(lethal, config, 0.1)
+        )
         x, y = rng.uniform(-1.0, 1.0, 2) ** 3 * rng.choice([1.0, 5.0])
         pose = Pose2D(pose.x + x, pose.y + y, rng.uniform(-3.0, 3.0))
 
@@ -158,25 +200,33 @@ def test_the_map_stays_whatever_the_lidar_sees_and_forgets():
     known.data[10, 15] = 100
     costmap = global_costmap(GlobalCostmapConfig(), known, AHEAD)
     assert costmap.costs.shape == (60, 60) and (costmap.costs == LETHAL).sum() == 9
-    costmap.update(Pose2D(0.0, 0.05, 0.0), scan_of([2.0], angle_min=0.0), Pose2D(0.0, 0.0, 0.0))
+    costmap.update(
+        Pose2D(0.0, 0.05, 0.0), scan_of([2.0], angle_min=0.0), Pose2D(0.0, 0.0, 0.0)
+    )
     costmap.update(Pose2D(0.8, 0.05, 0.0), scan_of([np.inf]), Pose2D(0.0, 0.0, 0.0))
     costmap.reset()
     assert (costmap.costs == LETHAL).sum() == 9
     coarse = global_costmap(GlobalCostmapConfig(map_resolution=True), known, AHEAD)
     assert coarse.costs.shape == (20, 20) and coarse.resolution == pytest.approx(0.15)
     bare = global_costmap(GlobalCostmapConfig(lidar_marks=False), known, AHEAD)
-    bare.update(Pose2D(-1.0, -1.0, 0.0), scan_of([1.0], angle_min=0.0), Pose2D(0.0, 0.0, 0.0))
+    bare.update(
+        Pose2D(-1.0, -1.0, 0.0), scan_of([1.0], angle_min=0.0), Pose2D(0.0, 0.0, 0.0)
+    )
     assert (bare.costs == LETHAL).sum() == 9
 
 
 def test_clearing_keeps_a_square_about_the_robot():
     costmap = RollingCostmap(CostmapConfig(clear_footprint=False))
     costmap.update(
-        Pose2D(0.0, 0.0, 0.0), scan_of([1.0, 2.3], angle_min=0.0, increment=math.pi / 2), Pose2D(0.0, 0.0, 0.0)
+        Pose2D(0.0, 0.0, 0.0),
+        scan_of([1.0, 2.3], angle_min=0.0, increment=math.pi / 2),
+        Pose2D(0.0, 0.0, 0.0),
     )
     assert (costmap.costs == LETHAL).sum() == 2
     costmap.clear_outside(Pose2D(0.0, 0.0, 0.0), 3.0)
-    assert costmap.cost_at(1.01, 0.01) == LETHAL and (costmap.costs == LETHAL).sum() == 1
+    assert (
+        costmap.cost_at(1.01, 0.01) == LETHAL and (costmap.costs == LETHAL).sum() == 1
+    )
     costmap.reset()
     assert not costmap.costs.any()
 
@@ -203,11 +253,17 @@ def test_the_highest_cost_along_the_edges_looks_at_edges_only():
 
 def test_costmaps_shown_as_maps_tell_free_inscribed_and_lethal_apart():
     costmap = RollingCostmap(CostmapConfig(clear_footprint=False))
-    costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([1.0], angle_min=0.0), Pose2D(0.0, 0.0, 0.0))
+    costmap.update(
+        Pose2D(0.0, 0.0, 0.0), scan_of([1.0], angle_min=0.0), Pose2D(0.0, 0.0, 0.0)
+    )
     shown = costmap.as_map()
     assert shown.data.dtype == np.int8 and shown.resolution == 0.05
-    assert (shown.data == 100).sum() == 1 and (shown.data == 99).sum() == (costmap.costs == INSCRIBED).sum()
-    assert ((shown.data > 0) & (shown.data < 99)).sum() == ((costmap.costs > 0) & (costmap.costs < INSCRIBED)).sum()
+    assert (shown.data == 100).sum() == 1 and (shown.data == 99).sum() == (
+        costmap.costs == INSCRIBED
+    ).sum()
+    assert ((shown.data > 0) & (shown.data < 99)).sum() == (
+        (costmap.costs > 0) & (costmap.costs < INSCRIBED)
+    ).sum()
 
 
 def test_a_goal_lies_on_the_global_costmap_however_far_it_is():
@@ -220,10 +276,15 @@ def test_a_goal_lies_on_the_global_costmap_however_far_it_is():
         costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([np.inf]), Pose2D(0.0, 0.0, 0.0))
         assert costmap.cost_at(goal.x, goal.y) is not None
     for far in (1e6, math.inf, math.nan):  # planners say that it is off the costmap
-        assert global_costmap(GlobalCostmapConfig(), None, Pose2D(far, 0.0, 0.0)).config == GlobalCostmapConfig()
+        assert (
+            global_costmap(GlobalCostmapConfig(), None, Pose2D(far, 0.0, 0.0)).config
+            == GlobalCostmapConfig()
+        )
 
 
-def plain_points(pose: Pose2D, scan: Scan, lidar_x: float) -> tuple[tuple[float, float], np.ndarray]:
+def plain_points(
+    pose: Pose2D, scan: Scan, lidar_x: float
+) -> tuple[tuple[float, float], np.ndarray]:
     """Return the lidar's place and the points (n, 2) that it sees, each number rounded to single precision."""
     f = np.float32
     sensor = pose @ Pose2D(lidar_x, 0.0, 0.0)
@@ -233,7 +294,12 @@ def plain_points(pose: Pose2D, scan: Scan, lidar_x: float) -> tuple[tuple[float,
     for r, angle in zip(scan.ranges, scan.angles(), strict=True):
         if scan.range_min <= r < scan.range_max:
             x, y = f(float(r) * math.cos(angle)), f(float(r) * math.sin(angle))
-            points.append((f(f(f(cos * x) - f(sin * y)) + f(sensor.x)), f(f(f(sin * x) + f(cos * y)) + f(sensor.y))))
+            points.append(
+                (
+                    f(f(f(cos * x) - f(sin * y)) + f(sensor.x)),
+                    f(f(f(sin * x) + f(cos * y)) + f(sensor.y)),
+                )
+            )
     return (sensor.x, sensor.y), np.array(points, np.float64).reshape(-1, 2)
 
 
@@ -258,7 +324,9 @@ def plain_ray(costmap: Costmap, sensor, point) -> list[tuple[int, int]]:
     line = plain_line(*first, *cell)
     length = math.hypot(cell[0] - first[0], cell[1] - first[1])
     most = math.ceil(costmap.config.raytrace_range_m / costmap.resolution)
-    return line[: 1 + int(min(1.0, most / length) * (len(line) - 1))] if length else line
+    return (
+        line[: 1 + int(min(1.0, most / length) * (len(line) - 1))] if length else line
+    )
 
 
 def filled_footprint(costmap: Costmap, pose: Pose2D) -> set[tuple[int, int]]:
@@ -272,7 +340,11 @@ def filled_footprint(costmap: Costmap, pose: Pose2D) -> set[tuple[int, int]]:
     if not all(costmap.world_to_cell(place.x, place.y) for place in places):
         return set()
     corners = [costmap.cell(place.x, place.y) for place in places]
-    outline = [cell for k in range(4) for cell in plain_line(*corners[k], *corners[(k + 1) % 4])]
+    outline = [
+        cell
+        for k in range(4)
+        for cell in plain_line(*corners[k], *corners[(k + 1) % 4])
+    ]
     cells, waiting = set(outline), sorted(outline, key=lambda cell: cell[1])
     for col in range(waiting[0][1], waiting[-1][1] + 1):
         if len(waiting) < 2:
@@ -310,7 +382,9 @@ def test_as_costmap_2d_marks_equal_the_plain_ones_along_a_drive_to_the_edge_and_
         for cell in filled_footprint(costmap, pose):
             lethal[cell] = False
         np.testing.assert_array_equal(costmap.costs == LETHAL, lethal)
-        np.testing.assert_array_equal(costmap.costs, plain_inflation(lethal, config, 0.1))
+        np.testing.assert_array_equal(
+            costmap.costs, plain_inflation(lethal, config, 0.1)
+        )
 
 
 def test_as_costmap_2d_the_window_follows_once_it_is_a_cell_off_on_either_side():
@@ -335,19 +409,32 @@ def plain_front(lethal: np.ndarray, by_square: np.ndarray, reach: int) -> np.nda
                 continue
             seen.add((row, col))
             costs[row, col] = by_square[square]
-            for other in ((row, col - 1), (row - 1, col), (row, col + 1), (row + 1, col)):
+            for other in (
+                (row, col - 1),
+                (row - 1, col),
+                (row, col + 1),
+                (row + 1, col),
+            ):
                 away = (other[0] - source[0]) ** 2 + (other[1] - source[1]) ** 2
-                if 0 <= other[0] < lethal.shape[0] and 0 <= other[1] < lethal.shape[1] and away in bins:
+                if (
+                    0 <= other[0] < lethal.shape[0]
+                    and 0 <= other[1] < lethal.shape[1]
+                    and away in bins
+                ):
                     bins[away].append((other, source))
     return costs
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_inflation_by_a_front_equals_the_plain_one_and_differs_from_the_nearest_in_few_cells(seed):
+def test_inflation_by_a_front_equals_the_plain_one_and_differs_from_the_nearest_in_few_cells(
+    seed,
+):
     config = CostmapConfig(footprint_padding_m=0.04)
     lethal = (np.random.default_rng(seed).random((60, 70)) < 0.03).astype(np.uint8)
     by_square, costs = costs_by_square(config, 0.05), np.zeros(lethal.shape, np.uint8)
-    inflation.inflate_by_front(lethal, costs, by_square, squares_for(by_square), 0, 60, 0, 70)
+    inflation.inflate_by_front(
+        lethal, costs, by_square, squares_for(by_square), 0, 60, 0, 70
+    )
     np.testing.assert_array_equal(costs, plain_front(lethal, by_square, 6))
     differ = costs != plain_inflation(lethal, config, 0.05)
     assert differ.sum() < 40 and (costs <= plain_inflation(lethal, config, 0.05)).all()

@@ -26,7 +26,9 @@ SIZE = (ROWS + 2) * (COLS + 2)
 
 
 def cell_of(x: float, y: float) -> tuple[int, int]:
-    return math.floor((y - ORIGIN[1]) * GRID.per_m), math.floor((x - ORIGIN[0]) * GRID.per_m)
+    return math.floor((y - ORIGIN[1]) * GRID.per_m), math.floor(
+        (x - ORIGIN[0]) * GRID.per_m
+    )
 
 
 def padded(cell) -> int:
@@ -43,7 +45,9 @@ def random_costs(seed: int, density: float = 0.01) -> np.ndarray:
     return costs
 
 
-def plain_wavefront(passable: np.ndarray, seeds: list[tuple[int, int]]) -> dict[tuple[int, int], int]:
+def plain_wavefront(
+    passable: np.ndarray, seeds: list[tuple[int, int]]
+) -> dict[tuple[int, int], int]:
     distance = dict.fromkeys(seeds, 0)
     queue = deque(distance)
     while queue:
@@ -83,9 +87,13 @@ def test_waves_count_the_steps_around_what_blocks(seed):
     cells = list(np.ndindex(ROWS, COLS))
     wavefront.begin(again, state, np.array([padded(cell) for cell in seeds]))
     for one in (wave, again):
-        np.random.default_rng(seed).shuffle(cells)  # in whatever order cells are asked for
+        np.random.default_rng(seed).shuffle(
+            cells
+        )  # in whatever order cells are asked for
         for cell in cells:
-            assert wavefront.steps_to(one, padded(cell)) == expected.get(cell, wavefront.UNREACHED), cell
+            assert wavefront.steps_to(one, padded(cell)) == expected.get(
+                cell, wavefront.UNREACHED
+            ), cell
 
 
 def test_a_wave_spreads_no_further_than_to_the_cell_asked_for():
@@ -104,11 +112,21 @@ def test_a_wave_spreads_no_further_than_to_the_cell_asked_for():
 
 def test_plan_cells_follow_the_plan_within_the_grid_without_gaps():
     plan = np.array(
-        [[-3.0, 0.0, 0.0], [-1.9, 0.0, 0.0], [0.5, 0.3, 0.0], [0.5, 1.0, 0.0], [9.0, 1.0, 0.0], [0.0, 0.0, 0.0]]
+        [
+            [-3.0, 0.0, 0.0],
+            [-1.9, 0.0, 0.0],
+            [0.5, 0.3, 0.0],
+            [0.5, 1.0, 0.0],
+            [9.0, 1.0, 0.0],
+            [0.0, 0.0, 0.0],
+        ]
     )
     cells = np.empty(1000, np.int64)
     count = wavefront.plan_cells(plan, *ORIGIN, RESOLUTION, ROWS, COLS, cells)
-    found = [(int(cell) // (COLS + 2) - 1, int(cell) % (COLS + 2) - 1) for cell in cells[:count]]
+    found = [
+        (int(cell) // (COLS + 2) - 1, int(cell) % (COLS + 2) - 1)
+        for cell in cells[:count]
+    ]
     assert found[0] == cell_of(-1.99, 0.0) and found[-1] == cell_of(2.49, 1.0)
     for one, other in itertools.pairwise(found):
         assert max(abs(one[0] - other[0]), abs(one[1] - other[1])) == 1
@@ -117,23 +135,36 @@ def test_plan_cells_follow_the_plan_within_the_grid_without_gaps():
 
 
 @pytest.mark.parametrize("outline", [JACKAL, PENTAGON])
-def test_edges_cost_what_the_costmap_says_also_where_only_those_that_moved_are_looked_at(outline):
+def test_edges_cost_what_the_costmap_says_also_where_only_those_that_moved_are_looked_at(
+    outline,
+):
     rng = np.random.default_rng(3)
     costs = random_costs(1, 0.002)
     costs[:, 60:] = 0
-    ground, seen = Ground(costs, clearance(costs, (5, 65, 10, 80)), GRID, outline), set()
+    ground, seen = (
+        Ground(costs, clearance(costs, (5, 65, 10, 80)), GRID, outline),
+        set(),
+    )
     for _ in range(200):
         corners, highest = np.full(len(outline), -1), 0
         x, y, yaw = rng.uniform(-2.2, 2.7), rng.uniform(-1.7, 2.2), rng.uniform(-4, 4)
         for _ in range(4):
-            edge = costmap_kernels.edge_cost(costs, costmap_kernels.placed(outline, x, y, yaw), *ORIGIN, RESOLUTION)
+            edge = costmap_kernels.edge_cost(
+                costs, costmap_kernels.placed(outline, x, y, yaw), *ORIGIN, RESOLUTION
+            )
             expected = -1 if edge < 0 else max(edge, highest)
-            highest = kernels.edges_cost(*ground, x, y, math.cos(yaw), math.sin(yaw), corners, highest)
+            highest = kernels.edges_cost(
+                *ground, x, y, math.cos(yaw), math.sin(yaw), corners, highest
+            )
             assert highest == expected
             seen.add(min(highest, 1))
             if highest < 0:
                 break
-            x, y, yaw = x + rng.uniform(-0.05, 0.05), y + rng.uniform(-0.05, 0.05), yaw + 0.02
+            x, y, yaw = (
+                x + rng.uniform(-0.05, 0.05),
+                y + rng.uniform(-0.05, 0.05),
+                yaw + 0.02,
+            )
     assert seen == {-1, 0, 1}
 
 
@@ -161,7 +192,9 @@ def plain_rollout(costs, path, goal, start, speed, turn, outline=JACKAL):
     dt = 2.0 / steps
     highest, scored = 0, None
     for _ in range(steps):
-        edge = costmap_kernels.edge_cost(costs, costmap_kernels.placed(outline, x, y, yaw), *ORIGIN, RESOLUTION)
+        edge = costmap_kernels.edge_cost(
+            costs, costmap_kernels.placed(outline, x, y, yaw), *ORIGIN, RESOLUTION
+        )
         if edge < 0:
             return kernels.TOUCHES, scored
         cell = cell_of(x, y)
@@ -197,7 +230,9 @@ def samples(drives: int = 40, turns: int = 12, seed: int = 0) -> np.ndarray:
     table = np.zeros((drives + turns, kernels.OBSTACLE + 1))
     table[:drives, kernels.SPEED] = rng.uniform(0.1, 0.5, drives)
     table[:drives, kernels.TURN] = rng.uniform(-1.2, 1.2, drives)
-    table[drives:, kernels.TURN] = rng.choice([-1.0, 1.0], turns) * rng.uniform(0.314, 1.57, turns)
+    table[drives:, kernels.TURN] = rng.choice([-1.0, 1.0], turns) * rng.uniform(
+        0.314, 1.57, turns
+    )
     return table
 
 
@@ -206,12 +241,18 @@ def even_samples(seed: int, speeds: int = 5, turns: int = 8) -> np.ndarray:
     rng = np.random.default_rng(seed)
     low, rates = rng.uniform(0.1, 0.3), np.sort(rng.uniform(-1.57, 1.57, turns))
     table = np.zeros(((speeds + 1) * turns, kernels.OBSTACLE + 1))
-    table[: speeds * turns, kernels.SPEED] = np.repeat(np.linspace(low, 0.5, speeds), turns)
+    table[: speeds * turns, kernels.SPEED] = np.repeat(
+        np.linspace(low, 0.5, speeds), turns
+    )
     table[:, kernels.TURN] = np.tile(rates, speeds + 1)
     return table
 
 
-STARTS = [Start(0.0, 0.0, 0.3, 0.4, -0.2), Start(-1.0, 0.5, -2.0, 0.0, 0.0), Start(1.2, 1.0, 1.6, 0.5, 1.0)]
+STARTS = [
+    Start(0.0, 0.0, 0.3, 0.4, -0.2),
+    Start(-1.0, 0.5, -2.0, 0.0, 0.0),
+    Start(1.2, 1.0, 1.6, 0.5, 1.0),
+]
 PLAN = [(30, 30 + k) for k in range(40)]
 
 
@@ -223,13 +264,19 @@ def test_rollouts_cost_what_the_rules_say():
         table = samples(seed=seed)
         kernels.score(scene, start, MOTION, WEIGHTS, table)
         for row in table:
-            found, end = plain_rollout(costs, *plain, start, row[kernels.SPEED], row[kernels.TURN])
+            found, end = plain_rollout(
+                costs, *plain, start, row[kernels.SPEED], row[kernels.TURN]
+            )
             cost = plain_cost(found, WEIGHTS)
             assert row[kernels.COST] == pytest.approx(cost, abs=1e-9)
             kinds.add(min(cost, 0.0))
             if cost >= 0.0:
-                np.testing.assert_allclose(row[[kernels.END_X, kernels.END_Y, kernels.END_YAW]], end, atol=1e-9)
-    assert kinds == {0.0, kernels.TOUCHES, kernels.NO_WAY}, "every way a rollout can end has been met"
+                np.testing.assert_allclose(
+                    row[[kernels.END_X, kernels.END_Y, kernels.END_YAW]], end, atol=1e-9
+                )
+    assert kinds == {0.0, kernels.TOUCHES, kernels.NO_WAY}, (
+        "every way a rollout can end has been met"
+    )
 
 
 def plain_search(rolled, table, weights, choice, plain_goal):
@@ -243,13 +290,27 @@ def plain_search(rolled, table, weights, choice, plain_goal):
             if cost < best_cost:
                 best, best_cost = k, cost
             continue
-        if not (choice.left if table[k, kernels.TURN] > 0.0 else choice.right) or cost > best_cost:
+        if (
+            not (choice.left if table[k, kernels.TURN] > 0.0 else choice.right)
+            or cost > best_cost
+        ):
             continue
         x, y, yaw = end
-        ahead = cell_of(x + choice.lookahead_m * math.cos(yaw), y + choice.lookahead_m * math.sin(yaw))
+        ahead = cell_of(
+            x + choice.lookahead_m * math.cos(yaw),
+            y + choice.lookahead_m * math.sin(yaw),
+        )
         distance = plain_goal.get(ahead, math.inf)
-        if choice.past_blocked and distance == math.inf and 0 <= ahead[0] < ROWS and 0 <= ahead[1] < COLS:
-            beside = {(ahead[0] + row, ahead[1] + col) for row, col in ((0, 1), (0, -1), (1, 0), (-1, 0))}
+        if (
+            choice.past_blocked
+            and distance == math.inf
+            and 0 <= ahead[0] < ROWS
+            and 0 <= ahead[1] < COLS
+        ):
+            beside = {
+                (ahead[0] + row, ahead[1] + col)
+                for row, col in ((0, 1), (0, -1), (1, 0), (-1, 0))
+            }
             distance = 1e6 if beside & plain_goal.keys() else 1e6 + 1.0
         if distance < best_ahead:
             best, best_cost, best_ahead = k, cost, distance
@@ -258,22 +319,48 @@ def plain_search(rolled, table, weights, choice, plain_goal):
 
 def test_the_search_takes_the_sample_that_the_rules_take_with_its_figures_wherever_it_begins():
     winners = set()
-    several = [WEIGHTS, Weights(0.0375, 0.05, 0.1), Weights(0.0, 0.0, 0.0), Weights(0.0, 0.0, 1.0)]
+    several = [
+        WEIGHTS,
+        Weights(0.0375, 0.05, 0.1),
+        Weights(0.0, 0.0, 0.0),
+        Weights(0.0, 0.0, 1.0),
+    ]
     for seed, start in itertools.product(range(6), STARTS):
         costs = random_costs(seed, 0.001)
         scene, plain = scene_of(costs, start[:3], PLAN)
         outline = (JACKAL, PENTAGON)[seed % 2]
         scene = scene._replace(ground=scene.ground._replace(outline=outline))
-        for table, drives in ((samples(seed=seed), 40), (samples(0, seed=seed), 0), (even_samples(seed), 40)):
-            rolled = [plain_rollout(costs, *plain, start, *row[: kernels.COST], outline) for row in table]
-            for weights, left, right in itertools.product(several, (True, False), (True, False)):
+        for table, drives in (
+            (samples(seed=seed), 40),
+            (samples(0, seed=seed), 0),
+            (even_samples(seed), 40),
+        ):
+            rolled = [
+                plain_rollout(costs, *plain, start, *row[: kernels.COST], outline)
+                for row in table
+            ]
+            for weights, left, right in itertools.product(
+                several, (True, False), (True, False)
+            ):
                 full = table.copy()
                 kernels.score(scene, start, MOTION, weights, full)
-                for likely, slots, past in ((0, 1, False), (17, 8, True), (len(table) - 1, 7, False), (900, 3, True)):
-                    quick, choice = table.copy(), Choice(drives, left, right, 0.325, past, likely, slots)
+                for likely, slots, past in (
+                    (0, 1, False),
+                    (17, 8, True),
+                    (len(table) - 1, 7, False),
+                    (900, 3, True),
+                ):
+                    quick, choice = (
+                        table.copy(),
+                        Choice(drives, left, right, 0.325, past, likely, slots),
+                    )
                     best = find_best(scene, start, MOTION, weights, quick, choice)
-                    assert best == plain_search(rolled, table, weights, choice, plain[1])
-                    winners.add("none" if best < 0 else "drive" if best < drives else "turn")
+                    assert best == plain_search(
+                        rolled, table, weights, choice, plain[1]
+                    )
+                    winners.add(
+                        "none" if best < 0 else "drive" if best < drives else "turn"
+                    )
                     if best >= 0:
                         np.testing.assert_array_equal(quick[best], full[best])
     assert winners == {"none", "drive", "turn"}, "every kind of winner has been met"
@@ -283,9 +370,13 @@ def test_traces_are_the_rolled_out_poses():
     start = STARTS[0]
     places, headings = kernels.poses_of(start, 0.5, 0.8, MOTION, 80)
     everywhere = dict.fromkeys(np.ndindex(ROWS, COLS), 0)
-    _, end = plain_rollout(np.zeros((ROWS, COLS), np.uint8), everywhere, everywhere, start, 0.5, 0.8)
+    _, end = plain_rollout(
+        np.zeros((ROWS, COLS), np.uint8), everywhere, everywhere, start, 0.5, 0.8
+    )
     assert len(places) == 50
     np.testing.assert_allclose([*places[-1], headings[-1, 0]], end, atol=1e-12)
     assert len(kernels.poses_of(start, 0.5, 0.8, MOTION, 20)[0]) == 20
     shown = kernels.traces(start, np.array([[0.0, 0.8], [0.5, 0.8]]), MOTION, 80)[1]
-    np.testing.assert_array_equal(shown, np.column_stack([places, headings[:, 0]])[np.minimum(np.arange(80), 49)])
+    np.testing.assert_array_equal(
+        shown, np.column_stack([places, headings[:, 0]])[np.minimum(np.arange(80), 49)]
+    )

@@ -21,7 +21,9 @@ def scan_of(pose, points, stamp_ns=0):
     """Return what a lidar at the robot's centre sees of small discs at points (n, 2), seen through one another."""
     ranges = np.full(BEAMS, np.inf, np.float32)
     seen = pose.inverse().transform(np.asarray(points, np.float64).reshape(-1, 2))
-    beams = np.rint(np.degrees(np.arctan2(seen[:, 1], seen[:, 0])) / 2.0).astype(int) + 90
+    beams = (
+        np.rint(np.degrees(np.arctan2(seen[:, 1], seen[:, 0])) / 2.0).astype(int) + 90
+    )
     for beam, distance in zip(beams, np.hypot(seen[:, 0], seen[:, 1]), strict=True):
         ranges[beam] = min(ranges[beam], distance)
     return Scan(stamp_ns, ranges, -math.pi, math.radians(2.0), 0.05, 30.0)
@@ -37,7 +39,9 @@ def inputs(pose, plan, points=(), *, new_plan=True, costmap=None):
 
 def straight_plan(length=4.0, yaw=0.0):
     xs = np.arange(0.0, length + 1e-9, 0.025)
-    return np.stack([xs, np.zeros_like(xs), np.append(np.zeros(len(xs) - 1), yaw)], axis=1)
+    return np.stack(
+        [xs, np.zeros_like(xs), np.append(np.zeros(len(xs) - 1), yaw)], axis=1
+    )
 
 
 def controller(**changes):
@@ -47,20 +51,28 @@ def controller(**changes):
 def test_radii_of_the_paper():
     radii = bubble_radii(10.0)
     np.testing.assert_allclose(
-        radii[[0, 255, 1, 177, 241, 253, 254]], [0.5529, 0.5529, 0.5529, 0.0353, 0.0045, 0, 0], atol=5e-5
+        radii[[0, 255, 1, 177, 241, 253, 254]],
+        [0.5529, 0.5529, 0.5529, 0.0353, 0.0045, 0, 0],
+        atol=5e-5,
     )
 
 
-@pytest.mark.parametrize(("length", "speed"), [(4.0, FREE_SPEED), (0.7, FREE_SPEED / 2.0)])
+@pytest.mark.parametrize(
+    ("length", "speed"), [(4.0, FREE_SPEED), (0.7, FREE_SPEED / 2.0)]
+)
 def test_speed_in_the_open(length, speed):
     control = controller().control(inputs(Pose2D(0.0, 0.0, 0.0), straight_plan(length)))
-    assert control.command == Velocity2D(pytest.approx(speed, abs=1e-12), pytest.approx(0.0, abs=1e-12))
+    assert control.command == Velocity2D(
+        pytest.approx(speed, abs=1e-12), pytest.approx(0.0, abs=1e-12)
+    )
     assert pytest.approx(0.387, abs=1e-3) == FREE_SPEED
 
 
 def test_speed_beside_an_obstacle_is_the_lowest():
     beside = [(0.0, 0.31)]
-    control = controller().control(inputs(Pose2D(0.0, 0.0, 0.0), straight_plan(), beside))
+    control = controller().control(
+        inputs(Pose2D(0.0, 0.0, 0.0), straight_plan(), beside)
+    )
     assert control.diagnostics["robot_radius_m"] < 0.04
     assert control.command.linear == 0.1
 
@@ -70,12 +82,16 @@ def test_small_bearing_steers_while_driving(yaw):
     control = controller().control(inputs(Pose2D(0.0, 0.0, yaw), straight_plan()))
     bearing = control.diagnostics["bearing_rad"]
     assert bearing == pytest.approx(-yaw, abs=0.1)
-    assert control.command == Velocity2D(pytest.approx(FREE_SPEED * math.cos(bearing)), pytest.approx(4.0 * bearing))
+    assert control.command == Velocity2D(
+        pytest.approx(FREE_SPEED * math.cos(bearing)), pytest.approx(4.0 * bearing)
+    )
 
 
 @pytest.mark.parametrize(("yaw", "rate"), [(2.0, -1.57), (-2.0, 1.57), (0.7, -1.57)])
 def test_large_bearing_turns_in_place(yaw, rate):
-    command = controller().control(inputs(Pose2D(0.0, 0.0, yaw), straight_plan())).command
+    command = (
+        controller().control(inputs(Pose2D(0.0, 0.0, yaw), straight_plan())).command
+    )
     assert command == Velocity2D(0.0, rate)
 
 
@@ -83,7 +99,10 @@ def test_final_turn_and_goal():
     robot = Pose2D(3.97, 0.02, 0.0)
     steering = controller()
     turning = steering.control(inputs(robot, straight_plan(yaw=0.2)))
-    assert (turning.command, turning.goal_reached) == (Velocity2D(0.0, pytest.approx(0.8)), False)
+    assert (turning.command, turning.goal_reached) == (
+        Velocity2D(0.0, pytest.approx(0.8)),
+        False,
+    )
     drifted = steering.control(inputs(Pose2D(3.92, 0.02, 0.0), straight_plan(yaw=0.2)))
     assert drifted.command.linear == 0.0
     reached = steering.control(inputs(Pose2D(3.97, 0.02, 0.18), straight_plan(yaw=0.2)))
@@ -97,7 +116,9 @@ def test_plan_in_collision_resets_the_costmap_once():
     control = controller(reset_costmap_once=True).control(request)
     assert control.command.linear == pytest.approx(FREE_SPEED)
     assert not request.costmap.costs.any()
-    refused = controller().control(inputs(Pose2D(0.0, 0.0, 0.0), straight_plan(), across))
+    refused = controller().control(
+        inputs(Pose2D(0.0, 0.0, 0.0), straight_plan(), across)
+    )
     assert refused.command is None
     assert "collision" in refused.reason
 
@@ -109,10 +130,23 @@ def test_a_new_plan_is_relaxed_once_more_where_that_is_asked_for():
         calls = []
         for name in ("optimise", "advance"):
             called = getattr(steered._band, name)
-            setattr(steered._band, name, lambda *args, called=called, calls=calls: calls.append(1) or called(*args))
+            setattr(
+                steered._band,
+                name,
+                lambda *args, called=called, calls=calls: (
+                    calls.append(1) or called(*args)
+                ),
+            )
         counts[relaxes] = []
         for new_plan in (True, False, True):
-            steered.control(inputs(Pose2D(0.0, 0.0, 0.0), straight_plan(), [(1.0, 0.4)], new_plan=new_plan))
+            steered.control(
+                inputs(
+                    Pose2D(0.0, 0.0, 0.0),
+                    straight_plan(),
+                    [(1.0, 0.4)],
+                    new_plan=new_plan,
+                )
+            )
             counts[relaxes].append(len(calls))
     assert counts == {False: [1, 2, 3], True: [2, 3, 5]}
 
@@ -139,7 +173,9 @@ def test_band_grows_along_a_kept_plan():
         control = steering.control(inputs(pose, plan, new_plan=k == 0, costmap=costmap))
         assert control.command.linear == pytest.approx(FREE_SPEED)
         ends.append(steering.view().band[-1, 0])
-    np.testing.assert_allclose(ends, np.minimum(5.0 + 0.5 * np.arange(8), 9.0), atol=0.03)
+    np.testing.assert_allclose(
+        ends, np.minimum(5.0 + 0.5 * np.arange(8), 9.0), atol=0.03
+    )
 
 
 def test_view_shows_band_and_local_plan():
@@ -157,7 +193,10 @@ def test_straight_run_takes_as_long_as_published(flat_world, preset):
     """14.0 to 14.9 s for 5.65 m, from 0.316 m of motion until 0.316 m from the goal."""
     world = flat_world([((-3.0, side), (9.0, side)) for side in (-2.0, 2.0)])
     goal = Pose2D(5.65, 0.0, 0.0)
-    assert world.drive(make_planner("eband", preset), goal, limit_s=18.0) is PlannerStatus.GOAL_REACHED
+    assert (
+        world.drive(make_planner("eband", preset), goal, limit_s=18.0)
+        is PlannerStatus.GOAL_REACHED
+    )
     track = np.array(world.track)
     began = np.argmax(track[:, 0] > 0.316)
     ended = np.argmax(np.hypot(track[:, 0] - goal.x, track[:, 1] - goal.y) < 0.316)

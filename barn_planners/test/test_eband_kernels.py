@@ -91,8 +91,16 @@ class ReferenceBand:
             if math.hypot(way[0], way[1]) > 0.01:
                 force += self.gains.internal_gain * way / math.hypot(way[0], way[1])
         across = 2.0 * max(radius, self.gains.tiny_bubble_m)
-        force[0] += self.gains.external_gain * (self.radius(x + radius, y) - self.radius(x - radius, y)) / across
-        force[1] += self.gains.external_gain * (self.radius(x, y + radius) - self.radius(x, y - radius)) / across
+        force[0] += (
+            self.gains.external_gain
+            * (self.radius(x + radius, y) - self.radius(x - radius, y))
+            / across
+        )
+        force[1] += (
+            self.gains.external_gain
+            * (self.radius(x, y + radius) - self.radius(x, y - radius))
+            / across
+        )
         line = self.between(band[i + 1], band[i - 1])
         return force - (force @ line) / max(float(line @ line), 1e-12) * line
 
@@ -100,7 +108,9 @@ class ReferenceBand:
         """Tell whether the force has turned, and whether it is still strong."""
         weighed = old[[0, 0, 2]] if self.gains.weighs_x_twice else old
         strength = np.linalg.norm(new)
-        limit = max(self.gains.overshoot * np.linalg.norm(weighed), self.gains.significant_force)
+        limit = max(
+            self.gains.overshoot * np.linalg.norm(weighed), self.gains.significant_force
+        )
         return old @ new < 0.0, strength > limit
 
     def moved(self, bubble, jump):
@@ -125,12 +135,21 @@ class ReferenceBand:
         reversed_, strong = self.overshoots(force, new_force)
         if reversed_ and not strong:
             return new
-        return self.balance(band, i, new, new_force, (-0.5 if reversed_ else 0.5) * jump, depth + 1) or new
+        return (
+            self.balance(
+                band, i, new, new_force, (-0.5 if reversed_ else 0.5) * jump, depth + 1
+            )
+            or new
+        )
 
     def move(self, band, i):
         bubble, force = band[i], self.force(band, i, band[i])
         jump = bubble[2] * force
-        jump[2] = turned(jump[2] / self.gains.metres_per_rad) if self.gains.metres_per_rad else 0.0
+        jump[2] = (
+            turned(jump[2] / self.gains.metres_per_rad)
+            if self.gains.metres_per_rad
+            else 0.0
+        )
         new = self.moved(bubble, jump)
         if new[2] <= self.gains.tiny_bubble_m:
             return
@@ -163,7 +182,11 @@ def random_case(seed):
     grid = grid_with(rng.integers(0, SIDE, (int(rng.integers(4, 30)), 2)))
     along = np.linspace(0.4, 5.6, int(rng.integers(2, 160)))
     wave = 3.0 + rng.uniform(0.0, 1.0) * np.sin(along * rng.uniform(0.5, 3.0))
-    points = [(x, y) for x, y in zip(along, wave, strict=True) if ReferenceBand(grid, GAINS).radius(x, y) > 0.0]
+    points = [
+        (x, y)
+        for x, y in zip(along, wave, strict=True)
+        if ReferenceBand(grid, GAINS).radius(x, y) > 0.0
+    ]
     return grid, points
 
 
@@ -182,7 +205,10 @@ def test_optimise_equals_reference(sweeps, gains):
         grid, points = random_case(seed)
         band = as_band(points)
         if gains.metres_per_rad > 0.0:  # as of a plan: no heading but at its ends
-            band[0, kernels.YAW], band[len(points) - 1, kernels.YAW] = 2.5 - 0.1 * seed, 1.57
+            band[0, kernels.YAW], band[len(points) - 1, kernels.YAW] = (
+                2.5 - 0.1 * seed,
+                1.57,
+            )
         reference = ReferenceBand(grid, gains)
         start = [tuple(bubble) for bubble in band[: len(points)].tolist()]
         n = optimise(band, len(points), grid, gains, work, sweeps)
@@ -236,7 +262,10 @@ def test_connect_front_fails_inside_an_obstacle():
     band = as_band([(1.0, 3.0), (1.5, 3.0)])
     kernels.measure(band, 2, grid)
     assert (
-        kernels.connect_front(band, 2, 3.0, 3.0, 0.3, grid, GAINS, kernels.band_work(CAPACITY)) == kernels.IN_COLLISION
+        kernels.connect_front(
+            band, 2, 3.0, 3.0, 0.3, grid, GAINS, kernels.band_work(CAPACITY)
+        )
+        == kernels.IN_COLLISION
     )
 
 
@@ -247,6 +276,8 @@ def test_append_back_continues_the_band(start):
     kernels.measure(band, 3, grid)
     points = np.array([(start + 0.1 * k, 3.0, 0.0) for k in range(15)])
     n = kernels.append_back(band, 3, points, grid, GAINS, work)
-    np.testing.assert_allclose(band[n - 15 : n, [kernels.X, kernels.Y, kernels.YAW]], points)
+    np.testing.assert_allclose(
+        band[n - 15 : n, [kernels.X, kernels.Y, kernels.YAW]], points
+    )
     assert kernels.refine(band, n, grid, GAINS, work) > 0
     assert np.hypot(*np.diff(band[: n - 14, :2], axis=0).T).max() < 0.7 * 2 * 0.553

@@ -15,7 +15,11 @@ def decide(flat_world, discs, goal=(5.0, 0.0)):
     """Return what a planner decides before discs (x, y, radius), and the planner."""
     planner = GapPlanner(GapConfig())
     planner.start(Task(Pose2D(*goal, 0.0)), 0)
-    return planner.step(flat_world(cylinders=discs, angles=np.linspace(-math.pi, math.pi, 721)).observe()), planner
+    return planner.step(
+        flat_world(
+            cylinders=discs, angles=np.linspace(-math.pi, math.pi, 721)
+        ).observe()
+    ), planner
 
 
 def test_free_distances_equal_small_steps():
@@ -27,15 +31,21 @@ def test_free_distances_equal_small_steps():
     for direction in directions:
         ahead = np.array([math.cos(direction), math.sin(direction)])
         travelled = 0.0
-        while travelled < 1.5 and np.hypot(*(points - travelled * ahead).T).min() >= 0.28:
+        while (
+            travelled < 1.5 and np.hypot(*(points - travelled * ahead).T).min() >= 0.28
+        ):
             travelled += 1e-3
         expected.append(min(travelled, 1.5))
-    np.testing.assert_allclose(free_distances(points, directions, 0.28, 1.5), expected, atol=2e-3)
+    np.testing.assert_allclose(
+        free_distances(points, directions, 0.28, 1.5), expected, atol=2e-3
+    )
 
 
 def test_returns_leave_out_what_is_no_range():
     ranges = np.array([1.0, np.nan, np.inf, -np.inf, 0.05, 2.9, 1.0], np.float32)
-    points = returns(Scan(0, ranges, 0.0, math.pi / 2.0, 0.1, 30.0), Pose2D(0.5, 0.0, 0.0), 2.0)
+    points = returns(
+        Scan(0, ranges, 0.0, math.pi / 2.0, 0.1, 30.0), Pose2D(0.5, 0.0, 0.0), 2.0
+    )
     np.testing.assert_allclose(points, [(1.5, 0.0), (-0.5, 0.0)], atol=1e-12)
 
 
@@ -67,12 +77,20 @@ def test_stops_before_a_wall_and_turns_away(flat_world):
 
 
 def test_stops_where_nothing_is_open(flat_world):
-    ring = [(0.4 * math.cos(a), 0.4 * math.sin(a), 0.05) for a in np.linspace(0.0, 2.0 * math.pi, 60)]
+    ring = [
+        (0.4 * math.cos(a), 0.4 * math.sin(a), 0.05)
+        for a in np.linspace(0.0, 2.0 * math.pi, 60)
+    ]
     decision, _ = decide(flat_world, ring)
     assert decision == Decision(STOP, PlannerStatus.BLOCKED, "no gap is open")
 
 
 def test_reaches_the_goal_between_obstacles_without_touching_them(flat_world):
-    world = flat_world(cylinders=[(2.0, 0.1, 0.2), (3.0, -0.9, 0.2), (3.2, 0.8, 0.2), (4.5, -0.2, 0.2)])
-    assert world.drive(make_planner("gap", "challenge"), Pose2D(6.0, 0.0, 0.0), 40.0) is PlannerStatus.GOAL_REACHED
+    world = flat_world(
+        cylinders=[(2.0, 0.1, 0.2), (3.0, -0.9, 0.2), (3.2, 0.8, 0.2), (4.5, -0.2, 0.2)]
+    )
+    assert (
+        world.drive(make_planner("gap", "challenge"), Pose2D(6.0, 0.0, 0.0), 40.0)
+        is PlannerStatus.GOAL_REACHED
+    )
     assert world.clearance > 0.24

@@ -8,7 +8,11 @@ from scipy.ndimage import label
 
 from barn_planners.costmap.costmap import INSCRIBED, LETHAL, Costmap, CostmapConfig
 from barn_planners.global_plan import descent, kernels
-from barn_planners.global_plan.planner import GlobalPlanConfig, GlobalPlanner, cell_prices
+from barn_planners.global_plan.planner import (
+    GlobalPlanConfig,
+    GlobalPlanner,
+    cell_prices,
+)
 from barn_worlds.base.types import Pose2D
 
 UNREACHED = kernels.UNREACHED
@@ -22,7 +26,9 @@ def plain_value(low: float, high: float, price: float) -> float:
     return low + price * (-0.2301 * q * q + 0.5307 * q + 0.7040)
 
 
-def plain_rounds(costs: np.ndarray, prices: np.ndarray, start, goal, limit: float, step: float) -> np.ndarray:
+def plain_rounds(
+    costs: np.ndarray, prices: np.ndarray, start, goal, limit: float, step: float
+) -> np.ndarray:
     """Return the potential grown in the same order by dictionaries and lists."""
     rows, cols = costs.shape
     potential = np.full((rows, cols), UNREACHED)
@@ -30,9 +36,17 @@ def plain_rounds(costs: np.ndarray, prices: np.ndarray, start, goal, limit: floa
     sides = ((0, -1), (0, 1), (-1, 0), (1, 0))
 
     def enterable(cell):
-        return 0 < cell[0] < rows - 1 and 0 < cell[1] < cols - 1 and prices[costs[cell]] < math.inf
+        return (
+            0 < cell[0] < rows - 1
+            and 0 < cell[1] < cols - 1
+            and prices[costs[cell]] < math.inf
+        )
 
-    current = [c for dr, dc in ((0, -1), (0, 1), (-1, 0), (1, 0)) if enterable(c := (start[0] + dr, start[1] + dc))]
+    current = [
+        c
+        for dr, dc in ((0, -1), (0, 1), (-1, 0), (1, 0))
+        if enterable(c := (start[0] + dr, start[1] + dc))
+    ]
     later: list = []
     while current:
         following: list = []
@@ -64,13 +78,31 @@ def grown(costs: np.ndarray, start, goal) -> np.ndarray:
     potential = np.full(rows * cols, UNREACHED)
     pending = np.ones((rows, cols), np.uint8)
     pending[1:-1, 1:-1] = 0
-    prices = (cell_prices(GlobalPlanConfig()), math.sqrt(0.5) * cell_prices(GlobalPlanConfig()))
-    ends, window = (start[0] * cols + start[1], goal[0] * cols + goal[1]), np.zeros(4, np.int64)
+    prices = (
+        cell_prices(GlobalPlanConfig()),
+        math.sqrt(0.5) * cell_prices(GlobalPlanConfig()),
+    )
+    ends, window = (
+        (start[0] * cols + start[1], goal[0] * cols + goal[1]),
+        np.zeros(4, np.int64),
+    )
     work = (potential, pending.ravel(), np.empty((3, rows * cols), np.int32), window)
-    kernels.grow(costs.ravel(), cols, prices, ends, (0.0, 0.0), math.inf, (254.0, 100.0, 10**9), *work)
+    kernels.grow(
+        costs.ravel(),
+        cols,
+        prices,
+        ends,
+        (0.0, 0.0),
+        math.inf,
+        (254.0, 100.0, 10**9),
+        *work,
+    )
     assert pending[1:-1, 1:-1].sum() == 0, "work space is left as it was found"
     reached = potential.copy().reshape(rows, cols)
-    assert all(window[0] <= row < window[1] and window[2] <= col < window[3] for row, col in (start, goal))
+    assert all(
+        window[0] <= row < window[1] and window[2] <= col < window[3]
+        for row, col in (start, goal)
+    )
     kernels.forget(potential, cols, window)
     assert (potential == UNREACHED).all()
     return reached
@@ -78,7 +110,11 @@ def grown(costs: np.ndarray, start, goal) -> np.ndarray:
 
 def random_costs(seed: int, shape=(40, 50)) -> np.ndarray:
     rng = np.random.default_rng(seed)
-    costs = rng.choice(np.array([0, 177, 193, 210, 241, INSCRIBED, LETHAL], np.uint8), shape, p=[0.6, *[0.1] * 4, 0, 0])
+    costs = rng.choice(
+        np.array([0, 177, 193, 210, 241, INSCRIBED, LETHAL], np.uint8),
+        shape,
+        p=[0.6, *[0.1] * 4, 0, 0],
+    )
     costs[rng.random(shape) < 0.15] = LETHAL
     costs[:3, :3] = costs[-3:, -3:] = 0
     return costs
@@ -91,7 +127,10 @@ def grid_of(costs: np.ndarray, resolution: float = 0.05) -> Costmap:
 
 
 def centre(costmap: Costmap, row: int, col: int, yaw: float = 0.0) -> Pose2D:
-    x, y = costmap.origin_x + (col + 0.5) * costmap.resolution, costmap.origin_y + (row + 0.5) * costmap.resolution
+    x, y = (
+        costmap.origin_x + (col + 0.5) * costmap.resolution,
+        costmap.origin_y + (row + 0.5) * costmap.resolution,
+    )
     return Pose2D(x, y, yaw)
 
 
@@ -102,15 +141,24 @@ def path_length(poses):
 
 def test_prices_are_navfns():
     prices = cell_prices(GlobalPlanConfig())
-    assert prices[0] == 50.0 and prices[177] == 191.0 and prices[241] == 242.0 and prices[252] == 251.0
+    assert (
+        prices[0] == 50.0
+        and prices[177] == 191.0
+        and prices[241] == 242.0
+        and prices[252] == 251.0
+    )
     assert prices[INSCRIBED] == prices[LETHAL] == math.inf and prices[255] == 253.0
 
 
-@pytest.mark.parametrize("goal", [(38, 48), (0, 0)])  # one on the border is never reached: everything is grown
+@pytest.mark.parametrize(
+    "goal", [(38, 48), (0, 0)]
+)  # one on the border is never reached: everything is grown
 @pytest.mark.parametrize("seed", range(4))
 def test_the_potential_equals_the_plain_one_in_the_same_order(seed, goal):
     costs, start = random_costs(seed), (1, 1)
-    expected = plain_rounds(costs, cell_prices(GlobalPlanConfig()), start, goal, 254.0, 100.0)
+    expected = plain_rounds(
+        costs, cell_prices(GlobalPlanConfig()), start, goal, 254.0, 100.0
+    )
     np.testing.assert_array_equal(grown(costs, start, goal), expected)
 
 
@@ -121,7 +169,9 @@ def test_leaving_out_what_is_too_far_off_the_way_does_not_change_the_plan():
         costmap = grid_of(costs)
         ends = (centre(costmap, 11, 31), centre(costmap, 47, 77))
         bounded = GlobalPlanner(GlobalPlanConfig()).plan(costmap, *ends).poses
-        whole = GlobalPlanner(GlobalPlanConfig(bounded=False)).plan(costmap, *ends).poses
+        whole = (
+            GlobalPlanner(GlobalPlanConfig(bounded=False)).plan(costmap, *ends).poses
+        )
         assert (bounded is None) == (whole is None)
         if whole is not None:
             planned += 1
@@ -162,7 +212,9 @@ def test_the_quirks_are_half_a_cell_and_no_heading():
     costmap = grid_of(np.zeros((60, 60), np.uint8))
     start, goal = centre(costmap, 10, 10), centre(costmap, 40, 30, yaw=0.7)
     right = GlobalPlanner(GlobalPlanConfig()).plan(costmap, start, goal).poses
-    quirky = GlobalPlanner(GlobalPlanConfig(half_cell_offset=False, zero_intermediate_yaw=True))
+    quirky = GlobalPlanner(
+        GlobalPlanConfig(half_cell_offset=False, zero_intermediate_yaw=True)
+    )
     shifted = quirky.plan(costmap, start, goal).poses
     np.testing.assert_allclose(right[:-1, :2] - shifted[:-1, :2], 0.025, atol=1e-12)
     assert (shifted[:-1, 2] == 0.0).all() and shifted[-1, 2] == 0.7
@@ -174,11 +226,26 @@ def test_why_there_is_no_plan_is_said():
     costs[10, 30] = INSCRIBED
     costmap = grid_of(costs)
     planner, start = GlobalPlanner(GlobalPlanConfig()), centre(costmap, 10, 10)
-    assert planner.plan(costmap, start, centre(costmap, 30, 30)).reason == "no way to the goal"
-    assert planner.plan(costmap, start, centre(costmap, 10, 30)).reason == "the goal is inside an obstacle"
-    assert planner.plan(costmap, start, Pose2D(50.0, 0.0, 0.0)).reason == "the goal is off the global costmap"
-    assert planner.plan(costmap, start, Pose2D(math.nan, 0.0, 0.0)).reason == "the goal is off the global costmap"
-    assert planner.plan(costmap, Pose2D(50.0, 0.0, 0.0), start).reason == "the robot is off the global costmap"
+    assert (
+        planner.plan(costmap, start, centre(costmap, 30, 30)).reason
+        == "no way to the goal"
+    )
+    assert (
+        planner.plan(costmap, start, centre(costmap, 10, 30)).reason
+        == "the goal is inside an obstacle"
+    )
+    assert (
+        planner.plan(costmap, start, Pose2D(50.0, 0.0, 0.0)).reason
+        == "the goal is off the global costmap"
+    )
+    assert (
+        planner.plan(costmap, start, Pose2D(math.nan, 0.0, 0.0)).reason
+        == "the goal is off the global costmap"
+    )
+    assert (
+        planner.plan(costmap, Pose2D(50.0, 0.0, 0.0), start).reason
+        == "the robot is off the global costmap"
+    )
     here = planner.plan(costmap, start, Pose2D(start.x, start.y, 2.0)).poses
     assert here.tolist() == [[start.x, start.y, 2.0]]
 
@@ -187,7 +254,9 @@ def test_the_robots_own_cell_counts_as_free():
     costs = np.zeros((40, 40), np.uint8)
     costs[10, 10] = LETHAL
     costmap = grid_of(costs)
-    plan = GlobalPlanner(GlobalPlanConfig()).plan(costmap, centre(costmap, 10, 10), centre(costmap, 30, 30))
+    plan = GlobalPlanner(GlobalPlanConfig()).plan(
+        costmap, centre(costmap, 10, 10), centre(costmap, 30, 30)
+    )
     assert plan.poses is not None
 
 
@@ -204,7 +273,10 @@ def test_a_plan_is_kept_just_as_long_as_a_new_one_would_be_the_same(seed, bounde
         row, col = rng.integers(1, 69), rng.integers(1, 79)
         if (row, col) not in ((16, 16), (52, 62)):
             costmap.costs[row, col] = rng.choice([0, 177, 193, INSCRIBED, LETHAL])
-        plan, anew = planner.plan(costmap, *ends), GlobalPlanner(config).plan(costmap, *ends)
+        plan, anew = (
+            planner.plan(costmap, *ends),
+            GlobalPlanner(config).plan(costmap, *ends),
+        )
         np.testing.assert_array_equal(plan.poses, anew.poses)
         kept += plan is last
         changed += plan is not last
@@ -217,7 +289,9 @@ def test_a_plan_is_made_anew_for_another_goal_or_start_and_where_the_grid_has_mo
     start, goal = centre(costmap, 10, 10), centre(costmap, 40, 30)
     planner = GlobalPlanner(GlobalPlanConfig())
     plan = planner.plan(costmap, start, goal)
-    assert planner.plan(costmap, Pose2D(start.x + 0.01, start.y, 0.3), goal) is plan, "in the same cell"
+    assert planner.plan(costmap, Pose2D(start.x + 0.01, start.y, 0.3), goal) is plan, (
+        "in the same cell"
+    )
     turned = planner.plan(costmap, start, Pose2D(goal.x, goal.y, 1.0))
     assert turned is not plan and turned.poses[-1, 2] == 1.0
     assert planner.plan(costmap, centre(costmap, 10, 11), goal) is not plan
@@ -231,7 +305,9 @@ def test_a_plan_is_made_anew_for_another_goal_or_start_and_where_the_grid_has_mo
 f32 = np.float32
 
 
-def plain_gradient(potential: np.ndarray, row: int, col: int) -> tuple[np.float32, np.float32]:
+def plain_gradient(
+    potential: np.ndarray, row: int, col: int
+) -> tuple[np.float32, np.float32]:
     if not 1 <= row < potential.shape[0] - 1:
         return f32(0), f32(0)
     here, parts = potential[row, col], []
@@ -240,25 +316,53 @@ def plain_gradient(potential: np.ndarray, row: int, col: int) -> tuple[np.float3
         (potential[row - 1, col], potential[row + 1, col]),
     ):
         if here >= UNREACHED:
-            parts.append(f32(-254.0 if before < UNREACHED else 254.0 if after < UNREACHED else 0.0))
+            parts.append(
+                f32(
+                    -254.0
+                    if before < UNREACHED
+                    else 254.0
+                    if after < UNREACHED
+                    else 0.0
+                )
+            )
         else:
-            falls = [f32(one - other) for one, other in ((before, here), (here, after)) if max(one, other) < UNREACHED]
+            falls = [
+                f32(one - other)
+                for one, other in ((before, here), (here, after))
+                if max(one, other) < UNREACHED
+            ]
             parts.append(f32(sum(falls, f32(0))))
     norm = f32(math.hypot(*map(float, parts)))
-    return (f32(0), f32(0)) if norm == 0.0 else tuple(f32(f32(1.0 / float(norm)) * part) for part in parts)
+    return (
+        (f32(0), f32(0))
+        if norm == 0.0
+        else tuple(f32(f32(1.0 / float(norm)) * part) for part in parts)
+    )
 
 
-def plain_navfn_path(potential: np.ndarray, start, goal, most: int) -> tuple[list, bool]:
+def plain_navfn_path(
+    potential: np.ndarray, start, goal, most: int
+) -> tuple[list, bool]:
     """Return the points (column, row) from the goal to the start and whether they arrive, step by step in float32."""
     (row, col), dx, dy, points = goal, f32(0), f32(0), []
     while len(points) < most:
-        rounded = [int(math.copysign(math.floor(abs(float(part)) + 0.5), part)) for part in (dy, dx)]
+        rounded = [
+            int(math.copysign(math.floor(abs(float(part)) + 0.5), part))
+            for part in (dy, dx)
+        ]
         if potential[row + rounded[0], col + rounded[1]] < 50.0:
             return [*points, (start[1], start[0])], True
         points.append((f32(f32(col) + dx), f32(f32(row) + dy)))
         around = potential[row - 1 : row + 2, col - 1 : col + 2]
         if around.max() >= UNREACHED or (len(points) > 2 and points[-3] == points[-1]):
-            lowest, best = (math.floor(potential[row, col]) if potential[row, col] < UNREACHED else -(2**31)), (1, 1)
+            lowest, best = (
+                (
+                    math.floor(potential[row, col])
+                    if potential[row, col] < UNREACHED
+                    else -(2**31)
+                ),
+                (1, 1),
+            )
             for cell in np.ndindex(3, 3):
                 if around[cell] < lowest:
                     lowest, best = math.floor(around[cell]), cell
@@ -266,7 +370,9 @@ def plain_navfn_path(potential: np.ndarray, start, goal, most: int) -> tuple[lis
             if potential[row, col] >= UNREACHED:
                 return points, False
             continue
-        corners = [plain_gradient(potential, row + i, col + j) for i in (0, 1) for j in (0, 1)]
+        corners = [
+            plain_gradient(potential, row + i, col + j) for i in (0, 1) for j in (0, 1)
+        ]
         way = []
         for k in (0, 1):
             low, high = (
@@ -278,13 +384,27 @@ def plain_navfn_path(potential: np.ndarray, start, goal, most: int) -> tuple[lis
             return points, False
         share = f32(f32(0.5) / f32(math.hypot(float(way[0]), float(way[1]))))
         dx, dy = f32(dx + f32(way[0] * share)), f32(dy + f32(way[1] * share))
-        col, dx = (col + 1, f32(dx - 1)) if dx > 1.0 else (col - 1, f32(dx + 1)) if dx < -1.0 else (col, dx)
-        row, dy = (row + 1, f32(dy - 1)) if dy > 1.0 else (row - 1, f32(dy + 1)) if dy < -1.0 else (row, dy)
+        col, dx = (
+            (col + 1, f32(dx - 1))
+            if dx > 1.0
+            else (col - 1, f32(dx + 1))
+            if dx < -1.0
+            else (col, dx)
+        )
+        row, dy = (
+            (row + 1, f32(dy - 1))
+            if dy > 1.0
+            else (row - 1, f32(dy + 1))
+            if dy < -1.0
+            else (row, dy)
+        )
     return points, False
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_navfns_descent_equals_the_plain_one_bit_by_bit_also_where_it_does_not_arrive(seed):
+def test_navfns_descent_equals_the_plain_one_bit_by_bit_also_where_it_does_not_arrive(
+    seed,
+):
     costs = random_costs(seed)
     start, goal = (1, 1), (37, 47)
     potential = grown(costs, start, (0, 0)).astype(np.float32)
@@ -293,7 +413,9 @@ def test_navfns_descent_equals_the_plain_one_bit_by_bit_also_where_it_does_not_a
     for most in (200, 30):
         points = np.empty((most, 2), np.float32)
         ends = (start[0] * 50 + start[1], goal[0] * 50 + goal[1])
-        n, arrived = descent.descend_as_navfn(potential.ravel(), 50, *ends, 50.0, 254.0, points)
+        n, arrived = descent.descend_as_navfn(
+            potential.ravel(), 50, *ends, 50.0, 254.0, points
+        )
         expected, expected_arrived = plain_navfn_path(potential, start, goal, most)
         assert arrived == expected_arrived and (most == 200 or not arrived)
         np.testing.assert_array_equal(points[:n], np.array(expected, np.float32))
@@ -301,11 +423,18 @@ def test_navfns_descent_equals_the_plain_one_bit_by_bit_also_where_it_does_not_a
 
 @pytest.mark.parametrize("unfinished", [False, True])
 def test_as_navfn_a_plan_that_does_not_arrive_is_none_or_begins_anywhere(unfinished):
-    narrow = grid_of(np.zeros((40, 4), np.uint8))  # four columns: sixteen points do not lead along forty rows
+    narrow = grid_of(
+        np.zeros((40, 4), np.uint8)
+    )  # four columns: sixteen points do not lead along forty rows
     robot, goal = centre(narrow, 2, 1), centre(narrow, 37, 2)
-    plan = GlobalPlanner(GlobalPlanConfig(as_navfn=True, unfinished_plans=unfinished)).plan(narrow, robot, goal)
+    plan = GlobalPlanner(
+        GlobalPlanConfig(as_navfn=True, unfinished_plans=unfinished)
+    ).plan(narrow, robot, goal)
     if unfinished:
-        assert len(plan.poses) == 17 and math.dist(plan.poses[0, :2], (robot.x, robot.y)) > 0.5
+        assert (
+            len(plan.poses) == 17
+            and math.dist(plan.poses[0, :2], (robot.x, robot.y)) > 0.5
+        )
     else:
         assert plan.poses is None and plan.reason == "no way to the goal"
 
@@ -318,7 +447,10 @@ def test_as_navfn_the_number_of_rounds_is_bounded():
     costmap = grid_of(costs)
     ends = centre(costmap, 1, 10), centre(costmap, 19, 10)
     assert GlobalPlanner(GlobalPlanConfig()).plan(costmap, *ends).poses is not None
-    assert GlobalPlanner(GlobalPlanConfig(as_navfn=True)).plan(costmap, *ends).reason == "no way to the goal"
+    assert (
+        GlobalPlanner(GlobalPlanConfig(as_navfn=True)).plan(costmap, *ends).reason
+        == "no way to the goal"
+    )
 
 
 @pytest.mark.parametrize("as_navfn", [False, True])
@@ -326,7 +458,11 @@ def test_as_navfn_the_number_of_rounds_is_bounded():
 def test_a_robot_in_the_outermost_cells_is_planned_from(place, as_navfn):
     costmap = grid_of(np.zeros((40, 40), np.uint8))
     start = centre(costmap, *place)
-    plan = GlobalPlanner(GlobalPlanConfig(as_navfn=as_navfn)).plan(costmap, start, centre(costmap, 30, 25)).poses
+    plan = (
+        GlobalPlanner(GlobalPlanConfig(as_navfn=as_navfn))
+        .plan(costmap, start, centre(costmap, 30, 25))
+        .poses
+    )
     if place == (0, 0):
         assert plan is None, "all neighbours of a corner are blocked"
     else:

@@ -22,7 +22,9 @@ PATH = np.array([[0.3 + 0.05 * i, -0.2 + 0.04 * i] for i in range(20)])
 def drawn():
     """Return (controls, xs, ys, yaws, nominal, noise) of a rollout, samples last."""
     rng = np.random.default_rng(5)
-    nominal = np.stack([np.full(STEPS, 0.4), 0.5 * np.sin(np.arange(STEPS) / 5.0)], axis=1)
+    nominal = np.stack(
+        [np.full(STEPS, 0.4), 0.5 * np.sin(np.arange(STEPS) / 5.0)], axis=1
+    )
     noise = rng.standard_normal((STEPS, 2, SAMPLES)).astype(np.float32)
     controls = np.empty((STEPS, 2, SAMPLES), np.float32)
     xs, ys, yaws = (np.empty((STEPS, SAMPLES), np.float32) for _ in range(3))
@@ -32,12 +34,22 @@ def drawn():
 
 @pytest.mark.parametrize("seed", [0, 7])
 def test_noise_is_that_of_numpy_to_the_last_bit(seed):
-    state, generator = sampling.noise_state(seed), np.random.Generator(np.random.SFC64(seed))
-    for rows, columns in ((1, 3), (112, 4000), (3, 1), (112, 4000)):  # rows of one and three leave half a draw behind
+    state, generator = (
+        sampling.noise_state(seed),
+        np.random.Generator(np.random.SFC64(seed)),
+    )
+    for rows, columns in (
+        (1, 3),
+        (112, 4000),
+        (3, 1),
+        (112, 4000),
+    ):  # rows of one and three leave half a draw behind
         numbers = np.empty((rows, columns), np.float32)
         sampling.fill_normal(state, numbers)
         expected = generator.standard_normal((columns, rows), dtype=np.float32).T
-        np.testing.assert_array_equal(numbers.view(np.uint32), np.ascontiguousarray(expected).view(np.uint32))
+        np.testing.assert_array_equal(
+            numbers.view(np.uint32), np.ascontiguousarray(expected).view(np.uint32)
+        )
     assert np.abs(numbers).max() > 3.7, "some numbers must come from the tail"
 
 
@@ -52,7 +64,11 @@ def test_length_is_hypot():
 
 def test_smoothing_and_limits():
     rng = np.random.default_rng(4)
-    controls, sent, weights = rng.normal(size=(STEPS, 2)), rng.normal(size=(2, 2)), rng.uniform(0.0, 1.0, 5)
+    controls, sent, weights = (
+        rng.normal(size=(STEPS, 2)),
+        rng.normal(size=(2, 2)),
+        rng.uniform(0.0, 1.0, 5),
+    )
     smooth = sampling.smoothed(controls, sent, weights)
     whole = np.concatenate([sent, controls, controls[-1:], controls[-1:]])
     expected = [np.convolve(column, weights[::-1], mode="valid") for column in whole.T]
@@ -61,8 +77,12 @@ def test_smoothing_and_limits():
     sampling.hold_within(held, np.array([-0.1, 0.4, 0.5]), CHANGE, (0.2, -0.1))
     speed, rate = 0.2, -0.1
     for wanted, got in zip(smooth, held, strict=True):
-        speed = np.clip(np.clip(wanted[0], -0.1, 0.4), speed - CHANGE[0, 0], speed + CHANGE[0, 1])
-        rate = np.clip(np.clip(wanted[1], -0.5, 0.5), rate - CHANGE[1, 0], rate + CHANGE[1, 1])
+        speed = np.clip(
+            np.clip(wanted[0], -0.1, 0.4), speed - CHANGE[0, 0], speed + CHANGE[0, 1]
+        )
+        rate = np.clip(
+            np.clip(wanted[1], -0.5, 0.5), rate - CHANGE[1, 0], rate + CHANGE[1, 1]
+        )
         assert got == pytest.approx((speed, rate), abs=1e-12)
 
 
@@ -76,20 +96,33 @@ def test_rollout(drawn):
         x, y, yaw, speed, rate = START
         for t in range(STEPS):
             wanted = nominal[t] + SPREAD * noise[t, :, k]
-            speed = float(np.clip(wanted[0], speed - CHANGE[0, 0], speed + CHANGE[0, 1]))
+            speed = float(
+                np.clip(wanted[0], speed - CHANGE[0, 0], speed + CHANGE[0, 1])
+            )
             rate = float(np.clip(wanted[1], rate - CHANGE[1, 0], rate + CHANGE[1, 1]))
-            x, y, yaw = x + speed * DT * math.cos(yaw), y + speed * DT * math.sin(yaw), yaw + rate * DT
+            x, y, yaw = (
+                x + speed * DT * math.cos(yaw),
+                y + speed * DT * math.sin(yaw),
+                yaw + rate * DT,
+            )
             assert controls[t, :, k] == pytest.approx((speed, rate), abs=1e-6)
-            assert (xs[t, k], ys[t, k], yaws[t, k]) == pytest.approx((x, y, yaw), abs=1e-6)
+            assert (xs[t, k], ys[t, k], yaws[t, k]) == pytest.approx(
+                (x, y, yaw), abs=1e-6
+            )
 
 
 def test_heading_by_series_stays_exact_at_the_fastest_turn():
     steps = 400
     noise = np.zeros((steps, 2, 1), np.float32)
     nominal = np.tile([1.0, 1.9], (steps, 1))
-    controls, (xs, ys, yaws) = np.empty_like(noise), (np.empty((steps, 1), np.float32) for _ in range(3))
+    controls, (xs, ys, yaws) = (
+        np.empty_like(noise),
+        (np.empty((steps, 1), np.float32) for _ in range(3)),
+    )
     start = (0.0, 0.0, 0.0, 1.0, 1.9)
-    sampling.rollout(nominal, noise, SPREAD, np.full((2, 2), 9.0), start, DT, controls, xs, ys, yaws)
+    sampling.rollout(
+        nominal, noise, SPREAD, np.full((2, 2), 9.0), start, DT, controls, xs, ys, yaws
+    )
     headings = 1.9 * DT * np.arange(steps)
     np.testing.assert_allclose(xs[:, 0], DT * np.cumsum(np.cos(headings)), atol=2e-6)
     np.testing.assert_allclose(ys[:, 0], DT * np.cumsum(np.sin(headings)), atol=2e-6)
@@ -110,50 +143,93 @@ def footprint_touches(costmap, x, y, yaw, half_length, half_width):
 def test_obstacle_costs(drawn, near_goal):
     _, xs, ys, yaws, _, _ = drawn
     costmap = RollingCostmap(
-        CostmapConfig(resolution_m=0.02, size_m=5.0, inflation_radius_m=0.5, cost_scaling_per_m=3.0)
+        CostmapConfig(
+            resolution_m=0.02,
+            size_m=5.0,
+            inflation_radius_m=0.5,
+            cost_scaling_per_m=3.0,
+        )
     )
     angles = np.linspace(-1.5, 1.5, 601)
-    ranges = np.where(np.abs(angles - 0.2) < 0.25, 0.8, np.where(np.abs(angles) > 1.2, 0.6, np.inf))
+    ranges = np.where(
+        np.abs(angles - 0.2) < 0.25, 0.8, np.where(np.abs(angles) > 1.2, 0.6, np.inf)
+    )
     costmap.update(
-        Pose2D(0.3, -0.2, 0.7), Scan(0, ranges.astype(np.float32), -1.5, 0.005, 0.1, 30.0), Pose2D(0.0, 0.0, 0.0)
+        Pose2D(0.3, -0.2, 0.7),
+        Scan(0, ranges.astype(np.float32), -1.5, 0.005, 0.1, 30.0),
+        Pose2D(0.0, 0.0, 0.0),
     )
     grid = (costmap.costs, costmap.origin_x, costmap.origin_y, costmap.resolution)
     costs = np.full(SAMPLES, 7.0)
     body = (rectangle(0.25, 0.2), 0)
-    collisions = kernels.add_obstacle_costs(costs, xs, ys, yaws, grid, body, 2, 3.0, 300.0, 1e6, near_goal)
+    collisions = kernels.add_obstacle_costs(
+        costs, xs, ys, yaws, grid, body, 2, 3.0, 300.0, 1e6, near_goal
+    )
     expected, collided = [], []
     for k in range(SAMPLES):
         looked_at = range(0, STEPS, 2)
         cells = [costmap.cost_at(float(xs[t, k]), float(ys[t, k])) for t in looked_at]
         touching = [
-            cell > 0 and footprint_touches(costmap, float(xs[t, k]), float(ys[t, k]), float(yaws[t, k]), 0.25, 0.2)
+            cell > 0
+            and footprint_touches(
+                costmap, float(xs[t, k]), float(ys[t, k]), float(yaws[t, k]), 0.25, 0.2
+            )
             for cell, t in zip(cells, looked_at, strict=True)
         ]
         collided.append(any(touching) or 254 in cells)
-        soft = sum(300.0 if cell >= 253 else 0.0 if near_goal else cell for cell in cells)
-        expected.append(7.0 + (1e6 if collided[-1] else 3.0 / 254.0 * soft / len(cells)))
+        soft = sum(
+            300.0 if cell >= 253 else 0.0 if near_goal else cell for cell in cells
+        )
+        expected.append(
+            7.0 + (1e6 if collided[-1] else 3.0 / 254.0 * soft / len(cells))
+        )
     same = np.isclose(costs, expected, rtol=1e-9)
-    assert same.mean() >= 0.95, "only outlines that graze the corner of a cell may be judged differently"
+    assert same.mean() >= 0.95, (
+        "only outlines that graze the corner of a cell may be judged differently"
+    )
     assert abs(collisions - sum(collided)) <= (~same).sum()
     assert 3 <= sum(collided) <= SAMPLES - 3
-    assert any(not hit and cost > 7.0 for hit, cost in zip(collided, expected, strict=True)) or near_goal
+    assert (
+        any(
+            not hit and cost > 7.0 for hit, cost in zip(collided, expected, strict=True)
+        )
+        or near_goal
+    )
 
 
 def test_looking_at_the_footprint_only_where_it_can_touch_changes_nothing(drawn):
     _, xs, ys, yaws, _, _ = drawn
-    body = {"footprint_half_length_m": 0.25, "footprint_half_width_m": 0.2, "footprint_padding_m": 0.0}
-    config = CostmapConfig(resolution_m=0.05, size_m=5.0, inflation_radius_m=0.8, cost_scaling_per_m=3.0, **body)
+    body = {
+        "footprint_half_length_m": 0.25,
+        "footprint_half_width_m": 0.2,
+        "footprint_padding_m": 0.0,
+    }
+    config = CostmapConfig(
+        resolution_m=0.05,
+        size_m=5.0,
+        inflation_radius_m=0.8,
+        cost_scaling_per_m=3.0,
+        **body,
+    )
     rng = np.random.default_rng(1)
     counts = []
     for _ in range(40):
         costmap = RollingCostmap(config)
-        scan = Scan(0, rng.uniform(0.5, 3.0, 30).astype(np.float32), -1.5, 0.1, 0.1, 30.0)
+        scan = Scan(
+            0, rng.uniform(0.5, 3.0, 30).astype(np.float32), -1.5, 0.1, 0.1, 30.0
+        )
         costmap.update(Pose2D(0.3, -0.2, 0.7), scan, Pose2D(0.0, 0.0, 0.0))
         grid = (costmap.costs, costmap.origin_x, costmap.origin_y, costmap.resolution)
         both = np.zeros((2, SAMPLES))
-        for costs, lowest in zip(both, (0, lowest_cost_in_reach(config, 0.05)), strict=True):
+        for costs, lowest in zip(
+            both, (0, lowest_cost_in_reach(config, 0.05)), strict=True
+        ):
             body = (rectangle(0.25, 0.2), lowest)
-            counts.append(kernels.add_obstacle_costs(costs, xs, ys, yaws, grid, body, 1, 3.0, 300.0, 1e6, False))
+            counts.append(
+                kernels.add_obstacle_costs(
+                    costs, xs, ys, yaws, grid, body, 1, 3.0, 300.0, 1e6, False
+                )
+            )
         np.testing.assert_array_equal(both[0], both[1])
     assert lowest_cost_in_reach(config, 0.05) > 50
     assert min(counts) < SAMPLES // 2
@@ -171,7 +247,9 @@ def test_costs_of_the_end(drawn):
     _, xs, ys, yaws, _, _ = drawn
     costs = np.zeros(SAMPLES)
     kernels.add_follow_costs(costs, xs, ys, 1.0, 0.5, 5.0)
-    np.testing.assert_allclose(costs, 5.0 * np.hypot(xs[-1] - 1.0, ys[-1] - 0.5), rtol=1e-6)
+    np.testing.assert_allclose(
+        costs, 5.0 * np.hypot(xs[-1] - 1.0, ys[-1] - 0.5), rtol=1e-6
+    )
     costs[:] = 0.0
     kernels.add_angle_costs(costs, xs, ys, yaws, -1.0, 0.5, 2.0)
     expected = 2.0 * np.abs(wrapped(np.arctan2(0.5 - ys[-1], -1.0 - xs[-1]) - yaws[-1]))
@@ -189,8 +267,14 @@ def test_align_costs(drawn, hidden):
         poses = [START[:2]] + [(xs[t, k], ys[t, k]) for t in range(4, STEPS, 4)]
         travelled = np.cumsum([math.dist(a, b) for a, b in pairwise(poses)])
         beside = [int(np.abs(arc - length).argmin()) for length in travelled]
-        distances = [math.dist(PATH[i], pose) for i, pose in zip(beside, poses[1:], strict=True) if clear[i]]
-        assert costs[k] == pytest.approx(14.0 * np.mean(distances) if distances else 0.0, abs=1e-5)
+        distances = [
+            math.dist(PATH[i], pose)
+            for i, pose in zip(beside, poses[1:], strict=True)
+            if clear[i]
+        ]
+        assert costs[k] == pytest.approx(
+            14.0 * np.mean(distances) if distances else 0.0, abs=1e-5
+        )
 
 
 def test_goal_costs(drawn):
@@ -205,11 +289,21 @@ def test_goal_costs(drawn):
 def test_control_costs(drawn):
     controls, *_, nominal, _ = drawn
     costs = np.zeros(SAMPLES)
-    kernels.add_control_costs(costs, controls, nominal, SPREAD, (-0.1, 0.4, 0.5), DT, 0.015, 4.0, 5.0)
+    kernels.add_control_costs(
+        costs, controls, nominal, SPREAD, (-0.1, 0.4, 0.5), DT, 0.015, 4.0, 5.0
+    )
     speed, rate = controls[:, 0].astype(float), controls[:, 1].astype(float)
-    deviation = ((nominal / SPREAD**2)[..., None] * (controls - nominal[..., None])).sum(axis=(0, 1))
-    beyond = np.maximum(speed - 0.4, 0) + np.maximum(-0.1 - speed, 0) + np.maximum(np.abs(rate) - 0.5, 0)
-    expected = 0.015 * deviation + DT * (4.0 * beyond + 5.0 * np.maximum(-speed, 0)).sum(axis=0)
+    deviation = (
+        (nominal / SPREAD**2)[..., None] * (controls - nominal[..., None])
+    ).sum(axis=(0, 1))
+    beyond = (
+        np.maximum(speed - 0.4, 0)
+        + np.maximum(-0.1 - speed, 0)
+        + np.maximum(np.abs(rate) - 0.5, 0)
+    )
+    expected = 0.015 * deviation + DT * (
+        4.0 * beyond + 5.0 * np.maximum(-speed, 0)
+    ).sum(axis=0)
     np.testing.assert_allclose(costs, expected, atol=1e-5)
 
 
@@ -226,6 +320,10 @@ def test_weighted_mean(drawn):
 @pytest.mark.parametrize("most", [4, 100])
 def test_resample(most):
     corner = np.array([[0.0, 0.0], [0.33, 0.0], [0.33, 0.0], [0.33, 0.4]])
-    along = [(min(d, 0.33), max(0.0, d - 0.33)) for d in np.arange(0.0, 0.73, 0.1)] + [(0.33, 0.4)]
-    np.testing.assert_allclose(kernels.resample(corner, 0.1, most), along[:most], atol=1e-12)
+    along = [(min(d, 0.33), max(0.0, d - 0.33)) for d in np.arange(0.0, 0.73, 0.1)] + [
+        (0.33, 0.4)
+    ]
+    np.testing.assert_allclose(
+        kernels.resample(corner, 0.1, most), along[:most], atol=1e-12
+    )
     np.testing.assert_array_equal(kernels.resample(corner[:1], 0.1, most), corner[:1])

@@ -6,14 +6,28 @@ import math
 import numpy as np
 import pytest
 
-from barn_planners.global_plan.planner import GlobalPlan, moved_plan, passed_points, visible_slice
+from barn_planners.global_plan.planner import (
+    GlobalPlan,
+    moved_plan,
+    passed_points,
+    visible_slice,
+)
 from barn_planners.interface import PlannerStatus, Task
-from barn_planners.navigation.loop import Control, Controller, NavigationConfig, NavigationPlanner
+from barn_planners.navigation.loop import (
+    Control,
+    Controller,
+    NavigationConfig,
+    NavigationPlanner,
+)
 from barn_planners.registry import make_planner
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.types import STOP, OccupancyMap, Pose2D, Velocity2D
 
-BOX = [((-2.0, -2.0), (6.0, -2.0)), ((-2.0, 2.0), (6.0, 2.0)), ((-2.0, -2.0), (-2.0, 2.0))]
+BOX = [
+    ((-2.0, -2.0), (6.0, -2.0)),
+    ((-2.0, 2.0), (6.0, 2.0)),
+    ((-2.0, -2.0), (-2.0, 2.0)),
+]
 GOAL = Pose2D(4.0, 0.0, 0.0)
 FORWARD = Velocity2D(0.3, 0.0)
 MAP_OF_ODOM = Pose2D(1.0, -0.5, 0.4)
@@ -37,7 +51,9 @@ class Scripted(Controller):
 
 def started(*controls: Control, goal=GOAL, known=None, **changes) -> NavigationPlanner:
     """Return a planner with a task, whose controller is scripted."""
-    planner = NavigationPlanner(replace_dotted(NavigationConfig(), changes, "test"), Scripted(*controls))
+    planner = NavigationPlanner(
+        replace_dotted(NavigationConfig(), changes, "test"), Scripted(*controls)
+    )
     planner.start(Task(goal, known), seed=0)
     return planner
 
@@ -55,7 +71,10 @@ def steps(planner, world, count: int, moving: bool = False):
 
 
 def test_leaving_everything_behind_is_not_blindness_for_a_while(flat_world):
-    planner, world = make_planner("dwa", "challenge"), flat_world(cylinders=[(4.0, 0.0, 0.1)])
+    planner, world = (
+        make_planner("dwa", "challenge"),
+        flat_world(cylinders=[(4.0, 0.0, 0.1)]),
+    )
     planner.start(Task(Pose2D(-3.0, 0.0, math.pi)), seed=0)
     assert steps(planner, world, 1)[0].status is PlannerStatus.RUNNING
     world.cylinders = world.cylinders[:0]
@@ -86,7 +105,10 @@ def test_a_goal_inside_an_obstacle_of_the_map_is_not_driven_to_at_all(flat_world
         planner = make_planner("dwa", preset)
         planner.start(Task(Pose2D(3.05, 0.05, 0.0), known), seed=0)
         for decision in steps(planner, world, 10):
-            assert decision.command in (STOP, None) and decision.reason == "the goal is inside an obstacle"
+            assert (
+                decision.command in (STOP, None)
+                and decision.reason == "the goal is inside an obstacle"
+            )
             assert decision.status is PlannerStatus.BLOCKED
 
 
@@ -95,24 +117,59 @@ def test_a_plan_that_vanishes_is_followed_on_without_repetition_of_the_goal(flat
     assert steps(planner, world, 2)[-1].reason == ""
     planner._planner.plan = lambda *_: NO_PLAN
     for decision in steps(planner, world, 5):
-        assert decision.command == FORWARD and decision.reason == "following the last plan: gone"
+        assert (
+            decision.command == FORWARD
+            and decision.reason == "following the last plan: gone"
+        )
 
 
-def test_a_goal_sent_again_costs_a_cycle_and_a_lost_plan_then_ends_in_a_stop(flat_world):
+def test_a_goal_sent_again_costs_a_cycle_and_a_lost_plan_then_ends_in_a_stop(
+    flat_world,
+):
     planner, world = started(goal_republish_period_s=0.1, hold_s=0.15), flat_world(BOX)
     commands = [decision.command for decision in steps(planner, world, 9)]
-    assert commands == [FORWARD, FORWARD, None, FORWARD, None, FORWARD, None, FORWARD, None]
+    assert commands == [
+        FORWARD,
+        FORWARD,
+        None,
+        FORWARD,
+        None,
+        FORWARD,
+        None,
+        FORWARD,
+        None,
+    ]
     planner._planner.plan = lambda *_: NO_PLAN
     lost = steps(planner, world, 8)
-    assert [decision.command for decision in lost] == [FORWARD, None, None, None, STOP, STOP, STOP, STOP]
+    assert [decision.command for decision in lost] == [
+        FORWARD,
+        None,
+        None,
+        None,
+        STOP,
+        STOP,
+        STOP,
+        STOP,
+    ]
     assert {decision.reason for decision in lost[1:]} == {"gone"}
 
 
 def test_where_the_first_plan_waits_control_begins_in_the_next_cycle(flat_world):
-    planner, world = started(goal_republish_period_s=0.1, hold_s=0.15, first_plan_waits=True), flat_world(BOX)
+    planner, world = (
+        started(goal_republish_period_s=0.1, hold_s=0.15, first_plan_waits=True),
+        flat_world(BOX),
+    )
     decisions = steps(planner, world, 5)
-    assert [decision.command for decision in decisions] == [STOP, FORWARD, None, FORWARD, None]
-    assert decisions[0].plan is not None and decisions[0].status is PlannerStatus.RUNNING
+    assert [decision.command for decision in decisions] == [
+        STOP,
+        FORWARD,
+        None,
+        FORWARD,
+        None,
+    ]
+    assert (
+        decisions[0].plan is not None and decisions[0].status is PlannerStatus.RUNNING
+    )
 
 
 def test_observations_between_control_periods_are_skipped(flat_world):
@@ -121,20 +178,37 @@ def test_observations_between_control_periods_are_skipped(flat_world):
     assert commands.count(FORWARD) == 40 and commands.count(None) == 60
 
 
-def test_no_valid_command_leads_through_patience_into_recovery_and_out_again(flat_world):
+def test_no_valid_command_leads_through_patience_into_recovery_and_out_again(
+    flat_world,
+):
     failing = [Control(None, reason="stuck")] * 45
-    planner, world = started(*failing, Control(FORWARD), **{"recovery.controller_patience_s": 1.0}), flat_world(BOX)
+    planner, world = (
+        started(*failing, Control(FORWARD), **{"recovery.controller_patience_s": 1.0}),
+        flat_world(BOX),
+    )
     decisions = steps(planner, world, 400, moving=True)
     statuses = [decision.status for decision in decisions]
     first = statuses.index(PlannerStatus.RECOVERING)
-    assert 20 <= first <= 23 and decisions[first - 1].reason == "stuck" and decisions[first - 1].command == STOP
-    assert {d.reason for d in decisions if d.status is PlannerStatus.RECOVERING} == {"stuck"}
-    turned = sum(d.command.angular * 0.05 for d in decisions if d.status is PlannerStatus.RECOVERING)
+    assert (
+        20 <= first <= 23
+        and decisions[first - 1].reason == "stuck"
+        and decisions[first - 1].command == STOP
+    )
+    assert {d.reason for d in decisions if d.status is PlannerStatus.RECOVERING} == {
+        "stuck"
+    }
+    turned = sum(
+        d.command.angular * 0.05
+        for d in decisions
+        if d.status is PlannerStatus.RECOVERING
+    )
     assert turned == pytest.approx(2 * math.pi, abs=0.15)
     assert statuses[-1] is PlannerStatus.RUNNING and decisions[-1].command == FORWARD
 
 
-def test_the_known_map_is_planned_on_and_the_plan_handed_over_in_the_odometry_frame(flat_world):
+def test_the_known_map_is_planned_on_and_the_plan_handed_over_in_the_odometry_frame(
+    flat_world,
+):
     goal = MAP_OF_ODOM @ GOAL
     planner, world = started(goal=goal, known=free_map()), flat_world(BOX)
     observation = dataclasses.replace(world.observe(), pose=MAP_OF_ODOM @ world.pose)
@@ -146,17 +220,27 @@ def test_the_known_map_is_planned_on_and_the_plan_handed_over_in_the_odometry_fr
     assert inputs.goal.distance(GOAL) < 1e-9 and inputs.pose == world.pose
 
 
-def test_in_the_frame_of_the_map_costmap_plan_and_goal_go_by_the_pose_believed(flat_world):
+def test_in_the_frame_of_the_map_costmap_plan_and_goal_go_by_the_pose_believed(
+    flat_world,
+):
     goal = MAP_OF_ODOM @ GOAL
-    planner, world = started(goal=goal, known=free_map(), local_costmap_in_map=True), flat_world(BOX)
-    for jump in (Pose2D(0.0, 0.0, 0.0), Pose2D(0.3, 0.2, 0.1)):  # as when the localisation corrects itself
+    planner, world = (
+        started(goal=goal, known=free_map(), local_costmap_in_map=True),
+        flat_world(BOX),
+    )
+    for jump in (
+        Pose2D(0.0, 0.0, 0.0),
+        Pose2D(0.3, 0.2, 0.1),
+    ):  # as when the localisation corrects itself
         pose = MAP_OF_ODOM @ jump @ world.pose
         decision = planner.step(dataclasses.replace(world.observe(), pose=pose))
         world.advance(STOP)
         inputs = planner.controller.inputs[-1]
         assert inputs.pose == pose
         np.testing.assert_array_equal(inputs.plan[:, :2], decision.plan)
-        np.testing.assert_allclose(inputs.plan[-1], [goal.x, goal.y, goal.yaw], atol=1e-9)
+        np.testing.assert_allclose(
+            inputs.plan[-1], [goal.x, goal.y, goal.yaw], atol=1e-9
+        )
         assert inputs.goal == goal
         # the wall 2 m to the left of the robot is marked where the robot believes it
         wall = pose @ Pose2D(0.0, 2.0, 0.0)
@@ -173,12 +257,21 @@ def test_without_a_map_there_is_no_other_frame_than_that_of_the_odometry(flat_wo
     assert not planner.view().in_planning_frame
 
 
-def test_what_was_given_up_after_recovery_starts_again_when_the_goal_is_sent_again(flat_world):
+def test_what_was_given_up_after_recovery_starts_again_when_the_goal_is_sent_again(
+    flat_world,
+):
     patience = {"recovery.controller_patience_s": 0.1}
-    planner, world = started(Control(None, reason="stuck"), goal_republish_period_s=30.0, **patience), flat_world(BOX)
+    planner, world = (
+        started(
+            Control(None, reason="stuck"), goal_republish_period_s=30.0, **patience
+        ),
+        flat_world(BOX),
+    )
     statuses = [decision.status for decision in steps(planner, world, 640, moving=True)]
     failed = statuses.index(PlannerStatus.FAILED)
-    assert statuses[:failed].count(PlannerStatus.RECOVERING) > 200  # it has turned twice
+    assert (
+        statuses[:failed].count(PlannerStatus.RECOVERING) > 200
+    )  # it has turned twice
     assert set(statuses[failed:600]) == {PlannerStatus.FAILED}
     assert PlannerStatus.FAILED not in statuses[600:]
     assert PlannerStatus.RECOVERING in statuses[600:]
@@ -198,4 +291,6 @@ def test_windows_of_a_plan():
     assert passed_points(plan, Pose2D(5.0, 0.0, 0.0), 1.05) == 40
     assert passed_points(plan, Pose2D(5.0, 3.0, 0.0), 1.0) == 101
     frame = Pose2D(1.0, 2.0, math.pi)
-    np.testing.assert_allclose(moved_plan(plan, frame)[-1], [-9.0, 2.0, -math.pi], atol=1e-9)
+    np.testing.assert_allclose(
+        moved_plan(plan, frame)[-1], [-9.0, 2.0, -math.pi], atol=1e-9
+    )

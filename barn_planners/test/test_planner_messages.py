@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from barn_planners.interface import Decision, Planner, PlannerStatus, PlannerView
-from barn_planners.runtime.messages import PlannerMessages, encode_band, encode_candidates, shown_candidates
+from barn_planners.runtime.messages import (
+    PlannerMessages,
+    encode_band,
+    encode_candidates,
+    shown_candidates,
+)
 from barn_worlds.base.types import NANOSECONDS, STOP, OccupancyMap, Velocity2D
 from barn_worlds.messages import decode, topics
 from barn_worlds.messages.cdr import deserialise, serialise
@@ -23,18 +28,30 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 STAMP = 3_250_000_000
 HEADER = Header(stamp=Time(sec=3, nanosec=250_000_000), frame_id="odom")
-LEVELS = {"recovering": DiagnosticStatus.WARN, "blocked": DiagnosticStatus.WARN, "failed": DiagnosticStatus.ERROR}
+LEVELS = {
+    "recovering": DiagnosticStatus.WARN,
+    "blocked": DiagnosticStatus.WARN,
+    "failed": DiagnosticStatus.ERROR,
+}
 
 
 def to_band(band) -> MarkerArray:
     markers = [Marker(header=HEADER, ns="band", action=Marker.DELETEALL)]
     for index, (x, y, radius) in enumerate(band.tolist()):
-        disc = Marker(header=HEADER, ns="bubbles", id=index, type=Marker.CYLINDER, action=Marker.ADD)
+        disc = Marker(
+            header=HEADER,
+            ns="bubbles",
+            id=index,
+            type=Marker.CYLINDER,
+            action=Marker.ADD,
+        )
         disc.pose = Pose(position=Point(x=x, y=y))
         disc.scale = Vector3(x=2.0 * radius, y=2.0 * radius, z=0.01)
         disc.color = ColorRGBA(r=0.1, g=0.5, b=0.9, a=0.3)
         markers.append(disc)
-    line = Marker(header=HEADER, ns="band", id=0, type=Marker.LINE_STRIP, action=Marker.ADD)
+    line = Marker(
+        header=HEADER, ns="band", id=0, type=Marker.LINE_STRIP, action=Marker.ADD
+    )
     line.scale.x = 0.02
     line.color = ColorRGBA(r=0.9, g=0.3, b=0.1, a=1.0)
     line.points = [Point(x=x, y=y) for x, y, _ in band.tolist()]
@@ -43,8 +60,16 @@ def to_band(band) -> MarkerArray:
 
 def to_candidates(shown) -> MarkerArray:
     markers = [Marker(header=HEADER, ns="candidates", action=Marker.DELETEALL)]
-    for index, (points, colour) in enumerate(zip(shown.points.tolist(), shown.colours.tolist(), strict=True)):
-        line = Marker(header=HEADER, ns="candidates", id=index, type=Marker.LINE_STRIP, action=Marker.ADD)
+    for index, (points, colour) in enumerate(
+        zip(shown.points.tolist(), shown.colours.tolist(), strict=True)
+    ):
+        line = Marker(
+            header=HEADER,
+            ns="candidates",
+            id=index,
+            type=Marker.LINE_STRIP,
+            action=Marker.ADD,
+        )
         line.scale.x = 0.01
         line.color = ColorRGBA(**dict(zip("rgba", colour, strict=True)))
         line.points = [Point(x=x, y=y) for x, y in points]
@@ -53,7 +78,11 @@ def to_candidates(shown) -> MarkerArray:
 
 
 def to_diagnostics(decision, name) -> DiagnosticArray:
-    figures = {key: f"{value:.6g}" for key, value in decision.diagnostics.items() if math.isfinite(value)}
+    figures = {
+        key: f"{value:.6g}"
+        for key, value in decision.diagnostics.items()
+        if math.isfinite(value)
+    }
     values = {"status": decision.status.value} | figures
     status = DiagnosticStatus(
         level=LEVELS.get(decision.status.value, DiagnosticStatus.OK),
@@ -76,7 +105,9 @@ def test_band(count):
     assert ours == as_read(to_band(band), len(ours), topics.BAND.type_name)
 
 
-@pytest.mark.parametrize(("count", "length"), [(0, 5), (1, 1), (1, 80), (151, 2), (140, 80)])
+@pytest.mark.parametrize(
+    ("count", "length"), [(0, 5), (1, 1), (1, 80), (151, 2), (140, 80)]
+)
 def test_candidates(count, length):
     draw = np.random.default_rng(count)
     costs = np.where(draw.random(count) < 0.3, np.inf, draw.uniform(0.0, 9.0, count))
@@ -109,7 +140,12 @@ class Shower(Planner):
 
 def shown(messages, decision, time_s, wanted=lambda _: True, planner=None):
     planner = planner or Shower()
-    return {topic.name: data for topic, data in messages.shown(planner, decision, round(time_s * NANOSECONDS), wanted)}
+    return {
+        topic.name: data
+        for topic, data in messages.shown(
+            planner, decision, round(time_s * NANOSECONDS), wanted
+        )
+    }
 
 
 @pytest.mark.parametrize("status", list(PlannerStatus))
@@ -118,7 +154,9 @@ def test_diagnostics(status, reason):
     figures = {"cost": 12.3456789, "samples": 20.0, "unknown": np.nan}
     decision = Decision(STOP, status, reason, diagnostics=figures)
     ours = shown(PlannerMessages(Frames(), "dwa"), decision, 3.25)["diagnostics"]
-    assert ours == as_read(to_diagnostics(decision, "dwa"), len(ours), topics.DIAGNOSTICS.type_name)
+    assert ours == as_read(
+        to_diagnostics(decision, "dwa"), len(ours), topics.DIAGNOSTICS.type_name
+    )
     assert decode.diagnostics(ours)[0]["status"] == status.value
 
 
@@ -127,7 +165,10 @@ VIEWS = {"local_plan", "local_costmap/costmap", "band", "candidates"}
 
 def test_views_come_twice_a_second_and_diagnostics_once_or_on_a_change():
     messages = PlannerMessages(Frames())
-    running, blocked = Decision(STOP, plan=np.zeros((2, 2))), Decision(STOP, PlannerStatus.BLOCKED)
+    running, blocked = (
+        Decision(STOP, plan=np.zeros((2, 2))),
+        Decision(STOP, PlannerStatus.BLOCKED),
+    )
     assert set(shown(messages, running, 0.0)) == VIEWS | {"plan", "diagnostics"}
     assert set(shown(messages, running, 0.45)) == set()
     assert set(shown(messages, running, 0.5)) == VIEWS | {"plan"}
@@ -140,7 +181,10 @@ def test_views_come_twice_a_second_and_diagnostics_once_or_on_a_change():
 
 
 def test_a_plan_that_is_new_before_it_is_due_is_not_shown_and_one_after_is_shown_at_once():
-    messages, planned = PlannerMessages(Frames(), view_period_s=1.0), Decision(STOP, plan=np.zeros((2, 2)))
+    messages, planned = (
+        PlannerMessages(Frames(), view_period_s=1.0),
+        Decision(STOP, plan=np.zeros((2, 2))),
+    )
     assert "plan" not in shown(messages, Decision(STOP), 0.0)
     assert "plan" in shown(messages, planned, 0.3)
     assert "plan" not in shown(messages, planned, 1.25)
@@ -155,33 +199,53 @@ def test_warming_up_leaves_nothing_behind():
     messages, planner = PlannerMessages(Frames()), Shower()
     messages.warm_up(planner)
     assert planner.asked == 1
-    assert set(shown(messages, Decision(STOP, plan=np.zeros((2, 2))), 0.1)) == VIEWS | {"plan", "diagnostics"}
+    assert set(shown(messages, Decision(STOP, plan=np.zeros((2, 2))), 0.1)) == VIEWS | {
+        "plan",
+        "diagnostics",
+    }
 
 
 def test_only_what_is_wanted_is_made():
-    messages, planner, planned = PlannerMessages(Frames()), Shower(), Decision(STOP, plan=np.zeros((2, 2)))
+    messages, planner, planned = (
+        PlannerMessages(Frames()),
+        Shower(),
+        Decision(STOP, plan=np.zeros((2, 2))),
+    )
     assert shown(messages, planned, 0.0, lambda _: False, planner) == {}
     assert planner.asked == 0
     # a plan that nobody wanted has not been shown; views are looked at again after their period
     assert set(shown(messages, planned, 0.1, planner=planner)) == {"plan"}
-    assert set(shown(messages, planned, 0.5, lambda topic: topic is topics.BAND, planner)) == {"band"}
+    assert set(
+        shown(messages, planned, 0.5, lambda topic: topic is topics.BAND, planner)
+    ) == {"band"}
     assert planner.asked == 1
 
 
 def test_frames_are_those_of_the_planner():
-    found = shown(PlannerMessages(Frames(odom="wheels", planning="world")), Decision(STOP, plan=np.zeros((2, 2))), 0.0)
-    assert {name: decode.header(found[name]).frame for name in ("plan", "local_plan", "local_costmap/costmap")} == {
+    found = shown(
+        PlannerMessages(Frames(odom="wheels", planning="world")),
+        Decision(STOP, plan=np.zeros((2, 2))),
+        0.0,
+    )
+    assert {
+        name: decode.header(found[name]).frame
+        for name in ("plan", "local_plan", "local_costmap/costmap")
+    } == {
         "plan": "world",
         "local_plan": "wheels",
         "local_costmap/costmap": "wheels",
     }
-    assert {decode.markers(found[name]).frame for name in ("band", "candidates")} == {"wheels"}
+    assert {decode.markers(found[name]).frame for name in ("band", "candidates")} == {
+        "wheels"
+    }
 
 
 def test_commands_of_either_type():
     velocity = Velocity2D(0.5, -0.25)
     topic, data = PlannerMessages(Frames()).command(velocity, STAMP)
     assert (topic, decode.twist(data)) == (topics.CMD_VEL, velocity)
-    topic, data = PlannerMessages(Frames(base="robot"), stamped=True).command(velocity, STAMP)
+    topic, data = PlannerMessages(Frames(base="robot"), stamped=True).command(
+        velocity, STAMP
+    )
     assert (topic, decode.twist_stamped(data)) == (topics.CMD_VEL_STAMPED, velocity)
     assert decode.header(data) == (STAMP, "robot")

@@ -9,7 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barn_planners.costmap import kernels
-from barn_planners.costmap.costmap import CostmapConfig, RollingCostmap, corners_of, text_of
+from barn_planners.costmap.costmap import (
+    CostmapConfig,
+    RollingCostmap,
+    corners_of,
+    text_of,
+)
 from barn_planners.registry import planner_config, planner_names, presets
 from barn_planners.robots import lidar_place, parameters_for, scale_of
 from barn_worlds.base.config import as_dict, fields_of, replace_dotted
@@ -45,7 +50,11 @@ def test_a_jackal_by_another_name_is_driven_as_the_jackal(name):
         before = {key: value for key, _, value in fields_of(config)}
         for key, _, value in fields_of(configured(name, other, preset)):
             if not key.endswith(("turning_radius_m", "dwa.obstacle_weight")):
-                assert value == (pytest.approx(before[key], rel=1e-5) if isinstance(value, float) else before[key]), key
+                assert value == (
+                    pytest.approx(before[key], rel=1e-5)
+                    if isinstance(value, float)
+                    else before[key]
+                ), key
 
 
 @pytest.mark.parametrize("robot", [HUSKY, ROUND], ids=lambda robot: robot.name)
@@ -56,15 +65,30 @@ def test_sizes_speeds_and_limits_follow_the_robot(name, robot):
         before = {key: value for key, _, value in fields_of(config)}
         for key, _, value in fields_of(configured(name, robot, preset)):
             if key.endswith(("max_speed_mps", "escape_speed_mps")):
-                assert abs(value) == pytest.approx(min(scale * abs(before[key]), drive.max_speed_m_s), rel=1e-5)
+                assert abs(value) == pytest.approx(
+                    min(scale * abs(before[key]), drive.max_speed_m_s), rel=1e-5
+                )
             elif key.endswith("max_turn_radps"):
-                assert value == pytest.approx(min(before[key], drive.max_yaw_rate_rad_s), rel=1e-5)
+                assert value == pytest.approx(
+                    min(before[key], drive.max_yaw_rate_rad_s), rel=1e-5
+                )
             elif key.endswith("_mps2"):
                 assert value <= drive.max_acceleration_m_s2
-            elif key.endswith(("look_ahead_m", "resolution_m", "xy_tolerance_m", "obstacle_range_m", "path_ahead_m")):
+            elif key.endswith(
+                (
+                    "look_ahead_m",
+                    "resolution_m",
+                    "xy_tolerance_m",
+                    "obstacle_range_m",
+                    "path_ahead_m",
+                )
+            ):
                 assert value == pytest.approx(scale * before[key], rel=1e-5)
             elif key.endswith("window_period_s"):
-                slower = max(1.0, scale * config.dwa.acceleration_mps2 / drive.max_acceleration_m_s2)
+                slower = max(
+                    1.0,
+                    scale * config.dwa.acceleration_mps2 / drive.max_acceleration_m_s2,
+                )
                 assert value == pytest.approx(slower * before[key], rel=1e-5)
             elif key.startswith(("guard.", "tracker.")) or key.endswith("_s"):
                 assert value == before[key]
@@ -72,7 +96,9 @@ def test_sizes_speeds_and_limits_follow_the_robot(name, robot):
 
 @pytest.mark.parametrize("robot", [HUSKY, ROUND, BURGER], ids=lambda robot: robot.name)
 @pytest.mark.parametrize("costmap", ["local_costmap", "global_costmap"])
-def test_padded_footprints_of_mppi_hold_the_robot_and_inflation_goes_beyond(robot, costmap):
+def test_padded_footprints_of_mppi_hold_the_robot_and_inflation_goes_beyond(
+    robot, costmap
+):
     found = getattr(configured("mppi", robot), costmap)
     assert found.inscribed_m < found.inflation_radius_m
     corners = found.padded_outline_m
@@ -86,11 +112,16 @@ def test_padded_footprints_of_mppi_hold_the_robot_and_inflation_goes_beyond(robo
 def test_what_the_user_sets_wins():
     found = configured("dwa", HUSKY, "challenge", **{"dwa.max_speed_mps": 0.3})
     assert found.dwa.max_speed_mps == 0.3
-    assert found.local_costmap.footprint_half_length_m == pytest.approx(0.21 * 0.495 / 0.254, rel=1e-5)
+    assert found.local_costmap.footprint_half_length_m == pytest.approx(
+        0.21 * 0.495 / 0.254, rel=1e-5
+    )
 
 
 def test_the_shipped_policy_is_for_the_jackal_alone():
-    with pytest.raises(ConfigError, match=r"^planner 'policy': the shipped policy was trained for the Jackal alone"):
+    with pytest.raises(
+        ConfigError,
+        match=r"^planner 'policy': the shipped policy was trained for the Jackal alone",
+    ):
         configured("policy", HUSKY)
     safety = configured("policy", HUSKY, policy_path="mine.npz").safety
     assert (safety.half_length_m, safety.half_width_m) == (0.495, 0.335)
@@ -110,28 +141,56 @@ def test_lidar_is_where_the_robot_has_it():
 
 def test_outlines_as_text():
     assert corners_of(text_of(PENTAGON)) == PENTAGON
-    for wrong in ("", "x", "[[0, 1]]", "[[1, 1], [1, -1], [-1, 0]]", "[[1, 1], [2, 1], [1, 2]]", "[[1, 2, 3]]", "7"):
+    for wrong in (
+        "",
+        "x",
+        "[[0, 1]]",
+        "[[1, 1], [1, -1], [-1, 0]]",
+        "[[1, 1], [2, 1], [1, 2]]",
+        "[[1, 2, 3]]",
+        "7",
+    ):
         assert corners_of(wrong) is None
 
 
 @settings(max_examples=50, deadline=None)
 @given(st.floats(0.05, 2.0), st.floats(0.05, 2.0), st.floats(0.0, 0.5))
 def test_padding_moves_every_side_outwards(half_x, half_y, by_m):
-    rectangle = ((half_x, half_y), (-half_x, half_y), (-half_x, -half_y), (half_x, -half_y))
+    rectangle = (
+        (half_x, half_y),
+        (-half_x, half_y),
+        (-half_x, -half_y),
+        (half_x, -half_y),
+    )
     x, y = half_x + by_m, half_y + by_m
-    np.testing.assert_allclose(grown(rectangle, by_m), [(x, y), (-x, y), (-x, -y), (x, -y)], atol=1e-12)
-    assert nearest_side_m(grown(PENTAGON, by_m)) == pytest.approx(nearest_side_m(PENTAGON) + by_m)
+    np.testing.assert_allclose(
+        grown(rectangle, by_m), [(x, y), (-x, y), (-x, -y), (x, -y)], atol=1e-12
+    )
+    assert nearest_side_m(grown(PENTAGON, by_m)) == pytest.approx(
+        nearest_side_m(PENTAGON) + by_m
+    )
 
 
 def test_a_costmap_clears_and_checks_the_outline():
-    config = replace_dotted(CostmapConfig(), {"footprint": text_of(PENTAGON), "footprint_padding_m": 0.0}, "costmap")
+    config = replace_dotted(
+        CostmapConfig(),
+        {"footprint": text_of(PENTAGON), "footprint_padding_m": 0.0},
+        "costmap",
+    )
     costmap = RollingCostmap(config)
     assert config.inscribed_m == pytest.approx(nearest_side_m(PENTAGON))
     assert config.circumscribed_m == pytest.approx(0.5)
     ahead = np.full(9, 0.8, np.float32)
-    costmap.update(Pose2D(0.0, 0.0, 0.0), Scan(0, ahead, -0.2, 0.05, 0.1, 30.0), Pose2D(0.0, 0.0, 0.0))
+    costmap.update(
+        Pose2D(0.0, 0.0, 0.0),
+        Scan(0, ahead, -0.2, 0.05, 0.1, 30.0),
+        Pose2D(0.0, 0.0, 0.0),
+    )
     first, spans = kernels.footprint_spans(costmap.outline, *costmap.grid)
-    ends = costmap.origin_x + 0.05 * first, costmap.origin_x + 0.05 * (first + len(spans))
+    ends = (
+        costmap.origin_x + 0.05 * first,
+        costmap.origin_x + 0.05 * (first + len(spans)),
+    )
     assert ends == pytest.approx((-0.3, 0.5), abs=0.06)
     assert costmap.has_room(0.0, 0.0, 0.0)
     assert not costmap.has_room(0.3, 0.0, 0.0)  # its tip is in what was seen
@@ -152,6 +211,8 @@ def test_global_plans_keep_as_far_away_as_the_robot_reaches_to_the_sides(name):
     width_m = np.ptp(found.global_costmap.padded_outline_m[:, 1])
     assert found.global_costmap.inscribed_m == pytest.approx(width_m / 2.0, rel=1e-3)
     assert found.global_costmap.inflation_radius_m > found.global_costmap.inscribed_m
-    assert found.local_costmap.inscribed_m == pytest.approx(nearest_side_m(found.local_costmap.padded_outline_m))
+    assert found.local_costmap.inscribed_m == pytest.approx(
+        nearest_side_m(found.local_costmap.padded_outline_m)
+    )
     for robot in (HUSKY, ROUND):
         assert configured(name, robot).global_costmap.inscribed_radius_m == 0.0

@@ -8,8 +8,18 @@ import pytest
 
 from barn_planners.interface import Observation, PlannerStatus, Task
 from barn_planners.policy.file import Policy, PolicyError, write_policy
-from barn_planners.policy.planner import PolicyConfig, PolicyPlanner, SafetyConfig, least_gap, safe_command
-from barn_planners.policy.space import ObservationEncoder, PolicyAction, PolicyObservation
+from barn_planners.policy.planner import (
+    PolicyConfig,
+    PolicyPlanner,
+    SafetyConfig,
+    least_gap,
+    safe_command,
+)
+from barn_planners.policy.space import (
+    ObservationEncoder,
+    PolicyAction,
+    PolicyObservation,
+)
 from barn_planners.registry import make_planner
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import STOP, Odometry, Pose2D, Scan, Velocity2D
@@ -40,7 +50,11 @@ def reference_lidar(config: PolicyObservation, seen: Scan) -> np.ndarray:
         inside = []
         for angle, distance in zip(seen.angles(), seen.ranges, strict=True):
             sector = (angle - config.angle_min_rad) / width
-            sector = min(max(math.floor(sector), 0), config.beams - 1) if -0.5 <= sector <= config.beams + 0.5 else -1
+            sector = (
+                min(max(math.floor(sector), 0), config.beams - 1)
+                if -0.5 <= sector <= config.beams + 0.5
+                else -1
+            )
             inside += [float(distance)] if sector == k else []
         valid = [distance for distance in inside if distance >= seen.range_min]
         too_near = any(distance < seen.range_min for distance in inside)
@@ -61,29 +75,48 @@ def random_scan(beams: int, **geometry) -> Scan:
 @pytest.mark.parametrize("sectors", [720, 360, 40, 7, 1])
 def test_the_lidar_against_a_plain_reference(sectors):
     config, seen = PolicyObservation(beams=sectors), random_scan(720)
-    np.testing.assert_allclose(lidar(config, seen), reference_lidar(config, seen), atol=1e-6)
+    np.testing.assert_allclose(
+        lidar(config, seen), reference_lidar(config, seen), atol=1e-6
+    )
 
 
 def test_a_wider_scan_is_cut_and_one_turned_round_is_turned_back():
     config = PolicyObservation(beams=20)
     wide = random_scan(1080, angle_min=-2.9, angle_max=2.9)
-    np.testing.assert_allclose(lidar(config, wide), reference_lidar(config, wide), atol=1e-6)
+    np.testing.assert_allclose(
+        lidar(config, wide), reference_lidar(config, wide), atol=1e-6
+    )
     seen = random_scan(720)
-    turned = replace(seen, ranges=seen.ranges[::-1], angle_min=-seen.angle_min, angle_increment=-seen.angle_increment)
+    turned = replace(
+        seen,
+        ranges=seen.ranges[::-1],
+        angle_min=-seen.angle_min,
+        angle_increment=-seen.angle_increment,
+    )
     np.testing.assert_array_equal(lidar(config, turned), lidar(config, seen))
 
 
 def test_a_scan_coarser_than_the_sectors_fills_all_of_them():
     values = np.linspace(0.5, 4.5, 91)
     shares = lidar(PolicyObservation(beams=720), scan(values))
-    assert (np.diff(shares) >= 0.0).all() and shares[0] == pytest.approx(0.1) and shares[-1] == pytest.approx(0.9)
+    assert (
+        (np.diff(shares) >= 0.0).all()
+        and shares[0] == pytest.approx(0.1)
+        and shares[-1] == pytest.approx(0.9)
+    )
 
 
 def test_goal_and_velocity_are_seen_from_the_robot():
     config = PolicyObservation(beams=4)
-    seen = observed(scan(np.full(720, np.inf)), Pose2D(1.0, -1.0, math.pi / 2.0), Velocity2D(-3.0, 1.0))
+    seen = observed(
+        scan(np.full(720, np.inf)),
+        Pose2D(1.0, -1.0, math.pi / 2.0),
+        Velocity2D(-3.0, 1.0),
+    )
     vector = ObservationEncoder(config).encode(seen, Pose2D(1.0, 1.5, 0.0))
-    np.testing.assert_allclose(vector, [1, 1, 1, 1, 0.25, 1.0, 0.0, -1.0, 0.25], atol=1e-6)
+    np.testing.assert_allclose(
+        vector, [1, 1, 1, 1, 0.25, 1.0, 0.0, -1.0, 0.25], atol=1e-6
+    )
     low, high = config.bounds()
     assert vector.dtype == np.float32 and ((low <= vector) & (vector <= high)).all()
 
@@ -116,7 +149,10 @@ def test_actions_become_velocities_within_limits():
 def test_many_actions_at_once_become_the_same_velocities(kind):
     action = PolicyAction(min_speed_mps=-0.3, max_speed_mps=1.7, max_yaw_rate_radps=2.1)
     actions = np.concatenate(
-        [np.random.default_rng(0).uniform(-1.5, 1.5, (200, 2)), [[math.nan, 1.0], [-0.0, math.inf]]]
+        [
+            np.random.default_rng(0).uniform(-1.5, 1.5, (200, 2)),
+            [[math.nan, 1.0], [-0.0, math.inf]],
+        ]
     )
     given = action.commands(actions.astype(kind))
     each = [action.command(one) for one in actions.astype(kind)]
@@ -131,7 +167,9 @@ def reference_gap(points, velocity, time_s, config):
         step = velocity.linear * time_s / 4000
         pose = pose @ Pose2D(step * math.cos(half), step * math.sin(half), 2.0 * half)
         inside = pose.inverse().transform(points)
-        outside = np.maximum(np.abs(inside) - [config.half_length_m, config.half_width_m], 0.0)
+        outside = np.maximum(
+            np.abs(inside) - [config.half_length_m, config.half_width_m], 0.0
+        )
         least = min(least, float(np.hypot(*outside.T).min()))
     return least
 
@@ -142,16 +180,26 @@ def test_the_gap_of_a_drive_against_small_steps():
         points = rng.uniform(-1.0, 1.0, (5, 2)) + [0.8, 0.0]
         velocity = Velocity2D(*rng.uniform(-1.5, 1.5, 2).tolist())
         found = least_gap(
-            points, velocity.linear, velocity.angular, 400, 0.6 / 400, config.half_length_m, config.half_width_m
+            points,
+            velocity.linear,
+            velocity.angular,
+            400,
+            0.6 / 400,
+            config.half_length_m,
+            config.half_width_m,
         )
-        assert found == pytest.approx(reference_gap(points, velocity, 0.6, config), abs=2e-3)
+        assert found == pytest.approx(
+            reference_gap(points, velocity, 0.6, config), abs=2e-3
+        )
 
 
 def ahead(distance_m: float) -> Scan:
     """Return a scan of a wall so far ahead of the robot's front."""
     angles = np.linspace(-FIELD, FIELD, 720)
     with np.errstate(divide="ignore"):
-        ranges = np.where(np.abs(angles) < 1.0, (0.254 - 0.055 + distance_m) / np.cos(angles), np.inf)
+        ranges = np.where(
+            np.abs(angles) < 1.0, (0.254 - 0.055 + distance_m) / np.cos(angles), np.inf
+        )
     return scan(ranges)
 
 
@@ -162,9 +210,13 @@ def test_the_stop_leaves_commands_alone_that_hit_nothing():
 
 def test_the_stop_brakes_before_a_wall_and_lets_the_robot_back_off():
     fast = Velocity2D(1.0, 0.0)
-    assert safe_command(fast, fast, ahead(0.25), SafetyConfig()) == Velocity2D(0.75, 0.0)
+    assert safe_command(fast, fast, ahead(0.25), SafetyConfig()) == Velocity2D(
+        0.75, 0.0
+    )
     assert safe_command(fast, fast, ahead(0.05), SafetyConfig()).linear == 0.0
-    assert safe_command(Velocity2D(-0.4, 0.0), STOP, ahead(0.01), SafetyConfig()) == Velocity2D(-0.4, 0.0)
+    assert safe_command(
+        Velocity2D(-0.4, 0.0), STOP, ahead(0.01), SafetyConfig()
+    ) == Velocity2D(-0.4, 0.0)
 
 
 def linear_policy(path, weights, biases, beams=4):
@@ -173,14 +225,23 @@ def linear_policy(path, weights, biases, beams=4):
         matrix[place] = row
     action = PolicyAction(min_speed_mps=0.0, max_speed_mps=1.0, max_yaw_rate_radps=1.0)
     biases = np.array(biases, np.float32)
-    write_policy(path, Policy(PolicyObservation(beams=beams), action, (matrix,), (biases,)))
+    write_policy(
+        path, Policy(PolicyObservation(beams=beams), action, (matrix,), (biases,))
+    )
     return str(path)
 
 
 def test_a_policy_that_steers_for_the_goal_reaches_it(flat_world, tmp_path):
-    path = linear_policy(tmp_path / "p.npz", {6: (0.0, 2.0)}, (0.2, 0.0))  # turn by the sine of the bearing
-    world, planner = flat_world([((-2.0, 6.0), (8.0, 6.0))]), make_planner("policy", "challenge", {"policy_path": path})
-    assert world.drive(planner, Pose2D(4.0, 2.0, 0.0), 20.0) is PlannerStatus.GOAL_REACHED
+    path = linear_policy(
+        tmp_path / "p.npz", {6: (0.0, 2.0)}, (0.2, 0.0)
+    )  # turn by the sine of the bearing
+    world, planner = (
+        flat_world([((-2.0, 6.0), (8.0, 6.0))]),
+        make_planner("policy", "challenge", {"policy_path": path}),
+    )
+    assert (
+        world.drive(planner, Pose2D(4.0, 2.0, 0.0), 20.0) is PlannerStatus.GOAL_REACHED
+    )
     assert math.dist((world.pose.x, world.pose.y), (4.0, 2.0)) < 0.25
 
 
@@ -188,23 +249,33 @@ def test_a_policy_that_drives_into_walls_is_stopped_before_them(flat_world, tmp_
     path = linear_policy(tmp_path / "p.npz", {}, (1.0, 0.0))
     for enabled in (True, False):
         world = flat_world([((3.0, -2.0), (3.0, 2.0))])
-        planner = make_planner("policy", "challenge", {"policy_path": path, "safety.enabled": enabled})
+        planner = make_planner(
+            "policy", "challenge", {"policy_path": path, "safety.enabled": enabled}
+        )
         status = world.drive(planner, Pose2D(6.0, 0.0, 0.0), 10.0)
         assert (world.pose.x + 0.254 < 3.0 - 0.075) is enabled
         if enabled:
-            assert status is PlannerStatus.BLOCKED and "too near" in world.decisions[-1].reason
+            assert (
+                status is PlannerStatus.BLOCKED
+                and "too near" in world.decisions[-1].reason
+            )
 
 
 def test_a_policy_that_stands_still_says_that_it_is_stuck(flat_world, tmp_path):
     path = linear_policy(tmp_path / "p.npz", {}, (-1.0, 0.0))
-    world, planner = flat_world([((3.0, -2.0), (3.0, 2.0))]), PolicyPlanner(PolicyConfig(policy_path=path))
+    world, planner = (
+        flat_world([((3.0, -2.0), (3.0, 2.0))]),
+        PolicyPlanner(PolicyConfig(policy_path=path)),
+    )
     assert world.drive(planner, GOAL, 7.0) is PlannerStatus.RUNNING
     assert world.drive(planner, GOAL, 10.0) is PlannerStatus.BLOCKED
     assert "not got anywhere" in world.decisions[-1].reason
 
 
 def test_a_narrow_scan_stops_the_robot(tmp_path):
-    planner = PolicyPlanner(PolicyConfig(policy_path=linear_policy(tmp_path / "p.npz", {}, (1.0, 0.0))))
+    planner = PolicyPlanner(
+        PolicyConfig(policy_path=linear_policy(tmp_path / "p.npz", {}, (1.0, 0.0)))
+    )
     planner.start(Task(GOAL), 0)
     decision = planner.step(observed(scan(np.ones(100), -1.0, 1.0)))
     assert decision.command == STOP and "the policy sees from" in decision.reason

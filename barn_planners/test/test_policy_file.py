@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 from archives import members, pickled, repack
 
-from barn_planners.policy.file import Policy, PolicyError, PolicyNetwork, affine, read_policy, write_policy
+from barn_planners.policy.file import (
+    Policy,
+    PolicyError,
+    PolicyNetwork,
+    affine,
+    read_policy,
+    write_policy,
+)
 from barn_planners.policy.planner import shipped_policy
 from barn_planners.policy.space import PolicyAction, PolicyObservation
 from barn_worlds.formats.npz import to_npy
@@ -20,7 +27,12 @@ def policy(layers=(11, 8, 2), **changes) -> Policy:
     sizes = list(pairwise(layers))
     weights = tuple(rng.normal(size=size).astype(np.float32) for size in sizes)
     biases = tuple(rng.normal(size=size[1]).astype(np.float32) for size in sizes)
-    given = {"observation": OBSERVATION, "action": PolicyAction(), "weights": weights, "biases": biases}
+    given = {
+        "observation": OBSERVATION,
+        "action": PolicyAction(),
+        "weights": weights,
+        "biases": biases,
+    }
     return Policy(**given | changes)
 
 
@@ -32,9 +44,19 @@ def path(tmp_path):
 
 def test_what_is_written_is_read(path):
     written, read = policy(), read_policy(path)
-    assert (read.observation, read.action, read.layers) == (OBSERVATION, PolicyAction(), [11, 8, 2])
-    assert (read.activation, read.output, read.about) == ("tanh", "clip", {"by": "a test"})
-    for one, other in zip(written.weights + written.biases, read.weights + read.biases, strict=True):
+    assert (read.observation, read.action, read.layers) == (
+        OBSERVATION,
+        PolicyAction(),
+        [11, 8, 2],
+    )
+    assert (read.activation, read.output, read.about) == (
+        "tanh",
+        "clip",
+        {"by": "a test"},
+    )
+    for one, other in zip(
+        written.weights + written.biases, read.weights + read.biases, strict=True
+    ):
         np.testing.assert_array_equal(one, other)
 
 
@@ -52,20 +74,33 @@ def test_the_network_against_matrix_products(activation, output):
     for k in range(3):
         values = values @ made.weights[k].astype(np.float64) + made.biases[k]
         if k < 2:
-            values = np.tanh(values) if activation == "tanh" else np.where(values > 0.0, values, 0.0)
+            values = (
+                np.tanh(values)
+                if activation == "tanh"
+                else np.where(values > 0.0, values, 0.0)
+            )
     expected = np.tanh(values) if output == "tanh" else values
-    np.testing.assert_allclose(PolicyNetwork(made).act(seen), expected, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(
+        PolicyNetwork(made).act(seen), expected, rtol=1e-12, atol=1e-12
+    )
 
 
 def test_a_layer_sums_in_one_order():
     rng = np.random.default_rng(1)
-    values, weights, biases = rng.normal(size=300), rng.normal(size=(300, 130)), rng.normal(size=130)
+    values, weights, biases = (
+        rng.normal(size=300),
+        rng.normal(size=(300, 130)),
+        rng.normal(size=130),
+    )
     expected = np.add.accumulate([biases, *(values[:, None] * weights)])[-1]
     np.testing.assert_array_equal(affine(values, weights, biases), expected)
 
 
 def header_with(**changes):
-    return lambda path: repack(path, {"policy.json": json.dumps(json.loads(members(path)["policy.json"]) | changes)})
+    return lambda path: repack(
+        path,
+        {"policy.json": json.dumps(json.loads(members(path)["policy.json"]) | changes)},
+    )
 
 
 def with_member(name, data):
@@ -83,25 +118,55 @@ DAMAGED = {
     "cut off": (cut, "not a policy file"),
     "no header": (with_member("policy.json", None), "it has no policy.json"),
     "header no JSON": (with_member("policy.json", b"{"), "policy.json: not JSON"),
-    "header a list": (with_member("policy.json", b"[]"), "schema version must be 1, got None"),
+    "header a list": (
+        with_member("policy.json", b"[]"),
+        "schema version must be 1, got None",
+    ),
     "other version": (header_with(schema=2), "schema version must be 1, got 2"),
     "key too many": (header_with(colour="red"), "'colour'"),
-    "unknown activation": (header_with(activation="tanhh"), "unknown activation 'tanhh'; did you mean 'tanh'"),
+    "unknown activation": (
+        header_with(activation="tanhh"),
+        "unknown activation 'tanhh'; did you mean 'tanh'",
+    ),
     "unknown output": (header_with(output="softmax"), "unknown output 'softmax'"),
     "layers no sizes": (header_with(layers=[11, -8, 2]), "the file has [11, 8, 2]"),
     "too many layers": (header_with(layers=[11] * 40), "layers must be 2 to 17 sizes"),
     "other layers": (header_with(layers=[11, 9, 2]), "the file has [11, 8, 2]"),
     "layer missing": (header_with(layers=[11, 8, 8, 2]), "it has no weights_2.npy"),
-    "observation of other size": (header_with(observation={"beams": 9}), "must lead from 14 observed values"),
-    "unknown observation": (header_with(observation={"beans": 6}), "did you mean 'observation.beams'"),
-    "action out of range": (header_with(action={"max_speed_mps": 99.0}), "max_speed_mps must be from -10 to 10"),
+    "observation of other size": (
+        header_with(observation={"beams": 9}),
+        "must lead from 14 observed values",
+    ),
+    "unknown observation": (
+        header_with(observation={"beans": 6}),
+        "did you mean 'observation.beams'",
+    ),
+    "action out of range": (
+        header_with(action={"max_speed_mps": 99.0}),
+        "max_speed_mps must be from -10 to 10",
+    ),
     "about no mapping": (header_with(about=1), "about must be a mapping"),
     "weights missing": (with_member("weights_1.npy", None), "it has no weights_1.npy"),
-    "weights not finite": (with_member("weights_0.npy", to_npy(NAN)), "layer 0 holds values that are not finite"),
-    "weights of other shape": (with_member("weights_0.npy", to_npy(NAN[:, :7])), "layer 0 must have weights (11, 8)"),
-    "weights flat": (with_member("weights_0.npy", to_npy(NAN[0])), "float32 in 2 dimensions"),
-    "weights of other type": (with_member("biases_0.npy", to_npy(np.zeros(8))), "got float64"),
-    "weights pickled": (with_member("weights_0.npy", pickled()), "Object arrays cannot be loaded"),
+    "weights not finite": (
+        with_member("weights_0.npy", to_npy(NAN)),
+        "layer 0 holds values that are not finite",
+    ),
+    "weights of other shape": (
+        with_member("weights_0.npy", to_npy(NAN[:, :7])),
+        "layer 0 must have weights (11, 8)",
+    ),
+    "weights flat": (
+        with_member("weights_0.npy", to_npy(NAN[0])),
+        "float32 in 2 dimensions",
+    ),
+    "weights of other type": (
+        with_member("biases_0.npy", to_npy(np.zeros(8))),
+        "got float64",
+    ),
+    "weights pickled": (
+        with_member("weights_0.npy", pickled()),
+        "Object arrays cannot be loaded",
+    ),
     "bomb": (with_member("filler", bytes(65 * 1024 * 1024)), "unpacks to more than"),
 }
 
@@ -124,7 +189,8 @@ def test_a_path_without_a_file_is_refused(tmp_path):
 
 def test_a_policy_is_judged_before_it_is_written(tmp_path):
     with pytest.raises(
-        PolicyError, match=r"must lead from 11 observed values to 2 actions, got layers of \[11, 8, 3\]"
+        PolicyError,
+        match=r"must lead from 11 observed values to 2 actions, got layers of \[11, 8, 3\]",
     ):
         policy((11, 8, 3))
     with pytest.raises(PolicyError, match="1 to 16 layers"):

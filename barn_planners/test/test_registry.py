@@ -7,7 +7,14 @@ import pytest
 
 from barn_planners import registry
 from barn_planners.interface import Decision, Planner
-from barn_planners.registry import PlannerEntry, make_planner, planner_config, planner_names, presets, register
+from barn_planners.registry import (
+    PlannerEntry,
+    make_planner,
+    planner_config,
+    planner_names,
+    presets,
+    register,
+)
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import STOP
@@ -61,7 +68,10 @@ def test_every_built_in_planner_can_be_made_with_each_of_its_presets():
     ("arguments", "message"),
     [
         (("dva",), "unknown planner 'dva'; did you mean 'dwa'?"),
-        (("dwa", "papr2020"), "planner 'dwa': unknown preset 'papr2020'; did you mean 'paper2020'?"),
+        (
+            ("dwa", "papr2020"),
+            "planner 'dwa': unknown preset 'papr2020'; did you mean 'paper2020'?",
+        ),
         (
             ("dwa", "paper2020", {"dwa.max_sped_mps": 1.0}),
             "unknown parameter 'dwa.max_sped_mps'; did you mean 'dwa.max_speed_mps'?",
@@ -79,19 +89,37 @@ def test_mistakes_are_named_in_one_line(arguments, message):
 
 
 CANNOT_WORK = {
-    "dwa.min_speed_mps must be at most max_speed_mps = 0.5": ("dwa", {"dwa.min_speed_mps": 0.6}),
-    "band.min_speed_mps must be at most max_speed_mps = 0.5": ("eband", {"band.min_speed_mps": 0.6}),
-    "min_speed_mps must be at least -0.5: no faster than max_speed_mps": ("mppi", {"mppi.min_speed_mps": -0.6}),
+    "dwa.min_speed_mps must be at most max_speed_mps = 0.5": (
+        "dwa",
+        {"dwa.min_speed_mps": 0.6},
+    ),
+    "band.min_speed_mps must be at most max_speed_mps = 0.5": (
+        "eband",
+        {"band.min_speed_mps": 0.6},
+    ),
+    "min_speed_mps must be at least -0.5: no faster than max_speed_mps": (
+        "mppi",
+        {"mppi.min_speed_mps": -0.6},
+    ),
     "samples must be at most 10000000 divided by steps = 1000, got 100000": (
         "mppi",
         {"mppi.samples": 100_000, "mppi.steps": 1000},
     ),
     "step_s must keep a step's turn to at most 0.5 rad": ("mppi", {"mppi.step_s": 0.5}),
-    "at most 16000000 cells": ("dwa", {"local_costmap.resolution_m": 0.005, "local_costmap.size_m": 100.0}),
-    "footprint must be corners": ("dwa", {"local_costmap.footprint": "[[1, 1], [1, -1], [-1, 0]]"}),
+    "at most 16000000 cells": (
+        "dwa",
+        {"local_costmap.resolution_m": 0.005, "local_costmap.size_m": 100.0},
+    ),
+    "footprint must be corners": (
+        "dwa",
+        {"local_costmap.footprint": "[[1, 1], [1, -1], [-1, 0]]"},
+    ),
     "must leave a footprint": (
         "dwa",
-        {"local_costmap.footprint_half_width_m": 0.05, "local_costmap.footprint_padding_m": -0.06},
+        {
+            "local_costmap.footprint_half_width_m": 0.05,
+            "local_costmap.footprint_padding_m": -0.06,
+        },
     ),
 }
 
@@ -115,19 +143,31 @@ def test_a_registered_planner_is_found_and_names_are_not_taken_twice():
 def test_a_planner_of_another_package_is_found_by_its_entry_point(announced):
     announced("test_registry:ENTRY")
     assert "stand" in planner_names()
-    assert make_planner("stand", "challenge", {"patience_s": 2.0}).config == StandConfig(2.0)
+    assert make_planner(
+        "stand", "challenge", {"patience_s": 2.0}
+    ).config == StandConfig(2.0)
 
 
 def test_one_preset_named_default_serves_every_protocol(announced):
     announced("test_registry:ENTRY")
-    assert planner_config("stand", "paper2020") == planner_config("stand", "challenge") == StandConfig()
+    assert (
+        planner_config("stand", "paper2020")
+        == planner_config("stand", "challenge")
+        == StandConfig()
+    )
 
 
 @pytest.mark.parametrize(
     ("value", "message"),
     [
-        ("no_module:ENTRY", "planner 'stand': cannot load 'no_module:ENTRY': No module named 'no_module'"),
-        ("test_registry:Stand", "planner 'stand': its entry point must be a PlannerEntry"),
+        (
+            "no_module:ENTRY",
+            "planner 'stand': cannot load 'no_module:ENTRY': No module named 'no_module'",
+        ),
+        (
+            "test_registry:Stand",
+            "planner 'stand': its entry point must be a PlannerEntry",
+        ),
     ],
 )
 def test_a_broken_entry_point_is_named(announced, value, message):

@@ -12,7 +12,12 @@ from barn_planners.registry import make_planner, planner_config, planner_names, 
 from barn_worlds.base.config import fields_of
 from barn_worlds.base.types import STOP, OccupancyMap, Pose2D, Velocity2D
 
-BOX = [((-2.0, -1.5), (8.0, -1.5)), ((-2.0, 1.5), (8.0, 1.5)), ((-2.0, -1.5), (-2.0, 1.5)), ((8.0, -1.5), (8.0, 1.5))]
+BOX = [
+    ((-2.0, -1.5), (8.0, -1.5)),
+    ((-2.0, 1.5), (8.0, 1.5)),
+    ((-2.0, -1.5), (-2.0, 1.5)),
+    ((8.0, -1.5), (8.0, 1.5)),
+]
 GOAL = Pose2D(5.0, 0.0, 0.0)
 GAPS = ("gap",)
 NOWHERE = Pose2D(math.nan, math.nan, math.nan)
@@ -38,19 +43,43 @@ def with_odometry(**changes):
 # What is wrong with an observation, and the reason that is given for the stop.
 FAULTS = {
     "empty scan": (with_scan(ranges=np.empty(0, np.float32)), "the scan is empty"),
-    "nothing seen": (with_ranges(np.inf), "the lidar (returns nothing though|has returned nothing yet)"),
+    "nothing seen": (
+        with_ranges(np.inf),
+        "the lidar (returns nothing though|has returned nothing yet)",
+    ),
     "all too near": (with_ranges(-np.inf), "no valid range"),
     "no valid range": (with_ranges(np.nan), "no valid range"),
     "zero ranges": (with_ranges(0.0), "no valid range"),
     "negative ranges": (with_ranges(-3.0), "no valid range"),
     "angles not a number": (with_scan(angle_min=math.nan), "no usable angles"),
-    "odometry pose not a number": (with_odometry(pose=NOWHERE), "odometry holds no usable pose"),
-    "odometry yaw not a number": (with_odometry(pose=Pose2D(0.0, 0.0, math.nan)), "odometry holds no usable pose"),
-    "odometry infinitely far": (with_odometry(pose=Pose2D(math.inf, 0.0, 0.0)), "odometry holds no usable pose"),
-    "velocity not a number": (with_odometry(velocity=Velocity2D(math.nan, 0.0)), "no usable pose or velocity"),
-    "yaw rate not a number": (with_odometry(velocity=Velocity2D(0.0, math.nan)), "no usable yaw rate"),
-    "localisation not a number": (lambda seen: replace(seen, pose=NOWHERE), "localisation holds no usable pose"),
-    "localised on the moon": (lambda seen: replace(seen, pose=Pose2D(1e30, 0.0, 0.0)), "localisation holds no usable"),
+    "odometry pose not a number": (
+        with_odometry(pose=NOWHERE),
+        "odometry holds no usable pose",
+    ),
+    "odometry yaw not a number": (
+        with_odometry(pose=Pose2D(0.0, 0.0, math.nan)),
+        "odometry holds no usable pose",
+    ),
+    "odometry infinitely far": (
+        with_odometry(pose=Pose2D(math.inf, 0.0, 0.0)),
+        "odometry holds no usable pose",
+    ),
+    "velocity not a number": (
+        with_odometry(velocity=Velocity2D(math.nan, 0.0)),
+        "no usable pose or velocity",
+    ),
+    "yaw rate not a number": (
+        with_odometry(velocity=Velocity2D(0.0, math.nan)),
+        "no usable yaw rate",
+    ),
+    "localisation not a number": (
+        lambda seen: replace(seen, pose=NOWHERE),
+        "localisation holds no usable pose",
+    ),
+    "localised on the moon": (
+        lambda seen: replace(seen, pose=Pose2D(1e30, 0.0, 0.0)),
+        "localisation holds no usable",
+    ),
 }
 
 
@@ -75,13 +104,19 @@ def started(name, preset=None, goal=GOAL, known=None):
     preset = preset or next(iter(presets(name)))
     fields = {field for field, _, _ in fields_of(planner_config(name, preset))}
     changes = {"global_costmap.size_m": 24.0, "mppi.samples": 400}
-    planner = make_planner(name, preset, {field: value for field, value in changes.items() if field in fields})
+    planner = make_planner(
+        name,
+        preset,
+        {field: value for field, value in changes.items() if field in fields},
+    )
     planner.start(Task(goal, known), 1)
     return planner
 
 
 @pytest.mark.parametrize("name", planner_names())
-def test_a_faulty_observation_stops_the_robot_with_a_reason_and_passes(flat_world, name):
+def test_a_faulty_observation_stops_the_robot_with_a_reason_and_passes(
+    flat_world, name
+):
     world, planner = flat_world(BOX), started(name, goal=Pose2D(7.0, 0.0, 0.0))
     observed(world, planner, 30)
     assert world.pose.x > 0.2
@@ -102,7 +137,9 @@ def test_a_fault_from_the_first_observation_on(flat_world, name):
     for fault, (change, _) in FAULTS.items():
         world = flat_world(BOX)
         planner.start(Task(GOAL), 1)
-        assert [decision.command for decision in observed(world, planner, 3, change)] == [STOP] * 3, fault
+        assert [
+            decision.command for decision in observed(world, planner, 3, change)
+        ] == [STOP] * 3, fault
         observed(world, planner, 10)
         assert world.pose.x > 0.02, fault
 
@@ -119,7 +156,9 @@ def test_scattered_bad_ranges_do_no_harm(flat_world, name):
     assert world.pose.x > 0.5
 
 
-@pytest.mark.parametrize("goal", [NOWHERE, Pose2D(math.inf, 0.0, 0.0), Pose2D(900.0, 0.0, 0.0)])
+@pytest.mark.parametrize(
+    "goal", [NOWHERE, Pose2D(math.inf, 0.0, 0.0), Pose2D(900.0, 0.0, 0.0)]
+)
 @pytest.mark.parametrize("name", planner_names())
 def test_a_goal_that_is_nowhere_harms_nobody(flat_world, name, goal):
     world, planner = flat_world(BOX), started(name, goal=goal)
@@ -130,17 +169,25 @@ def test_a_goal_that_is_nowhere_harms_nobody(flat_world, name, goal):
 
 @pytest.mark.parametrize(("name", "preset"), planners())
 def test_a_goal_inside_an_obstacle_is_not_driven_into(flat_world, name, preset):
-    world, planner = flat_world(BOX, [(3.0, 0.0, 0.15)]), started(name, preset, Pose2D(3.0, 0.0, 0.0))
+    world, planner = (
+        flat_world(BOX, [(3.0, 0.0, 0.15)]),
+        started(name, preset, Pose2D(3.0, 0.0, 0.0)),
+    )
     decisions = observed(world, planner, 330)
     assert world.clearance > 0.19
     if name not in GAPS:  # which know no obstacle, only gaps beside it
-        assert any(decision.status is not PlannerStatus.RUNNING for decision in decisions)
+        assert any(
+            decision.status is not PlannerStatus.RUNNING for decision in decisions
+        )
         assert abs(world.velocity.linear) < 0.02
 
 
 @pytest.mark.parametrize(("name", "preset"), planners())
 def test_an_enclosed_robot_stays_where_it_is(flat_world, name, preset):
-    ring = [(0.55 * math.cos(a), 0.55 * math.sin(a), 0.075) for a in np.linspace(0.0, 2.0 * math.pi, 40)]
+    ring = [
+        (0.55 * math.cos(a), 0.55 * math.sin(a), 0.075)
+        for a in np.linspace(0.0, 2.0 * math.pi, 40)
+    ]
     # E-Band clears its costmap where a plan is in collision, and then drives into what it had seen: a quirk of its own.
     changes = {"band.reset_costmap_once": False} if name == "eband" else {}
     world, planner = flat_world(cylinders=ring), make_planner(name, preset, changes)
@@ -159,11 +206,16 @@ def test_a_plan_that_vanishes_ends_in_a_stop(flat_world, name, preset):
     x = world.pose.x
     assert x > 0.5
     corners = [(x - 1.0, -1.0), (x + 1.2, -1.0), (x + 1.2, 1.0), (x - 1.0, 1.0)]
-    world.cylinders = flat_world(list(zip(corners, corners[1:] + corners[:1], strict=True))).cylinders
+    world.cylinders = flat_world(
+        list(zip(corners, corners[1:] + corners[:1], strict=True))
+    ).cylinders
     decisions = observed(world, planner, 240)
     assert world.clearance > 0.19
     assert x - 1.0 < world.pose.x < x + 1.2
-    assert any(decision.status is not PlannerStatus.RUNNING for decision in decisions) or name in GAPS
+    assert (
+        any(decision.status is not PlannerStatus.RUNNING for decision in decisions)
+        or name in GAPS
+    )
 
 
 @pytest.mark.parametrize("name", planner_names())
@@ -171,7 +223,10 @@ def test_a_map_without_a_free_cell(flat_world, name):
     full = OccupancyMap(np.full((66, 66), 100, np.int8), 0.15, -5.0, -5.0)
     decision = observed(flat_world(BOX), started(name, known=full), 20)[-1]
     planless = name in (*GAPS, "policy")  # which look at no map
-    assert planless or (decision.command in (STOP, None) and decision.status is not PlannerStatus.RUNNING)
+    assert planless or (
+        decision.command in (STOP, None)
+        and decision.status is not PlannerStatus.RUNNING
+    )
 
 
 @pytest.mark.parametrize("name", planner_names())

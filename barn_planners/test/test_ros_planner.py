@@ -10,7 +10,12 @@ import pytest
 rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped  # noqa: E402
+from geometry_msgs.msg import (  # noqa: E402
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    Twist,
+    TwistStamped,
+)
 from nav_msgs.msg import OccupancyGrid, Path  # noqa: E402
 from nav_msgs.msg import Odometry as OdometryMessage  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
@@ -24,7 +29,12 @@ from barn_worlds.messages import decode, encode  # noqa: E402
 from barn_worlds.messages.topics import LATCHED  # noqa: E402
 from barn_worlds.ros.topics import profile  # noqa: E402
 
-BOX = [((-2.0, -2.0), (6.0, -2.0)), ((-2.0, 2.0), (6.0, 2.0)), ((-2.0, -2.0), (-2.0, 2.0)), ((1.5, -2.0), (1.5, -0.1))]
+BOX = [
+    ((-2.0, -2.0), (6.0, -2.0)),
+    ((-2.0, 2.0), (6.0, 2.0)),
+    ((-2.0, -2.0), (-2.0, 2.0)),
+    ((1.5, -2.0), (1.5, -0.1)),
+]
 MAP_OF_ODOM = Pose2D(0.5, -0.25, 0.1)
 pytestmark = pytest.mark.usefixtures("own_domain")
 
@@ -48,8 +58,13 @@ class Harness(Peer):
 
     def meet(self, use_map: bool) -> None:
         """Wait until every topic has its other side."""
-        topics = [self.odom, self.scan, self.goal] + ([self.map, self.pose] if use_map else [])
-        self.wait(lambda: all(topic.get_subscription_count() for topic in topics), "the planner's subscriptions")
+        topics = [self.odom, self.scan, self.goal] + (
+            [self.map, self.pose] if use_map else []
+        )
+        self.wait(
+            lambda: all(topic.get_subscription_count() for topic in topics),
+            "the planner's subscriptions",
+        )
         self.wait(lambda: self.node.count_publishers("cmd_vel") > 0, "cmd_vel")
 
     def answer(self, observation, with_pose: bool):
@@ -57,7 +72,11 @@ class Harness(Peer):
         count = len(self.commands)
         self.scan.publish(scan_message(observation))
         if with_pose:
-            self.pose.publish(encode.PoseWithCovarianceEncoder("map").encode(observation.pose, observation.stamp_ns))
+            self.pose.publish(
+                encode.PoseWithCovarianceEncoder("map").encode(
+                    observation.pose, observation.stamp_ns
+                )
+            )
         self.odom.publish(odometry_message(observation))
         self.wait(lambda: len(self.commands) > count, "a command")
         assert len(self.commands) == count + 1, "one command per scan"
@@ -86,11 +105,15 @@ def start_node():
 
 
 def scan_message(observation) -> bytes:
-    return encode.ScanEncoder(observation.scan, "lidar_link", 0.05).encode(observation.scan, observation.scan.stamp_ns)
+    return encode.ScanEncoder(observation.scan, "lidar_link", 0.05).encode(
+        observation.scan, observation.scan.stamp_ns
+    )
 
 
 def odometry_message(observation) -> bytes:
-    return encode.OdometryEncoder("odom", "base_link").encode(observation.odometry, observation.odometry.stamp_ns)
+    return encode.OdometryEncoder("odom", "base_link").encode(
+        observation.odometry, observation.odometry.stamp_ns
+    )
 
 
 def goal_message(goal, frame) -> bytes:
@@ -113,13 +136,19 @@ def through_messages(observation):
 
 
 @pytest.mark.parametrize("use_map", [False, True])
-def test_the_node_commands_what_the_planner_commands(flat_world, harness, start_node, use_map):
+def test_the_node_commands_what_the_planner_commands(
+    flat_world, harness, start_node, use_map
+):
     frame = MAP_OF_ODOM if use_map else Pose2D(0.0, 0.0, 0.0)
-    known = OccupancyMap(np.zeros((80, 80), np.int8), 0.15, -6.0, -6.0) if use_map else None
+    known = (
+        OccupancyMap(np.zeros((80, 80), np.int8), 0.15, -6.0, -6.0) if use_map else None
+    )
     goal = (frame @ Pose2D(4.0, 0.3, 0.0)).through_quaternion()
     process = start_node(use_map=use_map, seed=3)
     harness.meet(use_map)
-    assert harness.call("dwa_planner/ready").message == "no goal yet" + (", no map yet" if use_map else "")
+    assert harness.call("dwa_planner/ready").message == "no goal yet" + (
+        ", no map yet" if use_map else ""
+    )
     world = flat_world(BOX)
     standing = harness.answer(with_pose_of(world.observe(), frame), use_map)
     assert velocity_of(standing) == STOP
@@ -139,20 +168,33 @@ def test_the_node_commands_what_the_planner_commands(flat_world, harness, start_
         assert got == last
         world.advance(last)
     assert world.pose.x > 0.7
-    assert harness.plans and harness.plans[0].header.frame_id == ("map" if use_map else "odom")
-    assert harness.diagnostics and harness.diagnostics[0].status[0].name == "dwa_planner"
+    assert harness.plans and harness.plans[0].header.frame_id == (
+        "map" if use_map else "odom"
+    )
+    assert (
+        harness.diagnostics and harness.diagnostics[0].status[0].name == "dwa_planner"
+    )
     assert process.stop(signal.SIGTERM)[0] == 0
-    harness.wait(lambda: velocity_of(harness.commands[-1]) == STOP, "the last command, a standstill")
+    harness.wait(
+        lambda: velocity_of(harness.commands[-1]) == STOP,
+        "the last command, a standstill",
+    )
 
 
 def with_pose_of(observation, frame: Pose2D):
     """Return the observation localised, the map-to-odom transform being `frame`."""
-    return dataclasses.replace(observation, pose=(frame @ observation.odometry.pose).through_quaternion())
+    return dataclasses.replace(
+        observation, pose=(frame @ observation.odometry.pose).through_quaternion()
+    )
 
 
-def test_reset_new_parameters_stamped_commands_and_refused_goals(flat_world, start_node):
+def test_reset_new_parameters_stamped_commands_and_refused_goals(
+    flat_world, start_node
+):
     with closing(Harness(TwistStamped)) as harness:
-        process = start_node("main", planner="dwa", preset="challenge", command_type="twist_stamped")
+        process = start_node(
+            "main", planner="dwa", preset="challenge", command_type="twist_stamped"
+        )
         harness.meet(use_map=False)
         harness.goal.publish(goal_message(Pose2D(4.0, 0.3, 0.0), "map"))
         world = flat_world(BOX)
@@ -163,14 +205,22 @@ def test_reset_new_parameters_stamped_commands_and_refused_goals(flat_world, sta
         harness.wait(lambda: harness.call("planner/ready").success, "the goal")
         command = harness.answer(world.observe(), False)
         assert velocity_of(command).linear > 0.0
-        assert decode.header(serialize_message(command)) == (world.stamp_ns, "base_link")
+        assert decode.header(serialize_message(command)) == (
+            world.stamp_ns,
+            "base_link",
+        )
         assert harness.call("planner/reset").success
         world.advance(STOP)
         assert velocity_of(harness.answer(world.observe(), False)) == STOP
         assert harness.call("planner/ready").message == "no goal yet"
         code, log = process.stop()
         assert code == 0
-        assert log.count("goal refused: it is in frame 'map', this planner plans in 'odom'") == 1
+        assert (
+            log.count(
+                "goal refused: it is in frame 'map', this planner plans in 'odom'"
+            )
+            == 1
+        )
         assert "Traceback" not in log
 
 

@@ -8,8 +8,20 @@ import pytest
 
 from barn_planners.interface import Decision, Observation, Planner, PlannerStatus
 from barn_planners.registry import make_planner
-from barn_planners.runtime.session import PlannerSession, SyncConfig, Synchroniser, goal_problem
-from barn_worlds.base.types import STOP, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
+from barn_planners.runtime.session import (
+    PlannerSession,
+    SyncConfig,
+    Synchroniser,
+    goal_problem,
+)
+from barn_worlds.base.types import (
+    STOP,
+    OccupancyMap,
+    Odometry,
+    Pose2D,
+    Scan,
+    Velocity2D,
+)
 
 GOAL = Pose2D(3.0, 0.0, 0.0)
 MS = 1_000_000
@@ -30,7 +42,9 @@ class Scripted(Planner):
 def at(seconds: float) -> Observation:
     stamp = round(seconds * 1e9)
     scan = Scan(stamp, np.ones(3, np.float32), 0.0, 0.1, 0.1, 30.0)
-    return Observation(stamp, Odometry(stamp, Pose2D(0.0, 0.0, 0.0), STOP), scan, Pose2D(0.0, 0.0, 0.0))
+    return Observation(
+        stamp, Odometry(stamp, Pose2D(0.0, 0.0, 0.0), STOP), scan, Pose2D(0.0, 0.0, 0.0)
+    )
 
 
 def known(value: int = 0) -> OccupancyMap:
@@ -73,7 +87,9 @@ def test_the_same_goal_and_map_again_change_nothing_and_others_begin_anew():
 
 def test_the_same_goal_begins_anew_only_after_the_task_is_over_and_after_a_pause():
     done = Decision(STOP, PlannerStatus.GOAL_REACHED)
-    each = session(Decision(FORWARD), done, *[Decision(STOP, PlannerStatus.GOAL_REACHED)] * 100)
+    each = session(
+        Decision(FORWARD), done, *[Decision(STOP, PlannerStatus.GOAL_REACHED)] * 100
+    )
     each.set_goal(GOAL)
     for k in range(20):
         each.answer(at(0.1 * k))
@@ -87,7 +103,11 @@ def test_a_cycle_without_a_command_repeats_the_last_one_or_sends_nothing():
     repeating, silent = session(*decisions), session(*decisions, repeat_command=False)
     for each in (repeating, silent):
         each.set_goal(GOAL)
-    assert [repeating.answer(at(k)).command for k in range(3)] == [STOP, FORWARD, FORWARD]
+    assert [repeating.answer(at(k)).command for k in range(3)] == [
+        STOP,
+        FORWARD,
+        FORWARD,
+    ]
     assert [silent.answer(at(k)).command for k in range(3)] == [None, FORWARD, None]
 
 
@@ -96,20 +116,28 @@ def test_reset_forgets_goal_map_and_task():
     each.set_map(known())
     each.set_goal(GOAL)
     each.reset()
-    assert each.missing() == "no goal yet, no map yet" and each.answer(at(0.0)).command == STOP
+    assert (
+        each.missing() == "no goal yet, no map yet"
+        and each.answer(at(0.0)).command == STOP
+    )
     each.set_map(known())
     assert each.set_goal(GOAL)
 
 
 def test_a_goal_in_another_frame_or_not_a_number_is_refused():
-    assert goal_problem(GOAL, "odom", "odom") == "" and goal_problem(GOAL, "/odom", "odom") == ""
+    assert (
+        goal_problem(GOAL, "odom", "odom") == ""
+        and goal_problem(GOAL, "/odom", "odom") == ""
+    )
     assert "in frame 'map'" in goal_problem(GOAL, "map", "odom")
     assert "not a number" in goal_problem(Pose2D(math.nan, 0.0, 0.0), "odom", "odom")
 
 
 @pytest.mark.parametrize("use_map", [True, False])
 def test_warming_up_leaves_no_trace(use_map):
-    warm, cold = (PlannerSession(make_planner("dwa"), seed=0, use_map=use_map) for _ in range(2))
+    warm, cold = (
+        PlannerSession(make_planner("dwa"), seed=0, use_map=use_map) for _ in range(2)
+    )
     warm.warm_up()
     warm.reset()
     answers = []
@@ -141,7 +169,14 @@ def feed(sync: Synchroniser, *readings: tuple[str, int]):
         for each in seen:
             if each is not None:
                 assert each.stamp_ns == each.scan.stamp_ns
-                found.append((index, each.stamp_ns // MS, each.odometry.stamp_ns // MS, each.pose.x))
+                found.append(
+                    (
+                        index,
+                        each.stamp_ns // MS,
+                        each.odometry.stamp_ns // MS,
+                        each.pose.x,
+                    )
+                )
     return found
 
 
@@ -149,7 +184,11 @@ def test_in_lockstep_equal_stamps_meet_in_whatever_order_they_come():
     for order in itertools.permutations(["odom", "pose", "scan"]):
         sync = Synchroniser(SyncConfig(), use_pose=True)
         readings = [(kind, ms) for ms in (0, 50, 100) for kind in order]
-        assert feed(sync, *readings) == [(2, 0, 0, 100.0), (5, 50, 50, 100.05), (8, 100, 100, 100.1)]
+        assert feed(sync, *readings) == [
+            (2, 0, 0, 100.0),
+            (5, 50, 50, 100.05),
+            (8, 100, 100, 100.1),
+        ]
 
 
 def test_without_a_map_the_pose_is_that_of_the_odometry():
@@ -161,7 +200,9 @@ def test_odometry_at_other_times_is_taken_from_before_the_scan_once_it_is_overta
     sync = Synchroniser(SyncConfig(), use_pose=False)
     assert feed(sync, ("odom", 35), ("scan", 50), ("odom", 55)) == [(2, 50, 35, 0.035)]
     later = feed(sync, ("scan", 100), ("odom", 95), ("scan", 150), ("odom", 155))
-    assert [(stamp, used) for _, stamp, used, _ in later] == [(100, 55), (150, 95)], "no more waiting once let down"
+    assert [(stamp, used) for _, stamp, used, _ in later] == [(100, 55), (150, 95)], (
+        "no more waiting once let down"
+    )
 
 
 def test_a_source_that_matches_again_is_waited_for_again():
@@ -173,13 +214,24 @@ def test_a_source_that_matches_again_is_waited_for_again():
 
 def test_a_scan_whose_odometry_is_lost_is_used_when_the_next_one_comes():
     sync = Synchroniser(SyncConfig(), use_pose=False)
-    assert feed(sync, ("odom", 0), ("scan", 0), ("scan", 50), ("scan", 100))[-2:] == [(3, 50, 0, 0.0), (3, 100, 0, 0.0)]
+    assert feed(sync, ("odom", 0), ("scan", 0), ("scan", 50), ("scan", 100))[-2:] == [
+        (3, 50, 0, 0.0),
+        (3, 100, 0, 0.0),
+    ]
 
 
 @pytest.mark.parametrize(("age", "count"), [(0.1, 2), (1.0, 4)])
 def test_odometry_that_is_too_old_is_not_used(age, count):
     sync = Synchroniser(SyncConfig(odometry_age_s=age), use_pose=False)
-    found = feed(sync, ("odom", 0), ("scan", 0), ("scan", 100), ("scan", 200), ("scan", 300), ("scan", 400))
+    found = feed(
+        sync,
+        ("odom", 0),
+        ("scan", 0),
+        ("scan", 100),
+        ("scan", 200),
+        ("scan", 300),
+        ("scan", 400),
+    )
     assert len(found) >= count
     assert max(stamp for _, stamp, _, _ in found) == (100 if age == 0.1 else 400)
     if age == 0.1:
@@ -188,7 +240,16 @@ def test_odometry_that_is_too_old_is_not_used(age, count):
 
 def test_seldom_localisation_is_carried_on_by_odometry():
     sync = Synchroniser(SyncConfig(), use_pose=True)
-    found = feed(sync, ("odom", 0), ("pose", 0), ("scan", 0), ("odom", 50), ("scan", 50), ("odom", 100), ("scan", 100))
+    found = feed(
+        sync,
+        ("odom", 0),
+        ("pose", 0),
+        ("scan", 0),
+        ("odom", 50),
+        ("scan", 50),
+        ("odom", 100),
+        ("scan", 100),
+    )
     assert found[0][1:] == (0, 0, 100.0)
     assert [stamp for _, stamp, _, _ in found] == [0, 50, 100]
     assert found[1][3] == pytest.approx(100.05) and found[2][3] == pytest.approx(100.1)

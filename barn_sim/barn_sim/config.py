@@ -10,7 +10,14 @@ from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 from barn_worlds.base.compute import Compute
-from barn_worlds.base.config import OPTIONAL, Checked, from_dict, optional, quantity, read_presets
+from barn_worlds.base.config import (
+    OPTIONAL,
+    Checked,
+    from_dict,
+    optional,
+    quantity,
+    read_presets,
+)
 from barn_worlds.base.types import Pose2D, nanoseconds
 from barn_worlds.messages.topics import FRAMES, Frames
 from barn_worlds.robots.files import STANDARD
@@ -29,10 +36,18 @@ class PhysicsConfig(Checked):
 
     tick_s: float = quantity(0.005, "physics step", "s", 0.0005, 0.01)
     gravity_m_s2: float = quantity(9.81, "acceleration of free fall", "m/s2", 1.0, 30.0)
-    wheel_friction: float = quantity(0.5, "friction coefficient of the wheels on the ground", "", 0.0, 3.0)
-    chassis_friction: float = quantity(1.0, "friction coefficient of the body", "", 0.0, 3.0)
-    tyre_deflection_m: float = quantity(0.002, "deflection of a tyre under its share of the weight", "m", 0.0005, 0.01)
-    tyre_damping_ratio: float = quantity(0.5, "damping of that spring, 1 critical", "", 0.05, 1.0)
+    wheel_friction: float = quantity(
+        0.5, "friction coefficient of the wheels on the ground", "", 0.0, 3.0
+    )
+    chassis_friction: float = quantity(
+        1.0, "friction coefficient of the body", "", 0.0, 3.0
+    )
+    tyre_deflection_m: float = quantity(
+        0.002, "deflection of a tyre under its share of the weight", "m", 0.0005, 0.01
+    )
+    tyre_damping_ratio: float = quantity(
+        0.5, "damping of that spring, 1 critical", "", 0.05, 1.0
+    )
 
 
 @dataclass(frozen=True)
@@ -44,30 +59,84 @@ class LocalisationConfig(Checked):
     process; in mode particles, a filter that knows neither the truth nor the world matches a scan to its map.
     """
 
-    mode: str = quantity("exact", "where the pose in the map frame comes from", choices=("exact", "amcl", "particles"))
-    position_std_m: float = quantity(0.04, "standard deviation of the error along x and along y", "m", 0.0, 5.0)
-    yaw_std_rad: float = quantity(0.01, "standard deviation of the yaw error", "rad", 0.0, 3.0)
-    offset_x_m: float = quantity(0.0, "constant offset of the pose along x, as with a shifted map", "m", -5.0, 5.0)
-    offset_y_m: float = quantity(0.0, "constant offset of the pose along y", "m", -5.0, 5.0)
-    correlation_updates: float = quantity(5.0, "updates after which an error has decayed to 1/e", "", 0.01, 1000.0)
-    update_distance_m: float = quantity(0.1, "distance between updates", "m", 0.001, 100.0)
-    update_turn_rad: float = quantity(0.314, "turn between updates", "rad", 0.001, 100.0)
-    historical_map: bool = quantity(False, "particles: the map is the original's, obstacles one cell nearer")
-    initial_std_m: float = quantity(0.5, "particles: standard deviation of x and y around the start", "m", 0.0, 10.0)
-    initial_yaw_std_rad: float = quantity(0.262, "particles: standard deviation of heading at start", "rad", 0.0, 3.0)
+    mode: str = quantity(
+        "exact",
+        "where the pose in the map frame comes from",
+        choices=("exact", "amcl", "particles"),
+    )
+    position_std_m: float = quantity(
+        0.04, "standard deviation of the error along x and along y", "m", 0.0, 5.0
+    )
+    yaw_std_rad: float = quantity(
+        0.01, "standard deviation of the yaw error", "rad", 0.0, 3.0
+    )
+    offset_x_m: float = quantity(
+        0.0,
+        "constant offset of the pose along x, as with a shifted map",
+        "m",
+        -5.0,
+        5.0,
+    )
+    offset_y_m: float = quantity(
+        0.0, "constant offset of the pose along y", "m", -5.0, 5.0
+    )
+    correlation_updates: float = quantity(
+        5.0, "updates after which an error has decayed to 1/e", "", 0.01, 1000.0
+    )
+    update_distance_m: float = quantity(
+        0.1, "distance between updates", "m", 0.001, 100.0
+    )
+    update_turn_rad: float = quantity(
+        0.314, "turn between updates", "rad", 0.001, 100.0
+    )
+    historical_map: bool = quantity(
+        False, "particles: the map is the original's, obstacles one cell nearer"
+    )
+    initial_std_m: float = quantity(
+        0.5, "particles: standard deviation of x and y around the start", "m", 0.0, 10.0
+    )
+    initial_yaw_std_rad: float = quantity(
+        0.262, "particles: standard deviation of heading at start", "rad", 0.0, 3.0
+    )
     min_particles: int = quantity(500, "particles: fewest of them", "", 1, 100_000)
-    max_particles: int = quantity(2000, "particles: most of them, also at the start", "", 1, 100_000)
-    motion_noise: float = quantity(0.2, "particles: noise of the motion model (alpha 1 to 4 of amcl)", "", 0.0, 10.0)
-    hit_share: float = quantity(0.5, "particles: weight of hitting a mapped obstacle", "", 0.0, 1.0)
-    random_share: float = quantity(0.5, "particles: weight of a random range", "", 0.0, 1.0)
-    hit_std_m: float = quantity(0.2, "particles: standard deviation of a hit from the obstacle", "m", 0.001, 10.0)
-    beams: int = quantity(720, "particles: beams of a scan that are compared with the map", "", 2, 10_000)
+    max_particles: int = quantity(
+        2000, "particles: most of them, also at the start", "", 1, 100_000
+    )
+    motion_noise: float = quantity(
+        0.2,
+        "particles: noise of the motion model (alpha 1 to 4 of amcl)",
+        "",
+        0.0,
+        10.0,
+    )
+    hit_share: float = quantity(
+        0.5, "particles: weight of hitting a mapped obstacle", "", 0.0, 1.0
+    )
+    random_share: float = quantity(
+        0.5, "particles: weight of a random range", "", 0.0, 1.0
+    )
+    hit_std_m: float = quantity(
+        0.2,
+        "particles: standard deviation of a hit from the obstacle",
+        "m",
+        0.001,
+        10.0,
+    )
+    beams: int = quantity(
+        720, "particles: beams of a scan that are compared with the map", "", 2, 10_000
+    )
     correction_delay_s: float = quantity(
         0.0, "particles: a correction takes effect so late (amcl: 1 s)", "s", 0.0, 10.0
     )
-    recovery_alpha_slow: float = quantity(0.0, "particles: decay of the slow average of weights (amcl)", "", 0.0, 1.0)
-    recovery_alpha_fast: float = quantity(0.0, "particles: decay of the fast one (Jackal 0.1); 0: off", "", 0.0, 1.0)
-    half_cell_low: bool = quantity(True, "particles: cells are centred on their lower corners (a quirk of amcl)")
+    recovery_alpha_slow: float = quantity(
+        0.0, "particles: decay of the slow average of weights (amcl)", "", 0.0, 1.0
+    )
+    recovery_alpha_fast: float = quantity(
+        0.0, "particles: decay of the fast one (Jackal 0.1); 0: off", "", 0.0, 1.0
+    )
+    half_cell_low: bool = quantity(
+        True, "particles: cells are centred on their lower corners (a quirk of amcl)"
+    )
 
 
 @dataclass(frozen=True)
@@ -75,12 +144,20 @@ class ObstacleConfig(Checked):
     """Whether and how obstacles can be pushed; inertias are those of the original world files."""
 
     movable: bool = quantity(False, "the grid's cylinders can be pushed over")
-    containment_movable: bool = quantity(True, "if so, those of the containment can, too")
+    containment_movable: bool = quantity(
+        True, "if so, those of the containment can, too"
+    )
     mass_kg: float = quantity(1.0, "mass of a cylinder", "kg", 0.01, 1000.0)
-    inertia_tilt_kg_m2: float = quantity(0.145833, "moment of inertia about a horizontal axis", "kg m2", 1e-5, 1000.0)
-    inertia_spin_kg_m2: float = quantity(0.125, "moment of inertia about the cylinder's axis", "kg m2", 1e-5, 1000.0)
+    inertia_tilt_kg_m2: float = quantity(
+        0.145833, "moment of inertia about a horizontal axis", "kg m2", 1e-5, 1000.0
+    )
+    inertia_spin_kg_m2: float = quantity(
+        0.125, "moment of inertia about the cylinder's axis", "kg m2", 1e-5, 1000.0
+    )
     friction: float = quantity(1.0, "friction coefficient of an obstacle", "", 0.0, 3.0)
-    random_phase: bool = optional(True, "moving obstacles begin at a time drawn from the seed, not at 0")
+    random_phase: bool = optional(
+        True, "moving obstacles begin at a time drawn from the seed, not at 0"
+    )
 
 
 @dataclass(frozen=True)
@@ -90,7 +167,9 @@ class SimulatorConfig(Checked):
     chassis: given as a whole, by `with_robot`; its fields are not parameters of a node.
     """
 
-    control_period_s: float = quantity(0.05, "duration of a control step, between two commands", "s", 0.005, 1.0)
+    control_period_s: float = quantity(
+        0.05, "duration of a control step, between two commands", "s", 0.005, 1.0
+    )
     physics: PhysicsConfig = field(default_factory=PhysicsConfig)
     drive: DriveConfig = field(default_factory=DriveConfig)
     lidar: LidarConfig = field(default_factory=LidarConfig)
@@ -106,8 +185,14 @@ class SimulatorConfig(Checked):
             ("odometry.rate_hz", 1.0 / self.odometry.rate_hz),
             ("lidar.rate_hz", 1.0 / self.lidar.rate_hz),
         ):
-            whole = self.ticks(period_s) >= 1 and self.ticks(period_s) * self.tick_ns == nanoseconds(period_s)
-            self.require(whole, name, f"must give a period of whole physics steps of {self.physics.tick_s:g} s")
+            whole = self.ticks(period_s) >= 1 and self.ticks(
+                period_s
+            ) * self.tick_ns == nanoseconds(period_s)
+            self.require(
+                whole,
+                name,
+                f"must give a period of whole physics steps of {self.physics.tick_s:g} s",
+            )
 
     @property
     def tick_ns(self) -> int:
@@ -117,7 +202,9 @@ class SimulatorConfig(Checked):
     @property
     def scan_steps(self) -> int:
         """Control steps from one scan to the next, rounded up: a scan comes with the readings of a step."""
-        return max(1, math.ceil(1.0 / (self.lidar.rate_hz * self.control_period_s) - 1e-6))
+        return max(
+            1, math.ceil(1.0 / (self.lidar.rate_hz * self.control_period_s) - 1e-6)
+        )
 
     def ticks(self, period_s: float) -> int:
         """Return the number of physics steps in a period, rounded."""
@@ -136,14 +223,31 @@ def with_robot(config: Config, robot: Robot) -> Config:
     drive = _with_noise(robot.drive, config.drive, standard.drive, "command_latency_s")
     lidar = _with_noise(robot.lidar, config.lidar, standard.lidar, "noise_m")
     lidar = lidar if lidar.noise_m else replace(lidar, noise_share=0.0)
-    odometry = _with_noise(robot.odometry, config.odometry, standard.odometry, "yaw_noise_rad", "yaw_rate_noise_rad_s")
+    odometry = _with_noise(
+        robot.odometry,
+        config.odometry,
+        standard.odometry,
+        "yaw_noise_rad",
+        "yaw_rate_noise_rad_s",
+    )
     physics = replace(config.physics, wheel_friction=robot.wheel_friction)
-    return replace(config, chassis=robot.chassis, physics=physics, drive=drive, lidar=lidar, odometry=odometry)
+    return replace(
+        config,
+        chassis=robot.chassis,
+        physics=physics,
+        drive=drive,
+        lidar=lidar,
+        odometry=odometry,
+    )
 
 
 def _with_noise(own: T, asked: T, usual: T, *names: str) -> T:
     """Return a robot's part with the fields of `names` in which a preset's differs from the usual one."""
-    changed = {name: getattr(asked, name) for name in names if getattr(asked, name) != getattr(usual, name)}
+    changed = {
+        name: getattr(asked, name)
+        for name in names
+        if getattr(asked, name) != getattr(usual, name)
+    }
     return replace(own, **changed)
 
 
@@ -153,12 +257,22 @@ def chassis_in(simulator: object) -> Chassis:
     Raises ConfigError for one that is not allowed.
     """
     given = simulator.get("chassis") if isinstance(simulator, Mapping) else None
-    return STANDARD.chassis if given is None else from_dict(Chassis, given, "simulator.chassis")
+    return (
+        STANDARD.chassis
+        if given is None
+        else from_dict(Chassis, given, "simulator.chassis")
+    )
 
 
 def robot_of(config: SimulatorConfig) -> Robot:
     """Return the robot that a configuration simulates, with what was changed of it."""
-    return Robot(config.chassis, config.drive, config.lidar, config.odometry, config.physics.wheel_friction)
+    return Robot(
+        config.chassis,
+        config.drive,
+        config.lidar,
+        config.odometry,
+        config.physics.wheel_friction,
+    )
 
 
 # data/presets.yaml says what each is for.
@@ -169,43 +283,70 @@ PRESETS = read_presets("barn_sim", "presets.yaml", SimulatorConfig())
 class SimulatorNodeConfig(Checked):
     """Parameters that are fixed when the node starts."""
 
-    lockstep: bool = quantity(False, "wait for one command after each scan instead of running freely")
+    lockstep: bool = quantity(
+        False, "wait for one command after each scan instead of running freely"
+    )
     start_paused: bool = quantity(False, "start paused")
     command_type: str = quantity(
-        "auto", "type of commands; auto: the publisher's", choices=("auto", "twist", "twist_stamped")
+        "auto",
+        "type of commands; auto: the publisher's",
+        choices=("auto", "twist", "twist_stamped"),
     )
     scan_reliability: str = quantity(
-        "auto", "reliability of the scan; auto: reliable in lockstep", choices=("auto", "reliable", "best_effort")
+        "auto",
+        "reliability of the scan; auto: reliable in lockstep",
+        choices=("auto", "reliable", "best_effort"),
     )
     map_frame: str = quantity(FRAMES.map, "frame of the world")
     odom_frame: str = quantity(FRAMES.odom, "frame of the odometry")
     base_frame: str = quantity(FRAMES.base, "frame of the robot")
     lidar_frame: str = quantity(FRAMES.lidar, "frame of the scans")
-    ground_truth: bool = quantity(True, "publish the true pose and contacts, which a planner under test must not know")
-    evaluator_fd: int = quantity(-1, "private line to the evaluator; -1: none", "", -1, 1_000_000)
+    ground_truth: bool = quantity(
+        True,
+        "publish the true pose and contacts, which a planner under test must not know",
+    )
+    evaluator_fd: int = quantity(
+        -1, "private line to the evaluator; -1: none", "", -1, 1_000_000
+    )
 
     @property
     def frames(self) -> Frames:
         """The frames together."""
-        return Frames(self.map_frame, self.odom_frame, self.base_frame, self.lidar_frame)
+        return Frames(
+            self.map_frame, self.odom_frame, self.base_frame, self.lidar_frame
+        )
 
 
 @dataclass(frozen=True)
 class RunConfig(SimulatorConfig):
     """Parameters that a reset applies: the simulator's configuration, the world and the start pose."""
 
-    robot: str = quantity(STANDARD.name, "name or YAML file of a robot; unset parameters have its values")
-    dataset: str = quantity("barn300", "name of a shipped data set, or path of a folder or file with worlds")
+    robot: str = quantity(
+        STANDARD.name, "name or YAML file of a robot; unset parameters have its values"
+    )
+    dataset: str = quantity(
+        "barn300", "name of a shipped data set, or path of a folder or file with worlds"
+    )
     world: int = quantity(0, "number of the world", "", 0, 999_999_999)
-    start_x_m: float = quantity(-2.25, "x of the start pose in the map frame", "m", -1e4, 1e4)
-    start_y_m: float = quantity(3.0, "y of the start pose in the map frame", "m", -1e4, 1e4)
+    start_x_m: float = quantity(
+        -2.25, "x of the start pose in the map frame", "m", -1e4, 1e4
+    )
+    start_y_m: float = quantity(
+        3.0, "y of the start pose in the map frame", "m", -1e4, 1e4
+    )
     start_yaw_rad: float = quantity(1.57, "yaw of the start pose", "rad", -7.0, 7.0)
     seed: int = quantity(0, "seed of all noise", minimum=0)
-    real_time_factor: float = quantity(1.0, "simulated over real time, 0: as fast as possible", "", 0.0, 1000.0)
-    command_wait_s: float = quantity(5.0, "how long lockstep waits for a command, in real time", "s", 0.001, 3600.0)
+    real_time_factor: float = quantity(
+        1.0, "simulated over real time, 0: as fast as possible", "", 0.0, 1000.0
+    )
+    command_wait_s: float = quantity(
+        5.0, "how long lockstep waits for a command, in real time", "s", 0.001, 3600.0
+    )
 
     compute: Compute = field(default_factory=Compute)
-    compute_seed: int = quantity(0, "seed of the planner's delays in lockstep", minimum=0)
+    compute_seed: int = quantity(
+        0, "seed of the planner's delays in lockstep", minimum=0
+    )
 
     @property
     def start(self) -> Pose2D:

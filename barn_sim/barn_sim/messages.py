@@ -27,24 +27,42 @@ class SimulatorMessages:
         start: Pose2D = ORIGIN,
     ) -> None:
         self._config, self._frames = config, frames
-        self._scan_period_s = config.scan_steps * config.control_period_s if scan_period_s is None else scan_period_s
+        self._scan_period_s = (
+            config.scan_steps * config.control_period_s
+            if scan_period_s is None
+            else scan_period_s
+        )
         self._odometry = encode.OdometryEncoder(frames.of(topics.ODOM), frames.base)
-        self._truth = encode.OdometryEncoder(frames.of(topics.GROUND_TRUTH), frames.base)
+        self._truth = encode.OdometryEncoder(
+            frames.of(topics.GROUND_TRUTH), frames.base
+        )
         variances = _variances(config.localisation)
-        self._localisation = encode.PoseWithCovarianceEncoder(frames.of(topics.AMCL_POSE), variances)
+        self._localisation = encode.PoseWithCovarianceEncoder(
+            frames.of(topics.AMCL_POSE), variances
+        )
         self._joints = encode.JointEncoder(joint_names(config.chassis))
-        self._transforms = encode.TransformEncoder([(frames.map, frames.odom), (frames.odom, frames.base)])
+        self._transforms = encode.TransformEncoder(
+            [(frames.map, frames.odom), (frames.odom, frames.base)]
+        )
         self._scan: encode.ScanEncoder | None = None
         self._odom_in_map, self._base_in_odom = start, ORIGIN
 
     def constant(self) -> Iterator[Outgoing]:
         """Yield what is published once: the robot's description and its fixed frames."""
         lidar, chassis, frames = self._config.lidar, self._config.chassis, self._frames
-        yield Outgoing(topics.ROBOT_DESCRIPTION, encode.encode_text(robot_description(lidar, chassis)))
+        yield Outgoing(
+            topics.ROBOT_DESCRIPTION,
+            encode.encode_text(robot_description(lidar, chassis)),
+        )
         names = {FRAMES.lidar: frames.lidar}
-        fixed = {names.get(child, child): xyz for child, xyz in fixed_frames(lidar, chassis).items()}
+        fixed = {
+            names.get(child, child): xyz
+            for child, xyz in fixed_frames(lidar, chassis).items()
+        }
         yaws = {frames.lidar: lidar.mount_yaw_rad}
-        yield Outgoing(topics.TF_STATIC, encode.encode_fixed_transforms(frames.base, fixed, yaws))
+        yield Outgoing(
+            topics.TF_STATIC, encode.encode_fixed_transforms(frames.base, fixed, yaws)
+        )
 
     def sensors(self, sensors: Sensors, stamp_ns: int) -> Iterator[Outgoing]:
         """Yield the messages of an instant whose time is `stamp_ns`: the time first, last the scan if it is of now."""
@@ -91,12 +109,17 @@ class SimulatorMessages:
 
     def joints(self, joints: Joints, stamp_ns: int) -> Outgoing:
         """Return the state of the wheels."""
-        return Outgoing(topics.JOINT_STATES, self._joints.encode((joints.positions, joints.velocities), stamp_ns))
+        return Outgoing(
+            topics.JOINT_STATES,
+            self._joints.encode((joints.positions, joints.velocities), stamp_ns),
+        )
 
     def scan(self, scan: Scan, stamp_ns: int) -> Outgoing:
         """Return a scan."""
         if self._scan is None:
-            self._scan = encode.ScanEncoder(scan, self._frames.of(topics.SCAN), self._scan_period_s)
+            self._scan = encode.ScanEncoder(
+                scan, self._frames.of(topics.SCAN), self._scan_period_s
+            )
         return Outgoing(topics.SCAN, self._scan.encode(scan, stamp_ns))
 
 

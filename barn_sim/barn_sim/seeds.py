@@ -9,7 +9,9 @@ LIDAR, ODOMETRY, LOCALISATION, PHASE, BIAS = range(5)
 
 def generator(seed: int, child: int) -> np.random.Generator:
     """Return a generator of a child of a seed, as `SeedSequence(seed).spawn` has it."""
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(child,))))
+    return np.random.Generator(
+        np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(child,)))
+    )
 
 
 def phase_s(world: World, random: bool, seed: int) -> float:
@@ -19,4 +21,8 @@ def phase_s(world: World, random: bool, seed: int) -> float:
     """
     if not world.moving or not random:
         return 0.0
-    return float(generator(seed, PHASE).uniform(0.0, max(one.motion.period_s for one in world.moving)))
+    return float(
+        generator(seed, PHASE).uniform(
+            0.0, max(one.motion.period_s for one in world.moving)
+        )
+    )

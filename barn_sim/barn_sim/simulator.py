@@ -61,10 +61,14 @@ class Simulator:
         engine = client or PhysicsClient()
         self._own_client = None if client else engine
         self._fleet, self._index = Fleet.of(1) if fleet is None else fleet, index
-        self.motion = RobotMotion(config, engine, self._fleet, index, free_motion=free_motion)
+        self.motion = RobotMotion(
+            config, engine, self._fleet, index, free_motion=free_motion
+        )
         self.lidar = Lidar(config.lidar, generator(seed, seeds.LIDAR))
         self._scan_period_ns = config.scan_steps * nanoseconds(config.control_period_s)
-        self._scan_height_m = config.lidar.mount_z_m - float(self.motion.model.footing[2])
+        self._scan_height_m = config.lidar.mount_z_m - float(
+            self.motion.model.footing[2]
+        )
         self._ticks_per_step = config.ticks(config.control_period_s)
         self.begin(world, start, seed)
 
@@ -74,12 +78,16 @@ class Simulator:
         self.phase_s = phase_s(world, config.obstacles.random_phase, seed)
         self.motion.begin(world, start, self.phase_s, generator(seed, seeds.ODOMETRY))
         if config.odometry.gyro_bias_rad_s or config.odometry.wheel_radius_error:
-            self.motion.odometry.draw_errors(config.odometry, generator(seed, seeds.BIAS))
+            self.motion.odometry.draw_errors(
+                config.odometry, generator(seed, seeds.BIAS)
+            )
         self.lidar.rng = generator(seed, seeds.LIDAR)
         self._localisation: FilterLocalisation | ParticleLocalisation | None = None
         if config.localisation.mode != "exact":
             rng = generator(seed, seeds.LOCALISATION)
-            self._localisation = localisation_of(config, world, start, self.lidar.mount, rng)
+            self._localisation = localisation_of(
+                config, world, start, self.lidar.mount, rng
+            )
             self._localisation_lidar = Lidar(config.lidar, rng)
         self.invalid_commands = 0
         self._sensed: Sensors | None = None
@@ -93,11 +101,22 @@ class Simulator:
         """Return the readings of this instant; a second call returns the same. The scan is the last, with its stamp."""
         if self._sensed is None or self._sensed.stamp_ns != self.stamp_ns:
             odometry = self.read_odometry()
-            last = self._sensed.scan if self._sensed and self.config.scan_steps > 1 else None
+            last = (
+                self._sensed.scan
+                if self._sensed and self.config.scan_steps > 1
+                else None
+            )
             due = last is None or self.stamp_ns - last.stamp_ns >= self._scan_period_ns
             scan = self.read_scan() if last is None or due else last
             poses = self.read_truth(), self.read_localisation(odometry.pose)
-            self._sensed = Sensors(self.stamp_ns, odometry, scan, *poses, self.read_collision(), self.read_joints())
+            self._sensed = Sensors(
+                self.stamp_ns,
+                odometry,
+                scan,
+                *poses,
+                self.read_collision(),
+                self.read_joints(),
+            )
         return self._sensed
 
     def step(self, command: Velocity2D | None, delay_ns: int = 0) -> Sensors:
@@ -114,7 +133,9 @@ class Simulator:
             velocity = STOP
         tick_ns = self.config.tick_ns  # commands wait for a tick, so that a delay would become longer, never shorter
         arrival_ns = self.stamp_ns + round(delay_ns / tick_ns) * tick_ns
-        self.motion.drive.command(Velocity2D(float(velocity.linear), float(velocity.angular)), arrival_ns)
+        self.motion.drive.command(
+            Velocity2D(float(velocity.linear), float(velocity.angular)), arrival_ns
+        )
 
     def advance(self, ticks: int) -> None:
         """Advance by a number of physics ticks."""
@@ -140,11 +161,15 @@ class Simulator:
         pose, _ = self.motion.place()
         if isinstance(self._localisation, ParticleLocalisation):
             # with noise of its own, so that no other reading depends on when the filter looks
-            pose = self._localisation.estimate(self.stamp_ns, odometry, lambda: self._scan(self._localisation_lidar))
+            pose = self._localisation.estimate(
+                self.stamp_ns, odometry, lambda: self._scan(self._localisation_lidar)
+            )
         elif self._localisation is not None:
             pose = self._localisation.estimate(pose, odometry)
         offset = self.config.localisation
-        return Pose2D(pose.x + offset.offset_x_m, pose.y + offset.offset_y_m, pose.yaw).through_quaternion()
+        return Pose2D(
+            pose.x + offset.offset_x_m, pose.y + offset.offset_y_m, pose.yaw
+        ).through_quaternion()
 
     def read_collision(self) -> bool:
         """Tell whether the robot has touched anything since the last call."""
@@ -155,7 +180,10 @@ class Simulator:
         robot, model = self._fleet.robots[self._index], self.motion.model
         radius, axles = model.wheel_radius_m, len(model.wheels) // 2
         speeds = float(robot["left_m_s"]) / radius, float(robot["right_m_s"]) / radius
-        return Joints((float(robot["left_rad"]), float(robot["right_rad"])) * axles, speeds * axles)
+        return Joints(
+            (float(robot["left_rad"]), float(robot["right_rad"])) * axles,
+            speeds * axles,
+        )
 
     def moved_obstacles(self) -> Moved:
         """Return the displaced obstacles, with indices into `World.cylinders_m`."""
@@ -164,10 +192,27 @@ class Simulator:
     def _scan(self, lidar: Lidar, noise: Singles | None = None) -> Scan:
         obstacles, movers = self.motion.obstacles, self.motion.movers
         centres, tilted = obstacles.seen_at(self._scan_height_m)
-        shapes = None if movers is None else movers.seen_at(self.stamp_ns, self._scan_height_m)
+        shapes = (
+            None
+            if movers is None
+            else movers.seen_at(self.stamp_ns, self._scan_height_m)
+        )
         pose, _ = self.motion.place()
-        sweep = self.motion.poses_at(self.stamp_ns - lidar.ages_ns) if lidar.sweeps else None
-        return lidar.scan(self.stamp_ns, pose, centres, obstacles.radius_m, tilted, shapes, noise, sweep)
+        sweep = (
+            self.motion.poses_at(self.stamp_ns - lidar.ages_ns)
+            if lidar.sweeps
+            else None
+        )
+        return lidar.scan(
+            self.stamp_ns,
+            pose,
+            centres,
+            obstacles.radius_m,
+            tilted,
+            shapes,
+            noise,
+            sweep,
+        )
 
     def close(self) -> None:
         """Release the physics client if the simulator created it; closing again does nothing."""
@@ -188,5 +233,9 @@ def warm_up() -> None:
             simulator.step(Velocity2D(1.0, 0.0))
         simulator.close()
     Lidar(config.lidar, np.random.default_rng(0)).scan(
-        0, Pose2D(0.0, 0.0, 0.0), np.ones((1, 2)), 0.1, np.array([[2.0, 0.0, 0.0, 0.6, 0.0, 0.8, 0.5]])
+        0,
+        Pose2D(0.0, 0.0, 0.0),
+        np.ones((1, 2)),
+        0.1,
+        np.array([[2.0, 0.0, 0.0, 0.6, 0.0, 0.8, 0.5]]),
     )

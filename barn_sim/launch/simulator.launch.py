@@ -14,4 +14,6 @@ TOPICS = ("cmd_vel", "scan", "odom", "amcl_pose", "ground_truth/odom", "collisio
 def generate_launch_description() -> LaunchDescription:
     """Return the node with its arguments."""
     configs = [RunConfig(), SimulatorNodeConfig()]
-    return NodeLaunch("barn_sim", "simulator", configs, TOPICS, leave_out=["evaluator_fd"]).description()
+    return NodeLaunch(
+        "barn_sim", "simulator", configs, TOPICS, leave_out=["evaluator_fd"]
+    ).description()

@@ -23,7 +23,9 @@ def clients() -> Iterator[tuple[PhysicsClient, PhysicsClient]]:
 def simulators() -> Iterator[Callable[..., Simulator]]:
     """Make simulators, which are closed in the end."""
     with ExitStack() as made:
-        yield lambda *arguments, **options: made.enter_context(closing(Simulator(*arguments, **options)))
+        yield lambda *arguments, **options: made.enter_context(
+            closing(Simulator(*arguments, **options))
+        )
 
 
 @pytest.fixture(scope="session")

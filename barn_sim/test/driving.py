@@ -16,11 +16,20 @@ def wander(simulator, rng, steps):
     states, free = [], 0
     for step in range(steps):
         if step % 12 == 0:
-            simulator.command(Velocity2D(rng.uniform(-0.5, 1.5), rng.uniform(-2.0, 2.0)))
+            simulator.command(
+                Velocity2D(rng.uniform(-0.5, 1.5), rng.uniform(-2.0, 2.0))
+            )
         simulator.advance(1 + step % 10)
         free += simulator.motion.free
-        moved, scan = simulator.moved_obstacles(), simulator.read_scan().ranges.tobytes()
-        poses = simulator.read_truth(), simulator.read_odometry(), simulator.read_joints()
+        moved, scan = (
+            simulator.moved_obstacles(),
+            simulator.read_scan().ranges.tobytes(),
+        )
+        poses = (
+            simulator.read_truth(),
+            simulator.read_odometry(),
+            simulator.read_joints(),
+        )
         there = moved.positions.tobytes(), moved.quaternions.tobytes()
         states.append((simulator.read_collision(), poses, scan, *there))
     return states, free

@@ -51,16 +51,25 @@ class Driver(Peer):
         self.command_type = command
         self.commands = self.node.create_publisher(command, "cmd_vel", 10)
         for topic, kind in TOPICS.items():
-            self.node.create_subscription(kind, topic, partial(self._listen, topic), profile(Qos(depth=1000)))
+            self.node.create_subscription(
+                kind, topic, partial(self._listen, topic), profile(Qos(depth=1000))
+            )
         describe = partial(setattr, self, "description")
-        self.node.create_subscription(String, "robot_description", describe, profile(LATCHED))
+        self.node.create_subscription(
+            String, "robot_description", describe, profile(LATCHED)
+        )
 
     def _listen(self, topic: str, message) -> None:
         self.heard[topic].append(message)
 
     def set(self, **values):
-        given = [Parameter(name.replace("__", "."), value=v).to_parameter_msg() for name, v in values.items()]
-        return self.call("/simulator/set_parameters", SetParameters, parameters=given).results
+        given = [
+            Parameter(name.replace("__", "."), value=v).to_parameter_msg()
+            for name, v in values.items()
+        ]
+        return self.call(
+            "/simulator/set_parameters", SetParameters, parameters=given
+        ).results
 
     def pause(self, on: bool):
         return self.call("/simulator/pause", SetBool, data=on)
@@ -87,7 +96,9 @@ class Driver(Peer):
         assert answer.success, answer.message
         self.wait(self.connected)
         quiet_since = time.monotonic()
-        while time.monotonic() - quiet_since < 0.3:  # until what was still on its way has arrived
+        while (
+            time.monotonic() - quiet_since < 0.3
+        ):  # until what was still on its way has arrived
             self.executor.spin_once(timeout_sec=0.05)
             if any(self.heard[topic] for topic in ("/scan", "/odom")):
                 quiet_since = time.monotonic()
@@ -99,8 +110,15 @@ class Driver(Peer):
         for count, velocity in enumerate(commands, 1):
             self.wait(lambda count=count: len(self.heard["/scan"]) >= count)
             self.send(velocity)
-        topics = ("/odom", "/ground_truth/odom", "/joint_states", "/scan")  # one of these may overtake another
-        self.wait(lambda: all(len(self.heard[topic]) > len(commands) for topic in topics))
+        topics = (
+            "/odom",
+            "/ground_truth/odom",
+            "/joint_states",
+            "/scan",
+        )  # one of these may overtake another
+        self.wait(
+            lambda: all(len(self.heard[topic]) > len(commands) for topic in topics)
+        )
         assert self.pause(True).success
 
 
@@ -112,10 +130,18 @@ def commands(count: int) -> list[Velocity2D]:
     return [Velocity2D(0.7, 0.8 * math.sin(0.13 * k)) for k in range(count)]
 
 
-TRIAL = {"world": 120, "seed": 42, "start_x_m": -2.25, "start_y_m": 3.5, "start_yaw_rad": 1.57}
+TRIAL = {
+    "world": 120,
+    "seed": 42,
+    "start_x_m": -2.25,
+    "start_y_m": 3.5,
+    "start_yaw_rad": 1.57,
+}
 
 
-def assert_equal(heard: dict[str, list], config: SimulatorConfig, sent: list[Velocity2D]) -> list[Sensors]:
+def assert_equal(
+    heard: dict[str, list], config: SimulatorConfig, sent: list[Velocity2D]
+) -> list[Sensors]:
     """Check that a peer has heard just what the simulator reads in that trial, to the last bit, and return that."""
     start = Pose2D(TRIAL["start_x_m"], TRIAL["start_y_m"], TRIAL["start_yaw_rad"])
     world = open_dataset("barn300").load(TRIAL["world"])
@@ -125,11 +151,23 @@ def assert_equal(heard: dict[str, list], config: SimulatorConfig, sent: list[Vel
     origin_ns = stamp_of(heard["/odom"][0])
     assert origin_ns % NANOSECONDS == 0
     for k, sensors in enumerate(expected):
-        odometry, truth = (read(decode.odometry, heard[topic][k]) for topic in ("/odom", "/ground_truth/odom"))
+        odometry, truth = (
+            read(decode.odometry, heard[topic][k])
+            for topic in ("/odom", "/ground_truth/odom")
+        )
         assert odometry.stamp_ns == truth.stamp_ns == origin_ns + sensors.stamp_ns
-        assert (odometry.pose, odometry.velocity) == (sensors.odometry.pose, sensors.odometry.velocity)
-        assert (truth.pose, truth.velocity) == (sensors.truth.pose, sensors.truth.velocity)
-        assert read(decode.pose_with_covariance, heard["/amcl_pose"][k]) == sensors.localisation
+        assert (odometry.pose, odometry.velocity) == (
+            sensors.odometry.pose,
+            sensors.odometry.velocity,
+        )
+        assert (truth.pose, truth.velocity) == (
+            sensors.truth.pose,
+            sensors.truth.velocity,
+        )
+        assert (
+            read(decode.pose_with_covariance, heard["/amcl_pose"][k])
+            == sensors.localisation
+        )
         assert heard["/collision"][k].data == sensors.collision
         scan = read(decode.scan, heard["/scan"][k])
         np.testing.assert_array_equal(scan.ranges, sensors.scan.ranges)

@@ -15,7 +15,12 @@ from barn_worlds.base.types import Pose2D, Velocity2D
 from barn_worlds.robots.files import load_robot
 
 STARTS = [
-    *(Pose2D(-2.25, 3.0, 1.57), Pose2D(-3.5, 4.5, 1.57), Pose2D(-3.4, 6.0, 2.2), Pose2D(-2.0, 5.0, 0.4)),
+    *(
+        Pose2D(-2.25, 3.0, 1.57),
+        Pose2D(-3.5, 4.5, 1.57),
+        Pose2D(-3.4, 6.0, 2.2),
+        Pose2D(-2.0, 5.0, 0.4),
+    ),
     *(Pose2D(-2.25, 4.0, 0.1 * turn) for turn in range(4)),
 ]
 STEPS = 60
@@ -34,22 +39,44 @@ def simulator(walled_world, simulators):
 
 def row(readings, index):
     """Return what a batch has read of a robot, as numbers."""
-    poses = [*readings.truths[index], *readings.odometry[index], *readings.velocities[index]]
-    return [readings.stamps_ns[index], readings.collisions[index], *poses, *readings.ranges[index]]
+    poses = [
+        *readings.truths[index],
+        *readings.odometry[index],
+        *readings.velocities[index],
+    ]
+    return [
+        readings.stamps_ns[index],
+        readings.collisions[index],
+        *poses,
+        *readings.ranges[index],
+    ]
 
 
 def expected(sensors):
     """Return the same numbers of the readings of a simulator."""
-    poses = [part for pose in (sensors.truth.pose, sensors.odometry.pose) for part in (pose.x, pose.y, pose.yaw)]
+    poses = [
+        part
+        for pose in (sensors.truth.pose, sensors.odometry.pose)
+        for part in (pose.x, pose.y, pose.yaw)
+    ]
     velocity = [sensors.odometry.velocity.linear, sensors.odometry.velocity.angular]
-    return [sensors.stamp_ns, sensors.collision, *poses, *velocity, *sensors.scan.ranges]
+    return [
+        sensors.stamp_ns,
+        sensors.collision,
+        *poses,
+        *velocity,
+        *sensors.scan.ranges,
+    ]
 
 
 @pytest.mark.parametrize(
-    ("robot", "movable"), [("jackal", False), ("jackal", True), ("turtlebot4", False), ("husky", False)]
+    ("robot", "movable"),
+    [("jackal", False), ("jackal", True), ("turtlebot4", False), ("husky", False)],
 )
 def test_a_batch_reads_what_each_robot_reads_by_itself(simulator, robot, movable):
-    config = SimulatorConfig(lidar=LidarConfig(beams=90), obstacles=ObstacleConfig(movable=movable))
+    config = SimulatorConfig(
+        lidar=LidarConfig(beams=90), obstacles=ObstacleConfig(movable=movable)
+    )
     config = with_robot(config, load_robot(robot))
     batch = Batch(len(STARTS), config)
     alone = [simulator(config, index) for index in range(len(STARTS))]
@@ -60,12 +87,18 @@ def test_a_batch_reads_what_each_robot_reads_by_itself(simulator, robot, movable
         assert np.array_equal(batch.readings.ranges[index], one.sense().scan.ranges)
     hit = np.zeros(len(STARTS), np.bool_)
     for step in range(STEPS):
-        commands = np.array([[0.6, 0.9 * math.sin(0.1 * step + index)] for index in range(len(STARTS))])
-        which = np.flatnonzero([step % 5 != index for index in range(len(STARTS))])  # one of them rests now and then
+        commands = np.array(
+            [[0.6, 0.9 * math.sin(0.1 * step + index)] for index in range(len(STARTS))]
+        )
+        which = np.flatnonzero(
+            [step % 5 != index for index in range(len(STARTS))]
+        )  # one of them rests now and then
         batch.advance(which, commands)
         batch.read(which)
         for index in which.tolist():
-            assert row(batch.readings, index) == expected(alone[index].step(Velocity2D(*commands[index].tolist())))
+            assert row(batch.readings, index) == expected(
+                alone[index].step(Velocity2D(*commands[index].tolist()))
+            )
         hit |= batch.readings.collisions
     batch.close()
     assert hit.any() and not hit.all()
@@ -83,7 +116,9 @@ def test_a_step_of_no_robot_changes_nothing(simulator):
 
 
 @pytest.mark.parametrize("robot", ["jackal", "turtlebot4", "scout_mini"])
-def test_many_robots_advance_as_each_alone_also_on_wheels_without_load(walled_world, robot):
+def test_many_robots_advance_as_each_alone_also_on_wheels_without_load(
+    walled_world, robot
+):
     """More robots than lanes: some fall (friction without load is solved one by one), some come to a cylinder."""
     count, rng = 3 * LANES - 5, np.random.default_rng(0)
     config = with_robot(SimulatorConfig(lidar=LidarConfig(beams=10)), load_robot(robot))
@@ -91,13 +126,25 @@ def test_many_robots_advance_as_each_alone_also_on_wheels_without_load(walled_wo
     for batch in (abreast, alone):
         for index in range(count):
             start = Pose2D(-2.25, 1.0, 0.1 * index)
-            batch.put(index, Simulator(walled_world, config, start, index, fleet=batch.fleet, index=index))
+            batch.put(
+                index,
+                Simulator(
+                    walled_world, config, start, index, fleet=batch.fleet, index=index
+                ),
+            )
         batch.fleet.robots["position"][::3, 2] += 0.02
     segments, which = np.full((count, 2, 4), 100.0), np.arange(count)
-    ahead_m = math.hypot(*abreast.fleet.settings["extent"][0, 2:]) + abreast.fleet.robots["near_m"][0] + 0.02
+    ahead_m = (
+        math.hypot(*abreast.fleet.settings["extent"][0, 2:])
+        + abreast.fleet.robots["near_m"][0]
+        + 0.02
+    )
     segments[:, 0] = [ahead_m - 2.25, 1.0, ahead_m - 2.25, 1.0]
     for _ in range(10):
-        commands, left = rng.uniform([-0.5, -2.0], [2.0, 2.0], (count, 2)), np.zeros(count, np.int64)
+        commands, left = (
+            rng.uniform([-0.5, -2.0], [2.0, 2.0], (count, 2)),
+            np.zeros(count, np.int64),
+        )
         pushes, expected_pushes = np.zeros((2, count, 4, 3))
         fleet = abreast.fleet
         advance_all(
@@ -106,9 +153,21 @@ def test_many_robots_advance_as_each_alone_also_on_wheels_without_load(walled_wo
         )  # fmt: skip
         fleet = alone.fleet
         for index in which:
-            add_command(fleet.robots, fleet.pending, index, fleet.robots["stamp_ns"][index], *commands[index])
+            add_command(
+                fleet.robots,
+                fleet.pending,
+                index,
+                fleet.robots["stamp_ns"][index],
+                *commands[index],
+            )
             wanted, expected_pushes[index] = advance(
-                fleet.robots, fleet.pending, fleet.settings, index, segments[index], fleet.noise, 10
+                fleet.robots,
+                fleet.pending,
+                fleet.settings,
+                index,
+                segments[index],
+                fleet.noise,
+                10,
             )
             assert left[index] == wanted
         np.testing.assert_array_equal(pushes, expected_pushes)
@@ -116,5 +175,9 @@ def test_many_robots_advance_as_each_alone_also_on_wheels_without_load(walled_wo
     assert LANES < len(which) < count
     for name in abreast.fleet.robots.dtype.names:
         state, expected = (batch.fleet.robots[name] for batch in (abreast, alone))
-        kept = slice(5) if name == "wheels" else slice(None)  # the rest of `wheels` is room to compute in
-        np.testing.assert_array_equal(state[..., kept], expected[..., kept], err_msg=name)
+        kept = (
+            slice(5) if name == "wheels" else slice(None)
+        )  # the rest of `wheels` is room to compute in
+        np.testing.assert_array_equal(
+            state[..., kept], expected[..., kept], err_msg=name
+        )

@@ -30,23 +30,38 @@ FROM_ZERO = SimulatorConfig(obstacles=ObstacleConfig(random_phase=False), lidar=
 def arena(*moving: MovingObstacle, walls: tuple[Wall, ...] = ()) -> World:
     path = np.array([[row, 20] for row in range(42, 1, -1)])
     grid = np.zeros((45, 41), np.bool_)
-    return World("arena", grid, path, 0.5, walls=walls, moving=moving, corner_m=(-10.25, -10.25))
+    return World(
+        "arena", grid, path, 0.5, walls=walls, moving=moving, corner_m=(-10.25, -10.25)
+    )
 
 
-def person(*keys: tuple[float, float, float], period_s: float = 10.0, radius_m: float = 0.3) -> MovingObstacle:
-    return MovingObstacle("person", radius_m=radius_m, motion=Motion("linear", period_s, keys))
+def person(
+    *keys: tuple[float, float, float], period_s: float = 10.0, radius_m: float = 0.3
+) -> MovingObstacle:
+    return MovingObstacle(
+        "person", radius_m=radius_m, motion=Motion("linear", period_s, keys)
+    )
 
 
-def cart(*keys: tuple[float, float, float], period_s: float = 10.0, yaw_rad: float = 0.0) -> MovingObstacle:
+def cart(
+    *keys: tuple[float, float, float], period_s: float = 10.0, yaw_rad: float = 0.0
+) -> MovingObstacle:
     motion = Motion("linear", period_s, keys)
-    return MovingObstacle("cart", "box", size_x_m=1.0, size_y_m=0.6, yaw_rad=yaw_rad, motion=motion)
+    return MovingObstacle(
+        "cart", "box", size_x_m=1.0, size_y_m=0.6, yaw_rad=yaw_rad, motion=motion
+    )
 
 
 def random_shapes(rng: np.random.Generator, count: int) -> np.ndarray:
     box = rng.random(count) < 0.5
     radius, size = rng.uniform(0.05, 1.0, count), rng.uniform(0.05, 3.0, (count, 2))
-    where, yaw = rng.uniform(-4.0, 4.0, (count, 2)), rng.uniform(-math.pi, math.pi, count)
-    return shape_rows(where, np.where(box, 0.0, radius), np.where(box[:, None], size, 0.0), yaw)
+    where, yaw = (
+        rng.uniform(-4.0, 4.0, (count, 2)),
+        rng.uniform(-math.pi, math.pi, count),
+    )
+    return shape_rows(
+        where, np.where(box, 0.0, radius), np.where(box[:, None], size, 0.0), yaw
+    )
 
 
 def plain_hit(origin: np.ndarray, beam: np.ndarray, shape: np.ndarray) -> float:
@@ -59,9 +74,15 @@ def plain_hit(origin: np.ndarray, beam: np.ndarray, shape: np.ndarray) -> float:
         near = along - math.sqrt(root) if root >= 0.0 else math.inf
         return 0.0 if square <= 0.0 else near if near >= 0.0 else math.inf
     ahead, left = shape[5:7], np.array([-shape[6], shape[5]])
-    if abs((origin - centre) @ ahead) <= shape[3] and abs((origin - centre) @ left) <= shape[4]:
+    if (
+        abs((origin - centre) @ ahead) <= shape[3]
+        and abs((origin - centre) @ left) <= shape[4]
+    ):
         return 0.0
-    corners = [centre + i * shape[3] * ahead + j * shape[4] * left for i, j in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+    corners = [
+        centre + i * shape[3] * ahead + j * shape[4] * left
+        for i, j in ((1, 1), (-1, 1), (-1, -1), (1, -1))
+    ]
     hits = [math.inf]
     for one, other in zip(corners, [*corners[1:], corners[0]], strict=True):
         matrix = np.column_stack([beam, one - other])
@@ -84,10 +105,19 @@ def test_rays_agree_with_a_plain_reference(seed: int, count: int) -> None:
     angles = scan.angles() + sensor.yaw
     beams = np.column_stack([np.cos(angles), np.sin(angles)])
     origin = np.array([sensor.x, sensor.y])
-    exact = np.array([min((plain_hit(origin, beam, one) for one in shapes), default=math.inf) for beam in beams])
-    expected = np.where(exact < scan.range_min, -np.inf, np.where(exact > scan.range_max, np.inf, exact))
+    exact = np.array(
+        [
+            min((plain_hit(origin, beam, one) for one in shapes), default=math.inf)
+            for beam in beams
+        ]
+    )
+    expected = np.where(
+        exact < scan.range_min, -np.inf, np.where(exact > scan.range_max, np.inf, exact)
+    )
     same = np.isclose(scan.ranges, expected, atol=1e-5) | (scan.ranges == expected)
-    assert (~same).sum() <= 1  # a beam through a corner, along a tangent or at a limit may be told either way
+    assert (
+        (~same).sum() <= 1
+    )  # a beam through a corner, along a tangent or at a limit may be told either way
 
 
 def test_the_lidar_sees_obstacles_where_they_are_at_its_own_time(simulators) -> None:
@@ -97,7 +127,9 @@ def test_the_lidar_sees_obstacles_where_they_are_at_its_own_time(simulators) -> 
         sensors = simulator.step(None)
         ahead = float(sensors.scan.ranges[len(sensors.scan.ranges) // 2])
         x, _ = world.tracks.at(sensors.stamp_ns * 1e-9)[0][0]
-        assert ahead == pytest.approx(x - 0.3 - FROM_ZERO.lidar.mount_x_m - sensors.truth.pose.x, abs=1e-3)
+        assert ahead == pytest.approx(
+            x - 0.3 - FROM_ZERO.lidar.mount_x_m - sensors.truth.pose.x, abs=1e-3
+        )
 
 
 def test_what_is_lower_than_the_scan_is_not_seen_but_touched(simulators) -> None:
@@ -136,9 +168,17 @@ def test_obstacles_pass_through_cylinders_walls_and_each_other(simulators) -> No
     """What moves keeps to its track though a cylinder that could be pushed, another and a wall are in its way."""
     grid = np.zeros((45, 41), np.bool_)
     grid[22, 21] = True
-    both = person((0.0, 0.9, 2.0), (5.0, 0.9, -3.0)), replace(cart((0.0, 0.9, -3.0), (5.0, 0.9, 2.0)), name="other")
-    world = replace(arena(*both, walls=(Wall(x_m=1.2, y_m=-0.8, size_x_m=0.4, size_y_m=0.4),)), grid=grid)
-    config = replace(FROM_ZERO, obstacles=ObstacleConfig(movable=True, random_phase=False))
+    both = (
+        person((0.0, 0.9, 2.0), (5.0, 0.9, -3.0)),
+        replace(cart((0.0, 0.9, -3.0), (5.0, 0.9, 2.0)), name="other"),
+    )
+    world = replace(
+        arena(*both, walls=(Wall(x_m=1.2, y_m=-0.8, size_x_m=0.4, size_y_m=0.4),)),
+        grid=grid,
+    )
+    config = replace(
+        FROM_ZERO, obstacles=ObstacleConfig(movable=True, random_phase=False)
+    )
     simulator = simulators(world, config, Pose2D(0.2, 0.0, 0.0), 0)
     for _ in range(80):
         simulator.step(None)
@@ -148,10 +188,16 @@ def test_obstacles_pass_through_cylinders_walls_and_each_other(simulators) -> No
 
 def test_an_obstacle_that_jumps_onto_the_robot_touches_it(simulators) -> None:
     """It is 5 m away when its motion begins anew, half a metre in front of the robot."""
-    jumper = replace(person((0.0, 0.5, 0.0), (1.0, 5.0, 0.0), period_s=2.0), phase_s=0.25)
+    jumper = replace(
+        person((0.0, 0.5, 0.0), (1.0, 5.0, 0.0), period_s=2.0), phase_s=0.25
+    )
     world = arena(jumper)
     simulator = simulators(world, FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
-    touched = [one.stamp_ns * 1e-9 for one in (simulator.step(None) for _ in range(60)) if one.collision]
+    touched = [
+        one.stamp_ns * 1e-9
+        for one in (simulator.step(None) for _ in range(60))
+        if one.collision
+    ]
     pose = simulator.read_truth().pose
     assert touched and touched[0] == pytest.approx(1.75, abs=0.051)
     assert math.isfinite(pose.x) and math.hypot(pose.x, pose.y) < 5.0
@@ -161,19 +207,35 @@ def test_the_phase_is_drawn_from_the_seed_and_can_be_zero() -> None:
     world = open_dataset("dynabarn60").load(50)
     drawn = [phase_s(world, True, seed) for seed in range(200)]
     longest = max(one.motion.period_s for one in world.moving)
-    assert len(set(drawn)) == 200 and 0.0 <= min(drawn) < 0.1 * longest and 0.9 * longest < max(drawn) <= longest
+    assert (
+        len(set(drawn)) == 200
+        and 0.0 <= min(drawn) < 0.1 * longest
+        and 0.9 * longest < max(drawn) <= longest
+    )
     assert phase_s(world, False, 3) == 0.0
     start = Pose2D(11.0, 0.0, math.pi)
-    simulators = [Simulator(world, replace(SimulatorConfig(), lidar=QUIET), start, seed) for seed in (3, 3, 4)]
+    simulators = [
+        Simulator(world, replace(SimulatorConfig(), lidar=QUIET), start, seed)
+        for seed in (3, 3, 4)
+    ]
     scans = [simulator.sense().scan.ranges.tobytes() for simulator in simulators]
-    assert [simulator.phase_s for simulator in simulators] == [drawn[3], drawn[3], drawn[4]]
+    assert [simulator.phase_s for simulator in simulators] == [
+        drawn[3],
+        drawn[3],
+        drawn[4],
+    ]
     assert scans[0] == scans[1] != scans[2]
 
 
-def drive(seed: int, client: PhysicsClient, *, free_motion: bool, robot: str = "jackal") -> tuple[list[tuple], int]:
+def drive(
+    seed: int, client: PhysicsClient, *, free_motion: bool, robot: str = "jackal"
+) -> tuple[list[tuple], int]:
     """Return the states after every step, driven at random among moving obstacles, and steps that ended freely."""
     rng = np.random.default_rng(seed)
-    config = with_robot(SimulatorConfig(obstacles=ObstacleConfig(movable=bool(seed % 2))), load_robot(robot))
+    config = with_robot(
+        SimulatorConfig(obstacles=ObstacleConfig(movable=bool(seed % 2))),
+        load_robot(robot),
+    )
     if seed % 3:
         world = open_dataset("dynabarn60").load(int(rng.integers(60)))
         start = Pose2D(*rng.uniform(-9.0, 9.0, 2), rng.uniform(-3.1, 3.1))
@@ -181,14 +243,21 @@ def drive(seed: int, client: PhysicsClient, *, free_motion: bool, robot: str = "
         still = open_dataset("barn300").load(int(rng.integers(300)))
         world = with_motion(still, class_named("easy"), seed, 6)
         start = Pose2D(-2.25, 3.0, 1.57)
-    return wander(Simulator(world, config, start, seed, client, free_motion=free_motion), rng, 160)
+    return wander(
+        Simulator(world, config, start, seed, client, free_motion=free_motion), rng, 160
+    )
 
 
 @pytest.mark.parametrize(
     ("seed", "robot"),
-    [*((seed, "jackal") for seed in range(18)), *itertools.product(range(6), ["turtlebot4", "husky"])],
+    [
+        *((seed, "jackal") for seed in range(18)),
+        *itertools.product(range(6), ["turtlebot4", "husky"]),
+    ],
 )
-def test_free_motion_beside_moving_obstacles_is_that_of_bullet_to_the_last_bit(seed, robot, clients) -> None:
+def test_free_motion_beside_moving_obstacles_is_that_of_bullet_to_the_last_bit(
+    seed, robot, clients
+) -> None:
     expected, none = drive(seed, clients[0], free_motion=False, robot=robot)
     states, free = drive(seed, clients[1], free_motion=True, robot=robot)
     assert none == 0
@@ -197,5 +266,10 @@ def test_free_motion_beside_moving_obstacles_is_that_of_bullet_to_the_last_bit(s
 
 
 def test_the_drives_touch_obstacles_and_leave_them(clients) -> None:
-    touched = [[state[0] for state in drive(seed, clients[0], free_motion=True)[0]] for seed in range(6)]
-    assert any(any(one) and not one[-1] for one in touched) and not all(any(one) for one in touched)
+    touched = [
+        [state[0] for state in drive(seed, clients[0], free_motion=True)[0]]
+        for seed in range(6)
+    ]
+    assert any(any(one) and not one[-1] for one in touched) and not all(
+        any(one) for one in touched
+    )

@@ -6,7 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barn_sim.body.cylinders import near_cylinders, nearest_gap, robot_gap, see_cylinders, segment_gap
+from barn_sim.body.cylinders import (
+    near_cylinders,
+    nearest_gap,
+    robot_gap,
+    see_cylinders,
+    segment_gap,
+)
 from barn_sim.config import ObstacleConfig, PhysicsConfig, SimulatorConfig
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import Pose2D, Velocity2D
@@ -23,7 +29,13 @@ def world_with(*cells: tuple[int, int]) -> World:
     return World("few", grid, np.array([[0, column] for column in range(30)]))
 
 
-def push(world: World, config: SimulatorConfig, steps: int, speed: float = 0.5, start: Pose2D = HERE):
+def push(
+    world: World,
+    config: SimulatorConfig,
+    steps: int,
+    speed: float = 0.5,
+    start: Pose2D = HERE,
+):
     """Drive straight on; return the last readings and the displaced obstacles."""
     with closing(Simulator(world, config, start, 0)) as simulator:
         for _ in range(steps):
@@ -83,8 +95,13 @@ def test_the_robot_cannot_push_a_long_row() -> None:
 def test_containment_can_be_left_standing() -> None:
     beside = Pose2D(-0.6, 2.0, 0.0)
     moved = [
-        push(world_with(), SimulatorConfig(obstacles=config), 60, start=beside)[1].indices
-        for config in (MOVABLE.obstacles, ObstacleConfig(movable=True, containment_movable=False))
+        push(world_with(), SimulatorConfig(obstacles=config), 60, start=beside)[
+            1
+        ].indices
+        for config in (
+            MOVABLE.obstacles,
+            ObstacleConfig(movable=True, containment_movable=False),
+        )
     ]
     assert len(moved[0]) > 0
     assert len(moved[1]) == 0
@@ -108,12 +125,18 @@ def test_the_lidar_sees_a_pushed_cylinder_where_it_is_now(simulators) -> None:
 
 
 @pytest.mark.parametrize(("friction", "tips"), [(0.5, False), (3.0, True)])
-def test_a_pushed_cylinder_tips_where_the_ground_holds_its_foot(friction: float, tips: bool) -> None:
+def test_a_pushed_cylinder_tips_where_the_ground_holds_its_foot(
+    friction: float, tips: bool
+) -> None:
     """Pushed at height h at least (the chassis' lower edge, 0.0635 m), it tips if friction x h exceeds its radius."""
     assert (friction * 0.0635 > 0.075) is tips
     smooth = PhysicsConfig(chassis_friction=0.0)  # or the chassis holds it upright
-    config = SimulatorConfig(physics=smooth, obstacles=ObstacleConfig(movable=True, friction=friction))
-    _, moved = push(world_with((14, 5)), config, 140, speed=0.2)  # gently: a blow could tip it as well
+    config = SimulatorConfig(
+        physics=smooth, obstacles=ObstacleConfig(movable=True, friction=friction)
+    )
+    _, moved = push(
+        world_with((14, 5)), config, 140, speed=0.2
+    )  # gently: a blow could tip it as well
     x, y, _, _ = moved.quaternions[0].tolist()
     assert (abs(1.0 - 2.0 * (x * x + y * y)) < 0.5) is tips
 
@@ -140,10 +163,20 @@ EXTENT = np.array([-0.229, -0.2078, 0.229, 0.2078])
 coordinates = st.floats(-1.5, 1.5)
 
 
-@given(coordinates, coordinates, coordinates, coordinates, coordinates, coordinates, st.floats(-3.2, 3.2))
+@given(
+    coordinates,
+    coordinates,
+    coordinates,
+    coordinates,
+    coordinates,
+    coordinates,
+    st.floats(-3.2, 3.2),
+)
 def test_the_gap_to_the_robot_is_that_of_many_points(ax, ay, bx, by, x, y, yaw) -> None:
     found = robot_gap(np.array([ax, ay, bx, by]), x, y, yaw, EXTENT)
-    points = np.array([ax, ay]) + np.linspace(0.0, 1.0, 400)[:, None] * np.array([bx - ax, by - ay])
+    points = np.array([ax, ay]) + np.linspace(0.0, 1.0, 400)[:, None] * np.array(
+        [bx - ax, by - ay]
+    )
     local = Pose2D(x, y, yaw).inverse().transform(points)
     outside = np.maximum(np.maximum(EXTENT[:2] - local, local - EXTENT[2:]), 0.0)
     exact = np.hypot(*outside.T).min()
@@ -152,7 +185,9 @@ def test_the_gap_to_the_robot_is_that_of_many_points(ax, ay, bx, by, x, y, yaw) 
 
 
 @given(*[coordinates] * 8)
-def test_the_gap_between_cylinders_is_that_of_many_points(ax, ay, bx, by, cx, cy, dx, dy) -> None:
+def test_the_gap_between_cylinders_is_that_of_many_points(
+    ax, ay, bx, by, cx, cy, dx, dy
+) -> None:
     first, second = np.array([ax, ay, bx, by]), np.array([cx, cy, dx, dy])
     found = segment_gap(first, second)
     parts = np.linspace(0.0, 1.0, 200)[:, None]
@@ -179,11 +214,19 @@ def test_near_cylinders_are_found_by_distance_alone() -> None:
     segments, none = np.hstack([points, points]), np.zeros(300, np.bool_)
     pushed = none.copy()
     pushed[:3] = True
-    found, free_m = near_cylinders(segments, ~none, pushed, 0.1, -0.2, 0.5, EXTENT, 0.075, 0.03, 0.005)
-    near_robot = [robot_gap(segment, 0.1, -0.2, 0.5, EXTENT) < 0.105 for segment in segments]
-    near_pushed = (np.hypot(*(points[:, None] - points[None, :3]).transpose(2, 0, 1)) < 0.155).any(axis=1)
+    found, free_m = near_cylinders(
+        segments, ~none, pushed, 0.1, -0.2, 0.5, EXTENT, 0.075, 0.03, 0.005
+    )
+    near_robot = [
+        robot_gap(segment, 0.1, -0.2, 0.5, EXTENT) < 0.105 for segment in segments
+    ]
+    near_pushed = (
+        np.hypot(*(points[:, None] - points[None, :3]).transpose(2, 0, 1)) < 0.155
+    ).any(axis=1)
     assert found.tolist() == np.flatnonzero(np.array(near_robot) | near_pushed).tolist()
-    few, _ = near_cylinders(segments, none, pushed, 0.1, -0.2, 0.5, EXTENT, 0.075, 0.03, 0.005)
+    few, _ = near_cylinders(
+        segments, none, pushed, 0.1, -0.2, 0.5, EXTENT, 0.075, 0.03, 0.005
+    )
     assert len(few) == 0
     assert free_m <= 0.0  # what is pushed may come near by itself
 
@@ -192,8 +235,12 @@ def test_the_robot_may_go_as_far_as_is_said_before_others_are_near() -> None:
     rng = np.random.default_rng(3)
     points = rng.uniform(-1.0, 1.0, (60, 2))
     segments, none = np.hstack([points, points]), np.zeros(60, np.bool_)
-    found, free_m = near_cylinders(segments, ~none, none, 0.1, -0.2, 0.5, EXTENT, 0.075, 0.03, 0.005)
-    gaps = np.array([robot_gap(segment, 0.1, -0.2, 0.5, EXTENT) - 0.105 for segment in segments])
+    found, free_m = near_cylinders(
+        segments, ~none, none, 0.1, -0.2, 0.5, EXTENT, 0.075, 0.03, 0.005
+    )
+    gaps = np.array(
+        [robot_gap(segment, 0.1, -0.2, 0.5, EXTENT) - 0.105 for segment in segments]
+    )
     assert 0.0 < free_m <= np.delete(gaps, found).min()
 
 
@@ -202,11 +249,15 @@ def test_a_tilted_cylinder_is_handed_over_as_such(tilt: float) -> None:
     q = [math.sin(tilt / 2), 0.0, 0.0, math.cos(tilt / 2)]  # about x: leans to -y
     states = np.array([[1.0, 2.0, 0.5, *q]])
     centres, tilted = np.array([[1.0, 2.0]]), np.empty((1, 7))
-    count = see_cylinders(np.array([0]), states, 0.5, 0.3, math.cos(math.radians(0.5)), centres, tilted)
+    count = see_cylinders(
+        np.array([0]), states, 0.5, 0.3, math.cos(math.radians(0.5)), centres, tilted
+    )
     if tilt < math.radians(0.5):
         assert count == 0
         assert centres[0] == pytest.approx([1.0, 2.0 + 0.2 * math.tan(tilt)])
     else:
         assert count == 1
         assert np.isinf(centres).all()
-        assert tilted[0] == pytest.approx([1.0, 2.0, 0.2, 0.0, -math.sin(tilt), math.cos(tilt), 0.5])
+        assert tilted[0] == pytest.approx(
+            [1.0, 2.0, 0.2, 0.0, -math.sin(tilt), math.cos(tilt), 0.5]
+        )

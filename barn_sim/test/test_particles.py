@@ -42,15 +42,27 @@ def pillars() -> World:
     return World("pillars", grid, np.array([[15, column] for column in range(30)]))
 
 
-def drive(config: LocalisationConfig, world: World, known: OccupancyMap, metres: float, seed: int = 0) -> np.ndarray:
+def drive(
+    config: LocalisationConfig,
+    world: World,
+    known: OccupancyMap,
+    metres: float,
+    seed: int = 0,
+) -> np.ndarray:
     """Return the errors (n, 3) of the pose while a robot drives straight ahead with perfect odometry."""
     lidar = Lidar(LIDAR, np.random.default_rng(seed + 1))
-    believer = ParticleLocalisation(config, np.random.default_rng(seed), known, START, MOUNT)
+    believer = ParticleLocalisation(
+        config, np.random.default_rng(seed), known, START, MOUNT
+    )
     errors = []
     for x in np.arange(0.0, metres + 1e-9, 0.02):
         truth = START @ Pose2D(float(x), 0.0, 0.0)
         scan = lidar.scan(0, truth, world.cylinders_m, world.cylinder_radius_m)
-        found = believer.estimate(nanoseconds(x / SPEED_M_S), Pose2D(float(x), 0.0, 0.0), lambda scan=scan: scan)
+        found = believer.estimate(
+            nanoseconds(x / SPEED_M_S),
+            Pose2D(float(x), 0.0, 0.0),
+            lambda scan=scan: scan,
+        )
         errors.append((found.x - truth.x, found.y - truth.y, found.yaw - truth.yaw))
     return np.array(errors)
 
@@ -68,7 +80,9 @@ def test_particles_in_one_bin_do_not_show_that_few_are_enough() -> None:
     assert needed_particles(500, 2000)[1] == 2000
     assert needed_particles(500, 2000)[2] == 500
     # The bound of KLD-sampling for 101 bins, an error of 0.05 and a quantile of 0.99.
-    assert needed_particles(500, 2000)[101] == math.ceil(1000.0 * (1.0 - 2 / 900 + math.sqrt(2 / 900) * 0.99) ** 3)
+    assert needed_particles(500, 2000)[101] == math.ceil(
+        1000.0 * (1.0 - 2 / 900 + math.sqrt(2 / 900) * 0.99) ** 3
+    )
     assert needed_particles(500, 2000)[1000] == 2000
 
 
@@ -78,10 +92,16 @@ def test_bins_that_touch_form_a_cluster() -> None:
 
 
 def test_bins_sort_by_their_keys_as_by_their_coordinates() -> None:
-    particles = np.random.default_rng(2).normal([-2.0, 3.0, 0.0], [1.0, 2.0, 1.5], (500, 3))
+    particles = np.random.default_rng(2).normal(
+        [-2.0, 3.0, 0.0], [1.0, 2.0, 1.5], (500, 3)
+    )
     bins = bins_of(particles)
-    expected, first, member = np.unique(bins, axis=0, return_index=True, return_inverse=True)
-    _, found_first, found_member = np.unique(bin_keys(bins), return_index=True, return_inverse=True)
+    expected, first, member = np.unique(
+        bins, axis=0, return_index=True, return_inverse=True
+    )
+    _, found_first, found_member = np.unique(
+        bin_keys(bins), return_index=True, return_inverse=True
+    )
     assert len(expected) > 50
     assert (found_first == first).all()
     assert (found_member == member.ravel()).all()
@@ -91,7 +111,9 @@ def test_the_fit_of_a_particle_is_the_plain_sum_over_its_hits() -> None:
     rng = np.random.default_rng(3)
     particles, hits = rng.normal(1.0, 1.0, (40, 3)), rng.normal(0.0, 3.0, (25, 2))
     table, outside = rng.random((30, 20)), 0.25
-    found = fit(particles, hits, np.pad(table, 1, constant_values=outside), -1.0, -0.5, 0.15)
+    found = fit(
+        particles, hits, np.pad(table, 1, constant_values=outside), -1.0, -0.5, 0.15
+    )
     off = 0
     for (x, y, yaw), weight in zip(particles, found, strict=True):
         total = 1.0
@@ -112,20 +134,28 @@ def test_particles_spread_widely_gather_at_the_true_pose(pillars: World) -> None
 
 
 def test_a_map_read_half_a_cell_low_gives_poses_half_a_cell_low(pillars: World) -> None:
-    errors = drive(replace(WIDE, half_cell_low=True), pillars, known_map(pillars, False), 1.0)
+    errors = drive(
+        replace(WIDE, half_cell_low=True), pillars, known_map(pillars, False), 1.0
+    )
     assert errors[-1, :2] == pytest.approx([-0.075, -0.075], abs=0.05)
 
 
-def test_from_the_true_pose_the_estimate_drifts_towards_a_map_that_is_off(pillars: World) -> None:
+def test_from_the_true_pose_the_estimate_drifts_towards_a_map_that_is_off(
+    pillars: World,
+) -> None:
     off_y = drive(AT_START, pillars, known_map(pillars, True), 4.0)[:, 1]
     assert off_y[0] == pytest.approx(0.0, abs=1e-3)
     steps = np.abs(np.diff(off_y))
-    assert steps.max() < 0.03  # an update corrects little: the particles lie close together
+    assert (
+        steps.max() < 0.03
+    )  # an update corrects little: the particles lie close together
     later = off_y[[50, 100, 150, 200]]
     assert (np.diff(later) < 0.0).all()
     assert -0.15 < later[-1] < -0.015
     # Particles spread widely agree with the map within a metre.
-    assert drive(WIDE, pillars, known_map(pillars, True), 1.0)[-1, 1] == pytest.approx(-0.15, abs=0.06)
+    assert drive(WIDE, pillars, known_map(pillars, True), 1.0)[-1, 1] == pytest.approx(
+        -0.15, abs=0.06
+    )
 
 
 def test_between_updates_the_pose_follows_the_odometry(pillars: World) -> None:
@@ -134,24 +164,41 @@ def test_between_updates_the_pose_follows_the_odometry(pillars: World) -> None:
 
     def look(odometry: Pose2D):
         looked_at.append(odometry)
-        return lidar.scan(0, START @ odometry, pillars.cylinders_m, pillars.cylinder_radius_m)
+        return lidar.scan(
+            0, START @ odometry, pillars.cylinders_m, pillars.cylinder_radius_m
+        )
 
-    believer = ParticleLocalisation(WIDE, np.random.default_rng(4), known_map(pillars, False), START, MOUNT)
-    driven = [Pose2D(0.0, 0.0, 0.0), Pose2D(0.09, 0.0, 0.3), Pose2D(0.11, 0.0, 0.3), Pose2D(0.11, 0.0, 0.62)]
+    believer = ParticleLocalisation(
+        WIDE, np.random.default_rng(4), known_map(pillars, False), START, MOUNT
+    )
+    driven = [
+        Pose2D(0.0, 0.0, 0.0),
+        Pose2D(0.09, 0.0, 0.3),
+        Pose2D(0.11, 0.0, 0.3),
+        Pose2D(0.11, 0.0, 0.62),
+    ]
     for odometry in driven:
         believer.estimate(0, odometry, partial(look, odometry))
     assert looked_at == [driven[0], *driven[2:]]
 
 
-def test_a_correction_takes_effect_late_if_asked_and_the_first_one_at_once(pillars: World) -> None:
+def test_a_correction_takes_effect_late_if_asked_and_the_first_one_at_once(
+    pillars: World,
+) -> None:
     known = known_map(pillars, True)
     corrections = []
     for delay_s in (0.0, 1.0):
         errors = drive(replace(WIDE, correction_delay_s=delay_s), pillars, known, 2.0)
         travelled = [Pose2D(0.02 * step, 0.0, 0.0) for step in range(len(errors))]
         truths = [START @ odometry for odometry in travelled]
-        believed = [Pose2D(t.x + x, t.y + y, t.yaw + yaw) for t, (x, y, yaw) in zip(truths, errors, strict=True)]
-        found = [pose @ odometry.inverse() for pose, odometry in zip(believed, travelled, strict=True)]
+        believed = [
+            Pose2D(t.x + x, t.y + y, t.yaw + yaw)
+            for t, (x, y, yaw) in zip(truths, errors, strict=True)
+        ]
+        found = [
+            pose @ odometry.inverse()
+            for pose, odometry in zip(believed, travelled, strict=True)
+        ]
         corrections.append(np.array([(pose.x, pose.y, pose.yaw) for pose in found]))
     prompt, late = corrections
     steps = round(1.0 * SPEED_M_S / 0.02)
@@ -172,19 +219,27 @@ def test_the_simulator_localises_in_the_historical_map_if_asked(simulators) -> N
     assert (known_map(world, True).data != known_map(world, False).data).any()
     wide = Pose2D(-2.25, 4.0, math.pi / 2.0)
     sensors, other = (
-        simulators(world, replace(PRESETS["paper2020"], localisation=one), wide, 0).sense()
+        simulators(
+            world, replace(PRESETS["paper2020"], localisation=one), wide, 0
+        ).sense()
         for one in (AT_START, LocalisationConfig())
     )
     assert sensors.localisation.distance(wide) < 1e-3
-    assert sensors.scan.ranges.tobytes() == other.scan.ranges.tobytes()  # its looks disturb no other reading
+    assert (
+        sensors.scan.ranges.tobytes() == other.scan.ranges.tobytes()
+    )  # its looks disturb no other reading
 
 
 @pytest.mark.parametrize("alphas", [(0.0, 0.1), (0.001, 0.1), (0.0, 0.0)])
 def test_particles_are_drawn_anywhere_as_long_as_the_fast_average_is_below_the_slow_one(
     pillars: World, alphas: tuple[float, float]
 ) -> None:
-    config = replace(AT_START, recovery_alpha_slow=alphas[0], recovery_alpha_fast=alphas[1])
-    believer = ParticleLocalisation(config, np.random.default_rng(0), known_map(pillars, False), START, MOUNT)
+    config = replace(
+        AT_START, recovery_alpha_slow=alphas[0], recovery_alpha_fast=alphas[1]
+    )
+    believer = ParticleLocalisation(
+        config, np.random.default_rng(0), known_map(pillars, False), START, MOUNT
+    )
     slow = fast = 0.0  # 0: to begin with the next average, as amcl has it
     shares = []
     for average in (4.0, 5.0, 3.0, 0.5, 0.4, 6.0, 5.0, 0.1):
@@ -197,9 +252,13 @@ def test_particles_are_drawn_anywhere_as_long_as_the_fast_average_is_below_the_s
     assert (max(shares) > 0.0) == (alphas[1] > 0.0)
 
 
-def test_particles_drawn_anywhere_lie_in_free_cells_of_the_whole_map(pillars: World) -> None:
+def test_particles_drawn_anywhere_lie_in_free_cells_of_the_whole_map(
+    pillars: World,
+) -> None:
     known = known_map(pillars, False)
-    believer = ParticleLocalisation(AT_START, np.random.default_rng(0), known, START, MOUNT)
+    believer = ParticleLocalisation(
+        AT_START, np.random.default_rng(0), known, START, MOUNT
+    )
     poses = believer._anywhere(5000)
     columns = ((poses[:, 0] - known.origin_x) / known.resolution).astype(int)
     rows = ((poses[:, 1] - known.origin_y) / known.resolution).astype(int)

@@ -12,7 +12,13 @@ from driving import readings_of
 from barn_sim.body.body import Body
 from barn_sim.body.bullet import PhysicsClient, bullet
 from barn_sim.body.cylinders import nearest_gap
-from barn_sim.body.model import description_text, fixed_frames, joint_names, model_of, robot_description
+from barn_sim.body.model import (
+    description_text,
+    fixed_frames,
+    joint_names,
+    model_of,
+    robot_description,
+)
 from barn_sim.body.obstacles import tick_gap_m
 from barn_sim.config import PRESETS, PhysicsConfig, SimulatorConfig, with_robot
 from barn_sim.messages import SimulatorMessages
@@ -41,14 +47,24 @@ def plain():
 
 
 def driven(world, config, command, steps, start=START, **options):
-    return readings_of(Simulator(world, config, start, 0, **options), [Velocity2D(*command)] * steps)
+    return readings_of(
+        Simulator(world, config, start, 0, **options), [Velocity2D(*command)] * steps
+    )
 
 
 def polygon_robot():
     """Return a Husky whose front ends in a point."""
     robot = load_robot("husky")
-    corners = ((0.6, 0.0), (0.43, 0.335), (-0.495, 0.335), (-0.495, -0.335), (0.43, -0.335))
-    return replace(robot, chassis=replace(robot.chassis, name="arrow", footprint_m=corners))
+    corners = (
+        (0.6, 0.0),
+        (0.43, 0.335),
+        (-0.495, 0.335),
+        (-0.495, -0.335),
+        (0.43, -0.335),
+    )
+    return replace(
+        robot, chassis=replace(robot.chassis, name="arrow", footprint_m=corners)
+    )
 
 
 @pytest.mark.parametrize("name", ["husky", "scout_mini"])
@@ -62,7 +78,12 @@ def test_skid_steer_robots_drive_straight_turn_and_stop(plain, name):
     # four equally loaded wheels with Coulomb friction, turning in place
     slip = 1.0 + (robot.chassis.wheelbase_m / robot.chassis.track_m) ** 2
     wanted = robot.drive.wheel_separation_multiplier / slip
-    yaw = np.unwrap([one.truth.pose.yaw for one in driven(plain, config, (0.0, 1.0), 60, Pose2D(-2.25, 4.0, 0.0))])
+    yaw = np.unwrap(
+        [
+            one.truth.pose.yaw
+            for one in driven(plain, config, (0.0, 1.0), 60, Pose2D(-2.25, 4.0, 0.0))
+        ]
+    )
     assert (yaw[-1] - yaw[40]) / (20 * STEP_S) == pytest.approx(wanted, rel=0.01)
     assert not any(one.collision for one in straight)
 
@@ -70,7 +91,10 @@ def test_skid_steer_robots_drive_straight_turn_and_stop(plain, name):
 @pytest.mark.parametrize("robot", [load_robot("husky"), polygon_robot()], ids=NAME)
 def test_free_motion_gives_the_bits_of_pybullet(plain, robot):
     config = with_robot(SimulatorConfig(), robot)
-    free, bullet = (driven(plain, config, (0.7, 0.6), 40, free_motion=fast) for fast in (True, False))
+    free, bullet = (
+        driven(plain, config, (0.7, 0.6), 40, free_motion=fast)
+        for fast in (True, False)
+    )
     assert [one.truth for one in free] == [one.truth for one in bullet]
 
 
@@ -81,7 +105,9 @@ def in_bullet(chassis):
         body = Body(model, PhysicsConfig(), client, Fleet.of(1), 0)
         body.begin(Pose2D(0.0, 0.0, 0.0))
         body.enter()
-        bullet.resetBasePositionAndOrientation(body.id, model.centre_of_mass, (0, 0, 0, 1), physicsClientId=client.id)
+        bullet.resetBasePositionAndOrientation(
+            body.id, model.centre_of_mass, (0, 0, 0, 1), physicsClientId=client.id
+        )
         return np.array(bullet.getAABB(body.id, physicsClientId=client.id))
 
 
@@ -91,7 +117,9 @@ def test_the_shapes_are_those_of_the_footprint():
     assert np.allclose(np.ptp(in_bullet(husky), axis=0), [0.99, 0.67, 0.39], atol=0.005)
     arrow = polygon_robot().chassis
     assert model_of(arrow).extent == pytest.approx(arrow.extent_m)
-    assert np.allclose(np.ptp(in_bullet(arrow), axis=0), [1.095, 0.67, 0.26], atol=0.005)
+    assert np.allclose(
+        np.ptp(in_bullet(arrow), axis=0), [1.095, 0.67, 0.26], atol=0.005
+    )
     round_one = load_robot("turtlebot4").chassis
     assert model_of(round_one).extent == pytest.approx([-0.171, -0.171, 0.171, 0.171])
 
@@ -114,9 +142,13 @@ def pillar():
 @pytest.mark.parametrize("turned", [0.0, 0.5, 2.4])
 @pytest.mark.parametrize("aside_m", [0.0, 0.12, -0.2])
 @pytest.mark.parametrize(
-    "robot", [load_robot("turtlebot4"), polygon_robot(), load_robot("turtlebot3_waffle")], ids=NAME
+    "robot",
+    [load_robot("turtlebot4"), polygon_robot(), load_robot("turtlebot3_waffle")],
+    ids=NAME,
 )
-def test_robots_touch_a_pillar_where_their_outline_does(pillar, robot, aside_m, turned, simulators):
+def test_robots_touch_a_pillar_where_their_outline_does(
+    pillar, robot, aside_m, turned, simulators
+):
     config = with_robot(PRESETS["ideal"], robot)
     x, y = pillar.obstacles_m[0].tolist()
     start = Pose2D(x, y, turned) @ Pose2D(-1.0, aside_m, 0.0)
@@ -125,7 +157,10 @@ def test_robots_touch_a_pillar_where_their_outline_does(pillar, robot, aside_m, 
     for _ in range(1200):
         simulator.command(Velocity2D(0.2, 0.0))
         simulator.advance(1)
-        gap = gap_to(robot.chassis, simulator.read_truth().pose, (x, y)) - pillar.cylinder_radius_m
+        gap = (
+            gap_to(robot.chassis, simulator.read_truth().pose, (x, y))
+            - pillar.cylinder_radius_m
+        )
         if simulator.read_collision():
             break
         before = gap
@@ -141,15 +176,22 @@ def test_obstacles_are_never_nearer_than_the_bounds_say(robot):
     assert (extent[:2] <= low + 0.002).all() and (high - 0.002 <= extent[2:]).all()
     for x, y, yaw, px, py in rng.uniform(-1.5, 1.5, (200, 5)).tolist():
         bound = nearest_gap(np.array([[px, py, px, py]]), x, y, yaw, extent)
-        assert bound <= gap_to(robot.chassis, Pose2D(x, y, yaw), (px, py)) + 1e-9 or bound == 0.0
+        assert (
+            bound <= gap_to(robot.chassis, Pose2D(x, y, yaw), (px, py)) + 1e-9
+            or bound == 0.0
+        )
 
 
 def test_more_than_a_tick_of_the_fastest_robot_is_left_to_an_obstacle():
     assert tick_gap_m(SimulatorConfig()) == 0.03
     robot = load_robot("husky")
-    fast = with_robot(SimulatorConfig(), replace(robot, drive=replace(robot.drive, max_speed_m_s=6.0)))
+    fast = with_robot(
+        SimulatorConfig(), replace(robot, drive=replace(robot.drive, max_speed_m_s=6.0))
+    )
     reach = np.hypot(0.495, 0.335)
-    assert tick_gap_m(fast) > fast.physics.tick_s * (6.0 + fast.drive.max_yaw_rate_rad_s * reach)
+    assert tick_gap_m(fast) > fast.physics.tick_s * (
+        6.0 + fast.drive.max_yaw_rate_rad_s * reach
+    )
 
 
 def test_joints_are_those_that_a_robot_has(plain):
@@ -161,26 +203,41 @@ def test_joints_are_those_that_a_robot_has(plain):
         names = joint_names(robot.chassis)
         assert len(joints.positions) == len(joints.velocities) == len(names) == count
         wheels = len(robot.chassis.wheels_m)
-        rolled_m = (joints.positions[0] - first.joints.positions[0]) * robot.chassis.wheel_radius_m
-        assert rolled_m == pytest.approx(first.truth.pose.distance(last.truth.pose), abs=0.03)
-        assert joints.velocities[:wheels] == pytest.approx([0.2 / robot.chassis.wheel_radius_m] * wheels)
+        rolled_m = (
+            joints.positions[0] - first.joints.positions[0]
+        ) * robot.chassis.wheel_radius_m
+        assert rolled_m == pytest.approx(
+            first.truth.pose.distance(last.truth.pose), abs=0.03
+        )
+        assert joints.velocities[:wheels] == pytest.approx(
+            [0.2 / robot.chassis.wheel_radius_m] * wheels
+        )
 
 
 def test_motors_lag_in_the_simulator_too(plain):
     config = with_robot(PRESETS["ideal"], load_robot("turtlebot4"))
-    config = replace(config, drive=replace(config.drive, motor_lag_s=0.2, command_latency_s=0.0))
-    speeds = [one.truth.velocity.linear for one in driven(plain, config, (0.1, 0.0), 20)]
+    config = replace(
+        config, drive=replace(config.drive, motor_lag_s=0.2, command_latency_s=0.0)
+    )
+    speeds = [
+        one.truth.velocity.linear for one in driven(plain, config, (0.1, 0.0), 20)
+    ]
     assert speeds[4] < 0.08 and speeds[-1] == pytest.approx(0.1, rel=0.02)
 
 
 def test_the_lidar_sees_from_where_it_is_mounted(plain):
     robot = load_robot("turtlebot4")
-    mount = replace(robot.lidar, mount_x_m=0.1, mount_y_m=-0.07, mount_yaw_rad=1.1, noise_m=0.0)
+    mount = replace(
+        robot.lidar, mount_x_m=0.1, mount_y_m=-0.07, mount_yaw_rad=1.1, noise_m=0.0
+    )
     pose = Pose2D(-2.0, 3.0, 0.7)
     scans = []
     for lidar, start in (
         (mount, pose),
-        (replace(mount, mount_x_m=0.0, mount_y_m=0.0, mount_yaw_rad=0.0), pose @ Pose2D(0.1, -0.07, 1.1)),
+        (
+            replace(mount, mount_x_m=0.0, mount_y_m=0.0, mount_yaw_rad=0.0),
+            pose @ Pose2D(0.1, -0.07, 1.1),
+        ),
     ):
         config = with_robot(PRESETS["ideal"], replace(robot, lidar=lidar))
         scans.append(driven(plain, config, (0.0, 0.0), 0, start)[0].scan.ranges)
@@ -190,9 +247,15 @@ def test_the_lidar_sees_from_where_it_is_mounted(plain):
 
 def test_fixed_frames_are_turned_as_the_lidar_is():
     robot = load_robot("turtlebot4")
-    _, (_, transforms) = SimulatorMessages(with_robot(SimulatorConfig(), robot)).constant()
+    _, (_, transforms) = SimulatorMessages(
+        with_robot(SimulatorConfig(), robot)
+    ).constant()
     sent = deserialise(transforms, "tf2_msgs/msg/TFMessage").transforms
-    yaws = {one.child_frame_id: 2.0 * np.arctan2(one.transform.rotation.z, one.transform.rotation.w) for one in sent}
+    yaws = {
+        one.child_frame_id: 2.0
+        * np.arctan2(one.transform.rotation.z, one.transform.rotation.w)
+        for one in sent
+    }
     assert yaws.pop("lidar_link") == pytest.approx(robot.lidar.mount_yaw_rad)
     assert set(yaws.values()) == {0.0}
 
@@ -216,17 +279,33 @@ def test_the_description_is_a_urdf_of_the_same_body(name, tmp_path):
     links = [link.get("name") for link in root.iter("link")]
     children = [child.get("link") for child in root.iter("child")]
     assert sorted(links) == sorted(["base_link", *children])  # one tree
-    assert fixed_frames(robot.lidar, chassis)["lidar_link"] == (robot.lidar.mount_x_m, 0.0, robot.lidar.mount_z_m)
+    assert fixed_frames(robot.lidar, chassis)["lidar_link"] == (
+        robot.lidar.mount_x_m,
+        0.0,
+        robot.lidar.mount_z_m,
+    )
     file = tmp_path / "robot.urdf"
     file.write_text(description_text(chassis), "utf-8")
     for key, value in chassis_of(file).items():
         assert value == pytest.approx(getattr(chassis, key), rel=1e-6)
-    assert fixed_frames(robot.lidar, chassis)["base_footprint"] == (0.0, 0.0, -chassis.base_height_m)
-    assert set(joint_names(chassis)) <= {joint.get("name") for joint in root.iter("joint")}
+    assert fixed_frames(robot.lidar, chassis)["base_footprint"] == (
+        0.0,
+        0.0,
+        -chassis.base_height_m,
+    )
+    assert set(joint_names(chassis)) <= {
+        joint.get("name") for joint in root.iter("joint")
+    }
     if chassis.rectangular and name != "jackal":
         (box,) = root.iterfind("link/collision/geometry/box")
-        sizes = (robot.length_m, robot.width_m, chassis.body_height_m - chassis.ground_clearance_m)
-        assert [float(size) for size in box.attrib["size"].split()] == pytest.approx(sizes)
+        sizes = (
+            robot.length_m,
+            robot.width_m,
+            chassis.body_height_m - chassis.ground_clearance_m,
+        )
+        assert [float(size) for size in box.attrib["size"].split()] == pytest.approx(
+            sizes
+        )
 
 
 def test_the_messages_describe_the_robot():

@@ -15,10 +15,16 @@ from barn_worlds.ros import topics
 
 
 def test_without_tf2_msgs_transforms_are_off_and_that_is_said(monkeypatch) -> None:
-    monkeypatch.setattr(topics, "message_class", lambda name: None if name == TF.type_name else object)
+    monkeypatch.setattr(
+        topics, "message_class", lambda name: None if name == TF.type_name else object
+    )
     node, messages = Mock(), SimulatorMessages(SimulatorConfig())
-    Outputs(node, SimulatorNodeConfig()).publish([*messages.constant(), messages.transforms(Pose2D(0.0, 0.0, 0.0), 5)])
-    assert not {"/tf", "/tf_static"} & {call.args[1] for call in node.create_publisher.call_args_list}
+    Outputs(node, SimulatorNodeConfig()).publish(
+        [*messages.constant(), messages.transforms(Pose2D(0.0, 0.0, 0.0), 5)]
+    )
+    assert not {"/tf", "/tf_static"} & {
+        call.args[1] for call in node.create_publisher.call_args_list
+    }
     (_, description), _ = messages.constant()
     node.create_publisher().publish.assert_called_once_with(description)
     assert "tf2_msgs" in str(node.get_logger().info.mock_calls)
@@ -33,9 +39,16 @@ def test_without_tf2_msgs_transforms_are_off_and_that_is_said(monkeypatch) -> No
         (SimulatorNodeConfig(lockstep=True, scan_reliability="best_effort"), False),
     ],
 )
-def test_scans_are_reliable_in_lockstep_unless_said_otherwise(config: SimulatorNodeConfig, reliable: bool) -> None:
+def test_scans_are_reliable_in_lockstep_unless_said_otherwise(
+    config: SimulatorNodeConfig, reliable: bool
+) -> None:
     node = Mock()
     Outputs(node, config)
-    profiles = {topic: profile for _, topic, profile in (call.args for call in node.create_publisher.call_args_list)}
+    profiles = {
+        topic: profile
+        for _, topic, profile in (
+            call.args for call in node.create_publisher.call_args_list
+        )
+    }
     assert (profiles["scan"].reliability.name == "RELIABLE") is reliable
     assert profiles["odom"].reliability.name == "RELIABLE"

@@ -9,7 +9,16 @@ rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from geometry_msgs.msg import TwistStamped  # noqa: E402
 from rclpy.duration import Duration  # noqa: E402
-from simulator_peer import TRIAL, Driver, assert_equal, commands, read, says, simulator_process, stamp_of  # noqa: E402
+from simulator_peer import (  # noqa: E402
+    TRIAL,
+    Driver,
+    assert_equal,
+    commands,
+    read,
+    says,
+    simulator_process,
+    stamp_of,
+)
 
 from barn_sim.config import PRESETS  # noqa: E402
 from barn_worlds.base.config import fields_of  # noqa: E402
@@ -40,10 +49,15 @@ def test_lockstep_equals_the_core_to_the_last_bit(peer: Driver, preset: str) -> 
     sent = commands(80)
     peer.drive(sent)
     expected = assert_equal(peer.heard, config, sent)
-    assert {sensors.collision for sensors in expected} == {False, True}  # so that contacts are compared as well
+    assert {sensors.collision for sensors in expected} == {
+        False,
+        True,
+    }  # so that contacts are compared as well
 
 
-def test_the_clock_never_runs_backwards_and_a_reset_goes_to_the_next_second(peer: Driver) -> None:
+def test_the_clock_never_runs_backwards_and_a_reset_goes_to_the_next_second(
+    peer: Driver,
+) -> None:
     peer.fresh_trial(**TRIAL)
     peer.drive(commands(5))
     before = read(decode.clock, peer.heard["/clock"][-1])
@@ -68,7 +82,10 @@ def test_single_steps_repeat_the_last_command_and_need_a_pause(peer: Driver) -> 
     assert peer.commands.wait_for_all_acked(Duration(seconds=600.0))
     for _ in range(20):  # longer than the watchdog would let it run
         assert peer.call("/simulator/step").success
-    topics = ("/ground_truth/odom", "/scan")  # on each, that of the start and one for each step
+    topics = (
+        "/ground_truth/odom",
+        "/scan",
+    )  # on each, that of the start and one for each step
     peer.wait(lambda: all(len(peer.heard[topic]) == 21 for topic in topics))
     stamps = [stamp_of(message) for message in peer.heard["/scan"]]
     assert stamps[-1] - stamps[0] == 20 * 50_000_000
@@ -110,7 +127,9 @@ def test_missed_and_invalid_commands_are_counted_and_reported(peer: Driver) -> N
     assert message.endswith("connected: 1 scan subscriptions, 1 command publishers")
     missed = int(message.split(" missed")[0].split()[-1])
     assert missed >= 3
-    peer.wait(lambda: any(says(m, "invalid commands") for m in peer.heard["/diagnostics"]))
+    peer.wait(
+        lambda: any(says(m, "invalid commands") for m in peer.heard["/diagnostics"])
+    )
     assert "missed commands" in peer.reset().message
     peer.set(command_wait_s=5.0)
 

@@ -12,7 +12,15 @@ rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 from geometry_msgs.msg import Twist, TwistStamped  # noqa: E402
 from rclpy.qos import qos_profile_sensor_data  # noqa: E402
 from sensor_msgs.msg import LaserScan  # noqa: E402
-from simulator_peer import TRIAL, Driver, assert_equal, commands, says, simulator_process, stamp_of  # noqa: E402
+from simulator_peer import (  # noqa: E402
+    TRIAL,
+    Driver,
+    assert_equal,
+    commands,
+    says,
+    simulator_process,
+    stamp_of,
+)
 
 from barn_sim.body.model import joint_names, robot_description  # noqa: E402
 from barn_sim.config import RunConfig, with_robot  # noqa: E402
@@ -34,12 +42,16 @@ def started():
         yield start
 
 
-def test_runs_freely_at_the_rates_of_its_sensors_and_complains_of_a_wrong_type(started) -> None:
+def test_runs_freely_at_the_rates_of_its_sensors_and_complains_of_a_wrong_type(
+    started,
+) -> None:
     rates = {"real_time_factor": 4.0, "lidar.rate_hz": 40.0, "lidar.beams": 100}
     process, peer = started(TwistStamped, command_type="twist", **rates)
     # best effort: a reliable subscription would not be served
     scans = []
-    peer.node.create_subscription(LaserScan, "scan", scans.append, qos_profile_sensor_data)
+    peer.node.create_subscription(
+        LaserScan, "scan", scans.append, qos_profile_sensor_data
+    )
     peer.wait(lambda: len(scans) > 100)
     peer.wait(lambda: any(says(m, "TwistStamped") for m in peer.heard["/diagnostics"]))
     spacing = np.diff([stamp_of(message) for message in scans])
@@ -81,7 +93,9 @@ def test_commands_without_guarantee_of_delivery_are_heard_too(started) -> None:
 
     def moves() -> bool:
         unsure.publish(command)
-        return any(one.twist.twist.linear.x > 0.4 for one in peer.heard["/ground_truth/odom"])
+        return any(
+            one.twist.twist.linear.x > 0.4 for one in peer.heard["/ground_truth/odom"]
+        )
 
     peer.wait(moves)
     code, output = process.stop()
@@ -89,21 +103,34 @@ def test_commands_without_guarantee_of_delivery_are_heard_too(started) -> None:
     assert "commands come best-effort as Twist" in output
 
 
-EACH = {"rate_hz": 20.0, "sweeps": False, "noise_m": 0.02}  # of the lidar: a scan for each command
+EACH = {
+    "rate_hz": 20.0,
+    "sweeps": False,
+    "noise_m": 0.02,
+}  # of the lidar: a scan for each command
 
 
 def test_robots_over_ros_equal_the_core_to_the_last_bit(started, tmp_path):
     """TurtleBot 4 by its name at the start, then another by its file at a reset, with all of its parameters."""
-    robot, lidar = load_robot("turtlebot4"), {f"lidar.{key}": value for key, value in EACH.items()}
-    process, peer = started(lockstep=True, start_paused=True, robot="turtlebot4", **lidar)
+    robot, lidar = (
+        load_robot("turtlebot4"),
+        {f"lidar.{key}": value for key, value in EACH.items()},
+    )
+    process, peer = started(
+        lockstep=True, start_paused=True, robot="turtlebot4", **lidar
+    )
     peer.fresh_trial(**TRIAL)
     sent = commands(60)
     peer.drive(sent)
     config = with_robot(RunConfig(), robot)
-    config = replace(config, lidar=replace(config.lidar, **EACH))  # what was set has precedence
+    config = replace(
+        config, lidar=replace(config.lidar, **EACH)
+    )  # what was set has precedence
     assert_equal(peer.heard, config, sent)
     assert tuple(peer.heard["/joint_states"][0].name) == joint_names(robot.chassis)
-    peer.wait(lambda: peer.description.data == robot_description(config.lidar, robot.chassis))
+    peer.wait(
+        lambda: peer.description.data == robot_description(config.lidar, robot.chassis)
+    )
 
     other = load_robot("turtlebot3_waffle")
     file = tmp_path / "mine.yaml"
@@ -115,12 +142,20 @@ def test_robots_over_ros_equal_the_core_to_the_last_bit(started, tmp_path):
         for part in ("drive", "lidar", "odometry")
         for key, value in vars(getattr(config, part)).items()
     }
-    settings = {"robot": str(file), "physics.wheel_friction": other.wheel_friction, **named}
-    peer.fresh_trial(**{name.replace(".", "__"): value for name, value in settings.items()}, **TRIAL)
+    settings = {
+        "robot": str(file),
+        "physics.wheel_friction": other.wheel_friction,
+        **named,
+    }
+    peer.fresh_trial(
+        **{name.replace(".", "__"): value for name, value in settings.items()}, **TRIAL
+    )
     peer.drive(sent)
     assert_equal(peer.heard, config, sent)
     assert tuple(peer.heard["/joint_states"][0].name) == joint_names(other.chassis)
-    peer.wait(lambda: peer.description.data == robot_description(other.lidar, other.chassis))
+    peer.wait(
+        lambda: peer.description.data == robot_description(other.lidar, other.chassis)
+    )
 
     assert peer.set(robot="huskie")[0].successful
     answer = peer.reset()

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from barn_sim.body.model import model_of, robot_description
-from barn_sim.config import LidarConfig, OdometryConfig, PhysicsConfig, SimulatorConfig, chassis_in
+from barn_sim.config import (
+    LidarConfig,
+    OdometryConfig,
+    PhysicsConfig,
+    SimulatorConfig,
+    chassis_in,
+)
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.robots.files import STANDARD, load_robot
@@ -15,9 +21,18 @@ from barn_worlds.robots.files import STANDARD, load_robot
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"control_period_s": 0.052}, "control_period_s must give a period of whole physics steps of 0.005 s"),
-        ({"odometry.rate_hz": 30.0}, "odometry.rate_hz must give a period of whole physics steps"),
-        ({"lidar.rate_hz": 60.0}, "lidar.rate_hz must give a period of whole physics steps"),
+        (
+            {"control_period_s": 0.052},
+            "control_period_s must give a period of whole physics steps of 0.005 s",
+        ),
+        (
+            {"odometry.rate_hz": 30.0},
+            "odometry.rate_hz must give a period of whole physics steps",
+        ),
+        (
+            {"lidar.rate_hz": 60.0},
+            "lidar.rate_hz must give a period of whole physics steps",
+        ),
         ({"lidar.angle_max_rad": -3.0}, "angle_max_rad must be above angle_min_rad"),
         ({"lidar.range_max_m": 0.1}, "range_max_m must be above range_min_m"),
     ],
@@ -31,10 +46,16 @@ def test_what_is_not_allowed_is_refused_in_one_line(changes: dict, reason: str) 
 
 def test_periods_are_whole_numbers_of_ticks() -> None:
     config = SimulatorConfig(
-        physics=PhysicsConfig(tick_s=0.001), lidar=LidarConfig(rate_hz=40.0), odometry=OdometryConfig(rate_hz=100.0)
+        physics=PhysicsConfig(tick_s=0.001),
+        lidar=LidarConfig(rate_hz=40.0),
+        odometry=OdometryConfig(rate_hz=100.0),
     )
     assert config.tick_ns == 1_000_000
-    assert (config.ticks(config.control_period_s), config.ticks(0.025), config.ticks(0.01)) == (50, 25, 10)
+    assert (
+        config.ticks(config.control_period_s),
+        config.ticks(0.025),
+        config.ticks(0.01),
+    ) == (50, 25, 10)
 
 
 def test_robot_of_plain_data() -> None:
@@ -52,7 +73,9 @@ def test_the_body_is_that_of_the_jackal() -> None:
     assert np.ptp(MODEL.wheels[:, 0]) == pytest.approx(0.262)
     assert MODEL.wheel_radius_m == 0.098
     # the wheels stand on the ground when base_footprint does
-    assert MODEL.wheels[:, 2] - MODEL.wheel_radius_m == pytest.approx(np.full(4, MODEL.footing[2]))
+    assert MODEL.wheels[:, 2] - MODEL.wheel_radius_m == pytest.approx(
+        np.full(4, MODEL.footing[2])
+    )
 
 
 def test_centre_of_mass_and_inertia_are_those_of_chassis_and_wheels_together() -> None:
@@ -71,10 +94,17 @@ def test_the_shapes_of_the_jackal_are_those_of_its_urdf() -> None:
     root = fromstring(robot_description(LidarConfig(), STANDARD.chassis))
     (box,) = root.iterfind("link/collision/geometry/box")
     body, *wheels = MODEL.shapes
-    assert (2.0 * body.half_sizes).tolist() == pytest.approx([float(size) for size in box.attrib["size"].split()])
+    assert (2.0 * body.half_sizes).tolist() == pytest.approx(
+        [float(size) for size in box.attrib["size"].split()]
+    )
     height = root.find("link[@name='chassis_link']/collision/origin").attrib["xyz"]
-    assert body.centre.tolist() == pytest.approx([float(number) for number in height.split()])
-    cylinders = [cylinder.attrib for cylinder in root.iterfind("link/collision/geometry/cylinder")]
+    assert body.centre.tolist() == pytest.approx(
+        [float(number) for number in height.split()]
+    )
+    cylinders = [
+        cylinder.attrib
+        for cylinder in root.iterfind("link/collision/geometry/cylinder")
+    ]
     assert [(wheel.radius_m, 2.0 * wheel.half_sizes[1]) for wheel in wheels] == [
         (float(cylinder["radius"]), float(cylinder["length"])) for cylinder in cylinders
     ]

@@ -14,11 +14,17 @@ from barn_worlds.messages.cdr import deserialise
 from barn_worlds.messages.topics import AMCL_POSE, JOINT_STATES, ODOM, SCAN, Frames
 
 STAMP = 3_500_000_000
-BELIEVED, MEASURED, TRUE = Pose2D(1.0, 2.0, 0.7), Pose2D(0.4, -0.1, -0.5), Pose2D(1.1, 2.1, 0.75)
+BELIEVED, MEASURED, TRUE = (
+    Pose2D(1.0, 2.0, 0.7),
+    Pose2D(0.4, -0.1, -0.5),
+    Pose2D(1.1, 2.1, 0.75),
+)
 SENSORS = Sensors(
     stamp_ns=500_000_000,
     odometry=Odometry(500_000_000, MEASURED, Velocity2D(0.5, 0.1)),
-    scan=Scan(500_000_000, np.linspace(0.5, 8.0, 16, dtype=np.float32), -1.5, 0.2, 0.125, 30.0),
+    scan=Scan(
+        500_000_000, np.linspace(0.5, 8.0, 16, dtype=np.float32), -1.5, 0.2, 0.125, 30.0
+    ),
     truth=Odometry(500_000_000, TRUE, Velocity2D(0.4, 0.2)),
     localisation=BELIEVED,
     collision=True,
@@ -52,24 +58,44 @@ def test_an_instant_is_whole_with_the_time_first_and_the_scan_last():
     ):
         assert decode.header(data[path]) == (STAMP, frame)
     assert deserialise(data["/odom"], ODOM.type_name).child_frame_id == "base_link"
-    odometry, truth = decode.odometry(data["/odom"]), decode.odometry(data["/ground_truth/odom"])
-    assert (odometry.pose, odometry.velocity) == (MEASURED.through_quaternion(), Velocity2D(0.5, 0.1))
-    assert (truth.pose, truth.velocity) == (TRUE.through_quaternion(), Velocity2D(0.4, 0.2))
-    assert decode.pose_with_covariance(data["/amcl_pose"]) == BELIEVED.through_quaternion()
+    odometry, truth = (
+        decode.odometry(data["/odom"]),
+        decode.odometry(data["/ground_truth/odom"]),
+    )
+    assert (odometry.pose, odometry.velocity) == (
+        MEASURED.through_quaternion(),
+        Velocity2D(0.5, 0.1),
+    )
+    assert (truth.pose, truth.velocity) == (
+        TRUE.through_quaternion(),
+        Velocity2D(0.4, 0.2),
+    )
+    assert (
+        decode.pose_with_covariance(data["/amcl_pose"]) == BELIEVED.through_quaternion()
+    )
     assert decode.boolean(data["/collision"]) is True
-    np.testing.assert_array_equal(decode.scan(data["/scan"]).ranges, SENSORS.scan.ranges)
+    np.testing.assert_array_equal(
+        decode.scan(data["/scan"]).ranges, SENSORS.scan.ranges
+    )
     joints = deserialise(data["/joint_states"], JOINT_STATES.type_name)
     assert joints.position.tolist() == [1.0, 2.0, 3.0, 4.0]
     assert joints.velocity.tolist() == [5.0, 6.0, 7.0, 8.0]
     assert joints.name[0] == "front_left_wheel_joint"
 
 
-@pytest.mark.parametrize("since", [Pose2D(0.0, 0.0, 0.0), Pose2D(0.1, 0.0, 0.05)], ids=["at once", "later"])
-def test_transforms_lead_from_the_map_to_the_robot_also_between_two_localisations(since):
+@pytest.mark.parametrize(
+    "since", [Pose2D(0.0, 0.0, 0.0), Pose2D(0.1, 0.0, 0.05)], ids=["at once", "later"]
+)
+def test_transforms_lead_from_the_map_to_the_robot_also_between_two_localisations(
+    since,
+):
     messages = SimulatorMessages(SimulatorConfig(), Frames(map="world"))
     messages.localisation(BELIEVED, MEASURED, STAMP)
     _, data = messages.transforms(MEASURED @ since, STAMP)
-    assert [(one.parent, one.child) for one in decode.transforms(data)] == [("world", "odom"), ("odom", "base_link")]
+    assert [(one.parent, one.child) for one in decode.transforms(data)] == [
+        ("world", "odom"),
+        ("odom", "base_link"),
+    ]
     assert numbers(whole(data)) == pytest.approx(numbers(BELIEVED @ since))
 
 
@@ -79,17 +105,24 @@ def test_before_the_first_instant_the_transforms_are_those_of_the_start():
     for stamp_ns in (1_000_000_000, 2_000_000_000):
         _, data = messages.last_transforms(stamp_ns)
         assert numbers(whole(data)) == pytest.approx(numbers(start))
-        stamps = {one.header.stamp.sec for one in deserialise(data, "tf2_msgs/msg/TFMessage").transforms}
+        stamps = {
+            one.header.stamp.sec
+            for one in deserialise(data, "tf2_msgs/msg/TFMessage").transforms
+        }
         assert stamps == {stamp_ns // 10**9}
 
 
 def test_what_stands_still_is_told_once():
     lidar = LidarConfig(mount_x_m=0.12, mount_z_m=0.3)
-    messages = SimulatorMessages(replace(SimulatorConfig(), lidar=lidar), Frames(base="robot", lidar="laser"))
+    messages = SimulatorMessages(
+        replace(SimulatorConfig(), lidar=lidar), Frames(base="robot", lidar="laser")
+    )
     (description, text), (fixed, data) = messages.constant()
     assert (description.path, fixed.path) == ("/robot_description", "/tf_static")
     assert 'xyz="0.12 0 0.3"' in decode.text(text)
-    transforms = {one.child_frame_id: one for one in deserialise(data, fixed.type_name).transforms}
+    transforms = {
+        one.child_frame_id: one for one in deserialise(data, fixed.type_name).transforms
+    }
     where = transforms["laser"].transform.translation
     assert (where.x, where.y, where.z) == (0.12, 0.0, 0.3)
     assert "base_footprint" in transforms and "lidar_link" not in transforms
@@ -99,8 +132,12 @@ def test_what_stands_still_is_told_once():
 
 def test_the_variance_of_the_localisation_is_stated_unless_it_is_exact():
     for mode, expected in (("exact", (0.0, 0.0)), ("amcl", (0.04, 0.01))):
-        localisation = LocalisationConfig(mode=mode, position_std_m=0.2, yaw_std_rad=0.1)
-        messages = SimulatorMessages(replace(SimulatorConfig(), localisation=localisation))
+        localisation = LocalisationConfig(
+            mode=mode, position_std_m=0.2, yaw_std_rad=0.1
+        )
+        messages = SimulatorMessages(
+            replace(SimulatorConfig(), localisation=localisation)
+        )
         _, data = messages.localisation(BELIEVED, MEASURED, STAMP)
         covariance = deserialise(data, AMCL_POSE.type_name).pose.covariance
         assert (covariance[0], covariance[35]) == pytest.approx(expected)
@@ -108,7 +145,12 @@ def test_the_variance_of_the_localisation_is_stated_unless_it_is_exact():
         assert np.count_nonzero(covariance) == (0 if mode == "exact" else 3)
 
 
-@pytest.mark.parametrize(("period_s", "expected"), [(None, PRESETS["paper2020"].control_period_s), (0.025, 0.025)])
+@pytest.mark.parametrize(
+    ("period_s", "expected"),
+    [(None, PRESETS["paper2020"].control_period_s), (0.025, 0.025)],
+)
 def test_a_scan_says_how_long_it_is_to_the_next(period_s, expected):
-    _, data = SimulatorMessages(PRESETS["paper2020"], scan_period_s=period_s).scan(SENSORS.scan, STAMP)
+    _, data = SimulatorMessages(PRESETS["paper2020"], scan_period_s=period_s).scan(
+        SENSORS.scan, STAMP
+    )
     assert deserialise(data, SCAN.type_name).scan_time == pytest.approx(expected)

@@ -15,7 +15,14 @@ from driving import wander
 from barn_sim.body.bullet import PhysicsClient, PhysicsEngine, end
 from barn_sim.body.model import model_of
 from barn_sim.config import SimulatorConfig, with_robot
-from barn_sim.motion.free_motion import attitude_of, basis_of, spun, still_turning, turned, world_tensor
+from barn_sim.motion.free_motion import (
+    attitude_of,
+    basis_of,
+    spun,
+    still_turning,
+    turned,
+    world_tensor,
+)
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import Pose2D, Velocity2D
 from barn_worlds.robots.files import STANDARD, load_robot
@@ -26,30 +33,44 @@ CHECK_MOTION = Path(__file__).resolve().parents[2] / "qa" / "check_motion.py"
 
 
 def simulator_of(
-    seed: int, client: PhysicsClient, rng: np.random.Generator, *, free_motion: bool = True, robot: str = "jackal"
+    seed: int,
+    client: PhysicsClient,
+    rng: np.random.Generator,
+    *,
+    free_motion: bool = True,
+    robot: str = "jackal",
 ) -> Simulator:
     """Return a robot in the middle of a sparse world, whose obstacles can be moved if the seed is odd."""
     grid = rng.random((30, 30)) < 0.02
     grid[:, 15] = grid[9:21, 9:21] = False
     world = World("sparse", grid, np.array([[row, 15] for row in range(30)]))
     config = with_robot(SimulatorConfig(), load_robot(robot))
-    config = replace(config, obstacles=replace(config.obstacles, movable=bool(seed % 2)))
+    config = replace(
+        config, obstacles=replace(config.obstacles, movable=bool(seed % 2))
+    )
     x, y = world.path_m()[15]
     start = Pose2D(x, y, rng.uniform(-math.pi, math.pi))
     return Simulator(world, config, start, seed, client, free_motion=free_motion)
 
 
-def episode(seed: int, client: PhysicsClient, *, free_motion: bool, robot: str = "jackal") -> tuple[list[tuple], int]:
+def episode(
+    seed: int, client: PhysicsClient, *, free_motion: bool, robot: str = "jackal"
+) -> tuple[list[tuple], int]:
     """Return the states after every step, driven at random from the middle of a world, and ticks without PyBullet."""
     rng = np.random.default_rng(seed)
-    return wander(simulator_of(seed, client, rng, free_motion=free_motion, robot=robot), rng, STEPS)
+    return wander(
+        simulator_of(seed, client, rng, free_motion=free_motion, robot=robot),
+        rng,
+        STEPS,
+    )
 
 
 OTHERS = ["turtlebot4", "turtlebot3_waffle", "scout_mini"]
 
 
 @pytest.mark.parametrize(
-    ("seed", "robot"), [*((seed, "jackal") for seed in range(30)), *itertools.product(range(8), OTHERS)]
+    ("seed", "robot"),
+    [*((seed, "jackal") for seed in range(30)), *itertools.product(range(8), OTHERS)],
 )
 def test_free_motion_is_that_of_bullet_to_the_last_bit(seed, robot, clients):
     """qa/check_motion.py does the same in thousands of episodes."""
@@ -78,9 +99,13 @@ def test_robots_that_share_engines_move_as_with_engines_of_their_own():
     idle: list[PhysicsEngine] = []
     seeds, clients = range(0, 8, 2), [PhysicsClient(idle=idle) for _ in range(4)]
     shared = [
-        simulator_of(seed, client, np.random.default_rng(seed)) for seed, client in zip(seeds, clients, strict=True)
+        simulator_of(seed, client, np.random.default_rng(seed))
+        for seed, client in zip(seeds, clients, strict=True)
     ]
-    alone = [simulator_of(seed, PhysicsClient(), np.random.default_rng(seed)) for seed in seeds]
+    alone = [
+        simulator_of(seed, PhysicsClient(), np.random.default_rng(seed))
+        for seed in seeds
+    ]
     for step in range(STEPS):
         for one, other in zip(shared, alone, strict=True):
             for simulator in (one, other):
@@ -100,7 +125,9 @@ def test_so_it_is_where_dozens_of_cylinders_are_pushed(seed):
 
 @pytest.mark.parametrize("robot", ["jackal", "turtlebot4", "husky"])
 def test_some_episodes_touch_obstacles_and_some_do_not(robot, clients):
-    seen = (episode(seed, clients[0], free_motion=True, robot=robot)[0] for seed in range(8))
+    seen = (
+        episode(seed, clients[0], free_motion=True, robot=robot)[0] for seed in range(8)
+    )
     touched = [any(state[0] for state in states) for states in seen]
     assert any(touched) and not all(touched)
 
@@ -109,7 +136,12 @@ def test_some_episodes_touch_obstacles_and_some_do_not(robot, clients):
 def test_quaternions_become_matrices_and_come_back(yaw):
     for tilt in (0.0, 0.01, 2.0, math.pi):
         sine, cosine = math.sin(0.5 * tilt), math.cos(0.5 * tilt)
-        heading = (sine * math.cos(yaw), sine * math.sin(yaw), cosine * math.sin(yaw), cosine * math.cos(yaw))
+        heading = (
+            sine * math.cos(yaw),
+            sine * math.sin(yaw),
+            cosine * math.sin(yaw),
+            cosine * math.cos(yaw),
+        )
         matrix = np.array(basis_of(heading))
         assert matrix @ matrix.T == pytest.approx(np.eye(3), abs=1e-15)
         back = np.array(attitude_of(basis_of(heading)))
@@ -119,7 +151,9 @@ def test_quaternions_become_matrices_and_come_back(yaw):
 def test_a_turn_is_that_of_the_exponential_map():
     for rate in (0.0, 5e-4, 2.0):
         heading = turned((0.0, 0.0, 0.0, 1.0), (0.0, 0.0, rate), 0.005)
-        assert 2.0 * math.atan2(heading[2], heading[3]) == pytest.approx(0.005 * rate, rel=1e-12, abs=1e-18)
+        assert 2.0 * math.atan2(heading[2], heading[3]) == pytest.approx(
+            0.005 * rate, rel=1e-12, abs=1e-18
+        )
 
 
 def test_a_torque_is_found_that_keeps_a_spin():
@@ -128,22 +162,45 @@ def test_a_torque_is_found_that_keeps_a_spin():
     inverse = tuple((1.0 / model_of(STANDARD.chassis).inertia).tolist())
     for _ in range(200):
         yaw, left = rng.uniform(-3.0, 3.0, 2)
-        attitude = attitude_of(basis_of((0.001, -0.002, math.sin(0.5 * yaw), math.cos(0.5 * yaw))))
+        attitude = attitude_of(
+            basis_of((0.001, -0.002, math.sin(0.5 * yaw), math.cos(0.5 * yaw)))
+        )
         stale = (0.0, 0.0, math.sin(0.5 * left), math.cos(0.5 * left))
         spin = tuple(rng.normal(0.0, [0.02, 0.02, 2.0]).tolist())
         wanted = turned(attitude, spin, 0.005)
         exact, torque = still_turning(attitude, spin, wanted, stale, inverse, 0.005)
-        after = spun(world_tensor(basis_of(stale), inverse), attitude, spin, torque, inverse, 0.005)
+        after = spun(
+            world_tensor(basis_of(stale), inverse),
+            attitude,
+            spin,
+            torque,
+            inverse,
+            0.005,
+        )
         assert exact and basis_of(turned(attitude, after, 0.005)) == basis_of(wanted)
         assert after == pytest.approx(spin, abs=1e-15)
 
 
 def test_where_no_torque_is_exact_the_spin_is_kept_but_for_rounding():
     inverse = tuple((1.0 / model_of(STANDARD.chassis).inertia).tolist())
-    attitude, stale, elsewhere = ((0.0, 0.0, math.sin(half), math.cos(half)) for half in (0.3, 0.7, 1.1))
+    attitude, stale, elsewhere = (
+        (0.0, 0.0, math.sin(half), math.cos(half)) for half in (0.3, 0.7, 1.1)
+    )
     spin = (0.02, -0.01, 2.0)
     exact, torque = still_turning(attitude, spin, elsewhere, stale, inverse, 0.005)
-    after = spun(world_tensor(basis_of(stale), inverse), attitude, spin, torque, inverse, 0.005)
+    after = spun(
+        world_tensor(basis_of(stale), inverse), attitude, spin, torque, inverse, 0.005
+    )
     assert not exact
     assert after == pytest.approx(spin, abs=1e-15)
-    assert spun(world_tensor(basis_of(stale), inverse), attitude, spin, (0.0, 0.0, 0.0), inverse, 0.005) != after
+    assert (
+        spun(
+            world_tensor(basis_of(stale), inverse),
+            attitude,
+            spin,
+            (0.0, 0.0, 0.0),
+            inverse,
+            0.005,
+        )
+        != after
+    )

@@ -32,7 +32,10 @@ MOVABLE = ObstacleConfig(movable=True)
 
 
 def commands(count: int) -> list[Velocity2D | None]:
-    return [None if k % 17 == 16 else Velocity2D(0.6, 0.9 * math.sin(0.1 * k)) for k in range(count)]
+    return [
+        None if k % 17 == 16 else Velocity2D(0.6, 0.9 * math.sin(0.1 * k))
+        for k in range(count)
+    ]
 
 
 def drive(world, config=SimulatorConfig(), start=START, seed=0, steps=60):  # noqa: B008 (frozen)
@@ -43,23 +46,39 @@ def fingerprint(readings: list[Sensors]) -> str:
     digest = hashlib.sha256()
     for sensors in readings:
         digest.update(sensors.scan.ranges.tobytes())
-        rest = (sensors.stamp_ns, sensors.odometry, sensors.truth, sensors.localisation, sensors.collision)
+        rest = (
+            sensors.stamp_ns,
+            sensors.odometry,
+            sensors.truth,
+            sensors.localisation,
+            sensors.collision,
+        )
         digest.update(repr((*rest, sensors.joints)).encode())
     return digest.hexdigest()
 
 
-CONFIGS = {"static": SimulatorConfig(), "movable": SimulatorConfig(obstacles=MOVABLE), "paper": PRESETS["paper2020"]}
+CONFIGS = {
+    "static": SimulatorConfig(),
+    "movable": SimulatorConfig(obstacles=MOVABLE),
+    "paper": PRESETS["paper2020"],
+}
 
 
 @pytest.mark.parametrize("name", CONFIGS)
-def test_a_client_used_before_repeats_a_new_one_to_the_last_bit(walled_world, empty_world, name: str) -> None:
+def test_a_client_used_before_repeats_a_new_one_to_the_last_bit(
+    walled_world, empty_world, name: str
+) -> None:
     """Whatever was in the client, bodies that had been pushed over and a robot in motion included."""
     fresh = drive(walled_world, CONFIGS[name], AT_THE_WALL)
     client = PhysicsClient()
     for world, config, start in (
         (walled_world, CONFIGS["paper"], AT_THE_WALL),
         (empty_world, CONFIGS["static"], START),
-        (walled_world, SimulatorConfig(physics=PhysicsConfig(tick_s=0.01, gravity_m_s2=3.0)), AT_THE_WALL),
+        (
+            walled_world,
+            SimulatorConfig(physics=PhysicsConfig(tick_s=0.01, gravity_m_s2=3.0)),
+            AT_THE_WALL,
+        ),
         (walled_world, CONFIGS[name], AT_THE_WALL),
     ):
         simulator = Simulator(world, config, start, 0, client)
@@ -81,13 +100,25 @@ def test_repeats_itself_in_another_process(walled_world, tmp_path) -> None:
         "print(cases.fingerprint(cases.drive(world, cases.CONFIGS['paper'], cases.AT_THE_WALL)))\n"
     )
     command = [sys.executable, "-c", script, tmp_path / "world.npz"]
-    there = subprocess.run(command, cwd=Path(__file__).parent, check=True, capture_output=True, text=True, timeout=600)
+    there = subprocess.run(
+        command,
+        cwd=Path(__file__).parent,
+        check=True,
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
     here = fingerprint(drive(walled_world, CONFIGS["paper"], AT_THE_WALL))
-    assert there.stdout == f"{here}\n"  # and nothing else: PyBullet's banner is kept out of standard output
+    assert (
+        there.stdout == f"{here}\n"
+    )  # and nothing else: PyBullet's banner is kept out of standard output
 
 
 def test_seeds_differ(empty_world) -> None:
-    first, second = drive(empty_world, seed=1, steps=1), drive(empty_world, seed=2, steps=1)
+    first, second = (
+        drive(empty_world, seed=1, steps=1),
+        drive(empty_world, seed=2, steps=1),
+    )
     assert (first[0].scan.ranges != second[0].scan.ranges).any()
     assert first[1].odometry.pose.yaw != second[1].odometry.pose.yaw
 
@@ -95,7 +126,9 @@ def test_seeds_differ(empty_world) -> None:
 def test_one_sensor_does_not_change_the_noise_of_another(walled_world) -> None:
     plain = drive(walled_world)
     fewer_beams = drive(walled_world, SimulatorConfig(lidar=LidarConfig(beams=10)))
-    amcl = drive(walled_world, SimulatorConfig(localisation=LocalisationConfig(mode="amcl")))
+    amcl = drive(
+        walled_world, SimulatorConfig(localisation=LocalisationConfig(mode="amcl"))
+    )
     for other in (fewer_beams, amcl):
         assert [s.odometry for s in other] == [s.odometry for s in plain]
     for ours, theirs in zip(plain, amcl, strict=True):
@@ -104,7 +137,10 @@ def test_one_sensor_does_not_change_the_noise_of_another(walled_world) -> None:
 
 def test_noise_does_not_move_the_robot(walled_world) -> None:
     noisy = drive(walled_world)
-    quiet = drive(walled_world, replace(SimulatorConfig(), odometry=OdometryConfig(yaw_noise_rad=0.0)))
+    quiet = drive(
+        walled_world,
+        replace(SimulatorConfig(), odometry=OdometryConfig(yaw_noise_rad=0.0)),
+    )
     assert [s.truth for s in noisy] == [s.truth for s in quiet]
 
 
@@ -128,9 +164,16 @@ def test_poses_are_as_they_come_out_of_messages(walled_world) -> None:
 
 def test_time_passes_by_whole_control_periods(empty_world) -> None:
     readings = drive(empty_world, steps=5)
-    assert [sensors.stamp_ns for sensors in readings] == [50_000_000 * k for k in range(6)]
+    assert [sensors.stamp_ns for sensors in readings] == [
+        50_000_000 * k for k in range(6)
+    ]
     for sensors in readings:
-        stamps = {sensors.stamp_ns, sensors.odometry.stamp_ns, sensors.scan.stamp_ns, sensors.truth.stamp_ns}
+        stamps = {
+            sensors.stamp_ns,
+            sensors.odometry.stamp_ns,
+            sensors.scan.stamp_ns,
+            sensors.truth.stamp_ns,
+        }
         assert len(stamps) == 1
 
 
@@ -143,7 +186,10 @@ def test_sensing_again_gives_the_same_readings(empty_world, simulators) -> None:
 def test_truth_velocity_is_the_change_of_the_truth(empty_world) -> None:
     readings = drive(empty_world, steps=60)[20:]
     for before, after in pairwise(readings):
-        turned = math.remainder(after.truth.pose.yaw - before.truth.pose.yaw, 2 * math.pi) / 0.05
+        turned = (
+            math.remainder(after.truth.pose.yaw - before.truth.pose.yaw, 2 * math.pi)
+            / 0.05
+        )
         mean = 0.5 * (before.truth.velocity.angular + after.truth.velocity.angular)
         assert turned == pytest.approx(mean, abs=0.06)
         travelled = before.truth.pose.distance(after.truth.pose) / 0.05
@@ -179,7 +225,9 @@ def test_a_touch_between_two_readings_is_not_lost(walled_world, simulators) -> N
     assert not simulator.read_collision()
 
 
-def test_a_command_that_is_no_number_stops_the_robot_and_is_counted(empty_world, simulators) -> None:
+def test_a_command_that_is_no_number_stops_the_robot_and_is_counted(
+    empty_world, simulators
+) -> None:
     simulator = simulators(empty_world, SimulatorConfig(), START, 0)
     for _ in range(20):
         simulator.step(Velocity2D(0.5, 0.0))
@@ -192,14 +240,21 @@ def test_a_command_that_is_no_number_stops_the_robot_and_is_counted(empty_world,
 
 
 def test_without_commands_the_watchdog_stops_the_robot(empty_world, simulators) -> None:
-    simulator = simulators(empty_world, SimulatorConfig(drive=DriveConfig(command_timeout_s=0.25)), START, 0)
+    simulator = simulators(
+        empty_world,
+        SimulatorConfig(drive=DriveConfig(command_timeout_s=0.25)),
+        START,
+        0,
+    )
     simulator.step(Velocity2D(0.5, 0.0))
     speeds = [simulator.step(None).truth.velocity.linear for _ in range(15)]
     assert max(speeds) == pytest.approx(0.5, abs=0.02)
     assert speeds[-1] == pytest.approx(0.0, abs=1e-3)
 
 
-def test_readings_at_rates_of_their_own_are_of_the_same_motion(walled_world, simulators) -> None:
+def test_readings_at_rates_of_their_own_are_of_the_same_motion(
+    walled_world, simulators
+) -> None:
     stepped = simulators(walled_world, SimulatorConfig(), AT_THE_WALL, 0)
     ticked = simulators(walled_world, SimulatorConfig(), AT_THE_WALL, 0)
     for command in commands(40):
@@ -215,7 +270,9 @@ def test_closing_twice_does_nothing(empty_world) -> None:
     simulator = Simulator(empty_world, SimulatorConfig(), START, 0)
     expected = simulator.step(STOP)
     simulator.close()
-    successor = Simulator(empty_world, SimulatorConfig(), START, 0)  # may have got the client that was given back
+    successor = Simulator(
+        empty_world, SimulatorConfig(), START, 0
+    )  # may have got the client that was given back
     simulator.close()
     assert successor.step(STOP).truth == expected.truth
     successor.close()
@@ -225,7 +282,9 @@ def test_clients_are_given_back(empty_world) -> None:
     """PyBullet has room for a limited number of them in a process."""
     clients = set()
     for _ in range(10):
-        simulator = Simulator(empty_world, SimulatorConfig(), START, 0, free_motion=False)
+        simulator = Simulator(
+            empty_world, SimulatorConfig(), START, 0, free_motion=False
+        )
         simulator.step(STOP)
         clients.add(simulator.motion._body.client)
         simulator.close()
@@ -234,11 +293,16 @@ def test_clients_are_given_back(empty_world) -> None:
 
 @pytest.mark.parametrize("mode", ["exact", "amcl"])
 def test_an_offset_moves_what_is_believed_and_nothing_else(walled_world, mode) -> None:
-    plain = drive(walled_world, SimulatorConfig(localisation=LocalisationConfig(mode=mode)))
+    plain = drive(
+        walled_world, SimulatorConfig(localisation=LocalisationConfig(mode=mode))
+    )
     off = LocalisationConfig(mode=mode, offset_x_m=0.3, offset_y_m=-0.15)
     moved = drive(walled_world, SimulatorConfig(localisation=off))
     assert [s.truth for s in moved] == [s.truth for s in plain]
     for ours, theirs in zip(moved, plain, strict=True):
-        apart = ours.localisation.x - theirs.localisation.x, ours.localisation.y - theirs.localisation.y
+        apart = (
+            ours.localisation.x - theirs.localisation.x,
+            ours.localisation.y - theirs.localisation.y,
+        )
         assert apart == pytest.approx((0.3, -0.15))
         assert ours.localisation.yaw == theirs.localisation.yaw

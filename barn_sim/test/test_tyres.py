@@ -37,16 +37,26 @@ def push(robots, settings, left, right):
 class Driven:
     """The robot on the ground in PyBullet with its wheels at given speeds."""
 
-    def __init__(self, client: PhysicsClient, yaw: float = 0.0, tick_s: float = 0.005) -> None:
+    def __init__(
+        self, client: PhysicsClient, yaw: float = 0.0, tick_s: float = 0.005
+    ) -> None:
         self.tick_s, self.fleet = tick_s, Fleet.of(1)
-        self.body = Body(model_of(STANDARD.chassis), PhysicsConfig(tick_s=tick_s), client, self.fleet, 0)
+        self.body = Body(
+            model_of(STANDARD.chassis),
+            PhysicsConfig(tick_s=tick_s),
+            client,
+            self.fleet,
+            0,
+        )
         self.body.begin(Pose2D(0.0, 0.0, yaw))
         self.body.enter()
 
     def run(self, speed: float, turn: float, duration_s: float) -> None:
         half, fleet = 0.5 * SEPARATION * turn, self.fleet
         for _ in range(round(duration_s / self.tick_s)):
-            self.body.move(*push(fleet.robots, fleet.settings, speed - half, speed + half)[1:])
+            self.body.move(
+                *push(fleet.robots, fleet.settings, speed - half, speed + half)[1:]
+            )
 
     @property
     def pose(self) -> Pose2D:
@@ -60,7 +70,9 @@ class Driven:
 @pytest.fixture
 def driven():
     with ExitStack() as clients:
-        yield lambda **options: Driven(clients.enter_context(closing(PhysicsClient())), **options)
+        yield lambda **options: Driven(
+            clients.enter_context(closing(PhysicsClient())), **options
+        )
 
 
 def rows(matrix):
@@ -68,14 +80,18 @@ def rows(matrix):
     return tuple(tuple(row) for row in matrix.tolist())
 
 
-def reference_friction(velocity, spin, rims, arms, limits, mass, inverse_inertia, rolling):
+def reference_friction(
+    velocity, spin, rims, arms, limits, mass, inverse_inertia, rolling
+):
     """Velocity (2,) and spin (3,) after friction, as the point of least energy of the relative motion.
 
     Coulomb friction with given loads is the convex problem: minimise half of the impulses' energy plus their work on
     the slip, each impulse within its circle. Solved here by a general optimiser instead of sweeps.
     """
     count = len(arms)
-    moved = np.array([[np.cross(arm, [1.0, 0, 0]), np.cross(arm, [0, 1.0, 0])] for arm in arms])  # (n, 2, 3)
+    moved = np.array(
+        [[np.cross(arm, [1.0, 0, 0]), np.cross(arm, [0, 1.0, 0])] for arm in arms]
+    )  # (n, 2, 3)
 
     def after(impulses):
         pushed = impulses.reshape(count, 2)
@@ -93,7 +109,11 @@ def reference_friction(velocity, spin, rims, arms, limits, mass, inverse_inertia
         return 0.5 * impulses @ (slips(impulses).ravel() + start)
 
     within = [
-        {"type": "ineq", "fun": lambda p, i=i: limits[i] ** 2 - p[2 * i] ** 2 - p[2 * i + 1] ** 2} for i in range(count)
+        {
+            "type": "ineq",
+            "fun": lambda p, i=i: limits[i] ** 2 - p[2 * i] ** 2 - p[2 * i + 1] ** 2,
+        }
+        for i in range(count)
     ]
     best = minimize(
         energy, np.zeros(2 * count), jac=lambda p: slips(p).ravel(), constraints=within, method="SLSQP",
@@ -108,7 +128,10 @@ def test_friction_is_that_of_a_general_optimiser(seed: int) -> None:
     model = model_of(STANDARD.chassis)
     yaw = rng.uniform(-3.0, 3.0)
     turn = np.array(rotation((0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))))
-    arms = (turn @ (model.wheels - model.centre_of_mass - [0.0, 0.0, model.wheel_radius_m]).T).T
+    arms = (
+        turn
+        @ (model.wheels - model.centre_of_mass - [0.0, 0.0, model.wheel_radius_m]).T
+    ).T
     limits = rng.uniform(0.02, 0.2, 4)
     velocity, spin = rng.normal(0.0, 0.3, 2), rng.normal(0.0, [0.05, 0.05, 1.0])
     left, right = rng.normal(0.0, 0.4, 2)
@@ -118,12 +141,22 @@ def test_friction_is_that_of_a_general_optimiser(seed: int) -> None:
     impulses, work = np.zeros((4, 2)), np.empty((4, 8))
     place, inverse_mass = (arms.copy(), limits), 1.0 / model.mass_kg
     begun, speeds = begin_friction(
-        (*velocity, *spin), left, right, *place, rows(turn), rows(inverse), inverse_mass, impulses, work
+        (*velocity, *spin),
+        left,
+        right,
+        *place,
+        rows(turn),
+        rows(inverse),
+        inverse_mass,
+        impulses,
+        work,
     )
     after = sweep_friction(begun, speeds, *place, inverse_mass, impulses, work)
 
     rims = np.array([left, right, left, right])
-    expected = reference_friction(velocity, spin, rims, arms, limits, model.mass_kg, inverse, rolling)
+    expected = reference_friction(
+        velocity, spin, rims, arms, limits, model.mass_kg, inverse, rolling
+    )
     np.testing.assert_allclose(after[:2], expected[0], atol=2e-5)
     np.testing.assert_allclose(after[2:], expected[1], atol=2e-4)
     assert (np.hypot(*impulses.T) <= limits * (1 + 1e-12)).all()
@@ -133,28 +166,42 @@ def test_lengths_are_those_of_the_c_library() -> None:
     rng = np.random.default_rng(0)
     x, y = rng.normal(size=(2, 20_000)) * 10.0 ** rng.integers(-20, 4, (2, 20_000))
     x[:5], y[:5] = [0.0, -3.0, 1e-200, 1e200, 0.0], [0.0, 0.0, 1e-210, -1e200, 1e-320]
-    exact = np.array([math.hypot(*pair) for pair in zip(x.tolist(), y.tolist(), strict=True)])
-    found = np.array([hypot(*pair) for pair in zip(x.tolist(), y.tolist(), strict=True)])
+    exact = np.array(
+        [math.hypot(*pair) for pair in zip(x.tolist(), y.tolist(), strict=True)]
+    )
+    found = np.array(
+        [hypot(*pair) for pair in zip(x.tolist(), y.tolist(), strict=True)]
+    )
     np.testing.assert_array_max_ulp(found, exact, 1)
 
 
 def test_a_body_too_light_for_the_physics_step_is_refused() -> None:
     chassis = load_robot("husky").chassis
     light = replace(chassis, name="feather", inertia_kg_m2=(0.2, 1.0, 1.0))
-    with pytest.raises(ConfigError, match=r"^robot feather: chassis.inertia_kg_m2 is too small .* 0.005 s"):
+    with pytest.raises(
+        ConfigError,
+        match=r"^robot feather: chassis.inertia_kg_m2 is too small .* 0.005 s",
+    ):
         Tyres(model_of(light), PhysicsConfig())
-    assert Tyres(model_of(light), PhysicsConfig(tick_s=0.0005)).rest[0] == pytest.approx(0.187, abs=0.001)
+    assert Tyres(model_of(light), PhysicsConfig(tick_s=0.0005)).rest[
+        0
+    ] == pytest.approx(0.187, abs=0.001)
 
 
 def test_products_are_rounded_once_and_inertias_turn_with_the_body() -> None:
     rng = np.random.default_rng(3)
     multiply_and_add = njit(lambda a, b, c: fused(a, b, c))  # noqa: PLW0108 (an intrinsic has no function to compile)
     for a, b, c in rng.normal(size=(200, 3)).tolist():
-        assert multiply_and_add(a, b, c) == float(Fraction(a) * Fraction(b) + Fraction(c))
+        assert multiply_and_add(a, b, c) == float(
+            Fraction(a) * Fraction(b) + Fraction(c)
+        )
         turn = np.array(rotation(tuple(Rotation.random(rng=rng).as_quat().tolist())))
         inverse = np.exp([a, b, c])
         np.testing.assert_allclose(
-            world_inertia(rows(turn), tuple(inverse)), turn @ np.diag(inverse) @ turn.T, rtol=0, atol=1e-13
+            world_inertia(rows(turn), tuple(inverse)),
+            turn @ np.diag(inverse) @ turn.T,
+            rtol=0,
+            atol=1e-13,
         )
 
 
@@ -167,7 +214,18 @@ def test_loads_carry_the_weight_and_balance_at_rest(robot: str, within: float) -
     turn = rotation((math.sin(0.5 * roll), math.sin(0.5 * pitch), 0.0, 1.0))
     hubs = tyres.wheels[:, :3]
     arms, loads = np.empty((len(hubs), 3)), np.empty(len(hubs))
-    wheel_loads(height, turn, 0.0, (0.0, 0.0, 0.0), hubs, model.wheel_radius_m, tyres.stiffness, 0.0, arms, loads)
+    wheel_loads(
+        height,
+        turn,
+        0.0,
+        (0.0, 0.0, 0.0),
+        hubs,
+        model.wheel_radius_m,
+        tyres.stiffness,
+        0.0,
+        arms,
+        loads,
+    )
     weight = model.mass_kg * G
     assert loads.sum() == pytest.approx(weight, rel=within)
     assert np.abs(loads @ arms[:, :2]).max() < within * weight * 0.26
@@ -229,17 +287,27 @@ def steady_turn(speed: float, turn: float) -> tuple[float, float]:
         # loads linear over the base; the moments of the forces at the ground about the centre of mass balance
         moments = np.array([model.mass_kg * G, -height * fx, -height * fy])
         loads = plane @ np.linalg.solve(plane.T @ plane, moments)
-        slip = v + w * np.column_stack([-wheels[:, 1], wheels[:, 0]]) - np.column_stack([rims, np.zeros(4)])
+        slip = (
+            v
+            + w * np.column_stack([-wheels[:, 1], wheels[:, 0]])
+            - np.column_stack([rims, np.zeros(4)])
+        )
         length = np.hypot(*slip.T)
         forces = -FRICTION * (loads / np.maximum(length, 1e-3))[:, None] * slip
         a = forces.sum(axis=0) / model.mass_kg
         v = v + dt * (a + w * np.array([v[1], -v[0]]))  # in the turning frame
-        w += dt * (wheels[:, 0] @ forces[:, 1] - wheels[:, 1] @ forces[:, 0]) / spin_mass
+        w += (
+            dt * (wheels[:, 0] @ forces[:, 1] - wheels[:, 1] @ forces[:, 0]) / spin_mass
+        )
     return float(np.hypot(*v)), float(w)
 
 
-@pytest.mark.parametrize(("speed", "turn"), [(0.0, 1.0), (0.2, 0.5), (0.5, 1.0), (0.5, -0.6)])
-def test_arcs_are_those_of_rigid_wheels_with_coulomb_friction(driven, speed: float, turn: float) -> None:
+@pytest.mark.parametrize(
+    ("speed", "turn"), [(0.0, 1.0), (0.2, 0.5), (0.5, 1.0), (0.5, -0.6)]
+)
+def test_arcs_are_those_of_rigid_wheels_with_coulomb_friction(
+    driven, speed: float, turn: float
+) -> None:
     robot = driven()
     robot.run(speed, turn, 4.0)
     _, expected = steady_turn(speed, turn)
@@ -259,7 +327,9 @@ def test_the_centre_of_rotation_is_off_the_middle_by_centimetres(driven) -> None
 
 
 @pytest.mark.parametrize(("speed", "turn"), [(0.5, 0.5), (0.0, 1.0)])
-def test_the_result_does_not_depend_on_the_tick(driven, speed: float, turn: float) -> None:
+def test_the_result_does_not_depend_on_the_tick(
+    driven, speed: float, turn: float
+) -> None:
     fine, coarse = driven(tick_s=0.001), driven(tick_s=0.005)
     for robot in (fine, coarse):
         robot.run(speed, turn, 3.0)
@@ -267,8 +337,12 @@ def test_the_result_does_not_depend_on_the_tick(driven, speed: float, turn: floa
     assert fine.velocity.angular == pytest.approx(coarse.velocity.angular, rel=2e-3)
 
 
-@pytest.mark.parametrize(("speed", "turn", "rate"), [(0.0, 1.0, 1.029), (0.5, 1.0, 1.13)])
-def test_the_rates_that_the_readme_names(driven, speed: float, turn: float, rate: float) -> None:
+@pytest.mark.parametrize(
+    ("speed", "turn", "rate"), [(0.0, 1.0, 1.029), (0.5, 1.0, 1.13)]
+)
+def test_the_rates_that_the_readme_names(
+    driven, speed: float, turn: float, rate: float
+) -> None:
     robot = driven()
     robot.run(speed, turn, 3.0)
     assert robot.velocity.angular == pytest.approx(rate, abs=0.005)

@@ -48,17 +48,31 @@ def test_wheels_turn_as_the_rules_say_under_any_commands(seed: int) -> None:
     config = DriveConfig(command_timeout_s=(0.25, 0.5)[seed % 2])
     robot, speed, turn, target, since = Clocked(config), 0.0, 0.0, (0.0, 0.0), 0
     sent: list[tuple[int, tuple[float, float]]] = []
-    latency, timeout = nanoseconds(config.command_latency_s), nanoseconds(config.command_timeout_s)
+    latency, timeout = (
+        nanoseconds(config.command_latency_s),
+        nanoseconds(config.command_timeout_s),
+    )
     for _ in range(1500):
         if rng.random() < 0.01:
-            sent.append((robot.now_ns + latency, tuple(rng.choice([-5.0, -0.5, 0.0, 0.3, 9.0], 2).tolist())))
+            sent.append(
+                (
+                    robot.now_ns + latency,
+                    tuple(rng.choice([-5.0, -0.5, 0.0, 0.3, 9.0], 2).tolist()),
+                )
+            )
             robot.command(*sent[-1][1])
         for due, command in sent:
             if since < due <= robot.now_ns:
                 since, target = due, command
         target = (0.0, 0.0) if robot.now_ns - since >= timeout else target
-        speed += float(np.clip(np.clip(target[0], -2.0, 2.0) - speed, -20.0 * TICK_S, 20.0 * TICK_S))
-        turn += float(np.clip(np.clip(target[1], -4.0, 4.0) - turn, -25.0 * TICK_S, 25.0 * TICK_S))
+        speed += float(
+            np.clip(
+                np.clip(target[0], -2.0, 2.0) - speed, -20.0 * TICK_S, 20.0 * TICK_S
+            )
+        )
+        turn += float(
+            np.clip(np.clip(target[1], -4.0, 4.0) - turn, -25.0 * TICK_S, 25.0 * TICK_S)
+        )
         half = 0.5 * TRACK * 1.5
         assert robot.run(TICK_S) == (speed - turn * half, speed + turn * half)
 
@@ -71,12 +85,21 @@ def test_backwards_it_is_no_faster_than_it_may() -> None:
 
 
 def test_motors_follow_with_a_lag_of_first_order() -> None:
-    robot = Clocked(replace(PROMPT, motor_lag_s=0.1, max_acceleration_m_s2=1000.0, max_yaw_acceleration_rad_s2=1000.0))
+    robot = Clocked(
+        replace(
+            PROMPT,
+            motor_lag_s=0.1,
+            max_acceleration_m_s2=1000.0,
+            max_yaw_acceleration_rad_s2=1000.0,
+        )
+    )
     robot.command(0.5, 1.0)
     half = 0.5 * 1.5 * TRACK
     for time_s in (0.05, 0.1, 0.2):
         share = 1.0 - math.exp(-(robot.now_ns * 1e-9 + time_s) / 0.1)
-        assert robot.run(time_s) == pytest.approx(((0.5 - half) * share, (0.5 + half) * share), rel=1e-9)
+        assert robot.run(time_s) == pytest.approx(
+            ((0.5 - half) * share, (0.5 + half) * share), rel=1e-9
+        )
 
 
 EXACT = OdometryConfig(yaw_noise_rad=0.0, yaw_rate_noise_rad_s=0.0)
@@ -95,7 +118,11 @@ class Measured(FusedOdometry):
         super().__init__(config, np.random.default_rng(0), start_yaw, fleet, 0)
 
     def advance(self, left: float, right: float, yaw: float) -> None:
-        self.robots["left_m_s"], self.robots["right_m_s"], self.robots["yaw"] = left, right, yaw
+        self.robots["left_m_s"], self.robots["right_m_s"], self.robots["yaw"] = (
+            left,
+            right,
+            yaw,
+        )
         integrate(self.robots)
 
 

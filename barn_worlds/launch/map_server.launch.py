@@ -10,4 +10,6 @@ TOPICS = ("map", "plan")
 
 def generate_launch_description() -> LaunchDescription:
     """Return the node with its arguments."""
-    return NodeLaunch("barn_worlds", "map_server", [MapServerConfig()], TOPICS, use_sim_time=True).description()
+    return NodeLaunch(
+        "barn_worlds", "map_server", [MapServerConfig()], TOPICS, use_sim_time=True
+    ).description()

@@ -51,9 +51,15 @@ class Process:
     """A node of the suite: words that Python runs it by, and its parameters."""
 
     def __init__(self, *words: str, **parameters) -> None:
-        arguments = [part for name, value in parameters.items() for part in ("-p", f"{name}:={value}")]
+        arguments = [
+            part
+            for name, value in parameters.items()
+            for part in ("-p", f"{name}:={value}")
+        ]
         command = [sys.executable, *words, "--ros-args", *arguments]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        self.process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
 
     def end(self) -> tuple[int, str]:
         """Wait for its end and return its exit code and what it said."""

@@ -5,7 +5,14 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from barn_worlds.base.config import Checked, as_dict, fields_of, from_dict, quantity, replace_dotted
+from barn_worlds.base.config import (
+    Checked,
+    as_dict,
+    fields_of,
+    from_dict,
+    quantity,
+    replace_dotted,
+)
 from barn_worlds.base.errors import ConfigError, shown, suggest
 
 
@@ -19,7 +26,9 @@ class Inner(Checked):
 
     def __post_init__(self):
         super().__post_init__()
-        self.require(self.low_m < self.high_m, "low_m", f"must be below high_m = {self.high_m:g}")
+        self.require(
+            self.low_m < self.high_m, "low_m", f"must be below high_m = {self.high_m:g}"
+        )
 
 
 @dataclass(frozen=True)
@@ -41,13 +50,28 @@ for _ in range(30):
         ({"count": 1.5}, "count must be a whole number, got 1.5"),
         ({"count": True}, "count must be a whole number, got True"),
         ({"cuont": 1}, "unknown key 'cuont'; did you mean 'count'?"),
-        ({"inner": {"lenght_m": 1}}, "unknown key 'inner.lenght_m'; did you mean 'inner.length_m'?"),
-        ({"inner": {"length_m": -1.0}}, "inner.length_m must be at least 0 m, got -1.0"),
-        ({"inner": {"length_m": float("nan")}}, "inner.length_m must be at least 0 m, got nan"),
+        (
+            {"inner": {"lenght_m": 1}},
+            "unknown key 'inner.lenght_m'; did you mean 'inner.length_m'?",
+        ),
+        (
+            {"inner": {"length_m": -1.0}},
+            "inner.length_m must be at least 0 m, got -1.0",
+        ),
+        (
+            {"inner": {"length_m": float("nan")}},
+            "inner.length_m must be at least 0 m, got nan",
+        ),
         ({"inner": {"length_m": "1"}}, "inner.length_m must be a number, got '1'"),
         ({"inner": {"kind": "yelow"}}, "did you mean 'yellow'?"),
-        ({"inner": {"length_m": 10**400}}, "inner.length_m must be a number, got 1000000000"),
-        ({"inner": {"length_m": 10**5000}}, "inner.length_m must be a number, got a number of thousands of digits"),
+        (
+            {"inner": {"length_m": 10**400}},
+            "inner.length_m must be a number, got 1000000000",
+        ),
+        (
+            {"inner": {"length_m": 10**5000}},
+            "inner.length_m must be a number, got a number of thousands of digits",
+        ),
         ({"inner": 3}, "inner must be a mapping"),
         ({"inner": "count"}, "inner must be a mapping of names to values, got 'count'"),
         ({"inner": {"low_m": 3.0}}, "inner.low_m must be below high_m = 2, got 3.0"),
@@ -68,24 +92,47 @@ def test_round_trip_and_integers_as_floats():
     assert config == Outer(2, Inner(4.0))
     assert from_dict(Outer, as_dict(config), "here") == config
     names = [name for name, _, _ in fields_of(config)]
-    assert names == ["count", "inner.length_m", "inner.kind", "inner.low_m", "inner.high_m"]
+    assert names == [
+        "count",
+        "inner.length_m",
+        "inner.kind",
+        "inner.low_m",
+        "inner.high_m",
+    ]
 
 
 def test_dotted_changes():
     assert replace_dotted(Outer(), {"inner.length_m": 2}, "--set").inner.length_m == 2.0
     changes = {"inner": {"kind": "yellow", "low_m": 0.5}, "inner.low_m": 1}
-    assert replace_dotted(Outer(inner=Inner(3.0)), changes, "--set") == Outer(inner=Inner(3.0, "yellow", 1.0))
+    assert replace_dotted(Outer(inner=Inner(3.0)), changes, "--set") == Outer(
+        inner=Inner(3.0, "yellow", 1.0)
+    )
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"inner.length": 2}, "unknown parameter 'inner.length'; did you mean 'inner.length_m'?"),
-        ({"length_m": 2}, "unknown parameter 'length_m'; did you mean 'inner.length_m'?"),
-        ({"lenght_m": 2}, "unknown parameter 'lenght_m'; did you mean 'inner.length_m'?"),
-        ({"inner.a": 2}, "unknown parameter 'inner.a'; known: inner.high_m, inner.kind, inner.length_m, inner.low_m"),
+        (
+            {"inner.length": 2},
+            "unknown parameter 'inner.length'; did you mean 'inner.length_m'?",
+        ),
+        (
+            {"length_m": 2},
+            "unknown parameter 'length_m'; did you mean 'inner.length_m'?",
+        ),
+        (
+            {"lenght_m": 2},
+            "unknown parameter 'lenght_m'; did you mean 'inner.length_m'?",
+        ),
+        (
+            {"inner.a": 2},
+            "unknown parameter 'inner.a'; known: inner.high_m, inner.kind, inner.length_m, inner.low_m",
+        ),
         ({"zzz": 2}, "unknown parameter 'zzz'; known: count, inner"),
-        ({"inner": {"low": 2}}, "unknown parameter 'inner.low'; did you mean 'inner.low_m'?"),
+        (
+            {"inner": {"low": 2}},
+            "unknown parameter 'inner.low'; did you mean 'inner.low_m'?",
+        ),
         ({5: 2}, "unknown parameter '5'; known: count, inner"),
         ({"inner.length_m": -1}, "inner.length_m must be at least 0 m, got -1.0"),
     ],
@@ -112,7 +159,9 @@ def test_a_value_in_a_message_is_short(value, text):
 
 
 def test_a_long_list_of_known_names_is_cut():
-    assert suggest("x", [f"name{number:02}" for number in range(99)]).endswith("name19, ...")
+    assert suggest("x", [f"name{number:02}" for number in range(99)]).endswith(
+        "name19, ..."
+    )
 
 
 def test_an_optional_field_is_left_out_while_it_has_its_default():
@@ -128,4 +177,7 @@ def test_an_optional_field_is_left_out_while_it_has_its_default():
     assert as_dict(Outer()) == {"grown": {"old": 1}}
     changed = replace_dotted(Outer(), {"grown.new": False}, "x")
     assert as_dict(changed) == {"grown": {"old": 1, "new": False}}
-    assert from_dict(Outer, as_dict(changed), "x") == changed and from_dict(Outer, as_dict(Outer()), "x") == Outer()
+    assert (
+        from_dict(Outer, as_dict(changed), "x") == changed
+        and from_dict(Outer, as_dict(Outer()), "x") == Outer()
+    )

@@ -30,10 +30,15 @@ def hall(gap_m: float = 2.0) -> np.ndarray:
 
 
 def written(tmp_path, grid, *course):
-    write_map(OccupancyMap(np.where(grid.T, 100, 0).astype(np.int8), CELL_M, *CORNER_M), tmp_path / "hall.yaml")
+    write_map(
+        OccupancyMap(np.where(grid.T, 100, 0).astype(np.int8), CELL_M, *CORNER_M),
+        tmp_path / "hall.yaml",
+    )
     if course:
         path = tmp_path / "hall.yaml"
-        path.write_text(path.read_text() + f"start: {list(course[:3])}\ngoal: {list(course[3:])}\n")
+        path.write_text(
+            path.read_text() + f"start: {list(course[:3])}\ngoal: {list(course[3:])}\n"
+        )
     return tmp_path / "hall.yaml"
 
 
@@ -41,7 +46,9 @@ def opened(path, robot=STANDARD):
     return open_dataset(path, robot).load(0)
 
 
-def test_a_map_without_start_and_goal_gets_far_apart_ones_in_its_largest_region(tmp_path):
+def test_a_map_without_start_and_goal_gets_far_apart_ones_in_its_largest_region(
+    tmp_path,
+):
     grid = hall()
     grid[40:80, 20:60] = True  # in it a closed room, smaller than the hall
     grid[45:75, 25:55] = False
@@ -51,7 +58,9 @@ def test_a_map_without_start_and_goal_gets_far_apart_ones_in_its_largest_region(
     assert 15.0 < world.path_length_m <= LONGEST_CHOSEN_M
     room = np.array([[40, 20], [80, 60]]) * CELL_M + np.array(CORNER_M)
     assert not ((room[0] < ends) & (ends < room[1])).all(axis=1).any()
-    assert not configuration_space(grid, world.footprint_cells)[tuple(world.path.T)].any()
+    assert not configuration_space(grid, world.footprint_cells)[
+        tuple(world.path.T)
+    ].any()
     assert world.provenance.path_source == "chosen"
     assert opened(written(tmp_path, grid)).checksum == world.checksum
 
@@ -66,7 +75,10 @@ def test_a_large_map_gets_a_way_that_a_trial_has_time_for(tmp_path):
     grid = np.zeros((900, 900), bool)
     grid[450:460, 450:460] = True  # the ends are where the lidar sees something
     world = opened(written(tmp_path, grid))
-    away = np.abs(world.cylinders_m[:, None] - [(one.x, one.y) for one in (world.start, world.goal)])
+    away = np.abs(
+        world.cylinders_m[:, None]
+        - [(one.x, one.y) for one in (world.start, world.goal)]
+    )
     assert (away.max(axis=2).min(axis=0) < 16.0).all()
     assert 10.0 < world.path_length_m <= LONGEST_CHOSEN_M
 
@@ -76,7 +88,10 @@ def test_start_and_goal_come_from_the_file_of_the_map(tmp_path):
     assert world.start == Pose2D(0.0, 3.0, 0.5)
     assert (world.goal.x, world.goal.y) == (1.0, 18.0)
     assert world.goal.yaw == pytest.approx(math.atan2(15.0, 1.0))
-    assert np.abs(world.path_m()[[0, -1]] - [[0.0, 3.0], [1.0, 18.0]]).max() <= CELL_M / 2 + 1e-9
+    assert (
+        np.abs(world.path_m()[[0, -1]] - [[0.0, 3.0], [1.0, 18.0]]).max()
+        <= CELL_M / 2 + 1e-9
+    )
     x_at_the_wall = world.path_m()[np.abs(world.path_m()[:, 1] - 11.1).argmin(), 0]
     assert x_at_the_wall > 8.0  # through the gap
 
@@ -85,7 +100,9 @@ def test_start_and_goal_stay_with_a_world_in_every_format(tmp_path):
     world = opened(written(tmp_path, hall(), 0.0, 3.0, 0.5, 1.0, 18.0))
     write_own(tmp_path / "set.npz", "set", {0: world})
     write_world_yaml(world, tmp_path / "world_0.world.yaml")
-    write_map(world.occupancy_map(), tmp_path / "again_0.yaml", course=world.course_numbers)
+    write_map(
+        world.occupancy_map(), tmp_path / "again_0.yaml", course=world.course_numbers
+    )
     for name in ("set.npz", "world_0.world.yaml", "again_0.yaml"):
         found = opened(tmp_path / name)
         assert found.checksum == world.checksum
@@ -99,13 +116,28 @@ def test_start_and_goal_of_a_gazebo_world_are_frames_of_it(tmp_path, flavour):
     world = for_robot(world, STANDARD, course)
     write_sdf(world, tmp_path / "w_0.world", flavour)
     assert opened(tmp_path / "w_0.world").course_numbers == course
-    own = opened(written(tmp_path, np.kron(hall(), np.ones((3, 3), bool))[:, ::3], 0.0, 3.0, 0.5, 1.0, 18.0, 0.0))
+    own = opened(
+        written(
+            tmp_path,
+            np.kron(hall(), np.ones((3, 3), bool))[:, ::3],
+            0.0,
+            3.0,
+            0.5,
+            1.0,
+            18.0,
+            0.0,
+        )
+    )
     write_sdf(own, tmp_path / "h_0.world", flavour)
     again = opened(tmp_path / "h_0.world")
     assert (again.grid == own.grid).all() and np.allclose(
         again.bounds_m + again.course_numbers, own.bounds_m + own.course_numbers
     )
-    text = (tmp_path / "w_0.world").read_text().replace('frame name="goal"', 'frame name="other"')
+    text = (
+        (tmp_path / "w_0.world")
+        .read_text()
+        .replace('frame name="goal"', 'frame name="other"')
+    )
     (tmp_path / "half_0.world").write_text(text)
     with pytest.raises(WorldError, match="frames start and goal, or none"):
         opened(tmp_path / "half_0.world")
@@ -115,8 +147,12 @@ def test_a_larger_robot_gets_ends_and_a_way_of_its_own(tmp_path):
     path, husky = written(tmp_path, hall()), load_robot("husky")
     world = opened(path)
     driven = for_robot(world, husky)
-    assert driven.footprint_cells == husky.footprint_cells(CELL_M) > world.footprint_cells
-    assert not configuration_space(driven.grid, driven.footprint_cells)[tuple(driven.path.T)].any()
+    assert (
+        driven.footprint_cells == husky.footprint_cells(CELL_M) > world.footprint_cells
+    )
+    assert not configuration_space(driven.grid, driven.footprint_cells)[
+        tuple(driven.path.T)
+    ].any()
     assert driven.checksum == opened(path, husky).checksum
     assert for_robot(world, STANDARD) is world
 
@@ -130,7 +166,11 @@ def test_worlds_of_the_benchmark_have_no_start_of_their_own_and_stay_as_they_are
 def test_a_course_is_put_in_place_of_a_worlds_own(tmp_path):
     world = opened(written(tmp_path, hall(), 0.0, 3.0, 0.5, 1.0, 18.0))
     driven = for_robot(world, STANDARD, (2.0, 3.0, 1.0, 5.0, 8.0))
-    assert (driven.start, driven.goal.x, driven.goal.y) == (Pose2D(2.0, 3.0, 1.0), 5.0, 8.0)
+    assert (driven.start, driven.goal.x, driven.goal.y) == (
+        Pose2D(2.0, 3.0, 1.0),
+        5.0,
+        8.0,
+    )
     assert driven.path_length_m < world.path_length_m
     assert driven.checksum != world.checksum
 
@@ -138,16 +178,38 @@ def test_a_course_is_put_in_place_of_a_worlds_own(tmp_path):
 @pytest.mark.parametrize(
     ("gap_m", "course", "message"),
     [
-        (2.0, (0.0, 11.05, 0.0, 1.0, 18.0), r"start \(0, 11.05\) is blocked: robot jackal would touch"),
-        (2.0, (0.0, 10.8, 1.57, 1.0, 18.0), r"start \(0, 10.8\) is blocked"),  # its front, not its middle
+        (
+            2.0,
+            (0.0, 11.05, 0.0, 1.0, 18.0),
+            r"start \(0, 11.05\) is blocked: robot jackal would touch",
+        ),
+        (
+            2.0,
+            (0.0, 10.8, 1.57, 1.0, 18.0),
+            r"start \(0, 10.8\) is blocked",
+        ),  # its front, not its middle
         (2.0, (0.0, 3.0, 0.0, 1.0, 11.3), r"goal \(1, 11.3\) is blocked"),
-        (2.0, (0.0, 3.0, 0.0, 30.0, 18.0), r"goal \(30, 18\) is off the map, .* from \(-2, 1\) to \(10, 21\) m"),
-        (0.4, (0.0, 3.0, 0.0, 1.0, 18.0), r"goal \(1, 18\) cannot be reached from start \(0, 3\) by robot jackal"),
-        (2.0, (0.0, 3.0, math.nan, 1.0, 18.0), "course must be x, y, yaw of the start and x, y"),
+        (
+            2.0,
+            (0.0, 3.0, 0.0, 30.0, 18.0),
+            r"goal \(30, 18\) is off the map, .* from \(-2, 1\) to \(10, 21\) m",
+        ),
+        (
+            0.4,
+            (0.0, 3.0, 0.0, 1.0, 18.0),
+            r"goal \(1, 18\) cannot be reached from start \(0, 3\) by robot jackal",
+        ),
+        (
+            2.0,
+            (0.0, 3.0, math.nan, 1.0, 18.0),
+            "course must be x, y, yaw of the start and x, y",
+        ),
         (2.0, (0.0, 3.0, 1.0, 18.0), "course must be x, y, yaw of the start and x, y"),
     ],
 )
-def test_a_course_that_cannot_be_driven_is_refused_in_one_line(tmp_path, gap_m, course, message, refused):
+def test_a_course_that_cannot_be_driven_is_refused_in_one_line(
+    tmp_path, gap_m, course, message, refused
+):
     world = opened(written(tmp_path, hall(gap_m)))
     with refused(WorldError, message):
         for_robot(world, STANDARD, course)
@@ -160,7 +222,9 @@ def test_a_start_beside_a_wall_may_be_nearer_to_it_than_the_way(tmp_path):
 
 
 def test_a_map_without_room_for_the_robot_is_refused(tmp_path):
-    with pytest.raises(WorldError, match=r"hall: robot jackal, 7 x 7 cells, finds no way in it"):
+    with pytest.raises(
+        WorldError, match=r"hall: robot jackal, 7 x 7 cells, finds no way in it"
+    ):
         opened(written(tmp_path, np.tile(np.arange(60) % 4 == 0, (60, 1))))
     with pytest.raises(WorldError, match="hall: no cell of it is free"):
         opened(written(tmp_path, np.ones((20, 20), bool)))
@@ -172,28 +236,53 @@ def test_start_without_goal_is_refused(tmp_path):
     with pytest.raises(WorldError, match="goal must be given, too"):
         opened(path)
     with pytest.raises(WorldError, match="start and goal must both be given, or none"):
-        World("w", np.zeros((3, 3), bool), np.zeros((1, 2), int), start=Pose2D(0.0, 0.0, 0.0))
+        World(
+            "w",
+            np.zeros((3, 3), bool),
+            np.zeros((1, 2), int),
+            start=Pose2D(0.0, 0.0, 0.0),
+        )
 
 
 def test_maps_of_moving_ai_are_read_with_the_first_row_at_the_top(tmp_path):
     path = tmp_path / "arena.map"
-    rows = ["@" * 14, "@" + "." * 12 + "@", "@" + "." * 12 + "@", "@TTTTTTTTTT..@", "@" + "." * 12 + "@", "@" * 14]
+    rows = [
+        "@" * 14,
+        "@" + "." * 12 + "@",
+        "@" + "." * 12 + "@",
+        "@TTTTTTTTTT..@",
+        "@" + "." * 12 + "@",
+        "@" * 14,
+    ]
     path.write_text("type octile\nheight 6\nwidth 14\nmap\n" + "\n".join(rows) + "\n")
     world = opened(path)
     assert world.resolution_m == 1.0
-    assert ["".join("@" if filled else "." for filled in world.grid[:, 5 - k]) for k in range(6)] == [
-        row.replace("T", "@") for row in rows
-    ]
+    assert [
+        "".join("@" if filled else "." for filled in world.grid[:, 5 - k])
+        for k in range(6)
+    ] == [row.replace("T", "@") for row in rows]
     assert world.path_length_m > 12.0
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("type tile\nheight 1\nwidth 1\nmap\n.\n", "must begin with the lines type octile, height N, width N and map"),
-        ("type octile\nheight 9999\nwidth 1\nmap\n.\n", "sides must be 1 to 2000 cells, got 1 x 9999"),
-        ("type octile\nheight 2\nwidth 2\nmap\n..\n", "must have 2 lines of 2 of the letters .*, got 1 lines"),
-        ("type octile\nheight 2\nwidth 2\nmap\n..\n.x\n", "must have 2 lines of 2 .*, got line 6"),
+        (
+            "type tile\nheight 1\nwidth 1\nmap\n.\n",
+            "must begin with the lines type octile, height N, width N and map",
+        ),
+        (
+            "type octile\nheight 9999\nwidth 1\nmap\n.\n",
+            "sides must be 1 to 2000 cells, got 1 x 9999",
+        ),
+        (
+            "type octile\nheight 2\nwidth 2\nmap\n..\n",
+            "must have 2 lines of 2 of the letters .*, got 1 lines",
+        ),
+        (
+            "type octile\nheight 2\nwidth 2\nmap\n..\n.x\n",
+            "must have 2 lines of 2 .*, got line 6",
+        ),
     ],
 )
 def test_malformed_maps_of_moving_ai_are_refused(tmp_path, text, message):

@@ -16,7 +16,10 @@ GRIDS = npst.arrays(bool, st.tuples(st.integers(1, 14), st.integers(1, 14)))
 
 @given(GRIDS, st.integers(0, 8).map(lambda k: 2 * k + 1))
 def test_the_cspace_is_filled_wherever_any_footprint_holds_a_filled_cell(grid, side):
-    assert np.array_equal(configuration_space(grid, side), ndimage.maximum_filter(grid, side, mode="constant"))
+    assert np.array_equal(
+        configuration_space(grid, side),
+        ndimage.maximum_filter(grid, side, mode="constant"),
+    )
 
 
 @pytest.mark.parametrize("side", [0, -1, 2, 4])
@@ -37,9 +40,14 @@ def test_cspaces_equal_the_original_ones(original_folder):
 @given(GRIDS, st.sampled_from([4, 8]))
 def test_regions_are_those_of_scipy(free, neighbours):
     labels, sizes = label_regions(free, neighbours)
-    expected, count = ndimage.label(free, ndimage.generate_binary_structure(2, 1 if neighbours == 4 else 2))
+    expected, count = ndimage.label(
+        free, ndimage.generate_binary_structure(2, 1 if neighbours == 4 else 2)
+    )
     assert np.array_equal(labels, expected)
-    assert sizes.tolist() == [0, *(np.count_nonzero(expected == label) for label in range(1, count + 1))]
+    assert sizes.tolist() == [
+        0,
+        *(np.count_nonzero(expected == label) for label in range(1, count + 1)),
+    ]
 
 
 @given(GRIDS)
@@ -47,7 +55,9 @@ def test_the_region_through_is_the_largest_at_both_ends(cspace):
     labels, _ = ndimage.label(~cspace)
     sizes = np.bincount(labels[~cspace], minlength=1)
     # of several largest, the first in reading order counts, which need not be the same at both ends
-    first, last = (max(np.unique(labels[:, end]), key=sizes.__getitem__) for end in (0, -1))
+    first, last = (
+        max(np.unique(labels[:, end]), key=sizes.__getitem__) for end in (0, -1)
+    )
     region = through_region(cspace)
     assert (region is not None) == (first == last != 0)
     assert region is None or np.array_equal(region, labels == first)

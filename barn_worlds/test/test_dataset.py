@@ -14,13 +14,20 @@ from barn_worlds.formats.original import write_original
 from barn_worlds.formats.sdf import write_sdf
 from barn_worlds.robots.files import ROBOTS
 from barn_worlds.worlds.dataset import open_dataset, select_worlds
-from barn_worlds.worlds.generate import TABLE_I, DatasetParameters, WorldParameters, generate_dataset
+from barn_worlds.worlds.generate import (
+    TABLE_I,
+    DatasetParameters,
+    WorldParameters,
+    generate_dataset,
+)
 
 
 @pytest.fixture(scope="module")
 def worlds():
     """Three worlds by number."""
-    made = generate_dataset(DatasetParameters("made", seed=1, worlds_per_set=1, sets=TABLE_I[::5]))
+    made = generate_dataset(
+        DatasetParameters("made", seed=1, worlds_per_set=1, sets=TABLE_I[::5])
+    )
     return dict(zip((0, 6, 120), made, strict=True))
 
 
@@ -33,10 +40,14 @@ def layout(tmp_path, worlds):
 
 
 def same(dataset, worlds):
-    return {k: dataset.load(k).checksum for k in dataset.indices} == {k: w.checksum for k, w in worlds.items()}
+    return {k: dataset.load(k).checksum for k in dataset.indices} == {
+        k: w.checksum for k, w in worlds.items()
+    }
 
 
-@pytest.mark.parametrize("missing", [(), ("grid_files",), ("world_files",), ("cspace_files", "map_files")])
+@pytest.mark.parametrize(
+    "missing", [(), ("grid_files",), ("world_files",), ("cspace_files", "map_files")]
+)
 def test_the_original_layout_comes_back_from_what_is_there(layout, worlds, missing):
     for part in missing:
         shutil.rmtree(layout / part)
@@ -44,7 +55,13 @@ def test_the_original_layout_comes_back_from_what_is_there(layout, worlds, missi
     assert (dataset.name, dataset.indices) == ("layout", (0, 6, 120))
     assert same(dataset, worlds)
     assert dataset.load(6).provenance.source == "original"
-    assert np.load(layout / "metrics_files" / "metrics_6.npy").tolist() == [0, 1, 2, 3, 4]
+    assert np.load(layout / "metrics_files" / "metrics_6.npy").tolist() == [
+        0,
+        1,
+        2,
+        3,
+        4,
+    ]
 
 
 @pytest.mark.parametrize("part", ["grid_files", "world_files", "map_files"])
@@ -60,14 +77,21 @@ def test_the_originals_written_again_are_the_originals(original_folder, tmp_path
     for index in some:
         for kind in ("grid", "cspace", "path"):
             name = f"{kind}_files/{kind}_{index}.npy"
-            written, published = np.load(tmp_path / "again" / name), np.load(original_folder / name)
+            written, published = (
+                np.load(tmp_path / "again" / name),
+                np.load(original_folder / name),
+            )
             assert written.dtype == published.dtype
             assert np.array_equal(written, published)
 
 
 def test_footprint_and_resolution_survive_the_layout(tmp_path):
-    parameters = WorldParameters(resolution_m=0.3, footprint_cells=3, initial_fill=0.1, rows=20, cols=12)
-    (world,) = generate_dataset(DatasetParameters("coarse", worlds_per_set=1, sets=(parameters,)))
+    parameters = WorldParameters(
+        resolution_m=0.3, footprint_cells=3, initial_fill=0.1, rows=20, cols=12
+    )
+    (world,) = generate_dataset(
+        DatasetParameters("coarse", worlds_per_set=1, sets=(parameters,))
+    )
     write_original(tmp_path / "coarse", {4: world})
     assert same(open_dataset(tmp_path / "coarse"), {4: world})
 
@@ -140,18 +164,34 @@ def test_what_holds_no_worlds_is_refused(tmp_path, layout):
     with pytest.raises(WorldError, match="has no worlds"):
         open_dataset(tmp_path / "layout" / "metrics_files")
     (tmp_path / "notes.txt").write_text("x")
-    with pytest.raises(WorldError, match=r"notes\.txt: a world must be in a file that ends in \.world"):
+    with pytest.raises(
+        WorldError, match=r"notes\.txt: a world must be in a file that ends in \.world"
+    ):
         open_dataset(tmp_path / "notes.txt")
-    with pytest.raises(WorldError, match="layout: no world 1; there are 3 worlds from 0 to 120"):
+    with pytest.raises(
+        WorldError, match="layout: no world 1; there are 3 worlds from 0 to 120"
+    ):
         open_dataset(layout).load(1)
 
 
 @pytest.mark.parametrize(
     ("name", "array", "message"),
     [
-        ("grid_files/grid_6.npy", np.full((30, 30), 7), "grid_6.npy: grid must hold zeros and ones, got 7"),
-        ("path_files/path_6.npy", np.zeros((4, 3), int), "world_6: path must be an array of rows and columns"),
-        ("cspace_files/cspace_6.npy", np.eye(30), "cspace_6.npy: is not the C-space of the grid for any footprint"),
+        (
+            "grid_files/grid_6.npy",
+            np.full((30, 30), 7),
+            "grid_6.npy: grid must hold zeros and ones, got 7",
+        ),
+        (
+            "path_files/path_6.npy",
+            np.zeros((4, 3), int),
+            "world_6: path must be an array of rows and columns",
+        ),
+        (
+            "cspace_files/cspace_6.npy",
+            np.eye(30),
+            "cspace_6.npy: is not the C-space of the grid for any footprint",
+        ),
     ],
 )
 def test_malformed_parts_of_the_layout_are_named(layout, name, array, message):
@@ -165,7 +205,10 @@ def test_a_grid_without_a_way_through_is_refused(tmp_path):
     grid = np.zeros((30, 30), np.int64)
     grid[:, 15] = 1
     (tmp_path / "wall.npy").write_bytes(to_npy(grid))
-    with pytest.raises(WorldError, match="no path from the first to the last column for a robot of 5 x 5 cells"):
+    with pytest.raises(
+        WorldError,
+        match="no path from the first to the last column for a robot of 5 x 5 cells",
+    ):
         open_dataset(tmp_path / "wall.npy").load(0)
 
 
@@ -220,7 +263,8 @@ def test_mistakes_are_one_line(spec, message, refused):
 
 
 @pytest.mark.parametrize(
-    ("spec", "missing"), [("0:999", "300 of 0:999"), ("298-301", "300 of 298-301"), ("0:400:100", "300")]
+    ("spec", "missing"),
+    [("0:999", "300 of 0:999"), ("298-301", "300 of 298-301"), ("0:400:100", "300")],
 )
 def test_a_range_beyond_a_set_without_gaps_is_refused(spec, missing):
     with pytest.raises(WorldError, match=f"no world {missing}"):

@@ -15,11 +15,15 @@ from barn_worlds.moving.motion import Motion, MovingObstacle
 from barn_worlds.moving.tracks import Tracks
 
 KEYS = ((0.0, 1.0, 2.0), (1.1, 3.0, 2.0), (4.0, 3.0, 5.0), (6.0, 0.0, 5.0))
-CURVE = Motion("polynomial", 8.0, coefficients_m=((0.0, 1.0), (4.0, 1.0), (-4.0, 0.0), (0.0, -1.0)))
+CURVE = Motion(
+    "polynomial", 8.0, coefficients_m=((0.0, 1.0), (4.0, 1.0), (-4.0, 0.0), (0.0, -1.0))
+)
 MOVING = (
     MovingObstacle("as <it> is", radius_m=0.5, motion=Motion("gazebo", 6.0, KEYS)),
     MovingObstacle("resting", radius_m=0.5, motion=Motion("gazebo", 9.0, KEYS)),
-    MovingObstacle("later", radius_m=0.25, phase_s=2.5, motion=Motion("gazebo", 6.0, KEYS)),
+    MovingObstacle(
+        "later", radius_m=0.25, phase_s=2.5, motion=Motion("gazebo", 6.0, KEYS)
+    ),
     MovingObstacle("straight", radius_m=0.25, motion=Motion("linear", 6.0, KEYS)),
     MovingObstacle("box", "box", size_x_m=1.0, size_y_m=2.0, yaw_rad=0.5, motion=CURVE),
 )
@@ -36,10 +40,14 @@ def test_the_trajectories_of_an_actor_go_as_the_obstacle_does(one):
     parts, end_s, largest_m = trajectories(one), 0.0, 0.0
     assert sum(part[-1][0] for part in parts) == pytest.approx(one.motion.period_s)
     for part in parts:
-        spline = MovingObstacle("part", radius_m=1.0, motion=Motion("gazebo", part[-1][0], tuple(part)))
+        spline = MovingObstacle(
+            "part", radius_m=1.0, motion=Motion("gazebo", part[-1][0], tuple(part))
+        )
         times_s = np.linspace(0.0, part[-1][0], 500)[:-1]
         there, _ = Tracks([one]).over(times_s + end_s)
-        largest_m = max(largest_m, np.abs(Tracks([spline]).over(times_s)[0] - there).max())
+        largest_m = max(
+            largest_m, np.abs(Tracks([spline]).over(times_s)[0] - there).max()
+        )
         end_s += part[-1][0]
     assert largest_m < (1e-9 if one.name == "as <it> is" else 0.03)
     assert len(parts) == (2 if one.phase_s else 1)
@@ -50,10 +58,15 @@ def test_sdf_has_walls_and_an_actor_for_each_moving_obstacle(world, flavour):
     root = ElementTree.fromstring(sdf_text(world, flavour)).find("world")
     names = [model.get("name") for model in root.findall("model")]
     assert names == ["ground_plane", "wall_0", "wall_1", "wall_2"]
-    assert [actor.get("name") for actor in root.findall("actor")] == [one.name for one in MOVING]
+    assert [actor.get("name") for actor in root.findall("actor")] == [
+        one.name for one in MOVING
+    ]
     actor = root.find("actor")
     waypoints = actor.findall("script/trajectory/waypoint")
-    told = [(float(one.findtext("time")), *map(float, one.findtext("pose").split()[:2])) for one in waypoints]
+    told = [
+        (float(one.findtext("time")), *map(float, one.findtext("pose").split()[:2]))
+        for one in waypoints
+    ]
     assert tuple(told) == KEYS
     assert actor.findtext("script/loop") == "true"
     if flavour == "gz":
@@ -73,7 +86,9 @@ def test_the_meshes_that_an_sdf_names_lie_beside_it(world, tmp_path):
 @pytest.mark.parametrize("one", [MOVING[0], MOVING[4]], ids=["cylinder", "box"])
 def test_a_mesh_is_closed_turned_outwards_and_of_the_size_of_the_obstacle(one):
     lines = [line.split() for line in mesh(one).splitlines()]
-    points = np.array([[float(word) for word in line[1:]] for line in lines if line[0] == "v"])
+    points = np.array(
+        [[float(word) for word in line[1:]] for line in lines if line[0] == "v"]
+    )
     faces = [[int(word) - 1 for word in line[1:]] for line in lines if line[0] == "f"]
     edges = [(face[k - 1], face[k]) for face in faces for k in range(len(face))]
     assert len(set(edges)) == len(edges) and {(b, a) for a, b in edges} == set(edges)
@@ -82,8 +97,12 @@ def test_a_mesh_is_closed_turned_outwards_and_of_the_size_of_the_obstacle(one):
         for face in faces
         for k in range(1, len(face) - 1)
     )
-    assert volume == pytest.approx(np.pi * 0.25 if one.shape == "cylinder" else 2.0, rel=0.01)
-    assert np.ptp(points, axis=0) == pytest.approx([1.0, 1.0, 1.0] if one.shape == "cylinder" else [1.0, 2.0, 1.0])
+    assert volume == pytest.approx(
+        np.pi * 0.25 if one.shape == "cylinder" else 2.0, rel=0.01
+    )
+    assert np.ptp(points, axis=0) == pytest.approx(
+        [1.0, 1.0, 1.0] if one.shape == "cylinder" else [1.0, 2.0, 1.0]
+    )
 
 
 def test_an_animation_of_what_does_not_move_is_refused(small_world, tmp_path):
@@ -99,7 +118,9 @@ def coloured(image, colour):
 
 def test_an_animation_shows_obstacles_that_move(tmp_path):
     keys = ((0.0, -8.0, 0.0), (4.0, 8.0, 0.0), (8.0, -8.0, 0.0))
-    world = arena_world("one", [MovingObstacle("a", radius_m=0.8, motion=Motion("linear", 8.0, keys))])
+    world = arena_world(
+        "one", [MovingObstacle("a", radius_m=0.8, motion=Motion("linear", 8.0, keys))]
+    )
     write_animation(world, tmp_path / "one.gif")
     image, places = Image.open(tmp_path / "one.gif"), []
     assert image.n_frames == 120
@@ -122,5 +143,8 @@ def test_pictures_of_one_and_many_worlds_are_written(world, small_world, tmp_pat
         for one in axes.collections
         for path in one.get_paths()
     ]
-    places = (world.tracks.at(0.0)[0] - [-10.25, 10.25]) / 0.5 * [1.0, -1.0] + [-0.5, 5.5]  # cells from the corner
+    places = (world.tracks.at(0.0)[0] - [-10.25, 10.25]) / 0.5 * [1.0, -1.0] + [
+        -0.5,
+        5.5,
+    ]  # cells from the corner
     assert all(np.hypot(*(np.array(found) - place).T).min() < 0.1 for place in places)

@@ -13,7 +13,14 @@ from unittest.mock import Mock
 import pytest
 
 from barn_worlds.base.errors import ConfigError, WorldError
-from barn_worlds.base.files import new_folder, read_bytes, read_maybe_gzipped, remove_partial, replacing, write_bytes
+from barn_worlds.base.files import (
+    new_folder,
+    read_bytes,
+    read_maybe_gzipped,
+    remove_partial,
+    replacing,
+    write_bytes,
+)
 from barn_worlds.base.text_files import (
     LARGEST_YAML_BYTES,
     LONGEST_LINE_BYTES,
@@ -29,9 +36,13 @@ def test_sizes_are_bounded_packed_and_unpacked(tmp_path):
     plain, bomb = tmp_path / "plain", tmp_path / "bomb.gz"
     plain.write_bytes(b"x" * 101)
     bomb.write_bytes(gzip.compress(bytes(50_000_000)))
-    with pytest.raises(WorldError, match="plain: cannot be read: more than the allowed 100 bytes"):
+    with pytest.raises(
+        WorldError, match="plain: cannot be read: more than the allowed 100 bytes"
+    ):
         read_bytes(plain, 100)
-    with pytest.raises(WorldError, match=r"bomb\.gz: unpacks to more than the allowed 1000000 bytes"):
+    with pytest.raises(
+        WorldError, match=r"bomb\.gz: unpacks to more than the allowed 1000000 bytes"
+    ):
         read_maybe_gzipped(bomb, 1_000_000)
     assert read_bytes(plain, 101) == b"x" * 101
     assert len(read_maybe_gzipped(bomb, 50_000_000)) == 50_000_000
@@ -74,7 +85,10 @@ def test_a_folder_appears_whole_or_not_at_all(tmp_path):
         assert not target.exists()
     assert [file.name for file in target.iterdir()] == ["whole"]
     assert [file.name for file in tmp_path.iterdir()] == ["set"]
-    with pytest.raises(WorldError, match="exists already; name a new folder"), new_folder(target):
+    with (
+        pytest.raises(WorldError, match="exists already; name a new folder"),
+        new_folder(target),
+    ):
         pass
     assert [file.name for file in target.iterdir()] == ["whole"]
 
@@ -120,13 +134,23 @@ def test_two_writers_leave_the_file_of_one(tmp_path):
         (b"\xff\xfe\x00", "not JSON: "),
         (b"[" * 100_000, "not JSON: "),
         (b"[" + b" " * 100, "more than the allowed 100 bytes"),
-        pytest.param(b"[" * 70 + b"1" + b"]" * 70, "not JSON: nested more than 60 deep", id="deep"),
+        pytest.param(
+            b"[" * 70 + b"1" + b"]" * 70,
+            "not JSON: nested more than 60 deep",
+            id="deep",
+        ),
         (b"[NaN]", "not JSON: numbers must be finite, got NaN"),
         (b"1e999", "not JSON: numbers must be finite, got inf"),
-        pytest.param(b"1" + b"0" * 400, "not JSON: integers must be of 64 bits, got 1", id="10^400"),
+        pytest.param(
+            b"1" + b"0" * 400,
+            "not JSON: integers must be of 64 bits, got 1",
+            id="10^400",
+        ),
         pytest.param(b"9" * 5000, "not JSON: ", id="5000 digits"),
         (b'["\\ud800"]', "not JSON: "),
-        pytest.param(b"[" + b"[]," * 700_000 + b"[]]", "not JSON: more than ", id="many"),
+        pytest.param(
+            b"[" + b"[]," * 700_000 + b"[]]", "not JSON: more than ", id="many"
+        ),
     ],
 )
 def test_what_is_no_json_is_one_line(tmp_path, content, complaint, refused):
@@ -137,10 +161,16 @@ def test_what_is_no_json_is_one_line(tmp_path, content, complaint, refused):
 
 
 def test_numbers_without_a_word_in_json_become_null(tmp_path):
-    content = {1: [math.nan, (math.inf, 2.5)], "a": {"b": -math.inf, "c": True, "d": None}}
+    content = {
+        1: [math.nan, (math.inf, 2.5)],
+        "a": {"b": -math.inf, "c": True, "d": None},
+    }
     path = tmp_path / "file.json"
     path.write_text(json.dumps(finite(content), allow_nan=False))
-    assert read_json(path) == {"1": [None, [None, 2.5]], "a": {"b": None, "c": True, "d": None}}
+    assert read_json(path) == {
+        "1": [None, [None, 2.5]],
+        "a": {"b": None, "c": True, "d": None},
+    }
 
 
 def test_a_yaml_file_is_a_mapping_with_its_version(tmp_path):
@@ -164,7 +194,11 @@ def test_a_yaml_file_is_a_mapping_with_its_version(tmp_path):
         (b"!!python/object/apply:os.system ['true']", "not YAML: "),
         pytest.param(b"a: " + b"9" * 5000, "not YAML: ", id="digits"),
         pytest.param(b"[" * 2000, "not YAML: ", id="brackets"),
-        pytest.param(b"#" * (LARGEST_YAML_BYTES + 1), "more than the allowed 262144 bytes", id="large"),
+        pytest.param(
+            b"#" * (LARGEST_YAML_BYTES + 1),
+            "more than the allowed 262144 bytes",
+            id="large",
+        ),
     ],
 )
 def test_what_is_no_such_mapping_is_one_line(tmp_path, content, complaint, refused):
@@ -177,7 +211,11 @@ def test_what_is_no_such_mapping_is_one_line(tmp_path, content, complaint, refus
 @pytest.mark.parametrize("name", ["/dev/zero", "pipe", "nul\0.yaml", "."])
 def test_what_is_no_file_is_not_read(tmp_path, name):
     os.mkfifo(tmp_path / "pipe")
-    for read in (lambda path: read_yaml(path, 1), read_json, lambda path: list(read_lines(path))):
+    for read in (
+        lambda path: read_yaml(path, 1),
+        read_json,
+        lambda path: list(read_lines(path)),
+    ):
         with pytest.raises(ConfigError, match=r"not a regular file|is a folder|null"):
             read(Path(tmp_path, name))
 
@@ -190,7 +228,12 @@ def test_text_is_named_by_what_it_was_given_for():
 
 @pytest.mark.parametrize(
     "content",
-    [b"? " + b"0x" + b"f" * 5000 + b"\n: 1", b"a: " + b"{b: " * 200 + b"}" * 200, b'"\\ud800": 1', b"? [1]\n"],
+    [
+        b"? " + b"0x" + b"f" * 5000 + b"\n: 1",
+        b"a: " + b"{b: " * 200 + b"}" * 200,
+        b'"\\ud800": 1',
+        b"? [1]\n",
+    ],
 )
 def test_odd_yaml_is_content_or_one_short_line(content):
     try:
@@ -204,7 +247,10 @@ def test_lines_come_without_one_that_was_cut_off(tmp_path):
     path = tmp_path / "rows.jsonl"
     assert list(read_lines(path)) == []
     path.write_bytes(b"a\nb\nc")
-    assert list(read_lines(path)) == [(f"{path}, line 1", "a"), (f"{path}, line 2", "b")]
+    assert list(read_lines(path)) == [
+        (f"{path}, line 1", "a"),
+        (f"{path}, line 2", "b"),
+    ]
 
 
 @pytest.mark.parametrize(

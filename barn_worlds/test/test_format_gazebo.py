@@ -19,7 +19,14 @@ from barn_worlds.worlds.world import World
 GRIDS = npst.arrays(bool, st.tuples(st.integers(1, 12), st.integers(1, 12)))
 
 
-def model(name="m", pose="-0.225 5.325 0.5 0 0 0", radius="0.075", shape="cylinder", inside="", attribute=""):
+def model(
+    name="m",
+    pose="-0.225 5.325 0.5 0 0 0",
+    radius="0.075",
+    shape="cylinder",
+    inside="",
+    attribute="",
+):
     size = f"<{shape}><radius>{radius}</radius><length>1</length></{shape}>"
     collision = f"<collision name='c'><geometry>{size}</geometry></collision>"
     return f"<model name='{name}'><pose{attribute}>{pose}</pose><link name='l'>{collision}</link>{inside}</model>"
@@ -56,7 +63,10 @@ def test_filling_recovers_generated_worlds():
     for number, parameters in enumerate(TABLE_I):
         for k in range(20):
             grid = grow(parameters, np.random.default_rng([number, k]))
-            assert np.array_equal(fill_hollow(grid & ~geometry.hollow(grid)), grid), (number, k)
+            assert np.array_equal(fill_hollow(grid & ~geometry.hollow(grid)), grid), (
+                number,
+                k,
+            )
 
 
 def test_a_gap_whose_filling_would_hide_a_shown_cell_stays_empty():
@@ -67,13 +77,17 @@ def test_a_gap_whose_filling_would_hide_a_shown_cell_stays_empty():
 
 
 @given(
-    st.tuples(st.integers(3, 12), st.integers(2, 12)).flatmap(lambda shape: npst.arrays(bool, shape)),
+    st.tuples(st.integers(3, 12), st.integers(2, 12)).flatmap(
+        lambda shape: npst.arrays(bool, shape)
+    ),
     st.sampled_from([0.05, 0.1, 0.15, 0.5]),
     st.sampled_from(["classic", "gz"]),
     st.booleans(),
     st.booleans(),
 )
-def test_worlds_come_back_from_our_files(tmp_path_factory, grid, resolution_m, flavour, movable, packed):
+def test_worlds_come_back_from_our_files(
+    tmp_path_factory, grid, resolution_m, flavour, movable, packed
+):
     grid[[0, -1]] = True
     grid[1] = False
     path = np.stack([np.full(grid.shape[1], 1), np.arange(grid.shape[1])], axis=1)
@@ -88,23 +102,39 @@ def test_worlds_come_back_from_our_files(tmp_path_factory, grid, resolution_m, f
 def test_sdf_says_what_the_simulator_needs(small_world):
     classic = ElementTree.fromstring(sdf_text(small_world))
     assert classic.get("version") == "1.6"
-    models = [entry for entry in classic.findall("world/model") if entry.get("name") != "ground_plane"]
+    models = [
+        entry
+        for entry in classic.findall("world/model")
+        if entry.get("name") != "ground_plane"
+    ]
     assert len(models) == len(small_world.cylinders_m)
     assert {entry.findtext("static") for entry in models} == {"true"}
 
     current = ElementTree.fromstring(sdf_text(small_world, "gz", movable=True))
     assert current.get("version") == "1.9"
-    assert "gz::sim::systems::Physics" in {plugin.get("name") for plugin in current.findall("world/plugin")}
-    movable = [entry for entry in current.findall("world/model") if entry.findtext("static") == "false"]
+    assert "gz::sim::systems::Physics" in {
+        plugin.get("name") for plugin in current.findall("world/plugin")
+    }
+    movable = [
+        entry
+        for entry in current.findall("world/model")
+        if entry.findtext("static") == "false"
+    ]
     assert len(movable) == len(small_world.obstacles_m)
     assert {entry.findtext("link/inertial/mass") for entry in movable} == {"1"}
     # a solid upright cylinder of 1 kg, radius 0.075 m, height 1 m
-    assert float(movable[0].findtext("link/inertial/inertia/izz")) == pytest.approx(0.0028125)
-    assert float(movable[0].findtext("link/inertial/inertia/ixx")) == pytest.approx(0.0847396, abs=1e-6)
+    assert float(movable[0].findtext("link/inertial/inertia/izz")) == pytest.approx(
+        0.0028125
+    )
+    assert float(movable[0].findtext("link/inertial/inertia/ixx")) == pytest.approx(
+        0.0847396, abs=1e-6
+    )
     lowest = [float(entry.findtext("pose").split()[2]) - 0.5 for entry in movable]
     assert set(lowest) == {0.0}
 
-    with pytest.raises(WorldError, match="unknown flavour of SDF 'clasic'; did you mean 'classic'"):
+    with pytest.raises(
+        WorldError, match="unknown flavour of SDF 'clasic'; did you mean 'classic'"
+    ):
         sdf_text(small_world, "clasic")
 
 
@@ -115,7 +145,9 @@ def test_poses_of_model_link_and_collision_add_up():
     )
     link = f"<link name='l'><pose>0.075 0.075 0 0 0 0</pose>{collision}</link>"
     content = document(f"<model name='m'><pose>-1.5 5.1 0 0 -0 0</pose>{link}</model>")
-    assert cylinders(content, "w")[0].tolist() == [[pytest.approx(-1.425), pytest.approx(5.325)]]
+    assert cylinders(content, "w")[0].tolist() == [
+        [pytest.approx(-1.425), pytest.approx(5.325)]
+    ]
 
 
 BOMB = (
@@ -136,30 +168,59 @@ EXTERNAL = b'<!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]><sdf><world>&
         (EXTERNAL, "document types and entities are not read"),
         (b"<sdf><world/></sdf>", "no cylinders in it"),
         (b"<html><world/></html>", "no cylinders in it"),
-        (document(model(pose="1 2 3")), "model 'm': pose must be 6 finite numbers, got '1 2 3'"),
+        (
+            document(model(pose="1 2 3")),
+            "model 'm': pose must be 6 finite numbers, got '1 2 3'",
+        ),
         (document(model(pose="nan 0 0 0 0 0")), "pose must be 6 finite numbers"),
         (document(model(pose="x 0 0 0 0 0")), "pose must be 6 finite numbers"),
         (document(model(pose="1e300 0 0 0 0 0")), "pose must be 6 finite numbers"),
         (document(model(pose="-0.2 5.3 0 1.57 0 0")), "rotated poses are not read"),
-        (document(model(attribute=" relative_to='other'")), "relative to another frame"),
+        (
+            document(model(attribute=" relative_to='other'")),
+            "relative to another frame",
+        ),
         (document(model(radius="")), "radius must be 1 finite numbers, got ''"),
         (document(model(radius="-1")), "radius must be above 0"),
-        (document(model(radius="0.001")), "radius of cylinders must be from 0.005 to 5 m, got 0.001"),
-        (document(model(shape="box")), "shapes other than one cylinder are not read, got box"),
+        (
+            document(model(radius="0.001")),
+            "radius of cylinders must be from 0.005 to 5 m, got 0.001",
+        ),
+        (
+            document(model(shape="box")),
+            "shapes other than one cylinder are not read, got box",
+        ),
         (document(model(inside=model())), "models within models"),
-        (document("<include><uri>model://house</uri></include>"), "included model 'model://house' is not known"),
+        (
+            document("<include><uri>model://house</uri></include>"),
+            "included model 'model://house' is not known",
+        ),
         (document("<actor name='a'/>"), "<actor> cannot be part"),
-        (document(model(), model(radius="0.08")), "must have one radius, got 0.075 m and 0.08 m"),
-        (document(model(pose="-0.2 5.325 0 0 0 0")), r"cylinder at \[-0.2, 5.325\] m is not on the grid of 0.15 m"),
-        (document(model(), model(pose="0.075 5.325 0 0 0 0")), r"\[0.075, 5.325\] m is not on the grid"),
+        (
+            document(model(), model(radius="0.08")),
+            "must have one radius, got 0.075 m and 0.08 m",
+        ),
+        (
+            document(model(pose="-0.2 5.325 0 0 0 0")),
+            r"cylinder at \[-0.2, 5.325\] m is not on the grid of 0.15 m",
+        ),
+        (
+            document(model(), model(pose="0.075 5.325 0 0 0 0")),
+            r"\[0.075, 5.325\] m is not on the grid",
+        ),
         (document(model(pose="-0.225 5.4 0 0 0 0")), "is not on the grid"),
         (document(model(pose="-99999 5.325 0 0 0 0")), "is too far out"),
         (document(model(), model(pose="-0.225 99999 0 0 0 0")), "is too far out"),
         (
-            document(model(pose="-0.375 5.325 0 0 0 0"), model(pose="-0.225 3.075 0 0 0 0")),
+            document(
+                model(pose="-0.375 5.325 0 0 0 0"), model(pose="-0.225 3.075 0 0 0 0")
+            ),
             r"stands at \[-0.225, 3.075\] m, in front of the field",
         ),
-        (document(model(), model(pose="-0.075 0.075 0 0 0 0")), "of the containment is missing at"),
+        (
+            document(model(), model(pose="-0.075 0.075 0 0 0 0")),
+            "of the containment is missing at",
+        ),
     ],
 )
 def test_malformed_files_are_refused_in_one_line(content, message, refused):

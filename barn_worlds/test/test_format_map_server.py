@@ -34,7 +34,11 @@ def test_thresholds_are_honoured(tmp_path):
 
 
 @given(
-    npst.arrays(np.int8, st.tuples(st.integers(1, 9), st.integers(1, 9)), elements=st.sampled_from([-1, 0, 100])),
+    npst.arrays(
+        np.int8,
+        st.tuples(st.integers(1, 9), st.integers(1, 9)),
+        elements=st.sampled_from([-1, 0, 100]),
+    ),
     st.sampled_from([0.05, 0.15, 1.0]),
     st.floats(-1000, 1000),
 )
@@ -53,7 +57,9 @@ def test_other_images_are_read_alike(tmp_path, kind):
     if kind == "plain pgm":
         (tmp_path / "m.pgm").write_text("P2\n3 2\n255\n0 89 90 191 192 255\n")
     elif kind == "1-bit":
-        grey.point(lambda v: 255 * (v > 128)).convert("1").save(tmp_path / "m.pgm", "PNG")
+        grey.point(lambda v: 255 * (v > 128)).convert("1").save(
+            tmp_path / "m.pgm", "PNG"
+        )
         expected = np.array([[0, 0, 0], [100, 100, 100]])
     else:
         (grey.convert("RGB") if kind == "ppm" else grey).save(tmp_path / "m.pgm", kind)
@@ -70,9 +76,15 @@ def test_worlds_come_back_from_their_maps(historical, grid):
 
 
 def test_original_maps_give_the_original_grids(original_folder):
-    worlds, maps = open_dataset(original_folder), open_dataset(original_folder / "map_files")
+    worlds, maps = (
+        open_dataset(original_folder),
+        open_dataset(original_folder / "map_files"),
+    )
     assert maps.indices == worlds.indices
-    assert all(maps.load(index).checksum == worlds.load(index).checksum for index in maps.indices)
+    assert all(
+        maps.load(index).checksum == worlds.load(index).checksum
+        for index in maps.indices
+    )
 
 
 def test_any_other_map_is_taken_as_it_is_in_its_place(tmp_path):
@@ -92,17 +104,41 @@ def test_any_other_map_is_taken_as_it_is_in_its_place(tmp_path):
         (("image: m.pgm", "image: ..."), "is a folder|cannot be read"),
         (("image: m.pgm", "image: [m]"), "image must be text"),
         (("image: m.pgm\n", ""), "missing key 'image'"),
-        (("resolution: 0.1", "resolution: 0"), "resolution must be from 0.005 to 10 m, got 0"),
-        (("resolution: 0.1", "resolution: .nan"), "resolution must be from 0.005 to 10 m, got nan"),
-        (("resolution: 0.1", "resolution: fine"), "resolution must be a number, got 'fine'"),
+        (
+            ("resolution: 0.1", "resolution: 0"),
+            "resolution must be from 0.005 to 10 m, got 0",
+        ),
+        (
+            ("resolution: 0.1", "resolution: .nan"),
+            "resolution must be from 0.005 to 10 m, got nan",
+        ),
+        (
+            ("resolution: 0.1", "resolution: fine"),
+            "resolution must be a number, got 'fine'",
+        ),
         (("[1.0, -2.0, 0.0]", "[1.0, -2.0]"), "origin"),
-        (("[1.0, -2.0, 0.0]", "[1.0, .inf, 0.0]"), r"origin must be from -1e\+06 to 1e\+06, got inf"),
-        (("[1.0, -2.0, 0.0]", "[1.0, " + "9" * 400 + ", 0]"), "origin.* must be a number"),
+        (
+            ("[1.0, -2.0, 0.0]", "[1.0, .inf, 0.0]"),
+            r"origin must be from -1e\+06 to 1e\+06, got inf",
+        ),
+        (
+            ("[1.0, -2.0, 0.0]", "[1.0, " + "9" * 400 + ", 0]"),
+            "origin.* must be a number",
+        ),
         (("[1.0, -2.0, 0.0]", "[1.0, 2.0, 0.5]"), "origin must have a yaw of 0"),
         (("negate: 0", "negate: 2"), "negate must be from 0 to 1, got 2"),
-        (("free_thresh: 0.25", "free_thresh: 0.7"), "free_thresh must be at most occupied_thresh"),
-        (("negate: 0", "negate: 0\nmode: scale"), "mode must be one of trinary, got 'scale'"),
-        (("negate: 0", "negate: 0\nmode: &a [b]\nmore: *a"), r"not YAML: aliases \(\*name\) are not allowed"),
+        (
+            ("free_thresh: 0.25", "free_thresh: 0.7"),
+            "free_thresh must be at most occupied_thresh",
+        ),
+        (
+            ("negate: 0", "negate: 0\nmode: scale"),
+            "mode must be one of trinary, got 'scale'",
+        ),
+        (
+            ("negate: 0", "negate: 0\nmode: &a [b]\nmore: *a"),
+            r"not YAML: aliases \(\*name\) are not allowed",
+        ),
         ((YAML, "a: [1"), "not YAML"),
         ((YAML, "a: " + "x" * 70_000), "more than the allowed 65536 bytes"),
     ],

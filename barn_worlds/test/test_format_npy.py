@@ -28,9 +28,16 @@ def described(shape, descr="'<i8'"):
     return header(f"{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}}}\n")
 
 
-@given(npst.arrays(st.sampled_from([np.int64, np.uint8, np.float64, np.bool_]), npst.array_shapes(max_side=5)))
+@given(
+    npst.arrays(
+        st.sampled_from([np.int64, np.uint8, np.float64, np.bool_]),
+        npst.array_shapes(max_side=5),
+    )
+)
 def test_arrays_come_back(array):
-    assert np.array_equal(parse_npy(to_npy(array), "x"), array, equal_nan=array.dtype == np.float64)
+    assert np.array_equal(
+        parse_npy(to_npy(array), "x"), array, equal_nan=array.dtype == np.float64
+    )
 
 
 @pytest.mark.parametrize(
@@ -41,7 +48,10 @@ def test_arrays_come_back(array):
         (b"\x93NUMPY\x09\x00" + bytes(100), "not a .npy file"),
         (b"PK\x03\x04 something", "not a .npy file"),
         (pickled(), "Object arrays cannot be loaded"),
-        (described("(3,)", "'<U5'") + bytes(60), "must hold numbers, got values of type <U5"),
+        (
+            described("(3,)", "'<U5'") + bytes(60),
+            "must hold numbers, got values of type <U5",
+        ),
         (described("(3,)", "[('a', '<i8')]") + bytes(24), "must hold numbers"),
         (described("(30, 30)") + bytes(10), "not a .npy file of numbers"),
         (described(f"({10**9}, {10**9})") + bytes(100), "not a .npy file"),
@@ -50,7 +60,13 @@ def test_arrays_come_back(array):
         (described("(" + "1, " * 100 + ")") + bytes(8), "not a .npy file"),
         (header("{'descr': '<i8'" + " " * 60_000), "not a .npy file"),
         (header("[" * 9000), "not a .npy file"),
-        (header("{'descr': '<i8', 'fortran_order': False, 'shape': (1,)}" + " " * 10**6, (2, 0)), "not a .npy file"),
+        (
+            header(
+                "{'descr': '<i8', 'fortran_order': False, 'shape': (1,)}" + " " * 10**6,
+                (2, 0),
+            ),
+            "not a .npy file",
+        ),
     ],
 )
 def test_malformed_arrays_are_refused_at_once(content, message, refused):
@@ -65,8 +81,17 @@ def worlds(draw):
     row = draw(st.integers(0, rows - 1))
     grid[row] = False
     path = np.stack([np.full(cols, row), np.arange(cols)], axis=1)
-    about = Provenance("generated", parameters={"initial_fill": draw(st.floats(0, 1))}, seed=(1, 2, 3))
-    return World("w", grid, path, draw(st.sampled_from([0.05, 0.15])), draw(st.sampled_from([1, 5])), about)
+    about = Provenance(
+        "generated", parameters={"initial_fill": draw(st.floats(0, 1))}, seed=(1, 2, 3)
+    )
+    return World(
+        "w",
+        grid,
+        path,
+        draw(st.sampled_from([0.05, 0.15])),
+        draw(st.sampled_from([1, 5])),
+        about,
+    )
 
 
 @given(st.dictionaries(st.integers(0, 1000), worlds(), min_size=1, max_size=5))
@@ -102,17 +127,28 @@ def own_file(tmp_path, small_world):
         ({"grid.npy": to_npy(np.zeros(3))}, "world 3 is damaged: "),
         ({"grid.npy": to_npy(np.zeros(3, np.uint8))}, "world 3 is damaged: "),
         ({"path.npy": to_npy(np.zeros((3, 3), int))}, "world 3 is damaged: "),
-        ({"shape.npy": to_npy(np.array([[10**6, 10**6]]))}, "world 3 is damaged: sides must be 1 to 2000 cells"),
-        ({"shape.npy": to_npy(np.array([[-9, -12]]))}, "world 3 is damaged: sides must be 1 to 2000 cells"),
+        (
+            {"shape.npy": to_npy(np.array([[10**6, 10**6]]))},
+            "world 3 is damaged: sides must be 1 to 2000 cells",
+        ),
+        (
+            {"shape.npy": to_npy(np.array([[-9, -12]]))},
+            "world 3 is damaged: sides must be 1 to 2000 cells",
+        ),
         ({"path_cells.npy": to_npy(np.array([3]))}, "world 3 is damaged: its checksum"),
         ({"index.npy": to_npy(np.array([1, 2]))}, "numbers of worlds do not match"),
-        ({"index.npy": to_npy(np.array([-1]))}, "numbers of worlds must be from 0, each once"),
+        (
+            {"index.npy": to_npy(np.array([-1]))},
+            "numbers of worlds must be from 0, each once",
+        ),
         ({"manifest.json": b"{"}, "manifest.json: not JSON"),
         ({"manifest.json": b"[]"}, "schema version must be 1 or 2, got None"),
         ({"manifest.json": b'{"schema": 3}'}, "schema version must be 1 or 2, got 3"),
         ({"manifest.json": b'{"schema": 1}'}, "numbers of worlds do not match"),
         (
-            {"manifest.json": b'{"schema": 1, "name": "set", "worlds": [{}], "robot": ["husky"]}'},
+            {
+                "manifest.json": b'{"schema": 1, "name": "set", "worlds": [{}], "robot": ["husky"]}'
+            },
             "its manifest lacks a name, or has a robot without one",
         ),
     ],
@@ -124,7 +160,9 @@ def test_malformed_own_files_are_refused(own_file, change, message, refused):
 
 
 def test_a_zip_bomb_is_refused_before_it_is_unpacked(own_file, monkeypatch):
-    monkeypatch.setattr("barn_worlds.formats.own.FORMAT", replace(own.FORMAT, largest=1_000_000))
+    monkeypatch.setattr(
+        "barn_worlds.formats.own.FORMAT", replace(own.FORMAT, largest=1_000_000)
+    )
     repack(own_file, {"grid.npy": bytes(1_000_000)})
     monkeypatch.setattr(zipfile.ZipFile, "read", lambda *_: pytest.fail("unpacked"))
     with pytest.raises(WorldError, match="unpacks to more than the allowed"):

@@ -56,15 +56,22 @@ def test_generated_worlds_can_be_passed(seed, parameters):
     assert world.grid[[0, -1]].all()
     assert not world.cspace[world.path[:, 0], world.path[:, 1]].any()
     assert (world.start_cell[1], world.goal_cell[1]) == (0, parameters.cols - 1)
-    assert (world.resolution_m, world.footprint_cells) == (parameters.resolution_m, parameters.footprint_cells)
+    assert (world.resolution_m, world.footprint_cells) == (
+        parameters.resolution_m,
+        parameters.footprint_cells,
+    )
     again = generate_world(parameters, np.random.default_rng(seed))
     assert again.checksum == world.checksum
 
 
 def test_a_world_does_not_depend_on_how_many_others_there_are():
     few = generate_dataset(SMALL)
-    many = generate_dataset(dataclasses.replace(SMALL, worlds_per_set=4, sets=TABLE_I[:5]))
-    assert [world.checksum for world in few] == [many[4 * s + k].checksum for s in range(4) for k in range(2)]
+    many = generate_dataset(
+        dataclasses.replace(SMALL, worlds_per_set=4, sets=TABLE_I[:5])
+    )
+    assert [world.checksum for world in few] == [
+        many[4 * s + k].checksum for s in range(4) for k in range(2)
+    ]
     other = generate_dataset(dataclasses.replace(SMALL, seed=4))
     assert not {world.checksum for world in few} & {world.checksum for world in other}
     assert few[3].provenance.seed == (3, 1, 1)
@@ -78,7 +85,9 @@ def test_progress_is_reported_after_each_world():
 
 def test_a_world_nobody_can_pass_ends_with_an_error():
     parameters = WorldParameters(initial_fill=1.0, attempts=5)
-    with pytest.raises(WorldError, match="no passable world in 5 attempts with initial_fill 1"):
+    with pytest.raises(
+        WorldError, match="no passable world in 5 attempts with initial_fill 1"
+    ):
         generate_world(parameters, np.random.default_rng(0))
 
 
@@ -86,7 +95,10 @@ def test_a_world_nobody_can_pass_ends_with_an_error():
     ("change", "message"),
     [
         ({"footprint_cells": 4}, "footprint_cells must be odd, got 4"),
-        ({"clear_threshold": 5}, r"clear_threshold must be below fill_threshold \(5\), got 5"),
+        (
+            {"clear_threshold": 5},
+            r"clear_threshold must be below fill_threshold \(5\), got 5",
+        ),
     ],
 )
 def test_parameters_that_are_not_allowed(change, message):
@@ -98,17 +110,26 @@ def test_worlds_can_be_numbered_by_any_score(tmp_path):
     worlds = generate_dataset(SMALL)
     scores = tuple(float(k % 3) for k in range(8))
     numbered = reordered(worlds, Order("a test", scores))
-    assert [numbered[k].checksum for k in range(8)] == [worlds[i].checksum for i in (0, 3, 6, 1, 4, 7, 2, 5)]
+    assert [numbered[k].checksum for k in range(8)] == [
+        worlds[i].checksum for i in (0, 3, 6, 1, 4, 7, 2, 5)
+    ]
     assert [numbered[k].name for k in range(2)] == ["world_0", "world_1"]
     with pytest.raises(WorldError, match="one finite score for each of 8 worlds"):
         reordered(worlds, Order("a test", scores[1:]))
     with pytest.raises(WorldError, match="one finite score for each of 8 worlds"):
         reordered(worlds, Order("a test", (*scores[1:], float("nan"))))
 
-    write_ordered(tmp_path / "small.npz", "small", worlds, Order("a test", scores), {"seed": 3})
+    write_ordered(
+        tmp_path / "small.npz", "small", worlds, Order("a test", scores), {"seed": 3}
+    )
     dataset = open_dataset(tmp_path / "small.npz")
-    assert [dataset.load(k).checksum for k in range(8)] == [numbered[k].checksum for k in range(8)]
-    assert dataset.manifest["order"] == {"by": "a test", "scores": sorted(scores)} and dataset.manifest["seed"] == 3
+    assert [dataset.load(k).checksum for k in range(8)] == [
+        numbered[k].checksum for k in range(8)
+    ]
+    assert (
+        dataset.manifest["order"] == {"by": "a test", "scores": sorted(scores)}
+        and dataset.manifest["seed"] == 3
+    )
 
 
 def test_narrowness_is_the_mean_distance_to_the_c_space(small_world):
@@ -122,16 +143,22 @@ def test_the_shipped_data_set_is_what_its_command_makes(tmp_path):
     assert there.indices == tuple(range(300))
     if there.manifest["order"]["by"] == made.manifest["order"]["by"]:
         assert made.checksum == there.checksum
-    assert {made.load(k).checksum for k in made.indices} == {there.load(k).checksum for k in there.indices}
+    assert {made.load(k).checksum for k in made.indices} == {
+        there.load(k).checksum for k in there.indices
+    }
 
 
 def test_the_shipped_manifest_says_what_is_inside():
     dataset, file = open_dataset("barn300"), shipped()["barn300"]
-    assert json.loads(file.with_suffix(".manifest.json").read_text()) == dataset.manifest
+    assert (
+        json.loads(file.with_suffix(".manifest.json").read_text()) == dataset.manifest
+    )
     assert dataset.manifest["schema"] == 1
     assert dataset.manifest["seed"] == DatasetParameters().seed
     assert len({entry["sha256"] for entry in dataset.manifest["worlds"]}) == 300
-    per_set = np.bincount([entry["parameter_set"] for entry in dataset.manifest["worlds"]])
+    per_set = np.bincount(
+        [entry["parameter_set"] for entry in dataset.manifest["worlds"]]
+    )
     assert per_set.tolist() == [25] * 12
     scores = dataset.manifest["order"]["scores"]
     assert len(scores) == 300
@@ -142,15 +169,24 @@ GRIDS = npst.arrays(bool, st.tuples(st.integers(1, 12), st.integers(1, 12)))
 
 
 def plain_smooth(grid, fill_threshold, clear_threshold):
-    walled = np.pad(np.pad(grid, ((0, 0), (1, 1))), ((1, 1), (0, 0)), constant_values=True)
-    count = ndimage.convolve(walled.astype(int), [[1, 1, 1], [1, 0, 1], [1, 1, 1]])[1:-1, 1:-1]
-    return np.where(count >= fill_threshold, True, np.where(count <= clear_threshold, False, grid))
+    walled = np.pad(
+        np.pad(grid, ((0, 0), (1, 1))), ((1, 1), (0, 0)), constant_values=True
+    )
+    count = ndimage.convolve(walled.astype(int), [[1, 1, 1], [1, 0, 1], [1, 1, 1]])[
+        1:-1, 1:-1
+    ]
+    return np.where(
+        count >= fill_threshold, True, np.where(count <= clear_threshold, False, grid)
+    )
 
 
 @given(GRIDS, st.integers(0, 9), st.integers(-1, 8))
 def test_smoothing_equals_the_plain_rule(grid, fill, clear):
     before = grid.copy()
-    assert np.array_equal(smooth(grid, fill, min(clear, fill - 1)), plain_smooth(grid, fill, min(clear, fill - 1)))
+    assert np.array_equal(
+        smooth(grid, fill, min(clear, fill - 1)),
+        plain_smooth(grid, fill, min(clear, fill - 1)),
+    )
     assert np.array_equal(grid, before)
 
 

@@ -26,7 +26,10 @@ def arenas(request):
 def test_arenas_have_as_many_obstacles_as_their_class_and_no_motion_twice(arenas):
     parameters, worlds = arenas
     counts = [len(world.moving) for world in worlds]
-    assert parameters.obstacles_min <= min(counts) and max(counts) <= parameters.obstacles_max
+    assert (
+        parameters.obstacles_min <= min(counts)
+        and max(counts) <= parameters.obstacles_max
+    )
     assert len(set(counts)) > 2
     for world in worlds:
         assert len({one.motion for one in world.moving}) == len(world.moving)
@@ -36,24 +39,39 @@ def test_motions_go_from_border_to_border_of_the_arena_at_speeds_of_the_grid(are
     parameters, worlds = arenas
     for one in {one for world in worlds for one in world.moving}:
         keys = np.array(one.motion.keys)
-        assert np.abs(keys[:, 1:]).max() <= 10.0 and keys[0, 0] == 0.0 and keys[-1, 0] == one.motion.period_s
-        lengths, durations = np.hypot(*np.diff(keys[:, 1:], axis=0).T), np.diff(keys[:, 0])
+        assert (
+            np.abs(keys[:, 1:]).max() <= 10.0
+            and keys[0, 0] == 0.0
+            and keys[-1, 0] == one.motion.period_s
+        )
+        lengths, durations = (
+            np.hypot(*np.diff(keys[:, 1:], axis=0).T),
+            np.diff(keys[:, 0]),
+        )
         grid = np.round(lengths / durations / 0.1) * 0.1
-        assert (np.abs(lengths - grid * durations) < 0.02 + 0.01 * grid)[durations > 0.2].all()  # keys are rounded
+        assert (np.abs(lengths - grid * durations) < 0.02 + 0.01 * grid)[
+            durations > 0.2
+        ].all()  # keys are rounded
         mean = lengths.sum() / durations.sum()
         assert parameters.speed_min_mps - 0.2 <= mean <= parameters.speed_max_mps + 0.2
 
 
 def test_motions_go_both_ways(arenas):
     _, worlds = arenas
-    ways = [one.motion.keys[-1][1] > one.motion.keys[0][1] for world in worlds for one in world.moving]
+    ways = [
+        one.motion.keys[-1][1] > one.motion.keys[0][1]
+        for world in worlds
+        for one in world.moving
+    ]
     assert 0.2 < np.mean(ways) < 0.8
 
 
 def test_a_world_depends_on_its_seed_and_number_alone(arenas):
     parameters, worlds = arenas
     again = generate_arenas(parameters, 4, seed=3)
-    assert [world.checksum for world in again] == [world.checksum for world in worlds[:4]]
+    assert [world.checksum for world in again] == [
+        world.checksum for world in worlds[:4]
+    ]
     assert generate_arenas(parameters, 1, seed=4)[0].checksum != worlds[0].checksum
     assert worlds[2].provenance.parameters["difficulty"] == parameters.difficulty
     assert worlds[2].provenance.seed == (3, 1, 2)
@@ -62,14 +80,30 @@ def test_a_world_depends_on_its_seed_and_number_alone(arenas):
 def test_motion_is_added_to_the_field_of_a_static_world():
     world = open_dataset("barn300").load(100)
     made = with_motion(world, class_named("easy"), seed=1, obstacles=4)
-    assert len(made.moving) == 4 and np.array_equal(made.grid, world.grid) and np.array_equal(made.path, world.path)
+    assert (
+        len(made.moving) == 4
+        and np.array_equal(made.grid, world.grid)
+        and np.array_equal(made.path, world.path)
+    )
     positions, _ = made.tracks.over(np.linspace(0.0, 60.0, 600))
     left, _, right, above = world.bounds_m
     beyond_m = 0.5  # a spline swings out between keys
-    assert positions[..., 0].min() > left - beyond_m and positions[..., 0].max() < right + beyond_m
-    assert positions[..., 1].min() > 5.1 - beyond_m and positions[..., 1].max() < above + beyond_m
-    assert with_motion(world, class_named("easy"), seed=1, obstacles=4).checksum == made.checksum
-    assert with_motion(world, class_named("easy"), seed=2, obstacles=4).checksum != made.checksum
+    assert (
+        positions[..., 0].min() > left - beyond_m
+        and positions[..., 0].max() < right + beyond_m
+    )
+    assert (
+        positions[..., 1].min() > 5.1 - beyond_m
+        and positions[..., 1].max() < above + beyond_m
+    )
+    assert (
+        with_motion(world, class_named("easy"), seed=1, obstacles=4).checksum
+        == made.checksum
+    )
+    assert (
+        with_motion(world, class_named("easy"), seed=2, obstacles=4).checksum
+        != made.checksum
+    )
 
 
 def test_crossings_go_to_and_fro_over_the_path_without_a_jump():
@@ -82,7 +116,9 @@ def test_crossings_go_to_and_fro_over_the_path_without_a_jump():
     assert np.allclose(positions[..., 0].min(axis=0), -4.5, atol=0.02)
     assert np.allclose(positions[..., 0].max(axis=0), 0.0, atol=0.02)
     on_path = world.path_m()[:, 1]
-    assert all(np.abs(on_path - one.motion.keys[0][2]).min() < 1e-9 for one in made.moving)
+    assert all(
+        np.abs(on_path - one.motion.keys[0][2]).min() < 1e-9 for one in made.moving
+    )
 
 
 def test_crossings_of_an_arena_are_square_to_its_drive():
@@ -92,7 +128,9 @@ def test_crossings_of_an_arena_are_square_to_its_drive():
         (_, x0, y0), (_, x1, y1), _ = one.motion.keys
         assert x0 == x1 and {y0, y1} == {-10.0, 10.0}
         speed = 20.0 / one.motion.keys[1][0]
-        assert 0.5 - 1e-9 <= speed <= 0.9 + 1e-9 and math.isclose(speed, round(speed, 1), abs_tol=1e-9)
+        assert 0.5 - 1e-9 <= speed <= 0.9 + 1e-9 and math.isclose(
+            speed, round(speed, 1), abs_tol=1e-9
+        )
 
 
 @pytest.mark.parametrize(
@@ -100,7 +138,10 @@ def test_crossings_of_an_arena_are_square_to_its_drive():
     [
         ({"obstacles_min": 20}, "obstacles_min must be at most obstacles_max, got 20"),
         ({"order_min": 3}, "order_min must be at most order_max, got 3"),
-        ({"speed_min_mps": 2.0}, "speed_min_mps must be at most speed_max_mps, got 2.0"),
+        (
+            {"speed_min_mps": 2.0},
+            "speed_min_mps must be at most speed_max_mps, got 2.0",
+        ),
         ({"profiles": 10}, "obstacles_max must be at most profiles = 10, got 14"),
     ],
 )
@@ -110,5 +151,7 @@ def test_wrong_parameters_are_one_clear_line(changes, message, refused):
 
 
 def test_an_unknown_class_is_named_with_the_near_one():
-    with pytest.raises(ConfigError, match="unknown class 'medum'; did you mean 'medium'"):
+    with pytest.raises(
+        ConfigError, match="unknown class 'medum'; did you mean 'medium'"
+    ):
         class_named("medum")

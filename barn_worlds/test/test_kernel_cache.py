@@ -43,10 +43,16 @@ def test_all_kernels_are_compiled_anew_once_one_has_changed(package):
 def read_only(monkeypatch, *folders):
     denied = tuple(map(str, folders))
     able = os.access
-    monkeypatch.setattr(os, "access", lambda path, mode: not str(path).startswith(denied) and able(path, mode))
+    monkeypatch.setattr(
+        os,
+        "access",
+        lambda path, mode: not str(path).startswith(denied) and able(path, mode),
+    )
 
 
-def test_where_the_package_cannot_be_written_kernels_go_to_the_users_cache(package, tmp_path, monkeypatch, capsys):
+def test_where_the_package_cannot_be_written_kernels_go_to_the_users_cache(
+    package, tmp_path, monkeypatch, capsys
+):
     read_only(monkeypatch, package)
     kernel_cache.prepare(package)
     assert os.environ["NUMBA_CACHE_DIR"].startswith(str(tmp_path / "cache" / "barn"))
@@ -62,7 +68,9 @@ def test_where_home_cannot_be_written_either_they_go_to_a_private_temporary_fold
     folder = os.environ["NUMBA_CACHE_DIR"]
     assert folder.startswith(str(tmp_path / "barn_kernels_"))
     assert Path(folder).stat().st_mode & 0o077 == 0
-    assert capsys.readouterr().err.startswith(f"compiled kernels go to {folder}: neither ")
+    assert capsys.readouterr().err.startswith(
+        f"compiled kernels go to {folder}: neither "
+    )
     kernel_cache.prepare(package)  # what it has found stands, and is said once
     assert capsys.readouterr().err == ""
 
@@ -74,4 +82,7 @@ def test_a_folder_that_others_can_write_to_is_not_used(package, tmp_path, monkey
     (tmp_path / f"barn_kernels_{os.getuid()}").chmod(0o777)
     kernel_cache.prepare(package)
     used = Path(os.environ["NUMBA_CACHE_DIR"])
-    assert used.parts[: len(tmp_path.parts) + 1] != (tmp_path / f"barn_kernels_{os.getuid()}").parts
+    assert (
+        used.parts[: len(tmp_path.parts) + 1]
+        != (tmp_path / f"barn_kernels_{os.getuid()}").parts
+    )

@@ -12,7 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barn_worlds.base.errors import MessageError
-from barn_worlds.base.types import OccupancyMap, Odometry, Pose2D, Scan, Velocity2D, yaw_from_quaternion
+from barn_worlds.base.types import (
+    OccupancyMap,
+    Odometry,
+    Pose2D,
+    Scan,
+    Velocity2D,
+    yaw_from_quaternion,
+)
 from barn_worlds.messages import decode, encode
 from barn_worlds.messages.cdr import deserialise, make, serialise
 from barn_worlds.messages.encode import header
@@ -24,7 +31,9 @@ poses = st.builds(Pose2D, metres, metres, st.floats(-math.pi, math.pi))
 velocities = st.builds(Velocity2D, metres, metres)
 
 POSE = Pose2D(-2.25, 3.1, 1.57)
-SCAN = Scan(5, np.array([1.5, np.inf, -np.inf, np.nan], np.float32), -1.0, 0.5, 0.125, 30.0)
+SCAN = Scan(
+    5, np.array([1.5, np.inf, -np.inf, np.nan], np.float32), -1.0, 0.5, 0.125, 30.0
+)
 GRID = OccupancyMap(np.arange(6, dtype=np.int8).reshape(2, 3), 0.25, -4.5, 0.0)
 # One message of every type that is decoded, by the name of its type.
 SAMPLES = {
@@ -32,27 +41,49 @@ SAMPLES = {
     "std_msgs/msg/Bool": (decode.boolean, encode.encode_bool(True)),
     "std_msgs/msg/Float64": (decode.number, encode.encode_number(0.5)),
     "std_msgs/msg/String": (decode.text, encode.encode_text("running")),
-    "geometry_msgs/msg/Twist": (decode.twist, encode.encode_twist(Velocity2D(0.4, -1.1))),
+    "geometry_msgs/msg/Twist": (
+        decode.twist,
+        encode.encode_twist(Velocity2D(0.4, -1.1)),
+    ),
     "geometry_msgs/msg/TwistStamped": (
         decode.twist_stamped,
         encode.TwistStampedEncoder("base_link").encode(Velocity2D(0.4, -1.1), 7),
     ),
-    "geometry_msgs/msg/PoseStamped": (decode.pose, encode.PoseStampedEncoder("map").encode(POSE, 7)),
+    "geometry_msgs/msg/PoseStamped": (
+        decode.pose,
+        encode.PoseStampedEncoder("map").encode(POSE, 7),
+    ),
     "geometry_msgs/msg/PoseWithCovarianceStamped": (
         decode.pose_with_covariance,
         encode.PoseWithCovarianceEncoder("map").encode(POSE, 7),
     ),
     "nav_msgs/msg/Odometry": (
         decode.odometry,
-        encode.OdometryEncoder("odom", "base_link").encode(Odometry(7, POSE, Velocity2D(0.4, -1.1)), 7),
+        encode.OdometryEncoder("odom", "base_link").encode(
+            Odometry(7, POSE, Velocity2D(0.4, -1.1)), 7
+        ),
     ),
-    "sensor_msgs/msg/LaserScan": (decode.scan, encode.ScanEncoder(SCAN, "lidar_link", 0.05).encode(SCAN, 5)),
-    "nav_msgs/msg/OccupancyGrid": (decode.occupancy_map, encode.encode_map(GRID, 7, "map")),
-    "nav_msgs/msg/Path": (decode.path, encode.PathEncoder("odom").encode(np.array([[0.0, 1.0], [2.0, 3.0]]), 7)),
-    "tf2_msgs/msg/TFMessage": (decode.transforms, encode.TransformEncoder([("map", "odom")]).encode([POSE], 7)),
+    "sensor_msgs/msg/LaserScan": (
+        decode.scan,
+        encode.ScanEncoder(SCAN, "lidar_link", 0.05).encode(SCAN, 5),
+    ),
+    "nav_msgs/msg/OccupancyGrid": (
+        decode.occupancy_map,
+        encode.encode_map(GRID, 7, "map"),
+    ),
+    "nav_msgs/msg/Path": (
+        decode.path,
+        encode.PathEncoder("odom").encode(np.array([[0.0, 1.0], [2.0, 3.0]]), 7),
+    ),
+    "tf2_msgs/msg/TFMessage": (
+        decode.transforms,
+        encode.TransformEncoder([("map", "odom")]).encode([POSE], 7),
+    ),
     "diagnostic_msgs/msg/DiagnosticArray": (
         decode.diagnostics,
-        encode.encode_diagnostics(7, encode.FINE, "planner", "running", {"status": "running"}),
+        encode.encode_diagnostics(
+            7, encode.FINE, "planner", "running", {"status": "running"}
+        ),
     ),
 }
 
@@ -68,12 +99,16 @@ def content(value):
 
 @given(stamps, frames, frames, poses, velocities)
 def test_odometry_of_whatever_frames(stamp_ns, frame, child, pose, velocity):
-    data = encode.OdometryEncoder(frame, child).encode(Odometry(stamp_ns, pose, velocity), stamp_ns)
+    data = encode.OdometryEncoder(frame, child).encode(
+        Odometry(stamp_ns, pose, velocity), stamp_ns
+    )
     message = deserialise(data, "nav_msgs/msg/Odometry")
     message.pose.covariance = message.twist.covariance = np.arange(36.0)
     message.twist.twist.linear.y = 5.0
     for sent in (data, serialise(message)):
-        assert decode.odometry(sent) == Odometry(stamp_ns, pose.through_quaternion(), velocity)
+        assert decode.odometry(sent) == Odometry(
+            stamp_ns, pose.through_quaternion(), velocity
+        )
         assert decode.header(sent) == (stamp_ns, frame)
     assert decode.clock(encode.encode_clock(stamp_ns)) == stamp_ns
 
@@ -82,7 +117,10 @@ def test_odometry_of_whatever_frames(stamp_ns, frame, child, pose, velocity):
 def test_poses_of_robots_that_stand_or_are_tilted(stamp_ns, frame, pose, turn):
     for decoder, encoder in (
         (decode.pose, encode.PoseStampedEncoder(frame)),
-        (decode.pose_with_covariance, encode.PoseWithCovarianceEncoder(frame, (1.0, 2.0, 3.0))),
+        (
+            decode.pose_with_covariance,
+            encode.PoseWithCovarianceEncoder(frame, (1.0, 2.0, 3.0)),
+        ),
     ):
         data = encoder.encode(pose, stamp_ns)
         assert decoder(data) == pose.through_quaternion()
@@ -98,30 +136,53 @@ def test_poses_of_robots_that_stand_or_are_tilted(stamp_ns, frame, pose, turn):
 def test_either_kind_of_command_is_read(frame, velocity):
     for type_name, data in (
         ("geometry_msgs/msg/Twist", encode.encode_twist(velocity)),
-        ("geometry_msgs/msg/TwistStamped", encode.TwistStampedEncoder(frame).encode(velocity, 7)),
+        (
+            "geometry_msgs/msg/TwistStamped",
+            encode.TwistStampedEncoder(frame).encode(velocity, 7),
+        ),
     ):
         message = deserialise(data, type_name)
-        getattr(message, "twist", message).linear.y = getattr(message, "twist", message).angular.x = 9.0
-        assert decode.command(data, type_name) == decode.command(serialise(message), type_name) == velocity
+        getattr(message, "twist", message).linear.y = getattr(
+            message, "twist", message
+        ).angular.x = 9.0
+        assert (
+            decode.command(data, type_name)
+            == decode.command(serialise(message), type_name)
+            == velocity
+        )
         assert not decode.command(data[:9], type_name).is_finite()
 
 
-@given(stamps, frames, st.lists(st.floats(width=32), max_size=30), st.lists(st.floats(0.0, 9.0, width=32), max_size=3))
+@given(
+    stamps,
+    frames,
+    st.lists(st.floats(width=32), max_size=30),
+    st.lists(st.floats(0.0, 9.0, width=32), max_size=3),
+)
 def test_scans_keep_every_bit(stamp_ns, frame, values, intensities):
     sent = Scan(stamp_ns, np.array(values, np.float32), -1.0, 0.5, 0.125, 30.0)
-    message = deserialise(encode.ScanEncoder(sent, frame, 0.05).encode(sent, stamp_ns), "sensor_msgs/msg/LaserScan")
+    message = deserialise(
+        encode.ScanEncoder(sent, frame, 0.05).encode(sent, stamp_ns),
+        "sensor_msgs/msg/LaserScan",
+    )
     message.intensities = np.array(intensities, np.float32)
     data = serialise(message)
     found = decode.scan(data)
     assert content(found) == content(sent)
-    assert found.ranges.flags.writeable and found.ranges.flags.aligned and found.ranges.dtype.isnative
+    assert (
+        found.ranges.flags.writeable
+        and found.ranges.flags.aligned
+        and found.ranges.dtype.isnative
+    )
     assert decode.header(data).frame == frame
     assert message.angle_max == pytest.approx(-1.0 + 0.5 * (len(values) - 1))
 
 
 @given(st.tuples(st.integers(0, 9), st.integers(0, 9)), metres, metres)
 def test_maps(size, x, y):
-    sent = OccupancyMap(np.arange(size[0] * size[1], dtype=np.int8).reshape(size), 0.25, x, y)
+    sent = OccupancyMap(
+        np.arange(size[0] * size[1], dtype=np.int8).reshape(size), 0.25, x, y
+    )
     found = decode.occupancy_map(encode.encode_map(sent, 7, "map"))
     assert content(found) == content(sent)
     assert found.data.flags.writeable
@@ -131,30 +192,46 @@ def test_a_map_of_a_wrong_size_or_rotated_is_refused():
     type_name = "nav_msgs/msg/OccupancyGrid"
     wide, turned = (deserialise(SAMPLES[type_name][1], type_name) for _ in range(2))
     wide.info.width = 4
-    with pytest.raises(MessageError, match=r"^map data has 6 cells, its size says 2 x 4$"):
+    with pytest.raises(
+        MessageError, match=r"^map data has 6 cells, its size says 2 x 4$"
+    ):
         decode.occupancy_map(serialise(wide))
-    turned.info.origin.orientation.z, turned.info.origin.orientation.w = math.sin(0.25), math.cos(0.25)
-    with pytest.raises(MessageError, match=r"^map origin must not be rotated, got a yaw of 0.5 rad$"):
+    turned.info.origin.orientation.z, turned.info.origin.orientation.w = (
+        math.sin(0.25),
+        math.cos(0.25),
+    )
+    with pytest.raises(
+        MessageError, match=r"^map origin must not be rotated, got a yaw of 0.5 rad$"
+    ):
         decode.occupancy_map(serialise(turned))
 
 
 @given(st.booleans(), st.floats(), frames)
 def test_single_values(touched, value, text):
     assert decode.boolean(encode.encode_bool(touched)) is touched
-    assert content(np.array(decode.number(encode.encode_number(value)))) == content(np.array(value))
+    assert content(np.array(decode.number(encode.encode_number(value)))) == content(
+        np.array(value)
+    )
     assert decode.text(encode.encode_text(text)) == text
 
 
-@pytest.mark.parametrize("points", [np.zeros((0, 2)), np.array([[0.0, 1.0, 1.0], [2.0, 3.0, 0.5]])])
+@pytest.mark.parametrize(
+    "points", [np.zeros((0, 2)), np.array([[0.0, 1.0, 1.0], [2.0, 3.0, 0.5]])]
+)
 def test_paths(points):
-    np.testing.assert_array_equal(decode.path(encode.PathEncoder("map").encode(points, 9)), points[:, :2])
+    np.testing.assert_array_equal(
+        decode.path(encode.PathEncoder("map").encode(points, 9)), points[:, :2]
+    )
 
 
 def test_markers_are_discs_and_lines_where_they_are_to_be_drawn():
     def one(kind, action=encode.ADD, x=0.0, points=()):
         made = encode.marker("odom", "some", kind, action=action)
         made.scale.x, made.pose.position.x = 0.5, x
-        made.pose.orientation.z, made.pose.orientation.w = math.sin(math.pi / 4.0), math.cos(math.pi / 4.0)
+        made.pose.orientation.z, made.pose.orientation.w = (
+            math.sin(math.pi / 4.0),
+            math.cos(math.pi / 4.0),
+        )
         made.points = [make("geometry_msgs/msg/Point", x=x, y=y) for x, y in points]
         return made
 
@@ -163,25 +240,38 @@ def test_markers_are_discs_and_lines_where_they_are_to_be_drawn():
         one(encode.CYLINDER, x=1.0),
         one(encode.SPHERE, x=2.0),
         one(encode.LINE_STRIP, points=[(1.0, 0.0), (2.0, 0.0), (3.0, 0.0)]),
-        one(encode.LINE_LIST, points=[(1.0, 0.0), (2.0, 0.0), (3.0, 0.0)]),  # half a line at its end
+        one(
+            encode.LINE_LIST, points=[(1.0, 0.0), (2.0, 0.0), (3.0, 0.0)]
+        ),  # half a line at its end
         one(encode.CUBE),
     ]
-    found = decode.markers(serialise(make("visualization_msgs/msg/MarkerArray", markers=markers)))
+    found = decode.markers(
+        serialise(make("visualization_msgs/msg/MarkerArray", markers=markers))
+    )
     assert found.frame == "odom"
     assert found.discs.tolist() == [[1.0, 0.0, 0.25], [2.0, 0.0, 0.25]]
     assert [len(line) for line in found.lines] == [3, 2]
-    np.testing.assert_allclose(found.lines[0], [[0.0, 1.0], [0.0, 2.0], [0.0, 3.0]], atol=1e-12)
+    np.testing.assert_allclose(
+        found.lines[0], [[0.0, 1.0], [0.0, 2.0], [0.0, 3.0]], atol=1e-12
+    )
 
 
 def test_transforms_and_diagnostics():
     encoder = encode.TransformEncoder([("map", "odom"), ("odom", "base_link")])
     sent = encoder.encode([POSE, Pose2D(1.0, 2.0, 0.0)], 12_000_000_345)
     found = decode.transforms(sent)
-    assert found == [("map", "odom", POSE.through_quaternion()), ("odom", "base_link", Pose2D(1.0, 2.0, 0.0))]
-    stamps = [one.header.stamp for one in deserialise(sent, encoder.type_name).transforms]
+    assert found == [
+        ("map", "odom", POSE.through_quaternion()),
+        ("odom", "base_link", Pose2D(1.0, 2.0, 0.0)),
+    ]
+    stamps = [
+        one.header.stamp for one in deserialise(sent, encoder.type_name).transforms
+    ]
     assert [(one.sec, one.nanosec) for one in stamps] == [(12, 345)] * 2
     values = {"status": "blocked", "cost": "1.5"}
-    assert decode.diagnostics(encode.encode_diagnostics(7, encode.FINE, "planner", "", values)) == [values]
+    assert decode.diagnostics(
+        encode.encode_diagnostics(7, encode.FINE, "planner", "", values)
+    ) == [values]
 
 
 def refusal(decoder, data, expected=None):
@@ -208,11 +298,15 @@ def test_every_length_that_is_too_short_is_refused(type_name):
 @pytest.mark.parametrize("type_name", list(SAMPLES))
 @settings(max_examples=60, deadline=None)
 @given(damage=st.data())
-def test_malformed_bytes_are_refused_or_read_but_nothing_else_is_raised(type_name, damage):
+def test_malformed_bytes_are_refused_or_read_but_nothing_else_is_raised(
+    type_name, damage
+):
     decoder, data = SAMPLES[type_name]
     broken = bytearray(data[: damage.draw(st.integers(0, len(data)))])
     for _ in range(damage.draw(st.integers(0, 8)) if broken else 0):
-        broken[damage.draw(st.integers(0, len(broken) - 1))] = damage.draw(st.sampled_from([0, 1, 127, 128, 255]))
+        broken[damage.draw(st.integers(0, len(broken) - 1))] = damage.draw(
+            st.sampled_from([0, 1, 127, 128, 255])
+        )
     for read in (decoder, decode.header):
         assert len(refusal(read, bytes(broken)).splitlines()) <= 1
 
@@ -230,7 +324,10 @@ def test_a_length_of_four_gigabytes_takes_no_memory():
 def test_other_encodings_are_named():
     _, data = SAMPLES["geometry_msgs/msg/Twist"]
     for first in (b"\0\7", b"\0\0"):  # parameter lists, big-endian
-        with pytest.raises(MessageError, match=rf"^not a message of type .*/Twist in plain CDR, .* 0x{first.hex()}$"):
+        with pytest.raises(
+            MessageError,
+            match=rf"^not a message of type .*/Twist in plain CDR, .* 0x{first.hex()}$",
+        ):
             decode.twist(first + data[2:])
 
 

@@ -22,7 +22,14 @@ from sensor_msgs.msg import JointState, LaserScan
 from std_msgs.msg import Bool, ColorRGBA, Float64, Header, String
 from visualization_msgs.msg import Marker, MarkerArray
 
-from barn_worlds.base.types import OccupancyMap, Odometry, Pose2D, Scan, Velocity2D, quaternion_from_yaw
+from barn_worlds.base.types import (
+    OccupancyMap,
+    Odometry,
+    Pose2D,
+    Scan,
+    Velocity2D,
+    quaternion_from_yaw,
+)
 from barn_worlds.messages import encode
 from barn_worlds.messages.cdr import Template, deserialise, layout, make, serialise
 from barn_worlds.messages.encode import LINE_STRIP, marker
@@ -36,7 +43,9 @@ SCAN = Scan(STAMP, RANGES, -2.35619, 0.7, 0.1, 30.0)
 GRID = OccupancyMap(np.arange(-1, 5, dtype=np.int8).reshape(2, 3), 0.15, -4.5, 0.25)
 COVARIANCE = [{0: 0.1, 7: 0.2, 35: 0.3}.get(place, 0.0) for place in range(36)]
 COLOUR = {"r": 0.1, "g": 0.2, "b": 0.3, "a": 1.0}
-LINE = marker("odom", "lines", LINE_STRIP, index=3, colour=tuple(COLOUR.values()), stamp_ns=STAMP)
+LINE = marker(
+    "odom", "lines", LINE_STRIP, index=3, colour=tuple(COLOUR.values()), stamp_ns=STAMP
+)
 LINE.scale.x = 0.5
 
 
@@ -46,11 +55,15 @@ def header(frame: str = "") -> Header:
 
 def pose(x: float, y: float, yaw: float = 0.0) -> geometry.Pose:
     z, w = quaternion_from_yaw(yaw)
-    return geometry.Pose(position=geometry.Point(x=x, y=y), orientation=geometry.Quaternion(z=z, w=w))
+    return geometry.Pose(
+        position=geometry.Point(x=x, y=y), orientation=geometry.Quaternion(z=z, w=w)
+    )
 
 
 AT = pose(POSE.x, POSE.y, POSE.yaw)
-MOVES = geometry.Twist(linear=geometry.Vector3(x=0.5), angular=geometry.Vector3(z=-0.25))
+MOVES = geometry.Twist(
+    linear=geometry.Vector3(x=0.5), angular=geometry.Vector3(z=-0.25)
+)
 STATUS = DiagnosticStatus(
     level=DiagnosticStatus.WARN,
     name="one",
@@ -58,7 +71,9 @@ STATUS = DiagnosticStatus(
     hardware_id="jackal",
     values=[KeyValue(key="a", value="1"), KeyValue(key="b", value="two")],
 )
-SIZE = nav.MapMetaData(map_load_time=TIME, resolution=0.15, width=3, height=2, origin=pose(-4.5, 0.25))
+SIZE = nav.MapMetaData(
+    map_load_time=TIME, resolution=0.15, width=3, height=2, origin=pose(-4.5, 0.25)
+)
 # Our bytes, and the same message as an object of ROS, filled field by field.
 CASES = {
     "clock": (encode.encode_clock(STAMP), Clock(clock=TIME)),
@@ -74,10 +89,14 @@ CASES = {
     "pose": (
         encode.PoseWithCovarianceEncoder("map", (0.1, 0.2, 0.3)).encode(POSE, STAMP),
         geometry.PoseWithCovarianceStamped(
-            header=header("map"), pose=geometry.PoseWithCovariance(pose=AT, covariance=COVARIANCE)
+            header=header("map"),
+            pose=geometry.PoseWithCovariance(pose=AT, covariance=COVARIANCE),
         ),
     ),
-    "goal": (encode.PoseStampedEncoder("map").encode(POSE, STAMP), geometry.PoseStamped(header=header("map"), pose=AT)),
+    "goal": (
+        encode.PoseStampedEncoder("map").encode(POSE, STAMP),
+        geometry.PoseStamped(header=header("map"), pose=AT),
+    ),
     "scan": (
         encode.ScanEncoder(SCAN, "lidar_link", 0.05).encode(SCAN, STAMP),
         LaserScan(
@@ -100,16 +119,30 @@ CASES = {
     ),
     "joints": (
         encode.JointEncoder(["left", "right"]).encode(([1.0, 2.0], [3.0, 4.0]), STAMP),
-        JointState(header=header(), name=["left", "right"], position=[1.0, 2.0], velocity=[3.0, 4.0]),
+        JointState(
+            header=header(),
+            name=["left", "right"],
+            position=[1.0, 2.0],
+            velocity=[3.0, 4.0],
+        ),
     ),
     "map": (
         encode.encode_map(GRID, STAMP, "map"),
-        nav.OccupancyGrid(header=header("map"), info=SIZE, data=array.array("b", GRID.data.tobytes())),
+        nav.OccupancyGrid(
+            header=header("map"), info=SIZE, data=array.array("b", GRID.data.tobytes())
+        ),
     ),
     "text": (encode.encode_text("süß"), String(data="süß")),
     "number": (encode.encode_number(0.125), Float64(data=0.125)),
     "diagnostics": (
-        encode.encode_diagnostics(STAMP, encode.WARNING, "one", "slow", {"a": "1", "b": "two"}, hardware_id="jackal"),
+        encode.encode_diagnostics(
+            STAMP,
+            encode.WARNING,
+            "one",
+            "slow",
+            {"a": "1", "b": "two"},
+            hardware_id="jackal",
+        ),
         DiagnosticArray(header=header(), status=[STATUS]),
     ),
     "marker": (
@@ -128,10 +161,18 @@ CASES = {
         ),
     ),
 }
-for count, columns, frame in itertools.product((0, 1, 2, 3, 40), (2, 3), ("map", "odom", "base_link")):
+for count, columns, frame in itertools.product(
+    (0, 1, 2, 3, 40), (2, 3), ("map", "odom", "base_link")
+):
     points = np.random.default_rng(count).uniform(-3.0, 10.0, (count, columns))
-    poses = [geometry.PoseStamped(header=header(frame), pose=pose(*point)) for point in points.tolist()]
-    path = encode.PathEncoder(frame).encode(points, STAMP), nav.Path(header=header(frame), poses=poses)
+    poses = [
+        geometry.PoseStamped(header=header(frame), pose=pose(*point))
+        for point in points.tolist()
+    ]
+    path = (
+        encode.PathEncoder(frame).encode(points, STAMP),
+        nav.Path(header=header(frame), poses=poses),
+    )
     CASES[f"path {count} {columns} {frame}"] = path
 
 
@@ -140,7 +181,10 @@ def test_bytes_are_those_that_ros_sends(label):
     """Equal but for the bytes between fields and behind the last one, which are left as they were in memory."""
     data, message = CASES[label]
     type_name = f"{type(message).__module__.split('.')[0]}/msg/{type(message).__name__}"
-    for sent in (serialize_message(message), serialize_message(deserialize_message(data, type(message)))):
+    for sent in (
+        serialize_message(message),
+        serialize_message(deserialize_message(data, type(message))),
+    ):
         assert len(sent) >= len(data)
         assert serialise(deserialise(sent[: len(data)], type_name)) == data
 
@@ -150,12 +194,25 @@ def transforms_of(data: bytes):
 
 
 def test_fixed_transforms():
-    (one,) = transforms_of(encode.encode_fixed_transforms("base_link", {"laser": (0.1, 0.2, 0.3)}))
-    assert (one.header.frame_id, one.child_frame_id, one.header.stamp.sec) == ("base_link", "laser", 0)
+    (one,) = transforms_of(
+        encode.encode_fixed_transforms("base_link", {"laser": (0.1, 0.2, 0.3)})
+    )
+    assert (one.header.frame_id, one.child_frame_id, one.header.stamp.sec) == (
+        "base_link",
+        "laser",
+        0,
+    )
     where = one.transform.translation
     assert (where.x, where.y, where.z, one.transform.rotation.w) == (0.1, 0.2, 0.3, 1.0)
-    (turned,) = transforms_of(encode.encode_fixed_transforms("base_link", {"laser": (0.0, 0.0, 0.0)}, {"laser": 0.8}))
-    assert (turned.transform.rotation.z, turned.transform.rotation.w) == (math.sin(0.4), math.cos(0.4))
+    (turned,) = transforms_of(
+        encode.encode_fixed_transforms(
+            "base_link", {"laser": (0.0, 0.0, 0.0)}, {"laser": 0.8}
+        )
+    )
+    assert (turned.transform.rotation.z, turned.transform.rotation.w) == (
+        math.sin(0.4),
+        math.cos(0.4),
+    )
 
 
 def test_an_encoder_forgets_the_message_before():
@@ -166,7 +223,10 @@ def test_an_encoder_forgets_the_message_before():
 
 
 def test_the_stamp_given_takes_the_place_of_the_reading_s_own():
-    odometry, scan = encode.OdometryEncoder("odom", "base_link"), encode.ScanEncoder(SCAN, "lidar_link", 0.05)
+    odometry, scan = (
+        encode.OdometryEncoder("odom", "base_link"),
+        encode.ScanEncoder(SCAN, "lidar_link", 0.05),
+    )
     for encoder, reading in ((odometry, ODOMETRY), (scan, SCAN)):
         later = deserialise(encoder.encode(reading, 77_000_000_005), encoder.type_name)
         assert (later.header.stamp.sec, later.header.stamp.nanosec) == (77, 5)
@@ -175,14 +235,20 @@ def test_the_stamp_given_takes_the_place_of_the_reading_s_own():
 
 
 @settings(max_examples=50, deadline=None)
-@given(frame=st.text(max_size=12).filter(lambda text: "\0" not in text), child=st.text(max_size=12))
+@given(
+    frame=st.text(max_size=12).filter(lambda text: "\0" not in text),
+    child=st.text(max_size=12),
+)
 def test_layout_finds_every_field_whatever_the_texts(frame, child):
     child = child.replace("\0", "")
     header = make("std_msgs/msg/Header", frame_id=frame)
     message = make("nav_msgs/msg/Odometry", header=header, child_frame_id=child)
     names = [name for name in layout(message) if "covariance" not in name]
     template = Template(message, names)
-    values = [7 if name.startswith("header") else 0.5 + index for index, name in enumerate(names)]
+    values = [
+        7 if name.startswith("header") else 0.5 + index
+        for index, name in enumerate(names)
+    ]
     decoded = deserialise(template.fill(*values), template.type_name)
     assert [attrgetter(name)(decoded) for name in names] == values
 

@@ -32,26 +32,68 @@ def world() -> World:
     """The easiest world of DynaBARN, with a box that jumps from (1, 0) back to (0, 0) every second."""
     easy = open_dataset("dynabarn60").load(0)
     motion = Motion("linear", 1.0, ((0.0, 0.0, 0.0), (1.0, 1.0, 0.0)))
-    box = MovingObstacle("cart", "box", size_x_m=1.0, size_y_m=0.5, yaw_rad=0.5, height_m=0.7, motion=motion)
+    box = MovingObstacle(
+        "cart",
+        "box",
+        size_x_m=1.0,
+        size_y_m=0.5,
+        yaw_rad=0.5,
+        height_m=0.7,
+        motion=motion,
+    )
     return World(
-        "moving", easy.grid, easy.path, 0.5, walls=easy.walls, moving=(*easy.moving, box), corner_m=easy.corner_m
+        "moving",
+        easy.grid,
+        easy.path,
+        0.5,
+        walls=easy.walls,
+        moving=(*easy.moving, box),
+        corner_m=easy.corner_m,
     )
 
 
 def test_markers_and_poses_are_those_of_the_tracks(world):
     expected = world.tracks.at(12.3)[0]
-    message = deserialise(encode_moving_poses(world, 12.3, 5_000_000_007), MOVING_POSES.type_name)
-    assert (message.header.frame_id, message.header.stamp.sec, message.header.stamp.nanosec) == ("map", 5, 7)
-    assert [(pose.position.x, pose.position.y) for pose in message.poses] == [tuple(row) for row in expected.tolist()]
+    message = deserialise(
+        encode_moving_poses(world, 12.3, 5_000_000_007), MOVING_POSES.type_name
+    )
+    assert (
+        message.header.frame_id,
+        message.header.stamp.sec,
+        message.header.stamp.nanosec,
+    ) == ("map", 5, 7)
+    assert [(pose.position.x, pose.position.y) for pose in message.poses] == [
+        tuple(row) for row in expected.tolist()
+    ]
     assert message.poses[-1].orientation.z == pytest.approx(np.sin(0.25))
-    markers = deserialise(encode_moving(world, 12.3, 5_000_000_007), MOVING.type_name).markers
-    kinds = {name: [one for one in markers if one.ns == name] for name in ("obstacles", "walls", "trails")}
-    assert sum(map(len, kinds.values())) == len(markers) == len(world.moving) + len(world.walls) + 1
-    assert [(one.pose.position.x, one.pose.position.y) for one in kinds["obstacles"]] == [tuple(p) for p in expected]
+    markers = deserialise(
+        encode_moving(world, 12.3, 5_000_000_007), MOVING.type_name
+    ).markers
+    kinds = {
+        name: [one for one in markers if one.ns == name]
+        for name in ("obstacles", "walls", "trails")
+    }
+    assert (
+        sum(map(len, kinds.values()))
+        == len(markers)
+        == len(world.moving) + len(world.walls) + 1
+    )
+    assert [
+        (one.pose.position.x, one.pose.position.y) for one in kinds["obstacles"]
+    ] == [tuple(p) for p in expected]
     first, box, wall = kinds["obstacles"][0], kinds["obstacles"][-1], kinds["walls"][0]
-    assert (first.type, first.scale.x, first.scale.z, first.pose.position.z) == (CYLINDER, 1.0, 1.0, 0.5)
+    assert (first.type, first.scale.x, first.scale.z, first.pose.position.z) == (
+        CYLINDER,
+        1.0,
+        1.0,
+        0.5,
+    )
     assert (box.type, box.scale.x, box.scale.y, box.scale.z) == (CUBE, 1.0, 0.5, 0.7)
-    assert (wall.type, wall.scale.x, wall.scale.y) == (CUBE, world.walls[0].size_x_m, world.walls[0].size_y_m)
+    assert (wall.type, wall.scale.x, wall.scale.y) == (
+        CUBE,
+        world.walls[0].size_x_m,
+        world.walls[0].size_y_m,
+    )
     assert kinds["trails"][0].type == LINE_LIST
     assert len({(one.ns, one.id) for one in markers}) == len(markers)
 
@@ -72,7 +114,9 @@ def test_what_is_written_is_read_again(world):
     for found, written in zip((bodies, walls), expected, strict=True):
         for one, other in zip(found, written, strict=True):
             np.testing.assert_allclose(one, other, atol=1e-12)
-    np.testing.assert_array_equal(decode_moving_poses(encode_moving_poses(world, 12.3, 0)), bodies.poses[:, :2])
+    np.testing.assert_array_equal(
+        decode_moving_poses(encode_moving_poses(world, 12.3, 0)), bodies.poses[:, :2]
+    )
 
 
 def test_no_obstacles_are_none():
@@ -109,12 +153,16 @@ def test_other_markers_are_refused(world, change):
     [
         lambda message: setattr(message.header, "frame_id", "odom"),
         lambda message: setattr(message.poses[0].position, "y", math.inf),
-        lambda message: setattr(message, "poses", message.poses * (MOST_MOVING // len(message.poses) + 1)),
+        lambda message: setattr(
+            message, "poses", message.poses * (MOST_MOVING // len(message.poses) + 1)
+        ),
     ],
 )
 def test_other_poses_are_refused(world, change):
     with pytest.raises(MessageError):
-        decode_moving_poses(changed(encode_moving_poses(world, 1.0, 0), MOVING_POSES.type_name, change))
+        decode_moving_poses(
+            changed(encode_moving_poses(world, 1.0, 0), MOVING_POSES.type_name, change)
+        )
 
 
 def test_bytes_that_are_cut_off_are_refused_wherever_that_is(world):
@@ -158,8 +206,15 @@ def test_a_scene_comes_out_as_it_went_in():
     assert (found.radius_m, found.height_m, len(found.walls_m)) == (0.075, 1.0, 1)
     assert found.path_m.tolist() == SCENE.path_m.tolist()
     assert (found.goal.x, found.goal.y, found.goal_distance_m) == (-2.25, 13.0, 0.3)
-    assert (found.start.x, found.start.y, found.start.yaw) == pytest.approx((-2.25, 3.0, 1.5))
-    bare = decode_scene(encode_scene(TrialScene(SCENE.obstacles_m, SCENE.walls_m, 0.075, 1.0, np.empty((0, 2))), 0))
+    assert (found.start.x, found.start.y, found.start.yaw) == pytest.approx(
+        (-2.25, 3.0, 1.5)
+    )
+    bare = decode_scene(
+        encode_scene(
+            TrialScene(SCENE.obstacles_m, SCENE.walls_m, 0.075, 1.0, np.empty((0, 2))),
+            0,
+        )
+    )
     assert (bare.start, bare.goal, len(bare.path_m)) == (None, None, 0)
 
 
@@ -172,7 +227,9 @@ def test_a_viewer_can_draw_it_and_a_later_scene_takes_its_place():
     assert len(set(keys)) == len(keys) == 6
     assert keys == [(one.ns, one.id) for one in moved]
     assert {one.header.frame_id for one in first} == {"map"}
-    assert all(one.color.a > 0.0 and one.scale.x > 0.0 and one.action == 0 for one in first)
+    assert all(
+        one.color.a > 0.0 and one.scale.x > 0.0 and one.action == 0 for one in first
+    )
     assert all(one.pose.orientation.w != 0.0 for one in first)
     upright = [one for one in first if one.type == CYLINDER and one.ns != "goal"]
     assert [(one.pose.position.z, one.scale.z) for one in upright] == [(0.5, 1.0)] * 3

@@ -4,7 +4,14 @@ import pytest
 
 from barn_worlds.messages import topics
 from barn_worlds.messages.cdr import jazzy_types
-from barn_worlds.messages.topics import BEST_EFFORT, FRAMES, LATCHED, RELIABLE, Frames, Topic
+from barn_worlds.messages.topics import (
+    BEST_EFFORT,
+    FRAMES,
+    LATCHED,
+    RELIABLE,
+    Frames,
+    Topic,
+)
 
 ALL = {name: value for name, value in vars(topics).items() if isinstance(value, Topic)}
 
@@ -19,15 +26,32 @@ def test_types_are_known_frames_exist_and_latched_topics_keep_one_message(topic)
 
 
 def test_a_name_has_two_entries_only_where_type_or_sender_differ():
-    shared = {topic.path: [one for one in ALL.values() if one.path == topic.path] for topic in ALL.values()}
-    assert {path for path, both in shared.items() if len(both) > 1} == {"/cmd_vel", "/plan", "/diagnostics"}
+    shared = {
+        topic.path: [one for one in ALL.values() if one.path == topic.path]
+        for topic in ALL.values()
+    }
+    assert {path for path, both in shared.items() if len(both) > 1} == {
+        "/cmd_vel",
+        "/plan",
+        "/diagnostics",
+    }
     assert len(shared) == len(ALL) - 3
 
 
 def test_frames_are_those_of_the_node():
     frames = Frames("world", "wheels", "robot", "laser", planning="world")
-    fixed, moving = (topics.GROUND_TRUTH, topics.PLAN), (topics.ODOM, topics.SCAN, topics.CMD_VEL_STAMPED, topics.CLOCK)
-    assert [frames.of(topic) for topic in (*fixed, *moving)] == ["world", "world", "wheels", "laser", "robot", ""]
+    fixed, moving = (
+        (topics.GROUND_TRUTH, topics.PLAN),
+        (topics.ODOM, topics.SCAN, topics.CMD_VEL_STAMPED, topics.CLOCK),
+    )
+    assert [frames.of(topic) for topic in (*fixed, *moving)] == [
+        "world",
+        "world",
+        "wheels",
+        "laser",
+        "robot",
+        "",
+    ]
 
 
 def test_qualities_of_service_in_rclpy():
@@ -38,7 +62,10 @@ def test_qualities_of_service_in_rclpy():
     assert profile(RELIABLE) == rclpy_qos.QoSProfile(depth=10)
     latched = profile(LATCHED)
     assert latched.durability is rclpy_qos.DurabilityPolicy.TRANSIENT_LOCAL
-    assert (latched.reliability, latched.depth) == (rclpy_qos.ReliabilityPolicy.RELIABLE, 1)
+    assert (latched.reliability, latched.depth) == (
+        rclpy_qos.ReliabilityPolicy.RELIABLE,
+        1,
+    )
 
 
 def test_every_type_has_its_class_and_one_that_is_not_installed_has_none():

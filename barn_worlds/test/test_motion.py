@@ -10,7 +10,13 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicHermiteSpline
 
 from barn_worlds.base.errors import ConfigError, WorldError
-from barn_worlds.moving.motion import MOST_KEYS, MOST_MOVING, Motion, MovingObstacle, Wall
+from barn_worlds.moving.motion import (
+    MOST_KEYS,
+    MOST_MOVING,
+    Motion,
+    MovingObstacle,
+    Wall,
+)
 from barn_worlds.moving.tracks import Tracks
 from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
@@ -46,10 +52,14 @@ def obstacle(motion, **more):
 def profiles():
     """The 469 motions of DynaBARN by name."""
     dataset = open_dataset("dynabarn60")
-    return {one.name: one for index in dataset.indices for one in dataset.load(index).moving}
+    return {
+        one.name: one for index in dataset.indices for one in dataset.load(index).moving
+    }
 
 
-def test_every_motion_of_dynabarn_is_where_gazebo_classic_puts_it_at_1000_times(profiles):
+def test_every_motion_of_dynabarn_is_where_gazebo_classic_puts_it_at_1000_times(
+    profiles,
+):
     assert len(profiles) == 469
     generator = np.random.default_rng(0)
     tracks = Tracks(list(profiles.values()))
@@ -59,7 +69,10 @@ def test_every_motion_of_dynabarn_is_where_gazebo_classic_puts_it_at_1000_times(
     assert positions.shape == (1000, 469, 2)
     for k, one in enumerate(profiles.values()):
         keys, period_s = one.motion.keys, one.motion.period_s
-        assert np.abs(positions[:, k] - gazebo_positions(keys, period_s, times_s)).max() < 1e-9
+        assert (
+            np.abs(positions[:, k] - gazebo_positions(keys, period_s, times_s)).max()
+            < 1e-9
+        )
 
 
 @given(
@@ -71,33 +84,55 @@ def test_every_motion_of_dynabarn_is_where_gazebo_classic_puts_it_at_1000_times(
     st.floats(-100, 100),
     st.floats(-100, 100),
 )
-def test_any_keys_a_rest_at_both_ends_and_a_phase_are_as_in_gazebo(points, steps, first, rest, closed, phase, time):
+def test_any_keys_a_rest_at_both_ends_and_a_phase_are_as_in_gazebo(
+    points, steps, first, rest, closed, phase, time
+):
     points = [*points, points[0]] if closed else points
     times = np.cumsum([first, *steps])[: len(points)].tolist()
     keys = tuple((at, *point) for at, point in zip(times, points, strict=True))
     motion = Motion("gazebo", max(times[-1] + rest, 0.01), keys)
     found = Tracks([obstacle(motion, phase_s=phase)]).at(time)[0][0]
     own = math.fmod(time + phase, motion.period_s)
-    if min(own % motion.period_s, -own % motion.period_s) > 1e-9:  # which side of the jump is a matter of rounding
-        assert np.abs(found - gazebo_positions(keys, motion.period_s, np.array([time + phase]))).max() < 1e-9
+    if (
+        min(own % motion.period_s, -own % motion.period_s) > 1e-9
+    ):  # which side of the jump is a matter of rounding
+        assert (
+            np.abs(
+                found
+                - gazebo_positions(keys, motion.period_s, np.array([time + phase]))
+            ).max()
+            < 1e-9
+        )
 
 
 def test_a_linear_motion_is_straight_between_its_keys_and_rests_at_the_last():
     tracks = Tracks([obstacle(Motion("linear", 6.0, KEYS))])
     positions, velocities = tracks.over(np.array([0.5, 2.5, 5.0, 6.5]))
-    assert np.allclose(positions[:, 0], [[2.0, 2.0], [3.0, 3.5], [3.0, 5.0], [2.0, 2.0]], atol=1e-12)
-    assert np.allclose(velocities[:, 0], [[2.0, 0.0], [0.0, 1.0], [0.0, 0.0], [2.0, 0.0]], atol=1e-12)
+    assert np.allclose(
+        positions[:, 0], [[2.0, 2.0], [3.0, 3.5], [3.0, 5.0], [2.0, 2.0]], atol=1e-12
+    )
+    assert np.allclose(
+        velocities[:, 0], [[2.0, 0.0], [0.0, 1.0], [0.0, 0.0], [2.0, 0.0]], atol=1e-12
+    )
 
 
 def test_a_closed_polynomial_is_its_value_at_the_share_of_its_period_and_has_no_jump():
     # x = 4 s (1 - s), y = 1 + s - s^3 over the share s
-    motion = Motion("polynomial", 8.0, coefficients_m=((0.0, 1.0), (4.0, 1.0), (-4.0, 0.0), (0.0, -1.0)))
+    motion = Motion(
+        "polynomial",
+        8.0,
+        coefficients_m=((0.0, 1.0), (4.0, 1.0), (-4.0, 0.0), (0.0, -1.0)),
+    )
     tracks = Tracks([obstacle(motion)])
     for time_s in (0.0, 1.0, 5.0, 7.999, 11.0):
         share = time_s % 8.0 / 8.0
         positions, velocities = tracks.at(time_s)
-        assert np.allclose(positions[0], [4 * share * (1 - share), 1 + share - share**3], atol=1e-12)
-        assert np.allclose(velocities[0], np.array([4 - 8 * share, 1 - 3 * share**2]) / 8.0, atol=1e-12)
+        assert np.allclose(
+            positions[0], [4 * share * (1 - share), 1 + share - share**3], atol=1e-12
+        )
+        assert np.allclose(
+            velocities[0], np.array([4 - 8 * share, 1 - 3 * share**2]) / 8.0, atol=1e-12
+        )
     assert np.abs(tracks.at(8.0 - 1e-9)[0] - tracks.at(0.0)[0]).max() < 1e-8
 
 
@@ -105,44 +140,86 @@ def test_velocities_are_how_fast_positions_change(profiles):
     tracks = Tracks(list(profiles.values())[::20])
     step_s, generator = 1e-6, np.random.default_rng(1)
     for time_s in generator.uniform(0.0, 100.0, 50).tolist():
-        (before, _), (at, velocities), (after, _) = (tracks.at(time_s + k * step_s) for k in (-1, 0, 1))
-        smooth = np.abs(after + before - 2 * at).max(axis=1) < 1e-8  # no key or jump between
+        (before, _), (at, velocities), (after, _) = (
+            tracks.at(time_s + k * step_s) for k in (-1, 0, 1)
+        )
+        smooth = (
+            np.abs(after + before - 2 * at).max(axis=1) < 1e-8
+        )  # no key or jump between
         slope = (after - before) / (2 * step_s)
         assert smooth.mean() > 0.8
         assert np.abs(slope - velocities)[smooth].max() < 1e-3
 
 
 def test_obstacles_of_all_kinds_are_found_together_and_none_at_all_too():
-    several = [obstacle(Motion(kind, 6.0, KEYS), name=kind, phase_s=1.0) for kind in ("gazebo", "linear")]
-    circle = Motion("polynomial", 3.0, coefficients_m=((1.0, 1.0), (2.0, 3.0), (-2.0, -3.0)))
-    several.append(MovingObstacle("box", "box", size_x_m=1.0, size_y_m=2.0, yaw_rad=0.3, motion=circle))
+    several = [
+        obstacle(Motion(kind, 6.0, KEYS), name=kind, phase_s=1.0)
+        for kind in ("gazebo", "linear")
+    ]
+    circle = Motion(
+        "polynomial", 3.0, coefficients_m=((1.0, 1.0), (2.0, 3.0), (-2.0, -3.0))
+    )
+    several.append(
+        MovingObstacle(
+            "box", "box", size_x_m=1.0, size_y_m=2.0, yaw_rad=0.3, motion=circle
+        )
+    )
     tracks = Tracks(several)
     assert tracks.names == ("gazebo", "linear", "box")
-    assert tracks.radius_m.tolist() == [0.5, 0.5, 0.0] and tracks.size_m.tolist()[2] == [1.0, 2.0]
+    assert tracks.radius_m.tolist() == [0.5, 0.5, 0.0] and tracks.size_m.tolist()[
+        2
+    ] == [1.0, 2.0]
     for k, one in enumerate(several):
         assert np.array_equal(tracks.at(2.2)[0][k], Tracks([one]).at(2.2)[0][0])
     assert Tracks([]).at(1.0)[0].shape == (0, 2)
 
 
 WRONG_MOTIONS = {
-    "one key": ({"keys": KEYS[:1]}, "keys of a gazebo motion must be 2 to 10000, got 1"),
+    "one key": (
+        {"keys": KEYS[:1]},
+        "keys of a gazebo motion must be 2 to 10000, got 1",
+    ),
     "no keys": ({}, "keys of a gazebo motion must be 2 to 10000, got 0"),
-    "a million keys": ({"keys": KEYS[:1] * 10**6}, f"keys of a gazebo motion must be 2 to {MOST_KEYS}, got 1000000"),
+    "a million keys": (
+        {"keys": KEYS[:1] * 10**6},
+        f"keys of a gazebo motion must be 2 to {MOST_KEYS}, got 1000000",
+    ),
     "out of order": (
         {"keys": (KEYS[0], KEYS[2], KEYS[1])},
         "keys[2] must be later than the key before, at 4 s, got 1 s",
     ),
-    "same time": ({"keys": (KEYS[0], KEYS[0])}, "keys[1] must be later than the key before, at 0 s, got 0 s"),
-    "before the start": ({"keys": ((-1.0, 0.0, 0.0), *KEYS)}, "keys[0] must not be before 0 s, got -1 s"),
-    "NaN": ({"keys": (*KEYS, (5.0, math.nan, 0.0))}, "keys[3] must be finite, up to 10000 m, got [5.0, nan, 0.0]"),
-    "infinite": ({"keys": (*KEYS, (5.0, 0.0, math.inf))}, "keys[3] must be finite, up to 10000 m"),
-    "NaN time": ({"keys": ((0.0, 0.0, 0.0), (math.nan, 0.0, 0.0))}, "keys[1] must be finite"),
-    "two numbers": ({"keys": (KEYS[0], (1.0, 2.0))}, "keys[1] must be time, x and y, got 2 numbers"),
+    "same time": (
+        {"keys": (KEYS[0], KEYS[0])},
+        "keys[1] must be later than the key before, at 0 s, got 0 s",
+    ),
+    "before the start": (
+        {"keys": ((-1.0, 0.0, 0.0), *KEYS)},
+        "keys[0] must not be before 0 s, got -1 s",
+    ),
+    "NaN": (
+        {"keys": (*KEYS, (5.0, math.nan, 0.0))},
+        "keys[3] must be finite, up to 10000 m, got [5.0, nan, 0.0]",
+    ),
+    "infinite": (
+        {"keys": (*KEYS, (5.0, 0.0, math.inf))},
+        "keys[3] must be finite, up to 10000 m",
+    ),
+    "NaN time": (
+        {"keys": ((0.0, 0.0, 0.0), (math.nan, 0.0, 0.0))},
+        "keys[1] must be finite",
+    ),
+    "two numbers": (
+        {"keys": (KEYS[0], (1.0, 2.0))},
+        "keys[1] must be time, x and y, got 2 numbers",
+    ),
     "short period": (
         {"keys": KEYS, "period_s": 3.0},
         "period_s must not be shorter than the time of the last key, 4 s, got 3.0",
     ),
-    "NaN period": ({"keys": KEYS, "period_s": math.nan}, "period_s must be from 0.001 to 100000 s, got nan"),
+    "NaN period": (
+        {"keys": KEYS, "period_s": math.nan},
+        "period_s must be from 0.001 to 100000 s, got nan",
+    ),
     "unknown kind": (
         {"keys": KEYS, "kind": "gazeboo"},
         "kind must be one of gazebo, linear, polynomial, got 'gazeboo'; did",
@@ -162,26 +239,39 @@ WRONG_MOTIONS = {
 }
 
 
-@pytest.mark.parametrize(("arguments", "message"), WRONG_MOTIONS.values(), ids=WRONG_MOTIONS)
+@pytest.mark.parametrize(
+    ("arguments", "message"), WRONG_MOTIONS.values(), ids=WRONG_MOTIONS
+)
 def test_a_wrong_motion_is_one_clear_line(arguments, message, refused):
     with refused(ConfigError, f"^{re.escape(message)}"):
         Motion(**arguments)
 
 
 WRONG_OBSTACLES = {
-    "no radius": ({"radius_m": 0.0}, "radius_m of a cylinder must be at least 0.01 m, got 0.0"),
+    "no radius": (
+        {"radius_m": 0.0},
+        "radius_m of a cylinder must be at least 0.01 m, got 0.0",
+    ),
     "radius of a box": (
         {"shape": "box", "size_x_m": 1.0, "size_y_m": 1.0},
         "radius_m is of a cylinder; leave it out for a box, got 0.5",
     ),
-    "flat box": ({"shape": "box", "radius_m": 0.0, "size_x_m": 1.0}, "size_y_m of a box must be at least 0.01 m, got"),
+    "flat box": (
+        {"shape": "box", "radius_m": 0.0, "size_x_m": 1.0},
+        "size_y_m of a box must be at least 0.01 m, got",
+    ),
     "no name": ({"name": ""}, "name must have 1 to 200 printable characters, got ''"),
     "two lines": ({"name": "a\nb"}, "name must have 1 to 200 printable characters"),
-    "NaN phase": ({"phase_s": math.nan}, "phase_s must be from -100000 to 100000 s, got nan"),
+    "NaN phase": (
+        {"phase_s": math.nan},
+        "phase_s must be from -100000 to 100000 s, got nan",
+    ),
 }
 
 
-@pytest.mark.parametrize(("arguments", "message"), WRONG_OBSTACLES.values(), ids=WRONG_OBSTACLES)
+@pytest.mark.parametrize(
+    ("arguments", "message"), WRONG_OBSTACLES.values(), ids=WRONG_OBSTACLES
+)
 def test_a_wrong_obstacle_is_one_clear_line(arguments, message, refused):
     with refused(ConfigError, f"^{re.escape(message)}"):
         obstacle(Motion("linear", 6.0, KEYS), **arguments)
@@ -191,20 +281,36 @@ def test_a_world_has_a_bounded_number_of_obstacles_with_names_of_their_own(small
     one = obstacle(Motion("linear", 6.0, KEYS))
     for moving, message in (
         ((one, one), "w: two moving obstacles have the name 'one'"),
-        ((one,) * (MOST_MOVING + 1), f"w: must have at most {MOST_MOVING} moving obstacles, got {MOST_MOVING + 1}"),
+        (
+            (one,) * (MOST_MOVING + 1),
+            f"w: must have at most {MOST_MOVING} moving obstacles, got {MOST_MOVING + 1}",
+        ),
     ):
         with pytest.raises(WorldError) as caught:
-            World("w", small_world.grid, small_world.path, footprint_cells=3, moving=moving)
+            World(
+                "w",
+                small_world.grid,
+                small_world.path,
+                footprint_cells=3,
+                moving=moving,
+            )
         assert str(caught.value) == message
 
 
 def test_what_moves_and_stands_is_in_the_checksum_but_not_its_names(small_world):
     def checksum(**more):
-        return World("w", small_world.grid, small_world.path, footprint_cells=3, **more).checksum
+        return World(
+            "w", small_world.grid, small_world.path, footprint_cells=3, **more
+        ).checksum
 
     one = obstacle(Motion("linear", 6.0, KEYS))
     later = obstacle(Motion("linear", 6.0, KEYS), phase_s=0.5)
-    others = [checksum(), checksum(moving=(one,)), checksum(moving=(later,)), checksum(walls=(Wall(),))]
+    others = [
+        checksum(),
+        checksum(moving=(one,)),
+        checksum(moving=(later,)),
+        checksum(walls=(Wall(),)),
+    ]
     others.append(checksum(corner_m=(0.0, 0.0)))
     assert len(set(others)) == 5 and others[0] == small_world.checksum
     assert checksum(moving=(obstacle(one.motion, name="two"),)) == others[1]
@@ -220,9 +326,18 @@ def test_an_arena_has_its_cells_where_its_corner_says_and_no_containment():
 
 def test_a_turned_wall_occupies_the_cells_that_its_points_are_in():
     wall = Wall(1.0, 1.0, 2.0, 0.4, yaw_rad=0.6)
-    world = World("w", np.zeros((30, 30), bool), np.array([[0, 0]]), 0.1, walls=(wall,), corner_m=(0.0, 0.0))
+    world = World(
+        "w",
+        np.zeros((30, 30), bool),
+        np.array([[0, 0]]),
+        0.1,
+        walls=(wall,),
+        corner_m=(0.0, 0.0),
+    )
     grid = world.occupancy_map()
-    along, across = (1.0 - 1e-9) * np.array(np.meshgrid(np.linspace(-1.0, 1.0, 2001), np.linspace(-0.2, 0.2, 401)))
+    along, across = (1.0 - 1e-9) * np.array(
+        np.meshgrid(np.linspace(-1.0, 1.0, 2001), np.linspace(-0.2, 0.2, 401))
+    )
     x = 1.0 + along * math.cos(0.6) - across * math.sin(0.6)
     y = 1.0 + along * math.sin(0.6) + across * math.cos(0.6)
     expected = np.zeros_like(grid.data)
@@ -235,4 +350,6 @@ def test_nothing_is_faster_than_the_bound_of_its_speed():
         tracks = open_dataset("dynabarn60").load(index).tracks
         velocities = tracks.over(np.linspace(0.0, 100.0, 5001))[1]
         fastest = np.hypot(velocities[..., 0], velocities[..., 1]).max(axis=0)
-        assert (fastest <= tracks.fastest_mps + 1e-9).all() and (tracks.fastest_mps < 3.0 * fastest).all()
+        assert (fastest <= tracks.fastest_mps + 1e-9).all() and (
+            tracks.fastest_mps < 3.0 * fastest
+        ).all()

@@ -14,7 +14,9 @@ from barn_worlds.base.errors import WorldError
 from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.path_planner import inflation, plan_path, plan_through, search
 
-CSPACES = npst.arrays(bool, st.tuples(st.integers(2, 10), st.integers(2, 10)), elements=st.booleans()).map(
+CSPACES = npst.arrays(
+    bool, st.tuples(st.integers(2, 10), st.integers(2, 10)), elements=st.booleans()
+).map(
     lambda grid: grid & np.roll(grid, 1)  # sparser, so that more can be passed
 )
 
@@ -30,14 +32,28 @@ def ends(cspace, data):
 def turned_deg(before, after):
     if before is None:
         return 0.0
-    return abs((math.degrees(math.atan2(*after) - math.atan2(*before)) + 180.0) % 360.0 - 180.0)
+    return abs(
+        (math.degrees(math.atan2(*after) - math.atan2(*before)) + 180.0) % 360.0 - 180.0
+    )
 
 
 def steps_from(cspace, cell, entered):
     """Yield the steps that a path may take from a cell that it has entered by a step, in the order of the original."""
-    for down, right in [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)]:
+    for down, right in [
+        (0, 1),
+        (0, -1),
+        (1, 0),
+        (-1, 0),
+        (1, 1),
+        (1, -1),
+        (-1, 1),
+        (-1, -1),
+    ]:
         row, col = there = cell[0] + down, cell[1] + right
-        if not (0 <= row < cspace.shape[0] and 0 <= col < cspace.shape[1]) or cspace[there]:
+        if (
+            not (0 <= row < cspace.shape[0] and 0 <= col < cspace.shape[1])
+            or cspace[there]
+        ):
             continue
         between_walls = down and right and cspace[cell[0], col] and cspace[row, cell[1]]
         if not between_walls and turned_deg(entered, (down, right)) <= 46.0:
@@ -73,7 +89,10 @@ def test_paths_are_free_connected_and_limited_in_their_turns(cspace, data):
     assert tuple(path[-1]) == goal
     assert not cspace[path[:, 0], path[:, 1]].any()
     assert (np.abs(np.diff(path, axis=0)).max(axis=1, initial=0) == 1).all()
-    assert all(turned_deg(*both) <= 45.0 + 1e-6 for both in itertools.pairwise(np.diff(path, axis=0)))
+    assert all(
+        turned_deg(*both) <= 45.0 + 1e-6
+        for both in itertools.pairwise(np.diff(path, axis=0))
+    )
     for (r0, c0), (r1, c1) in itertools.pairwise(path):
         assert not (r0 != r1 and c0 != c1 and cspace[r0, c1] and cspace[r1, c0])
     assert np.array_equal(path, plan_path(cspace, start, goal))
@@ -97,12 +116,20 @@ def test_inflation_falls_with_the_distance_to_the_closest_obstacle(cspace):
     found = inflation(cspace)
     for cell in np.argwhere(~cspace):
         distance = np.hypot(*(occupied - cell).T).min(initial=np.inf)
-        assert found[tuple(cell)] == pytest.approx(5.0 / distance if distance <= 2.0 else 0.0)
+        assert found[tuple(cell)] == pytest.approx(
+            5.0 / distance if distance <= 2.0 else 0.0
+        )
 
 
 def plain_original(cspace, start, goal, penalty):
     """The original's search over a plain list of open cells, of which the first of the lowest priority is taken."""
-    cost, parent, entered, open_, closed = {start: 0.0}, {start: None}, {start: None}, {start: (0.0, 0)}, set()
+    cost, parent, entered, open_, closed = (
+        {start: 0.0},
+        {start: None},
+        {start: None},
+        {start: (0.0, 0)},
+        set(),
+    )
     while open_:
         cell = min(open_, key=open_.get)
         del open_[cell]
@@ -142,7 +169,9 @@ def test_paths_repeat_the_published_ones_cell_by_cell(original_folder):
     for index in dataset.indices:
         world = dataset.load(index)
         path = plan_path(world.cspace, world.start_cell, world.goal_cell)
-        assert np.array_equal(path, world.path[1:]), index  # the first cell is there twice
+        assert np.array_equal(path, world.path[1:]), (
+            index
+        )  # the first cell is there twice
 
 
 def test_ends_that_are_occupied_or_outside():

@@ -27,7 +27,11 @@ def test_readings_and_objects_arrive_whole_and_in_order():
 
 def test_a_simulator_that_is_not_listened_to_waits_and_loses_nothing():
     simulator, evaluator = ends()
-    sender = threading.Thread(target=lambda: [simulator.publish("odom", bytes([k % 256]) * 700) for k in range(500)])
+    sender = threading.Thread(
+        target=lambda: [
+            simulator.publish("odom", bytes([k % 256]) * 700) for k in range(500)
+        ]
+    )
     sender.start()
     sender.join(0.5)
     assert sender.is_alive()  # so it does not run ahead either

@@ -15,15 +15,33 @@ from barn_worlds.worlds.world import World
 def test_a_world_is_drawn_with_all_its_parts(small_world, tmp_path):
     figure = render.world_figure(small_world)
     write_png(figure, tmp_path / "world.png")
-    shown = {colour for _, colour in Image.open(tmp_path / "world.png").convert("RGB").getcolors(2**24)}
-    parts = (palette.OBSTACLE, palette.WALL, palette.HOLLOW, palette.INFLATED, palette.START, palette.GOAL)
+    shown = {
+        colour
+        for _, colour in Image.open(tmp_path / "world.png")
+        .convert("RGB")
+        .getcolors(2**24)
+    }
+    parts = (
+        palette.OBSTACLE,
+        palette.WALL,
+        palette.HOLLOW,
+        palette.INFLATED,
+        palette.START,
+        palette.GOAL,
+    )
     assert {ImageColor.getrgb(part) for part in parts} <= shown
     (axes,) = figure.axes
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")
     assert (*axes.get_xlim(), *axes.get_ylim()) == pytest.approx((-1.35, 0.0, 0.0, 6.9))
-    assert any(np.array_equal(line.get_xydata(), small_world.path_m()) for line in axes.lines)
-    discs = np.concatenate([collection.get_offsets() for collection in axes.collections])
-    assert {tuple(centre) for centre in small_world.obstacles_m.tolist()} <= {tuple(c) for c in discs.tolist()}
+    assert any(
+        np.array_equal(line.get_xydata(), small_world.path_m()) for line in axes.lines
+    )
+    discs = np.concatenate(
+        [collection.get_offsets() for collection in axes.collections]
+    )
+    assert {tuple(centre) for centre in small_world.obstacles_m.tolist()} <= {
+        tuple(c) for c in discs.tolist()
+    }
     labels = {text.get_text() for text in axes.get_legend().get_texts()}
     assert {"obstacle", "C-space obstacle", "start", "goal"} == labels
 
@@ -42,7 +60,9 @@ def test_a_sheet_holds_every_world_in_its_place(small_world):
     gap = 2
     assert np.array_equal(sheet[gap : gap + 12, :9], tile[::-1])
     assert np.array_equal(sheet[gap + 14 : gap + 26, :9], tile[::-1])
-    assert np.array_equal(sheet[gap + 11, 11 : 11 + 9][6], np.float32(to_rgb(palette.START)))
+    assert np.array_equal(
+        sheet[gap + 11, 11 : 11 + 9][6], np.float32(to_rgb(palette.START))
+    )
 
 
 def test_sheets_are_bounded():

@@ -43,12 +43,18 @@ def test_robots_of_the_suite_say_where_their_numbers_are_from(name):
     robot = load_robot(name)
     assert robot.name == name
     assert robot.summary
-    assert {"chassis", "drive", "lidar", "odometry", "wheel_friction"} == set(robot.sources)
+    assert {"chassis", "drive", "lidar", "odometry", "wheel_friction"} == set(
+        robot.sources
+    )
 
 
 def test_the_sizes_are_those_of_the_data_sheets():
     sizes = {
-        name: (round(robot.length_m, 9), round(robot.width_m, 9), robot.footprint_cells(0.15))
+        name: (
+            round(robot.length_m, 9),
+            round(robot.width_m, 9),
+            robot.footprint_cells(0.15),
+        )
         for name, robot in ROBOTS.items()
     }
     assert sizes == {
@@ -63,10 +69,17 @@ def test_the_sizes_are_those_of_the_data_sheets():
 
 def test_the_jackal_has_the_defaults_and_the_body_of_its_urdf():
     robot = load_robot("jackal")
-    assert (robot.drive, robot.lidar, robot.odometry) == (DriveConfig(), LidarConfig(), OdometryConfig())
+    assert (robot.drive, robot.lidar, robot.odometry) == (
+        DriveConfig(),
+        LidarConfig(),
+        OdometryConfig(),
+    )
     assert robot.chassis.mass_kg == pytest.approx(16.523 + 4 * 0.477)
     assert robot.chassis.wheels_m[0] == (0.131, 0.187795, 0.0345)
-    assert (robot.chassis.wheel_radius_m, robot.chassis.base_height_m) == (0.098, 0.0635)
+    assert (robot.chassis.wheel_radius_m, robot.chassis.base_height_m) == (
+        0.098,
+        0.0635,
+    )
 
 
 def test_new_keys_of_drive_and_lidar_are_left_out_while_unused():
@@ -75,7 +88,12 @@ def test_new_keys_of_drive_and_lidar_are_left_out_while_unused():
 
 
 @pytest.mark.parametrize(
-    "name, said", [("husk", "did you mean 'husky'"), ("", "known: husky, jackal"), ("a/b", "name a file")]
+    "name, said",
+    [
+        ("husk", "did you mean 'husky'"),
+        ("", "known: husky, jackal"),
+        ("a/b", "name a file"),
+    ],
 )
 def test_an_unknown_robot_is_answered_with_the_near_one(name, said):
     with pytest.raises(ConfigError, match="^unknown robot .*" + said):
@@ -142,8 +160,14 @@ def test_a_wrong_file_is_answered_in_one_line(changed, what, refused):
 
 
 def test_keys_in_the_yaml_win_over_the_urdf(changed, tmp_path):
-    (tmp_path / "mine.urdf").write_text(shipped_robots()["jackal"].with_suffix(".urdf").read_text("utf-8"), "utf-8")
-    mine = load_robot(changed({"urdf": "mine.urdf", "chassis.mass_kg": 30.0}, shipped_robots()["jackal"]))
+    (tmp_path / "mine.urdf").write_text(
+        shipped_robots()["jackal"].with_suffix(".urdf").read_text("utf-8"), "utf-8"
+    )
+    mine = load_robot(
+        changed(
+            {"urdf": "mine.urdf", "chassis.mass_kg": 30.0}, shipped_robots()["jackal"]
+        )
+    )
     jackal = load_robot("jackal")
     assert mine == replace(jackal, chassis=replace(jackal.chassis, mass_kg=30.0))
 
@@ -169,15 +193,25 @@ def test_links_of_a_urdf_are_placed_and_turned_by_their_joints(tmp_path):
     path.write_text(TURNED, "utf-8")
     found = chassis_of(path)
     assert found["mass_kg"] == 2.0
-    assert found["centre_of_mass_m"] == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)  # 1 ahead, 1 back
+    assert found["centre_of_mass_m"] == pytest.approx(
+        (0.0, 0.0, 0.0), abs=1e-12
+    )  # 1 ahead, 1 back
     assert found["inertia_kg_m2"] == pytest.approx((2.0, 1.0, 2.5))
     assert found["base_height_m"] == pytest.approx(0.2)
-    assert (found["track_m"], found["wheelbase_m"], found["axle_x_m"]) == pytest.approx((0.4, 0.0, 0.3))
-    assert (found["wheel_radius_m"], found["wheel_width_m"], found["wheel_z_m"]) == pytest.approx((0.1, 0.02, -0.1))
+    assert (found["track_m"], found["wheelbase_m"], found["axle_x_m"]) == pytest.approx(
+        (0.4, 0.0, 0.3)
+    )
+    assert (
+        found["wheel_radius_m"],
+        found["wheel_width_m"],
+        found["wheel_z_m"],
+    ) == pytest.approx((0.1, 0.02, -0.1))
 
 
 def test_a_rotation_is_about_fixed_axes():
-    assert rotation(0.0, 0.0, 0.5 * math.pi) @ [1.0, 0.0, 0.0] == pytest.approx([0.0, 1.0, 0.0])
+    assert rotation(0.0, 0.0, 0.5 * math.pi) @ [1.0, 0.0, 0.0] == pytest.approx(
+        [0.0, 1.0, 0.0]
+    )
     turned = rotation(0.3, -0.2, 0.5)
     assert turned @ turned.T == pytest.approx(np.eye(3))
     assert turned[2, 0] == pytest.approx(math.sin(0.2))
@@ -194,7 +228,10 @@ def test_a_rotation_is_about_fixed_axes():
         (TURNED.replace('value="2"', 'value="inf"'), "none that is a number"),
         (TURNED.replace('xyz="0 1 0"', 'xyz="0 1"'), "must be three numbers: '0 1'"),
         (TURNED.replace('<mass value="2"/>', ""), "without <mass>"),
-        (TURNED.replace('<parent link="base_footprint"/>', '<parent link="bar"/>'), "joints make a ring"),
+        (
+            TURNED.replace('<parent link="base_footprint"/>', '<parent link="bar"/>'),
+            "joints make a ring",
+        ),
         (TURNED + " " * LARGEST_URDF_BYTES, "more than the allowed"),
     ],
 )
@@ -206,8 +243,12 @@ def test_a_wrong_urdf_is_answered_in_one_line(tmp_path, text, said, refused):
 
 
 def test_axles_are_where_the_kind_of_drive_has_them():
-    husky, burger = (load_robot(name).chassis for name in ("husky", "turtlebot3_burger"))
-    assert [x for x, _, _ in husky.wheels_m] == pytest.approx([0.256, 0.256, -0.256, -0.256])
+    husky, burger = (
+        load_robot(name).chassis for name in ("husky", "turtlebot3_burger")
+    )
+    assert [x for x, _, _ in husky.wheels_m] == pytest.approx(
+        [0.256, 0.256, -0.256, -0.256]
+    )
     assert [x for x, _, _ in burger.wheels_m] == [0.0, 0.0]
     assert replace(husky, axle_x_m=0.01).wheels_m[0][0] == pytest.approx(0.266)
 
@@ -220,7 +261,14 @@ def test_a_round_robot_is_a_polygon_around_its_circle():
 
 
 def test_the_hull_of_an_l_shape_leaves_out_its_dent():
-    corners = ((1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (0.2, -1.0), (0.2, 0.2), (1.0, 0.2))
+    corners = (
+        (1.0, 1.0),
+        (-1.0, 1.0),
+        (-1.0, -1.0),
+        (0.2, -1.0),
+        (0.2, 0.2),
+        (1.0, 0.2),
+    )
     shape = replace(load_robot("husky").chassis, footprint_m=corners)
     assert set(shape.hull_m) == set(corners) - {(0.2, 0.2)}
     assert shape.extent_m == (-1.0, -1.0, 1.0, 1.0)

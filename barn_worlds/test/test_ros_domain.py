@@ -16,10 +16,14 @@ def test_domains_side_by_side_differ():
 
 
 def test_the_users_own_domain_is_respected_and_nobody_elses_meanwhile():
-    asked = {"ROS_DOMAIN_ID": str(130 + os.getpid() % 100)}  # none that others choose by themselves
+    asked = {
+        "ROS_DOMAIN_ID": str(130 + os.getpid() % 100)
+    }  # none that others choose by themselves
     with reserved_domain(asked) as number:
         assert str(number) == asked["ROS_DOMAIN_ID"]
-        taken = rf"^ROS_DOMAIN_ID {number}: another run uses this domain; choose another, "
+        taken = (
+            rf"^ROS_DOMAIN_ID {number}: another run uses this domain; choose another, "
+        )
         with pytest.raises(ConfigError, match=taken), reserved_domain(asked):
             pass
     with reserved_domain(asked) as again:
@@ -28,7 +32,12 @@ def test_the_users_own_domain_is_respected_and_nobody_elses_meanwhile():
 
 def test_a_domain_that_is_no_number_is_one_line():
     asked = {"ROS_DOMAIN_ID": "x"}
-    with pytest.raises(ConfigError, match="ROS_DOMAIN_ID must be from 0 to 232, got 'x'"), reserved_domain(asked):
+    with (
+        pytest.raises(
+            ConfigError, match="ROS_DOMAIN_ID must be from 0 to 232, got 'x'"
+        ),
+        reserved_domain(asked),
+    ):
         pass
 
 

@@ -28,11 +28,15 @@ class Listener(Peer):
     def __init__(self, world: int) -> None:
         super().__init__()
         given = [Parameter("world", value=world)]
-        self.server = MapServer(context=self.context, parameter_overrides=given, enable_rosout=False)
+        self.server = MapServer(
+            context=self.context, parameter_overrides=given, enable_rosout=False
+        )
         self.executor.add_node(self.server)
         self.heard = {}
         for kind, topic in ((OccupancyGrid, "map"), (Path, "plan")):
-            self.node.create_subscription(kind, topic, partial(self.heard.__setitem__, topic), profile(LATCHED))
+            self.node.create_subscription(
+                kind, topic, partial(self.heard.__setitem__, topic), profile(LATCHED)
+            )
 
 
 @pytest.fixture
@@ -43,10 +47,18 @@ def peer():
 
 def test_a_late_listener_gets_map_and_path(peer):
     peer.wait(lambda: len(peer.heard) == 2)
-    served, world = decode.occupancy_map(serialize_message(peer.heard["map"])), open_dataset("barn300").load(7)
+    served, world = (
+        decode.occupancy_map(serialize_message(peer.heard["map"])),
+        open_dataset("barn300").load(7),
+    )
     assert np.array_equal(served.data, world.occupancy_map().data)
-    assert peer.heard["map"].header.frame_id == peer.heard["plan"].header.frame_id == "map"
-    places = [(pose.pose.position.x, pose.pose.position.y) for pose in peer.heard["plan"].poses]
+    assert (
+        peer.heard["map"].header.frame_id == peer.heard["plan"].header.frame_id == "map"
+    )
+    places = [
+        (pose.pose.position.x, pose.pose.position.y)
+        for pose in peer.heard["plan"].poses
+    ]
     assert np.array_equal(places, world.path_m())
 
 
@@ -55,8 +67,15 @@ def test_reload_serves_the_new_world_and_keeps_the_old_one_on_a_mistake(peer):
     assert all(one.successful for one in peer.server.set_parameters(changes))
     assert peer.call("map_server/reload").success
     expected = open_dataset("barn300").load(8).occupancy_map(0.05)
-    peer.wait(lambda: "map" in peer.heard and peer.heard["map"].info.height == expected.data.shape[0])
-    assert np.array_equal(decode.occupancy_map(serialize_message(peer.heard["map"])).data, expected.data)
+    peer.wait(
+        lambda: (
+            "map" in peer.heard
+            and peer.heard["map"].info.height == expected.data.shape[0]
+        )
+    )
+    assert np.array_equal(
+        decode.occupancy_map(serialize_message(peer.heard["map"])).data, expected.data
+    )
 
     peer.server.set_parameters([Parameter("world", value=300)])
     answer = peer.call("map_server/reload")
@@ -66,4 +85,7 @@ def test_reload_serves_the_new_world_and_keeps_the_old_one_on_a_mistake(peer):
 
 def test_the_executable_fails_with_one_line():
     code, said = Process("-m", "barn_worlds.ros.map_server", world=1000).end()
-    assert (code, said) == (1, "map_server: barn300: no world 1000; there are 300 worlds from 0 to 299\n")
+    assert (code, said) == (
+        1,
+        "map_server: barn300: no world 1000; there are 300 worlds from 0 to 299\n",
+    )

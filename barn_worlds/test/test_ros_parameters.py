@@ -16,7 +16,9 @@ from barn_worlds.ros.parameters import check_with, current, declare, warn_of_unk
 
 @dataclass(frozen=True)
 class Inner(Checked):
-    range_max_m: float = quantity(30.0, "longest range", "m", minimum=0.0, maximum=100.0)
+    range_max_m: float = quantity(
+        30.0, "longest range", "m", minimum=0.0, maximum=100.0
+    )
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,9 @@ def context():
 
 def make(context, **overrides):
     values = [Parameter(name, value=value) for name, value in overrides.items()]
-    return Node("declared", context=context, parameter_overrides=values, enable_rosout=False)
+    return Node(
+        "declared", context=context, parameter_overrides=values, enable_rosout=False
+    )
 
 
 def test_defaults_overrides_and_descriptions(context):
@@ -61,7 +65,11 @@ def test_defaults_overrides_and_descriptions(context):
         ({"beams": 0}, Config(), "beams"),
         ({"beams": "many"}, Config(), "beams"),
         ({"inner.range_max_m": "far"}, Config(), r"inner\.range_max_m"),
-        ({"mode": "amlc"}, Config(), "mode must be one of exact, amcl, got 'amlc'; did you mean 'amcl'"),
+        (
+            {"mode": "amlc"},
+            Config(),
+            "mode must be one of exact, amcl, got 'amlc'; did you mean 'amcl'",
+        ),
         ({"nodes": 5}, Lists(), r"nodes\[0\] must be text, got 5$"),
     ],
 )
@@ -76,7 +84,9 @@ def test_an_integer_serves_where_a_float_is_wanted(context):
     check_with(node, Config())
     assert node.set_parameters([Parameter("inner.range_max_m", value=20)])[0].successful
     assert current(node, Config()).inner.range_max_m == 20.0
-    assert not node.set_parameters([Parameter("inner.range_max_m", value="far")])[0].successful
+    assert not node.set_parameters([Parameter("inner.range_max_m", value="far")])[
+        0
+    ].successful
 
 
 def test_an_unknown_parameter_is_warned_of_with_the_near_one(context, capfd):

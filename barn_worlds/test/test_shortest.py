@@ -12,17 +12,27 @@ from barn_worlds.geometry.shortest import CORNERS, MOST_CYLINDERS, shortest_way_
 
 STEP = 0.05  # of the grid that ways are searched on by force, in m
 PLACES = STEP * np.argwhere(np.ones((41, 41)))
-MOVES = cKDTree(PLACES).query_pairs(3.7 * STEP, output_type="ndarray")  # up to three steps along and two across
-ANGLE = math.atan(1.0 / 3.0)  # the largest between two moves: a way of them is at most this much longer than a free one
+MOVES = cKDTree(PLACES).query_pairs(
+    3.7 * STEP, output_type="ndarray"
+)  # up to three steps along and two across
+ANGLE = math.atan(
+    1.0 / 3.0
+)  # the largest between two moves: a way of them is at most this much longer than a free one
 LONGER = 1.0 / math.cos(0.5 * ANGLE)
 
 
 def by_force(start, goal, centres, radius):
     """Return the shortest way on a grid, in m, inf without one: never shorter than the shortest way there is."""
     begin, move = PLACES[MOVES[:, 0], None], np.diff(PLACES[MOVES], axis=1)
-    shares = np.clip(((centres - begin) * move).sum(axis=2) / (move**2).sum(axis=2), 0.0, 1.0)
+    shares = np.clip(
+        ((centres - begin) * move).sum(axis=2) / (move**2).sum(axis=2), 0.0, 1.0
+    )
     off = begin + shares[..., None] * move - centres
-    lengths_m = np.where((np.hypot(off[..., 0], off[..., 1]) >= radius).all(axis=1), np.hypot(*move[:, 0].T), np.inf)
+    lengths_m = np.where(
+        (np.hypot(off[..., 0], off[..., 1]) >= radius).all(axis=1),
+        np.hypot(*move[:, 0].T),
+        np.inf,
+    )
     ways = csr_array((lengths_m, tuple(MOVES.T)), shape=(len(PLACES), len(PLACES)))
     first, last = cKDTree(PLACES).query([start, goal])[1]
     return dijkstra(ways, directed=False, indices=first)[last]
@@ -34,15 +44,21 @@ def test_the_bound_lies_at_or_below_the_shortest_way_on_a_fine_grid(seed):
     radius = rng.uniform(0.1, 0.25)
     centres = rng.uniform(0.3, 1.7, (9, 2))
     ends = np.array([0.0, 1.0]), np.array([2.0, 1.0])
-    found, bound = (search(*ends, centres, radius) for search in (by_force, shortest_way_m))
+    found, bound = (
+        search(*ends, centres, radius) for search in (by_force, shortest_way_m)
+    )
     assert 2.0 <= bound <= found + 1e-9
-    assert bound >= found / LONGER - 0.1  # what the grid's ways are longer by, and by which they keep off the discs
+    assert (
+        bound >= found / LONGER - 0.1
+    )  # what the grid's ways are longer by, and by which they keep off the discs
 
 
 def test_around_one_disc_the_bound_is_the_taut_string_but_for_the_corners():
     away, radius = 2.0, 0.5
     exact = 2.0 * (math.sqrt(away**2 - radius**2) + radius * math.asin(radius / away))
-    bound = shortest_way_m(np.array([-away, 0.0]), np.array([away, 0.0]), np.zeros((1, 2)), radius)
+    bound = shortest_way_m(
+        np.array([-away, 0.0]), np.array([away, 0.0]), np.zeros((1, 2)), radius
+    )
     inner = radius * math.cos(math.pi / CORNERS)
     least = 2.0 * (math.sqrt(away**2 - inner**2) + inner * math.asin(inner / away))
     assert least - 1e-9 <= bound <= exact

@@ -18,7 +18,10 @@ BARN = [sys.executable, "-m", "barn_eval"]
 def verified(file: Path, folder: Path) -> str:
     """Unpack a submission that holds into a folder; return what is wrong with one that does not."""
     told = subprocess.run(  # noqa: S603 (a file of the board, and no shell)
-        [*BARN, "verify", file, "--out", folder, "--json"], capture_output=True, text=True, check=False
+        [*BARN, "verify", file, "--out", folder, "--json"],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     if not told.stdout:
         return told.stderr.strip() or "barn verify did not start"
@@ -26,7 +29,14 @@ def verified(file: Path, folder: Path) -> str:
     if not found["holds"]:
         return "; ".join(found["problems"][:3])
     rules = json.loads((HERE / "board.json").read_text("utf-8"))
-    return next((f"{key} is {found[key]}, must be {rule}" for key, rule in rules.items() if found[key] != rule), "")
+    return next(
+        (
+            f"{key} is {found[key]}, must be {rule}"
+            for key, rule in rules.items()
+            if found[key] != rule
+        ),
+        "",
+    )
 
 
 def main() -> int:

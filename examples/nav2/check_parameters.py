@@ -37,7 +37,11 @@ def main(arguments):
     trees = tuple(Path(one) for one in arguments if not one.endswith((".yaml", ".yml")))
     missing = [str(one) for one in (*files, *trees) if not one.exists()]
     if missing or not any((tree / "nav2_controller").is_dir() for tree in trees):
-        print("usage: check_parameters.py NAVIGATION2 [PLUGIN_TREE ...] [MINE.yaml ...]", *missing, file=sys.stderr)
+        print(
+            "usage: check_parameters.py NAVIGATION2 [PLUGIN_TREE ...] [MINE.yaml ...]",
+            *missing,
+            file=sys.stderr,
+        )
         return 2
     checked = 0
     unknown = []
@@ -45,14 +49,23 @@ def main(arguments):
         try:
             found = list(nodes(yaml.safe_load(path.read_text("utf-8"))))
         except (yaml.YAMLError, UnicodeDecodeError, IsADirectoryError) as error:
-            found = unknown.append(f"{path}: cannot be read: {' '.join(str(error).split())}") or []
+            found = (
+                unknown.append(
+                    f"{path}: cannot be read: {' '.join(str(error).split())}"
+                )
+                or []
+            )
         for node, values in found:
             named = SOURCES.get(node, [f"nav2_{node.removesuffix('_server')}"])
-            places = tuple(tree / one for tree in trees for one in named if (tree / one).is_dir())
+            places = tuple(
+                tree / one for tree in trees for one in named if (tree / one).is_dir()
+            )
             for name, problem in problems(values, places or trees, trees):
                 checked += 1
                 unknown += [f"{path.name}: {node}: {name}{problem}"] if problem else []
-    print("\n".join([*unknown, f"{checked} parameters checked, {len(unknown)} unknown"]))
+    print(
+        "\n".join([*unknown, f"{checked} parameters checked, {len(unknown)} unknown"])
+    )
     return 1 if unknown else 0
 
 
@@ -72,7 +85,9 @@ def problems(values, places, trees, prefix=""):
         places = exported(trees).get(plugin, ())
         yield (
             f"{prefix}plugin",
-            "" if places else f": no plugin {plugin} in these trees, what it reads is not checked",
+            ""
+            if places
+            else f": no plugin {plugin} in these trees, what it reads is not checked",
         )
         if not places:
             return
@@ -80,18 +95,35 @@ def problems(values, places, trees, prefix=""):
         if isinstance(value, dict):
             yield from problems(value, places, trees, f"{prefix}{key}.")
         elif key == "critics" and plugin in CRITICS:
-            missing = [one for one in value if CRITICS[plugin].format(one) not in exported(trees)]
+            missing = [
+                one
+                for one in value
+                if CRITICS[plugin].format(one) not in exported(trees)
+            ]
             yield prefix + key, f": no plugin {', '.join(missing)}" if missing else ""
         elif key != "plugin" and key not in COMMON:
             last = re.escape(str(key).rpartition(".")[2])
-            known = any(re.search(rf"""["'](?:[\w.]*\.)?{last}["']""", source(place)) for place in places)
-            yield prefix + key, "" if known else f" is not read by {', '.join(place.name for place in places)}"
+            known = any(
+                re.search(rf"""["'](?:[\w.]*\.)?{last}["']""", source(place))
+                for place in places
+            )
+            yield (
+                prefix + key,
+                ""
+                if known
+                else f" is not read by {', '.join(place.name for place in places)}",
+            )
 
 
 @cache
 def source(folder):
     """Return all code of a package or a tree."""
-    files = [one for end in ("cpp", "hpp", "h", "py") for one in folder.rglob(f"*.{end}") if "test" not in one.parts]
+    files = [
+        one
+        for end in ("cpp", "hpp", "h", "py")
+        for one in folder.rglob(f"*.{end}")
+        if "test" not in one.parts
+    ]
     return "\n".join(file.read_text("utf-8", "replace") for file in files)
 
 
@@ -102,9 +134,15 @@ def exported(trees):
     for tree in trees:
         for file in tree.rglob("*.xml"):
             # a tree of one package, or of many
-            place = tree if (tree / "package.xml").is_file() else tree / file.relative_to(tree).parts[0]
+            place = (
+                tree
+                if (tree / "package.xml").is_file()
+                else tree / file.relative_to(tree).parts[0]
+            )
             text = file.read_text("utf-8", "replace")
-            for name in re.findall(r'<class\s[^>]*?\b(?:type|name)="([^"]+)"', text, re.DOTALL):
+            for name in re.findall(
+                r'<class\s[^>]*?\b(?:type|name)="([^"]+)"', text, re.DOTALL
+            ):
                 found[name] = (place,)
     return found
 

@@ -9,7 +9,13 @@ import sys
 from pathlib import Path
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, EmitEvent, ExecuteProcess, OpaqueFunction, RegisterEventHandler
+from launch.actions import (
+    DeclareLaunchArgument,
+    EmitEvent,
+    ExecuteProcess,
+    OpaqueFunction,
+    RegisterEventHandler,
+)
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
@@ -34,14 +40,39 @@ def generate_launch_description():
     """Return the servers with their arguments."""
     return LaunchDescription(
         [
-            DeclareLaunchArgument("controller", default_value="mppi", choices=CONTROLLERS, description="local planner"),
-            DeclareLaunchArgument("map", default_value="false", choices=["true", "false"], description="plan on a map"),
             DeclareLaunchArgument(
-                "stamped", default_value="false", choices=["true", "false"], description="send TwistStamped, not Twist"
+                "controller",
+                default_value="mppi",
+                choices=CONTROLLERS,
+                description="local planner",
             ),
-            DeclareLaunchArgument("use_sim_time", default_value="true", description="take the time from /clock"),
-            DeclareLaunchArgument("params_file", default_value="", description="more parameters, which count most"),
-            DeclareLaunchArgument("log_level", default_value="info", description="debug, info, warn, error or fatal"),
+            DeclareLaunchArgument(
+                "map",
+                default_value="false",
+                choices=["true", "false"],
+                description="plan on a map",
+            ),
+            DeclareLaunchArgument(
+                "stamped",
+                default_value="false",
+                choices=["true", "false"],
+                description="send TwistStamped, not Twist",
+            ),
+            DeclareLaunchArgument(
+                "use_sim_time",
+                default_value="true",
+                description="take the time from /clock",
+            ),
+            DeclareLaunchArgument(
+                "params_file",
+                default_value="",
+                description="more parameters, which count most",
+            ),
+            DeclareLaunchArgument(
+                "log_level",
+                default_value="info",
+                description="debug, info, warn, error or fatal",
+            ),
             OpaqueFunction(function=make_nodes),
         ]
     )
@@ -57,7 +88,10 @@ def make_nodes(context):
         "use_sim_time": argument("use_sim_time") == "true",
         "enable_stamped_cmd_vel": argument("stamped") == "true",
     }
-    files = [*parameter_files(argument("controller"), argument("map") == "true"), argument("params_file")]
+    files = [
+        *parameter_files(argument("controller"), argument("map") == "true"),
+        argument("params_file"),
+    ]
     parameters = [*filter(None, files), common]
     log = ["--ros-args", "--log-level", argument("log_level")]
     nodes = [
@@ -72,7 +106,11 @@ def make_nodes(context):
         for package, executable, remappings in SERVERS
     ]
     names = [executable for _, executable, _ in SERVERS]
-    manager = {"use_sim_time": common["use_sim_time"], "autostart": True, "node_names": names}
+    manager = {
+        "use_sim_time": common["use_sim_time"],
+        "autostart": True,
+        "node_names": names,
+    }
     nodes.append(
         Node(
             package="nav2_lifecycle_manager",
@@ -84,9 +122,20 @@ def make_nodes(context):
         )
     )
     time = ["-p", f"use_sim_time:={argument('use_sim_time')}"]
-    nodes.append(ExecuteProcess(cmd=[sys.executable, str(HERE / "trial_node.py"), *log, *time], output="screen"))
+    nodes.append(
+        ExecuteProcess(
+            cmd=[sys.executable, str(HERE / "trial_node.py"), *log, *time],
+            output="screen",
+        )
+    )
     end = EmitEvent(event=Shutdown(reason="a process of Nav2 has ended"))
-    return [*nodes, *(RegisterEventHandler(OnProcessExit(target_action=node, on_exit=[end])) for node in nodes)]
+    return [
+        *nodes,
+        *(
+            RegisterEventHandler(OnProcessExit(target_action=node, on_exit=[end]))
+            for node in nodes
+        ),
+    ]
 
 
 def parameter_files(controller, with_map):

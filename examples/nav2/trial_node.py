@@ -36,7 +36,9 @@ class TrialNode(Node):
 
     def __init__(self):
         super().__init__("nav2_trial")
-        self._manager = self.declare_parameter("manager", "lifecycle_manager_navigation").value
+        self._manager = self.declare_parameter(
+            "manager", "lifecycle_manager_navigation"
+        ).value
         self._active = self._goal = self._plan = False
         self._renewing = False
         self._failure = ""
@@ -45,14 +47,20 @@ class TrialNode(Node):
         # a reset waits for the manager's answers, so it must not keep their callbacks from running
         group = ReentrantCallbackGroup()
         # made once, and connected by the first reset: a client that is used as soon as it is made can miss the answer
-        self._manage = self.create_client(ManageLifecycleNodes, f"{self._manager}/manage_nodes", callback_group=group)
+        self._manage = self.create_client(
+            ManageLifecycleNodes, f"{self._manager}/manage_nodes", callback_group=group
+        )
         latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
-        self.create_subscription(GoalStatusArray, "navigate_to_pose/_action/status", self._on_status, latched)
+        self.create_subscription(
+            GoalStatusArray, "navigate_to_pose/_action/status", self._on_status, latched
+        )
         self.create_subscription(Path, "plan", self._on_plan, 1)
         self.create_service(Trigger, "~/reset", self._on_reset, callback_group=group)
         self.create_service(Trigger, "~/ready", self._on_ready)
         # by the machine's clock: simulated time stands still while Nav2 comes up
-        self.create_timer(POLL_PERIOD_S, self._poll, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_timer(
+            POLL_PERIOD_S, self._poll, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
 
     def missing(self):
         """Return what Nav2 still lacks, an empty text if nothing."""
@@ -68,7 +76,9 @@ class TrialNode(Node):
         if self._asked is not None and self._asked.done():
             self._active = not self._renewing and self._asked.result().success
             self._asked = None
-        connected = self._is_active.service_is_ready() and self._manage.service_is_ready()
+        connected = (
+            self._is_active.service_is_ready() and self._manage.service_is_ready()
+        )
         if self._asked is None and not self._renewing and connected:
             self._asked = self._is_active.call_async(Trigger.Request())
 
@@ -98,7 +108,9 @@ class TrialNode(Node):
     async def _change(self, name):
         """Ask the lifecycle manager for STARTUP or RESET, and note it if not all its nodes have done it."""
         self.get_logger().info(f"{name} of Nav2")
-        request = ManageLifecycleNodes.Request(command=getattr(ManageLifecycleNodes.Request, name))
+        request = ManageLifecycleNodes.Request(
+            command=getattr(ManageLifecycleNodes.Request, name)
+        )
         if not (await self._manage.call_async(request)).success:
             self._failure = f"{self._manager} could not do {name}"
             self.get_logger().error(self._failure)

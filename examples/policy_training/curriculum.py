@@ -15,10 +15,16 @@ from barn_worlds.base.config import Checked, quantity
 class CurriculumConfig(Checked):
     """How many worlds are drawn from at first, and when that becomes more."""
 
-    first_level: float = quantity(0.1, "level of the hardest worlds drawn at first", "", 0.0, 1.0)
+    first_level: float = quantity(
+        0.1, "level of the hardest worlds drawn at first", "", 0.0, 1.0
+    )
     step: float = quantity(0.05, "what this level rises by", "", 0.001, 1.0)
-    promotion_rate: float = quantity(0.8, "success rate from which it rises", "", 0.0, 1.0)
-    window: int = quantity(20, "episodes that this rate is taken over", "", 1, 1_000_000)
+    promotion_rate: float = quantity(
+        0.8, "success rate from which it rises", "", 0.0, 1.0
+    )
+    window: int = quantity(
+        20, "episodes that this rate is taken over", "", 1, 1_000_000
+    )
 
 
 class Curriculum(gymnasium.Wrapper):  # type: ignore[type-arg, misc, unused-ignore]
@@ -28,7 +34,9 @@ class Curriculum(gymnasium.Wrapper):  # type: ignore[type-arg, misc, unused-igno
     the shipped data sets.
     """
 
-    def __init__(self, env: gymnasium.Env[Any, Any], config: CurriculumConfig | None = None) -> None:
+    def __init__(
+        self, env: gymnasium.Env[Any, Any], config: CurriculumConfig | None = None
+    ) -> None:
         super().__init__(env)
         self.config = config or CurriculumConfig()
         self._jackal: Any = env.unwrapped
@@ -48,7 +56,11 @@ class Curriculum(gymnasium.Wrapper):  # type: ignore[type-arg, misc, unused-igno
         """Take note of an episode's end; raise the level and count anew once enough are successes; tell whether."""
         self._recent.append(success)
         full = len(self._recent) == self.config.window
-        if not full or self.level >= 1.0 or sum(self._recent) < self.config.promotion_rate * self.config.window:
+        if (
+            not full
+            or self.level >= 1.0
+            or sum(self._recent) < self.config.promotion_rate * self.config.window
+        ):
             return False
         self.widen()
         return True

@@ -32,4 +32,12 @@ FAMILIES = {
     network.FAMILY: "The live view",
 }
 
-__all__ = ["CASES", "FAMILIES", "bad_rows", "cheats", "folders", "neighbours", "settings"]
+__all__ = [
+    "CASES",
+    "FAMILIES",
+    "bad_rows",
+    "cheats",
+    "folders",
+    "neighbours",
+    "settings",
+]

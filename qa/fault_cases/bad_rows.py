@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from barn_eval.experiments.rows import sealed, unsealed
+from barn_eval.results.rows import sealed, unsealed
 from fault_cases.campaigns import undisturbed
 from fault_cases.inputs import FAMILY, LONGEST
 from fault_cases.kit import Lab, add, hold
@@ -17,7 +17,9 @@ def _bad_rows(lab: Lab, change: Callable[[dict[str, Any]], str]) -> str:
     shutil.copytree(undisturbed(), lab.out)
     path = lab.out / "results.jsonl"
     first, *rest = path.read_text().splitlines()
-    path.write_text("\n".join([sealed(change(json.loads(unsealed(first, "")))), *rest]) + "\n")
+    path.write_text(
+        "\n".join([sealed(change(json.loads(unsealed(first, "")))), *rest]) + "\n"
+    )
     said = ""
     for words in (("report", lab.out), ("compare", lab.out, lab.out)):
         said = lab.refused(*words)
@@ -29,16 +31,30 @@ for _name, _done, _change in (
     (
         "row-nan",
         "A row says that a trial took NaN s.",
-        lambda row: json.dumps(row | {"scores": row["scores"] | {"duration_s": float("nan")}}),
+        lambda row: json.dumps(
+            row | {"scores": row["scores"] | {"duration_s": float("nan")}}
+        ),
     ),
-    ("row-type", "A row says that its world is a mapping.", lambda row: json.dumps(row | {"world": {"a": 0}})),
+    (
+        "row-type",
+        "A row says that its world is a mapping.",
+        lambda row: json.dumps(row | {"world": {"a": 0}}),
+    ),
     (
         "row-deep",
         "A row is nested 5,000 deep.",
         lambda row: json.dumps(row)[:-1] + ',"a":' + "[" * 5000 + "]" * 5000 + "}",
     ),
-    ("row-huge", "A row has a detail of 2 MB.", lambda row: json.dumps(row | {"detail": "x" * 2_000_000})),
-    ("row-number", "A row has a world number of 400 digits.", lambda row: json.dumps(row | {"world": 10**400})),
+    (
+        "row-huge",
+        "A row has a detail of 2 MB.",
+        lambda row: json.dumps(row | {"detail": "x" * 2_000_000}),
+    ),
+    (
+        "row-number",
+        "A row has a world number of 400 digits.",
+        lambda row: json.dumps(row | {"world": 10**400}),
+    ),
     (
         "row-surrogate",
         "A row's detail is half a character of UTF-16.",

@@ -35,7 +35,13 @@ def campaign(lab: Lab, *more: object) -> list[object]:
     file = lab.folder / "campaign.yaml"
     file.write_text(_CAMPAIGN.format(folder=lab.folder))
     workers = () if "--workers" in more else ("--workers", 2)
-    return ["campaign", file, *(() if "--out" in more else ("--out", lab.out)), *workers, *more]
+    return [
+        "campaign",
+        file,
+        *(() if "--out" in more else ("--out", lab.out)),
+        *workers,
+        *more,
+    ]
 
 
 def tables(out: Path) -> dict[str, bytes]:
@@ -65,16 +71,26 @@ def resumed(lab: Lab, *more: object) -> str:
 
 def same(lab: Lab, there: int) -> str:
     """Wrong if the tables are not the undisturbed ones to the byte."""
-    hold(tables(lab.out) == tables(undisturbed()), "the tables differ from the undisturbed ones")
+    hold(
+        tables(lab.out) == tables(undisturbed()),
+        "the tables differ from the undisturbed ones",
+    )
     hold(len(lab.rows()) == TRIALS, f"{len(lab.rows())} rows")
-    return f"{there} rows kept; tables equal to the byte" if there else "tables equal to the byte"
+    return (
+        f"{there} rows kept; tables equal to the byte"
+        if there
+        else "tables equal to the byte"
+    )
 
 
 def _interrupted(lab: Lab, number: int) -> str:
     undisturbed()
     run = lab.start(*campaign(lab))
     lab.until(lambda: len(lab.rows()) >= 2, "two rows")
-    kill([run.pid], number) if number in (signal.SIGTERM, signal.SIGKILL) else os.killpg(run.pid, number)
+    kill([run.pid], number) if number in (
+        signal.SIGTERM,
+        signal.SIGKILL,
+    ) else os.killpg(run.pid, number)
     if number == signal.SIGKILL:
         lab.finish(run, -number)
     else:
@@ -84,8 +100,18 @@ def _interrupted(lab: Lab, number: int) -> str:
     return resumed(lab)
 
 
-for _number in (signal.SIGKILL, signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
-    _said = "" if _number == signal.SIGKILL else "It ends with code 130 and says how to resume. "
+for _number in (
+    signal.SIGKILL,
+    signal.SIGINT,
+    signal.SIGTERM,
+    signal.SIGHUP,
+    signal.SIGQUIT,
+):
+    _said = (
+        ""
+        if _number == signal.SIGKILL
+        else "It ends with code 130 and says how to resume. "
+    )
     add(
         FAMILY,
         _number.name.lower(),
@@ -95,7 +121,9 @@ for _number in (signal.SIGKILL, signal.SIGINT, signal.SIGTERM, signal.SIGHUP, si
     )
 
 
-def _disturbed(lab: Lab, disturb: Callable[[Lab], object], *more: object, words: str = "") -> str:
+def _disturbed(
+    lab: Lab, disturb: Callable[[Lab], object], *more: object, words: str = ""
+) -> str:
     undisturbed()
     run = lab.start(*campaign(lab, *more))
     lab.until(lambda: len(lab.rows()) >= 2, "two rows")
@@ -116,7 +144,12 @@ def _loaded(lab: Lab) -> str:
     """Let a campaign compete with 30 busy processes of its own priority, which is a low one, for a minute at most."""
     undisturbed()
     low = ["nice", "-n", "10"]
-    busy = [subprocess.Popen([*low, "timeout", "60", sys.executable, "-c", "while True: pass"]) for _ in range(30)]
+    busy = [
+        subprocess.Popen(
+            [*low, "timeout", "60", sys.executable, "-c", "while True: pass"]
+        )
+        for _ in range(30)
+    ]
     lab.finish(lab.start(*campaign(lab), prefix=low))
     for process in busy:
         process.terminate()
@@ -130,14 +163,20 @@ add(
     "worker-killed",
     "One of two workers gets SIGKILL.",
     f"Its trial is tried again, and the loss is told. {_MUST}",
-    lambda lab: _disturbed(lab, lambda lab: kill(lab.processes("s.worker")[:1]), words="was killed by SIGKILL"),
+    lambda lab: _disturbed(
+        lab,
+        lambda lab: kill(lab.processes("s.worker")[:1]),
+        words="was killed by SIGKILL",
+    ),
 )
 add(
     FAMILY,
     "all-workers-killed",
     "Both workers get SIGKILL.",
     f"Their trials are tried again. {_MUST}",
-    lambda lab: _disturbed(lab, lambda lab: kill(lab.processes("s.worker")), words="was killed by SIGKILL"),
+    lambda lab: _disturbed(
+        lab, lambda lab: kill(lab.processes("s.worker")), words="was killed by SIGKILL"
+    ),
 )
 add(
     FAMILY,
@@ -185,8 +224,20 @@ add(
 def shifted_clock(lab: Lab, seconds: int) -> tuple[Path, dict[str, str]]:
     """Return a file with by how much the clock is off, and the environment in which it is."""
     library, note = lab.folder / "clock.so", lab.folder / "shift"
-    words = ["cc", "-shared", "-fPIC", "-O1", "-o", str(library), str(Path(__file__).with_name("clock.c")), "-ldl"]
-    if which("cc") is None or subprocess.run(words, check=False, capture_output=True).returncode:
+    words = [
+        "cc",
+        "-shared",
+        "-fPIC",
+        "-O1",
+        "-o",
+        str(library),
+        str(Path(__file__).with_name("clock.c")),
+        "-ldl",
+    ]
+    if (
+        which("cc") is None
+        or subprocess.run(words, check=False, capture_output=True).returncode
+    ):
         raise Skipped("the clock cannot be shifted without a C compiler")
     note.write_text(str(seconds))
     return note, {"LD_PRELOAD": str(library), "BARN_CLOCK_SHIFT": str(note)}
@@ -202,7 +253,10 @@ def _jump(lab: Lab, days: int) -> str:
     lab.finish(run)
     dates = {row["wall_clock"]["started_at"][:10] for row in lab.rows()}
     hold(len(dates) >= 2, f"the clock did not jump: {dates}")
-    hold(all(row["wall_clock"]["duration_s"] < 100.0 for row in lab.rows()), "durations are of the clock")
+    hold(
+        all(row["wall_clock"]["duration_s"] < 100.0 for row in lab.rows()),
+        "durations are of the clock",
+    )
     return f"{same(lab, 0)}; from {min(dates)} to {max(dates)}"
 
 
@@ -223,7 +277,9 @@ def two_writers(lab: Lab) -> str:
     One runs, the others are refused in one line each; the tables are the undisturbed ones to the byte.
     """
     undisturbed()
-    ended = [lab.finish(run, None) for run in [lab.start(*campaign(lab)) for _ in range(3)]]
+    ended = [
+        lab.finish(run, None) for run in [lab.start(*campaign(lab)) for _ in range(3)]
+    ]
     hold(sorted(one.code for one in ended) == [0, 1, 1], [one.code for one in ended])
     said = [one.error for one in ended if one.code]
     hold(all("another process is working in this folder" in one for one in said), said)

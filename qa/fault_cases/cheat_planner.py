@@ -44,8 +44,15 @@ def others() -> list[str]:
     seen = []
     for entry in Path("/proc").iterdir():
         with suppress(OSError):
-            words = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode() if entry.name.isdigit() else ""
-            if any(one in words for one in ("barn_sim", "barn_eval", "guard.py")) and __file__ not in words:
+            words = (
+                (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+                if entry.name.isdigit()
+                else ""
+            )
+            if (
+                any(one in words for one in ("barn_sim", "barn_eval", "guard.py"))
+                and __file__ not in words
+            ):
                 seen.append(entry.name)
     return seen
 
@@ -65,8 +72,12 @@ def look_for_the_line(_: Node) -> None:
     told = 0
     for entry in list(Path("/proc/self/fd").iterdir()):
         with suppress(OSError), socket.socket(fileno=os.dup(int(entry.name))) as one:
-            told += one.family == socket.AF_UNIX and bool(one.send(message, socket.MSG_DONTWAIT))
-    for name in {fields[7] for fields in unix if len(fields) > 7 and "barn" in fields[7]}:
+            told += one.family == socket.AF_UNIX and bool(
+                one.send(message, socket.MSG_DONTWAIT)
+            )
+    for name in {
+        fields[7] for fields in unix if len(fields) > 7 and "barn" in fields[7]
+    }:
         for kind in (socket.SOCK_STREAM, socket.SOCK_DGRAM, socket.SOCK_SEQPACKET):
             with suppress(OSError), socket.socket(socket.AF_UNIX, kind) as one:
                 one.connect(name.replace("@", "\0", 1))
@@ -77,7 +88,10 @@ def look_for_the_line(_: Node) -> None:
 def write_results(_: Node) -> None:
     """Add to the rows, make a bag, and remove all results."""
     inside = [["touch", "results.jsonl"], ["mkdir", "another"], ["rm", "run.json"]]
-    for words in (*([name, f"{OUT}/{file}"] for name, file in inside), ["mv", f"{OUT}", f"{OUT}-"]):
+    for words in (
+        *([name, f"{OUT}/{file}"] for name, file in inside),
+        ["mv", f"{OUT}", f"{OUT}-"],
+    ):
         done = subprocess.run(words, capture_output=True, text=True, check=False)
         found(done.stderr.rpartition(": ")[2].strip() or "done")
 
@@ -88,7 +102,11 @@ def edit_results(_: Node) -> None:
         row = json.loads(rows.read_text())
         del row["crc32"]
         row |= {"outcome": "success", "fault": "", "detail": ""}
-        row["scores"] |= {"success": True, "challenge": 0.5, "traversal_time_s": row["scores"]["duration_s"]}
+        row["scores"] |= {
+            "success": True,
+            "challenge": 0.5,
+            "traversal_time_s": row["scores"]["duration_s"],
+        }
         line = json.dumps(row, separators=(",", ":"))
         rows.write_text(f'{line[:-1]},"crc32":"{zlib.crc32(line.encode()):08x}"}}\n')
         found("edited")
@@ -118,20 +136,27 @@ def fill_shared_memory(_: Node) -> None:
 
 def start(count: int, code: str) -> None:
     """Start processes, each in a session of its own."""
-    KEPT.extend(subprocess.Popen([sys.executable, "-S", "-c", code], start_new_session=True) for _ in range(count))
+    KEPT.extend(
+        subprocess.Popen([sys.executable, "-S", "-c", code], start_new_session=True)
+        for _ in range(count)
+    )
     found(f"{count} processes")
 
 
 def remember(_: Node) -> None:
     """Look for what an earlier trial has left, and leave something."""
-    found("nothing is left" if not (FOLDER / "memory").exists() else "something is left")
+    found(
+        "nothing is left" if not (FOLDER / "memory").exists() else "something is left"
+    )
     (FOLDER / "memory").touch()
 
 
 def enter(_: Node) -> None:
     """Be a guest on the domain of another run, until that is over."""
     words = [sys.executable, __file__, "guest", *sys.argv[2:4]]
-    with subprocess.Popen(words, env=os.environ | {"ROS_DOMAIN_ID": sys.argv[4]}) as process:
+    with subprocess.Popen(
+        words, env=os.environ | {"ROS_DOMAIN_ID": sys.argv[4]}
+    ) as process:
         while not (FOLDER / "over").exists():
             time.sleep(0.1)
         process.kill()
@@ -153,7 +178,11 @@ def visit() -> None:
 def publish(node: Node, kind: type, topic: str, message: object) -> None:
     """Publish a message now and with each scan."""
     sender = node.create_publisher(kind, topic, 10)
-    KEPT.append(node.create_subscription(LaserScan, "scan", lambda _: sender.publish(message), 10))
+    KEPT.append(
+        node.create_subscription(
+            LaserScan, "scan", lambda _: sender.publish(message), 10
+        )
+    )
 
 
 def ask(node: Node, kind: type, service: str, request: object) -> None:
@@ -164,8 +193,15 @@ def ask(node: Node, kind: type, service: str, request: object) -> None:
 
 def set_clock(node: Node) -> None:
     """Have the evaluator go by /clock, which anybody may publish."""
-    value = Parameter(name="use_sim_time", value=ParameterValue(type=1, bool_value=True))
-    ask(node, SetParameters, "/evaluator/set_parameters", SetParameters.Request(parameters=[value]))
+    value = Parameter(
+        name="use_sim_time", value=ParameterValue(type=1, bool_value=True)
+    )
+    ask(
+        node,
+        SetParameters,
+        "/evaluator/set_parameters",
+        SetParameters.Request(parameters=[value]),
+    )
 
 
 DEEDS: dict[str, Callable[[Node], object]] = {
@@ -206,22 +242,36 @@ class CheatPlanner(Node):
             self.create_service(ListParameters, "~/list_parameters", self.listed)
             self.create_service(GetParameters, "~/get_parameters", self.told)
         if KIND == "deaf-parameters":
-            KEPT.extend(rclpy.create_node(f"deaf_{k}", enable_rosout=False) for k in range(20))
-            KEPT.extend(one.create_publisher(String, "words", 1) for one in tuple(KEPT) if isinstance(one, Node))
+            KEPT.extend(
+                rclpy.create_node(f"deaf_{k}", enable_rosout=False) for k in range(20)
+            )
+            KEPT.extend(
+                one.create_publisher(String, "words", 1)
+                for one in tuple(KEPT)
+                if isinstance(one, Node)
+            )
 
-    def refuse(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def refuse(
+        self, _: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
         """Say at length that the planner is not ready."""
         response.message = "x" * LARGE
         return response
 
-    def listed(self, _: ListParameters.Request, response: ListParameters.Response) -> ListParameters.Response:
+    def listed(
+        self, _: ListParameters.Request, response: ListParameters.Response
+    ) -> ListParameters.Response:
         """Name 20,000 parameters of 1,000 characters."""
         response.result.names = [f"{k:05d}" + "x" * 1000 for k in range(20_000)]
         return response
 
-    def told(self, request: GetParameters.Request, response: GetParameters.Response) -> GetParameters.Response:
+    def told(
+        self, request: GetParameters.Request, response: GetParameters.Response
+    ) -> GetParameters.Response:
         """Tell 40 kB of each."""
-        response.values = [ParameterValue(type=4, string_value=",[{x" * 10_000) for _ in request.names]
+        response.values = [
+            ParameterValue(type=4, string_value=",[{x" * 10_000) for _ in request.names
+        ]
         return response
 
     def answer(self, _: LaserScan) -> None:
@@ -236,7 +286,15 @@ class CheatPlanner(Node):
 
 if __name__ == "__main__":
     if KIND == "helper":
-        words = [sys.executable, __file__, "drives", *sys.argv[2:4], "--ros-args", "-r", "__node:=helper"]
+        words = [
+            sys.executable,
+            __file__,
+            "drives",
+            *sys.argv[2:4],
+            "--ros-args",
+            "-r",
+            "__node:=helper",
+        ]
         KEPT.append(subprocess.Popen(words))
     if KIND == "guest":
         visit()

@@ -15,7 +15,9 @@ _DOMAIN = "76"
 
 def cheating(lab: Lab, kind: str, *more: object, prefix: str = "") -> list[object]:
     """Return the words of a run of a planner that cheats."""
-    return ros(lab, *by_command(SCRIPT, kind, lab.folder, lab.out, prefix=prefix), *more)
+    return ros(
+        lab, *by_command(SCRIPT, kind, lab.folder, lab.out, prefix=prefix), *more
+    )
 
 
 def _found(lab: Lab) -> str:
@@ -23,7 +25,14 @@ def _found(lab: Lab) -> str:
     return "; ".join(path.read_text().splitlines()) if path.exists() else ""
 
 
-def _tried(lab: Lab, kind: str, outcome: str, words: str, found: str = "", more: tuple[object, ...] = ()) -> str:
+def _tried(
+    lab: Lab,
+    kind: str,
+    outcome: str,
+    words: str,
+    found: str = "",
+    more: tuple[object, ...] = (),
+) -> str:
     """Run a trial of a planner that cheats, which must end so, and its planner have found that."""
     lab.barn(*cheating(lab, kind, *more), code=None)
     row = lab.row()
@@ -37,11 +46,46 @@ def _tried(lab: Lab, kind: str, outcome: str, words: str, found: str = "", more:
 _CAUGHT = "The trial ends as interference, without a score, and names who did what."
 _NOTHING = "Nothing comes of it: the trial runs to its timeout at the first attempt."
 for _name, _done, _must, _outcome, _words, _find in (
-    ("forged-scans", "The planner publishes scans that show nothing.", _CAUGHT, "interference", "publishes /scan", ""),
-    ("outcome", "The planner publishes a success on /outcome.", _CAUGHT, "interference", "publishes /outcome", ""),
-    ("step", "The planner calls the simulator's step.", _CAUGHT, "interference", "called simulator/step", ""),
-    ("evaluators-name", "The planner makes a node of the evaluator's name.", _NOTHING, "timeout", "", ""),
-    ("evaluators-clock", "The planner sets use_sim_time of the evaluator.", _NOTHING, "timeout", "", ""),
+    (
+        "forged-scans",
+        "The planner publishes scans that show nothing.",
+        _CAUGHT,
+        "interference",
+        "publishes /scan",
+        "",
+    ),
+    (
+        "outcome",
+        "The planner publishes a success on /outcome.",
+        _CAUGHT,
+        "interference",
+        "publishes /outcome",
+        "",
+    ),
+    (
+        "step",
+        "The planner calls the simulator's step.",
+        _CAUGHT,
+        "interference",
+        "called simulator/step",
+        "",
+    ),
+    (
+        "evaluators-name",
+        "The planner makes a node of the evaluator's name.",
+        _NOTHING,
+        "timeout",
+        "",
+        "",
+    ),
+    (
+        "evaluators-clock",
+        "The planner sets use_sim_time of the evaluator.",
+        _NOTHING,
+        "timeout",
+        "",
+        "",
+    ),
     (
         "helper",
         "Another process of the planner sends commands as well.",
@@ -90,8 +134,22 @@ for _name, _done, _must, _outcome, _words, _find in (
         "",
         "may write to them",
     ),
-    ("forks", "The planner starts 500 processes.", _NOTHING, "timeout", "", "500 processes"),
-    ("processor", "The planner starts six endless loops.", _NOTHING, "timeout", "", "6 processes"),
+    (
+        "forks",
+        "The planner starts 500 processes.",
+        _NOTHING,
+        "timeout",
+        "",
+        "500 processes",
+    ),
+    (
+        "processor",
+        "The planner starts six endless loops.",
+        _NOTHING,
+        "timeout",
+        "",
+        "6 processes",
+    ),
 ):
     _act = partial(_tried, kind=_name, outcome=_outcome, words=_words, found=_find)
     add(FAMILY, _name, _done, _must, _act)
@@ -107,7 +165,10 @@ def huge_answer(lab: Lab) -> str:
     """
     lab.barn(*cheating(lab, "huge-answer", *_GATE), code=None)
     row = lab.row()
-    hold(row["outcome"] == "planner_not_ready" and len(row["detail"]) < _DETAIL, ending(row)[:_DETAIL])
+    hold(
+        row["outcome"] == "planner_not_ready" and len(row["detail"]) < _DETAIL,
+        ending(row)[:_DETAIL],
+    )
     lab.barn("check", lab.out)
     return f"{ending(row)[:60]}, {len(row['detail'])} characters"
 
@@ -121,8 +182,16 @@ def _parameters(lab: Lab, kind: str, most: float) -> str:
 
 
 for _name, _done, _most in (
-    ("huge-parameters", "The planner tells of 20,000 parameters with names of 1 kB, and values of 40 kB.", 1e6),
-    ("deaf-parameters", "The planner has 20 nodes whose parameter services never answer.", 2e4),
+    (
+        "huge-parameters",
+        "The planner tells of 20,000 parameters with names of 1 kB, and values of 40 kB.",
+        1e6,
+    ),
+    (
+        "deaf-parameters",
+        "The planner has 20 nodes whose parameter services never answer.",
+        2e4,
+    ),
 ):
     _must = "What is kept of that is bounded, and so is the time that it takes; the trial runs to its timeout."
     add(FAMILY, _name, _done, _must, partial(_parameters, kind=_name, most=_most))
@@ -159,7 +228,16 @@ def edits_results_where_it_can(lab: Lab) -> str:
 
     `barn check` finds the row.
     """
-    each = ("--repetitions", 2, "--ros", "restart_planner=each_trial", "--ros", "isolate=false", "--workers", 1)
+    each = (
+        "--repetitions",
+        2,
+        "--ros",
+        "restart_planner=each_trial",
+        "--ros",
+        "isolate=false",
+        "--workers",
+        1,
+    )
     lab.barn(*cheating(lab, "edits", *each))
     hold(_found(lab) == "edited", _found(lab))
     ended = lab.barn("check", lab.out, code=1)
@@ -185,12 +263,22 @@ def enters_another_domain(lab: Lab) -> str:
     The other run's trial ends as interference and names the guest: [Fairness](fairness.md#left-to-the-organiser)
     says what helps.
     """
-    second = ros(lab, *by_command(SCRIPT, "enters", lab.folder, lab.folder / "second", _DOMAIN), command_s=200)
+    second = ros(
+        lab,
+        *by_command(SCRIPT, "enters", lab.folder, lab.folder / "second", _DOMAIN),
+        command_s=200,
+    )
     second[second.index("--out") + 1] = lab.folder / "second"
     own = lab.start(*second)
     lab.until((lab.folder / "ready").exists, "the guest")
     slow = ("--workers", 1, "--ros", "lockstep=false", "--ros", "real_time_factor=0.1")
-    victim = ros(lab, *by_command(FOREIGN, lab.folder / "starts", "dozes"), *slow, limit_s=60.0, bags="all")
+    victim = ros(
+        lab,
+        *by_command(FOREIGN, lab.folder / "starts", "dozes"),
+        *slow,
+        limit_s=60.0,
+        bags="all",
+    )
     run = lab.start(*victim, environment={"ROS_DOMAIN_ID": _DOMAIN})
     driving(lab, run)
     (lab.folder / "go").touch()

@@ -21,17 +21,62 @@ def _refused(lab: Lab, words: Sequence[object], told: str) -> str:
 
 _OUT = ("--out", "out")
 for _name, _done, _words, _told in (
-    ("command", "The command is written `comapre`.", ("comapre", "a", "b"), "did you mean 'compare'"),
-    ("planner", "The planner `dwaa`.", ("run", "--planner", "dwaa", *_OUT), "did you mean 'dwa'"),
-    ("preset", "The preset `challange`.", ("run", "--planner", "dwa:challange", *_OUT), "challenge"),
-    ("protocol", "The protocol `challange`.", ("run", "--protocol", "challange", *_OUT), "did you mean 'challenge'"),
-    ("dataset", "The data set `barn30`.", ("run", "--dataset", "barn30", *_OUT), "did you mean 'barn300'"),
-    ("world", "World 300 of 300 numbered from 0.", ("run", "--worlds", "300", *_OUT), "300"),
+    (
+        "command",
+        "The command is written `comapre`.",
+        ("comapre", "a", "b"),
+        "did you mean 'compare'",
+    ),
+    (
+        "planner",
+        "The planner `dwaa`.",
+        ("run", "--planner", "dwaa", *_OUT),
+        "did you mean 'dwa'",
+    ),
+    (
+        "preset",
+        "The preset `challange`.",
+        ("run", "--planner", "dwa:challange", *_OUT),
+        "challenge",
+    ),
+    (
+        "protocol",
+        "The protocol `challange`.",
+        ("run", "--protocol", "challange", *_OUT),
+        "did you mean 'challenge'",
+    ),
+    (
+        "dataset",
+        "The data set `barn30`.",
+        ("run", "--dataset", "barn30", *_OUT),
+        "did you mean 'barn300'",
+    ),
+    (
+        "world",
+        "World 300 of 300 numbered from 0.",
+        ("run", "--worlds", "300", *_OUT),
+        "300",
+    ),
     ("worlds", "The worlds `0-`.", ("run", "--worlds", "0-", *_OUT), "0-"),
     ("option", "The option `--wrlds`.", ("run", "--wrlds", "0", *_OUT), "--worlds"),
-    ("parameter", "The parameter `max_sped_mps` of DWA.", ("run", "--set", "max_sped_mps=1", *_OUT), "max_speed_mps"),
-    ("value", "A speed of DWA of -1 m/s.", ("run", "--set", "dwa.max_speed_mps=-1", *_OUT), "max_speed_mps must be"),
-    ("simulator", "The simulator parameter `lidar.beam`.", ("run", "--sim", "lidar.beam=1", *_OUT), "lidar.beams"),
+    (
+        "parameter",
+        "The parameter `max_sped_mps` of DWA.",
+        ("run", "--set", "max_sped_mps=1", *_OUT),
+        "max_speed_mps",
+    ),
+    (
+        "value",
+        "A speed of DWA of -1 m/s.",
+        ("run", "--set", "dwa.max_speed_mps=-1", *_OUT),
+        "max_speed_mps must be",
+    ),
+    (
+        "simulator",
+        "The simulator parameter `lidar.beam`.",
+        ("run", "--sim", "lidar.beam=1", *_OUT),
+        "lidar.beams",
+    ),
     (
         "ros",
         "The parameter `patience.comand_s` of mode ros.",
@@ -39,7 +84,12 @@ for _name, _done, _words, _told in (
         "patience.command_s",
     ),
     ("seed", "A seed of -1.", ("run", "--seed", "-1", *_OUT), "--seed"),
-    ("folder", "A report of a folder that is not there.", ("report", "no/such"), "no/such"),
+    (
+        "folder",
+        "A report of a folder that is not there.",
+        ("report", "no/such"),
+        "no/such",
+    ),
 ):
     add(
         FAMILY,
@@ -63,11 +113,22 @@ def markup_as_names(lab: Lab) -> str:
 
 
 def _shown(lab: Lab, *folders: object) -> str:
-    lab.barn("report", *folders, "--out", "report.html", "--no-assets", "--set", f"title={TAG}")
+    lab.barn(
+        "report",
+        *folders,
+        "--out",
+        "report.html",
+        "--no-assets",
+        "--set",
+        f"title={TAG}",
+    )
     lab.barn("leaderboard", *folders, "--out", "board.html", "--out", "board.md")
     for page in ("report.html", "board.html"):
         text = (lab.folder / page).read_text()
-        hold("<script>alert" not in text and "<img src=x" not in text, f"{page} has an element")
+        hold(
+            "<script>alert" not in text and "<img src=x" not in text,
+            f"{page} has an element",
+        )
         hold("&lt;" in text, f"{page} does not show the names")
     return "both pages show names as text"
 
@@ -90,7 +151,16 @@ def markup_as_the_protocols_name(lab: Lab) -> str:
     It drives; report and leaderboard show its name as text.
     """
     (lab.folder / "p.yaml").write_text(SHORT.replace("short", f'"{TAG}"'))
-    words = ("--planner", "gap", "--worlds", "0,9", "--protocol", "p.yaml", "--bags", "none")
+    words = (
+        "--planner",
+        "gap",
+        "--worlds",
+        "0,9",
+        "--protocol",
+        "p.yaml",
+        "--bags",
+        "none",
+    )
     lab.barn("run", *words, "--out", lab.out)
     return _shown(lab, lab.out)
 
@@ -103,8 +173,23 @@ def quotes_in_the_folders_name(lab: Lab) -> str:
     """
     (lab.folder / "short.yaml").write_text(SHORT)
     out = 'it\'s "mine" & {yours}'
-    words = ("--planners", "gap", "--worlds", "0,9", "--repetitions", 1, "--protocol", "short.yaml", "--bags", "all")
+    words = (
+        "--planners",
+        "gap",
+        "--worlds",
+        "0,9",
+        "--repetitions",
+        1,
+        "--protocol",
+        "short.yaml",
+        "--bags",
+        "all",
+    )
     lab.barn("campaign", *words, "--out", out)
-    for command in (("check", out), ("compare", out, out), ("report", out, "--no-assets")):
+    for command in (
+        ("check", out),
+        ("compare", out, out),
+        ("report", out, "--no-assets"),
+    ):
         lab.barn(*command)
     return "2 trials, checked, compared and reported"

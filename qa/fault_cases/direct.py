@@ -8,29 +8,53 @@ from pathlib import Path
 from fault_cases.kit import Lab, add, case, ending, hold, repeatable
 
 FAMILY = "direct"
-SHORT = (
-    "schema_version: 1\nbase: challenge\nname: short\nlimit_s: 4.0\nfirst_motion_limit_s: 2.0\ntimeout_time_s: 4.0\n"
-)
+SHORT = "schema_version: 1\nbase: challenge\nname: short\nlimit_s: 4.0\nfirst_motion_limit_s: 2.0\ntimeout_time_s: 4.0\n"
 
 
 def with_rogue(lab: Lab) -> dict[str, str]:
     """Install the planners `rogue` and `broken` beside the case, and return the environment that has them."""
     installed = lab.folder / "installed" / "rogue-1.0.dist-info"
     installed.mkdir(parents=True)
-    (installed / "METADATA").write_text("Metadata-Version: 2.1\nName: rogue\nVersion: 1.0\n")
+    (installed / "METADATA").write_text(
+        "Metadata-Version: 2.1\nName: rogue\nVersion: 1.0\n"
+    )
     points = "[barn_planners.planners]\nrogue = fault_cases.rogues:ENTRY\nbroken = broken:ENTRY\n"
     (installed / "entry_points.txt").write_text(points)
     (installed.parent / "broken.py").write_text("import a_package_that_is_not_there\n")
     (lab.folder / "short.yaml").write_text(SHORT)
-    path = (str(Path(__file__).resolve().parents[1]), str(installed.parent), lab.environment.get("PYTHONPATH", ""))
+    path = (
+        str(Path(__file__).resolve().parents[1]),
+        str(installed.parent),
+        lab.environment.get("PYTHONPATH", ""),
+    )
     return {"PYTHONPATH": ":".join(filter(None, path))}
 
 
-def driven(lab: Lab, kind: str, outcome: str, detail: str = "", more: Sequence[object] = (), memory: int = 0) -> str:
+def driven(
+    lab: Lab,
+    kind: str,
+    outcome: str,
+    detail: str = "",
+    more: Sequence[object] = (),
+    memory: int = 0,
+) -> str:
     """Run a trial of a rogue, and say how it ended; Wrong if otherwise than it must."""
-    options = ["--planner", "rogue", "--set", f"kind={kind}", "--protocol", "short.yaml", "--worlds", "0"]
+    options = [
+        "--planner",
+        "rogue",
+        "--set",
+        f"kind={kind}",
+        "--protocol",
+        "short.yaml",
+        "--worlds",
+        "0",
+    ]
     environment = with_rogue(lab)
-    limit = partial(resource.setrlimit, resource.RLIMIT_AS, (memory, memory)) if memory else None
+    limit = (
+        partial(resource.setrlimit, resource.RLIMIT_AS, (memory, memory))
+        if memory
+        else None
+    )
     lab.barn(
         "run",
         *options,
@@ -43,8 +67,14 @@ def driven(lab: Lab, kind: str, outcome: str, detail: str = "", more: Sequence[o
         before=limit,
     )
     row = lab.row()
-    hold(row["outcome"] == outcome and detail in row["detail"], f"{ending(row)}, not {outcome}: {detail}")
-    hold(row["fault"] == ("" if outcome == "success" else "planner"), f"fault {row['fault']!r}")
+    hold(
+        row["outcome"] == outcome and detail in row["detail"],
+        f"{ending(row)}, not {outcome}: {detail}",
+    )
+    hold(
+        row["fault"] == ("" if outcome == "success" else "planner"),
+        f"fault {row['fault']!r}",
+    )
     return ending(row)
 
 
@@ -53,25 +83,143 @@ _DIED = "The trial ends as planner_died with the reason in one line; exit code 3
 _STALLED = "The trial ends as planner_stalled after the limit on a trial's time; no process is left."
 _LOST = "The worker is lost, the trial is tried 3 times and then ends as planner_died."
 for _kind, _done, _must, _more, _outcome, _detail in (
-    ("raises", "The planner raises an exception of two lines.", _DIED, (), "planner_died", "RuntimeError: out of"),
-    ("raises-at-start", "The planner raises when it gets its goal.", _DIED, (), "planner_died", "OSError: no such map"),
-    ("no-decision", "The planner returns a text instead of a decision.", _DIED, (), "planner_died", "AttributeError"),
-    ("wrong-type", "The planner's command is a pair of numbers.", _DIED, (), "planner_died", "must be a Velocity2D"),
-    ("recursion", "The planner recurses without end.", _DIED, (), "planner_died", "RecursionError"),
-    ("nan", "The planner commands NaN.", "invalid_command.", (), "invalid_command", "nan m/s"),
-    ("inf", "The planner commands a turn at infinite speed.", "invalid_command.", (), "invalid_command", "inf rad/s"),
-    ("system-exit", "The planner calls sys.exit.", _LOST, (), "planner_died", "at the last of 3 attempts"),
-    ("keyboard-interrupt", "The planner raises KeyboardInterrupt.", _LOST, (), "planner_died", "3 attempts"),
-    ("os-exit", "The planner ends its process by os._exit.", _LOST, (), "planner_died", "exit code 7"),
+    (
+        "raises",
+        "The planner raises an exception of two lines.",
+        _DIED,
+        (),
+        "planner_died",
+        "RuntimeError: out of",
+    ),
+    (
+        "raises-at-start",
+        "The planner raises when it gets its goal.",
+        _DIED,
+        (),
+        "planner_died",
+        "OSError: no such map",
+    ),
+    (
+        "no-decision",
+        "The planner returns a text instead of a decision.",
+        _DIED,
+        (),
+        "planner_died",
+        "AttributeError",
+    ),
+    (
+        "wrong-type",
+        "The planner's command is a pair of numbers.",
+        _DIED,
+        (),
+        "planner_died",
+        "must be a Velocity2D",
+    ),
+    (
+        "recursion",
+        "The planner recurses without end.",
+        _DIED,
+        (),
+        "planner_died",
+        "RecursionError",
+    ),
+    (
+        "nan",
+        "The planner commands NaN.",
+        "invalid_command.",
+        (),
+        "invalid_command",
+        "nan m/s",
+    ),
+    (
+        "inf",
+        "The planner commands a turn at infinite speed.",
+        "invalid_command.",
+        (),
+        "invalid_command",
+        "inf rad/s",
+    ),
+    (
+        "system-exit",
+        "The planner calls sys.exit.",
+        _LOST,
+        (),
+        "planner_died",
+        "at the last of 3 attempts",
+    ),
+    (
+        "keyboard-interrupt",
+        "The planner raises KeyboardInterrupt.",
+        _LOST,
+        (),
+        "planner_died",
+        "3 attempts",
+    ),
+    (
+        "os-exit",
+        "The planner ends its process by os._exit.",
+        _LOST,
+        (),
+        "planner_died",
+        "exit code 7",
+    ),
     ("segfault", "The planner reads address 0.", _LOST, (), "planner_died", "SIGSEGV"),
-    ("kills-itself", "The planner sends itself SIGKILL.", _LOST, (), "planner_died", "SIGKILL"),
-    ("closes-files", "The planner closes all file descriptors of its process.", _LOST, (), "planner_died", ""),
-    ("endless-loop", "The planner loops without end.", _STALLED, _QUICK, "planner_stalled", ""),
-    ("catches-everything", "The planner sleeps and catches BaseException.", _STALLED, _QUICK, "planner_stalled", ""),
-    ("hangs-in-c", "The planner hangs in C with the interpreter's lock.", _STALLED, _QUICK, "planner_stalled", ""),
-    ("ignores-signals", "The planner ignores SIGTERM and sleeps.", _STALLED, _QUICK, "planner_stalled", ""),
+    (
+        "kills-itself",
+        "The planner sends itself SIGKILL.",
+        _LOST,
+        (),
+        "planner_died",
+        "SIGKILL",
+    ),
+    (
+        "closes-files",
+        "The planner closes all file descriptors of its process.",
+        _LOST,
+        (),
+        "planner_died",
+        "",
+    ),
+    (
+        "endless-loop",
+        "The planner loops without end.",
+        _STALLED,
+        _QUICK,
+        "planner_stalled",
+        "",
+    ),
+    (
+        "catches-everything",
+        "The planner sleeps and catches BaseException.",
+        _STALLED,
+        _QUICK,
+        "planner_stalled",
+        "",
+    ),
+    (
+        "hangs-in-c",
+        "The planner hangs in C with the interpreter's lock.",
+        _STALLED,
+        _QUICK,
+        "planner_stalled",
+        "",
+    ),
+    (
+        "ignores-signals",
+        "The planner ignores SIGTERM and sleeps.",
+        _STALLED,
+        _QUICK,
+        "planner_stalled",
+        "",
+    ),
 ):
-    add(FAMILY, _kind, _done, _must, partial(driven, kind=_kind, outcome=_outcome, detail=_detail, more=_more))
+    add(
+        FAMILY,
+        _kind,
+        _done,
+        _must,
+        partial(driven, kind=_kind, outcome=_outcome, detail=_detail, more=_more),
+    )
 
 
 @case(FAMILY)
@@ -101,7 +249,16 @@ def changes_the_working_directory(lab: Lab) -> str:
     Rows, bags and tables are in the folder asked for.
     """
     environment = with_rogue(lab)
-    options = ("--planner", "rogue", "--set", "kind=working-directory", "--protocol", "short.yaml", "--worlds", "0,9")
+    options = (
+        "--planner",
+        "rogue",
+        "--set",
+        "kind=working-directory",
+        "--protocol",
+        "short.yaml",
+        "--worlds",
+        "0,9",
+    )
     lab.barn("run", *options, "--bags", "all", "--out", "out", environment=environment)
     bags = sorted(path.name for path in (lab.out / "bags").iterdir())
     hold(len(bags) == len(lab.rows()) == 2, bags)
@@ -115,12 +272,32 @@ def changes_the_global_random_state(lab: Lab) -> str:
     The other planner's rows are those of a run without it, to the byte.
     """
     environment = with_rogue(lab)
-    shared = ("--protocol", "short.yaml", "--worlds", "0,9", "--repetitions", 1, "--workers", 1)
+    shared = (
+        "--protocol",
+        "short.yaml",
+        "--worlds",
+        "0,9",
+        "--repetitions",
+        1,
+        "--workers",
+        1,
+    )
     meddled = ("--planners", "rogue,gap", "--set", "rogue.kind=random-state")
     lab.barn("campaign", *shared, *meddled, "--out", lab.out, environment=environment)
-    lab.barn("campaign", *shared, "--planners", "gap", "--out", lab.folder / "alone", environment=environment)
+    lab.barn(
+        "campaign",
+        *shared,
+        "--planners",
+        "gap",
+        "--out",
+        lab.folder / "alone",
+        environment=environment,
+    )
     both = [row for row in lab.rows() if row["planner"] == "gap"]
-    hold(repeatable(both) == repeatable(lab.rows(lab.folder / "alone")), "the rows differ")
+    hold(
+        repeatable(both) == repeatable(lab.rows(lab.folder / "alone")),
+        "the rows differ",
+    )
     return "2 rows equal"
 
 
@@ -130,6 +307,20 @@ def cannot_be_imported(lab: Lab) -> str:
 
     Refused in one line that names planner, module and package, before any folder is made.
     """
-    said = lab.refused("run", "--planner", "broken", "--worlds", "0", "--out", lab.out, environment=with_rogue(lab))
-    hold("'broken'" in said and "a_package_that_is_not_there" in said and not lab.out.exists(), said)
+    said = lab.refused(
+        "run",
+        "--planner",
+        "broken",
+        "--worlds",
+        "0",
+        "--out",
+        lab.out,
+        environment=with_rogue(lab),
+    )
+    hold(
+        "'broken'" in said
+        and "a_package_that_is_not_there" in said
+        and not lab.out.exists(),
+        said,
+    )
     return said

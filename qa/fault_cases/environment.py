@@ -31,7 +31,14 @@ def no_home(lab: Lab) -> str:
     The run works, with bag and picture.
     """
     gone = str(lab.folder / "gone")
-    return _driven(lab, environment={"HOME": gone, "XDG_CACHE_HOME": f"{gone}/c", "XDG_CONFIG_HOME": f"{gone}/s"})
+    return _driven(
+        lab,
+        environment={
+            "HOME": gone,
+            "XDG_CACHE_HOME": f"{gone}/c",
+            "XDG_CONFIG_HOME": f"{gone}/s",
+        },
+    )
 
 
 @case(FAMILY)
@@ -42,7 +49,14 @@ def home_that_is_a_file(lab: Lab) -> str:
     """
     (lab.folder / "file").touch()
     file = str(lab.folder / "file")
-    return _driven(lab, environment={"HOME": file, "MPLCONFIGDIR": f"{file}/m", "XDG_CACHE_HOME": f"{file}/c"})
+    return _driven(
+        lab,
+        environment={
+            "HOME": file,
+            "MPLCONFIGDIR": f"{file}/m",
+            "XDG_CACHE_HOME": f"{file}/c",
+        },
+    )
 
 
 @case(FAMILY)
@@ -52,7 +66,9 @@ def caches_that_cannot_be_written(lab: Lab) -> str:
     The run works, or is refused in one line.
     """
     (lab.folder / "file").touch()
-    return _driven(lab, environment={"NUMBA_CACHE_DIR": str(lab.folder / "file" / "cache")})
+    return _driven(
+        lab, environment={"NUMBA_CACHE_DIR": str(lab.folder / "file" / "cache")}
+    )
 
 
 @case(FAMILY)
@@ -84,7 +100,10 @@ def few_handles(lab: Lab) -> str:
     The run over ROS has the undisturbed row.
     """
     undisturbed()
-    lab.barn(*words(lab), before=partial(resource.setrlimit, resource.RLIMIT_NOFILE, (64, 64)))
+    lab.barn(
+        *words(lab),
+        before=partial(resource.setrlimit, resource.RLIMIT_NOFILE, (64, 64)),
+    )
     return same(lab)
 
 
@@ -116,7 +135,12 @@ def shared_memory(size: str) -> list[str]:
     """Return what a command begins with whose folder for shared memory is of a size; Skipped where that cannot be."""
     unshared = ["unshare", "--mount", "sh", "-c"]
     hide = f"mount -t tmpfs -o size={size} barn-faults /dev/shm"
-    if os.geteuid() != 0 or subprocess.run([*unshared, hide], check=False, capture_output=True).returncode:
+    if (
+        os.geteuid() != 0
+        or subprocess.run(
+            [*unshared, hide], check=False, capture_output=True
+        ).returncode
+    ):
         raise Skipped("a mount namespace cannot be made here (needs root)")
     return [*unshared, f'{hide}; exec "$@"', "sh"]
 

@@ -22,7 +22,10 @@ def disk(lab: Lab, size: str) -> Iterator[Path]:
     """Give a small file system at the case's folder of results."""
     lab.out.mkdir()
     words = ["mount", "-t", "tmpfs", "-o", f"size={size}", "barn-faults", str(lab.out)]
-    if os.geteuid() != 0 or subprocess.run(words, check=False, capture_output=True).returncode:
+    if (
+        os.geteuid() != 0
+        or subprocess.run(words, check=False, capture_output=True).returncode
+    ):
         raise Skipped("a file system cannot be mounted here (needs root)")
     try:
         yield lab.out
@@ -51,7 +54,10 @@ def disk_full(lab: Lab) -> str:
 
 
 def _tables(out: Path) -> list[bytes]:
-    return [(out / name).read_bytes() for name in ("results.parquet", "results.csv", "tracks.jsonl")]
+    return [
+        (out / name).read_bytes()
+        for name in ("results.parquet", "results.csv", "tracks.jsonl")
+    ]
 
 
 @case(FAMILY)

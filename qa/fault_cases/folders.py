@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from barn_eval.experiments.rows import ResultRows, sealed, unsealed, write_tables
+from barn_eval.results.rows import ResultRows, sealed, unsealed, write_tables
 from fault_cases.campaigns import campaign, resumed, undisturbed
 from fault_cases.files import FAMILY
 from fault_cases.kit import Lab, add, case, hold
@@ -28,8 +28,14 @@ def _unfinished(lab: Lab) -> Path:
         path.unlink()
         path.with_suffix(".csv").unlink()
     # tracks are in the order of the plan once a campaign is complete
-    rows = [json.loads(line)["trial_id"] for line in (undisturbed() / "tracks.jsonl").read_text().splitlines()[:7]]
-    texts = {json.loads(line)["trial_id"]: line for line in (undisturbed() / "results.jsonl").read_text().splitlines()}
+    rows = [
+        json.loads(line)["trial_id"]
+        for line in (undisturbed() / "tracks.jsonl").read_text().splitlines()[:7]
+    ]
+    texts = {
+        json.loads(line)["trial_id"]: line
+        for line in (undisturbed() / "results.jsonl").read_text().splitlines()
+    }
     (out / "results.jsonl").write_text("".join(f"{texts[name]}\n" for name in rows))
     return out
 
@@ -44,7 +50,10 @@ def _torn(lab: Lab, name: str) -> str:
     return resumed(lab)
 
 
-for _name, _file in (("row-cut-off", "results.jsonl"), ("track-cut-off", "tracks.jsonl")):
+for _name, _file in (
+    ("row-cut-off", "results.jsonl"),
+    ("track-cut-off", "tracks.jsonl"),
+):
     add(
         FAMILY,
         _name,
@@ -54,15 +63,25 @@ for _name, _file in (("row-cut-off", "results.jsonl"), ("track-cut-off", "tracks
     )
 
 
-def _refused(lab: Lab, alter: Callable[[Path], object], words: str, *, unfinished: bool = True) -> str:
+def _refused(
+    lab: Lab, alter: Callable[[Path], object], words: str, *, unfinished: bool = True
+) -> str:
     """Alter a folder; both resuming and checking must refuse it and leave it as it is."""
     out = _unfinished(lab) if unfinished else _finished(lab)
     alter(out)
-    before = {path.name: path.read_bytes() for path in out.iterdir() if path.is_file() and path.name != ".lock"}
+    before = {
+        path.name: path.read_bytes()
+        for path in out.iterdir()
+        if path.is_file() and path.name != ".lock"
+    }
     said = lab.refused(*campaign(lab))
     checked = lab.barn("check", out, code=1).err
     hold(words in said or words in checked, f"{said} | {checked}")
-    after = {path.name: path.read_bytes() for path in out.iterdir() if path.is_file() and path.name != ".lock"}
+    after = {
+        path.name: path.read_bytes()
+        for path in out.iterdir()
+        if path.is_file() and path.name != ".lock"
+    }
     hold(before == after, "files were changed")
     return said.replace(str(lab.folder), "")
 
@@ -97,17 +116,37 @@ for _name, _done, _alter, _words in (
         _insert("results.jsonl", b"\xff\xfe\0\1"),
         "line 4",
     ),
-    ("altered-row", "A row is edited.", _edit("results.jsonl", '"campaign_seed":5', '"campaign_seed":6'), "crc32"),
-    ("altered-score", "A score is edited.", _edit("results.jsonl", '"success":false', '"success":true '), "crc32"),
+    (
+        "altered-row",
+        "A row is edited.",
+        _edit("results.jsonl", '"campaign_seed":5', '"campaign_seed":6'),
+        "crc32",
+    ),
+    (
+        "altered-score",
+        "A score is edited.",
+        _edit("results.jsonl", '"success":false', '"success":true '),
+        "crc32",
+    ),
     ("doubled-row", "A row stands there twice.", _double, "is there already"),
-    ("altered-seed", "The seed in run.json is edited.", _edit("run.json", '"seed": 5', '"seed": 6'), "seed"),
+    (
+        "altered-seed",
+        "The seed in run.json is edited.",
+        _edit("run.json", '"seed": 5', '"seed": 6'),
+        "seed",
+    ),
     (
         "altered-protocol",
         "The time limit in run.json is edited.",
         _edit("run.json", '"limit_s": 8.0', '"limit_s": 9.0'),
         "",
     ),
-    ("run-file-cut-off", "run.json is cut off.", lambda out: os.truncate(out / "run.json", 300), "run.json"),
+    (
+        "run-file-cut-off",
+        "run.json is cut off.",
+        lambda out: os.truncate(out / "run.json", 300),
+        "run.json",
+    ),
 ):
     add(FAMILY, _name, _done, _MUST, partial(_refused, alter=_alter, words=_words))
 
@@ -126,7 +165,14 @@ def _with_bag(lab: Lab, bags: str = "all") -> None:
     (lab.folder / "short.yaml").write_text(
         "schema_version: 1\nbase: challenge\nname: short\nlimit_s: 3.0\nfirst_motion_limit_s: 2.0\n"
     )
-    words = ("--planner", "gap", "--worlds", "0", "--protocol", lab.folder / "short.yaml")
+    words = (
+        "--planner",
+        "gap",
+        "--worlds",
+        "0",
+        "--protocol",
+        lab.folder / "short.yaml",
+    )
     lab.barn("run", *words, "--bags", bags, "--out", lab.out)
 
 
@@ -143,13 +189,43 @@ def _flip(out: Path) -> None:
 
 _MUST = "`barn check` names the file and what is wrong; exit code 1."
 for _name, _done, _alter, _words in (
-    ("missing-bag", "The bag of a trial is removed.", lambda out: shutil.rmtree(out / "bags"), "is missing"),
-    ("bag-cut-off", "The bag of a trial is cut in half.", lambda out: os.truncate(_bag(out), 30_000), "bags/"),
+    (
+        "missing-bag",
+        "The bag of a trial is removed.",
+        lambda out: shutil.rmtree(out / "bags"),
+        "is missing",
+    ),
+    (
+        "bag-cut-off",
+        "The bag of a trial is cut in half.",
+        lambda out: os.truncate(_bag(out), 30_000),
+        "bags/",
+    ),
     ("altered-bag", "64 bytes in the middle of a bag are changed.", _flip, "bags/"),
-    ("empty-bag", "The file of a bag is empty.", lambda out: os.truncate(_bag(out), 0), "bags/"),
-    ("missing-track", "tracks.jsonl is removed.", lambda out: (out / "tracks.jsonl").unlink(), "has no track"),
-    ("missing-table", "results.parquet is removed.", lambda out: (out / "results.parquet").unlink(), "is missing"),
-    ("table-cut-off", "results.parquet is cut off.", lambda out: os.truncate(out / "results.parquet", 500), "parquet"),
+    (
+        "empty-bag",
+        "The file of a bag is empty.",
+        lambda out: os.truncate(_bag(out), 0),
+        "bags/",
+    ),
+    (
+        "missing-track",
+        "tracks.jsonl is removed.",
+        lambda out: (out / "tracks.jsonl").unlink(),
+        "has no track",
+    ),
+    (
+        "missing-table",
+        "results.parquet is removed.",
+        lambda out: (out / "results.parquet").unlink(),
+        "is missing",
+    ),
+    (
+        "table-cut-off",
+        "results.parquet is cut off.",
+        lambda out: os.truncate(out / "results.parquet", 500),
+        "parquet",
+    ),
 ):
     add(FAMILY, _name, _done, _MUST, partial(_checked, alter=_alter, words=_words))
 
@@ -162,7 +238,12 @@ def _differs(lab: Lab, more: Sequence[object], words: str) -> str:
 
 
 for _name, _done, _more, _words in (
-    ("other-seed", "A campaign is resumed with another seed.", ("--seed", 6), "seed is 5 there, 6 here"),
+    (
+        "other-seed",
+        "A campaign is resumed with another seed.",
+        ("--seed", 6),
+        "seed is 5 there, 6 here",
+    ),
     (
         "other-parameters",
         "A campaign is resumed with another planner parameter.",

@@ -19,7 +19,9 @@ LONGEST = 700  # characters of a refusal
 Make = Callable[[Path], object]
 
 
-def refused(lab: Lab, name: str, make: Make, words: Sequence[object], named: str = "") -> str:
+def refused(
+    lab: Lab, name: str, make: Make, words: Sequence[object], named: str = ""
+) -> str:
     """Make a file and give it to a command, which must refuse it by name, with 3 GB at most."""
     make(lab.folder / name)
     said = lab.refused(*words, prefix=("prlimit", "--as=3000000000"))
@@ -42,7 +44,10 @@ def _data_set(grid: bytes) -> Make:
     """Return what makes a data set of the suite whose grids are these bytes of an array."""
 
     def make(path: Path) -> None:
-        with zipfile.ZipFile(_DATA) as good, zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        with (
+            zipfile.ZipFile(_DATA) as good,
+            zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive,
+        ):
             for name in good.namelist():
                 archive.writestr(name, grid if name == "grid.npy" else good.read(name))
 
@@ -50,7 +55,10 @@ def _data_set(grid: bytes) -> Make:
 
 
 def _npy(shape: str, dtype: str = "<f8") -> bytes:
-    head = f"{{'descr': '{dtype}', 'fortran_order': False, 'shape': {shape}, }}".ljust(117) + "\n"
+    head = (
+        f"{{'descr': '{dtype}', 'fortran_order': False, 'shape': {shape}, }}".ljust(117)
+        + "\n"
+    )
     return b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head.encode()
 
 
@@ -74,13 +82,31 @@ def _pgm_map(image: bytes) -> Make:
     return make
 
 
-_LAUGHS = "".join(f'<!ENTITY a{k} "{f"&a{k - 1};" * 10 if k else "lol"}">' for k in range(10))  # 10^9 times lol
+_LAUGHS = "".join(
+    f'<!ENTITY a{k} "{f"&a{k - 1};" * 10 if k else "lol"}">' for k in range(10)
+)  # 10^9 times lol
 _LIST = ("worlds", "list")
-_NAMED = {"pgm-huge": "map.pgm", "pgm-cut-off": "map.pgm", "map-outside": "/etc/passwd"}  # where it is another file
+_NAMED = {
+    "pgm-huge": "map.pgm",
+    "pgm-cut-off": "map.pgm",
+    "map-outside": "/etc/passwd",
+}  # where it is another file
 _SCHEMA = "schema_version: 1\n"
 for _name, _done, _file, _make, _words in (
-    ("npz-pickled", "A data set with a pickled array.", "w.npz", _data_set(_pickled()), (*_LIST, "w.npz")),
-    ("npz-bomb", "A data set of 1 MB that unpacks to 700 MB.", "w.npz", _bomb, (*_LIST, "w.npz")),
+    (
+        "npz-pickled",
+        "A data set with a pickled array.",
+        "w.npz",
+        _data_set(_pickled()),
+        (*_LIST, "w.npz"),
+    ),
+    (
+        "npz-bomb",
+        "A data set of 1 MB that unpacks to 700 MB.",
+        "w.npz",
+        _bomb,
+        (*_LIST, "w.npz"),
+    ),
     (
         "npz-shape",
         "A data set whose array claims 10^22 elements.",
@@ -88,7 +114,13 @@ for _name, _done, _file, _make, _words in (
         _data_set(_npy("(10000000000000000000000,)")),
         (*_LIST, "w.npz"),
     ),
-    ("npz-text", "A text file as a data set.", "w.npz", text_of("no archive"), (*_LIST, "w.npz")),
+    (
+        "npz-text",
+        "A text file as a data set.",
+        "w.npz",
+        text_of("no archive"),
+        (*_LIST, "w.npz"),
+    ),
     (
         "npz-cut-off",
         "A data set that is cut in half.",
@@ -129,7 +161,7 @@ for _name, _done, _file, _make, _words in (
         "A map whose image is /etc/passwd.",
         "map.yaml",
         text_of(
-            "image: /etc/passwd\nresolution: 0.05\norigin: [0, 0, 0]\noccupied_thresh: 0.65\nfree_thresh: 0.2\nnegate: 0\n"  # noqa: E501
+            "image: /etc/passwd\nresolution: 0.05\norigin: [0, 0, 0]\noccupied_thresh: 0.65\nfree_thresh: 0.2\nnegate: 0\n"  # noqa: E501, RUF100
         ),
         (*_LIST, "map.yaml"),
     ),
@@ -137,7 +169,9 @@ for _name, _done, _file, _make, _words in (
         "xml-laughs",
         "A Gazebo world with XML entities that stand for 3 GB.",
         "w.world",
-        text_of(f"<?xml version='1.0'?><!DOCTYPE x [{_LAUGHS}]><sdf version='1.6'><world name='w'>&a9;</world></sdf>"),
+        text_of(
+            f"<?xml version='1.0'?><!DOCTYPE x [{_LAUGHS}]><sdf version='1.6'><world name='w'>&a9;</world></sdf>"
+        ),
         (*_LIST, "w.world"),
     ),
     (
@@ -170,8 +204,20 @@ for _name, _done, _file, _make, _words in (
         text_of("schema_version: 1\ngrid: {a: 1}\n"),
         (*_LIST, "w.world.yaml"),
     ),
-    ("mcap-garbage", "A bag of random bytes.", "b.mcap", bytes_of(bytes(range(256)) * 40), ("replay", "b.mcap")),
-    ("mcap-empty", "A bag without a byte.", "b.mcap", bytes_of(b""), ("replay", "b.mcap")),
+    (
+        "mcap-garbage",
+        "A bag of random bytes.",
+        "b.mcap",
+        bytes_of(bytes(range(256)) * 40),
+        ("replay", "b.mcap"),
+    ),
+    (
+        "mcap-empty",
+        "A bag without a byte.",
+        "b.mcap",
+        bytes_of(b""),
+        ("replay", "b.mcap"),
+    ),
     (
         "sqlite-garbage",
         "A rosbag2 folder whose database is a text.",
@@ -179,7 +225,7 @@ for _name, _done, _file, _make, _words in (
         lambda path: (
             path.mkdir(),
             (path / "metadata.yaml").write_text(
-                "rosbag2_bagfile_information: {version: 5, storage_identifier: sqlite3, relative_file_paths: [bag_0.db3]}\n"  # noqa: E501
+                "rosbag2_bagfile_information: {version: 5, storage_identifier: sqlite3, relative_file_paths: [bag_0.db3]}\n"  # noqa: E501, RUF100
             ),
             (path / "bag_0.db3").write_text("no database"),
         ),
@@ -191,7 +237,9 @@ for _name, _done, _file, _make, _words in (
         _name,
         _done,
         "Refused in one line that names the file, within 3 GB.",
-        partial(refused, name=_file, make=_make, words=_words, named=_NAMED.get(_name, "")),
+        partial(
+            refused, name=_file, make=_make, words=_words, named=_NAMED.get(_name, "")
+        ),
     )
 
 
@@ -201,5 +249,9 @@ def gzipped_world(lab: Lab) -> str:
 
     Refused in one line that names the file, within 3 GB.
     """
-    content = gzip.compress(b'<sdf version="1.6"><world name="w">' + b"<model/>" * 12_000_000 + b"</world></sdf>")
+    content = gzip.compress(
+        b'<sdf version="1.6"><world name="w">'
+        + b"<model/>" * 12_000_000
+        + b"</world></sdf>"
+    )
     return refused(lab, "w.world.gz", bytes_of(content), (*_LIST, "w.world.gz"))

@@ -57,7 +57,14 @@ class Case:
 CASES: dict[str, Case] = {}
 
 
-def add(family: str, name: str, done: str, must: str, act: "Callable[[Lab], str]", limit_s: float = LIMIT_S) -> None:
+def add(
+    family: str,
+    name: str,
+    done: str,
+    must: str,
+    act: "Callable[[Lab], str]",
+    limit_s: float = LIMIT_S,
+) -> None:
     """Add a case under an unused name."""
     made = Case(family, name, done, must, act, limit_s)
     if made.key in CASES:
@@ -65,7 +72,9 @@ def add(family: str, name: str, done: str, must: str, act: "Callable[[Lab], str]
     CASES[made.key] = made
 
 
-def case(family: str, limit_s: float = LIMIT_S) -> "Callable[[Callable[[Lab], str]], Callable[[Lab], str]]":
+def case(
+    family: str, limit_s: float = LIMIT_S
+) -> "Callable[[Callable[[Lab], str]], Callable[[Lab], str]]":
     """Return a decorator that adds a function as a case; its doc is what is done and, below, what must happen."""
 
     def added(act: Callable[[Lab], str]) -> Callable[[Lab], str]:
@@ -114,7 +123,9 @@ class Lab:
         self.mark = uuid.uuid4().hex
         self._deadline = time.monotonic() + limit_s
         self._commands = 0
-        inherited = {name: value for name, value in os.environ.items() if name != "ROS_DOMAIN_ID"}
+        inherited = {
+            name: value for name, value in os.environ.items() if name != "ROS_DOMAIN_ID"
+        }
         self.environment = inherited | {MARK: self.mark}
 
     @property
@@ -144,7 +155,10 @@ class Lab:
         """Start any program in a session of its own."""
         self._commands += 1
         stem = self.folder / f"command_{self._commands}"
-        with stem.with_suffix(".out").open("wb") as out, stem.with_suffix(".err").open("wb") as err:
+        with (
+            stem.with_suffix(".out").open("wb") as out,
+            stem.with_suffix(".err").open("wb") as err,
+        ):
             process = subprocess.Popen(
                 words,
                 stdin=subprocess.DEVNULL,
@@ -165,12 +179,25 @@ class Lab:
         except subprocess.TimeoutExpired:
             raise Wrong("the command hangs") from None
         stem: Path = process.stem  # type: ignore[attr-defined]
-        out, err = (stem.with_suffix(end).read_text("utf-8", "replace") for end in (".out", ".err"))
+        out, err = (
+            stem.with_suffix(end).read_text("utf-8", "replace")
+            for end in (".out", ".err")
+        )
         ended = Ended(process.returncode, out, err)
-        hold(not re.search(r"^Traceback", out + err, re.MULTILINE), f"a traceback: {(out + err)[-1500:]}")
-        failed = code == 0 and ended.code and all(row["outcome"] in NOT_DRIVEN for row in self.rows())
+        hold(
+            not re.search(r"^Traceback", out + err, re.MULTILINE),
+            f"a traceback: {(out + err)[-1500:]}",
+        )
+        failed = (
+            code == 0
+            and ended.code
+            and all(row["outcome"] in NOT_DRIVEN for row in self.rows())
+        )
         due = NOT_SCORED if failed else code
-        hold(code is None or ended.code == due, f"exit code {ended.code}, not {due}: {ended.text[-800:]}")
+        hold(
+            code is None or ended.code == due,
+            f"exit code {ended.code}, not {due}: {ended.text[-800:]}",
+        )
         return ended
 
     def barn(self, *arguments: object, code: int | None = 0, **how: Any) -> Ended:
@@ -206,7 +233,9 @@ class Lab:
 
     def nodes(self, text: str) -> list[int]:
         """Return the processes of a node, not their guards."""
-        return [pid for pid in self.processes(text) if "guard.py" not in command_line(pid)]
+        return [
+            pid for pid in self.processes(text) if "guard.py" not in command_line(pid)
+        ]
 
     def guards(self, text: str) -> list[int]:
         """Return the guards of a node."""
@@ -230,7 +259,9 @@ class Lab:
 
 def ending(row: Row) -> str:
     """Return in words how a trial ended."""
-    return f"{row['outcome']}: {row['detail']}" if row["detail"] else str(row["outcome"])
+    return (
+        f"{row['outcome']}: {row['detail']}" if row["detail"] else str(row["outcome"])
+    )
 
 
 def repeatable(rows: Sequence[Row]) -> list[Row]:

@@ -25,22 +25,47 @@ def _named(lab: Lab, ground_truth: str, heard: bool) -> str:
     lab.barn(*ros(lab, *words, "--ros", f"ground_truth={ground_truth}"))
     row = lab.row()
     hold("/foreign subscribed to /ground_truth/odom" in row["remarks"], row["remarks"])
-    hold((lab.folder / "starts.heard").exists() is heard, "heard" if not heard else "not heard")
+    hold(
+        (lab.folder / "starts.heard").exists() is heard,
+        "heard" if not heard else "not heard",
+    )
     return f"{ending(row)}; {row['remarks']}"
 
 
 _MUST = "The trial ends as interference, without a score, and names who did what."
 for _kind, _done, _words in (
-    ("poses", "The planner publishes poses at the goal on /odom and /ground_truth/odom.", "publishes /odom"),
+    (
+        "poses",
+        "The planner publishes poses at the goal on /odom and /ground_truth/odom.",
+        "publishes /odom",
+    ),
     ("older_stamps", "The planner publishes /clock with time 0.", "publishes /clock"),
-    ("no_contact", "The planner publishes on /collision that there is no contact.", "publishes /collision"),
+    (
+        "no_contact",
+        "The planner publishes on /collision that there is no contact.",
+        "publishes /collision",
+    ),
     ("score", "The planner publishes /score.", "publishes /score"),
-    ("twin", "The planner's node has the simulator's name, and publishes /scan.", "named /simulator"),
-    ("parameters", "The planner sets the start pose of the simulator.", "set start_y_m of simulator"),
+    (
+        "twin",
+        "The planner's node has the simulator's name, and publishes /scan.",
+        "named /simulator",
+    ),
+    (
+        "parameters",
+        "The planner sets the start pose of the simulator.",
+        "set start_y_m of simulator",
+    ),
     ("reset", "The planner calls the simulator's reset.", "called simulator/reset"),
     ("pause", "The planner calls the simulator's pause.", "called simulator/pause"),
 ):
-    add(FAMILY, _kind.replace("_", "-"), _done, _MUST, partial(_caught, kind=_kind, words=_words))
+    add(
+        FAMILY,
+        _kind.replace("_", "-"),
+        _done,
+        _MUST,
+        partial(_caught, kind=_kind, words=_words),
+    )
 
 add(
     FAMILY,
@@ -62,7 +87,9 @@ add(
     "The planner publishes bytes on /cmd_vel that are no command.",
     "The trial ends as invalid_command, by the planner's fault.",
     lambda lab: (
-        lab.barn(*ros(lab, *by_command(FOREIGN, lab.folder / "starts", "broken_command"))),
+        lab.barn(
+            *ros(lab, *by_command(FOREIGN, lab.folder / "starts", "broken_command"))
+        ),
         judged(lab, "invalid_command", "not finite"),
     )[1],
 )
@@ -78,7 +105,10 @@ def _signalled(lab: Lab, what: str, number: int, isolate: bool, expected: str) -
         lab.barn(*run, code=None)
     row = lab.row()
     said = f"{ending(row)}, attempt {row['wall_clock']['attempts']} {row['wall_clock']['repeated']}".strip()
-    hold((lab.folder / "done").exists() is not isolate, "the planner found the process" if isolate else "it found none")
+    hold(
+        (lab.folder / "done").exists() is not isolate,
+        "the planner found the process" if isolate else "it found none",
+    )
     fault = "planner" if expected != "repeated" else row["fault"]
     hold(row["fault"] == fault and not row["scores"]["success"], said)
     hold((expected if expected != "repeated" else "timeout") in said, said)
@@ -93,7 +123,9 @@ for _name in ("simulator", "evaluator", "guard", "worker", "run"):
             f"{_number.name.lower()}-for-the-{_name}",
             f"The planner looks for the {_name} of its run, to send it {_number.name}.",
             "It sees none of the suite's processes; the trial runs to its timeout at the first attempt.",
-            partial(_signalled, what=_name, number=_number, isolate=True, expected="timeout"),
+            partial(
+                _signalled, what=_name, number=_number, isolate=True, expected="timeout"
+            ),
         )
 for _name, _number, _expected in (
     ("simulator", signal.SIGKILL, "nothing tells that"),
@@ -111,7 +143,9 @@ for _name, _number, _expected in (
         "The row says that the trial was repeated, and why."
         if _expected == "repeated"
         else "The trial is not repeated and counts as the planner's failure.",
-        partial(_signalled, what=_name, number=_number, isolate=False, expected=_expected),
+        partial(
+            _signalled, what=_name, number=_number, isolate=False, expected=_expected
+        ),
     )
 add(
     FAMILY,
@@ -123,13 +157,19 @@ add(
 
 
 def _bounded(lab: Lab, kind: str, outcome: str, words: str) -> str:
-    run = lab.start(*ros(lab, *by_command(SCRIPT, kind, lab.folder), bags="all", limit_s=20.0))
+    run = lab.start(
+        *ros(lab, *by_command(SCRIPT, kind, lab.folder), bags="all", limit_s=20.0)
+    )
     peak_mb = 0
     while run.poll() is None:
         for pid in lab.nodes("barn_eval.ros.evaluator"):
             with suppress(OSError, StopIteration):
                 lines = Path(f"/proc/{pid}/status").read_text().splitlines()
-                peak_mb = max(peak_mb, int(next(one for one in lines if "VmHWM" in one).split()[1]) // 1000)
+                peak_mb = max(
+                    peak_mb,
+                    int(next(one for one in lines if "VmHWM" in one).split()[1])
+                    // 1000,
+                )
         hold(lab.left_s, "")
         time.sleep(0.1)
     said = judged(lab, outcome, words)
@@ -138,10 +178,30 @@ def _bounded(lab: Lab, kind: str, outcome: str, words: str) -> str:
 
 
 for _kind, _done, _outcome, _words in (
-    ("crowd", "The planner makes 5,000 topics in the midst of a trial.", "interference", "topics are on the graph"),
-    ("meet", "The planner makes 400 nodes in the midst of a trial.", "interference", "nodes are on the graph"),
-    ("floods", "The planner publishes 4 MB at 50 Hz on a topic of its own, and answers.", "collision", ""),
-    ("floods-slowly", "The planner publishes 1 MB at 50 Hz on a topic of its own, and answers.", "collision", ""),
+    (
+        "crowd",
+        "The planner makes 5,000 topics in the midst of a trial.",
+        "interference",
+        "topics are on the graph",
+    ),
+    (
+        "meet",
+        "The planner makes 400 nodes in the midst of a trial.",
+        "interference",
+        "nodes are on the graph",
+    ),
+    (
+        "floods",
+        "The planner publishes 4 MB at 50 Hz on a topic of its own, and answers.",
+        "collision",
+        "",
+    ),
+    (
+        "floods-slowly",
+        "The planner publishes 1 MB at 50 Hz on a topic of its own, and answers.",
+        "collision",
+        "",
+    ),
 ):
     add(
         FAMILY,

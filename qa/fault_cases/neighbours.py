@@ -16,7 +16,9 @@ def two_runs_in_one_folder(lab: Lab) -> str:
     """
     both = [lab.start(*words(lab)) for _ in range(2)]
     ended = [lab.finish(run, None) for run in both]
-    hold(sorted(one.code for one in ended) == [0, 1], [one.text[-300:] for one in ended])
+    hold(
+        sorted(one.code for one in ended) == [0, 1], [one.text[-300:] for one in ended]
+    )
     said = next(one.error for one in ended if one.code)
     hold("another process is working in this folder" in said, said)
     same(lab)
@@ -51,7 +53,16 @@ def domain_in_use(lab: Lab) -> str:
     driving(lab, run)
     first = lab.processes()
     kill(first, signal.SIGSTOP)
-    said = lab.refused("run", "--mode", "ros", "--worlds", "0", "--out", lab.folder / "second", environment=domain)
+    said = lab.refused(
+        "run",
+        "--mode",
+        "ros",
+        "--worlds",
+        "0",
+        "--out",
+        lab.folder / "second",
+        environment=domain,
+    )
     hold("ROS_DOMAIN_ID 77" in said, said)
     kill(first, signal.SIGCONT)
     lab.finish(run)
@@ -91,7 +102,9 @@ def strangers_on_the_domain(lab: Lab) -> str:
     """
     undisturbed()
     near = {"ROS_DOMAIN_ID": "78", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    strangers = [lab.start_program([sys.executable, "-c", _CHATTER], near) for _ in range(3)]
+    strangers = [
+        lab.start_program([sys.executable, "-c", _CHATTER], near) for _ in range(3)
+    ]
     lab.barn(*words(lab), environment=near)
     for stranger in strangers:
         hold(stranger.poll() is None, "a stranger has ended")
@@ -108,7 +121,15 @@ def simulators_of_strangers(lab: Lab) -> str:
     """
     near = {"ROS_DOMAIN_ID": "79", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     other = lab.start_program(
-        [sys.executable, "-m", "barn_sim.ros.simulator", "--ros-args", "-r", "__node:=other"], near
+        [
+            sys.executable,
+            "-m",
+            "barn_sim.ros.simulator",
+            "--ros-args",
+            "-r",
+            "__node:=other",
+        ],
+        near,
     )
     if other.poll() is not None:
         raise Skipped("no second simulator")

@@ -52,7 +52,11 @@ def connected(place: Place, *frames: bytes, receive: int = 0) -> socket.socket:
 
 
 def _text(content: bytes) -> bytes:
-    size = bytes([0x80 | len(content)]) if len(content) < 126 else b"\xff" + struct.pack(">Q", len(content))
+    size = (
+        bytes([0x80 | len(content)])
+        if len(content) < 126
+        else b"\xff" + struct.pack(">Q", len(content))
+    )
     return b"\x81" + size + bytes(4) + content
 
 
@@ -68,12 +72,17 @@ def _malformed(place: Place, kept: ExitStack) -> str:
         b"\x81\xff" + b"\x7f" + b"\xff" * 7 + bytes(4),  # of 2^63 bytes
         _text(b"\xff\xfe"),
         _text(b"{" * 100_000),
-        _text(b'{"op": "subscribe", "subscriptions": [{"id": -1, "channelId": 1e300}]}'),
+        _text(
+            b'{"op": "subscribe", "subscriptions": [{"id": -1, "channelId": 1e300}]}'
+        ),
         _text(b'{"op": "no such", "x": "' + b"y" * 1_000_000 + b'"}'),
         _subscription(100_000),
         b"\x82\x80" + bytes(4),
         b"\x88\x82" + bytes(4) + b"\0\1",  # closes with a code that there is not
-        b"\x89\xfe" + struct.pack(">H", 60_000) + bytes(4) + bytes(60_000),  # a ping that is too long
+        b"\x89\xfe"
+        + struct.pack(">H", 60_000)
+        + bytes(4)
+        + bytes(60_000),  # a ping that is too long
     )
     for frame in frames:
         kept.enter_context(connected(place, frame))
@@ -86,7 +95,11 @@ def _malformed(place: Place, kept: ExitStack) -> str:
 
 def _many(place: Place, kept: ExitStack) -> str:
     for number in range(400):
-        one = socket.create_connection(place) if number % 2 else connected(place, _subscription(40))
+        one = (
+            socket.create_connection(place)
+            if number % 2
+            else connected(place, _subscription(40))
+        )
         kept.enter_context(one)
     return "400 connections"
 
@@ -103,7 +116,9 @@ def _watched(lab: Lab, trouble: Callable[[Place, ExitStack], str]) -> str:
     (lab.folder / "short.yaml").write_text(SHORT)
     watch = lab.start("watch", lab.out, "--live", 0, "--wait", "--port", 0)
     told: Path = watch.stem.with_suffix(".err")  # type: ignore[attr-defined]
-    ((host, port),) = lab.until(lambda: re.findall(r"ws://([\d.]+):(\d+)", told.read_text()), "its address")
+    ((host, port),) = lab.until(
+        lambda: re.findall(r"ws://([\d.]+):(\d+)", told.read_text()), "its address"
+    )
     place = host, int(port)
     with ExitStack() as kept:
         said = trouble(place, kept)
@@ -119,9 +134,21 @@ def _watched(lab: Lab, trouble: Callable[[Place, ExitStack], str]) -> str:
 
 
 for _name, _done, _act in (
-    ("malformed-frames", "Clients of the live view send what is no frame, no JSON, or asks for too much.", _malformed),
-    ("many-clients", "Of 400 clients of the live view half say nothing, and half subscribe to all.", _many),
-    ("slow-clients", "20 clients of the live view subscribe to all and read nothing.", _slow),
+    (
+        "malformed-frames",
+        "Clients of the live view send what is no frame, no JSON, or asks for too much.",
+        _malformed,
+    ),
+    (
+        "many-clients",
+        "Of 400 clients of the live view half say nothing, and half subscribe to all.",
+        _many,
+    ),
+    (
+        "slow-clients",
+        "20 clients of the live view subscribe to all and read nothing.",
+        _slow,
+    ),
 ):
     _must = "The trial runs on, and another client is served; the view takes less than 1 GB and ends by Ctrl-C."
     add(FAMILY, _name, _done, _must, partial(_watched, trouble=_act))
@@ -150,7 +177,9 @@ def no_such_dds(lab: Lab) -> str:
     Where it is not installed, the run ends with one line that names it; else the row is the undisturbed one.
     """
     undisturbed()
-    ended = lab.barn(*words(lab), code=None, environment={"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"})
+    ended = lab.barn(
+        *words(lab), code=None, environment={"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}
+    )
     if ended.code == 0:
         return same(lab)
     hold("rmw_cyclonedds_cpp" in ended.error and not lab.rows(), ended.text)
@@ -165,7 +194,13 @@ def a_planner_in_another_century(lab: Lab) -> str:
     """
     _, false = shifted_clock(lab, -55 * 365 * 86_400)
     before = ["env", *(f"{name}={value}" for name, value in false.items())]
-    lab.barn(*ros(lab, *by_command(FOREIGN, "starts", "drives", prefix=f"{shlex.join(before)} "), limit_s=6.0))
+    lab.barn(
+        *ros(
+            lab,
+            *by_command(FOREIGN, "starts", "drives", prefix=f"{shlex.join(before)} "),
+            limit_s=6.0,
+        )
+    )
     return judged(lab, "interference", "stamped by a clock that is 1734")
 
 
@@ -179,7 +214,13 @@ def a_planner_with_a_fast_clock(lab: Lab) -> str:
     if library is None:
         raise Skipped("Debian's package libfaketime is not installed")
     before = shlex.join(["env", f"LD_PRELOAD={library}", "FAKETIME=+0 x50"])
-    lab.barn(*ros(lab, *by_command(FOREIGN, "starts", "drives", prefix=f"{before} "), limit_s=6.0))
+    lab.barn(
+        *ros(
+            lab,
+            *by_command(FOREIGN, "starts", "drives", prefix=f"{before} "),
+            limit_s=6.0,
+        )
+    )
     return judged(lab, "timeout", "")
 
 
@@ -187,20 +228,54 @@ def _limited(lab: Lab, kind: int, most: int, options: tuple[object, ...]) -> str
     limit = partial(resource.setrlimit, kind, (most, most))
     (lab.folder / "short.yaml").write_text(SHORT)
     ended = lab.barn(*(options or words(lab)), code=None, before=limit)
-    hold(ended.code in (0, 1, 130), ended.text)  # OpenBLAS interrupts its process where it gets no thread
-    return f"code {ended.code}: {ended.text.replace(str(lab.folder), '')}" if ended.code else ending(lab.row())
+    hold(
+        ended.code in (0, 1, 130), ended.text
+    )  # OpenBLAS interrupts its process where it gets no thread
+    return (
+        f"code {ended.code}: {ended.text.replace(str(lab.folder), '')}"
+        if ended.code
+        else ending(lab.row())
+    )
 
 
 for _name, _done, _kind, _most, _ros in (
-    ("little-memory", "A process may have 600 MB of addresses (ulimit -v).", resource.RLIMIT_AS, 600_000_000, False),
-    ("little-memory-over-ros", "A process may have 1.5 GB of addresses.", resource.RLIMIT_AS, 1_500_000_000, True),
-    ("small-stack", "A process may have 256 kB of stack (ulimit -s).", resource.RLIMIT_STACK, 256_000, True),
-    ("locked-memory", "A process may lock no memory (ulimit -l).", resource.RLIMIT_MEMLOCK, 0, True),
+    (
+        "little-memory",
+        "A process may have 600 MB of addresses (ulimit -v).",
+        resource.RLIMIT_AS,
+        600_000_000,
+        False,
+    ),
+    (
+        "little-memory-over-ros",
+        "A process may have 1.5 GB of addresses.",
+        resource.RLIMIT_AS,
+        1_500_000_000,
+        True,
+    ),
+    (
+        "small-stack",
+        "A process may have 256 kB of stack (ulimit -s).",
+        resource.RLIMIT_STACK,
+        256_000,
+        True,
+    ),
+    (
+        "locked-memory",
+        "A process may lock no memory (ulimit -l).",
+        resource.RLIMIT_MEMLOCK,
+        0,
+        True,
+    ),
 ):
     _must = "The run works, or ends with the reason and without a traceback; nothing is left."
 
-    def _act_limited(lab: Lab, kind: int = _kind, most: int = _most, over_ros: bool = _ros) -> str:
-        return _limited(lab, kind, most, () if over_ros else ("run", *_DIRECT, "--out", lab.out))
+    def _act_limited(
+        lab: Lab, kind: int = _kind, most: int = _most, over_ros: bool = _ros
+    ) -> str:
+        return _limited(
+            lab, kind, most, () if over_ros else ("run", *_DIRECT, "--out", lab.out)
+        )
 
     add(MACHINE, _name, _done, _must, _act_limited)
 
@@ -215,8 +290,12 @@ def few_processes(lab: Lab) -> str:
         raise Skipped("needs root, to be another user")
     lab.folder.chmod(0o777)
     other = ["setpriv", "--reuid=54321", "--clear-groups", "prlimit", "--nproc=30"]
-    if subprocess.run([*other, sys.executable, "-c", "import rclpy"], check=False, capture_output=True).returncode:
+    if subprocess.run(
+        [*other, sys.executable, "-c", "import rclpy"], check=False, capture_output=True
+    ).returncode:
         raise Skipped("another user cannot use this environment")
-    ended = lab.barn(*words(lab), code=None, prefix=other, environment={"HOME": str(lab.folder)})
+    ended = lab.barn(
+        *words(lab), code=None, prefix=other, environment={"HOME": str(lab.folder)}
+    )
     hold(ended.code in (0, 1, 3), ended.text)
     return ended.error[:160] if ended.code == 1 else ending(lab.row())

@@ -13,30 +13,49 @@ from fault_cases.system import alive
 FAMILY = "ros"
 SCRIPT = Path(__file__).with_name("ros_planner.py")
 FOREIGN = TESTS / "foreign_planner.py"
-_PROTOCOL = (
-    "schema_version: 1\nbase: challenge\nname: short\nfirst_motion_limit_s: {s}\nlimit_s: {s}\ntimeout_time_s: {s}\n"
-)
+_PROTOCOL = "schema_version: 1\nbase: challenge\nname: short\nfirst_motion_limit_s: {s}\nlimit_s: {s}\ntimeout_time_s: {s}\n"
 # Short where a case waits for it in full, and yet long enough for a slow and busy machine.
 _PATIENCE = ("command_wait_s=2", "patience.service_s=30", "patience.clock_s=20")
 
 
-def ros(lab: Lab, *more: object, limit_s: float = 2.0, bags: str = "none", command_s: int = 12) -> list[object]:
+def ros(
+    lab: Lab,
+    *more: object,
+    limit_s: float = 2.0,
+    bags: str = "none",
+    command_s: int = 12,
+) -> list[object]:
     """Return the words of a run over ROS of a trial that ends by itself after so many seconds of driving."""
     if find_spec("rclpy") is None:
         raise Skipped("ROS 2 is not installed")
     (lab.folder / "short.yaml").write_text(_PROTOCOL.format(s=limit_s))
     settings = (*_PATIENCE, f"patience.command_s={command_s}")
     patience = [word for setting in settings for word in ("--ros", setting)]
-    words = ["run", "--mode", "ros", "--worlds", "0", "--protocol", "short.yaml", "--bags", bags]
+    words = [
+        "run",
+        "--mode",
+        "ros",
+        "--worlds",
+        "0",
+        "--protocol",
+        "short.yaml",
+        "--bags",
+        bags,
+    ]
     return [*words, *patience, "--out", lab.out, *more]
 
 
 def by_command(*words: object, prefix: str = "") -> list[str]:
     """Return the options for a planner that is started by a Python script."""
-    return ["--planner-command", f"x={prefix}{shlex.join([sys.executable, *map(str, words)])}"]
+    return [
+        "--planner-command",
+        f"x={prefix}{shlex.join([sys.executable, *map(str, words)])}",
+    ]
 
 
-def driven(lab: Lab, kind: str, outcome: str, detail: str = "", more: Sequence[object] = ()) -> str:
+def driven(
+    lab: Lab, kind: str, outcome: str, detail: str = "", more: Sequence[object] = ()
+) -> str:
     """Run a trial of a planner that goes wrong, and say how it ended; Wrong if otherwise than it must."""
     lab.barn(*ros(lab, *by_command(SCRIPT, kind, lab.folder), *more))
     return judged(lab, outcome, detail)
@@ -51,8 +70,14 @@ def faulty(lab: Lab, kind: str, outcome: str, detail: str = "") -> str:
 def judged(lab: Lab, outcome: str, detail: str) -> str:
     """Say how the only trial ended; Wrong if otherwise than it must."""
     row = lab.row()
-    hold(row["outcome"] == outcome and detail in row["detail"], f"{ending(row)}, not {outcome}: {detail}")
-    hold(row["fault"] == ("" if outcome == "success" else "planner"), f"fault {row['fault']!r}")
+    hold(
+        row["outcome"] == outcome and detail in row["detail"],
+        f"{ending(row)}, not {outcome}: {detail}",
+    )
+    hold(
+        row["fault"] == ("" if outcome == "success" else "planner"),
+        f"fault {row['fault']!r}",
+    )
     remarks = f" ({row['remarks']})" if row["remarks"] else ""
     return ending(row) + remarks
 
@@ -69,17 +94,58 @@ def _ends(what: str) -> str:
 
 
 for _kind, _done, _outcome, _detail in (
-    ("first-scan", "The planner exits with code 1 at the first scan.", "planner_died", "exited with code 1"),
-    ("crashes", "The planner raises in a callback in the middle of the trial.", "planner_died", "exited with code 1"),
-    ("segfault", "The planner reads address 0 in the middle of the trial.", "planner_died", "SIGSEGV"),
-    ("sleeps", "The planner sleeps in a callback.", "planner_stalled", "no command for 12 s"),
-    ("loops", "The planner loops without end in a callback.", "planner_stalled", "no command for 12 s"),
-    ("stops-itself", "The planner sends itself SIGSTOP.", "planner_stalled", "no command for 12 s"),
-    ("kills-its-group", "The planner sends SIGKILL to its process group.", "planner_died", "SIGKILL"),
+    (
+        "first-scan",
+        "The planner exits with code 1 at the first scan.",
+        "planner_died",
+        "exited with code 1",
+    ),
+    (
+        "crashes",
+        "The planner raises in a callback in the middle of the trial.",
+        "planner_died",
+        "exited with code 1",
+    ),
+    (
+        "segfault",
+        "The planner reads address 0 in the middle of the trial.",
+        "planner_died",
+        "SIGSEGV",
+    ),
+    (
+        "sleeps",
+        "The planner sleeps in a callback.",
+        "planner_stalled",
+        "no command for 12 s",
+    ),
+    (
+        "loops",
+        "The planner loops without end in a callback.",
+        "planner_stalled",
+        "no command for 12 s",
+    ),
+    (
+        "stops-itself",
+        "The planner sends itself SIGSTOP.",
+        "planner_stalled",
+        "no command for 12 s",
+    ),
+    (
+        "kills-its-group",
+        "The planner sends SIGKILL to its process group.",
+        "planner_died",
+        "SIGKILL",
+    ),
     ("shuts-down", "The planner shuts its DDS participant down.", "planner_died", ""),
     ("inf", "The planner commands an infinite speed.", "invalid_command", "inf m/s"),
 ):
-    add(FAMILY, _kind, _done, _ends(_outcome), partial(driven, kind=_kind, outcome=_outcome, detail=_detail))
+    add(
+        FAMILY,
+        _kind,
+        _done,
+        _ends(_outcome),
+        partial(driven, kind=_kind, outcome=_outcome, detail=_detail),
+    )
 for _kind, _done, _outcome, _detail in (
     (
         "wrong_type",
@@ -88,12 +154,33 @@ for _kind, _done, _outcome, _detail in (
         "String publisher exists",
     ),
     ("silent", "The planner never sends a command.", "no_first_motion", "no command"),
-    ("nan", "The planner commands NaN in the middle of the trial.", "invalid_command", "nan m/s"),
-    ("dies", "The planner sends itself SIGKILL in the middle of the trial.", "planner_died", "SIGKILL"),
-    ("exits", "The planner exits with code 3 in the middle of the trial.", "planner_died", "exited with code 3"),
+    (
+        "nan",
+        "The planner commands NaN in the middle of the trial.",
+        "invalid_command",
+        "nan m/s",
+    ),
+    (
+        "dies",
+        "The planner sends itself SIGKILL in the middle of the trial.",
+        "planner_died",
+        "SIGKILL",
+    ),
+    (
+        "exits",
+        "The planner exits with code 3 in the middle of the trial.",
+        "planner_died",
+        "exited with code 3",
+    ),
 ):
     _name = _kind.replace("_", "-")
-    add(FAMILY, _name, _done, _ends(_outcome), partial(faulty, kind=_kind, outcome=_outcome, detail=_detail))
+    add(
+        FAMILY,
+        _name,
+        _done,
+        _ends(_outcome),
+        partial(faulty, kind=_kind, outcome=_outcome, detail=_detail),
+    )
 for _kind, _done in (
     ("ignores-signals", "The planner ignores SIGINT, SIGTERM, SIGHUP and SIGQUIT."),
     ("thousand-hertz", "The planner sends 1,000 commands a second."),
@@ -123,7 +210,13 @@ for _kind, _done in (
     ("too-fast", "The planner commands 200 m/s."),
     ("huge", "The planner commands 1e300 m/s."),
 ):
-    add(FAMILY, _kind, _done, "The robot's limits hold: no more than 2 m/s.", partial(_limited, kind=_kind))
+    add(
+        FAMILY,
+        _kind,
+        _done,
+        "The robot's limits hold: no more than 2 m/s.",
+        partial(_limited, kind=_kind),
+    )
 
 
 def _refused(lab: Lab, kind: str, words: str) -> str:
@@ -135,9 +228,21 @@ def _refused(lab: Lab, kind: str, words: str) -> str:
 
 _THREE = "exited with code 1 at its start, 3 times in a row"
 for _kind, _done, _words in (
-    ("import", "The planner's script imports a package that is not there.", "a_package_that_is_not_there"),
-    ("start", "The planner raises once it has begun with ROS.", "no such parameter: speed"),
-    ("exits-early", "The planner exits with code 0 before it has a node.", "exited with code 0 at its start"),
+    (
+        "import",
+        "The planner's script imports a package that is not there.",
+        "a_package_that_is_not_there",
+    ),
+    (
+        "start",
+        "The planner raises once it has begun with ROS.",
+        "no such parameter: speed",
+    ),
+    (
+        "exits-early",
+        "The planner exits with code 0 before it has a node.",
+        "exited with code 0 at its start",
+    ),
 ):
     _must = "After three starts the run ends with one line that quotes the planner's log; exit code 1."
     add(FAMILY, _kind, _done, _must, partial(_refused, kind=_kind, words=_words))
@@ -153,7 +258,9 @@ for _kind, _done, _detail in (
         _kind,
         _done,
         _must,
-        partial(driven, kind=_kind, outcome="planner_not_ready", detail=_detail, more=_more),
+        partial(
+            driven, kind=_kind, outcome="planner_not_ready", detail=_detail, more=_more
+        ),
     )
 
 
@@ -181,7 +288,9 @@ def prints_without_end(lab: Lab) -> str:
 
     Its log keeps 5 MB of the beginning and 5 MB of the end; the trial has a verdict.
     """
-    ended: Ended = lab.barn(*ros(lab, *by_command(SCRIPT, "loud", lab.folder), command_s=120))
+    ended: Ended = lab.barn(
+        *ros(lab, *by_command(SCRIPT, "loud", lab.folder), command_s=120)
+    )
     size = sum(path.stat().st_size for path in (lab.out / "logs").rglob("planner.log*"))
     hold(5e6 < size < 10.5e6, f"{size} bytes of log")
     hold(len(ended.text) < 5000, "the log is printed")

@@ -8,7 +8,17 @@ import time
 from collections.abc import Callable
 from functools import cache, partial
 
-from fault_cases.kit import LIMIT_S, Lab, Row, add, case, ending, hold, repeatable, scratch
+from fault_cases.kit import (
+    LIMIT_S,
+    Lab,
+    Row,
+    add,
+    case,
+    ending,
+    hold,
+    repeatable,
+    scratch,
+)
 from fault_cases.planners import FOREIGN, SCRIPT, by_command, ros
 from fault_cases.system import alive, kill
 
@@ -20,7 +30,9 @@ _HELD = threading.Lock()
 
 def words(lab: Lab) -> list[object]:
     """Return the words of a run whose planner does nothing wrong."""
-    return ros(lab, *by_command(FOREIGN, "starts", "drives"), limit_s=_LIMIT_S, bags="all")
+    return ros(
+        lab, *by_command(FOREIGN, "starts", "drives"), limit_s=_LIMIT_S, bags="all"
+    )
 
 
 @cache
@@ -41,7 +53,10 @@ def driving(lab: Lab, run: "subprocess.Popen[bytes]") -> None:
 
     def on_its_way() -> bool:
         hold(run.poll() is None, f"the run ended with {run.returncode}")
-        return any(path.stat().st_size > 10_000 for path in (lab.out / "bags").glob("*.partial/*.mcap"))
+        return any(
+            path.stat().st_size > 10_000
+            for path in (lab.out / "bags").glob("*.partial/*.mcap")
+        )
 
     lab.until(on_its_way, "the robot to drive")
 
@@ -71,7 +86,12 @@ def _suspend(lab: Lab, pids: list[int], seconds: float) -> None:
 
 _MUST = "The trial is repeated and said to be; but for its attempts the row equals that of an undisturbed run."
 for _name, _done, _deed, _words in (
-    ("simulator-killed", "The simulator gets SIGKILL.", lambda lab: kill(lab.nodes(SIMULATOR)), "simulator_died"),
+    (
+        "simulator-killed",
+        "The simulator gets SIGKILL.",
+        lambda lab: kill(lab.nodes(SIMULATOR)),
+        "simulator_died",
+    ),
     (
         "simulator-terminated",
         "The simulator gets SIGTERM.",
@@ -84,7 +104,12 @@ for _name, _done, _deed, _words in (
         lambda lab: kill(lab.nodes(SIMULATOR), 19),
         "no tick",
     ),
-    ("evaluator-killed", "The evaluator gets SIGKILL.", lambda lab: kill(lab.nodes(EVALUATOR)), "evaluator was killed"),
+    (
+        "evaluator-killed",
+        "The evaluator gets SIGKILL.",
+        lambda lab: kill(lab.nodes(EVALUATOR)),
+        "evaluator was killed",
+    ),
     (
         "guard-killed",
         "The guards of the planner get SIGKILL.",
@@ -110,7 +135,13 @@ for _name, _done, _deed, _words in (
         "",
     ),
 ):
-    add(FAMILY, _name, _done, _MUST, partial(_repeated, disturb=_deed, words_noted=_words))
+    add(
+        FAMILY,
+        _name,
+        _done,
+        _MUST,
+        partial(_repeated, disturb=_deed, words_noted=_words),
+    )
 
 
 @case(FAMILY)
@@ -185,7 +216,10 @@ def _killed_together(lab: Lab, guards: int) -> str:
     """Kill run and worker at once, with so many of the two guards of a planner that has started daemons."""
     run = lab.start(*ros(lab, *by_command(SCRIPT, "escapes", lab.folder), limit_s=60.0))
     note = lab.folder / "pids"
-    lab.until(lambda: note.exists() and note.read_text().endswith("\n"), "the planner's daemon")
+    lab.until(
+        lambda: note.exists() and note.read_text().endswith("\n"),
+        "the planner's daemon",
+    )
     guarding = lab.guards(str(SCRIPT))
     hold(len(guarding) >= guards, f"guards {guarding}")
     kill([run.pid, *lab.nodes("experiments.worker"), *sorted(guarding)[:guards]])

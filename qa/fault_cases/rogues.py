@@ -108,7 +108,11 @@ class Rogue(Planner):
         """Drive ahead, or do it."""
         self.cycles += 1
         done = _DEEDS[self.config.kind]() if self.cycles == _GOOD_CYCLES else None
-        return Decision(Velocity2D(0.5, 0.0)) if done is None or isinstance(done, tuple) else done
+        return (
+            Decision(Velocity2D(0.5, 0.0))
+            if done is None or isinstance(done, tuple)
+            else done
+        )
 
 
 ENTRY = PlannerEntry(Rogue, {"default": RogueConfig()})

@@ -58,7 +58,9 @@ def signal_suite(what: str, number: int) -> None:
     mark = f"{MARK}={os.environ[MARK]}".encode()
     for entry in Path("/proc").iterdir():
         with suppress(OSError):
-            if entry.name.isdigit() and mark in (entry / "environ").read_bytes().split(b"\0"):
+            if entry.name.isdigit() and mark in (entry / "environ").read_bytes().split(
+                b"\0"
+            ):
                 words = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode()
                 if SUITE[what] in words and int(entry.name) != 1:
                     (FOLDER / "done").touch()
@@ -103,12 +105,17 @@ def crowd(planner: Node) -> None:
 
 def meet(_: Node) -> None:
     """Make 400 nodes in the midst of a trial."""
-    KEPT.extend(rclpy.create_node(f"crowd_{k}", enable_rosout=False) for k in range(400))
+    KEPT.extend(
+        rclpy.create_node(f"crowd_{k}", enable_rosout=False) for k in range(400)
+    )
 
 
 def flood(planner: Node, megabytes: int, rate_hz: float) -> None:
     """Publish messages of so many megabytes at a rate from now on, while the scans are answered."""
-    sender, message = planner.create_publisher(String, "flood", 10), String(data=megabytes * 1_000_000 * "x")
+    sender, message = (
+        planner.create_publisher(String, "flood", 10),
+        String(data=megabytes * 1_000_000 * "x"),
+    )
 
     def send() -> None:
         while True:
@@ -138,7 +145,9 @@ DEEDS: dict[str, Callable[[], object]] = {
     "kills-its-parent": lambda: os.kill(os.getppid(), signal.SIGKILL),
     "signals": lambda: signal_suite(sys.argv[3], int(sys.argv[4])),
     "escapes": escape,
-    "has-children": lambda: note(*(subprocess.Popen(SLEEP, start_new_session=True).pid for _ in range(3))),
+    "has-children": lambda: note(
+        *(subprocess.Popen(SLEEP, start_new_session=True).pid for _ in range(3))
+    ),
     "kills-its-group": lambda: os.killpg(0, signal.SIGKILL),
 }
 
@@ -151,8 +160,14 @@ class RosPlanner(Node):
         self.cycles = 0
         stamped = KIND in STAMPS
         topic = "command_velocity" if KIND == "wrong-topic" else "cmd_vel"
-        self.commands = self.create_publisher(TwistStamped if stamped else Twist, topic, 10)
-        self.seconds = [self.create_publisher(Twist, topic, 10)] if KIND == "two-publishers" else []
+        self.commands = self.create_publisher(
+            TwistStamped if stamped else Twist, topic, 10
+        )
+        self.seconds = (
+            [self.create_publisher(Twist, topic, 10)]
+            if KIND == "two-publishers"
+            else []
+        )
         self.create_subscription(LaserScan, "scan", self.answer, 10)
         if KIND != "no-odometry":
             self.create_subscription(Odometry, "odom", lambda _: None, 10)
@@ -163,7 +178,9 @@ class RosPlanner(Node):
     def command(self) -> "Twist | TwistStamped":
         """Return what is commanded."""
         twist = Twist()
-        twist.linear.x = {"too-fast": 200.0, "huge": 1e300, "inf": float("inf")}.get(KIND, 0.5)
+        twist.linear.x = {"too-fast": 200.0, "huge": 1e300, "inf": float("inf")}.get(
+            KIND, 0.5
+        )
         if KIND in STAMPS:
             stamped = TwistStamped(twist=twist)
             stamped.header.stamp.sec = STAMPS[KIND]
@@ -173,7 +190,9 @@ class RosPlanner(Node):
     def answer(self, _: LaserScan) -> None:
         """Answer a scan."""
         self.cycles += 1
-        if KIND in DEEDS and self.cycles == (1 if KIND == "first-scan" else GOOD_CYCLES):
+        if KIND in DEEDS and self.cycles == (
+            1 if KIND == "first-scan" else GOOD_CYCLES
+        ):
             DEEDS[KIND]()
         if KIND in NODE_DEEDS and self.cycles == GOOD_CYCLES:
             NODE_DEEDS[KIND](self)

@@ -18,7 +18,10 @@ for _name, _done, _file, _make, _words in (
         text_of(
             _SCHEMA
             + "a0: &a0 [x, x]\n"
-            + "".join(f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)}]\n" for k in range(1, 10))
+            + "".join(
+                f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)}]\n"
+                for k in range(1, 10)
+            )
         ),
         (*_CAMPAIGN, "c.yaml"),
     ),
@@ -64,7 +67,13 @@ for _name, _done, _file, _make, _words in (
         lambda path: path.symlink_to("/dev/zero"),
         (*_CAMPAIGN, "c.yaml"),
     ),
-    ("campaign-pipe", "A pipe that nobody writes to as a campaign file.", "c.yaml", os.mkfifo, (*_CAMPAIGN, "c.yaml")),
+    (
+        "campaign-pipe",
+        "A pipe that nobody writes to as a campaign file.",
+        "c.yaml",
+        os.mkfifo,
+        (*_CAMPAIGN, "c.yaml"),
+    ),
     (
         "protocol-type",
         "A protocol whose time limit is a list.",

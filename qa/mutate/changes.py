@@ -37,14 +37,35 @@ OPERATORS: dict[type[ast.operator], type[ast.operator]] = {
     ast.BitOr: ast.BitAnd,
 }
 CONFUSED = [
-    *(("x", "y"), ("linear", "angular"), ("odometry", "truth"), ("low", "high"), ("left", "right"), ("first", "last")),
-    *(("min", "max"), ("minimum", "maximum"), ("any", "all"), ("cos", "sin"), ("a", "b"), ("start", "goal")),
-    *(("_first", "_last"), ("traversal_time_s", "duration_s"), ("mean", "sum"), ("larger", "smaller")),
+    *(
+        ("x", "y"),
+        ("linear", "angular"),
+        ("odometry", "truth"),
+        ("low", "high"),
+        ("left", "right"),
+        ("first", "last"),
+    ),
+    *(
+        ("min", "max"),
+        ("minimum", "maximum"),
+        ("any", "all"),
+        ("cos", "sin"),
+        ("a", "b"),
+        ("start", "goal"),
+    ),
+    *(
+        ("_first", "_last"),
+        ("traversal_time_s", "duration_s"),
+        ("mean", "sum"),
+        ("larger", "smaller"),
+    ),
 ]
 NAMES = dict(CONFUSED) | {b: a for a, b in CONFUSED}
 SYMMETRIC = {"hypot", "min", "max", "minimum", "maximum", "isclose"}
 
-Change = tuple[ast.expr | ast.stmt, str]  # what to replace of the source, and by which text
+Change = tuple[
+    ast.expr | ast.stmt, str
+]  # what to replace of the source, and by which text
 
 
 @dataclass(frozen=True)
@@ -67,10 +88,15 @@ def mutants_of(source: str) -> list[Mutant]:
     for node, where in _nodes(ast.parse(source), ""):
         for place, change in (*changes(node), *_removal(node)):
             top, bottom = place.lineno - 1, place.end_lineno or place.lineno
-            begin, end = starts[top] + place.col_offset, starts[bottom - 1] + (place.end_col_offset or 0)
+            begin, end = (
+                starts[top] + place.col_offset,
+                starts[bottom - 1] + (place.end_col_offset or 0),
+            )
             before, after = whole[:begin], change.encode() + whole[end:]
             was = whole[starts[top] : starts[bottom]]
-            now = (before[starts[top] :] + after)[: len(was) + len(change.encode()) - (end - begin)]
+            now = (before[starts[top] :] + after)[
+                : len(was) + len(change.encode()) - (end - begin)
+            ]
             text = (before + after).decode()
             found[text] = Mutant(where, top + 1, _one_line(was), _one_line(now), text)
     found.pop(source, None)
@@ -84,11 +110,18 @@ def _one_line(text: bytes) -> str:
 def _nodes(node: ast.AST, where: str) -> Iterator[tuple[ast.AST, str]]:
     """Yield the nodes that may change, and the dotted name of the function or class that each stands in."""
     match node:
-        case ast.Import() | ast.ImportFrom() | ast.JoinedStr() | ast.Expr(value=ast.Constant()):
+        case (
+            ast.Import()
+            | ast.ImportFrom()
+            | ast.JoinedStr()
+            | ast.Expr(value=ast.Constant())
+        ):
             return
         case ast.If(test=ast.Name(id="TYPE_CHECKING")):
             return
-        case ast.Assign(targets=[ast.Name(id=name)]) if not where and re.match("[A-Z][a-z]", name):
+        case ast.Assign(targets=[ast.Name(id=name)]) if not where and re.match(
+            "[A-Z][a-z]", name
+        ):
             return
     yield node, where
     if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
@@ -100,7 +133,11 @@ def _nodes(node: ast.AST, where: str) -> Iterator[tuple[ast.AST, str]]:
 def _children(node: ast.AST) -> Iterator[ast.AST]:
     """Yield the parts of a node without decorators, annotations and what an error says."""
     if isinstance(node, ast.FunctionDef):
-        yield from (default for default in (*node.args.defaults, *node.args.kw_defaults) if default)
+        yield from (
+            default
+            for default in (*node.args.defaults, *node.args.kw_defaults)
+            if default
+        )
     if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
         yield from node.body
     elif isinstance(node, ast.AnnAssign):
@@ -129,18 +166,38 @@ def _(node: ast.Compare) -> list[Change]:
 def _(node: ast.BinOp) -> list[Change]:
     if isinstance(node.op, ast.MatMult):
         sides = [node.right, node.left]
-        return [] if _text(sides[0]) == _text(sides[1]) else [(node, _text(ast.BinOp(sides[0], node.op, sides[1])))]
+        return (
+            []
+            if _text(sides[0]) == _text(sides[1])
+            else [(node, _text(ast.BinOp(sides[0], node.op, sides[1])))]
+        )
     return [(node, _text(ast.BinOp(node.left, OPERATORS[type(node.op)](), node.right)))]
 
 
 @changes.register
 def _(node: ast.AugAssign) -> list[Change]:
-    return [(node, ast.unparse(ast.AugAssign(node.target, OPERATORS[type(node.op)](), node.value)))]
+    return [
+        (
+            node,
+            ast.unparse(
+                ast.AugAssign(node.target, OPERATORS[type(node.op)](), node.value)
+            ),
+        )
+    ]
 
 
 @changes.register
 def _(node: ast.BoolOp) -> list[Change]:
-    return [(node, _text(ast.BoolOp(ast.Or() if isinstance(node.op, ast.And) else ast.And(), node.values)))]
+    return [
+        (
+            node,
+            _text(
+                ast.BoolOp(
+                    ast.Or() if isinstance(node.op, ast.And) else ast.And(), node.values
+                )
+            ),
+        )
+    ]
 
 
 @changes.register
@@ -156,7 +213,11 @@ def _(node: ast.Constant) -> list[Change]:
     elif isinstance(node.value, int):
         near = [node.value - 1, node.value + 1]
     elif isinstance(node.value, float):
-        near = [float(f"{factor * node.value:.6g}") for factor in (0.9, 1.1)] if node.value else [-0.1, 0.1]
+        near = (
+            [float(f"{factor * node.value:.6g}") for factor in (0.9, 1.1)]
+            if node.value
+            else [-0.1, 0.1]
+        )
     elif node.value in NAMES:
         near = [NAMES[node.value]]
     return [(node, repr(value)) for value in near]
@@ -164,7 +225,11 @@ def _(node: ast.Constant) -> list[Change]:
 
 @changes.register
 def _(node: ast.Name) -> list[Change]:
-    return [(node, NAMES[node.id])] if isinstance(node.ctx, ast.Load) and node.id in NAMES else []
+    return (
+        [(node, NAMES[node.id])]
+        if isinstance(node.ctx, ast.Load) and node.id in NAMES
+        else []
+    )
 
 
 @changes.register
@@ -230,13 +295,24 @@ def _keys(parts: list[ast.expr] | list[ast.expr | None]) -> list[Change]:
 
 def _opposite(condition: ast.expr) -> list[Change]:
     """Return the opposite of a condition, unless a change to the condition itself makes it."""
-    return [] if isinstance(condition, (ast.Compare, ast.UnaryOp)) else [(condition, f"(not {_text(condition)})")]
+    return (
+        []
+        if isinstance(condition, (ast.Compare, ast.UnaryOp))
+        else [(condition, f"(not {_text(condition)})")]
+    )
 
 
 def _removal(node: ast.AST) -> list[Change]:
     """Return the removal of a statement that acts on more than a local name."""
     match node:
-        case ast.Expr() | ast.AugAssign() | ast.Raise() | ast.Continue() | ast.Break() | ast.Return(value=None):
+        case (
+            ast.Expr()
+            | ast.AugAssign()
+            | ast.Raise()
+            | ast.Continue()
+            | ast.Break()
+            | ast.Return(value=None)
+        ):
             return [(node, "pass")]
         case ast.Assign(targets=[ast.Attribute() | ast.Subscript()]):
             return [(node, "pass")]
@@ -250,10 +326,16 @@ def _is_text(node: ast.expr | None) -> TypeGuard[ast.Constant]:
 def _span(first: ast.expr, last: ast.expr) -> dict[str, Any]:
     """Return the place of neighbouring expressions as the attributes of a node."""
     begin = {"lineno": first.lineno, "col_offset": first.col_offset}
-    return begin | {"end_lineno": last.end_lineno, "end_col_offset": last.end_col_offset}
+    return begin | {
+        "end_lineno": last.end_lineno,
+        "end_col_offset": last.end_col_offset,
+    }
 
 
 def _text(node: ast.expr) -> str:
     """Return an expression as text that may stand anywhere."""
-    plain = isinstance(node, (ast.Name, ast.Attribute, ast.Call, ast.Constant, ast.Starred, ast.Subscript))
+    plain = isinstance(
+        node,
+        (ast.Name, ast.Attribute, ast.Call, ast.Constant, ast.Starred, ast.Subscript),
+    )
     return ast.unparse(node) if plain else f"({ast.unparse(node)})"

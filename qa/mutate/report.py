@@ -44,7 +44,12 @@ def known_reasons() -> dict[Change, str]:
 def totals(tried: Sequence[Tried]) -> tuple[int, int, int, float]:
     """Return the numbers of mutants, of those killed and of those that survived, and the percentage killed."""
     killed = sum(one.killed for one in tried)
-    return len(tried), killed, len(tried) - killed, 100.0 * killed / len(tried) if tried else 0.0
+    return (
+        len(tried),
+        killed,
+        len(tried) - killed,
+        100.0 * killed / len(tried) if tried else 0.0,
+    )
 
 
 def summary(tried: Sequence[Tried]) -> str:
@@ -77,18 +82,31 @@ def survivors(tried: Iterable[Tried]) -> str:
 def write_page(path: Path, tried: Sequence[Tried]) -> None:
     """Write the results into the page, below what it says by itself."""
     head, _, _ = path.read_text("utf-8").partition(BEGIN)
-    modules = {one.module: [other for other in tried if other.module == one.module] for one in tried}
-    rows = [(f"`{module}`", *totals(found)) for module, found in modules.items()] + [("all", *totals(tried))]
-    table = ["| module | mutants | killed | survived | killed, % |", "| --- | ---: | ---: | ---: | ---: |"]
+    modules = {
+        one.module: [other for other in tried if other.module == one.module]
+        for one in tried
+    }
+    rows = [(f"`{module}`", *totals(found)) for module, found in modules.items()] + [
+        ("all", *totals(tried))
+    ]
+    table = [
+        "| module | mutants | killed | survived | killed, % |",
+        "| --- | ---: | ---: | ---: | ---: |",
+    ]
     table += ["| {} | {} | {} | {} | {:.1f} |".format(*row) for row in rows]
     reasons = known_reasons()
     left: dict[tuple[str, str, str], list[str]] = {}
     for one in tried:
         if not one.killed:
             place = one.module, one.mutant.where, reasons.get(one.change, NO_REASON)
-            left.setdefault(place, []).append(f"- {one.mutant.was}\n+ {one.mutant.now}\n")
+            left.setdefault(place, []).append(
+                f"- {one.mutant.was}\n+ {one.mutant.now}\n"
+            )
     texts = [
         f"`{module}`, `{where}`: {reason}\n\n```diff\n" + "".join(lines) + "```"
         for (module, where, reason), lines in left.items()
     ]
-    path.write_text("\n\n".join([head + BEGIN, "\n".join(table), "## Survivors", *texts]) + "\n", "utf-8")
+    path.write_text(
+        "\n\n".join([head + BEGIN, "\n".join(table), "## Survivors", *texts]) + "\n",
+        "utf-8",
+    )

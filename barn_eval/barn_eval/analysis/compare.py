@@ -8,15 +8,28 @@ from typing import Any
 
 import numpy as np
 
-from barn_eval.analysis.measures import COMPARED, MEASURES, Measure, metric_of, with_motion
+from barn_eval.analysis.measures import (
+    COMPARED,
+    MEASURES,
+    Measure,
+    metric_of,
+    with_motion,
+)
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import holm
-from barn_eval.analysis.sources import Source, by_planner, chosen_planners, notes_on, read_source, require_same_task
+from barn_eval.analysis.sources import (
+    Source,
+    by_planner,
+    chosen_planners,
+    notes_on,
+    read_source,
+    require_same_task,
+)
 from barn_eval.analysis.statistics import Columns, Paired, paired, rank_correlation
 from barn_eval.analysis.text_table import joined
-from barn_eval.experiments.command_files import told_parameters
-from barn_eval.experiments.folder import read_results
-from barn_eval.experiments.store import LOGS
+from barn_eval.results.folder import read_results
+from barn_eval.results.store import LOGS
+from barn_eval.running.command_files import told_parameters
 from barn_eval.trials.identity import MISSING, leaves
 from barn_eval.trials.result import Groups, Rows
 from barn_metrics.bootstrap import Interval
@@ -83,13 +96,23 @@ class Comparison:
             {"a": self.a, "b": self.b, "measure": row.key, "unit": row.unit}
             | {"mean_a": row.paired.mean_a, "mean_b": row.paired.mean_b}
             | row.paired.difference.columns("difference")
-            | {"p": row.paired.p, "p_holm": row.p_holm, "p_a_better": row.paired.improvement.estimate}
+            | {
+                "p": row.paired.p,
+                "p_holm": row.p_holm,
+                "p_a_better": row.paired.improvement.estimate,
+            }
             | {"worlds": row.paired.worlds, "trials": row.paired.trials}
             for row in self.rows
         ]
 
 
-def compare(a: Rows, b: Rows, label_a: str = "", label_b: str = "", keys: Sequence[str] = COMPARED) -> Comparison:
+def compare(
+    a: Rows,
+    b: Rows,
+    label_a: str = "",
+    label_b: str = "",
+    keys: Sequence[str] = COMPARED,
+) -> Comparison:
     """Compare the results of one planner with those of another, or of the same one under other settings.
 
     keys: of the measures; the metric of the protocol is among them in any case. Raises BarnError for results that
@@ -98,7 +121,9 @@ def compare(a: Rows, b: Rows, label_a: str = "", label_b: str = "", keys: Sequen
     """
     check_pairs(a, b)
     of_a, of_b = a[0], b[0]  # each side is of one planner, both are of one task
-    first, second = (columns(one, MEASURES["normalised_time_s_per_m"]) for one in (a, b))
+    first, second = (
+        columns(one, MEASURES["normalised_time_s_per_m"]) for one in (a, b)
+    )
     metric = metric_of(a).key
     compared = with_motion(keys if metric in keys else (metric, *keys), a, b)
     return Comparison(
@@ -125,10 +150,16 @@ def worlds_of(results: Rows) -> int:
 
 def holm_adjusted(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
     """Return comparisons by the same measures with their p-values after Holm, for each measure over all pairs."""
-    adjusted = [holm([row.paired.p for row in rows]) for rows in zip(*(one.rows for one in comparisons), strict=True)]
+    adjusted = [
+        holm([row.paired.p for row in rows])
+        for rows in zip(*(one.rows for one in comparisons), strict=True)
+    ]
     made = []
     for pair, one in enumerate(comparisons):
-        rows = tuple(replace(row, p_holm=adjusted[measure][pair]) for measure, row in enumerate(one.rows))
+        rows = tuple(
+            replace(row, p_holm=adjusted[measure][pair])
+            for measure, row in enumerate(one.rows)
+        )
         made.append(replace(one, rows=rows, pairs=len(comparisons)))
     return tuple(made)
 
@@ -146,7 +177,10 @@ def compare_folders(
     folder. keys: of the measures. progress: gets the share of the pairs that is done. ConfigError if nothing is left to
     compare, BarnError as `compare`.
     """
-    (source_a, first), (source_b, second) = chosen = selected_results(a), selected_results(b or a)
+    (source_a, first), (source_b, second) = chosen = (
+        selected_results(a),
+        selected_results(b or a),
+    )
     pairs: list[tuple[str, ...]]
     if b is None:
         pairs = list(combinations(first, 2))
@@ -156,21 +190,36 @@ def compare_folders(
         pairs = [(name, name) for name in first if name in second]
     if not pairs:
         if b is None:
-            raise ConfigError(f"{a}: has one planner only, {', '.join(first)}; name a second folder")
-        raise ConfigError(f"{a} has {', '.join(first)} and {b} has {', '.join(second)}: name them as FOLDER:PLANNER")
+            raise ConfigError(
+                f"{a}: has one planner only, {', '.join(first)}; name a second folder"
+            )
+        raise ConfigError(
+            f"{a} has {', '.join(first)} and {b} has {', '.join(second)}: name them as FOLDER:PLANNER"
+        )
     folders = [source_a.path, source_b.path]
     require_same_task(folders)
     places = list(dict.fromkeys(path.resolve().name for path in folders))
     places = places if len(places) == 2 else list(map(str, folders))
     found = []
     for done, (one, other) in enumerate(pairs, 1):
-        name_a, name_b = (f"{spelling(one)} ({place})" for place in places) if one == other else (one, other)
+        name_a, name_b = (
+            (f"{spelling(one)} ({place})" for place in places)
+            if one == other
+            else (one, other)
+        )
         made = compare(first[one], second[other], name_a, name_b, keys)
-        found.append(replace(made, parameters=changed_parameters(source_a, one, source_b, other)))
+        found.append(
+            replace(made, parameters=changed_parameters(source_a, one, source_b, other))
+        )
         progress(done / len(pairs))
-    notes = (notes_on(source, [*chain.from_iterable(groups.values())]) for source, groups in chosen)
+    notes = (
+        notes_on(source, [*chain.from_iterable(groups.values())])
+        for source, groups in chosen
+    )
     told = tuple(dict.fromkeys(chain.from_iterable(notes)))
-    return [replace(one, notes=told, robot=source_a.robot) for one in holm_adjusted(found)]
+    return [
+        replace(one, notes=told, robot=source_a.robot) for one in holm_adjusted(found)
+    ]
 
 
 def selected_results(path: Path) -> tuple[Source, Groups]:
@@ -200,12 +249,17 @@ def groups_of(a: Path, b: Path | None = None) -> Groups:
 def _row(a: Rows, b: Rows, measure: Measure) -> PairedMeasure:
     larger = measure.better == "larger"
     found = paired(columns(a, measure), columns(b, measure), larger_is_better=larger)
-    return PairedMeasure(measure.key, measure.title, measure.unit, larger, found, found.p)
+    return PairedMeasure(
+        measure.key, measure.title, measure.unit, larger, found, found.p
+    )
 
 
 def columns(results: Rows, measure: Measure) -> Columns:
     """Return a measure of results as statistics take it."""
-    worlds, repetitions = (np.array([getattr(one, of) for one in results], np.int64) for of in ("world", "repetition"))
+    worlds, repetitions = (
+        np.array([getattr(one, of) for one in results], np.int64)
+        for of in ("world", "repetition")
+    )
     made = Columns(measure.values(results), worlds, repetitions)
     if (of_failure := measure.as_failure) is None:
         return made
@@ -216,9 +270,13 @@ def columns(results: Rows, measure: Measure) -> Columns:
 
 def check_pairs(a: Rows, b: Rows) -> None:
     """Raise BarnError if the two are not results of the same task, or have nothing in common."""
-    first, second = ({(one.world, one.repetition): one for one in results} for results in (a, b))
+    first, second = (
+        {(one.world, one.repetition): one for one in results} for results in (a, b)
+    )
     if len(first) != len(a) or len(second) != len(b):
-        raise BarnError("results of several planners cannot be compared as one; choose a planner of each")
+        raise BarnError(
+            "results of several planners cannot be compared as one; choose a planner of each"
+        )
     shared = first.keys() & second.keys()
     if not shared:
         raise BarnError("the two have no trial of the same world and repetition")
@@ -232,7 +290,9 @@ def check_pairs(a: Rows, b: Rows) -> None:
         ):
             values = getattr(one, name), getattr(other, name)
             if values[0] != values[1]:
-                raise BarnError(f"{one.trial_id} and {other.trial_id} have different {what}: {values[0]}, {values[1]}")
+                raise BarnError(
+                    f"{one.trial_id} and {other.trial_id} have different {what}: {values[0]}, {values[1]}"
+                )
 
 
 def changed_parameters(a: Source, of_a: str, b: Source, of_b: str) -> str:
@@ -242,10 +302,23 @@ def changed_parameters(a: Source, of_a: str, b: Source, of_b: str) -> str:
     not of the same name, nothing is said, and of files of other names only where nothing else differs.
     """
     one, other = _parameters(a, of_a), _parameters(b, of_b)
-    shared = {key.partition(" ")[0] for key in one} & {key.partition(" ")[0] for key in other}
-    keys = [key for key in one | other if key.partition(" ")[0] in shared and one.get(key) != other.get(key)]
-    keys = [key for key in keys if not key.startswith("file ") or key in one.keys() & other.keys()] or keys
-    named = [f"{key} ({one.get(key, MISSING)} against {other.get(key, MISSING)})" for key in keys[:_NAMED]]
+    shared = {key.partition(" ")[0] for key in one} & {
+        key.partition(" ")[0] for key in other
+    }
+    keys = [
+        key
+        for key in one | other
+        if key.partition(" ")[0] in shared and one.get(key) != other.get(key)
+    ]
+    keys = [
+        key
+        for key in keys
+        if not key.startswith("file ") or key in one.keys() & other.keys()
+    ] or keys
+    named = [
+        f"{key} ({one.get(key, MISSING)} against {other.get(key, MISSING)})"
+        for key in keys[:_NAMED]
+    ]
     more = [f"{len(keys) - _NAMED} more"] if len(keys) > _NAMED else []
     return f"Parameters that differ: {joined([*named, *more])}." if named else ""
 
@@ -254,7 +327,9 @@ def _parameters(source: Source, planner: str) -> dict[str, Any]:
     try:
         (choice,) = (one for one in source.experiment.planners if one.name == planner)
         if not choice.registered:
-            files = {f"file {name}": digest[:12] for name, digest in choice.files.items()}
+            files = {
+                f"file {name}": digest[:12] for name, digest in choice.files.items()
+            }
             return files | told_parameters(source.path / LOGS, planner)
         settings = source.experiment.settings(choice)
         config = planner_config(planner, settings["preset"], settings["overrides"])

@@ -42,7 +42,9 @@ class Band:
 def by_world(results: Rows) -> dict[int, list[TrialResult]]:
     """Return results by world, worlds ascending."""
     ordered = sorted(results, key=lambda one: (one.world, one.repetition))
-    return {world: list(group) for world, group in groupby(ordered, lambda one: one.world)}
+    return {
+        world: list(group) for world, group in groupby(ordered, lambda one: one.world)
+    }
 
 
 def difficulty(entries: Sequence[Entry]) -> Difficulty:
@@ -53,7 +55,10 @@ def difficulty(entries: Sequence[Entry]) -> Difficulty:
     rows = []
     for world in shared:
         there = (group[world] for group in groups if world in group)
-        times = [np.array([one.scores.normalised_time_s_per_m for one in trials]) for trials in there]
+        times = [
+            np.array([one.scores.normalised_time_s_per_m for one in trials])
+            for trials in there
+        ]
         rows.append((float(np.mean([part.mean() for part in times])), world))
     rows.sort()
     means, worlds = zip(*rows, strict=True)
@@ -66,11 +71,24 @@ def bands(entries: Sequence[Entry], order: Difficulty) -> list[Band]:
     if count < 2:
         return []
     groups = [by_world(entry.results) for entry in entries]
-    names = ["easiest", *(f"{number} of {count}" for number in range(2, count)), "hardest"]
+    names = [
+        "easiest",
+        *(f"{number} of {count}" for number in range(2, count)),
+        "hardest",
+    ]
     made = []
-    for name, part in zip(names, np.array_split(np.arange(len(order.worlds)), count), strict=True):
+    for name, part in zip(
+        names, np.array_split(np.arange(len(order.worlds)), count), strict=True
+    ):
         worlds = tuple(order.worlds[index] for index in part)
         limits = order.mean_s_per_m[part[0]], order.mean_s_per_m[part[-1]]
-        results = ([one for world in worlds for one in group.get(world, [])] for group in groups)
-        made.append(Band(name, worlds, limits, tuple(summarise(one, IN_BANDS) for one in results)))
+        results = (
+            [one for world in worlds for one in group.get(world, [])]
+            for group in groups
+        )
+        made.append(
+            Band(
+                name, worlds, limits, tuple(summarise(one, IN_BANDS) for one in results)
+            )
+        )
     return made

@@ -22,7 +22,9 @@ class Margin:
         key, _, size = text.partition(":")
         if key not in MEASURES or not MEASURES[key].better:
             known = [one.key for one in MEASURES.values() if one.better]
-            raise ConfigError(f"--fail-if-worse: unknown measure {key!r}{suggest(key, known)}")
+            raise ConfigError(
+                f"--fail-if-worse: unknown measure {key!r}{suggest(key, known)}"
+            )
         try:
             margin = float(size.removesuffix("%"))
         except ValueError:
@@ -62,8 +64,14 @@ class MarginTest:
             "worse": f"{self.b} is worse than {self.a} by more than {limit}",
             "not shown": f"it is not shown that {self.b} is not worse than {self.a} by more than {limit}",
         }
-        high = "none can be given" if self.high is None else f"{measure.number(self.high)}{unit}"
-        return f"{words[self.decision]} ({measure.title}; upper limit of the loss: {high})"
+        high = (
+            "none can be given"
+            if self.high is None
+            else f"{measure.number(self.high)}{unit}"
+        )
+        return (
+            f"{words[self.decision]} ({measure.title}; upper limit of the loss: {high})"
+        )
 
 
 def decide_margin(found: Comparison, margin: Margin) -> MarginTest:
@@ -74,5 +82,20 @@ def decide_margin(found: Comparison, margin: Margin) -> MarginTest:
     limit = margin.margin * (abs(row.paired.mean_a) if margin.relative else 1.0)
     decision: Literal["not worse", "worse", "not shown"] = "not shown"
     if loss.low is not None and loss.high is not None:
-        decision = "not worse" if loss.high <= limit else "worse" if loss.low > limit else decision
-    return MarginTest(found.a, found.b, margin.measure, limit, loss.estimate, loss.low, loss.high, decision)
+        decision = (
+            "not worse"
+            if loss.high <= limit
+            else "worse"
+            if loss.low > limit
+            else decision
+        )
+    return MarginTest(
+        found.a,
+        found.b,
+        margin.measure,
+        limit,
+        loss.estimate,
+        loss.low,
+        loss.high,
+        decision,
+    )

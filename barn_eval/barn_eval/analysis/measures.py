@@ -76,7 +76,10 @@ class Measure:
 
     def values(self, results: Rows) -> Floats:
         """Return the value of each trial (n,), NaN where it has none that counts."""
-        found = (self.value(one) if one.scores.success or not self.successes_only else None for one in results)
+        found = (
+            self.value(one) if one.scores.success or not self.successes_only else None
+            for one in results
+        )
         return np.array([np.nan if one is None else one for one in found], np.float64)
 
     @property
@@ -96,7 +99,9 @@ class Measure:
 
     def number(self, value: float | None) -> str:
         """Return a value of the measure without the unit."""
-        return number(100.0 * value if self.percent and value is not None else value, self.digits)
+        return number(
+            100.0 * value if self.percent and value is not None else value, self.digits
+        )
 
     def _with_unit(self, name: str) -> str:
         of = "" if self.maximum is None else f" (of {self.maximum:g})"
@@ -119,58 +124,182 @@ def _path_ratio(result: TrialResult) -> float:
 _FAILURE_S = attrgetter("scores.failure_time_s")
 _TIME = "scores.normalised_time_s_per_m"
 _ALL = (
-    Measure("scores.success", "success", "", 1, "larger", percent=True, as_failure=_nothing),
+    Measure(
+        "scores.success", "success", "", 1, "larger", percent=True, as_failure=_nothing
+    ),
     Measure("scores.traversal_time_s", "time", "s", 2, "smaller", successes_only=True),
-    Measure("scores.scored_time_s", "time as counted", "s", 2, "smaller", as_failure=_FAILURE_S),
-    Measure(_TIME, "time per metre as counted", "s/m", 3, "smaller", as_failure=_failure_s_per_m),
+    Measure(
+        "scores.scored_time_s",
+        "time as counted",
+        "s",
+        2,
+        "smaller",
+        as_failure=_FAILURE_S,
+    ),
+    Measure(
+        _TIME,
+        "time per metre as counted",
+        "s/m",
+        3,
+        "smaller",
+        as_failure=_failure_s_per_m,
+    ),
     Measure("scores.optimal_time_s", "optimal time", "s", 2),
-    Measure("scores.challenge", "challenge metric", "", 3, "larger", maximum=0.5, as_failure=_nothing),
-    Measure("scores.challenge_2022", "challenge metric of 2022", "", 3, "larger", maximum=0.25, as_failure=_nothing),
-    Measure("scores.efficiency", "efficiency", "", 1, "larger", percent=True, as_failure=_nothing),
+    Measure(
+        "scores.challenge",
+        "challenge metric",
+        "",
+        3,
+        "larger",
+        maximum=0.5,
+        as_failure=_nothing,
+    ),
+    Measure(
+        "scores.challenge_2022",
+        "challenge metric of 2022",
+        "",
+        3,
+        "larger",
+        maximum=0.25,
+        as_failure=_nothing,
+    ),
+    Measure(
+        "scores.efficiency",
+        "efficiency",
+        "",
+        1,
+        "larger",
+        percent=True,
+        as_failure=_nothing,
+    ),
     Measure("scores.least_time_s", "least time possible", "s", 2),
     Measure("measures.mean_speed_mps", "mean speed", "m/s", 3),
     Measure("wall_clock.real_time_factor", "times real time", "", 1),
-    Measure("measures.driven_m", "driven length", "m", 3, "smaller", successes_only=True),
-    Measure("path_ratio", "driven by path length", "", 3, "smaller", successes_only=True, of=_path_ratio),
+    Measure(
+        "measures.driven_m", "driven length", "m", 3, "smaller", successes_only=True
+    ),
+    Measure(
+        "path_ratio",
+        "driven by path length",
+        "",
+        3,
+        "smaller",
+        successes_only=True,
+        of=_path_ratio,
+    ),
     Measure("measures.min_clearance_m", "smallest clearance", "m", 3, "larger"),
     Measure("measures.mean_clearance_m", "mean clearance", "m", 3, "larger"),
     Measure("measures.contact_s", "time in contact", "s", 3, "smaller"),
-    Measure("measures.near_contact_s", f"time within {CLOSE_M:g} m of obstacles", "s", 2, "smaller"),
+    Measure(
+        "measures.near_contact_s",
+        f"time within {CLOSE_M:g} m of obstacles",
+        "s",
+        2,
+        "smaller",
+    ),
     Measure("measures.rms_jerk_mps3", "rms jerk", "m/s3", 2, "smaller"),
     Measure("measures.rms_yaw_jerk_radps3", "rms angular jerk", "rad/s3", 1, "smaller"),
-    Measure("measures.speed_variation_mps", "total variation of speed commands", "m/s", 2, "smaller"),
-    Measure("measures.turn_variation_radps", "total variation of turn commands", "rad/s", 2, "smaller"),
-    Measure("measures.rms_speed_step_mps", "rms step of speed commands", "m/s", 4, "smaller"),
-    Measure("measures.rms_turn_step_radps", "rms step of turn commands", "rad/s", 4, "smaller"),
+    Measure(
+        "measures.speed_variation_mps",
+        "total variation of speed commands",
+        "m/s",
+        2,
+        "smaller",
+    ),
+    Measure(
+        "measures.turn_variation_radps",
+        "total variation of turn commands",
+        "rad/s",
+        2,
+        "smaller",
+    ),
+    Measure(
+        "measures.rms_speed_step_mps", "rms step of speed commands", "m/s", 4, "smaller"
+    ),
+    Measure(
+        "measures.rms_turn_step_radps",
+        "rms step of turn commands",
+        "rad/s",
+        4,
+        "smaller",
+    ),
     Measure("measures.off_plan_m", "mean distance from the plan", "m", 3, "smaller"),
-    Measure("measures.rotation_rad", "rotation", "rad", 2, "smaller", successes_only=True),
+    Measure(
+        "measures.rotation_rad", "rotation", "rad", 2, "smaller", successes_only=True
+    ),
     Measure("recoveries", "recoveries", "", 2),
     Measure("measures.unanswered_cycles", "unanswered cycles", "", 2, "smaller"),
     Measure("wall_clock.missed_cycles", "missed cycles", "", 2, "smaller"),
-    Measure("wall_clock.compute_p50_ms", "compute time per cycle, p50", "ms", 2, "smaller"),
-    Measure("wall_clock.compute_p95_ms", "compute time per cycle, p95", "ms", 2, "smaller"),
-    Measure("wall_clock.compute_max_ms", "compute time per cycle, max", "ms", 2, "smaller"),
-    Measure("motion.moving_clearance_m", "smallest clearance to what moves", "m", 3, "larger"),
-    Measure("motion.time_to_collision_s", "shortest time to collision", "s", 2, "larger"),
+    Measure(
+        "wall_clock.compute_p50_ms", "compute time per cycle, p50", "ms", 2, "smaller"
+    ),
+    Measure(
+        "wall_clock.compute_p95_ms", "compute time per cycle, p95", "ms", 2, "smaller"
+    ),
+    Measure(
+        "wall_clock.compute_max_ms", "compute time per cycle, max", "ms", 2, "smaller"
+    ),
+    Measure(
+        "motion.moving_clearance_m",
+        "smallest clearance to what moves",
+        "m",
+        3,
+        "larger",
+    ),
+    Measure(
+        "motion.time_to_collision_s", "shortest time to collision", "s", 2, "larger"
+    ),
     Measure("motion.near_s", "time within 0.5 m of what moves", "s", 2, "smaller"),
-    Measure("motion.path_over_straight", "driven by straight length", "", 3, "smaller", successes_only=True),
-    Measure("motion.time_over_straight", "time by that of the straight run", "", 3, "smaller", successes_only=True),
+    Measure(
+        "motion.path_over_straight",
+        "driven by straight length",
+        "",
+        3,
+        "smaller",
+        successes_only=True,
+    ),
+    Measure(
+        "motion.time_over_straight",
+        "time by that of the straight run",
+        "",
+        3,
+        "smaller",
+        successes_only=True,
+    ),
     Measure("motion.hit_robot_mps", "own speed when hit", "m/s", 2, "smaller"),
     Measure("motion.hit_closing_mps", "closing speed when hit", "m/s", 2, "smaller"),
-    Measure("motion.hit_robot_share", "own share of the closing speed", "", 1, "smaller", percent=True),
+    Measure(
+        "motion.hit_robot_share",
+        "own share of the closing speed",
+        "",
+        1,
+        "smaller",
+        percent=True,
+    ),
 )
 MEASURES = {one.key: one for one in _ALL}
 SCORED = tuple(one.key for one in _ALL if one.path.startswith("scores.") and one.better)
 MOVING = tuple(one.key for one in _ALL if one.path.startswith("motion."))
 _KEYS = tuple(MEASURES)
-DRIVEN = _KEYS[_KEYS.index("driven_m") : _KEYS.index(MOVING[0])]  # what reports and summaries say beside
-COMPARED = (*SCORED, "driven_m", "min_clearance_m", "contact_s", "rms_jerk_mps3", "rotation_rad")
+DRIVEN = _KEYS[
+    _KEYS.index("driven_m") : _KEYS.index(MOVING[0])
+]  # what reports and summaries say beside
+COMPARED = (
+    *SCORED,
+    "driven_m",
+    "min_clearance_m",
+    "contact_s",
+    "rms_jerk_mps3",
+    "rotation_rad",
+)
 COMPARED += ("compute_p50_ms", "compute_p95_ms")
 
 
 def with_motion(keys: Sequence[str], *groups: Rows) -> tuple[str, ...]:
     """Return keys of measures, and those made for moving obstacles where each group has trials among such."""
-    moving = bool(groups) and all(any(one.motion is not None for one in group) for group in groups)
+    moving = bool(groups) and all(
+        any(one.motion is not None for one in group) for group in groups
+    )
     return (*keys, *MOVING) if moving else tuple(keys)
 
 
@@ -185,9 +314,20 @@ def measures_named(names: Sequence[str]) -> tuple[str, ...]:
 def metric_of(results: Rows) -> Measure:
     """Return the measure that the protocol of results ranks planners by; rows of version 1 do not name it."""
     first = results[0]
-    return MEASURES[first.metric or ("challenge" if first.protocol == CHALLENGE.name else "normalised_time_s_per_m")]
+    return MEASURES[
+        first.metric
+        or (
+            "challenge"
+            if first.protocol == CHALLENGE.name
+            else "normalised_time_s_per_m"
+        )
+    ]
 
 
 def safety_of(results: Rows) -> Measure:
     """Return the clearance that tells how safe trials were: to what moves, where all were among such."""
-    return MEASURES["moving_clearance_m" if all(one.motion is not None for one in results) else "min_clearance_m"]
+    return MEASURES[
+        "moving_clearance_m"
+        if all(one.motion is not None for one in results)
+        else "min_clearance_m"
+    ]

@@ -12,17 +12,40 @@ from typing import Any
 
 import yaml
 
-from barn_eval.analysis.compare import Comparison, changed_parameters, compare, holm_adjusted
+from barn_eval.analysis.compare import (
+    Comparison,
+    changed_parameters,
+    compare,
+    holm_adjusted,
+)
 from barn_eval.analysis.difficulty import Band, Difficulty, bands
-from barn_eval.analysis.measures import COMPARED, DRIVEN, MEASURES, SCORED, metric_of, with_motion
+from barn_eval.analysis.measures import (
+    COMPARED,
+    DRIVEN,
+    MEASURES,
+    SCORED,
+    metric_of,
+    with_motion,
+)
 from barn_eval.analysis.significance import ALPHA, holm
 from barn_eval.analysis.sources import Entry, Source
 from barn_eval.analysis.summary import Summary, summarise
-from barn_eval.analysis.tables import bands_table, comparison_table, headline_table, measures_table, outcomes_table
+from barn_eval.analysis.tables import (
+    bands_table,
+    comparison_table,
+    headline_table,
+    measures_table,
+    outcomes_table,
+)
 from barn_eval.analysis.text_table import TextTable, joined
-from barn_eval.analysis.verdict import Conclusion, rank_results, results_verdict, verdict
-from barn_eval.experiments.ros_config import RosSetup
+from barn_eval.analysis.verdict import (
+    Conclusion,
+    rank_results,
+    results_verdict,
+    verdict,
+)
 from barn_eval.trials.protocol import PROTOCOLS
+from barn_eval.trials.ros_config import RosSetup
 from barn_eval.trials.spec import simulator_config
 from barn_sim.config import robot_of
 from barn_worlds.base.config import Checked, as_dict, fields_of
@@ -62,16 +85,28 @@ class Overview:
 
 
 def analyse(
-    entries: Sequence[Entry], order: Difficulty, run: Callable[[Jobs], list[Any]], columns: Sequence[str] = ()
+    entries: Sequence[Entry],
+    order: Difficulty,
+    run: Callable[[Jobs], list[Any]],
+    columns: Sequence[str] = (),
 ) -> Overview:
     """Return what a report says in figures of at least one entry, all of one task.
 
     run: calls jobs, the longest first, and returns what they return. columns: keys of more measures.
     """
     pairs = list(itertools.combinations(entries, 2))[:MOST_PAIRS]
-    keys = tuple(dict.fromkeys((*with_motion(SCORED + DRIVEN, *(entry.results for entry in entries)), *columns)))
+    keys = tuple(
+        dict.fromkeys(
+            (
+                *with_motion(SCORED + DRIVEN, *(entry.results for entry in entries)),
+                *columns,
+            )
+        )
+    )
     compared = tuple(dict.fromkeys((*COMPARED, *columns)))
-    jobs: list[Callable[[], Any]] = [partial(_compared, a, b, compared) for a, b in pairs]
+    jobs: list[Callable[[], Any]] = [
+        partial(_compared, a, b, compared) for a, b in pairs
+    ]
     jobs += [partial(summarise, entry.results, keys) for entry in entries]
     *found, in_bands = run([*jobs, partial(bands, entries, order)])
     summaries = tuple(found[len(pairs) :])
@@ -102,11 +137,19 @@ def where(entries: Sequence[Entry], bands: Sequence[Band]) -> dict[str, str]:
     found = {}
     for band in bands:
         inside = set(band.worlds)
-        own = {entry.label: [one for one in entry.results if one.world in inside] for entry in entries}
+        own = {
+            entry.label: [one for one in entry.results if one.world in inside]
+            for entry in entries
+        }
         with suppress(ConfigError):  # no trial in it that all have
             found[band.name] = rank_results(own, measure)
-    adjusted = iter(holm([one.differences[pair].p for one in found.values() for pair in one.p]))
-    ranked = {name: replace(one, p={pair: next(adjusted) for pair in one.p}) for name, one in found.items()}
+    adjusted = iter(
+        holm([one.differences[pair].p for one in found.values() for pair in one.p])
+    )
+    ranked = {
+        name: replace(one, p={pair: next(adjusted) for pair in one.p})
+        for name, one in found.items()
+    }
     return {name: verdict(one, measure).short for name, one in ranked.items()}
 
 
@@ -124,11 +167,18 @@ def why(comparisons: Sequence[Comparison]) -> list[str]:
                 unclear.append(row.measure)
         told = [f"differ clearly in {joined(clear)}"] if clear else []
         if unclear:
-            told.append(("not" if clear else "do not differ clearly") + f" in {joined(unclear, 'or')}")
+            told.append(
+                ("not" if clear else "do not differ clearly")
+                + f" in {joined(unclear, 'or')}"
+            )
         texts.append(f"{one.a} and {one.b} {', '.join(told)}.")
         alike += [] if clear else texts[-1:]
-    few = comparisons if len(comparisons) <= _ALIKE else ()  # labels of many settings say what differs
-    changed = [f"{one.a} and {one.b}: {one.parameters}" for one in few if one.parameters]
+    few = (
+        comparisons if len(comparisons) <= _ALIKE else ()
+    )  # labels of many settings say what differs
+    changed = [
+        f"{one.a} and {one.b}: {one.parameters}" for one in few if one.parameters
+    ]
     if len(alike) <= _ALIKE:
         return texts + changed
     others = "The other" if len(texts) > len(alike) else "All"
@@ -136,23 +186,38 @@ def why(comparisons: Sequence[Comparison]) -> list[str]:
     return [*(text for text in texts if text not in alike), rest, *changed]
 
 
-def tables(entries: Sequence[Entry], found: Overview, columns: Sequence[str] = ()) -> list[TextTable]:
+def tables(
+    entries: Sequence[Entry], found: Overview, columns: Sequence[str] = ()
+) -> list[TextTable]:
     """Return all tables, the headline first, which has the measures named by columns, where there are any."""
     labels, summaries = [entry.label for entry in entries], found.summaries
     metric = metric_of(entries[0].results)
     keys = [key for key in summaries[0].means if key not in SCORED]
-    driven = [key for key in keys if any(math.isfinite(one[key].estimate) for one in summaries)]
-    made = [headline_table(labels, summaries, metric, columns), measures_table(labels, summaries, driven)]
+    driven = [
+        key
+        for key in keys
+        if any(math.isfinite(one[key].estimate) for one in summaries)
+    ]
+    made = [
+        headline_table(labels, summaries, metric, columns),
+        measures_table(labels, summaries, driven),
+    ]
     if found.bands:
         made.append(bands_table(labels, found.bands))
-    made += [comparison_table(one, f"paired_{index}") for index, one in enumerate(found.comparisons, 1)]
+    made += [
+        comparison_table(one, f"paired_{index}")
+        for index, one in enumerate(found.comparisons, 1)
+    ]
     return [*made, outcomes_table(labels, summaries)]
 
 
 def _compared(a: Entry, b: Entry, keys: Sequence[str]) -> Comparison | Refusal:
     try:
         found = compare(a.results, b.results, a.label, b.label, keys)
-        return replace(found, parameters=changed_parameters(a.source, a.planner, b.source, b.planner))
+        return replace(
+            found,
+            parameters=changed_parameters(a.source, a.planner, b.source, b.planner),
+        )
     except BarnError as error:
         return Refusal(a.label, b.label, str(error))
 
@@ -171,14 +236,39 @@ def repeat(source: Source) -> Repeat:
     try:
         experiment = source.experiment
     except BarnError as error:
-        return Repeat("", note=f"this version of the suite does not read the configuration: {error}")
-    words = ["barn", "run", "--dataset", experiment.dataset, "--worlds", experiment.worlds]
-    words += ["--repetitions", str(experiment.repetitions), "--seed", str(experiment.seed), "--mode", experiment.mode]
-    names = [f"{one.name}:{one.preset}" if one.preset else one.name for one in experiment.planners]
+        return Repeat(
+            "",
+            note=f"this version of the suite does not read the configuration: {error}",
+        )
+    words = [
+        "barn",
+        "run",
+        "--dataset",
+        experiment.dataset,
+        "--worlds",
+        experiment.worlds,
+    ]
+    words += [
+        "--repetitions",
+        str(experiment.repetitions),
+        "--seed",
+        str(experiment.seed),
+        "--mode",
+        experiment.mode,
+    ]
+    names = [
+        f"{one.name}:{one.preset}" if one.preset else one.name
+        for one in experiment.planners
+    ]
     words += ["--planners", ",".join(names), "--bags", experiment.bags]
     for one in experiment.planners:
-        words += _settings("--set", {f"{one.name}.{key}": value for key, value in one.overrides.items()})
-        words += ["--planner-command", f"{one.name}={one.command}"] if one.command else []
+        words += _settings(
+            "--set",
+            {f"{one.name}.{key}": value for key, value in one.overrides.items()},
+        )
+        words += (
+            ["--planner-command", f"{one.name}={one.command}"] if one.command else []
+        )
     protocol, notes = experiment.protocol, []
     own = PROTOCOLS.get(protocol.name) == protocol
     words += ["--protocol", protocol.name if own else "protocol.yaml"]
@@ -191,10 +281,22 @@ def repeat(source: Source) -> Repeat:
         words += ["--robot", name if shipped else f"{name}.yaml"]
         if not shipped:
             robot = robot_of(experiment.simulator)
-            notes.append(f"Robot {name} is from a file, which is not kept with results.")
-    words += _settings("--sim", _changed(experiment.simulator, simulator_config(protocol, None, robot)))
-    words += [*_settings("--ros", _changed(experiment.ros, RosSetup())), "--out", "results"]
-    text = "" if own else yaml.safe_dump({"schema_version": 1} | as_dict(protocol), sort_keys=False)
+            notes.append(
+                f"Robot {name} is from a file, which is not kept with results."
+            )
+    words += _settings(
+        "--sim", _changed(experiment.simulator, simulator_config(protocol, None, robot))
+    )
+    words += [
+        *_settings("--ros", _changed(experiment.ros, RosSetup())),
+        "--out",
+        "results",
+    ]
+    text = (
+        ""
+        if own
+        else yaml.safe_dump({"schema_version": 1} | as_dict(protocol), sort_keys=False)
+    )
     return Repeat(shlex.join(words), text, " ".join(notes))
 
 
@@ -205,4 +307,8 @@ def _changed(config: Checked, standard: Checked) -> dict[str, Any]:
 
 
 def _settings(option: str, values: Mapping[str, Any]) -> list[str]:
-    return [word for key, value in values.items() for word in (option, f"{key}={json.dumps(value)}")]
+    return [
+        word
+        for key, value in values.items()
+        for word in (option, f"{key}={json.dumps(value)}")
+    ]

@@ -8,7 +8,12 @@ import numpy as np
 from barn_eval.analysis.compare import check_pairs, columns, worlds_of
 from barn_eval.analysis.measures import MEASURES, Measure, measures_named, metric_of
 from barn_eval.analysis.planners import spelling
-from barn_eval.analysis.significance import Components, half_width, worlds_for_difference, worlds_for_half_width
+from barn_eval.analysis.significance import (
+    Components,
+    half_width,
+    worlds_for_difference,
+    worlds_for_half_width,
+)
 from barn_eval.analysis.statistics import Columns, difference, matched_trials
 from barn_eval.analysis.text_table import TextTable, counted, joined
 from barn_eval.analysis.verdict import cautions, rank_results
@@ -79,29 +84,64 @@ def precision(
     unless given. measure: its key, without one the metric of the protocol. ConfigError in one line, by the names of the
     command's options, for what cannot be told.
     """
-    found = MEASURES[measures_named([measure])[0]] if measure else metric_of(next(iter(results.values())))
+    found = (
+        MEASURES[measures_named([measure])[0]]
+        if measure
+        else metric_of(next(iter(results.values())))
+    )
     if difference_wanted is not None and len(results) != 2:
         raise ConfigError(
             f"a difference needs two planners; there are {len(results)}: {', '.join(results)}; choose two as {_CHOICE}"
         )
-    alike_unknown = all(len({one.world for one in own}) == len(own) for own in results.values())
-    counts = (repetitions,) if repetitions else REPETITIONS[:1] if alike_unknown else REPETITIONS
+    alike_unknown = all(
+        len({one.world for one in own}) == len(own) for own in results.values()
+    )
+    counts = (
+        (repetitions,)
+        if repetitions
+        else REPETITIONS[:1]
+        if alike_unknown
+        else REPETITIONS
+    )
     figures, needs = [], []
     for name, own in results.items():
         every = columns(own, found)
         known = every.at(np.flatnonzero(np.isfinite(every.values)))
         one = _figure(spelling(name), known, known.parts, found)
         wanted = half_width_wanted or DEFAULT_SHARE * abs(one.mean)
-        needs += [Need(one.of, "half_width", wanted, n, worlds_for_half_width(one.parts, wanted, n)) for n in counts]
+        needs += [
+            Need(
+                one.of,
+                "half_width",
+                wanted,
+                n,
+                worlds_for_half_width(one.parts, wanted, n),
+            )
+            for n in counts
+        ]
         figures.append(one)
     if len(results) == 2:
         (a, first), (b, second) = results.items()
         check_pairs(first, second)
         left, right = matched_trials([columns(first, found), columns(second, found)])
         apart = Columns(left.values - right.values, left.worlds, left.repetitions)
-        pair = _figure(f"{spelling(a)} - {spelling(b)}", apart, lambda: difference(left, right).parts, found)
+        pair = _figure(
+            f"{spelling(a)} - {spelling(b)}",
+            apart,
+            lambda: difference(left, right).parts,
+            found,
+        )
         wanted = difference_wanted or DEFAULT_SHARE * abs(figures[0].mean)
-        needs += [Need(pair.of, "difference", wanted, n, worlds_for_difference(pair.parts, wanted, n)) for n in counts]
+        needs += [
+            Need(
+                pair.of,
+                "difference",
+                wanted,
+                n,
+                worlds_for_difference(pair.parts, wanted, n),
+            )
+            for n in counts
+        ]
         figures.append(pair)
     notes = list(cautions(max(one.worlds for one in figures)))
     if alike_unknown:
@@ -110,7 +150,9 @@ def precision(
             " would bring: drive some worlds with --repetitions 3 to tell."
         )
     if len(results) > 2:
-        notes.append(f"For a difference choose two of the {len(results)} planners as {_CHOICE}.")
+        notes.append(
+            f"For a difference choose two of the {len(results)} planners as {_CHOICE}."
+        )
     available = worlds_of(next(iter(results.values())))
     if available and any(one.worlds is None or one.worlds > available for one in needs):
         notes.append(
@@ -125,35 +167,71 @@ def figures_table(made: Precision) -> TextTable:
     scale = 100.0 if measure.percent else 1.0
     rows = []
     for one in made.figures:
-        parts = (number(scale**2 * part, 4) for part in (one.parts.between, one.parts.within))
+        parts = (
+            number(scale**2 * part, 4) for part in (one.parts.between, one.parts.within)
+        )
         mean = (measure.number(one.mean), f"+- {measure.number(one.half_width)}")
         rows.append((one.of, *mean, *parts, f"{one.trials} in {one.worlds}"))
-    head = ("", measure.heading, "95 %", "variance between worlds", "within a world", "trials in worlds")
-    return TextTable("variance", "What there is", head, tuple(rows), caption=" ".join(made.notes))
+    head = (
+        "",
+        measure.heading,
+        "95 %",
+        "variance between worlds",
+        "within a world",
+        "trials in worlds",
+    )
+    return TextTable(
+        "variance", "What there is", head, tuple(rows), caption=" ".join(made.notes)
+    )
 
 
 def needs_table(made: Precision) -> TextTable:
     """Return how many worlds are needed, a row for each number of repetitions."""
     measure = MEASURES[made.measure]
-    words = {"half_width": "{of} to +- {wanted}", "difference": "{of} of {wanted} to be found"}
+    words = {
+        "half_width": "{of} to +- {wanted}",
+        "difference": "{of} of {wanted} to be found",
+    }
     by_question: dict[str, dict[int, str]] = {}
     for one in made.needs:
         question = words[one.kind].format(of=one.of, wanted=measure.number(one.wanted))
         beyond = made.available and (one.worlds is None or one.worlds > made.available)
-        text = f"over {made.available}" if beyond else str(one.worlds or "over a million")
+        text = (
+            f"over {made.available}" if beyond else str(one.worlds or "over a million")
+        )
         by_question.setdefault(question, {})[one.repetitions] = text
     counts = list(dict.fromkeys(one.repetitions for one in made.needs))
-    rows = [(counted(count, "trial"), *(found[count] for found in by_question.values())) for count in counts]
-    return TextTable("needs", f"Worlds needed, {measure.heading}", ("per world", *by_question), tuple(rows))
+    rows = [
+        (counted(count, "trial"), *(found[count] for found in by_question.values()))
+        for count in counts
+    ]
+    return TextTable(
+        "needs",
+        f"Worlds needed, {measure.heading}",
+        ("per world", *by_question),
+        tuple(rows),
+    )
 
 
-def _figure(of: str, trials: Columns, parts: Callable[[], Components], measure: Measure) -> Figure:
+def _figure(
+    of: str, trials: Columns, parts: Callable[[], Components], measure: Measure
+) -> Figure:
     count = len(np.unique(trials.worlds))
     if count < 2:
-        raise ConfigError(f"{of}: {counted(count, 'world')} with {measure.label} cannot say how worlds differ")
+        raise ConfigError(
+            f"{of}: {counted(count, 'world')} with {measure.label} cannot say how worlds differ"
+        )
     found, repetitions = parts(), max(1, round(len(trials.values) / count))
     width = half_width(found, count, repetitions)
-    return Figure(of, float(trials.values.mean()), count, len(trials.values), repetitions, found, width)
+    return Figure(
+        of,
+        float(trials.values.mean()),
+        count,
+        len(trials.values),
+        repetitions,
+        found,
+        width,
+    )
 
 
 DRAWN_WORLDS = (10, 20, 50, 100, 200, 300)
@@ -179,7 +257,9 @@ class RankingPower:
     enough: int | None
 
 
-def ranking_power(results: Groups, measures: Sequence[str] = (), seed: int = 0) -> list[RankingPower]:
+def ranking_power(
+    results: Groups, measures: Sequence[str] = (), seed: int = 0
+) -> list[RankingPower]:
     """Return how well the worlds of results rank their planners, by measures or by the metric of the protocol.
 
     Worlds are drawn with replacement, so as to stand for other worlds of the same kind. The order and which planners
@@ -188,11 +268,16 @@ def ranking_power(results: Groups, measures: Sequence[str] = (), seed: int = 0) 
     """
     first = next(iter(results.values()))
     if len(results) < 2:
-        raise ConfigError(f"a ranking needs two planners; there is {', '.join(results)} only")
+        raise ConfigError(
+            f"a ranking needs two planners; there is {', '.join(results)} only"
+        )
     for key in measures:
         if key not in MEASURES or not MEASURES[key].better:
             raise ConfigError(f"unknown measure {key!r}{suggest(key, MEASURES)}")
-    return [_power(results, MEASURES[key], seed) for key in measures or (metric_of(first).key,)]
+    return [
+        _power(results, MEASURES[key], seed)
+        for key in measures or (metric_of(first).key,)
+    ]
 
 
 def _power(results: Groups, measure: Measure, seed: int) -> RankingPower:
@@ -202,7 +287,9 @@ def _power(results: Groups, measure: Measure, seed: int) -> RankingPower:
     world = np.unique(rows[0].worlds, return_inverse=True)[1]
     count = ranking.worlds
     sign = 1.0 if measure.better == "larger" else -1.0
-    sums = sign * np.array([np.bincount(world, row.values, minlength=count) for row in rows])
+    sums = sign * np.array(
+        [np.bincount(world, row.values, minlength=count) for row in rows]
+    )
     drawn = np.random.default_rng(seed).integers(0, max(count, 1), (_DRAWS, count))
     right = np.ones((_DRAWS, count), bool)
     for better, worse in differing:
@@ -214,9 +301,14 @@ def _power(results: Groups, measure: Measure, seed: int) -> RankingPower:
         ", ".join(sorted({one.dataset for own in results.values() for one in own})),
         measure.key,
         tuple(map(spelling, ranking.names)),
-        tuple((spelling(ranking.names[i]), spelling(ranking.names[j])) for i, j in differing),
+        tuple(
+            (spelling(ranking.names[i]), spelling(ranking.names[j]))
+            for i, j in differing
+        ),
         count,
-        {n: float(by_worlds[n - 1]) for n in DRAWN_WORLDS if n <= count} if differing else {},
+        {n: float(by_worlds[n - 1]) for n in DRAWN_WORLDS if n <= count}
+        if differing
+        else {},
         enough if differing and enough <= count else None,
     )
 
@@ -230,11 +322,21 @@ def ranking_table(found: Sequence[RankingPower]) -> TextTable:
             MEASURES[one.measure].title,
             joined(one.planners),
             f"{len(one.differing)} of {len(one.planners) * (len(one.planners) - 1) // 2}",
-            *(number(100.0 * one.shares[n], 1) if n in one.shares else "-" for n in sizes),
+            *(
+                number(100.0 * one.shares[n], 1) if n in one.shares else "-"
+                for n in sizes
+            ),
             str(one.enough or f"over {one.worlds}"),
         )
         for one in found
     ]
-    columns = ("set", "measure", "planners, best first", "pairs that differ", *map(str, sizes), "95 % from")
+    columns = (
+        "set",
+        "measure",
+        "planners, best first",
+        "pairs that differ",
+        *map(str, sizes),
+        "95 % from",
+    )
     title = "Draws of so many worlds in which all planners that differ come in the right order [%]"
     return TextTable("ranking", title, columns, tuple(rows), texts=3)

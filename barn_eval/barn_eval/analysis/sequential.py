@@ -39,11 +39,19 @@ class LookResult:
 
 def planned_looks(worlds: int) -> list[int]:
     """Return the numbers of worlds at which a plan of so many is looked at, the last of them the plan."""
-    return [look for number in range(1, LOOKS + 1) if (look := worlds * number // LOOKS)]
+    return [
+        look for number in range(1, LOOKS + 1) if (look := worlds * number // LOOKS)
+    ]
 
 
 def decide(
-    a: Columns, b: Columns, order: Sequence[int], looks: Sequence[int], *, larger_is_better: bool, flips: int = FLIPS
+    a: Columns,
+    b: Columns,
+    order: Sequence[int],
+    looks: Sequence[int],
+    *,
+    larger_is_better: bool,
+    flips: int = FLIPS,
 ) -> LookResult:
     """Return what the first look says that decides, or the last that there are worlds for.
 
@@ -60,7 +68,9 @@ def decide(
     """
     place = {world: number for number, world in enumerate(order)}
     came: Integers = np.array([place[world] for world in a.worlds.tolist()], np.int64)
-    sums = np.bincount(came, b.values - a.values, minlength=looks[-1]).astype(np.float64)
+    sums = np.bincount(came, b.values - a.values, minlength=looks[-1]).astype(
+        np.float64
+    )
     patterns = sign_patterns(looks[-1], 0, flips)
     alive, used, crossed = np.ones(len(patterns), bool), 0.0, False
     found = LookResult("continue", 0, Interval(math.nan))
@@ -70,13 +80,25 @@ def decide(
         # The patterns of largest sums cross, as many as may have by now; of equal sums all or none.
         most = np.sort(sizes)[::-1][math.floor((_spent(share) - used) * len(sizes))]
         crossing = sizes > most
-        crossed, used, alive = crossed or bool(crossing[0]), used + float(crossing.mean()), alive & ~crossing
+        crossed, used, alive = (
+            crossed or bool(crossing[0]),
+            used + float(crossing.mean()),
+            alive & ~crossing,
+        )
         there = np.flatnonzero(came < look)
         plain = difference(b.at(there), a.at(there), flips=flips)
         decided: Decided = "open" if look == looks[-1] else "continue"
         if crossed and plain.p <= ALPHA:
-            decided = "better" if (plain.interval.estimate > 0.0) == larger_is_better else "worse"
-        elif decided == "continue" and share >= 0.5 and _chance_left(own, share) < _FUTILE_BELOW:
+            decided = (
+                "better"
+                if (plain.interval.estimate > 0.0) == larger_is_better
+                else "worse"
+            )
+        elif (
+            decided == "continue"
+            and share >= 0.5
+            and _chance_left(own, share) < _FUTILE_BELOW
+        ):
             decided = "futile"
         found = LookResult(decided, look, plain.interval)
         if decided != "continue":
@@ -93,4 +115,8 @@ def _chance_left(sums: Floats, share: float) -> float:
     """Return the chance that the last look is clear if the rest is like that share: conditional power, by the trend."""
     size = math.sqrt(float(sums @ sums))
     z = abs(float(sums.sum())) / size if size > 0.0 else 0.0
-    return float(special.ndtr((z / math.sqrt(share) + special.ndtri(ALPHA / 2.0)) / math.sqrt(1.0 - share)))
+    return float(
+        special.ndtr(
+            (z / math.sqrt(share) + special.ndtri(ALPHA / 2.0)) / math.sqrt(1.0 - share)
+        )
+    )

@@ -17,7 +17,9 @@ from barn_worlds.base.arrays import Floats, Integers
 
 ALPHA = 1.0 - LEVEL  # a difference is clear from this p-value down
 FLIPS = 10_000
-_ENUMERATED_WORLDS = 13  # up to so many worlds all sign patterns are tried, 8192 at most
+_ENUMERATED_WORLDS = (
+    13  # up to so many worlds all sign patterns are tried, 8192 at most
+)
 _TOLERANCE = 1e-9  # of a sum that is rounded differently for another order of signs
 _TELLING_WORLDS = 3
 POWER = 0.8
@@ -50,7 +52,9 @@ def components(values: Floats, worlds: Integers) -> Components:
     trials, groups = len(values), len(counts)
     means = np.bincount(world, values) / counts
     if trials == groups:
-        return Components(float(np.var(values, ddof=1)) if trials > 1 else math.nan, 0.0)
+        return Components(
+            float(np.var(values, ddof=1)) if trials > 1 else math.nan, 0.0
+        )
     within = float(np.sum((values - means[world]) ** 2)) / (trials - groups)
     if groups < 2:
         return Components(math.nan, within)
@@ -90,7 +94,11 @@ class Share:
     def limits(self) -> tuple[float, float]:
         """The 95 % interval of Clopper and Pearson (1934)."""
         p, n = self.share, self.effective
-        low = float(special.betaincinv(p * n, n - p * n + 1.0, ALPHA / 2.0)) if p > 0.0 else 0.0
+        low = (
+            float(special.betaincinv(p * n, n - p * n + 1.0, ALPHA / 2.0))
+            if p > 0.0
+            else 0.0
+        )
         return low, upper_share(p, n)
 
     def p_above(self, share: float) -> float:
@@ -98,13 +106,19 @@ class Share:
         if share >= 1.0:
             return 0.0
         seen = self.share * self.effective
-        return min(1.0, 2.0 * float(special.betaincc(seen + 1.0, self.effective - seen, share)))
+        return min(
+            1.0, 2.0 * float(special.betaincc(seen + 1.0, self.effective - seen, share))
+        )
 
 
 def upper_share(share: float, effective: float) -> float:
     """Return the upper limit of a share of so many independent trials."""
     seen = share * effective
-    return float(special.betaincinv(seen + 1.0, effective - seen, 1.0 - ALPHA / 2.0)) if share < 1.0 else 1.0
+    return (
+        float(special.betaincinv(seen + 1.0, effective - seen, 1.0 - ALPHA / 2.0))
+        if share < 1.0
+        else 1.0
+    )
 
 
 def share_of(values: Floats | Integers, worlds: Integers) -> Share:
@@ -131,11 +145,17 @@ def proportion(successes: Integers, worlds: Integers) -> Interval:
         return Interval(p)
     z = t_quantile(0.5 + LEVEL / 2.0, drawn - 1)
     middle = (p + z * z / (2.0 * effective)) / (1.0 + z * z / effective)
-    half = z * math.sqrt(p * (1.0 - p) / effective + (z / (2.0 * effective)) ** 2) / (1.0 + z * z / effective)
+    half = (
+        z
+        * math.sqrt(p * (1.0 - p) / effective + (z / (2.0 * effective)) ** 2)
+        / (1.0 + z * z / effective)
+    )
     return Interval(p, max(0.0, middle - half), min(1.0, middle + half))
 
 
-def effective_trials(values: Floats | Integers, worlds: Integers) -> tuple[float, float, int]:
+def effective_trials(
+    values: Floats | Integers, worlds: Integers
+) -> tuple[float, float, int]:
     """Return a share (n,), the number of independent trials that would tell it as well, and of worlds.
 
     That number is p (1 - p) / v with v the variance of the share as the worlds' own shares show it, at most n.
@@ -145,10 +165,16 @@ def effective_trials(values: Floats | Integers, worlds: Integers) -> tuple[float
     # The variance of a ratio of sums over worlds, by its linearisation.
     residuals = np.bincount(world, values - p)
     variance = float(residuals @ residuals) * drawn / max(1, drawn - 1) / trials**2
-    return p, min(p * (1.0 - p) / variance, trials) if variance > 0.0 else float(drawn), drawn
+    return (
+        p,
+        min(p * (1.0 - p) / variance, trials) if variance > 0.0 else float(drawn),
+        drawn,
+    )
 
 
-def paired_difference(differences: Floats, worlds: Integers, seed: int = 0, flips: int = FLIPS) -> Difference:
+def paired_difference(
+    differences: Floats, worlds: Integers, seed: int = 0, flips: int = FLIPS
+) -> Difference:
     """Return the mean of paired differences (n,) with an interval and a test that flip the sign of whole worlds.
 
     If A and B are alike, each world's sum is as likely to have the other sign: the test is exact for any distribution.
@@ -157,8 +183,12 @@ def paired_difference(differences: Floats, worlds: Integers, seed: int = 0, flip
     drawn where there are too many to try all; no p-value is smaller than 1 / (flips + 1).
     """
     if not len(differences):
-        return Difference(Interval(math.nan), math.nan, 0, 0, Components(math.nan, math.nan))
-    order = np.lexsort((differences, worlds))  # sums must not depend on the order of the trials
+        return Difference(
+            Interval(math.nan), math.nan, 0, 0, Components(math.nan, math.nan)
+        )
+    order = np.lexsort(
+        (differences, worlds)
+    )  # sums must not depend on the order of the trials
     differences, worlds = differences[order], worlds[order]
     numbers, world = np.unique(worlds, return_inverse=True)
     sums, counts = np.bincount(world, differences), np.bincount(world)
@@ -168,12 +198,30 @@ def paired_difference(differences: Floats, worlds: Integers, seed: int = 0, flip
     total = float(sums.sum())
     reached = np.abs(flipped) >= abs(total) - _TOLERANCE * float(np.abs(sums).sum())
     with np.errstate(divide="ignore", invalid="ignore"):
-        groups = np.stack([(total + flipped) / (counts.sum() + size), (total - flipped) / (counts.sum() - size)])
-    low = np.where(np.isfinite(groups), groups, -np.inf).min(axis=0)  # a group of none has no mean
+        groups = np.stack(
+            [
+                (total + flipped) / (counts.sum() + size),
+                (total - flipped) / (counts.sum() - size),
+            ]
+        )
+    low = np.where(np.isfinite(groups), groups, -np.inf).min(
+        axis=0
+    )  # a group of none has no mean
     high = np.where(np.isfinite(groups), groups, np.inf).max(axis=0)
-    limits = float(np.quantile(low, ALPHA, method="lower")), float(np.quantile(high, LEVEL, method="higher"))
-    interval = Interval(mean, *limits) if all(map(math.isfinite, limits)) else Interval(mean)
-    return Difference(interval, float(reached.mean()), len(numbers), len(differences), components(differences, worlds))
+    limits = (
+        float(np.quantile(low, ALPHA, method="lower")),
+        float(np.quantile(high, LEVEL, method="higher")),
+    )
+    interval = (
+        Interval(mean, *limits) if all(map(math.isfinite, limits)) else Interval(mean)
+    )
+    return Difference(
+        interval,
+        float(reached.mean()),
+        len(numbers),
+        len(differences),
+        components(differences, worlds),
+    )
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
@@ -182,8 +230,12 @@ def holm(p_values: Sequence[float]) -> list[float]:
     NaN stands for a test that could not be made; it stays NaN and does not count.
     """
     p: Floats = np.array(p_values, np.float64)
-    order = np.argsort(p, kind="stable")[: np.count_nonzero(~np.isnan(p))]  # NaN comes last
-    p[order] = np.maximum.accumulate(np.minimum(1.0, np.arange(len(order), 0, -1) * p[order]))
+    order = np.argsort(p, kind="stable")[
+        : np.count_nonzero(~np.isnan(p))
+    ]  # NaN comes last
+    p[order] = np.maximum.accumulate(
+        np.minimum(1.0, np.arange(len(order), 0, -1) * p[order])
+    )
     return list(map(float, p))
 
 
@@ -206,33 +258,49 @@ def sign_patterns(worlds: int, seed: int, flips: int) -> Floats:
     return np.where(minus == 1, -1.0, 1.0)
 
 
-def half_width(found: Components, worlds: int, repetitions: int, level: float = LEVEL) -> float:
+def half_width(
+    found: Components, worlds: int, repetitions: int, level: float = LEVEL
+) -> float:
     """Return half the width of the interval of a mean over so many worlds with so many trials each.
 
     It is of what has been seen, or of failures that could come if that is more.
     """
     if worlds < 2:
         return math.inf
-    seen = t_quantile(0.5 + level / 2.0, worlds - 1) * found.standard_error(worlds, repetitions)
+    seen = t_quantile(0.5 + level / 2.0, worlds - 1) * found.standard_error(
+        worlds, repetitions
+    )
     return max(seen, *(cost * upper_share(0.0, worlds) for cost in found.unseen), 0.0)
 
 
-def detectable_difference(found: Components, worlds: int, repetitions: int, level: float = LEVEL) -> float:
+def detectable_difference(
+    found: Components, worlds: int, repetitions: int, level: float = LEVEL
+) -> float:
     """Return the difference that a test at that level finds 8 times in 10."""
     if worlds < 2:
         return math.inf
-    by_chance = t_quantile(POWER, worlds - 1) * found.standard_error(worlds, repetitions)
+    by_chance = t_quantile(POWER, worlds - 1) * found.standard_error(
+        worlds, repetitions
+    )
     return half_width(found, worlds, repetitions, level) + by_chance
 
 
-def worlds_for_half_width(found: Components, wanted: float, repetitions: int) -> int | None:
+def worlds_for_half_width(
+    found: Components, wanted: float, repetitions: int
+) -> int | None:
     """Return the fewest worlds whose interval is no wider than +- `wanted`; None above a million."""
     return _fewest(lambda worlds: half_width(found, worlds, repetitions) <= wanted)
 
 
-def worlds_for_difference(found: Components, wanted: float, repetitions: int, level: float = LEVEL) -> int | None:
+def worlds_for_difference(
+    found: Components, wanted: float, repetitions: int, level: float = LEVEL
+) -> int | None:
     """Return the fewest worlds in which a difference of `wanted` is found 8 times in 10; None above a million."""
-    return _fewest(lambda worlds: detectable_difference(found, worlds, repetitions, level) <= wanted)
+    return _fewest(
+        lambda worlds: (
+            detectable_difference(found, worlds, repetitions, level) <= wanted
+        )
+    )
 
 
 def _fewest(enough: Callable[[int], bool]) -> int | None:

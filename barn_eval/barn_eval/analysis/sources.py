@@ -9,14 +9,21 @@ from statistics import median
 from typing import Any
 
 from barn_eval.analysis.planners import colours, spelling
-from barn_eval.bags import BAGS
-from barn_eval.experiments.experiment import Experiment
-from barn_eval.experiments.folder import read_results, results_of
-from barn_eval.experiments.rows import TrackRows
-from barn_eval.experiments.run_file import RunFile
-from barn_eval.experiments.sweep import expanded
+from barn_eval.results.bags import BAGS
+from barn_eval.results.folder import read_results, results_of
+from barn_eval.results.rows import TrackRows
+from barn_eval.results.run_file import RunFile
+from barn_eval.running.sweep import expanded
 from barn_eval.trials.identity import first_difference
-from barn_eval.trials.result import MOST_MISSED, WAYS, Groups, Rows, TrialResult, assumption
+from barn_eval.trials.result import (
+    MOST_MISSED,
+    WAYS,
+    Groups,
+    Rows,
+    TrialResult,
+    assumption,
+)
+from barn_eval.trials.run_config import Experiment
 from barn_sim.config import chassis_in, robot_of
 from barn_worlds.base.config import from_dict
 from barn_worlds.base.errors import BarnError, ConfigError, suggest
@@ -107,8 +114,21 @@ def read_source(path: Path, rows: Rows | None = None) -> Source:
 def notes_on(source: Source, results: Rows) -> list[str]:
     """Return what to know of a folder and results of it: unfinished, late commands, planners that are too slow."""
     trials, planned = len(source.results), source.planned
-    partial = f"{source.path} is partial: {trials} of {planned} trials" if planned and planned > trials else ""
-    return [*filter(None, (partial, _late_text(source.path, results), assumed_text(source.path, results)))]
+    partial = (
+        f"{source.path} is partial: {trials} of {planned} trials"
+        if planned and planned > trials
+        else ""
+    )
+    return [
+        *filter(
+            None,
+            (
+                partial,
+                _late_text(source.path, results),
+                assumed_text(source.path, results),
+            ),
+        )
+    ]
 
 
 def _late_text(path: Path, results: Rows) -> str:
@@ -119,7 +139,9 @@ def _late_text(path: Path, results: Rows) -> str:
         " had no command in time, so they tell of the machine as well as of the planner"
     )
     again = [result for result in results if result.wall_clock.attempts > 1]
-    named = ", ".join(f"{one.trial_id}: {one.wall_clock.retried}" for one in again[:_NAMED])
+    named = ", ".join(
+        f"{one.trial_id}: {one.wall_clock.retried}" for one in again[:_NAMED]
+    )
     more = f" and {len(again) - _NAMED} more" if len(again) > _NAMED else ""
     repeated = f"{len(again)} of {len(results)} trials in {path} were not made at the first attempt: {named}{more}"
     return "; ".join(filter(None, (text if late else "", repeated if again else "")))
@@ -132,14 +154,24 @@ def compute_way(results: Rows) -> str:
     computer, in the median of its trials; else the text says so. Empty for rows of versions that did not say.
     """
     ways = {WAYS[result.compute] for result in results if result.compute}
-    computers = [one.wall_clock.computer for one in results if one.wall_clock.computer is not None]
-    return assumption(median(computers) if computers else 0.0) or " and ".join(sorted(ways))
+    computers = [
+        one.wall_clock.computer
+        for one in results
+        if one.wall_clock.computer is not None
+    ]
+    return assumption(median(computers) if computers else 0.0) or " and ".join(
+        sorted(ways)
+    )
 
 
 def assumed_text(path: Path, results: Rows) -> str:
     """Return which planners of a folder do not fit the control period and are not charged for it; empty if none."""
-    ways = ((spelling(name), compute_way(one)) for name, one in by_planner(results).items())
-    return "; ".join(f"{name} in {path}: {way}" for name, way in ways if way.startswith("its score"))
+    ways = (
+        (spelling(name), compute_way(one)) for name, one in by_planner(results).items()
+    )
+    return "; ".join(
+        f"{name} in {path}: {way}" for name, way in ways if way.startswith("its score")
+    )
 
 
 def read_entries(paths: Sequence[Path]) -> list[Entry]:
@@ -156,8 +188,17 @@ def read_entries(paths: Sequence[Path]) -> list[Entry]:
 
 def entries_of(sources: Sequence[Source]) -> list[Entry]:
     """Return the planners of all sources, told apart."""
-    groups = ((source, *one) for source in sources for one in by_planner(source.results).items())
-    return labelled([Entry("", "", source, planner, tuple(results)) for source, planner, results in groups])
+    groups = (
+        (source, *one)
+        for source in sources
+        for one in by_planner(source.results).items()
+    )
+    return labelled(
+        [
+            Entry("", "", source, planner, tuple(results))
+            for source, planner, results in groups
+        ]
+    )
 
 
 def labelled(entries: Sequence[Entry]) -> list[Entry]:
@@ -166,22 +207,33 @@ def labelled(entries: Sequence[Entry]) -> list[Entry]:
     Entries of one planner have in their labels the settings in which they differ, or else their folders.
     """
     planners = [entry.planner for entry in entries]
-    same = {planner: [one for one in entries if one.planner == planner] for planner in planners}
+    same = {
+        planner: [one for one in entries if one.planner == planner]
+        for planner in planners
+    }
     choices: tuple[Callable[[Entry], str], ...] = (
         lambda one: _differing(one, same[one.planner]),
-        lambda one: f" ({one.source.path.resolve().name})" if len(same[one.planner]) > 1 else "",
+        lambda one: (
+            f" ({one.source.path.resolve().name})" if len(same[one.planner]) > 1 else ""
+        ),
         lambda one: f" ({one.source.path})",
     )
     told = [[spelling(one.planner) + more(one) for one in entries] for more in choices]
     labels = next((one for one in told if len(set(one)) == len(one)), told[-1])
     marks = zip(entries, labels, colours(planners), strict=True)
-    return [replace(entry, label=label, colour=colour) for entry, label, colour in marks]
+    return [
+        replace(entry, label=label, colour=colour) for entry, label, colour in marks
+    ]
 
 
 def _differing(entry: Entry, others: Sequence[Entry]) -> str:
     """Return the settings of an entry's planner that others of the planner have not, in brackets."""
     own, known = _settings(entry), [_settings(other) for other in others]
-    names = [f"{key.rpartition('.')[2]}={own[key]}" for key in own if any(one.get(key) != own[key] for one in known)]
+    names = [
+        f"{key.rpartition('.')[2]}={own[key]}"
+        for key in own
+        if any(one.get(key) != own[key] for one in known)
+    ]
     return f" ({', '.join(names)})" if names else ""
 
 
@@ -189,7 +241,14 @@ def _settings(entry: Entry) -> dict[str, Any]:
     """Return what was set of an entry's planner, however malformed its configuration."""
     planners = entry.source.configuration.get("planners")
     listed = planners if isinstance(planners, list) else ()
-    own = next((one for one in listed if isinstance(one, dict) and one.get("name") == entry.planner), {})
+    own = next(
+        (
+            one
+            for one in listed
+            if isinstance(one, dict) and one.get("name") == entry.planner
+        ),
+        {},
+    )
     overrides = own.get("overrides")
     named = {key: own[key] for key in ("preset", "max_speed_mps") if own.get(key)}
     return named | (overrides if isinstance(overrides, dict) else {})
@@ -200,14 +259,20 @@ def require_same_task(folders: Sequence[Path]) -> None:
 
     A task is everything but worlds and planners: protocol, simulator, robot.
     """
-    (first, known), *others = [(folder, RunFile.read(folder).task()) for folder in folders]
+    (first, known), *others = [
+        (folder, RunFile.read(folder).task()) for folder in folders
+    ]
     for folder, task in others:
         one, other = (chassis_in(found["simulator"]).name for found in (known, task))
         if one != other:
-            raise ConfigError(f"different robots cannot be compared: {one} in {first}, {other} in {folder}")
+            raise ConfigError(
+                f"different robots cannot be compared: {one} in {first}, {other} in {folder}"
+            )
         if found := first_difference(known, task):
             key, old, new = found
-            raise ConfigError(f"different tasks cannot be compared: {key} is {old!r} in {first}, {new!r} in {folder}")
+            raise ConfigError(
+                f"different tasks cannot be compared: {key} is {old!r} in {first}, {new!r} in {folder}"
+            )
 
 
 def by_planner(results: Iterable[TrialResult]) -> Groups:
@@ -226,7 +291,9 @@ def chosen_planners(path: Path, groups: Groups, names: Sequence[str]) -> Groups:
     return {name: groups[name] for name in names or groups}
 
 
-def read_worlds(results: Iterable[tuple[TrialResult, Source]]) -> dict[str, World | str]:
+def read_worlds(
+    results: Iterable[tuple[TrialResult, Source]],
+) -> dict[str, World | str]:
     """Return the worlds of results, each given with its source, by checksum; a text says why there is none."""
     opened = cache(open_dataset)
     found: dict[str, World | str] = {}
@@ -238,7 +305,11 @@ def read_worlds(results: Iterable[tuple[TrialResult, Source]]) -> dict[str, Worl
         try:
             world = opened(dataset).load(result.world)
             if world.checksum != result.world_checksum:
-                world = for_robot(world, robot_of(source.experiment.simulator), source.experiment.course)
+                world = for_robot(
+                    world,
+                    robot_of(source.experiment.simulator),
+                    source.experiment.course,
+                )
             if world.checksum != result.world_checksum:
                 world = f"world {result.world} of {dataset} is not the one it ran in any more"
         except (BarnError, OSError) as error:
@@ -250,12 +321,23 @@ def read_worlds(results: Iterable[tuple[TrialResult, Source]]) -> dict[str, Worl
 def _named(configuration: Mapping[str, Any]) -> list[str]:
     """Return the names of the planners of a configuration, however malformed."""
     planners = configuration.get("planners")
-    return [str(one.get("name")) for one in planners if isinstance(one, dict)] if isinstance(planners, list) else []
+    return (
+        [str(one.get("name")) for one in planners if isinstance(one, dict)]
+        if isinstance(planners, list)
+        else []
+    )
 
 
 def _planned(configuration: Mapping[str, Any]) -> int | None:
     try:
-        worlds = select_worlds(str(configuration["worlds"]), open_dataset(str(configuration["dataset"])).indices)
-        return len(worlds) * int(configuration["repetitions"]) * len(configuration.get("planners", (None,)))
+        worlds = select_worlds(
+            str(configuration["worlds"]),
+            open_dataset(str(configuration["dataset"])).indices,
+        )
+        return (
+            len(worlds)
+            * int(configuration["repetitions"])
+            * len(configuration.get("planners", (None,)))
+        )
     except (BarnError, KeyError, TypeError, ValueError, OSError):
         return None

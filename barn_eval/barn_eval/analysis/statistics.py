@@ -36,10 +36,21 @@ class Columns:
 
     def at(self, places: Integers) -> "Columns":
         """Return the trials at these places."""
-        values, worlds, repetitions = self.values[places], self.worlds[places], self.repetitions[places]
+        values, worlds, repetitions = (
+            self.values[places],
+            self.worlds[places],
+            self.repetitions[places],
+        )
         if not self.counted:
             return Columns(values, worlds, repetitions)
-        return Columns(values, worlds, repetitions, self.failures[places], self.as_failure[places], self.best)
+        return Columns(
+            values,
+            worlds,
+            repetitions,
+            self.failures[places],
+            self.as_failure[places],
+            self.best,
+        )
 
     @property
     def counted(self) -> bool:
@@ -53,19 +64,34 @@ class Columns:
         found = mean_interval(trials.values, trials.worlds)
         if trials.counted:
             share = trials.failures_seen
-            found = found.reaching(*(found.estimate - trials.cost * (one - share.share) for one in share.limits))
+            found = found.reaching(
+                *(
+                    found.estimate - trials.cost * (one - share.share)
+                    for one in share.limits
+                )
+            )
         if found.low is None or found.high is None:
             return found
         low = max(0.0, found.low) if trials.values.min() >= 0.0 else found.low
-        return replace(found, low=low, high=min(found.high, self.best) if self.best > 0.0 else found.high)
+        return replace(
+            found,
+            low=low,
+            high=min(found.high, self.best) if self.best > 0.0 else found.high,
+        )
 
     def parts(self) -> Components:
         """Return the variance of the values, all of them finite."""
-        return replace(significance.components(self.values, self.worlds), unseen=self.unseen)
+        return replace(
+            significance.components(self.values, self.worlds), unseen=self.unseen
+        )
 
     def failure_share(self) -> Interval | None:
         """Return the share of failures, None where they have no value of their own."""
-        return Interval(self.failures_seen.share, *self.failures_seen.limits) if self.counted else None
+        return (
+            Interval(self.failures_seen.share, *self.failures_seen.limits)
+            if self.counted
+            else None
+        )
 
     @property
     def unseen(self) -> tuple[float, ...]:
@@ -84,13 +110,19 @@ class Columns:
         Successes in fewer than two worlds say too little; they are taken to be worth the best value that there can be.
         """
         won = self.failures == 0
-        success = float(np.mean(self.values[won])) if len(np.unique(self.worlds[won])) > 1 else self.best
+        success = (
+            float(np.mean(self.values[won]))
+            if len(np.unique(self.worlds[won])) > 1
+            else self.best
+        )
         return success - float(np.mean(self.as_failure))
 
     def excess(self, other: "Columns") -> Share:
         """Return the share of failures that another has not had in the same worlds, of the same trials."""
         world = np.unique(self.worlds, return_inverse=True)[1]
-        more = np.maximum(0.0, np.bincount(world, self.failures - other.failures) / np.bincount(world))
+        more = np.maximum(
+            0.0, np.bincount(world, self.failures - other.failures) / np.bincount(world)
+        )
         return significance.share_of(more[world], self.worlds)
 
 
@@ -101,10 +133,14 @@ def mean_interval(values: Floats, worlds: Integers) -> Interval:
     the removal of skewness by transformation").
     """
     known = np.isfinite(values)
-    order = np.lexsort((values[known], worlds[known]))  # sums must not depend on the order of the trials
+    order = np.lexsort(
+        (values[known], worlds[known])
+    )  # sums must not depend on the order of the trials
     values, worlds = values[known][order], worlds[known][order]
     _, world = np.unique(worlds, return_inverse=True)
-    sums, counts = (np.bincount(world, weights).astype(np.float64) for weights in (values, None))
+    sums, counts = (
+        np.bincount(world, weights).astype(np.float64) for weights in (values, None)
+    )
     if not len(sums):
         return Interval(math.nan)
     mean = float(sums.sum() / counts.sum())
@@ -121,7 +157,9 @@ def _errors(residuals: Floats) -> tuple[float, float]:
         return 0.0, 0.0
     error = math.sqrt(spread * worlds / (worlds - 1))
     quantile = significance.t_quantile(0.5 + LEVEL / 2.0, worlds - 1)
-    skewness: float = float(np.sum(residuals**3)) * math.sqrt(worlds) / math.pow(spread, 1.5)
+    skewness: float = (
+        float(np.sum(residuals**3)) * math.sqrt(worlds) / math.pow(spread, 1.5)
+    )
     if math.isclose(skewness, 0.0, abs_tol=1e-9):  # it counts as symmetric
         return quantile * error, quantile * error
 
@@ -170,7 +208,10 @@ def matched_trials(columns: Sequence[Columns]) -> list[Columns]:
     """
     found = [(one, _places(one)) for one in columns]
     keys = sorted(set.intersection(*(set(places) for _, places in found)))
-    return [one.at(np.array([places[key] for key in keys], np.int64)) for one, places in found]
+    return [
+        one.at(np.array([places[key] for key in keys], np.int64))
+        for one, places in found
+    ]
 
 
 def difference(a: Columns, b: Columns, seed: int = 0, flips: int = FLIPS) -> Difference:
@@ -202,7 +243,16 @@ def paired(a: Columns, b: Columns, *, larger_is_better: bool, seed: int = 0) -> 
     left, right = matched_trials([a, b])
     found = difference(left, right, seed)
     if not found.trials:
-        return Paired(0, 0, math.nan, math.nan, found.interval, math.nan, found.parts, Interval(math.nan))
+        return Paired(
+            0,
+            0,
+            math.nan,
+            math.nan,
+            found.interval,
+            math.nan,
+            found.parts,
+            Interval(math.nan),
+        )
     larger, smaller = (left, right) if larger_is_better else (right, left)
     groups, others = (_groups(one.values, one.worlds) for one in (larger, smaller))
     chances = np.array([_chance(groups[world], others[world]) for world in groups])
@@ -214,19 +264,28 @@ def paired(a: Columns, b: Columns, *, larger_is_better: bool, seed: int = 0) -> 
         found.interval,
         found.p,
         found.parts,
-        significance.paired_difference(chances - 0.5, np.array(list(groups)), seed).interval.shifted(0.5),
+        significance.paired_difference(
+            chances - 0.5, np.array(list(groups)), seed
+        ).interval.shifted(0.5),
         (left.failure_share(), right.failure_share()),
     )
 
 
-def rank_correlation(a: tuple[Floats, Integers], b: tuple[Floats, Integers], seed: int = 0) -> Interval:
+def rank_correlation(
+    a: tuple[Floats, Integers], b: tuple[Floats, Integers], seed: int = 0
+) -> Interval:
     """Return Spearman's correlation of two planners' means per world, each given as (values, worlds)."""
     first, second = _groups(*a), _groups(*b)
     shared = sorted(first.keys() & second.keys())
     if len(shared) < 3:
         return Interval(math.nan)
-    means = (np.array([groups[world].mean() for world in shared]) for groups in (first, second))
-    ranks = np.array([np.unique(one, return_inverse=True)[1] for one in means])  # whole numbers are ranked quickly
+    means = (
+        np.array([groups[world].mean() for world in shared])
+        for groups in (first, second)
+    )
+    ranks = np.array(
+        [np.unique(one, return_inverse=True)[1] for one in means]
+    )  # whole numbers are ranked quickly
     return over_worlds(lambda drawn: spearman(*ranks[:, drawn]), len(shared), seed)
 
 

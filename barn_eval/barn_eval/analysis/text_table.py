@@ -39,10 +39,21 @@ class TextTable:
     def latex(self) -> str:
         """Return the table as a LaTeX tabular for the package booktabs."""
         # The braces keep a row that begins with a bracket or a star from being an option of the line's end before it.
-        lines = ["{}" + " & ".join(map(latex_text, row)) + r" \\" for row in (self.columns, *self.rows)]
+        lines = [
+            "{}" + " & ".join(map(latex_text, row)) + r" \\"
+            for row in (self.columns, *self.rows)
+        ]
         head = rf"\begin{{tabular}}{{{'l' * self.texts}{'r' * (len(self.columns) - self.texts)}}}"
         return "\n".join(
-            [f"% {one_line(self.title)}", head, r"\toprule", lines[0], r"\midrule", *lines[1:], r"\bottomrule"]
+            [
+                f"% {one_line(self.title)}",
+                head,
+                r"\toprule",
+                lines[0],
+                r"\midrule",
+                *lines[1:],
+                r"\bottomrule",
+            ]
             + [r"\end{tabular}", ""]
         )
 

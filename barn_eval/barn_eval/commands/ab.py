@@ -5,7 +5,14 @@ from typing import Any
 
 import click
 
-from barn_eval.commands.options import FOLDER, json_option, notes, print_json, run_option, say
+from barn_eval.commands.options import (
+    FOLDER,
+    json_option,
+    notes,
+    print_json,
+    run_option,
+    say,
+)
 from barn_eval.studies.ab import ab
 from barn_worlds.base.config import as_dict
 
@@ -15,13 +22,31 @@ WORSE = 4  # the exit code
 @click.command("ab")
 @click.argument("base")
 @click.argument("head")
-@click.option("--planner-command", default="", show_default=False, help="Starts the planner of a workspace or a file.")
-@click.option("--worlds", default="0:300:3", help="Which, at most; it stops earlier where it can.")
+@click.option(
+    "--planner-command",
+    default="",
+    show_default=False,
+    help="Starts the planner of a workspace or a file.",
+)
+@click.option(
+    "--worlds", default="0:300:3", help="Which, at most; it stops earlier where it can."
+)
 @run_option
-@click.option("--out", default="out/ab", type=FOLDER, help="Folder of all that was driven, kept for next time.")
+@click.option(
+    "--out",
+    default="out/ab",
+    type=FOLDER,
+    help="Folder of all that was driven, kept for next time.",
+)
 @json_option
 def command(
-    base: str, head: str, planner_command: str, worlds: str, run: dict[str, Any], out: Path, as_json: bool
+    base: str,
+    head: str,
+    planner_command: str,
+    worlds: str,
+    run: dict[str, Any],
+    out: Path,
+    as_json: bool,
 ) -> int:
     """Drive BASE and HEAD through the same worlds until one is clearly better, or neither would hardly become so.
 
@@ -32,8 +57,16 @@ def command(
     found = ab(base, head, planner_command, {"worlds": worlds, "out": out} | run, notes)
     if as_json:
         folders = dict(zip(("base", "head"), map(str, found.folders), strict=True))
-        counts = {"decision": found.decision, "worlds": found.worlds, "planned": found.planned}
-        print_json(counts | folders | {"comparison": as_dict(found.comparison), "markdown": found.markdown()})
+        counts = {
+            "decision": found.decision,
+            "worlds": found.worlds,
+            "planned": found.planned,
+        }
+        print_json(
+            counts
+            | folders
+            | {"comparison": as_dict(found.comparison), "markdown": found.markdown()}
+        )
     else:
         click.echo(found.markdown())
     say("BASE in {}, HEAD in {}".format(*found.folders))

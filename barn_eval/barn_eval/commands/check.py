@@ -5,19 +5,37 @@ from tempfile import TemporaryDirectory
 
 import click
 
-from barn_eval.commands.options import COUNT, FILE, FOLDER, PATH, console, json_option, notes, print_json, say
-from barn_eval.experiments.check import FolderCheck, check_folder
-from barn_eval.experiments.submission import submit as write_submission
-from barn_eval.experiments.submission import verify as verify_submission
-from barn_eval.results import Results
+from barn_eval.api.results import Results
+from barn_eval.commands.options import (
+    COUNT,
+    FILE,
+    FOLDER,
+    PATH,
+    console,
+    json_option,
+    notes,
+    print_json,
+    say,
+)
+from barn_eval.verification.check import FolderCheck, check_folder
+from barn_eval.verification.submission import submit as write_submission
+from barn_eval.verification.submission import verify as verify_submission
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.files import new_folder
 
 
 @click.command("check")
 @click.argument("folder", type=PATH)
-@click.option("--rerun", metavar="TRIAL", help="Run a trial again, by its name or number from 1, and compare.")
-@click.option("--sample", type=COUNT, help="Drive the commands of so many trials again [default: of all].")
+@click.option(
+    "--rerun",
+    metavar="TRIAL",
+    help="Run a trial again, by its name or number from 1, and compare.",
+)
+@click.option(
+    "--sample",
+    type=COUNT,
+    help="Drive the commands of so many trials again [default: of all].",
+)
 @json_option
 def command(folder: Path, rerun: str | None, sample: int | None, as_json: bool) -> int:
     """Check the results in FOLDER: nothing is believed, all is computed again.
@@ -35,7 +53,9 @@ def command(folder: Path, rerun: str | None, sample: int | None, as_json: bool) 
         places = {str(number): number - 1 for number in range(1, len(results) + 1)}
         other = results.rerun(places.get(rerun, rerun))
         reproduced = not other
-        found.problems += [f"{folder}: {rerun} is not reproduced: {other}"] if other else []
+        found.problems += (
+            [f"{folder}: {rerun} is not reproduced: {other}"] if other else []
+        )
     if as_json:
         print_json(as_dict(found) | {"reproduced": reproduced})
     else:
@@ -56,8 +76,15 @@ def show_check(found: FolderCheck) -> None:
 
 @click.command("submit")
 @click.argument("folder", type=PATH)
-@click.option("--out", type=FILE, help="File to write [default: the folder's name, .barn.zip].")
-@click.option("--container", default="", metavar="DIGEST", help="Of the image that the planner ran in, sha256:...")
+@click.option(
+    "--out", type=FILE, help="File to write [default: the folder's name, .barn.zip]."
+)
+@click.option(
+    "--container",
+    default="",
+    metavar="DIGEST",
+    help="Of the image that the planner ran in, sha256:...",
+)
 def submit(folder: Path, out: Path | None, container: str) -> None:
     """Write the results in FOLDER, once they have been checked, as one file that `barn verify` checks anywhere.
 
@@ -73,7 +100,11 @@ def submit(folder: Path, out: Path | None, container: str) -> None:
 
 @click.command("verify")
 @click.argument("file", type=FILE)
-@click.option("--out", type=FOLDER, help="Folder to unpack into what holds, such as for `barn leaderboard`.")
+@click.option(
+    "--out",
+    type=FOLDER,
+    help="Folder to unpack into what holds, such as for `barn leaderboard`.",
+)
 @json_option
 def verify(file: Path, out: Path | None, as_json: bool) -> None:
     """Check a FILE of `barn submit` as `barn check` does, on any machine with the same release.
@@ -88,8 +119,23 @@ def verify(file: Path, out: Path | None, as_json: bool) -> None:
         if as_json:
             print_json({"holds": holds, **about, **as_dict(found)})
         else:
-            for key in ("protocol", "task", "dataset", "worlds", "seed", "mode", "planners", "container", "machine"):
-                console.print(f"{key}: {about[key]}", highlight=False, markup=False, soft_wrap=True)
+            for key in (
+                "protocol",
+                "task",
+                "dataset",
+                "worlds",
+                "seed",
+                "mode",
+                "planners",
+                "container",
+                "machine",
+            ):
+                console.print(
+                    f"{key}: {about[key]}",
+                    highlight=False,
+                    markup=False,
+                    soft_wrap=True,
+                )
             show_check(found)
             console.print("holds" if holds else "does not hold", highlight=False)
         if not holds:

@@ -7,11 +7,25 @@ import click
 from barn_eval.analysis.compare import compare_folders, groups_of, selected_results
 from barn_eval.analysis.margins import Margin, decide_margin
 from barn_eval.analysis.measures import COMPARED, measures_named
-from barn_eval.analysis.precision import figures_table, needs_table, ranking_power, ranking_table
+from barn_eval.analysis.precision import (
+    figures_table,
+    needs_table,
+    ranking_power,
+    ranking_table,
+)
 from barn_eval.analysis.precision import precision as precision_of
 from barn_eval.analysis.tables import comparison_table, paper_table
 from barn_eval.analysis.verdict import pair_verdict
-from barn_eval.commands.options import COUNT, FILE, PATH, json_option, keys_of, progress, say, tell
+from barn_eval.commands.options import (
+    COUNT,
+    FILE,
+    PATH,
+    json_option,
+    keys_of,
+    progress,
+    say,
+    tell,
+)
 from barn_eval.commands.tables import rich_table
 from barn_eval.pages.template import write_page
 from barn_eval.trials.identity import task_line
@@ -22,8 +36,17 @@ from barn_worlds.base.errors import ConfigError
 @click.command("compare")
 @click.argument("a", type=PATH)
 @click.argument("b", type=PATH, required=False)
-@click.option("--columns", default="", show_default=False, help="Measures, such as success,challenge.")
-@click.option("--latex", type=FILE, help="Write the planners as a table of a paper, the best in bold.")
+@click.option(
+    "--columns",
+    default="",
+    show_default=False,
+    help="Measures, such as success,challenge.",
+)
+@click.option(
+    "--latex",
+    type=FILE,
+    help="Write the planners as a table of a paper, the best in bold.",
+)
 @click.option(
     "--fail-if-worse",
     "margins",
@@ -33,7 +56,14 @@ from barn_worlds.base.errors import ConfigError
     " compute_p95_ms:10% of A's mean; repeatable.",
 )
 @json_option
-def command(a: Path, b: Path | None, columns: str, latex: Path | None, margins: tuple[str, ...], as_json: bool) -> int:
+def command(
+    a: Path,
+    b: Path | None,
+    columns: str,
+    latex: Path | None,
+    margins: tuple[str, ...],
+    as_json: bool,
+) -> int:
     """Compare A with B: folders of experiments, finished or not. Without B, the planners of A with each other.
 
     FOLDER:PLANNER chooses one of several planners, FOLDER:PLANNER,PLANNER some. Where both folders hold several and
@@ -42,9 +72,14 @@ def command(a: Path, b: Path | None, columns: str, latex: Path | None, margins: 
     With --fail-if-worse, the exit code is 4 if B is worse than A by more than a margin, 5 if that is neither shown nor
     ruled out at 95 %.
     """
-    keys, wanted = measures_named(keys_of(columns)), [Margin.parse(one) for one in margins]
+    keys, wanted = (
+        measures_named(keys_of(columns)),
+        [Margin.parse(one) for one in margins],
+    )
     with progress("comparing") as share:
-        compared = dict.fromkeys((*(keys or COMPARED), *(one.measure for one in wanted)))
+        compared = dict.fromkeys(
+            (*(keys or COMPARED), *(one.measure for one in wanted))
+        )
         found = compare_folders(a, b, keys=list(compared), progress=share)
     decided = [[decide_margin(one, margin) for margin in wanted] for one in found]
     if latex is not None:
@@ -54,7 +89,9 @@ def command(a: Path, b: Path | None, columns: str, latex: Path | None, margins: 
     shown: list[object] = [task_line(found[0].protocol, found[0].task, found[0].robot)]
     for one, own in zip(found, decided, strict=True):
         said = pair_verdict(one)
-        content.append(as_dict(one) | {"verdict": str(said), "decisions": list(map(as_dict, own))})
+        content.append(
+            as_dict(one) | {"verdict": str(said), "decisions": list(map(as_dict, own))}
+        )
         texts = filter(None, (one.parameters, *(each.text for each in own)))
         shown += [*said, *texts, rich_table(comparison_table(one))]
     tell(as_json, content, *shown)
@@ -67,7 +104,11 @@ _ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
 
 @click.command("precision")
 @click.argument("folders", nargs=-1, required=True, type=PATH)
-@click.option("--half-width", type=_ABOVE_ZERO, help="Half the 95 % interval wanted of a mean [default: 5 % of it].")
+@click.option(
+    "--half-width",
+    type=_ABOVE_ZERO,
+    help="Half the 95 % interval wanted of a mean [default: 5 % of it].",
+)
 @click.option(
     "--difference",
     type=_ABOVE_ZERO,
@@ -79,8 +120,14 @@ _ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
     multiple=True,
     help="A column of the results, with --ranking repeatable [default: the metric of the protocol].",
 )
-@click.option("--repetitions", type=COUNT, help="Trials per world [default: 1, 2, 3, 5 and 10].")
-@click.option("--ranking", is_flag=True, help="Say how many worlds bring planners into the right order; many FOLDERS.")
+@click.option(
+    "--repetitions", type=COUNT, help="Trials per world [default: 1, 2, 3, 5 and 10]."
+)
+@click.option(
+    "--ranking",
+    is_flag=True,
+    help="Say how many worlds bring planners into the right order; many FOLDERS.",
+)
 @json_option
 def precision(
     folders: tuple[Path, ...],
@@ -97,13 +144,23 @@ def precision(
     the measure, of success as a share such as 0.05.
     """
     if ranking:
-        powers = [one for folder in folders for one in ranking_power(selected_results(folder)[1], measures)]
+        powers = [
+            one
+            for folder in folders
+            for one in ranking_power(selected_results(folder)[1], measures)
+        ]
         tell(as_json, list(map(as_dict, powers)), rich_table(ranking_table(powers)))
         return
     if len(folders) > 1 or len(measures) > 1:
         raise ConfigError("only --ranking takes several folders or measures")
     _, results = selected_results(folders[0])
-    found = precision_of(results, half_width, difference, measure="".join(measures), repetitions=repetitions)
+    found = precision_of(
+        results,
+        half_width,
+        difference,
+        measure="".join(measures),
+        repetitions=repetitions,
+    )
     first = next(iter(results.values()))[0]
     tables = map(rich_table, (figures_table(found), needs_table(found)))
     tell(as_json, as_dict(found), task_line(first.protocol, first.task), *tables)

@@ -19,9 +19,13 @@ from barn_eval import __version__
 from barn_worlds.base.errors import BarnError, suggest
 from barn_worlds.base.garbage import collect_seldom
 
-_TOLD = json.loads((Path(__file__).parents[1] / "data" / "commands.json").read_text("utf-8"))
+_TOLD = json.loads(
+    (Path(__file__).parents[1] / "data" / "commands.json").read_text("utf-8")
+)
 COMMANDS: dict[str, str] = {name: about for name, (about, _, _) in _TOLD.items()}
-MORE: dict[str, tuple[str, str]] = {name: (example, page) for name, (_, example, page) in _TOLD.items()}
+MORE: dict[str, tuple[str, str]] = {
+    name: (example, page) for name, (_, example, page) in _TOLD.items()
+}
 # Where the verbs are that have no module of their own.
 _BESIDE = {"demo": "run", "precision": "compare", "submit": "check", "verify": "check"}
 _BESIDE |= dict.fromkeys(("reproduce", "validate", "bench", "info"), "suite")
@@ -30,7 +34,7 @@ _BESIDE |= dict.fromkeys(("reproduce", "validate", "bench", "info"), "suite")
 def _print_version(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
     """Print the version, and the commit where the source is in a repository."""
     if asked and not ctx.resilient_parsing:
-        commit = import_module("barn_eval.experiments.run_file").commit()
+        commit = import_module("barn_eval.results.run_file").commit()
         click.echo(f"barn {__version__}" + (f" (commit {commit})" if commit else ""))
         ctx.exit()
 
@@ -50,19 +54,35 @@ class LazyGroup(click.Group):
         name = {"campaign": "run"}.get(cmd_name, cmd_name)
         if name in COMMANDS:
             module = import_module(f"{__package__}.{_BESIDE.get(name, name)}")
-            command = cast(click.Command, getattr(module, name if name in _BESIDE else "command"))
-            command.epilog = "Example: {}\n\nMore: {} in the suite's repository".format(*MORE[name])
+            command = cast(
+                click.Command, getattr(module, name if name in _BESIDE else "command")
+            )
+            command.epilog = "Example: {}\n\nMore: {} in the suite's repository".format(
+                *MORE[name]
+            )
             return command
         if name not in _added():
-            raise click.UsageError(f"unknown command {name!r}{suggest(name, self.list_commands(ctx))}")
+            raise click.UsageError(
+                f"unknown command {name!r}{suggest(name, self.list_commands(ctx))}"
+            )
         return cast(click.Command, _added()[name].load())
 
-    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+    def shell_complete(
+        self, ctx: click.Context, incomplete: str
+    ) -> list[CompletionItem]:
         """Return what may come next; click's own way would import every command."""
-        names = [CompletionItem(name, help=summary) for name, summary in _listed() if name.startswith(incomplete)]
+        names = [
+            CompletionItem(name, help=summary)
+            for name, summary in _listed()
+            if name.startswith(incomplete)
+        ]
         return names + click.Command.shell_complete(self, ctx, incomplete)
 
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+    def format_commands(
+        self,
+        ctx: click.Context,
+        formatter: click.HelpFormatter,  # noqa: ARG002
+    ) -> None:
         """Write the list of commands."""
         with formatter.section("Commands"):
             formatter.write_dl(_listed())
@@ -74,12 +94,19 @@ def _added() -> dict[str, EntryPoint]:
 
 
 def _listed() -> list[tuple[str, str]]:
-    return [*COMMANDS.items(), *((name, f"Of {one.module}.") for name, one in _added().items())]
+    return [
+        *COMMANDS.items(),
+        *((name, f"Of {one.module}.") for name, one in _added().items()),
+    ]
 
 
 @click.group(
     cls=LazyGroup,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110, "show_default": True},
+    context_settings={
+        "help_option_names": ["-h", "--help"],
+        "max_content_width": 110,
+        "show_default": True,
+    },
 )
 @click.option(
     "--version",
@@ -116,13 +143,21 @@ def _exit_code(arguments: Sequence[str] | None) -> int:
         # Whoever read the output has gone; the interpreter would complain of it at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except (BarnError, click.ClickException, OSError, MemoryError, ImportError) as error:
+    except (
+        BarnError,
+        click.ClickException,
+        OSError,
+        MemoryError,
+        ImportError,
+    ) as error:
         click.echo("error: " + " ".join(_message(error).split()), err=True)
         return 1
     return result if isinstance(result, int) else 0
 
 
-def _message(error: BarnError | click.ClickException | OSError | MemoryError | ImportError) -> str:
+def _message(
+    error: BarnError | click.ClickException | OSError | MemoryError | ImportError,
+) -> str:
     if isinstance(error, click.UsageError):
         command = error.ctx.command_path if error.ctx else "barn"
         return f"{error.format_message()} (see {command} --help)"

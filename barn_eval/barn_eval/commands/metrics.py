@@ -2,18 +2,27 @@
 
 import click
 
+from barn_eval.api.worlds.sets import metrics_table
 from barn_eval.commands.options import json_option, tell, worlds_option
 from barn_eval.commands.tables import table
-from barn_eval.worlds.sets import metrics_table
 
 
 @click.command("metrics")
 @click.argument("source", default="barn300")
 @worlds_option
-@click.option("--formula", default="corrected", help="corrected, published (the numbers in print) or paper_text.")
-@click.option("--robot", help="Whose C-space and path are measured: a name or a YAML file [default: the worlds' own].")
+@click.option(
+    "--formula",
+    default="corrected",
+    help="corrected, published (the numbers in print) or paper_text.",
+)
+@click.option(
+    "--robot",
+    help="Whose C-space and path are measured: a name or a YAML file [default: the worlds' own].",
+)
 @json_option
-def command(source: str, select: str, formula: str, robot: str | None, as_json: bool) -> None:
+def command(
+    source: str, select: str, formula: str, robot: str | None, as_json: bool
+) -> None:
     """Compute the five difficulty metrics of the worlds of SOURCE and their summary, as in the paper's Table II.
 
     Under protocol challenge they order worlds better than the learned difficulty does, under paper2020 less well.
@@ -21,4 +30,8 @@ def command(source: str, select: str, formula: str, robot: str | None, as_json: 
     found = metrics_table(source, select, formula, robot=robot or "")
     (first, *others), lines = found.summary_cells()
     columns = [first, *(f">{heading}" for heading in others)]
-    tell(as_json, found.as_json(), table(columns, lines, title=f"{len(found.worlds)} worlds, {formula}"))
+    tell(
+        as_json,
+        found.as_json(),
+        table(columns, lines, title=f"{len(found.worlds)} worlds, {formula}"),
+    )

@@ -10,7 +10,7 @@ import click
 from rich.console import Console
 from rich.progress import Progress
 
-from barn_eval.experiments.request import parse_settings
+from barn_eval.running.request import parse_settings
 from barn_worlds.base.config import fields_of
 from barn_worlds.base.errors import ConfigError, shown
 from barn_worlds.base.text_files import finite
@@ -26,8 +26,12 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
 SEED = click.IntRange(0, 2**62)
 COUNT = click.IntRange(1)
 
-json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
-worlds_option = click.option("--worlds", "select", default="all", help="Which, such as 0-49.")
+json_option = click.option(
+    "--json", "as_json", is_flag=True, help="Print JSON instead of tables."
+)
+worlds_option = click.option(
+    "--worlds", "select", default="all", help="Which, such as 0-49."
+)
 
 
 def keys_of(text: str) -> tuple[str, ...]:
@@ -37,30 +41,45 @@ def keys_of(text: str) -> tuple[str, ...]:
 
 def seed_option(default: int = 0) -> Callable[[Command], Command]:
     """Return the option that gives the seed."""
-    return click.option("--seed", default=default, type=SEED, help="All randomness comes from it.")
+    return click.option(
+        "--seed", default=default, type=SEED, help="All randomness comes from it."
+    )
 
 
 def settings_option(
-    option: str, name: str, about: str, config: object = None, *, metavar: str = "KEY=VALUE"
+    option: str,
+    name: str,
+    about: str,
+    config: object = None,
+    *,
+    metavar: str = "KEY=VALUE",
 ) -> Callable[[Command], Command]:
     """Return a repeatable option that gives a command parameters as a mapping; values are read as YAML.
 
     config: whose parameters the help lists.
     """
-    keys = ", ".join(key for key, _, _ in fields_of(config)) if config is not None else ""
+    keys = (
+        ", ".join(key for key, _, _ in fields_of(config)) if config is not None else ""
+    )
     text = f"{about}; repeatable." + (f" Keys: {keys}." if keys else "")
 
-    def read(_: click.Context, __: click.Parameter, given: tuple[str, ...]) -> dict[str, Any]:
+    def read(
+        _: click.Context, __: click.Parameter, given: tuple[str, ...]
+    ) -> dict[str, Any]:
         return parse_settings(given, option)
 
-    return click.option(option, name, multiple=True, metavar=metavar, callback=read, help=text)
+    return click.option(
+        option, name, multiple=True, metavar=metavar, callback=read, help=text
+    )
 
 
 def run_option(command: Command) -> Command:
     """Return a command with the option for what a run's file may have and no option of its own stands for."""
     about = "What else a file for barn run has, as dataset, repetitions, seed, workers, ros.lockstep; repeatable."
 
-    def read(_: click.Context, __: click.Parameter, given: tuple[str, ...]) -> dict[str, Any]:
+    def read(
+        _: click.Context, __: click.Parameter, given: tuple[str, ...]
+    ) -> dict[str, Any]:
         found: dict[str, Any] = {}
         for key, value in parse_settings(given, "--run").items():
             group, dot, name = key.partition(".")
@@ -70,20 +89,28 @@ def run_option(command: Command) -> Command:
                 found[key] = value
         return found
 
-    return click.option("--run", multiple=True, metavar="KEY=VALUE", callback=read, help=about)(command)
+    return click.option(
+        "--run", multiple=True, metavar="KEY=VALUE", callback=read, help=about
+    )(command)
 
 
-def read_course(_: click.Context, __: click.Parameter, given: str | None) -> tuple[float, ...] | None:
+def read_course(
+    _: click.Context, __: click.Parameter, given: str | None
+) -> tuple[float, ...] | None:
     """Return the numbers of "X,Y,YAW:X,Y"; ConfigError for anything else."""
     if given is None:
         return None
     start, colon, goal = given.partition(":")
     try:
-        numbers = tuple(float(number) for number in (*start.split(","), *goal.split(",")))
+        numbers = tuple(
+            float(number) for number in (*start.split(","), *goal.split(","))
+        )
     except ValueError:
         numbers = ()
     if not colon or len(start.split(",")) != 3 or len(numbers) not in (5, 6):
-        raise ConfigError(f"--course {shown(given)}: must be X,Y,YAW:X,Y of start and goal, in m and rad")
+        raise ConfigError(
+            f"--course {shown(given)}: must be X,Y,YAW:X,Y of start and goal, in m and rad"
+        )
     return numbers
 
 

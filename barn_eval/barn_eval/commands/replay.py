@@ -19,15 +19,36 @@ from barn_sim.drawing.camera import CAMERAS
     help="A page (.html), the end as a picture (.png), an animation (.gif) or a film (.mp4, needs ffmpeg), repeatable"
     " [default: NAME.html].",
 )
-@click.option("--camera", type=click.Choice(CAMERAS), default="top", help="How picture, GIF and film are seen.")
-@click.option("--fps", default=10.0, type=click.FloatRange(1.0, 60.0), help="Frames per second.")
-@click.option("--speed", default=2.0, type=click.FloatRange(0.1, 100.0), help="Of GIF and film.")
-def command(bags: tuple[Path, ...], out: tuple[Path, ...], camera: str, fps: float, speed: float) -> None:
+@click.option(
+    "--camera",
+    type=click.Choice(CAMERAS),
+    default="top",
+    help="How picture, GIF and film are seen.",
+)
+@click.option(
+    "--fps", default=10.0, type=click.FloatRange(1.0, 60.0), help="Frames per second."
+)
+@click.option(
+    "--speed", default=2.0, type=click.FloatRange(0.1, 100.0), help="Of GIF and film."
+)
+def command(
+    bags: tuple[Path, ...], out: tuple[Path, ...], camera: str, fps: float, speed: float
+) -> None:
     """Draw the trial of a bag: a rosbag2 folder (MCAP or SQLite) or an .mcap file.
 
     Several BAGS are drawn beside each other on one clock; their page also overlays them and aligns them in progress
     along the path. Nothing but the bags is needed. One that is cut off is shown as far as it goes.
     """
-    with progress("drawing" if {".gif", ".mp4"} & {one.suffix for one in out} else "reading") as share:
-        written = write_replay(bags, out, frames_per_s=fps, speed=speed, camera=camera, note=say, progress=share)
+    with progress(
+        "drawing" if {".gif", ".mp4"} & {one.suffix for one in out} else "reading"
+    ) as share:
+        written = write_replay(
+            bags,
+            out,
+            frames_per_s=fps,
+            speed=speed,
+            camera=camera,
+            note=say,
+            progress=share,
+        )
     say(*written)

@@ -6,9 +6,9 @@ from typing import Any
 
 import click
 
+from barn_eval.api.robots import draw
 from barn_eval.commands.options import FILE, json_option, say, tell
 from barn_eval.commands.tables import table
-from barn_eval.robots import draw
 from barn_worlds.base.config import as_dict, fields_of
 from barn_worlds.robots.files import ROBOTS, load_robot
 from barn_worlds.robots.robot import Robot
@@ -24,15 +24,29 @@ def command(robot: str | None, out: Path | None, as_json: bool) -> None:
         if out is not None:
             raise click.UsageError("--out needs ROBOT")
         entries = list(map(_entry, ROBOTS.values()))
-        columns = [key if key in ("robot", "drive") else f">{key}" for key in entries[0]]
-        tell(as_json, entries, table(columns, [[*map(_shown, entry.values())] for entry in entries]))
+        columns = [
+            key if key in ("robot", "drive") else f">{key}" for key in entries[0]
+        ]
+        tell(
+            as_json,
+            entries,
+            table(columns, [[*map(_shown, entry.values())] for entry in entries]),
+        )
         return
     found = load_robot(robot)
     if out is not None:
         draw(found).save(out)
         say(out)
-    shown = [table(("quantity", "value", "unit", "meaning"), _numbers(found), title=f"{found.name}: {found.summary}")]
-    shown += [table(("section", "sources"), found.sources.items())] if found.sources else []
+    shown = [
+        table(
+            ("quantity", "value", "unit", "meaning"),
+            _numbers(found),
+            title=f"{found.name}: {found.summary}",
+        )
+    ]
+    shown += (
+        [table(("section", "sources"), found.sources.items())] if found.sources else []
+    )
     tell(as_json, {"name": found.name, **as_dict(found)}, *shown)
 
 
@@ -53,11 +67,16 @@ def _numbers(robot: Robot) -> Iterator[tuple[str, str, str, str]]:
     plain = as_dict(robot)
     for name, about, value in fields_of(robot):
         section, _, key = name.rpartition(".")
-        if key not in ("name", "summary") and key in (plain[section] if section else plain):
+        if key not in ("name", "summary") and key in (
+            plain[section] if section else plain
+        ):
             yield name, _shown(value), about.unit, about.description
 
 
 def _shown(value: object) -> str:
     if isinstance(value, tuple):
-        return ", ".join(f"({_shown(one)})" if isinstance(one, tuple) else _shown(one) for one in value)
+        return ", ".join(
+            f"({_shown(one)})" if isinstance(one, tuple) else _shown(one)
+            for one in value
+        )
     return f"{value:.5g}" if isinstance(value, float) else str(value)

@@ -5,23 +5,36 @@ from pathlib import Path
 
 import click
 
-from barn_eval import worlds as world_sets
+from barn_eval.api import worlds as world_sets
+from barn_eval.api.results import overlay
 from barn_eval.commands.options import FILE, PATH, course_option, keys_of, say
-from barn_eval.results import overlay
 
 
 @click.command("show")
 @click.argument("worlds", metavar="WORLDS")
-@click.option("--dataset", default="barn300", help="Data set that numbers are looked up in.")
+@click.option(
+    "--dataset", default="barn300", help="Data set that numbers are looked up in."
+)
 @click.option(
     "--out",
     type=FILE,
     help="Picture (.png), of trials also .svg or .pdf, of a world that moves also .gif [default: named after WORLDS].",
 )
 @course_option
-@click.option("--trials", multiple=True, type=PATH, help="Draw the trials of this folder in it; repeatable.")
-@click.option("--by", type=click.Choice(("planner", "speed")), help="What trials are coloured by [default: planner].")
-@click.option("--planners", "--planner", help="Only trials of these planners, such as dwa,eband.")
+@click.option(
+    "--trials",
+    multiple=True,
+    type=PATH,
+    help="Draw the trials of this folder in it; repeatable.",
+)
+@click.option(
+    "--by",
+    type=click.Choice(("planner", "speed")),
+    help="What trials are coloured by [default: planner].",
+)
+@click.option(
+    "--planners", "--planner", help="Only trials of these planners, such as dwa,eband."
+)
 @click.option("--outcome", help="Only trials that ended so, such as collision.")
 def command(
     worlds: str,
@@ -40,10 +53,20 @@ def command(
     numbers = worlds == "all" or (worlds[:1].isdecimal() and not Path(worlds).exists())
     if trials:
         if not worlds.isdecimal():
-            raise click.UsageError(f"--trials needs the number of a world, got {worlds!r}")
+            raise click.UsageError(
+                f"--trials needs the number of a world, got {worlds!r}"
+            )
         target = out or Path(f"trials_w{int(worlds):04d}.png")
-        by, planners, outcome = (drawn[name] or "" for name in ("by", "planners", "outcome"))
-        overlay(trials, int(worlds), by or "planner", planners=keys_of(planners), outcome=outcome).save(target)
+        by, planners, outcome = (
+            drawn[name] or "" for name in ("by", "planners", "outcome")
+        )
+        overlay(
+            trials,
+            int(worlds),
+            by or "planner",
+            planners=keys_of(planners),
+            outcome=outcome,
+        ).save(target)
         say(target)
         return
     for option, value in drawn.items():

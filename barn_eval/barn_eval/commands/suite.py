@@ -6,19 +6,36 @@ from typing import Any
 
 import click
 
-from barn_eval import suite
-from barn_eval.commands.options import FILE, FOLDER, json_option, notes, say, seed_option, settings_option, tell
+from barn_eval.api import suite
+from barn_eval.commands.options import (
+    FILE,
+    FOLDER,
+    json_option,
+    notes,
+    say,
+    seed_option,
+    settings_option,
+    tell,
+)
 from barn_eval.commands.tables import rich_table, table
-from barn_eval.experiments.run_file import provenance
 from barn_eval.pages.template import write_page
+from barn_eval.results.run_file import provenance
 from barn_eval.studies.bench import changes, read_figures
 from barn_eval.studies.reproduction.findings import ReproduceConfig
 from barn_eval.studies.validation import checks_table, statistics_page
 
 
 @click.command("reproduce")
-@click.option("--quick", is_flag=True, help="Part of the worlds, spread over their order by difficulty; minutes.")
-@click.option("--out", type=FOLDER, help="Folder of trials and page [default: out/results, or out/results_quick].")
+@click.option(
+    "--quick",
+    is_flag=True,
+    help="Part of the worlds, spread over their order by difficulty; minutes.",
+)
+@click.option(
+    "--out",
+    type=FOLDER,
+    help="Folder of trials and page [default: out/results, or out/results_quick].",
+)
 @settings_option("--set", "settings", "What is run", ReproduceConfig())
 @click.option(
     "--workers",
@@ -39,7 +56,12 @@ def reproduce(**options: Any) -> None:
 
 
 @click.command("validate")
-@click.option("--simulations", default=400, type=click.IntRange(10, 1_000_000), help="So many per check.")
+@click.option(
+    "--simulations",
+    default=400,
+    type=click.IntRange(10, 1_000_000),
+    help="So many per check.",
+)
 @seed_option()
 @click.option(
     "--out",
@@ -58,7 +80,10 @@ def validate(simulations: int, seed: int, out: Path | None, as_json: bool) -> in
         for one in suite.validate(simulations, seed=seed):
             found.append(one)
             status.update(f"simulated: {one.what}, {one.setting}")
-    rows = [asdict(one) | {"standard_error": one.standard_error, "verdict": one.verdict} for one in found]
+    rows = [
+        asdict(one) | {"standard_error": one.standard_error, "verdict": one.verdict}
+        for one in found
+    ]
     content = {"simulations": simulations, "seed": seed, "checks": rows}
     tell(as_json, content, rich_table(checks_table(found, seed)))
     if out is not None:
@@ -67,13 +92,19 @@ def validate(simulations: int, seed: int, out: Path | None, as_json: bool) -> in
 
 
 @click.command("bench")
-@click.option("--planners", default="dwa,eband", help="Planners to measure, joined by commas.")
+@click.option(
+    "--planners", default="dwa,eband", help="Planners to measure, joined by commas."
+)
 @settings_option("--set", "settings", "What is measured", suite.BenchSetup())
 @click.option(
-    "--against", type=FILE, help="Earlier result of --json from this machine: print how many times as good figures are."
+    "--against",
+    type=FILE,
+    help="Earlier result of --json from this machine: print how many times as good figures are.",
 )
 @json_option
-def bench(planners: str, settings: dict[str, Any], against: Path | None, as_json: bool) -> None:
+def bench(
+    planners: str, settings: dict[str, Any], against: Path | None, as_json: bool
+) -> None:
     """Measure the speed of the suite on this machine, as ratios that can be followed over time.
 
     A figure that has become worse by more than its noise is called slower; the exit code stays 0.
@@ -86,13 +117,30 @@ def bench(planners: str, settings: dict[str, Any], against: Path | None, as_json
     compared = changes(figures, before)
     for change in compared:
         if change.slower:
-            say(f"slower: {change.name}, {change.ratio:.2f} ± {change.noise:.2f} times as good as before")
+            say(
+                f"slower: {change.name}, {change.ratio:.2f} ± {change.noise:.2f} times as good as before"
+            )
     changed = [{**asdict(one), "slower": one.slower} for one in compared]
-    content = {"schema_version": 1, "figures": list(map(asdict, figures)), "changes": changed, **about}
-    ratios = {one.name: (f"{one.ratio:.2f} ± {one.noise:.2f}", "slower" if one.slower else "") for one in compared}
-    rows = [(one.name, f"{one.value:.3g}", one.unit, *ratios.get(one.name, ("", ""))) for one in figures]
+    content = {
+        "schema_version": 1,
+        "figures": list(map(asdict, figures)),
+        "changes": changed,
+        **about,
+    }
+    ratios = {
+        one.name: (f"{one.ratio:.2f} ± {one.noise:.2f}", "slower" if one.slower else "")
+        for one in compared
+    }
+    rows = [
+        (one.name, f"{one.value:.3g}", one.unit, *ratios.get(one.name, ("", "")))
+        for one in figures
+    ]
     title = f"{about['machine']['processor']}, {about['machine']['cores']} cores"
-    tell(as_json, content, table(("figure", ">value", "unit", ">times as good", ""), rows, title=title))
+    tell(
+        as_json,
+        content,
+        table(("figure", ">value", "unit", ">times as good", ""), rows, title=title),
+    )
 
 
 @click.command("info")
@@ -100,12 +148,38 @@ def bench(planners: str, settings: dict[str, Any], against: Path | None, as_json
 def info(as_json: bool) -> None:
     """Show what is installed, which ROS there is, and which optional parts are off and why."""
     content = suite.info()
-    number, plus, changes = content["commit"].partition("+")  # in the length that fits a terminal; --json has all
-    installed = [*content["versions"].items(), ("commit", number[:12] + plus + changes or "not known")]
-    parts = [(suite.OPTIONAL[name][0], state) for name, state in content["optional"].items()]
+    number, plus, changes = content["commit"].partition(
+        "+"
+    )  # in the length that fits a terminal; --json has all
+    installed = [
+        *content["versions"].items(),
+        ("commit", number[:12] + plus + changes or "not known"),
+    ]
+    parts = [
+        (suite.OPTIONAL[name][0], state) for name, state in content["optional"].items()
+    ]
     ros = content["ros"].items()
-    folders = {name: value.split(":") if name.endswith("_PATH") else [value] for name, value in ros}
-    parts += [(name, one[0] or "not set" if len(one) == 1 else f"{len(one)} folders") for name, one in folders.items()]
-    parts.append(("machine", f"{content['machine']['processor']}, {content['machine']['cores']} cores"))
-    parts += [("planners", ", ".join(content["planners"])), ("data sets", ", ".join(content["data_sets"]))]
-    tell(as_json, content, table(("installed", "version"), installed), table(("part", "state"), parts))
+    folders = {
+        name: value.split(":") if name.endswith("_PATH") else [value]
+        for name, value in ros
+    }
+    parts += [
+        (name, one[0] or "not set" if len(one) == 1 else f"{len(one)} folders")
+        for name, one in folders.items()
+    ]
+    parts.append(
+        (
+            "machine",
+            f"{content['machine']['processor']}, {content['machine']['cores']} cores",
+        )
+    )
+    parts += [
+        ("planners", ", ".join(content["planners"])),
+        ("data sets", ", ".join(content["data_sets"])),
+    ]
+    tell(
+        as_json,
+        content,
+        table(("installed", "version"), installed),
+        table(("part", "state"), parts),
+    )

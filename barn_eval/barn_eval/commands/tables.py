@@ -33,15 +33,26 @@ class FittedTable:
     title: str
     caption: str
 
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+    def __rich_console__(
+        self, console: Console, options: ConsoleOptions
+    ) -> RenderResult:
         """Yield title, table or tables, and caption."""
         if self.title:
             yield Text(self.title, style="italic")
         for part in self._parts(options.max_width):
-            made = Table(header_style="bold", box=SIMPLE_HEAD, pad_edge=False, padding=(0, _GAP - 1, 0, 0))
+            made = Table(
+                header_style="bold",
+                box=SIMPLE_HEAD,
+                pad_edge=False,
+                padding=(0, _GAP - 1, 0, 0),
+            )
             fitted = _fitted([self.columns[place] for place in part], options.max_width)
             for place, (head, *_) in zip(part, fitted, strict=True):
-                made.add_column(Text(head), justify="right" if self.right[place] else "left", no_wrap=True)
+                made.add_column(
+                    Text(head),
+                    justify="right" if self.right[place] else "left",
+                    no_wrap=True,
+                )
             for cells in list(zip(*fitted, strict=True))[1:]:
                 made.add_row(*map(Text, cells))
             yield made
@@ -53,7 +64,11 @@ class FittedTable:
         narrowest = [max(map(_longest_word, column)) for column in self.columns]
         keys, rest = list(range(self.keys)), list(range(self.keys, len(self.columns)))
         while True:
-            fits = (n for n in range(len(rest), 1, -1) if _total([narrowest[k] for k in keys + rest[:n]]) <= width)
+            fits = (
+                n
+                for n in range(len(rest), 1, -1)
+                if _total([narrowest[k] for k in keys + rest[:n]]) <= width
+            )
             count = next(fits, 1)
             yield keys + rest[:count]
             rest = rest[count:]
@@ -62,7 +77,11 @@ class FittedTable:
 
 
 def table(
-    columns: Sequence[str], rows: Iterable[Sequence[object]], *, title: str = "", caption: str = ""
+    columns: Sequence[str],
+    rows: Iterable[Sequence[object]],
+    *,
+    title: str = "",
+    caption: str = "",
 ) -> FittedTable:
     """Return a table of plain texts, in which brackets are brackets.
 
@@ -70,7 +89,9 @@ def table(
     """
     heads = [name.removeprefix(">") for name in columns]
     made = tuple(zip(heads, *(map(str, row) for row in rows), strict=True))
-    return FittedTable(made, tuple(name.startswith(">") for name in columns), 1, title, caption)
+    return FittedTable(
+        made, tuple(name.startswith(">") for name in columns), 1, title, caption
+    )
 
 
 def rich_table(found: TextTable) -> FittedTable:
@@ -82,10 +103,17 @@ def rich_table(found: TextTable) -> FittedTable:
 
 def _fitted(columns: Sequence[Column], width: int) -> list[Column]:
     """Return columns that together are no wider than a width if they can be, the widest narrowed first."""
-    made = [_wrapped(column, max(_longest_word(column[0]), _width(column[1:]))) for column in columns]
+    made = [
+        _wrapped(column, max(_longest_word(column[0]), _width(column[1:])))
+        for column in columns
+    ]
     narrowest = [max(map(_longest_word, column)) for column in columns]
     while _total(list(map(_width, made))) > width:
-        wide = [place for place, column in enumerate(made) if _width(column) > narrowest[place]]
+        wide = [
+            place
+            for place, column in enumerate(made)
+            if _width(column) > narrowest[place]
+        ]
         if wide:
             place = max(wide, key=lambda one: _width(made[one]))
             made[place] = _wrapped(columns[place], _width(made[place]) - 1)
@@ -106,7 +134,9 @@ def _total(widths: Sequence[int]) -> int:
 
 def _words(text: str) -> str:
     """Return a text in which limits in brackets, and a star with its figure, are one word each."""
-    kept = re.sub(r"\[[^]]*\]", lambda limits: limits[0].replace(", ", f",{_KEPT}"), text)
+    kept = re.sub(
+        r"\[[^]]*\]", lambda limits: limits[0].replace(", ", f",{_KEPT}"), text
+    )
     return kept.replace(" *", f"{_KEPT}*")
 
 
@@ -117,4 +147,7 @@ def _longest_word(text: str) -> int:
 def _wrapped(column: Column, width: int) -> Column:
     """Return a column in lines of at most a width; only words longer than that are broken."""
     wrap = textwrap.TextWrapper(max(width, 1), break_on_hyphens=False).fill
-    return ["\n".join(map(wrap, _words(text).split("\n"))).replace(_KEPT, " ") for text in column]
+    return [
+        "\n".join(map(wrap, _words(text).split("\n"))).replace(_KEPT, " ")
+        for text in column
+    ]

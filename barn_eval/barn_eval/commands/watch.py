@@ -11,10 +11,10 @@ from pathlib import Path
 import click
 
 from barn_eval.commands.options import PATH, say
-from barn_eval.experiments.run_file import RUN_FILE
 from barn_eval.pages import LIVE_PORT, LOOPBACK, PAGE_PORT
 from barn_eval.pages.live.foxglove import LiveView, require_sdk
 from barn_eval.pages.live.server import Watch
+from barn_eval.results.run_file import RUN_FILE
 from barn_worlds.base.errors import ConfigError
 
 _PORTS = click.IntRange(0, 65535)
@@ -23,8 +23,12 @@ _LOOK_S = 0.5
 
 @click.command("watch")
 @click.argument("folder", type=PATH)
-@click.option("--port", default=PAGE_PORT, type=_PORTS, help="Of the page; 0 takes a free one.")
-@click.option("--host", default=LOOPBACK, help="Address to serve on; others than loopback see it.")
+@click.option(
+    "--port", default=PAGE_PORT, type=_PORTS, help="Of the page; 0 takes a free one."
+)
+@click.option(
+    "--host", default=LOOPBACK, help="Address to serve on; others than loopback see it."
+)
 @click.option(
     "--live",
     is_flag=False,
@@ -44,7 +48,9 @@ def command(folder: Path, port: int, host: str, live: int | None, wait: bool) ->
     with ExitStack() as served:
         if live is not None:
             view = served.enter_context(LiveView(folder, host=host, port=live))
-            say(f"live view: open {view.url} in Foxglove with share/barn_eval/config/barn_foxglove.json")
+            say(
+                f"live view: open {view.url} in Foxglove with share/barn_eval/config/barn_foxglove.json"
+            )
         while wait and not (folder / RUN_FILE).is_file():
             threading.Event().wait(_LOOK_S)
         page = served.enter_context(Watch(folder, host=host, port=port))
@@ -59,11 +65,22 @@ def viewed(folder: Path, bags: str) -> Iterator[None]:
     ConfigError where no bags are recorded, which the view reads, or where the SDK is not installed.
     """
     if bags == "none":
-        raise ConfigError("--view needs bags, which it reads: --bags all or --bags failed, got none")
+        raise ConfigError(
+            "--view needs bags, which it reads: --bags all or --bags failed, got none"
+        )
     require_sdk()
-    command = [sys.executable, "-m", "barn_eval.commands.watch", str(folder), "--live", "--wait"]
+    command = [
+        sys.executable,
+        "-m",
+        "barn_eval.commands.watch",
+        str(folder),
+        "--live",
+        "--wait",
+    ]
     # Ctrl-C is for the trials; the view ends with them.
-    with subprocess.Popen(command, stdin=subprocess.PIPE, start_new_session=True) as process:  # noqa: S603
+    with subprocess.Popen(  # noqa: S603
+        command, stdin=subprocess.PIPE, start_new_session=True
+    ) as process:
         try:
             yield
         finally:

@@ -5,7 +5,8 @@ from typing import Any
 
 import click
 
-from barn_eval import worlds
+from barn_eval.api import worlds
+from barn_eval.api.worlds.sets import FORMATS, Form
 from barn_eval.commands.options import (
     COUNT,
     PATH,
@@ -18,12 +19,13 @@ from barn_eval.commands.options import (
     worlds_option,
 )
 from barn_eval.commands.tables import table
-from barn_eval.worlds.sets import FORMATS, Form
 from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.generate import WorldParameters
 
 robot_option = click.option(
-    "--robot", default="jackal", help="Robot that paths are planned for: a name (see barn robots) or a YAML file."
+    "--robot",
+    default="jackal",
+    help="Robot that paths are planned for: a name (see barn robots) or a YAML file.",
 )
 
 
@@ -36,7 +38,9 @@ def command() -> None:
 @click.argument("target", type=PATH)
 @seed_option(2020)
 @click.option("--per-set", default=25, type=COUNT, help="Worlds per parameter set.")
-@settings_option("--set", "parameters", "One parameter set of your own", WorldParameters())
+@settings_option(
+    "--set", "parameters", "One parameter set of your own", WorldParameters()
+)
 @robot_option
 @click.option(
     "--keep",
@@ -53,7 +57,9 @@ def generate(target: Path, **options: Any) -> None:
     keys are then margin_cells, spare_cells, rows, cols, resolution_m, attempts.
     """
     with progress("worlds") as share:
-        made = worlds.generate(target, **options, progress=lambda made, total: share(made / total))
+        made = worlds.generate(
+            target, **options, progress=lambda made, total: share(made / total)
+        )
     say(f"{len(made)} worlds in {target}")
 
 
@@ -61,18 +67,25 @@ def generate(target: Path, **options: Any) -> None:
 @click.argument("source")
 @click.argument("target", type=PATH)
 @click.option(
-    "--format", "form", type=click.Choice(FORMATS), help="What to write [default: npz for TARGET.npz, else original]."
+    "--format",
+    "form",
+    type=click.Choice(FORMATS),
+    help="What to write [default: npz for TARGET.npz, else original].",
 )
 @worlds_option
 @robot_option
-def convert(source: str, target: Path, form: Form | None, select: str, robot: str) -> None:
+def convert(
+    source: str, target: Path, form: Form | None, select: str, robot: str
+) -> None:
     """Read worlds of any known format and write them for the suite or other programs.
 
     npz is a data set in one file, original the layout of the original data set. sdf (current Gazebo), sdf_classic
     (Gazebo Classic), map (map_server's pgm and yaml), yaml and png write a file per world into the folder TARGET.
     """
     written = worlds.load(source, select, robot=robot)
-    target = worlds.save(written, target, form or ("npz" if target.suffix == ".npz" else "original"))
+    target = worlds.save(
+        written, target, form or ("npz" if target.suffix == ".npz" else "original")
+    )
     say(f"{len(written)} worlds in {target}")
 
 
@@ -85,12 +98,31 @@ def show_list(source: str | None, select: str, as_json: bool) -> None:
     entries: list[dict[str, Any]]
     if source is None:
         opened = map(open_dataset, worlds.datasets())
-        entries = [{"data set": one.name, "worlds": len(one.indices), "checksum": one.checksum[:16]} for one in opened]
+        entries = [
+            {
+                "data set": one.name,
+                "worlds": len(one.indices),
+                "checksum": one.checksum[:16],
+            }
+            for one in opened
+        ]
     else:
         entries = [
-            {"world": number, "name": one.name, "cells": f"{one.rows} x {one.cols}", "filled": int(one.grid.sum())}
-            | {"path [m]": one.path_length_m, "source": one.provenance.source, "checksum": one.checksum[:16]}
+            {
+                "world": number,
+                "name": one.name,
+                "cells": f"{one.rows} x {one.cols}",
+                "filled": int(one.grid.sum()),
+            }
+            | {
+                "path [m]": one.path_length_m,
+                "source": one.provenance.source,
+                "checksum": one.checksum[:16],
+            }
             for number, one in worlds.load(source, select).items()
         ]
-    rows = [tuple(f"{one:.2f}" if isinstance(one, float) else one for one in entry.values()) for entry in entries]
+    rows = [
+        tuple(f"{one:.2f}" if isinstance(one, float) else one for one in entry.values())
+        for entry in entries
+    ]
     return tell(as_json, entries, table(tuple(entries[0]), rows))

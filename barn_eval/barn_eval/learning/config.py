@@ -14,15 +14,31 @@ ALONG = ("straight", "path")
 class RewardConfig(Checked):
     """What a step is worth; the terms are added up."""
 
-    progress_per_m: float = quantity(1.0, "for every metre nearer to the goal, as negative for every metre back")
-    progress_along: str = quantity("path", "whether that is measured straight or along the world's path", choices=ALONG)
+    progress_per_m: float = quantity(
+        1.0, "for every metre nearer to the goal, as negative for every metre back"
+    )
+    progress_along: str = quantity(
+        "path",
+        "whether that is measured straight or along the world's path",
+        choices=ALONG,
+    )
     per_second: float = quantity(-0.1, "for every second")
-    near_per_second: float = quantity(-0.5, "for every second at an obstacle, in proportion less further away")
-    near_m: float = quantity(0.6, "range of the lidar from which on this is nothing", "m", minimum=0.01)
-    shielded_per_second: float = quantity(-1.0, "for every second in which the shield changes the command")
+    near_per_second: float = quantity(
+        -0.5, "for every second at an obstacle, in proportion less further away"
+    )
+    near_m: float = quantity(
+        0.6, "range of the lidar from which on this is nothing", "m", minimum=0.01
+    )
+    shielded_per_second: float = quantity(
+        -1.0, "for every second in which the shield changes the command"
+    )
     success: float = quantity(10.0, "for reaching the goal")
-    collision: float = quantity(-10.0, "for a contact that ends the trial, or a command that is not a number")
-    out_of_time: float = quantity(-10.0, "for the end of the time that the protocol gives")
+    collision: float = quantity(
+        -10.0, "for a contact that ends the trial, or a command that is not a number"
+    )
+    out_of_time: float = quantity(
+        -10.0, "for the end of the time that the protocol gives"
+    )
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,23 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
-from barn_eval.bags.messages import trial_scene
-from barn_eval.bags.movers import TRAIL_S
 from barn_eval.learning.episodes import Episodes
+from barn_eval.results.bags.messages import trial_scene
+from barn_eval.results.bags.movers import TRAIL_S
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.base.arrays import Points
 from barn_worlds.base.types import Pose2D, seconds
-from barn_worlds.drawing.palette import FAINT, GOAL, MOVER, OBSTACLE, ROBOT, SCAN, TRAIL, WALL, WHITE
+from barn_worlds.drawing.palette import (
+    FAINT,
+    GOAL,
+    MOVER,
+    OBSTACLE,
+    ROBOT,
+    SCAN,
+    TRAIL,
+    WALL,
+    WHITE,
+)
 from barn_worlds.geometry.bodies import Bodies, moving_bodies
 from barn_worlds.geometry.polygon import hull
 
@@ -28,8 +38,14 @@ class TopView:
     def __init__(self, spec: TrialSpec) -> None:
         scene, bounds_m = trial_scene(spec), np.reshape(spec.world.bounds_m, (2, 2))
         seen = np.vstack([bounds_m, scene.ends_m()])
-        (self._left, below), (right, self._top) = seen.min(axis=0) - _BEYOND_M, seen.max(axis=0) + _BEYOND_M
-        size = (math.ceil((right - self._left) * _PIXELS_PER_M), math.ceil((self._top - below) * _PIXELS_PER_M))
+        (self._left, below), (right, self._top) = (
+            seen.min(axis=0) - _BEYOND_M,
+            seen.max(axis=0) + _BEYOND_M,
+        )
+        size = (
+            math.ceil((right - self._left) * _PIXELS_PER_M),
+            math.ceil((self._top - below) * _PIXELS_PER_M),
+        )
         self._world = Image.new("RGB", size, WHITE)
         self._trail: list[tuple[float, float]] = []
         draw = ImageDraw.Draw(self._world)
@@ -53,7 +69,9 @@ class TopView:
         spec, scan = episodes.trial(0).spec, episodes.scan(0)
         pose = Pose2D(*episodes.readings.truths[0].tolist())
         motion_s = spec.phase_s + seconds(int(episodes.readings.stamps_ns[0]))
-        passed_m, _ = spec.world.tracks.over(motion_s - np.arange(0.0, TRAIL_S, _PASSED_STEP_S))
+        passed_m, _ = spec.world.tracks.over(
+            motion_s - np.arange(0.0, TRAIL_S, _PASSED_STEP_S)
+        )
         for place in self._pixels(passed_m.reshape(-1, 2)):
             draw.circle(place, 2, fill=MOVER)
         self._fill(draw, moving_bodies(spec.world.tracks, motion_s), MOVER)
@@ -67,7 +85,10 @@ class TopView:
         draw.point(self._pixels(lidar.transform(hits)), fill=SCAN)
         _, right_m, front_m, left_m = chassis.extent_m
         nose = (front_m + _NOSE * (left_m - right_m), 0.0)
-        draw.polygon(self._pixels(pose.transform(np.array(hull([*chassis.hull_m, nose])))), fill=ROBOT)
+        draw.polygon(
+            self._pixels(pose.transform(np.array(hull([*chassis.hull_m, nose])))),
+            fill=ROBOT,
+        )
         return np.asarray(picture)
 
     def _fill(self, draw: ImageDraw.ImageDraw, bodies: Bodies, colour: str) -> None:
@@ -75,4 +96,7 @@ class TopView:
             draw.polygon(self._pixels(outline), fill=colour)
 
     def _pixels(self, points_m: Points) -> list[tuple[float, float]]:
-        return [((x - self._left) * _PIXELS_PER_M, (self._top - y) * _PIXELS_PER_M) for x, y in points_m.tolist()]
+        return [
+            ((x - self._left) * _PIXELS_PER_M, (self._top - y) * _PIXELS_PER_M)
+            for x, y in points_m.tolist()
+        ]

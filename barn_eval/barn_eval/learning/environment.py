@@ -57,20 +57,29 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         **changes: object,
     ) -> None:
         if render_mode is not None and render_mode not in RENDER_MODES:
-            raise ConfigError(f"render_mode must be None or {RENDER_MODES[0]!r}, got {render_mode!r}")
+            raise ConfigError(
+                f"render_mode must be None or {RENDER_MODES[0]!r}, got {render_mode!r}"
+            )
         self.render_mode = render_mode
         self.config = replace_dotted(config or EnvConfig(), changes, "environment")
         robot = load_robot(self.config.robot)
         self._dataset = (opened or open_dataset(self.config.dataset)).driven(robot)
-        self.worlds = tuple(sorted(select_worlds(self.config.worlds, self._dataset.indices)))  # drawn from, evenly
+        self.worlds = tuple(
+            sorted(select_worlds(self.config.worlds, self._dataset.indices))
+        )  # drawn from, evenly
         self.protocol = load_protocol(self.config.protocol)
-        self.simulator_config = simulator_config(self.protocol, self.config.simulator, robot)
+        self.simulator_config = simulator_config(
+            self.protocol, self.config.simulator, robot
+        )
         self._dataset.require_fit(robot_of(self.simulator_config), self.worlds)
         self._safety = self._placed(self.config.safety)
         low, high = self.config.observation.bounds()
         self.observation_space = spaces.Box(low, high, dtype=np.float32)
         self.action_space = spaces.Box(-1.0, 1.0, (ACTIONS,), np.float32)
-        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.simulator_config.control_period_s))}
+        self.metadata = {
+            **self.metadata,
+            "render_fps": max(1, round(1.0 / self.simulator_config.control_period_s)),
+        }
         self._picture: TopView | None = None
         self._place: tuple[Episodes, int] | None = None
         self._joined, self._driving = False, np.zeros(1, np.bool_)
@@ -84,7 +93,9 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         """Let the episodes from now on advance among others, instead of by `step`."""
         self._place, self._joined = (episodes, index), True
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Vector, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Vector, dict[str, Any]]:
         """Begin an episode in the world of `options`, or in one drawn; among others, observation and info are empty."""
         super().reset(seed=seed)
         if self._place is None:
@@ -100,19 +111,31 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
             self._picture.add(episodes)
         return episodes.seen[0].copy(), self._info(episodes)
 
-    def step(self, action: npt.NDArray[np.floating]) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
+    def step(
+        self, action: npt.NDArray[np.floating]
+    ) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
         """Drive for one control period; ResetNeeded before `reset` and after the end of an episode."""
         if self._place is None or not self._place[0].running[0]:
-            raise gymnasium.error.ResetNeeded("reset() must be called before the first step of an episode")
+            raise gymnasium.error.ResetNeeded(
+                "reset() must be called before the first step of an episode"
+            )
         action = np.asarray(action)
         if action.shape != (ACTIONS,):
-            raise ConfigError(f"action must be an array of shape {(ACTIONS,)}, got {action.shape}")
+            raise ConfigError(
+                f"action must be an array of shape {(ACTIONS,)}, got {action.shape}"
+            )
         episodes = self._place[0]
         rewards, ended = episodes.step(self._driving, action[None])
         if self._picture is not None:
             self._picture.add(episodes)
         terminated, truncated = self.conclude() if ended else (False, False)
-        return episodes.seen[0].copy(), float(rewards[0]), terminated, truncated, self._info(episodes)
+        return (
+            episodes.seen[0].copy(),
+            float(rewards[0]),
+            terminated,
+            truncated,
+            self._info(episodes),
+        )
 
     def conclude(self) -> tuple[bool, bool]:
         """Return whether the episode, which has ended, terminated or was truncated."""
@@ -134,7 +157,9 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
             self._place[0].close()
         self._place = self._picture = None
 
-    def _drawn(self, options: Mapping[str, int], known: Known) -> tuple[TrialSpec, Floats]:
+    def _drawn(
+        self, options: Mapping[str, int], known: Known
+    ) -> tuple[TrialSpec, Floats]:
         """Return a new trial and the way in its world; what `options` do not give is drawn."""
         index = options.get("world")
         if index is None:
@@ -161,7 +186,10 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
             repetition=repetition,
             declared_mps=self.config.action.cap_mps,
         )
-        known[index] = spec, way_points(world, spec.course, self.config.reward.progress_along)
+        known[index] = (
+            spec,
+            way_points(world, spec.course, self.config.reward.progress_along),
+        )
         return known[index]
 
     def _placed(self, safety: SafetyConfig) -> SafetyConfig:
@@ -169,10 +197,14 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         mount_m = self.simulator_config.lidar.mount_x_m
         if safety.lidar_x_m not in (SafetyConfig().lidar_x_m, mount_m):
             mounted = f"mounted at {mount_m:g} m (simulator parameter lidar.mount_x_m)"
-            raise ConfigError(f"safety.lidar_x_m is {safety.lidar_x_m:g}, but the lidar is {mounted}")
+            raise ConfigError(
+                f"safety.lidar_x_m is {safety.lidar_x_m:g}, but the lidar is {mounted}"
+            )
         placed = replace(safety, lidar_x_m=mount_m)
         robot = robot_of(self.simulator_config)
-        return replace_dotted(placed, fitted(placed, robot) | lidar_place(placed, robot.lidar), "safety")
+        return replace_dotted(
+            placed, fitted(placed, robot) | lidar_place(placed, robot.lidar), "safety"
+        )
 
     def _info(self, episodes: Episodes) -> dict[str, Any]:
         info = {
@@ -188,9 +220,13 @@ def _checked_options(options: Mapping[str, Any] | None) -> dict[str, int]:
     checked = {}
     for name, value in (options or {}).items():
         if name not in _OPTIONS:
-            raise ConfigError(f"reset: unknown option {name!r}{suggest(name, _OPTIONS)}")
+            raise ConfigError(
+                f"reset: unknown option {name!r}{suggest(name, _OPTIONS)}"
+            )
         whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
         if not whole or value < 0:
-            raise ConfigError(f"reset: option {name!r} must be a whole number from 0, got {value!r}")
+            raise ConfigError(
+                f"reset: option {name!r} must be a whole number from 0, got {value!r}"
+            )
         checked[name] = int(value)
     return checked

@@ -39,15 +39,27 @@ class Episodes:
     are looked at one by one.
     """
 
-    def __init__(self, count: int, config: EnvConfig, simulator: SimulatorConfig, safety: SafetyConfig) -> None:
+    def __init__(
+        self,
+        count: int,
+        config: EnvConfig,
+        simulator: SimulatorConfig,
+        safety: SafetyConfig,
+    ) -> None:
         self.batch = Batch(count, simulator)
         self.readings = self.batch.readings
-        self.seen = np.zeros((count, config.observation.size), np.float32)  # last observations
+        self.seen = np.zeros(
+            (count, config.observation.size), np.float32
+        )  # last observations
         self.running = np.zeros(count, np.bool_)
         self.worlds = np.zeros(count, np.int64)
         self.left_m = np.zeros(count)
         self.known: Known = {}  # first trial in each world and its `way_points`
-        self._config, self._safety, self._period_s = config, safety, simulator.control_period_s
+        self._config, self._safety, self._period_s = (
+            config,
+            safety,
+            simulator.control_period_s,
+        )
         self._weights = RewardWeights.of(config.reward)
         self._encoder = ObservationEncoder(config.observation)
         self._clients = [PhysicsClient(idle=self.batch.engines) for _ in range(count)]
@@ -63,18 +75,32 @@ class Episodes:
 
     def scan(self, index: int) -> Scan:
         """Return the last scan of a robot."""
-        return self._now[index][1].lidar.scan_of(int(self.readings.stamps_ns[index]), self.readings.ranges[index])
+        return self._now[index][1].lidar.scan_of(
+            int(self.readings.stamps_ns[index]), self.readings.ranges[index]
+        )
 
     def begin(self, index: int, spec: TrialSpec, points: Floats) -> None:
         """Begin a trial, of which nothing is read yet; ConfigError if its distances differ from the others'."""
-        other = next((one.spec for k, (one, _) in self._now.items() if k != index), spec)
+        other = next(
+            (one.spec for k, (one, _) in self._now.items() if k != index), spec
+        )
         if other.rules is not spec.rules and other.rules != spec.rules:
             names = f"{spec.world.name} and {other.world.name}"
-            raise ConfigError(f"worlds {names}: robots that advance together need worlds with cells of one size")
+            raise ConfigError(
+                f"worlds {names}: robots that advance together need worlds with cells of one size"
+            )
         start, seed = spec.course.start, spec.simulator_seed
         if (before := self._now.get(index)) is None:
             client, fleet = self._clients[index], self.batch.fleet
-            simulator = Simulator(spec.world, spec.simulator, start, seed, client, fleet=fleet, index=index)
+            simulator = Simulator(
+                spec.world,
+                spec.simulator,
+                start,
+                seed,
+                client,
+                fleet=fleet,
+                index=index,
+            )
         else:
             simulator = before[1]
             simulator.begin(spec.world, start, seed)
@@ -100,23 +126,42 @@ class Episodes:
         if trial.spec.protocol.map_given:
             poses = poses.copy()
             for index in which.tolist():
-                pose = self._now[index][1].read_localisation(Pose2D(*poses[index].tolist()))
+                pose = self._now[index][1].read_localisation(
+                    Pose2D(*poses[index].tolist())
+                )
                 poses[index] = pose.x, pose.y, pose.yaw
         if self._scan is None:
             self._scan = simulator.lidar.scan_of(0, readings.ranges[which[0]])
-        self._encoder.encode_all(self._scan, readings.ranges, poses, self._goals, readings.velocities, which, self.seen)
+        self._encoder.encode_all(
+            self._scan,
+            readings.ranges,
+            poses,
+            self._goals,
+            readings.velocities,
+            which,
+            self.seen,
+        )
         way_left(self._ways, self._points, readings.truths, which, self.left_m)
         return before_m
 
     def judge(self, which: Integers) -> list[int]:
         """Judge the last readings of those that have moved or begun; return which of them have ended."""
         readings = self.readings
-        rules.observe(self._states, which, readings.stamps_ns, readings.odometry, readings.truths, readings.collisions)
+        rules.observe(
+            self._states,
+            which,
+            readings.stamps_ns,
+            readings.odometry,
+            readings.truths,
+            readings.collisions,
+        )
         ended = which[self._states["code"][which] != rules.RUNNING]
         self.running[ended] = False
         return list(ended.tolist())
 
-    def step(self, resting: Bools, actions: npt.NDArray[np.floating]) -> tuple[Floats, list[int]]:
+    def step(
+        self, resting: Bools, actions: npt.NDArray[np.floating]
+    ) -> tuple[Floats, list[int]]:
         """Let trials that do not rest (n,) go on for a period by actions (n, 2); return rewards (n,), which ended."""
         view = self._config.observation
         wanted = self._config.action.commands(actions)
@@ -148,8 +193,13 @@ class Episodes:
         if not self._safety.enabled:
             return wanted, np.zeros(len(wanted), np.bool_)
         given = wanted.copy()
-        for index in np.flatnonzero(~resting & np.isfinite(wanted).all(axis=1)).tolist():
-            command, moving = (Velocity2D(*of[index].tolist()) for of in (wanted, self.readings.velocities))
+        for index in np.flatnonzero(
+            ~resting & np.isfinite(wanted).all(axis=1)
+        ).tolist():
+            command, moving = (
+                Velocity2D(*of[index].tolist())
+                for of in (wanted, self.readings.velocities)
+            )
             safe = safe_command(command, moving, self.scan(index), self._safety)
             given[index] = safe.linear, safe.angular
         changed: Bools = ((given != wanted) & ~np.isnan(wanted)).any(axis=1)
@@ -183,7 +233,9 @@ def way_points(world: World, course: Course, along: str) -> Floats:
 
 
 @njit(cache=True)
-def way_left(points: Floats, counts: Integers, positions: Floats, which: Integers, left_m: Floats) -> None:
+def way_left(
+    points: Floats, counts: Integers, positions: Floats, which: Integers, left_m: Floats
+) -> None:
     """Fill in the way left (n,) of the rows `which` at positions (n, 2), by `counts` (n,) of points of `way_points`."""
     for row in which:
         x, y, nearest = positions[row, 0], positions[row, 1], np.inf
@@ -231,8 +283,14 @@ def reward_steps(
         for beam in range(1, shares.shape[1]):
             nearest = min(nearest, shares[i, beam])
         nearness = max(0.0, 1.0 - np.float64(nearest) * range_m / weights.near_m)
-        rate = weights.per_second + weights.near_per_second * nearness + weights.shielded_per_second * shielded[i]
-        rewards[i] = weights.progress_per_m * (before_m[i] - left_m[i]) + rate * period_s
+        rate = (
+            weights.per_second
+            + weights.near_per_second * nearness
+            + weights.shielded_per_second * shielded[i]
+        )
+        rewards[i] = (
+            weights.progress_per_m * (before_m[i] - left_m[i]) + rate * period_s
+        )
 
 
 def reward_of_end(config: RewardConfig, verdict: Verdict) -> float:

@@ -34,7 +34,9 @@ class JackalVectorEnv(SyncVectorEnv):
         **changes: object,
     ) -> None:
         self._config = replace_dotted(config or EnvConfig(), changes, "environment")
-        make = partial(JackalEnv, self._config, opened=open_dataset(self._config.dataset))
+        make = partial(
+            JackalEnv, self._config, opened=open_dataset(self._config.dataset)
+        )
         super().__init__([make] * num_envs, autoreset_mode=autoreset_mode)
         self._jackals = [cast(JackalEnv, env.unwrapped) for env in self.envs]
         self._episodes = self._jackals[0].episodes(num_envs)
@@ -43,7 +45,10 @@ class JackalVectorEnv(SyncVectorEnv):
             env.join(self._episodes, index)
 
     def reset(
-        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+        self,
+        *,
+        seed: int | list[int | None] | None = None,
+        options: dict[str, Any] | None = None,
     ) -> tuple[npt.NDArray[Any], dict[str, Any]]:
         """Begin episodes, in all environments or in those of `options["reset_mask"]`."""
         asked = (options or {}).get("reset_mask", self._everyone)
@@ -58,17 +63,23 @@ class JackalVectorEnv(SyncVectorEnv):
         """Drive all robots for one control period."""
         actions = np.asarray(actions)
         if actions.shape != (self.num_envs, ACTIONS):
-            raise ConfigError(f"actions must be an array of shape {(self.num_envs, ACTIONS)}, got {actions.shape}")
+            raise ConfigError(
+                f"actions must be an array of shape {(self.num_envs, ACTIONS)}, got {actions.shape}"
+            )
         next_step = self.autoreset_mode is AutoresetMode.NEXT_STEP
         resting = self._autoreset_envs if next_step else ~self._everyone
         if not (self._episodes.running | resting).all():
-            raise gymnasium.error.ResetNeeded("reset() must be called before the first step of an episode")
+            raise gymnasium.error.ResetNeeded(
+                "reset() must be called before the first step of an episode"
+            )
         begun = np.flatnonzero(resting)
         self._begin(begun)
         self._rewards, over = self._episodes.step(resting, actions)
         self._terminations[:] = self._truncations[:] = False
         for index in over:
-            self._terminations[index], self._truncations[index] = self._jackals[index].conclude()
+            self._terminations[index], self._truncations[index] = self._jackals[
+                index
+            ].conclude()
         ended = {index: info_of_end(self._episodes.trial(index)) for index in over}
         infos: dict[str, Any] = {}
         if ended and self.autoreset_mode is AutoresetMode.SAME_STEP:
@@ -76,7 +87,9 @@ class JackalVectorEnv(SyncVectorEnv):
             begun, ended = np.array(sorted(ended)), {}
             self._begin(begun)
             self._episodes.look(begun)
-        infos = self._tell(infos | self._infos(self._everyone), ended | self._judge_first(begun))
+        infos = self._tell(
+            infos | self._infos(self._everyone), ended | self._judge_first(begun)
+        )
         self._autoreset_envs = self._terminations | self._truncations
         seen, rewards = self._episodes.seen.copy(), self._rewards.copy()
         return seen, rewards, self._terminations.copy(), self._truncations.copy(), infos
@@ -88,7 +101,10 @@ class JackalVectorEnv(SyncVectorEnv):
 
     def _judge_first(self, begun: Integers) -> Ended:
         """Judge the first readings of episodes; return the infos of those that end by it."""
-        return {index: info_of_end(self._episodes.trial(index)) for index in self._episodes.judge(begun)}
+        return {
+            index: info_of_end(self._episodes.trial(index))
+            for index in self._episodes.judge(begun)
+        }
 
     def _infos(self, there: Bools) -> dict[str, Any]:
         """Return what `info` has of every step, for those who took it."""
@@ -99,7 +115,11 @@ class JackalVectorEnv(SyncVectorEnv):
 
     def _columns(self) -> dict[str, npt.NDArray[Any]]:
         times_s = self._episodes.readings.stamps_ns / NANOSECONDS
-        return {"world": self._episodes.worlds, "time_s": times_s, "way_left_m": self._episodes.left_m}
+        return {
+            "world": self._episodes.worlds,
+            "time_s": times_s,
+            "way_left_m": self._episodes.left_m,
+        }
 
     def _tell(self, infos: dict[str, Any], more: Ended) -> dict[str, Any]:
         """Add the infos of some environments to those of all."""
@@ -112,7 +132,10 @@ class JackalVectorEnv(SyncVectorEnv):
         columns, last = self._columns(), {}
         for index, info in ended.items():
             final = info | {name: values[index] for name, values in columns.items()}
-            last[index] = {"final_obs": self._episodes.seen[index].copy(), "final_info": final}
+            last[index] = {
+                "final_obs": self._episodes.seen[index].copy(),
+                "final_info": final,
+            }
         return self._tell({}, last)
 
     def close_extras(self, **kwargs: object) -> None:

@@ -47,10 +47,27 @@ OUTCOME_COLOURS = dict.fromkeys(Outcome, palette.BROKEN) | {
 _DECIMALS = re.compile(r"(\.\d\d)\d+")  # of pixels, beyond what a page shows
 _COLUMN_PX = 860
 _TYPE = ("xtick.labelsize", "ytick.labelsize", "legend.fontsize")
-_IN_PAPERS = dict.fromkeys(_TYPE, 7.0) | {"font.size": 8.0, "axes.titlesize": 8.0, "axes.labelsize": 8.0}
-_IN_PAPERS |= {"lines.markersize": 4.0, "legend.handlelength": 1.6, "legend.columnspacing": 1.0}
-_numbers = itertools.count(1)  # of figures: their identifiers are their own in a page that shows several
-_IN_INK = ("text.color", "axes.edgecolor", "axes.labelcolor", "axes.titlecolor", "xtick.color", "ytick.color")
+_IN_PAPERS = dict.fromkeys(_TYPE, 7.0) | {
+    "font.size": 8.0,
+    "axes.titlesize": 8.0,
+    "axes.labelsize": 8.0,
+}
+_IN_PAPERS |= {
+    "lines.markersize": 4.0,
+    "legend.handlelength": 1.6,
+    "legend.columnspacing": 1.0,
+}
+_numbers = itertools.count(
+    1
+)  # of figures: their identifiers are their own in a page that shows several
+_IN_INK = (
+    "text.color",
+    "axes.edgecolor",
+    "axes.labelcolor",
+    "axes.titlecolor",
+    "xtick.color",
+    "ytick.color",
+)
 
 
 def style(width_mm: float | None = None) -> AbstractContextManager[None]:
@@ -60,7 +77,9 @@ def style(width_mm: float | None = None) -> AbstractContextManager[None]:
     """
     own = resources.files("barn_eval") / "data" / "figures.mplstyle"
     sizes = _IN_PAPERS if width_mm else {}
-    return context([str(own), dict.fromkeys(_IN_INK, INK) | {"grid.color": FAINT} | sizes])
+    return context(
+        [str(own), dict.fromkeys(_IN_INK, INK) | {"grid.color": FAINT} | sizes]
+    )
 
 
 def small() -> float:
@@ -97,16 +116,27 @@ def label_axes(axes: Axes, x: str, y: str, title: str = "") -> None:
 
 
 def points(
-    axes: Axes, x: Sequence[Interval] | Floats, y: Sequence[Interval], colour: str, marker: str, size: float = 6
+    axes: Axes,
+    x: Sequence[Interval] | Floats,
+    y: Sequence[Interval],
+    colour: str,
+    marker: str,
+    size: float = 6,
 ) -> ErrorbarContainer:
     """Draw estimates with their limits at places along x, or at estimates; return what a legend shows of them."""
     shown: dict[str, Any] = {"x": x}
     for name, found in (("x", x), ("y", y)):
         if not isinstance(found, np.ndarray):
-            middle, low, high = np.array([(one.estimate, one.low, one.high) for one in found], np.float64).T
+            middle, low, high = np.array(
+                [(one.estimate, one.low, one.high) for one in found], np.float64
+            ).T
             shown[name] = middle
-            shown[f"{name}err"] = np.array([np.maximum(middle - low, 0.0), np.maximum(high - middle, 0.0)])
-    return axes.errorbar(**shown, color=colour, marker=marker, linestyle="", capsize=3, markersize=size)
+            shown[f"{name}err"] = np.array(
+                [np.maximum(middle - low, 0.0), np.maximum(high - middle, 0.0)]
+            )
+    return axes.errorbar(
+        **shown, color=colour, marker=marker, linestyle="", capsize=3, markersize=size
+    )
 
 
 class ReportFigure(NamedTuple):
@@ -126,7 +156,10 @@ class ReportFigure(NamedTuple):
         """Write it as SVG and PDF, both on white; StoreError if that fails."""
         paper = f'<rect width="100%" height="100%" fill="{WHITE}"/>'
         text = re.sub(r"(<svg[^>]*>)", rf"\1\n {paper}", self.svg, count=1)
-        write_whole(folder / f"{self.name}.svg", f'<?xml version="1.0" encoding="utf-8"?>\n{text}'.encode())
+        write_whole(
+            folder / f"{self.name}.svg",
+            f'<?xml version="1.0" encoding="utf-8"?>\n{text}'.encode(),
+        )
         write_whole(folder / f"{self.name}.pdf", self.pdf)
 
 
@@ -134,15 +167,21 @@ def finished(figure: Figure, name: str, about: str, *, pdf: bool) -> ReportFigur
     """Draw a figure once for page and files; its layout stays what it is then."""
     svg = own_svg(figure, name, about)
     figure.set_layout_engine(None)
-    text = re.sub(r'(?:\bd|\bx|\by)="[^"]*"', lambda found: _DECIMALS.sub(r"\1", found[0]), svg)
+    text = re.sub(
+        r'(?:\bd|\bx|\by)="[^"]*"', lambda found: _DECIMALS.sub(r"\1", found[0]), svg
+    )
     text = text.replace(INK, "currentColor")
-    if not any(axes.images for axes in figure.axes):  # pixels keep their colours, and so does their legend
+    if not any(
+        axes.images for axes in figure.axes
+    ):  # pixels keep their colours, and so does their legend
         text = re.sub(r"#[0-9a-fA-F]{6}\b", lambda found: themed(found[0]), text)
     for side in ("width", "height"):
         text = re.sub(rf'(<svg[^>]*?) {side}="[^"]*"', r"\1", text, count=1)
     figure.patch.set_facecolor(WHITE)
     element = Markup(text)  # matplotlib's own markup: texts are paths  # noqa: S704  # nosec B704
-    return ReportFigure(name, about, svg, element, _content(figure, "pdf") if pdf else b"")
+    return ReportFigure(
+        name, about, svg, element, _content(figure, "pdf") if pdf else b""
+    )
 
 
 def own_svg(figure: Figure, name: str, description: str) -> str:
@@ -151,7 +190,9 @@ def own_svg(figure: Figure, name: str, description: str) -> str:
     text = text[text.index("<svg") :]
     text = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", text)
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.S)
-    return text.replace("<svg", f'<svg role="img" aria-label="{escape(description)}"', 1)
+    return text.replace(
+        "<svg", f'<svg role="img" aria-label="{escape(description)}"', 1
+    )
 
 
 def write_figure(figure: Figure, path: Path) -> None:
@@ -183,7 +224,12 @@ class Plot:
         self.figure.patch.set_facecolor(WHITE)
         text = own_svg(self.figure, f"barn{next(_numbers)}", self.about)
         # As wide as a notebook's column: not every viewer fits a picture to it.
-        return re.sub(r'width="[^"]*" height="[^"]*"', f'width="{_COLUMN_PX}" style="max-width: 100%"', text, count=1)
+        return re.sub(
+            r'width="[^"]*" height="[^"]*"',
+            f'width="{_COLUMN_PX}" style="max-width: 100%"',
+            text,
+            count=1,
+        )
 
 
 def plain(text: str) -> str:
@@ -213,7 +259,11 @@ class Page:
         if self.path.suffix == ".html":
             content = html.escape(self.path.read_text("utf-8"))
             return f'<iframe srcdoc="{content}" style="width: 100%; height: 45em; border: 0"></iframe>'
-        return image("image/gif", self.path.read_bytes(), self.path.stem) if self.path.suffix == ".gif" else None
+        return (
+            image("image/gif", self.path.read_bytes(), self.path.stem)
+            if self.path.suffix == ".gif"
+            else None
+        )
 
     def _repr_png_(self) -> bytes | None:
         return self.path.read_bytes() if self.path.suffix == ".png" else None

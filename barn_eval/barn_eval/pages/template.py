@@ -17,7 +17,13 @@ from barn_worlds.base.text_files import finite
 from barn_worlds.drawing.palette import MOVER, PAGE, PLANNERS, PLANNERS_ON_DARK
 
 # What in JSON could end a script element, or a line of JavaScript, before its time.
-_UNSAFE = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
+_UNSAFE = {
+    "<": "\\u003c",
+    ">": "\\u003e",
+    "&": "\\u0026",
+    "\u2028": "\\u2028",
+    "\u2029": "\\u2029",
+}
 
 
 def render(template: str, **content: object) -> str:
@@ -30,13 +36,17 @@ def write_page(path: Path, page: str | bytes) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise ConfigError(f"{path.parent}: cannot be written: {error.strerror or error}") from None
+        raise ConfigError(
+            f"{path.parent}: cannot be written: {error.strerror or error}"
+        ) from None
     write_whole(path, page if isinstance(page, bytes) else page.encode("utf-8"))
 
 
 def script_json(content: object) -> Markup:
     """Return JSON that is safe within a script element; numbers that JSON does not have become null."""
-    text = json.dumps(finite(content), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    text = json.dumps(
+        finite(content), ensure_ascii=False, allow_nan=False, separators=(",", ":")
+    )
     for character, escape in _UNSAFE.items():
         text = text.replace(character, escape)
     return Markup(text)  # every character that is markup has been replaced  # noqa: S704  # nosec B704
@@ -52,7 +62,9 @@ def colour_sheet() -> Markup:
     """Return the palette as properties of a style sheet, on white and on dark paper."""
     on_white = "".join(f"--{name}: {white}; " for name, (white, _) in PAGE.items())
     on_dark = "".join(f"--{name}: {dark}; " for name, (_, dark) in PAGE.items())
-    on_dark += "".join(f"{_property(colour)}: {dark}; " for colour, dark in PLANNERS_ON_DARK.items())
+    on_dark += "".join(
+        f"{_property(colour)}: {dark}; " for colour, dark in PLANNERS_ON_DARK.items()
+    )
     dark = f"@media screen and (prefers-color-scheme: dark) {{ :root {{ {on_dark}}} }}"
     return Markup(f":root {{ color-scheme: light dark; {on_white}}}\n{dark}\n")  # noqa: S704  # nosec B704
 
@@ -61,7 +73,9 @@ def themed(colour: str) -> str:
     """Return a colour for style sheets: that of planners and moving obstacles is the theme's, any other is itself."""
     if colour == MOVER:
         return f"var(--mover, {MOVER})"
-    return f"var({_property(colour)}, {colour})" if colour.upper() in PLANNERS else colour
+    return (
+        f"var({_property(colour)}, {colour})" if colour.upper() in PLANNERS else colour
+    )
 
 
 def _property(colour: str) -> str:
@@ -80,5 +94,7 @@ def _environment() -> jinja2.Environment:
         keep_trailing_newline=True,
     )
     environment.globals |= {"asset": asset, "colour_sheet": colour_sheet}
-    environment.filters |= {one.__name__: one for one in (script_json, counted, number, spelling, themed)}
+    environment.filters |= {
+        one.__name__: one for one in (script_json, counted, number, spelling, themed)
+    }
     return environment

@@ -1,14 +1,13 @@
-"""Results of experiments: tables, trials, comparisons, figures, replays and reports of what is in their folders."""
+"""The folder of a run: rows, tracks, commands and bags, for readers who never run a trial.
 
-from barn_eval.experiments.submission import submit as submit
-from barn_eval.experiments.submission import verify as verify
-from barn_eval.results.folders import check as check
-from barn_eval.results.folders import compare as compare
-from barn_eval.results.folders import leaderboard as leaderboard
-from barn_eval.results.folders import overlay as overlay
-from barn_eval.results.folders import replay as replay
-from barn_eval.results.folders import report as report
-from barn_eval.results.folders import watch as watch
-from barn_eval.results.results import Results as Results
-from barn_eval.results.results import load as load
-from barn_eval.results.trial import Trial as Trial
+`barn.results` offers the functions of `barn_eval.api.results` under the same names.
+"""
+
+from importlib import import_module
+
+
+def __getattr__(name: str) -> object:
+    """Return a function or class of `barn_eval.api.results`."""
+    if name.startswith("_"):
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module("barn_eval.api.results"), name)

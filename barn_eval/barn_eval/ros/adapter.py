@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
-from barn_eval.bags.decode import planner_status
+from barn_eval.results.bags.decode import planner_status
 from barn_eval.ros.sequencer import Message, Tick
 from barn_eval.trials.trial import RunningTrial
 from barn_worlds.base.errors import MessageError
@@ -41,11 +41,20 @@ class TrialAdapter:
     """
 
     def __init__(
-        self, topics: TrialTopics, trial: RunningTrial, origin_ns: int, command_type: str, plan_frame: str = "odom"
+        self,
+        topics: TrialTopics,
+        trial: RunningTrial,
+        origin_ns: int,
+        command_type: str,
+        plan_frame: str = "odom",
     ) -> None:
         self.trial, self.now_ns, self.waited_s = trial, origin_ns, 0.0
-        self.response_times_s: list[float] = []  # from scans to commands by the wall clock; waited_s is their sum
-        self.commands_ns: list[int] = []  # when commands came, the clock being at `now_ns`
+        self.response_times_s: list[
+            float
+        ] = []  # from scans to commands by the wall clock; waited_s is their sum
+        self.commands_ns: list[
+            int
+        ] = []  # when commands came, the clock being at `now_ns`
         self._topics, self._origin_ns = topics, origin_ns
         self._command_type, self._plan_frame = command_type, plan_frame
         self._odometry: Odometry | None = None
@@ -89,7 +98,9 @@ class TrialAdapter:
     def _command(self, message: Message) -> None:
         self.commands_ns.append(self.now_ns)
         if self._scan_sent_ns is not None:
-            self.response_times_s.append(max(0.0, seconds(message.sent_ns - self._scan_sent_ns)))
+            self.response_times_s.append(
+                max(0.0, seconds(message.sent_ns - self._scan_sent_ns))
+            )
             self.waited_s += self.response_times_s[-1]
             self._scan_sent_ns = None
         self.trial.command(decode.command(message.data, self._command_type))
@@ -98,12 +109,23 @@ class TrialAdapter:
         with suppress(MessageError):  # a planner may publish something else there
             header = decode.header(message.data)
             if header.frame.lstrip("/") == self._plan_frame:
-                self.trial.plan(decode.path(message.data), header.stamp_ns - self._origin_ns)
+                self.trial.plan(
+                    decode.path(message.data), header.stamp_ns - self._origin_ns
+                )
 
     def _read(self) -> bool:
         """Hand the reading that has come together to the trial, if there is one; return whether the trial is over."""
-        if self._truth is not None and self._odometry is not None and self.trial.verdict is None:
-            truth, collision, self._truth, self._collision = self._truth, self._collision, None, False
+        if (
+            self._truth is not None
+            and self._odometry is not None
+            and self.trial.verdict is None
+        ):
+            truth, collision, self._truth, self._collision = (
+                self._truth,
+                self._collision,
+                None,
+                False,
+            )
             self.trial.read(self._odometry, truth, collision)
         return self.trial.verdict is not None
 
@@ -111,17 +133,25 @@ class TrialAdapter:
         return replace(odometry, stamp_ns=odometry.stamp_ns - self._origin_ns)
 
 
-def missed_periods(commands_ns: Sequence[int], now_ns: int, period_ns: int, silence_ns: int) -> int:
+def missed_periods(
+    commands_ns: Sequence[int], now_ns: int, period_ns: int, silence_ns: int
+) -> int:
     """Return how many control periods went by without a command, in simulated time from the first one to now.
 
     A command is late once it comes more than half a period after its time. A pause of more than `silence_ns`, after
     which the robot stands still, is taken for the planner's will.
     """
     pauses_ns = (later - earlier for earlier, later in pairwise((*commands_ns, now_ns)))
-    return sum(max(0, math.ceil(pause_ns / period_ns - 0.5) - 1) for pause_ns in pauses_ns if pause_ns <= silence_ns)
+    return sum(
+        max(0, math.ceil(pause_ns / period_ns - 0.5) - 1)
+        for pause_ns in pauses_ns
+        if pause_ns <= silence_ns
+    )
 
 
-def missed_share(missed: int, commands_ns: Sequence[int], now_ns: int, period_ns: int) -> float:
+def missed_share(
+    missed: int, commands_ns: Sequence[int], now_ns: int, period_ns: int
+) -> float:
     """Return missed periods as a share of all from the first command to now, 1 at most."""
     periods = (now_ns - commands_ns[0]) / period_ns if commands_ns else 0.0
     return min(1.0, missed / periods) if periods >= 1.0 else 0.0

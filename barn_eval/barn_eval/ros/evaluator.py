@@ -2,7 +2,7 @@
 
 It judges by /clock, odom, ground_truth/odom and collision, which come by a private line from a simulator that the same
 supervisor has started, and by topics from one that was started by hand; the latter is led by its services. For the bags
-it subscribes to whatever is published. Parameters are those of `barn_eval.experiments.ros_config.EvaluatorConfig`.
+it subscribes to whatever is published. Parameters are those of `barn_eval.trials.ros_config.EvaluatorConfig`.
 """
 
 import os
@@ -17,10 +17,8 @@ from pathlib import Path
 import rclpy
 from rclpy.node import Node
 
-from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
-from barn_eval.experiments.folder import opened
-from barn_eval.experiments.ros_config import EvaluatorConfig
-from barn_eval.experiments.store import Record, Store, finish_bag
+from barn_eval.results.folder import opened
+from barn_eval.results.store import Record, Store, finish_bag
 from barn_eval.ros.adapter import missed_periods, missed_share
 from barn_eval.ros.session import PLANNER, SIMULATOR, Abandoned, TrialEnded
 from barn_eval.ros.supervision.nodes import NOT_TOLD, Assignment
@@ -29,6 +27,8 @@ from barn_eval.ros.trial import RosTrial, RunContext
 from barn_eval.trials.outcome import ENVIRONMENT, Outcome, Verdict
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.result import WallClock, to_json_line
+from barn_eval.trials.ros_config import EvaluatorConfig
+from barn_eval.trials.run_config import Execution, Experiment, PlannerChoice
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_eval.trials.trial import conclude
 from barn_worlds.base.config import from_dict
@@ -40,8 +40,14 @@ from barn_worlds.ros.parameters import declare
 
 # Outcomes after which a process cannot be trusted with the next trial, and which process that is.
 FAULTS = {
-    **dict.fromkeys((Outcome.NO_FIRST_MOTION, Outcome.PLANNER_NOT_READY, Outcome.PLANNER_STALLED), PLANNER),
-    **dict.fromkeys((Outcome.WRONG_MESSAGE_TYPE, Outcome.INVALID_COMMAND, Outcome.INTERFERENCE), PLANNER),
+    **dict.fromkeys(
+        (Outcome.NO_FIRST_MOTION, Outcome.PLANNER_NOT_READY, Outcome.PLANNER_STALLED),
+        PLANNER,
+    ),
+    **dict.fromkeys(
+        (Outcome.WRONG_MESSAGE_TYPE, Outcome.INVALID_COMMAND, Outcome.INTERFERENCE),
+        PLANNER,
+    ),
     Outcome.SIMULATOR_DIED: SIMULATOR,
 }
 STARTS = 3  # how often a trial is begun while it fails for a reason that is not the planner's, or does not begin
@@ -81,18 +87,26 @@ def main(arguments: list[str] | None = None) -> int:
 
 def run_assigned(node: Node, config: EvaluatorConfig, supervisor: EventChannel) -> None:
     """Run what the supervisor has assigned; results go to it."""
-    assignment = from_dict(Assignment, read_json(Path(config.assignment)), config.assignment)
-    context = RunContext(node, config, supervisor, assignment.experiment.dataset, assignment.robot)
+    assignment = from_dict(
+        Assignment, read_json(Path(config.assignment)), config.assignment
+    )
+    context = RunContext(
+        node, config, supervisor, assignment.experiment.dataset, assignment.robot
+    )
     session = context.session
 
     def keep(record: Record) -> None:
-        session.tell("result", row=to_json_line(record.result), track=record.track or "")
+        session.tell(
+            "result", row=to_json_line(record.result), track=record.track or ""
+        )
 
     if assignment.look_first:
         context.integrity.require_alone(session, os.environ.get("ROS_DOMAIN_ID", ""))
         for name in (SIMULATOR, PLANNER):
             session.tell("start", name=name)
-    Runner(context, assignment.store, keep, apart=assignment.apart).run(assignment.specs())
+    Runner(context, assignment.store, keep, apart=assignment.apart).run(
+        assignment.specs()
+    )
     session.tell("done")
 
 
@@ -104,10 +118,15 @@ def run_alone(node: Node, config: EvaluatorConfig) -> None:
         protocol=protocol,
         simulator=simulator_config(protocol, robot=load_robot(config.robot)),
         mode="ros",
-        **{name: getattr(config, name) for name in ("dataset", "worlds", "seed", "repetitions", "bags")},
+        **{
+            name: getattr(config, name)
+            for name in ("dataset", "worlds", "seed", "repetitions", "bags")
+        },
     )
     execution, out = Execution(workers=1), Path(config.out)
-    with opened(out, experiment, execution, experiment.trials(started_by_hand=True)) as folder:
+    with opened(
+        out, experiment, execution, experiment.trials(started_by_hand=True)
+    ) as folder:
         context = RunContext(node, config, None, config.dataset, config.robot)
         Runner(context, Store(out, config.bags), folder.append).run(folder.remaining)
         folder.complete()
@@ -121,9 +140,19 @@ class Runner:
     """
 
     def __init__(
-        self, context: RunContext, store: Store, keep: Callable[[Record], None], *, apart: bool = True
+        self,
+        context: RunContext,
+        store: Store,
+        keep: Callable[[Record], None],
+        *,
+        apart: bool = True,
     ) -> None:
-        self._context, self._store, self._keep, self._apart = context, store, keep, apart
+        self._context, self._store, self._keep, self._apart = (
+            context,
+            store,
+            keep,
+            apart,
+        )
         self._failed_starts = self._driven = 0
 
     def run(self, trials: Iterable[TrialSpec]) -> None:
@@ -136,11 +165,19 @@ class Runner:
         self._context.session.tell("trial", id=spec.trial_id)
         began_s = time.monotonic()
         with self._store.recorder(spec.trial_id) as recorder:
-            fresh = not self._driven or self._failed_starts > 0  # processes that have just been started
+            fresh = (
+                not self._driven or self._failed_starts > 0
+            )  # processes that have just been started
             trial = RosTrial(self._context, spec, recorder, first=fresh)
             verdict = trial.run()
-            if trial.released and not self._apart and verdict.fault in (SIMULATOR, ENVIRONMENT):
-                verdict = replace(verdict, detail=f"{verdict.detail}; {NOT_TOLD}", blamed=PLANNER)
+            if (
+                trial.released
+                and not self._apart
+                and verdict.fault in (SIMULATOR, ENVIRONMENT)
+            ):
+                verdict = replace(
+                    verdict, detail=f"{verdict.detail}; {NOT_TOLD}", blamed=PLANNER
+                )
             missed = self._settle(verdict)
             self._driven += trial.released
             if self._is_to_be_repeated(verdict, trial):
@@ -154,7 +191,9 @@ class Runner:
                 wall_clock=clock,
                 recoveries=trial.trial.recoveries,
                 planner_verdict=trial.planner_verdict,
-                remarks="; ".join(filter(None, (clock.remark, self._context.integrity.remarks))),
+                remarks="; ".join(
+                    filter(None, (clock.remark, self._context.integrity.remarks))
+                ),
             )
             if recorder is not None:
                 finish_bag(recorder, finished)
@@ -172,7 +211,9 @@ class Runner:
         self._failed_starts += 1
         if self._failed_starts < STARTS:
             if trial.released:
-                self._context.session.tell("repeated", reason=f"{verdict.outcome.value}, {verdict.detail}")
+                self._context.session.tell(
+                    "repeated", reason=f"{verdict.outcome.value}, {verdict.detail}"
+                )
             return True
         self._failed_starts = 0
         if not self._driven:
@@ -194,19 +235,37 @@ class Runner:
             session.restart(PLANNER, _RESTART_S)
         return missed
 
-    def _wall_clock(self, trial: RosTrial, verdict: Verdict, lasted_s: float, waited: int) -> WallClock:
+    def _wall_clock(
+        self, trial: RosTrial, verdict: Verdict, lasted_s: float, waited: int
+    ) -> WallClock:
         factor = verdict.duration_s / trial.wall_s if trial.wall_s else None
         if (adapter := trial.adapter) is None:
             return WallClock(lasted_s, factor, missed_cycles=waited)
-        spec, rate_hz, missed = trial.trial.spec, self._context.config.planner_rate_hz, waited
-        period_s = 1.0 / rate_hz if rate_hz else spec.simulator.scan_steps * spec.simulator.control_period_s
+        spec, rate_hz, missed = (
+            trial.trial.spec,
+            self._context.config.planner_rate_hz,
+            waited,
+        )
+        period_s = (
+            1.0 / rate_hz
+            if rate_hz
+            else spec.simulator.scan_steps * spec.simulator.control_period_s
+        )
         silence_s = max(spec.simulator.drive.command_timeout_s, 2.0 * period_s)
         period_ns, came = nanoseconds(period_s), (adapter.commands_ns, adapter.now_ns)
         # while a longer cycle is under way, no command is owed
         if max(spec.compute.charged_s, spec.compute.period_s) <= period_s:
-            missed = max(missed, missed_periods(*came, period_ns, nanoseconds(silence_s)))
+            missed = max(
+                missed, missed_periods(*came, period_ns, nanoseconds(silence_s))
+            )
         share = missed_share(missed, *came, period_ns)
-        return WallClock.of(lasted_s, factor, adapter.response_times_s, missed_cycles=missed, missed_share=share)
+        return WallClock.of(
+            lasted_s,
+            factor,
+            adapter.response_times_s,
+            missed_cycles=missed,
+            missed_share=share,
+        )
 
 
 if __name__ == "__main__":

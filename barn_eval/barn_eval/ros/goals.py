@@ -9,11 +9,11 @@ from rclpy.action import ActionClient
 from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 
-from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.ros.graph import GraphView
 from barn_eval.ros.readiness import Endpoint
 from barn_eval.ros.session import PLANNER, Session, TrialEnded
 from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_eval.trials.trial import LONGEST
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.messages.topics import GOAL_POSE
@@ -34,7 +34,9 @@ class TopicGoal:
     action: tuple[str, str] | None = None
     verdict: str | None = None
 
-    def __init__(self, session: Session, view: GraphView, config: EvaluatorConfig) -> None:
+    def __init__(
+        self, session: Session, view: GraphView, config: EvaluatorConfig
+    ) -> None:
         self._session, self._view = session, view
         self._limit_s = config.patience.service_s
         self._publisher = publisher(session.node, GOAL_POSE)
@@ -43,9 +45,15 @@ class TopicGoal:
     def begin(self, goal: bytes) -> None:
         """Publish the goal once all who subscribe are connected: a planner without ~/ready hears it only once."""
         topic = self._publisher.topic_name
-        listeners, heard = len(self._view.subscriptions(topic)), self._publisher.get_subscription_count
+        listeners, heard = (
+            len(self._view.subscriptions(topic)),
+            self._publisher.get_subscription_count,
+        )
         if not self._session.wait(lambda: heard() >= listeners, self._limit_s, PLANNER):
-            raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no connection to the subscription to {topic}")
+            raise TrialEnded(
+                Outcome.PLANNER_NOT_READY,
+                f"no connection to the subscription to {topic}",
+            )
         self.repeat(goal)
 
     def repeat(self, goal: bytes) -> None:
@@ -86,16 +94,26 @@ class ActionGoal:
         """Send the goal until it is accepted."""
         name, patience = self._name, self._patience
         # a server that ~/reset has taken down may be on its way up
-        if not self._session.wait(self._client.server_is_ready, patience.gate_s, PLANNER):
-            raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no connection to the action {name}")
+        if not self._session.wait(
+            self._client.server_is_ready, patience.gate_s, PLANNER
+        ):
+            raise TrialEnded(
+                Outcome.PLANNER_NOT_READY, f"no connection to the action {name}"
+            )
         for _ in range(1 + math.ceil(patience.gate_s / _AGAIN_S)):
             self.repeat(goal)
-            if not self._session.wait(lambda: self.verdict != "sent", patience.service_s, PLANNER):
-                raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no answer from the action {name}")
+            if not self._session.wait(
+                lambda: self.verdict != "sent", patience.service_s, PLANNER
+            ):
+                raise TrialEnded(
+                    Outcome.PLANNER_NOT_READY, f"no answer from the action {name}"
+                )
             if self.verdict != "rejected":
                 return
             self._session.sleep(_AGAIN_S, PLANNER)
-        raise TrialEnded(Outcome.PLANNER_NOT_READY, f"the action {name} has refused the goal")
+        raise TrialEnded(
+            Outcome.PLANNER_NOT_READY, f"the action {name} has refused the goal"
+        )
 
     def repeat(self, goal: bytes) -> None:
         """Send the goal, or again if the planner has given it up."""
@@ -111,7 +129,9 @@ class ActionGoal:
             try:
                 self._session.wait(future.done, self._patience.vanished_s, PLANNER)
             except TrialEnded as end:
-                self._session.node.get_logger().info(f"while the goal was cancelled: {end}")
+                self._session.node.get_logger().info(
+                    f"while the goal was cancelled: {end}"
+                )
 
 
 def action_class(type_name: str) -> Any:
@@ -121,15 +141,27 @@ def action_class(type_name: str) -> Any:
         raise ConfigError(f"{where}: must be PACKAGE/action/NAME")
     found = message_class(type_name)
     if found is None:
-        raise ConfigError(f"{where}: {type_name.partition('/')[0]} is not installed; goal_by topic does without")
+        raise ConfigError(
+            f"{where}: {type_name.partition('/')[0]} is not installed; goal_by topic does without"
+        )
     fields = found.Goal.get_fields_and_field_types()
     if fields.get("pose") != _POSE_TYPE:
-        raise ConfigError(f"{where}: its goal must have a field pose of type {_POSE_TYPE}, it has {fields}")
+        raise ConfigError(
+            f"{where}: its goal must have a field pose of type {_POSE_TYPE}, it has {fields}"
+        )
     return found
 
 
 def _described(answer: Any) -> str:
     """Return how an action ended, with the code and the message that some results have."""
-    ending, code = _ENDINGS.get(answer.status, f"status {answer.status}"), getattr(answer.result, "error_code", 0)
-    details = ", ".join(filter(None, (f"error {code}" if code else "", getattr(answer.result, "error_msg", ""))))
+    ending, code = (
+        _ENDINGS.get(answer.status, f"status {answer.status}"),
+        getattr(answer.result, "error_code", 0),
+    )
+    details = ", ".join(
+        filter(
+            None,
+            (f"error {code}" if code else "", getattr(answer.result, "error_msg", "")),
+        )
+    )
     return f"{ending} ({details})"[:LONGEST] if details else ending

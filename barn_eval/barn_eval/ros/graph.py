@@ -18,7 +18,11 @@ from barn_worlds.ros.topics import own_identity
 
 LEASE_S = 30.0  # DDS forgets a process that was killed after some 20 s
 _UNNAMED = "an unnamed node"
-_MOST_TOPICS, _MOST_SERVICES, _MOST_NODES = 1000, 4000, 300  # on the graph of a trial; Nav2 has some 100, 250 and 30
+_MOST_TOPICS, _MOST_SERVICES, _MOST_NODES = (
+    1000,
+    4000,
+    300,
+)  # on the graph of a trial; Nav2 has some 100, 250 and 30
 _DISCOVERY_S = 3.0  # within which DDS has told of whoever is there, and not of those killed before it was asked
 _SEND_GOAL = "/_action/send_goal"
 
@@ -32,7 +36,9 @@ class GraphView:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._own = own_identity(node)[:PARTICIPANT_BYTES]
-        self._gone: dict[bytes, float] = {}  # participants, and until when they are left out
+        self._gone: dict[
+            bytes, float
+        ] = {}  # participants, and until when they are left out
 
     def crowd(self) -> str:
         """Return of what there is more than can be looked at in a moment, in words; empty if of nothing.
@@ -45,14 +51,22 @@ class GraphView:
             (len(self._node.get_node_names()), _MOST_NODES, "nodes"),
         )
         return "; ".join(
-            f"{count} {what} are on the graph, more than {most}" for count, most, what in counted if count > most
+            f"{count} {what} are on the graph, more than {most}"
+            for count, most, what in counted
+            if count > most
         )
 
     def graph(self) -> Graph:
         """Return all endpoints of other nodes that are alive as far as known."""
         topics = [topic for topic, _ in self._node.get_topic_names_and_types()]
-        publishers = [endpoint for topic in topics for endpoint in self.publishers(topic)]
-        return Graph(publishers, [one for topic in topics for one in self.subscriptions(topic)], self._actions())
+        publishers = [
+            endpoint for topic in topics for endpoint in self.publishers(topic)
+        ]
+        return Graph(
+            publishers,
+            [one for topic in topics for one in self.subscriptions(topic)],
+            self._actions(),
+        )
 
     def nodes(self) -> set[str]:
         """Return the full names of other nodes that are alive as far as known."""
@@ -80,22 +94,44 @@ class GraphView:
 
         Of several nodes of one name, one of which may have died, DDS only tells apart the writers of requests.
         """
-        services = [one for one, _ in self._node.get_service_names_and_types() if one.rpartition("/")[0] == name]
+        services = [
+            one
+            for one, _ in self._node.get_service_names_and_types()
+            if one.rpartition("/")[0] == name
+        ]
         writers = self._node.get_publishers_info_by_topic
-        clients = [self._endpoints(one, writers(f"rq{one}Request", no_mangle=True)) for one in services]
-        return sorted({client.node or _UNNAMED for of_one in clients for client in of_one})
+        clients = [
+            self._endpoints(one, writers(f"rq{one}Request", no_mangle=True))
+            for one in services
+        ]
+        return sorted(
+            {client.node or _UNNAMED for of_one in clients for client in of_one}
+        )
 
     def known_to_all(self, topic: str, type_name: str) -> tuple[int, int]:
         """Return how many publishers and subscriptions of a type a topic has, our own and the dead included."""
-        ways = (self._node.get_publishers_info_by_topic, self._node.get_subscriptions_info_by_topic)
-        writers, readers = (sum(info.topic_type == type_name for info in way(topic)) for way in ways)
+        ways = (
+            self._node.get_publishers_info_by_topic,
+            self._node.get_subscriptions_info_by_topic,
+        )
+        writers, readers = (
+            sum(info.topic_type == type_name for info in way(topic)) for way in ways
+        )
         return writers, readers
 
     def leave_out(self, belongs: Callable[[Endpoint], bool]) -> None:
         """Leave out what processes that have ended still have on the graph, given whether an endpoint is theirs."""
-        until_s = time.monotonic() + LEASE_S  # what DDS has not forgotten by then is alive after all
-        topics = [topic for topic, _ in self._node.get_topic_names_and_types()][:_MOST_TOPICS]
-        for endpoint in (one for topic in topics for one in (*self.publishers(topic), *self.subscriptions(topic))):
+        until_s = (
+            time.monotonic() + LEASE_S
+        )  # what DDS has not forgotten by then is alive after all
+        topics = [topic for topic, _ in self._node.get_topic_names_and_types()][
+            :_MOST_TOPICS
+        ]
+        for endpoint in (
+            one
+            for topic in topics
+            for one in (*self.publishers(topic), *self.subscriptions(topic))
+        ):
             if belongs(endpoint):
                 self._gone[endpoint.participant] = until_s
 
@@ -106,11 +142,15 @@ class GraphView:
                 info.topic_type,
                 identity,
                 full_name(info),
-                reliable=info.qos_profile.reliability is not ReliabilityPolicy.BEST_EFFORT,
+                reliable=info.qos_profile.reliability
+                is not ReliabilityPolicy.BEST_EFFORT,
                 latched=info.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL,
             )
             for info in infos
-            if self._gone.get((identity := bytes(info.endpoint_gid))[:PARTICIPANT_BYTES], 0.0) <= time.monotonic()
+            if self._gone.get(
+                (identity := bytes(info.endpoint_gid))[:PARTICIPANT_BYTES], 0.0
+            )
+            <= time.monotonic()
             and not identity.startswith(self._own)
         ]
 
@@ -124,7 +164,9 @@ def full_name(info: TopicEndpointInfo) -> str:
 
 def resolve_node_name(node: Node, name: str) -> str:
     """Return the full name of another node; a relative one is of the namespace of `node`."""
-    return name if name.startswith("/") else f"{node.get_namespace().rstrip('/')}/{name}"
+    return (
+        name if name.startswith("/") else f"{node.get_namespace().rstrip('/')}/{name}"
+    )
 
 
 @dataclass
@@ -163,14 +205,20 @@ class Integrity:
         def speaker() -> str:
             return _said(self._spoken())
 
-        if session.wait(speaker, _DISCOVERY_S) and not session.wait(lambda: not speaker(), _DISCOVERY_S):
+        if session.wait(speaker, _DISCOVERY_S) and not session.wait(
+            lambda: not speaker(), _DISCOVERY_S
+        ):
             what = f"{speaker()} there, as only the trials' own simulator may"
-            raise ConfigError(f"ROS_DOMAIN_ID {domain}: {what}; end it, or leave ROS_DOMAIN_ID unset")
+            raise ConfigError(
+                f"ROS_DOMAIN_ID {domain}: {what}; end it, or leave ROS_DOMAIN_ID unset"
+            )
 
     def require(self, session: Session) -> None:
         """Raise TrialEnded if somebody interferes."""
         # what DDS shows of a simulator is given time to go where, by hand, another may have been started in its place
-        if not session.wait(lambda: not self.look(), LEASE_S if self.channel is None else 0.0):
+        if not session.wait(
+            lambda: not self.look(), LEASE_S if self.channel is None else 0.0
+        ):
             raise TrialEnded(Outcome.INTERFERENCE, self.look())
 
     def look(self) -> str:
@@ -190,26 +238,54 @@ class Integrity:
         named = self._named()
         if len(named) > 1:
             return f"{len(named)} nodes are named {self.simulator}"
-        simulator = self.channel.participant if self.channel is not None else next(iter(named), b"")
+        simulator = (
+            self.channel.participant
+            if self.channel is not None
+            else next(iter(named), b"")
+        )
         spoken = self._spoken()
-        return _said(one for one in spoken if one.topic in self.ours or simulator not in (b"", one.participant))
+        return _said(
+            one
+            for one in spoken
+            if one.topic in self.ours or simulator not in (b"", one.participant)
+        )
 
     def _spoken(self) -> Iterator[Endpoint]:
-        return (one for topic in (*self.topics.of_simulator, *self.ours) for one in self.view.publishers(topic))
+        return (
+            one
+            for topic in (*self.topics.of_simulator, *self.ours)
+            for one in self.view.publishers(topic)
+        )
 
     def _named(self) -> set[bytes]:
-        named = (one for one in self._spoken() if one.topic in self.topics.of_simulator and one.node == self.simulator)
+        named = (
+            one
+            for one in self._spoken()
+            if one.topic in self.topics.of_simulator and one.node == self.simulator
+        )
         return {endpoint.participant for endpoint in named}
 
     def _remark(self) -> None:
-        readers = sorted({endpoint.node or _UNNAMED for endpoint in self.view.subscriptions(self.topics.truth)})
+        readers = sorted(
+            {
+                endpoint.node or _UNNAMED
+                for endpoint in self.view.subscriptions(self.topics.truth)
+            }
+        )
         if readers:
             self._remarks.add(f"{', '.join(readers)} subscribed to {self.topics.truth}")
-        senders = [endpoint.node or _UNNAMED for endpoint in self.view.publishers(self.topics.command)]
+        senders = [
+            endpoint.node or _UNNAMED
+            for endpoint in self.view.publishers(self.topics.command)
+        ]
         if len(senders) > 1:
             who = ", ".join(sorted(senders))
-            self._remarks.add(f"{len(senders)} publishers on {self.topics.command}: {who}")
+            self._remarks.add(
+                f"{len(senders)} publishers on {self.topics.command}: {who}"
+            )
 
 
 def _said(endpoints: Iterator[Endpoint]) -> str:
-    return next((f"{one.node or _UNNAMED} publishes {one.topic}" for one in endpoints), "")
+    return next(
+        (f"{one.node or _UNNAMED} publishes {one.topic}" for one in endpoints), ""
+    )

@@ -12,8 +12,8 @@ from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import Typesdict
 from rosbags.typesys import TypesysError, get_types_from_msg
 
-from barn_eval.bags.messages import TOPICS, TRUE_TOPICS
-from barn_eval.bags.recorder import Recorder
+from barn_eval.results.bags.messages import TOPICS, TRUE_TOPICS
+from barn_eval.results.bags.recorder import Recorder
 from barn_eval.ros.sequencer import Message
 from barn_eval.ros.subscriber import Subscriber
 from barn_worlds.messages import topics
@@ -28,14 +28,26 @@ class Recording:
     needed: topics that are subscribed to even where nothing is recorded.
     """
 
-    def __init__(self, node: Node, subscriber: Subscriber, exclude: Collection[str], needed: Collection[str]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        subscriber: Subscriber,
+        exclude: Collection[str],
+        needed: Collection[str],
+    ) -> None:
         self._node, self._subscriber, self._needed = node, subscriber, needed
         self._unwanted = set(exclude)
         # The bag gets these from `show` and not over DDS: what is found out belongs to a tick that is over by then.
         self._exclude = {*exclude, *(topic.path for topic in (*TRUE_TOPICS, *TOPICS))}
         # What goes by another name here is read by the suite's, and what has that name here is not.
-        own = {node.resolve_topic_name(one.name): one.path for one in vars(topics).values() if isinstance(one, Topic)}
-        self._known_as = {path: f"{path}_of_others" for path in own.values() if path not in own}
+        own = {
+            node.resolve_topic_name(one.name): one.path
+            for one in vars(topics).values()
+            if isinstance(one, Topic)
+        }
+        self._known_as = {
+            path: f"{path}_of_others" for path in own.values() if path not in own
+        }
         self._known_as |= {name: path for name, path in own.items() if name != path}
         self._publishers = {topic: optional_publisher(node, topic) for topic in TOPICS}
         self._profiles: dict[str, Qos] = {}
@@ -47,18 +59,24 @@ class Recording:
         done = self._refused | self._subscriber.topics().keys()
         for topic, types in self._node.get_topic_names_and_types():
             infos = self._node.get_publishers_info_by_topic(topic)
-            wanted = (everything and topic not in self._exclude) or topic in self._needed
+            wanted = (
+                everything and topic not in self._exclude
+            ) or topic in self._needed
             if not infos or len(types) != 1 or not wanted:
                 continue
             profile = self._profiles.setdefault(topic, offered(infos))
             if topic in done:
                 continue
             obstacle = learn(types[0])
-            if not obstacle and not self._subscriber.subscribe(topic, types[0], profile, judged=topic in self._needed):
+            if not obstacle and not self._subscriber.subscribe(
+                topic, types[0], profile, judged=topic in self._needed
+            ):
                 obstacle = f"{types[0]} is not installed"
             if obstacle:
                 self._refused.add(topic)
-                self._node.get_logger().warning(f"{topic} is not recorded: its type {obstacle}")
+                self._node.get_logger().warning(
+                    f"{topic} is not recorded: its type {obstacle}"
+                )
 
     def begin(self, recorder: Recorder, stamp_ns: int) -> None:
         """Write the latched messages, which were sent before the trial but belong to it."""
@@ -66,25 +84,35 @@ class Recording:
         self.write(recorder, latched := self._subscriber.latched(), stamp_ns)
         self._written = {(message.topic, message.sent_ns) for message in latched}
 
-    def write(self, recorder: Recorder, messages: Iterable[Message], stamp_ns: int) -> None:
+    def write(
+        self, recorder: Recorder, messages: Iterable[Message], stamp_ns: int
+    ) -> None:
         """Write the messages of a tick."""
         types = self._subscriber.topics()
         for message in messages:
             wanted = message.topic in types and message.topic not in self._exclude
             if wanted and (message.topic, message.sent_ns) not in self._written:
                 name, profile = message.topic, self._profiles.get(message.topic, Qos())
-                recorder.add_topic(name, types[name], profile, self._known_as.get(name, ""))
+                recorder.add_topic(
+                    name, types[name], profile, self._known_as.get(name, "")
+                )
                 recorder.write(message.topic, message.data, stamp_ns)
 
-    def show(self, shown: Iterable[Outgoing], stamp_ns: int, recorder: Recorder | None) -> None:
+    def show(
+        self, shown: Iterable[Outgoing], stamp_ns: int, recorder: Recorder | None
+    ) -> None:
         """Publish what tells how a trial stands where somebody listens, and write it to the bag, if there is one."""
         for topic, data in shown:
-            sender = self._publishers.get(topic)  # none of what is only recorded, or of a type not installed
+            sender = self._publishers.get(
+                topic
+            )  # none of what is only recorded, or of a type not installed
             if sender is not None and sender.get_subscription_count():
                 sender.publish(data)
             if recorder is not None and topic.path not in self._unwanted:
                 latched = topic.qos.durability == LATCHED.durability
-                recorder.add_topic(topic.path, topic.type_name, LATCHED if latched else RELIABLE)
+                recorder.add_topic(
+                    topic.path, topic.type_name, LATCHED if latched else RELIABLE
+                )
                 recorder.write(topic.path, data, stamp_ns)
 
 
@@ -102,9 +130,18 @@ def learn(type_name: str) -> str:
         package, kind, last = name.split("/")
         if kind != "msg":
             return f"{name} is not a message of its own, but a part of a service or an action"
-        spec, share = importlib.util.find_spec(package), Path("share", package, kind, f"{last}.msg")
-        places = [place for one in (spec and spec.submodule_search_locations) or () for place in Path(one).parents]
-        file = next((place / share for place in places if (place / share).is_file()), None)
+        spec, share = (
+            importlib.util.find_spec(package),
+            Path("share", package, kind, f"{last}.msg"),
+        )
+        places = [
+            place
+            for one in (spec and spec.submodule_search_locations) or ()
+            for place in Path(one).parents
+        ]
+        file = next(
+            (place / share for place in places if (place / share).is_file()), None
+        )
         if file is None:
             return f"{name} is not installed"
         try:
@@ -112,7 +149,11 @@ def learn(type_name: str) -> str:
         except (TypesysError, OSError) as error:
             return f"{name} cannot be read from {file}: {error}"
         for _, field in found[name][1]:
-            part: Any = field[1][0] if field[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE) else field
+            part: Any = (
+                field[1][0]
+                if field[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE)
+                else field
+            )
             wanted += [part[1]] if part[0] == Nodetype.NAME else []
     known.register(found)
     return ""
@@ -120,7 +161,16 @@ def learn(type_name: str) -> str:
 
 def offered(infos: Collection[TopicEndpointInfo]) -> Qos:
     """Return the profile that fits all publishers of a topic: reliable and latched if all of them are."""
-    reliable = all(info.qos_profile.reliability is ReliabilityPolicy.RELIABLE for info in infos)
-    latched = all(info.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL for info in infos)
+    reliable = all(
+        info.qos_profile.reliability is ReliabilityPolicy.RELIABLE for info in infos
+    )
+    latched = all(
+        info.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
+        for info in infos
+    )
     depth = 1 if latched else max(1, *(info.qos_profile.depth for info in infos))
-    return Qos("reliable" if reliable else "best_effort", "transient_local" if latched else "volatile", depth)
+    return Qos(
+        "reliable" if reliable else "best_effort",
+        "transient_local" if latched else "volatile",
+        depth,
+    )

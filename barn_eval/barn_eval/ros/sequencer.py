@@ -75,12 +75,16 @@ class TickSequencer:
             return
         index = bisect_right(self._open, message.sent_ns, key=attrgetter("sent_ns"))
         # A message on the last open tick may belong to one that has not arrived: _settle looks again.
-        insort_right(self._open[max(index - 1, 0)].messages, message, key=attrgetter("sent_ns"))
+        insort_right(
+            self._open[max(index - 1, 0)].messages, message, key=attrgetter("sent_ns")
+        )
 
     def complete(self) -> Iterator[Tick]:
         """Yield the ticks to which nothing can come any more, oldest first."""
         self._settle()
-        while (shows := self._after_scan()) and (not self._fenced or shows.stamp_ns <= self._heard_ns):
+        while (shows := self._after_scan()) and (
+            not self._fenced or shows.stamp_ns <= self._heard_ns
+        ):
             yield self._open.popleft()
 
     def rest(self) -> Iterator[Tick]:
@@ -92,10 +96,19 @@ class TickSequencer:
     def _after_scan(self) -> Tick | None:
         """Return the tick after the first later one with a scan."""
         later = pairwise(islice(self._open, 1, None))
-        return next((after for tick, after in later if any(one.topic == self._scan for one in tick.messages)), None)
+        return next(
+            (
+                after
+                for tick, after in later
+                if any(one.topic == self._scan for one in tick.messages)
+            ),
+            None,
+        )
 
     def _settle(self) -> None:
         """Move messages on that were taken before the tick that they belong to, in order."""
         for earlier, later in zip(list(self._open), list(self._open)[1:], strict=False):
             while earlier.messages and earlier.messages[-1].sent_ns >= later.sent_ns:
-                insort_left(later.messages, earlier.messages.pop(), key=attrgetter("sent_ns"))
+                insort_left(
+                    later.messages, earlier.messages.pop(), key=attrgetter("sent_ns")
+                )

@@ -47,7 +47,12 @@ class Session:
     passes while it waits for a processor, so that no limit is exceeded only because the machine has other work.
     """
 
-    def __init__(self, node: Node, supervisor: EventChannel | None, on_exit: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        supervisor: EventChannel | None,
+        on_exit: Callable[[str], None],
+    ) -> None:
         self.node = node
         self.supervisor = supervisor
         self.poll: Callable[[], None] = lambda: None
@@ -70,7 +75,9 @@ class Session:
         if not self.node.context.ok():
             raise Abandoned
         self.poll()
-        for end in self.supervisor.receive() if self.supervisor is not None else ():  # nothing else is sent
+        for end in (
+            self.supervisor.receive() if self.supervisor is not None else ()
+        ):  # nothing else is sent
             self._ends[end["name"]] = end
             self._on_exit(end["name"])
             self.tell("start", name=end["name"])
@@ -85,7 +92,9 @@ class Session:
             if end := self._ends.get(name):
                 raise TrialEnded(_DIED[name], f"the {name} {end['how']}", end["blamed"])
 
-    def wait(self, condition: Callable[[], T], limit_s: float, *watched: str) -> T | None:
+    def wait(
+        self, condition: Callable[[], T], limit_s: float, *watched: str
+    ) -> T | None:
         """Wait for a condition to hold and return its value, None after the limit; TrialEnded as `check` has it."""
         deadline_s = self.now_s + limit_s
         while not (value := condition()):
@@ -99,7 +108,9 @@ class Session:
         """Let time pass; TrialEnded as `check` has it."""
         self.wait(lambda: False, limit_s, *watched)
 
-    def wait_for(self, what: str, missing: Callable[[], str], limit_s: float, *watched: str) -> str:
+    def wait_for(
+        self, what: str, missing: Callable[[], str], limit_s: float, *watched: str
+    ) -> str:
         """Wait until nothing is `missing`, telling the user every 5 s; return what still is after the limit."""
         began_s = told_s = self.now_s
         while (text := missing()) and self.now_s - began_s <= limit_s:
@@ -129,7 +140,10 @@ class Session:
 SET_PARAMETERS = "set_parameters_atomically"
 _AGAIN_S = 1.0  # between two equal calls while there is no answer
 _STATE_S = 2.0  # for a managed node to tell its state
-_MOST_PARAMETERS, _MOST_TEXT = 1000, 100  # of a node; characters of a name, and of the beginning of a value
+_MOST_PARAMETERS, _MOST_TEXT = (
+    1000,
+    100,
+)  # of a node; characters of a name, and of the beginning of a value
 
 
 class ServiceTimeout(Exception):
@@ -156,63 +170,107 @@ class RemoteNode:
     def offers(self, service: str) -> bool:
         """Tell whether the node has a service, by its name under the node's, now."""
         wanted = f"{self.name}/{service}"
-        return any(name == wanted for name, _ in self._session.node.get_service_names_and_types())
+        return any(
+            name == wanted
+            for name, _ in self._session.node.get_service_names_and_types()
+        )
 
     def await_services(self, names: Sequence[str], limit_s: float) -> None:
         """Wait for services of the node."""
 
         def missing() -> str:
-            return ", ".join(f"{self.name}/{name}" for name in names if not self.offers(name))
+            return ", ".join(
+                f"{self.name}/{name}" for name in names if not self.offers(name)
+            )
 
-        if left := self._session.wait_for("the service ", missing, limit_s, self._watched):
+        if left := self._session.wait_for(
+            "the service ", missing, limit_s, self._watched
+        ):
             raise ServiceTimeout(f"no service {left} within {limit_s:g} s")
 
     def trigger(self, service: str, limit_s: float, again_s: float = _AGAIN_S) -> str:
         """Call a Trigger and return its message; again_s: not less than the limit for what changes something."""
-        return self._granted(self.call(service, Trigger, Trigger.Request(), limit_s, again_s))
+        return self._granted(
+            self.call(service, Trigger, Trigger.Request(), limit_s, again_s)
+        )
 
     def switch(self, service: str, on: bool, limit_s: float) -> str:
         """Call a SetBool and return its message."""
-        return self._granted(self.call(service, SetBool, SetBool.Request(data=on), limit_s))
+        return self._granted(
+            self.call(service, SetBool, SetBool.Request(data=on), limit_s)
+        )
 
     def set_parameters(self, values: Mapping[str, Any], limit_s: float) -> None:
         """Set parameters, all of them or none."""
-        given = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+        given = [
+            Parameter(name, value=value).to_parameter_msg()
+            for name, value in values.items()
+        ]
         request = SetParametersAtomically.Request(parameters=given)
-        result = self.call(SET_PARAMETERS, SetParametersAtomically, request, limit_s).result
+        result = self.call(
+            SET_PARAMETERS, SetParametersAtomically, request, limit_s
+        ).result
         if not result.successful:
-            raise ServiceRefused(f"{self.name}: {result.reason or 'parameters refused'}")
+            raise ServiceRefused(
+                f"{self.name}: {result.reason or 'parameters refused'}"
+            )
 
     def parameters(self, limit_s: float) -> dict[str, str]:
         """Return its first 1,000 parameters as texts; of a long one the beginning and the SHA-256."""
-        listed = self.call("list_parameters", ListParameters, ListParameters.Request(), limit_s).result.names
+        listed = self.call(
+            "list_parameters", ListParameters, ListParameters.Request(), limit_s
+        ).result.names
         names = sorted(listed)[:_MOST_PARAMETERS]
-        values = self.call("get_parameters", GetParameters, GetParameters.Request(names=names), limit_s).values
-        return {name[:_MOST_TEXT]: _text(value) for name, value in zip(names, values, strict=False)}
+        values = self.call(
+            "get_parameters", GetParameters, GetParameters.Request(names=names), limit_s
+        ).values
+        return {
+            name[:_MOST_TEXT]: _text(value)
+            for name, value in zip(names, values, strict=False)
+        }
 
     def fault_of_state(self) -> str:
         """Return in words why a managed node is not active, an empty text if it is."""
         if not self.offers("get_state"):
             return f"the lifecycle node {self.name} is not there"
         try:
-            state = self.call("get_state", GetState, GetState.Request(), _STATE_S).current_state.label
+            state = self.call(
+                "get_state", GetState, GetState.Request(), _STATE_S
+            ).current_state.label
         except ServiceTimeout:
             return f"the lifecycle node {self.name} does not answer"
-        return "" if state == "active" else f"the lifecycle node {self.name} is {state or 'in no state'}"
+        return (
+            ""
+            if state == "active"
+            else f"the lifecycle node {self.name} is {state or 'in no state'}"
+        )
 
-    def call(self, service: str, kind: type[Any], request: object, limit_s: float, again_s: float = _AGAIN_S) -> Any:
+    def call(
+        self,
+        service: str,
+        kind: type[Any],
+        request: object,
+        limit_s: float,
+        again_s: float = _AGAIN_S,
+    ) -> Any:
         """Call a service of the node and return its answer, calling again every `again_s`."""
         if service not in self._clients:
-            self._clients[service] = self._session.node.create_client(kind, f"{self.name}/{service}")
+            self._clients[service] = self._session.node.create_client(
+                kind, f"{self.name}/{service}"
+            )
         client, deadline_s = self._clients[service], self._session.now_s + limit_s
         if not self._session.wait(client.service_is_ready, limit_s, self._watched):
-            raise ServiceTimeout(f"no service {self.name}/{service} within {limit_s:g} s")
+            raise ServiceTimeout(
+                f"no service {self.name}/{service} within {limit_s:g} s"
+            )
         while (left_s := deadline_s - self._session.now_s) > 0.0:
             future = client.call_async(request)
             if self._session.wait(future.done, min(left_s, again_s), self._watched):
                 return future.result()
             client.remove_pending_request(future)
-        raise ServiceTimeout(f"no answer from {self.name}/{service} within {limit_s:g} s")
+        raise ServiceTimeout(
+            f"no answer from {self.name}/{service} within {limit_s:g} s"
+        )
 
     def close(self) -> None:
         """Do without its clients from now on: each makes every spin longer."""
@@ -229,4 +287,6 @@ class RemoteNode:
 def _text(value: ParameterValue) -> str:
     text = str(parameter_value_to_python(value))
     digest = hashlib.sha256(text.encode("utf-8", "replace")).hexdigest()
-    return text if len(text) <= _MOST_TEXT else f"{text[:_MOST_TEXT]}... (sha256 {digest})"
+    return (
+        text if len(text) <= _MOST_TEXT else f"{text[:_MOST_TEXT]}... (sha256 {digest})"
+    )

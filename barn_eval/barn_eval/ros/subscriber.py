@@ -32,7 +32,9 @@ _DEPTH, _DEPTH_RECORDED = 2000, 256
 # often in a row there may be more to read than that. What is beyond is more than can be looked at or kept.
 _TURN_BYTES, _WAITING_BYTES, _TRIAL_BYTES = 32 << 20, 512 << 20, 4 << 30
 _FULL_TURNS = 20
-_LATE_NS = 1_000_000_000  # that a command of the trial before may need on a busy machine
+_LATE_NS = (
+    1_000_000_000  # that a command of the trial before may need on a busy machine
+)
 
 
 class PolledGroup(CallbackGroup):
@@ -62,10 +64,15 @@ class Subscriber:
         self._group = PolledGroup()
         self._topics: dict[str, _HeardTopic] = {}
 
-    def subscribe(self, topic: str, type_name: str, qos: Qos = RELIABLE, *, judged: bool = True) -> bool:
+    def subscribe(
+        self, topic: str, type_name: str, qos: Qos = RELIABLE, *, judged: bool = True
+    ) -> bool:
         """Subscribe to a topic, or anew if its type or reliability has changed; False for a type not installed."""
         known = self._topics.get(topic)
-        if known is not None and (known.type_name, known.qos.reliability) == (type_name, qos.reliability):
+        if known is not None and (known.type_name, known.qos.reliability) == (
+            type_name,
+            qos.reliability,
+        ):
             return True
         if (kind := message_class(type_name)) is None:
             return False
@@ -87,8 +94,16 @@ class Subscriber:
 
     def unmatched(self, publishers: dict[str, int]) -> list[str]:
         """Return the topics on which fewer publishers are connected than the graph has, given their numbers."""
-        known = {topic: self._topics[topic].subscription for topic in publishers if topic in self._topics}
-        return [topic for topic, one in known.items() if one and one.get_publisher_count() < publishers[topic]]
+        known = {
+            topic: self._topics[topic].subscription
+            for topic in publishers
+            if topic in self._topics
+        }
+        return [
+            topic
+            for topic, one in known.items()
+            if one and one.get_publisher_count() < publishers[topic]
+        ]
 
     def read(self, take: Callable[[Message], None]) -> None:
         """Hand over the messages that have arrived, topic by topic, those subscribed to first if they are too many."""
@@ -99,11 +114,21 @@ class Subscriber:
             with (handle := known.subscription.handle):
                 # What an executor and rclpy.wait_for_message call, too. rclpy has no public way without an executor,
                 # which takes one message a turn.
-                while left > 0 and (taken := handle.take_message(known.subscription.msg_type, True)) is not None:
+                while (
+                    left > 0
+                    and (
+                        taken := handle.take_message(known.subscription.msg_type, True)
+                    )
+                    is not None
+                ):
                     data, about = taken
                     left -= len(data)
                     # stamps are the sender's, whose clock may say what it likes
-                    message = Message(topic, data, min(about["source_timestamp"], about["received_timestamp"]))
+                    message = Message(
+                        topic,
+                        data,
+                        min(about["source_timestamp"], about["received_timestamp"]),
+                    )
                     if known.qos.durability == LATCHED.durability:
                         known.last = message
                     take(message)
@@ -121,11 +146,17 @@ class TrialQueue:
     """
 
     def __init__(
-        self, subscriber: Subscriber, topics: TrialTopics, reset_ns: int, channel: SimulatorChannel | None
+        self,
+        subscriber: Subscriber,
+        topics: TrialTopics,
+        reset_ns: int,
+        channel: SimulatorChannel | None,
     ) -> None:
         # simulated time at which the trial begins, once it is known: a reset leaves the clock there until the release
         self.origin_ns: int | None = None
-        self.now_ns = self.ticks = self.commands = 0  # simulated time; how many have arrived since the reset
+        self.now_ns = self.ticks = self.commands = (
+            0  # simulated time; how many have arrived since the reset
+        )
         self._subscriber, self._topics, self._channel = subscriber, topics, channel
         self._reset_ns = reset_ns
         self._released = self._exceeded = False
@@ -133,12 +164,18 @@ class TrialQueue:
         self._heard_ns = self._told_ns = self._told_ticks = 0
         self._bytes: Counter[str] = Counter()  # taken, by topic
         self._waiting = 0  # bytes of these that have not been handed over
-        self._behind_ns = 0  # by how much, at least, the clock is that stamped a command
+        self._behind_ns = (
+            0  # by how much, at least, the clock is that stamped a command
+        )
 
     def require_bounded(self) -> None:
         """Raise TrialEnded, once, if more comes than can be read or kept, or commands by a clock that is behind."""
         total = self._bytes.total()
-        exceeded = self._waiting > _WAITING_BYTES or total > _TRIAL_BYTES or self._subscriber.full_turns > _FULL_TURNS
+        exceeded = (
+            self._waiting > _WAITING_BYTES
+            or total > _TRIAL_BYTES
+            or self._subscriber.full_turns > _FULL_TURNS
+        )
         behind_s = seconds(self._behind_ns)
         if (exceeded or behind_s) and not self._exceeded:
             self._exceeded = True
@@ -155,9 +192,13 @@ class TrialQueue:
         before = self.ticks
         self._channel.read(self._take)
         self._subscriber.read(self._take_heard)
-        heard_ns = min(self._heard_ns, self.now_ns)  # anybody can publish ticks that are yet to come
+        heard_ns = min(
+            self._heard_ns, self.now_ns
+        )  # anybody can publish ticks that are yet to come
         idle = self.ticks == before  # it may be waiting for that
-        if heard_ns > self._told_ns and (idle or self.ticks - self._told_ticks >= _TOLD_EVERY):
+        if heard_ns > self._told_ns and (
+            idle or self.ticks - self._told_ticks >= _TOLD_EVERY
+        ):
             self._told_ns, self._told_ticks = heard_ns, self.ticks
             self._channel.tell(heard_ns)
 
@@ -167,7 +208,9 @@ class TrialQueue:
         self._released = True
         self.origin_ns = self._sequencer.latest_ns
 
-    def hand_over(self, take: Callable[[Tick], None], *, all_of_it: bool = False) -> None:
+    def hand_over(
+        self, take: Callable[[Tick], None], *, all_of_it: bool = False
+    ) -> None:
         """Hand on the ticks that are complete, or all that there are; none before the release."""
         if not self._released:
             return
@@ -179,7 +222,11 @@ class TrialQueue:
     def _take(self, message: Message) -> None:
         if message.sent_ns < self._reset_ns:
             behind_ns = self._reset_ns - message.sent_ns
-            if self._released and message.topic == self._topics.command and behind_ns > _LATE_NS:
+            if (
+                self._released
+                and message.topic == self._topics.command
+                and behind_ns > _LATE_NS
+            ):
                 self._behind_ns = behind_ns
             return
         self._bytes[message.topic] += len(message.data)

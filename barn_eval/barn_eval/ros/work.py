@@ -9,16 +9,16 @@ from socket import AF_INET, SOCK_DGRAM, socket
 
 from rich.console import Console
 
-from barn_eval.experiments.engine import DirectWork, Emit, Job, Work
-from barn_eval.experiments.experiment import Execution, Experiment
-from barn_eval.experiments.live import LivePlanner
-from barn_eval.experiments.request import Request
-from barn_eval.experiments.ros_config import RosSetup
-from barn_eval.experiments.run import run_experiment
-from barn_eval.experiments.run_file import isolated, isolation, ros_problem
-from barn_eval.experiments.store import LOGS, Store
+from barn_eval.results.run_file import isolated, isolation, ros_problem
+from barn_eval.results.store import LOGS, Store
 from barn_eval.ros.supervision import run_ros_trials
+from barn_eval.running.engine import DirectWork, Emit, Job, Work
+from barn_eval.running.planner_objects import LivePlanner
+from barn_eval.running.request import Request
+from barn_eval.running.run import run_experiment
 from barn_eval.trials.result import TrialResult
+from barn_eval.trials.ros_config import RosSetup
+from barn_eval.trials.run_config import Execution, Experiment
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.base.errors import ConfigError, reported_as
 
@@ -44,33 +44,67 @@ class RosWork(Work):
         them; nodes are started once for these and not for each trial.
         """
         worlds = list(dict.fromkeys(spec.index for spec in trials))
-        size = _WORLDS_AT_A_TIME * self.workers if len(self.experiment.planners) > 1 else len(worlds)
+        size = (
+            _WORLDS_AT_A_TIME * self.workers
+            if len(self.experiment.planners) > 1
+            else len(worlds)
+        )
         made = []
         for begin in range(0, len(worlds), size):
             for planner in self.experiment.planners:
                 for number in range(self.workers):
                     share = set(worlds[begin : begin + size][number :: self.workers])
-                    own = tuple(spec for spec in trials if spec.planner == planner.name and spec.index in share)
-                    key = f"{planner.name}_{number}" if self.workers > 1 else planner.name
-                    made += [Job(f"{key}/{begin // size}" if size < len(worlds) else key, own)] if own else []
+                    own = tuple(
+                        spec
+                        for spec in trials
+                        if spec.planner == planner.name and spec.index in share
+                    )
+                    key = (
+                        f"{planner.name}_{number}" if self.workers > 1 else planner.name
+                    )
+                    made += (
+                        [
+                            Job(
+                                f"{key}/{begin // size}" if size < len(worlds) else key,
+                                own,
+                            )
+                        ]
+                        if own
+                        else []
+                    )
         return made
 
     def run(self, job: Job, emit: Emit) -> None:
         """Run a share to its end; ProcessError where its nodes cannot be run, and other BarnErrors."""
-        from barn_eval.experiments.direct import warm_up  # noqa: PLC0415 (loads the simulator, in the worker only)
+        from barn_eval.running.direct import warm_up  # noqa: PLC0415 (loads the simulator, in the worker only)
 
         first = job.trials[0]
-        (planner,) = (one for one in self.experiment.planners if one.name == first.planner)
+        (planner,) = (
+            one for one in self.experiment.planners if one.name == first.planner
+        )
         warm_up(first, with_planner=planner.registered)
-        environment = {key: text for key, text in os.environ.items() if key != "ROS_DOMAIN_ID" or self.workers == 1}
+        environment = {
+            key: text
+            for key, text in os.environ.items()
+            if key != "ROS_DOMAIN_ID" or self.workers == 1
+        }
         alone = self.workers == len(self.experiment.planners) == 1
         logs = self.store.folder / LOGS / ("" if alone else job.key)
-        with closing(run_ros_trials(self.experiment, job.trials, self.store, logs, emit, environment)) as records:
+        with closing(
+            run_ros_trials(
+                self.experiment, job.trials, self.store, logs, emit, environment
+            )
+        ) as records:
             for record in records:
                 emit(record)
 
 
-def work_of(experiment: Experiment, execution: Execution, store: Store, live: Mapping[str, LivePlanner]) -> Work:
+def work_of(
+    experiment: Experiment,
+    execution: Execution,
+    store: Store,
+    live: Mapping[str, LivePlanner],
+) -> Work:
     """Return what workers of an experiment are handed; live: its planners that are Python objects, by name."""
     if experiment.mode == "direct":
         return DirectWork(store, live)
@@ -91,19 +125,30 @@ def require_ros(experiment: Experiment, console: Console) -> None:
     if experiment.mode != "ros":
         return
     if problem := ros_problem():
-        raise ConfigError(f"mode ros: {problem}; install the ROS 2 wheels for this Python or use that of ROS")
-    with reported_as(ConfigError, "mode ros: no loopback interface, 127.0.0.1"), socket(AF_INET, SOCK_DGRAM) as line:
+        raise ConfigError(
+            f"mode ros: {problem}; install the ROS 2 wheels for this Python or use that of ROS"
+        )
+    with (
+        reported_as(ConfigError, "mode ros: no loopback interface, 127.0.0.1"),
+        socket(AF_INET, SOCK_DGRAM) as line,
+    ):
         line.connect(("127.0.0.1", 9))
     if text := isolation_text(experiment.ros):
         console.print(text, markup=False, highlight=False, soft_wrap=True)
 
 
 def run_request(
-    request: Request, console: Console, live: Mapping[str, LivePlanner] | None = None, *, overwrite: bool = False
+    request: Request,
+    console: Console,
+    live: Mapping[str, LivePlanner] | None = None,
+    *,
+    overwrite: bool = False,
 ) -> list[TrialResult]:
     """Run what an experiment still lacks and return all its results; BarnError in one line for what is not possible.
 
     live: its planners that are Python objects, by name.
     """
     require_ros(request.experiment, console)
-    return run_experiment(request, console, partial(work_of, live=live or {}), overwrite=overwrite)
+    return run_experiment(
+        request, console, partial(work_of, live=live or {}), overwrite=overwrite
+    )

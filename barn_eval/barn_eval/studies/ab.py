@@ -16,14 +16,20 @@ from barn_eval.analysis.compare import Comparison, columns, compare
 from barn_eval.analysis.measures import MEASURES, metric_of
 from barn_eval.analysis.sequential import Decided, decide, planned_looks
 from barn_eval.analysis.text_table import counted
-from barn_eval.experiments.command_files import command_files, folder_digest
-from barn_eval.experiments.experiment import PlannerChoice
-from barn_eval.experiments.folder import fair_worlds
-from barn_eval.experiments.request import Request, command_words, named_command, parse_settings, read_request
-from barn_eval.experiments.run import begun, direct_engine, scored
-from barn_eval.experiments.run_file import SUITE
+from barn_eval.results.folder import fair_worlds
+from barn_eval.results.run_file import SUITE
 from barn_eval.ros.work import require_ros, work_of
+from barn_eval.running.command_files import command_files, folder_digest
+from barn_eval.running.request import (
+    Request,
+    command_words,
+    named_command,
+    parse_settings,
+    read_request,
+)
+from barn_eval.running.run import begun, direct_engine, scored
 from barn_eval.trials import identity
+from barn_eval.trials.run_config import PlannerChoice
 from barn_planners.registry import planner_entry, planner_names
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError, shown
@@ -60,17 +66,26 @@ class AbResult:
         found = self.comparison
         metric, digits = MEASURES[found.metric], MEASURES[found.metric].digits
         row = found.row(metric.key).paired
-        percent = f" or {row.difference.estimate / row.mean_b:+.1%}" if row.mean_b else ""
+        percent = (
+            f" or {row.difference.estimate / row.mean_b:+.1%}" if row.mean_b else ""
+        )
         head = (
             f"**{_WORDS[self.decision]}**, by the {metric.title}: {metric.number(row.mean_a)} against"
             f" {metric.number(row.mean_b)}, a difference of {row.difference.text(digits)}{percent}, after"
             f" {self.worlds} of {counted(self.planned, 'world')}."
         )
         rows = [
-            (one.heading, one.number(pair.mean_b), one.number(pair.mean_a), one.text(pair.difference))
+            (
+                one.heading,
+                one.number(pair.mean_b),
+                one.number(pair.mean_a),
+                one.text(pair.difference),
+            )
             for one, pair in ((MEASURES[row.key], row.paired) for row in found.rows)
         ]
-        table = markdown_table(("mean", "BASE", "HEAD", "HEAD - BASE and its 95 % interval"), rows)
+        table = markdown_table(
+            ("mean", "BASE", "HEAD", "HEAD - BASE and its 95 % interval"), rows
+        )
         about = (
             f"BASE: `{self.given[0]}`, HEAD: `{self.given[1]}`; {counted(row.trials, 'pair')} of trials, protocol"
             f" {found.protocol}, task {found.task}. Looked at after each fifth of the worlds, with 5 % false alarms"
@@ -79,7 +94,9 @@ class AbResult:
         return "\n\n".join((head, table.rstrip("\n"), about))
 
 
-def ab(base: str, head: str, command: str, options: Mapping[str, object], console: Console) -> AbResult:
+def ab(
+    base: str, head: str, command: str, options: Mapping[str, object], console: Console
+) -> AbResult:
     """Drive both sides in as many worlds as a verdict takes, each in a folder of its own below `options["out"]`.
 
     base, head: each a workspace (its folder or setup.bash) in which `command` starts the planner; a file of ROS
@@ -89,25 +106,43 @@ def ab(base: str, head: str, command: str, options: Mapping[str, object], consol
     """
     sides = _side(base, base, command, options), _side(head, base, command, options)
     experiments = [one.experiment for one in sides]
-    if len({one.settings(one.planners[0])["planner_config"] for one in experiments}) == 1:
-        raise ConfigError(f"BASE and HEAD are the same, {shown(base)}: neither settings nor files differ")
+    if (
+        len({one.settings(one.planners[0])["planner_config"] for one in experiments})
+        == 1
+    ):
+        raise ConfigError(
+            f"BASE and HEAD are the same, {shown(base)}: neither settings nor files differ"
+        )
     worlds = fair_worlds(spec.index for spec in sides[0].trials())
     looks = planned_looks(len(worlds))
     with ExitStack() as kept:
         direct = all(one.mode == "direct" for one in experiments)
-        engine = kept.enter_context(closing(direct_engine(sides[0].execution))) if direct else None
+        engine = (
+            kept.enter_context(closing(direct_engine(sides[0].execution)))
+            if direct
+            else None
+        )
         for experiment in experiments:
             require_ros(experiment, console)
-        drives = [kept.enter_context(begun(one, console, partial(work_of, live={}), engine=engine)) for one in sides]
+        drives = [
+            kept.enter_context(
+                begun(one, console, partial(work_of, live={}), engine=engine)
+            )
+            for one in sides
+        ]
         for look in looks:
             of_base, of_head = (scored(drive, worlds[:look]) for drive in drives)
             metric = metric_of(of_base)
             a, b = (columns(one, metric) for one in (of_base, of_head))
-            found = decide(a, b, worlds, looks, larger_is_better=metric.better == "larger").decided
+            found = decide(
+                a, b, worlds, looks, larger_is_better=metric.better == "larger"
+            ).decided
             if found != "continue":
                 break
     compared = compare(of_head, of_base, "HEAD", "BASE", _SHOWN)
-    return AbResult(found, look, len(worlds), (base, head), (sides[0].out, sides[1].out), compared)
+    return AbResult(
+        found, look, len(worlds), (base, head), (sides[0].out, sides[1].out), compared
+    )
 
 
 def _side(text: str, base: str, command: str, options: Mapping[str, object]) -> Request:
@@ -116,39 +151,66 @@ def _side(text: str, base: str, command: str, options: Mapping[str, object]) -> 
     name, *changes = text.split(",")
     label, command = named_command(command) if command else ("", "")
     if path.is_dir() or (path.is_file() and path.suffix in (".bash", ".sh")):
-        setup = next((one for one in (path, *map(path.joinpath, _SETUPS)) if one.is_file()), None)
+        setup = next(
+            (one for one in (path, *map(path.joinpath, _SETUPS)) if one.is_file()), None
+        )
         if setup is None or not command:
-            raise ConfigError(f"{path}: {'a workspace needs --planner-command' if setup else 'has no setup.bash'}")
+            raise ConfigError(
+                f"{path}: {'a workspace needs --planner-command' if setup else 'has no setup.bash'}"
+            )
         inner = f". {shlex.quote(str(setup.resolve()))} && exec {shlex.join(command_words(command))}"
         files = {str(setup.resolve().parent): folder_digest(setup.resolve().parent)}
         asked["planner_command"] = shlex.join(["bash", "-c", inner])
     elif path.suffix in (".yaml", ".yml") and command:
         words = command_words(command)
         words += [] if "--ros-args" in words else ["--ros-args"]
-        asked["planner_command"] = shlex.join([*words, "--params-file", str(path.resolve())])
+        asked["planner_command"] = shlex.join(
+            [*words, "--params-file", str(path.resolve())]
+        )
     elif name.partition(":")[0] in planner_names():
         asked["planners"] = name
         settings = parse_settings(changes, shown(text))
     elif path.suffix not in (".yaml", ".yml"):
         if which(command_words(text)[0]) is None:
-            raise ConfigError(f"{shown(text)}: is no workspace, file, planner of the suite or command")
+            raise ConfigError(
+                f"{shown(text)}: is no workspace, file, planner of the suite or command"
+            )
         asked["planner_command"] = text
     if started := asked.get("planner_command"):
-        asked = {"mode": "ros"} | asked | {"planner_command": f"{label or named_command(base)[0]}={started}"}
-    request = read_request(path if path.suffix in (".yaml", ".yml") and not started else None, asked, settings)
+        asked = (
+            {"mode": "ros"}
+            | asked
+            | {"planner_command": f"{label or named_command(base)[0]}={started}"}
+        )
+    request = read_request(
+        path if path.suffix in (".yaml", ".yml") and not started else None,
+        asked,
+        settings,
+    )
     planner, *others = request.experiment.planners
     if others:
         raise ConfigError(f"{shown(text)}: must be one planner, got {1 + len(others)}")
     if files:
         planner = replace(planner, files=files | command_files(command_words(command)))
-        request = replace(request, experiment=replace(request.experiment, planners=(planner,)))
+        request = replace(
+            request, experiment=replace(request.experiment, planners=(planner,))
+        )
     experiment = request.experiment
     code = _code(planner) if planner.registered else {}
-    out = request.out / f"{planner.name}_{identity.fingerprint({'experiment': as_dict(experiment), 'code': code})}"
+    out = (
+        request.out
+        / f"{planner.name}_{identity.fingerprint({'experiment': as_dict(experiment), 'code': code})}"
+    )
     return replace(request, out=out)
 
 
 def _code(planner: PlannerChoice) -> dict[str, str]:
     """Return digests of the code that drives a planner of the suite: the suite's own and that of its package."""
-    names = sorted({*SUITE, planner_entry(planner.name).config_class.__module__.partition(".")[0]})
-    return {one.name: folder_digest(Path(one.origin).parent) for one in map(find_spec, names) if one and one.origin}
+    names = sorted(
+        {*SUITE, planner_entry(planner.name).config_class.__module__.partition(".")[0]}
+    )
+    return {
+        one.name: folder_digest(Path(one.origin).parent)
+        for one in map(find_spec, names)
+        if one and one.origin
+    }

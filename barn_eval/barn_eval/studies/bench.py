@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from barn_eval.bags.recorder import Recorder
-from barn_eval.experiments.direct import run_direct_trial
-from barn_eval.experiments.experiment import Experiment, PlannerChoice
-from barn_eval.experiments.run_file import ros_problem
-from barn_eval.experiments.store import Store
 from barn_eval.learning.config import EnvConfig
+from barn_eval.results.bags.recorder import Recorder
+from barn_eval.results.run_file import ros_problem
+from barn_eval.results.store import Store
+from barn_eval.running.direct import run_direct_trial
+from barn_eval.trials.run_config import Experiment, PlannerChoice
 from barn_eval.trials.spec import TrialSpec
 from barn_planners.policy.space import PolicyObservation
 from barn_planners.registry import planner_config
@@ -58,13 +58,21 @@ class Measurement:
     @property
     def noise(self) -> float:
         """Range of the samples as a share of the value, 0 for one sample."""
-        return (max(self.samples) - min(self.samples)) / abs(self.value) if self.samples and self.value else 0.0
+        return (
+            (max(self.samples) - min(self.samples)) / abs(self.value)
+            if self.samples and self.value
+            else 0.0
+        )
 
 
 def best_of(rounds: Sequence[Measurement]) -> Measurement:
     """Return the best of measurements of the same figure."""
     values = tuple(one.value for one in rounds)
-    return replace(rounds[0], value=(max if rounds[0].better == "higher" else min)(values), samples=values)
+    return replace(
+        rounds[0],
+        value=(max if rounds[0].better == "higher" else min)(values),
+        samples=values,
+    )
 
 
 @dataclass(frozen=True)
@@ -88,7 +96,11 @@ def changes(now: Sequence[Measurement], before: Sequence[Measurement]) -> list[C
     for one in now:
         other = earlier.get(one.name)
         if other is not None and one.value > 0.0:
-            ratio = other.value / one.value if one.better == "lower" else one.value / other.value
+            ratio = (
+                other.value / one.value
+                if one.better == "lower"
+                else one.value / other.value
+            )
             found.append(Change(one.name, ratio, math.hypot(one.noise, other.noise)))
     return found
 
@@ -97,9 +109,14 @@ def read_figures(path: Path) -> list[Measurement]:
     """Return the figures of a file that `barn bench --json` has printed; ConfigError if it is none."""
     try:
         figures = read_json(path)["figures"]
-        return [Measurement(**{**one, "samples": tuple(one.get("samples", ()))}) for one in figures]
+        return [
+            Measurement(**{**one, "samples": tuple(one.get("samples", ()))})
+            for one in figures
+        ]
     except (ConfigError, KeyError, TypeError) as error:
-        raise ConfigError(f"--against {path}: not a result of barn bench --json ({error})") from None
+        raise ConfigError(
+            f"--against {path}: not a result of barn bench --json ({error})"
+        ) from None
 
 
 @dataclass(frozen=True)
@@ -107,7 +124,9 @@ class BenchSetup(Checked):
     """What `bench` measures."""
 
     dataset: str = quantity("barn300", "data set that the world is from")
-    world: int = quantity(-1, "world of the trials, -1 for the one in the middle", "", -1, 1_000_000_000)
+    world: int = quantity(
+        -1, "world of the trials, -1 for the one in the middle", "", -1, 1_000_000_000
+    )
     repeats: int = quantity(3, "the best of so many counts", "", 1, 100)
     ros: bool = quantity(True, "a trial over ROS is measured, if rclpy is installed")
 
@@ -134,7 +153,9 @@ def bench(
     rounds: list[list[Measurement]] = [[] for _ in range(setup.repeats)]
     for number, figures in enumerate(rounds, start=1):
         for one in _round(setup, planners):
-            note(f"round {number} of {setup.repeats}: {one.name}, {one.value:.3g} {one.unit}")
+            note(
+                f"round {number} of {setup.repeats}: {one.name}, {one.value:.3g} {one.unit}"
+            )
             figures.append(one)
     yield from (best_of(figures) for figures in zip(*rounds, strict=True))
 
@@ -143,8 +164,13 @@ def _round(setup: BenchSetup, planners: Sequence[str]) -> Iterator[Measurement]:
     """Yield every measurement once."""
     source, indices = setup.dataset, open_dataset(setup.dataset).indices
     worlds = str(indices[len(indices) // 2] if setup.world < 0 else setup.world)
-    experiments = [Experiment(dataset=source, worlds=worlds, planners=(PlannerChoice(name),)) for name in planners]
-    yield from (one for experiment in experiments for one in _direct(experiment.trials()[0]))
+    experiments = [
+        Experiment(dataset=source, worlds=worlds, planners=(PlannerChoice(name),))
+        for name in planners
+    ]
+    yield from (
+        one for experiment in experiments for one in _direct(experiment.trials()[0])
+    )
     yield from _simulator(experiments[0].trials()[0])
     if find_spec("gymnasium") is not None:
         yield from _environments(source)
@@ -155,10 +181,16 @@ def _round(setup: BenchSetup, planners: Sequence[str]) -> Iterator[Measurement]:
 def _direct(spec: TrialSpec) -> Iterator[Measurement]:
     """Measure whole trials in one process: without and with a bag, and the planner's cycles."""
     plain = [run_direct_trial(spec).result.wall_clock for _ in range(2)]
-    yield Measurement(f"direct trial, {spec.planner}", max(one.real_time_factor or 0.0 for one in plain), "x real time")
+    yield Measurement(
+        f"direct trial, {spec.planner}",
+        max(one.real_time_factor or 0.0 for one in plain),
+        "x real time",
+    )
     with TemporaryDirectory() as folder, Recorder(Path(folder) / "bag") as recorder:
         factor = run_direct_trial(spec, recorder).result.wall_clock.real_time_factor
-    yield Measurement(f"direct trial with bag, {spec.planner}", factor or 0.0, "x real time")
+    yield Measurement(
+        f"direct trial with bag, {spec.planner}", factor or 0.0, "x real time"
+    )
     for name in ("p50", "p95"):
         value = min(getattr(one, f"compute_{name}_ms") for one in plain)
         yield Measurement(f"planner cycle {name}, {spec.planner}", value, "ms", "lower")
@@ -167,9 +199,13 @@ def _direct(spec: TrialSpec) -> Iterator[Measurement]:
 def _simulator(spec: TrialSpec) -> Iterator[Measurement]:
     """Measure the simulator alone, static and movable obstacles, driving in a circle at the start."""
     for name, movable in (("static", False), ("movable", True)):
-        config = replace(spec.simulator, obstacles=replace(spec.simulator.obstacles, movable=movable))
+        config = replace(
+            spec.simulator, obstacles=replace(spec.simulator.obstacles, movable=movable)
+        )
         with closing(Simulator(spec.world, config, spec.course.start, 0)) as simulator:
-            wall_s = _time(lambda: [simulator.step(Velocity2D(0.3, 1.0)) for _ in range(_CYCLES)])
+            wall_s = _time(
+                lambda: [simulator.step(Velocity2D(0.3, 1.0)) for _ in range(_CYCLES)]
+            )
         factor = _CYCLES * config.control_period_s / wall_s
         yield Measurement(f"simulator alone, {name} obstacles", factor, "x real time")
 
@@ -181,17 +217,29 @@ def _environments(source: str) -> Iterator[Measurement]:
 
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (_STEPS, _BATCH, 2))
     for beams in (720, 90):
-        config = EnvConfig(dataset=source, simulator={"lidar.beams": beams}, observation=PolicyObservation(beams=beams))
+        config = EnvConfig(
+            dataset=source,
+            simulator={"lidar.beams": beams},
+            observation=PolicyObservation(beams=beams),
+        )
         with closing(JackalEnv(config)) as environment:
             wall_s = _time(partial(_act, environment, actions[:, 0]))
-        yield Measurement(f"environment steps, {beams} beams", _STEPS / wall_s, "per second")
+        yield Measurement(
+            f"environment steps, {beams} beams", _STEPS / wall_s, "per second"
+        )
         with closing(JackalVectorEnv(_BATCH, config)) as environments:
             environments.reset(seed=0)
-            for action in actions[:_WARM_UP]:  # until most worlds have been read, and enough engines begun
+            for action in actions[
+                :_WARM_UP
+            ]:  # until most worlds have been read, and enough engines begun
                 environments.step(action)
-            wall_s = _time(lambda: [environments.step(action) for action in actions[: _STEPS // 5]])
+            wall_s = _time(
+                lambda: [environments.step(action) for action in actions[: _STEPS // 5]]
+            )
         rate = _STEPS // 5 * _BATCH / wall_s
-        yield Measurement(f"environment steps, batch of {_BATCH}, {beams} beams", rate, "per second")
+        yield Measurement(
+            f"environment steps, batch of {_BATCH}, {beams} beams", rate, "per second"
+        )
 
 
 def _act(environment: JackalEnv, actions: Floats) -> None:
@@ -209,9 +257,15 @@ def _ros(experiment: Experiment) -> Measurement:
 
     with TemporaryDirectory() as folder:
         over_ros = replace(experiment, mode="ros", repetitions=2)
-        records = list(run_ros_trials(over_ros, over_ros.trials(), Store(Path(folder), bags="all")))
+        records = list(
+            run_ros_trials(over_ros, over_ros.trials(), Store(Path(folder), bags="all"))
+        )
     factors = [record.result.wall_clock.real_time_factor or 0.0 for record in records]
-    return Measurement(f"trial over ROS in lockstep, {experiment.planners[0].name}", max(factors), "x real time")
+    return Measurement(
+        f"trial over ROS in lockstep, {experiment.planners[0].name}",
+        max(factors),
+        "x real time",
+    )
 
 
 def _time(work: Callable[[], object]) -> float:

@@ -14,7 +14,12 @@ import numpy as np
 import optuna
 import yaml
 from matplotlib.figure import Figure
-from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution, distribution_to_json
+from optuna.distributions import (
+    CategoricalDistribution,
+    FloatDistribution,
+    IntDistribution,
+    distribution_to_json,
+)
 from optuna.study import StudyDirection
 from optuna.trial import FrozenTrial, Trial, TrialState
 from rich.console import Console
@@ -22,13 +27,13 @@ from rich.console import Console
 from barn_eval.analysis.compare import Comparison, compare, holm_adjusted
 from barn_eval.analysis.measures import COMPARED, MEASURES, measures_named
 from barn_eval.analysis.verdict import pair_verdict
-from barn_eval.experiments.engine import Engine
-from barn_eval.experiments.folder import fair_worlds
-from barn_eval.experiments.request import SCHEMA_VERSION, read_request
-from barn_eval.experiments.run import Drive, begun, direct_engine, scored
-from barn_eval.experiments.sweep import Setting, setting, values_in_files
 from barn_eval.pages.figures import style, write_figure
+from barn_eval.results.folder import fair_worlds
 from barn_eval.ros.work import require_ros, work_of
+from barn_eval.running.engine import Engine
+from barn_eval.running.request import SCHEMA_VERSION, read_request
+from barn_eval.running.run import Drive, begun, direct_engine, scored
+from barn_eval.running.sweep import Setting, setting, values_in_files
 from barn_eval.trials import identity
 from barn_planners.registry import planner_config
 from barn_worlds.base.config import as_dict, fields_of
@@ -62,13 +67,20 @@ class Ranges:
         path, known = Path(name), sorted(one.stem for one in _RANGES.glob("*.yaml"))
         if path.suffix not in (".yaml", ".yml"):
             if name not in known:
-                raise ConfigError(f"ranges {shown(name)}: must be a YAML file or one of {', '.join(known)}")
+                raise ConfigError(
+                    f"ranges {shown(name)}: must be a YAML file or one of {', '.join(known)}"
+                )
             path = _RANGES / f"{name}.yaml"
         content = read_yaml(path, SCHEMA_VERSION)
         found = content.get("parameters")
         if not isinstance(found, dict) or not found or content.keys() - _FILE_KEYS:
-            raise ConfigError(f"{path}: must have parameters with their ranges, and may have a planner, nothing else")
-        return cls({key: _range(one, f"{path}: {key}") for key, one in found.items()}, content.get("planner", ""))
+            raise ConfigError(
+                f"{path}: must have parameters with their ranges, and may have a planner, nothing else"
+            )
+        return cls(
+            {key: _range(one, f"{path}: {key}") for key, one in found.items()},
+            content.get("planner", ""),
+        )
 
 
 def _range(about: dict[str, Any], where: str) -> Range:
@@ -78,7 +90,9 @@ def _range(about: dict[str, Any], where: str) -> Range:
         whole = isinstance(about["low"], int) and isinstance(about["high"], int)
         return (IntDistribution if whole else FloatDistribution)(**about)
     except (TypeError, ValueError, KeyError):
-        raise ConfigError(f"{where}: must be low < high and perhaps log, or choices, got {shown(about)}") from None
+        raise ConfigError(
+            f"{where}: must be low < high and perhaps log, or choices, got {shown(about)}"
+        ) from None
 
 
 @dataclass(frozen=True)
@@ -114,7 +128,12 @@ class Tuning:
 
 
 def tune(
-    ranges: Ranges, options: Mapping[str, Any], unseen: str | None, by: Sequence[str], settings: int, console: Console
+    ranges: Ranges,
+    options: Mapping[str, Any],
+    unseen: str | None,
+    by: Sequence[str],
+    settings: int,
+    console: Console,
 ) -> Tuning:
     """Try settings until there are so many, and judge the best by worlds that it was not chosen by.
 
@@ -125,52 +144,86 @@ def tune(
     tuner = _Tuner(ranges, options, by, unseen, console)
     study = tuner.study()
     direct = tuner.base.experiment.mode == "direct"
-    with closing(direct_engine(tuner.base.execution)) if direct else nullcontext() as engine:
+    with (
+        closing(direct_engine(tuner.base.execution))
+        if direct
+        else nullcontext() as engine
+    ):
         tuner.try_settings(study, settings, engine)
         trials = study.trials
         front = _front(study)
         tuned = tuner.judge(trials, front, engine)
     early = sum(_EARLY in one.user_attrs for one in trials)
     seen = dict(zip(tuner.by, trials[0].values, strict=True))
-    return Tuning(len(trials), early, tuner.default, seen, len(tuner.worlds), len(tuner.unseen), tuned)
+    return Tuning(
+        len(trials),
+        early,
+        tuner.default,
+        seen,
+        len(tuner.worlds),
+        len(tuner.unseen),
+        tuned,
+    )
 
 
 class _Tuner:
     """What settings are made of and judged by; the rest is in the study and in folders of experiments."""
 
     def __init__(
-        self, ranges: Ranges, options: Mapping[str, Any], by: Sequence[str], unseen: str | None, console: Console
+        self,
+        ranges: Ranges,
+        options: Mapping[str, Any],
+        by: Sequence[str],
+        unseen: str | None,
+        console: Console,
     ) -> None:
         self.ranges, self.console = ranges.parameters, console
-        self.options = {**options, **({"planners": ranges.planner} if ranges.planner else {"mode": "ros"})}
+        self.options = {
+            **options,
+            **({"planners": ranges.planner} if ranges.planner else {"mode": "ros"}),
+        }
         self.base = read_request(None, self.options)
         require_ros(self.base.experiment, console)
         experiment = self.base.experiment
         self.by = measures_named(by) or (experiment.protocol.metric,)
         for key in self.by:
             if not MEASURES[key].better or MEASURES[key].successes_only:
-                raise ConfigError(f"--by {key}: must be known of every trial, and one way must be better")
+                raise ConfigError(
+                    f"--by {key}: must be known of every trial, and one way must be better"
+                )
         indices = open_dataset(experiment.dataset).indices
         self.worlds = fair_worlds(select_worlds(experiment.worlds, indices))
         rest = [one for one in indices if one not in self.worlds]
         thinned = rest[:: ceil(len(rest) / _MOST_UNSEEN) or 1]
-        self.unseen = thinned if unseen is None else list(select_worlds(unseen, indices))
+        self.unseen = (
+            thinned if unseen is None else list(select_worlds(unseen, indices))
+        )
         if not self.unseen or not set(self.unseen) <= set(rest):
-            raise ConfigError("--unseen: must be worlds, and none that settings are chosen by")
+            raise ConfigError(
+                "--unseen: must be worlds, and none that settings are chosen by"
+            )
         self.default = self._defaults()
 
     def _defaults(self) -> dict[str, Any]:
         planner = self.base.experiment.planners[0]
-        known = values_in_files(planner.command, list(self.ranges)) if planner.command else {}
+        known = (
+            values_in_files(planner.command, list(self.ranges))
+            if planner.command
+            else {}
+        )
         if planner.registered:
             chosen = self.base.experiment.settings(planner)
             config = planner_config(planner.name, chosen["preset"], chosen["overrides"])
             known = {key: value for key, _, value in fields_of(config)}
         for key, one in self.ranges.items():
             if key not in known:
-                raise ConfigError(f"ranges: planner {planner.name!r} has no parameter {key!r}{suggest(key, known)}")
+                raise ConfigError(
+                    f"ranges: planner {planner.name!r} has no parameter {key!r}{suggest(key, known)}"
+                )
             if one.single() or not one._contains(one.to_internal_repr(known[key])):
-                raise ConfigError(f"ranges: that of {key} must hold the default, {known[key]!r}")
+                raise ConfigError(
+                    f"ranges: that of {key} must hold the default, {known[key]!r}"
+                )
         return {key: known[key] for key in self.ranges}
 
     def study(self) -> optuna.Study:
@@ -185,76 +238,139 @@ class _Tuner:
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
             study = optuna.create_study(
                 storage=f"sqlite:///{self.base.out / 'study.db'}",
-                pruner=optuna.pruners.WilcoxonPruner() if len(self.by) == 1 else optuna.pruners.NopPruner(),
+                pruner=optuna.pruners.WilcoxonPruner()
+                if len(self.by) == 1
+                else optuna.pruners.NopPruner(),
                 study_name="barn tune",
                 directions=[ways[MEASURES[key].better] for key in self.by],
                 load_if_exists=True,
             )
-        if found := identity.first_difference(study.user_attrs.get("asked", asked), asked):
-            raise ConfigError("{}: holds another tuning: {} is {!r} there, {!r} here".format(self.base.out, *found))
+        if found := identity.first_difference(
+            study.user_attrs.get("asked", asked), asked
+        ):
+            raise ConfigError(
+                "{}: holds another tuning: {} is {!r} there, {!r} here".format(
+                    self.base.out, *found
+                )
+            )
         if not study.trials:
             study.set_user_attr("asked", asked)
             study.enqueue_trial(self.default)
         return study
 
-    def try_settings(self, study: optuna.Study, settings: int, engine: Engine | None) -> None:
+    def try_settings(
+        self, study: optuna.Study, settings: int, engine: Engine | None
+    ) -> None:
         """Try settings until so many are finished, from that on in whose midst it was stopped."""
-        while (number := sum(one.state.is_finished() for one in study.trials)) < settings:
+        while (
+            number := sum(one.state.is_finished() for one in study.trials)
+        ) < settings:
             # a sampler of its own for each, so that what is gone on with is as if it had not been stopped
-            study.sampler = optuna.samplers.TPESampler(seed=(self.base.experiment.seed + number) % 2**32)
+            study.sampler = optuna.samplers.TPESampler(
+                seed=(self.base.experiment.seed + number) % 2**32
+            )
             stopped = study.get_trials(states=[TrialState.RUNNING])
-            trial = Trial(study, stopped[0]._trial_id) if stopped else study.ask(dict(self.ranges))
+            trial = (
+                Trial(study, stopped[0]._trial_id)
+                if stopped
+                else study.ask(dict(self.ranges))
+            )
             try:
                 values = self._try(study, trial, engine)
             except ConfigError as error:  # values that do not go together
                 study.tell(trial, state=TrialState.FAIL)
-                self.console.print(f"setting {number}: {error}", markup=False, highlight=False)
+                self.console.print(
+                    f"setting {number}: {error}", markup=False, highlight=False
+                )
                 continue
             study.tell(trial, values)
             measures = [MEASURES[key] for key in self.by]
-            text = ", ".join(f"{one.title} {one.number(value)}" for one, value in zip(measures, values, strict=True))
+            text = ", ".join(
+                f"{one.title} {one.number(value)}"
+                for one, value in zip(measures, values, strict=True)
+            )
             if worlds := trial.user_attrs.get(_EARLY):
                 worse = measures[0].number(abs(values[0] - study.best_value))
                 text = f"given up after {worlds} worlds, {measures[0].title} {worse} worse there than the best"
-            self.console.print(f"setting {number} of {settings}: {text}", markup=False, highlight=False)
+            self.console.print(
+                f"setting {number} of {settings}: {text}", markup=False, highlight=False
+            )
 
-    def _try(self, study: optuna.Study, trial: Trial, engine: Engine | None) -> list[float]:
+    def _try(
+        self, study: optuna.Study, trial: Trial, engine: Engine | None
+    ) -> list[float]:
         """Drive a setting until it is clearly worse than the best, and return its means."""
         told = dict(study.trials[trial.number].intermediate_values)
         with self._begun(self._setting(trial, "settings"), engine) as drive:
             for count in range(_STEP, len(self.worlds) + _STEP, _STEP):
                 seen = self.worlds[:count]
                 results = scored(drive, seen)
-                values = np.stack([MEASURES[key].values(results) for key in self.by], axis=1)
+                values = np.stack(
+                    [MEASURES[key].values(results) for key in self.by], axis=1
+                )
                 if len(self.by) > 1:
                     continue
                 for world in (one for one in seen if one not in told):
-                    told[world] = float(np.mean([values[n] for n, one in enumerate(results) if one.world == world]))
+                    told[world] = float(
+                        np.mean(
+                            [
+                                values[n]
+                                for n, one in enumerate(results)
+                                if one.world == world
+                            ]
+                        )
+                    )
                     trial.report(told[world], world)
                 if count < len(self.worlds) and trial.should_prune():
                     trial.set_user_attr(_EARLY, count)
                     best = study.best_trial.intermediate_values
                     # the best's mean over all worlds, and how much worse this is in those that it has driven
-                    return [float(np.mean(list(best.values())) + np.mean([told[one] - best[one] for one in seen]))]
+                    return [
+                        float(
+                            np.mean(list(best.values()))
+                            + np.mean([told[one] - best[one] for one in seen])
+                        )
+                    ]
         return [float(one) for one in values.mean(axis=0)]
 
-    def judge(self, trials: Sequence[FrozenTrial], front: Sequence[int], engine: Engine | None) -> list[Tuned]:
+    def judge(
+        self, trials: Sequence[FrozenTrial], front: Sequence[int], engine: Engine | None
+    ) -> list[Tuned]:
         """Drive settings and the default in the worlds that they were not chosen by, and write what is to be kept."""
         results, keys = {}, tuple(dict.fromkeys((*self.by, *COMPARED)))
         kept = [one for one in front if one][:: ceil(len(front) / _MOST_KEPT) or 1]
         for number in (0, *kept):
-            made = self._setting(trials[number], "unseen", worlds=",".join(map(str, self.unseen)))
+            made = self._setting(
+                trials[number], "unseen", worlds=",".join(map(str, self.unseen))
+            )
             with self._begun(made, engine) as drive:
                 results[number] = scored(drive, self.unseen)
-        compared = [compare(results[one], results[0], f"setting {one}", "default", keys) for one in kept]
+        compared = [
+            compare(results[one], results[0], f"setting {one}", "default", keys)
+            for one in kept
+        ]
         if len(self.by) > 1:
             self._draw(trials, front)
         found = []
-        for number, one in zip(kept, holm_adjusted(compared) if kept else (), strict=True):
-            ranked, made = replace(one, metric=self.by[0]), self._setting(trials[number], "settings")
+        for number, one in zip(
+            kept, holm_adjusted(compared) if kept else (), strict=True
+        ):
+            ranked, made = (
+                replace(one, metric=self.by[0]),
+                self._setting(trials[number], "settings"),
+            )
             seen = dict(zip(self.by, trials[number].values, strict=True))
             verdict = str(pair_verdict(ranked))
-            found.append(Tuned(number, made.values, seen, ranked, verdict, self._write(number, made, verdict)))
+            found.append(
+                Tuned(
+                    number,
+                    made.values,
+                    seen,
+                    ranked,
+                    verdict,
+                    self._write(number, made, verdict),
+                )
+            )
         return found
 
     def _write(self, number: int, made: Setting, verdict: str) -> list[Path]:
@@ -262,39 +378,78 @@ class _Tuner:
         planner, contents = self.base.experiment.planners[0], list(made.files.values())
         if planner.registered:
             preset = self.base.experiment.settings(planner)["preset"]
-            chosen = {"name": planner.name, "preset": preset, "overrides": {**planner.overrides, **made.values}}
+            chosen = {
+                "name": planner.name,
+                "preset": preset,
+                "overrides": {**planner.overrides, **made.values},
+            }
             file = {"schema_version": SCHEMA_VERSION, "planners": [chosen]}
             contents = [yaml.safe_dump(file, sort_keys=False).encode()]
-        found = [self.base.out / f"tuned_{number:04}{'_' * bool(n)}{n or ''}.yaml" for n in range(len(contents))]
+        found = [
+            self.base.out / f"tuned_{number:04}{'_' * bool(n)}{n or ''}.yaml"
+            for n in range(len(contents))
+        ]
         for path, content in zip(found, contents, strict=True):
             write_bytes(path, f"# barn tune: {verdict}\n".encode() + content)
         return found
 
     def _draw(self, trials: Sequence[FrozenTrial], front: Sequence[int]) -> None:
         """Draw all settings by the first two measures, the default, and those that no other is as good as."""
-        others = [number for number, one in enumerate(trials) if number not in (0, *front) and one.values]
+        others = [
+            number
+            for number, one in enumerate(trials)
+            if number not in (0, *front) and one.values
+        ]
         with style():
             figure = Figure(figsize=(5.0, 3.6), layout="constrained")
             axes = figure.add_subplot()
-            for label, group, look in (("settings", others, "o"), ("front", front, "o-"), ("default", [0], "D")):
-                places = np.array([trials[number].values[:2] for number in group]).reshape(-1, 2)
+            for label, group, look in (
+                ("settings", others, "o"),
+                ("front", front, "o-"),
+                ("default", [0], "D"),
+            ):
+                places = np.array(
+                    [trials[number].values[:2] for number in group]
+                ).reshape(-1, 2)
                 axes.plot(*places.T, look, label=label)
-            axes.set(xlabel=MEASURES[self.by[0]].heading, ylabel=MEASURES[self.by[1]].heading)
+            axes.set(
+                xlabel=MEASURES[self.by[0]].heading, ylabel=MEASURES[self.by[1]].heading
+            )
             axes.legend()
         write_figure(figure, self.base.out / "front.png")
 
-    def _setting(self, trial: Trial | FrozenTrial, folder: str, **options: str) -> Setting:
+    def _setting(
+        self, trial: Trial | FrozenTrial, folder: str, **options: str
+    ) -> Setting:
         """Return what drives a setting, its values of four digits; the first one is the default as it is."""
-        values = {key: float(f"{one:.4g}") if isinstance(one, float) else one for key, one in trial.params.items()}
+        values = {
+            key: float(f"{one:.4g}") if isinstance(one, float) else one
+            for key, one in trial.params.items()
+        }
         asked, name = {**self.options, **options}, f"{folder}/{trial.number:04}"
-        return setting(self.base, partial(read_request, None), asked, {}, values if trial.number else {}, name)
+        return setting(
+            self.base,
+            partial(read_request, None),
+            asked,
+            {},
+            values if trial.number else {},
+            name,
+        )
 
-    def _begun(self, made: Setting, engine: Engine | None) -> AbstractContextManager[Drive]:
+    def _begun(
+        self, made: Setting, engine: Engine | None
+    ) -> AbstractContextManager[Drive]:
         made.write_files()
-        return begun(made.request, Console(quiet=True), partial(work_of, live={}), engine=engine)
+        return begun(
+            made.request, Console(quiet=True), partial(work_of, live={}), engine=engine
+        )
 
 
 def _front(study: optuna.Study) -> list[int]:
     """Return the numbers of the settings that no other is as good as, in order of the first measure."""
-    found = [study.best_trial] if len(study.directions) == 1 else sorted(study.best_trials, key=lambda one: one.values)
+    found = (
+        [study.best_trial]
+        if len(study.directions) == 1
+        else sorted(study.best_trials, key=lambda one: one.values)
+    )
     return [one.number for one in found]

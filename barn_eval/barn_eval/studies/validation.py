@@ -36,7 +36,9 @@ class Check:
     @property
     def standard_error(self) -> float:
         """The Monte Carlo standard error of what was found with one seed."""
-        return max(math.sqrt(one * (1.0 - one) / self.simulations) for one in self.found)
+        return max(
+            math.sqrt(one * (1.0 - one) / self.simulations) for one in self.found
+        )
 
     @property
     def verdict(self) -> str:
@@ -48,10 +50,14 @@ class Check:
         # The error of a share at the limit, as that of one that is found to be 0 is 0.
         limit = low if worst < low else high
         error = math.sqrt(limit * (1.0 - limit) / self.simulations)
-        return "met within chance" if abs(worst - limit) <= _CHANCE * error else "missed"
+        return (
+            "met within chance" if abs(worst - limit) <= _CHANCE * error else "missed"
+        )
 
 
-def validate(simulations: int = SIMULATIONS, *, seed: int = 0, groups: Sequence[Group] = ()) -> Iterator[Check]:
+def validate(
+    simulations: int = SIMULATIONS, *, seed: int = 0, groups: Sequence[Group] = ()
+) -> Iterator[Check]:
     """Yield how often simulated intervals cover the truth and simulated tests raise a false alarm, check by check.
 
     Args:
@@ -63,9 +69,24 @@ def validate(simulations: int = SIMULATIONS, *, seed: int = 0, groups: Sequence[
         for setting in group.settings:
             found = []
             for own in range(seed, seed + SEEDS):
-                generator = np.random.default_rng([own, *group.what.encode(), *map(round, (1000 * x for x in setting))])
-                found.append(sum(group.once(*setting, generator) for _ in range(simulations)) / simulations)
-            yield Check(group.what, group.setting.format(*setting), simulations, tuple(found), group.wanted)
+                generator = np.random.default_rng(
+                    [
+                        own,
+                        *group.what.encode(),
+                        *map(round, (1000 * x for x in setting)),
+                    ]
+                )
+                found.append(
+                    sum(group.once(*setting, generator) for _ in range(simulations))
+                    / simulations
+                )
+            yield Check(
+                group.what,
+                group.setting.format(*setting),
+                simulations,
+                tuple(found),
+                group.wanted,
+            )
 
 
 def checks_table(found: Sequence[Check], seed: int) -> TextTable:
@@ -83,16 +104,28 @@ def checks_table(found: Sequence[Check], seed: int) -> TextTable:
         )
         for one in found
     ]
-    return TextTable("validation", f"{found[0].simulations} simulations each", columns, tuple(rows), texts=2)
+    return TextTable(
+        "validation",
+        f"{found[0].simulations} simulations each",
+        columns,
+        tuple(rows),
+        texts=2,
+    )
 
 
-def statistics_page(found: Sequence[Check], seed: int, rankings: Path | None = None) -> str:
+def statistics_page(
+    found: Sequence[Check], seed: int, rankings: Path | None = None
+) -> str:
     """Return docs/statistics.md, with tables of what was found and of what `barn precision --ranking --json` says."""
     made = checks_table(found, seed)
     powers = read_json(rankings) if rankings and rankings.exists() else []
-    shares = ({int(n): share for n, share in one["shares"].items()} for one in powers)  # keys of JSON are texts
+    shares = (
+        {int(n): share for n, share in one["shares"].items()} for one in powers
+    )  # keys of JSON are texts
     read = (one | {"shares": own} for one, own in zip(powers, shares, strict=True))
-    ranked = ranking_table([from_dict(RankingPower, one, str(rankings)) for one in read])
+    ranked = ranking_table(
+        [from_dict(RankingPower, one, str(rankings)) for one in read]
+    )
     return render(
         "statistics.md",
         few_worlds=FEW_WORLDS,

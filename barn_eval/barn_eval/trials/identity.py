@@ -21,10 +21,16 @@ def robot(chassis: Chassis) -> str:
     return hashlib.sha256(description_text(chassis).encode()).hexdigest()
 
 
-def task(protocol: Protocol, simulator: SimulatorConfig, urdf_sha256: str | None = None) -> dict[str, Any]:
+def task(
+    protocol: Protocol, simulator: SimulatorConfig, urdf_sha256: str | None = None
+) -> dict[str, Any]:
     """Return what decides a task apart from its world as plain data: protocol, simulator and robot, all resolved."""
     described = urdf_sha256 or robot(simulator.chassis)
-    return {"protocol": as_dict(protocol), "simulator": as_dict(simulator), "robot": described}
+    return {
+        "protocol": as_dict(protocol),
+        "simulator": as_dict(simulator),
+        "robot": described,
+    }
 
 
 def fingerprint(content: Mapping[str, Any]) -> str:
@@ -38,16 +44,26 @@ def task_line(protocol: str, task_fingerprint: str, robot_name: str = "") -> str
     return f"protocol {protocol}, {driven}task {task_fingerprint or 'not recorded'}"
 
 
-def first_difference(a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple[str, Any, Any] | None:
+def first_difference(
+    a: Mapping[str, Any], b: Mapping[str, Any]
+) -> tuple[str, Any, Any] | None:
     """Return the first dotted key by which plain data differ, with both values, or None; MISSING for one not there."""
     there, here = dict(leaves(a)), dict(leaves(b))
-    found = ((key, there.get(key, MISSING), here.get(key, MISSING)) for key in here | there)
+    found = (
+        (key, there.get(key, MISSING), here.get(key, MISSING)) for key in here | there
+    )
     return next((one for one in found if one[1] != one[2]), None)
 
 
 def leaves(content: object, name: str = "") -> Iterator[tuple[str, Any]]:
     """Yield the values of nested mappings and lists by dotted key; empty ones are values themselves."""
-    pairs = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
+    pairs = (
+        content.items()
+        if isinstance(content, dict)
+        else enumerate(content)
+        if isinstance(content, list)
+        else ()
+    )
     for key, value in pairs:
         yield from leaves(value, f"{name}.{key}" if name else str(key))
     if not isinstance(content, (dict, list)) or not content:

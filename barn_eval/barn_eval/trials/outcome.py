@@ -74,7 +74,9 @@ class Scores:
 
     success: bool
     traversal_time_s: float | None  # on the protocol's clock, None if it never started
-    scored_time_s: float  # the same for a success, what the protocol counts for anything else
+    scored_time_s: (
+        float  # the same for a success, what the protocol counts for anything else
+    )
     duration_s: float
     path_length_m: float  # arc length
     normalised_time_s_per_m: float  # scored time by the path's length
@@ -82,11 +84,20 @@ class Scores:
     challenge: float  # metric with the clip of today, at most 0.5; with none under a protocol that is not `clipped`
     challenge_2022: float  # with the clip of 2022, at most 0.25
     failure_time_s: float  # the most that a failure would count with
-    least_time_s: float | None = None  # below which no time on the clock can be (`barn_eval.trials.spec`), if computed
-    efficiency: float | None = None  # that by the traversal time of a success, 0 for anything else
+    least_time_s: float | None = (
+        None  # below which no time on the clock can be (`barn_eval.trials.spec`), if computed
+    )
+    efficiency: float | None = (
+        None  # that by the traversal time of a success, 0 for anything else
+    )
 
 
-def score(verdict: Verdict, course: Course, protocol: Protocol, least_time_s: float | None = None) -> Scores:
+def score(
+    verdict: Verdict,
+    course: Course,
+    protocol: Protocol,
+    least_time_s: float | None = None,
+) -> Scores:
     """Return the scores of a trial; the efficiency of a success where the least time is given."""
     scored_s, success_s = scored_time_s(verdict, protocol), _success_s(verdict)
     efficiency = 0.0 if success_s is None else None
@@ -100,8 +111,14 @@ def score(verdict: Verdict, course: Course, protocol: Protocol, least_time_s: fl
         path_length_m=course.path_length_m,
         normalised_time_s_per_m=scored_s / course.path_length_m,
         optimal_time_s=course.optimal_time_s,
-        challenge=challenge_metric(verdict, course.optimal_time_s, CHALLENGE_CLIP if protocol.clipped else UNCLIPPED),
-        challenge_2022=challenge_metric(verdict, course.optimal_time_s, CHALLENGE_CLIP_2022),
+        challenge=challenge_metric(
+            verdict,
+            course.optimal_time_s,
+            CHALLENGE_CLIP if protocol.clipped else UNCLIPPED,
+        ),
+        challenge_2022=challenge_metric(
+            verdict, course.optimal_time_s, CHALLENGE_CLIP_2022
+        ),
         failure_time_s=max(protocol.failure_time_s, protocol.timeout_time_s),
         least_time_s=least_time_s,
         efficiency=efficiency,
@@ -116,11 +133,19 @@ def scored_time_s(verdict: Verdict, protocol: Protocol) -> float:
     """Return the time that a trial counts with under a protocol."""
     if (success_s := _success_s(verdict)) is not None:
         return success_s
-    return protocol.timeout_time_s if verdict.outcome is Outcome.TIMEOUT else protocol.failure_time_s
+    return (
+        protocol.timeout_time_s
+        if verdict.outcome is Outcome.TIMEOUT
+        else protocol.failure_time_s
+    )
 
 
-def challenge_metric(verdict: Verdict, optimal_time_s: float, clip: tuple[float, float] = CHALLENGE_CLIP) -> float:
+def challenge_metric(
+    verdict: Verdict, optimal_time_s: float, clip: tuple[float, float] = CHALLENGE_CLIP
+) -> float:
     """Return optimal time / traversal time clipped to multiples of the optimal time; 0 for anything but a success."""
     if (success_s := _success_s(verdict)) is None:
         return 0.0
-    return optimal_time_s / min(max(success_s, clip[0] * optimal_time_s), clip[1] * optimal_time_s)
+    return optimal_time_s / min(
+        max(success_s, clip[0] * optimal_time_s), clip[1] * optimal_time_s
+    )

@@ -46,19 +46,31 @@ class PoseRule(Checked):
 
     anchor_x: str = quantity("map", "what x is counted from", choices=ANCHORS)
     x_m: float = quantity(0.0, "x from its anchor", "m", -1000.0, 1000.0)
-    x_min_m: float = quantity(-1000.0, "lowest x in the map frame", "m", -1000.0, 1000.0)
-    x_max_m: float = quantity(1000.0, "highest x in the map frame", "m", -1000.0, 1000.0)
+    x_min_m: float = quantity(
+        -1000.0, "lowest x in the map frame", "m", -1000.0, 1000.0
+    )
+    x_max_m: float = quantity(
+        1000.0, "highest x in the map frame", "m", -1000.0, 1000.0
+    )
     anchor_y: str = quantity("map", "what y is counted from", choices=ANCHORS)
     y_m: float = quantity(0.0, "y from its anchor", "m", -1000.0, 1000.0)
-    yaw_rad: float = quantity(math.pi / 2.0, "heading in the map frame", "rad", -math.pi, math.pi)
+    yaw_rad: float = quantity(
+        math.pi / 2.0, "heading in the map frame", "rad", -math.pi, math.pi
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.require(self.x_min_m <= self.x_max_m, "x_min_m", f"must be at most x_max_m = {self.x_max_m:g}")
+        self.require(
+            self.x_min_m <= self.x_max_m,
+            "x_min_m",
+            f"must be at most x_max_m = {self.x_max_m:g}",
+        )
 
     def sized(self, scale: float, first_column_m: float) -> "PoseRule":
         """Return the rule in a world of other cells, whose first column of obstacles lies at this y."""
-        ahead_m, from_m = (LEAD_IN_M, first_column_m) if self.anchor_y == "map" else (0.0, 0.0)
+        ahead_m, from_m = (
+            (LEAD_IN_M, first_column_m) if self.anchor_y == "map" else (0.0, 0.0)
+        )
         return replace(
             self,
             x_m=scale * self.x_m,
@@ -71,8 +83,13 @@ class PoseRule(Checked):
         """Return the pose, given the position of each anchor in metres."""
         for axis, name in (("x", self.anchor_x), ("y", self.anchor_y)):
             if name not in anchors:
-                raise ConfigError(f"anchor_{axis}: a start cannot be counted from {name!r}")
-        x, y = anchors[self.anchor_x][0] + self.x_m, anchors[self.anchor_y][1] + self.y_m
+                raise ConfigError(
+                    f"anchor_{axis}: a start cannot be counted from {name!r}"
+                )
+        x, y = (
+            anchors[self.anchor_x][0] + self.x_m,
+            anchors[self.anchor_y][1] + self.y_m,
+        )
         return Pose2D(min(max(x, self.x_min_m), self.x_max_m), y, self.yaw_rad)
 
 
@@ -98,15 +115,31 @@ class Protocol(Checked):
     name: str = quantity("own", "name of the protocol")
     start: PoseRule = field(default_factory=PoseRule)
     goal: PoseRule = field(default_factory=PoseRule)
-    clock_start_distance_m: float = quantity(math.sqrt(0.1), "motion that starts the clock", "m", 0.0, 100.0)
-    clock_start_source: str = quantity("odometry", "what that motion is measured by", choices=SOURCES)
-    goal_distance_m: float = quantity(math.sqrt(0.1), "distance to the goal that ends a trial", "m", 0.01, 100.0)
-    goal_source: str = quantity("odometry", "what that distance is measured by", choices=SOURCES)
-    limit_s: float = quantity(50.0, "longest time on the clock, simulated", "s", 0.1, 100_000.0)
-    first_motion_limit_s: float = quantity(30.0, "longest simulated time until the clock starts", "s", 0.1, 100_000.0)
+    clock_start_distance_m: float = quantity(
+        math.sqrt(0.1), "motion that starts the clock", "m", 0.0, 100.0
+    )
+    clock_start_source: str = quantity(
+        "odometry", "what that motion is measured by", choices=SOURCES
+    )
+    goal_distance_m: float = quantity(
+        math.sqrt(0.1), "distance to the goal that ends a trial", "m", 0.01, 100.0
+    )
+    goal_source: str = quantity(
+        "odometry", "what that distance is measured by", choices=SOURCES
+    )
+    limit_s: float = quantity(
+        50.0, "longest time on the clock, simulated", "s", 0.1, 100_000.0
+    )
+    first_motion_limit_s: float = quantity(
+        30.0, "longest simulated time until the clock starts", "s", 0.1, 100_000.0
+    )
     collision_ends_trial: bool = quantity(False, "a contact ends the trial")
-    simulator: str = quantity("paper2020", "preset of the simulator that the trial starts from")
-    planner_preset: str = quantity("paper2020", "preset of a planner that a run takes unless told otherwise")
+    simulator: str = quantity(
+        "paper2020", "preset of the simulator that the trial starts from"
+    )
+    planner_preset: str = quantity(
+        "paper2020", "preset of a planner that a run takes unless told otherwise"
+    )
     movable_obstacles: bool = quantity(True, "obstacles can be pushed")
     map_given: bool = quantity(True, "the planner gets a map and a pose in it")
     historical_map: bool = quantity(
@@ -114,13 +147,29 @@ class Protocol(Checked):
         "the map has its obstacles one cell nearer, as the maps of the original data set have; so has then the pose, "
         "which comes from matching scans to that map",
     )
-    goal_period_s: float = quantity(0.1, "time between goals sent, 0 for once", "s", 0.0, 1000.0)
-    control_period_s: float = quantity(0.05, "time between commands in lockstep", "s", 0.001, 10.0)
-    failure_time_s: float = quantity(30.0, "time that a failed trial counts with", "s", minimum=0.0)
-    timeout_time_s: float = quantity(30.0, "time that a trial cut off at the limit counts with", "s", minimum=0.0)
-    reference_speed_mps: float = quantity(2.0, "speed of the optimal time", "m/s", 0.01, 100.0)
-    metric: str = quantity("normalised_time_s_per_m", "measure that planners are ranked by", choices=METRICS)
-    clipped: bool = quantity(True, "the time in the challenge metric is clipped to 2 T to 8 T", optional=True)
+    goal_period_s: float = quantity(
+        0.1, "time between goals sent, 0 for once", "s", 0.0, 1000.0
+    )
+    control_period_s: float = quantity(
+        0.05, "time between commands in lockstep", "s", 0.001, 10.0
+    )
+    failure_time_s: float = quantity(
+        30.0, "time that a failed trial counts with", "s", minimum=0.0
+    )
+    timeout_time_s: float = quantity(
+        30.0, "time that a trial cut off at the limit counts with", "s", minimum=0.0
+    )
+    reference_speed_mps: float = quantity(
+        2.0, "speed of the optimal time", "m/s", 0.01, 100.0
+    )
+    metric: str = quantity(
+        "normalised_time_s_per_m",
+        "measure that planners are ranked by",
+        choices=METRICS,
+    )
+    clipped: bool = quantity(
+        True, "the time in the challenge metric is clipped to 2 T to 8 T", optional=True
+    )
     look_period_s: float = quantity(
         0.0,
         "simulated time between two looks at the robot, by which a trial is judged; 0: each reading",
@@ -129,27 +178,43 @@ class Protocol(Checked):
         10.0,
         optional=True,
     )
-    arena: bool = quantity(False, "made for arenas, worlds without the containment of BARN", optional=True)
+    arena: bool = quantity(
+        False, "made for arenas, worlds without the containment of BARN", optional=True
+    )
     random_phase: bool = quantity(
-        True, "moving obstacles begin at a time of their motions drawn from the trial's seed, not at 0", optional=True
+        True,
+        "moving obstacles begin at a time of their motions drawn from the trial's seed, not at 0",
+        optional=True,
     )
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.require(self.name.strip() != "" and self.name.isprintable(), "name", "must be printable text")
+        self.require(
+            self.name.strip() != "" and self.name.isprintable(),
+            "name",
+            "must be printable text",
+        )
 
     def course(self, world: World) -> Course:
         """Return start, goal and lengths of a world; ConfigError where it has no path, or is none for the protocol."""
         if world.start is not None and world.goal is not None:
             return self._own_course(world, world.start, world.goal)
         if self.arena != (world.corner_m is not None):
-            is_one, fitting = ("is no arena", CHALLENGE) if self.arena else ("is an arena", DYNABARN)
+            is_one, fitting = (
+                ("is no arena", CHALLENGE) if self.arena else ("is an arena", DYNABARN)
+            )
             made = f"protocol {self.name} is not made for it, {fitting.name} is"
             raise ConfigError(f"world {world.name}: {is_one}; {made}")
         path = world.path_m(historical=True)
         if len(path) < 2:
-            raise ConfigError(f"world {world.name}: protocol {self.name} needs a path of at least 2 cells")
-        anchors = {"map": (0.0, 0.0), "path_first": tuple(path[0].tolist()), "path_last": tuple(path[-1].tolist())}
+            raise ConfigError(
+                f"world {world.name}: protocol {self.name} needs a path of at least 2 cells"
+            )
+        anchors = {
+            "map": (0.0, 0.0),
+            "path_first": tuple(path[0].tolist()),
+            "path_last": tuple(path[-1].tolist()),
+        }
         start = self.start.resolve(anchors)
         goal = self.goal.resolve(anchors | {"start": (start.x, start.y)})
         return self._along(start, path, goal, world.path_length_m)
@@ -158,13 +223,17 @@ class Protocol(Checked):
         """Return the course of a world that has start and goal of its own."""
         where = f"world {world.name}: "
         if self.historical_map:
-            raise ConfigError(f"{where}has start and goal of its own; protocol {self.name} is for those of its rules")
+            raise ConfigError(
+                f"{where}has start and goal of its own; protocol {self.name} is for those of its rules"
+            )
         if (apart_m := start.distance(goal)) <= self.goal_distance_m:
             arrived = f"start and goal are {apart_m:.2f} m apart, which is arrival under protocol {self.name}"
             raise ConfigError(where + arrived)
         return self._along(start, world.path_m(), goal, world.path_length_m)
 
-    def _along(self, start: Pose2D, path: Points, goal: Pose2D, path_length_m: float) -> Course:
+    def _along(
+        self, start: Pose2D, path: Points, goal: Pose2D, path_length_m: float
+    ) -> Course:
         whole = np.vstack(([start.x, start.y], path, [goal.x, goal.y]))
         reference_m = float(np.hypot(*np.diff(whole, axis=0).T).sum())
         optimal_s = reference_m / self.reference_speed_mps
@@ -179,7 +248,11 @@ class Protocol(Checked):
         obstacles begin. Arenas are as they are. ConfigError if the robot does not fit between back wall and obstacles.
         """
         scale = world.resolution_m / STANDARD_CELL_M
-        if not other_name(chassis) or world.corner_m is not None or math.isclose(scale, 1.0):
+        if (
+            not other_name(chassis)
+            or world.corner_m is not None
+            or math.isclose(scale, 1.0)
+        ):
             return self
         first_column_m = lead_in_cells(world.resolution_m) * world.resolution_m
         found = replace(
@@ -190,7 +263,10 @@ class Protocol(Checked):
             goal_distance_m=scale * self.goal_distance_m,
             reference_speed_mps=scale * self.reference_speed_mps,
         )
-        if found.start.anchor_y == "map" and found.start.y_m + chassis.extent_m[0] < world.resolution_m:
+        if (
+            found.start.anchor_y == "map"
+            and found.start.y_m + chassis.extent_m[0] < world.resolution_m
+        ):
             place = f"between the back wall and the obstacles, {first_column_m:.1f} m, at the start"
             fits = f"robot {chassis.name} does not fit {place} of protocol {self.name}"
             raise ConfigError(f"world {world.name}: {fits}")
@@ -211,7 +287,9 @@ def load_protocol(source: str) -> Protocol:
         return PROTOCOLS[source]
     path = Path(source)
     if path.suffix not in (".yaml", ".yml"):
-        raise ConfigError(f"unknown protocol {shown(source)}{suggest(source, PROTOCOLS)} (or a .yaml file)")
+        raise ConfigError(
+            f"unknown protocol {shown(source)}{suggest(source, PROTOCOLS)} (or a .yaml file)"
+        )
     content = read_yaml(path, SCHEMA_VERSION)
     required = ("name",) if content.get("base") else ("goal", "name", "start")
     if missing := next((key for key in required if key not in content), ""):
@@ -226,8 +304,14 @@ def check_name(protocol: Protocol, where: str = "") -> None:
     """Raise ConfigError for other rules under the name of a built-in protocol."""
     known = PROTOCOLS.get(protocol.name)
     if known is not None and known != protocol:
-        key = next(item.name for item in fields(Protocol) if getattr(known, item.name) != getattr(protocol, item.name))
-        raise ConfigError(f"{where}name: {protocol.name!r} is built in with another {key}; give this one its own name")
+        key = next(
+            item.name
+            for item in fields(Protocol)
+            if getattr(known, item.name) != getattr(protocol, item.name)
+        )
+        raise ConfigError(
+            f"{where}name: {protocol.name!r} is built in with another {key}; give this one its own name"
+        )
 
 
 def _based(content: dict[str, Any], where: str) -> dict[str, Any]:
@@ -235,14 +319,24 @@ def _based(content: dict[str, Any], where: str) -> dict[str, Any]:
     if (base := content.pop("base", None)) is None:
         return content
     if not isinstance(base, str) or base not in PROTOCOLS:
-        raise ConfigError(f"{where}: unknown base {shown(base)}{suggest(base, PROTOCOLS)}")
+        raise ConfigError(
+            f"{where}: unknown base {shown(base)}{suggest(base, PROTOCOLS)}"
+        )
     merged = as_dict(PROTOCOLS[base])
     for key, value in content.items():
-        merged[key] = merged[key] | value if key in ("start", "goal") and isinstance(value, dict) else value
+        merged[key] = (
+            merged[key] | value
+            if key in ("start", "goal") and isinstance(value, dict)
+            else value
+        )
     return merged
 
 
 PROTOCOLS: dict[str, Protocol] = {}
 for _name, _content in packaged_yaml("barn_eval", "protocols.yaml").items():
-    PROTOCOLS[_name] = from_dict(Protocol, _based(_content | {"name": _name}, _name), _name)
-CHALLENGE, DYNABARN, KNOWN_MAP, PAPER_2020, CHALLENGE_2022, CHALLENGE_2022_03 = PROTOCOLS.values()
+    PROTOCOLS[_name] = from_dict(
+        Protocol, _based(_content | {"name": _name}, _name), _name
+    )
+CHALLENGE, DYNABARN, KNOWN_MAP, PAPER_2020, CHALLENGE_2022, CHALLENGE_2022_03 = (
+    PROTOCOLS.values()
+)

@@ -33,11 +33,19 @@ class Referee:
     speed cap that the planner has declared and is held to, 0 for none.
     """
 
-    def __init__(self, protocol: Protocol, course: Course, declared_mps: float = 0.0) -> None:
+    def __init__(
+        self, protocol: Protocol, course: Course, declared_mps: float = 0.0
+    ) -> None:
         self._protocol, self._declared_mps = protocol, declared_mps
         self._verdict: Verdict | None = None
-        self._stamp_ns, self._contact = np.zeros_like(_ONLY), np.zeros_like(_ONLY, np.bool_)
-        self._odometry, self._truth = np.zeros((len(_ONLY), 3)), np.zeros((len(_ONLY), 3))
+        self._stamp_ns, self._contact = (
+            np.zeros_like(_ONLY),
+            np.zeros_like(_ONLY, np.bool_),
+        )
+        self._odometry, self._truth = (
+            np.zeros((len(_ONLY), 3)),
+            np.zeros((len(_ONLY), 3)),
+        )
         self._keep(rules.states_of(protocol, course))
 
     @property
@@ -68,7 +76,9 @@ class Referee:
         states[:] = self._states
         self._keep(states)
 
-    def observe(self, stamp_ns: int, odometry: Pose2D, truth: Pose2D, collision: bool) -> Verdict | None:
+    def observe(
+        self, stamp_ns: int, odometry: Pose2D, truth: Pose2D, collision: bool
+    ) -> Verdict | None:
         """Take the readings of one instant and return the verdict, if there is one by now.
 
         odometry: measured pose in the odom frame (which starts at the start pose). truth: pose in the map frame.
@@ -78,7 +88,14 @@ class Referee:
             self._stamp_ns[:], self._contact[:] = stamp_ns, collision
             self._odometry[:] = odometry.x, odometry.y, odometry.yaw
             self._truth[:] = truth.x, truth.y, truth.yaw
-            rules.observe(self._states, _ONLY, self._stamp_ns, self._odometry, self._truth, self._contact)
+            rules.observe(
+                self._states,
+                _ONLY,
+                self._stamp_ns,
+                self._odometry,
+                self._truth,
+                self._contact,
+            )
         return self.verdict
 
     def command(self, command: Velocity2D) -> Verdict | None:
@@ -87,16 +104,24 @@ class Referee:
             return self.verdict
         if not command.is_finite():
             linear, angular = command.linear, command.angular
-            return self.fail(Outcome.INVALID_COMMAND, f"command ({linear!r} m/s, {angular!r} rad/s) is not finite")
+            return self.fail(
+                Outcome.INVALID_COMMAND,
+                f"command ({linear!r} m/s, {angular!r} rad/s) is not finite",
+            )
         if 0.0 < self._declared_mps * (1.0 + _ROUNDING) < abs(command.linear):
             cap = f"declared speed cap of {self._declared_mps:g} m/s"
-            return self.fail(Outcome.INVALID_COMMAND, f"command of {command.linear!r} m/s is above the planner's {cap}")
+            return self.fail(
+                Outcome.INVALID_COMMAND,
+                f"command of {command.linear!r} m/s is above the planner's {cap}",
+            )
         return None
 
     def fail(self, outcome: Outcome, detail: str, blamed: str = "") -> Verdict:
         """End the trial for a reason that no reading shows, such as a process that died; `blamed` as in `Verdict`."""
         if (verdict := self.verdict) is None:
-            verdict = self._verdict = replace(self._conclude(outcome, detail), blamed=blamed)
+            verdict = self._verdict = replace(
+                self._conclude(outcome, detail), blamed=blamed
+            )
         return verdict
 
     def _end(self) -> tuple[Outcome, str]:
@@ -106,15 +131,24 @@ class Referee:
             case rules.SUCCESS:
                 return Outcome.SUCCESS, ""
             case rules.COLLISION:
-                return Outcome.COLLISION, f"contact at ({state['x']:.2f}, {state['y']:.2f}) m"
+                return (
+                    Outcome.COLLISION,
+                    f"contact at ({state['x']:.2f}, {state['y']:.2f}) m",
+                )
             case rules.TIMEOUT:
-                return Outcome.TIMEOUT, f"{state['left_m']:.2f} m from the goal after {protocol.limit_s:g} s"
+                return (
+                    Outcome.TIMEOUT,
+                    f"{state['left_m']:.2f} m from the goal after {protocol.limit_s:g} s",
+                )
             case rules.NO_FIRST_MOTION:
                 least = f"{protocol.clock_start_distance_m:g} m in {protocol.first_motion_limit_s:g} s"
                 return Outcome.NO_FIRST_MOTION, f"moved less than {least}"
             case rules.CLOCK_BACK:
                 last, stamp = state["last_ns"], state["stamp_ns"]
-                return Outcome.SIMULATOR_DIED, f"the clock ran back from {last} to {stamp} ns"
+                return (
+                    Outcome.SIMULATOR_DIED,
+                    f"the clock ran back from {last} to {stamp} ns",
+                )
             case code:
                 name = "odometry" if code == rules.ODOMETRY_LOST else "true pose"
                 return Outcome.SIMULATOR_DIED, f"the {name} is not finite"
@@ -124,9 +158,18 @@ class Referee:
 
     def _on_clock_s(self) -> float | None:
         state = self._state
-        return seconds(int(state["last_ns"] - state["clock_ns"])) if state["clock_started"] else None
+        return (
+            seconds(int(state["last_ns"] - state["clock_ns"]))
+            if state["clock_started"]
+            else None
+        )
 
     def _conclude(self, outcome: Outcome, detail: str) -> Verdict:
         state = self._state
-        lasted_ns, contact_ns = int(state["last_ns"] - state["first_ns"]), int(state["contact_ns"])
-        return Verdict(outcome, detail, self._on_clock_s(), seconds(lasted_ns), seconds(contact_ns))
+        lasted_ns, contact_ns = (
+            int(state["last_ns"] - state["first_ns"]),
+            int(state["contact_ns"]),
+        )
+        return Verdict(
+            outcome, detail, self._on_clock_s(), seconds(lasted_ns), seconds(contact_ns)
+        )

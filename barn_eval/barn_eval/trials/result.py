@@ -20,7 +20,9 @@ from barn_worlds.base.text_files import parse_json
 # where the simulator does not wait, all that it takes.
 DECLARED, MEASURED, FREE, REAL_TIME = "declared", "measured", "free", "real_time"
 # The same in words.
-WAYS = dict.fromkeys((DECLARED, FREE), "computing as declared")  # which is nothing for the latter
+WAYS = dict.fromkeys(
+    (DECLARED, FREE), "computing as declared"
+)  # which is nothing for the latter
 WAYS |= {MEASURED: "computing as measured", REAL_TIME: "computing in real time"}
 MOST_MISSED = 0.02  # share of control periods without a command in time, in a trial that is not marked
 SCHEMA_VERSION = 2
@@ -32,7 +34,7 @@ class WallClock:
     """Wall-clock figures, the only ones of a result that do not repeat.
 
     compute_*_ms: time a planner took per cycle, over ROS from scan to command; None where there was no command.
-    pace: of the machine, by which these become times on the reference computer (`barn_eval.experiments.direct.pace`).
+    pace: of the machine, by which these become times on the reference computer (`barn_eval.running.direct.pace`).
     computer: of a direct trial that charges nothing or what is declared, the 95th percentile there by the control
     period, or by the declared delay if that is longer: how fast a computer its score assumes; note: the same in words,
     where the planner does not fit.
@@ -57,10 +59,20 @@ class WallClock:
     repeated: str = ""
 
     @classmethod
-    def of(cls, duration_s: float, factor: float | None, answer_times_s: Sequence[float], **missed: Any) -> "WallClock":
+    def of(
+        cls,
+        duration_s: float,
+        factor: float | None,
+        answer_times_s: Sequence[float],
+        **missed: Any,
+    ) -> "WallClock":
         """Return the figures of a trial whose planner took these times to answer; none of its own without any."""
         shares = [50.0, 95.0, 100.0]
-        times_ms = (1e3 * np.percentile(answer_times_s, shares)).tolist() if answer_times_s else [None] * 3
+        times_ms = (
+            (1e3 * np.percentile(answer_times_s, shares)).tolist()
+            if answer_times_s
+            else [None] * 3
+        )
         return cls(duration_s, factor, *times_ms, **missed)
 
     def on(self, pace: float, allowed_s: float, way: str) -> "WallClock":
@@ -84,7 +96,11 @@ class WallClock:
     @property
     def retried(self) -> str:
         """At which attempt the trial was made and why not at the first, in words; empty for the first."""
-        return f"attempt {self.attempts} ({self.repeated or 'its worker was lost'})" if self.attempts > 1 else ""
+        return (
+            f"attempt {self.attempts} ({self.repeated or 'its worker was lost'})"
+            if self.attempts > 1
+            else ""
+        )
 
 
 @dataclass(frozen=True)
@@ -151,7 +167,11 @@ Groups = Mapping[str, Rows]  # by planner
 
 def assumption(computer: float) -> str:
     """Return in words what kind of computer a score assumes, empty where the reference computer will do."""
-    return f"its score assumes a computer {computer:.2g} times as fast" if computer > 1.0 else ""
+    return (
+        f"its score assumes a computer {computer:.2g} times as fast"
+        if computer > 1.0
+        else ""
+    )
 
 
 def packed_delays(delays_ns: Sequence[int]) -> str:
@@ -164,8 +184,12 @@ def unpacked_delays(text: str) -> tuple[int, ...]:
     """Return delays in ns of a text; ConfigError where it holds none."""
     try:
         stream = zlib.decompressobj()
-        data = stream.decompress(base64.b64decode(text, validate=True), _MOST_DELAY_BYTES)
-        return tuple((1000 * np.cumsum(np.frombuffer(data, "<i4"), dtype=np.int64)).tolist())
+        data = stream.decompress(
+            base64.b64decode(text, validate=True), _MOST_DELAY_BYTES
+        )
+        return tuple(
+            (1000 * np.cumsum(np.frombuffer(data, "<i4"), dtype=np.int64)).tolist()
+        )
     except (binascii.Error, zlib.error, ValueError) as error:
         raise ConfigError(f"delays of a row cannot be read: {error}") from None
 
@@ -185,5 +209,7 @@ def from_json_line(line: str, where: str) -> TrialResult:
     content = parse_json(line, where)
     version = content.get("schema_version") if isinstance(content, dict) else None
     if version != SCHEMA_VERSION:
-        raise ConfigError(f"{where}: schema_version must be {SCHEMA_VERSION}, got {shown(version)}")
+        raise ConfigError(
+            f"{where}: schema_version must be {SCHEMA_VERSION}, got {shown(version)}"
+        )
     return from_dict(TrialResult, content, where)

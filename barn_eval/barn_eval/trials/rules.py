@@ -11,7 +11,16 @@ from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.types import nanoseconds
 
 # How a trial stands after a reading.
-RUNNING, SUCCESS, COLLISION, TIMEOUT, NO_FIRST_MOTION, CLOCK_BACK, ODOMETRY_LOST, TRUTH_LOST = range(8)
+(
+    RUNNING,
+    SUCCESS,
+    COLLISION,
+    TIMEOUT,
+    NO_FIRST_MOTION,
+    CLOCK_BACK,
+    ODOMETRY_LOST,
+    TRUTH_LOST,
+) = range(8)
 
 # A trial in numbers, first what of its protocol decides. clock_start_m, goal_m: distances that start the clock and end
 # the trial; goal_x, goal_y: what is to be reached. stamp_ns: of the last reading, which is not taken if it
@@ -26,28 +35,45 @@ _FIELDS = {
     "from_x from_y x y left_m": np.float64,
     "begun clock_started touched": np.bool_,
 }
-STATE = np.dtype((np.record, [(name, kind) for names, kind in _FIELDS.items() for name in names.split()]))
+STATE = np.dtype(
+    (
+        np.record,
+        [(name, kind) for names, kind in _FIELDS.items() for name in names.split()],
+    )
+)
 States = npt.NDArray[np.void]
 
 
 def states_of(protocol: Protocol, course: Course) -> States:
     """Return the state (1,) of a trial before its first reading."""
     states: States = np.zeros(1, STATE)
-    states["clock_start_m"], states["goal_m"] = protocol.clock_start_distance_m, protocol.goal_distance_m
+    states["clock_start_m"], states["goal_m"] = (
+        protocol.clock_start_distance_m,
+        protocol.goal_distance_m,
+    )
     states["first_motion_ns"] = nanoseconds(protocol.first_motion_limit_s)
     states["limit_ns"] = nanoseconds(protocol.limit_s)
     states["look_ns"] = nanoseconds(protocol.look_period_s)
     states["contact_ends"] = protocol.collision_ends_trial
     states["clock_by_truth"] = protocol.clock_start_source == "truth"
     states["goal_by_truth"] = protocol.goal_source == "truth"
-    goal = course.goal if protocol.goal_source == "truth" else course.start.inverse() @ course.goal
+    goal = (
+        course.goal
+        if protocol.goal_source == "truth"
+        else course.start.inverse() @ course.goal
+    )
     states["goal_x"], states["goal_y"] = goal.x, goal.y
     return states
 
 
 @njit(cache=True)
 def observe(
-    states: States, which: Integers, stamps_ns: Integers, odometry: Floats, truths: Floats, contacts: Bools
+    states: States,
+    which: Integers,
+    stamps_ns: Integers,
+    odometry: Floats,
+    truths: Floats,
+    contacts: Bools,
 ) -> None:
     """Judge a reading of each of the trials `which` that still runs, by their rows of all arrays.
 
@@ -59,7 +85,9 @@ def observe(
 
 
 @njit(cache=True)
-def _observe(state: np.record, now_ns: int, odometry: Floats, truth: Floats, contact: bool) -> None:
+def _observe(
+    state: np.record, now_ns: int, odometry: Floats, truth: Floats, contact: bool
+) -> None:
     state.stamp_ns = now_ns
     if state.begun and now_ns < state.last_ns:
         state.code = CLOCK_BACK
@@ -69,9 +97,17 @@ def _observe(state: np.record, now_ns: int, odometry: Floats, truth: Floats, con
         state.code = TRUTH_LOST
     if state.code != RUNNING:
         return
-    moved, arrived = truth if state.clock_by_truth else odometry, truth if state.goal_by_truth else odometry
+    moved, arrived = (
+        truth if state.clock_by_truth else odometry,
+        truth if state.goal_by_truth else odometry,
+    )
     if not state.begun:
-        state.begun, state.first_ns, state.last_ns, state.next_look_ns = True, now_ns, now_ns, now_ns
+        state.begun, state.first_ns, state.last_ns, state.next_look_ns = (
+            True,
+            now_ns,
+            now_ns,
+            now_ns,
+        )
         state.from_x, state.from_y = moved[0], moved[1]
     if contact:
         state.contact_ns += now_ns - state.last_ns
@@ -82,7 +118,11 @@ def _observe(state: np.record, now_ns: int, odometry: Floats, truth: Floats, con
         return
     while state.look_ns and state.next_look_ns <= now_ns:
         state.next_look_ns += state.look_ns
-    if not state.clock_started and math.hypot(moved[0] - state.from_x, moved[1] - state.from_y) > state.clock_start_m:
+    if (
+        not state.clock_started
+        and math.hypot(moved[0] - state.from_x, moved[1] - state.from_y)
+        > state.clock_start_m
+    ):
         state.clock_started, state.clock_ns = True, now_ns
     state.code = _judged(state, state.touched)
 
@@ -93,7 +133,11 @@ def _judged(state: np.record, contact: bool) -> int:
     if contact and state.contact_ends:
         return COLLISION
     if not state.clock_started:
-        return NO_FIRST_MOTION if state.last_ns - state.first_ns >= state.first_motion_ns else RUNNING
+        return (
+            NO_FIRST_MOTION
+            if state.last_ns - state.first_ns >= state.first_motion_ns
+            else RUNNING
+        )
     on_clock_ns = state.last_ns - state.clock_ns
     if state.left_m <= state.goal_m and on_clock_ns <= state.limit_ns:
         return SUCCESS

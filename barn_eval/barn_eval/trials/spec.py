@@ -40,10 +40,14 @@ class TrialSpec:
     campaign_seed: int
     repetition: int
     planner_config: str = ""  # fingerprint of the planner's configuration
-    declared_mps: float = 0.0  # the highest speed that the planner says it commands, 0 if it does not say
+    declared_mps: float = (
+        0.0  # the highest speed that the planner says it commands, 0 if it does not say
+    )
     compute: Compute = NOTHING  # what it declares of its computing
     way: str = FREE  # what is charged for that, as in `TrialResult`
-    recorded_ns: tuple[int, ...] = ()  # delays of a trial that was measured, which are charged again
+    recorded_ns: tuple[
+        int, ...
+    ] = ()  # delays of a trial that was measured, which are charged again
 
     @property
     def trial_id(self) -> str:
@@ -58,12 +62,16 @@ class TrialSpec:
     @property
     def planner_seed(self) -> int:
         """Seed of the planner."""
-        return seeds.planner_seed(self.campaign_seed, self.index, self.repetition, self.planner)
+        return seeds.planner_seed(
+            self.campaign_seed, self.index, self.repetition, self.planner
+        )
 
     @property
     def phase_s(self) -> float:
         """How far into their motions moving obstacles are at the start."""
-        return phase_s(self.world, self.simulator.obstacles.random_phase, self.simulator_seed)
+        return phase_s(
+            self.world, self.simulator.obstacles.random_phase, self.simulator_seed
+        )
 
     @property
     def planning_frame(self) -> str:
@@ -101,24 +109,40 @@ class TrialSpec:
         between the two that a disc inside its outline could take, at no more than its speed.
         """
         fastest = self.speed_cap_mps * (1.0 + SLIP[self.simulator.chassis.kind])
-        length_m = _least_way_m(self.rules, self.course, self.world, self.simulator.chassis)
-        return max(0.0, length_m / fastest - self.rules.control_period_s) if fastest > 0.0 else 0.0
+        length_m = _least_way_m(
+            self.rules, self.course, self.world, self.simulator.chassis
+        )
+        return (
+            max(0.0, length_m / fastest - self.rules.control_period_s)
+            if fastest > 0.0
+            else 0.0
+        )
 
     @cached_property
     def goal(self) -> Pose2D:
         """The goal in the planning frame, as it comes out of a message."""
-        goal = self.course.goal if self.protocol.map_given else self.course.start.inverse() @ self.course.goal
+        goal = (
+            self.course.goal
+            if self.protocol.map_given
+            else self.course.start.inverse() @ self.course.goal
+        )
         return goal.through_quaternion()
 
     @cached_property
     def map(self) -> OccupancyMap | None:
         """The map that the planner is given, if any, as it comes out of a message."""
-        return _map(self.protocol, self.world, self.course) if self.protocol.map_given else None
+        return (
+            _map(self.protocol, self.world, self.course)
+            if self.protocol.map_given
+            else None
+        )
 
     def reseeded(self, campaign_seed: int, repetition: int) -> "TrialSpec":
         """Return the trial with another seed; what does not depend on it need not be worked out again."""
         other = object.__new__(TrialSpec)  # `replace` would lose what is cached
-        vars(other).update(vars(self), campaign_seed=campaign_seed, repetition=repetition)
+        vars(other).update(
+            vars(self), campaign_seed=campaign_seed, repetition=repetition
+        )
         return other
 
     def description(self) -> dict[str, Any]:
@@ -128,15 +152,27 @@ class TrialSpec:
         return {
             "trial_id": self.trial_id,
             "dataset": self.dataset,
-            "world": {"index": self.index, "name": self.world.name, "checksum": self.world.checksum},
+            "world": {
+                "index": self.index,
+                "name": self.world.name,
+                "checksum": self.world.checksum,
+            },
             "start": as_dict(self.course.start),
             "goal": as_dict(self.course.goal),
             "task": self.task,
-            "planner": {"name": self.planner, "preset": self.preset, "overrides": dict(self.overrides)}
+            "planner": {
+                "name": self.planner,
+                "preset": self.preset,
+                "overrides": dict(self.overrides),
+            }
             | {"fingerprint": self.planner_config, **computing},
             "protocol": as_dict(self.protocol),
             "simulator": as_dict(self.simulator),
-            "seeds": {"campaign": self.campaign_seed, "simulator": self.simulator_seed, "planner": self.planner_seed}
+            "seeds": {
+                "campaign": self.campaign_seed,
+                "simulator": self.simulator_seed,
+                "planner": self.planner_seed,
+            }
             | {"repetition": self.repetition},
             **phase,
         }
@@ -147,7 +183,9 @@ class TrialSpec:
 # By how much of the commanded speed base_link may go faster on average: the wheels of a skid-steered robot slide where
 # it turns, and its weight shifts to the outer ones.
 SLIP = {"skid_steer": 0.02, "differential": 0.005}
-_BEYOND_M = 1.0  # which a map goes on beyond a start or a goal that its world does not hold
+_BEYOND_M = (
+    1.0  # which a map goes on beyond a start or a goal that its world does not hold
+)
 
 
 @lru_cache(maxsize=64)
@@ -161,16 +199,24 @@ def _course(rules: Protocol, world: World) -> Course:
 
 
 @lru_cache(maxsize=64)
-def _least_way_m(rules: Protocol, course: Course, world: World, chassis: Chassis) -> float:
+def _least_way_m(
+    rules: Protocol, course: Course, world: World, chassis: Chassis
+) -> float:
     """Return a lower bound of the way in m from the one disc to the other."""
     near_m, goal_m = rules.clock_start_distance_m, rules.goal_distance_m
     start, goal = (np.array([pose.x, pose.y]) for pose in (course.start, course.goal))
     centres, radius_m = np.empty((0, 2)), 0.0
-    if rules.collision_ends_trial and rules.clock_start_source == rules.goal_source == "truth":
+    if (
+        rules.collision_ends_trial
+        and rules.clock_start_source == rules.goal_source == "truth"
+    ):
         inside_m = -float(contact_of(chassis).distances(np.zeros(1), np.zeros(1))[0])
         radius_m = world.cylinder_radius_m + max(0.0, inside_m)
         # a straight line in either disc completes the way to one from start to goal, which must not be barred
-        from_start, from_goal = (np.hypot(*(world.cylinders_m - point).T) - radius_m for point in (start, goal))
+        from_start, from_goal = (
+            np.hypot(*(world.cylinders_m - point).T) - radius_m
+            for point in (start, goal)
+        )
         centres = world.cylinders_m[(from_start >= near_m) & (from_goal >= goal_m)]
     return max(0.0, shortest_way_m(start, goal, centres, radius_m) - near_m - goal_m)
 
@@ -182,24 +228,35 @@ def _map(protocol: Protocol, world: World, course: Course) -> OccupancyMap:
     # Worlds of other cells never had such a map; theirs is off as a whole, by as much as the pose is.
     off_m = 0.0 if standard else protocol.map_offset_m()
     grid = _reaching(_reaching(grid, course.start), course.goal)
-    return replace(grid, resolution=float(np.float32(grid.resolution)), origin_y=grid.origin_y + off_m)
+    return replace(
+        grid,
+        resolution=float(np.float32(grid.resolution)),
+        origin_y=grid.origin_y + off_m,
+    )
 
 
 def _reaching(grid: OccupancyMap, pose: Pose2D) -> OccupancyMap:
     """Return a map with free cells up to a metre beyond a pose that is off it: a planner could not plan there."""
     (rows, cols), size = grid.data.shape, grid.resolution
-    row, col = math.floor((pose.y - grid.origin_y) / size), math.floor((pose.x - grid.origin_x) / size)
+    row, col = (
+        math.floor((pose.y - grid.origin_y) / size),
+        math.floor((pose.x - grid.origin_x) / size),
+    )
     if 0 <= row < rows and 0 <= col < cols:
         return grid
     beyond = math.ceil(_BEYOND_M / size)
     below, left = max(0, beyond - row), max(0, beyond - col)
     above, right = max(0, row + 1 + beyond - rows), max(0, col + 1 + beyond - cols)
     data = np.pad(grid.data, ((below, above), (left, right)))
-    return OccupancyMap(data, size, grid.origin_x - left * size, grid.origin_y - below * size)
+    return OccupancyMap(
+        data, size, grid.origin_x - left * size, grid.origin_y - below * size
+    )
 
 
 def simulator_config(
-    protocol: Protocol, overrides: Mapping[str, Any] | None = None, robot: Robot | None = None
+    protocol: Protocol,
+    overrides: Mapping[str, Any] | None = None,
+    robot: Robot | None = None,
 ) -> SimulatorConfig:
     """Return the simulator's configuration under a protocol: its preset, what the protocol fixes, then overrides.
 
@@ -209,17 +266,29 @@ def simulator_config(
     scans to the map that it is given.
     """
     if (name := protocol.simulator) not in PRESETS:
-        raise ConfigError(f"protocol {protocol.name}: unknown simulator preset {name!r}{suggest(name, PRESETS)}")
+        raise ConfigError(
+            f"protocol {protocol.name}: unknown simulator preset {name!r}{suggest(name, PRESETS)}"
+        )
     fixed = {
         "control_period_s": protocol.control_period_s,
         "obstacles.movable": protocol.movable_obstacles,
         "obstacles.random_phase": protocol.random_phase,
     }
     for name in sorted(set(fixed) & set(overrides or {})):
-        raise ConfigError(f"simulator parameter {name!r} is given by protocol {protocol.name}")
+        raise ConfigError(
+            f"simulator parameter {name!r} is given by protocol {protocol.name}"
+        )
     preset, off_m = PRESETS[protocol.simulator], protocol.map_offset_m()
     preset = preset if robot is None else with_robot(preset, robot)
     particles = preset.localisation.mode == "particles"
-    shift: dict[str, Any] = {"historical_map": True} if particles else {"offset_y_m": off_m}
-    matched = {f"localisation.{name}": value for name, value in shift.items()} if off_m else {}
-    return replace_dotted(preset, {**matched, **fixed, **(overrides or {})}, "simulator parameters")
+    shift: dict[str, Any] = (
+        {"historical_map": True} if particles else {"offset_y_m": off_m}
+    )
+    matched = (
+        {f"localisation.{name}": value for name, value in shift.items()}
+        if off_m
+        else {}
+    )
+    return replace_dotted(
+        preset, {**matched, **fixed, **(overrides or {})}, "simulator parameters"
+    )

@@ -9,7 +9,13 @@ import numpy.typing as npt
 
 from barn_eval.trials.protocol import Protocol
 from barn_worlds.base.arrays import Bools, Floats
-from barn_worlds.base.types import NANOSECONDS, Odometry, Pose2D, Velocity2D, nanoseconds
+from barn_worlds.base.types import (
+    NANOSECONDS,
+    Odometry,
+    Pose2D,
+    Velocity2D,
+    nanoseconds,
+)
 from barn_worlds.geometry.bodies import shape_rows, wall_bodies
 from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.geometry.kernels import distance_to
@@ -28,9 +34,13 @@ class Trajectory:
     stamps_ns: npt.NDArray[np.int64]  # (n,)
     truth: Floats  # (n, 3) x, y m, yaw rad in the map frame
     velocity: Floats  # (n, 2) true forward speed m/s and yaw rate rad/s
-    command: Floats  # (n, 2) the command answering each reading, NaN where there was none
+    command: (
+        Floats  # (n, 2) the command answering each reading, NaN where there was none
+    )
     contact: Bools  # (n,)
-    off_plan_m: Floats | None = None  # (n,) from the planner's last plan, NaN without one; None: plans were not taken
+    off_plan_m: Floats | None = (
+        None  # (n,) from the planner's last plan, NaN without one; None: plans were not taken
+    )
 
 
 class TrajectoryLog:
@@ -42,12 +52,24 @@ class TrajectoryLog:
         self._commands: list[tuple[float, float]] = []
         self._plans: list[tuple[int, Floats]] = []
 
-    def reading(self, truth: Odometry, collision: bool, place: Pose2D | None = None) -> None:
+    def reading(
+        self, truth: Odometry, collision: bool, place: Pose2D | None = None
+    ) -> None:
         """Add the true state at an instant; place: of the robot in the frame of its plans."""
         pose, velocity = truth.pose, truth.velocity
         at = (np.nan, np.nan) if place is None else (place.x, place.y)
         self._stamps.append(truth.stamp_ns)
-        self._rows.append((pose.x, pose.y, pose.yaw, velocity.linear, velocity.angular, collision, *at))
+        self._rows.append(
+            (
+                pose.x,
+                pose.y,
+                pose.yaw,
+                velocity.linear,
+                velocity.angular,
+                collision,
+                *at,
+            )
+        )
         self._commands.append((np.nan, np.nan))
 
     def command(self, command: Velocity2D) -> None:
@@ -62,7 +84,12 @@ class TrajectoryLog:
         """
         if self._plans and stamp_ns - self._plans[-1][0] < nanoseconds(PLAN.period_s):
             return
-        if points.ndim == 2 and points.shape[1] == 2 and 0 < len(points) <= MOST_POINTS and np.isfinite(points).all():
+        if (
+            points.ndim == 2
+            and points.shape[1] == 2
+            and 0 < len(points) <= MOST_POINTS
+            and np.isfinite(points).all()
+        ):
             self._plans.append((stamp_ns, points.astype(np.float64)))
 
     def trajectory(self) -> Trajectory:
@@ -70,10 +97,25 @@ class TrajectoryLog:
         rows = np.array(self._rows, np.float64).reshape(len(self._rows), 8)
         commands = np.array(self._commands, np.float64).reshape(len(self._commands), 2)
         # off the last plan that answers an earlier reading
-        last = (np.searchsorted([stamp_ns for stamp_ns, _ in self._plans], self._stamps) - 1).tolist()
-        off_plan_m = [distance_to(self._plans[k][1], *rows[i, 6:]) if k >= 0 else np.nan for i, k in enumerate(last)]
-        stamps_ns, contact = np.array(self._stamps, np.int64), rows[:, 5].astype(np.bool_)
-        return Trajectory(stamps_ns, rows[:, :3], rows[:, 3:5], commands, contact, np.array(off_plan_m))
+        last = (
+            np.searchsorted([stamp_ns for stamp_ns, _ in self._plans], self._stamps) - 1
+        ).tolist()
+        off_plan_m = [
+            distance_to(self._plans[k][1], *rows[i, 6:]) if k >= 0 else np.nan
+            for i, k in enumerate(last)
+        ]
+        stamps_ns, contact = (
+            np.array(self._stamps, np.int64),
+            rows[:, 5].astype(np.bool_),
+        )
+        return Trajectory(
+            stamps_ns,
+            rows[:, :3],
+            rows[:, 3:5],
+            commands,
+            contact,
+            np.array(off_plan_m),
+        )
 
 
 @dataclass(frozen=True)
@@ -103,20 +145,37 @@ class Measures:
     off_plan_m: float | None = None  # mean distance from the planner's last plan
 
 
-def measure(trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outline: Footprint) -> Measures:
+def measure(
+    trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outline: Footprint
+) -> Measures:
     """Return the measures of a trajectory among cylinders with centres (k, 2) in the map frame."""
     dx, dy, turned = np.diff(trajectory.truth, axis=0).T
     periods_ns = np.diff(trajectory.stamps_ns)
     driven = float(np.hypot(dx, dy).sum())
-    straight = float(np.hypot(*(trajectory.truth[-1] - trajectory.truth[0])[:2])) if len(trajectory.truth) else 0.0
+    straight = (
+        float(np.hypot(*(trajectory.truth[-1] - trajectory.truth[0])[:2]))
+        if len(trajectory.truth)
+        else 0.0
+    )
     duration = float(periods_ns.sum()) / NANOSECONDS
     clearance = clearances(trajectory.truth, cylinders_m, radius_m, outline)
     turns = np.abs((turned + np.pi) % (2.0 * np.pi) - np.pi)
     began = trajectory.contact & ~np.concatenate(([False], trajectory.contact[:-1]))
-    near = clearance[1:] < CLOSE_M if clearance.size else np.zeros(len(periods_ns), np.bool_)
-    jumps = np.diff(trajectory.command[np.isfinite(trajectory.command).all(axis=1)], axis=0)
+    near = (
+        clearance[1:] < CLOSE_M
+        if clearance.size
+        else np.zeros(len(periods_ns), np.bool_)
+    )
+    jumps = np.diff(
+        trajectory.command[np.isfinite(trajectory.command).all(axis=1)], axis=0
+    )
     speed_sum, turn_sum, speed_rms, turn_rms = (
-        [*np.abs(jumps).sum(axis=0).tolist(), *np.sqrt((jumps**2).mean(axis=0)).tolist()] if len(jumps) else [None] * 4
+        [
+            *np.abs(jumps).sum(axis=0).tolist(),
+            *np.sqrt((jumps**2).mean(axis=0)).tolist(),
+        ]
+        if len(jumps)
+        else [None] * 4
     )
     off_plan = np.empty(0) if trajectory.off_plan_m is None else trajectory.off_plan_m
     off_plan = off_plan[~np.isnan(off_plan)]
@@ -141,7 +200,9 @@ def measure(trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outlin
     )
 
 
-def clearances(poses: Floats, cylinders_m: Floats, radius_m: float, outline: Footprint) -> Floats:
+def clearances(
+    poses: Floats, cylinders_m: Floats, radius_m: float, outline: Footprint
+) -> Floats:
     """Return the distance (n,) from the robot's outline at poses (n, 3) to the nearest cylinder (k, 2), all in metres.
 
     Below zero where they overlap: minus the depth to which the cylinder's centre lies inside the outline grown by
@@ -154,7 +215,9 @@ def clearances(poses: Floats, cylinders_m: Floats, radius_m: float, outline: Foo
         part = slice(first, first + 64)
         x, y = (cylinders_m[:, axis] - poses[part, axis, None] for axis in (0, 1))
         c, s = np.cos(poses[part, 2, None]), np.sin(poses[part, 2, None])
-        nearest[part] = outline.distances(c * x + s * y, c * y - s * x).min(axis=1) - radius_m
+        nearest[part] = (
+            outline.distances(c * x + s * y, c * y - s * x).min(axis=1) - radius_m
+        )
     return nearest
 
 
@@ -180,16 +243,22 @@ class Encounters:
     """
 
     phase_s: float  # time into their motions at the start
-    moving_clearance_m: float | None  # smallest distance from the robot's outline, 0 in contact
+    moving_clearance_m: (
+        float | None
+    )  # smallest distance from the robot's outline, 0 in contact
     # the shortest at any reading, if all kept their velocities and the robot its heading; of a box, the disc around it
     time_to_collision_s: float | None
     near_s: float  # within `NEAR_M` of one
     path_over_straight: float | None  # driven length by that of the run
-    time_over_straight: float | None  # time on the clock by that of the run at the protocol's reference speed
+    time_over_straight: (
+        float | None
+    )  # time on the clock by that of the run at the protocol's reference speed
     touched: str = ""  # name of the moving obstacle of the first contact
     hit_robot_mps: float | None = None  # the robot's speed
     hit_closing_mps: float | None = None  # at which the two closed in on each other
-    hit_robot_share: float | None = None  # of the robot in that: 1 against one at rest, 0 if it was run over
+    hit_robot_share: float | None = (
+        None  # of the robot in that: 1 against one at rest, 0 if it was run over
+    )
 
 
 def encounters(
@@ -217,7 +286,9 @@ def encounters(
         time_to_collision_s=shortest_s if math.isfinite(shortest_s) else None,
         near_s=float(periods_s[(gaps <= NEAR_M).any(axis=1)].sum()),
         path_over_straight=None if traversal_s is None else driven_m / straight_m,
-        time_over_straight=None if traversal_s is None else traversal_s * protocol.reference_speed_mps / straight_m,
+        time_over_straight=None
+        if traversal_s is None
+        else traversal_s * protocol.reference_speed_mps / straight_m,
         **_first_hit(trajectory, world, times_s, gaps, outline),
     )
 
@@ -227,19 +298,27 @@ def moving_shapes(tracks: Tracks, positions: Floats) -> Floats:
     return shape_rows(positions, tracks.radius_m, tracks.size_m, tracks.yaw_rad)
 
 
-def _nearness(trajectory: Trajectory, tracks: Tracks, times_s: Floats, outline: Footprint) -> tuple[Floats, Floats]:
+def _nearness(
+    trajectory: Trajectory, tracks: Tracks, times_s: Floats, outline: Footprint
+) -> tuple[Floats, Floats]:
     """Return distance (m, n) in m and time to collision (m, n) in s of n obstacles at m readings."""
     positions, velocities = tracks.over(times_s)
     gaps, waits = np.empty(positions.shape[:2]), np.empty(positions.shape[:2])
     for k, (x, y, yaw) in enumerate(trajectory.truth.tolist()):
         shapes = moving_shapes(tracks, positions[k])
         gaps[k] = outline.gaps(shapes, x, y, yaw)
-        waits[k] = outline.times_to_contact(shapes, velocities[k], x, y, yaw, trajectory.velocity[k, 0])
+        waits[k] = outline.times_to_contact(
+            shapes, velocities[k], x, y, yaw, trajectory.velocity[k, 0]
+        )
     return gaps, waits
 
 
 def _first_hit(
-    trajectory: Trajectory, world: World, times_s: Floats, gaps: Floats, outline: Footprint
+    trajectory: Trajectory,
+    world: World,
+    times_s: Floats,
+    gaps: Floats,
+    outline: Footprint,
 ) -> dict[str, Any]:
     """Return what `Encounters` has of the first contact, if that was with a moving obstacle.
 
@@ -256,14 +335,22 @@ def _first_hit(
     if _standing_gap(trajectory.truth[rows], world, outline) < nearest[index]:
         return {}
     positions, velocities = world.tracks.at(float(times_s[before]))
-    shape, position, velocity = moving_shapes(world.tracks, positions)[index], positions[index], velocities[index]
+    shape, position, velocity = (
+        moving_shapes(world.tracks, positions)[index],
+        positions[index],
+        velocities[index],
+    )
     x, y, yaw = trajectory.truth[before].tolist()
     speed, turn = trajectory.velocity[before].tolist()
-    ahead, left = axes = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
+    ahead, left = axes = np.array(
+        [[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]]
+    )
     base, towards = np.array([x, y]), position
     if not shape[2]:  # of a box, the point that is nearest to the robot
         side, across = sides = np.array([shape[5:], [-shape[6], shape[5]]])
-        along = np.array([(base - position) @ axis for axis in sides]).clip(-shape[3:5], shape[3:5])
+        along = np.array([(base - position) @ axis for axis in sides]).clip(
+            -shape[3:5], shape[3:5]
+        )
         towards = position + along[0] * side + along[1] * across
     local = outline.nearest(*((towards - base) @ axis for axis in axes))
     lever = local[0] * ahead + local[1] * left
@@ -273,7 +360,11 @@ def _first_hit(
     robot, other = (float(one @ line) / length for one in (own, -velocity))
     both = max(robot, 0.0) + max(other, 0.0)
     share = max(robot, 0.0) / both if both > 0.0 else None
-    hit = {"hit_robot_mps": abs(speed), "hit_closing_mps": robot + other, "hit_robot_share": share}
+    hit = {
+        "hit_robot_mps": abs(speed),
+        "hit_closing_mps": robot + other,
+        "hit_robot_share": share,
+    }
     return {"touched": world.tracks.names[index], **hit}
 
 
@@ -281,5 +372,8 @@ def _standing_gap(poses: Floats, world: World, outline: Footprint) -> float:
     """Return the smallest distance from the robot at poses (n, 3) to a cylinder or a wall, infinite without any."""
     still = clearances(poses, world.cylinders_m, world.cylinder_radius_m, outline)
     walls = wall_bodies(world.walls).shapes()
-    gaps = [outline.gaps(walls, x, y, yaw).min(initial=math.inf) for x, y, yaw in poses.tolist()]
+    gaps = [
+        outline.gaps(walls, x, y, yaw).min(initial=math.inf)
+        for x, y, yaw in poses.tolist()
+    ]
     return min(max(float(still.min(initial=math.inf)), 0.0), float(min(gaps)))

@@ -23,12 +23,20 @@ from barn_worlds.base.types import NANOSECONDS, Odometry, Pose2D, Velocity2D
 from barn_worlds.geometry.footprint import contact_of
 
 T = TypeVar("T")
-OF_SPEC = ("planner", "repetition", "campaign_seed", "simulator_seed", "planner_seed")  # which a row has likewise
+OF_SPEC = (
+    "planner",
+    "repetition",
+    "campaign_seed",
+    "simulator_seed",
+    "planner_seed",
+)  # which a row has likewise
 _OF_SPEC = ("trial_id", "dataset", "preset", "task", "planner_config")
 
 
 @contextmanager
-def handled(number: int, handler: Callable[[int, FrameType | None], None]) -> Iterator[bool]:
+def handled(
+    number: int, handler: Callable[[int, FrameType | None], None]
+) -> Iterator[bool]:
     """Handle a signal while the context lasts and give whether that is so: only the main thread can."""
     if threading.current_thread() is not threading.main_thread():
         yield False
@@ -59,7 +67,10 @@ LONGEST = 2000  # characters of what a planner may have said, in a row
 def queued_s(process: str | int = "self") -> float:
     """Return how long the main thread of a process has waited for a processor, 0 where the system does not tell."""
     try:
-        return int(Path(f"/proc/{process}/schedstat").read_text("ascii").split()[1]) / NANOSECONDS
+        return (
+            int(Path(f"/proc/{process}/schedstat").read_text("ascii").split()[1])
+            / NANOSECONDS
+        )
     except (OSError, IndexError, ValueError):
         return 0.0
 
@@ -94,7 +105,11 @@ class Deadline:
         """Begin to count."""
         if self._armed:
             self._period_s = min(1.0, self.limit_s / 4.0)
-            self._used_s, self._seen_s, self._queued_s = time.thread_time(), 0.0, math.nan
+            self._used_s, self._seen_s, self._queued_s = (
+                time.thread_time(),
+                0.0,
+                math.nan,
+            )
             signal.setitimer(signal.ITIMER_REAL, self._period_s, self._period_s)
 
     def __exit__(self, *error: object) -> None:
@@ -108,7 +123,13 @@ class Deadline:
             self._queued_s = queued
         else:
             self._seen_s += self._period_s
-        if max(time.thread_time() - self._used_s, self._seen_s - (queued - self._queued_s)) >= self.limit_s:
+        if (
+            max(
+                time.thread_time() - self._used_s,
+                self._seen_s - (queued - self._queued_s),
+            )
+            >= self.limit_s
+        ):
             raise DeadlineError
         if self._seen_s >= STALLED * self.limit_s:
             raise _Stalled
@@ -145,13 +166,23 @@ class RunningTrial:
         least_s = spec.least_time_s if verdict.outcome is Outcome.SUCCESS else None
         return score(verdict, spec.course, spec.protocol, least_s)
 
-    def read(self, odometry: Odometry, truth: Odometry, collision: bool) -> Verdict | None:
+    def read(
+        self, odometry: Odometry, truth: Odometry, collision: bool
+    ) -> Verdict | None:
         """Take what is measured at an instant, of which the stamp is that of the truth; return the verdict by now."""
         if self._logged:
-            rules = self.spec.protocol  # by which the frame of plans is that of a map, or else of the odometry
-            place = Pose2D(0.0, rules.map_offset_m(), 0.0) @ truth.pose if rules.map_given else odometry.pose
+            rules = (
+                self.spec.protocol
+            )  # by which the frame of plans is that of a map, or else of the odometry
+            place = (
+                Pose2D(0.0, rules.map_offset_m(), 0.0) @ truth.pose
+                if rules.map_given
+                else odometry.pose
+            )
             self.log.reading(truth, collision, place)
-        return self.referee.observe(truth.stamp_ns, odometry.pose, truth.pose, collision)
+        return self.referee.observe(
+            truth.stamp_ns, odometry.pose, truth.pose, collision
+        )
 
     def command(self, command: Velocity2D) -> Verdict | None:
         """Take the command that answers the last reading; return the verdict by now."""
@@ -195,13 +226,20 @@ class FinishedTrial:
     spec: TrialSpec
     result: TrialResult
     trajectory: Trajectory
-    cylinders_m: Floats | None = None  # (k, 2) where the world's cylinders stood at the end, if known
+    cylinders_m: Floats | None = (
+        None  # (k, 2) where the world's cylinders stood at the end, if known
+    )
     traceback: str = ""  # of the exception that the planner raised
 
 
-def conclude(spec: TrialSpec, mode: str, verdict: Verdict, trajectory: Trajectory, **told: Any) -> FinishedTrial:
+def conclude(
+    spec: TrialSpec, mode: str, verdict: Verdict, trajectory: Trajectory, **told: Any
+) -> FinishedTrial:
     """Return the finished trial with scores and measures; mode is "direct" or "ros", `told` more fields of its row."""
-    world, scores = spec.world, score(verdict, spec.course, spec.protocol, spec.least_time_s)
+    world, scores = (
+        spec.world,
+        score(verdict, spec.course, spec.protocol, spec.least_time_s),
+    )
     traversal_s = scores.traversal_time_s if scores.success else None
     outline = contact_of(spec.simulator.chassis)
     result = TrialResult(
@@ -214,12 +252,16 @@ def conclude(spec: TrialSpec, mode: str, verdict: Verdict, trajectory: Trajector
         outcome=verdict.outcome,
         detail=verdict.detail[:LONGEST],
         scores=scores,
-        measures=measure(trajectory, world.cylinders_m, world.cylinder_radius_m, outline),
+        measures=measure(
+            trajectory, world.cylinders_m, world.cylinder_radius_m, outline
+        ),
         metric=spec.protocol.metric,
         fault=verdict.fault,
         speed_cap_mps=spec.speed_cap_mps,
         compute=spec.way,
-        motion=encounters(trajectory, world, spec.phase_s, outline, spec.rules, traversal_s),
+        motion=encounters(
+            trajectory, world, spec.phase_s, outline, spec.rules, traversal_s
+        ),
         **told,
     )
     return FinishedTrial(spec, result, trajectory)
@@ -228,6 +270,12 @@ def conclude(spec: TrialSpec, mode: str, verdict: Verdict, trajectory: Trajector
 def error_line(error: Exception) -> str:
     """Return an error of a planner or simulator in one line, with where it was raised, for the detail of a verdict."""
     lines = str(error).splitlines()
-    said = f"{type(error).__name__}: {lines[0]}"[:300] if lines else type(error).__name__
+    said = (
+        f"{type(error).__name__}: {lines[0]}"[:300] if lines else type(error).__name__
+    )
     frames = extract_tb(error.__traceback__)
-    return f"{said} ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else said
+    return (
+        f"{said} ({Path(frames[-1].filename).name}, line {frames[-1].lineno})"
+        if frames
+        else said
+    )

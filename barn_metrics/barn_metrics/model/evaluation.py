@@ -48,7 +48,9 @@ class ModelScore:
     spearman: Interval
     gain: Interval | None  # how much lower the error is than ridge regression's
     predictions: tuple[float, ...]  # of each world, s/m
-    within_std: float | None = None  # share of worlds within one standard deviation of what weights say
+    within_std: float | None = (
+        None  # share of worlds within one standard deviation of what weights say
+    )
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,9 @@ class Evaluation:
     world_numbers: tuple[int, ...]
     difficulty: tuple[float, ...]  # of each of them, measured, s/m
     scores: tuple[ModelScore, ...]
-    ceiling: Interval | None  # highest R2 possible; None where worlds have one trial per planner
+    ceiling: (
+        Interval | None
+    )  # highest R2 possible; None where worlds have one trial per planner
 
     def score(self, name: str) -> ModelScore:
         """Return the score of a kind of model that was evaluated."""
@@ -72,7 +76,10 @@ class Evaluation:
 
 
 def evaluate(
-    worlds: Mapping[int, World], trials: Trials, model: DifficultyModel, config: EvaluationConfig | None = None
+    worlds: Mapping[int, World],
+    trials: Trials,
+    model: DifficultyModel,
+    config: EvaluationConfig | None = None,
 ) -> Evaluation:
     """Return the errors of a model and of ridge regression, on the worlds that every planner has.
 
@@ -82,11 +89,25 @@ def evaluate(
     own, judged = trained_worlds(worlds, trials), trials.only(trials.world_numbers)
     inputs, difficulty = inputs_of(own), judged.difficulty()
     scores = [] if held_out(own) else [ridge_score(inputs, judged, chosen)]
-    predicted, training_mse = model.difficulty(inputs)[0][None], model.about.get("training_mse", math.nan)
+    predicted, training_mse = (
+        model.difficulty(inputs)[0][None],
+        model.about.get("training_mse", math.nan),
+    )
     title = f"{model.about.get('title')}; trained in {model.about.get('training_worlds')} other worlds"
-    found = score_of(WEIGHTS, title, training_mse, predicted, difficulty, scores[0] if scores else None)
+    found = score_of(
+        WEIGHTS,
+        title,
+        training_mse,
+        predicted,
+        difficulty,
+        scores[0] if scores else None,
+    )
     std = np.array([one.std_s_per_m for one in model.predict_inputs(inputs)])
-    scores.append(replace(found, within_std=float((np.abs(predicted[0] - difficulty) <= std).mean())))
+    scores.append(
+        replace(
+            found, within_std=float((np.abs(predicted[0] - difficulty) <= std).mean())
+        )
+    )
     return Evaluation(
         len(own),
         len(judged),
@@ -127,14 +148,18 @@ def ridge_score(inputs: Floats, trials: Trials, config: EvaluationConfig) -> Mod
 
 
 def on_folds(
-    fitted: Callable[[Bools, int], list[Floats]], difficulty: Floats, config: EvaluationConfig
+    fitted: Callable[[Bools, int], list[Floats]],
+    difficulty: Floats,
+    config: EvaluationConfig,
 ) -> tuple[Floats, float]:
     """Return predictions (repeats, w) by models that were trained without the world, and their mean training error.
 
     fitted: gives the predictions for all worlds of a model per row of worlds that are kept, with a seed.
     """
     if len(difficulty) < 2 * config.folds:
-        raise ModelError(f"{config.folds} folds need at least {2 * config.folds} worlds, got {len(difficulty)}")
+        raise ModelError(
+            f"{config.folds} folds need at least {2 * config.folds} worlds, got {len(difficulty)}"
+        )
     predicted, training = np.zeros((config.repeats, len(difficulty))), []
     for repeat in range(config.repeats):
         kept = fold_masks(len(difficulty), config.folds, config.seed + repeat)
@@ -145,7 +170,12 @@ def on_folds(
 
 
 def score_of(
-    name: str, title: str, training_mse: float, predicted: Floats, measured: Floats, yardstick: ModelScore | None
+    name: str,
+    title: str,
+    training_mse: float,
+    predicted: Floats,
+    measured: Floats,
+    yardstick: ModelScore | None,
 ) -> ModelScore:
     """Return the errors of predictions (r, w), averaged over their r repeats, against measured times (w,)."""
     squared, means = ((predicted - measured) ** 2).mean(axis=0), predicted.mean(axis=0)
@@ -155,7 +185,9 @@ def score_of(
 
     def spearman(drawn: Integers) -> Floats:
         each = [bootstrap.spearman(one[drawn], measured[drawn]) for one in predicted]
-        mean: Floats = np.nan_to_num(each).mean(axis=0)  # what does not vary orders nothing
+        mean: Floats = np.nan_to_num(each).mean(
+            axis=0
+        )  # what does not vary orders nothing
         return mean
 
     return ModelScore(
@@ -166,7 +198,9 @@ def score_of(
         mean_of(np.abs(predicted - measured).mean(axis=0)),
         determination(predicted, measured),
         over_worlds(spearman, len(measured)),
-        mean_of((yardstick.predictions - measured) ** 2 - (means - measured) ** 2) if yardstick else None,
+        mean_of((yardstick.predictions - measured) ** 2 - (means - measured) ** 2)
+        if yardstick
+        else None,
         tuple(means.tolist()),
     )
 
@@ -176,36 +210,54 @@ def determination(predicted: Floats, measured: Floats) -> Interval:
     if not measured.var() > 0.0:
         return Interval(math.nan)
     squared = ((predicted - measured) ** 2).mean(axis=0)
-    return over_worlds(lambda drawn: 1.0 - squared[drawn].mean(axis=-1) / measured[drawn].var(axis=-1), len(measured))
+    return over_worlds(
+        lambda drawn: 1.0 - squared[drawn].mean(axis=-1) / measured[drawn].var(axis=-1),
+        len(measured),
+    )
 
 
 def noise_ceiling(trials: Trials, seed: int = 0) -> Interval | None:
     """Return the correlation of random halves of the repetitions, carried to all of them (Spearman and Brown)."""
     values = [
-        [mine.normalised_s_per_m[mine.worlds == world] for world in trials.world_numbers]
+        [
+            mine.normalised_s_per_m[mine.worlds == world]
+            for world in trials.world_numbers
+        ]
         for mine in map(trials.of, trials.planner_names)
     ]
     fewest = min(min(map(len, rows)) for rows in values)
     if fewest < 2:
         return None
     generator = np.random.default_rng(seed)
-    halves = np.array([_split(values, fewest // 2, generator) for _ in range(_SPLITS)])  # (splits, 2, w)
+    halves = np.array(
+        [_split(values, fewest // 2, generator) for _ in range(_SPLITS)]
+    )  # (splits, 2, w)
     factor = fewest / (fewest // 2)
 
     def reliability(drawn: Integers) -> Floats:
-        each = [bootstrap.correlation(first[drawn], second[drawn]) for first, second in halves]
-        mean = np.nan_to_num(each).mean(axis=0)  # what does not vary agrees with nothing
+        each = [
+            bootstrap.correlation(first[drawn], second[drawn])
+            for first, second in halves
+        ]
+        mean = np.nan_to_num(each).mean(
+            axis=0
+        )  # what does not vary agrees with nothing
         full: Floats = factor * mean / (1.0 + (factor - 1.0) * mean)
         return full
 
     return over_worlds(reliability, len(trials.world_numbers))
 
 
-def _split(values: list[list[Floats]], half: int, generator: np.random.Generator) -> Floats:
+def _split(
+    values: list[list[Floats]], half: int, generator: np.random.Generator
+) -> Floats:
     """Return the difficulty of each world by two halves that share no trial, (2, w)."""
     means = []
     for rows in values:
-        drawn = [generator.permutation(row)[: 2 * half].reshape(2, half).mean(axis=1) for row in rows]
+        drawn = [
+            generator.permutation(row)[: 2 * half].reshape(2, half).mean(axis=1)
+            for row in rows
+        ]
         means.append(np.array(drawn).T)
     mean: Floats = np.mean(means, axis=0)
     return mean

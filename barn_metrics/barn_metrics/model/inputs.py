@@ -25,9 +25,13 @@ def _hard(radius_m: float, price: float) -> Callable[[Floats], Floats]:
     return lambda clearance: np.where(clearance < radius_m, price, 1.0)
 
 
-def _soft(slowest_m: float, quickest_m: float, slowest: float) -> Callable[[Floats], Floats]:
+def _soft(
+    slowest_m: float, quickest_m: float, slowest: float
+) -> Callable[[Floats], Floats]:
     """Time per metre at a speed that rises with clearance from `slowest` to 1."""
-    return lambda clearance: 1.0 / np.clip((clearance - slowest_m) / (quickest_m - slowest_m), slowest, 1.0)
+    return lambda clearance: (
+        1.0 / np.clip((clearance - slowest_m) / (quickest_m - slowest_m), slowest, 1.0)
+    )
 
 
 def _planned(inscribed_m: float, free_m: float) -> Callable[[Floats], Floats]:
@@ -35,7 +39,9 @@ def _planned(inscribed_m: float, free_m: float) -> Callable[[Floats], Floats]:
 
     def cost(clearance: Floats) -> Floats:
         soft = 1.0 + 4.0 * np.exp(-10.0 * (clearance - inscribed_m))
-        return np.select([clearance <= inscribed_m, clearance <= free_m], [_BLOCKED, soft], 1.0)
+        return np.select(
+            [clearance <= inscribed_m, clearance <= free_m], [_BLOCKED, soft], 1.0
+        )
 
     return cost
 
@@ -54,25 +60,41 @@ STRIPS = ("planned", "padded", "quick")  # which of them are seen as strips
 
 def _inputs(world: World) -> Named:
     where = routing.clearance_map(world)
-    routes = {name: routing.cheapest_route(where, cost(where.clearance_m)) for name, cost in _ROUTES.items()}
+    routes = {
+        name: routing.cheapest_route(where, cost(where.clearance_m))
+        for name, cost in _ROUTES.items()
+    }
     yield from _summed_up(world, where, routes)
     for name in STRIPS:
         strip = routing.route_strip(where, routes[name])
         yield from zip(routing.strip_names(name), strip.ravel().tolist(), strict=True)
 
 
-def _summed_up(world: World, where: routing.ClearanceMap, routes: Mapping[str, routing.Route]) -> Named:
+def _summed_up(
+    world: World, where: routing.ClearanceMap, routes: Mapping[str, routing.Route]
+) -> Named:
     yield from zip(METRIC_NAMES, world_metrics(world).as_array().tolist(), strict=True)
     # Both hold tortuosity; it counts once.
-    yield from ((name, value) for name, value in world_features(world).items() if name not in METRIC_NAMES)
+    yield from (
+        (name, value)
+        for name, value in world_features(world).items()
+        if name not in METRIC_NAMES
+    )
     yield from _ends(where)
     for name in _SUMMED_UP:
-        yield from ((f"{name}_{what}", value) for what, value in _along(routes[name], world.path_length_m))
+        yield from (
+            (f"{name}_{what}", value)
+            for what, value in _along(routes[name], world.path_length_m)
+        )
 
 
 def _ends(where: routing.ClearanceMap) -> Named:
     """Yield how much room there is where the paper's trials start and end, and one cell ahead of the goal."""
-    places = (("start", where.start, 0), ("goal", where.goal, 0), ("goal_ahead", where.goal, 3))
+    places = (
+        ("start", where.start, 0),
+        ("goal", where.goal, 0),
+        ("goal_ahead", where.goal, 3),
+    )
     for name, (row, column), ahead in places:
         near, far = (_around(where, row, column + ahead, reach) for reach in (2, 4))
         yield f"{name}_clearance_m", near[len(near) // 2, near.shape[1] // 2]
@@ -83,7 +105,9 @@ def _ends(where: routing.ClearanceMap) -> Named:
 def _around(where: routing.ClearanceMap, row: int, column: int, reach: int) -> Floats:
     """Return the clearances about a cell, (2 reach + 1, 2 reach + 1), the map's edge repeated."""
     reached = np.arange(-reach, reach + 1)
-    return where.clearance_m.take(row + reached, axis=0, mode="clip").take(column + reached, axis=1, mode="clip")
+    return where.clearance_m.take(row + reached, axis=0, mode="clip").take(
+        column + reached, axis=1, mode="clip"
+    )
 
 
 def _along(route: routing.Route, path_length_m: float) -> Named:
@@ -94,7 +118,14 @@ def _along(route: routing.Route, path_length_m: float) -> Named:
     yield "length_m", route.length_m
     yield "length_per_path", route.length_m / max(path_length_m, 0.1)
     yield "turning_rad", float(turning.sum())
-    yield "sharpest_rad", float(np.abs(heading[_SHARP_SAMPLES:] - heading[:-_SHARP_SAMPLES]).max(initial=0.0))
+    yield (
+        "sharpest_rad",
+        float(
+            np.abs(heading[_SHARP_SAMPLES:] - heading[:-_SHARP_SAMPLES]).max(
+                initial=0.0
+            )
+        ),
+    )
     yield "heading_highest_rad", float(np.abs(heading).max())
     clearance, width = np.sort(route.clearance_m), np.sort(route.width_m)
     yield "clearance_lowest_m", float(clearance[0])
@@ -104,9 +135,21 @@ def _along(route: routing.Route, path_length_m: float) -> Named:
     yield "width_p10_m", float(width[len(width) // 10])
     yield "width_p25_m", float(width[len(width) // 4])
     yield "width_mean_m", float(width.mean())
-    yield from ((f"width_below_{limit:g}_share", float((width < limit).mean())) for limit in _WIDTHS_M)
-    yield from ((f"clearance_below_{limit:g}_share", float((clearance < limit).mean())) for limit in _CLEARANCES_M)
-    yield "slowed_m", float((1.0 / np.clip(clearance / _CLEARANCES_M[-1], 0.25, 1.0)).mean() * route.length_m)
+    yield from (
+        (f"width_below_{limit:g}_share", float((width < limit).mean()))
+        for limit in _WIDTHS_M
+    )
+    yield from (
+        (f"clearance_below_{limit:g}_share", float((clearance < limit).mean()))
+        for limit in _CLEARANCES_M
+    )
+    yield (
+        "slowed_m",
+        float(
+            (1.0 / np.clip(clearance / _CLEARANCES_M[-1], 0.25, 1.0)).mean()
+            * route.length_m
+        ),
+    )
 
 
 @cache
@@ -115,7 +158,9 @@ def input_names() -> tuple[str, ...]:
     straight = np.stack([np.full(5, 2), np.arange(5)], axis=1)
     grid = np.zeros((5, 5), np.bool_)
     grid[[0, -1]] = True
-    return tuple(name for name, _ in _inputs(World("names", grid, straight, footprint_cells=1)))
+    return tuple(
+        name for name, _ in _inputs(World("names", grid, straight, footprint_cells=1))
+    )
 
 
 def summary_names() -> tuple[str, ...]:
@@ -128,7 +173,9 @@ def inputs_of(worlds: Iterable[World]) -> Floats:
     rows = []
     for world in worlds:
         if world.corner_m is not None:
-            raise ModelError(f"{world.name}: is an arena; models are of worlds whose obstacles stand on a grid")
+            raise ModelError(
+                f"{world.name}: is an arena; models are of worlds whose obstacles stand on a grid"
+            )
         rows.append(np.array([value for _, value in _inputs(world)]))
     finite: Floats = np.nan_to_num(rows, nan=0.0, posinf=_LARGEST, neginf=-_LARGEST)
     return finite

@@ -30,17 +30,26 @@ class RouteNetwork:
 
     mean: Floats  # (d,) of the inputs that are not strips, which come first
     std: Floats
-    filters: tuple[Layer, ...]  # weights (width, in, out), width odd, and bias (out,) of each of `DILATIONS`
-    layers: tuple[Layer, ...]  # weights (in, out) and bias (out,), with rectified linear units between them
+    filters: tuple[
+        Layer, ...
+    ]  # weights (width, in, out), width odd, and bias (out,) of each of `DILATIONS`
+    layers: tuple[
+        Layer, ...
+    ]  # weights (in, out) and bias (out,), with rectified linear units between them
 
     def __call__(self, inputs: Floats) -> Floats:
         """Return the outputs (n, k) of inputs (n, d + r * SAMPLES * CHANNELS)."""
         starts = range(0, max(len(inputs), 1), _AT_ONCE)
-        return np.concatenate([self._both_ways(inputs[first : first + _AT_ONCE]) for first in starts])
+        return np.concatenate(
+            [self._both_ways(inputs[first : first + _AT_ONCE]) for first in starts]
+        )
 
     def _both_ways(self, inputs: Floats) -> Floats:
         plain, strips = divided(inputs, self.mean, self.std)
-        outputs = [self._one_way(plain, side_by_side(way)) for way in (strips, mirrored(strips))]
+        outputs = [
+            self._one_way(plain, side_by_side(way))
+            for way in (strips, mirrored(strips))
+        ]
         mean: Floats = 0.5 * (outputs[0] + outputs[1])
         return mean
 
@@ -50,7 +59,9 @@ class RouteNetwork:
         values, present = strips[:, :longest], present[:, :longest]
         for (weights, bias), dilation in zip(self.filters, DILATIONS, strict=True):
             # Zero after the end of a route, so that what follows it does not matter.
-            values = np.maximum(_convolved(values, weights, dilation) + bias, 0.0) * present
+            values = (
+                np.maximum(_convolved(values, weights, dilation) + bias, 0.0) * present
+            )
         means = values.sum(axis=1) / np.maximum(present.sum(axis=1), 1.0)
         values = np.concatenate([values.max(axis=1), means, plain], axis=1)
         *hidden, (weights, bias) = self.layers
@@ -68,9 +79,13 @@ def moments(values: Floats) -> tuple[Floats, Floats]:
 
 def divided(inputs: Floats, mean: Floats, std: Floats) -> tuple[Floats, Floats]:
     """Return the z-scored inputs (n, d) that are no strips, and the strips (n, r, SAMPLES, CHANNELS)."""
-    plain = SUMMARY_SCALE * np.clip((inputs[:, : len(mean)] - mean) / std, -LARGEST_SCORE, LARGEST_SCORE)
+    plain = SUMMARY_SCALE * np.clip(
+        (inputs[:, : len(mean)] - mean) / std, -LARGEST_SCORE, LARGEST_SCORE
+    )
     strips = inputs[:, len(mean) :]
-    return plain, strips.reshape(len(inputs), strips.shape[1] // (SAMPLES * CHANNELS), SAMPLES, CHANNELS)
+    return plain, strips.reshape(
+        len(inputs), strips.shape[1] // (SAMPLES * CHANNELS), SAMPLES, CHANNELS
+    )
 
 
 def side_by_side(strips: Floats) -> Floats:
@@ -112,8 +127,14 @@ class Prediction:
 
     def columns(self) -> dict[str, float]:
         """Return the figures by name, as a table of worlds has them."""
-        planners = {f"{planner}_s_per_m": value for planner, value in self.per_planner_s_per_m.items()}
-        own = {"difficulty_s_per_m": self.difficulty_s_per_m, "std_s_per_m": self.std_s_per_m}
+        planners = {
+            f"{planner}_s_per_m": value
+            for planner, value in self.per_planner_s_per_m.items()
+        }
+        own = {
+            "difficulty_s_per_m": self.difficulty_s_per_m,
+            "std_s_per_m": self.std_s_per_m,
+        }
         return {**own, **planners, "failure_probability": self.failure_probability}
 
 
@@ -121,7 +142,9 @@ class Prediction:
 class DifficultyModel:
     """The mean of some networks; about: where it comes from."""
 
-    planners: tuple[str, ...]  # whose times the networks give, followed by their shares of failures
+    planners: tuple[
+        str, ...
+    ]  # whose times the networks give, followed by their shares of failures
     networks: tuple[RouteNetwork, ...]
     relative_std: float  # of held-out worlds about the prediction, beyond the networks' disagreement
     about: Mapping[str, Any]
@@ -130,15 +153,26 @@ class DifficultyModel:
         """Return the prediction of a world; WorldError for one without metrics."""
         return self.predict_inputs(inputs_of([world]))[0]
 
-    def predict_dataset(self, dataset: Dataset, worlds: str = "all") -> dict[int, Prediction]:
+    def predict_dataset(
+        self, dataset: Dataset, worlds: str = "all"
+    ) -> dict[int, Prediction]:
         """Return predictions of worlds, such as "0-49", by number, each alone, as last digits depend on company."""
-        return {number: self.predict(dataset.load(number)) for number in select_worlds(worlds, dataset.indices)}
+        return {
+            number: self.predict(dataset.load(number))
+            for number in select_worlds(worlds, dataset.indices)
+        }
 
     def predict_inputs(self, inputs: Floats) -> list[Prediction]:
         """Return the predictions of worlds whose inputs (n, d) are known."""
         outputs, difficulty, spread = self._outputs(inputs)
-        std, count = np.hypot(spread, self.relative_std * difficulty), len(self.planners)
-        times, failures = np.maximum(outputs[:, :count], _QUICKEST_S_PER_M), np.clip(outputs[:, count:], 0.0, 1.0)
+        std, count = (
+            np.hypot(spread, self.relative_std * difficulty),
+            len(self.planners),
+        )
+        times, failures = (
+            np.maximum(outputs[:, :count], _QUICKEST_S_PER_M),
+            np.clip(outputs[:, count:], 0.0, 1.0),
+        )
         return [
             Prediction(
                 float(difficulty[row]),
@@ -159,8 +193,14 @@ class DifficultyModel:
         share = 1.0 / len(self.networks)
         outputs: Floats = np.sum(share * each, axis=0)
         means = self._over_planners(each)
-        spread = np.sqrt((share * (means - (share * means).sum(axis=0)) ** 2).sum(axis=0))
-        return outputs, np.maximum(self._over_planners(outputs), _QUICKEST_S_PER_M), spread
+        spread = np.sqrt(
+            (share * (means - (share * means).sum(axis=0)) ** 2).sum(axis=0)
+        )
+        return (
+            outputs,
+            np.maximum(self._over_planners(outputs), _QUICKEST_S_PER_M),
+            spread,
+        )
 
     def _over_planners(self, outputs: Floats) -> Floats:
         """Return the mean over planners of outputs (..., k)."""

@@ -17,7 +17,10 @@ from barn_worlds.worlds.world import World
 
 WIDTH_REACH_M = 0.4
 FINE = 3  # cells of the clearance map per cell of the world, along each side
-_LEAD_CELLS, _TAIL_CELLS = 8, 4  # of the world, looked at before its first and beyond its last column
+_LEAD_CELLS, _TAIL_CELLS = (
+    8,
+    4,
+)  # of the world, looked at before its first and beyond its last column
 _SIDE_CELLS = 1
 # Start and goal of the paper's trials, about the ends of the path as the original tools place it (Sec. IV).
 _START_Y_M, _START_MARGIN_M = 4.075, 0.6
@@ -28,7 +31,9 @@ _SMOOTHED = 5  # samples
 _DOWN = np.array([0, 1, 0, -1, 1, 1, -1, -1, 1, 1, -1, -1, 2, 2, -2, -2])
 _RIGHT = np.array([1, 0, -1, 0, 1, -1, 1, -1, 2, -2, 2, -2, 1, -1, 1, -1])
 _STEP = np.hypot(_DOWN, _RIGHT)
-SAMPLES = 128  # points of a route that are kept, 0.1 m apart; what lies beyond is not seen
+SAMPLES = (
+    128  # points of a route that are kept, 0.1 m apart; what lies beyond is not seen
+)
 _ASIDE_M = np.linspace(-0.6, 0.6, 17)
 _FAR_M = 0.8  # clearance that counts as free
 _TURN_SCALE = 10.0  # turns from point to point are small beside headings
@@ -67,12 +72,17 @@ class Route:
 def clearance_map(world: World) -> ClearanceMap:
     """Return the clearance map of a world, the corridor in front of it included."""
     rows, cols = world.grid.shape
-    squares = np.zeros((rows + 2 * _SIDE_CELLS, _LEAD_CELLS + cols + _TAIL_CELLS), np.bool_)
+    squares = np.zeros(
+        (rows + 2 * _SIDE_CELLS, _LEAD_CELLS + cols + _TAIL_CELLS), np.bool_
+    )
     squares[_SIDE_CELLS:-_SIDE_CELLS, _LEAD_CELLS : _LEAD_CELLS + cols] = world.grid
     squares[:_SIDE_CELLS] = squares[-_SIDE_CELLS:] = True
     squares[[_SIDE_CELLS, -_SIDE_CELLS - 1], :_LEAD_CELLS] = True
     cell_m = world.resolution_m / FINE
-    clearance = distance_transform_edt(~np.kron(squares, np.ones((FINE, FINE), np.bool_))) * cell_m
+    clearance = (
+        distance_transform_edt(~np.kron(squares, np.ones((FINE, FINE), np.bool_)))
+        * cell_m
+    )
     reach = round(WIDTH_REACH_M / cell_m)
     width = 2.0 * maximum_filter(clearance, size=2 * reach + 1)
     first, last = world.path_m(historical=True)[[0, -1]]
@@ -81,7 +91,11 @@ def clearance_map(world: World) -> ClearanceMap:
     # y runs along columns; the first row of cells lies at the lowest x.
     from_y_m = world.bounds_m[3] - (cols + _LEAD_CELLS) * world.resolution_m
     corner = np.array([world.bounds_m[0] - _SIDE_CELLS * world.resolution_m, from_y_m])
-    cells = np.clip(np.floor((ends - corner) / cell_m).astype(np.int64), 1, np.array(clearance.shape) - 2)
+    cells = np.clip(
+        np.floor((ends - corner) / cell_m).astype(np.int64),
+        1,
+        np.array(clearance.shape) - 2,
+    )
     start, goal = ((int(row), int(column)) for row, column in cells)
     return ClearanceMap(clearance, width, cell_m, start, goal)
 
@@ -92,12 +106,23 @@ def cheapest_route(where: ClearanceMap, cost_per_m: Floats) -> Route:
     steps_m = np.hypot(*np.diff(cells, axis=0).T) * where.cell_m
     along = np.append(0.0, np.cumsum(steps_m))
     places = np.linspace(0.0, along[-1], max(int(along[-1] / _SAMPLE_M), _SMOOTHED) + 1)
-    points = np.stack([_smooth(np.interp(places, along, cells[:, axis])) for axis in (0, 1)], axis=1)
+    points = np.stack(
+        [_smooth(np.interp(places, along, cells[:, axis])) for axis in (0, 1)], axis=1
+    )
     heading = np.unwrap(np.arctan2(*np.diff(points, axis=0).T))
     row, column = where.at(np.round(points).astype(np.int64)).T
-    inner = slice(round(0.8 / _SAMPLE_M), -round(0.3 / _SAMPLE_M)) if len(places) > 15 else slice(None)
-    clearance, width = where.clearance_m[row, column][inner], where.width_m[row, column][inner]
-    return Route(cost * where.cell_m, float(along[-1]), points, heading, clearance, width)
+    inner = (
+        slice(round(0.8 / _SAMPLE_M), -round(0.3 / _SAMPLE_M))
+        if len(places) > 15
+        else slice(None)
+    )
+    clearance, width = (
+        where.clearance_m[row, column][inner],
+        where.width_m[row, column][inner],
+    )
+    return Route(
+        cost * where.cell_m, float(along[-1]), points, heading, clearance, width
+    )
 
 
 def _smooth(values: Floats) -> Floats:
@@ -108,7 +133,9 @@ def _smooth(values: Floats) -> Floats:
 
 
 @njit(cache=True)
-def _search(cost: Floats, start_row: int, start_column: int, goal_row: int, goal_column: int) -> tuple[float, Cells]:
+def _search(
+    cost: Floats, start_row: int, start_column: int, goal_row: int, goal_column: int
+) -> tuple[float, Cells]:
     """Return the cost of the cheapest route and its cells (n, 2): A* over 16 directions at costs of at least 1."""
     rows, cols = cost.shape
     total = np.full(rows * cols, math.inf)
@@ -155,12 +182,20 @@ def route_strip(where: ClearanceMap, route: Route) -> Floats:
     points = route.points[:SAMPLES]
     along = np.gradient(points, axis=0)
     heading = np.unwrap(np.arctan2(along[:, 0], along[:, 1]))
-    aside = np.stack([np.cos(heading), -np.sin(heading)])[:, :, None] * (_ASIDE_M / where.cell_m)
-    clearance = map_coordinates(where.clearance_m, points.T[:, :, None] + aside, order=1, mode="nearest")
+    aside = np.stack([np.cos(heading), -np.sin(heading)])[:, :, None] * (
+        _ASIDE_M / where.cell_m
+    )
+    clearance = map_coordinates(
+        where.clearance_m, points.T[:, :, None] + aside, order=1, mode="nearest"
+    )
     strip = np.zeros((SAMPLES, CHANNELS))
     seen = strip[: len(points)]
     seen[:, :HEADING] = np.minimum(clearance, _FAR_M) / (0.5 * _FAR_M) - 1.0
-    seen[:, HEADING], seen[:, TURN], seen[:, PRESENT] = heading, _TURN_SCALE * np.gradient(heading), 1.0
+    seen[:, HEADING], seen[:, TURN], seen[:, PRESENT] = (
+        heading,
+        _TURN_SCALE * np.gradient(heading),
+        1.0,
+    )
     return strip
 
 
@@ -175,5 +210,14 @@ def mirrored(strips: Floats) -> Floats:
 @cache
 def strip_names(route: str) -> tuple[str, ...]:
     """Return the names of the numbers of a route's strip, flattened."""
-    channels = [*(f"clearance_{aside:+.3f}_m" for aside in _ASIDE_M), "heading", "turn", "present"]
-    return tuple(f"{route}_{sample}_{channel}" for sample in range(SAMPLES) for channel in channels)
+    channels = [
+        *(f"clearance_{aside:+.3f}_m" for aside in _ASIDE_M),
+        "heading",
+        "turn",
+        "present",
+    ]
+    return tuple(
+        f"{route}_{sample}_{channel}"
+        for sample in range(SAMPLES)
+        for channel in channels
+    )

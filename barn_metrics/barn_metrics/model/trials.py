@@ -32,13 +32,22 @@ class Trials:
     succeeded: Bools
 
     def __post_init__(self) -> None:
-        sizes = {len(self.worlds), len(self.planners), len(self.normalised_s_per_m), len(self.succeeded)}
+        sizes = {
+            len(self.worlds),
+            len(self.planners),
+            len(self.normalised_s_per_m),
+            len(self.succeeded),
+        }
         if sizes == {0} or len(sizes) > 1:
-            raise ModelError(f"trials must be at least one and their columns equally long, got lengths {sorted(sizes)}")
+            raise ModelError(
+                f"trials must be at least one and their columns equally long, got lengths {sorted(sizes)}"
+            )
         times = self.normalised_s_per_m
         wrong = np.flatnonzero(~(np.isfinite(times) & (times > 0.0)))
         if len(wrong):
-            raise ModelError(f"world {self.worlds[wrong[0]]}: time per metre must be above 0, got {times[wrong[0]]}")
+            raise ModelError(
+                f"world {self.worlds[wrong[0]]}: time per metre must be above 0, got {times[wrong[0]]}"
+            )
 
     def __len__(self) -> int:
         return len(self.worlds)
@@ -51,12 +60,20 @@ class Trials:
     @cached_property
     def world_numbers(self) -> tuple[int, ...]:
         """Numbers of the worlds that every planner has trials in, ascending: those whose difficulty is known."""
-        return tuple(sorted(set.intersection(*(set(self.of(name).worlds.tolist()) for name in self.planner_names))))
+        return tuple(
+            sorted(
+                set.intersection(
+                    *(set(self.of(name).worlds.tolist()) for name in self.planner_names)
+                )
+            )
+        )
 
     def of(self, planner: str) -> Trials:
         """Return the trials of one planner; ModelError for one that has none."""
         if planner not in self.planner_names:
-            raise ModelError(f"no trials of planner {planner!r}{suggest(planner, self.planner_names)}")
+            raise ModelError(
+                f"no trials of planner {planner!r}{suggest(planner, self.planner_names)}"
+            )
         return self._where(np.array([name == planner for name in self.planners]))
 
     def only(self, worlds: Collection[int]) -> Trials:
@@ -82,19 +99,31 @@ class Trials:
         for planner in self.planner_names:
             mine = (names == planner) & np.isin(self.worlds, numbers)
             at = np.searchsorted(numbers, self.worlds[mine])
-            means.append(np.bincount(at, values[mine], len(numbers)) / np.bincount(at, minlength=len(numbers)))
+            means.append(
+                np.bincount(at, values[mine], len(numbers))
+                / np.bincount(at, minlength=len(numbers))
+            )
         return np.stack(means, axis=1)
 
     def _where(self, kept: Bools) -> Trials:
-        planners = tuple(name for name, keep in zip(self.planners, kept, strict=True) if keep)
-        return Trials(self.worlds[kept], planners, self.normalised_s_per_m[kept], self.succeeded[kept])
+        planners = tuple(
+            name for name, keep in zip(self.planners, kept, strict=True) if keep
+        )
+        return Trials(
+            self.worlds[kept],
+            planners,
+            self.normalised_s_per_m[kept],
+            self.succeeded[kept],
+        )
 
 
 def check_worlds(worlds: Mapping[int, World], numbers: Iterable[int]) -> None:
     """Raise ModelError if there are trials of a world that is not among the worlds."""
     missing = next((number for number in numbers if number not in worlds), None)
     if missing is not None:
-        raise ModelError(f"there are trials of world {missing}, but not the world itself")
+        raise ModelError(
+            f"there are trials of world {missing}, but not the world itself"
+        )
 
 
 def trained_worlds(worlds: Mapping[int, World], trials: Trials) -> list[World]:
@@ -102,7 +131,9 @@ def trained_worlds(worlds: Mapping[int, World], trials: Trials) -> list[World]:
     numbers = trials.world_numbers
     check_worlds(worlds, numbers)
     if (count := len(numbers)) < FEWEST_WORLDS:
-        raise ModelError(f"a model needs at least {FEWEST_WORLDS} worlds with trials of every planner, got {count}")
+        raise ModelError(
+            f"a model needs at least {FEWEST_WORLDS} worlds with trials of every planner, got {count}"
+        )
     return [worlds[number] for number in numbers]
 
 
@@ -122,16 +153,23 @@ def fold_masks(worlds: int, folds: int, seed: int) -> Bools:
     return kept
 
 
-def joined(parts: Sequence[tuple[Mapping[int, World], Trials]]) -> tuple[dict[int, World], Trials]:
+def joined(
+    parts: Sequence[tuple[Mapping[int, World], Trials]],
+) -> tuple[dict[int, World], Trials]:
     """Return worlds and trials of several campaigns, renumbered, equal worlds as one; ModelError for missing ones."""
     numbers: dict[str, int] = {}
     worlds: dict[int, World] = {}
     renumbered = []
     for mine, trials in parts:
         check_worlds(mine, trials.worlds.tolist())
-        new = {number: numbers.setdefault(world.checksum, len(numbers)) for number, world in mine.items()}
+        new = {
+            number: numbers.setdefault(world.checksum, len(numbers))
+            for number, world in mine.items()
+        }
         worlds |= {new[number]: world for number, world in mine.items()}
-        renumbered.append(np.array([new[int(number)] for number in trials.worlds], np.int64))
+        renumbered.append(
+            np.array([new[int(number)] for number in trials.worlds], np.int64)
+        )
     return worlds, Trials(
         np.concatenate(renumbered),
         tuple(planner for _, one in parts for planner in one.planners),

@@ -22,7 +22,9 @@ from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.base.errors import ConfigError, ModelError, WorldError
 from barn_worlds.formats.npz import NpzFormat
 
-FORMAT = NpzFormat("a difficulty model", "header.json", schema=1, largest_file=2**25, largest=2**27)
+FORMAT = NpzFormat(
+    "a difficulty model", "header.json", schema=1, largest_file=2**25, largest=2**27
+)
 
 
 @dataclass(frozen=True)
@@ -50,10 +52,16 @@ class _Header(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.require(self.input_names == input_names(), "input_names", "must be those of this version; train again")
+        self.require(
+            self.input_names == input_names(),
+            "input_names",
+            "must be those of this version; train again",
+        )
         self.require(1 <= len(self.members) <= 64, "members", "must be from 1 to 64")
         self.require(1 <= len(self.planners) <= 16, "planners", "must be from 1 to 16")
-        equal = all(abs(one.weight * len(self.members) - 1.0) < 1e-6 for one in self.members)
+        equal = all(
+            abs(one.weight * len(self.members) - 1.0) < 1e-6 for one in self.members
+        )
         self.require(equal, "members", "must weigh the same and add up to 1")
 
 
@@ -67,16 +75,27 @@ def save_model(model: DifficultyModel, path: Path) -> None:
     arrays: dict[str, npt.NDArray[Any]] = {}
     for number, network in enumerate(model.networks):
         parts = {"mean": network.mean, "std": network.std}
-        for layers, names in ((network.layers, ("weights", "bias")), (network.filters, ("filters", "filter_bias"))):
+        for layers, names in (
+            (network.layers, ("weights", "bias")),
+            (network.filters, ("filters", "filter_bias")),
+        ):
             for place, layer in enumerate(layers):
-                parts |= {f"{name}{place}": one for name, one in zip(names, layer, strict=True)}
-        arrays |= {f"m{number}_{name}": one.astype("<f8") for name, one in parts.items()}
+                parts |= {
+                    f"{name}{place}": one
+                    for name, one in zip(names, layer, strict=True)
+                }
+        arrays |= {
+            f"m{number}_{name}": one.astype("<f8") for name, one in parts.items()
+        }
     header = _Header(
         schema=FORMAT.schema,
         input_names=input_names(),
         planners=model.planners,
         relative_std=model.relative_std,
-        members=tuple(_Member("sequence", 1.0 / len(model.networks), len(one.layers)) for one in model.networks),
+        members=tuple(
+            _Member("sequence", 1.0 / len(model.networks), len(one.layers))
+            for one in model.networks
+        ),
         about=dict(model.about),
         sha256=_checksum(arrays),
     )
@@ -92,13 +111,24 @@ def load_model(path: Path | str | None = None) -> DifficultyModel:
     except (WorldError, ConfigError) as error:
         raise ModelError(str(error)) from None
     if header.sha256 != _checksum(arrays):
-        raise ModelError(f"{where}: damaged: its arrays do not have the checksum of the header")
-    networks = [_network(where, arrays, k, one.layers, header.planners) for k, one in enumerate(header.members)]
-    return DifficultyModel(header.planners, tuple(networks), header.relative_std, header.about)
+        raise ModelError(
+            f"{where}: damaged: its arrays do not have the checksum of the header"
+        )
+    networks = [
+        _network(where, arrays, k, one.layers, header.planners)
+        for k, one in enumerate(header.members)
+    ]
+    return DifficultyModel(
+        header.planners, tuple(networks), header.relative_std, header.about
+    )
 
 
 def _network(
-    where: Path, arrays: Mapping[str, npt.NDArray[Any]], number: int, layers: int, planners: tuple[str, ...]
+    where: Path,
+    arrays: Mapping[str, npt.NDArray[Any]],
+    number: int,
+    layers: int,
+    planners: tuple[str, ...],
 ) -> RouteNetwork:
     """Return the network of that number in a file; ModelError for arrays that do not fit."""
 
@@ -111,11 +141,19 @@ def _network(
         name = f"m{number}_{name}"
         if (found := arrays.get(name)) is None:
             raise ModelError(f"{where}: has no array {name}")
-        fits = found.ndim == len(shape) and all(map(lambda want, got: want in (None, got), shape, found.shape))
+        fits = found.ndim == len(shape) and all(
+            map(lambda want, got: want in (None, got), shape, found.shape)
+        )
         wanted = " x ".join("any" if side is None else str(side) for side in shape)
         got = f"{found.dtype} of shape {found.shape}"
-        require(fits and found.dtype == np.dtype("<f8"), name, f"must be {wanted} of f8, got {got}")
-        require(bool(np.isfinite(found).all()), name, "holds values that are not finite")
+        require(
+            fits and found.dtype == np.dtype("<f8"),
+            name,
+            f"must be {wanted} of f8, got {got}",
+        )
+        require(
+            bool(np.isfinite(found).all()), name, "holds values that are not finite"
+        )
         return found
 
     def layer(weights: str, bias: str, *shape: int | None) -> Layer:
@@ -129,10 +167,21 @@ def _network(
     for k in range(len(DILATIONS)):
         filters.append(layer(f"filters{k}", f"filter_bias{k}", None, seen, None))
         span, _, seen = filters[-1][0].shape
-        require(span % 2 == 1, f"m{number}_filters{k}", f"must span an odd number of samples, got {span}")
+        require(
+            span % 2 == 1,
+            f"m{number}_filters{k}",
+            f"must span an odd number of samples, got {span}",
+        )
     width = size + 2 * seen
     for k in range(layers):
-        connected.append(layer(f"weights{k}", f"bias{k}", width, 2 * len(planners) if k == layers - 1 else None))
+        connected.append(
+            layer(
+                f"weights{k}",
+                f"bias{k}",
+                width,
+                2 * len(planners) if k == layers - 1 else None,
+            )
+        )
         width = len(connected[-1][1])
     return RouteNetwork(mean, std, tuple(filters), tuple(connected))
 

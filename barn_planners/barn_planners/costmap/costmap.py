@@ -13,7 +13,14 @@ from barn_planners.costmap import inflation, kernels, layers
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import OccupancyMap, Pose2D, Scan
-from barn_worlds.geometry.polygon import Corner, area, contains, grown, hull, nearest_side_m
+from barn_worlds.geometry.polygon import (
+    Corner,
+    area,
+    contains,
+    grown,
+    hull,
+    nearest_side_m,
+)
 
 CostArray = npt.NDArray[np.uint8]
 
@@ -34,22 +41,58 @@ class CostmapConfig(Checked):
     """A costmap fed by a lidar; the defaults are the Jackal's local costmap."""
 
     resolution_m: float = quantity(0.05, "side of a cell", "m", 0.005, 1.0)
-    size_m: float = quantity(10.0, "side of the square around the robot", "m", 1.0, 200.0)
-    footprint_half_length_m: float = quantity(0.21, "half the robot's length", "m", 0.01, 5.0)
-    footprint_half_width_m: float = quantity(0.165, "half the robot's width", "m", 0.01, 5.0)
-    footprint_padding_m: float = quantity(0.1, "padding of the footprint on every side", "m", -0.1, 2.0)
-    inscribed_radius_m: float = quantity(0.0, "cells so near obstacles cost 253; 0: the footprint's", "m", minimum=0.0)
-    inflation_radius_m: float = quantity(0.30, "cells further from any obstacle cost nothing", "m", minimum=0.0)
-    cost_scaling_per_m: float = quantity(10.0, "rate at which the cost falls beyond the inscribed radius", "1/m")
-    soft_costs: bool = quantity(True, "give cells between the inscribed and the inflation radius a cost below 253")
-    obstacle_range_m: float = quantity(2.5, "hits nearer than this are marked", "m", 0.0, 100.0)
-    raytrace_range_m: float = quantity(3.0, "rays clear up to this distance", "m", 0.0, 100.0)
+    size_m: float = quantity(
+        10.0, "side of the square around the robot", "m", 1.0, 200.0
+    )
+    footprint_half_length_m: float = quantity(
+        0.21, "half the robot's length", "m", 0.01, 5.0
+    )
+    footprint_half_width_m: float = quantity(
+        0.165, "half the robot's width", "m", 0.01, 5.0
+    )
+    footprint_padding_m: float = quantity(
+        0.1, "padding of the footprint on every side", "m", -0.1, 2.0
+    )
+    inscribed_radius_m: float = quantity(
+        0.0, "cells so near obstacles cost 253; 0: the footprint's", "m", minimum=0.0
+    )
+    inflation_radius_m: float = quantity(
+        0.30, "cells further from any obstacle cost nothing", "m", minimum=0.0
+    )
+    cost_scaling_per_m: float = quantity(
+        10.0, "rate at which the cost falls beyond the inscribed radius", "1/m"
+    )
+    soft_costs: bool = quantity(
+        True,
+        "give cells between the inscribed and the inflation radius a cost below 253",
+    )
+    obstacle_range_m: float = quantity(
+        2.5, "hits nearer than this are marked", "m", 0.0, 100.0
+    )
+    raytrace_range_m: float = quantity(
+        3.0, "rays clear up to this distance", "m", 0.0, 100.0
+    )
     clear_footprint: bool = quantity(True, "clear the cells of the padded footprint")
-    recentre_cells: int = quantity(1, "cells that the robot moves before the grid follows", "", 1, 1000)
-    as_costmap_2d: bool = quantity(False, "true: rays, footprint and window are costmap_2d's (a quirk)", optional=True)
-    inflates_by_front: bool = quantity(False, "true: cost by the front that comes first (a slow quirk)", optional=True)
-    footprint: str = quantity("", "convex outline [[x, y], ...] in place of the half sizes", "m", optional=True)
-    clockwise_outline: bool = quantity(False, "true: the footprint is drawn clockwise (a quirk)", optional=True)
+    recentre_cells: int = quantity(
+        1, "cells that the robot moves before the grid follows", "", 1, 1000
+    )
+    as_costmap_2d: bool = quantity(
+        False,
+        "true: rays, footprint and window are costmap_2d's (a quirk)",
+        optional=True,
+    )
+    inflates_by_front: bool = quantity(
+        False, "true: cost by the front that comes first (a slow quirk)", optional=True
+    )
+    footprint: str = quantity(
+        "",
+        "convex outline [[x, y], ...] in place of the half sizes",
+        "m",
+        optional=True,
+    )
+    clockwise_outline: bool = quantity(
+        False, "true: the footprint is drawn clockwise (a quirk)", optional=True
+    )
 
     @property
     def inscribed_m(self) -> float:
@@ -59,7 +102,11 @@ class CostmapConfig(Checked):
     @property
     def _padded_inscribed_m(self) -> float:
         corners = self.padded_outline_m
-        return nearest_side_m(corners.tolist()) if self.footprint else float(corners[0].min())
+        return (
+            nearest_side_m(corners.tolist())
+            if self.footprint
+            else float(corners[0].min())
+        )
 
     @cached_property
     def padded_outline_m(self) -> npt.NDArray[np.float64]:
@@ -68,7 +115,10 @@ class CostmapConfig(Checked):
         corners = corners_of(self.footprint)
         if corners:
             return np.array(grown(corners, padding_m))
-        return rectangle(self.footprint_half_length_m + padding_m, self.footprint_half_width_m + padding_m)
+        return rectangle(
+            self.footprint_half_length_m + padding_m,
+            self.footprint_half_width_m + padding_m,
+        )
 
     @property
     def circumscribed_m(self) -> float:
@@ -77,21 +127,37 @@ class CostmapConfig(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.require(not self.footprint or corners_of(self.footprint) is not None, "footprint", _RULE)
-        self.require(self._padded_inscribed_m > 0.0, "footprint_padding_m", "must leave a footprint")
+        self.require(
+            not self.footprint or corners_of(self.footprint) is not None,
+            "footprint",
+            _RULE,
+        )
+        self.require(
+            self._padded_inscribed_m > 0.0,
+            "footprint_padding_m",
+            "must leave a footprint",
+        )
         few = f"must make at most {_MAX_CELLS} cells of {self.resolution_m:g} m"
-        self.require((self.size_m / self.resolution_m) ** 2 <= _MAX_CELLS, "size_m", few)
+        self.require(
+            (self.size_m / self.resolution_m) ** 2 <= _MAX_CELLS, "size_m", few
+        )
 
 
 @dataclass(frozen=True)
 class GlobalCostmapConfig(CostmapConfig):
     """The costmap of the global plan; without a map it rolls along with the robot."""
 
-    size_m: float = quantity(40.0, "side of the square without a map, or larger", "m", 1.0, _LARGEST_M)
-    recentre_cells: int = quantity(50, "cells that the robot moves before the grid follows", "", 1, 1000)
+    size_m: float = quantity(
+        40.0, "side of the square without a map, or larger", "m", 1.0, _LARGEST_M
+    )
+    recentre_cells: int = quantity(
+        50, "cells that the robot moves before the grid follows", "", 1, 1000
+    )
     static_layer: bool = quantity(True, "use the obstacles of the map, if there is one")
     lidar_marks: bool = quantity(True, "mark what the lidar sees, even with a map")
-    map_resolution: bool = quantity(False, "use the map's resolution instead of resolution_m")
+    map_resolution: bool = quantity(
+        False, "use the map's resolution instead of resolution_m"
+    )
 
 
 class Beams:
@@ -101,13 +167,20 @@ class Beams:
         self._key: tuple[float, float, float, int] | None = None
         self._directions, self._ends = np.empty((0, 2)), np.empty((0, 2), np.int64)
 
-    def of(self, yaw: float, scan: Scan) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
+    def of(
+        self, yaw: float, scan: Scan
+    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
         """Return the directions of a scan's beams for a lidar at this yaw, and work space for their ends, (n, 2)."""
         key = (yaw, scan.angle_min, scan.angle_increment, len(scan.ranges))
         if key != self._key:
             if len(self._ends) != len(scan.ranges):
-                self._directions, self._ends = np.empty((key[3], 2)), np.empty((key[3], 2), np.int64)
-            kernels.point_beams(self._directions, yaw, scan.angle_min, scan.angle_increment)
+                self._directions, self._ends = (
+                    np.empty((key[3], 2)),
+                    np.empty((key[3], 2), np.int64),
+                )
+            kernels.point_beams(
+                self._directions, yaw, scan.angle_min, scan.angle_increment
+            )
             self._key = key
         return self._directions, self._ends
 
@@ -115,9 +188,18 @@ class Beams:
 class Costmap:
     """A fixed grid of costs, uint8 (rows, columns), row along y; `update` changes them in place. Nothing is off it."""
 
-    def __init__(self, config: CostmapConfig, rows: int, cols: int, resolution: float, origin: tuple[float, float]):
+    def __init__(
+        self,
+        config: CostmapConfig,
+        rows: int,
+        cols: int,
+        resolution: float,
+        origin: tuple[float, float],
+    ):
         if rows * cols > _MAX_CELLS:
-            raise ConfigError(f"a costmap must have at most {_MAX_CELLS} cells, got {rows} x {cols}")
+            raise ConfigError(
+                f"a costmap must have at most {_MAX_CELLS} cells, got {rows} x {cols}"
+            )
         self.config = config
         self.resolution = resolution
         self.origin_x, self.origin_y = origin
@@ -128,10 +210,14 @@ class Costmap:
         by_square = costs_by_square(config, resolution)
         self._inflated = (self.costs, by_square, squares_for(by_square))
         outline = config.padded_outline_m
-        self.outline = np.ascontiguousarray(outline[::-1]) if config.clockwise_outline else outline
+        self.outline = (
+            np.ascontiguousarray(outline[::-1]) if config.clockwise_outline else outline
+        )
         self._cleared = self.outline if config.clear_footprint else np.empty((0, 2))
         if config.clear_footprint and config.as_costmap_2d and not config.footprint:
-            self._cleared = outline[[2, 1, 0, 3]]  # lines of cells differ by the end that they begin at
+            self._cleared = outline[
+                [2, 1, 0, 3]
+            ]  # lines of cells differ by the end that they begin at
 
     @property
     def grid(self) -> tuple[float, float, float]:
@@ -141,18 +227,44 @@ class Costmap:
     def update(self, pose: Pose2D, scan: Scan, lidar: Pose2D) -> None:
         """Add a scan, taken at `pose` of the robot (frame of the grid) by a lidar at its pose in base_link."""
         c, s = math.cos(pose.yaw), math.sin(pose.yaw)
-        x, y, yaw = pose.x + lidar.x * c - lidar.y * s, pose.y + lidar.x * s + lidar.y * c, pose.yaw + lidar.yaw
-        if not all(map(math.isfinite, (x, y, yaw, scan.angle_min, scan.angle_increment))):
+        x, y, yaw = (
+            pose.x + lidar.x * c - lidar.y * s,
+            pose.y + lidar.x * s + lidar.y * c,
+            pose.yaw + lidar.yaw,
+        )
+        if not all(
+            map(math.isfinite, (x, y, yaw, scan.angle_min, scan.angle_increment))
+        ):
             return
-        limits = (scan.range_min, scan.range_max, self.config.raytrace_range_m, self.config.obstacle_range_m)
-        changed = (self._lethal, self._dirty, *self._inflated, self.grid, (pose.x, pose.y, pose.yaw))
+        limits = (
+            scan.range_min,
+            scan.range_max,
+            self.config.raytrace_range_m,
+            self.config.obstacle_range_m,
+        )
+        changed = (
+            self._lethal,
+            self._dirty,
+            *self._inflated,
+            self.grid,
+            (pose.x, pose.y, pose.yaw),
+        )
         own = self.config.as_costmap_2d  # then beams are in the lidar's own frame
         directions, ends = self.beams.of(0.0 if own else yaw, scan)
         if own:
-            seen = ((x, y, yaw), directions, scan.ranges, limits, self._cleared, self.config.inflates_by_front)
+            seen = (
+                (x, y, yaw),
+                directions,
+                scan.ranges,
+                limits,
+                self._cleared,
+                self.config.inflates_by_front,
+            )
             layers.observe(*changed, *seen)
         else:
-            kernels.observe(*changed, (x, y), directions, ends, scan.ranges, limits, self._cleared)
+            kernels.observe(
+                *changed, (x, y), directions, ends, scan.ranges, limits, self._cleared
+            )
 
     def reset(self) -> None:
         """Clear all marks."""
@@ -166,11 +278,15 @@ class Costmap:
             end_row, end_col = self.cell(pose.x + side_m / 2.0, pose.y + side_m / 2.0)
             window = (row, end_row + 1, col, end_col + 1)
         kernels.clear_outside(self._lethal, self._dirty, *window)
-        inflation.refresh(self._lethal, *self._inflated, self._dirty, self.config.inflates_by_front)
+        inflation.refresh(
+            self._lethal, *self._inflated, self._dirty, self.config.inflates_by_front
+        )
 
     def cell(self, x: float, y: float) -> tuple[int, int]:
         """Return (row, column) of the cell of a point, which may lie off the grid."""
-        return math.floor((y - self.origin_y) / self.resolution), math.floor((x - self.origin_x) / self.resolution)
+        return math.floor((y - self.origin_y) / self.resolution), math.floor(
+            (x - self.origin_x) / self.resolution
+        )
 
     def world_to_cell(self, x: float, y: float) -> tuple[int, int] | None:
         """Return (row, column) of the cell of a point in metres, None if it is off the grid or not finite."""
@@ -187,14 +303,21 @@ class Costmap:
 
     def has_room(self, x: float, y: float, yaw: float) -> bool:
         """Tell whether the edges of the padded footprint at a pose (m, rad) are free and on the grid."""
-        return bool(kernels.edge_cost(self.costs, kernels.placed(self.outline, x, y, yaw), *self.grid) >= 0)
+        return bool(
+            kernels.edge_cost(
+                self.costs, kernels.placed(self.outline, x, y, yaw), *self.grid
+            )
+            >= 0
+        )
 
     def as_map(self) -> OccupancyMap:
         """Return the costs as an occupancy grid for display: 0 free, 99 inscribed, 100 lethal, scaled between."""
         shown = np.minimum(self.costs.astype(np.int16) * 98 // 252, 98)
         shown[self.costs == INSCRIBED] = 99
         shown[self.costs == LETHAL] = 100
-        return OccupancyMap(shown.astype(np.int8), self.resolution, self.origin_x, self.origin_y)
+        return OccupancyMap(
+            shown.astype(np.int8), self.resolution, self.origin_x, self.origin_y
+        )
 
 
 class RollingCostmap(Costmap):
@@ -220,8 +343,14 @@ class RollingCostmap(Costmap):
         rows, cols = self.costs.shape
         if self.config.as_costmap_2d:
             # once the window is a whole cell off, on either side, from a corner that adds up its steps
-            d_row = int((pose.y - 0.5 * ((rows - 0.5) * self.resolution) - self.origin_y) / self.resolution)
-            d_col = int((pose.x - 0.5 * ((cols - 0.5) * self.resolution) - self.origin_x) / self.resolution)
+            d_row = int(
+                (pose.y - 0.5 * ((rows - 0.5) * self.resolution) - self.origin_y)
+                / self.resolution
+            )
+            d_col = int(
+                (pose.x - 0.5 * ((cols - 0.5) * self.resolution) - self.origin_x)
+                / self.resolution
+            )
             self.origin_x += d_col * self.resolution
             self.origin_y += d_row * self.resolution
             self._shift(d_row, d_col)
@@ -232,7 +361,10 @@ class RollingCostmap(Costmap):
         d_col = corner_col - round(self.origin_x / self.resolution)
         if self._placed and max(abs(d_row), abs(d_col)) < self.config.recentre_cells:
             return
-        self.origin_x, self.origin_y = corner_col * self.resolution, corner_row * self.resolution
+        self.origin_x, self.origin_y = (
+            corner_col * self.resolution,
+            corner_row * self.resolution,
+        )
         self._shift(d_row, d_col)
 
     def _shift(self, d_row: int, d_col: int) -> None:
@@ -248,15 +380,28 @@ class MapCostmap(Costmap):
     def __init__(self, config: GlobalCostmapConfig, known: OccupancyMap):
         # single precision, as in the message, so that a map gives the same cells before and after sending
         resolution = float(np.float32(known.resolution))
-        factor = 1 if config.map_resolution else max(1, round(resolution / config.resolution_m))
+        factor = (
+            1
+            if config.map_resolution
+            else max(1, round(resolution / config.resolution_m))
+        )
         rows, cols = known.data.shape[0] * factor, known.data.shape[1] * factor
-        super().__init__(config, rows, cols, resolution / factor, (known.origin_x, known.origin_y))
+        super().__init__(
+            config, rows, cols, resolution / factor, (known.origin_x, known.origin_y)
+        )
         self._marks = config.lidar_marks
         if config.static_layer:
-            occupied = np.repeat(np.repeat(known.data >= 65, factor, axis=0), factor, axis=1)
+            occupied = np.repeat(
+                np.repeat(known.data >= 65, factor, axis=0), factor, axis=1
+            )
             self._lethal[occupied] = kernels.STATIC
             self._dirty[:] = (0, rows, 0, cols)
-            inflation.refresh(self._lethal, *self._inflated, self._dirty, self.config.inflates_by_front)
+            inflation.refresh(
+                self._lethal,
+                *self._inflated,
+                self._dirty,
+                self.config.inflates_by_front,
+            )
 
     def update(self, pose: Pose2D, scan: Scan, lidar: Pose2D) -> None:
         """Add the scan, if lidar marks are configured."""
@@ -270,13 +415,26 @@ def rectangle(half_length_m: float, half_width_m: float) -> npt.NDArray[np.float
     return np.array([[x, y], [-x, y], [-x, -y], [x, -y]])
 
 
-def global_costmap(config: GlobalCostmapConfig, known: OccupancyMap | None, goal: Pose2D) -> Costmap:
+def global_costmap(
+    config: GlobalCostmapConfig, known: OccupancyMap | None, goal: Pose2D
+) -> Costmap:
     """Return the costmap of the global plan: on the map if there is one, else around the robot at the origin."""
     if known is not None:
         return MapCostmap(config, known)
-    reach_m = max(abs(goal.x), abs(goal.y)) + (config.recentre_cells + 1) * config.resolution_m + _BEYOND_M
-    within_limits = 2.0 * reach_m <= _LARGEST_M and (2.0 * reach_m / config.resolution_m) ** 2 <= _MAX_CELLS
-    return RollingCostmap(replace(config, size_m=max(config.size_m, 2.0 * reach_m)) if within_limits else config)
+    reach_m = (
+        max(abs(goal.x), abs(goal.y))
+        + (config.recentre_cells + 1) * config.resolution_m
+        + _BEYOND_M
+    )
+    within_limits = (
+        2.0 * reach_m <= _LARGEST_M
+        and (2.0 * reach_m / config.resolution_m) ** 2 <= _MAX_CELLS
+    )
+    return RollingCostmap(
+        replace(config, size_m=max(config.size_m, 2.0 * reach_m))
+        if within_limits
+        else config
+    )
 
 
 def costs_by_square(config: CostmapConfig, resolution: float) -> CostArray:
@@ -284,7 +442,11 @@ def costs_by_square(config: CostmapConfig, resolution: float) -> CostArray:
 
     254 at 0, 253 up to the inscribed radius r, then int(252 exp(-scaling (d - r))) up to the inflation radius.
     """
-    soft = math.ceil(config.inflation_radius_m / resolution - 1e-9) if config.soft_costs else 0
+    soft = (
+        math.ceil(config.inflation_radius_m / resolution - 1e-9)
+        if config.soft_costs
+        else 0
+    )
     reach = max(soft, math.floor(config.inscribed_m / resolution + 1e-9))
     costs = np.zeros((reach + 1) ** 2 + reach**2 + 1, np.uint8)
     for row, col in np.ndindex(reach + 1, reach + 1):
@@ -293,7 +455,9 @@ def costs_by_square(config: CostmapConfig, resolution: float) -> CostArray:
         if beyond <= 1e-9:
             costs[row**2 + col**2] = INSCRIBED
         elif cells <= soft:
-            costs[row**2 + col**2] = int(252.0 * math.exp(-config.cost_scaling_per_m * beyond))
+            costs[row**2 + col**2] = int(
+                252.0 * math.exp(-config.cost_scaling_per_m * beyond)
+            )
     costs[0] = LETHAL
     return costs
 
@@ -301,7 +465,11 @@ def costs_by_square(config: CostmapConfig, resolution: float) -> CostArray:
 def squares_for(by_square: CostArray) -> npt.NDArray[np.unsignedinteger]:
     """Return the squares that inflation by the costs of `costs_by_square` needs, in a type that holds their sums."""
     squares = np.arange(math.isqrt((len(by_square) - 1) // 2) + 2, dtype=np.uint32) ** 2
-    return squares.astype(np.uint16) if 2 * squares[-1] <= np.iinfo(np.uint16).max else squares
+    return (
+        squares.astype(np.uint16)
+        if 2 * squares[-1] <= np.iinfo(np.uint16).max
+        else squares
+    )
 
 
 def text_of(corners: Sequence[Corner]) -> str:
@@ -316,6 +484,11 @@ def corners_of(text: str) -> tuple[Corner, ...] | None:
     except (TypeError, ValueError):
         return None
     finite = all(math.isfinite(x) and math.isfinite(y) for x, y in corners)
-    if not (finite and 3 <= len(corners) <= _MOST_CORNERS and area(corners) > 0.0 and contains(corners, (0.0, 0.0))):
+    if not (
+        finite
+        and 3 <= len(corners) <= _MOST_CORNERS
+        and area(corners) > 0.0
+        and contains(corners, (0.0, 0.0))
+    ):
         return None
     return corners if set(hull(corners)) == set(corners) else None

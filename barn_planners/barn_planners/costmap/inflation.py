@@ -20,11 +20,15 @@ def refresh(lethal, costs, by_square, squares, dirty, by_front=False):  # type: 
     rows, cols = lethal.shape
     reach = len(squares) - 2
     boxes = np.empty((_MOST_BOXES, 4), np.int64)
-    for k in range(_changed_boxes(lethal, costs, dirty, by_square[0], 2 * reach, boxes)):
+    for k in range(
+        _changed_boxes(lethal, costs, dirty, by_square[0], 2 * reach, boxes)
+    ):
         row_lo, row_hi = max(0, boxes[k, 0] - reach), min(rows, boxes[k, 1] + reach)
         col_lo, col_hi = max(0, boxes[k, 2] - reach), min(cols, boxes[k, 3] + reach)
         if by_front:
-            inflate_by_front(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, col_hi)
+            inflate_by_front(
+                lethal, costs, by_square, squares, row_lo, row_hi, col_lo, col_hi
+            )
         else:
             inflate(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, col_hi)
     far = np.iinfo(np.int64).max
@@ -56,12 +60,20 @@ def _join(boxes, count, row, col, near):  # type: ignore[no-untyped-def]
     """Add a cell to the first box near by, or a new one where there is room; return their number with it."""
     for k in range(count):
         box = boxes[k]
-        if box[0] - near <= row < box[1] + near and box[2] - near <= col < box[3] + near:
+        if (
+            box[0] - near <= row < box[1] + near
+            and box[2] - near <= col < box[3] + near
+        ):
             box[0], box[1] = min(box[0], row), max(box[1], row + 1)
             box[2], box[3] = min(box[2], col), max(box[3], col + 1)
             return count
     if count < len(boxes):
-        boxes[count, 0], boxes[count, 1], boxes[count, 2], boxes[count, 3] = row, row + 1, col, col + 1
+        boxes[count, 0], boxes[count, 1], boxes[count, 2], boxes[count, 3] = (
+            row,
+            row + 1,
+            col,
+            col + 1,
+        )
     return count + 1
 
 
@@ -73,10 +85,18 @@ def shift(lethal, costs, by_square, squares, d_row, d_col):  # type: ignore[no-u
     _move(costs, d_row, d_col)
     reach = len(squares) - 2
     if d_row != 0:
-        for low, high in ((0, reach), (rows - d_row, rows)) if d_row > 0 else ((rows - reach, rows), (0, -d_row)):
+        for low, high in (
+            ((0, reach), (rows - d_row, rows))
+            if d_row > 0
+            else ((rows - reach, rows), (0, -d_row))
+        ):
             _inflate_strip(lethal, costs, by_square, squares, low, high, 0, cols)
     if d_col != 0:
-        for low, high in ((0, reach), (cols - d_col, cols)) if d_col > 0 else ((cols - reach, cols), (0, -d_col)):
+        for low, high in (
+            ((0, reach), (cols - d_col, cols))
+            if d_col > 0
+            else ((cols - reach, cols), (0, -d_col))
+        ):
             _inflate_strip(lethal, costs, by_square, squares, 0, rows, low, high)
 
 
@@ -89,7 +109,12 @@ def _inflate_strip(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, co
     for row in range(max(0, row_lo - reach), min(rows, row_hi + reach)):
         for col in range(max(0, col_lo - reach), min(cols, col_hi + reach)):
             if costs[row, col]:
-                top, bottom, left, right = min(top, row), row, min(left, col), max(right, col)
+                top, bottom, left, right = (
+                    min(top, row),
+                    row,
+                    min(left, col),
+                    max(right, col),
+                )
     row_lo, row_hi = max(0, row_lo, top - reach), min(rows, row_hi, bottom + reach + 1)
     col_lo, col_hi = max(0, col_lo, left - reach), min(cols, col_hi, right + reach + 1)
     if row_lo < row_hi and col_lo < col_hi:
@@ -103,7 +128,11 @@ def _move(layer, d_row, d_col):  # type: ignore[no-untyped-def]
     if abs(d_row) >= rows or abs(d_col) >= cols:
         layer[:] = 0
         return
-    cells, before, step = layer.reshape(rows * cols), layer.copy().reshape(rows * cols), d_row * cols + d_col
+    cells, before, step = (
+        layer.reshape(rows * cols),
+        layer.copy().reshape(rows * cols),
+        d_row * cols + d_col,
+    )
     source, target = (before[step:], cells) if step > 0 else (before, cells[-step:])
     for k in range(len(cells) - abs(step)):
         target[k] = source[k]
@@ -124,14 +153,27 @@ def inflate(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, col_hi): 
     width = col_hi - col_lo + 2 * reach
     band = min(_BAND, row_hi - row_lo)
     marks = np.empty((band + 2 * reach, width), squares.dtype)
-    upright, nearest = np.empty(band * width, squares.dtype), np.empty(band * width, squares.dtype)
+    upright, nearest = (
+        np.empty(band * width, squares.dtype),
+        np.empty(band * width, squares.dtype),
+    )
     for first in range(row_lo, row_hi, band):
         count = min(band, row_hi - first)
-        _copy_marks(lethal, marks, first - reach, first + count + reach, col_lo - reach, squares[reach + 1])
+        _copy_marks(
+            lethal,
+            marks,
+            first - reach,
+            first + count + reach,
+            col_lo - reach,
+            squares[reach + 1],
+        )
         _spread(marks.reshape(marks.size), upright[: count * width], width, squares)
         _spread(upright, nearest[: count * width - 2 * reach], 1, squares)
         for row in range(count):
-            line, found = costs[first + row, col_lo:col_hi], nearest[row * width : (row + 1) * width]
+            line, found = (
+                costs[first + row, col_lo:col_hi],
+                nearest[row * width : (row + 1) * width],
+            )
             for col in range(len(line)):
                 line[col] = by_square[found[col]]
 
@@ -144,7 +186,10 @@ def _copy_marks(lethal, marks, row_lo, row_hi, col_lo, far):  # type: ignore[no-
     if row_lo < 0 or row_hi > rows or end - first < marks.shape[1]:
         marks[:] = far
     for row in range(max(0, row_lo), min(rows, row_hi)):
-        seen, mark = lethal[row, first:end], marks[row - row_lo, first - col_lo : end - col_lo]
+        seen, mark = (
+            lethal[row, first:end],
+            marks[row - row_lo, first - col_lo : end - col_lo],
+        )
         for col in range(len(seen)):
             mark[col] = 0 if seen[col] else far
 
@@ -158,7 +203,10 @@ def _spread(found, nearest, apart, squares):  # type: ignore[no-untyped-def]
         nearest[k] = centre[k]
     for offset in range(1, reach + 1):
         more = squares[offset]
-        before, after = found[(reach - offset) * apart :], found[(reach + offset) * apart :]
+        before, after = (
+            found[(reach - offset) * apart :],
+            found[(reach + offset) * apart :],
+        )
         for k in range(len(nearest)):
             # In the type of the squares, so that the loop takes as many cells at once as possible.
             here = squares.dtype.type(min(before[k], after[k]) + more)
@@ -176,8 +224,14 @@ def inflate_by_front(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, 
     top, left = max(0, row_lo - reach), max(0, col_lo - reach)
     bottom, right = min(rows, row_hi + reach), min(cols, col_hi + reach)
     height, width, ends = bottom - top, right - left, reach * reach + 1
-    nearest = np.full(height * width, ends, np.int32)  # the square with which a cell waits or was taken
-    queue = (np.empty((5 * height * width, 3), np.int32), np.full(ends, -1, np.int32), np.full(ends, -1, np.int32))
+    nearest = np.full(
+        height * width, ends, np.int32
+    )  # the square with which a cell waits or was taken
+    queue = (
+        np.empty((5 * height * width, 3), np.int32),
+        np.full(ends, -1, np.int32),
+        np.full(ends, -1, np.int32),
+    )
     count = 0
     for row in range(top, bottom):
         marks = lethal[row, left:right]
@@ -193,13 +247,21 @@ def inflate_by_front(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, 
         while at >= 0:
             cell, source = np.int64(cells[at, 0]), np.int64(cells[at, 1])
             if nearest[cell] == square:
-                row, col, from_row, from_col = cell // width, cell % width, source // width, source % width
+                row, col, from_row, from_col = (
+                    cell // width,
+                    cell % width,
+                    source // width,
+                    source % width,
+                )
                 if row_lo <= row + top < row_hi and col_lo <= col + left < col_hi:
                     costs[row + top, col + left] = by_square[square]
                 for d_row, d_col in ((0, -1), (-1, 0), (0, 1), (1, 0)):
                     side_row, side_col = row + d_row, col + d_col
                     inside = 0 <= side_row < height and 0 <= side_col < width
-                    side, away = side_row * width + side_col, (side_row - from_row) ** 2 + (side_col - from_col) ** 2
+                    side, away = (
+                        side_row * width + side_col,
+                        (side_row - from_row) ** 2 + (side_col - from_col) ** 2,
+                    )
                     # what has been passed is not gone back to, and of equals the first one counts
                     if inside and square <= away < nearest[side]:
                         nearest[side] = away

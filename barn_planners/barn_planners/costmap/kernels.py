@@ -43,7 +43,9 @@ def line_between(row, col, end_row, end_col):  # type: ignore[no-untyped-def]
     """Return the line between two cells for `next_cell`, and what that starts with."""
     rows, cols = abs(end_row - row), abs(end_col - col)
     steps = max(rows, cols)
-    line = Bresenham(steps, rows, cols, 1 if end_row > row else -1, 1 if end_col > col else -1)
+    line = Bresenham(
+        steps, rows, cols, 1 if end_row > row else -1, 1 if end_col > col else -1
+    )
     return line, (steps // 2, steps // 2)
 
 
@@ -85,7 +87,9 @@ def _clear_line_to_edge(lethal, dirty, row, col, end_row, end_col):  # type: ign
 @njit(cache=True)
 def clear_line(cells, cols, dirty, row, col, end_row, end_col, most):  # type: ignore[no-untyped-def]
     """Clear the marks along the line between two cells, the first and at most as many more; cells: the layer, flat."""
-    (steps, d_row, d_col, s_row, s_col), (rest, _) = line_between(row, col, end_row, end_col)
+    (steps, d_row, d_col, s_row, s_col), (rest, _) = line_between(
+        row, col, end_row, end_col
+    )
     along, across, d_across = s_row * cols, s_col, d_col
     if d_row < d_col:
         along, across, d_across = s_col, s_row * cols, d_row
@@ -102,12 +106,28 @@ def clear_line(cells, cols, dirty, row, col, end_row, end_col, most):  # type: i
 
 
 @njit(cache=True)
-def observe(lethal, dirty, costs, by_square, squares, grid, pose, sensor, directions, ends, ranges, limits, outline):  # type: ignore[no-untyped-def]
+def observe(
+    lethal,
+    dirty,
+    costs,
+    by_square,
+    squares,
+    grid,
+    pose,
+    sensor,
+    directions,
+    ends,
+    ranges,
+    limits,
+    outline,
+):  # type: ignore[no-untyped-def]
     """Add a scan, clear the footprint (corners (n, 2), or none) at a pose (x, y, yaw), and inflate what changed."""
     add_scan(lethal, dirty, grid, sensor, directions, ends, ranges, limits)
     if len(outline) > 0:
         (x, y, yaw), (origin_x, origin_y, resolution) = pose, grid
-        first, spans = footprint_spans(placed(outline, x, y, yaw), origin_x, origin_y, resolution)
+        first, spans = footprint_spans(
+            placed(outline, x, y, yaw), origin_x, origin_y, resolution
+        )
         clear_spans(lethal, dirty, first, spans)
     refresh(lethal, costs, by_square, squares, dirty)
 
@@ -139,7 +159,9 @@ def add_scan(lethal, dirty, grid, sensor, directions, ends, ranges, limits):  # 
         if not (range_min <= r < range_max):
             continue
         r = min(r, raytrace_range)
-        end_row, end_col = _cell(grid, sensor_x + r * directions[i, 0], sensor_y + r * directions[i, 1])
+        end_row, end_col = _cell(
+            grid, sensor_x + r * directions[i, 0], sensor_y + r * directions[i, 1]
+        )
         ends[i, 0], ends[i, 1] = end_row, end_col
         if end_row == last_row and end_col == last_col:
             continue
@@ -154,7 +176,9 @@ def add_scan(lethal, dirty, grid, sensor, directions, ends, ranges, limits):  # 
             continue
         row, col = ends[i, 0], ends[i, 1]
         if r > raytrace_range:
-            row, col = _cell(grid, sensor_x + r * directions[i, 0], sensor_y + r * directions[i, 1])
+            row, col = _cell(
+                grid, sensor_x + r * directions[i, 0], sensor_y + r * directions[i, 1]
+            )
         if 0 <= row < rows and 0 <= col < cols and not lethal[row, col] & MARK:
             lethal[row, col] |= MARK
             touch(dirty, row, col)
@@ -163,7 +187,9 @@ def add_scan(lethal, dirty, grid, sensor, directions, ends, ranges, limits):  # 
 @njit(cache=True)
 def _cell(grid, x, y):  # type: ignore[no-untyped-def]
     origin_x, origin_y, resolution = grid
-    return math.floor((y - origin_y) / resolution), math.floor((x - origin_x) / resolution)
+    return math.floor((y - origin_y) / resolution), math.floor(
+        (x - origin_x) / resolution
+    )
 
 
 @njit(cache=True)
@@ -188,12 +214,17 @@ def footprint_spans(corners, origin_x, origin_y, resolution):  # type: ignore[no
     """Return the first column of a convex footprint, and first and last row of each column (n, 2), not clipped."""
     cells = np.empty(corners.shape, np.int64)
     for k in range(len(corners)):
-        cells[k, 0], cells[k, 1] = _cell((origin_x, origin_y, resolution), corners[k, 0], corners[k, 1])
+        cells[k, 0], cells[k, 1] = _cell(
+            (origin_x, origin_y, resolution), corners[k, 0], corners[k, 1]
+        )
     first = cells[:, 1].min()
     spans = np.empty((cells[:, 1].max() - first + 1, 2), np.int64)
     spans[:, 0], spans[:, 1] = np.iinfo(np.int64).max, np.iinfo(np.int64).min
     for row, col in outline_cells(cells):
-        spans[col - first, 0], spans[col - first, 1] = min(spans[col - first, 0], row), max(spans[col - first, 1], row)
+        spans[col - first, 0], spans[col - first, 1] = (
+            min(spans[col - first, 0], row),
+            max(spans[col - first, 1], row),
+        )
     return first, spans
 
 
@@ -202,7 +233,10 @@ def outline_cells(corners):  # type: ignore[no-untyped-def]
     """Return the cells (n, 2) along the lines from each corner to the next, both ends included."""
     count = len(corners)
     for k in range(len(corners)):
-        count += max(abs(corners[k, 0] - corners[k - 1, 0]), abs(corners[k, 1] - corners[k - 1, 1]))
+        count += max(
+            abs(corners[k, 0] - corners[k - 1, 0]),
+            abs(corners[k, 1] - corners[k - 1, 1]),
+        )
     cells, at = np.empty((count, 2), np.int64), 0
     for k in range(len(corners)):
         row, col = corners[k]
@@ -222,7 +256,11 @@ def edge_cost(costs, corners, origin_x, origin_y, resolution):  # type: ignore[n
     for k in range(len(corners)):
         row, col = _cell(grid, corners[k - 1, 0], corners[k - 1, 1])
         end_row, end_col = _cell(grid, corners[k, 0], corners[k, 1])
-        if min(row, col, end_row, end_col) < 0 or max(row, end_row) >= rows or max(col, end_col) >= cols:
+        if (
+            min(row, col, end_row, end_col) < 0
+            or max(row, end_row) >= rows
+            or max(col, end_col) >= cols
+        ):
             return -1
         line, rest = line_between(row, col, end_row, end_col)
         for _ in range(line.steps + 1):

@@ -10,18 +10,41 @@ import numpy as np
 from numba import njit
 
 from barn_planners.costmap.inflation import refresh
-from barn_planners.costmap.kernels import MARK, clear_cell, clear_line, outline_cells, touch
+from barn_planners.costmap.kernels import (
+    MARK,
+    clear_cell,
+    clear_line,
+    outline_cells,
+    touch,
+)
 
 _INSIDE_M = 0.001  # how far inside the upper edges rays end that lead beyond
 
 
 @njit(cache=True)
 def observe(  # type: ignore[no-untyped-def]
-    lethal, dirty, costs, by_square, squares, grid, pose, sensor, directions, ranges, limits, outline, by_front
+    lethal,
+    dirty,
+    costs,
+    by_square,
+    squares,
+    grid,
+    pose,
+    sensor,
+    directions,
+    ranges,
+    limits,
+    outline,
+    by_front,
 ):
     """Do what `kernels.observe` does; sensor: x, y, yaw of the lidar; directions: of its beams in its own frame."""
-    (range_min, range_max, raytrace_range, obstacle_range), (sensor_x, sensor_y, _) = limits, sensor
-    points = project(sensor, directions, ranges, np.float32(range_min), np.float32(range_max))
+    (range_min, range_max, raytrace_range, obstacle_range), (sensor_x, sensor_y, _) = (
+        limits,
+        sensor,
+    )
+    points = project(
+        sensor, directions, ranges, np.float32(range_min), np.float32(range_max)
+    )
     clear_rays(lethal, dirty, grid, (sensor_x, sensor_y), points, raytrace_range)
     mark(lethal, dirty, grid, (sensor_x, sensor_y), points, obstacle_range)
     if len(outline) > 0:
@@ -33,7 +56,10 @@ def observe(  # type: ignore[no-untyped-def]
 def project(sensor, directions, ranges, range_min, range_max):  # type: ignore[no-untyped-def]
     """Return the points (n, 2) of all valid ranges, in the order of the beams."""
     x, y, yaw = sensor
-    half_sin, half_cos = np.float32(math.sin(0.5 * yaw)), np.float32(math.cos(0.5 * yaw))
+    half_sin, half_cos = (
+        np.float32(math.sin(0.5 * yaw)),
+        np.float32(math.cos(0.5 * yaw)),
+    )
     twice = half_sin + half_sin
     c, s = np.float32(1.0) - twice * half_sin, twice * half_cos
     x, y = np.float32(x), np.float32(y)
@@ -83,15 +109,23 @@ def clear_rays(lethal, dirty, grid, sensor, points, raytrace_range):  # type: ig
     row, col = _cell_on(grid, rows, cols, sensor_x, sensor_y)
     if row < 0:
         return
-    cells, furthest = lethal.reshape(rows * cols), math.ceil(raytrace_range / resolution)
+    cells, furthest = (
+        lethal.reshape(rows * cols),
+        math.ceil(raytrace_range / resolution),
+    )
     last_row, last_col = -1, -1
     for k in range(len(points)):
-        x, y = _pulled_in(grid, rows, cols, sensor, np.float64(points[k, 0]), np.float64(points[k, 1]))
+        x, y = _pulled_in(
+            grid, rows, cols, sensor, np.float64(points[k, 0]), np.float64(points[k, 1])
+        )
         end_row, end_col = _cell_on(grid, rows, cols, x, y)
         if end_row < 0 or (end_row == last_row and end_col == last_col):
             continue
         last_row, last_col = end_row, end_col
-        steps, length = max(abs(end_row - row), abs(end_col - col)), math.hypot(end_col - col, end_row - row)
+        steps, length = (
+            max(abs(end_row - row), abs(end_col - col)),
+            math.hypot(end_col - col, end_row - row),
+        )
         share = min(1.0, furthest / length) if length > 0.0 else 1.0
         clear_line(cells, cols, dirty, row, col, end_row, end_col, int(share * steps))
 

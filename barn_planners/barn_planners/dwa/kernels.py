@@ -7,8 +7,20 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from barn_planners.costmap.kernels import footprint_spans, line_between, next_cell, placed
-from barn_planners.dwa.wavefront import UNREACHED, Wavefront, begin, blocked, plan_cells, steps_to
+from barn_planners.costmap.kernels import (
+    footprint_spans,
+    line_between,
+    next_cell,
+    placed,
+)
+from barn_planners.dwa.wavefront import (
+    UNREACHED,
+    Wavefront,
+    begin,
+    blocked,
+    plan_cells,
+    steps_to,
+)
 
 TOUCHES, NO_WAY = -1.0, -2.0  # costs of samples that are not allowed
 _ALL = 2**62
@@ -90,13 +102,19 @@ def sample_table(speeds, turns, counts, highest, slowest, skip_slow, added_up): 
     straight ahead and one per turn. slowest: of turns in place; skip_slow: none of these within a step of zero.
     """
     (low, high), (speed_count, turn_count) = turns, counts
-    rates, kept = _evenly(low, high, turn_count, added_up), turn_count + 1 if highest else turn_count
+    rates, kept = (
+        _evenly(low, high, turn_count, added_up),
+        turn_count + 1 if highest else turn_count,
+    )
     drives = speed_count * kept
     table, end = np.zeros((drives + turn_count, OBSTACLE + 1)), drives
     if drives > 0:
         forward = _evenly(speeds[0], speeds[1], speed_count, added_up)
         for k in range(drives):
-            table[k, SPEED], table[k, TURN] = forward[k // kept], rates[k % kept - 1] if k % kept > 0 else 0.0
+            table[k, SPEED], table[k, TURN] = (
+                forward[k // kept],
+                rates[k % kept - 1] if k % kept > 0 else 0.0,
+            )
     for rate in rates:
         if not skip_slow or abs(rate) > (high - low) / (turn_count - 1):
             table[end, TURN] = max(rate, slowest) if rate > 0.0 else min(rate, -slowest)
@@ -115,10 +133,18 @@ def prepare(costs, fields, plan, frame, pose, outline, reach, robot_blocks_goal)
     for row in range(rows):
         for col in range(cols):
             copy[row, col] = costs[row, col]
-    low_row, high_row = math.floor((y - reach - origin_y) / resolution), math.floor((y + reach - origin_y) / resolution)
-    low_col, high_col = math.floor((x - reach - origin_x) / resolution), math.floor((x + reach - origin_x) / resolution)
+    low_row, high_row = (
+        math.floor((y - reach - origin_y) / resolution),
+        math.floor((y + reach - origin_y) / resolution),
+    )
+    low_col, high_col = (
+        math.floor((x - reach - origin_x) / resolution),
+        math.floor((x + reach - origin_x) / resolution),
+    )
     open_around(costs, (low_row - 1, high_row + 2, low_col - 1, high_col + 2), clear)
-    first, spans = footprint_spans(placed(outline, x, y, yaw), origin_x, origin_y, resolution)
+    first, spans = footprint_spans(
+        placed(outline, x, y, yaw), origin_x, origin_y, resolution
+    )
     blocked(costs, first, spans, walls)
     begin(path, walls, seeds[:count])
     if robot_blocks_goal:
@@ -131,21 +157,34 @@ def prepare(costs, fields, plan, frame, pose, outline, reach, robot_blocks_goal)
 def open_around(costs, window, clear):  # type: ignore[no-untyped-def]
     """Write the cells to the next cost or edge of a window (row, end row, column, end column); 0 outside of it."""
     (rows, cols), (row_lo, row_hi, col_lo, col_hi) = costs.shape, window
-    row_lo, row_hi, col_lo, col_hi = max(0, row_lo), min(rows, row_hi), max(0, col_lo), min(cols, col_hi)
+    row_lo, row_hi, col_lo, col_hi = (
+        max(0, row_lo),
+        min(rows, row_hi),
+        max(0, col_lo),
+        min(cols, col_hi),
+    )
     clear[:] = 0
     for row in range(row_lo + 1, row_hi - 1):
         for col in range(col_lo + 1, col_hi - 1):
             r, c = np.uint64(row), np.uint64(col)
             if costs[r, c] == 0:
                 above = r - np.uint64(1)
-                low = min(clear[above, c - np.uint64(1)], clear[above, c], clear[above, c + np.uint64(1)])
+                low = min(
+                    clear[above, c - np.uint64(1)],
+                    clear[above, c],
+                    clear[above, c + np.uint64(1)],
+                )
                 clear[r, c] = min(low, clear[r, c - np.uint64(1)]) + 1
     for row in range(row_hi - 2, row_lo, -1):
         for col in range(col_hi - 2, col_lo, -1):
             r, c = np.uint64(row), np.uint64(col)
             if clear[r, c] > 1:
                 below = r + np.uint64(1)
-                low = min(clear[below, c - np.uint64(1)], clear[below, c], clear[below, c + np.uint64(1)])
+                low = min(
+                    clear[below, c - np.uint64(1)],
+                    clear[below, c],
+                    clear[below, c + np.uint64(1)],
+                )
                 clear[r, c] = min(clear[r, c], min(low, clear[r, c + np.uint64(1)]) + 1)
 
 
@@ -154,7 +193,10 @@ def along_edge(costs, clear, row, col, end_row, end_col, highest):  # type: igno
     """Return the larger of `highest` and the highest cost between two cells, -1 if it is lethal."""
     line, rest = line_between(row, col, end_row, end_col)
     steps = line.steps
-    if clear[np.uint64((row + end_row) // 2), np.uint64((col + end_col) // 2)] <= steps // 2 + 1:
+    if (
+        clear[np.uint64((row + end_row) // 2), np.uint64((col + end_col) // 2)]
+        <= steps // 2 + 1
+    ):
         for _ in range(steps + 1):
             highest = max(highest, costs[np.uint64(row), np.uint64(col)])
             row, col, rest = next_cell(row, col, rest, line)
@@ -180,14 +222,22 @@ def edges_cost(costs, clear, grid, outline, x, y, cos_yaw, sin_yaw, corners, hig
     rows, cols = costs.shape
     last = len(outline) - 1
     along, across = outline[last, 0], outline[last, 1]
-    row, col = row_col(grid, x + cos_yaw * along - sin_yaw * across, y + sin_yaw * along + cos_yaw * across)
+    row, col = row_col(
+        grid,
+        x + cos_yaw * along - sin_yaw * across,
+        y + sin_yaw * along + cos_yaw * across,
+    )
     if row < 0 or row >= rows or col < 0 or col >= cols:
         return -1
     last_row, last_col = row, col
     last_moved = moved = row * cols + col != corners[last]
     for k in range(last):
         along, across = outline[k, 0], outline[k, 1]
-        end_row, end_col = row_col(grid, x + cos_yaw * along - sin_yaw * across, y + sin_yaw * along + cos_yaw * across)
+        end_row, end_col = row_col(
+            grid,
+            x + cos_yaw * along - sin_yaw * across,
+            y + sin_yaw * along + cos_yaw * across,
+        )
         if end_row < 0 or end_row >= rows or end_col < 0 or end_col >= cols:
             return -1
         here = end_row * cols + end_col != corners[k]
@@ -212,7 +262,16 @@ def approach(wanted, now, change):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def step_count(speed, turn, motion):  # type: ignore[no-untyped-def]
     """Return the number of poses of a rollout; the turn counts per second, not over the whole time."""
-    return max(1, int(max(abs(speed) * motion.time_s / motion.step_m, abs(turn) / motion.turn_step_rad) + 0.5))
+    return max(
+        1,
+        int(
+            max(
+                abs(speed) * motion.time_s / motion.step_m,
+                abs(turn) / motion.turn_step_rad,
+            )
+            + 0.5
+        ),
+    )
 
 
 @njit(cache=True)
@@ -226,7 +285,11 @@ def turn_along(start, turn, steps, motion, headings):  # type: ignore[no-untyped
     """Fill `headings` (steps or more, 3) with yaw, its cosine and its sine at each pose of a rollout."""
     yaw, rate, dt = start.yaw, start.turn, motion.time_s / steps
     for k in range(steps):
-        headings[k, 0], headings[k, 1], headings[k, 2] = yaw, math.cos(yaw), math.sin(yaw)
+        headings[k, 0], headings[k, 1], headings[k, 2] = (
+            yaw,
+            math.cos(yaw),
+            math.sin(yaw),
+        )
         rate = approach(turn, rate, motion.turn_acceleration * dt)
         yaw += rate * dt
 
@@ -257,10 +320,16 @@ def traces(start, velocities, motion, most):  # type: ignore[no-untyped-def]
     """Return poses (n, most, 3) of rollouts at velocities (n, 2), the last one of each repeated to the end."""
     shown = np.empty((len(velocities), most, 3))
     for i in range(len(velocities)):
-        places, headings = poses_of(start, velocities[i, SPEED], velocities[i, TURN], motion, most)
+        places, headings = poses_of(
+            start, velocities[i, SPEED], velocities[i, TURN], motion, most
+        )
         for k in range(most):
             last = min(k, len(places) - 1)
-            shown[i, k, 0], shown[i, k, 1], shown[i, k, 2] = places[last, 0], places[last, 1], headings[last, 0]
+            shown[i, k, 0], shown[i, k, 1], shown[i, k, 2] = (
+                places[last, 0],
+                places[last, 1],
+                headings[last, 0],
+            )
     return shown
 
 
@@ -273,7 +342,9 @@ def score(scene, start, motion, weights, table):  # type: ignore[no-untyped-def]
         obstacle, corners, row[COST] = 0, np.full(len(outline), -1), TOUCHES
         for k in range(len(places)):
             (x, y), (yaw, cos_yaw, sin_yaw) = places[k], headings[k]
-            obstacle = edges_cost(costs, clear, grid, outline, x, y, cos_yaw, sin_yaw, corners, obstacle)
+            obstacle = edges_cost(
+                costs, clear, grid, outline, x, y, cos_yaw, sin_yaw, corners, obstacle
+            )
             if obstacle < 0:
                 break
             cell = row_col(grid, x, y)
@@ -281,7 +352,17 @@ def score(scene, start, motion, weights, table):  # type: ignore[no-untyped-def]
             if to_path >= UNREACHED or to_goal >= UNREACHED:
                 obstacle, row[COST] = -1, NO_WAY
                 break
-            row[END_X], row[END_Y], row[END_YAW], row[PATH], row[GOAL] = x, y, yaw, to_path, to_goal
+            row[END_X], row[END_Y], row[END_YAW], row[PATH], row[GOAL] = (
+                x,
+                y,
+                yaw,
+                to_path,
+                to_goal,
+            )
         if obstacle >= 0:
             row[OBSTACLE] = obstacle
-            row[COST] = weights.path * row[PATH] + weights.goal * row[GOAL] + weights.obstacle * obstacle
+            row[COST] = (
+                weights.path * row[PATH]
+                + weights.goal * row[GOAL]
+                + weights.obstacle * obstacle
+            )

@@ -25,18 +25,34 @@ class GoalTurn:
 
     def reached(self, inputs: ControlInput, goal: Pose2D) -> bool:
         """Tell whether the goal's heading is reached."""
-        return abs(wrap_angle(goal.yaw - inputs.pose.yaw)) <= self._config.yaw_tolerance_rad
+        return (
+            abs(wrap_angle(goal.yaw - inputs.pose.yaw))
+            <= self._config.yaw_tolerance_rad
+        )
 
-    def control(self, inputs: ControlInput, goal: Pose2D, allows: Callable[[Velocity2D], bool]) -> Control:
+    def control(
+        self, inputs: ControlInput, goal: Pose2D, allows: Callable[[Velocity2D], bool]
+    ) -> Control:
         """Return the command at the goal's position; allows: tells whether there is room for a command."""
-        config, (linear, angular) = self._config, (inputs.velocity.linear, inputs.velocity.angular)
+        config, (linear, angular) = (
+            self._config,
+            (inputs.velocity.linear, inputs.velocity.angular),
+        )
         if self.reached(inputs, goal):
             self._turning = False
             return Control(STOP, goal_reached=True)
-        self._turning |= abs(linear) <= config.stopped_mps and abs(angular) <= config.stopped_radps
+        self._turning |= (
+            abs(linear) <= config.stopped_mps and abs(angular) <= config.stopped_radps
+        )
         if self._turning:
-            turn = Velocity2D(0.0, self._rate(wrap_angle(goal.yaw - inputs.pose.yaw), abs(angular)))
-            return Control(turn) if allows(turn) else Control(None, reason="no room to turn to the goal's heading")
+            turn = Velocity2D(
+                0.0, self._rate(wrap_angle(goal.yaw - inputs.pose.yaw), abs(angular))
+            )
+            return (
+                Control(turn)
+                if allows(turn)
+                else Control(None, reason="no room to turn to the goal's heading")
+            )
         braking = Velocity2D(
             math.copysign(max(0.0, abs(linear) - self._drop), linear),
             math.copysign(max(0.0, abs(angular) - self._turn_drop), angular),
@@ -47,10 +63,17 @@ class GoalTurn:
 
     def _rate(self, angle: float, rate_now: float) -> float:
         """Return the turn rate for a remaining angle; slow enough to stop in time."""
-        slowest, fastest = self._config.min_turn_in_place_radps, self._config.max_goal_turn_radps
+        slowest, fastest = (
+            self._config.min_turn_in_place_radps,
+            self._config.max_goal_turn_radps,
+        )
         wanted = min(fastest, max(slowest, abs(angle)))
-        wanted = min(max(wanted, rate_now - self._turn_drop), rate_now + self._turn_drop)
-        wanted = min(wanted, math.sqrt(2.0 * self._config.turn_acceleration_radps2 * abs(angle)))
+        wanted = min(
+            max(wanted, rate_now - self._turn_drop), rate_now + self._turn_drop
+        )
+        wanted = min(
+            wanted, math.sqrt(2.0 * self._config.turn_acceleration_radps2 * abs(angle))
+        )
         return math.copysign(min(fastest, max(slowest, wanted)), angle)
 
 
@@ -80,7 +103,11 @@ class DwaMemory:
         """Record the sample chosen at a pose."""
         if speed <= 0.0:
             side = LEFT if turn > 0.0 else RIGHT
-            self._committed[side], self._turned[side], self._turned_at = self._turned[side], True, pose
+            self._committed[side], self._turned[side], self._turned_at = (
+                self._turned[side],
+                True,
+                pose,
+            )
         self._moved(pose)
 
     def escapes(self, pose: Pose2D, *, begin: bool) -> None:
@@ -91,9 +118,19 @@ class DwaMemory:
 
     def _moved(self, pose: Pose2D) -> None:
         config, start = self._config, self._escape_from
-        if self._turned_at is not None and pose.distance(self._turned_at) > config.oscillation_reset_m:
-            self._turned, self._committed, self._turned_at = [False, False], [False, False], None
+        if (
+            self._turned_at is not None
+            and pose.distance(self._turned_at) > config.oscillation_reset_m
+        ):
+            self._turned, self._committed, self._turned_at = (
+                [False, False],
+                [False, False],
+                None,
+            )
         if start is not None:
             turned_rad = abs(wrap_angle(pose.yaw - start.yaw))
-            if pose.distance(start) > config.escape_reset_m or turned_rad > config.escape_reset_rad:
+            if (
+                pose.distance(start) > config.escape_reset_m
+                or turned_rad > config.escape_reset_rad
+            ):
                 self._escape_from = None

@@ -11,7 +11,13 @@ import numpy.typing as npt
 from numba import njit
 
 from barn_planners.dwa import kernels
-from barn_planners.dwa.wavefront import REACHED, UNREACHED, borders_reached, least_beyond, steps_to
+from barn_planners.dwa.wavefront import (
+    REACHED,
+    UNREACHED,
+    borders_reached,
+    least_beyond,
+    steps_to,
+)
 
 _COARSE = 6  # poses between two of those that are checked first
 _ROUNDING_CELLS = 1.0e-4  # far more than places are off by roundings
@@ -57,23 +63,48 @@ def find_best(scene, start, motion, weights, table, choice):  # type: ignore[no-
     """
     table[:, kernels.COST] = kernels.TOUCHES
     costs, clear, grid, outline = scene.ground
-    corners, cos_yaw, sin_yaw = np.full(len(outline), -1), math.cos(start.yaw), math.sin(start.yaw)
-    highest = kernels.edges_cost(costs, clear, grid, outline, start.x, start.y, cos_yaw, sin_yaw, corners, 0)
+    corners, cos_yaw, sin_yaw = (
+        np.full(len(outline), -1),
+        math.cos(start.yaw),
+        math.sin(start.yaw),
+    )
+    highest = kernels.edges_cost(
+        costs, clear, grid, outline, start.x, start.y, cos_yaw, sin_yaw, corners, 0
+    )
     if highest < 0:
         return -1
     cell = kernels.row_col(grid, start.x, start.y)
-    if kernels.steps_at(scene.path, *cell) >= UNREACHED or kernels.steps_at(scene.goal, *cell) >= UNREACHED:
+    if (
+        kernels.steps_at(scene.path, *cell) >= UNREACHED
+        or kernels.steps_at(scene.goal, *cell) >= UNREACHED
+    ):
         return -1
     most, reach = 1, 0.0
     for k in range(len(outline)):
         reach = max(reach, math.hypot(outline[k, 0], outline[k, 1]))
     for k in range(len(table)):
-        most = max(most, kernels.step_count(table[k, kernels.SPEED], table[k, kernels.TURN], motion))
-    headings, heading_of = np.empty((choice.slots, most + 1, 3)), np.zeros((choice.slots, 2))
+        most = max(
+            most,
+            kernels.step_count(table[k, kernels.SPEED], table[k, kernels.TURN], motion),
+        )
+    headings, heading_of = (
+        np.empty((choice.slots, most + 1, 3)),
+        np.zeros((choice.slots, 2)),
+    )
     cells = math.ceil(reach * grid.per_m)
-    work = _Work(headings, heading_of, np.empty((most, 2)), corners.copy(), corners, highest, cells)
+    work = _Work(
+        headings,
+        heading_of,
+        np.empty((most, 2)),
+        corners.copy(),
+        corners,
+        highest,
+        cells,
+    )
     best, best_cost = _best_drive(scene, start, motion, weights, table, choice, work)
-    best, best_cost = _best_turn(scene, start, motion, weights, table, choice, work, best, best_cost)
+    best, best_cost = _best_turn(
+        scene, start, motion, weights, table, choice, work, best, best_cost
+    )
     if best >= 0:
         table[best, kernels.COST] = best_cost
     return best
@@ -87,10 +118,16 @@ def _best_drive(scene, start, motion, weights, table, choice, work):  # type: ig
         k = choice.likely if n < 0 else n
         if k >= choice.drives or n == choice.likely:
             continue
-        if best >= 0 and _least(scene, start, motion, weights, table[k], work.highest) > best_cost:
+        if (
+            best >= 0
+            and _least(scene, start, motion, weights, table[k], work.highest)
+            > best_cost
+        ):
             continue
         # of equal costs the first row wins
-        cost = _cost(scene, start, motion, weights, table[k], best_cost, work, k % choice.slots)
+        cost = _cost(
+            scene, start, motion, weights, table[k], best_cost, work, k % choice.slots
+        )
         if cost >= 0.0 and (cost < best_cost or (cost == best_cost and k < best)):
             best, best_cost = k, cost
     return best, best_cost
@@ -119,7 +156,10 @@ def _goal_ahead(scene, row, lookahead, past_blocked):  # type: ignore[no-untyped
     """Return the goal distance ahead of a sample's end, inf off the grid and where no way leads (but: past_blocked)."""
     x = row[kernels.END_X] + lookahead * math.cos(row[kernels.END_YAW])
     y = row[kernels.END_Y] + lookahead * math.sin(row[kernels.END_YAW])
-    (rows, cols), (grid_row, grid_col) = scene.ground.costs.shape, kernels.row_col(scene.ground.grid, x, y)
+    (rows, cols), (grid_row, grid_col) = (
+        scene.ground.costs.shape,
+        kernels.row_col(scene.ground.grid, x, y),
+    )
     if grid_row < 0 or grid_row >= rows or grid_col < 0 or grid_col >= cols:
         return math.inf
     steps = kernels.steps_at(scene.goal, grid_row, grid_col)
@@ -127,7 +167,9 @@ def _goal_ahead(scene, row, lookahead, past_blocked):  # type: ignore[no-untyped
         return float(steps)
     if not past_blocked:
         return math.inf
-    borders = borders_reached(scene.goal, (grid_row + 1) * scene.goal.columns + grid_col + 1)
+    borders = borders_reached(
+        scene.goal, (grid_row + 1) * scene.goal.columns + grid_col + 1
+    )
     return float(UNREACHED) if borders else float(UNREACHED) + 1.0
 
 
@@ -136,15 +178,24 @@ def _cost(scene, start, motion, weights, row, limit, work, slot):  # type: ignor
     """Fill a row as `score` does, but for the cost, and return that; -1 if not allowed or above the limit."""
     rows, cols = scene.ground.costs.shape
     steps = kernels.step_count(row[kernels.SPEED], row[kernels.TURN], motion)
-    headings, heading_of, places = work.headings[slot], work.heading_of[slot], work.places
+    headings, heading_of, places = (
+        work.headings[slot],
+        work.heading_of[slot],
+        work.places,
+    )
     if heading_of[0] != row[kernels.TURN] or heading_of[1] != steps:
         heading_of[0], heading_of[1] = row[kernels.TURN], steps
         kernels.turn_along(start, row[kernels.TURN], steps, motion, headings)
     kernels.drive_along(start, row[kernels.SPEED], steps, motion, headings, places)
-    end_row, end_col = kernels.row_col(scene.ground.grid, places[steps - 1, 0], places[steps - 1, 1])
+    end_row, end_col = kernels.row_col(
+        scene.ground.grid, places[steps - 1, 0], places[steps - 1, 1]
+    )
     if end_row < 0 or end_row >= rows or end_col < 0 or end_col >= cols:
         return -1.0
-    to_path, to_goal = kernels.steps_at(scene.path, end_row, end_col), kernels.steps_at(scene.goal, end_row, end_col)
+    to_path, to_goal = (
+        kernels.steps_at(scene.path, end_row, end_col),
+        kernels.steps_at(scene.goal, end_row, end_col),
+    )
     if to_path >= UNREACHED or to_goal >= UNREACHED:
         return -1.0
     at_end = weights.path * to_path + weights.goal * to_goal
@@ -158,7 +209,11 @@ def _cost(scene, start, motion, weights, row, limit, work, slot):  # type: ignor
         places[steps - 1, 1],
         headings[steps - 1, 0],
     )
-    row[kernels.PATH], row[kernels.GOAL], row[kernels.OBSTACLE] = to_path, to_goal, highest
+    row[kernels.PATH], row[kernels.GOAL], row[kernels.OBSTACLE] = (
+        to_path,
+        to_goal,
+        highest,
+    )
     return at_end + weights.obstacle * highest
 
 
@@ -169,7 +224,12 @@ def _highest(scene, weight, most, steps, headings, work):  # type: ignore[no-unt
     costs, clear, grid, outline = ground
     rows, cols = costs.shape
     path_state, goal_state = path.state, goal.state
-    highest, reach, corners, places = work.highest, work.reach, work.corners, work.places
+    highest, reach, corners, places = (
+        work.highest,
+        work.reach,
+        work.corners,
+        work.places,
+    )
     for stride in (_COARSE, 1):
         corners[:] = work.first_corners
         for k in range(stride, steps, stride):
@@ -179,7 +239,9 @@ def _highest(scene, weight, most, steps, headings, work):  # type: ignore[no-unt
             row, col = kernels.row_col(grid, x, y)
             if not (0 <= row < rows and 0 <= col < cols) or clear[row, col] <= reach:
                 c, s = headings[k, 1], headings[k, 2]
-                highest = kernels.edges_cost(costs, clear, grid, outline, x, y, c, s, corners, highest)
+                highest = kernels.edges_cost(
+                    costs, clear, grid, outline, x, y, c, s, corners, highest
+                )
                 if highest < 0 or weight * highest > most + 1e-6:
                     return highest
             cell = np.uint64((row + 1) * (cols + 2) + col + 1)
@@ -209,14 +271,32 @@ def _least(scene, start, motion, weights, row, at_start):  # type: ignore[no-unt
         yaw += turn * dt
         left -= 1
     half = 0.5 * turn * dt
-    chord = speed * dt * (math.sin(left * half) / math.sin(half) if abs(half) > _STRAIGHT_RAD else left)
+    chord = (
+        speed
+        * dt
+        * (
+            math.sin(left * half) / math.sin(half)
+            if abs(half) > _STRAIGHT_RAD
+            else left
+        )
+    )
     middle = yaw + (left - 1) * half
     at_row = (y + chord * math.sin(middle) - grid.y) * grid.per_m
     at_col = (x + chord * math.cos(middle) - grid.x) * grid.per_m
-    rows = (math.floor(at_row - _ROUNDING_CELLS), math.floor(at_row + _ROUNDING_CELLS) + 1)
-    cols = (math.floor(at_col - _ROUNDING_CELLS), math.floor(at_col + _ROUNDING_CELLS) + 1)
-    to_path = _least_steps(path.distances, path.state, path.columns, least_beyond(path), rows, cols)
-    to_goal = _least_steps(goal.distances, goal.state, goal.columns, least_beyond(goal), rows, cols)
+    rows = (
+        math.floor(at_row - _ROUNDING_CELLS),
+        math.floor(at_row + _ROUNDING_CELLS) + 1,
+    )
+    cols = (
+        math.floor(at_col - _ROUNDING_CELLS),
+        math.floor(at_col + _ROUNDING_CELLS) + 1,
+    )
+    to_path = _least_steps(
+        path.distances, path.state, path.columns, least_beyond(path), rows, cols
+    )
+    to_goal = _least_steps(
+        goal.distances, goal.state, goal.columns, least_beyond(goal), rows, cols
+    )
     return weights.path * to_path + weights.goal * to_goal + weights.obstacle * at_start
 
 

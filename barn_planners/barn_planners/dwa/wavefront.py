@@ -9,13 +9,18 @@ from numba import njit
 
 UNREACHED = np.int32(2**30)
 OPEN, BLOCKED, REACHED = np.uint8(0), np.uint8(1), np.uint8(2)
-HEAD, TAIL = 0, 1  # of the queue: the place from which it goes on, and the number of cells in it
+HEAD, TAIL = (
+    0,
+    1,
+)  # of the queue: the place from which it goes on, and the number of cells in it
 
 
 class Wavefront(NamedTuple):
     """Flat arrays of a grid padded by one blocked cell: cell = (row + 1) * columns + column + 1 of the padded grid."""
 
-    distances: npt.NDArray[np.int32]  # steps from the nearest seed, where the wavefront has come
+    distances: npt.NDArray[
+        np.int32
+    ]  # steps from the nearest seed, where the wavefront has come
     state: npt.NDArray[np.uint8]  # OPEN, BLOCKED or REACHED
     queue: npt.NDArray[np.int32]  # cells that it has reached, in order
     ends: npt.NDArray[np.int64]  # HEAD and TAIL of the queue
@@ -76,7 +81,9 @@ def plan_cells(plan, origin_x, origin_y, resolution, rows, cols, cells):  # type
 def begin(front, blocked_cells, seeds):  # type: ignore[no-untyped-def]
     """Let a wavefront start anew from its seeds, 0 wherever they are; blocked_cells: as `blocked` writes it."""
     distances, state, queue = front.distances, front.state, front.queue
-    for cell in range(len(state)):  # an assignment of the whole would take ten times as long
+    for cell in range(
+        len(state)
+    ):  # an assignment of the whole would take ten times as long
         state[cell] = blocked_cells[cell]
     tail = 0
     for seed in seeds:

@@ -13,29 +13,73 @@ class EBandConfig(Checked):
     """The band and its control law; the defaults are those of the paper's trials."""
 
     max_speed_mps: float = quantity(0.5, "highest forward speed", "m/s", 0.0, 5.0)
-    min_speed_mps: float = quantity(0.1, "lowest forward speed while driving", "m/s", 0.0, 5.0)
+    min_speed_mps: float = quantity(
+        0.1, "lowest forward speed while driving", "m/s", 0.0, 5.0
+    )
     max_turn_radps: float = quantity(1.57, "highest yaw rate", "rad/s", 0.0, 10.0)
-    min_turn_in_place_radps: float = quantity(0.0, "lowest yaw rate when turning in place", "rad/s", 0.0, 10.0)
-    xy_tolerance_m: float = quantity(0.1, "the final turn starts within 0.6 times this from the goal", "m", 0.01, 5.0)
-    yaw_tolerance_rad: float = quantity(0.05, "the goal is reached when turned to within this", "rad", 0.001, math.pi)
-    min_overlap: float = quantity(0.7, "bubbles overlap if nearer than this share of their radii", "", 0.1, 1.0)
-    tiny_bubble_m: float = quantity(0.01, "bubbles up to this radius cannot be inserted", "m", 0.001, 1.0)
-    cost_weight_per_m: float = quantity(10.0, "cost c gives the radius -ln(c / 252) / weight", "1/m", 0.1, 1000.0)
-    internal_gain: float = quantity(1.0, "strength of the contracting force", "", 0.0, 100.0)
-    external_gain: float = quantity(2.0, "strength of the force away from obstacles", "", 0.0, 100.0)
-    sweeps: int = quantity(3, "sweeps of forces per cycle, each forward and backward", "", 0, 100)
-    halvings: int = quantity(4, "how often a step that overshoots is halved again", "", 0, 20)
-    overshoot: float = quantity(0.75, "share of the force that a step may keep when it reverses", minimum=0.0)
-    significant_force: float = quantity(0.15, "weaker forces count as balanced", "", 0.0, 10.0)
-    bubble_velocity_multiplier_per_m: float = quantity(2.0, "share of top speed per m of bubble", "1/m", minimum=0.0)
-    rotation_threshold_multiplier: float = quantity(1.0, "turn in place beyond this many bubble angles", "", 0.0, 10.0)
-    k_prop_per_s: float = quantity(4.0, "yaw rate per radian of bearing", "1/s", 0.0, 100.0)
-    slow_distance_m: float = quantity(0.75, "the speed is reduced nearer to the goal than this", "m", 0.0, 10.0)
+    min_turn_in_place_radps: float = quantity(
+        0.0, "lowest yaw rate when turning in place", "rad/s", 0.0, 10.0
+    )
+    xy_tolerance_m: float = quantity(
+        0.1, "the final turn starts within 0.6 times this from the goal", "m", 0.01, 5.0
+    )
+    yaw_tolerance_rad: float = quantity(
+        0.05, "the goal is reached when turned to within this", "rad", 0.001, math.pi
+    )
+    min_overlap: float = quantity(
+        0.7, "bubbles overlap if nearer than this share of their radii", "", 0.1, 1.0
+    )
+    tiny_bubble_m: float = quantity(
+        0.01, "bubbles up to this radius cannot be inserted", "m", 0.001, 1.0
+    )
+    cost_weight_per_m: float = quantity(
+        10.0, "cost c gives the radius -ln(c / 252) / weight", "1/m", 0.1, 1000.0
+    )
+    internal_gain: float = quantity(
+        1.0, "strength of the contracting force", "", 0.0, 100.0
+    )
+    external_gain: float = quantity(
+        2.0, "strength of the force away from obstacles", "", 0.0, 100.0
+    )
+    sweeps: int = quantity(
+        3, "sweeps of forces per cycle, each forward and backward", "", 0, 100
+    )
+    halvings: int = quantity(
+        4, "how often a step that overshoots is halved again", "", 0, 20
+    )
+    overshoot: float = quantity(
+        0.75, "share of the force that a step may keep when it reverses", minimum=0.0
+    )
+    significant_force: float = quantity(
+        0.15, "weaker forces count as balanced", "", 0.0, 10.0
+    )
+    bubble_velocity_multiplier_per_m: float = quantity(
+        2.0, "share of top speed per m of bubble", "1/m", minimum=0.0
+    )
+    rotation_threshold_multiplier: float = quantity(
+        1.0, "turn in place beyond this many bubble angles", "", 0.0, 10.0
+    )
+    k_prop_per_s: float = quantity(
+        4.0, "yaw rate per radian of bearing", "1/s", 0.0, 100.0
+    )
+    slow_distance_m: float = quantity(
+        0.75, "the speed is reduced nearer to the goal than this", "m", 0.0, 10.0
+    )
     slow_share: float = quantity(0.5, "share of the highest speed there", "", 0.0, 1.0)
-    relax_new_plan: bool = quantity(False, "apply one cycle of forces to a new plan before it is used")
-    reset_costmap_once: bool = quantity(False, "clear the marks once if a new plan is in collision (a quirk)")
-    headings: bool = quantity(False, "true: bubbles have headings, which count in forces (a quirk)", optional=True)
-    weighs_x_twice: bool = quantity(False, "take x twice and no y for a force's strength (a quirk)", optional=True)
+    relax_new_plan: bool = quantity(
+        False, "apply one cycle of forces to a new plan before it is used"
+    )
+    reset_costmap_once: bool = quantity(
+        False, "clear the marks once if a new plan is in collision (a quirk)"
+    )
+    headings: bool = quantity(
+        False,
+        "true: bubbles have headings, which count in forces (a quirk)",
+        optional=True,
+    )
+    weighs_x_twice: bool = quantity(
+        False, "take x twice and no y for a force's strength (a quirk)", optional=True
+    )
     capacity: int = quantity(4096, "largest number of bubbles", "", 16, 100_000)
 
     def __post_init__(self) -> None:
@@ -53,5 +97,10 @@ class EBandConfig(Checked):
 class EBandPlannerConfig(NavigationConfig):
     """The navigation loop with E-Band in it."""
 
-    prune_m: float = quantity(0.0, "drop points of the plan before one nearer than this; 0: none", "m", minimum=0.0)
+    prune_m: float = quantity(
+        0.0,
+        "drop points of the plan before one nearer than this; 0: none",
+        "m",
+        minimum=0.0,
+    )
     band: EBandConfig = field(default_factory=EBandConfig)

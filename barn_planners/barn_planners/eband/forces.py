@@ -20,7 +20,11 @@ def _pull(band, i, x, y, yaw, metres_per_rad):  # type: ignore[no-untyped-def]
     distance = math.hypot(dx, dy)
     if distance <= _CLOSE_M:
         return 0.0, 0.0, 0.0
-    return dx / distance, dy / distance, metres_per_rad * kernels.wrapped(band[i, YAW] - yaw) / distance
+    return (
+        dx / distance,
+        dy / distance,
+        metres_per_rad * kernels.wrapped(band[i, YAW] - yaw) / distance,
+    )
 
 
 @njit(cache=True, error_model="numpy")
@@ -30,17 +34,25 @@ def force_on(band, i, x, y, radius, yaw, grid, gains):  # type: ignore[no-untype
     Internal: unit vectors to both neighbours. External: the central difference of the radius over its own radius. The
     part along the line through both neighbours is removed.
     """
-    before_x, before_y, before_turn = _pull(band, i - 1, x, y, yaw, gains.metres_per_rad)
+    before_x, before_y, before_turn = _pull(
+        band, i - 1, x, y, yaw, gains.metres_per_rad
+    )
     after_x, after_y, after_turn = _pull(band, i + 1, x, y, yaw, gains.metres_per_rad)
     across = 2.0 * max(radius, gains.tiny_bubble_m)
-    slope_x = (kernels.radius_at(grid, x + radius, y) - kernels.radius_at(grid, x - radius, y)) / across
-    slope_y = (kernels.radius_at(grid, x, y + radius) - kernels.radius_at(grid, x, y - radius)) / across
+    slope_x = (
+        kernels.radius_at(grid, x + radius, y) - kernels.radius_at(grid, x - radius, y)
+    ) / across
+    slope_y = (
+        kernels.radius_at(grid, x, y + radius) - kernels.radius_at(grid, x, y - radius)
+    ) / across
     fx = gains.internal_gain * (before_x + after_x) + gains.external_gain * slope_x
     fy = gains.internal_gain * (before_y + after_y) + gains.external_gain * slope_y
     torque = gains.internal_gain * (before_turn + after_turn)
     tx, ty = band[i - 1, X] - band[i + 1, X], band[i - 1, Y] - band[i + 1, Y]
     turn = gains.metres_per_rad * kernels.wrapped(band[i - 1, YAW] - band[i + 1, YAW])
-    along = (fx * tx + fy * ty + torque * turn) / max(tx * tx + ty * ty + turn * turn, 1e-12)
+    along = (fx * tx + fy * ty + torque * turn) / max(
+        tx * tx + ty * ty + turn * turn, 1e-12
+    )
     return fx - along * tx, fy - along * ty, torque - along * turn
 
 
@@ -49,9 +61,17 @@ def _overshoots(old, new, gains):  # type: ignore[no-untyped-def]
     """Tell whether the force has reversed, and whether it then keeps too much of its strength."""
     (fx, fy, torque), (new_fx, new_fy, new_torque) = old, new
     turned = fx * new_fx + fy * new_fy + torque * new_torque < 0.0
-    strength = math.sqrt(fx * fx + (fx * fx if gains.weighs_x_twice else fy * fy) + torque * torque)
-    new_strength = math.sqrt(new_fx * new_fx + new_fy * new_fy + new_torque * new_torque)
-    return turned, new_strength > gains.overshoot * strength and new_strength > gains.significant_force
+    strength = math.sqrt(
+        fx * fx + (fx * fx if gains.weighs_x_twice else fy * fy) + torque * torque
+    )
+    new_strength = math.sqrt(
+        new_fx * new_fx + new_fy * new_fy + new_torque * new_torque
+    )
+    return (
+        turned,
+        new_strength > gains.overshoot * strength
+        and new_strength > gains.significant_force,
+    )
 
 
 @njit(cache=True)
@@ -60,7 +80,11 @@ def _near_balance(band, i, force, jump, grid, gains):  # type: ignore[no-untyped
     x, y, radius, yaw = band[i, X], band[i, Y], 0.0, band[i, YAW]
     share = 0.5
     for depth in range(gains.halvings + 1):
-        new_x, new_y, new_yaw = x + share * jump[0], y + share * jump[1], kernels.wrapped(yaw + share * jump[2])
+        new_x, new_y, new_yaw = (
+            x + share * jump[0],
+            y + share * jump[1],
+            kernels.wrapped(yaw + share * jump[2]),
+        )
         new_radius = kernels.radius_at(grid, new_x, new_y)
         if new_radius <= 0.0:
             break
@@ -87,23 +111,44 @@ def _connected(band, i, grid, gains, work):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _move(band, i, grid, gains, work):  # type: ignore[no-untyped-def]
-    old_x, old_y, old_radius, old_yaw = band[i, X], band[i, Y], band[i, RADIUS], band[i, YAW]
+    old_x, old_y, old_radius, old_yaw = (
+        band[i, X],
+        band[i, Y],
+        band[i, RADIUS],
+        band[i, YAW],
+    )
     force = force_on(band, i, old_x, old_y, old_radius, old_yaw, grid, gains)
     fx, fy, torque = force
-    turn = kernels.wrapped(old_radius / gains.metres_per_rad * torque) if gains.metres_per_rad > 0.0 else 0.0
+    turn = (
+        kernels.wrapped(old_radius / gains.metres_per_rad * torque)
+        if gains.metres_per_rad > 0.0
+        else 0.0
+    )
     jump = (old_radius * fx, old_radius * fy, turn)
     x, y, yaw = old_x + jump[0], old_y + jump[1], kernels.wrapped(old_yaw + turn)
     radius = kernels.radius_at(grid, x, y)
     if radius <= gains.tiny_bubble_m:
         return
-    turned, strong = _overshoots(force, force_on(band, i, x, y, radius, yaw, grid, gains), gains)
+    turned, strong = _overshoots(
+        force, force_on(band, i, x, y, radius, yaw, grid, gains), gains
+    )
     if turned and strong:
-        nearer_x, nearer_y, nearer_radius, nearer_yaw = _near_balance(band, i, force, jump, grid, gains)
+        nearer_x, nearer_y, nearer_radius, nearer_yaw = _near_balance(
+            band, i, force, jump, grid, gains
+        )
         if nearer_radius > 0.0:
             x, y, radius, yaw = nearer_x, nearer_y, nearer_radius, nearer_yaw
     band[i, X], band[i, Y], band[i, RADIUS], band[i, YAW] = x, y, radius, yaw
-    if not (_connected(band, i - 1, grid, gains, work) and _connected(band, i, grid, gains, work)):
-        band[i, X], band[i, Y], band[i, RADIUS], band[i, YAW] = old_x, old_y, old_radius, old_yaw
+    if not (
+        _connected(band, i - 1, grid, gains, work)
+        and _connected(band, i, grid, gains, work)
+    ):
+        band[i, X], band[i, Y], band[i, RADIUS], band[i, YAW] = (
+            old_x,
+            old_y,
+            old_radius,
+            old_yaw,
+        )
 
 
 @njit(cache=True)

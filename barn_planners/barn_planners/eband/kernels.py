@@ -91,7 +91,9 @@ def place(band, poses, gains):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def wrapped(angle):  # type: ignore[no-untyped-def]
     """Return an angle in (-pi, pi]."""
-    if abs(angle) < _TURN:  # to the last bit what the division gives, which takes longer
+    if (
+        abs(angle) < _TURN
+    ):  # to the last bit what the division gives, which takes longer
         angle += _TURN if angle < 0.0 else 0.0
     else:
         angle %= _TURN
@@ -124,7 +126,10 @@ def bridge(work, first, last, used, grid, gains):  # type: ignore[no-untyped-def
             continue
         if used >= len(nodes) or depth >= len(ends):
             return FULL
-        x, y = 0.5 * (nodes[here, X] + nodes[end, X]), 0.5 * (nodes[here, Y] + nodes[end, Y])
+        x, y = (
+            0.5 * (nodes[here, X] + nodes[end, X]),
+            0.5 * (nodes[here, Y] + nodes[end, Y]),
+        )
         radius, yaw = radius_at(grid, x, y), nodes[here, YAW]
         if radius <= gains.tiny_bubble_m:
             return GAP
@@ -164,8 +169,16 @@ def _drop_and_fill(work, n, grid, gains):  # type: ignore[no-untyped-def]
                 return used
         else:
             stack[depth, 2] = 1
-            stack[depth + 1, 0], stack[depth + 1, 1], stack[depth + 1, 2] = middle, last, 0
-            stack[depth + 2, 0], stack[depth + 2, 1], stack[depth + 2, 2] = first, middle, 0
+            stack[depth + 1, 0], stack[depth + 1, 1], stack[depth + 1, 2] = (
+                middle,
+                last,
+                0,
+            )
+            stack[depth + 2, 0], stack[depth + 2, 1], stack[depth + 2, 2] = (
+                first,
+                middle,
+                0,
+            )
             depth += 3
     return used
 

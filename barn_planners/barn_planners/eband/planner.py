@@ -9,7 +9,12 @@ from barn_planners.eband import forces, kernels
 from barn_planners.eband.config import EBandConfig, EBandPlannerConfig
 from barn_planners.global_plan.planner import visible_slice
 from barn_planners.interface import FloatArray, PlannerView
-from barn_planners.navigation.loop import Control, ControlInput, Controller, NavigationPlanner
+from barn_planners.navigation.loop import (
+    Control,
+    ControlInput,
+    Controller,
+    NavigationPlanner,
+)
 from barn_planners.registry import PlannerEntry
 from barn_planners.robots import fitted
 from barn_worlds.base.compute import Compute
@@ -54,28 +59,43 @@ class ElasticBand:
         """Make the band from a plan (n, 3), one bubble per pose, refined; return why it failed."""
         if len(poses) > len(self._trial):
             return kernels.REASONS[kernels.FULL]
-        return self._adopt(forces.from_plan(self._trial, poses, *self._context(costmap)))
+        return self._adopt(
+            forces.from_plan(self._trial, poses, *self._context(costmap))
+        )
 
     def optimise(self, costmap: Costmap) -> str:
         """Adapt the band to the costmap; return why it failed. What fails while it moves leaves it refined."""
         bands = (self._band, self._trial, self._count)
-        renewed, moved = forces.optimise(*bands, *self._context(costmap), self._config.sweeps)
+        renewed, moved = forces.optimise(
+            *bands, *self._context(costmap), self._config.sweeps
+        )
         if renewed >= 0:
             self._count = renewed
         return self._adopt(moved)
 
-    def advance(self, pose: Pose2D, ahead: FloatArray, costmap: Costmap) -> tuple[bool, str]:
+    def advance(
+        self, pose: Pose2D, ahead: FloatArray, costmap: Costmap
+    ) -> tuple[bool, str]:
         """Connect the front to the robot, append poses (n, 3) and adapt; return if appended, and why a step failed."""
         yaw = wrap_angle(pose.yaw) if self._config.headings else 0.0
         task = (self._band, self._trial, self._count, (pose.x, pose.y, yaw), ahead)
-        self._count, moved, appended = forces.advance(*task, *self._context(costmap), self._config.sweeps)
+        self._count, moved, appended = forces.advance(
+            *task, *self._context(costmap), self._config.sweeps
+        )
         return appended, self._adopt(moved)
 
     def _context(
         self, costmap: Costmap
-    ) -> tuple[tuple[object, float, float, float, FloatArray], kernels.BandGains, kernels.BandWork]:
+    ) -> tuple[
+        tuple[object, float, float, float, FloatArray],
+        kernels.BandGains,
+        kernels.BandWork,
+    ]:
         if costmap.config is not self._gains_for:
-            self._gains_for, self._gains = costmap.config, self._config.gains(costmap.config.circumscribed_m)
+            self._gains_for, self._gains = (
+                costmap.config,
+                self._config.gains(costmap.config.circumscribed_m),
+            )
         return (costmap.costs, *costmap.grid, self._radii), self._gains, self._work
 
     def _adopt(self, count: int) -> str:
@@ -126,9 +146,13 @@ class EBandController(Controller):
         if len(inputs.visible) == 0:
             return "no part of the plan is near the robot"
         # costmap_2d's size in metres leaves out half a cell
-        reach_m = 0.5 * (max(inputs.costmap.costs.shape) - 0.5) * inputs.costmap.resolution
+        reach_m = (
+            0.5 * (max(inputs.costmap.costs.shape) - 0.5) * inputs.costmap.resolution
+        )
         shown = visible_slice(inputs.plan, inputs.pose, reach_m)
-        shown = slice(shown.start, min(shown.stop + 1, len(inputs.plan)))  # the first pose beyond belongs to it
+        shown = slice(
+            shown.start, min(shown.stop + 1, len(inputs.plan))
+        )  # the first pose beyond belongs to it
         if inputs.new_plan or not self._banded:
             self._banded = False
             problem = self._take_plan(inputs, inputs.plan[shown])
@@ -145,7 +169,9 @@ class EBandController(Controller):
         """Make a new band; if the plan is in collision, clear the marks once and try again."""
         points = shown
         if len(points) < 2:
-            points = np.vstack([[inputs.pose.x, inputs.pose.y, inputs.pose.yaw], points])
+            points = np.vstack(
+                [[inputs.pose.x, inputs.pose.y, inputs.pose.yaw], points]
+            )
         problem = self._band.follow_plan(points, inputs.costmap)
         if problem and self.config.reset_costmap_once:
             inputs.costmap.reset()
@@ -172,20 +198,40 @@ class EBandController(Controller):
             if abs(turn) <= config.yaw_tolerance_rad:
                 self._final_turn = False
                 return Control(STOP, goal_reached=True, diagnostics=figures)
-            return Control(Velocity2D(0.0, self._rate(turn, config.min_turn_in_place_radps)), diagnostics=figures)
-        threshold = config.rotation_threshold_multiplier * math.atan2(config.min_overlap * radius_m, distance)
+            return Control(
+                Velocity2D(0.0, self._rate(turn, config.min_turn_in_place_radps)),
+                diagnostics=figures,
+            )
+        threshold = config.rotation_threshold_multiplier * math.atan2(
+            config.min_overlap * radius_m, distance
+        )
         if abs(bearing) > threshold:
-            return Control(Velocity2D(0.0, self._rate(bearing, config.min_turn_in_place_radps)), diagnostics=figures)
-        highest = config.max_speed_mps * (config.slow_share if to_end < config.slow_distance_m else 1.0)
+            return Control(
+                Velocity2D(0.0, self._rate(bearing, config.min_turn_in_place_radps)),
+                diagnostics=figures,
+            )
+        highest = config.max_speed_mps * (
+            config.slow_share if to_end < config.slow_distance_m else 1.0
+        )
         speed = (
-            config.bubble_velocity_multiplier_per_m * config.min_overlap * robot_radius_m * highest * math.cos(bearing)
+            config.bubble_velocity_multiplier_per_m
+            * config.min_overlap
+            * robot_radius_m
+            * highest
+            * math.cos(bearing)
         )
         speed = min(max(speed, config.min_speed_mps), config.max_speed_mps)
-        return Control(Velocity2D(float(speed), self._rate(bearing)), diagnostics=figures)
+        return Control(
+            Velocity2D(float(speed), self._rate(bearing)), diagnostics=figures
+        )
 
-    def _turns_finally(self, pose: Pose2D, end: tuple[float, float, float], to_end_m: float) -> bool:
+    def _turns_finally(
+        self, pose: Pose2D, end: tuple[float, float, float], to_end_m: float
+    ) -> bool:
         """Tell whether the band's end is reached, ahead and aside; once it is, the full tolerance applies."""
-        limit_m = (1.0 if self._final_turn else _FINAL_TURN_SHARE) * self.config.xy_tolerance_m
+        limit_m = (
+            1.0 if self._final_turn else _FINAL_TURN_SHARE
+        ) * self.config.xy_tolerance_m
         self._final_turn = False
         if to_end_m <= 2.0 * limit_m:
             off = pose.inverse() @ Pose2D(*end)

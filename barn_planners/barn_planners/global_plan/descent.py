@@ -26,7 +26,10 @@ def gradient(potential, cols, cell, blocked_slope):  # type: ignore[no-untyped-d
 def _slope(potential, cell, offset, blocked_slope):  # type: ignore[no-untyped-def]
     """Return the descent along one axis; at an unreached cell `blocked_slope` towards a reached neighbour."""
     value = potential[np.uint64(cell)]
-    before, after = potential[np.uint64(cell - offset)], potential[np.uint64(cell + offset)]
+    before, after = (
+        potential[np.uint64(cell - offset)],
+        potential[np.uint64(cell + offset)],
+    )
     if value >= UNREACHED:
         if before < UNREACHED:
             return -blocked_slope
@@ -64,7 +67,9 @@ def _find_corners(potential, cols, row, col, blocked_slope, last, corners):  # t
             if 0 <= was_row <= 1 and 0 <= was_col <= 1:
                 gx, gy = kept[2 * was_row + was_col, 0], kept[2 * was_row + was_col, 1]
             else:
-                gx, gy = gradient(potential, cols, (row + i) * cols + col + j, blocked_slope)
+                gx, gy = gradient(
+                    potential, cols, (row + i) * cols + col + j, blocked_slope
+                )
             corners[2 * i + j, 0], corners[2 * i + j, 1] = gx, gy
 
 
@@ -105,7 +110,9 @@ def descend(potential, cols, start, goal, step, neutral, blocked_slope, points):
         dx = dy = 0.0
         if not to_and_fro and not _beside_wall(potential, cols, cell):
             low_row, low_col = math.floor(y), math.floor(x)
-            _find_corners(potential, cols, low_row, low_col, blocked_slope, last, corners)
+            _find_corners(
+                potential, cols, low_row, low_col, blocked_slope, last, corners
+            )
             last = low_row, low_col
             dx, dy = _interpolated(corners, x - low_col, y - low_row)
         norm = math.hypot(dx, dy)
@@ -136,10 +143,21 @@ def descend_as_navfn(potential, cols, start, goal, neutral, blocked_slope, point
             return n + 1, True
         if cell < cols or cell > size - cols:
             return n, False
-        points[n, 0], points[n, 1] = np.float32(cell % cols) + dx, np.float32(cell // cols) + dy
-        to_and_fro = n >= 2 and points[n - 2, 0] == points[n, 0] and points[n - 2, 1] == points[n, 1]
+        points[n, 0], points[n, 1] = (
+            np.float32(cell % cols) + dx,
+            np.float32(cell // cols) + dy,
+        )
+        to_and_fro = (
+            n >= 2
+            and points[n - 2, 0] == points[n, 0]
+            and points[n - 2, 1] == points[n, 1]
+        )
         if to_and_fro or _beside_wall(potential, cols, cell):
-            cell, dx, dy = _lowest_in_whole_numbers(potential, cols, cell), np.float32(0.0), np.float32(0.0)
+            cell, dx, dy = (
+                _lowest_in_whole_numbers(potential, cols, cell),
+                np.float32(0.0),
+                np.float32(0.0),
+            )
             if potential[cell] >= UNREACHED:
                 return n + 1, False
             continue
@@ -178,7 +196,9 @@ def _rounded(offset):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def _length(x, y):  # type: ignore[no-untyped-def]
     """Return the length of a vector in single precision."""
-    return np.float32(math.sqrt(np.float64(x) * np.float64(x) + np.float64(y) * np.float64(y)))
+    return np.float32(
+        math.sqrt(np.float64(x) * np.float64(x) + np.float64(y) * np.float64(y))
+    )
 
 
 @njit(cache=True)

@@ -35,7 +35,9 @@ def _release(pending, queue, first, end):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def grow(costs, cols, prices, ends, focus, bound, limits, potential, pending, queues, window):  # type: ignore[no-untyped-def]
+def grow(
+    costs, cols, prices, ends, focus, bound, limits, potential, pending, queues, window
+):  # type: ignore[no-untyped-def]
     """Grow the potential from one of the two ends until the other is reached, nothing is left or all rounds are over.
 
     Cells wait in two queues: those below a rising limit are processed first, in rounds. A cell whose value falls queues
@@ -47,20 +49,55 @@ def grow(costs, cols, prices, ends, focus, bound, limits, potential, pending, qu
     border; queues: (3, cells) work space. window: takes what was touched. For speed, indices are unsigned, what is
     queued is inlined, and nothing branches on a potential: half of such branches would be guessed wrongly.
     """
-    (start, goal), (order, bounding), (first_limit, limit_step, rounds) = ends, focus, limits
+    (start, goal), (order, bounding), (first_limit, limit_step, rounds) = (
+        ends,
+        focus,
+        limits,
+    )
     (price, gain), kind = prices, potential.dtype.type
-    one, row, size, queue = np.uint64(1), np.uint64(cols), np.uint64(len(potential)), queues.reshape(queues.size)
-    goal_row, goal_col, width, per_cell = float(goal // cols), float(goal % cols), float(cols), 1.0 / cols
-    start_row, start_col = start // cols - goal_row, start % cols - goal_col  # rows and columns count from the goal
-    row_lo, row_hi, col_lo, col_hi = min(0.0, start_row), max(0.0, start_row), min(0.0, start_col), max(0.0, start_col)
+    one, row, size, queue = (
+        np.uint64(1),
+        np.uint64(cols),
+        np.uint64(len(potential)),
+        queues.reshape(queues.size),
+    )
+    goal_row, goal_col, width, per_cell = (
+        float(goal // cols),
+        float(goal % cols),
+        float(cols),
+        1.0 / cols,
+    )
+    start_row, start_col = (
+        start // cols - goal_row,
+        start % cols - goal_col,
+    )  # rows and columns count from the goal
+    row_lo, row_hi, col_lo, col_hi = (
+        min(0.0, start_row),
+        max(0.0, start_row),
+        min(0.0, start_col),
+        max(0.0, start_col),
+    )
     limit = first_limit + order * math.hypot(start_row, start_col)
-    current, following, beyond = np.uint64(0), size, size + size  # where the queues begin
+    current, following, beyond = (
+        np.uint64(0),
+        size,
+        size + size,
+    )  # where the queues begin
     current_end, following_end, beyond_end = current, following, beyond
     origin = np.uint64(start)
     potential[origin] = 0.0
     for other in (origin - one, origin + one, origin - row, origin + row):
         if other < size:  # the start may lie on the border
-            current_end = _queue(other, kind(UNREACHED), kind(0.0), gain, costs, pending, queue, current_end)
+            current_end = _queue(
+                other,
+                kind(UNREACHED),
+                kind(0.0),
+                gain,
+                costs,
+                pending,
+                queue,
+                current_end,
+            )
     while current_end > current and rounds > 0:
         rounds -= 1
         _release(pending, queue, current, current_end)
@@ -69,13 +106,19 @@ def grow(costs, cols, prices, ends, focus, bound, limits, potential, pending, qu
             left, right = potential[cell - one], potential[cell + one]
             down, up = potential[cell - row], potential[cell + row]
             before = potential[cell]
-            value = _propagate(min(left, right), min(down, up), price[costs[cell]], kind)
-            cell_row = np.floor((number + 0.5) * per_cell)  # a division of integers would take longer
+            value = _propagate(
+                min(left, right), min(down, up), price[costs[cell]], kind
+            )
+            cell_row = np.floor(
+                (number + 0.5) * per_cell
+            )  # a division of integers would take longer
             d_row, d_col = cell_row - goal_row, number - cell_row * width - goal_col
             row_lo, row_hi = min(row_lo, d_row), max(row_hi, d_row)
             col_lo, col_hi = min(col_lo, d_col), max(col_hi, d_col)
             away = math.sqrt(d_row * d_row + d_col * d_col)
-            falls = np.uint8(value < before) & np.uint8(value + bounding * away <= bound)
+            falls = np.uint8(value < before) & np.uint8(
+                value + bounding * away <= bound
+            )
             potential[cell] = value if falls else before
             told = value if falls else kind(np.inf)
             near = value + order * away < limit
@@ -110,18 +153,47 @@ def search(costs, cols, prices, ends, bounded, neutral, limits, work):  # type: 
     potentials, pending, queues, seen, windows = work
     for k in range(2):
         forget(potentials[k], cols, windows[k])
-        windows[k, ROW], windows[k, END_ROW], windows[k, COL], windows[k, END_COL] = NOWHERE
+        windows[k, ROW], windows[k, END_ROW], windows[k, COL], windows[k, END_COL] = (
+            NOWHERE
+        )
     first, whole, bound = potentials[0], potentials[1], np.inf
     (_, goal), (first_limit, limit_step, rounds, least, slack) = ends, limits
     growth = (first_limit, limit_step, rounds)
     if bounded:
-        grow(costs, cols, prices, ends, (neutral, 0.0), bound, growth, first, pending, queues, windows[0])
+        grow(
+            costs,
+            cols,
+            prices,
+            ends,
+            (neutral, 0.0),
+            bound,
+            growth,
+            first,
+            pending,
+            queues,
+            windows[0],
+        )
         bound = first[goal] + slack
     if not bounded or bound < UNREACHED:
-        grow(costs, cols, prices, ends, (0.0, least), bound, growth, whole, pending, queues, windows[1])
+        grow(
+            costs,
+            cols,
+            prices,
+            ends,
+            (0.0, least),
+            bound,
+            growth,
+            whole,
+            pending,
+            queues,
+            windows[1],
+        )
     for k in range(2):
         for row in range(windows[k, ROW] - 1, windows[k, END_ROW] + 1):
-            low, high = row * cols + windows[k, COL] - 1, row * cols + windows[k, END_COL] + 1
+            low, high = (
+                row * cols + windows[k, COL] - 1,
+                row * cols + windows[k, END_COL] + 1,
+            )
             now, then = costs[low:high], seen[low:high]
             for col in range(len(now)):
                 then[col] = now[col]
@@ -144,7 +216,12 @@ def is_same(costs, cols, price, potentials, seen, windows):  # type: ignore[no-u
             for cell in range(low, high):
                 if price[costs[cell]] == price[seen[cell]]:
                     continue
-                around = min(potential[cell - 1], potential[cell + 1], potential[cell - cols], potential[cell + cols])
+                around = min(
+                    potential[cell - 1],
+                    potential[cell + 1],
+                    potential[cell - cols],
+                    potential[cell + cols],
+                )
                 if min(around, potential[cell]) < UNREACHED:
                     return False
     return True
@@ -168,7 +245,10 @@ def poses_along(points, frame, half_cell):  # type: ignore[no-untyped-def]
         poses[k, 2] = 0.0
     poses[n, 0], poses[n, 1] = x, y
     for k in range(n):
-        steps[0, k], steps[1, k] = poses[k + 1, 0] - poses[k, 0], poses[k + 1, 1] - poses[k, 1]
+        steps[0, k], steps[1, k] = (
+            poses[k + 1, 0] - poses[k, 0],
+            poses[k + 1, 1] - poses[k, 1],
+        )
     return poses, steps
 
 
@@ -176,7 +256,10 @@ def poses_along(points, frame, half_cell):  # type: ignore[no-untyped-def]
 def visible_points(plan, x, y, radius):  # type: ignore[no-untyped-def]
     """Return first and end of the points of a plan (n, 2 or more) within the radius, up to where it leaves it."""
     first = 0
-    while first < len(plan) and not math.hypot(plan[first, 0] - x, plan[first, 1] - y) <= radius:
+    while (
+        first < len(plan)
+        and not math.hypot(plan[first, 0] - x, plan[first, 1] - y) <= radius
+    ):
         first += 1
     if first == len(plan):
         return 0, 0

@@ -20,24 +20,56 @@ class CriticsConfig(Checked):
     """What a trajectory costs; weights and thresholds are the defaults of Nav2's critics."""
 
     limit_weight: float = _weight(4.0, "speed and yaw rate beyond their limits")
-    obstacle_weight: float = _weight(3.81, "mean cost under the robot's centre, as a share of 254")
-    obstacle_stride: int = quantity(2, "check every n-th pose for obstacles", "", 1, 100)
+    obstacle_weight: float = _weight(
+        3.81, "mean cost under the robot's centre, as a share of 254"
+    )
+    obstacle_stride: int = quantity(
+        2, "check every n-th pose for obstacles", "", 1, 100
+    )
     critical_cost: float = _weight(300.0, "cost that an inscribed cell counts with")
-    collision_cost: float = quantity(1.0e6, "cost of a trajectory that collides", "", 1.0, 1.0e9)
-    near_goal_m: float = quantity(1.0, "nearer to the goal than this only collisions count", "m", 0.0, 100.0)
+    collision_cost: float = quantity(
+        1.0e6, "cost of a trajectory that collides", "", 1.0, 1.0e9
+    )
+    near_goal_m: float = quantity(
+        1.0, "nearer to the goal than this only collisions count", "m", 0.0, 100.0
+    )
     goal_weight: float = _weight(5.0, "mean distance from the goal in metres")
-    goal_within_m: float = quantity(1.4, "nearer to the goal than this its distance counts", "m", 0.0, 100.0)
-    goal_angle_weight: float = _weight(3.0, "mean angle to the goal's heading in radians")
-    goal_angle_within_m: float = quantity(0.5, "nearer to the goal than this its heading counts", "m", 0.0, 100.0)
+    goal_within_m: float = quantity(
+        1.4, "nearer to the goal than this its distance counts", "m", 0.0, 100.0
+    )
+    goal_angle_weight: float = _weight(
+        3.0, "mean angle to the goal's heading in radians"
+    )
+    goal_angle_within_m: float = quantity(
+        0.5, "nearer to the goal than this its heading counts", "m", 0.0, 100.0
+    )
     align_weight: float = _weight(14.0, "mean distance from the path in metres")
     align_stride: int = quantity(4, "use every n-th pose for that", "", 1, 100)
-    align_points: int = quantity(20, "it counts once a trajectory reaches this many points along the path", "", 0, 1000)
-    align_most_blocked: float = quantity(0.05, "it does not count if more of those points are blocked", "", 0.0, 1.0)
-    follow_weight: float = _weight(5.0, "distance in metres from the end to a point ahead on the path")
-    follow_points: int = quantity(5, "that point lies this many beyond the furthest reached", "", 0, 1000)
-    angle_weight: float = _weight(2.0, "angle in radians from the end's heading to a point ahead")
-    angle_points: int = quantity(4, "that point lies this many beyond the furthest reached", "", 0, 1000)
-    angle_beyond_rad: float = quantity(1.0, "it counts if the point lies further aside", "rad", 0.0, math.pi)
+    align_points: int = quantity(
+        20,
+        "it counts once a trajectory reaches this many points along the path",
+        "",
+        0,
+        1000,
+    )
+    align_most_blocked: float = quantity(
+        0.05, "it does not count if more of those points are blocked", "", 0.0, 1.0
+    )
+    follow_weight: float = _weight(
+        5.0, "distance in metres from the end to a point ahead on the path"
+    )
+    follow_points: int = quantity(
+        5, "that point lies this many beyond the furthest reached", "", 0, 1000
+    )
+    angle_weight: float = _weight(
+        2.0, "angle in radians from the end's heading to a point ahead"
+    )
+    angle_points: int = quantity(
+        4, "that point lies this many beyond the furthest reached", "", 0, 1000
+    )
+    angle_beyond_rad: float = quantity(
+        1.0, "it counts if the point lies further aside", "rad", 0.0, math.pi
+    )
     forward_weight: float = _weight(5.0, "distance in metres driven in reverse")
 
 
@@ -45,27 +77,59 @@ class CriticsConfig(Checked):
 class MppiConfig(Checked):
     """Model predictive path integral control; the defaults are Nav2's with the Jackal's settings."""
 
-    samples: int = quantity(2000, "control sequences sampled per cycle", "", 10, 100_000)
+    samples: int = quantity(
+        2000, "control sequences sampled per cycle", "", 10, 100_000
+    )
     steps: int = quantity(56, "steps of a sequence", "", 10, 1000)
     step_s: float = quantity(0.05, "time of a step", "s", 0.005, 1.0)
     iterations: int = quantity(1, "rounds of sampling per cycle", "", 1, 100)
     max_speed_mps: float = quantity(0.5, "fastest forward speed", "m/s", 0.01, 10.0)
-    min_speed_mps: float = quantity(0.0, "fastest reverse speed, negative or none", "m/s", -10.0, 0.0)
+    min_speed_mps: float = quantity(
+        0.0, "fastest reverse speed, negative or none", "m/s", -10.0, 0.0
+    )
     max_turn_radps: float = quantity(1.9, "fastest turn", "rad/s", 0.01, 20.0)
-    acceleration_mps2: float = quantity(3.0, "highest acceleration", "m/s2", 0.01, 1000.0)
-    deceleration_mps2: float = quantity(3.0, "highest deceleration", "m/s2", 0.01, 1000.0)
-    turn_acceleration_radps2: float = quantity(3.5, "yaw acceleration", "rad/s2", 0.01, 1000.0)
-    speed_std_mps: float = quantity(0.2, "standard deviation of the sampled speeds", "m/s", 0.001, 10.0)
-    turn_std_radps: float = quantity(0.4, "standard deviation of the sampled turns", "rad/s", 0.001, 20.0)
-    temperature: float = quantity(0.3, "cost difference over which a sample's weight falls to 1/e", "", 0.001, 1000.0)
+    acceleration_mps2: float = quantity(
+        3.0, "highest acceleration", "m/s2", 0.01, 1000.0
+    )
+    deceleration_mps2: float = quantity(
+        3.0, "highest deceleration", "m/s2", 0.01, 1000.0
+    )
+    turn_acceleration_radps2: float = quantity(
+        3.5, "yaw acceleration", "rad/s2", 0.01, 1000.0
+    )
+    speed_std_mps: float = quantity(
+        0.2, "standard deviation of the sampled speeds", "m/s", 0.001, 10.0
+    )
+    turn_std_radps: float = quantity(
+        0.4, "standard deviation of the sampled turns", "rad/s", 0.001, 20.0
+    )
+    temperature: float = quantity(
+        0.3,
+        "cost difference over which a sample's weight falls to 1/e",
+        "",
+        0.001,
+        1000.0,
+    )
     gamma: float = quantity(0.015, "weight of the controls' own cost", "", 0.0, 1000.0)
-    path_ahead_m: float = quantity(1.7, "length of the plan that is followed", "m", 0.1, 100.0)
-    path_spacing_m: float = quantity(0.05, "distance between the points of the path", "m", 0.005, 1.0)
-    xy_tolerance_m: float = quantity(0.25, "the goal's position counts as reached within", "m", minimum=0.01)
-    yaw_tolerance_rad: float = quantity(0.25, "the goal's heading counts as reached within", "rad", minimum=0.001)
-    progress_m: float = quantity(0.5, "the robot is stuck if it does not move this far", "m", 0.0, 100.0)
+    path_ahead_m: float = quantity(
+        1.7, "length of the plan that is followed", "m", 0.1, 100.0
+    )
+    path_spacing_m: float = quantity(
+        0.05, "distance between the points of the path", "m", 0.005, 1.0
+    )
+    xy_tolerance_m: float = quantity(
+        0.25, "the goal's position counts as reached within", "m", minimum=0.01
+    )
+    yaw_tolerance_rad: float = quantity(
+        0.25, "the goal's heading counts as reached within", "rad", minimum=0.001
+    )
+    progress_m: float = quantity(
+        0.5, "the robot is stuck if it does not move this far", "m", 0.0, 100.0
+    )
     progress_s: float = quantity(10.0, "within this time", "s", 0.1, 10_000.0)
-    shown: int = quantity(50, "number of sampled trajectories that are shown", "", 0, 1000)
+    shown: int = quantity(
+        50, "number of sampled trajectories that are shown", "", 0, 1000
+    )
     critics: CriticsConfig = field(default_factory=CriticsConfig)
 
     def __post_init__(self) -> None:
@@ -74,7 +138,9 @@ class MppiConfig(Checked):
         self.require(self.samples * self.steps <= _MOST_STATES, "samples", few)
         small = f"must keep a step's turn to at most 0.5 rad at max_turn_radps = {self.max_turn_radps:g}"
         self.require(self.max_turn_radps * self.step_s <= 0.5, "step_s", small)
-        slower = f"must be at least {-self.max_speed_mps:g}: no faster than max_speed_mps"
+        slower = (
+            f"must be at least {-self.max_speed_mps:g}: no faster than max_speed_mps"
+        )
         self.require(self.min_speed_mps >= -self.max_speed_mps, "min_speed_mps", slower)
 
 
@@ -94,8 +160,15 @@ _GLOBAL = replace(GlobalCostmapConfig(), **_BODY)
 class MppiPlannerConfig(NavigationConfig):
     """The navigation loop with MPPI in it; a new global plan once a second, as from Nav2's behaviour tree."""
 
-    plan_period_s: float = quantity(1.0, "time between two global plans", "s", 0.0, 60.0)
-    prune_m: float = quantity(0.0, "drop points of the plan before one nearer than this; 0: none", "m", minimum=0.0)
+    plan_period_s: float = quantity(
+        1.0, "time between two global plans", "s", 0.0, 60.0
+    )
+    prune_m: float = quantity(
+        0.0,
+        "drop points of the plan before one nearer than this; 0: none",
+        "m",
+        minimum=0.0,
+    )
     local_costmap: CostmapConfig = field(default_factory=lambda: _LOCAL)
     global_costmap: GlobalCostmapConfig = field(default_factory=lambda: _GLOBAL)
     mppi: MppiConfig = field(default_factory=MppiConfig)

@@ -22,7 +22,10 @@ def length(x, y):  # type: ignore[no-untyped-def]
     longer, shorter = max(x, y), min(x, y)
     rough = math.sqrt(longer * longer + shorter * shorter)
     over_shorter, over_longer = rough - shorter, rough - longer
-    near = longer * (2.0 * over_shorter - longer) + (over_shorter - 2.0 * (longer - shorter)) * over_shorter
+    near = (
+        longer * (2.0 * over_shorter - longer)
+        + (over_shorter - 2.0 * (longer - shorter)) * over_shorter
+    )
     far = 2.0 * over_longer * (longer - 2.0 * shorter) + (
         (4.0 * over_longer - shorter) * shorter + over_longer * over_longer
     )
@@ -31,7 +34,9 @@ def length(x, y):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def add_obstacle_costs(costs, xs, ys, yaws, grid, body, stride, weight, critical, collision, near_goal):  # type: ignore[no-untyped-def]
+def add_obstacle_costs(
+    costs, xs, ys, yaws, grid, body, stride, weight, critical, collision, near_goal
+):  # type: ignore[no-untyped-def]
     """Add the trajectories' costs on the costmap; return how many of them collide.
 
     body: corners (n, 2) of the footprint, and the cost from which its edges are checked. A trajectory that touches a
@@ -44,7 +49,11 @@ def add_obstacle_costs(costs, xs, ys, yaws, grid, body, stride, weight, critical
     for cost in range(_FREE + 1, 256):
         prices[cost] = critical if cost >= _INSCRIBED else 0.0 if near_goal else cost
     totals, collided = np.zeros(samples), np.zeros(samples, np.bool_)
-    found, corners, lethal = np.empty(samples, np.int32), np.empty(outline.shape), _lethal_within(cells)
+    found, corners, lethal = (
+        np.empty(samples, np.int32),
+        np.empty(outline.shape),
+        _lethal_within(cells),
+    )
     for t in range(0, steps, stride):
         x, y = xs[t], ys[t]
         _find_cells(x, y, grid, found)
@@ -67,7 +76,10 @@ def _find_cells(x, y, grid, found):  # type: ignore[no-untyped-def]
     cells, origin_x, origin_y, resolution = grid
     rows, cols = cells.shape
     for k in range(len(x)):
-        row, col = math.floor((y[k] - origin_y) / resolution), math.floor((x[k] - origin_x) / resolution)
+        row, col = (
+            math.floor((y[k] - origin_y) / resolution),
+            math.floor((x[k] - origin_x) / resolution),
+        )
         on_grid = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
         found[k] = np.int32(row * cols + col) if on_grid else np.int32(-1)
 
@@ -148,7 +160,9 @@ def add_align_costs(costs, xs, ys, start, path, arc, clear, stride, weight):  # 
             last_x[k], last_y[k] = x[k], y[k]
         for k in range(samples):
             i, way = beside[k], travelled[k]
-            for _ in range(_LIKELY_POINTS):  # without branches, which would be mispredicted
+            for _ in range(
+                _LIKELY_POINTS
+            ):  # without branches, which would be mispredicted
                 i += np.int64(abs(ends[i + 1] - way) <= abs(ends[i] - way))
             while abs(ends[i + 1] - way) <= abs(ends[i] - way):
                 i += 1
@@ -180,7 +194,9 @@ def add_goal_costs(costs, xs, ys, yaws, goal, position_weight, yaw_weight):  # t
 
 
 @njit(cache=True, error_model="numpy")
-def add_control_costs(costs, controls, nominal, spread, limits, dt, gamma, limit_weight, forward_weight):  # type: ignore[no-untyped-def]
+def add_control_costs(
+    costs, controls, nominal, spread, limits, dt, gamma, limit_weight, forward_weight
+):  # type: ignore[no-untyped-def]
     """Add gamma times control times deviation over variance, what is beyond the limits, and reverse speed, by dt."""
     steps, _, samples = controls.shape
     deviation, beyond, reverse = np.zeros(samples), np.zeros(samples), np.zeros(samples)
@@ -194,10 +210,17 @@ def add_control_costs(costs, controls, nominal, spread, limits, dt, gamma, limit
             turned = wanted_rate * (rate[k] - wanted_rate) / rate_variance
             deviation[k] = deviation[k] + along + turned
         for k in range(samples):
-            beyond[k] += max(0.0, speed[k] - fastest) + max(0.0, slowest - speed[k]) + max(0.0, abs(rate[k]) - turn)
+            beyond[k] += (
+                max(0.0, speed[k] - fastest)
+                + max(0.0, slowest - speed[k])
+                + max(0.0, abs(rate[k]) - turn)
+            )
             reverse[k] += max(0.0, -speed[k])
     for k in range(samples):
-        costs[k] += gamma * deviation[k] + (limit_weight * beyond[k] + forward_weight * reverse[k]) * dt
+        costs[k] += (
+            gamma * deviation[k]
+            + (limit_weight * beyond[k] + forward_weight * reverse[k]) * dt
+        )
 
 
 @njit(cache=True)

@@ -15,12 +15,18 @@ _TAIL = 3.6541528853610088  # where the lowest of the 256 layers ends, from ther
 _LAYERS, _SHARE_BITS = 256, 23
 
 
-def _layers() -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint32], npt.NDArray[np.float32]]:
+def _layers() -> tuple[
+    npt.NDArray[np.float32], npt.NDArray[np.uint32], npt.NDArray[np.float32]
+]:
     """Return each layer's width by 2^23, the numbers below which it lies under the density, and the density (256,)."""
-    area = _TAIL * math.exp(-0.5 * _TAIL**2) + math.sqrt(0.5 * math.pi) * math.erfc(_TAIL / math.sqrt(2.0))
+    area = _TAIL * math.exp(-0.5 * _TAIL**2) + math.sqrt(0.5 * math.pi) * math.erfc(
+        _TAIL / math.sqrt(2.0)
+    )
     ends = [_TAIL]
     for _ in range(_LAYERS - 2):
-        ends.append(math.sqrt(-2.0 * math.log(area / ends[-1] + math.exp(-0.5 * ends[-1] ** 2))))
+        ends.append(
+            math.sqrt(-2.0 * math.log(area / ends[-1] + math.exp(-0.5 * ends[-1] ** 2)))
+        )
     ends.append(0.0)
     ends.reverse()
     whole = 1 << _SHARE_BITS
@@ -42,7 +48,9 @@ _HALF = np.uint64(32)
 def noise_state(seed: int) -> npt.NDArray[np.uint64]:
     """Return the state (6,) of NumPy's SFC64 for a seed: its four words, whether half a draw is left, and that half."""
     state = np.random.SFC64(seed).state
-    return np.array([*state["state"]["state"], state["has_uint32"], state["uinteger"]], np.uint64)
+    return np.array(
+        [*state["state"]["state"], state["has_uint32"], state["uinteger"]], np.uint64
+    )
 
 
 @njit(cache=True)
@@ -55,7 +63,14 @@ def _next(words):  # type: ignore[no-untyped-def]
     a = b ^ (b >> np.uint64(11))
     b = c + (c << np.uint64(3))
     c = ((c << np.uint64(24)) | (c >> np.uint64(40))) + drawn
-    return np.uint32(drawn), (a, b, c, counter + np.uint64(1), np.uint64(1), drawn >> _HALF)
+    return np.uint32(drawn), (
+        a,
+        b,
+        c,
+        counter + np.uint64(1),
+        np.uint64(1),
+        drawn >> _HALF,
+    )
 
 
 @njit(cache=True)
@@ -68,7 +83,9 @@ def _outside(words, x, bits, layer):  # type: ignore[no-untyped-def]
     """Return for a number that may lie above the density: whether it is taken, the number, and the words after that."""
     if layer > 0:
         drawn, words = _next(words)
-        height = (_DENSITY[layer - 1] - _DENSITY[layer]) * _share(drawn) + _DENSITY[layer]
+        height = (_DENSITY[layer - 1] - _DENSITY[layer]) * _share(drawn) + _DENSITY[
+            layer
+        ]
         return height < math.exp(-0.5 * np.float64(x) * np.float64(x)), x, words
     while True:
         drawn, words = _next(words)
@@ -114,28 +131,54 @@ def rollout(nominal, noise, spread, change, start, dt, controls, xs, ys, yaws): 
     states = (*place, *heading, np.full(samples, speed), np.full(samples, rate))
     changes = change[0, 0], change[0, 1], change[1, 0], change[1, 1]
     for t in range(steps):
-        wanted = nominal[t, 0], nominal[t, 1], spread[0], spread[1], noise[t, 0], noise[t, 1]
-        _step(states, wanted, changes, dt, (controls[t, 0], controls[t, 1], xs[t], ys[t], yaws[t]))
+        wanted = (
+            nominal[t, 0],
+            nominal[t, 1],
+            spread[0],
+            spread[1],
+            noise[t, 0],
+            noise[t, 1],
+        )
+        _step(
+            states,
+            wanted,
+            changes,
+            dt,
+            (controls[t, 0], controls[t, 1], xs[t], ys[t], yaws[t]),
+        )
 
 
 @njit(cache=True, error_model="numpy")
 def _step(states, wanted, changes, dt, out):  # type: ignore[no-untyped-def]
     """Take a step of all samples; one loop without branches, which the compiler vectorises."""
     x, y, yaw, c, s, speed, rate = states
-    nominal_speed, nominal_rate, speed_spread, rate_spread, speed_noise, rate_noise = wanted
+    nominal_speed, nominal_rate, speed_spread, rate_spread, speed_noise, rate_noise = (
+        wanted
+    )
     slower, faster, right, left = changes
     speeds, rates, xs, ys, yaws = out
     for k in range(len(x)):
-        speed[k] = min(max(nominal_speed + speed_spread * speed_noise[k], speed[k] - slower), speed[k] + faster)
-        rate[k] = min(max(nominal_rate + rate_spread * rate_noise[k], rate[k] - right), rate[k] + left)
+        speed[k] = min(
+            max(nominal_speed + speed_spread * speed_noise[k], speed[k] - slower),
+            speed[k] + faster,
+        )
+        rate[k] = min(
+            max(nominal_rate + rate_spread * rate_noise[k], rate[k] - right),
+            rate[k] + left,
+        )
         speeds[k], rates[k] = speed[k], rate[k]
         x[k] += speed[k] * dt * c[k]
         y[k] += speed[k] * dt * s[k]
         turn = rate[k] * dt
         square = turn * turn
         cos_turn = 1.0 - square * (0.5 - square * (1.0 / 24.0 - square / 720.0))
-        sin_turn = turn * (1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0 - square / 5040.0)))
-        c[k], s[k] = c[k] * cos_turn - s[k] * sin_turn, s[k] * cos_turn + c[k] * sin_turn
+        sin_turn = turn * (
+            1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0 - square / 5040.0))
+        )
+        c[k], s[k] = (
+            c[k] * cos_turn - s[k] * sin_turn,
+            s[k] * cos_turn + c[k] * sin_turn,
+        )
         yaw[k] += turn
         xs[k], ys[k], yaws[k] = x[k], y[k], yaw[k]
 
@@ -174,7 +217,12 @@ def smoothed(controls, sent, weights):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def hold_within(controls, limits, change, start):  # type: ignore[no-untyped-def]
     """Hold controls (steps, 2) within limits, and changes (as of `rollout`) from `start`, speed and yaw rate now."""
-    (speed, rate), slowest, fastest, fastest_turn = start, limits[0], limits[1], limits[2]
+    (speed, rate), slowest, fastest, fastest_turn = (
+        start,
+        limits[0],
+        limits[1],
+        limits[2],
+    )
     for t in range(len(controls)):
         wanted_speed = min(max(controls[t, 0], slowest), fastest)
         wanted_rate = min(max(controls[t, 1], -fastest_turn), fastest_turn)

@@ -21,8 +21,12 @@ class LidarPlace(Checked):
     """Where the lidar is on the robot."""
 
     lidar_x_m: float = quantity(0.055, "lidar forward of base_link", "m", -10.0, 10.0)
-    lidar_y_m: float = quantity(0.0, "lidar left of base_link", "m", -10.0, 10.0, optional=True)
-    lidar_yaw_rad: float = quantity(0.0, "direction of angle 0 of a scan", "rad", -3.15, 3.15, optional=True)
+    lidar_y_m: float = quantity(
+        0.0, "lidar left of base_link", "m", -10.0, 10.0, optional=True
+    )
+    lidar_yaw_rad: float = quantity(
+        0.0, "direction of angle 0 of a scan", "rad", -3.15, 3.15, optional=True
+    )
 
     @property
     def lidar(self) -> Pose2D:
@@ -35,8 +39,15 @@ class GuardConfig(Checked):
     """When a scan without any return means that the lidar is blind, not that nothing is there."""
 
     stop_when_blind: bool = quantity(True, "stop while the lidar seems blind")
-    blind_near_m: float = quantity(2.5, "blind at once if the last return was nearer, or none yet", "m", minimum=0.0)
-    blind_limit_s: float = quantity(2.0, "blind after this long without a return", "s", minimum=0.0)
+    blind_near_m: float = quantity(
+        2.5,
+        "blind at once if the last return was nearer, or none yet",
+        "m",
+        minimum=0.0,
+    )
+    blind_limit_s: float = quantity(
+        2.0, "blind after this long without a return", "s", minimum=0.0
+    )
 
 
 class ObservationGuard:
@@ -70,7 +81,9 @@ class ObservationGuard:
     def _scan_problem(self, stamp_ns: int, scan: Scan) -> str:
         if len(scan.ranges) == 0:
             return "the scan is empty"
-        if not all(map(math.isfinite, (scan.angle_min, scan.angle_increment, scan.range_min))):
+        if not all(
+            map(math.isfinite, (scan.angle_min, scan.angle_increment, scan.range_min))
+        ):
             return "the scan holds no usable angles"
         nearest_m, beyond = _nearest(scan.ranges, scan.range_min, scan.range_max)
         if nearest_m < math.inf:
@@ -105,7 +118,11 @@ def _nearest(ranges, range_min, range_max):  # type: ignore[no-untyped-def]
 
 
 def _usable(pose: Pose2D) -> bool:
-    return abs(pose.x) < _FURTHEST_M and abs(pose.y) < _FURTHEST_M and math.isfinite(pose.yaw)
+    return (
+        abs(pose.x) < _FURTHEST_M
+        and abs(pose.y) < _FURTHEST_M
+        and math.isfinite(pose.yaw)
+    )
 
 
 class ScanPlanner(Planner):
@@ -125,7 +142,10 @@ class ScanPlanner(Planner):
         """Return a stop with a reason, at the goal or where an observation is of no use; else drive."""
         if self._task is None:
             return Decision(STOP, PlannerStatus.BLOCKED, "no task yet")
-        problem, goal = self._guard.problem(observation) or self.problem(observation.scan), self._task.goal
+        problem, goal = (
+            self._guard.problem(observation) or self.problem(observation.scan),
+            self._task.goal,
+        )
         distance_m = observation.pose.distance(goal)
         if not problem and not math.isfinite(distance_m):
             problem = "the goal is not at a usable position"
@@ -163,6 +183,10 @@ class ProgressCheck:
         """Update with the robot's pose; tell whether it has been near one place for too long."""
         interrupted = stamp_ns - self._last_ns > _INTERRUPTION_NS
         self._last_ns = stamp_ns
-        if self._place is None or interrupted or self._place.distance(pose) >= self._distance_m:
+        if (
+            self._place is None
+            or interrupted
+            or self._place.distance(pose) >= self._distance_m
+        ):
             self._place, self._since_ns = pose, stamp_ns
         return stamp_ns - self._since_ns > self._limit_ns

@@ -4,9 +4,29 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from barn_planners.costmap.costmap import Costmap, CostmapConfig, GlobalCostmapConfig, RollingCostmap, global_costmap
-from barn_planners.global_plan.planner import GlobalPlanConfig, GlobalPlanner, moved_plan, passed_points, visible_slice
-from barn_planners.interface import Decision, FloatArray, Observation, Planner, PlannerStatus, PlannerView, Task
+from barn_planners.costmap.costmap import (
+    Costmap,
+    CostmapConfig,
+    GlobalCostmapConfig,
+    RollingCostmap,
+    global_costmap,
+)
+from barn_planners.global_plan.planner import (
+    GlobalPlanConfig,
+    GlobalPlanner,
+    moved_plan,
+    passed_points,
+    visible_slice,
+)
+from barn_planners.interface import (
+    Decision,
+    FloatArray,
+    Observation,
+    Planner,
+    PlannerStatus,
+    PlannerView,
+    Task,
+)
 from barn_planners.navigation.guard import GuardConfig, LidarPlace, ObservationGuard
 from barn_planners.navigation.recovery import Recovery, RecoveryConfig
 from barn_worlds.base.config import quantity
@@ -17,13 +37,33 @@ from barn_worlds.base.types import STOP, Pose2D, Velocity2D, nanoseconds
 class NavigationConfig(LidarPlace):
     """Settings of all planners that follow a global plan."""
 
-    control_period_s: float = quantity(0.05, "time between two commands; others are skipped", "s", 0.005, 1.0)
-    plan_period_s: float = quantity(0.05, "time between two global plans", "s", 0.0, 60.0)
-    goal_republish_period_s: float = quantity(0.0, "the goal is re-sent so often (a quirk); 0: once", "s", minimum=0.0)
-    hold_s: float = quantity(0.0, "how long the last command holds while a goal waits for its plan", "s", minimum=0.0)
-    first_plan_waits: bool = quantity(False, "true: the first cycle only plans, as in move_base", optional=True)
-    local_costmap_in_map: bool = quantity(False, "true: control is in the frame of the map, if one is given (a quirk)")
-    prune_m: float = quantity(1.0, "drop points of the plan before one nearer than this; 0: none", "m", minimum=0.0)
+    control_period_s: float = quantity(
+        0.05, "time between two commands; others are skipped", "s", 0.005, 1.0
+    )
+    plan_period_s: float = quantity(
+        0.05, "time between two global plans", "s", 0.0, 60.0
+    )
+    goal_republish_period_s: float = quantity(
+        0.0, "the goal is re-sent so often (a quirk); 0: once", "s", minimum=0.0
+    )
+    hold_s: float = quantity(
+        0.0,
+        "how long the last command holds while a goal waits for its plan",
+        "s",
+        minimum=0.0,
+    )
+    first_plan_waits: bool = quantity(
+        False, "true: the first cycle only plans, as in move_base", optional=True
+    )
+    local_costmap_in_map: bool = quantity(
+        False, "true: control is in the frame of the map, if one is given (a quirk)"
+    )
+    prune_m: float = quantity(
+        1.0,
+        "drop points of the plan before one nearer than this; 0: none",
+        "m",
+        minimum=0.0,
+    )
     local_costmap: CostmapConfig = field(default_factory=CostmapConfig)
     global_costmap: GlobalCostmapConfig = field(default_factory=GlobalCostmapConfig)
     global_plan: GlobalPlanConfig = field(default_factory=GlobalPlanConfig)
@@ -81,7 +121,11 @@ class NavigationPlanner(Planner):
         self._recovery = Recovery(config.recovery)
         self._guard = ObservationGuard(config.guard)
         self._lidar = config.lidar
-        periods_s = (config.control_period_s, config.plan_period_s, config.goal_republish_period_s)
+        periods_s = (
+            config.control_period_s,
+            config.plan_period_s,
+            config.goal_republish_period_s,
+        )
         self._control_ns, self._plan_ns, self._goal_ns = map(nanoseconds, periods_s)
         self._task: Task | None = None
 
@@ -117,7 +161,9 @@ class NavigationPlanner(Planner):
         if self._start_ns is None:
             self._start_ns = stamp
             self._recovery.restart(stamp)
-        cycle = (stamp - self._start_ns + self._control_ns // 4) // self._control_ns  # a quarter for jittering stamps
+        cycle = (
+            stamp - self._start_ns + self._control_ns // 4
+        ) // self._control_ns  # a quarter for jittering stamps
         if cycle == self._cycle:
             return Decision(None)
         self._cycle = cycle
@@ -139,7 +185,9 @@ class NavigationPlanner(Planner):
             return PlannerView()
         plan = None if self._plan is None else self._plan[:, :2]
         costmap, in_map = self._local.as_map(), self._follows_in_map
-        return replace(self.controller.view(), plan=plan, costmap=costmap, in_planning_frame=in_map)
+        return replace(
+            self.controller.view(), plan=plan, costmap=costmap, in_planning_frame=in_map
+        )
 
     def _robot(self, observation: Observation) -> Pose2D:
         return observation.pose if self._follows_in_map else observation.odometry.pose
@@ -164,7 +212,11 @@ class NavigationPlanner(Planner):
     def _replan(self, observation: Observation, goal: Pose2D) -> FloatArray | None:
         """Make a new plan if one is due and return its points, else None."""
         planned_ns = self._planned_ns
-        if not self._waiting and planned_ns is not None and observation.stamp_ns - planned_ns < self._plan_ns:
+        if (
+            not self._waiting
+            and planned_ns is not None
+            and observation.stamp_ns - planned_ns < self._plan_ns
+        ):
             return None
         self._planned_ns = observation.stamp_ns
         found = self._planner.plan(self._global, observation.pose, goal)
@@ -175,17 +227,28 @@ class NavigationPlanner(Planner):
         self._recovery.found_plan(observation.stamp_ns)
         return found.poses[:, :2]
 
-    def _act(self, observation: Observation, goal: Pose2D, fresh: FloatArray | None) -> Decision:
+    def _act(
+        self, observation: Observation, goal: Pose2D, fresh: FloatArray | None
+    ) -> Decision:
         stamp = observation.stamp_ns
         if not self._waiting and not self._recovery.active:
             control = self._control(observation, goal)
             if control.goal_reached:
-                self._done = Decision(STOP, PlannerStatus.GOAL_REACHED, "the goal is reached")
+                self._done = Decision(
+                    STOP, PlannerStatus.GOAL_REACHED, "the goal is reached"
+                )
                 return self._done
             if control.command is not None and control.command.is_finite():
                 self._recovery.found_command(stamp)
-                reason = f"following the last plan: {self._problem}" if self._problem else ""
-                return Decision(control.command, reason=reason, plan=fresh, diagnostics=control.diagnostics)
+                reason = (
+                    f"following the last plan: {self._problem}" if self._problem else ""
+                )
+                return Decision(
+                    control.command,
+                    reason=reason,
+                    plan=fresh,
+                    diagnostics=control.diagnostics,
+                )
             self._problem = control.reason or "no valid command"
             self._waiting, self._hold_until_ns = True, stamp
             self._recovery.missing_command(stamp)
@@ -195,14 +258,18 @@ class NavigationPlanner(Planner):
             self._cause = self._problem or self._cause
             return self._recover(observation, fresh)
         held = stamp < self._hold_until_ns
-        return Decision(None if held else STOP, PlannerStatus.BLOCKED, self._problem, fresh)
+        return Decision(
+            None if held else STOP, PlannerStatus.BLOCKED, self._problem, fresh
+        )
 
     def _recover(self, observation: Observation, fresh: FloatArray | None) -> Decision:
         robot = self._robot(observation)
         clear = ((self._local, robot), (self._global, observation.pose))
         command = self._recovery.step(observation.stamp_ns, robot, self._local, clear)
         if self._recovery.aborted:
-            self._done = Decision(STOP, PlannerStatus.FAILED, f"gave up after recovery: {self._cause}")
+            self._done = Decision(
+                STOP, PlannerStatus.FAILED, f"gave up after recovery: {self._cause}"
+            )
             return self._done
         return Decision(command, PlannerStatus.RECOVERING, self._cause, fresh)
 
@@ -217,10 +284,15 @@ class NavigationPlanner(Planner):
             goal = odom_of_map @ goal
         window = visible_slice(plan, robot, self._local.config.size_m / 2.0)
         if self.config.prune_m > 0.0:
-            window = slice(window.start + passed_points(plan[window], robot, self.config.prune_m), window.stop)
+            window = slice(
+                window.start + passed_points(plan[window], robot, self.config.prune_m),
+                window.stop,
+            )
         new_plan, self._plan_is_new = self._plan_is_new, False
         if window.start == window.stop:
             return Control(None, reason="the plan does not come near the robot")
         stamp_ns, velocity = observation.stamp_ns, observation.odometry.velocity
-        inputs = ControlInput(stamp_ns, robot, velocity, self._local, plan, plan[window], goal, new_plan)
+        inputs = ControlInput(
+            stamp_ns, robot, velocity, self._local, plan, plan[window], goal, new_plan
+        )
         return self.controller.control(inputs)

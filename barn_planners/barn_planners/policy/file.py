@@ -29,7 +29,13 @@ ACTIVATIONS = ("tanh", "relu")
 OUTPUTS = ("clip", "tanh")
 _ARRAYS = (("weights", 2), ("biases", 1))  # their dimensions
 MOST_LAYERS = 16
-FORMAT = NpzFormat("a policy file", "policy.json", schema=1, largest_file=64 * 1024 * 1024, largest=64 * 1024 * 1024)
+FORMAT = NpzFormat(
+    "a policy file",
+    "policy.json",
+    schema=1,
+    largest_file=64 * 1024 * 1024,
+    largest=64 * 1024 * 1024,
+)
 
 
 class PolicyError(BarnError):
@@ -50,22 +56,41 @@ class Policy:
     where: str = "policy"
 
     def __post_init__(self) -> None:
-        for name, value, known in (("activation", self.activation, ACTIVATIONS), ("output", self.output, OUTPUTS)):
+        for name, value, known in (
+            ("activation", self.activation, ACTIVATIONS),
+            ("output", self.output, OUTPUTS),
+        ):
             if value not in known:
-                raise PolicyError(f"{self.where}: unknown {name} {value!r:.40}{suggest(value, known)}")
-        if not 1 <= len(self.weights) <= MOST_LAYERS or len(self.weights) != len(self.biases):
-            raise PolicyError(f"{self.where}: must have 1 to {MOST_LAYERS} layers, got {len(self.weights)}")
+                raise PolicyError(
+                    f"{self.where}: unknown {name} {value!r:.40}{suggest(value, known)}"
+                )
+        if not 1 <= len(self.weights) <= MOST_LAYERS or len(self.weights) != len(
+            self.biases
+        ):
+            raise PolicyError(
+                f"{self.where}: must have 1 to {MOST_LAYERS} layers, got {len(self.weights)}"
+            )
         layers = self.layers
         if layers[0] != self.observation.size or layers[-1] != ACTIONS:
             ends = f"{self.observation.size} observed values to {ACTIONS} actions"
-            raise PolicyError(f"{self.where}: must lead from {ends}, got layers of {layers}")
-        for k, (weights, biases) in enumerate(zip(self.weights, self.biases, strict=True)):
-            if weights.shape != (layers[k], layers[k + 1]) or biases.shape != (layers[k + 1],):
+            raise PolicyError(
+                f"{self.where}: must lead from {ends}, got layers of {layers}"
+            )
+        for k, (weights, biases) in enumerate(
+            zip(self.weights, self.biases, strict=True)
+        ):
+            if weights.shape != (layers[k], layers[k + 1]) or biases.shape != (
+                layers[k + 1],
+            ):
                 needed = f"weights {(layers[k], layers[k + 1])} and as many biases"
                 got = f"{weights.shape} and {biases.shape}"
-                raise PolicyError(f"{self.where}: layer {k} must have {needed}, got {got}")
+                raise PolicyError(
+                    f"{self.where}: layer {k} must have {needed}, got {got}"
+                )
             if not (np.isfinite(weights).all() and np.isfinite(biases).all()):
-                raise PolicyError(f"{self.where}: layer {k} holds values that are not finite")
+                raise PolicyError(
+                    f"{self.where}: layer {k} holds values that are not finite"
+                )
 
     @property
     def layers(self) -> list[int]:
@@ -120,7 +145,14 @@ def affine(values, weights, biases):  # type: ignore[no-untyped-def]
 
 def write_policy(path: Path, policy: Policy) -> None:
     """Write a policy file atomically; PolicyError if that fails."""
-    given = (policy.layers, policy.activation, policy.output, policy.observation, policy.action, dict(policy.about))
+    given = (
+        policy.layers,
+        policy.activation,
+        policy.output,
+        policy.observation,
+        policy.action,
+        dict(policy.about),
+    )
     arrays: Arrays = {}
     for k, layer in enumerate(zip(policy.weights, policy.biases, strict=True)):
         for (name, _), values in zip(_ARRAYS, layer, strict=True):
@@ -139,19 +171,28 @@ def read_policy(path: Path) -> Policy:
             raise PolicyError(f"{path}: about must be a mapping")
         header = from_dict(_PolicyHeader, content, str(path))
         if not 2 <= len(header.layers) <= MOST_LAYERS + 1:
-            raise PolicyError(f"{path}: layers must be 2 to {MOST_LAYERS + 1} sizes, got {len(header.layers)}")
+            raise PolicyError(
+                f"{path}: layers must be 2 to {MOST_LAYERS + 1} sizes, got {len(header.layers)}"
+            )
         count = range(len(header.layers) - 1)
-        weights, biases = (tuple(_array(path, arrays, f"{name}_{k}", n) for k in count) for name, n in _ARRAYS)
+        weights, biases = (
+            tuple(_array(path, arrays, f"{name}_{k}", n) for k in count)
+            for name, n in _ARRAYS
+        )
         rest = (header.activation, header.output, header.about, str(path))
         policy = Policy(header.observation, header.action, weights, biases, *rest)
     except (WorldError, ConfigError) as error:
         raise PolicyError(str(error)) from None
     if policy.layers != list(header.layers):
-        raise PolicyError(f"{path}: its header has layers of {list(header.layers)}, the file has {policy.layers}")
+        raise PolicyError(
+            f"{path}: its header has layers of {list(header.layers)}, the file has {policy.layers}"
+        )
     return policy
 
 
-def _array(path: Path, arrays: Arrays, name: str, dimensions: int) -> npt.NDArray[np.float32]:
+def _array(
+    path: Path, arrays: Arrays, name: str, dimensions: int
+) -> npt.NDArray[np.float32]:
     array = FORMAT.array(arrays, name, path)
     if array.dtype != np.float32 or array.ndim != dimensions:
         raise PolicyError(

@@ -34,12 +34,24 @@ class PolicyObservation(Checked):
     """How sensor readings become the observation of a policy."""
 
     beams: int = quantity(720, "sectors of the lidar's field of view", "", 1, 20000)
-    angle_min_rad: float = quantity(-2.35619, "right end of this field", "rad", -math.pi, math.pi)
-    angle_max_rad: float = quantity(2.35619, "left end of this field", "rad", -math.pi, math.pi)
-    range_limit_m: float = quantity(5.0, "range that counts as 1, as does anything further", "m", minimum=0.1)
-    goal_limit_m: float = quantity(10.0, "distance to the goal that counts as 1", "m", minimum=0.1)
-    speed_limit_mps: float = quantity(2.0, "speed that counts as 1", "m/s", minimum=0.01)
-    yaw_rate_limit_radps: float = quantity(4.0, "yaw rate that counts as 1", "rad/s", minimum=0.01)
+    angle_min_rad: float = quantity(
+        -2.35619, "right end of this field", "rad", -math.pi, math.pi
+    )
+    angle_max_rad: float = quantity(
+        2.35619, "left end of this field", "rad", -math.pi, math.pi
+    )
+    range_limit_m: float = quantity(
+        5.0, "range that counts as 1, as does anything further", "m", minimum=0.1
+    )
+    goal_limit_m: float = quantity(
+        10.0, "distance to the goal that counts as 1", "m", minimum=0.1
+    )
+    speed_limit_mps: float = quantity(
+        2.0, "speed that counts as 1", "m/s", minimum=0.01
+    )
+    yaw_rate_limit_radps: float = quantity(
+        4.0, "yaw rate that counts as 1", "rad/s", minimum=0.01
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -62,9 +74,15 @@ class PolicyObservation(Checked):
 class PolicyAction(Checked):
     """How actions of a policy become velocities."""
 
-    min_speed_mps: float = quantity(-0.5, "forward speed of action -1", "m/s", -10.0, 10.0)
-    max_speed_mps: float = quantity(2.0, "forward speed of action 1", "m/s", -10.0, 10.0)
-    max_yaw_rate_radps: float = quantity(2.0, "yaw rate of action 1, to the left", "rad/s", 0.0, 20.0)
+    min_speed_mps: float = quantity(
+        -0.5, "forward speed of action -1", "m/s", -10.0, 10.0
+    )
+    max_speed_mps: float = quantity(
+        2.0, "forward speed of action 1", "m/s", -10.0, 10.0
+    )
+    max_yaw_rate_radps: float = quantity(
+        2.0, "yaw rate of action 1, to the left", "rad/s", 0.0, 20.0
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -78,8 +96,12 @@ class PolicyAction(Checked):
     def commands(self, actions: npt.NDArray[np.floating]) -> FloatArray:
         """Return the speeds and yaw rates (n, 2) of actions (n, 2), as `command` does."""
         # for one action np.clip takes longer
-        given: FloatArray = np.minimum(np.maximum(actions.astype(np.float64), -1.0), 1.0)
-        given[:, 0] = self.min_speed_mps + 0.5 * (given[:, 0] + 1.0) * (self.max_speed_mps - self.min_speed_mps)
+        given: FloatArray = np.minimum(
+            np.maximum(actions.astype(np.float64), -1.0), 1.0
+        )
+        given[:, 0] = self.min_speed_mps + 0.5 * (given[:, 0] + 1.0) * (
+            self.max_speed_mps - self.min_speed_mps
+        )
         given[:, 1] *= self.max_yaw_rate_radps
         return given
 
@@ -99,7 +121,12 @@ class ObservationEncoder:
         self._first = np.zeros(0, np.intp)
         self._end = 0
         metres = np.float32(config.range_limit_m)
-        self._limits = metres, config.goal_limit_m, config.speed_limit_mps, config.yaw_rate_limit_radps
+        self._limits = (
+            metres,
+            config.goal_limit_m,
+            config.speed_limit_mps,
+            config.yaw_rate_limit_radps,
+        )
 
     def problem(self, scan: Scan) -> str:
         """Return in one line why this policy cannot use such scans, or an empty text."""
@@ -133,7 +160,15 @@ class ObservationEncoder:
             raise ConfigError(problem)
         ordered = ranges if scan.angle_increment > 0.0 else ranges[:, ::-1]
         readings = (ordered, poses, goals, velocities)
-        _encode(*readings, which, self._first, self._end, np.float32(scan.range_min), self._limits, seen)
+        _encode(
+            *readings,
+            which,
+            self._first,
+            self._end,
+            np.float32(scan.range_min),
+            self._limits,
+            seen,
+        )
 
     def _fit(self, scan: Scan) -> str:
         """Store which beams fall into which sector; a sector between two beams uses the one to its left."""
@@ -144,12 +179,17 @@ class ObservationEncoder:
         if not step > 0.0 or not len(angles):
             return "the scan holds no usable angles"
         slack = max(width, step)
-        if angles[0] > config.angle_min_rad + slack or angles[-1] < config.angle_max_rad - slack:
+        if (
+            angles[0] > config.angle_min_rad + slack
+            or angles[-1] < config.angle_max_rad - slack
+        ):
             seen = f"{config.angle_min_rad:.3f} to {config.angle_max_rad:.3f} rad"
             return f"the policy sees from {seen}, the scan only from {angles[0]:.3f} to {angles[-1]:.3f} rad"
         edges = config.angle_min_rad + width * np.arange(config.beams)
         edges[0] -= 0.5 * width
-        self._end = int(np.searchsorted(angles, config.angle_max_rad + 0.5 * width, "right"))
+        self._end = int(
+            np.searchsorted(angles, config.angle_max_rad + 0.5 * width, "right")
+        )
         self._first = np.minimum(np.searchsorted(angles, edges, "left"), self._end - 1)
         return ""
 
@@ -184,7 +224,9 @@ def nearest_returns(ranges, first, end, range_min, limit, shares):  # type: igno
     """
     if end - first[0] == len(first) and first[-1] == end - 1:
         own = ranges[first[0] : end]
-        for sector in range(len(shares)):  # a beam each: without a branch, for several of them at once
+        for sector in range(
+            len(shares)
+        ):  # a beam each: without a branch, for several of them at once
             nearest = own[sector] if own[sector] < limit else limit
             shares[sector] = np.float32(0.0) if nearest < range_min else nearest / limit
         return

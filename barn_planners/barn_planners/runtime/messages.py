@@ -16,7 +16,11 @@ from barn_worlds.messages.topics import Frames, Outgoing, Topic
 MOST_SHOWN = 20
 MOST_POINTS = 8
 # Red, green, blue, opacity of the cheapest and the costliest valid trajectory, and of rejected ones.
-CHEAPEST, DEAREST, REJECTED = (0.0, 0.25, 0.5, 0.9), (0.55, 0.8, 0.95, 0.7), (0.55, 0.55, 0.55, 0.5)
+CHEAPEST, DEAREST, REJECTED = (
+    (0.0, 0.25, 0.5, 0.9),
+    (0.55, 0.8, 0.95, 0.7),
+    (0.55, 0.55, 0.55, 0.5),
+)
 _LEVELS = {
     PlannerStatus.RUNNING: encode.FINE,
     PlannerStatus.GOAL_REACHED: encode.FINE,
@@ -36,33 +40,53 @@ class ShownCandidates(NamedTuple):
     colours: FloatArray
 
 
-def shown_candidates(candidates: FloatArray, costs: FloatArray | None) -> ShownCandidates:
+def shown_candidates(
+    candidates: FloatArray, costs: FloatArray | None
+) -> ShownCandidates:
     """Choose `MOST_SHOWN` of trajectories (k, n, 2), evenly, and of each `MOST_POINTS` points, both ends among them.
 
     The cheapest is always chosen; costs (k,) are +inf where rejected. Without costs all have the colour of the
     costliest.
     """
-    worth = np.zeros(len(candidates)) if costs is None else np.where(np.isnan(costs), np.inf, costs)
+    worth = (
+        np.zeros(len(candidates))
+        if costs is None
+        else np.where(np.isnan(costs), np.inf, costs)
+    )
     chosen = _spread(len(candidates), MOST_SHOWN)
     if costs is not None and np.isfinite(worth).any():
         cheapest = int(np.argmin(worth))
         chosen[np.argmin(np.abs(chosen - cheapest))] = cheapest
     points = candidates[chosen][:, _spread(candidates.shape[1], MOST_POINTS)]
-    return ShownCandidates(np.asarray(points, np.float64), _colours(worth[chosen], costs is not None))
+    return ShownCandidates(
+        np.asarray(points, np.float64), _colours(worth[chosen], costs is not None)
+    )
 
 
 def _colours(costs: FloatArray, graded: bool) -> FloatArray:
     free = np.isfinite(costs)
-    low, high = (float(costs[free].min()), float(costs[free].max())) if free.any() else (0.0, 0.0)
-    share = (np.where(free, costs, high) - low) / (high - low) if high > low else np.zeros(len(costs))
+    low, high = (
+        (float(costs[free].min()), float(costs[free].max()))
+        if free.any()
+        else (0.0, 0.0)
+    )
+    share = (
+        (np.where(free, costs, high) - low) / (high - low)
+        if high > low
+        else np.zeros(len(costs))
+    )
     share = share if graded else np.ones(len(costs))
-    graded_colours = np.array(CHEAPEST) + share[:, None] * (np.array(DEAREST) - np.array(CHEAPEST))
+    graded_colours = np.array(CHEAPEST) + share[:, None] * (
+        np.array(DEAREST) - np.array(CHEAPEST)
+    )
     return np.where(free[:, None], graded_colours, np.array(REJECTED))
 
 
 def _spread(count: int, most: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
     """Return at most `most` of the numbers from 0 to count - 1, evenly spaced, with both ends."""
-    spread: np.ndarray[tuple[int], np.dtype[np.int64]] = np.linspace(0, count - 1, min(count, most)).round().astype(int)
+    spread: np.ndarray[tuple[int], np.dtype[np.int64]] = (
+        np.linspace(0, count - 1, min(count, most)).round().astype(int)
+    )
     return spread
 
 
@@ -79,9 +103,15 @@ class PlannerMessages:
     ) -> None:
         self._name = name
         self._frames = frames
-        self._stamped = encode.TwistStampedEncoder(frames.of(topics.CMD_VEL_STAMPED)) if stamped else None
+        self._stamped = (
+            encode.TwistStampedEncoder(frames.of(topics.CMD_VEL_STAMPED))
+            if stamped
+            else None
+        )
         self._plan = encode.PathEncoder(frames.of(topics.PLAN))
-        self._local_plans = {frame: encode.PathEncoder(frame) for frame in (frames.odom, frames.planning)}
+        self._local_plans = {
+            frame: encode.PathEncoder(frame) for frame in (frames.odom, frames.planning)
+        }
         self._view_period_ns = nanoseconds(view_period_s)
         self.reset()
 
@@ -99,27 +129,43 @@ class PlannerMessages:
         """Return a command."""
         if self._stamped is None:
             return Outgoing(topics.CMD_VEL, encode.encode_twist(velocity))
-        return Outgoing(topics.CMD_VEL_STAMPED, self._stamped.encode(velocity, stamp_ns))
+        return Outgoing(
+            topics.CMD_VEL_STAMPED, self._stamped.encode(velocity, stamp_ns)
+        )
 
     def shown(
-        self, planner: Planner, decision: Decision, stamp_ns: int, wanted: Callable[[Topic], bool] = lambda _: True
+        self,
+        planner: Planner,
+        decision: Decision,
+        stamp_ns: int,
+        wanted: Callable[[Topic], bool] = lambda _: True,
     ) -> Iterator[Outgoing]:
         """Yield what is due of the topics that are wanted: views once per period, diagnostics each second or if new."""
         plan = decision.plan
-        if plan is not None and stamp_ns - self._plan_ns >= self._view_period_ns and wanted(topics.PLAN):
+        if (
+            plan is not None
+            and stamp_ns - self._plan_ns >= self._view_period_ns
+            and wanted(topics.PLAN)
+        ):
             self._plan_ns = stamp_ns
             yield Outgoing(topics.PLAN, self._plan.encode(plan, stamp_ns))
         if stamp_ns - self._view_ns >= self._view_period_ns:
             self._view_ns = stamp_ns
             yield from self._view(planner, stamp_ns, wanted)
         waited_ns = stamp_ns - self._diagnostics_ns
-        due = decision.status is not self._status or waited_ns >= nanoseconds(topics.DIAGNOSTICS.period_s)
+        due = decision.status is not self._status or waited_ns >= nanoseconds(
+            topics.DIAGNOSTICS.period_s
+        )
         if due and decision.command is not None:
             self._diagnostics_ns, self._status = stamp_ns, decision.status
             if wanted(topics.DIAGNOSTICS):
-                yield Outgoing(topics.DIAGNOSTICS, _diagnostics(decision, self._name, stamp_ns))
+                yield Outgoing(
+                    topics.DIAGNOSTICS, _diagnostics(decision, self._name, stamp_ns)
+                )
 
-    def _view(self, planner: Planner, stamp_ns: int, wanted: Callable[[Topic], bool]) -> Iterator[Outgoing]:
+    def _view(
+        self, planner: Planner, stamp_ns: int, wanted: Callable[[Topic], bool]
+    ) -> Iterator[Outgoing]:
         here = (topics.LOCAL_PLAN, topics.COSTMAP, topics.BAND, topics.CANDIDATES)
         asked = {topic for topic in here if wanted(topic)}
         if not asked:
@@ -127,9 +173,14 @@ class PlannerMessages:
         view = planner.view()
         frame = self._frames.planning if view.in_planning_frame else self._frames.odom
         if view.local_plan is not None and topics.LOCAL_PLAN in asked:
-            yield Outgoing(topics.LOCAL_PLAN, self._local_plans[frame].encode(view.local_plan, stamp_ns))
+            yield Outgoing(
+                topics.LOCAL_PLAN,
+                self._local_plans[frame].encode(view.local_plan, stamp_ns),
+            )
         if view.costmap is not None and topics.COSTMAP in asked:
-            yield Outgoing(topics.COSTMAP, encode.encode_map(view.costmap, stamp_ns, frame))
+            yield Outgoing(
+                topics.COSTMAP, encode.encode_map(view.costmap, stamp_ns, frame)
+            )
         if view.band is not None and topics.BAND in asked:
             yield Outgoing(topics.BAND, encode_band(view.band, stamp_ns, frame))
         if view.candidates is not None and topics.CANDIDATES in asked:
@@ -153,24 +204,44 @@ def encode_band(band: FloatArray, stamp_ns: int, frame: str) -> bytes:
 @cache
 def _band_template(count: int, frame: str) -> Template:
     """Return the template of a band; bands have a few dozen lengths, which recur."""
-    discs = [encode.marker(frame, "bubbles", encode.CYLINDER, index=k, colour=_BUBBLE_COLOUR) for k in range(count)]
+    discs = [
+        encode.marker(frame, "bubbles", encode.CYLINDER, index=k, colour=_BUBBLE_COLOUR)
+        for k in range(count)
+    ]
     for disc in discs:
         disc.scale.z = _BUBBLE_HEIGHT_M
     place = ("pose.position.x", "pose.position.y", "scale.x", "scale.y")
-    line = _line(encode.marker(frame, "band", encode.LINE_STRIP, colour=_BAND_COLOUR), _BAND_WIDTH_M, count)
-    return _template(topics.BAND, frame, "band", [*((disc, place) for disc in discs), line])
+    line = _line(
+        encode.marker(frame, "band", encode.LINE_STRIP, colour=_BAND_COLOUR),
+        _BAND_WIDTH_M,
+        count,
+    )
+    return _template(
+        topics.BAND, frame, "band", [*((disc, place) for disc in discs), line]
+    )
 
 
 def _line(line: Any, width_m: float, count: int) -> tuple[Any, tuple[str, ...]]:
     """Return a marker as a line of that many points, and their fields."""
-    line.scale.x, line.points = width_m, [make("geometry_msgs/msg/Point") for _ in range(count)]
-    return line, tuple(f"points.{index}.{axis}" for index in range(count) for axis in "xy")
+    line.scale.x, line.points = (
+        width_m,
+        [make("geometry_msgs/msg/Point") for _ in range(count)],
+    )
+    return line, tuple(
+        f"points.{index}.{axis}" for index in range(count) for axis in "xy"
+    )
 
 
-def _template(topic: Topic, frame: str, namespace: str, markers: list[tuple[Any, tuple[str, ...]]]) -> Template:
+def _template(
+    topic: Topic, frame: str, namespace: str, markers: list[tuple[Any, tuple[str, ...]]]
+) -> Template:
     """Return the template of markers with the fields that vary, besides stamps; the first one deletes all others."""
     every = [(encode.marker(frame, namespace, action=encode.DELETE_ALL), ()), *markers]
-    fields = [f"markers.{k}.{name}" for k, (_, own) in enumerate(every) for name in (*encode.STAMP_FIELDS, *own)]
+    fields = [
+        f"markers.{k}.{name}"
+        for k, (_, own) in enumerate(every)
+        for name in (*encode.STAMP_FIELDS, *own)
+    ]
     return Template(make(topic.type_name, markers=[one for one, _ in every]), fields)
 
 
@@ -196,7 +267,13 @@ def _candidates_template(count: int, length: int, frame: str) -> Template:
 
 
 def _diagnostics(decision: Decision, name: str, stamp_ns: int) -> bytes:
-    figures = {key: f"{value:.6g}" for key, value in decision.diagnostics.items() if math.isfinite(value)}
+    figures = {
+        key: f"{value:.6g}"
+        for key, value in decision.diagnostics.items()
+        if math.isfinite(value)
+    }
     status = decision.status
     values = {"status": status.value} | figures
-    return encode.encode_diagnostics(stamp_ns, _LEVELS[status], name, decision.reason or status.value, values)
+    return encode.encode_diagnostics(
+        stamp_ns, _LEVELS[status], name, decision.reason or status.value, values
+    )

@@ -9,7 +9,16 @@ import numpy as np
 
 from barn_planners.interface import Decision, Observation, Planner, PlannerStatus, Task
 from barn_worlds.base.config import Checked, quantity
-from barn_worlds.base.types import NANOSECONDS, STOP, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D, nanoseconds
+from barn_worlds.base.types import (
+    NANOSECONDS,
+    STOP,
+    OccupancyMap,
+    Odometry,
+    Pose2D,
+    Scan,
+    Velocity2D,
+    nanoseconds,
+)
 
 T = TypeVar("T")
 
@@ -28,7 +37,9 @@ class Answer:
 class PlannerSession:
     """Runs one planner, task after task; repeat_command: in cycles without one, so that a simulator need not wait."""
 
-    def __init__(self, planner: Planner, *, seed: int, use_map: bool, repeat_command: bool = True):
+    def __init__(
+        self, planner: Planner, *, seed: int, use_map: bool, repeat_command: bool = True
+    ):
         self.planner = planner
         self.seed = seed
         self._use_map = use_map
@@ -89,14 +100,20 @@ class PlannerSession:
 
     def warm_up(self) -> None:
         """Run the planner a few times on made-up readings, so that its first real cycles are not slower."""
-        known = OccupancyMap(np.zeros((60, 60), np.int8), 0.15, -4.5, -4.5) if self._use_map else None
+        known = (
+            OccupancyMap(np.zeros((60, 60), np.int8), 0.15, -4.5, -4.5)
+            if self._use_map
+            else None
+        )
         self.planner.start(Task(Pose2D(3.0, 0.0, 0.0), known), self.seed)
         ranges = np.full(720, 2.0, np.float32)
         for cycle in range(4):
             stamp = cycle * NANOSECONDS // 20
             scan = Scan(stamp, ranges, -2.35, 4.7 / 719, 0.1, 30.0)
             pose = Pose2D(0.0, 0.0, 0.0)
-            self.planner.step(Observation(stamp, Odometry(stamp, pose, STOP), scan, pose))
+            self.planner.step(
+                Observation(stamp, Odometry(stamp, pose, STOP), scan, pose)
+            )
         self.planner.view()
 
     def _begin(self) -> bool:
@@ -118,7 +135,9 @@ def goal_problem(goal: Pose2D, frame: str, planning_frame: str) -> str:
 
 
 def _equal(one: OccupancyMap, other: OccupancyMap) -> bool:
-    places = {(known.resolution, known.origin_x, known.origin_y) for known in (one, other)}
+    places = {
+        (known.resolution, known.origin_x, known.origin_y) for known in (one, other)
+    }
     return len(places) == 1 and np.array_equal(one.data, other.data)
 
 
@@ -126,8 +145,15 @@ def _equal(one: OccupancyMap, other: OccupancyMap) -> bool:
 class SyncConfig(Checked):
     """How old a reading may be that is combined with a scan."""
 
-    odometry_age_s: float = quantity(0.25, "oldest odometry that is combined with a scan", "s", 0.0, 60.0)
-    pose_age_s: float = quantity(600.0, "oldest localisation taken with a scan, and extrapolated", "s", minimum=0.0)
+    odometry_age_s: float = quantity(
+        0.25, "oldest odometry that is combined with a scan", "s", 0.0, 60.0
+    )
+    pose_age_s: float = quantity(
+        600.0,
+        "oldest localisation taken with a scan, and extrapolated",
+        "s",
+        minimum=0.0,
+    )
 
 
 class Synchroniser:
@@ -174,7 +200,11 @@ class Synchroniser:
             self.skipped += 1
         self._scan = scan
         completed = self._complete(overtaken=False)
-        return [observation for observation in (overtaken, completed) if observation is not None]
+        return [
+            observation
+            for observation in (overtaken, completed)
+            if observation is not None
+        ]
 
     def _complete(self, *, overtaken: bool) -> Observation | None:
         """Return the observation of the pending scan if it is complete; `overtaken`: do not wait any longer."""
@@ -241,9 +271,15 @@ class _History(Generic[T]):
         return not self._per_scan and self.latest_stamp(stamp_ns) is not None
 
     def latest_stamp(self, stamp_ns: int) -> int | None:
-        return max((stamp for stamp in self._readings if stamp <= stamp_ns), default=None)
+        return max(
+            (stamp for stamp in self._readings if stamp <= stamp_ns), default=None
+        )
 
     def latest(self, stamp_ns: int, age_ns: int) -> T | None:
         """Return the last reading not after the stamp and not older than the age."""
         stamp = self.latest_stamp(stamp_ns)
-        return None if stamp is None or stamp_ns - stamp > age_ns else self._readings[stamp]
+        return (
+            None
+            if stamp is None or stamp_ns - stamp > age_ns
+            else self._readings[stamp]
+        )

@@ -19,7 +19,11 @@ from barn_worlds.base.types import Pose2D
 # Ticks after which the broad phase balances the same branches of its tree again, as far as it has levels among fixed
 # obstacles: only those that have just become bodies are in it, so six levels are plenty.
 _CYCLE = 64
-_ENGINE = {"numSubSteps": 0, "numSolverIterations": 20, "deterministicOverlappingPairs": 1}
+_ENGINE = {
+    "numSubSteps": 0,
+    "numSolverIterations": 20,
+    "deterministicOverlappingPairs": 1,
+}
 _tyres_of = cache(Tyres)
 
 
@@ -32,7 +36,12 @@ class Body:
     """
 
     def __init__(
-        self, model: RobotModel, config: PhysicsConfig, client: PhysicsClient, fleet: Fleet, index: int
+        self,
+        model: RobotModel,
+        config: PhysicsConfig,
+        client: PhysicsClient,
+        fleet: Fleet,
+        index: int,
     ) -> None:
         self._model, self._config, self._physics = model, config, client
         self._fleet, self._index, settings = fleet, index, fleet.settings
@@ -53,10 +62,19 @@ class Body:
             self._begun_at, self._at_rest = start, np.zeros(1, ROBOT)
             height, roll, pitch = self._tyres.rest
             attitude = bullet.getQuaternionFromEuler([roll, pitch, start.yaw])
-            offset = np.array(bullet.getMatrixFromQuaternion(attitude)).reshape(3, 3) @ self._model.centre_of_mass
-            self._start = [start.x + offset[0], start.y + offset[1], height], attitude  # of the centre of mass
+            offset = (
+                np.array(bullet.getMatrixFromQuaternion(attitude)).reshape(3, 3)
+                @ self._model.centre_of_mass
+            )
+            self._start = (
+                [start.x + offset[0], start.y + offset[1], height],
+                attitude,
+            )  # of the centre of mass
             robot = self._at_rest[0]
-            robot["wheels"][: len(self._tyres.wheels), :5], robot["known"] = self._tyres.wheels, True
+            robot["wheels"][: len(self._tyres.wheels), :5], robot["known"] = (
+                self._tyres.wheels,
+                True,
+            )
             robot["position"], robot["heading"] = self._start
             place_at_rest(self._at_rest, self._fleet.settings, 0)
         robots[index] = self._at_rest[0]
@@ -71,15 +89,37 @@ class Body:
             return
         config = self._config
         bullet.setGravity(0.0, 0.0, -config.gravity_m_s2, physicsClientId=client)
-        bullet.setPhysicsEngineParameter(fixedTimeStep=config.tick_s, physicsClientId=client, **_ENGINE)
+        bullet.setPhysicsEngineParameter(
+            fixedTimeStep=config.tick_s, physicsClientId=client, **_ENGINE
+        )
         plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=client)
-        self.ground = bullet.createMultiBody(0.0, plane, useMaximalCoordinates=True, physicsClientId=client)
-        bullet.changeDynamics(self.ground, -1, lateralFriction=1.0, physicsClientId=client)
+        self.ground = bullet.createMultiBody(
+            0.0, plane, useMaximalCoordinates=True, physicsClientId=client
+        )
+        bullet.changeDynamics(
+            self.ground, -1, lateralFriction=1.0, physicsClientId=client
+        )
         friction, inertia = config.chassis_friction, self._model.inertia.tolist()
-        dynamics = {"lateralFriction": friction, "angularDamping": 0.0, "localInertiaDiagonal": inertia}
-        self.id = add_body(client, _make_shapes(self._model, client), *self._start, self._model.mass_kg, **dynamics)
-        bullet.setCollisionFilterPair(self.ground, self.id, -1, -1, 0, physicsClientId=client)
-        self._physics.engine.residents = kind if self._stays else None, self.ground, self.id
+        dynamics = {
+            "lateralFriction": friction,
+            "angularDamping": 0.0,
+            "localInertiaDiagonal": inertia,
+        }
+        self.id = add_body(
+            client,
+            _make_shapes(self._model, client),
+            *self._start,
+            self._model.mass_kg,
+            **dynamics,
+        )
+        bullet.setCollisionFilterPair(
+            self.ground, self.id, -1, -1, 0, physicsClientId=client
+        )
+        self._physics.engine.residents = (
+            kind if self._stays else None,
+            self.ground,
+            self.id,
+        )
 
     def leave(self) -> None:
         """Leave the engine to others until PyBullet has to move the body again."""
@@ -90,7 +130,9 @@ class Body:
     def move(self, centre: Triple, force: Triple, torque: Triple) -> Triple:
         """Advance a tick in Bullet under a force (N) at the centre of mass and a torque (N m); return x, y, yaw."""
         # positional arguments, which PyBullet parses faster
-        bullet.applyExternalForce(self.id, -1, force, centre, bullet.WORLD_FRAME, self.client)
+        bullet.applyExternalForce(
+            self.id, -1, force, centre, bullet.WORLD_FRAME, self.client
+        )
         bullet.applyExternalTorque(self.id, -1, torque, bullet.WORLD_FRAME, self.client)
         self._physics.tick()
         placed = bullet.getBasePositionAndOrientation(self.id, self.client)
@@ -132,30 +174,45 @@ def first_inverse_inertia_of(model: RobotModel) -> Floats:
     """Return the inverse inertia (3,) with which Bullet begins: of the shapes, as if they were filled evenly."""
     client = PhysicsClient()
     shapes = _make_shapes(model, client.id)
-    body = bullet.createMultiBody(model.mass_kg, shapes, useMaximalCoordinates=True, physicsClientId=client.id)
+    body = bullet.createMultiBody(
+        model.mass_kg, shapes, useMaximalCoordinates=True, physicsClientId=client.id
+    )
     inertia = np.array(bullet.getDynamicsInfo(body, -1, physicsClientId=client.id)[2])
     client.close()
     return 1.0 / inertia
 
 
 def _make_shapes(model: RobotModel, client: int) -> int:
-    shapes, places = model.shapes, [(shape.centre - model.centre_of_mass).tolist() for shape in model.shapes]
+    shapes, places = (
+        model.shapes,
+        [(shape.centre - model.centre_of_mass).tolist() for shape in model.shapes],
+    )
     made: int
     if shapes[0].corners is not None:
         half = float(shapes[0].half_sizes[2])
-        corners = [[x, y, z] for x, y in shapes[0].corners.tolist() for z in (-half, half)]
+        corners = [
+            [x, y, z] for x, y in shapes[0].corners.tolist() for z in (-half, half)
+        ]
         made = bullet.createCollisionShape(
-            bullet.GEOM_MESH, vertices=corners, collisionFramePosition=places[0], physicsClientId=client
+            bullet.GEOM_MESH,
+            vertices=corners,
+            collisionFramePosition=places[0],
+            physicsClientId=client,
         )
         return made
     along_y = bullet.getQuaternionFromEuler([0.5 * math.pi, 0.0, 0.0])
     made = bullet.createCollisionShapeArray(
-        shapeTypes=[bullet.GEOM_CYLINDER if shape.radius_m else bullet.GEOM_BOX for shape in shapes],
+        shapeTypes=[
+            bullet.GEOM_CYLINDER if shape.radius_m else bullet.GEOM_BOX
+            for shape in shapes
+        ],
         halfExtents=[shape.half_sizes.tolist() for shape in shapes],
         radii=[shape.radius_m for shape in shapes],
         lengths=[2.0 * float(shape.half_sizes[1 + shape.upright]) for shape in shapes],
         collisionFramePositions=places,
-        collisionFrameOrientations=[[0.0, 0.0, 0.0, 1.0] if shape.upright else along_y for shape in shapes],
+        collisionFrameOrientations=[
+            [0.0, 0.0, 0.0, 1.0] if shape.upright else along_y for shape in shapes
+        ],
         physicsClientId=client,
     )
     return made

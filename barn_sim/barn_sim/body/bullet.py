@@ -27,7 +27,10 @@ def _silenced_import() -> Any:
 bullet = _silenced_import()
 
 _RENDERER = 2  # PyBullet's own number of the plug-in that draws
-_MOVING, _STANDING = (1, -1), (2, ~2)  # PyBullet's groups and masks of bodies that move and of those that do not
+_MOVING, _STANDING = (
+    (1, -1),
+    (2, ~2),
+)  # PyBullet's groups and masks of bodies that move and of those that do not
 _FAR_AWAY, _UPRIGHT = (0.0, 0.0, -1000.0), (0.0, 0.0, 0.0, 1.0)
 
 
@@ -60,7 +63,9 @@ class PhysicsClient:
     idle: engines to be used, where those that it no longer uses are left, for clients that share them; its own without.
     """
 
-    def __init__(self, *, draws: bool = False, idle: list[PhysicsEngine] | None = None) -> None:
+    def __init__(
+        self, *, draws: bool = False, idle: list[PhysicsEngine] | None = None
+    ) -> None:
         self._draws, self._shares = draws, idle is not None
         self._idle: list[PhysicsEngine] = [] if idle is None else idle
         self._engine: PhysicsEngine | None = None
@@ -100,7 +105,12 @@ class PhysicsClient:
     def resume(self, kind: object) -> tuple[int, int] | None:
         """Return ground and robot, if they are of this kind in the engine that is to be used next; it then is."""
         last = self._idle[-1] if self._engine is None and self._idle else None
-        if last is None or last.residents is None or last.residents[0] != kind or not last.running:
+        if (
+            last is None
+            or last.residents is None
+            or last.residents[0] != kind
+            or not last.running
+        ):
             return None
         self._engine = self._idle.pop()
         for body in list(last.guests):
@@ -120,13 +130,17 @@ class PhysicsClient:
         engine.guests[body] = None
         return body
 
-    def receive_standing(self, kind: Hashable, position: Sequence[float], make: Callable[[], int]) -> int:
+    def receive_standing(
+        self, kind: Hashable, position: Sequence[float], make: Callable[[], int]
+    ) -> int:
         """Have a guest that stands upright; kind: what decides how it is made. Bodies of a kind are used again."""
         engine, again = self.engine, bool(self.engine.kept.get(kind))
         body = self.receive(engine.kept[kind].pop if again else make)
         engine.guests[body] = kind
         if again:
-            bullet.resetBasePositionAndOrientation(body, position, _UPRIGHT, physicsClientId=engine.id)
+            bullet.resetBasePositionAndOrientation(
+                body, position, _UPRIGHT, physicsClientId=engine.id
+            )
             self._renew(body, _STANDING)
         return body
 
@@ -137,7 +151,9 @@ class PhysicsClient:
         if kind is None:
             bullet.removeBody(body, physicsClientId=engine.id)
             return
-        bullet.resetBasePositionAndOrientation(body, _FAR_AWAY, _UPRIGHT, physicsClientId=engine.id)
+        bullet.resetBasePositionAndOrientation(
+            body, _FAR_AWAY, _UPRIGHT, physicsClientId=engine.id
+        )
         self._renew(body, _STANDING)
         engine.kept.setdefault(kind, []).append(body)
 
@@ -166,7 +182,12 @@ def end(engines: list[PhysicsEngine]) -> None:
 
 
 def add_body(
-    client: int, shape: int, position: Sequence[float], attitude: Sequence[float], mass_kg: float, **dynamics: object
+    client: int,
+    shape: int,
+    position: Sequence[float],
+    attitude: Sequence[float],
+    mass_kg: float,
+    **dynamics: object,
 ) -> int:
     """Add one rigid body of a collision shape, its centre at `position` (3,), m, and return its number.
 
@@ -174,9 +195,19 @@ def add_body(
     changeDynamics, such as lateralFriction.
     """
     body: int = bullet.createMultiBody(
-        mass_kg, shape, -1, position, attitude, useMaximalCoordinates=True, physicsClientId=client
+        mass_kg,
+        shape,
+        -1,
+        position,
+        attitude,
+        useMaximalCoordinates=True,
+        physicsClientId=client,
     )
-    bullet.changeDynamics(body, -1, mass=mass_kg, linearDamping=0.0, physicsClientId=client, **dynamics)
+    bullet.changeDynamics(
+        body, -1, mass=mass_kg, linearDamping=0.0, physicsClientId=client, **dynamics
+    )
     # so that Bullet uses the inertia just set from the first tick on
-    bullet.resetBasePositionAndOrientation(body, position, attitude, physicsClientId=client)
+    bullet.resetBasePositionAndOrientation(
+        body, position, attitude, physicsClientId=client
+    )
     return body

@@ -27,7 +27,11 @@ def near_cylinders(
     extent: x_min, y_min, x_max, y_max of the robot about its pose x, y, yaw. Near means a gap below `robot_within` to
     the robot, or below `pushed_within` to a cylinder in `pushed`.
     """
-    far = math.hypot(max(-extent[0], extent[2]), max(-extent[1], extent[3])) + radius + robot_within
+    far = (
+        math.hypot(max(-extent[0], extent[2]), max(-extent[1], extent[3]))
+        + radius
+        + robot_within
+    )
     found, count, pushing = np.empty(len(segments), np.int64), 0, np.flatnonzero(pushed)
     free = math.inf if len(pushing) == 0 else 0.0
     for i in range(len(segments)):
@@ -45,9 +49,18 @@ def near_cylinders(
             free = min(free, beyond)
         for j in pushing:
             cx, cy, dx, dy = segments[j]
-            reach = 2.0 * radius + pushed_within + abs(bx - ax) + abs(by - ay) + abs(dx - cx) + abs(dy - cy)
+            reach = (
+                2.0 * radius
+                + pushed_within
+                + abs(bx - ax)
+                + abs(by - ay)
+                + abs(dx - cx)
+                + abs(dy - cy)
+            )
             if not near and abs(ax - cx) < reach and abs(ay - cy) < reach:
-                near = segment_gap(segments[i], segments[j]) < 2.0 * radius + pushed_within
+                near = (
+                    segment_gap(segments[i], segments[j]) < 2.0 * radius + pushed_within
+                )
         if near:
             found[count] = i
             count += 1
@@ -55,10 +68,14 @@ def near_cylinders(
 
 
 @njit(cache=True)
-def nearest_gap(segments: Floats, x: float, y: float, yaw: float, extent: Floats) -> float:
+def nearest_gap(
+    segments: Floats, x: float, y: float, yaw: float, extent: Floats
+) -> float:
     """Return the distance in m from the robot's rectangle to the nearest of the segments (n, 4)."""
     nearest = math.inf
-    reach = math.hypot(max(-extent[0], extent[2]), max(-extent[1], extent[3])) + _ROUNDING_M
+    reach = (
+        math.hypot(max(-extent[0], extent[2]), max(-extent[1], extent[3])) + _ROUNDING_M
+    )
     for i in range(len(segments)):
         ax, ay, bx, by = segments[i, 0], segments[i, 1], segments[i, 2], segments[i, 3]
         far = nearest + reach + abs(bx - ax) + abs(by - ay)
@@ -117,7 +134,10 @@ def follow_cylinders(
         segment[0], segment[1] = states[i, 0] - half * ux, states[i, 1] - half * uy
         segment[2], segment[3] = states[i, 0] + half * ux, states[i, 1] + half * uy
         for end in range(0, 4, 2):
-            if math.hypot(segment[end] - homes[i, 0], segment[end + 1] - homes[i, 1]) > moved:
+            if (
+                math.hypot(segment[end] - homes[i, 0], segment[end + 1] - homes[i, 1])
+                > moved
+            ):
                 displaced[i] = True
         speed, spin = np.linalg.norm(bodies[k, 7:10]), np.linalg.norm(bodies[k, 10:13])
         touched = robot_gap(segment, x, y, yaw, extent) < radius + touch_gap
@@ -126,7 +146,13 @@ def follow_cylinders(
 
 @njit(cache=True)
 def see_cylinders(
-    indices: Integers, states: Floats, half: float, height: float, upright: float, centres: Floats, tilted: Floats
+    indices: Integers,
+    states: Floats,
+    half: float,
+    height: float,
+    upright: float,
+    centres: Floats,
+    tilted: Floats,
 ) -> int:
     """Write how the cylinders `indices` cross the plane at `height` to `centres` (n, 2) and `tilted` (m, 7).
 

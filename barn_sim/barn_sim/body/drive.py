@@ -14,21 +14,40 @@ class DriveController:
     fleet, index: whose state it keeps.
     """
 
-    def __init__(self, config: DriveConfig, track_m: float, tick_s: float, fleet: Fleet, index: int) -> None:
+    def __init__(
+        self,
+        config: DriveConfig,
+        track_m: float,
+        tick_s: float,
+        fleet: Fleet,
+        index: int,
+    ) -> None:
         self.fleet, self._index = fleet, index
         self._latency_ns = nanoseconds(config.command_latency_s)
         set_drive(self.fleet.settings, config, track_m, tick_s)
 
     def command(self, velocity: Velocity2D, now_ns: int) -> None:
         """Take a command that arrives now."""
-        command = self._index, now_ns + self._latency_ns, velocity.linear, velocity.angular
+        command = (
+            self._index,
+            now_ns + self._latency_ns,
+            velocity.linear,
+            velocity.angular,
+        )
         if not add_command(self.fleet.robots, self.fleet.pending, *command):
             self.fleet = self.fleet.with_room()
             add_command(self.fleet.robots, self.fleet.pending, *command)
 
 
 @njit(cache=True)
-def add_command(robots: Records, pending: Floats, index: int, arrival_ns: int, linear: float, angular: float) -> bool:
+def add_command(
+    robots: Records,
+    pending: Floats,
+    index: int,
+    arrival_ns: int,
+    linear: float,
+    angular: float,
+) -> bool:
     """Put a command behind those on their way; return whether there was room."""
     robot: Record = robots[index]
     if robot.pending == pending.shape[1]:
@@ -40,11 +59,16 @@ def add_command(robots: Records, pending: Floats, index: int, arrival_ns: int, l
 
 
 @njit(cache=True)
-def turn_wheels(robot: Record, pending: Floats, index: int, settings: Record, now_ns: int) -> None:
+def turn_wheels(
+    robot: Record, pending: Floats, index: int, settings: Record, now_ns: int
+) -> None:
     """Set the rim speeds of a robot for the tick that begins now."""
     while robot.pending > 0 and pending[index, 0, 0] <= now_ns:
         robot.target_since_ns = int(pending[index, 0, 0])
-        robot.target_speed, robot.target_turn = pending[index, 0, 1], pending[index, 0, 2]
+        robot.target_speed, robot.target_turn = (
+            pending[index, 0, 1],
+            pending[index, 0, 2],
+        )
         robot.timed_out = False
         robot.pending -= 1
         for k in range(robot.pending):

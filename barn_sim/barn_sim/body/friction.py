@@ -38,12 +38,23 @@ def begin_friction(
         x, y = _clipped(impulses[i, 0], impulses[i, 1], limits[i], row[7])
         impulses[i, 0], impulses[i, 1] = x, y
         motion = after(motion, row, inverse_mass, x, y)
-    return motion, (left * rolling_x, right * rolling_x, left * rolling_y, right * rolling_y)
+    return motion, (
+        left * rolling_x,
+        right * rolling_x,
+        left * rolling_y,
+        right * rolling_y,
+    )
 
 
 @njit(cache=True, error_model="numpy")
 def sweep_friction(
-    motion: Motion, rims: Rims, arms: Floats, limits: Floats, inverse_mass: float, impulses: Floats, work: Floats
+    motion: Motion,
+    rims: Rims,
+    arms: Floats,
+    limits: Floats,
+    inverse_mass: float,
+    impulses: Floats,
+    work: Floats,
 ) -> Motion:
     """Improve the impulses until they hardly change any more; return the motion."""
     vx, vy, wx, wy, wz = motion
@@ -54,10 +65,14 @@ def sweep_friction(
             slip_x = vx + wy * z - wz * y - rims[i % 2]
             slip_y = vy + wz * x - wx * z - rims[2 + i % 2]
             old_x, old_y = impulses[i, 0], impulses[i, 1]
-            new_x, new_y = _clipped(old_x - row[6] * slip_x, old_y - row[6] * slip_y, limits[i], row[7])
+            new_x, new_y = _clipped(
+                old_x - row[6] * slip_x, old_y - row[6] * slip_y, limits[i], row[7]
+            )
             impulses[i, 0], impulses[i, 1] = new_x, new_y
             change_x, change_y = new_x - old_x, new_y - old_y
-            vx, vy, wx, wy, wz = after((vx, vy, wx, wy, wz), row, inverse_mass, change_x, change_y)
+            vx, vy, wx, wy, wz = after(
+                (vx, vy, wx, wy, wz), row, inverse_mass, change_x, change_y
+            )
             largest = max(largest, abs(change_x), abs(change_y))
         if largest < TOLERANCE:
             break
@@ -65,7 +80,9 @@ def sweep_friction(
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def levers_of(arm: Triple, inverse: Matrix, inverse_mass: float) -> tuple[float, Levers]:
+def levers_of(
+    arm: Triple, inverse: Matrix, inverse_mass: float
+) -> tuple[float, Levers]:
     """Return step and levers of a wheel.
 
     The step is the inverse of the largest eigenvalue of the contact's 2 x 2 matrix. Levers are the change of spin
@@ -84,10 +101,16 @@ def levers_of(arm: Triple, inverse: Matrix, inverse_mass: float) -> tuple[float,
 
 
 @njit(cache=True, inline="always")
-def after(motion: Motion, row: Floats | Levers, inverse_mass: float, x: float, y: float) -> Motion:
+def after(
+    motion: Motion, row: Floats | Levers, inverse_mass: float, x: float, y: float
+) -> Motion:
     """Return the motion after an impulse; row: levers of the wheel."""
     vx, vy, wx, wy, wz = motion
-    wx, wy, wz = wx + (row[0] * x + row[1] * y), wy + (row[2] * x + row[3] * y), wz + (row[4] * x + row[5] * y)
+    wx, wy, wz = (
+        wx + (row[0] * x + row[1] * y),
+        wy + (row[2] * x + row[3] * y),
+        wz + (row[4] * x + row[5] * y),
+    )
     return vx + inverse_mass * x, vy + inverse_mass * y, wx, wy, wz
 
 
@@ -103,7 +126,9 @@ def _clipped(x: float, y: float, limit: float, surely: float) -> tuple[float, fl
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def clipped_abreast(x: float, y: float, limit: float, surely: float) -> tuple[float, float, bool]:
+def clipped_abreast(
+    x: float, y: float, limit: float, surely: float
+) -> tuple[float, float, bool]:
     """Return what `_clipped` does, without a branch, and whether it is right: not where lengths are tiny or huge."""
     squared = x * x + y * y
     length, right = _hypot_abreast(x, y)
@@ -133,7 +158,9 @@ def _hypot_abreast(x: float, y: float) -> tuple[float, bool]:
     length = math.sqrt(x * x + y * y)
     steep, flat = length - low, length - high
     steep_error = high * (2.0 * steep - high) + (steep - 2.0 * (high - low)) * steep
-    flat_error = 2.0 * flat * (high - 2.0 * low) + ((4.0 * flat - low) * low + flat * flat)
+    flat_error = 2.0 * flat * (high - 2.0 * low) + (
+        (4.0 * flat - low) * low + flat * flat
+    )
     error = steep_error if length <= 2.0 * low else flat_error
     length = length - error / (2.0 * length)
     length = high + low if low <= high * _NOTHING else length

@@ -18,7 +18,12 @@ from barn_sim.config import LidarConfig
 from barn_worlds.base.arrays import Floats
 from barn_worlds.robots.robot import Chassis
 
-WHEELS = ("front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel")
+WHEELS = (
+    "front_left_wheel",
+    "front_right_wheel",
+    "rear_left_wheel",
+    "rear_right_wheel",
+)
 _ONE_AXLE = ("left_wheel", "right_wheel")
 
 
@@ -65,7 +70,9 @@ class RobotModel:
         """x_min, y_min, x_max, y_max of the collision shapes in base_link."""
         centres = np.array([shape.centre[:2] for shape in self.shapes])
         halves = np.array([shape.half_sizes[:2] for shape in self.shapes])
-        return np.concatenate([(centres - halves).min(axis=0), (centres + halves).max(axis=0)])
+        return np.concatenate(
+            [(centres - halves).min(axis=0), (centres + halves).max(axis=0)]
+        )
 
     @cached_property
     def reach_m(self) -> float:
@@ -86,7 +93,9 @@ def model_of(chassis: Chassis) -> RobotModel:
         wheels,
         chassis.wheel_radius_m,
         np.array([0.0, 0.0, -chassis.base_height_m]),
-        np.array([(x, y, chassis.wheel_z_m) for x, y in chassis.casters_m]).reshape(-1, 3),
+        np.array([(x, y, chassis.wheel_z_m) for x, y in chassis.casters_m]).reshape(
+            -1, 3
+        ),
     )
 
 
@@ -105,12 +114,17 @@ def _shapes_of(chassis: Chassis, wheels: Floats) -> tuple[Shape, ...]:
 
     A prism has no wheels: they are within the footprint, and PyBullet makes no compound with a prism.
     """
-    low, high = (edge - chassis.base_height_m for edge in (chassis.ground_clearance_m, chassis.body_height_m))
+    low, high = (
+        edge - chassis.base_height_m
+        for edge in (chassis.ground_clearance_m, chassis.body_height_m)
+    )
     x_min, y_min, x_max, y_max = chassis.body_extent_m
     centre = 0.5 * np.array([x_min + x_max, y_min + y_max, low + high])
     half_sizes = 0.5 * np.array([x_max - x_min, y_max - y_min, high - low])
     if not chassis.round and not chassis.rectangular:
-        return (Shape(centre, half_sizes, corners=np.array(chassis.hull_m) - centre[:2]),)
+        return (
+            Shape(centre, half_sizes, corners=np.array(chassis.hull_m) - centre[:2]),
+        )
     radius = chassis.wheel_radius_m
     rim = np.array([radius, 0.5 * chassis.wheel_width_m, radius])
     body = Shape(centre, half_sizes, chassis.footprint_radius_m, upright=True)
@@ -129,10 +143,18 @@ def description_text(chassis: Chassis) -> str:
         return file.read_text(encoding="utf-8")
     loader = jinja2.PackageLoader("barn_sim", "data")
     environment = jinja2.Environment(
-        loader=loader, autoescape=True, keep_trailing_newline=True, trim_blocks=True, lstrip_blocks=True
+        loader=loader,
+        autoescape=True,
+        keep_trailing_newline=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
-    environment.filters["numbers"] = lambda numbers: " ".join(f"{number:.9g}" for number in numbers)
-    return environment.get_template("robot.urdf.jinja").render(chassis=chassis, wheels=wheel_names(chassis))
+    environment.filters["numbers"] = lambda numbers: " ".join(
+        f"{number:.9g}" for number in numbers
+    )
+    return environment.get_template("robot.urdf.jinja").render(
+        chassis=chassis, wheels=wheel_names(chassis)
+    )
 
 
 def robot_description(lidar: LidarConfig, chassis: Chassis) -> str:
@@ -146,12 +168,17 @@ def robot_description(lidar: LidarConfig, chassis: Chassis) -> str:
     return tostring(root, encoding="unicode")
 
 
-def fixed_frames(lidar: LidarConfig, chassis: Chassis) -> dict[str, tuple[float, float, float]]:
+def fixed_frames(
+    lidar: LidarConfig, chassis: Chassis
+) -> dict[str, tuple[float, float, float]]:
     """Return the positions of the fixed frames in base_link, by name."""
     root = fromstring(robot_description(lidar, chassis))
     found = {}
     for joint in root.iterfind("joint[@type='fixed']"):
-        text = next((origin.get("xyz") for origin in joint.iter("origin")), None) or "0 0 0"
+        text = (
+            next((origin.get("xyz") for origin in joint.iter("origin")), None)
+            or "0 0 0"
+        )
         x, y, z = map(float, text.split())
         found[next(joint.iter("child")).attrib["link"]] = x, y, z
     return found

@@ -27,7 +27,9 @@ _MASS_KG = 1e6
 _LEAVE_GAP_M = 0.1  # beyond what makes a body
 _ROBOT_GROUP = 1  # of Bullet's collision filter
 _LONG_S = 1e6  # beyond any trial
-_TICKS_AHEAD = 2  # that the hand-over to Bullet looks ahead, so that jumps are seen in time
+_TICKS_AHEAD = (
+    2  # that the hand-over to Bullet looks ahead, so that jumps are seen in time
+)
 
 
 class Movers:
@@ -38,20 +40,47 @@ class Movers:
     """
 
     def __init__(
-        self, client: PhysicsClient, extent: Floats, world: World, phase_s: float, config: SimulatorConfig, gap_m: float
+        self,
+        client: PhysicsClient,
+        extent: Floats,
+        world: World,
+        phase_s: float,
+        config: SimulatorConfig,
+        gap_m: float,
     ) -> None:
-        self._client, self._extent, self._phase_s, self._tick_ns = client, extent, phase_s, config.tick_ns
+        self._client, self._extent, self._phase_s, self._tick_ns = (
+            client,
+            extent,
+            phase_s,
+            config.tick_ns,
+        )
         self._friction = config.obstacles.friction
-        self._lift_m_s = config.physics.gravity_m_s2 * config.physics.tick_s  # what a tick of free fall takes away
+        self._lift_m_s = (
+            config.physics.gravity_m_s2 * config.physics.tick_s
+        )  # what a tick of free fall takes away
         walls, tracks = world.walls, world.tracks
         self._walls, self._tracks = len(walls), tracks
-        self._shapes = np.concatenate([wall_bodies(walls).shapes(), moving_bodies(tracks, phase_s).shapes()])
+        self._shapes = np.concatenate(
+            [wall_bodies(walls).shapes(), moving_bodies(tracks, phase_s).shapes()]
+        )
         self._velocities = np.zeros((len(self._shapes), 2))
-        self._heights = np.concatenate([[wall.height_m for wall in walls], tracks.height_m])
-        self._fastest_m_s: Floats = np.concatenate([np.zeros(len(walls)), tracks.fastest_mps])
-        self._gap_m, self._wake_m = gap_m, gap_m + self._fastest_m_s * config.physics.tick_s
-        half_rad = [0.5 * math.atan2(sine, cosine) for cosine, sine in self._shapes[:, 5:].tolist()]
-        self._attitudes = [(0.0, 0.0, math.sin(half), math.cos(half)) for half in half_rad]
+        self._heights = np.concatenate(
+            [[wall.height_m for wall in walls], tracks.height_m]
+        )
+        self._fastest_m_s: Floats = np.concatenate(
+            [np.zeros(len(walls)), tracks.fastest_mps]
+        )
+        self._gap_m, self._wake_m = (
+            gap_m,
+            gap_m + self._fastest_m_s * config.physics.tick_s,
+        )
+        half_rad = [
+            0.5 * math.atan2(sine, cosine)
+            for cosine, sine in self._shapes[:, 5:].tolist()
+        ]
+        self._attitudes = [
+            (0.0, 0.0, math.sin(half), math.cos(half)) for half in half_rad
+        ]
         self._bodies: dict[int, int] = {}
         self._kinds: dict[tuple[float, ...], int] = {}
 
@@ -59,13 +88,22 @@ class Movers:
         """Return the shapes (n, 7) at a time; the array is used again."""
         if len(self._tracks):
             moving, time_s = slice(self._walls, None), seconds(stamp_ns) + self._phase_s
-            evaluate(time_s, self._tracks.table, self._shapes[moving, :2], self._velocities[moving])
+            evaluate(
+                time_s,
+                self._tracks.table,
+                self._shapes[moving, :2],
+                self._velocities[moving],
+            )
         return self._shapes
 
     def seen_at(self, stamp_ns: int, height_m: float) -> Floats:
         """Return the shapes (k, 7) in a horizontal plane at a time."""
         shapes = self.at(stamp_ns)
-        return shapes if (self._heights >= height_m).all() else shapes[self._heights >= height_m]
+        return (
+            shapes
+            if (self._heights >= height_m).all()
+            else shapes[self._heights >= height_m]
+        )
 
     def look(self, robots: Records, index: int) -> None:
         """Write to a robot's record how far the nearest is now, and for how long that tells how near it may be."""
@@ -84,13 +122,19 @@ class Movers:
         for index in np.flatnonzero(gaps < self._wake_m).tolist():
             if index not in self._bodies:
                 self._bodies[index] = self._make(index)
-        for index in [index for index in self._bodies if gaps[index] > self._wake_m[index] + _LEAVE_GAP_M]:
+        for index in [
+            index
+            for index in self._bodies
+            if gaps[index] > self._wake_m[index] + _LEAVE_GAP_M
+        ]:
             self._client.send_away(self._bodies.pop(index))
         client = self._client.id
         for index, body in self._bodies.items():
             if index >= self._walls:
                 velocity = (*self._velocities[index].tolist(), self._lift_m_s)
-                bullet.resetBasePositionAndOrientation(body, self._centre(index), self._attitudes[index], client)
+                bullet.resetBasePositionAndOrientation(
+                    body, self._centre(index), self._attitudes[index], client
+                )
                 bullet.resetBaseVelocity(body, velocity, (0.0, 0.0, 0.0), client)
         return bool(self._bodies)
 
@@ -102,10 +146,20 @@ class Movers:
         position, attitude = self._centre(index), self._attitudes[index]
         mass_kg = 0.0 if index < self._walls else _MASS_KG
         friction = {"lateralFriction": self._friction, "angularDamping": 0.0}
-        make = partial(add_body, self._client.id, self._kind(index), position, attitude, mass_kg, **friction)
+        make = partial(
+            add_body,
+            self._client.id,
+            self._kind(index),
+            position,
+            attitude,
+            mass_kg,
+            **friction,
+        )
         body = self._client.receive(make)
         if mass_kg:
-            bullet.setCollisionFilterGroupMask(body, -1, PASSED_BY, _ROBOT_GROUP, physicsClientId=self._client.id)
+            bullet.setCollisionFilterGroupMask(
+                body, -1, PASSED_BY, _ROBOT_GROUP, physicsClientId=self._client.id
+            )
         return body
 
     def _kind(self, index: int) -> int:
@@ -136,8 +190,12 @@ def _look(
         nearest = min(nearest, gaps.min())
     period, phase = table[4], table[5]
     for k in range(len(period)):
-        left_s = min(left_s, period[k] - (1e-9 * stamp_ns + phase_s + phase[k]) % period[k])
+        left_s = min(
+            left_s, period[k] - (1e-9 * stamp_ns + phase_s + phase[k]) % period[k]
+        )
     fill(robot.movers_looked_from, (robot.x, robot.y, robot.yaw))
     robot.movers_looked_ns = stamp_ns
     robot.movers_clearance_m, robot.movers_speed_m_s = nearest, fastest_m_s.max()
-    robot.movers_until_ns = stamp_ns + math.floor(1e9 * left_s) - (_TICKS_AHEAD + 1) * tick_ns
+    robot.movers_until_ns = (
+        stamp_ns + math.floor(1e9 * left_s) - (_TICKS_AHEAD + 1) * tick_ns
+    )

@@ -63,9 +63,19 @@ class Obstacles:
     """
 
     def __init__(
-        self, client: PhysicsClient, model: RobotModel, world: World, config: ObstacleConfig, gap_m: float
+        self,
+        client: PhysicsClient,
+        model: RobotModel,
+        world: World,
+        config: ObstacleConfig,
+        gap_m: float,
     ) -> None:
-        self._client, self._extent, self._reach_m, self._config = client, model.extent, model.reach_m, config
+        self._client, self._extent, self._reach_m, self._config = (
+            client,
+            model.extent,
+            model.reach_m,
+            config,
+        )
         self.gap_m, self._rest_gap_m = gap_m, max(REST_GAP_M, 2.0 * gap_m)
         self._passed = bool(world.moving)  # whether moving obstacles pass through
         self._centres, self.radius_m = world.cylinders_m, world.cylinder_radius_m
@@ -74,7 +84,11 @@ class Obstacles:
         self._movable: Bools = np.full(count, config.movable)
         self._movable[len(world.obstacles_m) :] &= config.containment_movable
         self._states = np.zeros((count, 7))  # position and quaternion
-        self._states[:, :2], self._states[:, 2], self._states[:, 6] = self._centres, self._half, 1.0
+        self._states[:, :2], self._states[:, 2], self._states[:, 6] = (
+            self._centres,
+            self._half,
+            1.0,
+        )
         self.segments = np.concatenate([self._centres, self._centres], axis=1)
         self._bodies: dict[int, int] = {}
         self.bodied, self._pushed, self._displaced = np.zeros((3, count), np.bool_)
@@ -82,12 +96,17 @@ class Obstacles:
         self._ticks = 0
         # where the robot was when bodies were made last, and how far it may go from there until others are near
         self._looked_from, self._free_m = (0.0, 0.0, 0.0), 0.0
-        self._needed = np.zeros(count, np.int64)  # tick at which a body was last near anything that moves
+        self._needed = np.zeros(
+            count, np.int64
+        )  # tick at which a body was last near anything that moves
 
     def prepare(self, x: float, y: float, yaw: float) -> None:
         """Make bodies of the cylinders that could be touched in the next tick by a robot at this pose."""
         last_x, last_y, last_yaw = self._looked_from
-        if math.hypot(x - last_x, y - last_y) + abs(yaw - last_yaw) * self._reach_m < self._free_m:
+        if (
+            math.hypot(x - last_x, y - last_y) + abs(yaw - last_yaw) * self._reach_m
+            < self._free_m
+        ):
             return
         self._looked_from = x, y, yaw
         near, self._free_m = self._near(~self.bodied, x, y, yaw, self.gap_m)
@@ -96,9 +115,20 @@ class Obstacles:
             self.bodied[index] = True
             self._needed[index] = self._ticks
 
-    def _near(self, among: Bools, x: float, y: float, yaw: float, robot_within_m: float) -> tuple[list[int], float]:
+    def _near(
+        self, among: Bools, x: float, y: float, yaw: float, robot_within_m: float
+    ) -> tuple[list[int], float]:
         found, free_m = near_cylinders(
-            self.segments, among, self._pushed, x, y, yaw, self._extent, self.radius_m, robot_within_m, TOUCH_GAP_M
+            self.segments,
+            among,
+            self._pushed,
+            x,
+            y,
+            yaw,
+            self._extent,
+            self.radius_m,
+            robot_within_m,
+            TOUCH_GAP_M,
         )
         return found.tolist(), free_m
 
@@ -106,11 +136,22 @@ class Obstacles:
         client, config, state = self._client, self._config, self._states[index].tolist()
         if not self._movable[index]:
             kind = self.radius_m, 2.0 * self._half, config.friction
-            return client.receive_standing(kind, state[:3], partial(self._add, state, 0.0))
+            return client.receive_standing(
+                kind, state[:3], partial(self._add, state, 0.0)
+            )
         tilt, spin = config.inertia_tilt_kg_m2, config.inertia_spin_kg_m2
-        body = client.receive(partial(self._add, state, config.mass_kg, localInertiaDiagonal=[tilt, tilt, spin]))
+        body = client.receive(
+            partial(
+                self._add,
+                state,
+                config.mass_kg,
+                localInertiaDiagonal=[tilt, tilt, spin],
+            )
+        )
         if self._passed:
-            bullet.setCollisionFilterGroupMask(body, -1, _PUSHED, ~PASSED_BY, physicsClientId=client.id)
+            bullet.setCollisionFilterGroupMask(
+                body, -1, _PUSHED, ~PASSED_BY, physicsClientId=client.id
+            )
         return body
 
     def _add(self, state: list[float], mass_kg: float, **dynamics: object) -> int:
@@ -118,10 +159,18 @@ class Obstacles:
         shapes = client.engine.shapes
         if size not in shapes:
             shapes[size] = bullet.createCollisionShape(
-                bullet.GEOM_CYLINDER, radius=size[0], height=size[1], physicsClientId=client.id
+                bullet.GEOM_CYLINDER,
+                radius=size[0],
+                height=size[1],
+                physicsClientId=client.id,
             )
-        dynamics |= {"lateralFriction": self._config.friction, "angularDamping": _ANGULAR_DAMPING}
-        return add_body(client.id, shapes[size], state[:3], state[3:], mass_kg, **dynamics)
+        dynamics |= {
+            "lateralFriction": self._config.friction,
+            "angularDamping": _ANGULAR_DAMPING,
+        }
+        return add_body(
+            client.id, shapes[size], state[:3], state[3:], mass_kg, **dynamics
+        )
 
     @property
     def awake(self) -> bool:
@@ -130,13 +179,24 @@ class Obstacles:
 
     def follow(self, robot: Pose2D) -> None:
         """Copy the bodies' states after a tick, and remove the bodies that nothing is near any more."""
-        indices = [index for index in self._bodies if self._movable[index]] if self._config.movable else []
+        indices = (
+            [index for index in self._bodies if self._movable[index]]
+            if self._config.movable
+            else []
+        )
         if indices:
             self.undisturbed, self._free_m = False, 0.0
             bodies, client = [self._bodies[index] for index in indices], self._client.id
-            places = [bullet.getBasePositionAndOrientation(body, client) for body in bodies]
+            places = [
+                bullet.getBasePositionAndOrientation(body, client) for body in bodies
+            ]
             motions = [bullet.getBaseVelocity(body, client) for body in bodies]
-            states = np.array([np.concatenate([*at, *moves]) for at, moves in zip(places, motions, strict=True)])
+            states = np.array(
+                [
+                    np.concatenate([*at, *moves])
+                    for at, moves in zip(places, motions, strict=True)
+                ]
+            )
             follow_cylinders(
                 np.array(indices), states, robot.x, robot.y, robot.yaw, self._extent, self._centres,
                 self.radius_m, self._half, _LIMITS, self._states, self.segments, self._pushed, self._displaced,
@@ -144,9 +204,15 @@ class Obstacles:
         self._ticks += 1
         if self._ticks % _SWEEP_TICKS:
             return
-        needed, _ = self._near(self.bodied, robot.x, robot.y, robot.yaw, self._rest_gap_m)
+        needed, _ = self._near(
+            self.bodied, robot.x, robot.y, robot.yaw, self._rest_gap_m
+        )
         self._needed[needed] = self._ticks
-        for index in [index for index in self._bodies if self._ticks - self._needed[index] > REST_TICKS]:
+        for index in [
+            index
+            for index in self._bodies
+            if self._ticks - self._needed[index] > REST_TICKS
+        ]:
             self._client.send_away(self._bodies.pop(index))
             self.bodied[index] = self._pushed[index] = False
             self._free_m = 0.0
@@ -154,7 +220,9 @@ class Obstacles:
     def touched_by(self, robot: int) -> bool:
         """Tell whether the robot's body touches any cylinder."""
         contacts = bullet.getContactPoints(bodyA=robot, physicsClientId=self._client.id)
-        return any(contact[8] <= 0.0 or contact[9] > 0.0 for contact in contacts)  # distance, normal force
+        return any(
+            contact[8] <= 0.0 or contact[9] > 0.0 for contact in contacts
+        )  # distance, normal force
 
     def moved(self) -> Moved:
         """Return the cylinders with an end displaced by more than a millimetre."""
@@ -171,5 +239,7 @@ class Obstacles:
         if not len(displaced):
             return self._centres, _NONE_TILTED
         centres, tilted = self._centres.copy(), np.empty((len(displaced), 7))
-        count = see_cylinders(displaced, self._states, self._half, height_m, _UPRIGHT, centres, tilted)
+        count = see_cylinders(
+            displaced, self._states, self._half, height_m, _UPRIGHT, centres, tilted
+        )
         return centres, tilted[:count]

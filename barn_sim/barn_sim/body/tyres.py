@@ -45,22 +45,36 @@ class Tyres:
         hubs = np.concatenate([model.wheels, model.casters]) - model.centre_of_mass
         share = model.mass_kg / len(hubs)
         self.stiffness = share * config.gravity_m_s2 / config.tyre_deflection_m
-        self.damping = 2.0 * config.tyre_damping_ratio * math.sqrt(self.stiffness * share)
+        self.damping = (
+            2.0 * config.tyre_damping_ratio * math.sqrt(self.stiffness * share)
+        )
         self.wheels = np.zeros((len(hubs), 5))
         self.wheels[:, :3] = hubs
         self._require_stable(model, config.tick_s)
         x, y = hubs[:, 0], hubs[:, 1]
         # deflection of a tyre is -(height - reach) - y roll + x pitch; loads carry the weight and have no moment
         heave = [-len(x), -y.sum(), x.sum()]
-        system = np.array([heave, [-y.sum(), -(y * y).sum(), (x * y).sum()], [-x.sum(), -(x * y).sum(), (x * x).sum()]])
+        system = np.array(
+            [
+                heave,
+                [-y.sum(), -(y * y).sum(), (x * y).sum()],
+                [-x.sum(), -(x * y).sum(), (x * x).sum()],
+            ]
+        )
         weight = np.array([len(x) * config.tyre_deflection_m, 0.0, 0.0])
         lowered, roll, pitch = np.linalg.solve(system, weight).tolist()
-        self.rest: Triple = float(model.wheel_radius_m - hubs[0, 2] + lowered), roll, pitch
+        self.rest: Triple = (
+            float(model.wheel_radius_m - hubs[0, 2] + lowered),
+            roll,
+            pitch,
+        )
 
     def _require_stable(self, model: RobotModel, tick_s: float) -> None:
         """Raise ConfigError if heaving, rolling or pitching would grow from tick to tick."""
         x, y = self.wheels[:, 0], self.wheels[:, 1]
-        sinks = np.column_stack([np.ones(len(x)), y, -x])  # of each contact with height, roll and pitch
+        sinks = np.column_stack(
+            [np.ones(len(x)), y, -x]
+        )  # of each contact with height, roll and pitch
         inertia = np.array([model.mass_kg, model.inertia[0], model.inertia[1]])
         modes = np.linalg.eigvals((sinks.T @ sinks) / inertia[:, None]).real.max()
         growth = modes * tick_s * (self.damping + 0.5 * self.stiffness * tick_s)
@@ -95,8 +109,16 @@ def offset_of_centre(arm: Triple, attitude: Quaternion) -> Triple:
     """Return the vector `arm`, given in base_link, in the world frame."""
     cx, cy, cz = arm[0], arm[1], arm[2]
     x, y, z, w = attitude
-    tx, ty, tz = 2.0 * (y * cz - z * cy), 2.0 * (z * cx - x * cz), 2.0 * (x * cy - y * cx)
-    return cx + w * tx + y * tz - z * ty, cy + w * ty + z * tx - x * tz, cz + w * tz + x * ty - y * tx
+    tx, ty, tz = (
+        2.0 * (y * cz - z * cy),
+        2.0 * (z * cx - x * cz),
+        2.0 * (x * cy - y * cx),
+    )
+    return (
+        cx + w * tx + y * tz - z * ty,
+        cy + w * ty + z * tx - x * tz,
+        cz + w * tz + x * ty - y * tx,
+    )
 
 
 @njit(cache=True, error_model="numpy")
@@ -110,7 +132,12 @@ def place(position: Triple, attitude: Quaternion, arm: Floats) -> Triple:
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def stand(
-    position: Triple, attitude: Quaternion, velocity: Triple, spin: Triple, wheels: Floats, fixed: Record
+    position: Triple,
+    attitude: Quaternion,
+    velocity: Triple,
+    spin: Triple,
+    wheels: Floats,
+    fixed: Record,
 ) -> tuple[Motion, Matrix, Matrix, Triple]:
     """Begin a tick of a body on its wheels: fill in where they touch the ground, and the limits of their friction.
 
@@ -135,7 +162,11 @@ def stand(
         ty -= arms[i, 0] * loads[i]
         loads[i] = fixed.friction * tick * loads[i]
     twist = tx, ty, 0.0
-    wx, wy, wz = _product(inverse[0], twist), _product(inverse[1], twist), _product(inverse[2], twist)
+    wx, wy, wz = (
+        _product(inverse[0], twist),
+        _product(inverse[1], twist),
+        _product(inverse[2], twist),
+    )
     spins = spin[0] + tick * wx, spin[1] + tick * wy, spin[2] + tick * wz
     return (velocity[0], velocity[1], *spins), turn, inverse, (fz, tx, ty)
 
@@ -158,7 +189,11 @@ def forces(carried: Triple, wheels: Floats, tick: float) -> tuple[Triple, Triple
 @njit(cache=True, error_model="numpy")
 def world_inertia(turn: Matrix, inverse_inertia: Triple) -> Matrix:
     """Return the inverse inertia in the world frame from that about the axes of the body."""
-    x, y, z = times(turn[0], inverse_inertia), times(turn[1], inverse_inertia), times(turn[2], inverse_inertia)
+    x, y, z = (
+        times(turn[0], inverse_inertia),
+        times(turn[1], inverse_inertia),
+        times(turn[2], inverse_inertia),
+    )
     return (
         (_row_product(x, turn[0]), _row_product(x, turn[1]), _row_product(x, turn[2])),
         (_row_product(y, turn[0]), _row_product(y, turn[1]), _row_product(y, turn[2])),
@@ -169,14 +204,18 @@ def world_inertia(turn: Matrix, inverse_inertia: Triple) -> Matrix:
 @njit(cache=True, error_model="numpy")
 def _row_product(scaled: Triple, row: Triple) -> float:
     """Return the product of two rows, in the order of BLAS for matrices."""
-    result: float = fused(scaled[2], row[2], fused(scaled[1], row[1], scaled[0] * row[0]))
+    result: float = fused(
+        scaled[2], row[2], fused(scaled[1], row[1], scaled[0] * row[0])
+    )
     return result
 
 
 @njit(cache=True, error_model="numpy")
 def _product(row: Triple, vector: Triple) -> float:
     """Return the product of a row of a matrix and a vector, in the order of BLAS."""
-    result: float = fused(row[2], vector[2], fused(row[0], vector[0], row[1] * vector[1]))
+    result: float = fused(
+        row[2], vector[2], fused(row[0], vector[0], row[1] * vector[1])
+    )
     return result
 
 
@@ -191,11 +230,17 @@ def wheel_loads(
     """
     axle_x, axle_y, axle_z = turn[0][1], turn[1][1], turn[2][1]
     level = math.sqrt(max(1.0 - axle_z * axle_z, 1e-12))
-    below = radius * axle_z * axle_x / level, radius * axle_z * axle_y / level, -(radius * level)
+    below = (
+        radius * axle_z * axle_x / level,
+        radius * axle_z * axle_y / level,
+        -(radius * level),
+    )
     for i in range(len(hubs)):
         hub, arm = triple(hubs[i]), arms[i]
         for k in range(3):
             arm[k] = _product(turn[k], hub) + below[k]
         depth = -(height + arm[2])
         rising = sinking + spin[0] * arm[1] - spin[1] * arm[0]
-        loads[i] = max(stiffness * depth - damping * rising, 0.0) if depth > 0.0 else 0.0
+        loads[i] = (
+            max(stiffness * depth - damping * rising, 0.0) if depth > 0.0 else 0.0
+        )

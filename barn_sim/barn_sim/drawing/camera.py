@@ -29,7 +29,11 @@ from barn_worlds.worlds.scene import TrialScene
 
 Pixels = npt.NDArray[np.uint8]
 
-SIZES = {"chase": (640, 400), "top": (800, 336), "side": (800, 360)}  # width and height of a picture in pixels
+SIZES = {
+    "chase": (640, 400),
+    "top": (800, 336),
+    "side": (800, 360),
+}  # width and height of a picture in pixels
 CAMERAS = tuple(SIZES)
 # Light falls aslant and darkens, so that obstacles and walls begin lighter than on paper.
 _GROUND, _LINE, _OBSTACLE, _WALL = "#edf0f2", "#ccd1d9", "#5c6b85", "#b3bac7"
@@ -59,19 +63,32 @@ def camera_at(name: str, pose: Pose2D, bounds_m: Sequence[float]) -> Camera:
     In the pictures of the latter two, the robot drives to the right. ConfigError for another name.
     """
     left, below, right, above = bounds_m
-    middle_x, middle_y, wide, long = 0.5 * (left + right), 0.5 * (below + above), right - left, above - below
+    middle_x, middle_y, wide, long = (
+        0.5 * (left + right),
+        0.5 * (below + above),
+        right - left,
+        above - below,
+    )
     if name == "chase":
         ahead_x, ahead_y = math.cos(pose.yaw), math.sin(pose.yaw)
         eye = (pose.x - 1.45 * ahead_x, pose.y - 1.45 * ahead_y, 1.75)
-        return Camera(eye, (pose.x + 0.8 * ahead_x, pose.y + 0.8 * ahead_y, 0.1), opening_deg=55.0)
+        return Camera(
+            eye, (pose.x + 0.8 * ahead_x, pose.y + 0.8 * ahead_y, 0.1), opening_deg=55.0
+        )
     if name not in SIZES:
-        raise ConfigError(f"camera must be one of {', '.join(CAMERAS)}, got {name!r}{suggest(name, CAMERAS)}")
+        raise ConfigError(
+            f"camera must be one of {', '.join(CAMERAS)}, got {name!r}{suggest(name, CAMERAS)}"
+        )
     slope, target = SIZES[name][1] / SIZES[name][0], (middle_x, middle_y, 0.0)
     if name == "top":
-        opening = 2.0 * math.degrees(math.atan(1.03 * 0.5 * max(wide, long * slope) / (30.0 - 1.0)))
+        opening = 2.0 * math.degrees(
+            math.atan(1.03 * 0.5 * max(wide, long * slope) / (30.0 - 1.0))
+        )
         return Camera((middle_x, middle_y, 30.0), target, (-1.0, 0.0, 0.0), opening)
     away, high = 1.1 * long, 0.8 * long
-    opening = 2.0 * math.degrees(math.atan(0.56 * long / math.hypot(away, high) * slope))
+    opening = 2.0 * math.degrees(
+        math.atan(0.56 * long / math.hypot(away, high) * slope)
+    )
     return Camera((middle_x + away, middle_y, high), target, opening_deg=opening)
 
 
@@ -92,18 +109,34 @@ class Studio:
         chassis: Chassis = STANDARD.chassis,
     ) -> None:
         self._client = PhysicsClient(draws=True)
-        known = np.concatenate([scene.cylinders_m, scene.ends_m(), *scene.boxes.outlines(), trail_m])
+        known = np.concatenate(
+            [scene.cylinders_m, scene.ends_m(), *scene.boxes.outlines(), trail_m]
+        )
         low, high = known.min(axis=0) - 0.5, known.max(axis=0) + 0.5
         self._add_ground(low, high)
         low, high = scene.view_m(low, high, trail_m)
         self.bounds_m = (*low.tolist(), *high.tolist())
-        for centres_m, colour in ((scene.obstacles_m, _OBSTACLE), (scene.walls_m, _WALL)):
+        for centres_m, colour in (
+            (scene.obstacles_m, _OBSTACLE),
+            (scene.walls_m, _WALL),
+        ):
             for first in range(0, len(centres_m), _IN_A_MESH):
-                self._mesh(colour, **pillars(centres_m[first : first + _IN_A_MESH], scene.radius_m, scene.height_m))
+                self._mesh(
+                    colour,
+                    **pillars(
+                        centres_m[first : first + _IN_A_MESH],
+                        scene.radius_m,
+                        scene.height_m,
+                    ),
+                )
         for pose, colour in ((scene.start, START), (scene.goal, GOAL)):
             if pose is not None:
-                self._mesh(colour, **pillars(np.array([[pose.x, pose.y]]), _DISC_M, 0.008))
-        self._robot = [(self._add(self._shape(part)), part) for part in robot_parts(chassis, lidar)]
+                self._mesh(
+                    colour, **pillars(np.array([[pose.x, pose.y]]), _DISC_M, 0.008)
+                )
+        self._robot = [
+            (self._add(self._shape(part)), part) for part in robot_parts(chassis, lidar)
+        ]
         self._dots: list[int] = []
         self._moving = [] if moving is None else self._add_bodies(moving, MOVER)
         self._add_bodies(scene.boxes, _WALL)
@@ -140,18 +173,34 @@ class Studio:
             self._put(body, middle if index <= driven else _HIDDEN_M, yaw)
         width, height = size
         view = bullet.computeViewMatrix(camera.eye, camera.target, camera.up)
-        lens = bullet.computeProjectionMatrixFOV(camera.opening_deg, width / height, 0.1, 80.0)
-        look = {"lightDirection": _LIGHT_FROM, "shadow": 0, "renderer": bullet.ER_TINY_RENDERER}
+        lens = bullet.computeProjectionMatrixFOV(
+            camera.opening_deg, width / height, 0.1, 80.0
+        )
+        look = {
+            "lightDirection": _LIGHT_FROM,
+            "shadow": 0,
+            "renderer": bullet.ER_TINY_RENDERER,
+        }
         size = finer * width, finer * height
-        drawn = bullet.getCameraImage(*size, view, lens, **look, physicsClientId=self._client.id)
+        drawn = bullet.getCameraImage(
+            *size, view, lens, **look, physicsClientId=self._client.id
+        )
         fine = np.reshape(drawn[2], (height, finer, width, finer, 4))[..., :3]
         mean: Pixels = fine.mean(axis=(1, 3)).round().astype(np.uint8)
         return mean
 
     def _add_ground(self, low: Floats, high: Floats) -> None:
         middle, (wide, long) = (0.5 * (low + high)).tolist(), (high - low).tolist()
-        self._put(self._add(self._primitive((wide + _AROUND_M, long + _AROUND_M, 0.02), _GROUND)), (*middle, -0.011))
-        across, along = self._primitive((0.012, long, 0.002), _LINE), self._primitive((wide, 0.012, 0.002), _LINE)
+        self._put(
+            self._add(
+                self._primitive((wide + _AROUND_M, long + _AROUND_M, 0.02), _GROUND)
+            ),
+            (*middle, -0.011),
+        )
+        across, along = (
+            self._primitive((0.012, long, 0.002), _LINE),
+            self._primitive((wide, 0.012, 0.002), _LINE),
+        )
         for x in range(math.ceil(low[0]), math.floor(high[0]) + 1):
             self._put(self._add(across), (float(x), middle[1], 0.0))
         for y in range(math.ceil(low[1]), math.floor(high[1]) + 1):
@@ -161,16 +210,24 @@ class Studio:
         base = bullet.getQuaternionFromEuler((0.0, 0.0, pose.yaw))
         for body, part in self._robot:
             turn = bullet.getQuaternionFromEuler((part.roll, part.pitch, 0.0))
-            where = bullet.multiplyTransforms((pose.x, pose.y, -self._ground_m), base, part.centre, turn)
-            bullet.resetBasePositionAndOrientation(body, *where, physicsClientId=self._client.id)
+            where = bullet.multiplyTransforms(
+                (pose.x, pose.y, -self._ground_m), base, part.centre, turn
+            )
+            bullet.resetBasePositionAndOrientation(
+                body, *where, physicsClientId=self._client.id
+            )
 
     def _put_moving(self, places: Points, passed: Points) -> None:
-        for (body, yaw, height_m), (x, y) in zip(self._moving, places.tolist(), strict=False):
+        for (body, yaw, height_m), (x, y) in zip(
+            self._moving, places.tolist(), strict=False
+        ):
             self._put(body, (x, y, 0.5 * height_m), yaw)
         while len(self._dots) < len(passed):
             self._dots.append(self._add(self._primitive((_DOT_M, 0.004), MOVER)))
         shown = [(x, y, 0.004) for x, y in passed.tolist()]
-        for body, where in zip(self._dots, chain(shown, repeat(_HIDDEN_M)), strict=False):
+        for body, where in zip(
+            self._dots, chain(shown, repeat(_HIDDEN_M)), strict=False
+        ):
             self._put(body, where)
 
     def _add_trail(self, points_m: Floats) -> list[tuple[int, int, Triple, float]]:
@@ -182,41 +239,62 @@ class Studio:
             if length < _TRAIL_STEP_M:
                 continue
             x, y = (0.5 * (points_m[index] + points_m[last])).tolist()
-            body = self._add(self._primitive((length + 0.02, _TRAIL_WIDTH_M, 0.004), TRAIL))
+            body = self._add(
+                self._primitive((length + 0.02, _TRAIL_WIDTH_M, 0.004), TRAIL)
+            )
             pieces.append((index, body, (x, y, 0.004), math.atan2(step[1], step[0])))
             last = index
         return pieces
 
-    def _add_bodies(self, bodies: Bodies, colour: str) -> list[tuple[int, float, float]]:
+    def _add_bodies(
+        self, bodies: Bodies, colour: str
+    ) -> list[tuple[int, float, float]]:
         """Add upright cylinders and boxes; return of each its number, heading and height."""
         placed = []
-        for (x, y, yaw), radius, size, height in zip(*(part.tolist() for part in bodies), strict=True):
-            body = self._add(self._primitive((radius, height) if radius else (*size, height), colour))
+        for (x, y, yaw), radius, size, height in zip(
+            *(part.tolist() for part in bodies), strict=True
+        ):
+            body = self._add(
+                self._primitive((radius, height) if radius else (*size, height), colour)
+            )
             self._put(body, (x, y, 0.5 * height), yaw)
             placed.append((body, yaw, height))
         return placed
 
     def _shape(self, part: RobotPart) -> int:
         if part.corners:
-            return self._visual(bullet.GEOM_MESH, part.colour, **prism(part.corners, part.sizes[0]))
+            return self._visual(
+                bullet.GEOM_MESH, part.colour, **prism(part.corners, part.sizes[0])
+            )
         return self._primitive(part.sizes, part.colour)
 
     def _mesh(self, colour: str, **mesh: Sequence[float]) -> None:
         """Add a mesh where its vertices are."""
-        self._put(self._add(self._visual(bullet.GEOM_MESH, colour, **mesh)), (0.0, 0.0, 0.0))
+        self._put(
+            self._add(self._visual(bullet.GEOM_MESH, colour, **mesh)), (0.0, 0.0, 0.0)
+        )
 
     def _primitive(self, sizes: Sequence[float], colour: str) -> int:
         """Make a box of three sizes, a cylinder of radius and length, or a ball of a radius."""
         if len(sizes) == 3:
-            return self._visual(bullet.GEOM_BOX, colour, halfExtents=[0.5 * size for size in sizes])
+            return self._visual(
+                bullet.GEOM_BOX, colour, halfExtents=[0.5 * size for size in sizes]
+            )
         if len(sizes) == 1:
             return self._visual(bullet.GEOM_SPHERE, colour, radius=sizes[0])
-        return self._visual(bullet.GEOM_CYLINDER, colour, radius=sizes[0], length=sizes[1])
+        return self._visual(
+            bullet.GEOM_CYLINDER, colour, radius=sizes[0], length=sizes[1]
+        )
 
     def _visual(self, kind: int, colour: str, **sizes: float | Sequence[float]) -> int:
-        shine: dict[str, Any] = {"specularColor": (0.1, 0.1, 0.1), "physicsClientId": self._client.id}
+        shine: dict[str, Any] = {
+            "specularColor": (0.1, 0.1, 0.1),
+            "physicsClientId": self._client.id,
+        }
         red, green, blue = (int(colour[at : at + 2], 16) / 255.0 for at in (1, 3, 5))
-        made: int = bullet.createVisualShape(kind, rgbaColor=(red, green, blue, 1.0), **shine, **sizes)
+        made: int = bullet.createVisualShape(
+            kind, rgbaColor=(red, green, blue, 1.0), **shine, **sizes
+        )
         return made
 
     def _add(self, shape: int) -> int:
@@ -227,33 +305,52 @@ class Studio:
 
     def _put(self, body: int, where: Triple, yaw: float = 0.0) -> None:
         turn = bullet.getQuaternionFromEuler((0.0, 0.0, yaw))
-        bullet.resetBasePositionAndOrientation(body, where, turn, physicsClientId=self._client.id)
+        bullet.resetBasePositionAndOrientation(
+            body, where, turn, physicsClientId=self._client.id
+        )
 
 
 def prism(corners: Sequence[Corner], height_m: float) -> dict[str, list[Any]]:
     """Return an upright prism of convex corners (k, 2) about its middle as a closed mesh with a normal to each face."""
     around = np.asarray(corners, np.float64)
-    low, high = (np.column_stack([around, np.full(len(around), level)]) for level in (-0.5 * height_m, 0.5 * height_m))
+    low, high = (
+        np.column_stack([around, np.full(len(around), level)])
+        for level in (-0.5 * height_m, 0.5 * height_m)
+    )
     faces = [low[::-1], high]
     following = np.roll(np.arange(len(around)), -1)
-    faces += [np.array([low[k], low[n], high[n], high[k]]) for k, n in enumerate(following)]
+    faces += [
+        np.array([low[k], low[n], high[n], high[k]]) for k, n in enumerate(following)
+    ]
     made: dict[str, list[Any]] = {"vertices": [], "indices": [], "normals": []}
     for face in faces:
-        across, first = np.cross(face[1] - face[0], face[2] - face[1]), len(made["vertices"])
-        made["indices"] += [i for k in range(1, len(face) - 1) for i in (first, first + k, first + k + 1)]
+        across, first = (
+            np.cross(face[1] - face[0], face[2] - face[1]),
+            len(made["vertices"]),
+        )
+        made["indices"] += [
+            i
+            for k in range(1, len(face) - 1)
+            for i in (first, first + k, first + k + 1)
+        ]
         made["vertices"] += face.tolist()
         made["normals"] += [(across / np.linalg.norm(across)).tolist()] * len(face)
     return made
 
 
-def pillars(centres_m: Floats, radius_m: float, height_m: float) -> dict[str, list[Any]]:
+def pillars(
+    centres_m: Floats, radius_m: float, height_m: float
+) -> dict[str, list[Any]]:
     """Return upright cylinders at centres (k, 2) as one mesh of sides and tops, with vertices, indices and normals."""
     angles = np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False)
     around = np.column_stack([np.cos(angles), np.sin(angles)])
     low, high = np.zeros((_SIDES, 1)), np.full((_SIDES, 1), height_m)
     rim = [np.hstack([radius_m * around, level]) for level in (low, high, high)]
     one = np.vstack([*rim, [[0.0, 0.0, height_m]]])
-    outwards, upwards = np.hstack([around, low]), np.tile([0.0, 0.0, 1.0], (_SIDES + 1, 1))
+    outwards, upwards = (
+        np.hstack([around, low]),
+        np.tile([0.0, 0.0, 1.0], (_SIDES + 1, 1)),
+    )
     normals = np.vstack([outwards, outwards, upwards])
     here = np.arange(_SIDES)
     after, last = (here + 1) % _SIDES, np.full(_SIDES, 3 * _SIDES)
@@ -263,6 +360,8 @@ def pillars(centres_m: Floats, radius_m: float, height_m: float) -> dict[str, li
     shifts = np.column_stack([centres_m, np.zeros(len(centres_m))])
     return {
         "vertices": (shifts[:, None] + one).reshape(-1, 3).tolist(),
-        "indices": (len(one) * np.arange(len(centres_m))[:, None, None] + faces).ravel().tolist(),
+        "indices": (len(one) * np.arange(len(centres_m))[:, None, None] + faces)
+        .ravel()
+        .tolist(),
         "normals": np.tile(normals, (len(centres_m), 1)).tolist(),
     }

@@ -37,7 +37,14 @@ class Readings:
     def of(cls, count: int, beams: int) -> "Readings":
         """Return readings of which nothing is known yet."""
         poses, ranges = np.zeros((2, count, 3)), np.zeros((count, beams), np.float32)
-        return cls(np.zeros(count, np.int64), poses[0], poses[1], np.zeros((count, 2)), np.zeros(count, bool), ranges)
+        return cls(
+            np.zeros(count, np.int64),
+            poses[0],
+            poses[1],
+            np.zeros((count, 2)),
+            np.zeros(count, bool),
+            ranges,
+        )
 
 
 class Batch:
@@ -49,11 +56,17 @@ class Batch:
 
     def __init__(self, count: int, config: SimulatorConfig) -> None:
         self._latency_ns = nanoseconds(config.drive.command_latency_s)
-        self.fleet = Fleet.of(count, self._latency_ns // nanoseconds(config.control_period_s) + 2)
+        self.fleet = Fleet.of(
+            count, self._latency_ns // nanoseconds(config.control_period_s) + 2
+        )
         self.readings = Readings.of(count, config.lidar.beams)
         self.engines: list[PhysicsEngine] = []
         self._ticks = config.ticks(config.control_period_s)
-        self._scan_ns = config.scan_steps * nanoseconds(config.control_period_s) if config.scan_steps > 1 else 0
+        self._scan_ns = (
+            config.scan_steps * nanoseconds(config.control_period_s)
+            if config.scan_steps > 1
+            else 0
+        )
         self._scanned_ns = np.zeros(count, np.int64)
         self._plain = True
         self._simulators: dict[int, Simulator] = {}
@@ -92,20 +105,29 @@ class Batch:
         fleet, readings = self.fleet, self.readings
         robots, settings = fleet.robots, fleet.settings
         readings.collisions[which] = False
-        last = (robots["stamp_ns"][which] + self._ticks * settings["tick_ns"]) // settings["odometry_ns"]
-        for index in which[last >= robots["noise_from"][which] + fleet.noise.shape[1]].tolist():
+        last = (
+            robots["stamp_ns"][which] + self._ticks * settings["tick_ns"]
+        ) // settings["odometry_ns"]
+        for index in which[
+            last >= robots["noise_from"][which] + fleet.noise.shape[1]
+        ].tolist():
             self._simulators[index].motion.draw_noise(self._ticks)
         if not self._plain:
             for index in which.tolist():
                 self._simulators[index].motion.remember()
-        left, pushes = np.zeros(len(commands), np.int64), np.zeros((len(commands), 4, 3))
+        left, pushes = (
+            np.zeros(len(commands), np.int64),
+            np.zeros((len(commands), 4, 3)),
+        )
         advance_all(
             robots, fleet.pending, settings, self._segments, self._cylinders, fleet.noise, self._ticks, which, commands,
             self._latency_ns, left, pushes,
         )  # fmt: skip
         for index in left.nonzero()[0].tolist():
             simulator = self._simulators[index]
-            place, centre, force, torque = (tuple(row) for row in pushes[index].tolist())
+            place, centre, force, torque = (
+                tuple(row) for row in pushes[index].tolist()
+            )
             simulator.motion.run(int(left[index]), (place, centre, force, torque))
             readings.collisions[index] = simulator.read_collision()
             if not simulator.motion.undisturbed:
@@ -115,7 +137,9 @@ class Batch:
         """Read the sensors; simulators whose cylinders have moved take their scans themselves."""
         readings, drawn = self.readings, self._drawn
         now_ns = self.fleet.robots["stamp_ns"][which]
-        due = now_ns - self._scanned_ns[which] >= self._scan_ns  # the others keep their last scans
+        due = (
+            now_ns - self._scanned_ns[which] >= self._scan_ns
+        )  # the others keep their last scans
         scanned = which[due]
         self._scanned_ns[scanned] = now_ns[due]
         if not self._plain:
@@ -125,11 +149,21 @@ class Batch:
         for index in scanned[drawn[scanned] == _AHEAD].tolist():
             self._simulators[index].lidar.draw(self._noise[index])
             drawn[index] = 0
-        others = sorted(self._disturbed.intersection(scanned.tolist())) if self._disturbed else []
+        others = (
+            sorted(self._disturbed.intersection(scanned.tolist()))
+            if self._disturbed
+            else []
+        )
         for index in others:
-            readings.ranges[index] = self._simulators[index].read_scan(self._noise[index, drawn[index]]).ranges
+            readings.ranges[index] = (
+                self._simulators[index]
+                .read_scan(self._noise[index, drawn[index]])
+                .ranges
+            )
             drawn[index] += 1
-        upright = np.setdiff1d(scanned, others, assume_unique=True) if others else scanned
+        upright = (
+            np.setdiff1d(scanned, others, assume_unique=True) if others else scanned
+        )
         if len(upright):
             lidar = self._simulators[int(upright[0])].lidar
             mount = lidar.mount.x, lidar.mount.y, lidar.mount.yaw
@@ -137,7 +171,14 @@ class Batch:
                 self.fleet.robots, upright, self._circles, self._cylinders, lidar.directions, lidar.fan, mount,
                 lidar.limits, self._noise, drawn, readings.ranges,
             )  # fmt: skip
-        read_all(self.fleet.robots, which, readings.stamps_ns, readings.truths, readings.odometry, readings.velocities)
+        read_all(
+            self.fleet.robots,
+            which,
+            readings.stamps_ns,
+            readings.truths,
+            readings.odometry,
+            readings.velocities,
+        )
 
     def close(self) -> None:
         """End the engines."""

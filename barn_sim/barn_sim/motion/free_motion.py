@@ -34,7 +34,11 @@ def basis_of(heading: Quaternion) -> Matrix:
     wx, wy, wz = w * xs, w * ys, w * zs
     xx, xy, xz = x * xs, x * ys, x * zs
     yy, yz, zz = y * ys, y * zs, z * zs
-    return (1.0 - (yy + zz), xy - wz, xz + wy), (xy + wz, 1.0 - (xx + zz), yz - wx), (xz - wy, yz + wx, 1.0 - (xx + yy))
+    return (
+        (1.0 - (yy + zz), xy - wz, xz + wy),
+        (xy + wz, 1.0 - (xx + zz), yz - wx),
+        (xz - wy, yz + wx, 1.0 - (xx + yy)),
+    )
 
 
 @njit(cache=True, error_model="numpy")
@@ -44,14 +48,29 @@ def attitude_of(basis: Matrix) -> Quaternion:
     trace = xx + yy + zz
     if trace > 0.0:
         s = math.sqrt(trace + 1.0)
-        return (zy - yz) * (0.5 / s), (xz - zx) * (0.5 / s), (yx - xy) * (0.5 / s), s * 0.5
+        return (
+            (zy - yz) * (0.5 / s),
+            (xz - zx) * (0.5 / s),
+            (yx - xy) * (0.5 / s),
+            s * 0.5,
+        )
     largest = 2 if max(xx, yy) < zz else 1 if xx < yy else 0
     if largest == 0:
         s = math.sqrt(xx - yy - zz + 1.0)
-        return s * 0.5, (yx + xy) * (0.5 / s), (zx + xz) * (0.5 / s), (zy - yz) * (0.5 / s)
+        return (
+            s * 0.5,
+            (yx + xy) * (0.5 / s),
+            (zx + xz) * (0.5 / s),
+            (zy - yz) * (0.5 / s),
+        )
     if largest == 1:
         s = math.sqrt(yy - zz - xx + 1.0)
-        return (xy + yx) * (0.5 / s), s * 0.5, (zy + yz) * (0.5 / s), (xz - zx) * (0.5 / s)
+        return (
+            (xy + yx) * (0.5 / s),
+            s * 0.5,
+            (zy + yz) * (0.5 / s),
+            (xz - zx) * (0.5 / s),
+        )
     s = math.sqrt(zz - xx - yy + 1.0)
     return (xz + zx) * (0.5 / s), (yz + zy) * (0.5 / s), s * 0.5, (yx - xy) * (0.5 / s)
 
@@ -65,7 +84,9 @@ def turned(attitude: Quaternion, spin: Triple, tick: float) -> Quaternion:
     half = 0.5 * rate * tick
     series = 0.5 * tick - (tick * tick * tick) * 0.020833333333 * rate * rate
     part = series if rate < _SLOW else math.sin(half) / rate
-    q = _product((spin[0] * part, spin[1] * part, spin[2] * part, math.cos(half)), attitude)
+    q = _product(
+        (spin[0] * part, spin[1] * part, spin[2] * part, math.cos(half)), attitude
+    )
     squared = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
     s = 1.0 / math.sqrt(squared) if squared > _EPSILON else 1.0
     return q[0] * s, q[1] * s, q[2] * s, q[3] * s
@@ -95,7 +116,11 @@ def _rotated(q: Quaternion, v: Triple) -> Triple:
 
 @njit(cache=True, error_model="numpy")
 def _cross(a: Triple, b: Triple) -> Triple:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    return (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
 
 
 @njit(cache=True, error_model="numpy")
@@ -104,9 +129,15 @@ def _dot(a: Triple, b: Triple) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _gyration(attitude: Quaternion, spin: Triple, inverse_inertia: Triple, tick: float) -> Triple:
+def _gyration(
+    attitude: Quaternion, spin: Triple, inverse_inertia: Triple, tick: float
+) -> Triple:
     """Return the change of the spin in a tick by the body's own inertia (computeGyroscopicImpulseImplicit_Body)."""
-    ix, iy, iz = 1.0 / inverse_inertia[0], 1.0 / inverse_inertia[1], 1.0 / inverse_inertia[2]
+    ix, iy, iz = (
+        1.0 / inverse_inertia[0],
+        1.0 / inverse_inertia[1],
+        1.0 / inverse_inertia[2],
+    )
     x, y, z = _rotated((-attitude[0], -attitude[1], -attitude[2], attitude[3]), spin)
     ax, ay, az = ix * x, iy * y, iz * z
     residual = _cross((x, y, z), (ax, ay, az))
@@ -119,7 +150,9 @@ def _gyration(attitude: Quaternion, spin: Triple, inverse_inertia: Triple, tick:
     scale = _dot(first, normal)
     scale = 1.0 / scale if abs(scale) > _EPSILON else scale
     u, v = scale * _dot(residual, normal), scale * _dot(first, _cross(residual, third))
-    after = _rotated(attitude, (x - u, y - v, z - scale * _dot(first, _cross(second, residual))))
+    after = _rotated(
+        attitude, (x - u, y - v, z - scale * _dot(first, _cross(second, residual)))
+    )
     return after[0] - spin[0], after[1] - spin[1], after[2] - spin[2]
 
 
@@ -144,20 +177,40 @@ def times(a: Triple, b: Triple) -> Triple:
 def _seen_from(matrix: Matrix, vector: Triple) -> Triple:
     """Return the products of the columns of a matrix with a vector."""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = matrix
-    return _dot((xx, yx, zx), vector), _dot((xy, yy, zy), vector), _dot((xz, yz, zz), vector)
+    return (
+        _dot((xx, yx, zx), vector),
+        _dot((xy, yy, zy), vector),
+        _dot((xz, yz, zz), vector),
+    )
 
 
 @njit(cache=True, error_model="numpy")
-def spun(tensor: Matrix, attitude: Quaternion, spin: Triple, torque: Triple, inverse: Triple, tick: float) -> Triple:
+def spun(
+    tensor: Matrix,
+    attitude: Quaternion,
+    spin: Triple,
+    torque: Triple,
+    inverse: Triple,
+    tick: float,
+) -> Triple:
     """Return the spin after a tick under a torque; tensor: inverse inertia in the world frame."""
     gyro = _gyration(attitude, spin, inverse, tick)
     x, y, z = _seen_from(tensor, torque)
-    return spin[0] + (x * tick + gyro[0]), spin[1] + (y * tick + gyro[1]), spin[2] + (z * tick + gyro[2])
+    return (
+        spin[0] + (x * tick + gyro[0]),
+        spin[1] + (y * tick + gyro[1]),
+        spin[2] + (z * tick + gyro[2]),
+    )
 
 
 @njit(cache=True)
 def still_turning(
-    attitude: Quaternion, spin: Triple, heading: Quaternion, stale: Quaternion, inverse: Triple, tick: float
+    attitude: Quaternion,
+    spin: Triple,
+    heading: Quaternion,
+    stale: Quaternion,
+    inverse: Triple,
+    tick: float,
 ) -> tuple[bool, Triple]:
     """Find a torque under which a body in Bullet keeps its spin for a tick, which brings it to `heading`.
 
@@ -171,7 +224,11 @@ def still_turning(
     first = (0.0, 0.0, 0.0)
     for k in range(_CANDIDATES):
         # several nearly equal torques, of which one that rounds as wanted
-        push = _nudged(gyro[0], k, tick), _nudged(gyro[1], k // 16, tick), _nudged(gyro[2], k // 256, tick)
+        push = (
+            _nudged(gyro[0], k, tick),
+            _nudged(gyro[1], k // 16, tick),
+            _nudged(gyro[2], k // 256, tick),
+        )
         local = times(_seen_from(basis, push), inertia)
         torque = _dot(basis[0], local), _dot(basis[1], local), _dot(basis[2], local)
         after = spun(tensor, attitude, spin, torque, inverse, tick)

@@ -10,11 +10,24 @@ import numpy as np
 from numba import njit
 
 from barn_sim.body.drive import add_command, turn_wheels
-from barn_sim.body.friction import SWEEPS, TOLERANCE, after, clipped_abreast, sweep_friction
+from barn_sim.body.friction import (
+    SWEEPS,
+    TOLERANCE,
+    after,
+    clipped_abreast,
+    sweep_friction,
+)
 from barn_sim.body.tyres import forces
 from barn_sim.motion.free_motion import fill, triple
 from barn_sim.motion.state import Record, Records
-from barn_sim.motion.ticks import BARE, Push, advance, begin_push, clear_of_movers, end_if_clear
+from barn_sim.motion.ticks import (
+    BARE,
+    Push,
+    advance,
+    begin_push,
+    clear_of_movers,
+    end_if_clear,
+)
 from barn_worlds.base.arrays import Floats, Integers
 
 LANES = 32
@@ -38,12 +51,39 @@ def advance_all(
     """
     for index in indices:
         stamp_ns = robots[index].stamp_ns
-        add_command(robots, pending, index, stamp_ns + latency_ns, commands[index, 0], commands[index, 1])
+        add_command(
+            robots,
+            pending,
+            index,
+            stamp_ns + latency_ns,
+            commands[index, 0],
+            commands[index, 1],
+        )
         left[index] = ticks
-    rows, wheels = np.zeros(_ROWS * LANES), np.zeros(settings[0].grips * _WHEEL_ROWS * LANES)
-    held, done, begun = np.zeros(LANES, np.int64), np.zeros(LANES, np.int64), np.zeros((LANES, 12))
+    rows, wheels = (
+        np.zeros(_ROWS * LANES),
+        np.zeros(settings[0].grips * _WHEEL_ROWS * LANES),
+    )
+    held, done, begun = (
+        np.zeros(LANES, np.int64),
+        np.zeros(LANES, np.int64),
+        np.zeros((LANES, 12)),
+    )
     _advance(
-        robots, pending, settings, segments, cylinders, noise, indices, left, pushes, rows, wheels, held, begun, done
+        robots,
+        pending,
+        settings,
+        segments,
+        cylinders,
+        noise,
+        indices,
+        left,
+        pushes,
+        rows,
+        wheels,
+        held,
+        begun,
+        done,
     )
 
 
@@ -68,7 +108,19 @@ def _advance(
                 continue
             index = held[lane]
             near = segments[index, : cylinders[index]]
-            if not _end(robots, settings, near, noise, index, rows, wheels, begun[lane], lane, left, pushes[index]):
+            if not _end(
+                robots,
+                settings,
+                near,
+                noise,
+                index,
+                rows,
+                wheels,
+                begun[lane],
+                lane,
+                left,
+                pushes[index],
+            ):
                 if taken == len(indices):
                     used -= 1
                     held[lane] = held[used]
@@ -81,13 +133,29 @@ def _advance(
         index = held[lane]
         rows[_WRONG * LANES + lane] = 1.0  # so that `_end` solves friction itself
         near = segments[index, : cylinders[index]]
-        if _end(robots, settings, near, noise, index, rows, wheels, begun[lane], lane, left, pushes[index]):
-            left[index], push = advance(robots, pending, settings, index, near, noise, left[index])
+        if _end(
+            robots,
+            settings,
+            near,
+            noise,
+            index,
+            rows,
+            wheels,
+            begun[lane],
+            lane,
+            left,
+            pushes[index],
+        ):
+            left[index], push = advance(
+                robots, pending, settings, index, near, noise, left[index]
+            )
             _fill(pushes[index], push)
 
 
 @njit(cache=True, **BARE)
-def _copy(rows: Floats, wheels: Floats, begun: Floats, lane: int, to: int, grips: int) -> None:
+def _copy(
+    rows: Floats, wheels: Floats, begun: Floats, lane: int, to: int, grips: int
+) -> None:
     """Move what is in a lane to another."""
     for row in range(begun.shape[1]):
         begun[to, row] = begun[lane, row]
@@ -128,16 +196,29 @@ def _end(
     fixed: Record = settings[0]
     contacts = robot.wheels[: fixed.contacts]
     if rows[_WRONG * LANES + lane] > 0.0:
-        motion, rims = (begun[0], begun[1], begun[2], begun[3], begun[4]), (begun[5], begun[6], begun[7], begun[8])
+        motion, rims = (
+            (begun[0], begun[1], begun[2], begun[3], begun[4]),
+            (begun[5], begun[6], begun[7], begun[8]),
+        )
         grip = contacts[: fixed.grips]
-        sweep_friction(motion, rims, grip[:, 5:8], grip[:, 8], fixed.inverse_mass, grip[:, 3:5], grip[:, 9:])
+        sweep_friction(
+            motion,
+            rims,
+            grip[:, 5:8],
+            grip[:, 8],
+            fixed.inverse_mass,
+            grip[:, 3:5],
+            grip[:, 9:],
+        )
     else:
         for i in range(fixed.grips):
             of = i * _WHEEL_ROWS * LANES + lane
             contacts[i, 3], contacts[i, 4] = wheels[of], wheels[of + LANES]
     force, torque = forces((begun[9], begun[10], begun[11]), contacts, fixed.tick_s)
     push = (robot.x, robot.y, robot.yaw), triple(robot.position), force, torque
-    if clear_of_movers(robot, fixed) and end_if_clear(robot, fixed, near, noise[index], push):
+    if clear_of_movers(robot, fixed) and end_if_clear(
+        robot, fixed, near, noise[index], push
+    ):
         left[index] -= 1
         return bool(left[index] > 0)
     _fill(pushes, push)
@@ -151,16 +232,32 @@ def _fill(rows: Floats, push: Push) -> None:
 
 
 @njit(cache=True, error_model="numpy", forceinline=True, **BARE)
-def _sweep(rows: Floats, wheels: Floats, done: Integers, grips: int, inverse_mass: float, used: int) -> int:
+def _sweep(
+    rows: Floats,
+    wheels: Floats,
+    done: Integers,
+    grips: int,
+    inverse_mass: float,
+    used: int,
+) -> int:
     """Do a sweep of `sweep_friction` in the lanes in use; fill in which are done (LANES,), and return how many."""
-    width = (used + 7) // 8 * 8  # whole vectors; what is computed in the lanes beyond, nobody reads
+    width = (
+        (used + 7) // 8 * 8
+    )  # whole vectors; what is computed in the lanes beyond, nobody reads
     for k in range(width):
         rows[_LARGEST * LANES + k] = 0.0
     for i in range(grips):
-        _sweep_wheel(rows, wheels[i * _WHEEL_ROWS * LANES : (i + 1) * _WHEEL_ROWS * LANES], inverse_mass, width)
+        _sweep_wheel(
+            rows,
+            wheels[i * _WHEEL_ROWS * LANES : (i + 1) * _WHEEL_ROWS * LANES],
+            inverse_mass,
+            width,
+        )
     for k in range(width):
         rows[_SWEEPS * LANES + k] += 1.0
-        over = (rows[_LARGEST * LANES + k] < TOLERANCE) | (rows[_SWEEPS * LANES + k] >= SWEEPS)
+        over = (rows[_LARGEST * LANES + k] < TOLERANCE) | (
+            rows[_SWEEPS * LANES + k] >= SWEEPS
+        )
         done[k] = 1 if over | (rows[_WRONG * LANES + k] > 0.0) else 0
     count = 0
     for k in range(used):
@@ -171,14 +268,24 @@ def _sweep(rows: Floats, wheels: Floats, done: Integers, grips: int, inverse_mas
 @njit(cache=True, error_model="numpy", forceinline=True, **BARE)
 def _sweep_wheel(rows: Floats, wheel: Floats, inverse_mass: float, width: int) -> None:
     for k in range(width):
-        x, y, z = wheel[_ARM * LANES + k], wheel[(_ARM + 1) * LANES + k], wheel[(_ARM + 2) * LANES + k]
+        x, y, z = (
+            wheel[_ARM * LANES + k],
+            wheel[(_ARM + 1) * LANES + k],
+            wheel[(_ARM + 2) * LANES + k],
+        )
         vx, vy, wx = rows[k], rows[LANES + k], rows[2 * LANES + k]
         wy, wz = rows[3 * LANES + k], rows[4 * LANES + k]
         slip_x = vx + wy * z - wz * y - wheel[_RIM * LANES + k]
         slip_y = vy + wz * x - wx * z - wheel[(_RIM + 1) * LANES + k]
-        step, limit, surely = wheel[_STEP * LANES + k], wheel[_LIMIT * LANES + k], wheel[_SURE * LANES + k]
+        step, limit, surely = (
+            wheel[_STEP * LANES + k],
+            wheel[_LIMIT * LANES + k],
+            wheel[_SURE * LANES + k],
+        )
         old_x, old_y = wheel[k], wheel[LANES + k]
-        new_x, new_y, right = clipped_abreast(old_x - step * slip_x, old_y - step * slip_y, limit, surely)
+        new_x, new_y, right = clipped_abreast(
+            old_x - step * slip_x, old_y - step * slip_y, limit, surely
+        )
         rows[_WRONG * LANES + k] = rows[_WRONG * LANES + k] if right else 1.0
         change_x, change_y = new_x - old_x, new_y - old_y
         wheel[k], wheel[LANES + k] = new_x, new_y
@@ -187,7 +294,13 @@ def _sweep_wheel(rows: Floats, wheel: Floats, inverse_mass: float, width: int) -
             wheel[(_LEVERS + 3) * LANES + k], wheel[(_LEVERS + 4) * LANES + k], wheel[(_LEVERS + 5) * LANES + k],
         )  # fmt: skip
         motion = after((vx, vy, wx, wy, wz), levers, inverse_mass, change_x, change_y)
-        rows[k], rows[LANES + k], rows[2 * LANES + k], rows[3 * LANES + k], rows[4 * LANES + k] = motion
+        (
+            rows[k],
+            rows[LANES + k],
+            rows[2 * LANES + k],
+            rows[3 * LANES + k],
+            rows[4 * LANES + k],
+        ) = motion
         changed = abs(change_x)
         changed = abs(change_y) if abs(change_y) > changed else changed
         largest = rows[_LARGEST * LANES + k]

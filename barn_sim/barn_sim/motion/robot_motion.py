@@ -45,31 +45,61 @@ class RobotMotion:
     """
 
     def __init__(
-        self, config: SimulatorConfig, client: PhysicsClient, fleet: Fleet, index: int, *, free_motion: bool
+        self,
+        config: SimulatorConfig,
+        client: PhysicsClient,
+        fleet: Fleet,
+        index: int,
+        *,
+        free_motion: bool,
     ) -> None:
         self.model = model_of(config.chassis)
-        self._config, self._client, self._index, self._free_motion = config, client, index, free_motion
+        self._config, self._client, self._index, self._free_motion = (
+            config,
+            client,
+            index,
+            free_motion,
+        )
         self._tick_ns, self._gap_m = config.tick_ns, tick_gap_m(config)
         self._odometry_ns = self._tick_ns * config.ticks(1.0 / config.odometry.rate_hz)
-        self._ticks_of_noise = (len(fleet.noise[index]) - 1) * self._odometry_ns // self._tick_ns
-        self.drive = DriveController(config.drive, self.model.track_m, config.physics.tick_s, fleet, index)
+        self._ticks_of_noise = (
+            (len(fleet.noise[index]) - 1) * self._odometry_ns // self._tick_ns
+        )
+        self.drive = DriveController(
+            config.drive, self.model.track_m, config.physics.tick_s, fleet, index
+        )
         self._body = Body(self.model, config.physics, client, fleet, index)
         self._stamps, self._away, self._known, self._in_bullet = (
             fleet.robots[name] for name in ("stamp_ns", "away", "known", "in_bullet")
         )
-        self._past: deque[tuple[int, float, float, float]] = deque(maxlen=config.ticks(1.0 / config.lidar.rate_hz) + 2)
+        self._past: deque[tuple[int, float, float, float]] = deque(
+            maxlen=config.ticks(1.0 / config.lidar.rate_hz) + 2
+        )
 
-    def begin(self, world: World, start: Pose2D, phase_s: float, rng: np.random.Generator) -> None:
+    def begin(
+        self, world: World, start: Pose2D, phase_s: float, rng: np.random.Generator
+    ) -> None:
         """Put the robot on the ground of a world, at rest; rng: of the odometry."""
-        config, client, fleet, index = self._config, self._client, self.drive.fleet, self._index
+        config, client, fleet, index = (
+            self._config,
+            self._client,
+            self.drive.fleet,
+            self._index,
+        )
         client.empty()
         moves = bool(world.walls or world.moving)
         # Where obstacles neither move nor can be moved, engines can be left to other robots in between.
         self._fixed = not (config.obstacles.movable or moves)
         self._body.begin(start, stays=self._free_motion and self._fixed)
         self.odometry = FusedOdometry(config.odometry, rng, start.yaw, fleet, index)
-        self.obstacles = Obstacles(client, self.model, world, config.obstacles, self._gap_m)
-        self.movers = Movers(client, self.model.extent, world, phase_s, config, self._gap_m) if moves else None
+        self.obstacles = Obstacles(
+            client, self.model, world, config.obstacles, self._gap_m
+        )
+        self.movers = (
+            Movers(client, self.model.extent, world, phase_s, config, self._gap_m)
+            if moves
+            else None
+        )
         robot = fleet.robots[index]
         robot["movers_clearance_m"] = 0.0 if moves else math.inf
         robot["radius_m"] = self.obstacles.radius_m
@@ -99,8 +129,13 @@ class RobotMotion:
         """Return pose and velocity of base_link now."""
         if self._placed is None or self._placed[0] != self.stamp_ns:
             fleet = self.drive.fleet
-            x, y, yaw, linear, angular = motion_of(fleet.robots, fleet.settings, self._index)
-            self._placed = self.stamp_ns, (Pose2D(x, y, yaw), Velocity2D(linear, angular))
+            x, y, yaw, linear, angular = motion_of(
+                fleet.robots, fleet.settings, self._index
+            )
+            self._placed = (
+                self.stamp_ns,
+                (Pose2D(x, y, yaw), Velocity2D(linear, angular)),
+            )
         return self._placed[1]
 
     def remember(self) -> None:
@@ -113,7 +148,9 @@ class RobotMotion:
         pose = self.place()[0]
         past = np.array([*self._past, (self.stamp_ns, pose.x, pose.y, pose.yaw)])
         past[:, 3] = np.unwrap(past[:, 3])
-        return np.column_stack([np.interp(stamps_ns, past[:, 0], past[:, k]) for k in (1, 2, 3)])
+        return np.column_stack(
+            [np.interp(stamps_ns, past[:, 0], past[:, k]) for k in (1, 2, 3)]
+        )
 
     def take_touch(self) -> bool:
         """Tell whether the robot has touched anything since the last call."""
@@ -131,7 +168,9 @@ class RobotMotion:
     def draw_noise(self, ticks: int) -> None:
         """Have the odometry's noise for so many ticks, at most a control period."""
         now_ns, period_ns = self.stamp_ns, self._odometry_ns
-        self.odometry.supply(now_ns // period_ns + 1, (now_ns + ticks * self._tick_ns) // period_ns)
+        self.odometry.supply(
+            now_ns // period_ns + 1, (now_ns + ticks * self._tick_ns) // period_ns
+        )
 
     def run(self, left: int, push: Push | None = None) -> None:
         """Advance by the ticks left, for which there is noise; push: of the first one, if it has begun already."""
@@ -157,7 +196,16 @@ class RobotMotion:
         if self.movers is None or self._in_bullet[index]:
             return False
         self.movers.look(fleet.robots, index)
-        return bool(free_tick(fleet.robots, fleet.settings, index, self.obstacles.segments, fleet.noise, push))
+        return bool(
+            free_tick(
+                fleet.robots,
+                fleet.settings,
+                index,
+                self.obstacles.segments,
+                fleet.noise,
+                push,
+            )
+        )
 
     def _move_in_bullet(self, push: Push) -> None:
         """Let Bullet end a tick that has begun, with the body handed over first if it was moved without Bullet."""
@@ -168,7 +216,9 @@ class RobotMotion:
         if self._away[index]:
             body.come_back()
         obstacles.prepare(*place)
-        near_mover = self.movers is not None and self.movers.prepare(*place, self.stamp_ns)
+        near_mover = self.movers is not None and self.movers.prepare(
+            *place, self.stamp_ns
+        )
         now = body.move(centre, force, torque)
         if obstacles.awake:
             obstacles.follow(Pose2D(*now))
@@ -176,4 +226,6 @@ class RobotMotion:
         if among_bodies:
             self._touched = self._touched or obstacles.touched_by(body.id)
         # Deep within another body, Bullet turns the robot as free motion does not: its heading is not known then.
-        self._in_bullet[index] = among_bodies or not self._free_motion or not self._known[index]
+        self._in_bullet[index] = (
+            among_bodies or not self._free_motion or not self._known[index]
+        )

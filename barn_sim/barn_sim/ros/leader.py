@@ -91,4 +91,6 @@ class Leader:
 
     def _judge_change(self, parameters: list[Parameter]) -> SetParametersResult:
         names = ", ".join(sorted(parameter.name for parameter in parameters))
-        return SetParametersResult(successful=False, reason=self.refuse(f"set {names} of {self._name}"))
+        return SetParametersResult(
+            successful=False, reason=self.refuse(f"set {names} of {self._name}")
+        )

@@ -39,7 +39,9 @@ _LOOK_PERIOD_S = 0.1
 _IDLE_CLOCK_PERIOD_S = 0.2
 _AHEAD = 5  # instants that an evaluator need not have heard; publishers keep ten messages of a topic
 _LONGEST_WAIT_S = 0.05  # so that a stop of the node is noticed in time
-_LARGEST_DEBT_S = 0.5  # of wall-clock time; a machine that is further behind does not catch up
+_LARGEST_DEBT_S = (
+    0.5  # of wall-clock time; a machine that is further behind does not catch up
+)
 
 
 class SimulatorNode(Node):
@@ -56,7 +58,11 @@ class SimulatorNode(Node):
         self._defaults = declare(self, _of_robot(self))
         check_with(self, self._defaults)
         descriptor = self._config.evaluator_fd
-        line = PrivateLine(descriptor, lambda: not self.stopping) if descriptor >= 0 else None
+        line = (
+            PrivateLine(descriptor, lambda: not self.stopping)
+            if descriptor >= 0
+            else None
+        )
         warn_of_unknown(self)
         warm_up()
         self.trial: SimulatedTrial = begin(self._defaults, self._config)
@@ -68,10 +74,25 @@ class SimulatorNode(Node):
         self._commands = CommandInput(self, self._config.command_type, self._take)
         self._leader = None
         if line is not None:
-            self._leader = Leader(self, self._defaults, line, executor, reset=self._reset, pause=self._pause)
-        self.create_service(Trigger, "~/reset", partial(self._answer, "reset", lambda _: self._reset()))
-        self.create_service(SetBool, "~/pause", partial(self._answer, "pause", lambda asked: self._pause(asked.data)))
-        self.create_service(Trigger, "~/step", partial(self._answer, "step", lambda _: self._step()))
+            self._leader = Leader(
+                self,
+                self._defaults,
+                line,
+                executor,
+                reset=self._reset,
+                pause=self._pause,
+            )
+        self.create_service(
+            Trigger, "~/reset", partial(self._answer, "reset", lambda _: self._reset())
+        )
+        self.create_service(
+            SetBool,
+            "~/pause",
+            partial(self._answer, "pause", lambda asked: self._pause(asked.data)),
+        )
+        self.create_service(
+            Trigger, "~/step", partial(self._answer, "step", lambda _: self._step())
+        )
         wall = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_LOOK_PERIOD_S, self._commands.look, clock=wall)
         self.create_timer(SIMULATOR_DIAGNOSTICS.period_s, self._report, clock=wall)
@@ -80,7 +101,9 @@ class SimulatorNode(Node):
 
     def run(self) -> None:
         """Simulate until the node should stop."""
-        turn = self._advance_in_lockstep if self._config.lockstep else self._advance_freely
+        turn = (
+            self._advance_in_lockstep if self._config.lockstep else self._advance_freely
+        )
         while not self.stopping:
             turn()
 
@@ -111,7 +134,9 @@ class SimulatorNode(Node):
         trial, leader = self.trial, self._leader
         leader.awaited = True  # first, so that nothing is heard unnoticed between looking and waiting
         heard_ns = leader.heard_ns
-        ahead_ns = trial.now_ns - max(heard_ns, trial.origin_ns) if heard_ns is not None else 0
+        ahead_ns = (
+            trial.now_ns - max(heard_ns, trial.origin_ns) if heard_ns is not None else 0
+        )
         leader.awaited = ahead_ns >= _AHEAD * nanoseconds(trial.config.control_period_s)
         return leader.awaited
 
@@ -126,7 +151,10 @@ class SimulatorNode(Node):
             self._paced, self._due_s = trial, time.monotonic()
         if not trial.published:
             self._outputs.publish(trial.due_readings())
-        ticks = math.gcd(config.ticks(1.0 / config.odometry.rate_hz), config.ticks(1.0 / config.lidar.rate_hz))
+        ticks = math.gcd(
+            config.ticks(1.0 / config.odometry.rate_hz),
+            config.ticks(1.0 / config.lidar.rate_hz),
+        )
         if trial.answer is not None:
             trial.simulator.command(trial.answer)
             trial.answer = None
@@ -134,9 +162,17 @@ class SimulatorNode(Node):
         self._outputs.publish(trial.due_readings())
         now_s, factor = time.monotonic(), config.real_time_factor
         lasts_s = ticks * config.tick_ns / NANOSECONDS
-        self._due_s = now_s if factor == 0.0 else max(self._due_s + lasts_s / factor, now_s - _LARGEST_DEBT_S)
+        self._due_s = (
+            now_s
+            if factor == 0.0
+            else max(self._due_s + lasts_s / factor, now_s - _LARGEST_DEBT_S)
+        )
         self._serve(0.0)
-        while not self.stopping and self.trial is trial and (left_s := self._due_s - time.monotonic()) > 0.0:
+        while (
+            not self.stopping
+            and self.trial is trial
+            and (left_s := self._due_s - time.monotonic()) > 0.0
+        ):
             self._serve(min(left_s, _LONGEST_WAIT_S))
 
     def _serve(self, timeout_s: float) -> None:
@@ -145,33 +181,49 @@ class SimulatorNode(Node):
     def _describe(self) -> str:
         config, factor = self.trial.config, self.trial.config.real_time_factor
         pace = f"{factor:g} x real time" if factor else "as fast as possible"
-        mode = ("lockstep" if self._config.lockstep else pace) + (", paused" if self._paused else "")
+        mode = ("lockstep" if self._config.lockstep else pace) + (
+            ", paused" if self._paused else ""
+        )
         return f"world {self.trial.world_name} of {config.dataset}, seed {config.seed}, {mode}"
 
     def _take(self, velocity: Velocity2D) -> None:
         if not velocity.is_finite() and not self.trial.simulator.invalid_commands:
-            self.get_logger().error(f"cmd_vel: not a number: {velocity}; the robot stops")
+            self.get_logger().error(
+                f"cmd_vel: not a number: {velocity}; the robot stops"
+            )
         self.trial.take(velocity)
 
     def _reset(self) -> Done:
         before = self.trial
         try:
-            config = self._leader.config if self._leader is not None else current(self, self._defaults)
+            config = (
+                self._leader.config
+                if self._leader is not None
+                else current(self, self._defaults)
+            )
             trial = begin(config, self._config, before.now_ns)
         except BarnError as error:
             self.get_logger().error(f"reset: {error}")
             return False, str(error)
         self.trial = trial
         before.simulator.close()
-        self._outputs.publish([*trial.messages.constant(), trial.messages.clock(trial.now_ns)])
+        self._outputs.publish(
+            [*trial.messages.constant(), trial.messages.clock(trial.now_ns)]
+        )
         self._commands.begin_trial()
         return True, f"{self._describe()}; before: {before.summary()}"
 
     def _pause(self, on: bool) -> Done:
         self._paused = on
         self._commands.look()
-        scans, publishers = self._outputs.scan_subscriptions(), self._commands.publishers()
-        return True, f"{self.trial.summary()}; connected: {scans} scan subscriptions, {publishers} command publishers"
+        scans, publishers = (
+            self._outputs.scan_subscriptions(),
+            self._commands.publishers(),
+        )
+        return (
+            True,
+            f"{self.trial.summary()}; connected: {scans} scan subscriptions, {publishers} command publishers",
+        )
 
     def _step(self) -> Done:
         """Advance one control period with the last command, while time stands still."""
@@ -185,26 +237,40 @@ class SimulatorNode(Node):
         self._outputs.publish(trial.readings())
         return True, trial.summary()
 
-    def _answer(self, name: str, serve: Callable[[Any], Done], request: object, response: Any) -> Any:
+    def _answer(
+        self, name: str, serve: Callable[[Any], Done], request: object, response: Any
+    ) -> Any:
         leader, deed = self._leader, f"called {self.get_name()}/{name}"
-        response.success, response.message = (False, leader.refuse(deed)) if leader else serve(request)
+        response.success, response.message = (
+            (False, leader.refuse(deed)) if leader else serve(request)
+        )
         return response
 
     def _repeat_clock(self) -> None:
         """Repeat time and transforms while paused, for nodes that start late or wait for them."""
         if self._paused:
             messages, now_ns = self.trial.messages, self.trial.now_ns
-            self._outputs.publish([messages.clock(now_ns), messages.last_transforms(now_ns)])
+            self._outputs.publish(
+                [messages.clock(now_ns), messages.last_transforms(now_ns)]
+            )
 
     def _report(self) -> None:
         state = "paused" if self._paused else "running"
-        self._outputs.publish([diagnosis(self.trial, self._commands, state, discreet=self._leader is not None)])
+        self._outputs.publish(
+            [
+                diagnosis(
+                    self.trial, self._commands, state, discreet=self._leader is not None
+                )
+            ]
+        )
 
 
 def _of_robot(node: Node) -> RunConfig:
     """Return the configuration for the robot that a parameter names."""
     named = node._parameter_overrides.get("robot")
-    if named is None or not isinstance(named.value, str):  # of another type: declaring it says what is wrong
+    if named is None or not isinstance(
+        named.value, str
+    ):  # of another type: declaring it says what is wrong
         return RunConfig()
     return replace(with_robot(RunConfig(), load_robot(named.value)), robot=named.value)
 

@@ -51,7 +51,10 @@ class SimulatedTrial:
         """Yield all readings of this instant, the scan last; without the scan while the planner still computes."""
         sensors = self.simulator.sense()
         scanned = sensors.scan.stamp_ns == sensors.stamp_ns
-        self.published, self.asked = True, scanned and self.turnaround.free(self.simulator.stamp_ns)
+        self.published, self.asked = (
+            True,
+            scanned and self.turnaround.free(self.simulator.stamp_ns),
+        )
         found = self.messages.sensors(sensors, self.now_ns)
         return (one for one in found if self.asked or one.topic is not SCAN)
 
@@ -70,7 +73,9 @@ class SimulatedTrial:
         odometry = simulator.read_odometry()
         yield messages.clock(now_ns)
         if scanned:
-            yield messages.localisation(simulator.read_localisation(odometry.pose), odometry.pose, now_ns)
+            yield messages.localisation(
+                simulator.read_localisation(odometry.pose), odometry.pose, now_ns
+            )
         if self._ends(self.config.odometry.rate_hz):
             yield messages.odometry(odometry, now_ns)
             yield messages.truth(simulator.read_truth(), now_ns)
@@ -94,11 +99,16 @@ class SimulatedTrial:
 
     def summary(self) -> str:
         """Return the counts in one line."""
-        counts = ", ".join(f"{number} {name.replace('_', ' ')}" for name, number in self.counts().items())
+        counts = ", ".join(
+            f"{number} {name.replace('_', ' ')}"
+            for name, number in self.counts().items()
+        )
         return f"{self.simulator.stamp_ns / NANOSECONDS:.2f} s simulated, {counts}"
 
 
-def begin(config: RunConfig, node: SimulatorNodeConfig, before_ns: int = 0) -> SimulatedTrial:
+def begin(
+    config: RunConfig, node: SimulatorNodeConfig, before_ns: int = 0
+) -> SimulatedTrial:
     """Return a new trial from the next whole second on; BarnError if its world or its robot cannot be read."""
     config = replace(config, chassis=load_robot(config.robot).chassis)
     world = open_dataset(config.dataset).load(config.world)
@@ -107,4 +117,6 @@ def begin(config: RunConfig, node: SimulatorNodeConfig, before_ns: int = 0) -> S
     messages = SimulatorMessages(config, node.frames, scan_period_s, config.start)
     origin_ns = (before_ns // NANOSECONDS + 1) * NANOSECONDS
     turnaround = Turnaround(config.compute, config.compute_seed)
-    return SimulatedTrial(config, simulator, messages, origin_ns, world.name, turnaround)
+    return SimulatedTrial(
+        config, simulator, messages, origin_ns, world.name, turnaround
+    )

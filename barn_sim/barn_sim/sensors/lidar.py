@@ -44,11 +44,22 @@ class Lidar:
         self._range_max = float(np.float32(config.range_max_m))
         self.directions = _directions(self._angle_min, self._increment, config.beams)
         self.fan = (self._angle_min, self._increment, self._range_max)
-        self.limits = (config.noise_m, config.noise_share, self._range_min, self._range_max)
-        self._mixed, self._dropped, self.sweeps = config.mixed_share, config.dropout_share, config.sweeps
+        self.limits = (
+            config.noise_m,
+            config.noise_share,
+            self._range_min,
+            self._range_max,
+        )
+        self._mixed, self._dropped, self.sweeps = (
+            config.mixed_share,
+            config.dropout_share,
+            config.sweeps,
+        )
         turn_s = spread / (2.0 * math.pi * config.rate_hz)
         # of each beam, before the last one; only whoever sweeps has the others earlier
-        self.ages_ns = NANOSECONDS * turn_s * np.linspace(1.0, 0.0, config.beams) * config.sweeps
+        self.ages_ns = (
+            NANOSECONDS * turn_s * np.linspace(1.0, 0.0, config.beams) * config.sweeps
+        )
         self._ranges = np.empty(config.beams)
 
     def scan(
@@ -66,8 +77,20 @@ class Lidar:
         ranges.fill(np.inf)
         if sweep is not None:
             frames, turn = self._frames(sweep)
-            some = [np.zeros((0, 7)) if these is None else these for these in (tilted, shapes)]
-            cast_sweep(ranges, self.directions, self.fan, frames, turn, centres, radius_m, *some)
+            some = [
+                np.zeros((0, 7)) if these is None else these
+                for these in (tilted, shapes)
+            ]
+            cast_sweep(
+                ranges,
+                self.directions,
+                self.fan,
+                frames,
+                turn,
+                centres,
+                radius_m,
+                *some,
+            )
         else:
             sensor = robot @ self.mount
             frame = (sensor.x, sensor.y, math.cos(sensor.yaw), math.sin(sensor.yaw))
@@ -90,14 +113,21 @@ class Lidar:
         """Return frames (n, 4) of the sensor for poses (n, 3) of the robot, and how far it turns from the last, rad."""
         x, y, yaw = poses.T
         c, s, seen = np.cos(yaw), np.sin(yaw), yaw + self.mount.yaw
-        at = x + c * self.mount.x - s * self.mount.y, y + s * self.mount.x + c * self.mount.y
-        return np.stack([*at, np.cos(seen), np.sin(seen)], axis=1), float(np.abs(yaw - yaw[-1]).max())
+        at = (
+            x + c * self.mount.x - s * self.mount.y,
+            y + s * self.mount.x + c * self.mount.y,
+        )
+        return np.stack([*at, np.cos(seen), np.sin(seen)], axis=1), float(
+            np.abs(yaw - yaw[-1]).max()
+        )
 
     def _mix(self, ranges: Array) -> None:
         """Let beams on the near side of an edge read something between its sides, evenly, as often as configured."""
         chances, between = self.rng.random((2, len(ranges)))
         true = np.minimum(ranges, self._range_max)
-        beside = np.maximum(np.append(true[1:], true[-1]), np.insert(true[:-1], 0, true[0]))
+        beside = np.maximum(
+            np.append(true[1:], true[-1]), np.insert(true[:-1], 0, true[0])
+        )
         mixed = (beside - true > _EDGE_M) & (chances < self._mixed)
         ranges[mixed] = (true + between * (beside - true))[mixed]
 
@@ -112,7 +142,14 @@ class Lidar:
 
     def scan_of(self, stamp_ns: int, measured: Singles) -> Scan:
         """Return the scan of measured ranges (n,)."""
-        return Scan(stamp_ns, measured, self._angle_min, self._increment, self._range_min, self._range_max)
+        return Scan(
+            stamp_ns,
+            measured,
+            self._angle_min,
+            self._increment,
+            self._range_min,
+            self._range_max,
+        )
 
 
 @cache
@@ -138,23 +175,48 @@ def scan_all(
         robot: Record = robots[index]
         c, s = math.cos(robot.yaw), math.sin(robot.yaw)
         yaw = wrap(robot.yaw + mount[2])
-        x, y = robot.x + c * mount[0] - s * mount[1], robot.y + s * mount[0] + c * mount[1]
+        x, y = (
+            robot.x + c * mount[0] - s * mount[1],
+            robot.y + s * mount[0] + c * mount[1],
+        )
         frame = (x, y, math.cos(yaw), math.sin(yaw))
         ranges[:] = np.inf
-        xs, ys = circles[index, 0, : cylinders[index]], circles[index, 1, : cylinders[index]]
+        xs, ys = (
+            circles[index, 0, : cylinders[index]],
+            circles[index, 1, : cylinders[index]],
+        )
         cast_spans(ranges, directions, fan, frame, xs, ys, robot.radius_m, spans)
-        measure(ranges, noise[index, drawn[index]], limits[0], limits[1], limits[2], limits[3], measured[index])
+        measure(
+            ranges,
+            noise[index, drawn[index]],
+            limits[0],
+            limits[1],
+            limits[2],
+            limits[3],
+            measured[index],
+        )
         drawn[index] += 1
 
 
 @njit(cache=True)
-def cast_circles(ranges: Array, directions: Array, fan: Triple, frame: Frame, centres: Array, radius: float) -> None:
+def cast_circles(
+    ranges: Array,
+    directions: Array,
+    fan: Triple,
+    frame: Frame,
+    centres: Array,
+    radius: float,
+) -> None:
     """Lower `ranges` (n,) to the first hits on circles (k, 2); 0 everywhere from within one.
 
     directions (n, 2): unit vectors of the beams in the sensor frame; fan: angle of the first, that from one to the next
     (rad), longest range (m); frame: of the sensor, x, y (m), cosine and sine of its yaw.
     """
-    xs, ys, spans = centres[:, 0].copy(), centres[:, 1].copy(), np.empty((_SPANS, len(centres)))
+    xs, ys, spans = (
+        centres[:, 0].copy(),
+        centres[:, 1].copy(),
+        np.empty((_SPANS, len(centres))),
+    )
     cast_spans(ranges, directions, fan, frame, xs, ys, radius, spans)
 
 
@@ -177,14 +239,25 @@ def cast_sweep(
             continue
         half = whole
         if distance > radius + 2.0 * shift:
-            half = math.asin(shift / distance) + math.asin(radius / (distance - shift)) + turn + increment
+            half = (
+                math.asin(shift / distance)
+                + math.asin(radius / (distance - shift))
+                + turn
+                + increment
+            )
         middle = math.atan2(c * dy - s * dx, c * dx + s * dy) - angle_min
         after = 0
         for lap in range(-1, 2):
             low, high = middle + lap * whole - half, middle + lap * whole + half
-            first, last = max(after, math.floor(low / increment)), min(count - 1, math.ceil(high / increment))
+            first, last = (
+                max(after, math.floor(low / increment)),
+                min(count - 1, math.ceil(high / increment)),
+            )
             for beam in range(first, last + 1):
-                ax, ay = centres[i, 0] - frames[beam, 0], centres[i, 1] - frames[beam, 1]
+                ax, ay = (
+                    centres[i, 0] - frames[beam, 0],
+                    centres[i, 1] - frames[beam, 1],
+                )
                 ahead = frames[beam, 2] * ax + frames[beam, 3] * ay
                 left = frames[beam, 2] * ay - frames[beam, 3] * ax
                 if ax * ax + ay * ay <= radius * radius:
@@ -196,12 +269,25 @@ def cast_sweep(
         frame = (frames[beam, 0], frames[beam, 1], frames[beam, 2], frames[beam, 3])
         one, ahead_only = ranges[beam : beam + 1], directions[beam : beam + 1]
         cast_cylinders(one, ahead_only, frame, tilted, radius)
-        cast_shapes(one, ahead_only, (angle_min + beam * increment, increment, range_max), frame, shapes)
+        cast_shapes(
+            one,
+            ahead_only,
+            (angle_min + beam * increment, increment, range_max),
+            frame,
+            shapes,
+        )
 
 
 @njit(cache=True)
 def cast_spans(
-    ranges: Array, directions: Array, fan: Triple, frame: Frame, xs: Array, ys: Array, radius: float, spans: Array
+    ranges: Array,
+    directions: Array,
+    fan: Triple,
+    frame: Frame,
+    xs: Array,
+    ys: Array,
+    radius: float,
+    spans: Array,
 ) -> None:
     """Do as `cast_circles`; xs, ys (k,): of the centres; spans (8, k): room for what is needed."""
     last_beam, whole, increment = len(ranges) - 1, 2.0 * math.pi, fan[1]
@@ -225,7 +311,13 @@ def cast_spans(
 
 @njit(cache=True, inline="always")
 def _cast_circle(
-    ranges: Array, directions: Array, first: int, last: int, ahead: float, left: float, radius: float
+    ranges: Array,
+    directions: Array,
+    first: int,
+    last: int,
+    ahead: float,
+    left: float,
+    radius: float,
 ) -> None:
     """Compare the beams from `first` to `last` with a circle, whose centre is so far ahead and to the left."""
     for beam in range(first, last + 1):
@@ -234,11 +326,23 @@ def _cast_circle(
         chord = radius * radius - across * across
         hit = along - math.sqrt(chord if chord >= 0.0 else 0.0)
         # a select instead of branches, which no processor would foresee
-        ranges[beam] = hit if (chord >= 0.0) & (along > 0.0) & (hit < ranges[beam]) else ranges[beam]
+        ranges[beam] = (
+            hit
+            if (chord >= 0.0) & (along > 0.0) & (hit < ranges[beam])
+            else ranges[beam]
+        )
 
 
 @njit(cache=True, error_model="numpy")
-def see_spans(fan: Triple, frame: Frame, xs: Array, ys: Array, radius: float, last_beam: float, spans: Array) -> None:
+def see_spans(
+    fan: Triple,
+    frame: Frame,
+    xs: Array,
+    ys: Array,
+    radius: float,
+    last_beam: float,
+    spans: Array,
+) -> None:
     """Fill `spans` (8, k) with how a sensor sees circles at xs, ys (k,), without a branch, for several of them at once.
 
     Rows: angle of the middle, from the first beam, at least 0, and half the angle that a circle takes up, -1 beyond the
@@ -263,8 +367,17 @@ def see_spans(fan: Triple, frame: Frame, xs: Array, ys: Array, radius: float, la
         half = half if sine <= 0.5 else 0.5 * math.pi * sine
         middle = middle - whole if middle >= whole else middle
         half = -1.0 if squared > reach else half + 2.0 * ROUGH_RAD
-        spans[0, i], spans[1, i], spans[2, i], spans[3, i], spans[4, i] = middle, half, ahead, left, squared
-        low, high = np.ceil((middle - half) / increment), np.floor((middle + half) / increment)
+        spans[0, i], spans[1, i], spans[2, i], spans[3, i], spans[4, i] = (
+            middle,
+            half,
+            ahead,
+            left,
+            squared,
+        )
+        low, high = (
+            np.ceil((middle - half) / increment),
+            np.floor((middle + half) / increment),
+        )
         over = 1.0 if middle + half >= whole - increment else 0.0
         over = 1.0 if middle - half <= end - whole else over
         spans[5, i] = low if low > 0.0 else 0.0
@@ -274,37 +387,65 @@ def see_spans(fan: Triple, frame: Frame, xs: Array, ys: Array, radius: float, la
 
 
 @njit(cache=True)
-def cast_shapes(ranges: Array, directions: Array, fan: Triple, frame: Frame, shapes: Array) -> None:
+def cast_shapes(
+    ranges: Array, directions: Array, fan: Triple, frame: Frame, shapes: Array
+) -> None:
     """Lower `ranges` (n,) to the first hits on shapes (k, 7), see `geometry.kernels`; 0 everywhere from within one."""
     for i in range(len(shapes)):
         if shapes[i, 2] > 0.0:
-            cast_circles(ranges, directions, fan, frame, shapes[i : i + 1], shapes[i, 2])
+            cast_circles(
+                ranges, directions, fan, frame, shapes[i : i + 1], shapes[i, 2]
+            )
         else:
             _cast_box(ranges, directions, fan, frame, shapes[i])
 
 
 @njit(cache=True)
-def _cast_box(ranges: Array, directions: Array, fan: Triple, frame: Frame, box: Array) -> None:
+def _cast_box(
+    ranges: Array, directions: Array, fan: Triple, frame: Frame, box: Array
+) -> None:
     """Lower `ranges` (n,) to the first hits on a box (7,); 0 everywhere from within it."""
     x, y, cos_yaw, sin_yaw = frame
-    dx, dy, half_x, half_y, c, s = x - box[0], y - box[1], box[3], box[4], box[5], box[6]
+    dx, dy, half_x, half_y, c, s = (
+        x - box[0],
+        y - box[1],
+        box[3],
+        box[4],
+        box[5],
+        box[6],
+    )
     ox, oy = c * dx + s * dy, c * dy - s * dx  # of the sensor in the box's frame
     if math.hypot(max(abs(ox) - half_x, 0.0), max(abs(oy) - half_y, 0.0)) > fan[2]:
         return
     if abs(ox) <= half_x and abs(oy) <= half_y:
         ranges[:] = 0.0
         return
-    turn_c, turn_s = c * cos_yaw + s * sin_yaw, c * sin_yaw - s * cos_yaw  # from the sensor's frame to the box's
-    right, left = 0.0, 0.0  # directions of the outermost corners, seen from that of the centre
+    turn_c, turn_s = (
+        c * cos_yaw + s * sin_yaw,
+        c * sin_yaw - s * cos_yaw,
+    )  # from the sensor's frame to the box's
+    right, left = (
+        0.0,
+        0.0,
+    )  # directions of the outermost corners, seen from that of the centre
     for k in range(4):
-        px, py = (2.0 * (k % 2) - 1.0) * half_x - ox, (2.0 * (k // 2) - 1.0) * half_y - oy
+        px, py = (
+            (2.0 * (k % 2) - 1.0) * half_x - ox,
+            (2.0 * (k // 2) - 1.0) * half_y - oy,
+        )
         beside = rough_angle(oy * px - ox * py, -ox * px - oy * py)
         right, left = min(right, beside), max(left, beside)
     middle = rough_angle(turn_s * ox - turn_c * oy, -turn_c * ox - turn_s * oy) - fan[0]
     whole = 2.0 * math.pi
     for turn in range(-2, 2):
-        low, high = middle + turn * whole + right - 2.0 * ROUGH_RAD, middle + turn * whole + left + 2.0 * ROUGH_RAD
-        first, last = max(0, math.floor(low / fan[1])), min(len(ranges) - 1, math.ceil(high / fan[1]))
+        low, high = (
+            middle + turn * whole + right - 2.0 * ROUGH_RAD,
+            middle + turn * whole + left + 2.0 * ROUGH_RAD,
+        )
+        first, last = (
+            max(0, math.floor(low / fan[1])),
+            min(len(ranges) - 1, math.ceil(high / fan[1])),
+        )
         for beam in range(first, last + 1):
             bx = turn_c * directions[beam, 0] - turn_s * directions[beam, 1]
             by = turn_s * directions[beam, 0] + turn_c * directions[beam, 1]
@@ -318,14 +459,18 @@ def rough_angle(y: float, x: float) -> float:
     steep = across > along
     ratio = (along if steep else across) / (across if steep else along)
     squared = ratio * ratio
-    angle = ratio * (1.0 + squared * (-0.327622764 + squared * (0.15931422 - 0.0464964749 * squared)))
+    angle = ratio * (
+        1.0 + squared * (-0.327622764 + squared * (0.15931422 - 0.0464964749 * squared))
+    )
     angle = 0.5 * math.pi - angle if steep else angle
     angle = math.pi - angle if x < 0.0 else angle
     return -angle if y < 0.0 else angle
 
 
 @njit(cache=True)
-def cast_cylinders(ranges: Array, directions: Array, frame: Frame, cylinders: Array, radius: float) -> None:
+def cast_cylinders(
+    ranges: Array, directions: Array, frame: Frame, cylinders: Array, radius: float
+) -> None:
     """Lower `ranges` (n,) to the first hits on finite cylinders in any attitude; 0 everywhere from within one."""
     x, y, cos_yaw, sin_yaw = frame
     for i in range(len(cylinders)):
@@ -339,13 +484,21 @@ def cast_cylinders(ranges: Array, directions: Array, frame: Frame, cylinders: Ar
         for beam in range(len(ranges)):
             bx = cos_yaw * directions[beam, 0] - sin_yaw * directions[beam, 1]
             by = sin_yaw * directions[beam, 0] + cos_yaw * directions[beam, 1]
-            distance = _hit((bx, by), (ox, oy, oz), (ux, uy, uz), along, beyond, half, radius)
+            distance = _hit(
+                (bx, by), (ox, oy, oz), (ux, uy, uz), along, beyond, half, radius
+            )
             ranges[beam] = min(ranges[beam], distance)
 
 
 @njit(cache=True)
 def _hit(
-    beam: tuple[float, float], offset: Triple, axis: Triple, along: float, beyond: float, half: float, radius: float
+    beam: tuple[float, float],
+    offset: Triple,
+    axis: Triple,
+    along: float,
+    beyond: float,
+    half: float,
+    radius: float,
 ) -> float:
     """Return the distance along a horizontal beam to the side or a cap of a cylinder, or inf."""
     (bx, by), (ox, oy, oz), (ux, uy, uz) = beam, offset, axis
@@ -359,7 +512,9 @@ def _hit(
         if distance >= 0.0 and abs(along + slope * distance) <= half:
             nearest = distance
     if abs(slope) > 1e-12:
-        distance = (-math.copysign(half, slope) - along) / slope  # the cap that faces the beam
+        distance = (
+            -math.copysign(half, slope) - along
+        ) / slope  # the cap that faces the beam
         if 0.0 <= distance < nearest:
             px, py = ox + bx * distance, oy + by * distance
             at = px * ux + py * uy + oz * uz
@@ -370,7 +525,13 @@ def _hit(
 
 @njit(cache=True)
 def measure(
-    ranges: Array, noise: Singles, std: float, share: float, range_min: float, range_max: float, measured: Singles
+    ranges: Array,
+    noise: Singles,
+    std: float,
+    share: float,
+    range_min: float,
+    range_max: float,
+    measured: Singles,
 ) -> None:
     """Fill `measured` (n,) float32 with noisy ranges, -inf below `range_min` and +inf above `range_max`.
 

@@ -23,14 +23,18 @@ class FilterLocalisation:
     def __init__(self, config: LocalisationConfig, rng: np.random.Generator) -> None:
         self._config, self._rng = config, rng
         self._keep = math.exp(-1.0 / config.correlation_updates)
-        self._stds = np.array([config.position_std_m, config.position_std_m, config.yaw_std_rad])
+        self._stds = np.array(
+            [config.position_std_m, config.position_std_m, config.yaw_std_rad]
+        )
         self._error = self._stds * rng.standard_normal(3)
         self._correction = Pose2D(0.0, 0.0, 0.0)
         self._updated_at: Pose2D | None = None
 
     def estimate(self, truth: Pose2D, odometry: Pose2D) -> Pose2D:
         """Return the pose after the last correction, which is updated first if the robot has moved enough."""
-        if self._updated_at is None or has_moved(self._config, self._updated_at, odometry):
+        if self._updated_at is None or has_moved(
+            self._config, self._updated_at, odometry
+        ):
             if self._updated_at is not None:
                 fresh = math.sqrt(1.0 - self._keep**2) * self._rng.standard_normal(3)
                 self._error = self._keep * self._error + self._stds * fresh
@@ -49,10 +53,16 @@ def known_map(world: World, historical: bool) -> OccupancyMap:
 
 
 def localisation_of(
-    config: SimulatorConfig, world: World, start: Pose2D, mount: Pose2D, rng: np.random.Generator
+    config: SimulatorConfig,
+    world: World,
+    start: Pose2D,
+    mount: Pose2D,
+    rng: np.random.Generator,
 ) -> FilterLocalisation | ParticleLocalisation:
     """Return what estimates the pose in the map where it is not exact."""
     localisation = config.localisation
     if localisation.mode == "amcl":
         return FilterLocalisation(localisation, rng)
-    return ParticleLocalisation(localisation, rng, known_map(world, localisation.historical_map), start, mount)
+    return ParticleLocalisation(
+        localisation, rng, known_map(world, localisation.historical_map), start, mount
+    )

@@ -19,11 +19,21 @@ class FusedOdometry:
     or not the update is read. A biased gyro without a compass makes the heading drift, in proportion to time.
     """
 
-    def __init__(self, config: OdometryConfig, rng: Generator, start_yaw: float, fleet: Fleet, index: int) -> None:
+    def __init__(
+        self,
+        config: OdometryConfig,
+        rng: Generator,
+        start_yaw: float,
+        fleet: Fleet,
+        index: int,
+    ) -> None:
         """Begin with the noise of the first update; fleet, index: whose state it keeps."""
         self._fleet, self._index, self._rng, self._drawn = fleet, index, rng, 0
         settings = self._fleet.settings
-        settings["yaw_noise_rad"], settings["yaw_rate_noise_rad_s"] = config.yaw_noise_rad, config.yaw_rate_noise_rad_s
+        settings["yaw_noise_rad"], settings["yaw_rate_noise_rad_s"] = (
+            config.yaw_noise_rad,
+            config.yaw_rate_noise_rad_s,
+        )
         settings["odometry_ns"] = nanoseconds(1.0 / config.rate_hz)
         self._fleet.robots[index]["start_yaw"] = start_yaw
         self._fleet.robots[index]["speed_factor"] = 1.0
@@ -37,7 +47,13 @@ class FusedOdometry:
     def update(self, number: int) -> None:
         """Make the update of this number the present one."""
         self.supply(number, number)
-        update_noise(self._fleet.robots, self._fleet.settings, self._index, self._fleet.noise, number)
+        update_noise(
+            self._fleet.robots,
+            self._fleet.settings,
+            self._index,
+            self._fleet.noise,
+            number,
+        )
 
     def supply(self, first: int, last: int) -> None:
         """Have the noise of the updates from `first` to `last`; every one is drawn once, in their order."""
@@ -54,7 +70,11 @@ class FusedOdometry:
     def read(self, stamp_ns: int) -> Odometry:
         """Return the state now."""
         x, y, yaw, linear, angular = read_odometry(self._fleet.robots, self._index)
-        return Odometry(stamp_ns, Pose2D(x, y, yaw).through_quaternion(), Velocity2D(linear, angular))
+        return Odometry(
+            stamp_ns,
+            Pose2D(x, y, yaw).through_quaternion(),
+            Velocity2D(linear, angular),
+        )
 
 
 @njit(cache=True)
@@ -75,18 +95,28 @@ def renew_noise(robot: Record, settings: Record, row: Floats) -> None:
 
 
 @njit(cache=True)
-def update_noise(robots: Records, settings: Records, index: int, noise: Floats, number: int) -> None:
+def update_noise(
+    robots: Records, settings: Records, index: int, noise: Floats, number: int
+) -> None:
     """Give a robot the noise of the update of this number."""
     robot: Record = robots[index]
     renew_noise(robot, settings[0], noise[index, number - robot.noise_from])
 
 
 @njit(cache=True)
-def read_odometry(robots: Records, index: int) -> tuple[float, float, float, float, float]:
+def read_odometry(
+    robots: Records, index: int
+) -> tuple[float, float, float, float, float]:
     """Return x, y, yaw, forward speed and yaw rate as the odometry of a robot has them."""
     robot: Record = robots[index]
     seen = wrap(robot.yaw - robot.start_yaw + robot.yaw_error)
-    return robot.odometry_x, robot.odometry_y, seen, robot.odometry_speed, robot.spin[2] + robot.yaw_rate_error
+    return (
+        robot.odometry_x,
+        robot.odometry_y,
+        seen,
+        robot.odometry_speed,
+        robot.spin[2] + robot.yaw_rate_error,
+    )
 
 
 @njit(cache=True)

@@ -19,7 +19,11 @@ from operator import attrgetter
 from typing import Any, TypeVar, cast
 
 import cattrs
-from cattrs.errors import ClassValidationError, ForbiddenExtraKeysError, IterableValidationError
+from cattrs.errors import (
+    ClassValidationError,
+    ForbiddenExtraKeysError,
+    IterableValidationError,
+)
 from cattrs.gen import make_dict_structure_fn, make_dict_unstructure_fn, override
 
 from barn_worlds.base.errors import ConfigError, shown, suggest
@@ -28,7 +32,12 @@ from barn_worlds.base.text_files import packaged_yaml
 T = TypeVar("T")
 
 _QUANTITY = "barn"
-_KINDS: dict[type[Any], str] = {float: "a number", int: "a whole number", bool: "true or false", str: "text"}
+_KINDS: dict[type[Any], str] = {
+    float: "a number",
+    int: "a whole number",
+    bool: "true or false",
+    str: "text",
+}
 _LARGEST_FLOAT = 10**308
 _LARGEST_INTEGER = 2**63 - 1
 
@@ -50,16 +59,29 @@ class Quantity:
     def text(self, *, unit: bool = True) -> str:
         """Return meaning, unit and allowed values in one line: "longest range [m] (at least 0 m)"."""
         allowed = f" ({self.allowed()})" if self.allowed() else ""
-        return self.description + (f" [{self.unit}]" if unit and self.unit else "") + allowed
+        return (
+            self.description
+            + (f" [{self.unit}]" if unit and self.unit else "")
+            + allowed
+        )
 
     def allowed(self) -> str:
         """Return the allowed values in words; an empty text if there is no limit."""
         if self.choices:
             return "one of " + ", ".join(self.choices)
-        low, high = (f"{limit:g}" if isinstance(limit, float) else limit for limit in (self.minimum, self.maximum))
+        low, high = (
+            f"{limit:g}" if isinstance(limit, float) else limit
+            for limit in (self.minimum, self.maximum)
+        )
         if low is None and high is None:
             return ""
-        limits = f"at most {high}" if low is None else f"at least {low}" if high is None else f"from {low} to {high}"
+        limits = (
+            f"at most {high}"
+            if low is None
+            else f"at least {low}"
+            if high is None
+            else f"from {low} to {high}"
+        )
         return f"{limits} {self.unit}" if self.unit else limits
 
 
@@ -77,9 +99,13 @@ def quantity(
     return field(default=default, metadata={_QUANTITY: about})
 
 
-required: Callable[..., Any] = partial(quantity, MISSING)  # as `quantity`, for a field that has no default
+required: Callable[..., Any] = partial(
+    quantity, MISSING
+)  # as `quantity`, for a field that has no default
 optional: Callable[..., Any] = partial(quantity, optional=True)
-OPTIONAL = {_QUANTITY: Quantity("", optional=True)}  # metadata of an optional field of any dataclass
+OPTIONAL = {
+    _QUANTITY: Quantity("", optional=True)
+}  # metadata of an optional field of any dataclass
 
 
 @dataclass(frozen=True)
@@ -141,7 +167,9 @@ def _converter() -> cattrs.Converter:
     converter = cattrs.Converter(forbid_extra_keys=True, prefer_attrib_converters=True)
     for kind in _KINDS:
         converter.register_structure_hook(kind, _exact)
-    converter.register_structure_hook_factory(dataclasses.is_dataclass, lambda cls: _reader(cls, converter))
+    converter.register_structure_hook_factory(
+        dataclasses.is_dataclass, lambda cls: _reader(cls, converter)
+    )
     return converter
 
 
@@ -164,17 +192,25 @@ def _writer() -> cattrs.Converter:
     converter = cattrs.Converter()
 
     def write(cls: type[Any]) -> Callable[[Any], dict[str, Any]]:
-        omitted: dict[str, Any] = {name: override(omit_if_default=True) for name in _optional_fields(cls)}
+        omitted: dict[str, Any] = {
+            name: override(omit_if_default=True) for name in _optional_fields(cls)
+        }
         return make_dict_unstructure_fn(cls, converter, **omitted)
 
-    converter.register_unstructure_hook_factory(lambda cls: bool(_optional_fields(cls)), write)
+    converter.register_unstructure_hook_factory(
+        lambda cls: bool(_optional_fields(cls)), write
+    )
     return converter
 
 
 def _optional_fields(cls: type[Any]) -> list[str]:
     """Return the names of a dataclass's optional fields; none for anything else."""
     found = dataclasses.fields(cls) if dataclasses.is_dataclass(cls) else ()
-    return [item.name for item in found if _QUANTITY in item.metadata and item.metadata[_QUANTITY].optional]
+    return [
+        item.name
+        for item in found
+        if _QUANTITY in item.metadata and item.metadata[_QUANTITY].optional
+    ]
 
 
 def replace_dotted(config: T, changes: Mapping[str, Any], where: str) -> T:
@@ -186,7 +222,9 @@ def replace_dotted(config: T, changes: Mapping[str, Any], where: str) -> T:
     known = dict(_dotted(merged))
     for name, value in _flat(known, changes):
         if name not in known:
-            raise ConfigError(f"{where}: unknown parameter {shown(name)}{suggest(name, known)}")
+            raise ConfigError(
+                f"{where}: unknown parameter {shown(name)}{suggest(name, known)}"
+            )
         parents, _, last = name.rpartition(".")
         (known[parents] if parents else merged)[last] = value
     return from_dict(type(config), merged, where)
@@ -213,10 +251,14 @@ def _dotted(mapping: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str,
             yield from _dotted(value, f"{prefix}{name}.")
 
 
-def _flat(known: Mapping[str, Any], changes: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+def _flat(
+    known: Mapping[str, Any], changes: Mapping[Any, Any], prefix: str = ""
+) -> Iterator[tuple[str, Any]]:
     """Yield changes by dotted name; a mapping for a nested configuration yields one per key."""
     for name, value in changes.items():
-        nested = known.get(f"{prefix}{name}")  # empty where it is a mapping of whatever its user puts there
+        nested = known.get(
+            f"{prefix}{name}"
+        )  # empty where it is a mapping of whatever its user puts there
         if nested and isinstance(nested, dict) and isinstance(value, Mapping):
             yield from _flat(known, value, f"{prefix}{name}.")
         else:
@@ -255,19 +297,38 @@ def _first_cause(error: BaseException, path: str = "") -> str:
 
 
 def _noted(error: BaseException, what: str, default: T) -> T:
-    return next((getattr(note, what) for note in getattr(error, "__notes__", ()) if hasattr(note, what)), default)
+    return next(
+        (
+            getattr(note, what)
+            for note in getattr(error, "__notes__", ())
+            if hasattr(note, what)
+        ),
+        default,
+    )
 
 
 def _check(name: str, about: Quantity, value: object) -> None:
     plain = value.value if isinstance(value, Enum) else value
     for number in plain if isinstance(plain, tuple) else (plain,):
         if about.choices and number not in about.choices:
-            near = "".join(hint for hint in [suggest(number, about.choices)] if "did you mean" in hint)
-            raise ConfigError(f"{name} must be {about.allowed()}, got {shown(number)}{near}")
+            near = "".join(
+                hint
+                for hint in [suggest(number, about.choices)]
+                if "did you mean" in hint
+            )
+            raise ConfigError(
+                f"{name} must be {about.allowed()}, got {shown(number)}{near}"
+            )
         if isinstance(number, bool) or not isinstance(number, (int, float)):
             continue
-        kind, most = ("finite", sys.float_info.max) if isinstance(number, float) else ("of 64 bits", _LARGEST_INTEGER)
+        kind, most = (
+            ("finite", sys.float_info.max)
+            if isinstance(number, float)
+            else ("of 64 bits", _LARGEST_INTEGER)
+        )
         low = -most if about.minimum is None else about.minimum
         high = most if about.maximum is None else about.maximum
         if not low <= number <= high:
-            raise ConfigError(f"{name} must be {about.allowed() or kind}, got {shown(number)}")
+            raise ConfigError(
+                f"{name} must be {about.allowed() or kind}, got {shown(number)}"
+            )

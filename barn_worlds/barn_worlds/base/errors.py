@@ -22,7 +22,11 @@ class BarnError(Exception):
     def __str__(self) -> str:
         """Return the message."""
         text = super().__str__()
-        return text if len(text) <= _LONGEST_MESSAGE else f"{text[:_HEAD]} ... {text[-_TAIL:]}"
+        return (
+            text
+            if len(text) <= _LONGEST_MESSAGE
+            else f"{text[:_HEAD]} ... {text[-_TAIL:]}"
+        )
 
 
 class ConfigError(BarnError):
@@ -79,8 +83,12 @@ def suggest(name: object, known: Iterable[object]) -> str:
     """
     names = sorted(str(key)[:_LONGEST_NAME] for key in known)
     wanted = (name if isinstance(name, str) else shown(name))[:_LONGEST_SHOWN]
-    siblings = [one for one in names if one.rpartition(".")[0] == wanted.rpartition(".")[0]] or names
-    near = [one for one in names if one.endswith(f".{wanted}")] or _alike(wanted, siblings, 0.6)
+    siblings = [
+        one for one in names if one.rpartition(".")[0] == wanted.rpartition(".")[0]
+    ] or names
+    near = [one for one in names if one.endswith(f".{wanted}")] or _alike(
+        wanted, siblings, 0.6
+    )
     near = near or _alike(wanted, names, 0.8)
     if near:
         return "; did you mean " + " or ".join(map(repr, near[:_MOST_HINTS])) + "?"
@@ -91,4 +99,9 @@ def suggest(name: object, known: Iterable[object]) -> str:
 def _alike(wanted: str, names: list[str], cutoff: float) -> list[str]:
     """Return the name whose last part is most like that of `wanted`, in a list; an empty list if none is alike."""
     by_end = {name.rpartition(".")[2]: name for name in names}
-    return [by_end[end] for end in difflib.get_close_matches(wanted.rpartition(".")[2], by_end, n=1, cutoff=cutoff)]
+    return [
+        by_end[end]
+        for end in difflib.get_close_matches(
+            wanted.rpartition(".")[2], by_end, n=1, cutoff=cutoff
+        )
+    ]

@@ -17,8 +17,18 @@ from typing import BinaryIO
 from barn_worlds.base.errors import StoreError, WorldError, reported_as
 
 LARGEST_FILE = 256 * 1024 * 1024
-DAMAGED_ZIP = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError, OSError)
-PARTIAL = ".partial"  # ending of files that are being written; of a killed process they stay
+DAMAGED_ZIP = (
+    zipfile.BadZipFile,
+    zlib.error,
+    EOFError,
+    NotImplementedError,
+    RuntimeError,
+    ValueError,
+    OSError,
+)
+PARTIAL = (
+    ".partial"  # ending of files that are being written; of a killed process they stay
+)
 
 
 def read_bytes(path: Path, largest: int = LARGEST_FILE) -> bytes:
@@ -45,7 +55,11 @@ def open_regular(path: Path) -> BinaryIO:
     mode = os.fstat(descriptor).st_mode
     if not stat.S_ISREG(mode):
         os.close(descriptor)
-        raise OSError(errno.EINVAL, "is a folder" if stat.S_ISDIR(mode) else "not a regular file", str(path))
+        raise OSError(
+            errno.EINVAL,
+            "is a folder" if stat.S_ISDIR(mode) else "not a regular file",
+            str(path),
+        )
     return os.fdopen(descriptor, "rb")
 
 
@@ -83,7 +97,10 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file onto the disk, so that it is there as a whole or as it was before; StoreError if that fails."""
-    with reported_as(StoreError, f"{path}: cannot be written"), replacing(path, durable=True) as temporary:
+    with (
+        reported_as(StoreError, f"{path}: cannot be written"),
+        replacing(path, durable=True) as temporary,
+    ):
         temporary.write_bytes(content)
 
 
@@ -94,7 +111,9 @@ def replacing(path: Path, *, durable: bool = False) -> Iterator[Path]:
     However the block ends, nothing else is left; only a kill leaves a hidden file that ends in `PARTIAL`. durable:
     whether the content is to be on the disk at the end. OSError if that fails.
     """
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=PARTIAL, dir=path.parent)
+    handle, name = tempfile.mkstemp(
+        prefix=f".{path.name}.", suffix=PARTIAL, dir=path.parent
+    )
     os.close(handle)
     temporary = Path(name)
     try:
@@ -124,7 +143,9 @@ def new_folder(path: Path) -> Iterator[Path]:
     """
     with reported_as(WorldError, f"{path}: cannot be written"):
         if path.exists() and (not path.is_dir() or any(path.iterdir())):
-            raise WorldError(f"{path}: exists already; name a new folder or an empty one")
+            raise WorldError(
+                f"{path}: exists already; name a new folder or an empty one"
+            )
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
         try:

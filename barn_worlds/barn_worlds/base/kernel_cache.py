@@ -26,7 +26,10 @@ def prepare(package: Path) -> None:
     tree = package.parents[1]
     if os.access(package, os.W_OK):
         if (tree / "pyproject.toml").exists():
-            _drop_stale([tree / name / name for name in _PACKAGES], package / "__pycache__" / "kernels.digest")
+            _drop_stale(
+                [tree / name / name for name in _PACKAGES],
+                package / "__pycache__" / "kernels.digest",
+            )
         return
     digest = digest_of([package.parent / name for name in _PACKAGES])
     homes = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())
@@ -34,8 +37,15 @@ def prepare(package: Path) -> None:
     kept = homes / "barn" / digest
     if not _is_own(kept):
         # the second where somebody else has taken the name of the first
-        kept = shared / digest if _is_own(shared / digest) else Path(tempfile.mkdtemp(prefix="barn_kernels_"))
-        print(f"compiled kernels go to {kept}: neither {package} nor {homes} can be written", file=sys.stderr)
+        kept = (
+            shared / digest
+            if _is_own(shared / digest)
+            else Path(tempfile.mkdtemp(prefix="barn_kernels_"))
+        )
+        print(
+            f"compiled kernels go to {kept}: neither {package} nor {homes} can be written",
+            file=sys.stderr,
+        )
     os.environ[_VARIABLE] = str(kept)
 
 
@@ -52,7 +62,9 @@ def _drop_stale(packages: list[Path], note: Path) -> None:
     """Remove all compiled kernels if the digest in a note is of others; read no file if none is newer than the note."""
     with suppress(OSError):
         since = note.stat().st_mtime_ns if note.exists() else 0
-        if since and all(path.stat().st_mtime_ns < since for path in _sources(packages)):
+        if since and all(
+            path.stat().st_mtime_ns < since for path in _sources(packages)
+        ):
             return
         digest = digest_of(packages)
         if not note.exists() or note.read_text("ascii") != digest:
@@ -66,7 +78,9 @@ def _drop_stale(packages: list[Path], note: Path) -> None:
 def _sources(packages: list[Path]) -> Iterator[Path]:
     for package in packages:
         for folder, _, names in os.walk(package):
-            yield from (Path(folder, name) for name in sorted(names) if name.endswith(".py"))
+            yield from (
+                Path(folder, name) for name in sorted(names) if name.endswith(".py")
+            )
 
 
 def _is_own(folder: Path) -> bool:
@@ -74,7 +88,9 @@ def _is_own(folder: Path) -> bool:
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         return os.access(folder, os.W_OK) and all(
-            one.lstat().st_uid == os.getuid() and not one.is_symlink() and not one.lstat().st_mode & 0o022
+            one.lstat().st_uid == os.getuid()
+            and not one.is_symlink()
+            and not one.lstat().st_mode & 0o022
             for one in (folder, folder.parent)
         )
     return False

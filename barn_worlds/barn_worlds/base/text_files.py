@@ -23,7 +23,9 @@ MOST_VALUES = 1_000_000
 DEEPEST = 60
 Plain: TypeAlias = Any  # None, bool, int, float, str, and lists and mappings of them
 _LARGEST_INTEGER = 2**63 - 1
-_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml's is ten times faster
+_Loader: Any = getattr(
+    yaml, "CSafeLoader", yaml.SafeLoader
+)  # libyaml's is ten times faster
 
 
 def read_json(path: Path, largest: int = LARGEST_JSON_BYTES) -> Plain:
@@ -52,11 +54,15 @@ def read_lines(path: Path) -> Iterator[tuple[str, str]]:
     try:
         with open_regular(path) as file:
             read = 0
-            for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE_BYTES + 1), b""), 1):
+            for number, line in enumerate(
+                iter(lambda: file.readline(LONGEST_LINE_BYTES + 1), b""), 1
+            ):
                 read += len(line)
                 if len(line) > LONGEST_LINE_BYTES or read > LARGEST_LINES_BYTES:
                     limits = f"{LONGEST_LINE_BYTES} bytes in a line or {LARGEST_LINES_BYTES} in the file"
-                    raise ConfigError(f"{path}, line {number}: more than the allowed {limits}")
+                    raise ConfigError(
+                        f"{path}, line {number}: more than the allowed {limits}"
+                    )
                 if line.endswith(b"\n"):
                     yield f"{path}, line {number}", line[:-1].decode("utf-8")
     except FileNotFoundError:
@@ -67,14 +73,20 @@ def read_lines(path: Path) -> Iterator[tuple[str, str]]:
         raise ConfigError(f"{path}: {error.strerror or error}") from None
 
 
-def read_yaml(path: Path, schema_version: int, largest: int = LARGEST_YAML_BYTES) -> dict[str, Any]:
+def read_yaml(
+    path: Path, schema_version: int, largest: int = LARGEST_YAML_BYTES
+) -> dict[str, Any]:
     """Return the mapping in a YAML file of at most `largest` bytes without its `schema_version`, the one given."""
     content = parse_yaml(_read(path, largest), str(path))
     if not isinstance(content, dict):
-        raise ConfigError(f"{path}: must be a mapping of names to values, got {shown(content)}")
+        raise ConfigError(
+            f"{path}: must be a mapping of names to values, got {shown(content)}"
+        )
     version = content.pop("schema_version", None)
     if version != schema_version:
-        raise ConfigError(f"{path}: schema_version must be {schema_version}, got {shown(version)}")
+        raise ConfigError(
+            f"{path}: schema_version must be {schema_version}, got {shown(version)}"
+        )
     return content
 
 
@@ -83,9 +95,18 @@ def parse_yaml(text: str | bytes, where: str) -> Plain:
     try:
         _check_events(text)
         found = yaml.load(text, _Loader)  # one of the safe ones  # noqa: S506  # nosec B506
-        _check(found, numbers=False)  # ranges are the configuration's, which names the key
+        _check(
+            found, numbers=False
+        )  # ranges are the configuration's, which names the key
     # PyYAML does not catch what its constructors raise for a bad date, `!!int x` and the like
-    except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
+    except (
+        yaml.YAMLError,
+        ValueError,
+        TypeError,
+        LookupError,
+        AttributeError,
+        ArithmeticError,
+    ) as error:
         raise ConfigError(f"{where}: not YAML: {one_line(error)}") from None
     return found
 
@@ -101,20 +122,27 @@ def finite(content: Plain) -> Plain:
         return {str(key): finite(value) for key, value in content.items()}
     if isinstance(content, (list, tuple)):
         return [finite(value) for value in content]
-    return None if isinstance(content, float) and not math.isfinite(content) else content
+    return (
+        None if isinstance(content, float) and not math.isfinite(content) else content
+    )
 
 
 def markdown_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a Markdown table."""
     lines = [headings, ["---"] * len(headings), *rows]
-    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+    return "\n".join(
+        "| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |"
+        for line in lines
+    )
 
 
 def _read(path: Path, largest: int) -> bytes:
     try:
         return read_at_most(path, largest)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        raise ConfigError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
+        raise ConfigError(
+            f"{path}: {getattr(error, 'strerror', None) or error}"
+        ) from None
 
 
 def _no_number(name: str) -> None:
@@ -134,7 +162,11 @@ def _check(content: Plain, *, numbers: bool = True) -> None:
                 deeper += value
             elif isinstance(value, str):
                 value.encode()  # lone surrogates could not be written
-            elif numbers and isinstance(value, int) and not -_LARGEST_INTEGER <= value <= _LARGEST_INTEGER:
+            elif (
+                numbers
+                and isinstance(value, int)
+                and not -_LARGEST_INTEGER <= value <= _LARGEST_INTEGER
+            ):
                 raise ValueError(f"integers must be of 64 bits, got {shown(value)}")
             elif numbers and isinstance(value, float) and not math.isfinite(value):
                 raise ValueError(f"numbers must be finite, got {value}")
@@ -150,6 +182,8 @@ def _check_events(text: str | bytes) -> None:
     for event in yaml.parse(text, _Loader):
         if isinstance(event, yaml.AliasEvent):
             raise yaml.YAMLError("aliases (*name) are not allowed")
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(
+            event, yaml.CollectionEndEvent
+        )
         if depth > DEEPEST:
             raise yaml.YAMLError(f"nested more than {DEEPEST} deep")

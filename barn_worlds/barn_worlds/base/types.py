@@ -52,18 +52,24 @@ class Pose2D:
         """Return the pose `inner`, which is relative to this pose, in the frame that this pose is given in."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         return Pose2D(
-            self.x + c * inner.x - s * inner.y, self.y + s * inner.x + c * inner.y, wrap_angle(self.yaw + inner.yaw)
+            self.x + c * inner.x - s * inner.y,
+            self.y + s * inner.x + c * inner.y,
+            wrap_angle(self.yaw + inner.yaw),
         )
 
     def inverse(self) -> "Pose2D":
         """Return the inverse transform."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
-        return Pose2D(-c * self.x - s * self.y, s * self.x - c * self.y, wrap_angle(-self.yaw))
+        return Pose2D(
+            -c * self.x - s * self.y, s * self.x - c * self.y, wrap_angle(-self.yaw)
+        )
 
     def transform(self, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Transform points (n, 2) from the frame of this pose to the frame it is given in."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
-        moved: npt.NDArray[np.float64] = points @ np.array([[c, s], [-s, c]]) + np.array([self.x, self.y])
+        moved: npt.NDArray[np.float64] = points @ np.array(
+            [[c, s], [-s, c]]
+        ) + np.array([self.x, self.y])
         return moved
 
     def distance(self, other: "Pose2D") -> float:
@@ -113,7 +119,9 @@ class Scan:
 
     def angles(self) -> npt.NDArray[np.float64]:
         """Return the direction of each beam in the sensor frame, (n,) radians."""
-        return self.angle_min + self.angle_increment * np.arange(len(self.ranges), dtype=np.float64)
+        return self.angle_min + self.angle_increment * np.arange(
+            len(self.ranges), dtype=np.float64
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,15 +4,36 @@ Hues of scenes are Okabe and Ito's, which colour-blind readers can tell apart. P
 has 3:1 against the paper, and a dark one 3:1 against a light one (WCAG 2.2, 1.4.11).
 """
 
-BLUE, ORANGE, PINK, SKY, GREEN, VERMILION = "#0072B2", "#E69F00", "#CC79A7", "#56B4E9", "#009E73", "#D55E00"
+BLUE, ORANGE, PINK, SKY, GREEN, VERMILION = (
+    "#0072B2",
+    "#E69F00",
+    "#CC79A7",
+    "#56B4E9",
+    "#009E73",
+    "#D55E00",
+)
 WHITE = "#ffffff"
 # Planners take these in their order, on white; below, the same on dark paper.
 PLANNERS = ("#0A38A8", "#EE6A18", "#7D1F08", "#25A48F", "#1D1030", "#C96CF1", "#513159")
-_PLANNERS_ON_DARK = ("#4a63ea", "#ffbe73", "#cd2a20", "#6ff0d0", "#8a5a94", "#e3b5ff", "#56808a")
+_PLANNERS_ON_DARK = (
+    "#4a63ea",
+    "#ffbe73",
+    "#cd2a20",
+    "#6ff0d0",
+    "#8a5a94",
+    "#e3b5ff",
+    "#56808a",
+)
 
 # A scene.
 START, GOAL, ROUTE = BLUE, GREEN, VERMILION
-OBSTACLE, WALL, HOLLOW, INFLATED, UNKNOWN = "#33373d", "#8b919b", "#5a5a5a", "#cfe2f3", "#c9ced6"
+OBSTACLE, WALL, HOLLOW, INFLATED, UNKNOWN = (
+    "#33373d",
+    "#8b919b",
+    "#5a5a5a",
+    "#cfe2f3",
+    "#c9ced6",
+)
 MOVER, MOVER_ON_TRACK = "#7b5a8c", PINK  # the latter where its track is drawn below it
 # A trial in it.
 ROBOT, TRAIL, CONTACT, SCAN = ORANGE, BLUE, "#b84600", VERMILION
@@ -20,7 +41,13 @@ PLAN, LOCAL_PLAN, BAND, CANDIDATE = GREEN, PINK, SKY, "#8a8f98"
 # A figure: black takes the colour of a page's text.
 INK, FAINT = "#010101", "#8a8f98"
 # How a trial ended: light where it succeeded, dark where it failed, white where there was none.
-SUCCEEDED, COLLIDED, TIMED_OUT, UNMOVED, BROKEN = "#25a48f", "#8c1d04", "#241a6b", "#6a1a6a", "#474747"
+SUCCEEDED, COLLIDED, TIMED_OUT, UNMOVED, BROKEN = (
+    "#25a48f",
+    "#8c1d04",
+    "#241a6b",
+    "#6a1a6a",
+    "#474747",
+)
 
 # Of a page, by the name of its style sheet's property: on white and on dark paper. Print is on white.
 PAGE = {

@@ -12,17 +12,32 @@ from matplotlib.patches import Circle
 
 from barn_worlds.base.arrays import Floats, Points
 from barn_worlds.base.types import Pose2D
-from barn_worlds.drawing.palette import CONTACT, FAINT, GOAL, INK, MOVER, OBSTACLE, START, WALL
+from barn_worlds.drawing.palette import (
+    CONTACT,
+    FAINT,
+    GOAL,
+    INK,
+    MOVER,
+    OBSTACLE,
+    START,
+    WALL,
+)
 from barn_worlds.moving.tracks import Tracks, jumps
 from barn_worlds.worlds.scene import TrialScene
 
 _LEAST_TOP_MPS = 0.5  # of the scale of speeds
 
 
-def discs(axes: Axes, centres_m: npt.NDArray[np.floating], radii_m: npt.ArrayLike, **look: Any) -> EllipseCollection:
+def discs(
+    axes: Axes, centres_m: npt.NDArray[np.floating], radii_m: npt.ArrayLike, **look: Any
+) -> EllipseCollection:
     """Draw discs around centres (n, 2); radii_m: one for all, or (n,)."""
     sizes = np.broadcast_to(2.0 * np.asarray(radii_m), len(centres_m))
-    where: Any = {"units": "xy", "offsets": centres_m, "offset_transform": axes.transData}
+    where: Any = {
+        "units": "xy",
+        "offsets": centres_m,
+        "offset_transform": axes.transData,
+    }
     ellipses = EllipseCollection(sizes, sizes, np.zeros(len(sizes)), **where, **look)
     axes.add_collection(ellipses)
     return ellipses
@@ -44,21 +59,41 @@ def draw_scene(axes: Axes, scene: TrialScene, *, faint: bool = False) -> None:
     if len(scene.boxes.poses):
         axes.add_collection(PolyCollection(scene.boxes.outlines(), facecolor=WALL))
     discs(axes, scene.walls_m, scene.radius_m, facecolor=FAINT if faint else WALL)
-    discs(axes, scene.obstacles_m, scene.radius_m, facecolor=FAINT if faint else OBSTACLE)
+    discs(
+        axes, scene.obstacles_m, scene.radius_m, facecolor=FAINT if faint else OBSTACLE
+    )
     look: dict[str, Any] = {"color": FAINT, "linestyle": "--", "linewidth": 1.4}
-    axes.plot(*scene.path_m.T, **look if faint else {"color": WALL, "linestyle": ":", "linewidth": 1.0})
+    axes.plot(
+        *scene.path_m.T,
+        **look if faint else {"color": WALL, "linestyle": ":", "linewidth": 1.0},
+    )
     above: dict[str, Any] = {"zorder": 6} if faint else {}
     if scene.start is not None:
-        axes.plot(scene.start.x, scene.start.y, "o", color=START, markersize=7, label="start", **above)
+        axes.plot(
+            scene.start.x,
+            scene.start.y,
+            "o",
+            color=START,
+            markersize=7,
+            label="start",
+            **above,
+        )
     if scene.goal is not None:
         middle = (scene.goal.x, scene.goal.y)
         axes.plot(*middle, "*", color=GOAL, markersize=13, label="goal", **above)
         if not faint:
-            circle: dict[str, Any] = {"fill": False, "color": GOAL, "linewidth": 1.0, "linestyle": ":"}
+            circle: dict[str, Any] = {
+                "fill": False,
+                "color": GOAL,
+                "linewidth": 1.0,
+                "linestyle": ":",
+            }
             axes.add_patch(Circle(middle, scene.goal_distance_m, **circle))
 
 
-def draw_outlines(axes: Axes, poses: Floats, corners_m: Points, colour: str = INK, **look: Any) -> PolyCollection:
+def draw_outlines(
+    axes: Axes, poses: Floats, corners_m: Points, colour: str = INK, **look: Any
+) -> PolyCollection:
     """Draw a robot's outline, given by its corners (k, 2), at poses (n, 3)."""
     outlines = [Pose2D(*pose).transform(corners_m) for pose in poses.tolist()]
     shown = PolyCollection(outlines, facecolor="none", edgecolor=colour, **look)
@@ -66,30 +101,50 @@ def draw_outlines(axes: Axes, poses: Floats, corners_m: Points, colour: str = IN
     return shown
 
 
-def draw_trail(axes: Axes, points_m: Points, speeds_mps: Floats | None = None, colour: str = "") -> LineCollection:
+def draw_trail(
+    axes: Axes, points_m: Points, speeds_mps: Floats | None = None, colour: str = ""
+) -> LineCollection:
     """Draw where a robot went, (n, 2), in one colour, or coloured by its speeds (n,) with a dark edge."""
-    look: dict[str, Any] = {"colors": colour} if speeds_mps is None else {"cmap": "viridis"}
+    look: dict[str, Any] = (
+        {"colors": colour} if speeds_mps is None else {"cmap": "viridis"}
+    )
     segments = list(np.stack([points_m[:-1], points_m[1:]], axis=1))
-    trail = LineCollection(segments, linewidths=1.8, alpha=0.85, zorder=3, capstyle="round", **look)
+    trail = LineCollection(
+        segments, linewidths=1.8, alpha=0.85, zorder=3, capstyle="round", **look
+    )
     if speeds_mps is not None:
         trail.set_array(np.abs(speeds_mps[1:]))
-        axes.plot(*points_m.T, color=INK, linewidth=2.8, zorder=2.9)  # on which bright colours are seen
+        axes.plot(
+            *points_m.T, color=INK, linewidth=2.8, zorder=2.9
+        )  # on which bright colours are seen
     axes.add_collection(trail)
     return trail
 
 
 def draw_contacts(axes: Axes, points_m: Points, label: str = "") -> None:
     """Draw where a robot touched something, (n, 2)."""
-    axes.plot(*points_m.T, "x", color=CONTACT, markersize=8, markeredgewidth=2.0, zorder=5, label=label)
+    axes.plot(
+        *points_m.T,
+        "x",
+        color=CONTACT,
+        markersize=8,
+        markeredgewidth=2.0,
+        zorder=5,
+        label=label,
+    )
 
 
 def scale_speeds(axes: Axes, trails: Sequence[LineCollection]) -> None:
     """Give trails that are coloured by speed one scale, from 0, with a bar of colours."""
     arrays = [np.asarray(trail.get_array()) for trail in trails]
-    fastest = max(_LEAST_TOP_MPS, *(float(np.nanmax(one, initial=0.0)) for one in arrays))
+    fastest = max(
+        _LEAST_TOP_MPS, *(float(np.nanmax(one, initial=0.0)) for one in arrays)
+    )
     for trail in trails:
         trail.set_clim(0.0, fastest)
-    axes.figure.colorbar(trails[-1], ax=axes, label="speed [m/s]", fraction=0.05, pad=0.02)
+    axes.figure.colorbar(
+        trails[-1], ax=axes, label="speed [m/s]", fraction=0.05, pad=0.02
+    )
 
 
 def ways(tracks: Tracks, times_s: Floats) -> list[Points]:
@@ -99,12 +154,19 @@ def ways(tracks: Tracks, times_s: Floats) -> list[Points]:
         return []
     jumped = jumps(positions, velocities, float(times_s[1] - times_s[0]))
     ends = [np.flatnonzero(jumped[:, k]) + 1 for k in range(len(tracks))]
-    return [piece for k, at in enumerate(ends) for piece in np.split(positions[:, k], at) if len(piece) > 1]
+    return [
+        piece
+        for k, at in enumerate(ends)
+        for piece in np.split(positions[:, k], at)
+        if len(piece) > 1
+    ]
 
 
 def draw_ways(axes: Axes, pieces: Sequence[Points], **look: Any) -> None:
     """Draw where moving obstacles go, pieces (k, 2)."""
-    axes.add_collection(LineCollection(list(pieces), colors=MOVER, linewidths=0.8, **look))
+    axes.add_collection(
+        LineCollection(list(pieces), colors=MOVER, linewidths=0.8, **look)
+    )
 
 
 def draw_arrow(axes: Axes, at: Floats, along: Floats, **look: object) -> None:

@@ -36,37 +36,56 @@ _ARROWS = 4  # along a track
 _LONGEST_TRACK_S = 200.0
 
 
-def world_figure(world: World, start: Pose2D | None = None, goal: Pose2D | None = None, near_m: float = 0.0) -> Figure:
+def world_figure(
+    world: World,
+    start: Pose2D | None = None,
+    goal: Pose2D | None = None,
+    near_m: float = 0.0,
+) -> Figure:
     """Return a picture of one world; moving obstacles with their tracks, where they are at time 0.
 
     start, goal: what is driven, with how near to the goal counts as arrival; without, the ends of the path.
     """
     figure, axes = _figure(world, start, goal, near_m)
     _draw_moving(axes, world, arrows=_ARROWS)
-    axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), borderaxespad=0.0, frameon=False)
+    axes.legend(
+        loc="upper left", bbox_to_anchor=(1.02, 1.0), borderaxespad=0.0, frameon=False
+    )
     return figure
 
 
 def write_animation(world: World, path: Path) -> None:
     """Write an animation (GIF) of the first 15 s of a world's moving obstacles, atomically."""
     if not world.moving:
-        raise WorldError(f"{world.name}: nothing moves in it; draw a picture (.png) of it")
+        raise WorldError(
+            f"{world.name}: nothing moves in it; draw a picture (.png) of it"
+        )
     write_bytes(path, gif_bytes(_frames(world), _FRAMES_PER_S))
 
 
 def sheet_figure(worlds: Mapping[int, World]) -> Figure:
     """Return one picture of many worlds by number, without containment."""
     if not 1 <= len(worlds) <= MOST_ON_A_SHEET:
-        raise WorldError(f"a sheet shows 1 to {MOST_ON_A_SHEET} worlds, got {len(worlds)}")
+        raise WorldError(
+            f"a sheet shows 1 to {MOST_ON_A_SHEET} worlds, got {len(worlds)}"
+        )
     across = math.ceil(math.sqrt(len(worlds) * 1.5))
     down = math.ceil(len(worlds) / across)
-    high, wide = max(world.cols for world in worlds.values()), max(world.rows for world in worlds.values())
+    high, wide = (
+        max(world.cols for world in worlds.values()),
+        max(world.rows for world in worlds.values()),
+    )
     gap = max(2, high // 6)
     if across * (wide + gap) * down * (high + gap) > 20_000_000 // _CELL_PIXELS**2:
-        raise WorldError(f"{len(worlds)} worlds of up to {wide} x {high} cells are too large for one sheet; show fewer")
+        raise WorldError(
+            f"{len(worlds)} worlds of up to {wide} x {high} cells are too large for one sheet; show fewer"
+        )
     sheet = np.ones((down * (high + gap), across * (wide + gap), 3), np.float32)
     inches = (side * _CELL_PIXELS / 120.0 for side in (sheet.shape[1], sheet.shape[0]))
-    figure = Figure(figsize=(max(3.0, next(inches)), max(2.0, next(inches) + 0.4)), layout="constrained")
+    figure = Figure(
+        figsize=(max(3.0, next(inches)), max(2.0, next(inches) + 0.4)),
+        layout="constrained",
+    )
     axes = figure.add_subplot()
     for k, (number, world) in enumerate(worlds.items()):
         top, left = (k // across) * (high + gap) + gap, (k % across) * (wide + gap)
@@ -76,54 +95,94 @@ def sheet_figure(worlds: Mapping[int, World]) -> Figure:
             _draw_moving(axes, world, partial(_onto_tile, world, left, top))
     axes.imshow(sheet, interpolation="nearest", aspect="equal")
     axes.set_axis_off()
-    figure.suptitle(f"{len(worlds)} worlds of up to {wide} x {high} cells, start blue, goal green", fontsize=9)
+    figure.suptitle(
+        f"{len(worlds)} worlds of up to {wide} x {high} cells, start blue, goal green",
+        fontsize=9,
+    )
     return figure
 
 
 def _figure(
-    world: World, start: Pose2D | None = None, goal: Pose2D | None = None, near_m: float = 0.0
+    world: World,
+    start: Pose2D | None = None,
+    goal: Pose2D | None = None,
+    near_m: float = 0.0,
 ) -> tuple[Figure, Axes]:
     """Return a figure of what stands in a world, and its axes in metres."""
     left, below, right, above = world.bounds_m
     extent = (left, right, above - world.cols * world.resolution_m, above)
     first, last = (Pose2D(x, y, 0.0) for x, y in world.path_m()[[0, -1]].tolist())
     scene = scene_of(world, start or first, goal or last, near_m)
-    (left, below), (right, above) = scene.view_m(np.array([left, below]), np.array([right, above]))
+    (left, below), (right, above) = scene.view_m(
+        np.array([left, below]), np.array([right, above])
+    )
     size = (6.4, min(30.0, 1.2 + 4.2 * (above - below) / (right - left)))
     figure = Figure(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     near = np.ma.masked_where(~world.cspace.T, world.cspace.T)
-    axes.imshow(near, cmap=ListedColormap([palette.INFLATED]), extent=extent, origin="lower", interpolation="nearest")
+    axes.imshow(
+        near,
+        cmap=ListedColormap([palette.INFLATED]),
+        extent=extent,
+        origin="lower",
+        interpolation="nearest",
+    )
     hollow = world.cell_centres_m(np.argwhere(geometry.hollow(world.grid)))
     discs(axes, hollow, world.cylinder_radius_m, color=palette.HOLLOW)
     draw_scene(axes, scene)
     if world.grid.any():
-        axes.scatter([], [], marker="s", color=palette.INFLATED, label="C-space obstacle")
+        axes.scatter(
+            [], [], marker="s", color=palette.INFLATED, label="C-space obstacle"
+        )
         axes.scatter([], [], color=palette.OBSTACLE, label="obstacle")
     above = max(above, goal.y + near_m + 0.2) if goal else above
-    axes.set(xlim=(left, right), ylim=(below, above), aspect="equal", xlabel="x [m]", ylabel="y [m]")
+    axes.set(
+        xlim=(left, right),
+        ylim=(below, above),
+        aspect="equal",
+        xlabel="x [m]",
+        ylabel="y [m]",
+    )
     moving = f", {len(world.moving)} moving obstacles" if world.moving else ""
-    axes.set_title(f"{world.name}: path {world.path_length_m:.2f} m{moving}", parse_math=False)
+    axes.set_title(
+        f"{world.name}: path {world.path_length_m:.2f} m{moving}", parse_math=False
+    )
     return figure, axes
 
 
 def _draw_moving(
-    axes: Axes, world: World, onto: Callable[[Points], Points] = lambda points: points, arrows: int = 0
+    axes: Axes,
+    world: World,
+    onto: Callable[[Points], Points] = lambda points: points,
+    arrows: int = 0,
 ) -> PolyCollection:
     """Draw walls, tracks with some arrows, and obstacles at time 0, which it returns; onto: from metres to the axes."""
-    axes.add_collection(PolyCollection(list(map(onto, wall_bodies(world.walls).outlines())), facecolor=palette.WALL))
+    axes.add_collection(
+        PolyCollection(
+            list(map(onto, wall_bodies(world.walls).outlines())), facecolor=palette.WALL
+        )
+    )
     for one in world.moving:
         length_s, tracks = min(one.motion.period_s, _LONGEST_TRACK_S), Tracks([one])
-        times_s = np.linspace(0.0, length_s, max(2, math.ceil(length_s / _TRACK_STEP_S)), endpoint=False)
+        times_s = np.linspace(
+            0.0, length_s, max(2, math.ceil(length_s / _TRACK_STEP_S)), endpoint=False
+        )
         draw_ways(axes, list(map(onto, ways(tracks, times_s))), alpha=0.6)
-        for time_s in times_s[np.linspace(0, len(times_s) - 1, arrows + 2)[1:-1].astype(int)].tolist():
+        for time_s in times_s[
+            np.linspace(0, len(times_s) - 1, arrows + 2)[1:-1].astype(int)
+        ].tolist():
             place, velocity = (part[0] for part in tracks.at(time_s))
             draw_arrow(axes, place, velocity, mutation_scale=9.0)
     label = "moving obstacle" if world.moving else ""
     outlines = list(map(onto, moving_bodies(world.tracks, 0.0).outlines()))
     obstacles = PolyCollection(
-        outlines, facecolor=palette.MOVER_ON_TRACK, edgecolor=palette.MOVER, alpha=0.85, zorder=3, label=label
+        outlines,
+        facecolor=palette.MOVER_ON_TRACK,
+        edgecolor=palette.MOVER,
+        alpha=0.85,
+        zorder=3,
+        label=label,
     )
     axes.add_collection(obstacles)
     return obstacles
@@ -132,7 +191,10 @@ def _draw_moving(
 def _onto_tile(world: World, left: int, top: int, points: Points) -> Points:
     """Return where points (n, 2) in metres are on a sheet, in cells."""
     corner = np.array([world.bounds_m[0], world.bounds_m[3]])
-    cells: Points = (points - corner) / world.resolution_m * [1.0, -1.0] + [left - 0.5, top - 0.5]
+    cells: Points = (points - corner) / world.resolution_m * [1.0, -1.0] + [
+        left - 0.5,
+        top - 0.5,
+    ]
     return cells
 
 
@@ -164,6 +226,9 @@ def _tile(world: World) -> npt.NDArray[np.float32]:
     tile[world.cspace.T] = to_rgb(palette.INFLATED)
     tile[world.grid.T] = to_rgb(palette.OBSTACLE)
     tile[world.path[:, 1], world.path[:, 0]] = to_rgb(palette.ROUTE)
-    for cell, colour in ((world.start_cell, palette.START), (world.goal_cell, palette.GOAL)):
+    for cell, colour in (
+        (world.start_cell, palette.START),
+        (world.goal_cell, palette.GOAL),
+    ):
         tile[cell[1], cell[0]] = to_rgb(colour)
     return tile[::-1]

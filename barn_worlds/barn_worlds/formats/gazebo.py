@@ -34,22 +34,40 @@ def read_grid(path: Path) -> tuple[BoolGrid, float]:
     return grid_of(centres, radii, str(path))
 
 
-def read_open_grid(path: Path, start: Sequence[float]) -> tuple[BoolGrid, float, tuple[float, float]] | None:
+def read_open_grid(
+    path: Path, start: Sequence[float]
+) -> tuple[BoolGrid, float, tuple[float, float]] | None:
     """Return grid, size of cells and outer corner of a world file with cylinders on the right of x = 0, else None.
 
     start: x and y of a place that is free.
     """
     centres, radii = cylinders(read_maybe_gzipped(path, LARGEST_WORLD_FILE), str(path))
     side_m = round(2.0 * radii[0], 9)
-    corner, size = centres.min(axis=0) - 0.5 * side_m, np.ptp(centres, axis=0).max() / side_m
+    corner, size = (
+        centres.min(axis=0) - 0.5 * side_m,
+        np.ptp(centres, axis=0).max() / side_m,
+    )
     cells = np.round((centres - corner) / side_m - 0.5).astype(np.int64)
     off_m = np.abs((cells + 0.5) * side_m + corner - centres).max() + np.ptp(radii)
-    if centres[:, 0].max() <= 0.0 or off_m > OFF_GRID_M or not 0.01 <= side_m <= 10.0 or size >= LARGEST_SIDE:
+    if (
+        centres[:, 0].max() <= 0.0
+        or off_m > OFF_GRID_M
+        or not 0.01 <= side_m <= 10.0
+        or size >= LARGEST_SIDE
+    ):
         return None
     shown = np.zeros(cells.max(axis=0) + 1, np.bool_)
     shown[tuple(cells.T)] = True
-    row, column = np.clip((np.array(start) - corner) // side_m, 0, np.array(shown.shape) - 1).astype(int).tolist()
-    return fill_hollow(shown, (row, column)), side_m, (float(corner[0]), float(corner[1]))
+    row, column = (
+        np.clip((np.array(start) - corner) // side_m, 0, np.array(shown.shape) - 1)
+        .astype(int)
+        .tolist()
+    )
+    return (
+        fill_hollow(shown, (row, column)),
+        side_m,
+        (float(corner[0]), float(corner[1])),
+    )
 
 
 def read_course(path: Path) -> list[float]:
@@ -59,7 +77,9 @@ def read_course(path: Path) -> list[float]:
     for name in ("start", "goal"):
         frame = root.find(f"world/frame[@name='{name}']/pose")
         if frame is not None:
-            x, y, _, _, _, yaw = _numbers(frame.text, 6, f"{path}: pose of frame {name!r}")
+            x, y, _, _, _, yaw = _numbers(
+                frame.text, 6, f"{path}: pose of frame {name!r}"
+            )
             found += [x, y, yaw]
     if len(found) == 3:
         raise WorldError(f"{path}: must have frames start and goal, or none of them")
@@ -72,11 +92,22 @@ def cylinders(content: bytes, where: str) -> tuple[Points, list[float]]:
     for element in root.findall("world/*"):
         uri = (element.findtext("uri") or "").strip()
         if element.tag in ("actor", "population"):
-            raise WorldError(f"{where}: <{element.tag}> cannot be part of a world of cylinders")
-        if element.tag == "include" and uri.rstrip("/").rsplit("/", 1)[-1] not in _WITHOUT_OBSTACLES:
+            raise WorldError(
+                f"{where}: <{element.tag}> cannot be part of a world of cylinders"
+            )
+        if (
+            element.tag == "include"
+            and uri.rstrip("/").rsplit("/", 1)[-1] not in _WITHOUT_OBSTACLES
+        ):
             known = ", ".join(_WITHOUT_OBSTACLES)
-            raise WorldError(f"{where}: included model {uri!r:.80} is not known; only {known} are")
-    found = [cylinder for model in root.findall("world/model") for cylinder in _model(model, where)]
+            raise WorldError(
+                f"{where}: included model {uri!r:.80} is not known; only {known} are"
+            )
+    found = [
+        cylinder
+        for model in root.findall("world/model")
+        for cylinder in _model(model, where)
+    ]
     if not found:
         raise WorldError(f"{where}: no cylinders in it")
     return np.array(found)[:, :2], [radius for _, _, radius in found]
@@ -88,7 +119,9 @@ def _root(content: bytes, where: str) -> Element:
     try:
         root: Element = fromstring(content, forbid_dtd=True)
     except DefusedXmlException as error:
-        raise WorldError(f"{where}: document types and entities are not read: {type(error).__name__}") from None
+        raise WorldError(
+            f"{where}: document types and entities are not read: {type(error).__name__}"
+        ) from None
     except (ParseError, ValueError, LookupError) as error:
         raise WorldError(f"{where}: not well-formed XML: {error}") from None
     return root
@@ -99,38 +132,64 @@ def grid_of(centres: Points, radii: list[float], where: str) -> tuple[BoolGrid, 
     radius = radii[0]
     for other in radii:
         if abs(other - radius) > 1e-6:
-            raise WorldError(f"{where}: all cylinders must have one radius, got {radius:g} m and {other:g} m")
+            raise WorldError(
+                f"{where}: all cylinders must have one radius, got {radius:g} m and {other:g} m"
+            )
     resolution_m = round(2.0 * radius, 9)
     if not 0.01 <= resolution_m <= 10.0:
-        raise WorldError(f"{where}: radius of cylinders must be from 0.005 to 5 m, got {radius:g} m")
-    rows = max(1, math.ceil(-centres[:, 0].min() / resolution_m - OFF_GRID_M / resolution_m))
+        raise WorldError(
+            f"{where}: radius of cylinders must be from 0.005 to 5 m, got {radius:g} m"
+        )
+    rows = max(
+        1, math.ceil(-centres[:, 0].min() / resolution_m - OFF_GRID_M / resolution_m)
+    )
     if rows > LARGEST_SIDE or centres[:, 1].max() / resolution_m > 2 * LARGEST_SIDE:
-        raise WorldError(f"{where}: a cylinder at {centres[np.abs(centres).argmax() // 2].tolist()} m is too far out")
+        raise WorldError(
+            f"{where}: a cylinder at {centres[np.abs(centres).argmax() // 2].tolist()} m is too far out"
+        )
     cells = geometry.containing_cells(centres, rows, resolution_m)
     off = np.abs(geometry.cell_centres(cells, rows, resolution_m) - centres).max(axis=1)
     outside = (cells[:, 0] >= rows) | (off > OFF_GRID_M)
     if outside.any():
         place = centres[np.argmax(outside)].tolist()
-        raise WorldError(f"{where}: cylinder at {place} m is not on the grid of {resolution_m:g} m cells left of x = 0")
+        raise WorldError(
+            f"{where}: cylinder at {place} m is not on the grid of {resolution_m:g} m cells left of x = 0"
+        )
     _check_containment(cells[cells[:, 1] < 0], rows, resolution_m, where)
     field = cells[cells[:, 1] >= 0]
     if len(field) == 0:
-        raise WorldError(f"{where}: no cylinders beyond the containment; the field is empty")
+        raise WorldError(
+            f"{where}: no cylinders beyond the containment; the field is empty"
+        )
     cols = int(field[:, 1].max()) + 1
     if cols > LARGEST_SIDE:
-        raise WorldError(f"{where}: the field must be at most {LARGEST_SIDE} cells long, got {cols}")
+        raise WorldError(
+            f"{where}: the field must be at most {LARGEST_SIDE} cells long, got {cols}"
+        )
     shown = np.zeros((rows, cols), np.bool_)
     shown[field[:, 0], field[:, 1]] = True
     return fill_hollow(shown), resolution_m
 
 
-def _check_containment(cells: Cells, rows: int, resolution_m: float, where: str) -> None:
+def _check_containment(
+    cells: Cells, rows: int, resolution_m: float, where: str
+) -> None:
     containment = geometry.containment_cells(rows, resolution_m)
     there, expected = (set(map(tuple, some.tolist())) for some in (cells, containment))
     for cell in sorted(there - expected) + (sorted(expected - there) if there else []):
-        place = geometry.cell_centres(np.array([cell]), rows, resolution_m)[0].round(6).tolist()
-        problem = "a cylinder stands" if cell in there else "a cylinder of the containment is missing"
-        raise WorldError(f"{where}: {problem} at {place} m, in front of the field, where only the containment may be")
+        place = (
+            geometry.cell_centres(np.array([cell]), rows, resolution_m)[0]
+            .round(6)
+            .tolist()
+        )
+        problem = (
+            "a cylinder stands"
+            if cell in there
+            else "a cylinder of the containment is missing"
+        )
+        raise WorldError(
+            f"{where}: {problem} at {place} m, in front of the field, where only the containment may be"
+        )
 
 
 def _model(model: Element, where: str) -> Iterator[tuple[float, float, float]]:
@@ -145,10 +204,14 @@ def _model(model: Element, where: str) -> Iterator[tuple[float, float, float]]:
             shapes = collision.findall("geometry/*")
             if len(shapes) != 1 or shapes[0].tag not in ("cylinder", "plane"):
                 kinds = ", ".join(str(shape.tag) for shape in shapes)[:60] or "none"
-                raise WorldError(f"{where}: shapes other than one cylinder are not read, got {kinds}")
+                raise WorldError(
+                    f"{where}: shapes other than one cylinder are not read, got {kinds}"
+                )
             own_x, own_y = _place(collision, where)
             if shapes[0].tag == "cylinder":
-                (radius,) = _numbers(shapes[0].findtext("radius"), 1, f"{where}: radius")
+                (radius,) = _numbers(
+                    shapes[0].findtext("radius"), 1, f"{where}: radius"
+                )
                 if radius <= 0.0:
                     raise WorldError(f"{where}: radius must be above 0, got {radius:g}")
                 yield x + link_x + own_x, y + link_y + own_y, radius
@@ -163,7 +226,9 @@ def _place(element: Element, where: str) -> tuple[float, float]:
         raise WorldError(f"{where}: poses relative to another frame are not read")
     x, y, _, *rotation = _numbers(pose.text, 6, f"{where}: pose")
     if max(map(abs, rotation)) > 1e-6:
-        raise WorldError(f"{where}: rotated poses are not read, got roll, pitch, yaw {rotation}")
+        raise WorldError(
+            f"{where}: rotated poses are not read, got roll, pitch, yaw {rotation}"
+        )
     return x, y
 
 
@@ -172,7 +237,9 @@ def _numbers(text: str | None, count: int, where: str) -> list[float]:
         numbers = [float(word) for word in (text or "").split()]
     except ValueError:
         numbers = []
-    if len(numbers) != count or not all(math.isfinite(number) and abs(number) < 1e6 for number in numbers):
+    if len(numbers) != count or not all(
+        math.isfinite(number) and abs(number) < 1e6 for number in numbers
+    ):
         raise WorldError(f"{where} must be {count} finite numbers, got {text!r:.60}")
     return numbers
 
@@ -192,10 +259,15 @@ def fill_hollow(shown: BoolGrid, free: tuple[int, int] | None = None) -> BoolGri
     first = np.cumsum([np.count_nonzero(shown), *sizes[1:]])
     for label in np.argsort(-sizes[1:], kind="stable").tolist():
         gap = np.unravel_index(by_label[first[label] : first[label + 1]], shown.shape)
-        rim = any(at.min() == 0 or at.max() == side - 1 for at, side in zip(gap, shown.shape, strict=True))
+        rim = any(
+            at.min() == 0 or at.max() == side - 1
+            for at, side in zip(gap, shown.shape, strict=True)
+        )
         if rim or (free is not None and labels[free] == label + 1):
             continue  # open
-        around = tuple(slice(max(0, int(at.min()) - 2), int(at.max()) + 3) for at in gap)
+        around = tuple(
+            slice(max(0, int(at.min()) - 2), int(at.max()) + 3) for at in gap
+        )
         grid[gap] = True
         if (geometry.hollow(grid[around]) & shown[around]).any():
             grid[gap] = False

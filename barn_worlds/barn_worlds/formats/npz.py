@@ -22,7 +22,15 @@ from barn_worlds.base.text_files import parse_json
 LARGEST_NPY = 64 * 1024 * 1024
 Arrays = dict[str, npt.NDArray[Any]]
 # what NumPy raises for other bytes, for a header that is no Python, and for sizes that no memory has
-_NO_ARRAY = (ValueError, TypeError, MemoryError, RecursionError, SyntaxError, OverflowError, tokenize.TokenError)
+_NO_ARRAY = (
+    ValueError,
+    TypeError,
+    MemoryError,
+    RecursionError,
+    SyntaxError,
+    OverflowError,
+    tokenize.TokenError,
+)
 
 
 def read_npy(path: Path) -> npt.NDArray[Any]:
@@ -35,9 +43,13 @@ def parse_npy(content: bytes, where: str) -> npt.NDArray[Any]:
     try:
         array = np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
     except _NO_ARRAY as error:
-        raise WorldError(f"{where}: not a .npy file of numbers: {one_line(error)}") from None
+        raise WorldError(
+            f"{where}: not a .npy file of numbers: {one_line(error)}"
+        ) from None
     if array.dtype.kind not in "biuf":
-        raise WorldError(f"{where}: must hold numbers, got values of type {array.dtype}")
+        raise WorldError(
+            f"{where}: must hold numbers, got values of type {array.dtype}"
+        )
     return array
 
 
@@ -64,22 +76,39 @@ class NpzFormat:
     largest: int
     newer: tuple[int, ...] = ()
 
-    def write(self, path: Path, header: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> str:
+    def write(
+        self,
+        path: Path,
+        header: Mapping[str, Any],
+        arrays: Mapping[str, npt.NDArray[Any]],
+    ) -> str:
         """Write a file atomically and return the text of its header; equal content gives equal bytes."""
         text = json.dumps({"schema": self.schema, **header}, indent=1) + "\n"
-        members = {self.header: text.encode(), **{f"{name}.npy": to_npy(array) for name, array in arrays.items()}}
+        members = {
+            self.header: text.encode(),
+            **{f"{name}.npy": to_npy(array) for name, array in arrays.items()},
+        }
         write_bytes(path, zipped(members))
         return text
 
     def read(self, path: Path) -> tuple[dict[str, Any], Arrays]:
         """Return the header and the arrays by name; WorldError if the file is damaged or of another version."""
         try:
-            with zipfile.ZipFile(io.BytesIO(read_bytes(path, self.largest_file))) as archive:
-                if sum(member.file_size for member in archive.infolist()) > self.largest:
-                    raise WorldError(f"{path}: unpacks to more than the allowed {self.largest} bytes")
+            with zipfile.ZipFile(
+                io.BytesIO(read_bytes(path, self.largest_file))
+            ) as archive:
+                if (
+                    sum(member.file_size for member in archive.infolist())
+                    > self.largest
+                ):
+                    raise WorldError(
+                        f"{path}: unpacks to more than the allowed {self.largest} bytes"
+                    )
                 contents = {name: archive.read(name) for name in archive.namelist()}
         except DAMAGED_ZIP as error:
-            raise WorldError(f"{path}: not {self.what}, or a damaged one: {one_line(error)}") from None
+            raise WorldError(
+                f"{path}: not {self.what}, or a damaged one: {one_line(error)}"
+            ) from None
         if self.header not in contents:
             raise WorldError(f"{path}: not {self.what}: it has no {self.header}")
         try:
@@ -89,8 +118,13 @@ class NpzFormat:
         version = header.get("schema") if isinstance(header, dict) else None
         if version not in (self.schema, *self.newer) or isinstance(version, bool):
             known = " or ".join(map(str, (self.schema, *self.newer)))
-            raise WorldError(f"{path}: schema version must be {known}, got {shown(version)}")
-        arrays = {name.removesuffix(".npy"): parse_npy(data, f"{path}: {name:.60}") for name, data in contents.items()}
+            raise WorldError(
+                f"{path}: schema version must be {known}, got {shown(version)}"
+            )
+        arrays = {
+            name.removesuffix(".npy"): parse_npy(data, f"{path}: {name:.60}")
+            for name, data in contents.items()
+        }
         return header, arrays
 
     def array(self, arrays: Arrays, name: str, path: Path) -> npt.NDArray[Any]:

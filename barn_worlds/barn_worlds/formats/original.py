@@ -19,7 +19,10 @@ from barn_worlds.worlds.world import World, checked_grid
 
 LARGEST_FOOTPRINT_TRIED = 41
 
-_WORLDS = {"grid_files": r"grid_(\d{1,9})\.npy", "world_files": r"world_(\d{1,9})\.world(?:\.gz)?"}
+_WORLDS = {
+    "grid_files": r"grid_(\d{1,9})\.npy",
+    "world_files": r"world_(\d{1,9})\.world(?:\.gz)?",
+}
 
 
 def is_original_folder(folder: Path) -> bool:
@@ -29,8 +32,18 @@ def is_original_folder(folder: Path) -> bool:
 
 def indices(folder: Path) -> list[int]:
     """Return the numbers of the worlds in a folder of the original layout, ascending."""
-    files = ((pattern, file) for inside, pattern in _WORLDS.items() for file in (folder / inside).glob("*"))
-    return sorted({int(match[1]) for pattern, file in files if (match := re.fullmatch(pattern, file.name))})
+    files = (
+        (pattern, file)
+        for inside, pattern in _WORLDS.items()
+        for file in (folder / inside).glob("*")
+    )
+    return sorted(
+        {
+            int(match[1])
+            for pattern, file in files
+            if (match := re.fullmatch(pattern, file.name))
+        }
+    )
 
 
 def read_world(folder: Path, index: int, robot: Robot = STANDARD) -> World:
@@ -42,20 +55,36 @@ def read_world(folder: Path, index: int, robot: Robot = STANDARD) -> World:
     path = folder / "grid_files" / f"grid_{index}.npy"
     if path.is_file():
         about = folder / "map_files" / f"yaml_{index}.yaml"
-        resolution_m = map_server.read_about(about).resolution if about.is_file() else STANDARD_RESOLUTION_M
+        resolution_m = (
+            map_server.read_about(about).resolution
+            if about.is_file()
+            else STANDARD_RESOLUTION_M
+        )
         grid = checked_grid(read_npy(path), str(path))
     else:
-        packed, plain = (folder / "world_files" / f"world_{index}.world{end}" for end in (".gz", ""))
+        packed, plain = (
+            folder / "world_files" / f"world_{index}.world{end}" for end in (".gz", "")
+        )
         path = packed if packed.is_file() else plain
         grid, resolution_m = gazebo.read_grid(path)
-    footprint = _footprint(folder / "cspace_files" / f"cspace_{index}.npy", grid, robot.footprint_cells(resolution_m))
+    footprint = _footprint(
+        folder / "cspace_files" / f"cspace_{index}.npy",
+        grid,
+        robot.footprint_cells(resolution_m),
+    )
     given = folder / "path_files" / f"path_{index}.npy"
     given_path = given if given.is_file() else None
-    return world_of(f"world_{index}", grid, resolution_m, footprint, "original", path, given_path)
+    return world_of(
+        f"world_{index}", grid, resolution_m, footprint, "original", path, given_path
+    )
 
 
 def write_original(
-    folder: Path, worlds: Mapping[int, World], metrics: Mapping[int, Floats] | None = None, *, historical: bool = False
+    folder: Path,
+    worlds: Mapping[int, World],
+    metrics: Mapping[int, Floats] | None = None,
+    *,
+    historical: bool = False,
 ) -> None:
     """Write worlds by number into a new folder of the original layout, atomically.
 
@@ -71,9 +100,16 @@ def write_original(
                 write_bytes(target / f"{kind}_files" / f"{kind}_{index}.npy", content)
             write_sdf(world, target / "world_files" / f"world_{index}.world.gz")
             occupancy = world.occupancy_map(historical=historical)
-            map_server.write_map(occupancy, target / "map_files" / f"yaml_{index}", image=f"map_pgm_{index}.pgm")
+            map_server.write_map(
+                occupancy,
+                target / "map_files" / f"yaml_{index}",
+                image=f"map_pgm_{index}.pgm",
+            )
         for index, values in (metrics or {}).items():
-            write_bytes(target / "metrics_files" / f"metrics_{index}.npy", to_npy(np.asarray(values, np.float64)))
+            write_bytes(
+                target / "metrics_files" / f"metrics_{index}.npy",
+                to_npy(np.asarray(values, np.float64)),
+            )
 
 
 def _footprint(path: Path, grid: BoolGrid, standard: int) -> int:
@@ -85,4 +121,6 @@ def _footprint(path: Path, grid: BoolGrid, standard: int) -> int:
     for side in (standard, *range(1, LARGEST_FOOTPRINT_TRIED + 1, 2)):
         if np.array_equal(configuration_space(grid, side), cspace):
             return side
-    raise WorldError(f"{path}: is not the C-space of the grid for any footprint up to {LARGEST_FOOTPRINT_TRIED} cells")
+    raise WorldError(
+        f"{path}: is not the C-space of the grid for any footprint up to {LARGEST_FOOTPRINT_TRIED} cells"
+    )

@@ -26,13 +26,22 @@ _FOLDERS = ("grid_files", "world_files", "map_files")
 
 def ending(path: Path) -> str:
     """Return the ending of a file that holds a world, `.gz` included; empty for any other."""
-    return next((known for known in sorted(ENDINGS, key=len, reverse=True) if path.name.lower().endswith(known)), "")
+    return next(
+        (
+            known
+            for known in sorted(ENDINGS, key=len, reverse=True)
+            if path.name.lower().endswith(known)
+        ),
+        "",
+    )
 
 
 def check_ending(path: Path) -> None:
     """Raise WorldError if a file's name does not have the ending of a world."""
     if not ending(path):
-        raise WorldError(f"{path}: a world must be in a file that ends in {', '.join(ENDINGS)}")
+        raise WorldError(
+            f"{path}: a world must be in a file that ends in {', '.join(ENDINGS)}"
+        )
 
 
 def number_in(path: Path) -> int | None:
@@ -58,19 +67,33 @@ def read_world(path: Path, robot: Robot = STANDARD, name: str = "") -> World:
     course = gazebo.read_course(path) if kind in GAZEBO_ENDINGS else []
     if kind in GAZEBO_ENDINGS:
         if course and (found := gazebo.read_open_grid(path, course[:2])):
-            return open_world(called, *found, robot, Provenance("world_file", str(path)), course_of(course, str(path)))
+            return open_world(
+                called,
+                *found,
+                robot,
+                Provenance("world_file", str(path)),
+                course_of(course, str(path)),
+            )
         source, (grid, resolution_m) = "world_file", gazebo.read_grid(path)
     elif kind in (*MAP_ENDINGS, moving_ai.ENDING):
         return _of_map(path, kind, robot, called)
     else:
         source, grid = "npy", checked_grid(read_npy(path), str(path))
     footprint_cells = robot.footprint_cells(resolution_m)
-    world = world_of(called, grid, resolution_m, footprint_cells, source, path, _path_beside(path))
+    world = world_of(
+        called, grid, resolution_m, footprint_cells, source, path, _path_beside(path)
+    )
     return with_course(world, robot, course_of(course, str(path))) if course else world
 
 
 def world_of(
-    name: str, grid: BoolGrid, resolution_m: float, footprint_cells: int, source: str, path: Path, given: Path | None
+    name: str,
+    grid: BoolGrid,
+    resolution_m: float,
+    footprint_cells: int,
+    source: str,
+    path: Path,
+    given: Path | None,
 ) -> World:
     """Return the world of a grid read from `path`, with the path in the .npy file `given`, else a planned one."""
     cells = read_npy(given) if given else planned(grid, footprint_cells, str(path))
@@ -81,17 +104,44 @@ def world_of(
 def _of_map(path: Path, kind: str, robot: Robot, name: str) -> World:
     if kind == moving_ai.ENDING:
         grid = moving_ai.read_grid(path)
-        return open_world(name, grid, moving_ai.CELL_M, (0.0, 0.0), robot, Provenance("map", str(path)))
+        return open_world(
+            name,
+            grid,
+            moving_ai.CELL_M,
+            (0.0, 0.0),
+            robot,
+            Provenance("map", str(path)),
+        )
     about = map_server.read_about(path)
     occupancy = map_server.read_map(path, about)
-    ends = course_of((*about.start, *about.goal), f"{path}: start and goal") if about.start else None
+    ends = (
+        course_of((*about.start, *about.goal), f"{path}: start and goal")
+        if about.start
+        else None
+    )
     inside = map_server.grid_of(occupancy)
     if inside is None:
         whole = checked_grid(np.ascontiguousarray((occupancy.data != 0).T), str(path))
         corner = occupancy.origin_x, occupancy.origin_y
-        return open_world(name, whole, occupancy.resolution, corner, robot, Provenance("map", str(path)), ends)
+        return open_world(
+            name,
+            whole,
+            occupancy.resolution,
+            corner,
+            robot,
+            Provenance("map", str(path)),
+            ends,
+        )
     grid, cell_m = checked_grid(inside, str(path)), occupancy.resolution
-    world = world_of(name, grid, cell_m, robot.footprint_cells(cell_m), "map", path, _path_beside(path))
+    world = world_of(
+        name,
+        grid,
+        cell_m,
+        robot.footprint_cells(cell_m),
+        "map",
+        path,
+        _path_beside(path),
+    )
     return with_course(world, robot, ends) if ends else world
 
 
@@ -100,11 +150,16 @@ def planned(grid: BoolGrid, footprint_cells: int, where: str) -> Cells:
     path = plan_through(configuration_space(grid, footprint_cells))
     if path is None:
         robot = f"a robot of {footprint_cells} x {footprint_cells} cells"
-        raise WorldError(f"{where}: no path from the first to the last column for {robot}")
+        raise WorldError(
+            f"{where}: no path from the first to the last column for {robot}"
+        )
     return path
 
 
 def _path_beside(path: Path) -> Path | None:
-    places = [path.parent, *([path.parent.parent / "path_files"] if path.parent.name in _FOLDERS else [])]
+    places = [
+        path.parent,
+        *([path.parent.parent / "path_files"] if path.parent.name in _FOLDERS else []),
+    ]
     candidates = (place / f"path_{number_in(path)}.npy" for place in places)
     return next((file for file in candidates if file != path and file.is_file()), None)

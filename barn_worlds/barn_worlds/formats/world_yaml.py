@@ -34,7 +34,9 @@ class WorldFile(Checked):
 
     name: str = quantity("world", "name of the world")
     cell_m: float = quantity(0.15, "side of a cell", "m", 0.01, 10.0)
-    footprint_cells: int = quantity(1, "side of the footprint, odd", "", 1, 2 * LARGEST_SIDE)
+    footprint_cells: int = quantity(
+        1, "side of the footprint, odd", "", 1, 2 * LARGEST_SIDE
+    )
     cells: tuple[int, int] = quantity((30, 30), "rows and columns", "", 1, LARGEST_SIDE)
     path: tuple[tuple[int, int], ...] = ()
     grid: tuple[str, ...] = ()
@@ -47,13 +49,32 @@ class WorldFile(Checked):
     def world(self, where: str) -> World:
         """Return the world; WorldError, beginning with `where`, if it cannot be."""
         if not 0 < len(self.name) <= LARGEST_NAME or not self.name.isprintable():
-            raise WorldError(f"{where}: name must have 1 to {LARGEST_NAME} printable characters, got {self.name!r:.60}")
+            raise WorldError(
+                f"{where}: name must have 1 to {LARGEST_NAME} printable characters, got {self.name!r:.60}"
+            )
         try:
             grid = self._filled()
-            path, size = _path(self.path, grid.shape), (self.cell_m, self.footprint_cells)
-            ends = course_of((*self.start, *self.goal), "start and goal") if self.start or self.goal else ()
+            path, size = (
+                _path(self.path, grid.shape),
+                (self.cell_m, self.footprint_cells),
+            )
+            ends = (
+                course_of((*self.start, *self.goal), "start and goal")
+                if self.start or self.goal
+                else ()
+            )
             about = Provenance("yaml", where)
-            return World(self.name, grid, path, *size, about, self.walls, self.moving, self.corner_m, *ends)
+            return World(
+                self.name,
+                grid,
+                path,
+                *size,
+                about,
+                self.walls,
+                self.moving,
+                self.corner_m,
+                *ends,
+            )
         except WorldError as error:
             raise WorldError(f"{where}: {error}") from None
 
@@ -63,7 +84,9 @@ class WorldFile(Checked):
             raise WorldError(f"grid must have {rows} rows, got {len(self.grid)}")
         for number, row in enumerate(self.grid):
             if len(row) != cols or set(row) - {_FREE, _FILLED}:
-                raise WorldError(f"grid[{number}] must be {cols} of the letters {_FREE} and {_FILLED}, got {row!r:.60}")
+                raise WorldError(
+                    f"grid[{number}] must be {cols} of the letters {_FREE} and {_FILLED}, got {row!r:.60}"
+                )
         if not self.grid:
             return np.zeros((rows, cols), np.bool_)
         return np.array([[letter == _FILLED for letter in row] for row in self.grid])
@@ -71,7 +94,9 @@ class WorldFile(Checked):
 
 def read_world_yaml(path: Path) -> World:
     """Return the world of a YAML file; WorldError or ConfigError in one line if it holds none."""
-    return from_dict(WorldFile, read_yaml(path, SCHEMA_VERSION, LARGEST_BYTES), str(path)).world(str(path))
+    return from_dict(
+        WorldFile, read_yaml(path, SCHEMA_VERSION, LARGEST_BYTES), str(path)
+    ).world(str(path))
 
 
 def write_world_yaml(world: World, path: Path) -> None:
@@ -81,12 +106,20 @@ def write_world_yaml(world: World, path: Path) -> None:
 
 def world_yaml(world: World) -> str:
     """Return a world as YAML. Provenance is not in it."""
-    grid = tuple("".join(row) for row in np.where(world.grid, _FILLED, _FREE).tolist()) if world.grid.any() else ()
+    grid = (
+        tuple("".join(row) for row in np.where(world.grid, _FILLED, _FREE).tolist())
+        if world.grid.any()
+        else ()
+    )
     path = tuple((row, column) for row, column in _turns(world.path))
     size = world.resolution_m, world.footprint_cells, (world.rows, world.cols)
     ends = world.course_numbers[:3], world.course_numbers[3:]
-    told = WorldFile(world.name, *size, path, grid, world.corner_m, *ends, world.walls, world.moving)
-    plain = json.loads(json.dumps(as_dict(told)))  # lists for tuples, nothing twice: the reader refuses aliases
+    told = WorldFile(
+        world.name, *size, path, grid, world.corner_m, *ends, world.walls, world.moving
+    )
+    plain = json.loads(
+        json.dumps(as_dict(told))
+    )  # lists for tuples, nothing twice: the reader refuses aliases
     content = {"schema_version": SCHEMA_VERSION, **plain}
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)
 
@@ -96,11 +129,15 @@ def _path(corners: tuple[tuple[int, int], ...], shape: tuple[int, ...]) -> Cells
     pieces: list[Cells] = [np.array(corners[:1], np.int64).reshape(-1, 2)]
     for k, corner in enumerate(corners):
         if not (0 <= corner[0] < shape[0] and 0 <= corner[1] < shape[1]):
-            raise WorldError(f"path[{k}] must be a cell of the {shape[0]} x {shape[1]}, got {list(corner)}")
+            raise WorldError(
+                f"path[{k}] must be a cell of the {shape[0]} x {shape[1]}, got {list(corner)}"
+            )
     for k, (first, last) in enumerate(pairwise(corners)):
         way = np.subtract(last, first)
         if way.all() and abs(way[0]) != abs(way[1]):
-            raise WorldError(f"path[{k + 1}] must lie straight from the cell before, got {list(last)}")
+            raise WorldError(
+                f"path[{k + 1}] must lie straight from the cell before, got {list(last)}"
+            )
         length = max(1, int(np.abs(way).max()))
         pieces.append(first + way * np.arange(1, length + 1)[:, None] // length)
     return np.concatenate(pieces)
@@ -110,5 +147,7 @@ def _turns(path: Cells) -> list[list[int]]:
     """Return the cells of a path at which it turns or stays, with its first and last."""
     steps = np.diff(path, axis=0)
     bend = (np.diff(steps, axis=0) != 0).any(axis=1) | (steps[1:] == 0).all(axis=1)
-    kept: list[list[int]] = path[np.concatenate([[True], bend, [True]])[: len(path)]].tolist()
+    kept: list[list[int]] = path[
+        np.concatenate([[True], bend, [True]])[: len(path)]
+    ].tolist()
     return kept

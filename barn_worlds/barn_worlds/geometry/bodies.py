@@ -34,17 +34,27 @@ class Bodies(NamedTuple):
         turns = np.linspace(0.0, 2.0 * math.pi, points)
         circle = np.stack([np.cos(turns), np.sin(turns)], axis=1)
         found = []
-        for (x, y, yaw), radius, size in zip(self.poses.tolist(), self.radius_m, self.size_m, strict=True):
-            turned = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
-            found.append((radius * circle if radius else (_CORNERS * size) @ turned) + (x, y))
+        for (x, y, yaw), radius, size in zip(
+            self.poses.tolist(), self.radius_m, self.size_m, strict=True
+        ):
+            turned = np.array(
+                [[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]]
+            )
+            found.append(
+                (radius * circle if radius else (_CORNERS * size) @ turned) + (x, y)
+            )
         return found
 
     def shapes(self) -> Floats:
         """Return them as the shapes (n, 7) of `geometry.kernels`."""
-        return shape_rows(self.poses[:, :2], self.radius_m, self.size_m, self.poses[:, 2])
+        return shape_rows(
+            self.poses[:, :2], self.radius_m, self.size_m, self.poses[:, 2]
+        )
 
 
-def shape_rows(centres: Points, radius_m: Floats, size_m: Points, yaw_rad: Floats) -> Floats:
+def shape_rows(
+    centres: Points, radius_m: Floats, size_m: Points, yaw_rad: Floats
+) -> Floats:
     """Return shapes (n, 7) of centres (n, 2), radii (n,) of cylinders, sizes (n, 2) of boxes and headings (n,)."""
     sides = np.column_stack([np.cos(yaw_rad), np.sin(yaw_rad)])
     return np.column_stack([centres, radius_m, 0.5 * size_m, sides])
@@ -58,6 +68,9 @@ def moving_bodies(tracks: Tracks, time_s: float) -> Bodies:
 
 def wall_bodies(walls: Sequence[Wall]) -> Bodies:
     """Return walls as bodies."""
-    rows = [(one.x_m, one.y_m, one.yaw_rad, one.size_x_m, one.size_y_m, one.height_m) for one in walls]
+    rows = [
+        (one.x_m, one.y_m, one.yaw_rad, one.size_x_m, one.size_y_m, one.height_m)
+        for one in walls
+    ]
     table = np.array(rows, np.float64).reshape(-1, 6)
     return Bodies(table[:, :3], np.zeros(len(table)), table[:, 3:5], table[:, 5])

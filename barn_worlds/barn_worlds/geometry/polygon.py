@@ -31,14 +31,19 @@ def regular(radius_m: float, count: int) -> tuple[Corner, ...]:
     """Return the regular polygon around a circle about the origin, two of its sides across x where count is even."""
     step = 2.0 * math.pi / count
     reach = radius_m / math.cos(0.5 * step)
-    return tuple((reach * math.cos((k + 0.5) * step), reach * math.sin((k + 0.5) * step)) for k in range(count))
+    return tuple(
+        (reach * math.cos((k + 0.5) * step), reach * math.sin((k + 0.5) * step))
+        for k in range(count)
+    )
 
 
 def grown(corners: Sequence[Corner], by_m: float) -> tuple[Corner, ...]:
     """Return a convex outline with each side moved outwards; a rectangle's half sizes grow by as much."""
     sides = [_side(a, b) for a, b in pairwise((*corners, *corners[:1]))]
     moved = []
-    for (px, py, pd), (qx, qy, qd) in zip((*sides[-1:], *sides[:-1]), sides, strict=True):
+    for (px, py, pd), (qx, qy, qd) in zip(
+        (*sides[-1:], *sides[:-1]), sides, strict=True
+    ):
         across = px * qy - py * qx
         p, q = pd + by_m, qd + by_m
         moved.append(((p * qy - q * py) / across, (q * px - p * qx) / across))

@@ -24,7 +24,9 @@ _TOUCHING = math.sin(math.pi / CORNERS)
 _ROUNDING = 1e-9
 
 
-def shortest_way_m(start: Floats, goal: Floats, centres: Floats, radius_m: float) -> float:
+def shortest_way_m(
+    start: Floats, goal: Floats, centres: Floats, radius_m: float
+) -> float:
     """Return a lower bound of the length in m of any way from start to goal (2,) that enters no disc.
 
     centres (n, 2): of the discs. radius_m: of each, the moving disc's and the cylinder's together. The bound is at
@@ -35,7 +37,12 @@ def shortest_way_m(start: Floats, goal: Floats, centres: Floats, radius_m: float
         return straight_m
     corners, outward = _corners(np.ascontiguousarray(centres), radius_m)
     points = np.concatenate((corners, np.stack((start, goal))))
-    found = _search(points, outward, np.ascontiguousarray(centres), radius_m * math.cos(math.pi / CORNERS))
+    found = _search(
+        points,
+        outward,
+        np.ascontiguousarray(centres),
+        radius_m * math.cos(math.pi / CORNERS),
+    )
     return max(float(found), straight_m) if math.isfinite(found) else straight_m
 
 
@@ -47,7 +54,10 @@ def _corners(centres: Floats, radius: float) -> tuple[Floats, Floats]:
     inner = radius * math.cos(math.pi / CORNERS) - _ROUNDING
     count = 0
     for i in range(len(centres)):
-        near = centres[np.hypot(centres[:, 0] - centres[i, 0], centres[:, 1] - centres[i, 1]) < 2.0 * radius]
+        near = centres[
+            np.hypot(centres[:, 0] - centres[i, 0], centres[:, 1] - centres[i, 1])
+            < 2.0 * radius
+        ]
         for k in range(CORNERS):
             angle = 2.0 * math.pi * k / CORNERS
             outward[count, 0], outward[count, 1] = math.cos(angle), math.sin(angle)
@@ -80,13 +90,17 @@ def _search(points: Floats, outward: Floats, centres: Floats, radius: float) -> 
     goal = len(points) - 1
     cost, left = np.full(len(points), np.inf), np.empty(len(points))
     for i in range(len(points)):
-        left[i] = math.hypot(points[goal, 0] - points[i, 0], points[goal, 1] - points[i, 1])
+        left[i] = math.hypot(
+            points[goal, 0] - points[i, 0], points[goal, 1] - points[i, 1]
+        )
     done = np.zeros(len(points), np.bool_)
     cost[goal - 1] = 0.0
     while True:
         here = 0
         for i in range(len(points)):
-            if not done[i] and (done[here] or cost[i] + left[i] < cost[here] + left[here]):
+            if not done[i] and (
+                done[here] or cost[i] + left[i] < cost[here] + left[here]
+            ):
                 here = i
         if done[here] or not math.isfinite(cost[here]) or here == goal:
             return float(cost[goal])
@@ -96,7 +110,9 @@ def _search(points: Floats, outward: Floats, centres: Floats, radius: float) -> 
             length = math.hypot(dx, dy)
             if done[i] or length == 0.0 or cost[here] + length >= cost[i]:
                 continue
-            touches = _touches(outward, here, dx, dy, length) and _touches(outward, i, dx, dy, length)
+            touches = _touches(outward, here, dx, dy, length) and _touches(
+                outward, i, dx, dy, length
+            )
             if touches and _sees(points[here], points[i], centres, radius - _ROUNDING):
                 cost[i] = cost[here] + length
 
@@ -106,4 +122,7 @@ def _touches(outward: Floats, point: int, dx: float, dy: float, length: float) -
     """Tell whether a leg touches the polygon at a corner: it lies within half the corner's angle of the tangent."""
     if point >= len(outward):  # start or goal
         return True
-    return bool(abs(dx * outward[point, 0] + dy * outward[point, 1]) <= (_TOUCHING + _ROUNDING) * length)
+    return bool(
+        abs(dx * outward[point, 0] + dy * outward[point, 1])
+        <= (_TOUCHING + _ROUNDING) * length
+    )

@@ -16,8 +16,24 @@ from rosbags.typesys.store import Typestore
 
 ENCAPSULATION_BYTES = 4  # in front of every CDR message; alignment counts after them
 Message: TypeAlias = Any  # of the class that rosbags makes of its type
-_SMALL = {"bool": "?", "byte": "B", "char": "B", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H"}
-_FORMATS = {**_SMALL, "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q", "float32": "f", "float64": "d"}
+_SMALL = {
+    "bool": "?",
+    "byte": "B",
+    "char": "B",
+    "int8": "b",
+    "uint8": "B",
+    "int16": "h",
+    "uint16": "H",
+}
+_FORMATS = {
+    **_SMALL,
+    "int32": "i",
+    "uint32": "I",
+    "int64": "q",
+    "uint64": "Q",
+    "float32": "f",
+    "float64": "d",
+}
 
 
 @cache
@@ -73,7 +89,11 @@ def layout(message: Message) -> dict[str, Slot]:
         node, about = kind
         if node == Nodetype.NAME:
             for inner, its_kind in jazzy_types().fielddefs[about][1]:
-                walk(getattr(value, inner), its_kind, f"{name}.{inner}" if name else inner)
+                walk(
+                    getattr(value, inner),
+                    its_kind,
+                    f"{name}.{inner}" if name else inner,
+                )
         elif node == Nodetype.BASE and about[0] == "string":
             take(4)
             take(1, len(value.encode()) + 1)
@@ -112,10 +132,17 @@ class Template:
         self._parts: list[tuple[Callable[..., None], int, slice]] = []
         group, first = list[Slot](), 0
         for index, slot in enumerate([*(slots[name] for name in fields), None]):
-            joined = group and slot and group[-1].offset + struct.calcsize("<" + group[-1].format) == slot.offset
+            joined = (
+                group
+                and slot
+                and group[-1].offset + struct.calcsize("<" + group[-1].format)
+                == slot.offset
+            )
             if group and not joined:
                 packer = struct.Struct("<" + "".join(item.format for item in group))
-                self._parts.append((packer.pack_into, group[0].offset, slice(first, index)))
+                self._parts.append(
+                    (packer.pack_into, group[0].offset, slice(first, index))
+                )
                 group, first = [], index
             if slot:
                 group.append(slot)
@@ -133,7 +160,9 @@ def _default(kind: Any) -> Any:
     if node == Nodetype.NAME:
         return make(about)
     if node == Nodetype.BASE:
-        return {"string": "", "bool": False}.get(about[0], 0.0 if about[0].startswith("float") else 0)
+        return {"string": "", "bool": False}.get(
+            about[0], 0.0 if about[0].startswith("float") else 0
+        )
     element, length = about
     if (form := _number(element)) is not None:
         return np.zeros(length if node == Nodetype.ARRAY else 0, np.dtype("<" + form))

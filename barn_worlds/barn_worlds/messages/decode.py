@@ -14,7 +14,15 @@ import numpy as np
 
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import MessageError
-from barn_worlds.base.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D, yaw_from_quaternion
+from barn_worlds.base.types import (
+    NANOSECONDS,
+    OccupancyMap,
+    Odometry,
+    Pose2D,
+    Scan,
+    Velocity2D,
+    yaw_from_quaternion,
+)
 from barn_worlds.messages.cdr import Message, deserialise
 from barn_worlds.messages.encode import ADD, CYLINDER, LINE_LIST, LINE_STRIP, SPHERE
 
@@ -26,7 +34,9 @@ _HEADER = struct.Struct("<iII")  # seconds, nanoseconds, length of the frame
 _LENGTH = struct.Struct("<I")
 _TWIST = struct.Struct("<d32xd")  # linear x to angular z
 _POSE_AND_TWIST = struct.Struct("<2d8x4d288xd32xd288x")  # each with its covariance
-_SCAN = struct.Struct("<7fI")  # angles: min, max, increment; times: increment, scan; range: min, max; count
+_SCAN = struct.Struct(
+    "<7fI"
+)  # angles: min, max, increment; times: increment, scan; range: min, max; count
 # What a read beyond the end, or an impossible length, raises.
 _MALFORMED = (struct.error, ValueError, IndexError, OverflowError)
 
@@ -64,7 +74,9 @@ def _reads(type_name: str) -> Callable[[Callable[[bytes], T]], Callable[[bytes],
             try:
                 return read(data)
             except _MALFORMED as error:
-                raise MessageError(f"not a message of type {type_name} ({error})") from None
+                raise MessageError(
+                    f"not a message of type {type_name} ({error})"
+                ) from None
 
         return checked
 
@@ -116,7 +128,11 @@ def twist_stamped(data: bytes) -> Velocity2D:
 def command(data: bytes, type_name: str) -> Velocity2D:
     """Return the velocity of a command of either type; NaN, which is invalid, if it cannot be read."""
     try:
-        return twist_stamped(data) if type_name == "geometry_msgs/msg/TwistStamped" else twist(data)
+        return (
+            twist_stamped(data)
+            if type_name == "geometry_msgs/msg/TwistStamped"
+            else twist(data)
+        )
     except MessageError:
         return Velocity2D(math.nan, math.nan)
 
@@ -132,20 +148,30 @@ def poses(data: bytes) -> Points:
     _, at = _after_header(data)
     at += -at % 4
     (count,) = _LENGTH.unpack_from(data, at)
-    return np.frombuffer(data, np.float64, 7 * count, _aligned(at + 4)).reshape(-1, 7) if count else np.empty((0, 7))
+    return (
+        np.frombuffer(data, np.float64, 7 * count, _aligned(at + 4)).reshape(-1, 7)
+        if count
+        else np.empty((0, 7))
+    )
 
 
 def pose_with_covariance(data: bytes) -> Pose2D:
     """Return the pose of geometry_msgs/PoseWithCovarianceStamped."""
-    return _pose_of(whole(data, "geometry_msgs/msg/PoseWithCovarianceStamped").pose.pose)
+    return _pose_of(
+        whole(data, "geometry_msgs/msg/PoseWithCovarianceStamped").pose.pose
+    )
 
 
 @_reads("nav_msgs/msg/Odometry")
 def odometry(data: bytes) -> Odometry:
     """Return the planar part of nav_msgs/Odometry."""
     stamp_ns, at = _after_header(data)
-    x, y, *turn, linear, angular = _POSE_AND_TWIST.unpack_from(data, _aligned(_after_text(data, at)))
-    return Odometry(stamp_ns, Pose2D(x, y, yaw_from_quaternion(*turn)), Velocity2D(linear, angular))
+    x, y, *turn, linear, angular = _POSE_AND_TWIST.unpack_from(
+        data, _aligned(_after_text(data, at))
+    )
+    return Odometry(
+        stamp_ns, Pose2D(x, y, yaw_from_quaternion(*turn)), Velocity2D(linear, angular)
+    )
 
 
 @_reads("sensor_msgs/msg/LaserScan")
@@ -163,9 +189,13 @@ def occupancy_map(data: bytes) -> OccupancyMap:
     message = whole(data, "nav_msgs/msg/OccupancyGrid")
     about, origin = message.info, _pose_of(message.info.origin)
     if len(message.data) != about.height * about.width:
-        raise MessageError(f"map data has {len(message.data)} cells, its size says {about.height} x {about.width}")
+        raise MessageError(
+            f"map data has {len(message.data)} cells, its size says {about.height} x {about.width}"
+        )
     if abs(origin.yaw) > 1e-6:
-        raise MessageError(f"map origin must not be rotated, got a yaw of {origin.yaw:g} rad")
+        raise MessageError(
+            f"map origin must not be rotated, got a yaw of {origin.yaw:g} rad"
+        )
     cells = message.data.reshape(about.height, about.width).copy()
     return OccupancyMap(cells, about.resolution, origin.x, origin.y)
 
@@ -173,7 +203,9 @@ def occupancy_map(data: bytes) -> OccupancyMap:
 def path(data: bytes) -> Points:
     """Return the points (n, 2) of nav_msgs/Path in metres."""
     poses = whole(data, "nav_msgs/msg/Path").poses
-    return np.array([(one.pose.position.x, one.pose.position.y) for one in poses], np.float64).reshape(-1, 2)
+    return np.array(
+        [(one.pose.position.x, one.pose.position.y) for one in poses], np.float64
+    ).reshape(-1, 2)
 
 
 def markers(data: bytes) -> Markers:
@@ -187,15 +219,25 @@ def markers(data: bytes) -> Markers:
         if marker.type in (CYLINDER, SPHERE):
             discs.append((where.x, where.y, 0.5 * marker.scale.x))
         elif marker.type in (LINE_STRIP, LINE_LIST) and marker.points:
-            points = where.transform(np.array([(point.x, point.y) for point in marker.points], np.float64))
-            lines += [points] if marker.type == LINE_STRIP else list(points[: len(points) // 2 * 2].reshape(-1, 2, 2))
+            points = where.transform(
+                np.array([(point.x, point.y) for point in marker.points], np.float64)
+            )
+            lines += (
+                [points]
+                if marker.type == LINE_STRIP
+                else list(points[: len(points) // 2 * 2].reshape(-1, 2, 2))
+            )
     return Markers(frame, np.array(discs, np.float64).reshape(-1, 3), lines)
 
 
 def transforms(data: bytes) -> list[Transform]:
     """Return what tf2_msgs/TFMessage holds."""
     return [
-        Transform(one.header.frame_id, one.child_frame_id, _planar(one.transform.translation, one.transform.rotation))
+        Transform(
+            one.header.frame_id,
+            one.child_frame_id,
+            _planar(one.transform.translation, one.transform.rotation),
+        )
         for one in whole(data, "tf2_msgs/msg/TFMessage").transforms
     ]
 
@@ -208,7 +250,9 @@ def diagnostics(data: bytes) -> list[dict[str, str]]:
 
 def _check_encoding(data: bytes, type_name: str) -> None:
     if data[:2] != _LITTLE:
-        raise MessageError(f"not a message of type {type_name} in plain CDR, it begins with 0x{data[:2].hex()}")
+        raise MessageError(
+            f"not a message of type {type_name} in plain CDR, it begins with 0x{data[:2].hex()}"
+        )
 
 
 def whole(data: bytes, type_name: str) -> Message:
@@ -216,7 +260,9 @@ def whole(data: bytes, type_name: str) -> Message:
     _check_encoding(data, type_name)
     try:
         return deserialise(data, type_name)
-    except Exception as error:  # the library raises errors of any kind for malformed bytes
+    except (
+        Exception
+    ) as error:  # the library raises errors of any kind for malformed bytes
         raise MessageError(f"not a message of type {type_name} ({error})") from None
 
 
@@ -249,4 +295,6 @@ def _pose_of(message: Message) -> Pose2D:
 
 
 def _planar(position: Message, turn: Message) -> Pose2D:
-    return Pose2D(position.x, position.y, yaw_from_quaternion(turn.x, turn.y, turn.z, turn.w))
+    return Pose2D(
+        position.x, position.y, yaw_from_quaternion(turn.x, turn.y, turn.z, turn.w)
+    )

@@ -64,7 +64,10 @@ class Outgoing(NamedTuple):
     data: bytes
 
 
-_ODOMETRY, _POSE = "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseWithCovarianceStamped"
+_ODOMETRY, _POSE = (
+    "nav_msgs/msg/Odometry",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+)
 _GRID, _PATH = "nav_msgs/msg/OccupancyGrid", "nav_msgs/msg/Path"
 _TRANSFORMS, _MARKERS = "tf2_msgs/msg/TFMessage", "visualization_msgs/msg/MarkerArray"
 _STATUS = "diagnostic_msgs/msg/DiagnosticArray"
@@ -85,7 +88,9 @@ SIMULATOR_DIAGNOSTICS = Topic("/diagnostics", _STATUS, period_s=1.0)
 # From a planner; of the commands a robot takes either type. What it shows around the robot is in the planning frame if
 # its local costmap is.
 CMD_VEL = Topic("cmd_vel", "geometry_msgs/msg/Twist")
-CMD_VEL_STAMPED = replace(CMD_VEL, type_name="geometry_msgs/msg/TwistStamped", frame="base")
+CMD_VEL_STAMPED = replace(
+    CMD_VEL, type_name="geometry_msgs/msg/TwistStamped", frame="base"
+)
 PLAN = Topic("plan", _PATH, _DISPLAY, "planning", 0.5)
 LOCAL_PLAN = Topic("local_plan", _PATH, _DISPLAY, "odom", 0.5)
 COSTMAP = Topic("local_costmap/costmap", _GRID, _DISPLAY, "odom", 0.5)
@@ -104,4 +109,6 @@ SCORE_TEXT = Topic("/score_text", _MARKERS, frame="map", period_s=0.5)
 # In bags only: what truly stands where. Nothing publishes it, for a planner is not to know.
 WORLD = Topic("/world", _MARKERS, LATCHED, "map")
 MOVING = Topic("/moving_obstacles", _MARKERS, frame="map", period_s=0.1)
-MOVING_POSES = Topic("/moving_obstacles/poses", "geometry_msgs/msg/PoseArray", frame="map", period_s=0.1)
+MOVING_POSES = Topic(
+    "/moving_obstacles/poses", "geometry_msgs/msg/PoseArray", frame="map", period_s=0.1
+)

@@ -45,19 +45,27 @@ class Motion(Checked):
     must end where they begin, so there is no jump.
     """
 
-    kind: str = quantity("gazebo", "how positions between keys are found", choices=KINDS)
-    period_s: float = quantity(10.0, "time after which it repeats", "s", 0.001, _LONGEST_PERIOD_S)
+    kind: str = quantity(
+        "gazebo", "how positions between keys are found", choices=KINDS
+    )
+    period_s: float = quantity(
+        10.0, "time after which it repeats", "s", 0.001, _LONGEST_PERIOD_S
+    )
     keys: tuple[tuple[float, float, float], ...] = ()
     coefficients_m: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
         polynomial = self.kind == "polynomial"
-        given, other = ("coefficients_m", "keys") if polynomial else ("keys", "coefficients_m")
+        given, other = (
+            ("coefficients_m", "keys") if polynomial else ("keys", "coefficients_m")
+        )
         most = MOST_COEFFICIENTS if polynomial else MOST_KEYS
         number = len(getattr(self, given))
         if not 2 <= number <= most:
-            raise ConfigError(f"{given} of a {self.kind} motion must be 2 to {most}, got {number}")
+            raise ConfigError(
+                f"{given} of a {self.kind} motion must be 2 to {most}, got {number}"
+            )
         if getattr(self, other):
             raise ConfigError(f"{other} must be left out for a {self.kind} motion")
         if not polynomial:
@@ -66,7 +74,9 @@ class Motion(Checked):
         table = self._table("coefficients_m", self.coefficients_m, 2, "x and y")
         gap_m = max(abs(math.fsum(axis)) for axis in table[1:].T.tolist())
         if gap_m > CLOSED_M:
-            raise ConfigError(f"coefficients_m must end where they begin, to {CLOSED_M:g} m, but end {gap_m:g} m off")
+            raise ConfigError(
+                f"coefficients_m must end where they begin, to {CLOSED_M:g} m, but end {gap_m:g} m off"
+            )
 
     def pieces(self) -> tuple[Floats, Floats, Floats]:
         """Return begin (n,) and duration (n,) in s of n pieces, and their coefficients (n, 2, k) in m.
@@ -74,7 +84,11 @@ class Motion(Checked):
         coefficients: of x and y, of the powers 0, 1, ... of the share of the piece that has passed.
         """
         if self.kind == "polynomial":
-            return np.zeros(1), np.array([self.period_s]), np.array(self.coefficients_m).T[None]
+            return (
+                np.zeros(1),
+                np.array([self.period_s]),
+                np.array(self.coefficients_m).T[None],
+            )
         table = np.array(self.keys)
         begin, points = table[:, 0], table[:, 1:]
         steps = np.diff(points, axis=0)
@@ -82,30 +96,45 @@ class Motion(Checked):
         if self.kind == "gazebo":
             tangents = _tangents(points)
             out, into = tangents[:-1], tangents[1:]
-            parts = [points[:-1], out, 3.0 * steps - 2.0 * out - into, out + into - 2.0 * steps]
+            parts = [
+                points[:-1],
+                out,
+                3.0 * steps - 2.0 * out - into,
+                out + into - 2.0 * steps,
+            ]
         return begin[:-1], np.diff(begin), np.stack(parts, axis=2)
 
     def _check_keys(self) -> None:
         table = self._table("keys", self.keys, 3, "time, x and y")
         times_s = table[:, 0]
         for place in np.flatnonzero(times_s < 0.0):
-            raise ConfigError(f"keys[{place}] must not be before 0 s, got {times_s.min():g} s")
+            raise ConfigError(
+                f"keys[{place}] must not be before 0 s, got {times_s.min():g} s"
+            )
         for place in np.flatnonzero(np.diff(times_s) <= 0.0):
             before, after = times_s[place : place + 2]
-            rule = f"must be later than the key before, at {before:g} s, got {after:g} s"
+            rule = (
+                f"must be later than the key before, at {before:g} s, got {after:g} s"
+            )
             raise ConfigError(f"keys[{place + 1}] {rule}")
         rule = f"must not be shorter than the time of the last key, {times_s[-1]:g} s"
         self.require(self.period_s >= times_s[-1], "period_s", rule)
 
-    def _table(self, name: str, rows: tuple[tuple[float, ...], ...], width: int, meaning: str) -> Floats:
+    def _table(
+        self, name: str, rows: tuple[tuple[float, ...], ...], width: int, meaning: str
+    ) -> Floats:
         """Return rows of numbers as an array (n, width)."""
         for number, row in enumerate(rows):
             if len(row) != width:
-                raise ConfigError(f"{name}[{number}] must be {meaning}, got {len(row)} numbers")
+                raise ConfigError(
+                    f"{name}[{number}] must be {meaning}, got {len(row)} numbers"
+                )
         table: Floats = np.array(rows, np.float64)
         limits = [_LONGEST_PERIOD_S, _FARTHEST_M, _FARTHEST_M][-width:]
         for place in np.flatnonzero(~(np.abs(table) <= limits).all(axis=1)):
-            raise ConfigError(f"{name}[{place}] must be finite, up to {_FARTHEST_M:g} m, got {list(rows[place])}")
+            raise ConfigError(
+                f"{name}[{place}] must be finite, up to {_FARTHEST_M:g} m, got {list(rows[place])}"
+            )
         return table
 
 
@@ -116,7 +145,10 @@ def _tangents(points: Floats) -> Floats:
     if np.all(np.abs(points[0] - points[-1]) <= _SAME_POINT_M):
         tangents[[0, -1]] = (points[1] - points[-2]) * 0.5
     else:
-        tangents[0], tangents[-1] = (points[1] - points[0]) * 0.5, (points[-1] - points[-2]) * 0.5
+        tangents[0], tangents[-1] = (
+            (points[1] - points[0]) * 0.5,
+            (points[-1] - points[-2]) * 0.5,
+        )
     return tangents
 
 
@@ -143,32 +175,59 @@ class MovingObstacle(Checked):
     size_y_m: float = quantity(0.0, "length of a box along its own y", "m", 0.0, 20.0)
     yaw_rad: float = quantity(0.0, "heading of a box's own x", "rad", -math.pi, math.pi)
     height_m: float = quantity(1.0, "height", "m", 0.01, 100.0)
-    phase_s: float = quantity(0.0, "time into its motion at time 0", "s", -_LONGEST_PERIOD_S, _LONGEST_PERIOD_S)
-    motion: Motion = field(default_factory=lambda: Motion(keys=((0.0, 0.0, 0.0), (10.0, 1.0, 0.0))))
+    phase_s: float = quantity(
+        0.0,
+        "time into its motion at time 0",
+        "s",
+        -_LONGEST_PERIOD_S,
+        _LONGEST_PERIOD_S,
+    )
+    motion: Motion = field(
+        default_factory=lambda: Motion(keys=((0.0, 0.0, 0.0), (10.0, 1.0, 0.0)))
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not 0 < len(self.name) <= _LARGEST_NAME or not self.name.isprintable():
-            raise ConfigError(f"name must have 1 to {_LARGEST_NAME} printable characters, got {shown(self.name)}")
+            raise ConfigError(
+                f"name must have 1 to {_LARGEST_NAME} printable characters, got {shown(self.name)}"
+            )
         sizes = {"cylinder": ("radius_m",), "box": ("size_x_m", "size_y_m")}
-        for shape, name in ((shape, name) for shape, names in sizes.items() for name in names):
-            size_m, least = getattr(self, name), f"of a {shape} must be at least {_SMALLEST_M:g} m"
+        for shape, name in (
+            (shape, name) for shape, names in sizes.items() for name in names
+        ):
+            size_m, least = (
+                getattr(self, name),
+                f"of a {shape} must be at least {_SMALLEST_M:g} m",
+            )
             self.require(shape != self.shape or size_m >= _SMALLEST_M, name, least)
             other = f"is of a {shape}; leave it out for a {self.shape}"
             self.require(shape == self.shape or size_m == 0.0, name, other)
 
 
-def check_scene(walls: tuple[Wall, ...], moving: tuple[MovingObstacle, ...], where: str) -> None:
+def check_scene(
+    walls: tuple[Wall, ...], moving: tuple[MovingObstacle, ...], where: str
+) -> None:
     """Raise WorldError, beginning with `where`, if these walls and moving obstacles cannot be those of a world."""
-    for what, most, some in (("walls", MOST_WALLS, walls), ("moving obstacles", MOST_MOVING, moving)):
+    for what, most, some in (
+        ("walls", MOST_WALLS, walls),
+        ("moving obstacles", MOST_MOVING, moving),
+    ):
         if len(some) > most:
-            raise WorldError(f"{where}: must have at most {most} {what}, got {len(some)}")
+            raise WorldError(
+                f"{where}: must have at most {most} {what}, got {len(some)}"
+            )
     for name, times in Counter(one.name for one in moving).items():
         if times > 1:
-            raise WorldError(f"{where}: two moving obstacles have the name {shown(name)}")
+            raise WorldError(
+                f"{where}: two moving obstacles have the name {shown(name)}"
+            )
 
 
 def scene_content(walls: tuple[Wall, ...], moving: tuple[MovingObstacle, ...]) -> bytes:
     """Return all that walls and moving obstacles are, apart from their names, as bytes to make a checksum of."""
-    plain = [as_dict(wall) for wall in walls], [{**as_dict(one), "name": ""} for one in moving]
+    plain = (
+        [as_dict(wall) for wall in walls],
+        [{**as_dict(one), "name": ""} for one in moving],
+    )
     return json.dumps(plain, sort_keys=True, separators=(",", ":")).encode()

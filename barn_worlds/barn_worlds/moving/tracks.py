@@ -25,19 +25,35 @@ class Tracks:
 
     def __init__(self, obstacles: Sequence[MovingObstacle]) -> None:
         self.names = tuple(one.name for one in obstacles)
-        numbers = ("radius_m", "height_m", "yaw_rad", "motion.period_s", "phase_s", "size_x_m", "size_y_m")
-        columns: Floats = np.array([attrgetter(*numbers)(one) for one in obstacles]).reshape(-1, len(numbers)).T.copy()
+        numbers = (
+            "radius_m",
+            "height_m",
+            "yaw_rad",
+            "motion.period_s",
+            "phase_s",
+            "size_x_m",
+            "size_y_m",
+        )
+        columns: Floats = (
+            np.array([attrgetter(*numbers)(one) for one in obstacles])
+            .reshape(-1, len(numbers))
+            .T.copy()
+        )
         self.radius_m, self.height_m, self.yaw_rad, period, phase = columns[:5]
         self.size_m: Points = columns[5:].T.copy()
         pieces = [one.motion.pieces() for one in obstacles]
         ends = np.cumsum([0, *(len(begin) for begin, _, _ in pieces)], dtype=np.int64)
-        begin, duration = (np.concatenate([np.empty(0), *(one[k] for one in pieces)]) for k in (0, 1))
+        begin, duration = (
+            np.concatenate([np.empty(0), *(one[k] for one in pieces)]) for k in (0, 1)
+        )
         powers = max((table.shape[2] for _, _, table in pieces), default=1)
         coefficients: Floats = np.zeros((len(begin), 2, powers))
         for place, (_, _, table) in zip(ends.tolist(), pieces, strict=False):
             coefficients[place : place + len(table), :, : table.shape[2]] = table
         speeds = _speed_bounds(coefficients) / duration
-        self.fastest_mps: Floats = np.array([speeds[one:other].max() for one, other in pairwise(ends)])
+        self.fastest_mps: Floats = np.array(
+            [speeds[one:other].max() for one, other in pairwise(ends)]
+        )
         self.table: Table = ends, begin, duration, coefficients, period, phase
 
     def __len__(self) -> int:
@@ -55,8 +71,13 @@ class Tracks:
 
     def over(self, times_s: Floats) -> tuple[Floats, Floats]:
         """Return positions (m, n, 2) in m and velocities (m, n, 2) in m/s at m times."""
-        positions, velocities = np.empty((len(times_s), len(self), 2)), np.empty((len(times_s), len(self), 2))
-        _evaluate_all(np.asarray(times_s, np.float64), self.table, positions, velocities)
+        positions, velocities = (
+            np.empty((len(times_s), len(self), 2)),
+            np.empty((len(times_s), len(self), 2)),
+        )
+        _evaluate_all(
+            np.asarray(times_s, np.float64), self.table, positions, velocities
+        )
         return positions, velocities
 
 
@@ -68,23 +89,35 @@ def _speed_bounds(coefficients: Floats) -> Floats:
     slopes = coefficients[:, :, 1:] * np.arange(1, coefficients.shape[2])
     degree = slopes.shape[2] - 1
     hull = [
-        sum(math.comb(place, power) / math.comb(degree, power) * slopes[:, :, power] for power in range(place + 1))
+        sum(
+            math.comb(place, power) / math.comb(degree, power) * slopes[:, :, power]
+            for power in range(place + 1)
+        )
         for place in range(degree + 1)
     ]
     corners = np.array(hull).reshape(degree + 1, len(coefficients), 2)
-    bounds: Floats = np.hypot(corners[:, :, 0], corners[:, :, 1]).max(axis=0, initial=0.0)
+    bounds: Floats = np.hypot(corners[:, :, 0], corners[:, :, 1]).max(
+        axis=0, initial=0.0
+    )
     return bounds
 
 
 def jumps(positions: Floats, velocities: Floats, step_s: float) -> BoolGrid:
     """Return whether (m - 1, n) obstacles jumped between positions (m, n, 2) that lie `step_s` apart."""
-    moved_m, speed_mps = np.linalg.norm(np.diff(positions, axis=0), axis=2), np.linalg.norm(velocities, axis=2)
-    found: BoolGrid = moved_m > 0.2 + 2.0 * step_s * np.maximum(speed_mps[1:], speed_mps[:-1])
+    moved_m, speed_mps = (
+        np.linalg.norm(np.diff(positions, axis=0), axis=2),
+        np.linalg.norm(velocities, axis=2),
+    )
+    found: BoolGrid = moved_m > 0.2 + 2.0 * step_s * np.maximum(
+        speed_mps[1:], speed_mps[:-1]
+    )
     return found
 
 
 @njit(cache=True)
-def evaluate(time_s: float, table: Table, positions: Points, velocities: Points) -> None:
+def evaluate(
+    time_s: float, table: Table, positions: Points, velocities: Points
+) -> None:
     """Write the positions (n, 2) and velocities (n, 2) of the motions of a table at a time.
 
     Each follows the piece that it is in; before the first piece and after the last one it rests.
@@ -107,7 +140,9 @@ def evaluate(time_s: float, table: Table, positions: Points, velocities: Points)
 
 
 @njit(cache=True)
-def _evaluate_all(times_s: Floats, table: Table, positions: Floats, velocities: Floats) -> None:
+def _evaluate_all(
+    times_s: Floats, table: Table, positions: Floats, velocities: Floats
+) -> None:
     """Write positions and velocities (m, n, 2) at times (m,)."""
     for k in range(len(times_s)):
         evaluate(times_s[k], table, positions[k], velocities[k])

@@ -36,7 +36,9 @@ def load_robot(robot: str | Path) -> Robot:
     if text in ROBOTS:
         return ROBOTS[text]
     if not text.endswith(ENDINGS):
-        raise ConfigError(f"unknown robot {shown(text)}{suggest(text, ROBOTS)}; or name a file that ends in .yaml")
+        raise ConfigError(
+            f"unknown robot {shown(text)}{suggest(text, ROBOTS)}; or name a file that ends in .yaml"
+        )
     return _read(Path(robot))
 
 
@@ -44,26 +46,36 @@ def robot_text(robot: Robot) -> str:
     """Return the YAML file of a robot, from which `load_robot` makes an equal one."""
     content = as_dict(robot)
     name = content["chassis"].pop("name")
-    return yaml.safe_dump({"schema_version": SCHEMA_VERSION, "name": name, **content}, sort_keys=False)
+    return yaml.safe_dump(
+        {"schema_version": SCHEMA_VERSION, "name": name, **content}, sort_keys=False
+    )
 
 
 def _read(path: Path) -> Robot:
     content = read_yaml(path, SCHEMA_VERSION)
     name = content.pop("name", None)
     if not isinstance(name, str) or not name:
-        raise ConfigError(f"{path}: name must be the name of the robot, got {shown(name)}")
+        raise ConfigError(
+            f"{path}: name must be the name of the robot, got {shown(name)}"
+        )
     chassis, drive = (_section(content, key, path) for key in ("chassis", "drive"))
     of_urdf = {}
     if "urdf" in content:
         urdf = content.pop("urdf")
         if not isinstance(urdf, str) or Path(urdf).name != urdf:
-            raise ConfigError(f"{path}: urdf must name a file beside it, got {shown(urdf)}")
+            raise ConfigError(
+                f"{path}: urdf must name a file beside it, got {shown(urdf)}"
+            )
         of_urdf = chassis_of(path.parent / urdf)
     content["chassis"] = {"name": name, **of_urdf, **chassis}
     content["drive"] = {_MULTIPLIER: 1.0, **drive}
     robot = from_dict(Robot, content, str(path))
     multiplier = [f"drive.{_MULTIPLIER}"] if robot.chassis.kind == "skid_steer" else []
-    given = {f"{section}.{key}" for section, keys in (("lidar", content["lidar"]), ("drive", drive)) for key in keys}
+    given = {
+        f"{section}.{key}"
+        for section, keys in (("lidar", content["lidar"]), ("drive", drive))
+        for key in keys
+    }
     for key in (*_NEEDED, *multiplier):
         if key not in given:
             raise ConfigError(f"{path}: missing key {key!r}")
@@ -73,11 +85,15 @@ def _read(path: Path) -> Robot:
 def _section(content: dict[str, Any], key: str, path: Path) -> dict[str, Any]:
     given = content.get(key)
     if not isinstance(given, dict):
-        raise ConfigError(f"{path}: {key} must be a mapping of names to values, got {shown(given)}")
+        raise ConfigError(
+            f"{path}: {key} must be a mapping of names to values, got {shown(given)}"
+        )
     return given
 
 
-ROBOTS: Mapping[str, Robot] = {name: _read(file) for name, file in shipped_robots().items()}
+ROBOTS: Mapping[str, Robot] = {
+    name: _read(file) for name, file in shipped_robots().items()
+}
 
 
 STANDARD = load_robot("jackal")

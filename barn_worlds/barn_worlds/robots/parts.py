@@ -15,14 +15,28 @@ class DriveConfig(Checked):
     """The controller (diff_drive_controller on a Jackal) between commands and wheels."""
 
     max_speed_m_s: float = quantity(2.0, "largest forward speed", "m/s", 0.0, 10.0)
-    max_acceleration_m_s2: float = quantity(20.0, "largest acceleration", "m/s2", 0.01, 1000.0)
+    max_acceleration_m_s2: float = quantity(
+        20.0, "largest acceleration", "m/s2", 0.01, 1000.0
+    )
     max_yaw_rate_rad_s: float = quantity(4.0, "largest yaw rate", "rad/s", 0.0, 20.0)
-    max_yaw_acceleration_rad_s2: float = quantity(25.0, "largest yaw acceleration", "rad/s2", 0.01, 1000.0)
-    wheel_separation_multiplier: float = quantity(1.5, "factor on the track width, for wheels that skid", "", 0.1, 10.0)
-    command_timeout_s: float = quantity(0.5, "an older command stops the robot (ROS 1 Jackal 0.25)", "s", 0.01, 60.0)
-    command_latency_s: float = quantity(0.08, "time until a command takes effect (assumed)", "s", 0.0, 1.0)
-    motor_lag_s: float = optional(0.0, "time constant with which wheels follow the controller", "s", 0.0, 10.0)
-    max_reverse_m_s: float = optional(10.0, "largest speed backwards, where below max_speed_m_s", "m/s", 0.0, 10.0)
+    max_yaw_acceleration_rad_s2: float = quantity(
+        25.0, "largest yaw acceleration", "rad/s2", 0.01, 1000.0
+    )
+    wheel_separation_multiplier: float = quantity(
+        1.5, "factor on the track width, for wheels that skid", "", 0.1, 10.0
+    )
+    command_timeout_s: float = quantity(
+        0.5, "an older command stops the robot (ROS 1 Jackal 0.25)", "s", 0.01, 60.0
+    )
+    command_latency_s: float = quantity(
+        0.08, "time until a command takes effect (assumed)", "s", 0.0, 1.0
+    )
+    motor_lag_s: float = optional(
+        0.0, "time constant with which wheels follow the controller", "s", 0.0, 10.0
+    )
+    max_reverse_m_s: float = optional(
+        10.0, "largest speed backwards, where below max_speed_m_s", "m/s", 0.0, 10.0
+    )
 
 
 @dataclass(frozen=True)
@@ -30,22 +44,40 @@ class LidarConfig(Checked):
     """A planar laser scanner; all beams of a scan are taken at one instant, unless it sweeps."""
 
     beams: int = quantity(720, "number of beams", "", 1, 20000)
-    angle_min_rad: float = quantity(-2.35619, "direction of the first beam", "rad", -math.pi, math.pi)
-    angle_max_rad: float = quantity(2.35619, "direction of the last beam", "rad", -math.pi, math.pi)
+    angle_min_rad: float = quantity(
+        -2.35619, "direction of the first beam", "rad", -math.pi, math.pi
+    )
+    angle_max_rad: float = quantity(
+        2.35619, "direction of the last beam", "rad", -math.pi, math.pi
+    )
     range_min_m: float = quantity(0.1, "anything nearer reads -inf", "m", 0.0, 10.0)
     range_max_m: float = quantity(30.0, "anything further reads +inf", "m", 0.1, 1000.0)
     rate_hz: float = quantity(50.0, "scans per second", "Hz", 0.1, 200.0)
     noise_m: float = quantity(0.001, "standard deviation of a range", "m", 0.0, 1.0)
-    mount_x_m: float = quantity(0.055, "position forward of base_link", "m", -10.0, 10.0)
+    mount_x_m: float = quantity(
+        0.055, "position forward of base_link", "m", -10.0, 10.0
+    )
     mount_z_m: float = quantity(0.241, "height above base_link", "m", -1.0, 10.0)
     mount_y_m: float = optional(0.0, "position left of base_link", "m", -10.0, 10.0)
-    mount_yaw_rad: float = optional(0.0, "direction of angle 0 of a scan, from base_link's x", "rad", -3.15, 3.15)
-    noise_share: float = optional(0.0, "that standard deviation as a share of the range, if larger", "", 0.0, 0.5)
-    sweeps: bool = optional(False, "beams are taken one after the other, as the mirror turns")
-    mixed_share: float = optional(
-        0.0, "share of beams at an edge that read between its sides (mixed pixels)", "", 0.0, 1.0
+    mount_yaw_rad: float = optional(
+        0.0, "direction of angle 0 of a scan, from base_link's x", "rad", -3.15, 3.15
     )
-    dropout_share: float = optional(0.0, "share of the beams that read +inf whatever is there", "", 0.0, 1.0)
+    noise_share: float = optional(
+        0.0, "that standard deviation as a share of the range, if larger", "", 0.0, 0.5
+    )
+    sweeps: bool = optional(
+        False, "beams are taken one after the other, as the mirror turns"
+    )
+    mixed_share: float = optional(
+        0.0,
+        "share of beams at an edge that read between its sides (mixed pixels)",
+        "",
+        0.0,
+        1.0,
+    )
+    dropout_share: float = optional(
+        0.0, "share of the beams that read +inf whatever is there", "", 0.0, 1.0
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -60,9 +92,19 @@ class OdometryConfig(Checked):
     """Odometry as an EKF fuses it: speed from the wheels, absolute yaw and yaw rate from the IMU."""
 
     rate_hz: float = quantity(50.0, "updates per second", "Hz", 1.0, 1000.0)
-    yaw_noise_rad: float = quantity(0.005, "standard deviation of the yaw", "rad", 0.0, 1.0)
-    yaw_rate_noise_rad_s: float = quantity(0.005, "standard deviation of the yaw rate", "rad/s", 0.0, 1.0)
-    gyro_bias_rad_s: float = optional(0.0, "standard deviation over trials of the gyro's bias", "rad/s", 0.0, 1.0)
+    yaw_noise_rad: float = quantity(
+        0.005, "standard deviation of the yaw", "rad", 0.0, 1.0
+    )
+    yaw_rate_noise_rad_s: float = quantity(
+        0.005, "standard deviation of the yaw rate", "rad/s", 0.0, 1.0
+    )
+    gyro_bias_rad_s: float = optional(
+        0.0, "standard deviation over trials of the gyro's bias", "rad/s", 0.0, 1.0
+    )
     wheel_radius_error: float = optional(
-        0.0, "standard deviation over trials of the wheels' radius, as a share", "", 0.0, 0.5
+        0.0,
+        "standard deviation over trials of the wheels' radius, as a share",
+        "",
+        0.0,
+        0.5,
     )

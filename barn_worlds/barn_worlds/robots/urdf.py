@@ -43,8 +43,16 @@ def chassis_of(path: Path) -> dict[str, Any]:
         ground = links.get("base_footprint")
         height = {"base_height_m": -float(ground.offset[2])} if ground else {}
         return _inertial(links) | _wheels(links) | height
-    except (ParseError, DefusedXmlException, KeyError, ValueError, LookupError) as error:
-        raise ConfigError(f"{path}: not a URDF that can be used: {one_line(error)}") from None
+    except (
+        ParseError,
+        DefusedXmlException,
+        KeyError,
+        ValueError,
+        LookupError,
+    ) as error:
+        raise ConfigError(
+            f"{path}: not a URDF that can be used: {one_line(error)}"
+        ) from None
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror or error}") from None
 
@@ -53,16 +61,28 @@ def links_of(root: Element) -> dict[str, Link]:
     """Return the links of a URDF by name, placed in base_link; ValueError if they are no tree with that link."""
     links = {element.attrib["name"]: element for element in root.findall("link")}
     joints = {
-        _child(joint, "child").attrib["link"]: (_child(joint, "parent").attrib["link"], joint)
+        _child(joint, "child").attrib["link"]: (
+            _child(joint, "parent").attrib["link"],
+            joint,
+        )
         for joint in root.findall("joint")
     }
     if "base_link" not in links or len(links) > _MOST_LINKS:
-        raise ValueError(f"must have a link base_link, and no more than {_MOST_LINKS} links")
+        raise ValueError(
+            f"must have a link base_link, and no more than {_MOST_LINKS} links"
+        )
     placed = {name: _in_root(name, joints) for name in links}
     base_offset, base_turn = placed["base_link"]
-    moving = {name for name, (_, joint) in joints.items() if joint.get("type") == "continuous"}
+    moving = {
+        name for name, (_, joint) in joints.items() if joint.get("type") == "continuous"
+    }
     return {
-        name: Link(links[name], base_turn.T @ (offset - base_offset), base_turn.T @ turn, name in moving)
+        name: Link(
+            links[name],
+            base_turn.T @ (offset - base_offset),
+            base_turn.T @ turn,
+            name in moving,
+        )
         for name, (offset, turn) in placed.items()
     }
 
@@ -71,7 +91,9 @@ def pose_of(parent: Element) -> tuple[Floats, Floats]:
     """Return position (3,) and rotation (3, 3) of an element's <origin>."""
     origin = parent.find("origin")
     attributes = {} if origin is None else origin.attrib
-    return _numbers(attributes.get("xyz", "0 0 0")), rotation(*_numbers(attributes.get("rpy", "0 0 0")).tolist())
+    return _numbers(attributes.get("xyz", "0 0 0")), rotation(
+        *_numbers(attributes.get("rpy", "0 0 0")).tolist()
+    )
 
 
 def rotation(roll: float, pitch: float, yaw: float) -> Floats:
@@ -79,12 +101,19 @@ def rotation(roll: float, pitch: float, yaw: float) -> Floats:
     made = np.eye(3)
     for axis, angle in enumerate((roll, pitch, yaw)):
         turn, i, j = np.eye(3), (axis + 1) % 3, (axis + 2) % 3
-        turn[[i, j, j, i], [i, j, i, j]] = math.cos(angle), math.cos(angle), math.sin(angle), -math.sin(angle)
+        turn[[i, j, j, i], [i, j, i, j]] = (
+            math.cos(angle),
+            math.cos(angle),
+            math.sin(angle),
+            -math.sin(angle),
+        )
         made = turn @ made
     return made
 
 
-def _in_root(name: str, joints: dict[str, tuple[str, Element]]) -> tuple[Floats, Floats]:
+def _in_root(
+    name: str, joints: dict[str, tuple[str, Element]]
+) -> tuple[Floats, Floats]:
     offset, turn = np.zeros(3), np.eye(3)
     for _ in range(_MOST_LINKS):
         if name not in joints:
@@ -107,24 +136,41 @@ def _inertial(links: dict[str, Link]) -> dict[str, Any]:
             tensors.append(turn @ _tensor(_child(inertial, "inertia")) @ turn.T)
     if not 0.0 < sum(masses) < math.inf:
         raise ValueError("no link has a mass, or one has none that is a number")
-    centre = sum((m * c for m, c in zip(masses, centres, strict=True)), np.zeros(3)) / sum(masses)
+    centre = sum(
+        (m * c for m, c in zip(masses, centres, strict=True)), np.zeros(3)
+    ) / sum(masses)
     total = np.zeros((3, 3))
     for mass, at, tensor in zip(masses, centres, tensors, strict=True):
         away = at - centre
         total += tensor + mass * (np.dot(away, away) * np.eye(3) - np.outer(away, away))
-    found = {"centre_of_mass_m": tuple(centre.tolist()), "inertia_kg_m2": tuple(np.diag(total).tolist())}
+    found = {
+        "centre_of_mass_m": tuple(centre.tolist()),
+        "inertia_kg_m2": tuple(np.diag(total).tolist()),
+    }
     return {"mass_kg": sum(masses), **found}
 
 
 def _wheels(links: dict[str, Link]) -> dict[str, Any]:
-    wheels = [link for name, link in links.items() if link.moves and "wheel" in name and "caster" not in name]
+    wheels = [
+        link
+        for name, link in links.items()
+        if link.moves and "wheel" in name and "caster" not in name
+    ]
     if not wheels:
         return {}
     x, y, z = np.array([link.offset for link in wheels]).T
     front, rear = float(x.max()), float(x.min())
-    found = {"track_m": float(np.ptp(y)), "wheel_z_m": float(z.mean()), "wheelbase_m": front - rear}
+    found = {
+        "track_m": float(np.ptp(y)),
+        "wheel_z_m": float(z.mean()),
+        "wheelbase_m": front - rear,
+    }
     found["axle_x_m"] = 0.5 * (front + rear)
-    cylinders = [one for link in wheels for one in link.element.findall("collision/geometry/cylinder")]
+    cylinders = [
+        one
+        for link in wheels
+        for one in link.element.findall("collision/geometry/cylinder")
+    ]
     if cylinders:
         found["wheel_radius_m"] = float(cylinders[0].attrib["radius"])
         found["wheel_width_m"] = float(cylinders[0].attrib["length"])
@@ -132,7 +178,9 @@ def _wheels(links: dict[str, Link]) -> dict[str, Any]:
 
 
 def _tensor(inertia: Element) -> Floats:
-    xx, yy, zz, xy, xz, yz = (float(inertia.attrib[f"i{key}"]) for key in ("xx", "yy", "zz", "xy", "xz", "yz"))
+    xx, yy, zz, xy, xz, yz = (
+        float(inertia.attrib[f"i{key}"]) for key in ("xx", "yy", "zz", "xy", "xz", "yz")
+    )
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 

@@ -28,7 +28,11 @@ def reserved_domain(environment: Mapping[str, str]) -> Iterator[int]:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as name:
         # from one on that differs from process to process
         first, busy = os.getpid() % len(DOMAINS), _busy_domains()
-        free = [number for number in (*DOMAINS[first:], *DOMAINS[:first]) if number not in busy]
+        free = [
+            number
+            for number in (*DOMAINS[first:], *DOMAINS[:first])
+            if number not in busy
+        ]
         for number in [int(given)] if given else free:
             try:
                 name.bind(f"\0barn_ros_domain_{number}")
@@ -39,8 +43,12 @@ def reserved_domain(environment: Mapping[str, str]) -> Iterator[int]:
             yield number
             return
     if given:
-        raise ConfigError(f"ROS_DOMAIN_ID {given}: another run uses this domain; choose another, or leave it unset")
-    raise ConfigError(f"no free ROS domain among {DOMAINS.start} to {DOMAINS.stop - 1}: set ROS_DOMAIN_ID")
+        raise ConfigError(
+            f"ROS_DOMAIN_ID {given}: another run uses this domain; choose another, or leave it unset"
+        )
+    raise ConfigError(
+        f"no free ROS domain among {DOMAINS.start} to {DOMAINS.stop - 1}: set ROS_DOMAIN_ID"
+    )
 
 
 def in_use(domain: int) -> bool:

@@ -9,7 +9,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
-from launch.actions import DeclareLaunchArgument, GroupAction, IncludeLaunchDescription, OpaqueFunction, Shutdown
+from launch.actions import (
+    DeclareLaunchArgument,
+    GroupAction,
+    IncludeLaunchDescription,
+    OpaqueFunction,
+    Shutdown,
+)
 from launch.condition import Condition
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
@@ -25,7 +31,11 @@ USUAL = {
     "log_level": ("info", "debug, info, warn, error or fatal"),
 }
 SIM_TIME = ("use_sim_time", "take the time from /clock")
-LOG_LEVEL = ("--ros-args", "--log-level", LaunchConfiguration("log_level"))  # arguments of a node
+LOG_LEVEL = (
+    "--ros-args",
+    "--log-level",
+    LaunchConfiguration("log_level"),
+)  # arguments of a node
 
 
 @dataclass(frozen=True)
@@ -48,19 +58,35 @@ class NodeLaunch:
 
     def description(self) -> LaunchDescription:
         """Return the node with its arguments."""
-        declared = [argument(name, "", about) for name, (_, about) in self._kinds().items()]
+        declared = [
+            argument(name, "", about) for name, (_, about) in self._kinds().items()
+        ]
         if self.use_sim_time is not None:
-            declared.append(argument(SIM_TIME[0], str(self.use_sim_time).lower(), SIM_TIME[1]))
-        declared += [argument(topic_argument(name), name, f"topic to use for {name}") for name in self.topics]
-        declared += [argument(name, default, about) for name, (default, about) in USUAL.items()]
+            declared.append(
+                argument(SIM_TIME[0], str(self.use_sim_time).lower(), SIM_TIME[1])
+            )
+        declared += [
+            argument(topic_argument(name), name, f"topic to use for {name}")
+            for name in self.topics
+        ]
+        declared += [
+            argument(name, default, about) for name, (default, about) in USUAL.items()
+        ]
         return LaunchDescription([*declared, OpaqueFunction(function=self._make)])
 
     def _kinds(self) -> dict[str, tuple[type, str]]:
         """Return type and meaning of each parameter that is an argument."""
-        kinds: dict[str, tuple[Any, str]] = {name: (str, about) for name, about in self.more.items()}
-        for name, about, value in (found for config in self.configs for found in fields_of(config)):
+        kinds: dict[str, tuple[Any, str]] = {
+            name: (str, about) for name, about in self.more.items()
+        }
+        for name, about, value in (
+            found for config in self.configs for found in fields_of(config)
+        ):
             if "." not in name and name not in self.leave_out:
-                kinds[name] = (list[str] if isinstance(value, tuple) else type(value), about.text())
+                kinds[name] = (
+                    list[str] if isinstance(value, tuple) else type(value),
+                    about.text(),
+                )
         return kinds
 
     def _make(self, context: LaunchContext) -> list[LaunchDescriptionEntity]:
@@ -78,10 +104,15 @@ class NodeLaunch:
             name=self.executable,
             namespace=LaunchConfiguration("namespace"),
             parameters=[*([ParameterFile(file)] if file else []), given],
-            remappings=[(name, LaunchConfiguration(topic_argument(name))) for name in self.topics],
+            remappings=[
+                (name, LaunchConfiguration(topic_argument(name)))
+                for name in self.topics
+            ],
             arguments=list(LOG_LEVEL),
             output="screen",
-            on_exit=[Shutdown(reason=f"the {self.executable} has ended")] if self.ends_launch else None,
+            on_exit=[Shutdown(reason=f"the {self.executable} has ended")]
+            if self.ends_launch
+            else None,
         )
         return [node]
 
@@ -96,9 +127,19 @@ def topic_argument(name: str) -> str:
     return name.replace("/", "_") + "_topic"
 
 
-def include(package: str, name: str, passed: Iterable[str], when: Condition | None = None, **fixed: str) -> GroupAction:
+def include(
+    package: str,
+    name: str,
+    passed: Iterable[str],
+    when: Condition | None = None,
+    **fixed: str,
+) -> GroupAction:
     """Include a launch file of a package and pass the named arguments on; what it sets stays inside."""
-    path = PathJoinSubstitution([FindPackageShare(package), "launch", f"{name}.launch.py"])
+    path = PathJoinSubstitution(
+        [FindPackageShare(package), "launch", f"{name}.launch.py"]
+    )
     values = {argument: LaunchConfiguration(argument) for argument in passed} | fixed
-    included = IncludeLaunchDescription(PythonLaunchDescriptionSource(path), launch_arguments=values.items())
+    included = IncludeLaunchDescription(
+        PythonLaunchDescriptionSource(path), launch_arguments=values.items()
+    )
     return GroupAction([included], condition=when, scoped=True)

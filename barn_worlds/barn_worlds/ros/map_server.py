@@ -27,10 +27,16 @@ from barn_worlds.worlds.world import World
 class MapServerConfig(Checked):
     """What is served."""
 
-    dataset: str = quantity("barn300", "name of a shipped data set, or path of a folder or file with worlds")
+    dataset: str = quantity(
+        "barn300", "name of a shipped data set, or path of a folder or file with worlds"
+    )
     world: int = quantity(0, "number of the world", "", 0, 999_999_999)
-    resolution_m: float = quantity(0.0, "resolution of the map, 0 for that of the world", "m", 0.0, 10.0)
-    historical_map: bool = quantity(False, "place obstacles as the original map files do, one cell too near")
+    resolution_m: float = quantity(
+        0.0, "resolution of the map, 0 for that of the world", "m", 0.0, 10.0
+    )
+    historical_map: bool = quantity(
+        False, "place obstacles as the original map files do, one cell too near"
+    )
     frame_id: str = quantity(FRAMES.map, "frame of map and path")
 
 
@@ -49,14 +55,22 @@ class MapServer(Node):
         """Publish the world that the parameters name now, and return it."""
         config = current(self, self._config)
         world = open_dataset(config.dataset).load(config.world)
-        occupancy = world.occupancy_map(config.resolution_m or None, historical=config.historical_map)
+        occupancy = world.occupancy_map(
+            config.resolution_m or None, historical=config.historical_map
+        )
         stamp_ns = self.get_clock().now().nanoseconds
         self._map.publish(encode_map(occupancy, stamp_ns, config.frame_id))
-        self._path.publish(PathEncoder(config.frame_id).encode(world.path_m(), stamp_ns))
-        self.get_logger().info(f"serving world {config.world} of {config.dataset}: {world.rows} x {world.cols} cells")
+        self._path.publish(
+            PathEncoder(config.frame_id).encode(world.path_m(), stamp_ns)
+        )
+        self.get_logger().info(
+            f"serving world {config.world} of {config.dataset}: {world.rows} x {world.cols} cells"
+        )
         return world
 
-    def _reload(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _reload(
+        self, _: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
         try:
             response.success, response.message = True, f"serving {self.publish().name}"
         except BarnError as error:

@@ -3,7 +3,12 @@
 from collections.abc import Iterable
 from typing import Any, TypeVar, cast
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -24,7 +29,9 @@ def declare(node: Node, config: T, *, read_only: bool = False) -> T:
         value = list(default) if isinstance(default, tuple) else default
         if not node.has_parameter(name):
             try:
-                node.declare_parameter(name, value, _descriptor(about, value, read_only=read_only))
+                node.declare_parameter(
+                    name, value, _descriptor(about, value, read_only=read_only)
+                )
             except ParameterException as error:
                 raise ConfigError(f"parameters of {node.get_name()}: {error}") from None
         changes[name] = _typed(node.get_parameter(name).value, default)
@@ -38,13 +45,19 @@ def warn_of_unknown(node: Node) -> None:
     declared = {item.name for item in everything.values()}
     for name in node._parameter_overrides:
         if name not in declared and not name.startswith("qos_overrides."):
-            node.get_logger().warning(f"unknown parameter {name!r}{suggest(name, declared)}")
+            node.get_logger().warning(
+                f"unknown parameter {name!r}{suggest(name, declared)}"
+            )
 
 
 def _updated(config: T, parameters: Iterable[Parameter]) -> T:
     """Return `config` with the values in `parameters` that belong to it; ConfigError if one is not allowed."""
     own = {name: value for name, _, value in fields_of(config)}
-    changes = {item.name: _typed(item.value, own[item.name]) for item in parameters if item.name in own}
+    changes = {
+        item.name: _typed(item.value, own[item.name])
+        for item in parameters
+        if item.name in own
+    }
     return replace_dotted(config, changes, "parameter")
 
 
@@ -63,12 +76,18 @@ def check_with(node: Node, config: object) -> None:
 
 def current(node: Node, config: T) -> T:
     """Return `config` with the present values of the node's parameters."""
-    return _updated(config, (node.get_parameter(name) for name, _, _ in fields_of(config)))
+    return _updated(
+        config, (node.get_parameter(name) for name, _, _ in fields_of(config))
+    )
 
 
-def _descriptor(about: Quantity, value: object, *, read_only: bool) -> ParameterDescriptor:
+def _descriptor(
+    about: Quantity, value: object, *, read_only: bool
+) -> ParameterDescriptor:
     meaning = about.description + (f" [{about.unit}]" if about.unit else "")
-    described = ParameterDescriptor(description=meaning, additional_constraints=about.allowed(), read_only=read_only)
+    described = ParameterDescriptor(
+        description=meaning, additional_constraints=about.allowed(), read_only=read_only
+    )
     # so that `-p factor:=2` works for 2.0, and because in ROS an empty list has no type
     described.dynamic_typing = isinstance(value, (float, list))
     if about.minimum is None and about.maximum is None:
@@ -77,7 +96,9 @@ def _descriptor(about: Quantity, value: object, *, read_only: bool) -> Parameter
     low = kind(-largest if about.minimum is None else about.minimum)
     high = kind(largest if about.maximum is None else about.maximum)
     if isinstance(value, float):
-        described.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+        described.floating_point_range = [
+            FloatingPointRange(from_value=low, to_value=high)
+        ]
     elif isinstance(value, int) and not isinstance(value, bool):
         described.integer_range = [IntegerRange(from_value=low, to_value=high)]
     return described

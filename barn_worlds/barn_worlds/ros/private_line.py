@@ -41,7 +41,9 @@ def pair() -> tuple[socket.socket, socket.socket]:
 class PrivateLine:
     """One end of the line. Sending waits for the other end to read as long as `waits` holds, and then drops."""
 
-    def __init__(self, descriptor: int, waits: Callable[[], bool] = lambda: True) -> None:
+    def __init__(
+        self, descriptor: int, waits: Callable[[], bool] = lambda: True
+    ) -> None:
         self._socket = socket.socket(fileno=descriptor)
         self._waits = waits
 

@@ -20,8 +20,16 @@ T = TypeVar("T")
 
 def profile(qos: Qos) -> QoSProfile:
     """Return a quality of service for rclpy."""
-    reliability, durability = ReliabilityPolicy[qos.reliability.upper()], DurabilityPolicy[qos.durability.upper()]
-    return QoSProfile(depth=qos.depth, history=HistoryPolicy.KEEP_LAST, reliability=reliability, durability=durability)
+    reliability, durability = (
+        ReliabilityPolicy[qos.reliability.upper()],
+        DurabilityPolicy[qos.durability.upper()],
+    )
+    return QoSProfile(
+        depth=qos.depth,
+        history=HistoryPolicy.KEEP_LAST,
+        reliability=reliability,
+        durability=durability,
+    )
 
 
 def own_identity(node: Node) -> bytes:
@@ -46,12 +54,16 @@ def message_class(type_name: str) -> Any | None:
 
 def publisher(node: Node, topic: Topic, qos: Qos | None = None) -> Publisher:
     """Return a publisher of a topic, which takes serialised messages."""
-    return node.create_publisher(message_class(topic.type_name), topic.name, profile(qos or topic.qos))
+    return node.create_publisher(
+        message_class(topic.type_name), topic.name, profile(qos or topic.qos)
+    )
 
 
 def optional_publisher(node: Node, topic: Topic) -> Publisher | None:
     """Return a publisher of a topic, None if its type is not installed."""
-    return publisher(node, topic) if message_class(topic.type_name) is not None else None
+    return (
+        publisher(node, topic) if message_class(topic.type_name) is not None else None
+    )
 
 
 def subscribe(
@@ -69,4 +81,6 @@ def subscribe(
             take(content)
 
     kind, quality = message_class(topic.type_name), profile(qos or topic.qos)
-    return node.create_subscription(kind, topic.name, on_data, quality, raw=True, event_callbacks=event_callbacks)
+    return node.create_subscription(
+        kind, topic.name, on_data, quality, raw=True, event_callbacks=event_callbacks
+    )

@@ -39,13 +39,17 @@ def margin_cells(resolution_m: float) -> int:
 
 def cell_centres(cells: Cells, rows: int, resolution_m: float) -> Points:
     """Return the true centres (n, 2) in metres of cells (n, 2) of a world with that many rows."""
-    centres: Points = resolution_m * (cells + 0.5 + np.array([-rows, lead_in_cells(resolution_m)]))
+    centres: Points = resolution_m * (
+        cells + 0.5 + np.array([-rows, lead_in_cells(resolution_m)])
+    )
     return centres
 
 
 def containing_cells(points: Points, rows: int, resolution_m: float) -> Cells:
     """Return the cells (n, 2) in which points (n, 2) in metres lie; they may be outside the grid."""
-    cells: Cells = np.floor(points / resolution_m).astype(np.int64) + np.array([rows, -lead_in_cells(resolution_m)])
+    cells: Cells = np.floor(points / resolution_m).astype(np.int64) + np.array(
+        [rows, -lead_in_cells(resolution_m)]
+    )
     return cells
 
 
@@ -54,7 +58,9 @@ def containment_cells(rows: int, resolution_m: float) -> Cells:
     """Return the cells (m, 2), with negative columns, of the back wall and the two side walls."""
     front = lead_in_cells(resolution_m)
     back = [(row, -front) for row in range(rows)]
-    sides = [(row, column) for column in range(1 - front, 0) for row in sorted({0, rows - 1})]
+    sides = [
+        (row, column) for column in range(1 - front, 0) for row in sorted({0, rows - 1})
+    ]
     cells = np.array(back + sides, np.int64).reshape(-1, 2)
     cells.flags.writeable = False
     return cells
@@ -91,18 +97,29 @@ def world_map(
     front, high, origin = 0, cols, corner_m
     if origin is None:
         front, origin = lead_in_cells(cell_m), (-rows * cell_m, 0.0)
-        cells = np.concatenate([cells - np.array([0, 1 if historical else 0]), containment_cells(rows, cell_m)])
+        cells = np.concatenate(
+            [
+                cells - np.array([0, 1 if historical else 0]),
+                containment_cells(rows, cell_m),
+            ]
+        )
         high = front + cols + margin_cells(cell_m)
     if resolution_m is None or resolution_m == cell_m:
         data = np.zeros((high, rows), np.int8)
         data[cells[:, 1] + front, cells[:, 0]] = OCCUPIED
         return OccupancyMap(data, cell_m, *origin)
     if not (math.isfinite(resolution_m) and resolution_m >= 0.005):
-        raise WorldError(f"resolution of a map must be at least 0.005 m, got {resolution_m}")
-    size = tuple(math.ceil(side * cell_m / resolution_m - 1e-6) for side in (high, rows))
+        raise WorldError(
+            f"resolution of a map must be at least 0.005 m, got {resolution_m}"
+        )
+    size = tuple(
+        math.ceil(side * cell_m / resolution_m - 1e-6) for side in (high, rows)
+    )
     if size[0] * size[1] > LARGEST_MAP:
         sides = f"{size[0]} x {size[1]}"
-        raise WorldError(f"a map of {sides} cells is too large, at most {LARGEST_MAP} cells; use a coarser one")
+        raise WorldError(
+            f"a map of {sides} cells is too large, at most {LARGEST_MAP} cells; use a coarser one"
+        )
     data = np.zeros(size, np.int8)
     centres = cell_centres(cells, rows, cell_m) - np.array(origin)
     if corner_m is not None:
@@ -111,30 +128,55 @@ def world_map(
     return OccupancyMap(data, resolution_m, *origin)
 
 
-def occupy_box(grid: OccupancyMap, centre: tuple[float, float], size: tuple[float, float], yaw: float) -> None:
+def occupy_box(
+    grid: OccupancyMap,
+    centre: tuple[float, float],
+    size: tuple[float, float],
+    yaw: float,
+) -> None:
     """Occupy the cells of a map whose inside a box reaches: its centre and sides in m, its heading in rad."""
     height, width = grid.data.shape
-    half, cos, sin = grid.resolution / 2.0 * (1.0 - 1e-9), abs(math.cos(yaw)), abs(math.sin(yaw))
+    half, cos, sin = (
+        grid.resolution / 2.0 * (1.0 - 1e-9),
+        abs(math.cos(yaw)),
+        abs(math.sin(yaw)),
+    )
     dx = grid.origin_x + grid.resolution * (np.arange(width) + 0.5)[None, :] - centre[0]
-    dy = grid.origin_y + grid.resolution * (np.arange(height) + 0.5)[:, None] - centre[1]
+    dy = (
+        grid.origin_y + grid.resolution * (np.arange(height) + 0.5)[:, None] - centre[1]
+    )
     long, wide = size[0] / 2.0, size[1] / 2.0
     # two rectangles meet unless a side of one of them lies between them
-    inside = (np.abs(dx) < half + long * cos + wide * sin) & (np.abs(dy) < half + long * sin + wide * cos)
-    inside &= np.abs(dx * math.cos(yaw) + dy * math.sin(yaw)) < long + half * (cos + sin)
-    inside &= np.abs(dy * math.cos(yaw) - dx * math.sin(yaw)) < wide + half * (cos + sin)
+    inside = (np.abs(dx) < half + long * cos + wide * sin) & (
+        np.abs(dy) < half + long * sin + wide * cos
+    )
+    inside &= np.abs(dx * math.cos(yaw) + dy * math.sin(yaw)) < long + half * (
+        cos + sin
+    )
+    inside &= np.abs(dy * math.cos(yaw) - dx * math.sin(yaw)) < wide + half * (
+        cos + sin
+    )
     grid.data[inside] = OCCUPIED
 
 
 @njit(cache=True)
-def _occupy_discs(data: npt.NDArray[np.int8], centres: Points, radius: float, resolution: float) -> None:
+def _occupy_discs(
+    data: npt.NDArray[np.int8], centres: Points, radius: float, resolution: float
+) -> None:
     """Occupy the cells of data (row along y, column along x) whose inside a disc reaches."""
     height, width = data.shape
     reach = radius * (1.0 - 1e-9)
     for k in range(len(centres)):
         x, y = centres[k]
-        for row in range(max(0, int((y - radius) / resolution)), min(height, int((y + radius) / resolution) + 1)):
+        for row in range(
+            max(0, int((y - radius) / resolution)),
+            min(height, int((y + radius) / resolution) + 1),
+        ):
             dy = max(row * resolution - y, 0.0, y - (row + 1) * resolution)
-            for column in range(max(0, int((x - radius) / resolution)), min(width, int((x + radius) / resolution) + 1)):
+            for column in range(
+                max(0, int((x - radius) / resolution)),
+                min(width, int((x + radius) / resolution) + 1),
+            ):
                 dx = max(column * resolution - x, 0.0, x - (column + 1) * resolution)
                 if dx * dx + dy * dy < reach * reach:
                     data[row, column] = OCCUPIED

@@ -18,7 +18,9 @@ from barn_worlds.worlds.path_planner import plan_path
 from barn_worlds.worlds.world import Provenance, World
 
 Ends = tuple[Pose2D, Pose2D]  # start and goal
-LONGEST_CHOSEN_M = 25.0  # of a way that is chosen: 50 s at 0.5 m/s, half the challenge's limit
+LONGEST_CHOSEN_M = (
+    25.0  # of a way that is chosen: 50 s at 0.5 m/s, half the challenge's limit
+)
 _SEEN_M = 15.0  # how near an obstacle should be to ends that are chosen: half a usual lidar's range
 _AHEAD_M = 1.0  # along the way, where a start that is chosen looks
 CHOSEN = "chosen"  # a world's path_source, where its start and goal are
@@ -26,8 +28,12 @@ CHOSEN = "chosen"  # a world's path_source, where its start and goal are
 
 def course_of(numbers: Sequence[float], where: str) -> Ends:
     """Return start and goal of the numbers x, y, yaw of the start and x, y (, yaw) of the goal; WorldError if not."""
-    if len(numbers) not in (5, 6) or not all(math.isfinite(number) for number in numbers):
-        raise WorldError(f"{where} must be x, y, yaw of the start and x, y (, yaw) of the goal, got {list(numbers)}")
+    if len(numbers) not in (5, 6) or not all(
+        math.isfinite(number) for number in numbers
+    ):
+        raise WorldError(
+            f"{where} must be x, y, yaw of the start and x, y (, yaw) of the goal, got {list(numbers)}"
+        )
     x, y, yaw, u, v = map(float, numbers[:5])
     heading = float(numbers[5]) if len(numbers) == 6 else math.atan2(v - y, u - x)
     return Pose2D(x, y, yaw), Pose2D(u, v, heading)
@@ -50,7 +56,15 @@ def open_world(
     if not len(anywhere):
         raise WorldError(f"{name}: no cell of it is free")
     about = replace(about, path_source="planned" if ends else CHOSEN)
-    world = World(name, grid, anywhere, cell_m, robot.footprint_cells(cell_m), about, corner_m=corner_m)
+    world = World(
+        name,
+        grid,
+        anywhere,
+        cell_m,
+        robot.footprint_cells(cell_m),
+        about,
+        corner_m=corner_m,
+    )
     return with_course(world, robot, ends)
 
 
@@ -77,8 +91,14 @@ def with_course(world: World, robot: Robot, ends: Ends | None = None) -> World:
     occupied = world.occupied
     cspace = configuration_space(occupied, cells)
     if ends is None:
-        path = _chosen(cspace, world.resolution_m, f"{world.name}: robot {robot.name}, {cells} x {cells} cells,")
-        points = world.cell_centres_m(path[[0, min(len(path) - 1, round(_AHEAD_M / world.resolution_m)), -2, -1]])
+        path = _chosen(
+            cspace,
+            world.resolution_m,
+            f"{world.name}: robot {robot.name}, {cells} x {cells} cells,",
+        )
+        points = world.cell_centres_m(
+            path[[0, min(len(path) - 1, round(_AHEAD_M / world.resolution_m)), -2, -1]]
+        )
         (x, y), (u, v), before, (p, q) = points.tolist()
         start = Pose2D(x, y, math.atan2(v - y, u - x))
         goal = Pose2D(p, q, math.atan2(q - before[1], p - before[0]))
@@ -86,7 +106,14 @@ def with_course(world: World, robot: Robot, ends: Ends | None = None) -> World:
         _require_free(world, robot, *ends)
         path, (start, goal) = _between(world, occupied, cspace, robot, ends), ends
     about = replace(world.provenance, path_source="planned" if ends else CHOSEN)
-    return replace(world, path=path, footprint_cells=cells, provenance=about, start=start, goal=goal)
+    return replace(
+        world,
+        path=path,
+        footprint_cells=cells,
+        provenance=about,
+        start=start,
+        goal=goal,
+    )
 
 
 def _require_free(world: World, robot: Robot, start: Pose2D, goal: Pose2D) -> None:
@@ -99,19 +126,32 @@ def _require_free(world: World, robot: Robot, start: Pose2D, goal: Pose2D) -> No
             raise WorldError(f"{at} is off the map, which reaches from {reach}")
         x, y = pose.inverse().transform(world.cylinders_m).T
         body, radius_m = contact_of(robot.chassis), world.cylinder_radius_m
-        gaps = body.distances(x, y) if pose is start else np.hypot(x, y) - robot.chassis.inscribed_m
+        gaps = (
+            body.distances(x, y)
+            if pose is start
+            else np.hypot(x, y) - robot.chassis.inscribed_m
+        )
         row, column = world.containing_cells(np.array([[pose.x, pose.y]]))[0]
-        if (column >= 0 and world.occupied[row, column]) or gaps.min(initial=np.inf) <= radius_m:
-            raise WorldError(f"{at} is blocked: robot {robot.name} would touch an obstacle there")
+        if (column >= 0 and world.occupied[row, column]) or gaps.min(
+            initial=np.inf
+        ) <= radius_m:
+            raise WorldError(
+                f"{at} is blocked: robot {robot.name} would touch an obstacle there"
+            )
 
 
-def _between(world: World, occupied: BoolGrid, cspace: BoolGrid, robot: Robot, ends: Ends) -> Cells:
+def _between(
+    world: World, occupied: BoolGrid, cspace: BoolGrid, robot: Robot, ends: Ends
+) -> Cells:
     """Return the cells of a way (n, 2); the robot may stand nearer to obstacles at its ends than on the way."""
     points = np.array([(pose.x, pose.y) for pose in ends])
     inside = np.clip(world.containing_cells(points), 0, np.array(world.grid.shape) - 1)
     reach, open_cspace = (world.footprint_cells + 1) // 2, cspace.copy()
     for row, column in inside:
-        near = slice(max(0, row - reach), row + reach + 1), slice(max(0, column - reach), column + reach + 1)
+        near = (
+            slice(max(0, row - reach), row + reach + 1),
+            slice(max(0, column - reach), column + reach + 1),
+        )
         open_cspace[near] = occupied[near]
     first, last = inside.tolist()
     path = plan_path(open_cspace, (first[0], first[1]), (last[0], last[1]))
@@ -119,7 +159,9 @@ def _between(world: World, occupied: BoolGrid, cspace: BoolGrid, robot: Robot, e
         (x, y), (u, v) = points.tolist()
         side = robot.footprint_cells(world.resolution_m) * world.resolution_m
         by = f"by robot {robot.name}, which takes {side:g} x {side:g} m"
-        raise WorldError(f"{world.name}: goal ({u:g}, {v:g}) cannot be reached from start ({x:g}, {y:g}) {by}")
+        raise WorldError(
+            f"{world.name}: goal ({u:g}, {v:g}) cannot be reached from start ({x:g}, {y:g}) {by}"
+        )
     return path
 
 
@@ -129,7 +171,10 @@ def _chosen(cspace: BoolGrid, cell_m: float, where: str) -> Cells:
     Ends are where there is room to all sides and the lidar sees something, if there is such a place; the same map gives
     the same ends.
     """
-    roomy, seen = (configuration_space(cspace, 2 * round(reach_m / cell_m) + 1) for reach_m in (0.25, _SEEN_M))
+    roomy, seen = (
+        configuration_space(cspace, 2 * round(reach_m / cell_m) + 1)
+        for reach_m in (0.25, _SEEN_M)
+    )
     for blocked in (roomy | ~seen, roomy, cspace):
         labels, sizes = label_regions(~blocked)
         if len(sizes) < 2:
@@ -138,7 +183,9 @@ def _chosen(cspace: BoolGrid, cell_m: float, where: str) -> Cells:
         seed = np.argwhere(region)[0]
         first = _farthest(region, seed, np.inf)
         last = _farthest(region, first, LONGEST_CHOSEN_M / cell_m)
-        path = plan_path(cspace, (int(first[0]), int(first[1])), (int(last[0]), int(last[1])))
+        path = plan_path(
+            cspace, (int(first[0]), int(first[1])), (int(last[0]), int(last[1]))
+        )
         if path is not None and len(path) > 1:
             return path
     raise WorldError(f"{where} finds no way in it")

@@ -18,7 +18,9 @@ def configuration_space(grid: BoolGrid, footprint_cells: int) -> BoolGrid:
     original data set. Raises WorldError for an even or non-positive side.
     """
     if footprint_cells < 1 or footprint_cells % 2 == 0:
-        raise WorldError(f"footprint must be an odd number of cells from 1, got {footprint_cells}")
+        raise WorldError(
+            f"footprint must be an odd number of cells from 1, got {footprint_cells}"
+        )
     down = _filled_within(np.ascontiguousarray(grid), footprint_cells // 2)
     across = _filled_within(np.ascontiguousarray(down.T), footprint_cells // 2)
     return np.ascontiguousarray(across.T)
@@ -64,7 +66,9 @@ def _largest(touching: Integers, sizes: Integers) -> int:
     """Return the label with the most cells among those `touching`, the lowest of equals; 0 if there are none."""
     largest = 0
     for label in touching:
-        if sizes[label] > sizes[largest] or (sizes[label] == sizes[largest] and 0 < label < largest):
+        if sizes[label] > sizes[largest] or (
+            sizes[label] == sizes[largest] and 0 < label < largest
+        ):
             largest = label
     return largest
 
@@ -77,7 +81,10 @@ def _label(free: BoolGrid, neighbours: int) -> tuple[Integers, Integers]:
     stack = np.empty(rows * cols, np.int64)
     count = 0
     for seed in range(rows * cols):
-        if not free[seed // cols, seed % cols] or labels[seed // cols, seed % cols] != 0:
+        if (
+            not free[seed // cols, seed % cols]
+            or labels[seed // cols, seed % cols] != 0
+        ):
             continue
         count += 1
         labels[seed // cols, seed % cols] = count

@@ -35,7 +35,10 @@ class Dataset:
     _kept: dict[int, World] = field(default_factory=dict, init=False, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_kept": {}}  # other processes read the worlds themselves
+        return {
+            **self.__dict__,
+            "_kept": {},
+        }  # other processes read the worlds themselves
 
     @property
     def indices(self) -> tuple[int, ...]:
@@ -55,7 +58,13 @@ class Dataset:
 
     def driven(self, robot: Robot, course: Sequence[float] = ()) -> "Dataset":
         """Return the data set with its worlds as a robot drives them (`worlds.course.for_robot`)."""
-        return replace(self, readers={index: partial(self._for_robot, index, robot, course) for index in self.readers})
+        return replace(
+            self,
+            readers={
+                index: partial(self._for_robot, index, robot, course)
+                for index in self.readers
+            },
+        )
 
     def _for_robot(self, index: int, robot: Robot, course: Sequence[float]) -> World:
         return for_robot(self.load(index), robot, course)
@@ -67,11 +76,17 @@ class Dataset:
         """
         made_for = self.manifest.get("robot") or robot.name
         for world in map(self.load, () if made_for == robot.name else indices):
-            side_m, own, cells = world.resolution_m, world.footprint_cells, robot.footprint_cells(world.resolution_m)
+            side_m, own, cells = (
+                world.resolution_m,
+                world.footprint_cells,
+                robot.footprint_cells(world.resolution_m),
+            )
             if cells > own:
                 made = f"{self.name} is made for robot {made_for}, with ways for {own} x {own} cells of {side_m:g} m"
                 takes = f"robot {robot.name} takes {cells} x {cells}"
-                raise WorldError(f"{made}: {takes}; name one that fits, such as {made_for}")
+                raise WorldError(
+                    f"{made}: {takes}; name one that fits, such as {made_for}"
+                )
 
     @cached_property
     def checksum(self) -> str:
@@ -105,7 +120,10 @@ def open_dataset(source: str | Path, robot: Robot = STANDARD) -> Dataset:
             found = _own(path)
         elif path.exists():
             single.check_ending(path)
-            found = Dataset(path.name, {single.number_in(path) or 0: partial(single.read_world, path, robot)})
+            found = Dataset(
+                path.name,
+                {single.number_in(path) or 0: partial(single.read_world, path, robot)},
+            )
         else:
             where, hint = str(source)[:_LONGEST_SHOWN], suggest(str(source), shipped())
             raise WorldError(f"{where}: no such file, folder or data set{hint}")
@@ -113,7 +131,9 @@ def open_dataset(source: str | Path, robot: Robot = STANDARD) -> Dataset:
         why = getattr(error, "strerror", None) or error
         raise WorldError(f"{str(source)!r:.200}: cannot be read: {why}") from None
     if not found.readers:
-        raise WorldError(f"{source}: has no worlds; their files end in {', '.join(single.ENDINGS)} or .npz")
+        raise WorldError(
+            f"{source}: has no worlds; their files end in {', '.join(single.ENDINGS)} or .npz"
+        )
     return found
 
 
@@ -121,24 +141,45 @@ def _folder(path: Path, robot: Robot) -> Dataset:
     name = path.resolve().name
     if original.is_original_folder(path):
         numbers = original.indices(path)
-        return Dataset(name, {index: partial(original.read_world, path, index, robot) for index in numbers})
+        return Dataset(
+            name,
+            {
+                index: partial(original.read_world, path, index, robot)
+                for index in numbers
+            },
+        )
     files = sorted(file for file in path.iterdir() if file.is_file())
     packed = [file for file in files if file.suffix == ".npz"]
     if len(packed) == 1:
         return _own(packed[0])
     kinds = ((ENDING,), single.GAZEBO_ENDINGS, single.MAP_ENDINGS, (".map",), (".npy",))
-    by_kind = ([file for file in files if single.ending(file) in kind] for kind in kinds)
+    by_kind = (
+        [file for file in files if single.ending(file) in kind] for kind in kinds
+    )
     beside = ("path_", "cspace_", "metrics_")
-    worlds = [file for file in next(filter(None, by_kind), []) if not file.name.startswith(beside)]
+    worlds = [
+        file
+        for file in next(filter(None, by_kind), [])
+        if not file.name.startswith(beside)
+    ]
     numbers_there = [single.number_in(file) for file in worlds]
     unique = None not in numbers_there and len(set(numbers_there)) == len(worlds)
     numbered = zip(numbers_there if unique else range(len(worlds)), worlds, strict=True)
-    return Dataset(name, {int(index or 0): partial(single.read_world, file, robot) for index, file in numbered})
+    return Dataset(
+        name,
+        {
+            int(index or 0): partial(single.read_world, file, robot)
+            for index, file in numbered
+        },
+    )
 
 
 def _own(path: Path) -> Dataset:
     content = own.read_own(path)
-    readers = {index: partial(content.world, position) for position, index in enumerate(content.indices)}
+    readers = {
+        index: partial(content.world, position)
+        for position, index in enumerate(content.indices)
+    }
     return Dataset(str(content.manifest["name"]), readers, manifest=content.manifest)
 
 
@@ -156,10 +197,18 @@ def select_worlds(spec: str, indices: Iterable[int]) -> list[int]:
     """
     known = sorted(set(indices))
     if len(spec) > LONGEST_SPEC:
-        raise WorldError(f"selection of worlds must have at most {LONGEST_SPEC} characters, got {len(spec)}")
+        raise WorldError(
+            f"selection of worlds must have at most {LONGEST_SPEC} characters, got {len(spec)}"
+        )
     if not known:
         raise WorldError("there are no worlds to select from")
-    return list(dict.fromkeys(index for part in spec.split(",") for index in _part(part.strip(), spec, known)))
+    return list(
+        dict.fromkeys(
+            index
+            for part in spec.split(",")
+            for index in _part(part.strip(), spec, known)
+        )
+    )
 
 
 def _part(part: str, spec: str, known: list[int]) -> list[int]:
@@ -170,12 +219,18 @@ def _part(part: str, spec: str, known: list[int]) -> list[int]:
         raise WorldError(f"worlds {spec!r:.80}: {part!r:.40} is not {_FORMS}")
     first, last, stop, step = match.groups()
     if step and not int(step):
-        raise WorldError(f"worlds {spec!r:.80}: the step in {part!r} must be at least 1")
-    wanted = range(int(first), int(stop) if stop else int(last or first) + 1, int(step or 1))
+        raise WorldError(
+            f"worlds {spec!r:.80}: the step in {part!r} must be at least 1"
+        )
+    wanted = range(
+        int(first), int(stop) if stop else int(last or first) + 1, int(step or 1)
+    )
     found = [index for index in known if index in wanted]
     gapless = known[-1] - known[0] == len(known) - 1
     if not found or (gapless and len(found) < len(wanted)):
         beyond = (index for index in wanted if index > known[-1] or index < known[0])
         part = f"{next(beyond)} of {part}" if found else part
-        raise WorldError(f"worlds {spec!r:.80}: no world {part} among the {len(known)} from {known[0]} to {known[-1]}")
+        raise WorldError(
+            f"worlds {spec!r:.80}: no world {part} among the {len(known)} from {known[0]} to {known[-1]}"
+        )
     return found

@@ -17,7 +17,12 @@ from barn_worlds.formats.own import Order, write_own
 from barn_worlds.robots.files import STANDARD
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.cspace import configuration_space, through_region
-from barn_worlds.worlds.path_planner import INFLATION_CELLS, INFLATION_WEIGHT, LARGEST_TURN, plan_path
+from barn_worlds.worlds.path_planner import (
+    INFLATION_CELLS,
+    INFLATION_WEIGHT,
+    LARGEST_TURN,
+    plan_path,
+)
 from barn_worlds.worlds.world import Provenance, World
 
 LARGEST_GENERATED_SIDE = 500
@@ -28,20 +33,36 @@ class WorldParameters(Checked):
     """What a world is generated with (paper, section III-A and Table I)."""
 
     initial_fill: float = quantity(0.20, "initial share of filled cells", "", 0.0, 1.0)
-    smoothing_iterations: int = quantity(3, "iterations of the cellular automaton", "", 0, 100)
-    fill_threshold: int = quantity(5, "filled neighbours that make a cell filled, at least", "", 0, 9)
-    clear_threshold: int = quantity(1, "filled neighbours that make a cell free, at most", "", -1, 8)
-    rows: int = quantity(30, "cells across, side walls included", "", 3, LARGEST_GENERATED_SIDE)
-    cols: int = quantity(30, "cells along the driving direction", "", 2, LARGEST_GENERATED_SIDE)
+    smoothing_iterations: int = quantity(
+        3, "iterations of the cellular automaton", "", 0, 100
+    )
+    fill_threshold: int = quantity(
+        5, "filled neighbours that make a cell filled, at least", "", 0, 9
+    )
+    clear_threshold: int = quantity(
+        1, "filled neighbours that make a cell free, at most", "", -1, 8
+    )
+    rows: int = quantity(
+        30, "cells across, side walls included", "", 3, LARGEST_GENERATED_SIDE
+    )
+    cols: int = quantity(
+        30, "cells along the driving direction", "", 2, LARGEST_GENERATED_SIDE
+    )
     resolution_m: float = quantity(0.15, "size of a cell", "m", 0.01, 10.0)
-    footprint_cells: int = quantity(5, "odd side of the robot's square footprint", "", 1, 101)
-    attempts: int = quantity(1_000_000, "grids tried until one has a way through", "", 1, 10_000_000)
+    footprint_cells: int = quantity(
+        5, "odd side of the robot's square footprint", "", 1, 101
+    )
+    attempts: int = quantity(
+        1_000_000, "grids tried until one has a way through", "", 1, 10_000_000
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self.require(self.footprint_cells % 2 == 1, "footprint_cells", "must be odd")
         below = f"must be below fill_threshold ({self.fill_threshold})"
-        self.require(self.clear_threshold < self.fill_threshold, "clear_threshold", below)
+        self.require(
+            self.clear_threshold < self.fill_threshold, "clear_threshold", below
+        )
 
 
 def cell_m(robot: Robot) -> float:
@@ -70,16 +91,32 @@ class DatasetParameters(Checked):
 
     name: str = quantity("barn300", "name of the data set")
     seed: int = quantity(2020, "seed of all randomness", "", 0, 2**63 - 1)
-    worlds_per_set: int = quantity(25, "worlds made with each parameter set", "", 1, MOST_WORLDS)
-    keep: int = quantity(0, "worlds kept of those made, evenly spread over their order; 0: all", "", 0, MOST_WORLDS)
-    robot: str = quantity("", "robot that the worlds are made for, if it is not the Jackal")
+    worlds_per_set: int = quantity(
+        25, "worlds made with each parameter set", "", 1, MOST_WORLDS
+    )
+    keep: int = quantity(
+        0,
+        "worlds kept of those made, evenly spread over their order; 0: all",
+        "",
+        0,
+        MOST_WORLDS,
+    )
+    robot: str = quantity(
+        "", "robot that the worlds are made for, if it is not the Jackal"
+    )
     sets: tuple[WorldParameters, ...] = TABLE_I
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not 1 <= self.made <= MOST_WORLDS:
-            raise ConfigError(f"sets and worlds_per_set must make 1 to {MOST_WORLDS} worlds")
-        self.require(self.keep <= self.made, "keep", f"must be at most the {self.made} worlds made")
+            raise ConfigError(
+                f"sets and worlds_per_set must make 1 to {MOST_WORLDS} worlds"
+            )
+        self.require(
+            self.keep <= self.made,
+            "keep",
+            f"must be at most the {self.made} worlds made",
+        )
 
     @property
     def made(self) -> int:
@@ -88,7 +125,11 @@ class DatasetParameters(Checked):
 
 
 def generate_world(
-    parameters: WorldParameters, generator: np.random.Generator, name: str = "generated", *, seed: tuple[int, ...] = ()
+    parameters: WorldParameters,
+    generator: np.random.Generator,
+    name: str = "generated",
+    *,
+    seed: tuple[int, ...] = (),
 ) -> World:
     """Return a random world; WorldError if none of `parameters.attempts` grids has a way through.
 
@@ -105,22 +146,42 @@ def generate_world(
         start, goal = (int(rows[int(generator.random() * len(rows))]) for rows in ends)
         path = plan_path(cspace, (start, 0), (goal, parameters.cols - 1))
         if path is not None:
-            provenance = Provenance("generated", parameters=as_dict(parameters), seed=seed, path_source="planned")
-            return World(name, grid, path, parameters.resolution_m, parameters.footprint_cells, provenance)
+            provenance = Provenance(
+                "generated",
+                parameters=as_dict(parameters),
+                seed=seed,
+                path_source="planned",
+            )
+            return World(
+                name,
+                grid,
+                path,
+                parameters.resolution_m,
+                parameters.footprint_cells,
+                provenance,
+            )
     asked = f"initial_fill {parameters.initial_fill:g} and footprint_cells {parameters.footprint_cells}"
     hint = "fill less, or allow more attempts"
-    raise WorldError(f"no passable world in {parameters.attempts} attempts with {asked}; {hint}")
+    raise WorldError(
+        f"no passable world in {parameters.attempts} attempts with {asked}; {hint}"
+    )
 
 
-def generate_dataset(parameters: DatasetParameters, progress: Callable[[int, int], None] | None = None) -> list[World]:
+def generate_dataset(
+    parameters: DatasetParameters, progress: Callable[[int, int], None] | None = None
+) -> list[World]:
     """Return the worlds of a data set, one parameter set after the other.
 
     World k of set s is drawn from SeedSequence(seed, spawn_key=(s, k)), so it does not depend on how many other worlds
     there are. progress: called after each world with the number made so far and the total.
     """
     worlds: list[World] = []
-    for s, k in itertools.product(range(len(parameters.sets)), range(parameters.worlds_per_set)):
-        generator = np.random.default_rng(np.random.SeedSequence(parameters.seed, spawn_key=(s, k)))
+    for s, k in itertools.product(
+        range(len(parameters.sets)), range(parameters.worlds_per_set)
+    ):
+        generator = np.random.default_rng(
+            np.random.SeedSequence(parameters.seed, spawn_key=(s, k))
+        )
         name, seed = f"{parameters.name}_{s}_{k}", (parameters.seed, s, k)
         worlds.append(generate_world(parameters.sets[s], generator, name, seed=seed))
         if progress is not None:
@@ -151,7 +212,9 @@ def ranked_dataset(
     scores = [narrowness(world) for world in worlds]
     kept = range(len(worlds))
     if parameters.keep:
-        places = np.linspace(0, len(worlds) - 1, parameters.keep).round().astype(np.int64)
+        places = (
+            np.linspace(0, len(worlds) - 1, parameters.keep).round().astype(np.int64)
+        )
         kept = np.argsort(scores, kind="stable")[places].tolist()
     return [worlds[k] for k in kept], Order(NARROWNESS, tuple(scores[k] for k in kept))
 
@@ -159,35 +222,65 @@ def ranked_dataset(
 def reordered(worlds: Sequence[World], order: Order) -> dict[int, World]:
     """Return the worlds by number, from 0, in rising order of score and named world_0, world_1 and so on."""
     if len(order.scores) != len(worlds) or not np.isfinite(order.scores).all():
-        raise WorldError(f"order by {order.by!r:.60} must have one finite score for each of {len(worlds)} worlds")
+        raise WorldError(
+            f"order by {order.by!r:.60} must have one finite score for each of {len(worlds)} worlds"
+        )
     ranked = np.argsort(order.scores, kind="stable")
-    return {k: dataclasses.replace(worlds[i], name=f"world_{k}") for k, i in enumerate(ranked)}
+    return {
+        k: dataclasses.replace(worlds[i], name=f"world_{k}")
+        for k, i in enumerate(ranked)
+    }
 
 
 def write_dataset(
-    target: Path, parameters: DatasetParameters | None = None, progress: Callable[[int, int], None] | None = None
+    target: Path,
+    parameters: DatasetParameters | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> None:
     """Generate a data set, number it by rising narrowness and write it as a .npz file with a manifest beside it.
 
     `write_dataset(Path("barn300.npz"))` makes the worlds that the package ships.
     """
     chosen = parameters or DatasetParameters()
-    about: dict[str, object] = {"seed": chosen.seed, "worlds_per_set": chosen.worlds_per_set}
-    about |= {key: value for key, value in (("keep", chosen.keep), ("robot", chosen.robot)) if value}
-    inflated = {"inflation_cells": INFLATION_CELLS, "inflation_weight": INFLATION_WEIGHT}
-    about["path_planner"] = {"search": "original", "largest_turn_steps": LARGEST_TURN, **inflated}
+    about: dict[str, object] = {
+        "seed": chosen.seed,
+        "worlds_per_set": chosen.worlds_per_set,
+    }
+    about |= {
+        key: value
+        for key, value in (("keep", chosen.keep), ("robot", chosen.robot))
+        if value
+    }
+    inflated = {
+        "inflation_cells": INFLATION_CELLS,
+        "inflation_weight": INFLATION_WEIGHT,
+    }
+    about["path_planner"] = {
+        "search": "original",
+        "largest_turn_steps": LARGEST_TURN,
+        **inflated,
+    }
     write_ordered(target, chosen.name, *ranked_dataset(chosen, progress), about)
 
 
 def write_ordered(
-    target: Path, name: str, worlds: Sequence[World], order: Order, about: Mapping[str, object]
+    target: Path,
+    name: str,
+    worlds: Sequence[World],
+    order: Order,
+    about: Mapping[str, object],
 ) -> dict[int, World]:
     """Write worlds as a data set file, numbered by rising score, and return them.
 
     about: more entries for the manifest, beside the order.
     """
     numbered = reordered(worlds, order)
-    write_own(target, name, numbered, {**about, "order": {"by": order.by, "scores": sorted(order.scores)}})
+    write_own(
+        target,
+        name,
+        numbered,
+        {**about, "order": {"by": order.by, "scores": sorted(order.scores)}},
+    )
     return numbered
 
 
@@ -197,9 +290,13 @@ def grow(parameters: WorldParameters, generator: np.random.Generator) -> BoolGri
     return grid
 
 
-def iterations(parameters: WorldParameters, generator: np.random.Generator) -> Iterator[BoolGrid]:
+def iterations(
+    parameters: WorldParameters, generator: np.random.Generator
+) -> Iterator[BoolGrid]:
     """Yield the random grid and then the grid after each smoothing iteration (as in Fig. 1 of the paper)."""
-    grid: BoolGrid = generator.random((parameters.rows, parameters.cols)) < parameters.initial_fill
+    grid: BoolGrid = (
+        generator.random((parameters.rows, parameters.cols)) < parameters.initial_fill
+    )
     grid[[0, -1]] = True  # the side walls
     yield grid
     for _ in range(parameters.smoothing_iterations):
@@ -225,5 +322,7 @@ def smooth(grid: BoolGrid, fill_threshold: int, clear_threshold: int) -> BoolGri
             for r in range(row - 1, row + 2):
                 for c in range(column - 1, column + 2):
                     neighbours += r < 0 or r >= rows or (0 <= c < cols and grid[r, c])
-            smoothed[row, column] = neighbours >= fill_threshold or (filled and neighbours > clear_threshold)
+            smoothed[row, column] = neighbours >= fill_threshold or (
+                filled and neighbours > clear_threshold
+            )
     return smoothed

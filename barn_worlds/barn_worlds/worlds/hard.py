@@ -20,7 +20,10 @@ from barn_worlds.worlds.world import Provenance, World
 
 KINDS = ("doors", "dead_ends", "turns", "clutter")
 ALL = "all"
-_AHEAD, _AFTER = 14, 8  # free cells that a way begins and ends with, before and after the field
+_AHEAD, _AFTER = (
+    14,
+    8,
+)  # free cells that a way begins and ends with, before and after the field
 _NORTH = 4  # heading of the lattice along columns
 
 
@@ -32,18 +35,30 @@ class HardParameters(Checked):
     rows: int = quantity(30, "cells across, side walls included", "", 24, 100)
     cols: int = quantity(45, "cells along the driving direction", "", 24, 200)
     resolution_m: float = quantity(0.15, "size of a cell", "m", 0.01, 10.0)
-    margin_cells: float = quantity(0.3, "room that the proven way leaves on every side, in cells", "", 0.0, 2.0)
-    spare_cells: int = quantity(2, "most cells that a passage is wider than the narrowest", "", 0, 10)
-    attempts: int = quantity(1000, "grids tried until one has a way through", "", 1, 1_000_000)
+    margin_cells: float = quantity(
+        0.3, "room that the proven way leaves on every side, in cells", "", 0.0, 2.0
+    )
+    spare_cells: int = quantity(
+        2, "most cells that a passage is wider than the narrowest", "", 0, 10
+    )
+    attempts: int = quantity(
+        1000, "grids tried until one has a way through", "", 1, 1_000_000
+    )
 
 
 class Draw:
     """A grid that is being drawn, with its random numbers and the widths of its passages in cells."""
 
-    def __init__(self, parameters: HardParameters, narrowest: int, generator: np.random.Generator) -> None:
+    def __init__(
+        self, parameters: HardParameters, narrowest: int, generator: np.random.Generator
+    ) -> None:
         self.grid: BoolGrid = np.zeros((parameters.rows, parameters.cols), np.bool_)
         self.grid[[0, -1]] = True  # the side walls
-        self._narrowest, self._spare, self._generator = narrowest, parameters.spare_cells, generator
+        self._narrowest, self._spare, self._generator = (
+            narrowest,
+            parameters.spare_cells,
+            generator,
+        )
 
     def whole(self, low: int, high: int) -> int:
         """Return a whole number, both ends included."""
@@ -60,7 +75,11 @@ def _doors(draw: Draw) -> None:
     column, before = draw.whole(4, 12), rows // 2
     for _ in range(draw.whole(1, 3)):
         wide = draw.passage()
-        room = [row for row in range(1, rows - 1 - wide) if abs(row + wide // 2 - before) >= rows // 8]
+        room = [
+            row
+            for row in range(1, rows - 1 - wide)
+            if abs(row + wide // 2 - before) >= rows // 8
+        ]
         door = room[draw.whole(0, len(room) - 1)]
         draw.grid[:, column] = True
         draw.grid[door : door + wide, column] = False
@@ -80,8 +99,12 @@ def _dead_ends(draw: Draw) -> None:
     for _ in range(draw.whole(1, 2)):
         end, room = min(column + draw.whole(4, 12), cols - 1), draw.passage()
         left, right = draw.whole(0, rows // 2 - 4), draw.whole(rows // 2 + 4, rows - 1)
-        if left <= room and rows - 1 - right <= room:  # else it would leave no way on either side
-            left, right = (room + 1, rows - 1) if draw.whole(0, 1) else (0, rows - 2 - room)
+        if (
+            left <= room and rows - 1 - right <= room
+        ):  # else it would leave no way on either side
+            left, right = (
+                (room + 1, rows - 1) if draw.whole(0, 1) else (0, rows - 2 - room)
+            )
         draw.grid[left : right + 1, end] = True
         draw.grid[[left, right], column : end + 1] = True
         if draw.whole(0, 1):
@@ -98,7 +121,9 @@ def _turns(draw: Draw) -> None:
     for _ in range(draw.whole(2, 5)):
         wide = draw.passage() + draw.whole(0, rows // 4)
         draw.grid[:, column] = True
-        draw.grid[slice(1, 1 + wide) if side else slice(rows - 1 - wide, rows - 1), column] = False
+        draw.grid[
+            slice(1, 1 + wide) if side else slice(rows - 1 - wide, rows - 1), column
+        ] = False
         after = column + draw.passage() + draw.whole(2, 4)
         if draw.whole(0, 1):
             place, stub = draw.whole(9, rows - 11), after - draw.passage()
@@ -121,11 +146,15 @@ def _clutter(draw: Draw) -> None:
 
 def _place(draw: Draw, thing: BoolGrid, attempts: int) -> None:
     """Put a thing where all others and the side walls are at least a passage away, if there is such a place."""
-    rows, cols = (side - size for side, size in zip(draw.grid.shape, thing.shape, strict=True))
+    rows, cols = (
+        side - size for side, size in zip(draw.grid.shape, thing.shape, strict=True)
+    )
     for _ in range(attempts):
         row, column, gap = draw.whole(1, rows - 1), draw.whole(0, cols), draw.passage()
         high, far = row + thing.shape[0], column + thing.shape[1]
-        if not draw.grid[max(0, row - gap) : high + gap, max(0, column - gap) : far + gap].any():
+        if not draw.grid[
+            max(0, row - gap) : high + gap, max(0, column - gap) : far + gap
+        ].any():
             draw.grid[row:high, column:far] |= thing
             return
 
@@ -134,14 +163,21 @@ _DRAWN = dict(zip(KINDS, (_doors, _dead_ends, _turns, _clutter), strict=True))
 
 
 def hard_world(
-    parameters: HardParameters, robot: Robot, generator: np.random.Generator, name: str, seed: tuple[int, ...] = ()
+    parameters: HardParameters,
+    robot: Robot,
+    generator: np.random.Generator,
+    name: str,
+    seed: tuple[int, ...] = (),
 ) -> World:
     """Return a random world with a way proven for the robot's turned footprint as its path.
 
     generator: only `random` is used. seed: what it was seeded with, for the provenance. Raises WorldError if none of
     the grids tried has a way.
     """
-    side_m, margin_m = parameters.resolution_m, parameters.margin_cells * parameters.resolution_m
+    side_m, margin_m = (
+        parameters.resolution_m,
+        parameters.margin_cells * parameters.resolution_m,
+    )
     narrowest = math.ceil((robot.width_m + 2.0 * margin_m) / side_m - 1e-6)
     for _ in range(parameters.attempts):
         draw = Draw(parameters, narrowest, generator)
@@ -150,11 +186,24 @@ def hard_world(
         if way is None:
             continue
         cells = cells_of(way) - np.array([0, _AHEAD])
-        path = cells[np.flatnonzero(cells[:, 1] < 0)[-1] + 1 : np.flatnonzero(cells[:, 1] == parameters.cols)[0]]
-        about = Provenance("generated", parameters=as_dict(parameters), seed=seed, path_source="planned")
-        return World(name, draw.grid, path, side_m, robot.footprint_cells(side_m), about)
+        path = cells[
+            np.flatnonzero(cells[:, 1] < 0)[-1] + 1 : np.flatnonzero(
+                cells[:, 1] == parameters.cols
+            )[0]
+        ]
+        about = Provenance(
+            "generated",
+            parameters=as_dict(parameters),
+            seed=seed,
+            path_source="planned",
+        )
+        return World(
+            name, draw.grid, path, side_m, robot.footprint_cells(side_m), about
+        )
     hint = "allow more attempts or spare_cells, or larger cells"
-    raise WorldError(f"no way through {parameters.attempts} worlds of kind {parameters.kind}; {hint}")
+    raise WorldError(
+        f"no way through {parameters.attempts} worlds of kind {parameters.kind}; {hint}"
+    )
 
 
 def hard_worlds(
@@ -170,18 +219,26 @@ def hard_worlds(
     worlds = []
     for kind in kinds:
         asked = {"resolution_m": cell_m(robot), **changes, "kind": kind}
-        parameters = replace_dotted(HardParameters(), asked, "parameters of hard worlds")
+        parameters = replace_dotted(
+            HardParameters(), asked, "parameters of hard worlds"
+        )
         for k in range(per_kind):
             key = KINDS.index(parameters.kind), k
-            generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
+            generator = np.random.default_rng(
+                np.random.SeedSequence(seed, spawn_key=key)
+            )
             called = f"{name}_{parameters.kind}_{k}"
-            worlds.append(hard_world(parameters, robot, generator, called, seed=(seed, *key)))
+            worlds.append(
+                hard_world(parameters, robot, generator, called, seed=(seed, *key))
+            )
             if progress is not None:
                 progress(len(worlds), per_kind * len(kinds))
     return worlds
 
 
-def proven_way(grid: BoolGrid, side_m: float, robot: Robot, margin_m: float) -> Floats | None:
+def proven_way(
+    grid: BoolGrid, side_m: float, robot: Robot, margin_m: float
+) -> Floats | None:
     """Return a way (n, 3) through a field, in cells from 14 in front of it, x and y, and yaw in rad; None without one.
 
     From the middle in front of it, ahead, to the middle behind it. The side walls go on in front, as the containment
@@ -189,5 +246,10 @@ def proven_way(grid: BoolGrid, side_m: float, robot: Robot, margin_m: float) -> 
     """
     whole = np.pad(grid, ((0, 0), (_AHEAD, _AFTER)))
     whole[[0, -1], :_AHEAD] = True
-    middle, end = POINTS_PER_CELL * grid.shape[0] // 2, POINTS_PER_CELL * (whole.shape[1] - 3)
-    return lattice(whole, side_m, robot.chassis, margin_m).way((middle, 0, _NORTH), (middle, end))
+    middle, end = (
+        POINTS_PER_CELL * grid.shape[0] // 2,
+        POINTS_PER_CELL * (whole.shape[1] - 3),
+    )
+    return lattice(whole, side_m, robot.chassis, margin_m).way(
+        (middle, 0, _NORTH), (middle, end)
+    )

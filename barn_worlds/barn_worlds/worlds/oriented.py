@@ -51,7 +51,9 @@ class Lattice:
         return np.column_stack([points, HEADINGS_RAD[found[:, 2]]])
 
 
-def lattice(grid: BoolGrid, cell_m: float, chassis: Chassis, margin_m: float) -> Lattice:
+def lattice(
+    grid: BoolGrid, cell_m: float, chassis: Chassis, margin_m: float
+) -> Lattice:
     """Return the lattice of a robot in a grid (rows, cols); beyond the grid nothing stands, and it may not go there."""
     footprint = Footprint(np.array(chassis.hull_m), chassis.footprint_radius_m)
     cylinders = np.argwhere(grid)
@@ -60,34 +62,61 @@ def lattice(grid: BoolGrid, cell_m: float, chassis: Chassis, margin_m: float) ->
     for k, yaw in enumerate(HEADINGS_RAD.tolist()):
         turn = (HEADINGS_RAD[(k + 1) % len(STEPS)] - yaw) % (2.0 * math.pi)
         step = STEPS[k] * cell_m / POINTS_PER_CELL
-        motions = (step, 0.0, math.hypot(*step)), (0.0 * step, turn, turn * chassis.circumscribed_m)
+        motions = (
+            (step, 0.0, math.hypot(*step)),
+            (0.0 * step, turn, turn * chassis.circumscribed_m),
+        )
         for motion, (ahead, by, moved_m) in enumerate(motions):
             apart_m = margin_m + cell_m / 2.0 + 0.5 * moved_m / (_SAMPLES - 1)
-            poses = [(*(share * ahead), yaw + share * by) for share in np.linspace(0.0, 1.0, _SAMPLES)]
-            _forbid(both[motion, k], cylinders, _stencil(footprint, poses, cell_m / POINTS_PER_CELL, apart_m))
+            poses = [
+                (*(share * ahead), yaw + share * by)
+                for share in np.linspace(0.0, 1.0, _SAMPLES)
+            ]
+            _forbid(
+                both[motion, k],
+                cylinders,
+                _stencil(footprint, poses, cell_m / POINTS_PER_CELL, apart_m),
+            )
     return Lattice(cell_m, both[0], both[1])
 
 
 def cells_of(way: Floats) -> Cells:
     """Return the cells (n, 2) that a way (n, 3) goes through, none twice in a row."""
     cells = np.floor(way[:, :2]).astype(np.int64)
-    kept: Cells = cells[np.concatenate([[True], (np.diff(cells, axis=0) != 0).any(axis=1)])]
+    kept: Cells = cells[
+        np.concatenate([[True], (np.diff(cells, axis=0) != 0).any(axis=1)])
+    ]
     return kept
 
 
-def _stencil(footprint: Footprint, poses: list[tuple[float, float, float]], point_m: float, apart_m: float) -> Integers:
+def _stencil(
+    footprint: Footprint,
+    poses: list[tuple[float, float, float]],
+    point_m: float,
+    apart_m: float,
+) -> Integers:
     """Return the points (n, 2) from which poses (x, y in m, yaw) bring the footprint too near to a cylinder at (0, 0).
 
     The cylinder stands half way between points, on whole ones from its cell's corner; points are counted from there.
     """
-    reach_m = float(np.hypot(*footprint.corners_m.T).max()) + apart_m + max(math.hypot(x, y) for x, y, _ in poses)
+    reach_m = (
+        float(np.hypot(*footprint.corners_m.T).max())
+        + apart_m
+        + max(math.hypot(x, y) for x, y, _ in poses)
+    )
     far = math.ceil(reach_m / point_m) + 1
-    points = np.stack(np.meshgrid(np.arange(-far, far + 1), np.arange(-far, far + 1), indexing="ij"), -1).reshape(-1, 2)
+    points = np.stack(
+        np.meshgrid(np.arange(-far, far + 1), np.arange(-far, far + 1), indexing="ij"),
+        -1,
+    ).reshape(-1, 2)
     away = point_m * (0.5 * POINTS_PER_CELL - points)  # from the point to the cylinder
     near = np.zeros(len(points), np.bool_)
     for x, y, yaw in poses:
         dx, dy = away[:, 0] - x, away[:, 1] - y
-        ahead, left = math.cos(yaw) * dx + math.sin(yaw) * dy, math.cos(yaw) * dy - math.sin(yaw) * dx
+        ahead, left = (
+            math.cos(yaw) * dx + math.sin(yaw) * dy,
+            math.cos(yaw) * dy - math.sin(yaw) * dx,
+        )
         near |= footprint.distances(ahead, left) < apart_m
     found: Integers = points[near]
     return found
@@ -104,7 +133,9 @@ def _forbid(allowed: BoolGrid, cylinders: Cells, stencil: Integers) -> None:
 
 
 @njit(cache=True)
-def _search(drives: BoolGrid, turns: BoolGrid, start: Integers, goal: Integers) -> Integers:
+def _search(
+    drives: BoolGrid, turns: BoolGrid, start: Integers, goal: Integers
+) -> Integers:
     """Return the states x, y, heading (n, 3) of the cheapest way, found by A*; (0, 3) if there is none."""
     headings, wide, long = drives.shape
     cost = np.full(headings * wide * long, np.inf)
@@ -129,13 +160,18 @@ def _search(drives: BoolGrid, turns: BoolGrid, start: Integers, goal: Integers) 
             else:
                 turned = (k + (1 if move == 1 else -1)) % headings
                 low = k if move == 1 else turned
-                angle = (HEADINGS_RAD[(low + 1) % headings] - HEADINGS_RAD[low]) % (2.0 * math.pi)
+                angle = (HEADINGS_RAD[(low + 1) % headings] - HEADINGS_RAD[low]) % (
+                    2.0 * math.pi
+                )
                 price = _RAD_AS_CELLS * POINTS_PER_CELL * angle
                 allowed = turns[low, x, y]
             reached = (turned * wide + u) * long + v
             if allowed and cost[state] + price < cost[reached] - 1e-9:
                 cost[reached], parent[reached] = cost[state] + price, state
-                heapq.heappush(heap, (cost[reached] + math.hypot(goal[0] - u, goal[1] - v), reached))
+                heapq.heappush(
+                    heap,
+                    (cost[reached] + math.hypot(goal[0] - u, goal[1] - v), reached),
+                )
     return np.empty((0, 3), np.int64)
 
 

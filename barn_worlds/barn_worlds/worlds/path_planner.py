@@ -19,10 +19,15 @@ _NO_DIRECTION = 8
 
 # With these all 50 of the shared paths are repeated cell by cell, apart from their first cell, which is there twice.
 LARGEST_TURN = 1  # between two steps, in steps of 45 degrees
-INFLATION_CELLS, INFLATION_WEIGHT = 2.0, 5.0  # cells this close to obstacles are searched later, by weight / distance
+INFLATION_CELLS, INFLATION_WEIGHT = (
+    2.0,
+    5.0,
+)  # cells this close to obstacles are searched later, by weight / distance
 
 
-def plan_path(cspace: BoolGrid, start: tuple[int, int], goal: tuple[int, int]) -> Cells | None:
+def plan_path(
+    cspace: BoolGrid, start: tuple[int, int], goal: tuple[int, int]
+) -> Cells | None:
     """Return a path (n, 2) of free cells from start to goal, both included, or None if there is none.
 
     Steps go to the 8 neighbours, but not between two occupied cells that touch at a corner; turns are limited. The
@@ -32,7 +37,9 @@ def plan_path(cspace: BoolGrid, start: tuple[int, int], goal: tuple[int, int]) -
     rows, cols = cspace.shape
     for row, column in (start, goal):
         if not (0 <= row < rows and 0 <= column < cols):
-            raise WorldError(f"cell ({row}, {column}) is outside the grid of {rows} x {cols} cells")
+            raise WorldError(
+                f"cell ({row}, {column}) is outside the grid of {rows} x {cols} cells"
+            )
         if cspace[row, column]:
             return None
     free = np.ascontiguousarray(~cspace)
@@ -71,13 +78,18 @@ def inflation(cspace: BoolGrid) -> Floats:
         for right in range(-reach, reach + 1):
             distance = math.hypot(down, right)
             if 0.0 < distance <= INFLATION_CELLS:
-                near = padded[reach + down : reach + down + rows, reach + right : reach + right + cols]
+                near = padded[
+                    reach + down : reach + down + rows,
+                    reach + right : reach + right + cols,
+                ]
                 np.maximum(penalty, near * (INFLATION_WEIGHT / distance), out=penalty)
     return penalty
 
 
 @njit(cache=True)
-def search(free: BoolGrid, penalty: Floats, start: int, goal: int, complete: bool) -> Cells:
+def search(
+    free: BoolGrid, penalty: Floats, start: int, goal: int, complete: bool
+) -> Cells:
     """Return a path (n, 2) of free cells (rows, cols), expanded in order of cost so far plus penalty; empty if none.
 
     Unless complete, it is the search of the original. A cell is discovered without a heuristic. An open cell that is
@@ -89,8 +101,15 @@ def search(free: BoolGrid, penalty: Floats, start: int, goal: int, complete: boo
     rows, cols = free.shape
     states = 9 if complete else 1  # per cell
     size = rows * cols * states
-    cost, parent, direction = np.full(size, np.inf), np.full(size, -1, np.int64), np.full(size, _NO_DIRECTION, np.int64)
-    done, entry = np.zeros(size, np.bool_), np.zeros(size, np.int64)  # the heap's entry that counts, not an older one
+    cost, parent, direction = (
+        np.full(size, np.inf),
+        np.full(size, -1, np.int64),
+        np.full(size, _NO_DIRECTION, np.int64),
+    )
+    done, entry = (
+        np.zeros(size, np.bool_),
+        np.zeros(size, np.int64),
+    )  # the heap's entry that counts, not an older one
     first = start * states + (_NO_DIRECTION if complete else 0)
     cost[first] = 0.0
     heap = [(0.0, 0, first)]
@@ -105,7 +124,10 @@ def search(free: BoolGrid, penalty: Floats, start: int, goal: int, complete: boo
             return _trace(parent, state, states, cols)
         for turn in _STRAIGHT_FIRST:
             before = direction[state]
-            if before != _NO_DIRECTION and min((turn - before) % 8, (before - turn) % 8) > LARGEST_TURN:
+            if (
+                before != _NO_DIRECTION
+                and min((turn - before) % 8, (before - turn) % 8) > LARGEST_TURN
+            ):
                 continue
             target = _step(free, cell, turn)
             if target < 0:
@@ -115,9 +137,20 @@ def search(free: BoolGrid, penalty: Floats, start: int, goal: int, complete: boo
             if new_cost < cost[reached] and not done[reached]:
                 known = complete or cost[reached] < np.inf
                 remaining = _remaining(target, goal, cols, complete) if known else 0.0
-                cost[reached], parent[reached], direction[reached] = new_cost, state, turn
+                cost[reached], parent[reached], direction[reached] = (
+                    new_cost,
+                    state,
+                    turn,
+                )
                 entry[reached] = pushed
-                heapq.heappush(heap, (new_cost + remaining + penalty[target // cols, target % cols], pushed, reached))
+                heapq.heappush(
+                    heap,
+                    (
+                        new_cost + remaining + penalty[target // cols, target % cols],
+                        pushed,
+                        reached,
+                    ),
+                )
                 pushed += 1
     return np.empty((0, 2), np.int64)
 

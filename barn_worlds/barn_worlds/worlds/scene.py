@@ -38,24 +38,47 @@ class TrialScene(NamedTuple):
     def moved(self, cylinders_m: Points) -> "TrialScene":
         """Return the scene with its cylinders at centres (k, 2) in the order of `World.cylinders_m`."""
         count = len(self.obstacles_m)
-        return self._replace(obstacles_m=cylinders_m[:count], walls_m=cylinders_m[count:])
+        return self._replace(
+            obstacles_m=cylinders_m[:count], walls_m=cylinders_m[count:]
+        )
 
     def ends_m(self) -> Floats:
         """Return start and goal (k, 2), as far as they are known."""
-        known = [(pose.x, pose.y) for pose in (self.start, self.goal) if pose is not None]
+        known = [
+            (pose.x, pose.y) for pose in (self.start, self.goal) if pose is not None
+        ]
         return np.array(known, np.float64).reshape(-1, 2)
 
-    def view_m(self, low: Floats, high: Floats, *driven_m: Points) -> tuple[Floats, Floats]:
+    def view_m(
+        self, low: Floats, high: Floats, *driven_m: Points
+    ) -> tuple[Floats, Floats]:
         """Return the corners of a picture from low to high, of a wide world no more than what is near a way."""
         way = np.concatenate([self.path_m, self.ends_m(), *driven_m])
         if not len(way):
             return low, high
-        return np.maximum(low, way.min(axis=0) - _NEAR_M), np.minimum(high, way.max(axis=0) + _NEAR_M)
+        return np.maximum(low, way.min(axis=0) - _NEAR_M), np.minimum(
+            high, way.max(axis=0) + _NEAR_M
+        )
 
 
 def scene_of(
-    world: World, start: Pose2D | None = None, goal: Pose2D | None = None, reached_m: float = 0.0
+    world: World,
+    start: Pose2D | None = None,
+    goal: Pose2D | None = None,
+    reached_m: float = 0.0,
 ) -> TrialScene:
     """Return the scene of a world and a course through it; reached_m: from the goal, what counts as arrival."""
-    size, boxes = (world.cylinder_radius_m, world.cylinder_height_m), wall_bodies(world.walls)
-    return TrialScene(world.obstacles_m, world.containment_m, *size, world.path_m(), start, goal, reached_m, boxes)
+    size, boxes = (
+        (world.cylinder_radius_m, world.cylinder_height_m),
+        wall_bodies(world.walls),
+    )
+    return TrialScene(
+        world.obstacles_m,
+        world.containment_m,
+        *size,
+        world.path_m(),
+        start,
+        goal,
+        reached_m,
+        boxes,
+    )

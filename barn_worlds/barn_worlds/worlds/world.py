@@ -72,18 +72,28 @@ class World:
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not 0 < len(self.name) <= LARGEST_NAME:
-            raise WorldError(f"name of a world must have 1 to {LARGEST_NAME} characters, got {self.name!r:.60}")
+            raise WorldError(
+                f"name of a world must have 1 to {LARGEST_NAME} characters, got {self.name!r:.60}"
+            )
         if not (math.isfinite(self.resolution_m) and 0.01 <= self.resolution_m <= 10.0):
-            raise WorldError(f"{self.name}: resolution must be from 0.01 to 10 m, got {self.resolution_m}")
+            raise WorldError(
+                f"{self.name}: resolution must be from 0.01 to 10 m, got {self.resolution_m}"
+            )
         grid = checked_grid(self.grid, self.name)
         object.__setattr__(self, "grid", grid)
         object.__setattr__(self, "path", checked_path(self.path, grid, self.name))
         side, most = self.footprint_cells, 2 * LARGEST_SIDE
         if not (isinstance(side, int) and 0 < side < most and side % 2):
-            raise WorldError(f"{self.name}: footprint must be an odd number of cells from 1 to {most}, got {side}")
+            raise WorldError(
+                f"{self.name}: footprint must be an odd number of cells from 1 to {most}, got {side}"
+            )
         check_scene(self.walls, self.moving, self.name)
-        if self.corner_m is not None and not all(abs(side) <= FARTHEST_CORNER_M for side in self.corner_m):
-            raise WorldError(f"{self.name}: corner must be within {FARTHEST_CORNER_M:g} m, got {self.corner_m}")
+        if self.corner_m is not None and not all(
+            abs(side) <= FARTHEST_CORNER_M for side in self.corner_m
+        ):
+            raise WorldError(
+                f"{self.name}: corner must be within {FARTHEST_CORNER_M:g} m, got {self.corner_m}"
+            )
         if (self.start is None) != (self.goal is None):
             raise WorldError(f"{self.name}: start and goal must both be given, or none")
 
@@ -125,7 +135,9 @@ class World:
     @cached_property
     def obstacles_m(self) -> Points:
         """Centres (n, 2) of the grid's cylinders, without cells whose neighbours are all filled."""
-        return _read_only(self.cell_centres_m(np.argwhere(self.grid & ~geometry.hollow(self.grid))))
+        return _read_only(
+            self.cell_centres_m(np.argwhere(self.grid & ~geometry.hollow(self.grid)))
+        )
 
     @cached_property
     def containment_m(self) -> Points:
@@ -145,8 +157,15 @@ class World:
         """x_min, y_min, x_max, y_max of all cells, the containment included."""
         if self.corner_m is not None:
             x_m, y_m = self.corner_m
-            return x_m, y_m, x_m + self.rows * self.resolution_m, y_m + self.cols * self.resolution_m
-        length = (geometry.lead_in_cells(self.resolution_m) + self.cols) * self.resolution_m
+            return (
+                x_m,
+                y_m,
+                x_m + self.rows * self.resolution_m,
+                y_m + self.cols * self.resolution_m,
+            )
+        length = (
+            geometry.lead_in_cells(self.resolution_m) + self.cols
+        ) * self.resolution_m
         return -self.rows * self.resolution_m, 0.0, 0.0, length
 
     def path_m(self, historical: bool = False) -> Points:
@@ -155,7 +174,11 @@ class World:
         That is one cell too low in x and two thirds of a cell too low in y (0.15 and 0.10 m in a standard world), as
         the goals of the paper's trials are. They had no arenas: there, both are true.
         """
-        off = (self.resolution_m, self.resolution_m * 2.0 / 3.0) if historical and self.corner_m is None else (0.0, 0.0)
+        off = (
+            (self.resolution_m, self.resolution_m * 2.0 / 3.0)
+            if historical and self.corner_m is None
+            else (0.0, 0.0)
+        )
         return np.subtract(self.cell_centres_m(self.path), off)
 
     def cell_centres_m(self, cells: Cells) -> Points:
@@ -169,13 +192,19 @@ class World:
         """Return the cells (n, 2) in which points (n, 2) in metres lie; they may be outside the grid."""
         if self.corner_m is None:
             return geometry.containing_cells(points, self.rows, self.resolution_m)
-        cells: Cells = np.floor((points - np.array(self.corner_m)) / self.resolution_m).astype(np.int64)
+        cells: Cells = np.floor(
+            (points - np.array(self.corner_m)) / self.resolution_m
+        ).astype(np.int64)
         return cells
 
     @cached_property
     def occupied(self) -> BoolGrid:
         """Filled cells (rows, cols), with those that the walls of an arena reach into."""
-        return self.grid if self.corner_m is None else _read_only(self.occupancy_map().data.T > 0)
+        return (
+            self.grid
+            if self.corner_m is None
+            else _read_only(self.occupancy_map().data.T > 0)
+        )
 
     @cached_property
     def tracks(self) -> Tracks:
@@ -187,26 +216,48 @@ class World:
         """Arc length of the path over cell centres; a repeated cell adds nothing."""
         return float(np.hypot(*np.diff(self.path, axis=0).T).sum() * self.resolution_m)
 
-    def occupancy_map(self, resolution_m: float | None = None, *, historical: bool = False) -> OccupancyMap:
+    def occupancy_map(
+        self, resolution_m: float | None = None, *, historical: bool = False
+    ) -> OccupancyMap:
         """Return the map a planner is given; see `barn_worlds.worlds.cells.world_map`. What moves is not in it."""
-        found = world_map(self.grid, self.resolution_m, resolution_m, historical=historical, corner_m=self.corner_m)
+        found = world_map(
+            self.grid,
+            self.resolution_m,
+            resolution_m,
+            historical=historical,
+            corner_m=self.corner_m,
+        )
         for wall in self.walls:
-            occupy_box(found, (wall.x_m, wall.y_m), (wall.size_x_m, wall.size_y_m), wall.yaw_rad)
+            occupy_box(
+                found,
+                (wall.x_m, wall.y_m),
+                (wall.size_x_m, wall.size_y_m),
+                wall.yaw_rad,
+            )
         return found
 
     @property
     def course_numbers(self) -> tuple[float, ...]:
         """x, y and yaw of start and goal, (6,); empty without."""
-        return tuple(float(number) for end in (self.start, self.goal) if end for number in (end.x, end.y, end.yaw))
+        return tuple(
+            float(number)
+            for end in (self.start, self.goal)
+            if end
+            for number in (end.x, end.y, end.yaw)
+        )
 
     @cached_property
     def checksum(self) -> str:
         """SHA-256 of grid, path, resolution, footprint and what stands and moves beside it, without names."""
-        digest = hashlib.sha256(np.array([self.rows, self.cols, self.footprint_cells], "<i8").tobytes())
+        digest = hashlib.sha256(
+            np.array([self.rows, self.cols, self.footprint_cells], "<i8").tobytes()
+        )
         digest.update(np.array([self.resolution_m], "<f8").tobytes())
         digest.update(np.packbits(self.grid).tobytes())
         digest.update(self.path.astype("<i8").tobytes())
-        digest.update(np.array([*(self.corner_m or ()), *self.course_numbers], "<f8").tobytes())
+        digest.update(
+            np.array([*(self.corner_m or ()), *self.course_numbers], "<f8").tobytes()
+        )
         if self.walls or self.moving:
             digest.update(scene_content(self.walls, self.moving))
         return digest.hexdigest()
@@ -218,13 +269,19 @@ def checked_grid(grid: object, where: str) -> BoolGrid:
         shape = getattr(grid, "shape", type(grid).__name__)
         raise WorldError(f"{where}: grid must be a two-dimensional array, got {shape}")
     if not all(1 <= side <= LARGEST_SIDE for side in grid.shape):
-        raise WorldError(f"{where}: grid must be 1 to {LARGEST_SIDE} cells wide and long, got {grid.shape}")
+        raise WorldError(
+            f"{where}: grid must be 1 to {LARGEST_SIDE} cells wide and long, got {grid.shape}"
+        )
     if grid.dtype.kind not in "biuf":
-        raise WorldError(f"{where}: grid must hold zeros and ones, got values of type {grid.dtype}")
+        raise WorldError(
+            f"{where}: grid must hold zeros and ones, got values of type {grid.dtype}"
+        )
     wrong = (grid != 0) & (grid != 1)
     for row, column in np.argwhere(wrong):
         value = grid[row, column]
-        raise WorldError(f"{where}: grid must hold zeros and ones, got {value} in row {row}, column {column}")
+        raise WorldError(
+            f"{where}: grid must hold zeros and ones, got {value} in row {row}, column {column}"
+        )
     return _read_only(grid.astype(np.bool_, copy=True))
 
 
@@ -232,22 +289,34 @@ def checked_path(path: object, grid: BoolGrid, where: str) -> Cells:
     """Return a read-only copy of a path (n, 2) of free, adjoining cells; WorldError, beginning with `where`, if not."""
     if not isinstance(path, np.ndarray) or path.ndim != 2 or path.shape[1] != 2:
         shape = getattr(path, "shape", type(path).__name__)
-        raise WorldError(f"{where}: path must be an array of rows and columns (n, 2), got {shape}")
+        raise WorldError(
+            f"{where}: path must be an array of rows and columns (n, 2), got {shape}"
+        )
     if not 1 <= len(path) <= LONGEST_PATH:
-        raise WorldError(f"{where}: path must have 1 to {LONGEST_PATH} cells, got {len(path)}")
+        raise WorldError(
+            f"{where}: path must have 1 to {LONGEST_PATH} cells, got {len(path)}"
+        )
     if path.dtype.kind not in "iuf" or not (path == np.floor(path)).all():
-        raise WorldError(f"{where}: path must hold whole numbers, got values of type {path.dtype}")
+        raise WorldError(
+            f"{where}: path must hold whole numbers, got values of type {path.dtype}"
+        )
     outside = ((path < 0) | (path >= np.array(grid.shape))).any(axis=1)
     if outside.any():
-        raise WorldError(f"{where}: path leaves the grid of {grid.shape} at {path[outside][0].tolist()}")
+        raise WorldError(
+            f"{where}: path leaves the grid of {grid.shape} at {path[outside][0].tolist()}"
+        )
     cells = path.astype(np.int64)
     apart = (np.abs(np.diff(cells, axis=0)) > 1).any(axis=1)
     if apart.any():
         first, second = cells[:-1][apart][0].tolist(), cells[1:][apart][0].tolist()
-        raise WorldError(f"{where}: path must go from cell to neighbouring cell, got {first} then {second}")
+        raise WorldError(
+            f"{where}: path must go from cell to neighbouring cell, got {first} then {second}"
+        )
     through = grid[cells[:, 0], cells[:, 1]]
     if through.any():
-        raise WorldError(f"{where}: path goes through the filled cell {cells[through][0].tolist()}")
+        raise WorldError(
+            f"{where}: path goes through the filled cell {cells[through][0].tolist()}"
+        )
     return _read_only(cells)
 
 

@@ -14,7 +14,9 @@ def make():
     made = []
 
     def build(worlds="0-10", **config):
-        env = gymnasium.make(barn_eval.gym.ENVIRONMENT_ID, worlds=worlds, **{"observation.beams": 12})
+        env = gymnasium.make(
+            barn_eval.gym.ENVIRONMENT_ID, worlds=worlds, **{"observation.beams": 12}
+        )
         made.append(Curriculum(env, CurriculumConfig(**config)))
         return made[-1]
 

@@ -22,7 +22,11 @@ from barn_planners.policy.space import PolicyAction, PolicyObservation  # noqa: 
 from barn_worlds.base.errors import ConfigError  # noqa: E402
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "train_policy.py"
-CONFIG = EnvConfig(worlds="0", observation=PolicyObservation(beams=12), action=PolicyAction(0.0, 1.0, 1.0))
+CONFIG = EnvConfig(
+    worlds="0",
+    observation=PolicyObservation(beams=12),
+    action=PolicyAction(0.0, 1.0, 1.0),
+)
 
 
 @pytest.fixture
@@ -33,7 +37,11 @@ def vectorised():
 
 
 def test_the_batch_gives_what_the_environments_give():
-    config = EnvConfig(worlds="0:300:7", simulator={"lidar.beams": 90}, observation=PolicyObservation(beams=40))
+    config = EnvConfig(
+        worlds="0:300:7",
+        simulator={"lidar.beams": 90},
+        observation=PolicyObservation(beams=40),
+    )
     batch, others = StableBatch(5, config), DummyVecEnv([lambda: JackalEnv(config)] * 5)
     for envs in (batch, others):
         envs.seed(3)
@@ -49,7 +57,9 @@ def test_the_batch_gives_what_the_environments_give():
             ended += 1
             for name in ("TimeLimit.truncated", "outcome", "is_success"):
                 assert infos[k][name] == infos_too[k][name]
-            np.testing.assert_array_equal(infos[k]["terminal_observation"], infos_too[k]["terminal_observation"])
+            np.testing.assert_array_equal(
+                infos[k]["terminal_observation"], infos_too[k]["terminal_observation"]
+            )
     assert ended > 2 and batch.env_is_wrapped(gymnasium.Wrapper) == [False] * 5
     assert batch.get_attr("render_mode", [0]) == [None]
     batch.close()
@@ -57,15 +67,23 @@ def test_the_batch_gives_what_the_environments_give():
 
 
 def test_a_batch_takes_harder_worlds_with_success():
-    config = EnvConfig(worlds="0:300:7", simulator={"lidar.beams": 90}, observation=PolicyObservation(beams=40))
-    batch = StableBatch(3, config, CurriculumConfig(first_level=0.0, window=1, promotion_rate=0.0))
+    config = EnvConfig(
+        worlds="0:300:7",
+        simulator={"lidar.beams": 90},
+        observation=PolicyObservation(beams=40),
+    )
+    batch = StableBatch(
+        3, config, CurriculumConfig(first_level=0.0, window=1, promotion_rate=0.0)
+    )
     batch.seed(3)
     batch.reset()
     assert {env.worlds for env in batch.envs} == {(0,)}
     ended = np.zeros(3, int)
     for _ in range(120):
         ended += batch.step(np.full((3, 2), [1.0, 0.0]))[2]
-    assert [one.level for one in batch.curricula] == pytest.approx(0.05 * ended) and ended.any()
+    assert [one.level for one in batch.curricula] == pytest.approx(
+        0.05 * ended
+    ) and ended.any()
     batch.close()
 
 
@@ -81,16 +99,24 @@ def test_a_batch_takes_harder_worlds_with_success():
     ],
 )
 def test_the_file_answers_as_the_model(vectorised, tmp_path, name, settings):
-    model = getattr(algorithms, name)("MlpPolicy", vectorised, seed=1, device="cpu", **settings)
+    model = getattr(algorithms, name)(
+        "MlpPolicy", vectorised, seed=1, device="cpu", **settings
+    )
     export_policy(model, CONFIG, tmp_path / "policy.npz", {"by": "a test"})
     policy = read_policy(tmp_path / "policy.npz")
     assert (policy.observation, policy.action) == (CONFIG.observation, CONFIG.action)
     assert policy.about == {"algorithm": name, "steps": 0, "by": "a test"}
     low, high = CONFIG.observation.bounds()
     network = PolicyNetwork(policy)
-    for seen in np.random.default_rng(2).uniform(low, high, (50, CONFIG.observation.size)).astype(np.float32):
+    for seen in (
+        np.random.default_rng(2)
+        .uniform(low, high, (50, CONFIG.observation.size))
+        .astype(np.float32)
+    ):
         expected, _ = model.predict(seen, deterministic=True)
-        np.testing.assert_allclose(np.clip(network.act(seen), -1.0, 1.0), expected, atol=1e-5)
+        np.testing.assert_allclose(
+            np.clip(network.act(seen), -1.0, 1.0), expected, atol=1e-5
+        )
 
 
 def test_what_a_file_cannot_hold_is_refused(vectorised, tmp_path):
@@ -99,8 +125,16 @@ def test_what_a_file_cannot_hold_is_refused(vectorised, tmp_path):
     with pytest.raises(ConfigError, match="norm_obs=False"):
         export_policy(model, CONFIG, path)
     torch = pytest.importorskip("torch")
-    model = algorithms.PPO("MlpPolicy", vectorised, policy_kwargs={"activation_fn": torch.nn.ELU}, device="cpu")
-    with pytest.raises(ConfigError, match="linear layers with one of Tanh, ReLU between, got Linear, ELU"):
+    model = algorithms.PPO(
+        "MlpPolicy",
+        vectorised,
+        policy_kwargs={"activation_fn": torch.nn.ELU},
+        device="cpu",
+    )
+    with pytest.raises(
+        ConfigError,
+        match="linear layers with one of Tanh, ReLU between, got Linear, ELU",
+    ):
         export_policy(model, CONFIG, path)
     model = algorithms.PPO("MlpPolicy", vectorised, device="cpu")
     with pytest.raises(PolicyError, match="must lead from 725 observed values"):
@@ -112,7 +146,17 @@ def test_the_training_script_trains_draws_and_compares(tmp_path):
     command = [
         sys.executable,
         EXAMPLE,
-        *["--steps", "1", "--environments", "8", "--worlds-per-set", "2", "--held-out", "1", "--out"],
+        *[
+            "--steps",
+            "1",
+            "--environments",
+            "8",
+            "--worlds-per-set",
+            "2",
+            "--held-out",
+            "1",
+            "--out",
+        ],
         tmp_path,
     ]
     ended = subprocess.run(command, capture_output=True, text=True, check=True)
@@ -121,6 +165,9 @@ def test_the_training_script_trains_draws_and_compares(tmp_path):
         (row,) = csv.DictReader(file)
     assert int(row["steps"]) == 8192 and int(row["episodes"]) > 0
     assert (tmp_path / "curve.png").stat().st_size > 1000
-    untrained, trained = read_policy(tmp_path / "untrained.npz"), read_policy(tmp_path / "policy.npz")
+    untrained, trained = (
+        read_policy(tmp_path / "untrained.npz"),
+        read_policy(tmp_path / "policy.npz"),
+    )
     assert trained.about["steps"] == 8192
     assert not np.array_equal(untrained.weights[0], trained.weights[0])

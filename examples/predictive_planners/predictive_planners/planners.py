@@ -26,7 +26,9 @@ _NOTHING = np.empty((0, 5))
 class PredictiveGapConfig(GapConfig):
     """Follow-the-gap with prediction."""
 
-    horizon_s: float = quantity(2.0, "how far ahead discs are predicted", "s", 0.0, 60.0)
+    horizon_s: float = quantity(
+        2.0, "how far ahead discs are predicted", "s", 0.0, 60.0
+    )
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
 
 
@@ -34,8 +36,12 @@ class PredictiveGapConfig(GapConfig):
 class PredictiveMppiConfig(MppiPlannerConfig):
     """MPPI with prediction."""
 
-    moving_weight: float = quantity(1000.0, "meeting a predicted disc at once, half of that at the end", minimum=0.0)
-    moving_margin_m: float = quantity(0.1, "margin around robot and disc", "m", 0.0, 5.0)
+    moving_weight: float = quantity(
+        1000.0, "meeting a predicted disc at once, half of that at the end", minimum=0.0
+    )
+    moving_margin_m: float = quantity(
+        0.1, "margin around robot and disc", "m", 0.0, 5.0
+    )
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
 
 
@@ -52,14 +58,20 @@ class PredictiveGapPlanner(GapPlanner):
         super().start(task, seed)
         self._tracker.reset()
 
-    def _free_distances(self, observation: Observation, points: FloatArray) -> FloatArray:
+    def _free_distances(
+        self, observation: Observation, points: FloatArray
+    ) -> FloatArray:
         free = super()._free_distances(observation, points)
         config = self._predictive
-        discs = moved(self._tracker.update(observation), observation.odometry.pose.inverse())
+        discs = moved(
+            self._tracker.update(observation), observation.odometry.pose.inverse()
+        )
         if not len(discs) or config.max_speed_mps <= 0.0:
             return free
         longest_m = min(config.look_ahead_m, config.horizon_s * config.max_speed_mps)
-        met = meeting_distances(discs, self._directions, config.robot_radius_m, config.max_speed_mps)
+        met = meeting_distances(
+            discs, self._directions, config.robot_radius_m, config.max_speed_mps
+        )
         return np.minimum(free, np.where(met <= longest_m, met, config.look_ahead_m))
 
 
@@ -102,7 +114,11 @@ class PredictiveNavigationPlanner(NavigationPlanner):
         discs = self._tracker.update(observation)
         robot = self._robot(observation)
         in_odom = robot is observation.odometry.pose
-        self._predicting.discs = discs if in_odom else moved(discs, robot @ observation.odometry.pose.inverse())
+        self._predicting.discs = (
+            discs
+            if in_odom
+            else moved(discs, robot @ observation.odometry.pose.inverse())
+        )
 
 
 @njit(cache=True)

@@ -19,16 +19,32 @@ from barn_worlds.base.types import NANOSECONDS, Pose2D
 class TrackerConfig(Checked):
     """Settings of the tracker; the defaults are for people and robots at up to 3 m/s, seen 20 times a second."""
 
-    within_m: float = quantity(8.0, "returns that are further away are left out", "m", 0.5, 100.0)
-    split_m: float = quantity(0.25, "distance of neighbouring returns that splits clusters", "m", minimum=0.01)
+    within_m: float = quantity(
+        8.0, "returns that are further away are left out", "m", 0.5, 100.0
+    )
+    split_m: float = quantity(
+        0.25, "distance of neighbouring returns that splits clusters", "m", minimum=0.01
+    )
     least_returns: int = quantity(6, "fewest returns of a cluster", "", 3, 1000)
     most_radius_m: float = quantity(0.9, "largest radius of a circle", "m", 0.05, 10.0)
-    roundness_m: float = quantity(0.03, "largest mean distance of its returns from a circle", "m", minimum=0.001)
-    match_m: float = quantity(0.5, "a circle continues a track if its centre is this near", "m", minimum=0.01)
-    position_gain: float = quantity(0.5, "share of a measured offset taken over", "", 0.0, 1.0)
-    velocity_gain: float = quantity(0.15, "share of an offset's speed taken over", "", 0.0, 1.0)
-    sightings: int = quantity(6, "a track counts once it has been seen this often", "", 1, 1000)
-    least_speed_mps: float = quantity(0.25, "a track that is slower stands", "m/s", 0.0, 10.0)
+    roundness_m: float = quantity(
+        0.03, "largest mean distance of its returns from a circle", "m", minimum=0.001
+    )
+    match_m: float = quantity(
+        0.5, "a circle continues a track if its centre is this near", "m", minimum=0.01
+    )
+    position_gain: float = quantity(
+        0.5, "share of a measured offset taken over", "", 0.0, 1.0
+    )
+    velocity_gain: float = quantity(
+        0.15, "share of an offset's speed taken over", "", 0.0, 1.0
+    )
+    sightings: int = quantity(
+        6, "a track counts once it has been seen this often", "", 1, 1000
+    )
+    least_speed_mps: float = quantity(
+        0.25, "a track that is slower stands", "m/s", 0.0, 10.0
+    )
     forget_s: float = quantity(0.3, "a track not seen for longer ends", "s", 0.0, 60.0)
 
 
@@ -59,14 +75,18 @@ class Tracker:
         stamp_ns = observation.stamp_ns
         if self._last_ns is not None and stamp_ns <= self._last_ns:
             return self.moving()
-        period_s = 0.0 if self._last_ns is None else (stamp_ns - self._last_ns) / NANOSECONDS
+        period_s = (
+            0.0 if self._last_ns is None else (stamp_ns - self._last_ns) / NANOSECONDS
+        )
         self._last_ns = stamp_ns
         for track in self._tracks:
             track.centre = track.centre + period_s * track.velocity
         found = self._circles(observation)
         self._match(found, period_s, stamp_ns)
         limit_ns = self.config.forget_s * NANOSECONDS
-        self._tracks = [track for track in self._tracks if stamp_ns - track.seen_ns <= limit_ns]
+        self._tracks = [
+            track for track in self._tracks if stamp_ns - track.seen_ns <= limit_ns
+        ]
         return self.moving()
 
     def moving(self) -> FloatArray:
@@ -75,7 +95,8 @@ class Tracker:
         rows = [
             (*track.centre.tolist(), *track.velocity.tolist(), track.radius_m)
             for track in self._tracks
-            if track.sightings >= config.sightings and math.hypot(*track.velocity.tolist()) >= config.least_speed_mps
+            if track.sightings >= config.sightings
+            and math.hypot(*track.velocity.tolist()) >= config.least_speed_mps
         ]
         return np.array(rows, np.float64).reshape(-1, 5)
 
@@ -83,22 +104,38 @@ class Tracker:
         """Return centre (2,) in odom and radius of the circle of each round cluster."""
         config, scan = self.config, observation.scan
         ranges = scan.ranges.astype(np.float64)
-        seen = np.flatnonzero((ranges >= scan.range_min) & (ranges <= min(scan.range_max, config.within_m)))
+        seen = np.flatnonzero(
+            (ranges >= scan.range_min)
+            & (ranges <= min(scan.range_max, config.within_m))
+        )
         if len(seen) < config.least_returns:
             return []
         lidar, angles = self._lidar, scan.angles()[seen] + self._lidar.yaw
-        local = np.stack([lidar.x + ranges[seen] * np.cos(angles), lidar.y + ranges[seen] * np.sin(angles)], axis=1)
+        local = np.stack(
+            [
+                lidar.x + ranges[seen] * np.cos(angles),
+                lidar.y + ranges[seen] * np.sin(angles),
+            ],
+            axis=1,
+        )
         points = observation.odometry.pose.transform(local)
-        apart = (np.hypot(*np.diff(points, axis=0).T) > config.split_m) | (np.diff(seen) > 2)
+        apart = (np.hypot(*np.diff(points, axis=0).T) > config.split_m) | (
+            np.diff(seen) > 2
+        )
         found = []
         for cluster in np.split(points, np.flatnonzero(apart) + 1):
             if len(cluster) >= config.least_returns:
                 centre, radius_m, roundness_m = fitted_circle(cluster)
-                if radius_m <= config.most_radius_m and roundness_m <= config.roundness_m:
+                if (
+                    radius_m <= config.most_radius_m
+                    and roundness_m <= config.roundness_m
+                ):
                     found.append((centre, radius_m))
         return found
 
-    def _match(self, found: list[tuple[FloatArray, float]], period_s: float, stamp_ns: int) -> None:
+    def _match(
+        self, found: list[tuple[FloatArray, float]], period_s: float, stamp_ns: int
+    ) -> None:
         """Continue tracks with circles, the nearest pair first; what is left begins tracks."""
         config, tracks = self.config, self._tracks
         pairs = sorted(
@@ -146,11 +183,17 @@ def moved(discs: FloatArray, by: Pose2D) -> FloatArray:
     """Return discs (k, 5) in another frame, in which the present one has a pose."""
     if not len(discs):
         return discs
-    turn = np.array([[math.cos(by.yaw), -math.sin(by.yaw)], [math.sin(by.yaw), math.cos(by.yaw)]])
-    return np.column_stack([by.transform(discs[:, :2]), discs[:, 2:4] @ turn.T, discs[:, 4]])
+    turn = np.array(
+        [[math.cos(by.yaw), -math.sin(by.yaw)], [math.sin(by.yaw), math.cos(by.yaw)]]
+    )
+    return np.column_stack(
+        [by.transform(discs[:, :2]), discs[:, 2:4] @ turn.T, discs[:, 4]]
+    )
 
 
-def meeting_distances(discs: FloatArray, directions: FloatArray, radius_m: float, speed_mps: float) -> FloatArray:
+def meeting_distances(
+    discs: FloatArray, directions: FloatArray, radius_m: float, speed_mps: float
+) -> FloatArray:
     """Return how far (n,) a disc comes from the origin in each direction before it meets one of discs (k, 5)."""
     ways = np.stack([np.cos(directions), np.sin(directions)], axis=1)[:, None, :]
     relative = discs[None, :, 2:4] / speed_mps - ways  # per metre driven
@@ -160,5 +203,7 @@ def meeting_distances(discs: FloatArray, directions: FloatArray, radius_m: float
     root = b**2 - a * c
     with np.errstate(divide="ignore", invalid="ignore"):
         first = np.where(c <= 0.0, 0.0, (-b - np.sqrt(root)) / a)
-    nearest: FloatArray = np.where((root >= 0.0) & (b < 0.0), first, np.inf).min(axis=1, initial=np.inf)
+    nearest: FloatArray = np.where((root >= 0.0) & (b < 0.0), first, np.inf).min(
+        axis=1, initial=np.inf
+    )
     return nearest

@@ -8,7 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from predictive_planners.planners import add_moving_costs
-from predictive_planners.tracker import Tracker, TrackerConfig, fitted_circle, meeting_distances, moved
+from predictive_planners.tracker import (
+    Tracker,
+    TrackerConfig,
+    fitted_circle,
+    meeting_distances,
+    moved,
+)
 
 from barn_planners.interface import Observation, PlannerStatus, Task
 from barn_planners.registry import make_planner
@@ -31,15 +37,28 @@ def scan_of(pose, discs, stamp_ns=0):
         inside = radius**2 - (at.x**2 + at.y**2 - along**2)
         hit = (inside > 0.0) & (along > 0.0)
         ranges[hit] = np.minimum(ranges[hit], along[hit] - np.sqrt(inside[hit]))
-    return Scan(stamp_ns, ranges.astype(np.float32), -math.pi, 2.0 * math.pi / (BEAMS - 1), 0.01, 30.0)
+    return Scan(
+        stamp_ns,
+        ranges.astype(np.float32),
+        -math.pi,
+        2.0 * math.pi / (BEAMS - 1),
+        0.01,
+        30.0,
+    )
 
 
-def seen(step: int, pose: Pose2D, discs: list[tuple[float, float, float]]) -> Observation:
+def seen(
+    step: int, pose: Pose2D, discs: list[tuple[float, float, float]]
+) -> Observation:
     stamp_ns = step * PERIOD_NS
-    return Observation(stamp_ns, Odometry(stamp_ns, pose, STOP), scan_of(pose, discs, stamp_ns), pose)
+    return Observation(
+        stamp_ns, Odometry(stamp_ns, pose, STOP), scan_of(pose, discs, stamp_ns), pose
+    )
 
 
-def tracks(discs_at, pose_at=lambda _: Pose2D(0.0, 0.0, 0.0), steps=30, **changes) -> np.ndarray:
+def tracks(
+    discs_at, pose_at=lambda _: Pose2D(0.0, 0.0, 0.0), steps=30, **changes
+) -> np.ndarray:
     """Return what is tracked after some scans of discs (x, y, radius) at times."""
     tracker = Tracker(TrackerConfig(**changes), Pose2D(0.055, 0.0, 0.0))
     for step in range(steps):
@@ -60,7 +79,9 @@ def test_a_circle_is_found_from_an_arc_of_it(seed):
 
 
 def test_a_line_is_no_circle():
-    assert math.isinf(fitted_circle(np.stack([np.linspace(0.0, 1.0, 10), np.ones(10)], axis=1))[1])
+    assert math.isinf(
+        fitted_circle(np.stack([np.linspace(0.0, 1.0, 10), np.ones(10)], axis=1))[1]
+    )
 
 
 @pytest.mark.parametrize("velocity", [(1.0, 0.0), (-0.8, -1.0), (0.0, 2.0)])
@@ -75,11 +96,16 @@ def test_a_disc_is_tracked_from_a_robot_that_drives_and_turns(velocity):
 
 def test_what_stands_is_not_tracked_however_the_robot_moves():
     discs = [(2.0, 1.0, 0.3), (3.0, -1.0, 0.5), (4.0, 0.0, 0.075)]
-    assert len(tracks(lambda _: discs, lambda time_s: Pose2D(0.5 * time_s, 0.0, time_s))) == 0
+    assert (
+        len(tracks(lambda _: discs, lambda time_s: Pose2D(0.5 * time_s, 0.0, time_s)))
+        == 0
+    )
 
 
 def test_two_that_cross_keep_their_velocities():
-    found = tracks(lambda t: [(3.0, -1.0 + 1.0 * t, 0.3), (1.5, 1.2 - 1.0 * t, 0.3)], steps=20)
+    found = tracks(
+        lambda t: [(3.0, -1.0 + 1.0 * t, 0.3), (1.5, 1.2 - 1.0 * t, 0.3)], steps=20
+    )
     by_x = found[np.argsort(found[:, 0])]
     assert by_x[:, 2:4] == pytest.approx(np.array([[0.0, -1.0], [0.0, 1.0]]), abs=0.1)
 
@@ -93,7 +119,9 @@ def test_a_track_ends_when_it_is_not_seen_and_a_reset_forgets_all():
     tracker = Tracker(TrackerConfig(), Pose2D(0.055, 0.0, 0.0))
     for step in range(20):
         tracker.update(seen(step, Pose2D(0.0, 0.0, 0.0), [(3.0, 0.05 * step, 0.5)]))
-    again = tracker.update(seen(19, Pose2D(0.0, 0.0, 0.0), []))  # the same instant again changes nothing
+    again = tracker.update(
+        seen(19, Pose2D(0.0, 0.0, 0.0), [])
+    )  # the same instant again changes nothing
     assert len(again) == len(tracker.moving()) == 1
     tracker.reset()
     assert len(tracker.moving()) == 0
@@ -103,7 +131,13 @@ def test_a_track_ends_when_it_is_not_seen_and_a_reset_forgets_all():
 @given(seed=st.integers(0, 2**32 - 1))
 def test_meeting_distances_equal_small_steps(seed):
     rng = np.random.default_rng(seed)
-    discs = np.column_stack([rng.uniform(-3.0, 3.0, (4, 2)), rng.uniform(-2.0, 2.0, (4, 2)), rng.uniform(0.1, 0.5, 4)])
+    discs = np.column_stack(
+        [
+            rng.uniform(-3.0, 3.0, (4, 2)),
+            rng.uniform(-2.0, 2.0, (4, 2)),
+            rng.uniform(0.1, 0.5, 4),
+        ]
+    )
     directions, speed, radius = np.linspace(-2.0, 2.0, 9), 0.5, 0.28
     found = meeting_distances(discs, directions, radius, speed)
     if (np.hypot(*discs[:, :2].T) <= discs[:, 4] + radius).any():
@@ -112,7 +146,9 @@ def test_meeting_distances_equal_small_steps(seed):
     for direction, distance in zip(directions, found, strict=True):
         robot = way[:, None] * [math.cos(direction), math.sin(direction)]
         others = discs[None, :, :2] + (way / speed)[:, None, None] * discs[None, :, 2:4]
-        gap = (np.hypot(*np.moveaxis(others - robot[:, None], 2, 0)) - discs[:, 4] - radius).min(axis=1)
+        gap = (
+            np.hypot(*np.moveaxis(others - robot[:, None], 2, 0)) - discs[:, 4] - radius
+        ).min(axis=1)
         expected = way[gap <= 0.0][0] if (gap <= 0.0).any() else math.inf
         assert distance <= expected + 1e-9
         if distance < 4.0:
@@ -136,13 +172,19 @@ def crossing(name: str, **overrides) -> tuple[float, float]:
         x, y = 2.0, -2.9 + 0.8 * time_s
         nearest = min(nearest, math.hypot(pose.x - x, pose.y - y) - 0.5)
         scan = scan_of(pose, [(x, y, 0.5)], stamp_ns)
-        scan = replace(scan, ranges=np.minimum(scan.ranges, np.float32(9.0)))  # walls behind, which clear costmaps
-        decision = planner.step(Observation(stamp_ns, Odometry(stamp_ns, pose, velocity), scan, pose))
+        scan = replace(
+            scan, ranges=np.minimum(scan.ranges, np.float32(9.0))
+        )  # walls behind, which clear costmaps
+        decision = planner.step(
+            Observation(stamp_ns, Odometry(stamp_ns, pose, velocity), scan, pose)
+        )
         velocity = decision.command or velocity
         assert velocity.is_finite() and decision.status is not PlannerStatus.FAILED
         yaw = pose.yaw + 0.05 * velocity.angular
         pose = Pose2D(
-            pose.x + 0.05 * velocity.linear * math.cos(yaw), pose.y + 0.05 * velocity.linear * math.sin(yaw), yaw
+            pose.x + 0.05 * velocity.linear * math.cos(yaw),
+            pose.y + 0.05 * velocity.linear * math.sin(yaw),
+            yaw,
         )
     return nearest, pose.x
 
@@ -154,7 +196,10 @@ def test_a_planner_that_predicts_keeps_farther_from_a_disc_that_crosses_its_way(
 
 
 def test_trajectories_of_mppi_keep_clear_of_where_a_disc_will_be():
-    plain, predictive = crossing("mppi", **{"mppi.samples": 300}), crossing("mppi_predictive", **{"mppi.samples": 300})
+    plain, predictive = (
+        crossing("mppi", **{"mppi.samples": 300}),
+        crossing("mppi_predictive", **{"mppi.samples": 300}),
+    )
     assert predictive[0] > plain[0] and predictive[0] > 0.28
     assert predictive[1] > 0.5
 
@@ -164,16 +209,26 @@ def test_a_scan_without_ranges_stops_the_robot_with_a_reason(name):
     planner = make_planner(name)
     planner.start(Task(Pose2D(6.0, 0.0, 0.0)), 0)
     observation = seen(0, Pose2D(0.0, 0.0, 0.0), [])
-    for ranges, reason in ((np.empty(0, np.float32), "empty"), (np.full(BEAMS, np.nan, np.float32), "no valid range")):
-        decision = planner.step(replace(observation, scan=replace(observation.scan, ranges=ranges)))
+    for ranges, reason in (
+        (np.empty(0, np.float32), "empty"),
+        (np.full(BEAMS, np.nan, np.float32), "no valid range"),
+    ):
+        decision = planner.step(
+            replace(observation, scan=replace(observation.scan, ranges=ranges))
+        )
         assert decision.command == STOP and decision.status is PlannerStatus.BLOCKED
         assert reason in decision.reason
 
 
 @pytest.mark.parametrize(("name", "own"), [("gap", []), ("mppi", ["moving_margin_m"])])
-def test_another_robot_changes_what_it_changes_of_the_plain_planner_and_the_margin(name, own):
+def test_another_robot_changes_what_it_changes_of_the_plain_planner_and_the_margin(
+    name, own
+):
     husky = load_robot("husky")
-    changes, plain = (parameters_for(one, "default", {}, husky) for one in (f"{name}_predictive", name))
+    changes, plain = (
+        parameters_for(one, "default", {}, husky)
+        for one in (f"{name}_predictive", name)
+    )
     assert changes.keys() == {*plain, *own}
     assert {key: changes[key] for key in plain} == plain
     assert all(changes[key] > 0.1 for key in own)
@@ -182,14 +237,23 @@ def test_another_robot_changes_what_it_changes_of_the_plain_planner_and_the_marg
 def test_costs_of_meeting_discs_equal_a_plain_reference():
     rng = np.random.default_rng(4)
     xs, ys = rng.uniform(-1.0, 1.0, (2, 20, 30))
-    discs = np.column_stack([rng.uniform(-2.0, 2.0, (3, 2)), rng.uniform(-1.0, 1.0, (3, 2)), [0.1, 0.2, 0.3]])
+    discs = np.column_stack(
+        [
+            rng.uniform(-2.0, 2.0, (3, 2)),
+            rng.uniform(-1.0, 1.0, (3, 2)),
+            [0.1, 0.2, 0.3],
+        ]
+    )
     costs = np.ones(30)
     add_moving_costs(costs, xs, ys, 0.05, discs, 0.2, 10.0)
     times = 0.05 * np.arange(1, 21)[:, None, None]
     away = np.hypot(
-        discs[:, 0] + times * discs[:, 2] - xs[..., None], discs[:, 1] + times * discs[:, 3] - ys[..., None]
+        discs[:, 0] + times * discs[:, 2] - xs[..., None],
+        discs[:, 1] + times * discs[:, 3] - ys[..., None],
     )
     met = (away < discs[:, 4] + 0.2).any(axis=2)
     assert met.any() and not met[0].all()
-    expected = np.where(met.any(axis=0), 10.0 * (1.0 - 0.5 * met.argmax(axis=0) / 20), 0.0)
+    expected = np.where(
+        met.any(axis=0), 10.0 * (1.0 - 0.5 * met.argmax(axis=0) / 20), 0.0
+    )
     np.testing.assert_allclose(costs, 1.0 + expected, rtol=1e-12)

@@ -21,7 +21,9 @@ def decide(goal, ranges, bearings, max_speed_mps=0.5, max_turn_radps=1.5):
     goal_heading = math.atan2(goal[1], goal[0])
     headings = np.linspace(-1.5, 1.5, 31)
     heading = max(headings, key=lambda way: free(points, way) - abs(way - goal_heading))
-    speed = min(max_speed_mps, max(0.0, 0.4 * free(points, 0.0) - 0.1)) * math.cos(heading)
+    speed = min(max_speed_mps, max(0.0, 0.4 * free(points, 0.0) - 0.1)) * math.cos(
+        heading
+    )
     return speed, min(max_turn_radps, max(-max_turn_radps, 2.0 * heading))
 
 

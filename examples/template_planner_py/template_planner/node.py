@@ -30,10 +30,14 @@ class TemplatePlanner(Node):
         self.commands = self.create_publisher(Twist, "cmd_vel", 10)
         self.create_subscription(PoseStamped, "goal_pose", self.on_goal, 10)
         if use_map:
-            self.create_subscription(PoseWithCovarianceStamped, "amcl_pose", self.on_pose, 10)
+            self.create_subscription(
+                PoseWithCovarianceStamped, "amcl_pose", self.on_pose, 10
+            )
         else:
             self.create_subscription(Odometry, "odom", self.on_pose, 10)
-        self.create_subscription(LaserScan, "scan", self.on_scan, qos_profile_sensor_data)
+        self.create_subscription(
+            LaserScan, "scan", self.on_scan, qos_profile_sensor_data
+        )
 
     def on_goal(self, message):
         """Keep the goal."""
@@ -48,9 +52,17 @@ class TemplatePlanner(Node):
         command = Twist()
         if self.goal is not None and self.pose is not None:
             yaw = 2.0 * math.atan2(self.pose.orientation.z, self.pose.orientation.w)
-            dx, dy = self.goal.x - self.pose.position.x, self.goal.y - self.pose.position.y
-            goal = (math.cos(yaw) * dx + math.sin(yaw) * dy, math.cos(yaw) * dy - math.sin(yaw) * dx)
-            bearings = message.angle_min + message.angle_increment * np.arange(len(message.ranges))
+            dx, dy = (
+                self.goal.x - self.pose.position.x,
+                self.goal.y - self.pose.position.y,
+            )
+            goal = (
+                math.cos(yaw) * dx + math.sin(yaw) * dy,
+                math.cos(yaw) * dy - math.sin(yaw) * dx,
+            )
+            bearings = message.angle_min + message.angle_increment * np.arange(
+                len(message.ranges)
+            )
             command.linear.x, command.angular.z = decide(
                 goal, message.ranges, bearings, self.max_speed_mps, self.max_turn_radps
             )

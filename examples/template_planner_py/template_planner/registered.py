@@ -16,8 +16,12 @@ from template_planner.core import decide
 class TemplateConfig(Checked):
     """Settings: `--set max_speed_mps=0.8`, and ROS parameters of the same names and limits."""
 
-    max_speed_mps: float = quantity(0.5, "highest forward speed", "m/s", minimum=0.0, maximum=2.0)
-    max_turn_radps: float = quantity(1.5, "highest yaw rate", "rad/s", minimum=0.0, maximum=4.0)
+    max_speed_mps: float = quantity(
+        0.5, "highest forward speed", "m/s", minimum=0.0, maximum=2.0
+    )
+    max_turn_radps: float = quantity(
+        1.5, "highest yaw rate", "rad/s", minimum=0.0, maximum=4.0
+    )
 
 
 class TemplatePlanner(Planner):
@@ -34,8 +38,18 @@ class TemplatePlanner(Planner):
         """Decide on one command."""
         goal = observation.pose.inverse() @ self._goal
         scan, config = observation.scan, self.config
-        speed, turn = decide((goal.x, goal.y), scan.ranges, scan.angles(), config.max_speed_mps, config.max_turn_radps)
+        speed, turn = decide(
+            (goal.x, goal.y),
+            scan.ranges,
+            scan.angles(),
+            config.max_speed_mps,
+            config.max_turn_radps,
+        )
         return Decision(Velocity2D(float(speed), float(turn)))
 
 
-ENTRY = PlannerEntry(TemplatePlanner, {"default": TemplateConfig()}, "drives to the freest heading near the goal's")
+ENTRY = PlannerEntry(
+    TemplatePlanner,
+    {"default": TemplateConfig()},
+    "drives to the freest heading near the goal's",
+)

@@ -11,7 +11,9 @@ NOTHING = np.full(720, np.inf)
 def wall(distance_m):
     """Return what is seen of a wall across, 2 m wide."""
     ranges = distance_m / np.cos(BEARINGS)
-    return np.where((abs(BEARINGS) < 1.5) & (abs(ranges * np.sin(BEARINGS)) < 1.0), ranges, np.inf)
+    return np.where(
+        (abs(BEARINGS) < 1.5) & (abs(ranges * np.sin(BEARINGS)) < 1.0), ranges, np.inf
+    )
 
 
 def test_it_drives_straight_at_a_goal_ahead():
@@ -36,7 +38,9 @@ def test_it_stops_at_the_goal():
 
 
 def test_readings_that_are_no_numbers_are_left_out():
-    assert decide((5.0, 1.0), np.full(720, np.nan), BEARINGS) == decide((5.0, 1.0), NOTHING, BEARINGS)
+    assert decide((5.0, 1.0), np.full(720, np.nan), BEARINGS) == decide(
+        (5.0, 1.0), NOTHING, BEARINGS
+    )
 
 
 def test_free_is_bounded_by_sight():

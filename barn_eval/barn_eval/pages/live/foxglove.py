@@ -9,17 +9,21 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from barn_eval.bags.bagfile import RawMessage, TrialFollower
 from barn_eval.pages import LIVE_PORT
+from barn_eval.results.bags.bagfile import RawMessage, TrialFollower
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.messages import topics
 from barn_worlds.messages.cdr import jazzy_types
 from barn_worlds.messages.topics import LATCHED, Topic
 
-MISSING = "the live view needs foxglove-sdk, which is not installed: pip install foxglove-sdk"
+MISSING = (
+    "the live view needs foxglove-sdk, which is not installed: pip install foxglove-sdk"
+)
 _PERIOD_S = 0.1
 _TOPICS = {one.path: one for one in vars(topics).values() if isinstance(one, Topic)}
-_LATCHED = {path for path, one in _TOPICS.items() if one.qos.durability == LATCHED.durability}
+_LATCHED = {
+    path for path, one in _TOPICS.items() if one.qos.durability == LATCHED.durability
+}
 
 
 def require_sdk() -> None:
@@ -48,10 +52,18 @@ class LiveView(AbstractContextManager["LiveView"]):
         self._over = threading.Event()
         try:
             self._server = foxglove.start_server(
-                name="barn", host=host, port=port, context=self._context, server_listener=_Listener(self._asked)
+                name="barn",
+                host=host,
+                port=port,
+                context=self._context,
+                server_listener=_Listener(self._asked),
             )
-        except Exception as error:  # the SDK says in classes of its own that an address is taken
-            raise ConfigError(f"host {host!r}, live port {port}: cannot be served: {error}") from None
+        except (
+            Exception
+        ) as error:  # the SDK says in classes of its own that an address is taken
+            raise ConfigError(
+                f"host {host!r}, live port {port}: cannot be served: {error}"
+            ) from None
         for topic in _TOPICS.values():
             self._channel(topic.path, topic.type_name)
         self.url = f"ws://{host}:{self._server.port}"
@@ -77,7 +89,10 @@ class LiveView(AbstractContextManager["LiveView"]):
                 continue
             try:
                 self._send(*follower.read())
-            except (BarnError, OSError):  # a damaged or vanished bag: the next trial has another
+            except (
+                BarnError,
+                OSError,
+            ):  # a damaged or vanished bag: the next trial has another
                 follower.close()
         follower.close()
 
@@ -100,8 +115,12 @@ class LiveView(AbstractContextManager["LiveView"]):
         key = topic, type_name
         if key not in self._channels:
             definition, _ = self._types.generate_msgdef(type_name, ros_version=2)
-            schema = self._sdk.Schema(name=type_name, encoding="ros2msg", data=definition.encode())
-            self._channels[key] = self._sdk.Channel(topic, schema=schema, message_encoding="cdr", context=self._context)
+            schema = self._sdk.Schema(
+                name=type_name, encoding="ros2msg", data=definition.encode()
+            )
+            self._channels[key] = self._sdk.Channel(
+                topic, schema=schema, message_encoding="cdr", context=self._context
+            )
         return self._channels[key]
 
 
@@ -115,4 +134,6 @@ class _Listener:
         """Return what takes in that a client has subscribed to a channel, or ignores any other event."""
         if not name.startswith("on_"):
             raise AttributeError(name)
-        return lambda *about: self._asked.add(about[1].id) if name == "on_subscribe" else None
+        return lambda *about: (
+            self._asked.add(about[1].id) if name == "on_subscribe" else None
+        )

@@ -21,13 +21,13 @@ from barn_eval.analysis.sources import Source, entries_of, read_source
 from barn_eval.analysis.summary import bars
 from barn_eval.analysis.text_table import counted
 from barn_eval.analysis.verdict import Conclusion, cautions, results_verdict
-from barn_eval.bags import BAGS
-from barn_eval.bags.recorded import read_recorded
-from barn_eval.experiments.rows import FILE_NAME, ResultRows
-from barn_eval.experiments.run_file import RunFile
 from barn_eval.pages import LOOPBACK, PAGE_PORT
 from barn_eval.pages.replay.page import replay_page
 from barn_eval.pages.template import render, themed
+from barn_eval.results.bags import BAGS
+from barn_eval.results.bags.recorded import read_recorded
+from barn_eval.results.rows import FILE_NAME, ResultRows
+from barn_eval.results.run_file import RunFile
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import Rows, TrialResult
 from barn_worlds.base.errors import BarnError, ConfigError
@@ -61,16 +61,27 @@ class CampaignState:
             try:
                 self._state = state_of(self.folder)
             except (BarnError, OSError) as error:
-                self._state = {"title": self.folder.resolve().name, "problem": str(error)}
+                self._state = {
+                    "title": self.folder.resolve().name,
+                    "problem": str(error),
+                }
             self._seen = seen
         return self._state
 
     def bag(self, trial_id: str) -> Path:
         """Return the bag of a trial of this folder; ConfigError if it has none, or if that lies elsewhere."""
         bag = self.folder / BAGS / trial_id
-        known = trial_id in {result.trial_id for result in ResultRows(self.folder).read()}
-        if not known or not bag.is_dir() or self.folder.resolve() not in bag.resolve().parents:
-            raise ConfigError(f"{trial_id[:100]!r}: there is no bag of a trial of this name")
+        known = trial_id in {
+            result.trial_id for result in ResultRows(self.folder).read()
+        }
+        if (
+            not known
+            or not bag.is_dir()
+            or self.folder.resolve() not in bag.resolve().parents
+        ):
+            raise ConfigError(
+                f"{trial_id[:100]!r}: there is no bag of a trial of this name"
+            )
         return bag
 
 
@@ -85,12 +96,22 @@ def state_of(folder: Path) -> dict[str, Any]:
         "done": len(results),
         "planned": source.planned,
         "again": sum(not row.counts for row in rows),
-        "outcomes": [(_words(name), count) for name, count in Counter(one.outcome for one in results).most_common()],
+        "outcomes": [
+            (_words(name), count)
+            for name, count in Counter(one.outcome for one in results).most_common()
+        ],
         **_pace(rows, source.planned),
-        "failures": [_trial(folder, row) for row in rows[::-1] if not row.scores.success][:MOST_LISTED],
+        "failures": [
+            _trial(folder, row) for row in rows[::-1] if not row.scores.success
+        ][:MOST_LISTED],
         "latest": [_trial(folder, row) for row in rows[::-1][:MOST_LISTED]],
     }
-    nothing = {"verdict": "No trial has ended yet.", "details": "", "bars": [], "notes": []}
+    nothing = {
+        "verdict": "No trial has ended yet.",
+        "details": "",
+        "bars": [],
+        "notes": [],
+    }
     return state | (_leader(source) if results else nothing)
 
 
@@ -117,7 +138,11 @@ def _pace(rows: Rows, planned: int | None) -> dict[str, Any]:
     ends = sorted(end for end in map(_end, rows[-_RECENT:]) if end is not None)
     span_s = (ends[-1] - ends[0]).total_seconds() if ends else 0.0
     if span_s <= 0.0:
-        return {"last": ends[-1].isoformat() if ends else "", "per_minute": None, "left_s": None}
+        return {
+            "last": ends[-1].isoformat() if ends else "",
+            "per_minute": None,
+            "left_s": None,
+        }
     rate = (len(ends) - 1) / span_s
     left = max(0, planned - sum(row.counts for row in rows)) / rate if planned else None
     return {"last": ends[-1].isoformat(), "per_minute": 60.0 * rate, "left_s": left}
@@ -128,7 +153,9 @@ def _end(row: TrialResult) -> datetime | None:
         began = datetime.fromisoformat(row.wall_clock.started_at)
     except ValueError:  # rows of the evaluator do not say
         return None
-    return began + timedelta(seconds=row.wall_clock.duration_s) if began.tzinfo else None
+    return (
+        began + timedelta(seconds=row.wall_clock.duration_s) if began.tzinfo else None
+    )
 
 
 def _trial(folder: Path, row: TrialResult) -> dict[str, Any]:
@@ -155,13 +182,17 @@ class Watch(AbstractContextManager["Watch"]):
     without an experiment, and for an address that cannot be had.
     """
 
-    def __init__(self, folder: str | Path, *, host: str = LOOPBACK, port: int = PAGE_PORT) -> None:
+    def __init__(
+        self, folder: str | Path, *, host: str = LOOPBACK, port: int = PAGE_PORT
+    ) -> None:
         state = CampaignState(Path(folder))
         try:
             self._server = _Server((host, port), state)
         except (OSError, OverflowError) as error:
             reason = getattr(error, "strerror", None) or error
-            raise ConfigError(f"host {host!r}, port {port}: cannot be served: {reason}") from None
+            raise ConfigError(
+                f"host {host!r}, port {port}: cannot be served: {reason}"
+            ) from None
         address, bound = self._server.server_address[:2]
         shown = LOOPBACK if ip_address(str(address)).is_unspecified else host
         self.url = f"http://{shown}:{bound}/"
@@ -187,18 +218,32 @@ class _Server(ThreadingHTTPServer):
     def __init__(self, address: tuple[str, int], state: CampaignState) -> None:
         self.state = state
         self.lock = threading.Lock()
-        self.replay = lru_cache(_KEPT_REPLAYS)(lambda bag: replay_page(read_recorded(bag)))
+        self.replay = lru_cache(_KEPT_REPLAYS)(
+            lambda bag: replay_page(read_recorded(bag))
+        )
         super().__init__(address, _Handler)
 
     def page(self, path: str) -> tuple[HTTPStatus, str, str]:
         """Return status, content and type of a path; BarnError for a bag that cannot be read."""
         with self.lock:
             if path == "/":
-                return HTTPStatus.OK, render("campaign.html", data=self.state.read()), _HTML
+                return (
+                    HTTPStatus.OK,
+                    render("campaign.html", data=self.state.read()),
+                    _HTML,
+                )
             if path == "/state":
-                return HTTPStatus.OK, json.dumps(finite(self.state.read()), allow_nan=False), "application/json"
+                return (
+                    HTTPStatus.OK,
+                    json.dumps(finite(self.state.read()), allow_nan=False),
+                    "application/json",
+                )
             if path.startswith("/replay/"):
-                return HTTPStatus.OK, self.replay(self.state.bag(unquote(path.removeprefix("/replay/")))), _HTML
+                return (
+                    HTTPStatus.OK,
+                    self.replay(self.state.bag(unquote(path.removeprefix("/replay/")))),
+                    _HTML,
+                )
         return HTTPStatus.NOT_FOUND, "there is nothing here", _TEXT
 
     def server_bind(self) -> None:
@@ -224,7 +269,11 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Answer with a page, or with a line that says why not."""
-        status, content, kind = HTTPStatus.FORBIDDEN, "not the name of this machine", _TEXT
+        status, content, kind = (
+            HTTPStatus.FORBIDDEN,
+            "not the name of this machine",
+            _TEXT,
+        )
         if self.server.allowed(self.headers.get("Host", "")):
             try:
                 status, content, kind = self.server.page(urlsplit(self.path).path)
@@ -232,9 +281,15 @@ class _Handler(BaseHTTPRequestHandler):
                 status, content = HTTPStatus.NOT_FOUND, str(error)
         data = content.encode()
         self.send_response(status)
-        for name, value in {"Content-Type": kind, "Content-Length": str(len(data)), **_HEADERS}.items():
+        for name, value in {
+            "Content-Type": kind,
+            "Content-Length": str(len(data)),
+            **_HEADERS,
+        }.items():
             self.send_header(name, value)
-        with suppress(ConnectionError):  # of a client that leaves before the answer's end
+        with suppress(
+            ConnectionError
+        ):  # of a client that leaves before the answer's end
             self.end_headers()
             self.wfile.write(data)
 

@@ -14,11 +14,11 @@ from PIL import Image, ImageDraw, ImageFont
 from scipy.ndimage import uniform_filter1d
 
 from barn_eval.analysis.planners import spelling
-from barn_eval.bags.decode import specified
-from barn_eval.bags.recorded import Recorded, read_recorded
 from barn_eval.pages import Progress
 from barn_eval.pages.replay.page import outcome_by, planner_of, replay_page
 from barn_eval.pages.template import write_page
+from barn_eval.results.bags.decode import specified
+from barn_eval.results.bags.recorded import Recorded, read_recorded
 from barn_sim.config import LidarConfig
 from barn_sim.drawing.camera import CAMERAS, SIZES, Pixels, Studio, camera_at
 from barn_worlds.base.arrays import Floats
@@ -55,7 +55,9 @@ def write_replay(
     if not 1 <= len(bags) <= MOST_BAGS:
         raise ConfigError(f"a replay shows 1 to {MOST_BAGS} bags, got {len(bags)}")
     found = [read_recorded(path) for path in bags]
-    for line in (f"{one.name}: " * (len(found) > 1) + line for one in found for line in one.notes):
+    for line in (
+        f"{one.name}: " * (len(found) > 1) + line for one in found for line in one.notes
+    ):
         note(f"note: {line}")
     named = "_and_".join(one.name.removesuffix(".mcap") for one in found[:2])
     files = by_ending(outs or [f"{named}.html"])
@@ -68,7 +70,11 @@ def write_replay(
             yield np.hstack(beside)
 
     for ending, path in files.items():
-        times_s = _frame_times(end_s, frames_per_s, speed, found[0].name) if ending in (".gif", ".mp4") else []
+        times_s = (
+            _frame_times(end_s, frames_per_s, speed, found[0].name)
+            if ending in (".gif", ".mp4")
+            else []
+        )
         if ending == ".html":
             write_page(path, replay_page(*found))
         elif ending == ".png":
@@ -77,7 +83,10 @@ def write_replay(
             write_page(path, content.getvalue())
         elif ending == ".gif":
             drawn = map(Image.fromarray, frames(times_s))
-            images = (image.quantize(64, _KEEPS_RARE, dither=Image.Dither.NONE) for image in drawn)
+            images = (
+                image.quantize(64, _KEEPS_RARE, dither=Image.Dither.NONE)
+                for image in drawn
+            )
             write_page(path, gif_bytes(images, frames_per_s))
         else:
             _save_mp4(frames(times_s), path, frames_per_s)
@@ -95,11 +104,15 @@ def by_ending(outs: Sequence[str | Path]) -> dict[str, Path]:
     return {ending: found[ending] for ending in ENDINGS if ending in found}
 
 
-def _frame_times(end_s: float, frames_per_s: float, speed: float, name: str) -> list[float]:
+def _frame_times(
+    end_s: float, frames_per_s: float, speed: float, name: str
+) -> list[float]:
     """Return the times of frames from the first to the last instant; ConfigError if they would be too many."""
     count = int(np.ceil(end_s / speed * frames_per_s)) + 1
     if count > MOST_FRAMES:
-        raise ConfigError(f"{name}: {count} frames are too many, at most {MOST_FRAMES}; raise --speed")
+        raise ConfigError(
+            f"{name}: {count} frames are too many, at most {MOST_FRAMES}; raise --speed"
+        )
     return [min(end_s, index * speed / frames_per_s) for index in range(count)]
 
 
@@ -107,7 +120,9 @@ def _save_mp4(frames: Iterator[Pixels], path: Path, frames_per_s: float) -> None
     """Write frames as a film; ConfigError where ffmpeg is missing or fails."""
     ffmpeg = shutil.which("ffmpeg")
     if ffmpeg is None:
-        raise ConfigError("a film needs ffmpeg, which is not installed (apt install ffmpeg); .gif and .html do not")
+        raise ConfigError(
+            "a film needs ffmpeg, which is not installed (apt install ffmpeg); .gif and .html do not"
+        )
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as partial:
@@ -115,17 +130,45 @@ def _save_mp4(frames: Iterator[Pixels], path: Path, frames_per_s: float) -> None
             if complaint is not None:
                 raise ConfigError(f"{path}: ffmpeg failed: {one_line(complaint)}")
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None
+        raise ConfigError(
+            f"{path}: cannot be written: {error.strerror or error}"
+        ) from None
 
 
-def _encode(ffmpeg: str, frames: Iterator[Pixels], frames_per_s: float, path: Path) -> str | None:
+def _encode(
+    ffmpeg: str, frames: Iterator[Pixels], frames_per_s: float, path: Path
+) -> str | None:
     """Write frames as a film and return what ffmpeg complains of if it fails."""
     first = next(frames)
     height, width, _ = first.shape
-    source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{frames_per_s:g}", "-i", "-"]
-    target = ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4", "-y", str(path)]
+    source = [
+        "-f",
+        "rawvideo",
+        "-pix_fmt",
+        "rgb24",
+        "-s",
+        f"{width}x{height}",
+        "-r",
+        f"{frames_per_s:g}",
+        "-i",
+        "-",
+    ]
+    target = [
+        "-c:v",
+        "libx264",
+        "-pix_fmt",
+        "yuv420p",
+        "-movflags",
+        "+faststart",
+        "-f",
+        "mp4",
+        "-y",
+        str(path),
+    ]
     with subprocess.Popen(  # noqa: S603 (no shell; the only text from outside is the path)
-        [ffmpeg, "-loglevel", "error", *source, *target], stdin=subprocess.PIPE, stderr=subprocess.PIPE
+        [ffmpeg, "-loglevel", "error", *source, *target],
+        stdin=subprocess.PIPE,
+        stderr=subprocess.PIPE,
     ) as process:
         assert process.stdin is not None
         with suppress(BrokenPipeError):  # its complaint follows
@@ -139,7 +182,9 @@ def _encode(ffmpeg: str, frames: Iterator[Pixels], frames_per_s: float, path: Pa
 _STEADY_S = 1.2  # over which the camera's own pose is the mean of the robot's
 
 
-def camera_frames(recorded: Recorded, camera: str, times_s: Sequence[float], finer: int) -> Iterator[Pixels]:
+def camera_frames(
+    recorded: Recorded, camera: str, times_s: Sequence[float], finer: int
+) -> Iterator[Pixels]:
     """Yield a trial as a camera sees it at times.
 
     camera: "chase", "top" or "side". finer: how many times as large frames are drawn, for smooth edges. ConfigError
@@ -147,7 +192,9 @@ def camera_frames(recorded: Recorded, camera: str, times_s: Sequence[float], fin
     """
     scene = recorded.scene
     if scene is None:
-        raise ConfigError(f"{recorded.name}: its world is not known, so a camera has nothing to see; .html shows it")
+        raise ConfigError(
+            f"{recorded.name}: its world is not known, so a camera has nothing to see; .html shows it"
+        )
     steady = _steadied(recorded)
     lidar = replace(LidarConfig(), mount_x_m=recorded.lidar.x)
     if height := specified(recorded.trial, "lidar", "mount_z_m"):
@@ -156,7 +203,9 @@ def camera_frames(recorded: Recorded, camera: str, times_s: Sequence[float], fin
     trail_m, bodies = recorded.poses[:, :2], None
     if moving is not None:
         scene, bodies = scene._replace(boxes=moving.walls), moving.bodies
-    with Studio(scene, lidar, trail_m=trail_m, moving=bodies, chassis=recorded.chassis) as studio:
+    with Studio(
+        scene, lidar, trail_m=trail_m, moving=bodies, chassis=recorded.chassis
+    ) as studio:
         for time_s in times_s:
             index = recorded.index_at(time_s)
             view = camera_at(camera, Pose2D(*steady[index].tolist()), studio.bounds_m)
@@ -175,7 +224,9 @@ def camera_frames(recorded: Recorded, camera: str, times_s: Sequence[float], fin
 def _steadied(recorded: Recorded) -> Floats:
     """Return poses (n, 3) that are means of the robot's over a while, yaw without jumps."""
     poses = np.column_stack([recorded.poses[:, :2], np.unwrap(recorded.poses[:, 2])])
-    period_s = float(np.median(np.diff(recorded.times_s))) if len(poses) > 1 else _STEADY_S
+    period_s = (
+        float(np.median(np.diff(recorded.times_s))) if len(poses) > 1 else _STEADY_S
+    )
     size = 2 * round(0.5 * _STEADY_S / max(period_s, 1e-3)) + 1
     return np.asarray(uniform_filter1d(poses, size, axis=0, mode="nearest"))
 

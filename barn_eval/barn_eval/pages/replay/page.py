@@ -6,12 +6,18 @@ from typing import Any
 
 from barn_eval.analysis.measures import MEASURES, MOVING
 from barn_eval.analysis.planners import colours, spelling
-from barn_eval.bags.recorded import MAP, Recorded
 from barn_eval.pages.replay.payload import payload
 from barn_eval.pages.template import render
+from barn_eval.results.bags.recorded import MAP, Recorded
 from barn_metrics.bootstrap import number
 
-_SCORES = ("traversal_time_s", "normalised_time_s_per_m", "challenge", "challenge_2022", "optimal_time_s")
+_SCORES = (
+    "traversal_time_s",
+    "normalised_time_s_per_m",
+    "challenge",
+    "challenge_2022",
+    "optimal_time_s",
+)
 _MEASURES = ("driven_m", "min_clearance_m", "contact_s")
 _SEEDS = ("campaign_seed", "simulator_seed", "planner_seed", "repetition")
 
@@ -23,19 +29,33 @@ def replay_page(*found: Recorded) -> str:
     known = len(found) > 1 or planner_of(found[0])
     trials, drawn = [], []
     for label, shade, one in zip(named, shades, found, strict=True):
-        trials.append({"label": label, "colour": shade if known else "", "subtitle": subtitle(one), "notes": one.notes})
+        trials.append(
+            {
+                "label": label,
+                "colour": shade if known else "",
+                "subtitle": subtitle(one),
+                "notes": one.notes,
+            }
+        )
         drawn.append(payload(one) | {"label": label, "colour": shade})
     rows = [dict(facts(recorded)) for recorded in found]
-    frames = {(recorded.frame, "true pose" if recorded.frame == MAP else "odometry"): None for recorded in found}
+    frames = {
+        (recorded.frame, "true pose" if recorded.frame == MAP else "odometry"): None
+        for recorded in found
+    }
     return render(
         "replay.html",
         title=" and ".join(dict.fromkeys(recorded.name for recorded in found)),
         trials=trials,
-        facts=[(name, [row.get(name, "") for row in rows]) for name in {key: None for row in rows for key in row}],
+        facts=[
+            (name, [row.get(name, "") for row in rows])
+            for name in {key: None for row in rows for key in row}
+        ],
         frames=list(frames),
         along_path=all(one["along_path"] for one in drawn),
         moving=any(recorded.moving is not None for recorded in found),
-        same_world=len({world_key(recorded) for recorded in found}) == 1 and found[0].scene is not None,
+        same_world=len({world_key(recorded) for recorded in found}) == 1
+        and found[0].scene is not None,
         data={"trials": drawn},
     )
 
@@ -44,8 +64,15 @@ def labels(found: Sequence[Recorded]) -> list[str]:
     """Return by what trials are told apart: their planners and, for one that is there twice, bag or folder as well."""
     names = [spelling(planner_of(recorded)) or recorded.name for recorded in found]
     often = Counter(names)
-    for more in (lambda one: one.name, lambda one: one.folder, lambda one: f"{one.folder}/{one.name}"):
-        told = [f"{name} ({more(one)})" if often[name] > 1 else name for name, one in zip(names, found, strict=True)]
+    for more in (
+        lambda one: one.name,
+        lambda one: one.folder,
+        lambda one: f"{one.folder}/{one.name}",
+    ):
+        told = [
+            f"{name} ({more(one)})" if often[name] > 1 else name
+            for name, one in zip(names, found, strict=True)
+        ]
         if len(set(told)) == len(told):
             return told
     return [f"{name} ({number})" for number, name in enumerate(names, 1)]
@@ -55,7 +82,11 @@ def world_key(recorded: Recorded) -> bytes:
     """Return what is equal for equal scenes."""
     if recorded.scene is None:
         return b""
-    moving = b"" if recorded.moving is None else str(_mapping(recorded.trial, "world").get("checksum")).encode()
+    moving = (
+        b""
+        if recorded.moving is None
+        else str(_mapping(recorded.trial, "world").get("checksum")).encode()
+    )
     return recorded.scene.cylinders_m.tobytes() + moving
 
 
@@ -64,21 +95,35 @@ def subtitle(recorded: Recorded) -> str:
     result, trial = recorded.result, recorded.trial
     planner = planner_of(recorded)
     name = _mapping(trial, "world").get("name") or result.get("world_name")
-    parts = [f"planner {spelling(planner)}" if planner else "", f"world {name.removeprefix('world_')}" if name else ""]
+    parts = [
+        f"planner {spelling(planner)}" if planner else "",
+        f"world {name.removeprefix('world_')}" if name else "",
+    ]
     protocol = _mapping(trial, "protocol").get("name") or result.get("protocol")
-    parts += [f"{protocol} protocol" if protocol else "", f"{recorded.times_s[-1]:.2f} s of simulated time"]
+    parts += [
+        f"{protocol} protocol" if protocol else "",
+        f"{recorded.times_s[-1]:.2f} s of simulated time",
+    ]
     return ", ".join(part for part in parts if part)
 
 
 def planner_of(recorded: Recorded) -> str:
     """Return the name of the planner, empty where the bag does not say."""
-    return str(_mapping(recorded.trial, "planner").get("name") or recorded.result.get("planner") or "")
+    return str(
+        _mapping(recorded.trial, "planner").get("name")
+        or recorded.result.get("planner")
+        or ""
+    )
 
 
 def outcome_by(recorded: Recorded, time_s: float) -> str:
     """Return the outcome once the trial has come to its end, an empty text before."""
     over = time_s >= recorded.times_s[-1] - 1e-6
-    return _text(recorded.result.get("outcome", "no result in the bag")).replace("_", " ") if over else ""
+    return (
+        _text(recorded.result.get("outcome", "no result in the bag")).replace("_", " ")
+        if over
+        else ""
+    )
 
 
 def facts(recorded: Recorded) -> list[tuple[str, str]]:
@@ -89,7 +134,11 @@ def facts(recorded: Recorded) -> list[tuple[str, str]]:
     rows = [("outcome", _text(result.get("outcome")))]
     if result.get("detail"):
         rows.append(("how it ended", _text(result["detail"])))
-    for part, keys in (("scores", _SCORES), ("measures", _MEASURES), ("motion", MOVING)):
+    for part, keys in (
+        ("scores", _SCORES),
+        ("measures", _MEASURES),
+        ("motion", MOVING),
+    ):
         values = _mapping(result, part)
         if values.get("touched"):
             rows.append(("first contact with", _text(values["touched"])))
@@ -100,7 +149,15 @@ def facts(recorded: Recorded) -> list[tuple[str, str]]:
     phase_s = _mapping(result, "motion").get("phase_s")
     if isinstance(phase_s, (int, float)):
         rows.append(("phase of what moves [s]", number(phase_s, 2)))
-    rows.append(("seeds", ", ".join(f"{name.removesuffix('_seed')} {_text(result.get(name))}" for name in _SEEDS)))
+    rows.append(
+        (
+            "seeds",
+            ", ".join(
+                f"{name.removesuffix('_seed')} {_text(result.get(name))}"
+                for name in _SEEDS
+            ),
+        )
+    )
     rows.append(("world checksum", _text(result.get("world_checksum"))))
     return rows
 

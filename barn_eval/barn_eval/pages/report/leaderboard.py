@@ -10,8 +10,8 @@ from barn_eval.analysis.leaderboard import Board
 from barn_eval.analysis.measures import MEASURES
 from barn_eval.analysis.text_table import TextTable, counted, one_line
 from barn_eval.analysis.verdict import verdict
-from barn_eval.bags import BAGS
 from barn_eval.pages.template import render, write_page
+from barn_eval.results.bags import BAGS
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.text_files import markdown_table
 
@@ -37,7 +37,10 @@ def markdown(boards: Sequence[Board]) -> str:
         for cells, row in zip(rows, table.rows, strict=True):
             cells[_FIGURES] = row[_FIGURES]  # whose brackets are no links
         named = replace(board.ranking, names=tuple(map(_escaped, board.ranking.names)))
-        parts += [f"## {_escaped(table.title)}", *filter(None, verdict(named, board.measure))]
+        parts += [
+            f"## {_escaped(table.title)}",
+            *filter(None, verdict(named, board.measure)),
+        ]
         parts += map(_escaped, board.notes)
         parts += [table.caption, markdown_table(table.columns, rows)]
     return "\n\n".join(parts) + "\n"
@@ -45,18 +48,28 @@ def markdown(boards: Sequence[Board]) -> str:
 
 def page(boards: Sequence[Board]) -> str:
     """Return the boards as an HTML page."""
-    shown = [(board, verdict(board.ranking, board.measure), board_table(board)) for board in boards]
+    shown = [
+        (board, verdict(board.ranking, board.measure), board_table(board))
+        for board in boards
+    ]
     return render("leaderboard.html", boards=shown)
 
 
 def board_table(board: Board) -> TextTable:
     """Return a board as a table; ranks that are shared have a sign of equality in front."""
-    measures = [board.measure, *([MEASURES["contact_s"]] if board.measure.key == _TIME else [])]
+    measures = [
+        board.measure,
+        *([MEASURES["contact_s"]] if board.measure.key == _TIME else []),
+    ]
     measures += [MEASURES[key] for key in _BESIDE if key != board.measure.key]
     rows = []
     for number, place in enumerate(board.places, 1):
         summary, below = place.summary, len(board.places) - number
-        better_than = "all below" if 0 < len(place.better_than) == below else ", ".join(place.better_than)
+        better_than = (
+            "all below"
+            if 0 < len(place.better_than) == below
+            else ", ".join(place.better_than)
+        )
         trace = (
             f"{counted(summary.trials, 'trial')} in {counted(summary.worlds, 'world')}",
             str(place.entry.source.path),
@@ -64,15 +77,31 @@ def board_table(board: Board) -> TextTable:
             f"{place.bags} in {BAGS}/" if place.bags else "none kept",
         )
         figures = (measure.text(summary[measure.key]) for measure in measures)
-        rows.append((f"{'=' * place.tied}{place.rank}", place.entry.label, *figures, better_than or "-", *trace))
-    columns = ("rank", "planner", *(measure.heading for measure in measures), "clearly better than", *_TRACE)
+        rows.append(
+            (
+                f"{'=' * place.tied}{place.rank}",
+                place.entry.label,
+                *figures,
+                better_than or "-",
+                *trace,
+            )
+        )
+    columns = (
+        "rank",
+        "planner",
+        *(measure.heading for measure in measures),
+        "clearly better than",
+        *_TRACE,
+    )
     about = f"Ranked by {board.measure.title}, with 95 % intervals."
     if len(rows) > 1:
         about += (
             " Planners share a rank (=) unless all above are clearly better than all below: by a test over whole"
             " worlds, at 5 % after Holm for all pairs."
         )
-    return TextTable("leaderboard", board.title, columns, tuple(rows), texts=2, caption=about)
+    return TextTable(
+        "leaderboard", board.title, columns, tuple(rows), texts=2, caption=about
+    )
 
 
 def _escaped(text: str) -> str:

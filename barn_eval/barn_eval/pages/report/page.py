@@ -19,17 +19,29 @@ from barn_eval.analysis.sources import Entry, read_entries, require_same_task
 from barn_eval.analysis.summary import bars
 from barn_eval.analysis.text_table import TextTable
 from barn_eval.analysis.verdict import cautions
-from barn_eval.bags.recorded import read_recorded
-from barn_eval.experiments.folder import REPLAYS
-from barn_eval.experiments.sweep import expanded
 from barn_eval.pages import Progress
-from barn_eval.pages.figures import ReportFigure, figure_of, finished, new_figure, plain, style
+from barn_eval.pages.figures import (
+    ReportFigure,
+    figure_of,
+    finished,
+    new_figure,
+    plain,
+    style,
+)
 from barn_eval.pages.replay.page import replay_page
 from barn_eval.pages.report.charts import CHARTS, Chart, ChartData
 from barn_eval.pages.report.maps import hardest_maps
 from barn_eval.pages.report.processes import run_forked
-from barn_eval.pages.report.trials import DrivenTrial, driven_trials, trial_data, worlds_by_number
+from barn_eval.pages.report.trials import (
+    DrivenTrial,
+    driven_trials,
+    trial_data,
+    worlds_by_number,
+)
 from barn_eval.pages.template import render, write_page
+from barn_eval.results.bags.recorded import read_recorded
+from barn_eval.results.folder import REPLAYS
+from barn_eval.running.sweep import expanded
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.worlds.world import World
 
@@ -37,7 +49,9 @@ Onto = Axes | Sequence[Axes] | None
 DEFAULT_HARDEST = 8  # worlds that are drawn as maps
 
 
-def draw(chart: Chart, data: ChartData, ax: Onto = None, width_mm: float | None = None) -> list[Axes]:
+def draw(
+    chart: Chart, data: ChartData, ax: Onto = None, width_mm: float | None = None
+) -> list[Axes]:
     """Draw a figure of the catalogue and return its axes, none where it has nothing to show.
 
     ax: what to draw onto, as many as the figure has panels; without, a figure of its own. width_mm: of that.
@@ -47,16 +61,22 @@ def draw(chart: Chart, data: ChartData, ax: Onto = None, width_mm: float | None 
         return []
     count = layout.rows * layout.columns
     if ax is None:
-        height_in, columns, rows, sharex, sharey, width_in = layout.fitted(width_mm / 25.4) if width_mm else layout
+        height_in, columns, rows, sharex, sharey, width_in = (
+            layout.fitted(width_mm / 25.4) if width_mm else layout
+        )
         figure = new_figure(height_in, width_in)
-        grid = figure.subplots(rows, columns, sharex=sharex, sharey=sharey, squeeze=False)
+        grid = figure.subplots(
+            rows, columns, sharex=sharex, sharey=sharey, squeeze=False
+        )
         panels, spare = list(grid.ravel()[:count]), grid.ravel()[count:]
         for axes in spare:
             axes.remove()
     else:
         panels = [ax] if isinstance(ax, Axes) else list(ax)
         if len(panels) != count:
-            raise ConfigError(f"ax: the figure {chart.name!r} has {count} panels, got {len(panels)} axes")
+            raise ConfigError(
+                f"ax: the figure {chart.name!r} has {count} panels, got {len(panels)} axes"
+            )
     legend = chart.draw(panels, data)
     for axes in panels if width_mm else ():
         axes.set_ylabel(fill(axes.get_ylabel(), 25))
@@ -64,13 +84,20 @@ def draw(chart: Chart, data: ChartData, ax: Onto = None, width_mm: float | None 
     if legend.handles and ax is None:
         figure = figure_of(panels)
         most = min(6, int(figure.get_figwidth() / 1.1))
-        figure.legend(legend.handles, texts, loc="outside lower center", ncols=min(most, len(texts)))
+        figure.legend(
+            legend.handles,
+            texts,
+            loc="outside lower center",
+            ncols=min(most, len(texts)),
+        )
     elif legend.handles:
         panels[0].legend(legend.handles, texts)
     return panels
 
 
-def plot(name: str, entries: Sequence[Entry], ax: Onto = None, width_mm: float | None = None) -> list[Axes]:
+def plot(
+    name: str, entries: Sequence[Entry], ax: Onto = None, width_mm: float | None = None
+) -> list[Axes]:
     """Draw the figure of that name of planners' results, onto axes or a figure of its own, and return its axes.
 
     width_mm: as of `draw`. ConfigError for an unknown name, a wrong number of axes, and where there is nothing to draw.
@@ -80,10 +107,16 @@ def plot(name: str, entries: Sequence[Entry], ax: Onto = None, width_mm: float |
     order, shown = order_of(entries), {}
     if name == "hardest":
         drives, worlds = driven_trials(entries)
-        shown = hardest_maps(order, drives, worlds_by_number(drives, worlds), DEFAULT_HARDEST)
-    overview = cache(lambda: analyse(entries, order, lambda jobs: [job() for job in jobs]))
+        shown = hardest_maps(
+            order, drives, worlds_by_number(drives, worlds), DEFAULT_HARDEST
+        )
+    overview = cache(
+        lambda: analyse(entries, order, lambda jobs: [job() for job in jobs])
+    )
     with style(checked_width(width_mm)):
-        panels = draw(CHARTS[name], ChartData(entries, order, overview, shown), ax, width_mm)
+        panels = draw(
+            CHARTS[name], ChartData(entries, order, overview, shown), ax, width_mm
+        )
     if not panels:
         raise ConfigError(f"figure {name!r}: these results have nothing to show in it")
     return panels
@@ -96,11 +129,17 @@ def checked_width(width_mm: float | None) -> float | None:
     return width_mm
 
 
-def finish(chart: Chart, data: ChartData, *, pdf: bool, width_mm: float | None = None) -> ReportFigure | None:
+def finish(
+    chart: Chart, data: ChartData, *, pdf: bool, width_mm: float | None = None
+) -> ReportFigure | None:
     """Return a figure of the catalogue as pages have it, or papers; None where it has nothing to show."""
     with style(width_mm):
         panels = draw(chart, data, width_mm=width_mm)
-        return finished(figure_of(panels), chart.name, chart.about, pdf=pdf) if panels else None
+        return (
+            finished(figure_of(panels), chart.name, chart.about, pdf=pdf)
+            if panels
+            else None
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +172,10 @@ class Report:
     @cached_property
     def figures(self) -> dict[str, ReportFigure]:
         """Its figures by name, each drawn in the process that finishes it: figures of matplotlib change by pickling."""
-        jobs = [partial(finish, chart, self.data, pdf=self.pdf) for chart in reversed(CHARTS.values())]
+        jobs = [
+            partial(finish, chart, self.data, pdf=self.pdf)
+            for chart in reversed(CHARTS.values())
+        ]
         made = run_forked(jobs, lambda share: self.progress(0.5 + 0.5 * share))
         return {one.name: one for one in made if one is not None}
 
@@ -155,13 +197,20 @@ def build_report(
     require_same_task(expanded(paths))
     drives, worlds = driven_trials(entries)
     numbered, order = worlds_by_number(drives, worlds), order_of(entries)
-    found = analyse(entries, order, lambda jobs: run_forked(jobs, lambda share: progress(0.5 * share)), keys)
+    found = analyse(
+        entries,
+        order,
+        lambda jobs: run_forked(jobs, lambda share: progress(0.5 * share)),
+        keys,
+    )
     shown = hardest_maps(order, drives, numbered, hardest)
     data = ChartData(entries, order, lambda: found, shown)
     return Report(entries, found, data, drives, worlds, keys, pdf, progress)
 
 
-def replay_links(report: Report, out: Path, replays: Path | None = None) -> dict[Path, str]:
+def replay_links(
+    report: Report, out: Path, replays: Path | None = None
+) -> dict[Path, str]:
     """Return the address of each trial's replay as seen from a page, by its bag; draw those that are wanted.
 
     Pages that lie in the folder of a source, in replays/, are linked to wherever there are any.
@@ -178,7 +227,9 @@ def replay_links(report: Report, out: Path, replays: Path | None = None) -> dict
     return links
 
 
-def report_page(report: Report, title: str, links: Mapping[Path, str] | None = None) -> str:
+def report_page(
+    report: Report, title: str, links: Mapping[Path, str] | None = None
+) -> str:
     """Return the page of a report; texts from files are text in it. links: of `replay_links`."""
     sources = list(dict.fromkeys(entry.source for entry in report.entries))
     first, leaders = report.entries[0].results[0], bars(report.entries)
@@ -197,8 +248,15 @@ def report_page(report: Report, title: str, links: Mapping[Path, str] | None = N
         tracks=sum(drive.track is not None for drive in report.drives),
         moving=any(world.moving or world.walls for world in report.worlds.values()),
         flatten=flatten,
-        data=trial_data(report.entries, report.drives, report.worlds, links, report.columns)
-        | {"bands": [{"name": band.name, "worlds": band.worlds} for band in report.overview.bands]},
+        data=trial_data(
+            report.entries, report.drives, report.worlds, links, report.columns
+        )
+        | {
+            "bands": [
+                {"name": band.name, "worlds": band.worlds}
+                for band in report.overview.bands
+            ]
+        },
     )
 
 
@@ -209,7 +267,10 @@ def write_assets(report: Report, folder: Path, width_mm: float | None = None) ->
         write_page(folder / f"{table.name}.tex", table.latex())
     figures = list(report.figures.values())
     if width_mm is not None:
-        jobs = [partial(finish, CHARTS[one.name], report.data, pdf=True, width_mm=width_mm) for one in figures]
+        jobs = [
+            partial(finish, CHARTS[one.name], report.data, pdf=True, width_mm=width_mm)
+            for one in figures
+        ]
         figures = run_forked(jobs, lambda _: None)
     for picture in figures:
         picture.write(folder)
@@ -224,4 +285,8 @@ def flatten(content: object, name: str = "") -> list[tuple[str, str]]:
         inner = dict(enumerate(content))
     if not inner:
         return [(name, "" if content is None else str(content))]
-    return [row for key, value in inner.items() for row in flatten(value, f"{name}.{key}".removeprefix("."))]
+    return [
+        row
+        for key, value in inner.items()
+        for row in flatten(value, f"{name}.{key}".removeprefix("."))
+    ]

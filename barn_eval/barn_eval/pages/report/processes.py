@@ -25,14 +25,18 @@ def run_forked(jobs: Sequence[Callable[[], Any]], progress: Progress) -> list[An
     """
     done = itertools.count(1)
     count = min(len(os.sched_getaffinity(0)), _MOST)
-    pool = ProcessPoolExecutor(count, mp_context=get_context("fork"), initializer=_begin, initargs=(jobs,))
+    pool = ProcessPoolExecutor(
+        count, mp_context=get_context("fork"), initializer=_begin, initargs=(jobs,)
+    )
     try:
         made = [pool.submit(_do, place) for place in range(len(jobs))]
         for one in made:
             one.add_done_callback(lambda _: progress(next(done) / len(jobs)))
         return [one.result() for one in made]
     except BrokenProcessPool:
-        raise BarnError("a process that computed a part of the report was killed; was there enough memory?") from None
+        raise BarnError(
+            "a process that computed a part of the report was killed; was there enough memory?"
+        ) from None
     finally:
         pool.shutdown(cancel_futures=True)
 

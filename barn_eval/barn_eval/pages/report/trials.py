@@ -9,10 +9,10 @@ import numpy as np
 
 from barn_eval.analysis.measures import MEASURES, with_motion
 from barn_eval.analysis.sources import Entry, Source, read_worlds
-from barn_eval.bags.movers import gaps_to
-from barn_eval.experiments.rows import TRACKS_NAME
-from barn_eval.experiments.track import CHANNELS, NO_NUMBER, Track, from_track_line, pack
 from barn_eval.pages.replay.payload import motion_arrays
+from barn_eval.results.bags.movers import gaps_to
+from barn_eval.results.rows import TRACKS_NAME
+from barn_eval.results.tracks import CHANNELS, NO_NUMBER, Track, from_track_line, pack
 from barn_eval.trials.result import TrialResult
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import BarnError, ConfigError
@@ -48,7 +48,9 @@ class DrivenTrial:
         return 0.0 if self.track is None else float(self.track.samples[-1, 0])
 
 
-def driven_trials(entries: Sequence[Entry]) -> tuple[list[DrivenTrial], dict[str, World]]:
+def driven_trials(
+    entries: Sequence[Entry],
+) -> tuple[list[DrivenTrial], dict[str, World]]:
     """Return the trials of entries in their order, and their worlds by checksum."""
     results = [(entry, result) for entry in entries for result in entry.results]
     found = read_worlds((one, entry.source) for entry, one in results)
@@ -58,17 +60,37 @@ def driven_trials(entries: Sequence[Entry]) -> tuple[list[DrivenTrial], dict[str
         problem = "; ".join(one for one in (world, track) if isinstance(one, str))
         if isinstance(track, Track) and isinstance(world, World):
             track = _with_motion(track, result, world, entry.source.outline)
-        drives.append(DrivenTrial(place, entry, result, track if isinstance(track, Track) else None, problem))
-    return drives, {checksum: world for checksum, world in found.items() if isinstance(world, World)}
+        drives.append(
+            DrivenTrial(
+                place,
+                entry,
+                result,
+                track if isinstance(track, Track) else None,
+                problem,
+            )
+        )
+    return drives, {
+        checksum: world for checksum, world in found.items() if isinstance(world, World)
+    }
 
 
-def worlds_by_number(drives: Sequence[DrivenTrial], worlds: Mapping[str, World]) -> dict[int, World]:
+def worlds_by_number(
+    drives: Sequence[DrivenTrial], worlds: Mapping[str, World]
+) -> dict[int, World]:
     """Return worlds by number, without those of which trials disagree or that are not there."""
     known: dict[int, set[str]] = {}
     for drive in drives:
         known.setdefault(drive.result.world, set()).add(drive.result.world_checksum)
-    sole = {number: min(checksums) for number, checksums in known.items() if len(checksums) == 1}
-    return {number: worlds[checksum] for number, checksum in sole.items() if checksum in worlds}
+    sole = {
+        number: min(checksums)
+        for number, checksums in known.items()
+        if len(checksums) == 1
+    }
+    return {
+        number: worlds[checksum]
+        for number, checksum in sole.items()
+        if checksum in worlds
+    }
 
 
 def kept_track(source: Source, result: TrialResult) -> Track | str:
@@ -77,12 +99,16 @@ def kept_track(source: Source, result: TrialResult) -> Track | str:
     if line is None:
         return "no track of this trial was kept, so there is no trajectory to show"
     try:
-        return from_track_line(line, f"{source.path / TRACKS_NAME}, {result.trial_id}")[1]
+        return from_track_line(line, f"{source.path / TRACKS_NAME}, {result.trial_id}")[
+            1
+        ]
     except ConfigError as error:
         return str(error)
 
 
-def _with_motion(track: Track, result: TrialResult, world: World, outline: Footprint) -> Track:
+def _with_motion(
+    track: Track, result: TrialResult, world: World, outline: Footprint
+) -> Track:
     """Return a track whose clearance is also that to walls and to what moved, at the times of its samples."""
     if result.motion is None:
         return track
@@ -111,7 +137,12 @@ def known_scene(source: Source, world: World) -> TrialScene:
 
 # The page's table has these columns, with their digits (None: a text), then those of measures.
 _COLUMNS = {"planner": None, "world": 0, "trial": 0, "outcome": None}
-_MEASURES: tuple[str, ...] = ("traversal_time_s", "normalised_time_s_per_m", "challenge", "driven_m")
+_MEASURES: tuple[str, ...] = (
+    "traversal_time_s",
+    "normalised_time_s_per_m",
+    "challenge",
+    "driven_m",
+)
 _MEASURES += ("min_clearance_m", "contact_s", "compute_p95_ms", "missed_cycles")
 
 
@@ -127,25 +158,49 @@ def trial_data(
     links: to the page of a replay, by the path of its bag. keys: of the measures shown, those usual without any.
     """
     measures = keys or with_motion(_MEASURES, [drive.result for drive in drives])
-    heads: list[tuple[str, str, str, int | None]] = [(name, name, "", digits) for name, digits in _COLUMNS.items()]
-    heads += [(one.key, one.label, one.unit, one.digits) for one in map(MEASURES.__getitem__, measures)]
+    heads: list[tuple[str, str, str, int | None]] = [
+        (name, name, "", digits) for name, digits in _COLUMNS.items()
+    ]
+    heads += [
+        (one.key, one.label, one.unit, one.digits)
+        for one in map(MEASURES.__getitem__, measures)
+    ]
     numbers = {entry: number for number, entry in enumerate(entries)}
     sources = {drive.result.world_checksum: drive.entry.source for drive in drives}
     return {
-        "columns": [dict(zip(("name", "title", "unit", "digits"), head, strict=True)) for head in heads],
-        "entries": [{"label": one.label, "colour": one.colour, "folder": str(one.source.path)} for one in entries],
-        "trials": [_trial(drive, numbers[drive.entry], links or {}, measures) for drive in drives],
-        "worlds": {checksum: _world(world, sources.get(checksum)) for checksum, world in worlds.items()},
+        "columns": [
+            dict(zip(("name", "title", "unit", "digits"), head, strict=True))
+            for head in heads
+        ],
+        "entries": [
+            {"label": one.label, "colour": one.colour, "folder": str(one.source.path)}
+            for one in entries
+        ],
+        "trials": [
+            _trial(drive, numbers[drive.entry], links or {}, measures)
+            for drive in drives
+        ],
+        "worlds": {
+            checksum: _world(world, sources.get(checksum))
+            for checksum, world in worlds.items()
+        },
         "channels": CHANNELS,
         "no_number": NO_NUMBER,
         "outline": entries[0].source.outline.plain(),
     }
 
 
-def _trial(drive: DrivenTrial, number: int, links: Mapping[Path, str], measures: Sequence[str]) -> dict[str, Any]:
+def _trial(
+    drive: DrivenTrial, number: int, links: Mapping[Path, str], measures: Sequence[str]
+) -> dict[str, Any]:
     entry, result, motion = drive.entry, drive.result, drive.result.motion
     bag = entry.source.bag(result.trial_id)
-    cells: list[Any] = [entry.label, result.world, result.repetition + 1, result.outcome.value]
+    cells: list[Any] = [
+        entry.label,
+        result.world,
+        result.repetition + 1,
+        result.outcome.value,
+    ]
     values = (MEASURES[key].value(result) for key in measures)
     cells += [None if value is None else round(value, 4) for value in values]
     return {
@@ -154,7 +209,14 @@ def _trial(drive: DrivenTrial, number: int, links: Mapping[Path, str], measures:
         "checksum": result.world_checksum,
         "name": result.world_name,
         "detail": result.detail,
-        "seeds": [str(seed) for seed in (result.campaign_seed, result.simulator_seed, result.planner_seed)],
+        "seeds": [
+            str(seed)
+            for seed in (
+                result.campaign_seed,
+                result.simulator_seed,
+                result.planner_seed,
+            )
+        ],
         "problem": drive.problem,
         "bag": str(bag) if bag.exists() else "",
         "replay": links.get(bag, ""),
@@ -164,12 +226,25 @@ def _trial(drive: DrivenTrial, number: int, links: Mapping[Path, str], measures:
 
 
 def _world(world: World, source: Source | None) -> dict[str, Any]:
-    arrays = {"cylinders": world.cylinders_m.astype("f4"), "path": world.path_m().astype("f4")}
+    arrays = {
+        "cylinders": world.cylinders_m.astype("f4"),
+        "path": world.path_m().astype("f4"),
+    }
     step = 1.0
     if max(map(abs, world.bounds_m)) < 32.0:
-        arrays, step = {name: np.round(1000.0 * values).astype("i2") for name, values in arrays.items()}, 0.001
+        arrays, step = (
+            {
+                name: np.round(1000.0 * values).astype("i2")
+                for name, values in arrays.items()
+            },
+            0.001,
+        )
     ends = known_scene(source, world).ends_m() if source else np.empty((0, 2))
-    content: dict[str, Any] = {"radius": world.cylinder_radius_m, "bounds": list(world.bounds_m), "step": step}
+    content: dict[str, Any] = {
+        "radius": world.cylinder_radius_m,
+        "bounds": list(world.bounds_m),
+        "step": step,
+    }
     content["ends"] = ends.round(3).tolist()
     if world.moving or world.walls:
         content["moving"] = motion_arrays(world, arrays)

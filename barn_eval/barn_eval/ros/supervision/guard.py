@@ -34,14 +34,27 @@ _PR_SET_CHILD_SUBREAPER = 36
 _NO_MOUNTS = 24, 21  # PR_CAPBSET_DROP, CAP_SYS_ADMIN
 # How long each signal is given. Python nodes need some 100 ms for SIGINT, ros2 launch several seconds.
 PATIENCE_S = ((signal.SIGINT, 5.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 5.0))
-_ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT)  # of the guard itself
+_ENDING = (
+    signal.SIGTERM,
+    signal.SIGINT,
+    signal.SIGHUP,
+    signal.SIGQUIT,
+)  # of the guard itself
 _ORPHANS_PATIENCE_S = 0.5  # for what is left when the command itself has ended
 HEAD_BYTES = TAIL_BYTES = 5_000_000  # of what one start of a command prints
 SUITE, PLANNER, APART = "suite", "planner", "apart"
 _FIRST_TO_GO = "500"  # added to what the kernel's choice goes by when memory runs out, of at most 1000
-_NEW_MOUNTS, _NEW_USERS, _NEW_PIDS = 0x00020000, 0x10000000, 0x20000000  # flags of unshare
+_NEW_MOUNTS, _NEW_USERS, _NEW_PIDS = (
+    0x00020000,
+    0x10000000,
+    0x20000000,
+)  # flags of unshare
 _PRIVATE_MOUNTS = 0x4000 | 0x40000  # recursively
-_BIND, _READ_ONLY_AGAIN, _KEPT_FLAGS = 0x1000, 0x1000 | 0x20 | 1, 2 | 4 | 8  # of mount; the last are locked
+_BIND, _READ_ONLY_AGAIN, _KEPT_FLAGS = (
+    0x1000,
+    0x1000 | 0x20 | 1,
+    2 | 4 | 8,
+)  # of mount; the last are locked
 _LIBC = ctypes.CDLL(None, use_errno=True)
 
 
@@ -56,8 +69,12 @@ def main(arguments: list[str]) -> int:
         return _stand_by(second)
     wake = _wake_on_signals()
     _end_with(first, signal.SIGTERM)
-    _LIBC.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)  # orphans of the command become children of the guard
-    return _guard(arguments[3:], arguments[1], socket.socket(fileno=int(arguments[0])), wake)
+    _LIBC.prctl(
+        _PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0
+    )  # orphans of the command become children of the guard
+    return _guard(
+        arguments[3:], arguments[1], socket.socket(fileno=int(arguments[0])), wake
+    )
 
 
 def _probe() -> int:
@@ -84,8 +101,14 @@ def _checked(result: int, what: str) -> None:
 def _leave_namespaces() -> None:
     """Put this process into a user namespace of its own, and its children to come into a PID namespace; OSError."""
     user, group = os.getuid(), os.getgid()
-    _checked(_LIBC.unshare(_NEW_USERS | _NEW_PIDS), "no namespaces for users and processes")
-    for name, content in (("setgroups", "deny"), ("uid_map", f"{user} {user} 1"), ("gid_map", f"{group} {group} 1")):
+    _checked(
+        _LIBC.unshare(_NEW_USERS | _NEW_PIDS), "no namespaces for users and processes"
+    )
+    for name, content in (
+        ("setgroups", "deny"),
+        ("uid_map", f"{user} {user} 1"),
+        ("gid_map", f"{group} {group} 1"),
+    ):
         Path(f"/proc/self/{name}").write_text(content, "ascii")
 
 
@@ -94,11 +117,18 @@ def _mount_own(results: str) -> bool:
 
     Return whether the first is allowed: in many containers it is not.
     """
-    if _LIBC.unshare(_NEW_MOUNTS) or _LIBC.mount(None, b"/", None, _PRIVATE_MOUNTS, None):
+    if _LIBC.unshare(_NEW_MOUNTS) or _LIBC.mount(
+        None, b"/", None, _PRIVATE_MOUNTS, None
+    ):
         return False
-    if results and not _LIBC.mount((folder := os.fsencode(results)), folder, None, _BIND, None):
+    if results and not _LIBC.mount(
+        (folder := os.fsencode(results)), folder, None, _BIND, None
+    ):
         flags = _READ_ONLY_AGAIN | (os.statvfs(results).f_flag & _KEPT_FLAGS)
-        _checked(_LIBC.mount(None, folder, None, flags, None), f"{results} cannot be made read-only")
+        _checked(
+            _LIBC.mount(None, folder, None, flags, None),
+            f"{results} cannot be made read-only",
+        )
         with suppress(OSError):
             os.chdir(Path.cwd())  # by the new mount, should it be in there
     return bool(_LIBC.mount(b"proc", b"/proc", b"proc", 0, None) == 0)
@@ -111,7 +141,9 @@ class _ApartProcess:
     which the kernel ends all others. OSError if the command cannot be started.
     """
 
-    def __init__(self, command: list[str], output: int, before: Callable[[], None], results: str) -> None:
+    def __init__(
+        self, command: list[str], output: int, before: Callable[[], None], results: str
+    ) -> None:
         self.returncode: int | None = None
         _leave_namespaces()
         self._end, told = os.pipe()
@@ -131,19 +163,31 @@ class _ApartProcess:
         """Wait for the end and return it; without a word of the first process, that was killed."""
         if self.returncode is None and os.waitpid(self.pid, options)[0]:
             text = os.read(self._end, 4096)
-            self.returncode = int(text) if text.lstrip(b"-").isdigit() else -signal.SIGKILL
+            self.returncode = (
+                int(text) if text.lstrip(b"-").isdigit() else -signal.SIGKILL
+            )
         return self.returncode
 
 
 def _started(
-    command: list[str], output: int, before: Callable[[], None], *, start_new_session: bool = False
+    command: list[str],
+    output: int,
+    before: Callable[[], None],
+    *,
+    start_new_session: bool = False,
 ) -> subprocess.Popen[bytes]:
     """Start a command, which inherits what the supervisor hands down; there are no threads here."""
-    how: dict[str, Any] = {"preexec_fn": before, "start_new_session": start_new_session, "close_fds": False}
+    how: dict[str, Any] = {
+        "preexec_fn": before,
+        "start_new_session": start_new_session,
+        "close_fds": False,
+    }
     return subprocess.Popen(command, stdout=output, stderr=output, **how)  # noqa: S603
 
 
-def _be_first(command: list[str], output: int, before: Callable[[], None], told: int, results: str) -> None:
+def _be_first(
+    command: list[str], output: int, before: Callable[[], None], told: int, results: str
+) -> None:
     """Be the first process of a namespace: start the command, take in orphans, and end with the command."""
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
     os.setsid()
@@ -167,7 +211,9 @@ def _be_first(command: list[str], output: int, before: Callable[[], None], told:
 
 def _stand_by(second: int) -> int:
     """Wait for the second process; if it is killed, end what it has left."""
-    os.closerange(3, os.sysconf("SC_OPEN_MAX"))  # the link is the other's, and so is what is handed down
+    os.closerange(
+        3, os.sysconf("SC_OPEN_MAX")
+    )  # the link is the other's, and so is what is handed down
     for number in _ENDING:
         signal.signal(number, signal.SIG_IGN)
     os.waitpid(second, 0)
@@ -184,16 +230,22 @@ def _end_with(parent: int, number: int) -> None:
         os._exit(1)
 
 
-def _guard(command: list[str], kind: str, supervisor: socket.socket, wake: socket.socket) -> int:
+def _guard(
+    command: list[str], kind: str, supervisor: socket.socket, wake: socket.socket
+) -> int:
     supervisor.setblocking(False)
     output = _Output()
     kind, _, results = kind.partition(":")
     apart = partial(_ApartProcess, results=results)
     started = apart if kind == APART else partial(_started, start_new_session=True)
     try:
-        child: _Child = started(command, output.writer, _prepare(supervisor.fileno(), kind))
+        child: _Child = started(
+            command, output.writer, _prepare(supervisor.fileno(), kind)
+        )
     except OSError as error:
-        _report(supervisor, f"cannot be started: {command[0]}: {error.strerror or error}")
+        _report(
+            supervisor, f"cannot be started: {command[0]}: {error.strerror or error}"
+        )
         return 0
     finally:
         os.close(output.writer)
@@ -277,7 +329,9 @@ def _print(data: bytes) -> None:
             data = data[os.write(sys.stdout.fileno(), data) :]
 
 
-def _wait(child: "_Child", supervisor: socket.socket, wake: socket.socket, output: _Output) -> bool:
+def _wait(
+    child: "_Child", supervisor: socket.socket, wake: socket.socket, output: _Output
+) -> bool:
     """Return when the command has ended by itself, or is to be ended, and whether the supervisor knows why."""
     while child.poll() is None:
         ready, _, _ = select.select([supervisor, wake, *output.readers], [], [])
@@ -289,7 +343,9 @@ def _wait(child: "_Child", supervisor: socket.socket, wake: socket.socket, outpu
     return True
 
 
-def _end(child: "_Child", supervisor: socket.socket, output: _Output, *, hurried: bool) -> None:
+def _end(
+    child: "_Child", supervisor: socket.socket, output: _Output, *, hurried: bool
+) -> None:
     """End the command and its descendants; hurried, as after a second word of the supervisor, without patience."""
     _drain(supervisor)
     for number, patience_s in PATIENCE_S:
@@ -300,11 +356,15 @@ def _end(child: "_Child", supervisor: socket.socket, output: _Output, *, hurried
         with suppress(ProcessLookupError):
             os.killpg(child.pid, number)
         if number != signal.SIGINT:
-            _signal_all(left, number)  # those that have left the command's process group, too
+            _signal_all(
+                left, number
+            )  # those that have left the command's process group, too
         sent_s = time.monotonic()
         while _descendants(child) and not (hurried and number != signal.SIGKILL):
             waited_s = time.monotonic() - sent_s
-            if waited_s > (patience_s if child.returncode is None else _ORPHANS_PATIENCE_S):
+            if waited_s > (
+                patience_s if child.returncode is None else _ORPHANS_PATIENCE_S
+            ):
                 break
             ready, _, _ = select.select([supervisor, *output.readers], [], [], 0.02)
             output.read()
@@ -341,7 +401,9 @@ def _family() -> list[int]:
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
             with suppress(OSError):
-                state, parent = (entry / "stat").read_text().rsplit(")", 1)[1].split()[:2]
+                state, parent = (
+                    (entry / "stat").read_text().rsplit(")", 1)[1].split()[:2]
+                )
                 if state != "Z":
                     parents[int(entry.name)] = int(parent)
     family = {os.getpid()}

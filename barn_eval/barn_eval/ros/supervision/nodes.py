@@ -9,11 +9,11 @@ from typing import Any
 
 import yaml
 
-from barn_eval.experiments.experiment import Experiment, PlannerChoice
-from barn_eval.experiments.request import command_words
-from barn_eval.experiments.ros_config import PlannerLink, RosSetup
-from barn_eval.experiments.store import Store
+from barn_eval.results.store import Store
 from barn_eval.ros.supervision import start
+from barn_eval.running.request import command_words
+from barn_eval.trials.ros_config import PlannerLink, RosSetup
+from barn_eval.trials.run_config import Experiment, PlannerChoice
 from barn_eval.trials.spec import TrialSpec
 from barn_sim.config import SimulatorConfig, robot_of
 from barn_worlds.base.config import as_dict
@@ -22,7 +22,9 @@ from barn_worlds.base.files import write_whole
 from barn_worlds.robots.files import ROBOTS, robot_text
 
 NOT_TOLD = "nothing tells that from the planner's doing"
-_LOOPBACK = Path(__file__).parents[2] / "data" / "dds" / "loopback.xml"  # keeps Fast DDS on the loopback interface
+_LOOPBACK = (
+    Path(__file__).parents[2] / "data" / "dds" / "loopback.xml"
+)  # keeps Fast DDS on the loopback interface
 _WHEELS_MARK = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 _RANGE, _TRANSPORTS = "ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTDDS_BUILTIN_TRANSPORTS"
 _PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
@@ -49,7 +51,13 @@ class NodeProcess:
         content = {"/**": {"ros__parameters": dict(self.parameters)}}
         with reported_as(ConfigError, path):
             path.write_text(yaml.safe_dump(content, sort_keys=False), "utf-8")
-        return [*self.command, "--ros-args", *self.arguments, "--params-file", str(path)]
+        return [
+            *self.command,
+            "--ros-args",
+            *self.arguments,
+            "--params-file",
+            str(path),
+        ]
 
 
 @dataclass(frozen=True)
@@ -71,14 +79,29 @@ class Assignment:
 
     def specs(self) -> list[TrialSpec]:
         """Return the trials; WorldError if a world cannot be read."""
-        return [spec for spec in self.experiment.trials(self.worlds) if spec.trial_id in self.trials]
+        return [
+            spec
+            for spec in self.experiment.trials(self.worlds)
+            if spec.trial_id in self.trials
+        ]
 
 
 def simulator(setup: RosSetup, line: int, robot: str) -> NodeProcess:
     """Return the simulator of a robot, by name or file; world, start and seed come from the evaluator."""
-    shared = ["lockstep", "command_type", "real_time_factor", "command_wait_s", "ground_truth"]
+    shared = [
+        "lockstep",
+        "command_type",
+        "real_time_factor",
+        "command_wait_s",
+        "ground_truth",
+    ]
     frames = ("map_frame", "odom_frame", "base_frame", "lidar_frame")
-    parameters = {"robot": robot, "start_paused": True, "evaluator_fd": line, **_values(setup, *shared, *frames)}
+    parameters = {
+        "robot": robot,
+        "start_paused": True,
+        "evaluator_fd": line,
+        **_values(setup, *shared, *frames),
+    }
     return _node("simulator", "barn_sim.ros.simulator:main", parameters, setup)
 
 
@@ -96,25 +119,35 @@ def planner(choice: PlannerChoice, experiment: Experiment) -> NodeProcess:
     """Return the planner under test: the user's command as it is, or a node of the suite."""
     setup = experiment.ros
     if choice.command:
-        return NodeProcess("planner", tuple(command_words(choice.command)), {}, foreign=True)
+        return NodeProcess(
+            "planner", tuple(command_words(choice.command)), {}, foreign=True
+        )
     settings = experiment.settings(choice)
     parameters: dict[str, Any] = {
         "planner": choice.name,
         "preset": settings["preset"],
         "use_map": experiment.protocol.map_given,
         "use_sim_time": True,
-        "command_type": "twist_stamped" if setup.command_type == "twist_stamped" else "twist",
+        "command_type": "twist_stamped"
+        if setup.command_type == "twist_stamped"
+        else "twist",
         **_values(setup, "map_frame", "odom_frame", "base_frame"),
         **settings["overrides"],
     }
     return _node("planner", "barn_planners.ros.planner:main", parameters, setup)
 
 
-def evaluator(assignment: Path, setup: RosSetup, supervisor: int, simulator: int) -> NodeProcess:
+def evaluator(
+    assignment: Path, setup: RosSetup, supervisor: int, simulator: int
+) -> NodeProcess:
     """Return the evaluator, which reads from a file what it is to do."""
     shared = {field.name for field in fields(PlannerLink)}
     parameters = {key: value for key, value in as_dict(setup).items() if key in shared}
-    parameters |= {"assignment": str(assignment), "supervisor_fd": supervisor, "simulator_fd": simulator}
+    parameters |= {
+        "assignment": str(assignment),
+        "supervisor_fd": supervisor,
+        "simulator_fd": simulator,
+    }
     return _node("evaluator", "barn_eval.ros.evaluator:main", parameters, setup)
 
 
@@ -135,7 +168,9 @@ def _transport(inherited: Mapping[str, str]) -> dict[str, str]:
     0.15 s), and each kill leaves segments behind. So it is a profile that says the same and more.
     """
     asked = inherited.get(_RANGE, "LOCALHOST")
-    fast = inherited.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp").startswith("rmw_fastrtps")
+    fast = inherited.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp").startswith(
+        "rmw_fastrtps"
+    )
     if asked == "LOCALHOST" and fast and not inherited.keys() & _PROFILES:
         return {_RANGE: "SYSTEM_DEFAULT", _PROFILE: str(_LOOPBACK)}
     return {_RANGE: asked, _TRANSPORTS: inherited.get(_TRANSPORTS, "UDPv4")}
@@ -157,9 +192,20 @@ def foreign_environment(ours: Mapping[str, str]) -> dict[str, str]:
     They put their libraries into LD_LIBRARY_PATH and leave a mark that this has been done, upon which the wheels of
     another virtual environment would leave it so and load ours.
     """
-    prefix, libraries = Path(sys.prefix).resolve(), ours.get("LD_LIBRARY_PATH", "").split(os.pathsep)
-    kept = [part for part in libraries if part and not Path(part).resolve().is_relative_to(prefix)]
-    theirs = {name: value for name, value in ours.items() if name not in (_WHEELS_MARK, "LD_LIBRARY_PATH")}
+    prefix, libraries = (
+        Path(sys.prefix).resolve(),
+        ours.get("LD_LIBRARY_PATH", "").split(os.pathsep),
+    )
+    kept = [
+        part
+        for part in libraries
+        if part and not Path(part).resolve().is_relative_to(prefix)
+    ]
+    theirs = {
+        name: value
+        for name, value in ours.items()
+        if name not in (_WHEELS_MARK, "LD_LIBRARY_PATH")
+    }
     return theirs | ({"LD_LIBRARY_PATH": os.pathsep.join(kept)} if kept else {})
 
 
@@ -167,7 +213,11 @@ def _values(setup: RosSetup, *names: str) -> dict[str, Any]:
     return {name: getattr(setup, name) for name in names}
 
 
-def _node(name: str, entry: str, parameters: Mapping[str, Any], setup: RosSetup) -> NodeProcess:
-    namespace = [f"__ns:=/{setup.namespace.strip('/')}"] if setup.namespace.strip("/") else []
+def _node(
+    name: str, entry: str, parameters: Mapping[str, Any], setup: RosSetup
+) -> NodeProcess:
+    namespace = (
+        [f"__ns:=/{setup.namespace.strip('/')}"] if setup.namespace.strip("/") else []
+    )
     names = tuple(part for rule in (*namespace, *setup.remap) for part in ("-r", rule))
     return NodeProcess(name, (sys.executable, start.__file__, entry), parameters, names)

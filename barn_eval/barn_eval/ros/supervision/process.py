@@ -27,7 +27,9 @@ from barn_eval.ros.supervision import guard
 from barn_worlds.base.errors import BarnError, ConfigError, reported_as
 
 _MARK = "BARN_GUARD"
-_FULL_LOG_BYTES = 10_000_000  # of all starts: then it begins anew, and one before it is kept
+_FULL_LOG_BYTES = (
+    10_000_000  # of all starts: then it begins anew, and one before it is kept
+)
 _LINE = 300  # characters of a line that a message quotes
 # Only a guard that hangs takes longer: it may wait for the processor, and for the disk that takes what was printed.
 _GRACE_S = sum(patience_s for _, patience_s in guard.PATIENCE_S) + 60.0
@@ -48,7 +50,9 @@ class EventChannel:
     def send(self, event: str, **content: str) -> None:
         """Send an event; nothing happens if the other end is gone."""
         with suppress(OSError):
-            self.socket.sendall(json.dumps({"event": event, **content}).encode() + b"\n")
+            self.socket.sendall(
+                json.dumps({"event": event, **content}).encode() + b"\n"
+            )
 
     def receive(self) -> list[dict[str, str]]:
         """Return the events that have come."""
@@ -101,7 +105,16 @@ class GuardedProcess:
                 log.replace(log.with_name(f"{log.name}.1"))
             with log.open("ab") as output:
                 self._guard = subprocess.Popen(  # noqa: S603
-                    [sys.executable, "-I", "-S", guard.__file__, str(theirs.fileno()), kind, "--", *command],
+                    [
+                        sys.executable,
+                        "-I",
+                        "-S",
+                        guard.__file__,
+                        str(theirs.fileno()),
+                        kind,
+                        "--",
+                        *command,
+                    ],
                     env=dict(environment) | {_MARK: self._mark},
                     stdin=subprocess.DEVNULL,
                     stdout=output,
@@ -171,8 +184,12 @@ def _carrying(mark: str) -> list[int]:
     found, entry_text = [], f"{_MARK}={mark}".encode()
     for entry in Path("/proc").iterdir():
         with suppress(OSError):
-            if entry.name.isdigit() and entry_text in (entry / "environ").read_bytes().split(b"\0"):
-                found.append(int(entry.name))  # of a process that has ended, the environment is empty
+            if entry.name.isdigit() and entry_text in (
+                entry / "environ"
+            ).read_bytes().split(b"\0"):
+                found.append(
+                    int(entry.name)
+                )  # of a process that has ended, the environment is empty
     return found
 
 
@@ -184,4 +201,6 @@ def last_lines(log: Path, count: int = 10) -> str:
             lines = file.read().decode("utf-8", "replace").splitlines()
     except OSError as error:
         lines = [f"({error.strerror or error})"]
-    return "\n  ".join([f"the end of {log}:", *(line[:_LINE] for line in lines[-count:])])
+    return "\n  ".join(
+        [f"the end of {log}:", *(line[:_LINE] for line in lines[-count:])]
+    )

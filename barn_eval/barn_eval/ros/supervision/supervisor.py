@@ -14,15 +14,20 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from barn_eval.experiments.command_files import keep_told
-from barn_eval.experiments.experiment import Experiment
-from barn_eval.experiments.run_file import isolated
-from barn_eval.experiments.store import LOGS, Record, Store
+from barn_eval.results.run_file import isolated
+from barn_eval.results.store import LOGS, Record, Store
 from barn_eval.ros.supervision import guard, nodes
 from barn_eval.ros.supervision.nodes import NOT_TOLD, Assignment, NodeProcess
-from barn_eval.ros.supervision.process import EventChannel, GuardedProcess, ProcessError, last_lines
+from barn_eval.ros.supervision.process import (
+    EventChannel,
+    GuardedProcess,
+    ProcessError,
+    last_lines,
+)
+from barn_eval.running.command_files import keep_told
 from barn_eval.trials.outcome import ENVIRONMENT, Outcome, Verdict
 from barn_eval.trials.result import TrialResult, from_json_line
+from barn_eval.trials.run_config import Experiment
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import TrajectoryLog
 from barn_eval.trials.trial import conclude, handled
@@ -32,8 +37,12 @@ from barn_worlds.base.files import write_whole
 from barn_worlds.ros import private_line
 from barn_worlds.ros.domain import in_use, reserved_domain
 
-_EVALUATOR_STARTS = 3  # evaluators that may be lost in a row without a result in between
-_LARGEST_KEPT = 1 << 20  # bytes of a file that a planner's command names and that is kept beside its logs
+_EVALUATOR_STARTS = (
+    3  # evaluators that may be lost in a row without a result in between
+)
+_LARGEST_KEPT = (
+    1 << 20
+)  # bytes of a file that a planner's command names and that is kept beside its logs
 _FRESH_S = 1.0  # shortest time from one start of a process to the next
 
 
@@ -79,9 +88,13 @@ class _Supervisor:
         notice: Callable[[str], None],
         look_first: bool,
     ) -> None:
-        (self._planner,) = (planner,) = [one for one in experiment.planners if one.name == trials[0].planner]
+        (self._planner,) = (planner,) = [
+            one for one in experiment.planners if one.name == trials[0].planner
+        ]
         self._told = False  # the planner's parameters
-        self._trials = {spec.trial_id: spec for spec in trials}  # those without a result
+        self._trials = {
+            spec.trial_id: spec for spec in trials
+        }  # those without a result
         self._logs, self._environment, self._notice = logs, environment, notice
         self._evaluator: EventChannel | None = None
         self._processes: dict[str, GuardedProcess] = {}
@@ -107,11 +120,17 @@ class _Supervisor:
             if Path(text).is_file() and Path(text).stat().st_size <= _LARGEST_KEPT:
                 shutil.copyfile(text, logs / f"{digest[:12]}_{Path(text).name}")
         alone = replace(experiment, planners=(planner,))
-        self._assignment = Assignment(alone, (), (), str(store.folder), robot, look_first, self._apart)
+        self._assignment = Assignment(
+            alone, (), (), str(store.folder), robot, look_first, self._apart
+        )
 
     def run(self) -> Iterator[Record]:
         """Yield records as they come, until there is one of each trial."""
-        for name in ("evaluator",) if self._assignment.look_first else (*self._others, "evaluator"):
+        for name in (
+            ("evaluator",)
+            if self._assignment.look_first
+            else (*self._others, "evaluator")
+        ):
             self._plan_start(name)
         while not self._done:
             self._start_due()
@@ -121,7 +140,10 @@ class _Supervisor:
             if self._evaluator is not None:
                 for event in self._evaluator.receive():
                     if event["event"] == "result":
-                        yield self._record(from_json_line(event["row"], "result of the evaluator"), event["track"])
+                        yield self._record(
+                            from_json_line(event["row"], "result of the evaluator"),
+                            event["track"],
+                        )
                     else:
                         self._handle(event)
             for process in list(self._processes.values()):
@@ -133,7 +155,9 @@ class _Supervisor:
         self._lost_evaluators = 0
         del self._trials[result.trial_id]
         repeats = self._repeats.pop(result.trial_id, [])
-        clock = replace(result.wall_clock, attempts=1 + len(repeats), repeated="; ".join(repeats))
+        clock = replace(
+            result.wall_clock, attempts=1 + len(repeats), repeated="; ".join(repeats)
+        )
         return Record(replace(result, wall_clock=clock), track or None)
 
     def stop(self) -> None:
@@ -154,18 +178,30 @@ class _Supervisor:
         self._far_line.close()
 
     def _await_news(self) -> None:
-        wait_s = max(0.0, min([0.5, *(at - time.monotonic() for at in self._due.values())]))
-        evaluator = [self._evaluator] if self._evaluator is not None and not self._evaluator.closed else []
+        wait_s = max(
+            0.0, min([0.5, *(at - time.monotonic() for at in self._due.values())])
+        )
+        evaluator = (
+            [self._evaluator]
+            if self._evaluator is not None and not self._evaluator.closed
+            else []
+        )
         heard: list[Any] = [*self._processes.values(), *evaluator]
         multiprocessing.connection.wait(heard, wait_s)
 
     def _start_due(self) -> None:
-        for name in [name for name, at in self._due.items() if at <= time.monotonic() and name not in self._processes]:
+        for name in [
+            name
+            for name, at in self._due.items()
+            if at <= time.monotonic() and name not in self._processes
+        ]:
             del self._due[name]
             if name == "evaluator":
                 self._start_evaluator()
             else:
-                self._start(self._others[name], [self._line] if name == "simulator" else [])
+                self._start(
+                    self._others[name], [self._line] if name == "simulator" else []
+                )
 
     def _start_evaluator(self) -> None:
         ours, theirs = socket.socketpair()
@@ -175,17 +211,27 @@ class _Supervisor:
         write_whole(path, json.dumps(as_dict(assigned)).encode())
         self._assignment = replace(self._assignment, look_first=False)
         with theirs:
-            node = nodes.evaluator(path, setup, theirs.fileno(), self._far_line.fileno())
+            node = nodes.evaluator(
+                path, setup, theirs.fileno(), self._far_line.fileno()
+            )
             self._start(node, [theirs, self._far_line])
         self._evaluator = EventChannel(ours)
 
     def _start(self, node: NodeProcess, handed: Sequence[socket.socket]) -> None:
         name, command = node.name, node.with_parameter_file(self._logs)
         self._started_s[name] = time.monotonic()
-        environment = nodes.foreign_environment(self._environment) if node.foreign else self._environment
-        planner = f"{guard.APART}:{self._assignment.out}" if self._apart else guard.PLANNER
+        environment = (
+            nodes.foreign_environment(self._environment)
+            if node.foreign
+            else self._environment
+        )
+        planner = (
+            f"{guard.APART}:{self._assignment.out}" if self._apart else guard.PLANNER
+        )
         kind = planner if name == "planner" else guard.SUITE
-        self._processes[name] = GuardedProcess(name, command, environment, self._log(name), handed, kind)
+        self._processes[name] = GuardedProcess(
+            name, command, environment, self._log(name), handed, kind
+        )
 
     def _handle(self, event: dict[str, str]) -> None:
         match event:
@@ -200,13 +246,22 @@ class _Supervisor:
                 self._notice(text)
             case {"event": "parameters", "text": text} if not self._told:
                 self._told = True
-                keep_told(Path(self._assignment.out) / LOGS, self._logs, self._planner.name, text)
+                keep_told(
+                    Path(self._assignment.out) / LOGS,
+                    self._logs,
+                    self._planner.name,
+                    text,
+                )
             case {"event": "stop", "name": name} if name in self._processes:
                 self._processes[name].ask_to_stop()
             case {"event": "start", "name": name} if name not in self._processes:
                 self._plan_start(name)
             case {"event": "refused", "reason": reason}:
-                concerned = [last_lines(self._log(name)) for name in self._others if f"the {name} " in reason]
+                concerned = [
+                    last_lines(self._log(name))
+                    for name in self._others
+                    if f"the {name} " in reason
+                ]
                 raise ProcessError("; ".join([reason, *concerned[:1]]))
             case {"event": "done"}:
                 self._done = True
@@ -218,20 +273,33 @@ class _Supervisor:
 
     def _ended(self, process: GuardedProcess) -> Iterator[Record]:
         """Tell the evaluator of a process that has ended: it says when to start it afresh; yield what that costs."""
-        how, name, wanted = process.end or "", process.name, process.asked and process.name == "planner"
+        how, name, wanted = (
+            process.end or "",
+            process.name,
+            process.asked and process.name == "planner",
+        )
         del self._processes[name]
         process.stop()
         if how.startswith("cannot be started"):
             raise ProcessError(f"the {name} {how}")
         said = f"{name} {how}" + (f" in trial {self._trial}" if self._trial else "")
-        if not wanted or self._assignment.experiment.ros.restart_planner != "each_trial":
+        if (
+            not wanted
+            or self._assignment.experiment.ros.restart_planner != "each_trial"
+        ):
             # what it wrote last, before the noise of others' ends
-            self._notice(said if name in self._seen_ending else f"{said}; {last_lines(process.log)}")
+            self._notice(
+                said
+                if name in self._seen_ending
+                else f"{said}; {last_lines(process.log)}"
+            )
             self._seen_ending.add(name)
         if name == "evaluator":
             yield from self._evaluator_lost(process)
         elif self._evaluator is not None:
-            self._evaluator.send("exited", name=name, how=how, blamed=ENVIRONMENT if process.lost else "")
+            self._evaluator.send(
+                "exited", name=name, how=how, blamed=ENVIRONMENT if process.lost else ""
+            )
         else:
             self._plan_start(name)
 
@@ -239,16 +307,26 @@ class _Supervisor:
         """Start another evaluator, which repeats the trial that has no result; if the planner may have ended it, no."""
         self._evaluator = None
         self._lost_evaluators += 1
-        lost, again = f"the evaluator {process.end}", self._lost_evaluators < _EVALUATOR_STARTS
+        lost, again = (
+            f"the evaluator {process.end}",
+            self._lost_evaluators < _EVALUATOR_STARTS,
+        )
         if self._trial in self._trials and self._driving:
             if self._apart and again:
                 self._repeat(lost)
             else:
-                verdict = Verdict(Outcome.INTERFERENCE, f"{lost}; {NOT_TOLD}", None, 0.0, 0.0)
+                verdict = Verdict(
+                    Outcome.INTERFERENCE, f"{lost}; {NOT_TOLD}", None, 0.0, 0.0
+                )
                 empty = TrajectoryLog().trajectory()
-                yield self._record(conclude(self._trials[self._trial], "ros", verdict, empty).result, "")
+                yield self._record(
+                    conclude(self._trials[self._trial], "ros", verdict, empty).result,
+                    "",
+                )
         elif not again:
-            raise ProcessError(f"{lost}, {_EVALUATOR_STARTS} times in a row; {last_lines(process.log)}")
+            raise ProcessError(
+                f"{lost}, {_EVALUATOR_STARTS} times in a row; {last_lines(process.log)}"
+            )
         if not self._trials:
             self._done = True
             return

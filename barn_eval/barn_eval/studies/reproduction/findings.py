@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
-from barn_eval.experiments.request import Request
-from barn_eval.experiments.run import run_experiment
-from barn_eval.experiments.run_file import RunFile, provenance
+from barn_eval.results.run_file import RunFile, provenance
+from barn_eval.running.request import Request
+from barn_eval.running.run import run_experiment
 from barn_eval.studies.reproduction import trials as paper
 from barn_eval.trials.protocol import PAPER_2020
+from barn_eval.trials.run_config import Execution, Experiment, PlannerChoice
 from barn_eval.trials.spec import simulator_config
 from barn_metrics.model import load_model
 from barn_metrics.model.evaluation import Evaluation, EvaluationConfig, evaluate
@@ -40,8 +40,16 @@ class ReproduceConfig(Checked):
     """
 
     dataset: str = quantity("barn300", "data set: a name, folder or file")
-    strata: int = quantity(0, "parts of the order of which one world each is taken, 0 for all", "", 0, 10_000)
-    repetitions: int = quantity(paper.REPETITIONS, "trials per world and planner", "", 2, 99)
+    strata: int = quantity(
+        0,
+        "parts of the order of which one world each is taken, 0 for all",
+        "",
+        0,
+        10_000,
+    )
+    repetitions: int = quantity(
+        paper.REPETITIONS, "trials per world and planner", "", 2, 99
+    )
     seed: int = quantity(0, "all randomness comes from it", "", 0, 2**31)
     folds: int = quantity(10, "parts that held-out worlds are taken in", "", 2, 100)
     repeats: int = quantity(5, "how often they are drawn anew", "", 1, 100)
@@ -88,7 +96,11 @@ class Origin:
         """Return what the sessions of a campaign and this process have been made with."""
         sessions = [*earlier, provenance()]
         return cls(
-            tuple(dict.fromkeys(str(session["commit"] or "not known") for session in sessions)),
+            tuple(
+                dict.fromkeys(
+                    str(session["commit"] or "not known") for session in sessions
+                )
+            ),
             _distinct(session["versions"] for session in sessions),
             _distinct(session["machine"] for session in sessions),
         )
@@ -104,15 +116,21 @@ def read_findings(path: Path) -> Findings:
     content = read_json(path)
     version = content.get("schema_version") if isinstance(content, dict) else None
     if version != SCHEMA_VERSION:
-        raise ConfigError(f"{path}: schema_version must be {SCHEMA_VERSION}, got {version!r}")
+        raise ConfigError(
+            f"{path}: schema_version must be {SCHEMA_VERSION}, got {version!r}"
+        )
     return from_dict(Findings, content, str(path))
 
 
 def _distinct(entries: Iterable[dict[str, Any]]) -> tuple[dict[str, Any], ...]:
-    return tuple({json.dumps(entry, sort_keys=True): entry for entry in entries}.values())
+    return tuple(
+        {json.dumps(entry, sort_keys=True): entry for entry in entries}.values()
+    )
 
 
-def reproduce(config: ReproduceConfig, out: Path, execution: Execution, console: Console) -> tuple[Findings, Origin]:
+def reproduce(
+    config: ReproduceConfig, out: Path, execution: Execution, console: Console
+) -> tuple[Findings, Origin]:
     """Run what is still missing, and return what all of it says and what it was made with.
 
     Raises BarnError in one line for what the user has to change, before any trial where it can be told by then.
@@ -123,9 +141,13 @@ def reproduce(config: ReproduceConfig, out: Path, execution: Execution, console:
     results = run_experiment(Request(experiment, execution, where), console)
     found = paper.trials_by_planner(results, str(where))
     worlds = {int(number): dataset.load(int(number)) for number in found["dwa"].worlds}
-    judged = EvaluationConfig(folds=config.folds, repeats=config.repeats, seed=config.seed)
+    judged = EvaluationConfig(
+        folds=config.folds, repeats=config.repeats, seed=config.seed
+    )
     findings = Findings(
-        Scope(config, dataset.checksum, len(dataset.indices), len(worlds), PAPER_2020.name),
+        Scope(
+            config, dataset.checksum, len(dataset.indices), len(worlds), PAPER_2020.name
+        ),
         paper.metrics_finding(dataset, config.seed),
         paper.trials_finding(results, found, config.seed),
         evaluate(worlds, _model_trials(found), model, judged),

@@ -14,7 +14,12 @@ from matplotlib.figure import Figure
 from barn_eval.analysis.planners import colours, spelling
 from barn_eval.pages.figures import label_axes, new_figure, style, write_figure
 from barn_eval.pages.template import render
-from barn_eval.studies.reproduction.findings import Findings, Origin, read_findings, to_json
+from barn_eval.studies.reproduction.findings import (
+    Findings,
+    Origin,
+    read_findings,
+    to_json,
+)
 from barn_eval.studies.reproduction.trials import PLANNERS
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval, number
@@ -47,7 +52,9 @@ def write_results(findings: Findings, origin: Origin, folder: Path) -> Path:
 def read_results(folder: Path) -> tuple[Findings, Origin]:
     """Return what `write_results` has written; ConfigError in one line if it cannot be read."""
     where = folder / f"{NAME}_origin.json"
-    return read_findings(folder / f"{NAME}.json"), from_dict(Origin, read_json(where), str(where))
+    return read_findings(folder / f"{NAME}.json"), from_dict(
+        Origin, read_json(where), str(where)
+    )
 
 
 def page(findings: Findings, origin: Origin) -> str:
@@ -86,15 +93,37 @@ def worlds_figure(findings: Findings) -> Figure:
         means = np.array([row.mean_s_per_m[name] for row in rows])
         spreads = np.array([row.spread_s_per_m[name] for row in rows])
         axes.fill_between(
-            places, means - spreads, means + spreads, color=_COLOURS[name], alpha=0.25, lw=0, label="± spread of trials"
+            places,
+            means - spreads,
+            means + spreads,
+            color=_COLOURS[name],
+            alpha=0.25,
+            lw=0,
+            label="± spread of trials",
         )
-        axes.plot(places, means, color=_COLOURS[name], lw=1.2, label="mean of a world's trials")
+        axes.plot(
+            places,
+            means,
+            color=_COLOURS[name],
+            lw=1.2,
+            label="mean of a world's trials",
+        )
         label_axes(axes, "", "time per metre [s/m]", _TITLES[name])
     place = {row.world: number for number, row in enumerate(rows, 1)}
     drawn_at = [place[world] for world in found.world_numbers]
     predicted = found.score(WEIGHTS).predictions
-    panels[-1].scatter(drawn_at, predicted, marker=".", s=14, color=INK, zorder=3, label="the suite's model, held out")
-    panels[-1].set_xlabel("worlds from easy to difficult, by the mean over both planners' trials")
+    panels[-1].scatter(
+        drawn_at,
+        predicted,
+        marker=".",
+        s=14,
+        color=INK,
+        zorder=3,
+        label="the suite's model, held out",
+    )
+    panels[-1].set_xlabel(
+        "worlds from easy to difficult, by the mean over both planners' trials"
+    )
     panels[-1].set_xlim(0.5, len(rows) + 0.5)
     for axes in panels:
         axes.legend(loc="upper left")
@@ -106,12 +135,18 @@ def model_figure(findings: Findings) -> Figure:
     figure = new_figure(5.6)
     found = findings.learning
     titles = {RIDGE: RIDGE_TITLE, WEIGHTS: "the suite's model"}
-    for axes, (name, model) in zip(figure.subplots(1, 2, sharex=True, sharey=True), titles.items(), strict=True):
+    for axes, (name, model) in zip(
+        figure.subplots(1, 2, sharex=True, sharey=True), titles.items(), strict=True
+    ):
         score = found.score(name)
-        axes.scatter(score.predictions, found.difficulty, s=14, color=SHADES[0], label="held out")
+        axes.scatter(
+            score.predictions, found.difficulty, s=14, color=SHADES[0], label="held out"
+        )
         axes.axline((3.0, 3.0), slope=1.0, color=INK, lw=1.0, ls="--", label="equal")
         held_out = f"{model}: held-out R2 {score.r2.estimate:.2f}"
-        label_axes(axes, "predicted difficulty [s/m]", "measured difficulty [s/m]", held_out)
+        label_axes(
+            axes, "predicted difficulty [s/m]", "measured difficulty [s/m]", held_out
+        )
         axes.legend(loc="upper left")
     return figure
 
@@ -125,7 +160,9 @@ def above(interval: Interval, value: float = 0.0) -> str:
 
 def contains(interval: Interval, value: float) -> str:
     """Return whether a value lies within an interval, yes or no."""
-    return "yes" if interval.low is not None and above(interval, value) == OPEN else "no"
+    return (
+        "yes" if interval.low is not None and above(interval, value) == OPEN else "no"
+    )
 
 
 def compared(published: float, ours: Interval | float | None, digits: int = 2) -> str:

@@ -101,20 +101,45 @@ def trials_by_planner(results: Rows, where: str) -> dict[str, PlannerTrials]:
     worlds = sorted({one.world for one in results})
     found = {}
     for planner in PLANNERS:
-        own = {(one.world, one.repetition): one for one in results if one.planner == planner}
+        own = {
+            (one.world, one.repetition): one
+            for one in results
+            if one.planner == planner
+        }
         repetitions = sorted({repetition for _, repetition in own})
-        missing = [(world, r) for world in worlds for r in repetitions if (world, r) not in own]
+        missing = [
+            (world, r) for world in worlds for r in repetitions if (world, r) not in own
+        ]
         if len(repetitions) < 2 or missing:
-            lacks = f"trial {missing[0][1]} of world {missing[0][0]}" if missing else "two trials per world"
-            raise ConfigError(f"{where}: planner {planner!r} lacks {lacks}; finish the campaign first")
-        scores = [own[world, repetition].scores for world in worlds for repetition in repetitions]
-        figures = [(one.normalised_time_s_per_m, one.scored_time_s, one.success) for one in scores]
-        per_m, time_s, success = np.array(figures, np.float64).T.copy().reshape(3, len(worlds), -1)
-        found[planner] = PlannerTrials(np.array(worlds, np.int64), per_m, time_s, success.astype(np.bool_))
+            lacks = (
+                f"trial {missing[0][1]} of world {missing[0][0]}"
+                if missing
+                else "two trials per world"
+            )
+            raise ConfigError(
+                f"{where}: planner {planner!r} lacks {lacks}; finish the campaign first"
+            )
+        scores = [
+            own[world, repetition].scores
+            for world in worlds
+            for repetition in repetitions
+        ]
+        figures = [
+            (one.normalised_time_s_per_m, one.scored_time_s, one.success)
+            for one in scores
+        ]
+        per_m, time_s, success = (
+            np.array(figures, np.float64).T.copy().reshape(3, len(worlds), -1)
+        )
+        found[planner] = PlannerTrials(
+            np.array(worlds, np.int64), per_m, time_s, success.astype(np.bool_)
+        )
     return found
 
 
-def trials_finding(results: Rows, found: Mapping[str, PlannerTrials], seed: int) -> TrialsFinding:
+def trials_finding(
+    results: Rows, found: Mapping[str, PlannerTrials], seed: int
+) -> TrialsFinding:
     """Return what the trials of both planners say."""
     dwa, eband = (found[planner].normalised_s_per_m for planner in PLANNERS)
     worlds = found["dwa"].worlds
@@ -130,25 +155,36 @@ def trials_finding(results: Rows, found: Mapping[str, PlannerTrials], seed: int)
         for at in order
     )
     return TrialsFinding(
-        tuple(_planner(planner, results, trials, order, seed) for planner, trials in found.items()),
+        tuple(
+            _planner(planner, results, trials, order, seed)
+            for planner, trials in found.items()
+        ),
         rows,
         rank_correlation((both.mean(axis=1), worlds), (both.std(axis=1), worlds), seed),
-        rank_correlation((dwa.mean(axis=1), worlds), (eband.mean(axis=1), worlds), seed),
+        rank_correlation(
+            (dwa.mean(axis=1), worlds), (eband.mean(axis=1), worlds), seed
+        ),
         mean_interval(dwa.std(axis=1) - eband.std(axis=1), worlds),
         _steeper(found, seed),
     )
 
 
-def _planner(planner: str, results: Rows, trials: PlannerTrials, order: Integers, seed: int) -> PlannerFinding:
+def _planner(
+    planner: str, results: Rows, trials: PlannerTrials, order: Integers, seed: int
+) -> PlannerFinding:
     outcomes = Counter(one.outcome for one in results if one.planner == planner)
     failed, worlds = ~trials.succeeded, trials.world_of_each
     times, tenth = trials.time_s.ravel(), _tenth(len(order))
     return PlannerFinding(
         planner=planner,
         trials=times.size,
-        outcomes={outcome.value: outcomes[outcome] for outcome in Outcome if outcomes[outcome]},
+        outcomes={
+            outcome.value: outcomes[outcome] for outcome in Outcome if outcomes[outcome]
+        },
         normalised_s_per_m=mean_interval(trials.normalised_s_per_m.ravel(), worlds),
-        spread_s_per_m=mean_interval(trials.normalised_s_per_m.std(axis=1), trials.worlds),
+        spread_s_per_m=mean_interval(
+            trials.normalised_s_per_m.std(axis=1), trials.worlds
+        ),
         over_worlds_s_per_m=deviation(trials.normalised_s_per_m.mean(axis=1), seed),
         time_s=mean_interval(times, worlds),
         success_time_s=mean_interval(np.where(failed.ravel(), np.nan, times), worlds),
@@ -160,20 +196,26 @@ def _planner(planner: str, results: Rows, trials: PlannerTrials, order: Integers
 
 
 def _tenth(worlds: int) -> int:
-    return max(1, round(EXTREME_SHARE * worlds))  # the easiest, or the most difficult, of so many
+    return max(
+        1, round(EXTREME_SHARE * worlds)
+    )  # the easiest, or the most difficult, of so many
 
 
 def _steeper(found: Mapping[str, PlannerTrials], seed: int) -> Interval:
     """Return how much more the mean time rises from the easiest to the hardest tenth for DWA than for E-Band."""
     dwa, eband = (found[planner] for planner in PLANNERS)
-    difficulty = (dwa.normalised_s_per_m.mean(axis=1) + eband.normalised_s_per_m.mean(axis=1)) / 2.0
+    difficulty = (
+        dwa.normalised_s_per_m.mean(axis=1) + eband.normalised_s_per_m.mean(axis=1)
+    ) / 2.0
     difference = dwa.time_s.mean(axis=1) - eband.time_s.mean(axis=1)
     tenth = _tenth(len(difficulty))
 
     def rise(drawn: Integers) -> Floats:
         order = np.argsort(difficulty[drawn], axis=-1, kind="stable")
         ranked = np.take_along_axis(difference[drawn], order, axis=-1)
-        found: Floats = ranked[..., -tenth:].mean(axis=-1) - ranked[..., :tenth].mean(axis=-1)
+        found: Floats = ranked[..., -tenth:].mean(axis=-1) - ranked[..., :tenth].mean(
+            axis=-1
+        )
         return found
 
     return over_worlds(rise, len(difficulty), seed)
@@ -212,11 +254,29 @@ class MetricsFinding:
 
 def metrics_finding(dataset: Dataset, seed: int) -> MetricsFinding:
     """Return the table of a whole data set."""
-    table, corrected = (metrics_table(dataset, formula) for formula in (PUBLISHED, CORRECTED))
+    table, corrected = (
+        metrics_table(dataset, formula) for formula in (PUBLISHED, CORRECTED)
+    )
     rows = []
     for metric, values in zip(METRICS, table.values.T, strict=True):
         ours, better = table.summary_of(metric), corrected.summary_of(metric)
-        low, high = (ours.get(f"cell_{name}", ours[name]) for name in ("minimum", "maximum"))
-        mean, std = mean_interval(values, np.arange(len(values))), deviation(values, seed)
-        rows.append(MetricRow(metric.name, metric.title, low, high, mean, std, better["mean"], better["std"]))
+        low, high = (
+            ours.get(f"cell_{name}", ours[name]) for name in ("minimum", "maximum")
+        )
+        mean, std = (
+            mean_interval(values, np.arange(len(values))),
+            deviation(values, seed),
+        )
+        rows.append(
+            MetricRow(
+                metric.name,
+                metric.title,
+                low,
+                high,
+                mean,
+                std,
+                better["mean"],
+                better["std"],
+            )
+        )
     return MetricsFinding(len(table.worlds), tuple(rows))

@@ -9,7 +9,7 @@ import struct
 import sys
 from pathlib import Path
 
-from barn_eval.bags.bagfile import BagFile
+from barn_eval.results.bags.bagfile import BagFile
 from barn_worlds.messages import decode
 
 EVERY = 8  # of how many beams one is taken
@@ -26,13 +26,29 @@ def observations(path):
     first, goal = scans[0], readings["/goal_pose"][0]
     beams = len(first.ranges[::EVERY])
     yield struct.pack("<ii", len(scans), beams)
-    yield struct.pack("<4f", first.angle_min, first.angle_increment * EVERY, first.range_min, first.range_max)
+    yield struct.pack(
+        "<4f",
+        first.angle_min,
+        first.angle_increment * EVERY,
+        first.range_min,
+        first.range_max,
+    )
     yield struct.pack("<dd", goal.x, goal.y)
     for scan in scans:
         pose, velocity = odometry[scan.stamp_ns].pose, odometry[scan.stamp_ns].velocity
-        yield struct.pack("<q5d", scan.stamp_ns, pose.x, pose.y, pose.yaw, velocity.linear, velocity.angular)
+        yield struct.pack(
+            "<q5d",
+            scan.stamp_ns,
+            pose.x,
+            pose.y,
+            pose.yaw,
+            velocity.linear,
+            velocity.angular,
+        )
         yield scan.ranges[::EVERY].astype("<f4").tobytes()
 
 
 if __name__ == "__main__":
-    Path(sys.argv[1]).write_bytes(b"".join(part for bag in sys.argv[2:] for part in observations(bag)))
+    Path(sys.argv[1]).write_bytes(
+        b"".join(part for bag in sys.argv[2:] for part in observations(bag))
+    )

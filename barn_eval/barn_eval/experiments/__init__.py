@@ -1,1 +1,0 @@
-"""Experiments: which trials are run, how they run, and where their results are stored."""

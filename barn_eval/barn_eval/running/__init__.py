@@ -1,0 +1,1 @@
+"""Runs: their request, their trials on workers, and trials in one process."""

@@ -1,0 +1,208 @@
+"""How trials are run over ROS: how the planner under test is reached, and how the nodes are set up and waited for."""
+
+import re
+from dataclasses import dataclass, field
+
+from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.errors import ConfigError
+
+MODES = ("direct", "ros")
+ENGINES = ("local", "ray", "inline")
+BAGS = ("all", "failed", "none")
+INPUTS = ("scan", "odom", "goal_pose", "map", "amcl_pose", "tf")
+RESTARTS = ("on_fault", "each_trial", "never")
+GOAL_WAYS = ("topic", "action")
+COMMAND_TYPES = ("auto", "twist", "twist_stamped")
+
+_NAME = r"[A-Za-z_]\w*"
+_NAMESPACE = re.compile(rf"/?{_NAME}(/{_NAME})*")
+_REMAP = re.compile(rf"[/~]*{_NAME}(/{_NAME})*:=[/~]*{_NAME}(/{_NAME})*")
+
+
+def _limit(
+    default_s: float,
+    description: str,
+    minimum_s: float = 0.1,
+    maximum_s: float = 3600.0,
+) -> float:
+    return quantity(default_s, description, "s", minimum_s, maximum_s)
+
+
+@dataclass(frozen=True)
+class Patience(Checked):
+    """How long the evaluator waits for the others.
+
+    Time counts by the evaluator's own turns: what it spends suspended or waiting for a processor does not count. Only
+    through these limits can a slow machine change an outcome.
+    """
+
+    start_s: float = _limit(
+        180.0,
+        "in place of the next two before the first trial, when kernels may be compiled",
+    )
+    simulator_s: float = _limit(30.0, "until the simulator is there and reset")
+    gate_s: float = _limit(30.0, "until the planner is there and ready")
+    lifecycle_s: float = _limit(
+        60.0, "until all managed nodes that are waited for are active"
+    )
+    mismatch_s: float = _limit(
+        2.0, "how long publishers of a wrong type are given to be replaced", 0.0
+    )
+    settle_s: float = _limit(
+        0.3,
+        "how long the graph must have been complete, for the others to see it as well",
+        0.0,
+        60.0,
+    )
+    connection_s: float = _limit(
+        3.0,
+        "for simulator and planner to be connected once they are on the graph",
+        0.0,
+        60.0,
+    )
+    service_s: float = _limit(10.0, "for the answer to a service call")
+    command_s: float = _limit(15.0, "without a command, during a trial")
+    clock_s: float = _limit(15.0, "without a tick of /clock, during a trial")
+    vanished_s: float = _limit(
+        1.0,
+        "for which a planner may have no publisher on the graph, during a trial",
+        0.0,
+    )
+    slowness: float = quantity(
+        50.0,
+        "per simulated second over a minute in which the planner owes its answers",
+        "s",
+        1.0,
+        1e6,
+    )
+    trial_s: float = _limit(3600.0, "for a whole trial", maximum_s=1e6)
+
+
+@dataclass(frozen=True)
+class PlannerLink(Checked):
+    """How the planner under test is reached over ROS; shared by the evaluator's parameters and `RosSetup`."""
+
+    command_type: str = quantity(
+        "auto", "type of the commands on cmd_vel", choices=COMMAND_TYPES
+    )
+    planner_node: str = quantity(
+        "",
+        "name of a node to wait for, whose ~/ready, ~/reset and seed are used if offered; empty: the commands' sender",
+    )
+    goal_by: str = quantity("topic", "how the planner gets its goal", choices=GOAL_WAYS)
+    goal_action: str = quantity(
+        "navigate_to_pose",
+        "name of the action that takes the goal, with goal_by action",
+    )
+    goal_action_type: str = quantity(
+        "nav2_msgs/action/NavigateToPose",
+        "its type; the goal must have a field pose of type PoseStamped",
+    )
+    lifecycle_nodes: tuple[str, ...] = quantity(
+        (),
+        "names of managed nodes that must be active before a trial, such as bt_navigator",
+    )
+    required_inputs: tuple[str, ...] = quantity(
+        ("scan", "odom", "goal_pose"),
+        "topics that the planner must subscribe to",
+        choices=INPUTS,
+    )
+    map_frame: str = quantity(
+        "map", "frame of the map, and of the goal where the planner is given a map"
+    )
+    odom_frame: str = quantity(
+        "odom", "frame of the odometry, and of the goal where it is not"
+    )
+    planner_rate_hz: float = quantity(
+        0.0,
+        "rate at which the planner is to send commands; 0: the protocol's",
+        "Hz",
+        0.0,
+        1000.0,
+    )
+    restart_planner: str = quantity(
+        "on_fault",
+        "when a supervised planner is started afresh for the next trial",
+        choices=RESTARTS,
+    )
+    patience: Patience = field(default_factory=Patience)
+
+
+@dataclass(frozen=True)
+class RosSetup(PlannerLink):
+    """What a run over ROS needs to know beyond its trials."""
+
+    lockstep: bool = quantity(True, "the simulator waits for a command after each scan")
+    command_wait_s: float = _limit(5.0, "how long it waits, in wall-clock time", 0.001)
+    real_time_factor: float = quantity(
+        1.0,
+        "simulated by real time without lockstep, 0 for as fast as it can",
+        "",
+        0.0,
+        1000.0,
+    )
+    namespace: str = quantity(
+        "", "namespace of simulator and evaluator, and of our planners; such as robot1"
+    )
+    remap: tuple[str, ...] = quantity(
+        (), "topics that go by another name in simulator and evaluator, as FROM:=TO"
+    )
+    base_frame: str = quantity("base_link", "frame of the robot")
+    lidar_frame: str = quantity("lidar_link", "frame of the scans")
+    ground_truth: bool = quantity(
+        False, "publish the true pose and contacts; rows name who reads them"
+    )
+
+    isolate: bool = quantity(
+        True,
+        "the planner's processes see and signal only each other, where the kernel offers that",
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for rule in self.remap:
+            if not _REMAP.fullmatch(rule):
+                raise ConfigError(f"remap must be of the form FROM:=TO, got {rule!r}")
+        if self.namespace and not _NAMESPACE.fullmatch(self.namespace):
+            raise ConfigError(
+                f"namespace must be names joined by '/', got {self.namespace!r}"
+            )
+
+
+@dataclass(frozen=True)
+class EvaluatorConfig(PlannerLink):
+    """Parameters of the evaluator. Topics are renamed by remapping, as those of any node.
+
+    Supervised, the evaluator was started by `barn`, which also starts the other nodes: what it is to do then comes from
+    the file `assignment`, and the first group of parameters is not looked at.
+    """
+
+    dataset: str = quantity("barn300", "data set: a name, folder or file")
+    worlds: str = quantity("0", "which of its worlds, such as 0, 0-49 or 0:300:6")
+    planner: str = quantity("planner", "name that the planner has in the results")
+    protocol: str = quantity("challenge", "name of the protocol, or a YAML file")
+    robot: str = quantity("jackal", "name of the robot, or a YAML file")
+    seed: int = quantity(0, "seed of the run", "", 0, 2**62)
+    repetitions: int = quantity(1, "trials per world", "", 1, 99)
+    out: str = quantity(
+        "barn_out",
+        "folder of the results; an equal experiment that was begun there is resumed",
+    )
+    bags: str = quantity("all", "which trials keep a bag", choices=BAGS)
+    simulator_node: str = quantity(
+        "simulator", "name of the simulator node; relative names are of this namespace"
+    )
+    publish_map: bool = quantity(
+        True,
+        "publish the map, where the protocol gives one; a map server may do it instead",
+    )
+    bag_exclude: tuple[str, ...] = quantity(
+        ("/parameter_events",), "topics that are not recorded"
+    )
+    assignment: str = quantity("", "file of what to do, from the supervisor")
+    supervisor_fd: int = quantity(
+        -1, "socket to the supervisor, -1 for none", "", -1, 1_000_000
+    )
+    simulator_fd: int = quantity(
+        -1, "private line to the simulator, -1 for none", "", -1, 1_000_000
+    )

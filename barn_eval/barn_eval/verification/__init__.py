@@ -1,0 +1,1 @@
+"""Whether results hold: rows computed again, commands driven again, submissions."""
