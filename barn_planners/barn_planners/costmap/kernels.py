@@ -106,7 +106,7 @@ def clear_line(cells, cols, dirty, row, col, end_row, end_col, most):  # type: i
 
 
 @njit(cache=True)
-def observe(
+def observe(  # type: ignore[no-untyped-def]
     lethal,
     dirty,
     costs,
@@ -120,7 +120,7 @@ def observe(
     ranges,
     limits,
     outline,
-):  # type: ignore[no-untyped-def]
+):
     """Add a scan, clear the footprint (corners (n, 2), or none) at a pose (x, y, yaw), and inflate what changed."""
     add_scan(lethal, dirty, grid, sensor, directions, ends, ranges, limits)
     if len(outline) > 0:

@@ -35,9 +35,9 @@ def _release(pending, queue, first, end):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def grow(
+def grow(  # type: ignore[no-untyped-def]
     costs, cols, prices, ends, focus, bound, limits, potential, pending, queues, window
-):  # type: ignore[no-untyped-def]
+):
     """Grow the potential from one of the two ends until the other is reached, nothing is left or all rounds are over.
 
     Cells wait in two queues: those below a rising limit are processed first, in rounds. A cell whose value falls queues

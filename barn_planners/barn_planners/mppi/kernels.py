@@ -34,9 +34,9 @@ def length(x, y):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def add_obstacle_costs(
+def add_obstacle_costs(  # type: ignore[no-untyped-def]
     costs, xs, ys, yaws, grid, body, stride, weight, critical, collision, near_goal
-):  # type: ignore[no-untyped-def]
+):
     """Add the trajectories' costs on the costmap; return how many of them collide.
 
     body: corners (n, 2) of the footprint, and the cost from which its edges are checked. A trajectory that touches a
@@ -194,9 +194,9 @@ def add_goal_costs(costs, xs, ys, yaws, goal, position_weight, yaw_weight):  # t
 
 
 @njit(cache=True, error_model="numpy")
-def add_control_costs(
+def add_control_costs(  # type: ignore[no-untyped-def]
     costs, controls, nominal, spread, limits, dt, gamma, limit_weight, forward_weight
-):  # type: ignore[no-untyped-def]
+):
     """Add gamma times control times deviation over variance, what is beyond the limits, and reverse speed, by dt."""
     steps, _, samples = controls.shape
     deviation, beyond, reverse = np.zeros(samples), np.zeros(samples), np.zeros(samples)
