@@ -31,8 +31,8 @@ from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.run_config import Experiment, PlannerChoice
 from barn_eval.trials.spec import simulator_config
 from barn_planners.policy.space import PolicyAction, PolicyObservation
-from barn_worlds.worlds.dataset import open_dataset
-from barn_worlds.worlds.generate import DatasetParameters, write_dataset
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.datasets.generate import DatasetParameters, write_dataset
 
 RECENT = 400  # episodes that the curve is averaged over
 RATE, LEAST_RATE = (

@@ -33,8 +33,8 @@ from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.base.files import write_bytes
 from barn_worlds.base.text_files import markdown_table
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.drawing.palette import FAINT, PLANNERS
-from barn_worlds.worlds.dataset import open_dataset
 
 GRIDS = "barn300"
 LEARNED = "Predicted difficulty"

@@ -17,9 +17,9 @@ from barn_sim.body.bullet import PhysicsClient
 from barn_sim.config import PRESETS, with_robot
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import Pose2D, Velocity2D
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.robot import Robot
-from barn_worlds.worlds.dataset import open_dataset
 
 STEPS = 120
 

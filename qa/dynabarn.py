@@ -9,8 +9,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from barn_worlds.datasets.generate_motion import arena_world
 from barn_worlds.formats.own import write_own
-from barn_worlds.moving.generate import arena_world
 from barn_worlds.moving.motion import Motion, MovingObstacle
 from barn_worlds.worlds.world import Provenance
 

@@ -19,9 +19,9 @@ from barn_metrics.metrics import CORRECTED, METRIC_NAMES, METRICS, PUBLISHED, Fo
 from barn_metrics.report import TABLE_II, MetricsTable, metrics_table
 from barn_worlds.base.errors import BarnError
 from barn_worlds.base.text_files import markdown_table
+from barn_worlds.datasets.dataset import Dataset, open_dataset
+from barn_worlds.datasets.generate import WorldParameters, iterations
 from barn_worlds.drawing.palette import BLUE, ORANGE, VERMILION
-from barn_worlds.worlds.dataset import Dataset, open_dataset
-from barn_worlds.worlds.generate import WorldParameters, iterations
 from barn_worlds.worlds.world import World
 
 FIG_1 = WorldParameters(
@@ -35,7 +35,7 @@ _EXAMPLE_RANKS = (
     0.95,
 )  # positions of the example worlds in the data set's order
 _METRICS_RANK = 0.35
-# Published values by the name of the field of `barn_worlds.worlds.generate.WorldParameters`; each combination was
+# Published values by the name of the field of `barn_worlds.datasets.generate.WorldParameters`; each combination was
 # repeated.
 TABLE_I: dict[str, tuple[float, ...]] = {
     "initial_fill": (0.15, 0.20, 0.25, 0.30),

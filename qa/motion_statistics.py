@@ -17,9 +17,9 @@ from rich.table import Table
 
 from barn_worlds.base.arrays import BoolGrid, Floats
 from barn_worlds.base.errors import WorldError
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.moving.motion import MovingObstacle
 from barn_worlds.moving.tracks import Tracks, jumps
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 DURATION_S = 100.0  # the challenge's limit

@@ -6,10 +6,14 @@ from click.testing import CliRunner
 from motion_statistics import by_class, main, mean_statistics, motion_statistics
 
 from barn_worlds.base.errors import WorldError
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.datasets.generate_motion import (
+    arena_world,
+    class_named,
+    generate_arenas,
+)
 from barn_worlds.formats.own import write_own
-from barn_worlds.moving.generate import arena_world, class_named, generate_arenas
 from barn_worlds.moving.motion import Motion, MovingObstacle
-from barn_worlds.worlds.dataset import open_dataset
 
 
 def cylinder(name, period_s, *keys):

@@ -21,8 +21,8 @@ from barn_eval.trials.ros_config import RosSetup
 from barn_eval.trials.run_config import Execution
 from barn_sim.config import SimulatorConfig
 from barn_worlds.base.config import fields_of
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats.own import write_own
-from barn_worlds.worlds.dataset import open_dataset
 
 INLINE = ("--execution", "engine=inline")  # which starts no worker
 

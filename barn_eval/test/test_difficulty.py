@@ -17,8 +17,8 @@ from barn_eval.trials.outcome import Outcome
 from barn_metrics.model import load_model
 from barn_metrics.model.weights import shipped_weights
 from barn_worlds.base.errors import BarnError, ConfigError
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats.own import write_own
-from barn_worlds.worlds.dataset import open_dataset
 
 COUNT = 30
 

@@ -15,10 +15,10 @@ from barn_eval.trials.protocol import CHALLENGE, DYNABARN
 from barn_eval.verification.check import check_folder
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.base.types import OccupancyMap, Pose2D
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats.map_server import write_map
 from barn_worlds.messages.cdr import deserialise
 from barn_worlds.messages.topics import MOVING_POSES
-from barn_worlds.worlds.dataset import open_dataset
 
 
 @pytest.fixture

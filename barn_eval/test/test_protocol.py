@@ -24,8 +24,8 @@ from barn_eval.trials.spec import simulator_config
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.robots.files import STANDARD, load_robot
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 HUSKY = load_robot("husky").chassis

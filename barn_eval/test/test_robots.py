@@ -18,10 +18,10 @@ from barn_eval.trials.spec import simulator_config
 from barn_metrics.metrics import world_metrics
 from barn_sim.config import robot_of, with_robot
 from barn_worlds.base.errors import BarnError, ConfigError
+from barn_worlds.datasets.dataset import open_dataset, shipped
+from barn_worlds.datasets.generate import narrowness
 from barn_worlds.robots.files import ROBOTS, load_robot
 from barn_worlds.worlds.cspace import configuration_space, through_region
-from barn_worlds.worlds.dataset import open_dataset, shipped
-from barn_worlds.worlds.generate import narrowness
 
 CHALLENGE = PROTOCOLS["challenge"]
 

@@ -10,7 +10,7 @@ from barn_metrics import metrics
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.text_files import finite, packaged_yaml
-from barn_worlds.worlds.dataset import Dataset
+from barn_worlds.datasets.dataset import Dataset
 from barn_worlds.worlds.world import World
 
 SCHEMA_VERSION = 1

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from shared_fixtures import original_folder
 
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 __all__ = ["original_folder"]

@@ -15,7 +15,7 @@ from barn_metrics.model.evaluation import (
 )
 from barn_metrics.model.inputs import inputs_of
 from barn_metrics.model.trials import joined
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 
 torch = pytest.importorskip("torch", reason="networks are trained with PyTorch")
 

@@ -16,11 +16,11 @@ from barn_sim.seeds import phase_s
 from barn_sim.sensors.lidar import Lidar
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import Pose2D, Velocity2D
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.datasets.generate_motion import class_named, with_motion
 from barn_worlds.geometry.bodies import shape_rows
-from barn_worlds.moving.generate import class_named, with_motion
 from barn_worlds.moving.motion import Motion, MovingObstacle, Wall
 from barn_worlds.robots.files import load_robot
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 QUIET = replace(SimulatorConfig().lidar, noise_m=0.0)

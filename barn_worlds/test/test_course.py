@@ -7,6 +7,7 @@ import pytest
 
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.types import OccupancyMap, Pose2D
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats.map_server import write_map
 from barn_worlds.formats.own import write_own
 from barn_worlds.formats.sdf import write_sdf
@@ -14,7 +15,6 @@ from barn_worlds.formats.world_yaml import write_world_yaml
 from barn_worlds.robots.files import STANDARD, load_robot
 from barn_worlds.worlds.course import LONGEST_CHOSEN_M, for_robot
 from barn_worlds.worlds.cspace import configuration_space
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 CELL_M = 0.1

@@ -8,8 +8,8 @@ from hypothesis.extra import numpy as npst
 from scipy import ndimage
 
 from barn_worlds.base.errors import WorldError
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.worlds.cspace import configuration_space, label_regions, through_region
-from barn_worlds.worlds.dataset import open_dataset
 
 GRIDS = npst.arrays(bool, st.tuples(st.integers(1, 14), st.integers(1, 14)))
 

@@ -9,17 +9,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from barn_worlds.base.errors import WorldError
-from barn_worlds.formats.npz import to_npy
-from barn_worlds.formats.original import write_original
-from barn_worlds.formats.sdf import write_sdf
-from barn_worlds.robots.files import ROBOTS
-from barn_worlds.worlds.dataset import open_dataset, select_worlds
-from barn_worlds.worlds.generate import (
+from barn_worlds.datasets.dataset import open_dataset, select_worlds
+from barn_worlds.datasets.generate import (
     TABLE_I,
     DatasetParameters,
     WorldParameters,
     generate_dataset,
 )
+from barn_worlds.formats.npz import to_npy
+from barn_worlds.formats.original import write_original
+from barn_worlds.formats.sdf import write_sdf
+from barn_worlds.robots.files import ROBOTS
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +132,7 @@ def test_a_world_is_read_once_and_not_handed_to_other_processes():
 
 
 def test_only_so_many_worlds_are_kept(monkeypatch):
-    monkeypatch.setattr("barn_worlds.worlds.dataset._MOST_KEPT", 2)
+    monkeypatch.setattr("barn_worlds.datasets.dataset._MOST_KEPT", 2)
     dataset = open_dataset("barn300")
     first = dataset.load(0)
     assert dataset.load(1) is dataset.load(1) and dataset.load(0) is first

@@ -7,10 +7,10 @@ import pytest
 from PIL import Image
 
 from barn_worlds.base.errors import WorldError
+from barn_worlds.datasets.generate_motion import arena_world
 from barn_worlds.drawing.files import write_png
 from barn_worlds.drawing.worlds import sheet_figure, world_figure, write_animation
 from barn_worlds.formats.sdf import mesh, sdf_text, trajectories, write_sdf
-from barn_worlds.moving.generate import arena_world
 from barn_worlds.moving.motion import Motion, MovingObstacle
 from barn_worlds.moving.tracks import Tracks
 

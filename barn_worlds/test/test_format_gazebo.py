@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from barn_worlds.base.errors import WorldError
+from barn_worlds.datasets.generate import TABLE_I, grow
 from barn_worlds.formats.gazebo import cylinders, fill_hollow, grid_of, read_grid
 from barn_worlds.formats.sdf import sdf_text, write_sdf
 from barn_worlds.worlds import cells as geometry
-from barn_worlds.worlds.generate import TABLE_I, grow
 from barn_worlds.worlds.world import World
 
 GRIDS = npst.arrays(bool, st.tuples(st.integers(1, 12), st.integers(1, 12)))

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from barn_worlds.base.errors import WorldError
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats import own
 from barn_worlds.formats.npz import parse_npy, to_npy
 from barn_worlds.formats.own import read_own, write_own
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import Provenance, World
 
 

@@ -9,12 +9,12 @@ import yaml
 from archives import members, repack
 
 from barn_worlds.base.errors import BarnError
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.datasets.generate_motion import arena_world
 from barn_worlds.formats.npz import to_npy
 from barn_worlds.formats.own import read_own, write_own
 from barn_worlds.formats.world_yaml import world_yaml, write_world_yaml
-from barn_worlds.moving.generate import arena_world
 from barn_worlds.moving.motion import Motion, MovingObstacle, Wall
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 KEYS = ((0.0, 1.0, 2.0), (1.1, 3.0, 2.0), (4.0, 3.0, 5.0))

@@ -12,9 +12,8 @@ from hypothesis.extra import numpy as npst
 from scipy import ndimage
 
 from barn_worlds.base.errors import ConfigError, WorldError
-from barn_worlds.formats.own import Order
-from barn_worlds.worlds.dataset import open_dataset, shipped
-from barn_worlds.worlds.generate import (
+from barn_worlds.datasets.dataset import open_dataset, shipped
+from barn_worlds.datasets.generate import (
     TABLE_I,
     DatasetParameters,
     WorldParameters,
@@ -28,6 +27,7 @@ from barn_worlds.worlds.generate import (
     write_dataset,
     write_ordered,
 )
+from barn_worlds.formats.own import Order
 
 SMALL = DatasetParameters("small", seed=3, worlds_per_set=2, sets=TABLE_I[:4])
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.moving.generate import (
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.datasets.generate_motion import (
     CLASSES,
     MotionParameters,
     class_named,
@@ -14,7 +15,6 @@ from barn_worlds.moving.generate import (
     with_crossings,
     with_motion,
 )
-from barn_worlds.worlds.dataset import open_dataset
 
 
 @pytest.fixture(scope="module", params=sorted(CLASSES))

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from barn_worlds.base.errors import WorldError
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.datasets.generate import cell_m
 from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.robots.files import STANDARD, load_robot
-from barn_worlds.worlds.dataset import open_dataset
-from barn_worlds.worlds.generate import cell_m
 from barn_worlds.worlds.hard import (
     KINDS,
     HardParameters,

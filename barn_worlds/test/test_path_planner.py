@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from barn_worlds.base.errors import WorldError
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.worlds.path_planner import inflation, plan_path, plan_through, search
 
 CSPACES = npst.arrays(

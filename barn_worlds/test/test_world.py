@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from barn_worlds.base.errors import WorldError
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats.map_server import read_map
 from barn_worlds.worlds import cells as geometry
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 OPEN = np.zeros((30, 30), bool)

@@ -36,7 +36,7 @@ from barn_metrics.bootstrap import Interval
 from barn_planners.registry import planner_config
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import BarnError, ConfigError
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 
 _NAMED = 5  # of the parameters that differ
 

@@ -15,7 +15,7 @@ from barn_metrics.model.evaluation import Evaluation, EvaluationConfig
 from barn_metrics.model.evaluation import evaluate as evaluate_model
 from barn_metrics.model.trials import Trials, joined
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 __all__ = ["evaluate", "predict", "train"]

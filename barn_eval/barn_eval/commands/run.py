@@ -35,7 +35,7 @@ from barn_eval.trials.ros_config import BAGS, MODES, RosSetup
 from barn_eval.trials.run_config import Execution
 from barn_sim.config import SimulatorConfig
 from barn_worlds.base.config import as_dict
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 
 NOT_SCORED = 3  # the exit code
 

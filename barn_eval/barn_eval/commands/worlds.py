@@ -19,8 +19,8 @@ from barn_eval.commands.options import (
     worlds_option,
 )
 from barn_eval.commands.tables import table
-from barn_worlds.worlds.dataset import open_dataset
-from barn_worlds.worlds.generate import WorldParameters
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.datasets.generate import WorldParameters
 
 robot_option = click.option(
     "--robot",

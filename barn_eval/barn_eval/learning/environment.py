@@ -23,8 +23,8 @@ from barn_worlds.base.arrays import Floats
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.base.types import seconds
+from barn_worlds.datasets.dataset import Dataset, open_dataset, select_worlds
 from barn_worlds.robots.files import load_robot
-from barn_worlds.worlds.dataset import Dataset, open_dataset, select_worlds
 
 RENDER_MODES = ("rgb_array",)
 _MOST_KEPT = 2000  # worlds of which everything is kept

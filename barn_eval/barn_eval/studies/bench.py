@@ -34,7 +34,7 @@ from barn_worlds.base.config import Checked, quantity, replace_dotted
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.text_files import read_json
 from barn_worlds.base.types import Velocity2D
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 
 if TYPE_CHECKING:
     from barn_eval.learning.environment import JackalEnv

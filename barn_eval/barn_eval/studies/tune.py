@@ -40,7 +40,7 @@ from barn_worlds.base.config import as_dict, fields_of
 from barn_worlds.base.errors import ConfigError, shown, suggest
 from barn_worlds.base.files import write_bytes
 from barn_worlds.base.text_files import read_yaml
-from barn_worlds.worlds.dataset import open_dataset, select_worlds
+from barn_worlds.datasets.dataset import open_dataset, select_worlds
 
 Range = CategoricalDistribution | IntDistribution | FloatDistribution
 _STEP = 5  # worlds, after each of which a setting may be given up

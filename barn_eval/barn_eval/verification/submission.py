@@ -32,7 +32,7 @@ from barn_worlds.base.files import (
     zipped,
 )
 from barn_worlds.base.text_files import parse_json
-from barn_worlds.worlds.dataset import shipped
+from barn_worlds.datasets.dataset import shipped
 
 SCHEMA_VERSION = 1
 ABOUT = "submission.json"

@@ -9,7 +9,7 @@ import numpy as np
 from barn_metrics.model.inputs import inputs_of
 from barn_metrics.model.route import CHANNELS, PRESENT, SAMPLES, mirrored
 from barn_worlds.base.arrays import Floats
-from barn_worlds.worlds.dataset import Dataset, select_worlds
+from barn_worlds.datasets.dataset import Dataset, select_worlds
 from barn_worlds.worlds.world import World
 
 Layer = tuple[Floats, Floats]  # weights and bias

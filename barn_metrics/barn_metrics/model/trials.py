@@ -10,7 +10,7 @@ import numpy as np
 
 from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.errors import ModelError, suggest
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 FEWEST_WORLDS = 10

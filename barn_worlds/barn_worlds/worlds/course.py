@@ -10,8 +10,8 @@ from numba import njit
 from barn_worlds.base.arrays import BoolGrid, Cells, Integers
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.types import Pose2D
-from barn_worlds.geometry.footprint import contact_of
 from barn_worlds.geometry.polygon import Corner
+from barn_worlds.robots.contact import contact_footprint
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.cspace import configuration_space, label_regions
 from barn_worlds.worlds.path_planner import plan_path
@@ -125,7 +125,7 @@ def _require_free(world: World, robot: Robot, start: Pose2D, goal: Pose2D) -> No
             reach = f"({left:g}, {below:g}) to ({right:g}, {above:g}) m"
             raise WorldError(f"{at} is off the map, which reaches from {reach}")
         x, y = pose.inverse().transform(world.cylinders_m).T
-        body, radius_m = contact_of(robot.chassis), world.cylinder_radius_m
+        body, radius_m = contact_footprint(robot.chassis), world.cylinder_radius_m
         gaps = (
             body.distances(x, y)
             if pose is start

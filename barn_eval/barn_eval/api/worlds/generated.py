@@ -6,16 +6,16 @@ from pathlib import Path
 from barn_eval.api.worlds.sets import load, new_npz, require_new, write_layout
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.formats.own import Order, write_own
-from barn_worlds.moving.generate import (
+from barn_worlds.datasets import generate as maker
+from barn_worlds.datasets.generate_motion import (
     class_named,
     generate_arenas,
     with_crossings,
     with_motion,
 )
+from barn_worlds.formats.own import Order, write_own
 from barn_worlds.robots.files import load_robot, other_name
 from barn_worlds.robots.robot import Robot
-from barn_worlds.worlds import generate as maker
 from barn_worlds.worlds.hard import hard_worlds
 from barn_worlds.worlds.world import World
 
@@ -43,7 +43,7 @@ def generate(
         out: File (.npz) or folder in the original layout to write them to, which must not be there.
         per_set: Worlds per parameter set.
         seed: All randomness comes from it.
-        parameters: One set of your own, by name (see `barn_worlds.worlds.generate.WorldParameters`); without, the
+        parameters: One set of your own, by name (see `barn_worlds.datasets.generate.WorldParameters`); without, the
             twelve of the paper's Table I. With a key `kind` ("all", "doors", "dead_ends", "turns", "clutter") they are
             those of `barn_worlds.worlds.hard.HardParameters`, and `per_set` worlds of each kind are made.
         robot: What paths are planned for; cells are in its size, 5 x 5 of them to a robot, unless parameters say how
@@ -126,7 +126,7 @@ def generate_moving(
         classes: Classes of motion. Without `source` they are arenas as in DynaBARN.
         per_class: Arenas of each class.
         seed: All randomness comes from it.
-        parameters: Changes to the classes, by name (see `barn_worlds.moving.generate.MotionParameters`).
+        parameters: Changes to the classes, by name (see `barn_worlds.datasets.generate_motion.MotionParameters`).
         source: Data set whose worlds get obstacles of the one class given, and keep their numbers.
         select: Which of these worlds.
         crossing: Whether these obstacles go to and fro across the path.

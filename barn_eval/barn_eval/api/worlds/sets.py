@@ -16,6 +16,8 @@ from barn_metrics.report import MetricsTable
 from barn_metrics.report import metrics_table as table_of
 from barn_worlds.base.errors import ConfigError, WorldError, suggest
 from barn_worlds.base.files import new_folder
+from barn_worlds.datasets.dataset import Dataset, open_dataset, select_worlds, shipped
+from barn_worlds.datasets.generate import cell_m
 from barn_worlds.drawing.files import write_png
 from barn_worlds.drawing.worlds import sheet_figure, world_figure, write_animation
 from barn_worlds.formats.map_server import write_map
@@ -27,8 +29,6 @@ from barn_worlds.formats.world_yaml import write_world_yaml
 from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.course import for_robot
-from barn_worlds.worlds.dataset import Dataset, open_dataset, select_worlds, shipped
-from barn_worlds.worlds.generate import cell_m
 from barn_worlds.worlds.world import World
 
 Course = Sequence[float]

@@ -27,7 +27,7 @@ from barn_metrics.model.trials import Trials
 from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.text_files import finite, read_json
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 
 SCHEMA_VERSION = 4
 
