@@ -143,7 +143,7 @@ def draw(curve: Curve, path: Path) -> None:
 def checksums(dataset: str | Path) -> set[str]:
     """Return the checksums of the worlds of a data set."""
     opened = open_dataset(dataset)
-    return {opened.load(index).checksum for index in opened.indices}
+    return {opened.load(index).checksum for index in opened.world_numbers}
 
 
 @click.command()

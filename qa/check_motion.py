@@ -30,7 +30,9 @@ def episode(
     """Yield the state after every step of an episode as bytes, which decides the world, the start and the commands."""
     rng = np.random.default_rng(seed)
     dataset = open_dataset("barn300")
-    world = dataset.load(dataset.indices[rng.integers(len(dataset.indices))])
+    world = dataset.load(
+        dataset.world_numbers[rng.integers(len(dataset.world_numbers))]
+    )
     preset = with_robot(PRESETS["default"], robot)
     config = replace(
         preset, obstacles=replace(preset.obstacles, movable=bool(rng.integers(2)))

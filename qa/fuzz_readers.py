@@ -166,7 +166,7 @@ def _files(*paths: Path) -> list[bytes]:
 
 
 def _world() -> Any:
-    return open_dataset("barn_test").load(open_dataset("barn_test").indices[0])
+    return open_dataset("barn_test").load(open_dataset("barn_test").world_numbers[0])
 
 
 def _scene() -> Any:
@@ -388,7 +388,7 @@ def _own_seeds(folder: Path) -> list[bytes]:
 
 def _dataset(path: Path) -> None:
     found = open_dataset(path)
-    assert [found.load(index).name.encode() for index in found.indices[:3]]
+    assert [found.load(index).name.encode() for index in found.world_numbers[:3]]
 
 
 def _single(path: Path) -> None:

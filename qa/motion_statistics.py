@@ -123,7 +123,7 @@ def by_class(source: str) -> dict[str, list[World]]:
     """Return the worlds of a data set by their class of motion."""
     found: dict[str, list[World]] = {}
     dataset = open_dataset(source)
-    for world in map(dataset.load, dataset.indices):
+    for world in map(dataset.load, dataset.world_numbers):
         given = world.provenance.parameters
         found.setdefault(
             str(given.get("motion", given).get("difficulty", "all")), []

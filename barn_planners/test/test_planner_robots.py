@@ -20,7 +20,7 @@ from barn_planners.robots import lidar_place, parameters_for, scale_of
 from barn_worlds.base.config import as_dict, fields_of, replace_dotted
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D, Scan
-from barn_worlds.geometry.polygon import grown, nearest_side_m
+from barn_worlds.geometry.polygon import nearest_side_m, offset
 from barn_worlds.robots.files import load_robot
 
 JACKAL, HUSKY, ROUND = (load_robot(name) for name in ("jackal", "husky", "turtlebot4"))
@@ -164,9 +164,9 @@ def test_padding_moves_every_side_outwards(half_x, half_y, by_m):
     )
     x, y = half_x + by_m, half_y + by_m
     np.testing.assert_allclose(
-        grown(rectangle, by_m), [(x, y), (-x, y), (-x, -y), (x, -y)], atol=1e-12
+        offset(rectangle, by_m), [(x, y), (-x, y), (-x, -y), (x, -y)], atol=1e-12
     )
-    assert nearest_side_m(grown(PENTAGON, by_m)) == pytest.approx(
+    assert nearest_side_m(offset(PENTAGON, by_m)) == pytest.approx(
         nearest_side_m(PENTAGON) + by_m
     )
 

@@ -30,7 +30,7 @@ def test_footprints_that_have_no_middle_cell_are_refused(side):
 
 def test_cspaces_equal_the_original_ones(original_folder):
     dataset = open_dataset(original_folder)
-    for index in dataset.indices:
+    for index in dataset.world_numbers:
         expected = np.load(original_folder / "cspace_files" / f"cspace_{index}.npy")
         world = dataset.load(index)
         assert world.footprint_cells == 5

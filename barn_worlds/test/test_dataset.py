@@ -40,7 +40,7 @@ def layout(tmp_path, worlds):
 
 
 def same(dataset, worlds):
-    return {k: dataset.load(k).checksum for k in dataset.indices} == {
+    return {k: dataset.load(k).checksum for k in dataset.world_numbers} == {
         k: w.checksum for k, w in worlds.items()
     }
 
@@ -52,7 +52,7 @@ def test_the_original_layout_comes_back_from_what_is_there(layout, worlds, missi
     for part in missing:
         shutil.rmtree(layout / part)
     dataset = open_dataset(layout)
-    assert (dataset.name, dataset.indices) == ("layout", (0, 6, 120))
+    assert (dataset.name, dataset.world_numbers) == ("layout", (0, 6, 120))
     assert same(dataset, worlds)
     assert dataset.load(6).provenance.source == "original"
     assert np.load(layout / "metrics_files" / "metrics_6.npy").tolist() == [
@@ -71,7 +71,7 @@ def test_parts_of_the_layout_are_data_sets_too(layout, worlds, part):
 
 def test_the_originals_written_again_are_the_originals(original_folder, tmp_path):
     dataset = open_dataset(original_folder)
-    some = {index: dataset.load(index) for index in dataset.indices[::10]}
+    some = {index: dataset.load(index) for index in dataset.world_numbers[::10]}
     write_original(tmp_path / "again", some, historical=True)
     assert same(open_dataset(tmp_path / "again"), some)
     for index in some:
@@ -113,7 +113,7 @@ def test_files_without_a_number_of_their_own_are_numbered_by_name(worlds, tmp_pa
     for name in ("b", "a"):
         (tmp_path / f"{name}.npy").write_bytes(to_npy(worlds[0].grid))
     dataset = open_dataset(tmp_path)
-    assert [dataset.load(index).name for index in dataset.indices] == ["a", "b"]
+    assert [dataset.load(index).name for index in dataset.world_numbers] == ["a", "b"]
 
 
 def test_data_sets_can_be_handed_to_other_processes(layout, worlds):

@@ -80,10 +80,10 @@ def test_original_maps_give_the_original_grids(original_folder):
         open_dataset(original_folder),
         open_dataset(original_folder / "map_files"),
     )
-    assert maps.indices == worlds.indices
+    assert maps.world_numbers == worlds.world_numbers
     assert all(
         maps.load(index).checksum == worlds.load(index).checksum
-        for index in maps.indices
+        for index in maps.world_numbers
     )
 
 

@@ -101,7 +101,7 @@ def test_own_files_come_back(tmp_path_factory, numbered):
     first = path.read_bytes()
     dataset = open_dataset(path)
     assert dataset.name == "a set"
-    assert dataset.indices == tuple(sorted(numbered))
+    assert dataset.world_numbers == tuple(sorted(numbered))
     for index, world in numbered.items():
         read = dataset.load(index)
         assert read.checksum == world.checksum

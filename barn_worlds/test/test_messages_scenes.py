@@ -221,7 +221,7 @@ def test_a_scene_comes_out_as_it_went_in():
 def test_a_viewer_can_draw_it_and_a_later_scene_takes_its_place():
     first, moved = (
         deserialise(encode_scene(scene, 7), WORLD.type_name).markers
-        for scene in (SCENE, SCENE.moved(SCENE.cylinders_m + 1.0))
+        for scene in (SCENE, SCENE.with_cylinders_at(SCENE.cylinders_m + 1.0))
     )
     keys = [(one.ns, one.id) for one in first]
     assert len(set(keys)) == len(keys) == 6

@@ -53,7 +53,9 @@ def profiles():
     """The 469 motions of DynaBARN by name."""
     dataset = open_dataset("dynabarn60")
     return {
-        one.name: one for index in dataset.indices for one in dataset.load(index).moving
+        one.name: one
+        for index in dataset.world_numbers
+        for one in dataset.load(index).moving
     }
 
 

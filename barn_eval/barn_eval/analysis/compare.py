@@ -143,7 +143,7 @@ def compare(
 def worlds_of(results: Rows) -> int:
     """Return how many worlds the data set of results has, 0 where it is not at hand."""
     try:
-        return len(open_dataset(results[0].dataset).indices)
+        return len(open_dataset(results[0].dataset).world_numbers)
     except (BarnError, IndexError, OSError):
         return 0
 

@@ -32,7 +32,7 @@ from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.robots.contact import contact_footprint
 from barn_worlds.robots.files import other_name
 from barn_worlds.robots.robot import Chassis
-from barn_worlds.worlds.course import for_robot
+from barn_worlds.worlds.course import fit_to_robot
 from barn_worlds.worlds.world import World
 
 _NAMED = 5  # trials made at a second attempt that a message names
@@ -306,7 +306,7 @@ def read_worlds(
         try:
             world = opened(dataset).load(result.world)
             if world.checksum != result.world_checksum:
-                world = for_robot(
+                world = fit_to_robot(
                     world,
                     robot_of(source.experiment.simulator),
                     source.experiment.course,
@@ -333,7 +333,7 @@ def _planned(configuration: Mapping[str, Any]) -> int | None:
     try:
         worlds = select_worlds(
             str(configuration["worlds"]),
-            open_dataset(str(configuration["dataset"])).indices,
+            open_dataset(str(configuration["dataset"])).world_numbers,
         )
         return (
             len(worlds)

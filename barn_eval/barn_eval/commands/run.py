@@ -282,7 +282,7 @@ def demo(dataset: str, mode: str, out: Path, as_json: bool) -> int:
     Simulator, planner and evaluator are three ROS 2 nodes in processes of their own. Earlier results in the folder are
     replaced.
     """
-    indices = open_dataset(dataset).indices
+    indices = open_dataset(dataset).world_numbers
     worlds = ",".join(str(indices[len(indices) * share // 100]) for share in SHARES)
     say(f"worlds {worlds} of {dataset}")
     kept = {"bags": "all", "workers": 1, "trial_limit_s": 0.0}

@@ -101,7 +101,7 @@ def show_list(source: str | None, select: str, as_json: bool) -> None:
         entries = [
             {
                 "data set": one.name,
-                "worlds": len(one.indices),
+                "worlds": len(one.world_numbers),
                 "checksum": one.checksum[:16],
             }
             for one in opened

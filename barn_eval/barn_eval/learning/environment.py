@@ -63,9 +63,9 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self.render_mode = render_mode
         self.config = replace_dotted(config or EnvConfig(), changes, "environment")
         robot = load_robot(self.config.robot)
-        self._dataset = (opened or open_dataset(self.config.dataset)).driven(robot)
+        self._dataset = (opened or open_dataset(self.config.dataset)).for_robot(robot)
         self.worlds = tuple(
-            sorted(select_worlds(self.config.worlds, self._dataset.indices))
+            sorted(select_worlds(self.config.worlds, self._dataset.world_numbers))
         )  # drawn from, evenly
         self.protocol = load_protocol(self.config.protocol)
         self.simulator_config = simulator_config(

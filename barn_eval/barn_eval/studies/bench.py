@@ -162,7 +162,7 @@ def bench(
 
 def _round(setup: BenchSetup, planners: Sequence[str]) -> Iterator[Measurement]:
     """Yield every measurement once."""
-    source, indices = setup.dataset, open_dataset(setup.dataset).indices
+    source, indices = setup.dataset, open_dataset(setup.dataset).world_numbers
     worlds = str(indices[len(indices) // 2] if setup.world < 0 else setup.world)
     experiments = [
         Experiment(dataset=source, worlds=worlds, planners=(PlannerChoice(name),))

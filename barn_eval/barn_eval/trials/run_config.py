@@ -242,11 +242,13 @@ class Experiment(Checked):
                 {"planner": one.name, "compute": compute, "way": self.way(compute)}
                 | settings
             )
-        dataset = (dataset or open_dataset(self.dataset)).driven(
+        dataset = (dataset or open_dataset(self.dataset)).for_robot(
             robot_of(self.simulator), self.course
         )
         chosen = tuple(
-            select_worlds(self.worlds, dataset.indices) if worlds is None else worlds
+            select_worlds(self.worlds, dataset.world_numbers)
+            if worlds is None
+            else worlds
         )
         dataset.require_fit(robot_of(self.simulator), chosen)
         found = []

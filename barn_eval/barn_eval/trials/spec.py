@@ -17,7 +17,7 @@ from barn_worlds.base.compute import NOTHING, Compute
 from barn_worlds.base.config import as_dict, replace_dotted
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.base.types import OccupancyMap, Pose2D
-from barn_worlds.geometry.shortest import shortest_way_m
+from barn_worlds.geometry.shortest import shortest_path_bound_m
 from barn_worlds.messages.topics import FRAMES
 from barn_worlds.robots.contact import contact_footprint
 from barn_worlds.robots.robot import Chassis, Robot
@@ -220,7 +220,9 @@ def _least_way_m(
             for point in (start, goal)
         )
         centres = world.cylinders_m[(from_start >= near_m) & (from_goal >= goal_m)]
-    return max(0.0, shortest_way_m(start, goal, centres, radius_m) - near_m - goal_m)
+    return max(
+        0.0, shortest_path_bound_m(start, goal, centres, radius_m) - near_m - goal_m
+    )
 
 
 @lru_cache(maxsize=64)

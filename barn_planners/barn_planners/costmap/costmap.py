@@ -17,9 +17,9 @@ from barn_worlds.geometry.polygon import (
     Corner,
     area,
     contains,
-    grown,
-    hull,
+    convex_hull,
     nearest_side_m,
+    offset,
 )
 
 CostArray = npt.NDArray[np.uint8]
@@ -114,7 +114,7 @@ class CostmapConfig(Checked):
         padding_m = self.footprint_padding_m
         corners = corners_of(self.footprint)
         if corners:
-            return np.array(grown(corners, padding_m))
+            return np.array(offset(corners, padding_m))
         return rectangle(
             self.footprint_half_length_m + padding_m,
             self.footprint_half_width_m + padding_m,
@@ -491,4 +491,4 @@ def corners_of(text: str) -> tuple[Corner, ...] | None:
         and contains(corners, (0.0, 0.0))
     ):
         return None
-    return corners if set(hull(corners)) == set(corners) else None
+    return corners if set(convex_hull(corners)) == set(corners) else None

@@ -8,10 +8,10 @@ from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.datasets import generate as maker
 from barn_worlds.datasets.generate_motion import (
-    class_named,
+    add_crossings,
+    add_motion,
     generate_arenas,
-    with_crossings,
-    with_motion,
+    motion_class,
 )
 from barn_worlds.formats.own import Order, write_own
 from barn_worlds.robots.files import load_robot, other_name
@@ -81,8 +81,8 @@ def generate(
         if file:
             maker.write_dataset(file, asked, progress=progress)
             return load(file)
-        worlds, order = maker.ranked_dataset(asked, progress=progress)
-    numbered = maker.reordered(worlds, order)
+        worlds, order = maker.generate_ranked_dataset(asked, progress=progress)
+    numbered = maker.renumber(worlds, order)
     if target is not None:
         write_layout(target, numbered)
     return numbered
@@ -99,7 +99,7 @@ def _sets(
     )
     sized: dict[str, float] = {}
     if not {"resolution_m", "footprint_cells"} & set(changes):
-        sized["resolution_m"] = maker.cell_m(robot)
+        sized["resolution_m"] = maker.cell_size_m(robot)
     if "footprint_cells" not in changes:
         sized["footprint_cells"] = robot.footprint_cells(
             sized.get("resolution_m", sets[0].resolution_m)
@@ -138,7 +138,7 @@ def generate_moving(
     target = None if out is None else new_npz(out)
     chosen = [
         replace_dotted(
-            class_named(name), dict(parameters or {}), "parameters of a class"
+            motion_class(name), dict(parameters or {}), "parameters of a class"
         )
         for name in classes
     ]
@@ -159,7 +159,7 @@ def generate_moving(
             f"one class of motion must be named for the worlds of {source}, got {len(chosen)}"
         )
     else:
-        add = with_crossings if crossing else with_motion
+        add = add_crossings if crossing else add_motion
         still = load(source, select)
         made = {
             index: add(world, chosen[0], seed + index, obstacles)

@@ -24,7 +24,7 @@ PLANNERS, REPETITIONS = ("dwa", "eband"), 5  # of the paper
 EXTREME_SHARE = 0.1
 
 # Deviations of very few worlds have no bias correction that could be trusted.
-over_worlds = partial(bootstrap.over_worlds, percentile=True)
+over_worlds = partial(bootstrap.bootstrap_interval, percentile=True)
 
 
 @dataclass(frozen=True, eq=False)
