@@ -29,7 +29,9 @@ from barn_worlds.robots.files import STANDARD, load_robot
 from barn_worlds.worlds.world import World
 
 STEPS = 100
-CHECK_MOTION = Path(__file__).resolve().parents[2] / "qa" / "fidelity" / "check_motion.py"
+CHECK_MOTION = (
+    Path(__file__).resolve().parents[2] / "qa" / "fidelity" / "check_motion.py"
+)
 
 
 def simulator_of(
