@@ -42,7 +42,7 @@ class Compute(Checked):
             )
 
     @property
-    def declared(self) -> bool:
+    def is_declared(self) -> bool:
         """Whether anything is."""
         return self != Compute()
 
@@ -52,10 +52,10 @@ class Compute(Checked):
         return max(self.delay_s, self.delay_p95_s)
 
 
-NOTHING = Compute()
+NO_COMPUTE = Compute()
 
 
-class Turnaround:
+class CycleTimer:
     """Says when a planner may begin a cycle and when its command takes effect.
 
     Without `recorded_ns` delays are those of the declaration, drawn from a seed; with it, they are these in turn, and
@@ -70,11 +70,11 @@ class Turnaround:
         self._free_ns = 0
         self.delays_ns: list[int] = []
 
-    def free(self, now_ns: int) -> bool:
+    def is_free(self, now_ns: int) -> bool:
         """Tell whether no cycle is under way."""
         return now_ns >= self._free_ns
 
-    def take(self, now_ns: int, measured_ns: int | None = None) -> int:
+    def start_cycle(self, now_ns: int, measured_ns: int | None = None) -> int:
         """Begin a cycle at the time of its readings and return its delay, which is the measured one if there is one."""
         drawn_ns, count = (
             self._drawn_ns() if measured_ns is None else measured_ns,

@@ -26,8 +26,8 @@ from cattrs.errors import (
 )
 from cattrs.gen import make_dict_structure_fn, make_dict_unstructure_fn, override
 
-from barn_worlds.base.errors import ConfigError, shown, suggest
-from barn_worlds.base.text_files import packaged_yaml
+from barn_worlds.base.errors import ConfigError, format_value, suggest
+from barn_worlds.base.text_files import read_package_yaml
 
 T = TypeVar("T")
 
@@ -56,16 +56,16 @@ class Quantity:
     choices: tuple[str, ...] = ()
     optional: bool = False
 
-    def text(self, *, unit: bool = True) -> str:
+    def summary(self, *, unit: bool = True) -> str:
         """Return meaning, unit and allowed values in one line: "longest range [m] (at least 0 m)"."""
-        allowed = f" ({self.allowed()})" if self.allowed() else ""
+        allowed = f" ({self.describe_limits()})" if self.describe_limits() else ""
         return (
             self.description
             + (f" [{self.unit}]" if unit and self.unit else "")
             + allowed
         )
 
-    def allowed(self) -> str:
+    def describe_limits(self) -> str:
         """Return the allowed values in words; an empty text if there is no limit."""
         if self.choices:
             return "one of " + ", ".join(self.choices)
@@ -122,7 +122,9 @@ class Checked:
         name: the field that the message names, dotted if nested. rule: such as "must be below high_m = 3".
         """
         if not holds:
-            raise ConfigError(f"{name} {rule}, got {shown(attrgetter(name)(self))}")
+            raise ConfigError(
+                f"{name} {rule}, got {format_value(attrgetter(name)(self))}"
+            )
 
 
 def fields_of(config: Any) -> Iterator[tuple[str, Quantity, Any]]:
@@ -179,9 +181,11 @@ def _reader(cls: type[Any], converter: cattrs.Converter) -> Callable[[Any, Any],
 
     def read(value: object, kind: object) -> Any:
         if not isinstance(value, Mapping):
-            raise TypeError(f"must be a mapping of names to values, got {shown(value)}")
+            raise TypeError(
+                f"must be a mapping of names to values, got {format_value(value)}"
+            )
         if odd := [key for key in value if not isinstance(key, str)]:
-            raise TypeError(f"keys must be text, got {shown(odd[0])}")
+            raise TypeError(f"keys must be text, got {format_value(odd[0])}")
         return build(value, kind)
 
     return read
@@ -223,7 +227,7 @@ def replace_dotted(config: T, changes: Mapping[str, Any], where: str) -> T:
     for name, value in _flat(known, changes):
         if name not in known:
             raise ConfigError(
-                f"{where}: unknown parameter {shown(name)}{suggest(name, known)}"
+                f"{where}: unknown parameter {format_value(name)}{suggest(name, known)}"
             )
         parents, _, last = name.rpartition(".")
         (known[parents] if parents else merged)[last] = value
@@ -237,7 +241,7 @@ def read_presets(package: str, file: str, standard: T) -> dict[str, T]:
     base, or else of the standard one.
     """
     found: dict[str, T] = {}
-    for name, changes in packaged_yaml(package, file).items():
+    for name, changes in read_package_yaml(package, file).items():
         base = found[changes.pop("base")] if "base" in changes else standard
         found[name] = replace_dotted(base, changes, f"{file}: {name}")
     return found
@@ -273,7 +277,7 @@ def _exact(value: object, kind: type[Any]) -> Any:
         return kind(value)
     if type(value) is kind:
         return value
-    raise TypeError(f"must be {_KINDS[kind]}, got {shown(value)}")
+    raise TypeError(f"must be {_KINDS[kind]}, got {format_value(value)}")
 
 
 def _first_cause(error: BaseException, path: str = "") -> str:
@@ -281,7 +285,7 @@ def _first_cause(error: BaseException, path: str = "") -> str:
     if isinstance(error, ForbiddenExtraKeysError):
         known = [path + item.name for item in dataclasses.fields(error.cl)]
         extra = path + min(error.extra_fields)
-        return f"unknown key {shown(extra)}{suggest(extra, known)}"
+        return f"unknown key {format_value(extra)}{suggest(extra, known)}"
     if isinstance(error, ClassValidationError):
         name = _noted(error.exceptions[0], "name", "")
         return _first_cause(error.exceptions[0], f"{path}{name}." if name else path)
@@ -317,7 +321,7 @@ def _check(name: str, about: Quantity, value: object) -> None:
                 if "did you mean" in hint
             )
             raise ConfigError(
-                f"{name} must be {about.allowed()}, got {shown(number)}{near}"
+                f"{name} must be {about.describe_limits()}, got {format_value(number)}{near}"
             )
         if isinstance(number, bool) or not isinstance(number, (int, float)):
             continue
@@ -330,5 +334,5 @@ def _check(name: str, about: Quantity, value: object) -> None:
         high = most if about.maximum is None else about.maximum
         if not low <= number <= high:
             raise ConfigError(
-                f"{name} must be {about.allowed() or kind}, got {shown(number)}"
+                f"{name} must be {about.describe_limits() or kind}, got {format_value(number)}"
             )

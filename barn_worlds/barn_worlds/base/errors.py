@@ -54,7 +54,7 @@ class BagError(BarnError):
 
 
 @contextmanager
-def reported_as(kind: type[BarnError], what: object) -> Iterator[None]:
+def convert_os_errors(kind: type[BarnError], what: object) -> Iterator[None]:
     """Raise an OSError of the block as an error of that kind, whose one line begins with `what`."""
     try:
         yield
@@ -62,7 +62,7 @@ def reported_as(kind: type[BarnError], what: object) -> Iterator[None]:
         raise kind(f"{what}: {error.strerror or error}") from None
 
 
-def shown(value: object) -> str:
+def format_value(value: object) -> str:
     """Return a value for a message: its repr on one line, cut if it is long."""
     try:
         text = " ".join(_REPR.repr(value).split())
@@ -71,7 +71,7 @@ def shown(value: object) -> str:
     return text if len(text) <= _LONGEST_SHOWN else text[:_LONGEST_SHOWN] + "..."
 
 
-def one_line(error: object) -> str:
+def format_error(error: object) -> str:
     """Return the message of an error of a library as one line, cut if it is long; its kind where it has none."""
     return " ".join(str(error).split())[:_LONGEST_ERROR] or type(error).__name__
 
@@ -82,7 +82,7 @@ def suggest(name: object, known: Iterable[object]) -> str:
     So "; did you mean 'dwa'?" or "; known: dwa, eband". Among dotted names, those under the same parent count first.
     """
     names = sorted(str(key)[:_LONGEST_NAME] for key in known)
-    wanted = (name if isinstance(name, str) else shown(name))[:_LONGEST_SHOWN]
+    wanted = (name if isinstance(name, str) else format_value(name))[:_LONGEST_SHOWN]
     siblings = [
         one for one in names if one.rpartition(".")[0] == wanted.rpartition(".")[0]
     ] or names

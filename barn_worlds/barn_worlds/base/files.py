@@ -14,10 +14,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from barn_worlds.base.errors import StoreError, WorldError, reported_as
+from barn_worlds.base.errors import StoreError, WorldError, convert_os_errors
 
-LARGEST_FILE = 256 * 1024 * 1024
-DAMAGED_ZIP = (
+LARGEST_FILE_BYTES = 256 * 1024 * 1024
+ZIP_ERRORS = (
     zipfile.BadZipFile,
     zlib.error,
     EOFError,
@@ -26,14 +26,14 @@ DAMAGED_ZIP = (
     ValueError,
     OSError,
 )
-PARTIAL = (
+PARTIAL_SUFFIX = (
     ".partial"  # ending of files that are being written; of a killed process they stay
 )
 
 
-def read_bytes(path: Path, largest: int = LARGEST_FILE) -> bytes:
+def read_bytes(path: Path, largest: int = LARGEST_FILE_BYTES) -> bytes:
     """Return the content of a file of at most `largest` bytes; WorldError names the path otherwise."""
-    with reported_as(WorldError, f"{path}: cannot be read"):
+    with convert_os_errors(WorldError, f"{path}: cannot be read"):
         return read_at_most(path, largest)
 
 
@@ -63,7 +63,7 @@ def open_regular(path: Path) -> BinaryIO:
     return os.fdopen(descriptor, "rb")
 
 
-def read_maybe_gzipped(path: Path, largest: int = LARGEST_FILE) -> bytes:
+def read_maybe_gzipped(path: Path, largest: int = LARGEST_FILE_BYTES) -> bytes:
     """Return the content of a file, unpacked if it is gzipped, of at most `largest` bytes (checked while unpacking)."""
     content = read_bytes(path, largest)
     if content[:2] != b"\x1f\x8b":
@@ -78,7 +78,7 @@ def read_maybe_gzipped(path: Path, largest: int = LARGEST_FILE) -> bytes:
     return unpacked
 
 
-def zipped(members: Mapping[str, bytes]) -> bytes:
+def pack_zip(members: Mapping[str, bytes]) -> bytes:
     """Return a zip file of members by name; equal members give equal bytes, at any time."""
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w") as archive:
@@ -89,30 +89,30 @@ def zipped(members: Mapping[str, bytes]) -> bytes:
 
 def write_bytes(path: Path, content: bytes) -> None:
     """Write a file atomically; WorldError if that fails."""
-    with reported_as(WorldError, f"{path}: cannot be written"):
+    with convert_os_errors(WorldError, f"{path}: cannot be written"):
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as temporary:
+        with replace_file(path) as temporary:
             temporary.write_bytes(content)
 
 
-def write_whole(path: Path, content: bytes) -> None:
+def write_durably(path: Path, content: bytes) -> None:
     """Write a file onto the disk, so that it is there as a whole or as it was before; StoreError if that fails."""
     with (
-        reported_as(StoreError, f"{path}: cannot be written"),
-        replacing(path, durable=True) as temporary,
+        convert_os_errors(StoreError, f"{path}: cannot be written"),
+        replace_file(path, durable=True) as temporary,
     ):
         temporary.write_bytes(content)
 
 
 @contextmanager
-def replacing(path: Path, *, durable: bool = False) -> Iterator[Path]:
+def replace_file(path: Path, *, durable: bool = False) -> Iterator[Path]:
     """Provide an empty file, private to the user, that takes the place of `path` if the block succeeds.
 
     However the block ends, nothing else is left; only a kill leaves a hidden file that ends in `PARTIAL`. durable:
     whether the content is to be on the disk at the end. OSError if that fails.
     """
     handle, name = tempfile.mkstemp(
-        prefix=f".{path.name}.", suffix=PARTIAL, dir=path.parent
+        prefix=f".{path.name}.", suffix=PARTIAL_SUFFIX, dir=path.parent
     )
     os.close(handle)
     temporary = Path(name)
@@ -129,19 +129,19 @@ def replacing(path: Path, *, durable: bool = False) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
-def remove_partial(folder: Path) -> None:
+def remove_partial_files(folder: Path) -> None:
     """Remove what killed writers have left in a folder, of which the caller must be the only writer."""
-    for left in folder.glob(f".*{PARTIAL}"):
+    for left in folder.glob(f".*{PARTIAL_SUFFIX}"):
         left.unlink(missing_ok=True)
 
 
 @contextmanager
-def new_folder(path: Path) -> Iterator[Path]:
+def create_folder(path: Path) -> Iterator[Path]:
     """Provide a temporary folder that becomes `path` if the block succeeds and is removed if it fails.
 
     Raises WorldError if `path` exists and is not an empty folder, or if it cannot be written.
     """
-    with reported_as(WorldError, f"{path}: cannot be written"):
+    with convert_os_errors(WorldError, f"{path}: cannot be written"):
         if path.exists() and (not path.is_dir() or any(path.iterdir())):
             raise WorldError(
                 f"{path}: exists already; name a new folder or an empty one"

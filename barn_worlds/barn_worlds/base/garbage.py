@@ -4,7 +4,7 @@ import atexit
 import gc
 
 
-def collect_seldom() -> None:
+def reduce_garbage_collection() -> None:
     """Let this process collect garbage less often, and not once more as it ends.
 
     For programs, not for libraries: a quarter of the time that one takes to start and to end would go into looking

@@ -31,7 +31,7 @@ def prepare(package: Path) -> None:
                 package / "__pycache__" / "kernels.digest",
             )
         return
-    digest = digest_of([package.parent / name for name in _PACKAGES])
+    digest = kernel_digest([package.parent / name for name in _PACKAGES])
     homes = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())
     shared = Path(tempfile.gettempdir()) / f"barn_kernels_{os.getuid()}"
     kept = homes / "barn" / digest
@@ -49,7 +49,7 @@ def prepare(package: Path) -> None:
     os.environ[_VARIABLE] = str(kept)
 
 
-def digest_of(packages: list[Path]) -> str:
+def kernel_digest(packages: list[Path]) -> str:
     """Return a digest of all files that hold kernels."""
     found = hashlib.blake2b(digest_size=8)
     for path in _sources(packages):
@@ -66,7 +66,7 @@ def _drop_stale(packages: list[Path], note: Path) -> None:
             path.stat().st_mtime_ns < since for path in _sources(packages)
         ):
             return
-        digest = digest_of(packages)
+        digest = kernel_digest(packages)
         if not note.exists() or note.read_text("ascii") != digest:
             for package in packages:
                 for index in package.rglob("*.nbi"):

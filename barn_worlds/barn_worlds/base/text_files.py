@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 
 import yaml
 
-from barn_worlds.base.errors import ConfigError, one_line, shown
+from barn_worlds.base.errors import ConfigError, format_error, format_value
 from barn_worlds.base.files import open_regular, read_at_most
 
 LARGEST_JSON_BYTES = 64 * 1024 * 1024
@@ -45,7 +45,7 @@ def parse_json(text: str | bytes, where: str) -> Plain:
         found = json.loads(content, parse_constant=_no_number)
         _check(found)
     except (ValueError, RecursionError) as error:
-        raise ConfigError(f"{where}: not JSON: {one_line(error)}") from None
+        raise ConfigError(f"{where}: not JSON: {format_error(error)}") from None
     return found
 
 
@@ -80,12 +80,12 @@ def read_yaml(
     content = parse_yaml(_read(path, largest), str(path))
     if not isinstance(content, dict):
         raise ConfigError(
-            f"{path}: must be a mapping of names to values, got {shown(content)}"
+            f"{path}: must be a mapping of names to values, got {format_value(content)}"
         )
     version = content.pop("schema_version", None)
     if version != schema_version:
         raise ConfigError(
-            f"{path}: schema_version must be {schema_version}, got {shown(version)}"
+            f"{path}: schema_version must be {schema_version}, got {format_value(version)}"
         )
     return content
 
@@ -107,21 +107,21 @@ def parse_yaml(text: str | bytes, where: str) -> Plain:
         AttributeError,
         ArithmeticError,
     ) as error:
-        raise ConfigError(f"{where}: not YAML: {one_line(error)}") from None
+        raise ConfigError(f"{where}: not YAML: {format_error(error)}") from None
     return found
 
 
-def packaged_yaml(package: str, file: str) -> Plain:
+def read_package_yaml(package: str, file: str) -> Plain:
     """Return the content of a YAML file in a package's data."""
     return parse_yaml((files(package) / "data" / file).read_text("utf-8"), file)
 
 
-def finite(content: Plain) -> Plain:
+def make_json_safe(content: Plain) -> Plain:
     """Return plain data that JSON can hold: None for numbers that are not finite, keys as text, tuples as lists."""
     if isinstance(content, dict):
-        return {str(key): finite(value) for key, value in content.items()}
+        return {str(key): make_json_safe(value) for key, value in content.items()}
     if isinstance(content, (list, tuple)):
-        return [finite(value) for value in content]
+        return [make_json_safe(value) for value in content]
     return (
         None if isinstance(content, float) and not math.isfinite(content) else content
     )
@@ -167,7 +167,9 @@ def _check(content: Plain, *, numbers: bool = True) -> None:
                 and isinstance(value, int)
                 and not -_LARGEST_INTEGER <= value <= _LARGEST_INTEGER
             ):
-                raise ValueError(f"integers must be of 64 bits, got {shown(value)}")
+                raise ValueError(
+                    f"integers must be of 64 bits, got {format_value(value)}"
+                )
             elif numbers and isinstance(value, float) and not math.isfinite(value):
                 raise ValueError(f"numbers must be finite, got {value}")
         if not deeper:

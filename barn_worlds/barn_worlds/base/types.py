@@ -10,17 +10,17 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-NANOSECONDS = 1_000_000_000
+NANOSECONDS_PER_SECOND = 1_000_000_000
 
 
 def seconds(duration_ns: int) -> float:
     """Return a duration in nanoseconds as seconds."""
-    return duration_ns / NANOSECONDS
+    return duration_ns / NANOSECONDS_PER_SECOND
 
 
 def nanoseconds(duration_s: float) -> int:
     """Return a duration in seconds as the nearest whole nanosecond."""
-    return round(duration_s * NANOSECONDS)
+    return round(duration_s * NANOSECONDS_PER_SECOND)
 
 
 def wrap_angle(angle: float) -> float:
