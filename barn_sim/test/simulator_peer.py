@@ -22,7 +22,7 @@ from std_srvs.srv import SetBool
 from barn_sim.config import SimulatorConfig
 from barn_sim.sensors.readings import Sensors
 from barn_sim.simulator import Simulator
-from barn_worlds.base.types import NANOSECONDS, Pose2D, Velocity2D
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Pose2D, Velocity2D
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.messages import decode
 from barn_worlds.messages.encode import TwistStampedEncoder, encode_twist

@@ -22,7 +22,12 @@ from barn_metrics.model import load_model
 from barn_metrics.model.evaluation import EvaluationConfig, evaluate
 from barn_metrics.model.trials import Trials
 from barn_worlds.base.arrays import Floats, Integers
-from barn_worlds.base.errors import BarnError, ConfigError, reported_as, shown
+from barn_worlds.base.errors import (
+    BarnError,
+    ConfigError,
+    convert_os_errors,
+    format_value,
+)
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.worlds.world import World
 

@@ -15,7 +15,7 @@ from barn_planners.policy.space import ACTIONS
 from barn_worlds.base.arrays import Bools, Integers
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.types import NANOSECONDS
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND
 from barn_worlds.datasets.dataset import open_dataset
 
 Ended = dict[int, dict[str, Any]]  # infos, by the number of the environment

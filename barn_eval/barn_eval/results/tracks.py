@@ -18,7 +18,7 @@ from barn_eval.trials.trial import FinishedTrial
 from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.base.text_files import parse_json
-from barn_worlds.base.types import NANOSECONDS
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND
 from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.robots.contact import contact_footprint
 

@@ -20,7 +20,7 @@ from barn_planners.robots import lidar_place, parameters_for
 from barn_sim.config import SimulatorConfig, robot_of
 from barn_worlds.base.compute import Compute
 from barn_worlds.base.config import OPTIONAL, Checked, as_dict, fields_of, quantity
-from barn_worlds.base.errors import ConfigError, shown
+from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.datasets.dataset import Dataset, open_dataset, select_worlds
 
 # Names of planners become names of files.

@@ -19,7 +19,7 @@ from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import Trajectory, TrajectoryLog, encounters, measure
 from barn_planners.interface import PlannerStatus
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.types import NANOSECONDS, Odometry, Pose2D, Velocity2D
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Odometry, Pose2D, Velocity2D
 from barn_worlds.robots.contact import contact_footprint
 
 T = TypeVar("T")

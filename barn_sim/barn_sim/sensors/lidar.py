@@ -17,7 +17,7 @@ from barn_sim.config import LidarConfig
 from barn_sim.motion.state import Record, Records
 from barn_sim.sensors.odometry import wrap
 from barn_worlds.base.arrays import Integers
-from barn_worlds.base.types import NANOSECONDS, Pose2D, Scan
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Pose2D, Scan
 from barn_worlds.geometry.kernels import entry_time
 
 Array = npt.NDArray[np.float64]

@@ -15,7 +15,7 @@ from barn_metrics.metrics import PUBLISHED, as_formula, world_metrics
 from barn_metrics.report import MetricsTable
 from barn_metrics.report import metrics_table as table_of
 from barn_worlds.base.errors import ConfigError, WorldError, suggest
-from barn_worlds.base.files import new_folder
+from barn_worlds.base.files import create_folder
 from barn_worlds.datasets.dataset import (
     Dataset,
     dataset_files,

@@ -26,7 +26,7 @@ from barn_metrics.model.evaluation import Evaluation, EvaluationConfig, evaluate
 from barn_metrics.model.trials import Trials
 from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.text_files import finite, read_json
+from barn_worlds.base.text_files import make_json_safe, read_json
 from barn_worlds.datasets.dataset import open_dataset
 
 SCHEMA_VERSION = 4
