@@ -88,7 +88,7 @@ def _table(one: Calibration) -> FittedTable:
     sides = (one.ours, one.published)
     rows = (
         ("trials", *(str(side.trials) for side in sides)),
-        ("failures [%]", *(side.failure_share.scaled(100.0).text(1) for side in sides)),
+        ("failures [%]", *(side.failure_share.scale(100.0).text(1) for side in sides)),
         (
             "mean time per metre [s/m]",
             *(side.normalised_s_per_m.text() for side in sides),

@@ -17,9 +17,9 @@ from barn_sim.body.bullet import PhysicsClient
 from barn_sim.config import PRESETS, with_robot
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import Pose2D, Velocity2D
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.robot import Robot
-from barn_worlds.worlds.dataset import open_dataset
 
 STEPS = 120
 
@@ -30,7 +30,9 @@ def episode(
     """Yield the state after every step of an episode as bytes, which decides the world, the start and the commands."""
     rng = np.random.default_rng(seed)
     dataset = open_dataset("barn300")
-    world = dataset.load(dataset.indices[rng.integers(len(dataset.indices))])
+    world = dataset.load(
+        dataset.world_numbers[rng.integers(len(dataset.world_numbers))]
+    )
     preset = with_robot(PRESETS["default"], robot)
     config = replace(
         preset, obstacles=replace(preset.obstacles, movable=bool(rng.integers(2)))

@@ -23,7 +23,7 @@ from barn_metrics.model.evaluation import EvaluationConfig, evaluate
 from barn_metrics.model.trials import Trials
 from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.errors import BarnError, ConfigError, reported_as, shown
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 # How failures stand in the paper's table: exactly 30 s, or cut off at 50 s.

@@ -55,6 +55,7 @@ from barn_sim.body.model import description_text
 from barn_sim.config import SimulatorConfig, with_robot
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats.map_server import grid_of, read_map, write_map
 from barn_worlds.formats.own import write_own
 from barn_worlds.formats.sdf import sdf_text, write_sdf
@@ -64,7 +65,6 @@ from barn_worlds.messages.cdr import jazzy_types, make, serialise
 from barn_worlds.messages.topics import GROUND_TRUTH, ODOM
 from barn_worlds.robots.files import load_robot, shipped_robots
 from barn_worlds.robots.urdf import chassis_of
-from barn_worlds.worlds.dataset import open_dataset
 
 Mutate = Callable[[random.Random, bytes, Sequence[bytes]], bytes]
 
@@ -166,7 +166,7 @@ def _files(*paths: Path) -> list[bytes]:
 
 
 def _world() -> Any:
-    return open_dataset("barn_test").load(open_dataset("barn_test").indices[0])
+    return open_dataset("barn_test").load(open_dataset("barn_test").world_numbers[0])
 
 
 def _scene() -> Any:
@@ -388,7 +388,7 @@ def _own_seeds(folder: Path) -> list[bytes]:
 
 def _dataset(path: Path) -> None:
     found = open_dataset(path)
-    assert [found.load(index).name.encode() for index in found.indices[:3]]
+    assert [found.load(index).name.encode() for index in found.world_numbers[:3]]
 
 
 def _single(path: Path) -> None:

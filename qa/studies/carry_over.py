@@ -26,15 +26,15 @@ from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.sources import read_source
 from barn_eval.analysis.statistics import mean_interval, rank_correlation
 from barn_eval.pages.figures import label_axes, new_figure, style, write_figure
-from barn_metrics.bootstrap import Interval, over_worlds
+from barn_metrics.bootstrap import Interval, bootstrap_interval
 from barn_metrics.metrics import METRICS, world_metrics
 from barn_metrics.model import load_model
 from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.base.files import write_bytes
 from barn_worlds.base.text_files import markdown_table
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.drawing.palette import FAINT, PLANNERS
-from barn_worlds.worlds.dataset import open_dataset
 
 GRIDS = "barn300"
 LEARNED = "Predicted difficulty"
@@ -380,7 +380,7 @@ def _repeatability(trials: Trials, robot: str, planner: str) -> str:
 def _over(
     statistic: Callable[[Floats, Floats], Floats], x: Floats, y: Floats
 ) -> Interval:
-    return over_worlds(lambda drawn: statistic(x[drawn], y[drawn]), len(x))
+    return bootstrap_interval(lambda drawn: statistic(x[drawn], y[drawn]), len(x))
 
 
 def tables(trials: Trials) -> dict[str, str]:

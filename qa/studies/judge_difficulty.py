@@ -23,7 +23,12 @@ from barn_metrics.model.evaluation import (
 )
 from barn_metrics.model.inputs import inputs_of
 from barn_metrics.model.training import TITLE, train_models
-from barn_metrics.model.trials import HELD_OUT, Trials, held_out, trained_worlds
+from barn_metrics.model.trials import (
+    RESERVED_DATASET,
+    Trials,
+    find_reserved_world,
+    worlds_with_trials,
+)
 from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.errors import BarnError, ModelError
 from barn_worlds.worlds.world import World
@@ -35,10 +40,10 @@ def judged(
     worlds: Mapping[int, World], trials: Trials, config: EvaluationConfig
 ) -> tuple[ModelScore, ModelScore]:
     """Return the errors of ridge regression and of networks, on the same folds; ModelError for too few worlds."""
-    own, known = trained_worlds(worlds, trials), trials.only(trials.world_numbers)
-    if (apart := held_out(own)) is not None:
+    own, known = worlds_with_trials(worlds, trials), trials.only(trials.world_numbers)
+    if (apart := find_reserved_world(own)) is not None:
         raise ModelError(
-            f"{apart.name} is a world of {HELD_OUT}, which is never trained on; it judges weights"
+            f"{apart.name} is a world of {RESERVED_DATASET}, which is never trained on; it judges weights"
         )
     inputs, difficulty = inputs_of(own), known.difficulty()
 

@@ -19,9 +19,9 @@ from barn_metrics.metrics import CORRECTED, METRIC_NAMES, METRICS, PUBLISHED, Fo
 from barn_metrics.report import TABLE_II, MetricsTable, metrics_table
 from barn_worlds.base.errors import BarnError
 from barn_worlds.base.text_files import markdown_table
+from barn_worlds.datasets.dataset import Dataset, open_dataset
+from barn_worlds.datasets.generate import WorldParameters, automaton_grids
 from barn_worlds.drawing.palette import BLUE, ORANGE, VERMILION
-from barn_worlds.worlds.dataset import Dataset, open_dataset
-from barn_worlds.worlds.generate import WorldParameters, iterations
 from barn_worlds.worlds.world import World
 
 FIG_1 = WorldParameters(
@@ -35,7 +35,7 @@ _EXAMPLE_RANKS = (
     0.95,
 )  # positions of the example worlds in the data set's order
 _METRICS_RANK = 0.35
-# Published values by the name of the field of `barn_worlds.worlds.generate.WorldParameters`; each combination was
+# Published values by the name of the field of `barn_worlds.datasets.generate.WorldParameters`; each combination was
 # repeated.
 TABLE_I: dict[str, tuple[float, ...]] = {
     "initial_fill": (0.15, 0.20, 0.25, 0.30),
@@ -86,7 +86,7 @@ def automaton_figure(
     parameters: WorldParameters = FIG_1, seed: int = _FIG_1_SEED
 ) -> Figure:
     """Show the random grid and the grid after each smoothing iteration (Fig. 1)."""
-    grids = list(iterations(parameters, np.random.default_rng(seed)))
+    grids = list(automaton_grids(parameters, np.random.default_rng(seed)))
     figure = new_figure(405)
     for k, (axes, grid) in enumerate(
         zip(figure.subplots(1, len(grids)), grids, strict=True)
@@ -160,7 +160,9 @@ def distribution_figure(table: MetricsTable, name: str) -> Figure:
 
 def table_i(dataset: Dataset) -> str:
     """Return Table I as Markdown: the published parameters and those of a data set's worlds."""
-    made_with = [dataset.load(index).provenance.parameters for index in dataset.indices]
+    made_with = [
+        dataset.load(index).provenance.parameters for index in dataset.world_numbers
+    ]
     repetitions = Counter(tuple(sorted(parameters.items())) for parameters in made_with)
     rows = []
     for name, published in TABLE_I.items():
@@ -237,7 +239,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _at_rank(dataset: Dataset, share: float) -> World:
     """Return the world at a position in a data set's order: 0 is the first, 1 the last."""
-    indices = dataset.indices
+    indices = dataset.world_numbers
     return dataset.load(indices[round(share * (len(indices) - 1))])
 
 

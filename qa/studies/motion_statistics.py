@@ -17,9 +17,9 @@ from rich.table import Table
 
 from barn_worlds.base.arrays import BoolGrid, Floats
 from barn_worlds.base.errors import WorldError
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.moving.motion import MovingObstacle
 from barn_worlds.moving.tracks import Tracks, jumps
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 DURATION_S = 100.0  # the challenge's limit
@@ -123,7 +123,7 @@ def by_class(source: str) -> dict[str, list[World]]:
     """Return the worlds of a data set by their class of motion."""
     found: dict[str, list[World]] = {}
     dataset = open_dataset(source)
-    for world in map(dataset.load, dataset.indices):
+    for world in map(dataset.load, dataset.world_numbers):
         given = world.provenance.parameters
         found.setdefault(
             str(given.get("motion", given).get("difficulty", "all")), []

@@ -27,9 +27,9 @@ from barn_metrics.metrics import (
     world_metrics,
 )
 from barn_worlds.base.arrays import BoolGrid, Cells, Floats
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.drawing.files import write_png
 from barn_worlds.drawing.palette import OBSTACLE, ROUTE, UNKNOWN, WHITE
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 _CELLS = ListedColormap([WHITE, UNKNOWN, OBSTACLE])

@@ -14,7 +14,7 @@ from barn_worlds.formats import original, own, single
 from barn_worlds.formats.world_yaml import ENDING
 from barn_worlds.robots.files import STANDARD
 from barn_worlds.robots.robot import Robot
-from barn_worlds.worlds.course import for_robot
+from barn_worlds.worlds.course import fit_to_robot
 from barn_worlds.worlds.world import World
 
 _MOST_KEPT = 1000
@@ -41,7 +41,7 @@ class Dataset:
         }  # other processes read the worlds themselves
 
     @property
-    def indices(self) -> tuple[int, ...]:
+    def world_numbers(self) -> tuple[int, ...]:
         """Numbers of the worlds, ascending."""
         return tuple(sorted(self.readers))
 
@@ -56,8 +56,8 @@ class Dataset:
             self._kept[index] = self.readers[index]()
         return self._kept[index]
 
-    def driven(self, robot: Robot, course: Sequence[float] = ()) -> "Dataset":
-        """Return the data set with its worlds as a robot drives them (`worlds.course.for_robot`)."""
+    def for_robot(self, robot: Robot, course: Sequence[float] = ()) -> "Dataset":
+        """Return the data set with its worlds as a robot drives them (`worlds.course.fit_to_robot`)."""
         return replace(
             self,
             readers={
@@ -67,7 +67,7 @@ class Dataset:
         )
 
     def _for_robot(self, index: int, robot: Robot, course: Sequence[float]) -> World:
-        return for_robot(self.load(index), robot, course)
+        return fit_to_robot(self.load(index), robot, course)
 
     def require_fit(self, robot: Robot, indices: Iterable[int]) -> None:
         """Raise WorldError if the data set was generated for another robot, and this one takes more cells of a world.
@@ -91,11 +91,13 @@ class Dataset:
     @cached_property
     def checksum(self) -> str:
         """SHA-256 of all worlds and their numbers; reads them all."""
-        lines = (f"{index} {self.load(index).checksum}\n" for index in self.indices)
+        lines = (
+            f"{index} {self.load(index).checksum}\n" for index in self.world_numbers
+        )
         return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
-def shipped() -> dict[str, Path]:
+def dataset_files() -> dict[str, Path]:
     """Return the files of the data sets that come with the package, by name."""
     folder = Path(str(resources.files("barn_worlds"))) / "data"
     return {file.stem: file for file in sorted(folder.glob("*.npz"))}
@@ -110,8 +112,8 @@ def open_dataset(source: str | Path, robot: Robot = STANDARD) -> Dataset:
     are numbered from 0 in order of name.
     robot: its footprint is used to plan paths if the source has neither paths nor a footprint.
     """
-    if str(source) in shipped():
-        return _own(shipped()[str(source)])
+    if str(source) in dataset_files():
+        return _own(dataset_files()[str(source)])
     path = Path(source)
     try:
         if path.is_dir():
@@ -125,7 +127,10 @@ def open_dataset(source: str | Path, robot: Robot = STANDARD) -> Dataset:
                 {single.number_in(path) or 0: partial(single.read_world, path, robot)},
             )
         else:
-            where, hint = str(source)[:_LONGEST_SHOWN], suggest(str(source), shipped())
+            where, hint = (
+                str(source)[:_LONGEST_SHOWN],
+                suggest(str(source), dataset_files()),
+            )
             raise WorldError(f"{where}: no such file, folder or data set{hint}")
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error

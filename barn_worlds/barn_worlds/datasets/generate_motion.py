@@ -28,7 +28,7 @@ _CORNER_M = (-10.25, -10.25)  # outside of the walls
 _SHAPE = (45, 41)  # up to x = 12.25 m, behind the start
 
 
-def arena_world(
+def build_arena(
     name: str, moving: Sequence[MovingObstacle], provenance: Provenance | None = None
 ) -> World:
     """Return a world of the arena with these obstacles; its path is the straight line from start to goal, 20 m."""
@@ -105,7 +105,7 @@ class MotionParameters(Checked):
         self.require(self.obstacles_max <= self.profiles, "obstacles_max", pool)
 
 
-CLASSES = {
+MOTION_CLASSES = {
     "easy": MotionParameters(),
     "medium": MotionParameters(
         "medium", 200, 15, 19, 2, 3, 3, 5, 1.0, 1.4, 0.1, 0.05, 0.14
@@ -116,11 +116,11 @@ CLASSES = {
 }
 
 
-def class_named(name: str) -> MotionParameters:
+def motion_class(name: str) -> MotionParameters:
     """Return the parameters of a class; ConfigError names the near one."""
-    if name not in CLASSES:
-        raise ConfigError(f"unknown class {name!r:.60}{suggest(name, CLASSES)}")
-    return CLASSES[name]
+    if name not in MOTION_CLASSES:
+        raise ConfigError(f"unknown class {name!r:.60}{suggest(name, MOTION_CLASSES)}")
+    return MOTION_CLASSES[name]
 
 
 def generate_arenas(
@@ -143,7 +143,7 @@ def generate_arenas(
             "generated", parameters=as_dict(parameters), seed=(seed, 1, k)
         )
         made.append(
-            arena_world(
+            build_arena(
                 f"{parameters.difficulty}_{k}",
                 [profile(number) for number in chosen],
                 about,
@@ -152,7 +152,7 @@ def generate_arenas(
     return made
 
 
-def with_motion(
+def add_motion(
     world: World, parameters: MotionParameters, seed: int, obstacles: int | None = None
 ) -> World:
     """Return a world with moving obstacles added: polynomials across its field, as in the arena.
@@ -175,13 +175,13 @@ def with_motion(
     return _with(world, moving, parameters, (seed, 3))
 
 
-def with_crossings(
+def add_crossings(
     world: World, parameters: MotionParameters, seed: int, obstacles: int | None = None
 ) -> World:
     """Return a world with obstacles that go to and fro across its path, as pedestrians cross a corridor.
 
     Each goes straight from one side of the field to the other and back without a rest, square to the way from start to
-    goal, at a place of the path, with a speed of the class and a phase, all at random. obstacles: as in `with_motion`.
+    goal, at a place of the path, with a speed of the class and a phase, all at random. obstacles: as in `add_motion`.
     """
     left, below, right, above = _field(world)
     path = world.path_m()

@@ -65,7 +65,7 @@ class WorldParameters(Checked):
         )
 
 
-def cell_m(robot: Robot) -> float:
+def cell_size_m(robot: Robot) -> float:
     """Return the size of a cell in worlds for a robot: the Jackal's 0.15 m in its own size, in whole millimetres.
 
     The robot then takes as many cells as the Jackal, 5 x 5, and passages are as wide for it.
@@ -75,9 +75,9 @@ def cell_m(robot: Robot) -> float:
 
 
 TABLE_I: tuple[WorldParameters, ...] = tuple(
-    WorldParameters(initial_fill=fill, smoothing_iterations=iterations)
+    WorldParameters(initial_fill=fill, smoothing_iterations=automaton_grids)
     for fill in (0.15, 0.20, 0.25, 0.30)
-    for iterations in (2, 3, 4)
+    for automaton_grids in (2, 3, 4)
 )
 
 
@@ -136,7 +136,7 @@ def generate_world(
     seed: what `generator` was seeded with, stored as provenance.
     """
     for _ in range(parameters.attempts):
-        grid = grow(parameters, generator)
+        grid = generate_grid(parameters, generator)
         cspace = configuration_space(grid, parameters.footprint_cells)
         region = through_region(cspace)
         if region is None:
@@ -201,7 +201,7 @@ def narrowness(world: World) -> float:
     return -float(np.mean(closest))
 
 
-def ranked_dataset(
+def generate_ranked_dataset(
     parameters: DatasetParameters, progress: Callable[[int, int], None] | None = None
 ) -> tuple[list[World], Order]:
     """Return the worlds of a data set that are kept, and their order, which is that of rising narrowness.
@@ -219,7 +219,7 @@ def ranked_dataset(
     return [worlds[k] for k in kept], Order(NARROWNESS, tuple(scores[k] for k in kept))
 
 
-def reordered(worlds: Sequence[World], order: Order) -> dict[int, World]:
+def renumber(worlds: Sequence[World], order: Order) -> dict[int, World]:
     """Return the worlds by number, from 0, in rising order of score and named world_0, world_1 and so on."""
     if len(order.scores) != len(worlds) or not np.isfinite(order.scores).all():
         raise WorldError(
@@ -260,7 +260,9 @@ def write_dataset(
         "largest_turn_steps": LARGEST_TURN,
         **inflated,
     }
-    write_ordered(target, chosen.name, *ranked_dataset(chosen, progress), about)
+    write_ordered(
+        target, chosen.name, *generate_ranked_dataset(chosen, progress), about
+    )
 
 
 def write_ordered(
@@ -274,7 +276,7 @@ def write_ordered(
 
     about: more entries for the manifest, beside the order.
     """
-    numbered = reordered(worlds, order)
+    numbered = renumber(worlds, order)
     write_own(
         target,
         name,
@@ -284,13 +286,15 @@ def write_ordered(
     return numbered
 
 
-def grow(parameters: WorldParameters, generator: np.random.Generator) -> BoolGrid:
+def generate_grid(
+    parameters: WorldParameters, generator: np.random.Generator
+) -> BoolGrid:
     """Return a grid (rows, cols) of obstacles, True where filled."""
-    *_, grid = iterations(parameters, generator)
+    *_, grid = automaton_grids(parameters, generator)
     return grid
 
 
-def iterations(
+def automaton_grids(
     parameters: WorldParameters, generator: np.random.Generator
 ) -> Iterator[BoolGrid]:
     """Yield the random grid and then the grid after each smoothing iteration (as in Fig. 1 of the paper)."""
