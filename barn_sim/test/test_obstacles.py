@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barn_sim.body.cylinders import (
+from barn_sim.contact.cylinders import (
     near_cylinders,
     nearest_gap,
     robot_gap,

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from driving import wander
 
-from barn_sim.body.bullet import PhysicsClient, PhysicsEngine, end
+from barn_sim.contact.bullet import PhysicsClient, PhysicsEngine, end
 from barn_sim.body.model import model_of
 from barn_sim.config import SimulatorConfig, with_robot
-from barn_sim.motion.free_motion import (
+from barn_sim.body.free_motion import (
     attitude_of,
     basis_of,
     spun,

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from numba import njit
 
 from barn_sim.config import LidarConfig
-from barn_sim.motion.state import Record, Records
+from barn_sim.body.state import Record, Records
 from barn_sim.sensors.odometry import wrap
 from barn_worlds.base.arrays import Integers
 from barn_worlds.base.types import NANOSECONDS, Pose2D, Scan
