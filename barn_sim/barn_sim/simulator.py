@@ -3,11 +3,11 @@
 import numpy as np
 
 from barn_sim import seeds
+from barn_sim.body.state import Fleet
+from barn_sim.config import ObstacleConfig, SimulatorConfig
 from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.contact.obstacles import Moved
-from barn_sim.config import ObstacleConfig, SimulatorConfig
 from barn_sim.motion.robot_motion import RobotMotion
-from barn_sim.body.state import Fleet
 from barn_sim.seeds import generator, phase_s
 from barn_sim.sensors.lidar import Lidar, Singles
 from barn_sim.sensors.localization import FilterLocalization, make_localization

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from barn_sim.config import ObstacleConfig, PhysicsConfig, SimulatorConfig
 from barn_sim.contact.cylinders import (
     near_cylinders,
     nearest_gap,
@@ -13,7 +14,6 @@ from barn_sim.contact.cylinders import (
     see_cylinders,
     segment_gap,
 )
-from barn_sim.config import ObstacleConfig, PhysicsConfig, SimulatorConfig
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import Pose2D, Velocity2D
 from barn_worlds.worlds.world import World

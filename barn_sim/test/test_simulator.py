@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from driving import readings_of
 
-from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.config import (
     PRESETS,
     DriveConfig,
@@ -21,6 +20,7 @@ from barn_sim.config import (
     PhysicsConfig,
     SimulatorConfig,
 )
+from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.sensors.readings import Sensors
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D

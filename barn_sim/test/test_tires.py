@@ -11,13 +11,13 @@ from numba import njit
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from barn_sim.contact.robot_body import Body
-from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.body.friction import begin_friction, hypot, sweep_friction
 from barn_sim.body.model import model_of
+from barn_sim.body.state import Fleet
 from barn_sim.body.tires import Tires, fused, rotation, wheel_loads, world_inertia
 from barn_sim.config import PhysicsConfig
-from barn_sim.body.state import Fleet
+from barn_sim.contact.bullet import PhysicsClient
+from barn_sim.contact.robot_body import Body
 from barn_sim.motion.ticks import motion_of, push_on
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D, Velocity2D

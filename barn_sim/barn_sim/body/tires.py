@@ -22,11 +22,11 @@ import numpy as np
 from numba import njit, types
 from numba.extending import intrinsic
 
+from barn_sim.body.free_motion import Matrix, Quaternion, Triple, times, triple
 from barn_sim.body.friction import Motion
 from barn_sim.body.model import RobotModel
-from barn_sim.config import PhysicsConfig
-from barn_sim.body.free_motion import Matrix, Quaternion, Triple, times, triple
 from barn_sim.body.state import Record
+from barn_sim.config import PhysicsConfig
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import ConfigError
 

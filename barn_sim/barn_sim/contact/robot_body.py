@@ -5,12 +5,12 @@ from functools import cache
 
 import numpy as np
 
-from barn_sim.contact.bullet import PhysicsClient, add_body, bullet
+from barn_sim.body.free_motion import Triple
 from barn_sim.body.model import RobotModel
+from barn_sim.body.state import ROBOT, Fleet, set_body
 from barn_sim.body.tires import Tires
 from barn_sim.config import PhysicsConfig
-from barn_sim.body.free_motion import Triple
-from barn_sim.body.state import ROBOT, Fleet, set_body
+from barn_sim.contact.bullet import PhysicsClient, add_body, bullet
 from barn_sim.motion.ticks import LEVEL, STILL, State, follow, place_at_rest, way_back
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import Pose2D

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 from barn_sim.body.drive import add_command, turn_wheels
+from barn_sim.body.free_motion import fill, triple
 from barn_sim.body.friction import (
     SWEEPS,
     TOLERANCE,
@@ -17,9 +18,8 @@ from barn_sim.body.friction import (
     clipped_abreast,
     sweep_friction,
 )
-from barn_sim.body.tires import forces
-from barn_sim.body.free_motion import fill, triple
 from barn_sim.body.state import Record, Records
+from barn_sim.body.tires import forces
 from barn_sim.motion.ticks import (
     BARE,
     Push,

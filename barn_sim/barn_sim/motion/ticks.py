@@ -10,11 +10,8 @@ from typing import Any
 
 from numba import njit
 
-from barn_sim.contact.cylinders import nearest_gap
-from barn_sim.body.drive import turn_wheels
-from barn_sim.body.friction import Motion, Rims, begin_friction, sweep_friction
-from barn_sim.body.tires import forces, offset_of_centre, place, stand
 from barn_sim.body import free_motion as free
+from barn_sim.body.drive import turn_wheels
 from barn_sim.body.free_motion import (
     Quaternion,
     Triple,
@@ -25,7 +22,10 @@ from barn_sim.body.free_motion import (
     triple,
     turned,
 )
+from barn_sim.body.friction import Motion, Rims, begin_friction, sweep_friction
 from barn_sim.body.state import Record, Records
+from barn_sim.body.tires import forces, offset_of_centre, place, stand
+from barn_sim.contact.cylinders import nearest_gap
 from barn_sim.sensors.odometry import integrate_wheels, read_odometry, renew_noise, wrap
 from barn_worlds.base.arrays import Floats, Integers
 
