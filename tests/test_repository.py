@@ -196,7 +196,7 @@ def test_a_release_says_what_the_citation_says():
 
 def test_a_tag_is_released_only_with_its_version_and_notes():
     def release(*words):
-        command = [sys.executable, ROOT / "qa/release.py", *words]
+        command = [sys.executable, ROOT / "qa/release/release.py", *words]
         return subprocess.run(command, check=False, capture_output=True, text=True)
 
     assert release("check", f"v{__version__}").returncode == 0

@@ -20,8 +20,8 @@ from barn_eval.trials.protocol import DYNABARN, PAPER_2020
 from barn_planners.runtime.messages import MOST_SHOWN
 from barn_worlds.base.errors import BagError
 from barn_worlds.base.types import NANOSECONDS, Pose2D
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.messages.cdr import jazzy_types, make, serialise
-from barn_worlds.worlds.dataset import open_dataset
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from barn_metrics import metrics
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.text_files import finite, packaged_yaml
-from barn_worlds.worlds.dataset import Dataset
+from barn_worlds.datasets.dataset import Dataset
 from barn_worlds.worlds.world import World
 
 SCHEMA_VERSION = 1
@@ -103,14 +103,14 @@ def metrics_table(
     """Return the metrics of a data set or of worlds; WorldError if there is none or one cannot be read."""
     chosen = metrics.as_formula(formula)
     if isinstance(worlds, Dataset):
-        labelled = ((str(index), worlds.load(index)) for index in worlds.indices)
+        labelled = ((str(index), worlds.load(index)) for index in worlds.world_numbers)
     else:
         labelled = ((world.name, world) for world in worlds)
     labels, rows, lowest, highest = [], [], [], []
     for label, world in labelled:
         values = metrics.world_cell_metrics(world, chosen)
         labels.append(label)
-        rows.append(metrics.averaged(values, world.path).as_array())
+        rows.append(metrics.mean_metrics(values, world.path).as_array())
         lowest.append(values.min(axis=0))
         highest.append(values.max(axis=0))
     if not rows:

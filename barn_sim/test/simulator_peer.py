@@ -23,11 +23,11 @@ from barn_sim.config import SimulatorConfig
 from barn_sim.sensors.readings import Sensors
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import NANOSECONDS, Pose2D, Velocity2D
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.messages import decode
 from barn_worlds.messages.encode import TwistStampedEncoder, encode_twist
 from barn_worlds.messages.topics import LATCHED, Qos
 from barn_worlds.ros.topics import profile
-from barn_worlds.worlds.dataset import open_dataset
 
 TOPICS = {
     "/clock": Clock,

@@ -22,7 +22,7 @@ from barn_sim.sensors.particles import (
     obstacle_distances,
 )
 from barn_worlds.base.types import OccupancyMap, Pose2D, nanoseconds
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 WIDE = LocalizationConfig(mode="particles", half_cell_low=False)

@@ -95,7 +95,7 @@ def test_repeats_itself_in_another_process(walled_world, tmp_path) -> None:
     write_own(tmp_path / "world.npz", "walled", {0: walled_world})
     script = (
         "import sys, test_simulator as cases\n"
-        "from barn_worlds.worlds.dataset import open_dataset\n"
+        "from barn_worlds.datasets.dataset import open_dataset\n"
         "world = open_dataset(sys.argv[1]).load(0)\n"
         "print(cases.fingerprint(cases.drive(world, cases.CONFIGS['paper'], cases.AT_THE_WALL)))\n"
     )

@@ -78,7 +78,7 @@ def decide_margin(found: Comparison, margin: Margin) -> MarginTest:
     """Return what a comparison, which has the measure among its rows, says of B by a margin."""
     row = found.row(margin.measure)
     of_a_less_b = row.paired.difference
-    loss = of_a_less_b if row.larger_is_better else of_a_less_b.mirrored()
+    loss = of_a_less_b if row.larger_is_better else of_a_less_b.negate()
     limit = margin.margin * (abs(row.paired.mean_a) if margin.relative else 1.0)
     decision: Literal["not worse", "worse", "not shown"] = "not shown"
     if loss.low is not None and loss.high is not None:

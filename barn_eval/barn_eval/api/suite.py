@@ -23,7 +23,7 @@ from barn_eval.trials.run_config import Execution
 from barn_planners.registry import planner_names
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.text_files import packaged_yaml
-from barn_worlds.worlds.dataset import shipped
+from barn_worlds.datasets.dataset import dataset_files
 
 __all__ = ["BenchSetup", "bench", "info", "reproduce", "validate"]
 
@@ -90,7 +90,7 @@ def info() -> dict[str, Any]:
             name: "on" if there else off[name] for name, there in found.items()
         },
         "planners": planner_names(),
-        "data_sets": list(shipped()),
+        "data_sets": list(dataset_files()),
     }
 
 

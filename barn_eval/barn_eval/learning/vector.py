@@ -16,7 +16,7 @@ from barn_worlds.base.arrays import Bools, Integers
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import NANOSECONDS
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 
 Ended = dict[int, dict[str, Any]]  # infos, by the number of the environment
 Step = tuple[npt.NDArray[Any], npt.NDArray[np.float64], Bools, Bools, dict[str, Any]]

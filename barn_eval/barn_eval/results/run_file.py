@@ -39,7 +39,7 @@ def versions() -> dict[str, str]:
 def commit() -> str:
     """Return the commit of the source tree, "+changes" added where files differ from it; empty if not known.
 
-    A wheel and an archive of the source have it in a file (qa/build_backend.py).
+    A wheel and an archive of the source have it in a file (build_backend.py).
     """
     built = Path(__file__).parents[1] / "data" / "commit"
     return commit_of(Path(__file__).parent) or (

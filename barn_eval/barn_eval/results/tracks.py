@@ -19,7 +19,8 @@ from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.errors import ConfigError, shown
 from barn_worlds.base.text_files import parse_json
 from barn_worlds.base.types import NANOSECONDS
-from barn_worlds.geometry.footprint import Footprint, contact_of
+from barn_worlds.geometry.footprint import Footprint
+from barn_worlds.robots.contact import contact_footprint
 
 _NAMES = {"u": "Uint", "i": "Int", "f": "Float"}  # of JavaScript's typed arrays
 _KINDS = {
@@ -179,7 +180,7 @@ def track_of(
 def track_line(finished: FinishedTrial) -> str | None:
     """Return the track of a finished trial as a line of JSON without the line's end; None where there is none."""
     world = finished.spec.world
-    outline = contact_of(finished.spec.simulator.chassis)
+    outline = contact_footprint(finished.spec.simulator.chassis)
     track = track_of(
         finished.trajectory, world.cylinders_m, world.cylinder_radius_m, outline
     )

@@ -28,9 +28,9 @@ from barn_planners.registry import planner_entry, planner_names
 from barn_worlds.base.config import fields_of, from_dict, replace_dotted
 from barn_worlds.base.errors import ConfigError, shown, suggest
 from barn_worlds.base.text_files import parse_yaml, read_yaml
+from barn_worlds.datasets.dataset import Dataset
 from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.robot import Robot
-from barn_worlds.worlds.dataset import Dataset
 from barn_worlds.worlds.world import World
 
 Values = Mapping[str, Any]

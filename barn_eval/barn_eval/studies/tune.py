@@ -40,7 +40,7 @@ from barn_worlds.base.config import as_dict, fields_of
 from barn_worlds.base.errors import ConfigError, shown, suggest
 from barn_worlds.base.files import write_bytes
 from barn_worlds.base.text_files import read_yaml
-from barn_worlds.worlds.dataset import open_dataset, select_worlds
+from barn_worlds.datasets.dataset import open_dataset, select_worlds
 
 Range = CategoricalDistribution | IntDistribution | FloatDistribution
 _STEP = 5  # worlds, after each of which a setting may be given up
@@ -191,7 +191,7 @@ class _Tuner:
                 raise ConfigError(
                     f"--by {key}: must be known of every trial, and one way must be better"
                 )
-        indices = open_dataset(experiment.dataset).indices
+        indices = open_dataset(experiment.dataset).world_numbers
         self.worlds = fair_worlds(select_worlds(experiment.worlds, indices))
         rest = [one for one in indices if one not in self.worlds]
         thinned = rest[:: ceil(len(rest) / _MOST_UNSEEN) or 1]

@@ -21,7 +21,7 @@ from barn_sim.config import SimulatorConfig, robot_of
 from barn_worlds.base.compute import Compute
 from barn_worlds.base.config import OPTIONAL, Checked, as_dict, fields_of, quantity
 from barn_worlds.base.errors import ConfigError, shown
-from barn_worlds.worlds.dataset import Dataset, open_dataset, select_worlds
+from barn_worlds.datasets.dataset import Dataset, open_dataset, select_worlds
 
 # Names of planners become names of files.
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,59}")
@@ -242,11 +242,13 @@ class Experiment(Checked):
                 {"planner": one.name, "compute": compute, "way": self.way(compute)}
                 | settings
             )
-        dataset = (dataset or open_dataset(self.dataset)).driven(
+        dataset = (dataset or open_dataset(self.dataset)).for_robot(
             robot_of(self.simulator), self.course
         )
         chosen = tuple(
-            select_worlds(self.worlds, dataset.indices) if worlds is None else worlds
+            select_worlds(self.worlds, dataset.world_numbers)
+            if worlds is None
+            else worlds
         )
         dataset.require_fit(robot_of(self.simulator), chosen)
         found = []

@@ -17,9 +17,9 @@ from barn_worlds.base.compute import NOTHING, Compute
 from barn_worlds.base.config import as_dict, replace_dotted
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.base.types import OccupancyMap, Pose2D
-from barn_worlds.geometry.footprint import contact_of
-from barn_worlds.geometry.shortest import shortest_way_m
+from barn_worlds.geometry.shortest import shortest_path_bound_m
 from barn_worlds.messages.topics import FRAMES
+from barn_worlds.robots.contact import contact_footprint
 from barn_worlds.robots.robot import Chassis, Robot
 from barn_worlds.worlds.cells import STANDARD_CELL_M
 from barn_worlds.worlds.world import World
@@ -210,7 +210,9 @@ def _least_way_m(
         rules.collision_ends_trial
         and rules.clock_start_source == rules.goal_source == "truth"
     ):
-        inside_m = -float(contact_of(chassis).distances(np.zeros(1), np.zeros(1))[0])
+        inside_m = -float(
+            contact_footprint(chassis).distances(np.zeros(1), np.zeros(1))[0]
+        )
         radius_m = world.cylinder_radius_m + max(0.0, inside_m)
         # a straight line in either disc completes the way to one from start to goal, which must not be barred
         from_start, from_goal = (
@@ -218,7 +220,9 @@ def _least_way_m(
             for point in (start, goal)
         )
         centres = world.cylinders_m[(from_start >= near_m) & (from_goal >= goal_m)]
-    return max(0.0, shortest_way_m(start, goal, centres, radius_m) - near_m - goal_m)
+    return max(
+        0.0, shortest_path_bound_m(start, goal, centres, radius_m) - near_m - goal_m
+    )
 
 
 @lru_cache(maxsize=64)

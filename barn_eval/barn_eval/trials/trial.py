@@ -20,7 +20,7 @@ from barn_eval.trials.trajectory import Trajectory, TrajectoryLog, encounters, m
 from barn_planners.interface import PlannerStatus
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import NANOSECONDS, Odometry, Pose2D, Velocity2D
-from barn_worlds.geometry.footprint import contact_of
+from barn_worlds.robots.contact import contact_footprint
 
 T = TypeVar("T")
 OF_SPEC = (
@@ -241,7 +241,7 @@ def conclude(
         score(verdict, spec.course, spec.protocol, spec.least_time_s),
     )
     traversal_s = scores.traversal_time_s if scores.success else None
-    outline = contact_of(spec.simulator.chassis)
+    outline = contact_footprint(spec.simulator.chassis)
     result = TrialResult(
         **{name: getattr(spec, name) for name in (*_OF_SPEC, *OF_SPEC)},
         world=spec.index,

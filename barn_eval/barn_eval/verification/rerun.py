@@ -41,9 +41,9 @@ from barn_worlds.base.types import (
     Velocity2D,
     nanoseconds,
 )
-from barn_worlds.geometry.footprint import contact_of
 from barn_worlds.messages import decode
 from barn_worlds.messages.topics import CMD_VEL, COLLISION, GROUND_TRUTH, ODOM, SCAN
+from barn_worlds.robots.contact import contact_footprint
 
 COMMANDS_NAME = "commands.jsonl"  # of a submission: what planners commanded
 _MOST_BYTES = 16_000_000  # of the commands of a trial, a million
@@ -354,7 +354,7 @@ def _misjudged(
         trajectory,
         world.cylinders_m,
         world.cylinder_radius_m,
-        contact_of(spec.simulator.chassis),
+        contact_footprint(spec.simulator.chassis),
     )
     if track is None or made is None:
         return

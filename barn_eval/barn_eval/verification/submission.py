@@ -32,7 +32,7 @@ from barn_worlds.base.files import (
     zipped,
 )
 from barn_worlds.base.text_files import parse_json
-from barn_worlds.worlds.dataset import shipped
+from barn_worlds.datasets.dataset import dataset_files
 
 SCHEMA_VERSION = 1
 ABOUT = "submission.json"
@@ -106,7 +106,7 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
 
 def _require_worlds(run: RunFile, folder: Path) -> None:
     dataset = run.experiment.get("dataset")
-    if dataset not in shipped() and dataset != str((folder / WORLDS).absolute()):
+    if dataset not in dataset_files() and dataset != str((folder / WORLDS).absolute()):
         raise ConfigError(
             f"{run.path}: dataset {shown(dataset)} is not one that comes with the suite"
         )

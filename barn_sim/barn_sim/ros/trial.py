@@ -8,9 +8,9 @@ from barn_sim.messages import SimulatorMessages
 from barn_sim.simulator import Simulator
 from barn_worlds.base.compute import Turnaround
 from barn_worlds.base.types import NANOSECONDS, Velocity2D, nanoseconds
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.messages.topics import SCAN, Outgoing
 from barn_worlds.robots.files import load_robot
-from barn_worlds.worlds.dataset import open_dataset
 
 
 @dataclass

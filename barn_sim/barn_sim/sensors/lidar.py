@@ -18,7 +18,7 @@ from barn_sim.config import LidarConfig
 from barn_sim.sensors.odometry import wrap
 from barn_worlds.base.arrays import Integers
 from barn_worlds.base.types import NANOSECONDS, Pose2D, Scan
-from barn_worlds.geometry.kernels import enters
+from barn_worlds.geometry.kernels import entry_time
 
 Array = npt.NDArray[np.float64]
 Singles = npt.NDArray[np.float32]
@@ -449,7 +449,7 @@ def _cast_box(
         for beam in range(first, last + 1):
             bx = turn_c * directions[beam, 0] - turn_s * directions[beam, 1]
             by = turn_s * directions[beam, 0] + turn_c * directions[beam, 1]
-            ranges[beam] = min(ranges[beam], enters(ox, oy, bx, by, half_x, half_y))
+            ranges[beam] = min(ranges[beam], entry_time(ox, oy, bx, by, half_x, half_y))
 
 
 @njit(cache=True, error_model="numpy")

@@ -9,3 +9,7 @@ Cells = npt.NDArray[np.int64]  # (n, 2) row, column
 Points = npt.NDArray[np.float64]  # (n, 2) x, y in metres
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
+Singles = npt.NDArray[np.float32]
+Bytes = npt.NDArray[np.uint8]  # costs of cells, flags
+ShortIntegers = npt.NDArray[np.int16]
+MediumIntegers = npt.NDArray[np.int32]

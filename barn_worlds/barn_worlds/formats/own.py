@@ -15,7 +15,7 @@ from barn_worlds.base.errors import ConfigError, WorldError, one_line
 from barn_worlds.base.files import LARGEST_FILE, write_bytes
 from barn_worlds.formats.npz import Arrays, NpzFormat
 from barn_worlds.moving.motion import KINDS, SHAPES, Motion, MovingObstacle, Wall
-from barn_worlds.worlds.course import course_of
+from barn_worlds.worlds.course import parse_course
 from barn_worlds.worlds.world import LARGEST_SIDE, Provenance, World
 
 _WITH_SCENES = 2  # the schema of data sets in which anything is no static world; it has the arrays of `_scenes` as well
@@ -104,7 +104,7 @@ class OwnFile:
                 if self.manifest["schema"] == _WITH_SCENES
                 else ((), (), None)
             ),
-            *(course_of(about["course"], "course") if "course" in about else ()),
+            *(parse_course(about["course"], "course") if "course" in about else ()),
         )
 
     def _scene(self, position: int, names: Sequence[str]) -> tuple[Any, ...]:

@@ -25,9 +25,10 @@ from barn_worlds.base.types import (
     Pose2D,
     Velocity2D,
 )
-from barn_worlds.geometry.footprint import Footprint, contact_of
+from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.messages import topics
 from barn_worlds.messages.topics import FRAMES
+from barn_worlds.robots.contact import contact_footprint
 from barn_worlds.robots.files import STANDARD
 from barn_worlds.robots.robot import Chassis
 from barn_worlds.worlds.scene import TrialScene
@@ -200,7 +201,7 @@ def read_recorded(path: Path) -> Recorded:
         odometry=_held(
             rows[topics.ODOM.path], _pose, times_s, (np.nan, np.nan, np.nan)
         ),
-        outline=contact_of(chassis),
+        outline=contact_footprint(chassis),
         chassis=chassis,
         lidar=lidar,
         map_frame=off,

@@ -27,7 +27,7 @@ from barn_metrics.model.trials import Trials
 from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.text_files import finite, read_json
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 
 SCHEMA_VERSION = 4
 
@@ -146,7 +146,11 @@ def reproduce(
     )
     findings = Findings(
         Scope(
-            config, dataset.checksum, len(dataset.indices), len(worlds), PAPER_2020.name
+            config,
+            dataset.checksum,
+            len(dataset.world_numbers),
+            len(worlds),
+            PAPER_2020.name,
         ),
         paper.metrics_finding(dataset, config.seed),
         paper.trials_finding(results, found, config.seed),
@@ -157,7 +161,7 @@ def reproduce(
 
 def paper_campaign(config: ReproduceConfig) -> Experiment:
     """Return the campaign of the paper's trials."""
-    indices = open_dataset(config.dataset).indices
+    indices = open_dataset(config.dataset).world_numbers
     chosen = chosen_worlds(indices, config.strata, config.seed)
     return Experiment(
         dataset=config.dataset,
