@@ -166,7 +166,7 @@ def assert_equal(
         )
         assert (
             read(decode.pose_with_covariance, heard["/amcl_pose"][k])
-            == sensors.localisation
+            == sensors.localization
         )
         assert heard["/collision"][k].data == sensors.collision
         scan = read(decode.scan, heard["/scan"][k])

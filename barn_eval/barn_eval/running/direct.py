@@ -20,7 +20,7 @@ from barn_eval.trials.trial import FinishedTrial, RunningTrial, conclude, error_
 from barn_planners.interface import Observation, Planner
 from barn_planners.registry import make_planner
 from barn_planners.runtime.session import Answer, PlannerSession
-from barn_sim.body.bullet import PhysicsClient
+from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.sensors.readings import Sensors
 from barn_sim.simulator import Simulator
 from barn_worlds.base.compute import CycleTimer
@@ -159,7 +159,7 @@ class _DirectTrial:
     def _decide(self, sensors: Sensors) -> tuple[Velocity2D | None, int]:
         """Return the command that answers readings, None where there is none, and after how many ns it arrives."""
         pose = (
-            sensors.localisation
+            sensors.localization
             if self._spec.protocol.map_given
             else sensors.odometry.pose
         )

@@ -28,7 +28,7 @@ from barn_eval.verification.plausibility import (
     off_track,
     unreasonable,
 )
-from barn_sim.body.bullet import PhysicsClient
+from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.simulator import Simulator
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.compute import NO_COMPUTE, CycleTimer

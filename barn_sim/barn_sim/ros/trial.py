@@ -75,8 +75,8 @@ class SimulatedTrial:
         odometry = simulator.read_odometry()
         yield messages.clock(now_ns)
         if scanned:
-            yield messages.localisation(
-                simulator.read_localisation(odometry.pose), odometry.pose, now_ns
+            yield messages.localization(
+                simulator.read_localization(odometry.pose), odometry.pose, now_ns
             )
         if self._ends(self.config.odometry.rate_hz):
             yield messages.odometry(odometry, now_ns)

@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from barn_sim.body.state import Record, Records
 from barn_sim.config import LidarConfig
-from barn_sim.motion.state import Record, Records
 from barn_sim.sensors.odometry import wrap
 from barn_worlds.base.arrays import Integers
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Pose2D, Scan
