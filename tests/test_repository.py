@@ -209,3 +209,11 @@ def test_a_tag_is_released_only_with_its_version_and_notes():
         "repository-code: https://host/barn"
         in release("citation", "https://host/barn").stdout
     )
+
+
+def test_every_tool_has_a_line_on_the_page_of_tools():
+    page = text_of("qa/README.md")
+    tools = [*ROOT.glob("qa/*/*.py"), *ROOT.glob("qa/*/*.sh")]
+    assert len(tools) > 20
+    missing = [str(tool.relative_to(ROOT)) for tool in tools if tool.name not in page]
+    assert missing == []
