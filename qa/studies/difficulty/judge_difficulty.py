@@ -32,7 +32,7 @@ from barn_metrics.model.trials import Trials, worlds_with_trials
 from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import BarnError
-from barn_worlds.base.text_files import finite
+from barn_worlds.base.text_files import make_json_safe
 from barn_worlds.worlds.world import World
 
 NETWORKS = "routes"
@@ -144,7 +144,7 @@ def weights(
         raise click.ClickException(str(error)) from None
 
     if as_json:
-        click.echo(json.dumps(finite(as_dict(evaluation)), indent=2))
+        click.echo(json.dumps(make_json_safe(as_dict(evaluation)), indent=2))
         return
     click.echo(f"{evaluation.worlds} worlds, {evaluation.trials} trials")
     Console(width=140).print(score_table(evaluation.scores))
