@@ -11,8 +11,8 @@ from barn_eval.results.provenance import provenance
 from barn_eval.trials import identity
 from barn_eval.trials.run_config import ExecutionConfig, RunConfig
 from barn_worlds.base.config import as_dict, from_dict
-from barn_worlds.base.errors import ConfigError, shown
-from barn_worlds.base.files import write_whole
+from barn_worlds.base.errors import ConfigError, format_value
+from barn_worlds.base.files import write_durably
 from barn_worlds.base.text_files import read_json
 from barn_worlds.robots.files import other_name
 

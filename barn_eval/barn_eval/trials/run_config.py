@@ -21,8 +21,8 @@ from barn_planners.robots import lidar_place, parameters_for
 from barn_sim.config import SimulatorConfig, robot_of
 from barn_worlds.base.compute import NOTHING, Compute
 from barn_worlds.base.config import OPTIONAL, Checked, as_dict, fields_of, quantity
-from barn_worlds.base.errors import ConfigError, shown
-from barn_worlds.worlds.dataset import Dataset, open_dataset, select_worlds
+from barn_worlds.base.errors import ConfigError, format_value
+from barn_worlds.datasets.dataset import Dataset, open_dataset, select_worlds
 
 # Names of planners become names of files.
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,59}")

@@ -13,13 +13,13 @@ from barn_eval.trials.protocol import Course, Protocol
 from barn_eval.trials.result import FREE, format_trial_id
 from barn_sim.config import PRESETS, SimulatorConfig, with_robot
 from barn_sim.seeds import phase_s
-from barn_worlds.base.compute import NOTHING, Compute
+from barn_worlds.base.compute import NO_COMPUTE, Compute
 from barn_worlds.base.config import as_dict, replace_dotted
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.base.types import OccupancyMap, Pose2D
-from barn_worlds.geometry.footprint import contact_of
-from barn_worlds.geometry.shortest import shortest_way_m
+from barn_worlds.geometry.shortest import shortest_path_bound_m
 from barn_worlds.messages.topics import FRAMES
+from barn_worlds.robots.contact import contact_footprint
 from barn_worlds.robots.robot import Chassis, Robot
 from barn_worlds.worlds.cells import STANDARD_CELL_M
 from barn_worlds.worlds.world import World
