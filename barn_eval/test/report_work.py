@@ -57,8 +57,8 @@ def change_row(folder, number=0, **changes):
 
 def recorded_track(bag, world):
     """The track of a trial as its bag has it."""
-    recorded = read_recorded(bag)
-    gaps = clearances(
+    recorded = read_recorded_trial(bag)
+    gaps = compute_clearances(
         recorded.poses,
         world.cylinders_m,
         world.cylinder_radius_m,

@@ -71,7 +71,9 @@ def test_a_trial_without_a_reading_has_no_track():
     nothing = Trajectory(
         np.empty(0, np.int64), np.empty((0, 3)), empty, empty, np.empty(0, bool)
     )
-    assert track_of(nothing, empty, 0.075, contact_footprint(STANDARD.chassis)) is None
+    assert (
+        make_track(nothing, empty, 0.075, contact_footprint(STANDARD.chassis)) is None
+    )
 
 
 def test_the_line_of_a_trial_is_what_its_bag_holds(run):

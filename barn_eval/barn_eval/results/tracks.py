@@ -170,7 +170,7 @@ def make_track(
     """Return the track of a trajectory among cylinders (k, 2), m in the map frame; None where nothing was read."""
     if not len(trajectory.stamps_ns):
         return None
-    times = (trajectory.stamps_ns - trajectory.stamps_ns[0]) / NANOSECONDS
+    times = (trajectory.stamps_ns - trajectory.stamps_ns[0]) / NANOSECONDS_PER_SECOND
     gaps = compute_clearances(trajectory.truth, cylinders_m, radius_m, outline)
     gaps = gaps if len(gaps) else np.full(len(times), np.nan)
     samples = np.column_stack(
@@ -182,7 +182,7 @@ def make_track(
 def track_line(finished: FinishedTrial) -> str | None:
     """Return the track of a finished trial as a line of JSON without the line's end; None where there is none."""
     world = finished.spec.world
-    outline = contact_of(finished.spec.simulator.chassis)
+    outline = contact_footprint(finished.spec.simulator.chassis)
     track = make_track(
         finished.trajectory, world.cylinders_m, world.cylinder_radius_m, outline
     )

@@ -5,7 +5,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from barn_eval.trials.identity import leaves
+from barn_eval.trials.identity import flatten
 from barn_worlds.base.errors import ConfigError, convert_os_errors, format_value
 from barn_worlds.base.files import write_durably
 from barn_worlds.base.text_files import parse_json, read_json

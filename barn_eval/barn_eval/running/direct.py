@@ -69,7 +69,9 @@ def run_direct_trial(
             spec.compute_mode,
         ),
         recoveries=run.trial.recoveries or 0,
-        delays=packed_delays(run.cycle_timer.delays_ns) if spec.way == MEASURED else "",
+        delays=pack_delays(run.cycle_timer.delays_ns)
+        if spec.compute_mode == MEASURED
+        else "",
     )
     finished = replace(
         finished, cylinders_m=run.cylinders_m, traceback=run.trial.traceback

@@ -192,7 +192,7 @@ class _Tuner:
                     f"--by {key}: must be known of every trial, and one way must be better"
                 )
         indices = open_dataset(experiment.dataset).world_numbers
-        self.worlds = fair_worlds(select_worlds(experiment.worlds, indices))
+        self.worlds = order_worlds_fairly(select_worlds(experiment.worlds, indices))
         rest = [one for one in indices if one not in self.worlds]
         thinned = rest[:: ceil(len(rest) / _MOST_UNSEEN) or 1]
         self.unseen = (

@@ -157,7 +157,7 @@ def measure_trajectory(
         if len(trajectory.truth)
         else 0.0
     )
-    duration = float(periods_ns.sum()) / NANOSECONDS
+    duration = float(periods_ns.sum()) / NANOSECONDS_PER_SECOND
     clearance = compute_clearances(trajectory.truth, cylinders_m, radius_m, outline)
     turns = np.abs((turned + np.pi) % (2.0 * np.pi) - np.pi)
     began = trajectory.contact & ~np.concatenate(([False], trajectory.contact[:-1]))

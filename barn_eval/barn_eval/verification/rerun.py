@@ -239,7 +239,7 @@ def checked(recorded: TrialEvidence) -> TrialCheck:
             planner_config="",
             preset=row.preset,
             declared_mps=0.0,
-            compute=NOTHING,
+            compute=NO_COMPUTE,
             compute_mode=row.compute,
         )
     elif not spec.planner_config:  # one that is not installed here

@@ -109,7 +109,7 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
 
 def _require_worlds(run: RunFile, folder: Path) -> None:
     dataset = run.config.get("dataset")
-    if dataset not in shipped() and dataset != str((folder / WORLDS).absolute()):
+    if dataset not in dataset_files() and dataset != str((folder / WORLDS).absolute()):
         raise ConfigError(
             f"{run.path}: dataset {format_value(dataset)} is not one that comes with the suite"
         )

@@ -250,7 +250,7 @@ def _rows(bag: BagFile, unreadable: dict[str, str]) -> dict[str, list[TimedItem]
     start_ns = poses[0][0] if poses else 0
     return {
         topic: [
-            TimedItem((stamp_ns - start_ns) / NANOSECONDS, *said)
+            TimedItem((stamp_ns - start_ns) / NANOSECONDS_PER_SECOND, *said)
             for stamp_ns, *said in rows
         ]
         for topic, rows in found.items()
