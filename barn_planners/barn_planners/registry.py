@@ -16,7 +16,7 @@ from typing import Any
 from barn_planners.interface import Planner
 from barn_worlds.base.compute import Compute
 from barn_worlds.base.config import Checked, fields_of, replace_dotted
-from barn_worlds.base.errors import ConfigError, shown, suggest
+from barn_worlds.base.errors import ConfigError, format_value, suggest
 from barn_worlds.robots.robot import Robot
 
 GROUP = "barn_planners.planners"

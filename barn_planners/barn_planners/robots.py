@@ -14,7 +14,11 @@ Nothing changes for the Jackal itself. docs/robots.md has the table.
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from barn_planners.costmap.costmap import CostmapConfig, GlobalCostmapConfig, text_of
+from barn_planners.costmap.config import (
+    CostmapConfig,
+    GlobalCostmapConfig,
+    format_footprint,
+)
 from barn_planners.registry import planner_config, planner_entry
 from barn_worlds.base.config import Checked, fields_of, replace_dotted
 from barn_worlds.base.errors import ConfigError

@@ -8,18 +8,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from barn_planners.costmap.costmap import (
-    Costmap,
-    CostmapConfig,
-    GlobalCostmapConfig,
-    RollingCostmap,
-    global_costmap,
-)
+from barn_planners.costmap.config import CostmapConfig, GlobalCostmapConfig
+from barn_planners.costmap.costmap import Costmap, RollingCostmap, global_costmap
 from barn_planners.global_plan.planner import (
     GlobalPlanConfig,
     GlobalPlanner,
-    moved_plan,
-    passed_points,
+    count_passed_points,
+    transform_plan,
     visible_slice,
 )
 from barn_planners.interface import (

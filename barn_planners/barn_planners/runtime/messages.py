@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_planners.interface import Decision, FloatArray, Planner, PlannerStatus
-from barn_worlds.base.types import NANOSECONDS, STOP, Velocity2D, nanoseconds
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, STOP, Velocity2D, nanoseconds
 from barn_worlds.messages import encode, topics
 from barn_worlds.messages.cdr import Message, Template, make
 from barn_worlds.messages.topics import Frames, Outgoing, Topic
