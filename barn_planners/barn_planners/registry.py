@@ -95,7 +95,7 @@ def planner_entry(name: str) -> PlannerEntry:
     point = _BUILT_IN.get(name) or next(same_name, None)
     if point is None:
         hint = suggest(name, planner_names())
-        raise ConfigError(f"unknown planner {shown(name)}{hint}")
+        raise ConfigError(f"unknown planner {format_value(name)}{hint}")
 
     try:
         entry = point.load()
@@ -139,7 +139,9 @@ def planner_config(
         preset = ANY_PROTOCOL
     if preset not in available:
         hint = suggest(preset, available)
-        raise ConfigError(f"planner {name!r}: unknown preset {shown(preset)}{hint}")
+        raise ConfigError(
+            f"planner {name!r}: unknown preset {format_value(preset)}{hint}"
+        )
     return replace_dotted(available[preset], overrides or {}, f"planner {name!r}")
 
 

@@ -206,7 +206,7 @@ def _fit_costmap(
         "footprint_half_width_m": half_y,
     }
     if not _is_centered_rectangle(corners):
-        changes["footprint"] = text_of(corners)
+        changes["footprint"] = format_footprint(corners)
 
     padding_m = scale * costmap.footprint_padding_m
     padded = changes | {"footprint_padding_m": padding_m}

@@ -147,7 +147,7 @@ def shown(messages, decision, time_s, wanted=lambda _: True, planner=None):
     planner = planner or Shower()
     return {
         topic.name: data
-        for topic, data in messages.shown(
+        for topic, data in messages.display(
             planner, decision, round(time_s * NANOSECONDS_PER_SECOND), wanted
         )
     }

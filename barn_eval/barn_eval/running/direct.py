@@ -19,7 +19,7 @@ from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trial import FinishedTrial, RunningTrial, conclude, error_line
 from barn_planners.interface import Observation, Planner
 from barn_planners.registry import make_planner
-from barn_planners.runtime.session import Answer, PlannerSession
+from barn_planners.runtime.planner_runtime import PlannerRuntime, RuntimeOutput
 from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.sensors.readings import Sensors
 from barn_sim.simulator import Simulator

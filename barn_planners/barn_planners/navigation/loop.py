@@ -333,13 +333,13 @@ class NavigationPlanner(Planner):
         goal = self._goal
         if self._has_map and not self._controls_in_map:
             odom_from_map = pose @ observation.pose.inverse()
-            plan = moved_plan(plan, odom_from_map)
+            plan = transform_plan(plan, odom_from_map)
             goal = odom_from_map @ goal
 
         window = visible_slice(plan, pose, self._local_costmap.config.size_m / 2.0)
         start = window.start
         if self.config.prune_m > 0.0:
-            start += passed_points(plan[window], pose, self.config.prune_m)
+            start += count_passed_points(plan[window], pose, self.config.prune_m)
 
         new_plan = self._plan_is_new
         self._plan_is_new = False

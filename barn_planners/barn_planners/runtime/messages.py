@@ -230,7 +230,7 @@ def encode_band(band: FloatArray, stamp_ns: int, frame: str) -> bytes:
         stamp_ns: Simulated time in ns.
         frame: Frame of the bubbles.
     """
-    stamp = divmod(stamp_ns, NANOSECONDS)
+    stamp = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
     bubbles = band.tolist()
     values: list[float] = [*stamp]
     for x, y, radius in bubbles:
@@ -265,7 +265,7 @@ def encode_candidates(lines: CandidateLines, stamp_ns: int, frame: str) -> bytes
         stamp_ns: Simulated time in ns.
         frame: Frame of the points.
     """
-    stamp = divmod(stamp_ns, NANOSECONDS)
+    stamp = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
     values: list[float] = [*stamp]
     for points, color in zip(lines.points, lines.colors, strict=True):
         values += [*stamp, *color.tolist(), *points.ravel().tolist()]

@@ -7,7 +7,7 @@ import numpy as np
 
 from barn_planners.interface import Decision, Observation, Planner, PlannerStatus, Task
 from barn_worlds.base.types import (
-    NANOSECONDS,
+    NANOSECONDS_PER_SECOND,
     STOP,
     OccupancyMap,
     Odometry,
@@ -17,7 +17,7 @@ from barn_worlds.base.types import (
 )
 
 # After a pause this long, an equal goal is a new task and no repetition of the message.
-_NEW_GOAL_PAUSE_NS = NANOSECONDS
+_NEW_GOAL_PAUSE_NS = NANOSECONDS_PER_SECOND
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +122,7 @@ class PlannerRuntime:
         ranges = np.full(720, 2.0, np.float32)
         pose = Pose2D(0.0, 0.0, 0.0)
         for cycle in range(4):
-            stamp_ns = cycle * NANOSECONDS // 20
+            stamp_ns = cycle * NANOSECONDS_PER_SECOND // 20
             scan = Scan(stamp_ns, ranges, -2.35, 4.7 / 719, 0.1, 30.0)
             odometry = Odometry(stamp_ns, pose, STOP)
             self.planner.step(Observation(stamp_ns, odometry, scan, pose))

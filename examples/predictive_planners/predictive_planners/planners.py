@@ -61,6 +61,7 @@ class PredictiveGapPlanner(GapPlanner):
     def free_distances(
         self, observation: Observation, points: FloatArray
     ) -> FloatArray:
+        """Return how far each direction is free of points and of predicted discs."""
         free = super().free_distances(observation, points)
         config = self._predictive
         discs = moved(
@@ -111,6 +112,7 @@ class PredictiveNavigationPlanner(NavigationPlanner):
         self._tracker.reset()
 
     def prepare_control(self, observation: Observation) -> None:
+        """Update the tracks and hand the moving discs to the controller."""
         discs = self._tracker.update(observation)
         robot = self.control_pose(observation)
         in_odom = robot is observation.odometry.pose
