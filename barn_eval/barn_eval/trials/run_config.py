@@ -17,7 +17,7 @@ from barn_eval.trials.result import DECLARED, FREE, MEASURED, REAL_TIME
 from barn_eval.trials.ros_config import BAGS, ENGINES, MODES, RosConfig
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_planners.registry import planner_config, planner_entry, speed_cap_mps
-from barn_planners.robots import lidar_place, parameters_for
+from barn_planners.robots import fit_parameters, lidar_mount_changes
 from barn_sim.config import SimulatorConfig, robot_of
 from barn_worlds.base.compute import NO_COMPUTE, Compute
 from barn_worlds.base.config import OPTIONAL, Checked, as_dict, fields_of, quantity
