@@ -230,9 +230,9 @@ class RunConfig(Checked):
     ) -> dict[str, Any]:
         """Return a planner's parameters with those that follow from robot and lidar."""
         robot = robot_of(self.simulator)
-        overrides = parameters_for(choice.name, preset, dict(choice.overrides), robot)
+        overrides = fit_parameters(choice.name, preset, dict(choice.overrides), robot)
         config = planner_config(choice.name, preset, overrides)
-        for key, mount in lidar_place(config, self.simulator.lidar).items():
+        for key, mount in lidar_mount_changes(config, self.simulator.lidar).items():
             if key in overrides:
                 axis = key.rpartition(".")[2].removeprefix("lidar_")
                 unit = axis.rpartition("_")[2]
