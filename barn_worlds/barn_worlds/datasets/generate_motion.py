@@ -376,9 +376,11 @@ def _border_crossings(coefficients: Floats) -> Floats:
     for border in (-_HALF_M, _HALF_M):
         shifted = coefficients.copy()
         shifted[-1] -= border
-        for root in np.roots(shifted):
-            if abs(root.imag) < 1e-9 and abs(root.real) <= _HALF_M:
-                crossings.append(float(root.real))
+        crossings += [
+            float(root.real)
+            for root in np.roots(shifted)
+            if abs(root.imag) < 1e-9 and abs(root.real) <= _HALF_M
+        ]
     return np.array([min(crossings), max(crossings)] if crossings else [])
 
 

@@ -88,8 +88,7 @@ def containment_cells(rows: int, resolution_m: float) -> Cells:
     cells = [(row, -front) for row in range(rows)]
     for column in range(1 - front, 0):
         # A world of one row has one side wall.
-        for row in sorted({0, rows - 1}):
-            cells.append((row, column))
+        cells += [(row, column) for row in sorted({0, rows - 1})]
 
     containment = np.array(cells, np.int64).reshape(-1, 2)
     containment.flags.writeable = False
@@ -154,10 +153,10 @@ def world_map(
 
     height, width = _map_shape(length * cell_m, rows * cell_m, resolution_m)
     data = np.zeros((height, width), np.int8)
+    centers: Points = (cells + 0.5) * cell_m
     if corner_m is None:
-        centers = cell_centers(cells, rows, cell_m) - np.array(origin)
-    else:
-        centers = (cells + 0.5) * cell_m
+        centers = cell_centers(cells, rows, cell_m)
+        centers -= np.array(origin)
     _occupy_discs(data, centers, cell_m / 2.0, resolution_m)
     return OccupancyMap(data, resolution_m, *origin)
 
