@@ -153,7 +153,7 @@ def world_map(
 
     height, width = _map_shape(length * cell_m, rows * cell_m, resolution_m)
     data = np.zeros((height, width), np.int8)
-    centers: Points = (cells + 0.5) * cell_m
+    centers: Points = np.asarray((cells + 0.5) * cell_m, np.float64)
     if corner_m is None:
         centers = cell_centers(cells, rows, cell_m)
         centers -= np.array(origin)
