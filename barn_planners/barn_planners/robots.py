@@ -18,7 +18,7 @@ from barn_planners.registry import planner_config, planner_entry
 from barn_worlds.base.config import Checked, Quantity, fields_of, replace_dotted
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.geometry.polygon import Corner
-from barn_worlds.robots.files import STANDARD, other_name
+from barn_worlds.robots.files import STANDARD_ROBOT, name_unless_standard
 from barn_worlds.robots.parts import LidarConfig
 from barn_worlds.robots.robot import Robot
 
@@ -41,12 +41,12 @@ _LIDAR = {
 
 def scale_of(robot: Robot) -> float:
     """Return the robot's size in that of the Jackal: the ratio of the circumscribed radii about base_link."""
-    return robot.chassis.circumscribed_m / STANDARD.chassis.circumscribed_m
+    return robot.chassis.circumscribed_m / STANDARD_ROBOT.chassis.circumscribed_m
 
 
 def fitted(config: Checked, robot: Robot) -> dict[str, Any]:
     """Return the parameters of a preset, by dotted name, that a robot changes, but for the place of its lidar."""
-    if not other_name(robot.chassis):
+    if not name_unless_standard(robot.chassis):
         return {}
     scale = scale_of(robot)
     found: dict[str, Any] = {}
@@ -85,7 +85,7 @@ def parameters_for(
 ) -> dict[str, Any]:
     """Return a planner's parameters for a robot by dotted name, `overrides` over those derived, or ConfigError."""
     entry = planner_entry(name)
-    if entry.fit is None or not other_name(robot.chassis):
+    if entry.fit is None or not name_unless_standard(robot.chassis):
         return dict(overrides)
     try:
         derived = entry.fit(planner_config(name, preset, overrides), robot)
@@ -151,7 +151,7 @@ def _outline(costmap: CostmapConfig, robot: Robot, scale: float) -> dict[str, An
     What the inflation is beyond the inscribed radius grows with the robot. Where base_link is nearer to front or back
     than to the sides, global plans keep that far away, or passages would be too narrow.
     """
-    own = STANDARD
+    own = STANDARD_ROBOT
     share_x = 2.0 * costmap.footprint_half_length_m / own.length_m
     share_y = 2.0 * costmap.footprint_half_width_m / own.width_m
     corners = [(share_x * x, share_y * y) for x, y in robot.chassis.hull_m]
@@ -168,7 +168,7 @@ def _outline(costmap: CostmapConfig, robot: Robot, scale: float) -> dict[str, An
     if (
         isinstance(costmap, GlobalCostmapConfig)
         and across > inscribed + 1e-9
-        and not robot.chassis.round
+        and not robot.chassis.is_round
     ):
         found["inscribed_radius_m"] = inscribed = across
     return found | {
@@ -180,7 +180,7 @@ def _outline(costmap: CostmapConfig, robot: Robot, scale: float) -> dict[str, An
 def _body(config: Checked, robot: Robot) -> dict[str, float]:
     """Return the half sizes and radii of planners without a costmap: rectangles centred on base_link, and discs."""
     half_x, half_y = _reach(robot.chassis.hull_m)
-    own, outer = STANDARD, robot.chassis.circumscribed_m
+    own, outer = STANDARD_ROBOT, robot.chassis.circumscribed_m
     found: dict[str, float] = {}
     for name, _, value in fields_of(config):
         last = name.rpartition(".")[2]

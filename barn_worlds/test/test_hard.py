@@ -10,7 +10,7 @@ from barn_worlds.base.errors import WorldError
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.datasets.generate import cell_size_m
 from barn_worlds.geometry.footprint import Footprint
-from barn_worlds.robots.files import STANDARD, load_robot
+from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
 from barn_worlds.worlds.hard import (
     KINDS,
     HardParameters,
@@ -74,14 +74,15 @@ def test_a_gap_is_passed_exactly_where_footprint_and_margin_fit():
     start, goal = (30, 6, 4), (30, 54)
     for margin_m, fits in ((0.08, True), (0.09, False)):
         assert (
-            lattice(grid, 0.15, STANDARD.chassis, margin_m).way(start, goal) is not None
+            lattice(grid, 0.15, STANDARD_ROBOT.chassis, margin_m).way(start, goal)
+            is not None
         ) == fits
     grid[11, 10] = True  # three cells, 0.45 m
-    assert lattice(grid, 0.15, STANDARD.chassis, 0.02).way(start, goal) is None
+    assert lattice(grid, 0.15, STANDARD_ROBOT.chassis, 0.02).way(start, goal) is None
 
 
 def test_a_way_without_obstacles_is_the_straight_one():
-    free = lattice(np.zeros((10, 20), bool), 0.15, STANDARD.chassis, 0.0)
+    free = lattice(np.zeros((10, 20), bool), 0.15, STANDARD_ROBOT.chassis, 0.0)
     way = free.way((15, 0, 4), (15, 60))
     assert np.allclose(
         way[[0, -1]],
@@ -91,15 +92,15 @@ def test_a_way_without_obstacles_is_the_straight_one():
 
 
 def test_a_world_depends_on_its_seed_kind_and_number_alone():
-    one = hard_worlds({"kind": "all"}, 2, 11, STANDARD, "w")
-    other = hard_worlds({"kind": "dead_ends"}, 1, 11, STANDARD, "w")
+    one = hard_worlds({"kind": "all"}, 2, 11, STANDARD_ROBOT, "w")
+    other = hard_worlds({"kind": "dead_ends"}, 1, 11, STANDARD_ROBOT, "w")
     assert [world.provenance.parameters["kind"] for world in one] == [
         kind for kind in KINDS for _ in range(2)
     ]
     assert other[0].checksum == one[2].checksum
     assert len({world.checksum for world in one}) == 8
     assert (
-        hard_worlds({"kind": "dead_ends"}, 1, 12, STANDARD, "w")[0].checksum
+        hard_worlds({"kind": "dead_ends"}, 1, 12, STANDARD_ROBOT, "w")[0].checksum
         != other[0].checksum
     )
 
@@ -110,7 +111,7 @@ def test_no_way_in_the_grids_tried_is_said():
     )
     with pytest.raises(WorldError, match="no way through 1 worlds of kind turns"):
         for seed in range(50):
-            hard_world(impossible, STANDARD, np.random.default_rng(seed), "hard")
+            hard_world(impossible, STANDARD_ROBOT, np.random.default_rng(seed), "hard")
 
 
 def test_the_shipped_hard_worlds_come_again_from_their_seed():
@@ -118,7 +119,7 @@ def test_the_shipped_hard_worlds_come_again_from_their_seed():
     made = {
         world.checksum
         for world in hard_worlds(
-            {"kind": "clutter"}, 5, shipped.manifest["seed"], STANDARD, "w"
+            {"kind": "clutter"}, 5, shipped.manifest["seed"], STANDARD_ROBOT, "w"
         )
     }
     assert made <= {shipped.load(index).checksum for index in shipped.world_numbers}

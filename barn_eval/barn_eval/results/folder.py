@@ -40,7 +40,7 @@ from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trial import OF_SPEC
 from barn_worlds.base.errors import ConfigError, StoreError, convert_os_errors
 from barn_worlds.base.files import PARTIAL_SUFFIX, remove_partial_files
-from barn_worlds.formats.own import write_own
+from barn_worlds.formats.dataset_file import write_dataset_file
 from barn_worlds.worlds.world import World
 
 LOSSES, REPLAYS, TRACEBACKS = "losses", "replays", "tracebacks"
@@ -178,7 +178,7 @@ def opened(
             )
             _remove(path, logs=not same)
         if worlds is not None and not (path / WORLDS).exists():
-            write_own(path / WORLDS, Path(WORLDS).stem, worlds)
+            write_dataset_file(path / WORLDS, Path(WORLDS).stem, worlds)
         replace(asked, sessions=sessions).with_session(execution).write()
         yield ExperimentFolder(path, specs, results)
     finally:

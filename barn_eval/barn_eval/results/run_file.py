@@ -22,7 +22,7 @@ from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.base.files import write_durably
 from barn_worlds.base.text_files import read_json
-from barn_worlds.robots.files import other_name
+from barn_worlds.robots.files import name_unless_standard
 
 SUITE = ("barn_worlds", "barn_sim", "barn_planners", "barn_metrics", "barn_eval")
 LIBRARIES = ("numpy", "numba", "scipy", "pybullet", "mcap", "rosbags", "rclpy")
@@ -205,7 +205,7 @@ class RunFile:
 
     def robot_name(self) -> str:
         """Return the name of the robot, empty for the standard one; ConfigError as `configuration`."""
-        return other_name(self.configuration().simulator.chassis)
+        return name_unless_standard(self.configuration().simulator.chassis)
 
     def written_task(self) -> str:
         """Return the fingerprint of the task as it was written, which rows have that belong to it."""

@@ -45,12 +45,16 @@ from barn_worlds.messages.topics import (
     BEST_EFFORT,
     FRAMES,
     Frames,
-    Outgoing,
+    OutgoingMessage,
     Qos,
     Topic,
 )
-from barn_worlds.ros.parameters import check_with, current, declare
-from barn_worlds.ros.topics import publisher, subscribe
+from barn_worlds.ros.parameters import (
+    declare_parameters,
+    read_parameters,
+    refuse_invalid_changes,
+)
+from barn_worlds.ros.topics import create_publisher, subscribe
 
 T = TypeVar("T")
 
@@ -114,14 +118,14 @@ class PlannerNode(Node):
         super().__init__(name)
         self.declare_parameter("planner", planner)
         chosen = self.get_parameter("planner").get_parameter_value().string_value
-        self._node_config = declare(self, NodeConfig())
+        self._node_config = declare_parameters(self, NodeConfig())
         preset = self._node_config.preset or (
             "paper2020" if self._node_config.use_map else "challenge"
         )
         self._entry = planner_entry(chosen)
-        self._config = declare(self, planner_config(chosen, preset))
-        sync = declare(self, SyncConfig())
-        check_with(self, self._config)
+        self._config = declare_parameters(self, planner_config(chosen, preset))
+        sync = declare_parameters(self, SyncConfig())
+        refuse_invalid_changes(self, self._config)
         self._sync = Synchroniser(sync, use_pose=self._node_config.use_map)
         self._session = self._new_session()
         self._frame = self._node_config.frames.planning
@@ -161,7 +165,7 @@ class PlannerNode(Node):
     def _open(self) -> None:
         command = self._messages.command(STOP, 0).topic
         self._outputs = {
-            topic.name: publisher(self, topic) for topic in (command, *_SHOWN)
+            topic.name: create_publisher(self, topic) for topic in (command, *_SHOWN)
         }
         self._sources: dict[str, Subscription] = {}
         if self._node_config.use_map:
@@ -248,7 +252,7 @@ class PlannerNode(Node):
     def _on_reset(
         self, _: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        config = current(self, self._config)
+        config = read_parameters(self, self._config)
         if config != self._config:
             self._config = config
             self._session = self._new_session()
@@ -271,7 +275,7 @@ class PlannerNode(Node):
             ):
                 self._publish(message)
 
-    def _publish(self, message: Outgoing) -> None:
+    def _publish(self, message: OutgoingMessage) -> None:
         self._outputs[message.topic.name].publish(message.data)
 
     def _is_heard(self, topic: Topic) -> bool:

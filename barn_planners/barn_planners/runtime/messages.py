@@ -10,8 +10,8 @@ import numpy as np
 from barn_planners.interface import Decision, FloatArray, Planner, PlannerStatus
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND, STOP, Velocity2D, nanoseconds
 from barn_worlds.messages import encode, topics
-from barn_worlds.messages.cdr import Template, make
-from barn_worlds.messages.topics import Frames, Outgoing, Topic
+from barn_worlds.messages.cdr import Template, make_message
+from barn_worlds.messages.topics import Frames, OutgoingMessage, Topic
 
 MOST_SHOWN = 20
 MOST_POINTS = 8
@@ -125,11 +125,11 @@ class PlannerMessages:
         list(self.shown(planner, Decision(STOP, plan=np.zeros((2, 2))), 0))
         self.reset()
 
-    def command(self, velocity: Velocity2D, stamp_ns: int) -> Outgoing:
+    def command(self, velocity: Velocity2D, stamp_ns: int) -> OutgoingMessage:
         """Return a command."""
         if self._stamped is None:
-            return Outgoing(topics.CMD_VEL, encode.encode_twist(velocity))
-        return Outgoing(
+            return OutgoingMessage(topics.CMD_VEL, encode.encode_twist(velocity))
+        return OutgoingMessage(
             topics.CMD_VEL_STAMPED, self._stamped.encode(velocity, stamp_ns)
         )
 
@@ -139,7 +139,7 @@ class PlannerMessages:
         decision: Decision,
         stamp_ns: int,
         wanted: Callable[[Topic], bool] = lambda _: True,
-    ) -> Iterator[Outgoing]:
+    ) -> Iterator[OutgoingMessage]:
         """Yield what is due of the topics that are wanted: views once per period, diagnostics each second or if new."""
         plan = decision.plan
         if (
@@ -148,7 +148,7 @@ class PlannerMessages:
             and wanted(topics.PLAN)
         ):
             self._plan_ns = stamp_ns
-            yield Outgoing(topics.PLAN, self._plan.encode(plan, stamp_ns))
+            yield OutgoingMessage(topics.PLAN, self._plan.encode(plan, stamp_ns))
         if stamp_ns - self._view_ns >= self._view_period_ns:
             self._view_ns = stamp_ns
             yield from self._view(planner, stamp_ns, wanted)
@@ -159,13 +159,13 @@ class PlannerMessages:
         if due and decision.command is not None:
             self._diagnostics_ns, self._status = stamp_ns, decision.status
             if wanted(topics.DIAGNOSTICS):
-                yield Outgoing(
+                yield OutgoingMessage(
                     topics.DIAGNOSTICS, _diagnostics(decision, self._name, stamp_ns)
                 )
 
     def _view(
         self, planner: Planner, stamp_ns: int, wanted: Callable[[Topic], bool]
-    ) -> Iterator[Outgoing]:
+    ) -> Iterator[OutgoingMessage]:
         here = (topics.LOCAL_PLAN, topics.COSTMAP, topics.BAND, topics.CANDIDATES)
         asked = {topic for topic in here if wanted(topic)}
         if not asked:
@@ -173,19 +173,21 @@ class PlannerMessages:
         view = planner.view()
         frame = self._frames.planning if view.in_planning_frame else self._frames.odom
         if view.local_plan is not None and topics.LOCAL_PLAN in asked:
-            yield Outgoing(
+            yield OutgoingMessage(
                 topics.LOCAL_PLAN,
                 self._local_plans[frame].encode(view.local_plan, stamp_ns),
             )
         if view.costmap is not None and topics.COSTMAP in asked:
-            yield Outgoing(
+            yield OutgoingMessage(
                 topics.COSTMAP, encode.encode_map(view.costmap, stamp_ns, frame)
             )
         if view.band is not None and topics.BAND in asked:
-            yield Outgoing(topics.BAND, encode_band(view.band, stamp_ns, frame))
+            yield OutgoingMessage(topics.BAND, encode_band(view.band, stamp_ns, frame))
         if view.candidates is not None and topics.CANDIDATES in asked:
             shown = shown_candidates(view.candidates, view.candidate_costs)
-            yield Outgoing(topics.CANDIDATES, encode_candidates(shown, stamp_ns, frame))
+            yield OutgoingMessage(
+                topics.CANDIDATES, encode_candidates(shown, stamp_ns, frame)
+            )
 
 
 def encode_band(band: FloatArray, stamp_ns: int, frame: str) -> bytes:
@@ -205,14 +207,16 @@ def encode_band(band: FloatArray, stamp_ns: int, frame: str) -> bytes:
 def _band_template(count: int, frame: str) -> Template:
     """Return the template of a band; bands have a few dozen lengths, which recur."""
     discs = [
-        encode.marker(frame, "bubbles", encode.CYLINDER, index=k, colour=_BUBBLE_COLOUR)
+        encode.make_marker(
+            frame, "bubbles", encode.CYLINDER, index=k, color=_BUBBLE_COLOUR
+        )
         for k in range(count)
     ]
     for disc in discs:
         disc.scale.z = _BUBBLE_HEIGHT_M
     place = ("pose.position.x", "pose.position.y", "scale.x", "scale.y")
     line = _line(
-        encode.marker(frame, "band", encode.LINE_STRIP, colour=_BAND_COLOUR),
+        encode.make_marker(frame, "band", encode.LINE_STRIP, color=_BAND_COLOUR),
         _BAND_WIDTH_M,
         count,
     )
@@ -225,7 +229,7 @@ def _line(line: Any, width_m: float, count: int) -> tuple[Any, tuple[str, ...]]:
     """Return a marker as a line of that many points, and their fields."""
     line.scale.x, line.points = (
         width_m,
-        [make("geometry_msgs/msg/Point") for _ in range(count)],
+        [make_message("geometry_msgs/msg/Point") for _ in range(count)],
     )
     return line, tuple(
         f"points.{index}.{axis}" for index in range(count) for axis in "xy"
@@ -236,13 +240,18 @@ def _template(
     topic: Topic, frame: str, namespace: str, markers: list[tuple[Any, tuple[str, ...]]]
 ) -> Template:
     """Return the template of markers with the fields that vary, besides stamps; the first one deletes all others."""
-    every = [(encode.marker(frame, namespace, action=encode.DELETE_ALL), ()), *markers]
+    every = [
+        (encode.make_marker(frame, namespace, action=encode.DELETE_ALL), ()),
+        *markers,
+    ]
     fields = [
         f"markers.{k}.{name}"
         for k, (_, own) in enumerate(every)
         for name in (*encode.STAMP_FIELDS, *own)
     ]
-    return Template(make(topic.type_name, markers=[one for one, _ in every]), fields)
+    return Template(
+        make_message(topic.type_name, markers=[one for one, _ in every]), fields
+    )
 
 
 def encode_candidates(shown: ShownCandidates, stamp_ns: int, frame: str) -> bytes:
@@ -260,7 +269,7 @@ def _candidates_template(count: int, length: int, frame: str) -> Template:
     """Return the template of that many lines of that many points; a planner has one or two of them."""
     markers = []
     for index in range(count):
-        line = encode.marker(frame, "candidates", encode.LINE_STRIP, index=index)
+        line = encode.make_marker(frame, "candidates", encode.LINE_STRIP, index=index)
         line, points = _line(line, _CANDIDATE_WIDTH_M, length)
         markers.append((line, ("color.r", "color.g", "color.b", "color.a", *points)))
     return _template(topics.CANDIDATES, frame, "candidates", markers)

@@ -13,8 +13,8 @@ from barn_worlds.datasets.generate_motion import (
     generate_arenas,
     motion_class,
 )
-from barn_worlds.formats.own import Order, write_own
-from barn_worlds.robots.files import load_robot, other_name
+from barn_worlds.formats.dataset_file import WorldOrder, write_dataset_file
+from barn_worlds.robots.files import load_robot, name_unless_standard
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.hard import hard_worlds
 from barn_worlds.worlds.world import World
@@ -58,14 +58,14 @@ def generate(
     if target is not None:
         require_new(target)
     driven = load_robot(robot)
-    named = other_name(driven.chassis)
+    named = name_unless_standard(driven.chassis)
     file = target if target is not None and target.suffix == ".npz" else None
     if parameters and "kind" in parameters:
         if keep:
             raise ConfigError("keep is not for hard worlds, of which all are kept")
         name = target.stem if target else "hard"
         worlds = hard_worlds(parameters, per_set, seed, driven, name, progress)
-        order = Order(maker.NARROWNESS, tuple(map(maker.narrowness, worlds)))
+        order = WorldOrder(maker.NARROWNESS, tuple(map(maker.narrowness, worlds)))
         if file:
             return maker.write_ordered(
                 file, name, worlds, order, {"seed": seed, "robot": named}
@@ -166,5 +166,5 @@ def generate_moving(
             for index, world in still.items()
         }
     if target is not None:
-        write_own(target, target.stem, made, {"seed": seed})
+        write_dataset_file(target, target.stem, made, {"seed": seed})
     return made
