@@ -17,7 +17,7 @@ from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.bags.recorded import read_recorded
 from barn_eval.results.bags.recorder import Recorder
 from barn_eval.trials.protocol import DYNABARN, PAPER_2020
-from barn_planners.runtime.messages import MOST_SHOWN
+from barn_planners.runtime.messages import MAX_CANDIDATES
 from barn_worlds.base.errors import BagError
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Pose2D
 from barn_worlds.datasets.dataset import open_dataset
@@ -106,7 +106,9 @@ def test_poses_scans_and_result_are_those_of_the_bag(bag):
     assert recorded.outcomes[0].content == "running"
     assert recorded.outcomes[-1] == (pytest.approx(recorded.times_s[-1]), "", "success")
     assert recorded.scores[-1].content == recorded.result["scores"]["challenge"]
-    assert all(len(shown.content.lines) == MOST_SHOWN for shown in recorded.candidates)
+    assert all(
+        len(shown.content.lines) == MAX_CANDIDATES for shown in recorded.candidates
+    )
     assert len(recorded.candidates) == -(-len(messages) // 10)  # two a second
     assert [note.split(" ")[0] for note in recorded.notes] == [
         "map"

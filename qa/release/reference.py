@@ -182,7 +182,7 @@ def planners() -> Reference:
     """
     from barn_planners.registry import planner_entry, planner_names
     from barn_planners.ros.planner import NodeConfig
-    from barn_planners.runtime.session import SyncConfig
+    from barn_planners.runtime.synchronizer import SyncConfig
 
     entries = {name: planner_entry(name) for name in planner_names()}
     ours = {

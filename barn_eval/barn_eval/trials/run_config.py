@@ -16,7 +16,7 @@ from barn_eval.trials.result import DECLARED, FREE, MEASURED, REAL_TIME
 from barn_eval.trials.ros_config import BAGS, ENGINES, MODES, RosSetup
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_planners.registry import planner_config, planner_entry, speed_cap_mps
-from barn_planners.robots import lidar_place, parameters_for
+from barn_planners.robots import fit_parameters, lidar_mount_changes
 from barn_sim.config import SimulatorConfig, robot_of
 from barn_worlds.base.compute import Compute
 from barn_worlds.base.config import OPTIONAL, Checked, as_dict, fields_of, quantity
@@ -197,10 +197,10 @@ class Experiment(Checked):
                 if (value := getattr(planner, key))
             }
             return _settings(preset, {}, known, planner.max_speed_mps)
-        overrides = parameters_for(
+        overrides = fit_parameters(
             planner.name, preset, dict(planner.overrides), robot_of(self.simulator)
         )
-        place_of_lidar = lidar_place(
+        place_of_lidar = lidar_mount_changes(
             planner_config(planner.name, preset, overrides), self.simulator.lidar
         )
         for key, place in place_of_lidar.items():

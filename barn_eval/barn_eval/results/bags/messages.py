@@ -251,7 +251,7 @@ class TrialBag:
         """Record the planner's answer to the readings of an instant and what it shows."""
         if command is not None:
             self._record([self._planner.command(command, stamp_ns)], stamp_ns)
-        self._record(self._planner.shown(planner, decision, stamp_ns), stamp_ns)
+        self._record(self._planner.display(planner, decision, stamp_ns), stamp_ns)
 
     def standing(self, standing: Standing, stamp_ns: int) -> None:
         """Record how the trial stands at the end of an instant, when that is due."""
