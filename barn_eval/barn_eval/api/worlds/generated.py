@@ -13,8 +13,8 @@ from barn_worlds.datasets.generate_motion import (
     generate_arenas,
     motion_class,
 )
-from barn_worlds.formats.own import write_own
-from barn_worlds.robots.files import load_robot, other_name
+from barn_worlds.formats.dataset_file import write_dataset_file
+from barn_worlds.robots.files import load_robot, name_unless_standard
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.world import World
 
