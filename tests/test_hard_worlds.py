@@ -73,12 +73,15 @@ def test_a_gap_is_passed_exactly_where_footprint_and_margin_fit():
     start, goal = (30, 6, 4), (30, 54)
     for margin_m, fits in ((0.08, True), (0.09, False)):
         assert (
-            build_lattice(grid, 0.15, STANDARD_ROBOT.chassis, margin_m).find_path(start, goal)
+            build_lattice(grid, 0.15, STANDARD_ROBOT.chassis, margin_m).find_path(
+                start, goal
+            )
             is not None
         ) == fits
     grid[11, 10] = True  # three cells, 0.45 m
     assert (
-        build_lattice(grid, 0.15, STANDARD_ROBOT.chassis, 0.02).find_path(start, goal) is None
+        build_lattice(grid, 0.15, STANDARD_ROBOT.chassis, 0.02).find_path(start, goal)
+        is None
     )
 
 
@@ -94,16 +97,18 @@ def test_a_way_without_obstacles_is_the_straight_one():
 
 def test_a_world_depends_on_its_seed_kind_and_number_alone():
     one = generate_hard_worlds(HardParameters(), KINDS, 2, 11, STANDARD_ROBOT, "w")
-    other = generate_hard_worlds(HardParameters(), ["dead_ends"], 1, 11, STANDARD_ROBOT, "w")
+    other = generate_hard_worlds(
+        HardParameters(), ["dead_ends"], 1, 11, STANDARD_ROBOT, "w"
+    )
     assert [world.provenance.parameters["kind"] for world in one] == [
         kind for kind in KINDS for _ in range(2)
     ]
     assert other[0].checksum == one[2].checksum
     assert len({world.checksum for world in one}) == 8
     assert (
-        generate_hard_worlds(HardParameters(), ["dead_ends"], 1, 12, STANDARD_ROBOT, "w")[
-            0
-        ].checksum
+        generate_hard_worlds(
+            HardParameters(), ["dead_ends"], 1, 12, STANDARD_ROBOT, "w"
+        )[0].checksum
         != other[0].checksum
     )
 
@@ -124,7 +129,12 @@ def test_the_shipped_hard_worlds_come_again_from_their_seed():
     made = {
         world.checksum
         for world in generate_hard_worlds(
-            HardParameters(), ["clutter"], 5, shipped.manifest["seed"], STANDARD_ROBOT, "w"
+            HardParameters(),
+            ["clutter"],
+            5,
+            shipped.manifest["seed"],
+            STANDARD_ROBOT,
+            "w",
         )
     }
     assert made <= {shipped.load(index).checksum for index in shipped.world_numbers}

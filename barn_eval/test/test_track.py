@@ -72,7 +72,8 @@ def test_a_trial_without_a_reading_has_no_track():
         np.empty(0, np.int64), np.empty((0, 3)), empty, empty, np.empty(0, bool)
     )
     assert (
-        make_track(nothing, empty, 0.075, contact_footprint(STANDARD.chassis)) is None
+        make_track(nothing, empty, 0.075, contact_footprint(STANDARD_ROBOT.chassis))
+        is None
     )
 
 

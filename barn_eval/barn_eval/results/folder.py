@@ -124,7 +124,7 @@ class ResultsFolder:
                 RowFile(path).replace(completed.results)
 
             if worlds is not None and not (path / WORLDS).exists():
-                write_own(path / WORLDS, Path(WORLDS).stem, worlds)
+                write_dataset_file(path / WORLDS, Path(WORLDS).stem, worlds)
             run_file = replace(run_file, sessions=completed.sessions)
             run_file.with_session(execution, isolation).write()
             yield cls(path, specs, completed.results)

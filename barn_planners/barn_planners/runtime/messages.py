@@ -174,7 +174,9 @@ class PlannerMessages:
         is_plan_due = stamp_ns - self._plan_ns >= self._view_period_ns
         if plan is not None and is_plan_due and is_wanted(topics.PLAN):
             self._plan_ns = stamp_ns
-            yield OutgoingMessage(topics.PLAN, self._plan_encoder.encode(plan, stamp_ns))
+            yield OutgoingMessage(
+                topics.PLAN, self._plan_encoder.encode(plan, stamp_ns)
+            )
 
         if stamp_ns - self._view_ns >= self._view_period_ns:
             self._view_ns = stamp_ns

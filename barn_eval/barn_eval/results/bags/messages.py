@@ -52,7 +52,7 @@ def trial_scene(spec: TrialSpec) -> TrialScene:
     )
 
 
-def initial_scene(spec: TrialSpec, stamp_ns: int) -> Outgoing:
+def initial_scene(spec: TrialSpec, stamp_ns: int) -> OutgoingMessage:
     """Return the scene in which a trial begins, as a message."""
     return OutgoingMessage(topics.WORLD, encode_scene(trial_scene(spec), stamp_ns))
 
@@ -71,7 +71,7 @@ def last_scene(
 
 def moving_obstacle_scene(
     spec: TrialSpec, since_start_ns: int, stamp_ns: int
-) -> list[Outgoing]:
+) -> list[OutgoingMessage]:
     """Return moving obstacles and walls so long after the start of a trial; nothing without any, or if none is due."""
     some = spec.world.moving or spec.world.walls
     if not some or since_start_ns % nanoseconds(topics.MOVING.period_s):
@@ -117,8 +117,8 @@ class ScoreReporter:
             standing.outcome is not None,
         )
         value, start = running_score(standing, self._course), self._course.start
-        yield Outgoing(topics.SCORE, encode.encode_number(value))
-        yield Outgoing(
+        yield OutgoingMessage(topics.SCORE, encode.encode_number(value))
+        yield OutgoingMessage(
             topics.OUTCOME,
             encode.encode_text(standing.outcome.value if standing.outcome else RUNNING),
         )

@@ -66,8 +66,8 @@ def run_ros_trials(
     with convert_os_errors(ConfigError, logs):
         logs.mkdir(parents=True, exist_ok=True)
     # others that take part in the domain may be in the way: then the evaluator is to look first
-    with reserved_domain(environment) as domain, signal_handler(signal.SIGTERM, _end):
-        given, shared = nodes.environment(environment, domain), in_use(domain)
+    with reserve_domain(environment) as domain, signal_handler(signal.SIGTERM, _end):
+        given, shared = nodes.environment(environment, domain), is_domain_in_use(domain)
         supervisor = _Supervisor(experiment, trials, store, logs, given, notice, shared)
         try:
             yield from supervisor.run()
