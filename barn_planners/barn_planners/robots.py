@@ -218,7 +218,7 @@ def _fit_costmap(
     if (
         isinstance(costmap, GlobalCostmapConfig)
         and half_width_m > inscribed_m + 1e-9
-        and not robot.chassis.round
+        and not robot.chassis.is_round
     ):
         inscribed_m = half_width_m
         changes["inscribed_radius_m"] = inscribed_m
