@@ -249,12 +249,12 @@ def _band_template(count: int, frame: str) -> Template:
     markers: list[_MarkerFields] = []
     for index in range(count):
         disc = encode.make_marker(
-            frame, "bubbles", encode.CYLINDER, index=index, colour=_BUBBLE_COLOR
+            frame, "bubbles", encode.CYLINDER, index=index, color=_BUBBLE_COLOR
         )
         disc.scale.z = _BUBBLE_HEIGHT_M
         markers.append((disc, _BUBBLE_FIELDS))
 
-    line = encode.make_marker(frame, "band", encode.LINE_STRIP, colour=_BAND_COLOR)
+    line = encode.make_marker(frame, "band", encode.LINE_STRIP, color=_BAND_COLOR)
     markers.append((line, _add_points(line, _BAND_WIDTH_M, count)))
     return _marker_template(topics.BAND, frame, "band", markers)
 
