@@ -14,9 +14,14 @@ from barn_eval.results.bags.messages import TrialBag
 from barn_eval.results.bags.recorder import Recorder
 from barn_eval.results.store import finish_bag
 from barn_eval.trials.outcome import Outcome, Verdict
-from barn_eval.trials.result import MEASURED, WallClock, packed_delays
+from barn_eval.trials.result import MEASURED, WallClock, pack_delays
 from barn_eval.trials.spec import TrialSpec
-from barn_eval.trials.trial import FinishedTrial, RunningTrial, conclude, error_line
+from barn_eval.trials.trial import (
+    FinishedTrial,
+    RunningTrial,
+    describe_error,
+    finish_trial,
+)
 from barn_planners.interface import Observation, Planner
 from barn_planners.registry import make_planner
 from barn_planners.runtime.planner_runtime import PlannerRuntime, RuntimeOutput
@@ -52,19 +57,21 @@ def run_direct_trial(
     verdict = run.run()
     duration_s = time.perf_counter() - began
     factor = verdict.duration_s / duration_s if run.answer_times_s else None
-    clock = WallClock.of(duration_s, factor, run.answer_times_s)
-    finished = conclude(
+    clock = WallClock.from_answer_times(duration_s, factor, run.answer_times_s)
+    finished = finish_trial(
         spec,
         "direct",
         verdict,
         run.trial.log.trajectory(),
-        wall_clock=clock.on(
+        wall_clock=clock.with_pace(
             pace(),
             max(spec.protocol.control_period_s, spec.compute.charged_s),
-            spec.way,
+            spec.compute_mode,
         ),
         recoveries=run.trial.recoveries or 0,
-        delays=packed_delays(run.cycle_timer.delays_ns) if spec.way == MEASURED else "",
+        delays=pack_delays(run.cycle_timer.delays_ns)
+        if spec.compute_mode == MEASURED
+        else "",
     )
     finished = replace(
         finished, cylinders_m=run.cylinders_m, traceback=run.trial.traceback
@@ -145,7 +152,7 @@ class _DirectTrial:
                     sensors = simulator.step(command, delay_ns)
                 except Exception as error:  # whatever it is, it belongs in the result
                     verdict = trial.referee.fail(
-                        Outcome.SIMULATOR_DIED, error_line(error)
+                        Outcome.SIMULATOR_DIED, describe_error(error)
                     )
                     self._show_standing(sensors.stamp_ns)
                     return verdict
@@ -180,7 +187,7 @@ class _DirectTrial:
         # in whole microseconds, as they are kept
         measured_ns = (
             1000 * round(1e6 * pace() * self.answer_times_s[-1])
-            if self._spec.way == MEASURED
+            if self._spec.compute_mode == MEASURED
             else None
         )
         delay_ns = self.cycle_timer.start_cycle(sensors.stamp_ns, measured_ns)
