@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from barn_worlds.base.errors import WorldError, suggest
-from barn_worlds.formats import original, own, single
+from barn_worlds.formats import dataset_file, original, single
 from barn_worlds.formats.world_yaml import ENDING
-from barn_worlds.robots.files import STANDARD
+from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.course import fit_to_robot
 from barn_worlds.worlds.world import World
@@ -122,8 +122,8 @@ def dataset_files() -> dict[str, Path]:
     return {file.stem: file for file in sorted(folder.glob("*.npz"))}
 
 
-def open_dataset(source: str | Path, robot: Robot = STANDARD) -> Dataset:
-    """Open a data set.
+def open_dataset(source: str | Path, robot: Robot = STANDARD_ROBOT) -> Dataset:
+    """Return the data set that `source` names; WorldError in one line if it is none.
 
     A world has the number in its file's name. If a number is missing or not unique, files
     are numbered from 0 in order of name.
@@ -175,38 +175,42 @@ def _open_folder(path: Path, robot: Robot) -> Dataset:
     name = path.resolve().name
     readers: dict[int, Callable[[], World]] = {}
     if original.is_original_folder(path):
-        for world_number in original.indices(path):
-            reader = partial(original.read_world, path, world_number, robot)
-            readers[world_number] = reader
-        return Dataset(name, readers)
-
+        numbers = original.find_world_numbers(path)
+        return Dataset(
+            name,
+            {
+                index: partial(original.read_world, path, index, robot)
+                for index in numbers
+            },
+        )
     files = sorted(file for file in path.iterdir() if file.is_file())
-    own_files = [file for file in files if file.suffix == ".npz"]
-    if len(own_files) == 1:
-        return _open_file(own_files[0])
+    packed = [file for file in files if file.suffix == ".npz"]
+    if len(packed) == 1:
+        return _own(packed[0])
+    kinds = ((ENDING,), single.GAZEBO_ENDINGS, single.MAP_ENDINGS, (".map",), (".npy",))
+    by_kind = (
+        [file for file in files if single.ending(file) in kind] for kind in kinds
+    )
+    beside = ("path_", "cspace_", "metrics_")
+    worlds = [
+        file
+        for file in next(filter(None, by_kind), [])
+        if not file.name.startswith(beside)
+    ]
+    numbers_there = [single.number_in(file) for file in worlds]
+    unique = None not in numbers_there and len(set(numbers_there)) == len(worlds)
+    numbered = zip(numbers_there if unique else range(len(worlds)), worlds, strict=True)
+    return Dataset(
+        name,
+        {
+            int(index or 0): partial(single.read_world, file, robot)
+            for index, file in numbered
+        },
+    )
 
-    world_files: list[Path] = []
-    for endings in _FOLDER_KINDS:
-        files_of_kind = [file for file in files if single.ending(file) in endings]
-        if files_of_kind:
-            world_files = [
-                file
-                for file in files_of_kind
-                if not file.name.startswith(_COMPANION_FILES)
-            ]
-            break
 
-    numbers = [single.number_in(file) for file in world_files]
-    is_unique = None not in numbers and len(set(numbers)) == len(world_files)
-    for place, (number, file) in enumerate(zip(numbers, world_files, strict=True)):
-        world_number = number if is_unique and number is not None else place
-        readers[world_number] = partial(single.read_world, file, robot)
-    return Dataset(name, readers)
-
-
-def _open_file(path: Path) -> Dataset:
-    """Open a data set file of the suite."""
-    content = own.read_own(path)
+def _own(path: Path) -> Dataset:
+    content = dataset_file.read_dataset_file(path)
     readers = {
         world_number: partial(content.world, position)
         for position, world_number in enumerate(content.indices)

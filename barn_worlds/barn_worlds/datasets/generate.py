@@ -13,8 +13,8 @@ from numba import njit
 from barn_worlds.base.arrays import BoolGrid
 from barn_worlds.base.config import Checked, as_dict, quantity
 from barn_worlds.base.errors import ConfigError, WorldError
-from barn_worlds.formats.own import Order, write_own
-from barn_worlds.robots.files import STANDARD
+from barn_worlds.formats.dataset_file import WorldOrder, write_dataset_file
+from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.cspace import configuration_space, through_region
 from barn_worlds.worlds.path_planner import (
@@ -72,6 +72,15 @@ class WorldParameters(Checked):
             "clear_threshold",
             f"must be below fill_threshold ({self.fill_threshold})",
         )
+
+
+def cell_size_m(robot: Robot) -> float:
+    """Return the size of a cell in worlds for a robot: the Jackal's 0.15 m in its own size, in whole millimetres.
+
+    The robot then takes as many cells as the Jackal, 5 x 5, and passages are as wide for it.
+    """
+    standard_m, own_m = WorldParameters().resolution_m, STANDARD_ROBOT.reach_m
+    return math.ceil(1000.0 * standard_m * robot.reach_m / own_m - 1e-6) / 1000.0
 
 
 TABLE_I: tuple[WorldParameters, ...] = tuple(
@@ -234,9 +243,9 @@ def narrowness(world: World) -> float:
 
 
 def generate_ranked_dataset(
-    parameters: DatasetParameters, progress: Progress | None = None
-) -> tuple[list[World], Order]:
-    """Return the worlds of a data set that are kept, and their order by narrowness.
+    parameters: DatasetParameters, progress: Callable[[int, int], None] | None = None
+) -> tuple[list[World], WorldOrder]:
+    """Return the worlds of a data set that are kept, and their order, which is that of rising narrowness.
 
     The widest and the narrowest world are always kept.
 
@@ -247,24 +256,17 @@ def generate_ranked_dataset(
     worlds = generate_dataset(parameters, progress)
     scores = [narrowness(world) for world in worlds]
     if parameters.keep:
-        ranking = np.argsort(scores, kind="stable")
-        places = np.linspace(0, len(worlds) - 1, parameters.keep).round()
-        selection = ranking[places.astype(np.int64)].tolist()
-        worlds = [worlds[k] for k in selection]
-        scores = [scores[k] for k in selection]
-    return worlds, Order(NARROWNESS, tuple(scores))
+        places = (
+            np.linspace(0, len(worlds) - 1, parameters.keep).round().astype(np.int64)
+        )
+        kept = np.argsort(scores, kind="stable")[places].tolist()
+    return [worlds[k] for k in kept], WorldOrder(
+        NARROWNESS, tuple(scores[k] for k in kept)
+    )
 
 
-def renumber(worlds: Sequence[World], order: Order) -> dict[int, World]:
-    """Return worlds by number, from 0, in rising order of score.
-
-    Args:
-        worlds: The worlds; they are named world_0, world_1 and so on.
-        order: One score per world.
-
-    Raises:
-        WorldError: If there is not one finite score for each world.
-    """
+def renumber(worlds: Sequence[World], order: WorldOrder) -> dict[int, World]:
+    """Return the worlds by number, from 0, in rising order of score and named world_0, world_1 and so on."""
     if len(order.scores) != len(worlds) or not np.isfinite(order.scores).all():
         raise WorldError(
             f"order by {order.by!r:.60} must have one finite score for each of "
@@ -314,8 +316,8 @@ def write_ordered(
     target: Path,
     name: str,
     worlds: Sequence[World],
-    order: Order,
-    entries: Mapping[str, object],
+    order: WorldOrder,
+    about: Mapping[str, object],
 ) -> dict[int, World]:
     """Write worlds as a data set file, numbered by rising score, and return them.
 
@@ -327,8 +329,12 @@ def write_ordered(
         entries: More entries of the manifest, beside the order.
     """
     numbered = renumber(worlds, order)
-    manifest_order = {"by": order.by, "scores": sorted(order.scores)}
-    write_own(target, name, numbered, {**entries, "order": manifest_order})
+    write_dataset_file(
+        target,
+        name,
+        numbered,
+        {**about, "order": {"by": order.by, "scores": sorted(order.scores)}},
+    )
     return numbered
 
 
