@@ -123,7 +123,7 @@ def dataset_files() -> dict[str, Path]:
 
 
 def open_dataset(source: str | Path, robot: Robot = STANDARD_ROBOT) -> Dataset:
-    """Return the data set that `source` names; WorldError in one line if it is none.
+    """Open a data set.
 
     A world has the number in its file's name. If a number is missing or not unique, files
     are numbered from 0 in order of name.
@@ -175,41 +175,37 @@ def _open_folder(path: Path, robot: Robot) -> Dataset:
     name = path.resolve().name
     readers: dict[int, Callable[[], World]] = {}
     if original.is_original_folder(path):
-        numbers = original.find_world_numbers(path)
-        return Dataset(
-            name,
-            {
-                index: partial(original.read_world, path, index, robot)
-                for index in numbers
-            },
-        )
+        for world_number in original.find_world_numbers(path):
+            reader = partial(original.read_world, path, world_number, robot)
+            readers[world_number] = reader
+        return Dataset(name, readers)
+
     files = sorted(file for file in path.iterdir() if file.is_file())
-    packed = [file for file in files if file.suffix == ".npz"]
-    if len(packed) == 1:
-        return _own(packed[0])
-    kinds = ((ENDING,), single.GAZEBO_ENDINGS, single.MAP_ENDINGS, (".map",), (".npy",))
-    by_kind = (
-        [file for file in files if single.ending(file) in kind] for kind in kinds
-    )
-    beside = ("path_", "cspace_", "metrics_")
-    worlds = [
-        file
-        for file in next(filter(None, by_kind), [])
-        if not file.name.startswith(beside)
-    ]
-    numbers_there = [single.number_in(file) for file in worlds]
-    unique = None not in numbers_there and len(set(numbers_there)) == len(worlds)
-    numbered = zip(numbers_there if unique else range(len(worlds)), worlds, strict=True)
-    return Dataset(
-        name,
-        {
-            int(index or 0): partial(single.read_world, file, robot)
-            for index, file in numbered
-        },
-    )
+    own_files = [file for file in files if file.suffix == ".npz"]
+    if len(own_files) == 1:
+        return _open_file(own_files[0])
+
+    world_files: list[Path] = []
+    for endings in _FOLDER_KINDS:
+        files_of_kind = [file for file in files if single.ending(file) in endings]
+        if files_of_kind:
+            world_files = [
+                file
+                for file in files_of_kind
+                if not file.name.startswith(_COMPANION_FILES)
+            ]
+            break
+
+    numbers = [single.number_in(file) for file in world_files]
+    is_unique = None not in numbers and len(set(numbers)) == len(world_files)
+    for place, (number, file) in enumerate(zip(numbers, world_files, strict=True)):
+        world_number = number if is_unique and number is not None else place
+        readers[world_number] = partial(single.read_world, file, robot)
+    return Dataset(name, readers)
 
 
-def _own(path: Path) -> Dataset:
+def _open_file(path: Path) -> Dataset:
+    """Open a data set file of the suite."""
     content = dataset_file.read_dataset_file(path)
     readers = {
         world_number: partial(content.world, position)

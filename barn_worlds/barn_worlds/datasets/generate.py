@@ -74,15 +74,6 @@ class WorldParameters(Checked):
         )
 
 
-def cell_size_m(robot: Robot) -> float:
-    """Return the size of a cell in worlds for a robot: the Jackal's 0.15 m in its own size, in whole millimetres.
-
-    The robot then takes as many cells as the Jackal, 5 x 5, and passages are as wide for it.
-    """
-    standard_m, own_m = WorldParameters().resolution_m, STANDARD_ROBOT.reach_m
-    return math.ceil(1000.0 * standard_m * robot.reach_m / own_m - 1e-6) / 1000.0
-
-
 TABLE_I: tuple[WorldParameters, ...] = tuple(
     WorldParameters(initial_fill=fill, smoothing_iterations=count)
     for fill in (0.15, 0.20, 0.25, 0.30)
@@ -136,7 +127,7 @@ def cell_size_m(robot: Robot) -> float:
     the Jackal, and passages are as wide for it.
     """
     scale = 1000.0 * WorldParameters().resolution_m * robot.reach_m
-    return math.ceil(scale / STANDARD.reach_m - 1e-6) / 1000.0
+    return math.ceil(scale / STANDARD_ROBOT.reach_m - 1e-6) / 1000.0
 
 
 def generate_world(
@@ -243,9 +234,9 @@ def narrowness(world: World) -> float:
 
 
 def generate_ranked_dataset(
-    parameters: DatasetParameters, progress: Callable[[int, int], None] | None = None
+    parameters: DatasetParameters, progress: Progress | None = None
 ) -> tuple[list[World], WorldOrder]:
-    """Return the worlds of a data set that are kept, and their order, which is that of rising narrowness.
+    """Return the worlds of a data set that are kept, and their order by narrowness.
 
     The widest and the narrowest world are always kept.
 
@@ -256,17 +247,24 @@ def generate_ranked_dataset(
     worlds = generate_dataset(parameters, progress)
     scores = [narrowness(world) for world in worlds]
     if parameters.keep:
-        places = (
-            np.linspace(0, len(worlds) - 1, parameters.keep).round().astype(np.int64)
-        )
-        kept = np.argsort(scores, kind="stable")[places].tolist()
-    return [worlds[k] for k in kept], WorldOrder(
-        NARROWNESS, tuple(scores[k] for k in kept)
-    )
+        ranking = np.argsort(scores, kind="stable")
+        places = np.linspace(0, len(worlds) - 1, parameters.keep).round()
+        selection = ranking[places.astype(np.int64)].tolist()
+        worlds = [worlds[k] for k in selection]
+        scores = [scores[k] for k in selection]
+    return worlds, WorldOrder(NARROWNESS, tuple(scores))
 
 
 def renumber(worlds: Sequence[World], order: WorldOrder) -> dict[int, World]:
-    """Return the worlds by number, from 0, in rising order of score and named world_0, world_1 and so on."""
+    """Return worlds by number, from 0, in rising order of score.
+
+    Args:
+        worlds: The worlds; they are named world_0, world_1 and so on.
+        order: One score per world.
+
+    Raises:
+        WorldError: If there is not one finite score for each world.
+    """
     if len(order.scores) != len(worlds) or not np.isfinite(order.scores).all():
         raise WorldError(
             f"order by {order.by!r:.60} must have one finite score for each of "
@@ -317,7 +315,7 @@ def write_ordered(
     name: str,
     worlds: Sequence[World],
     order: WorldOrder,
-    about: Mapping[str, object],
+    entries: Mapping[str, object],
 ) -> dict[int, World]:
     """Write worlds as a data set file, numbered by rising score, and return them.
 
@@ -329,12 +327,8 @@ def write_ordered(
         entries: More entries of the manifest, beside the order.
     """
     numbered = renumber(worlds, order)
-    write_dataset_file(
-        target,
-        name,
-        numbered,
-        {**about, "order": {"by": order.by, "scores": sorted(order.scores)}},
-    )
+    manifest_order = {"by": order.by, "scores": sorted(order.scores)}
+    write_dataset_file(target, name, numbered, {**entries, "order": manifest_order})
     return numbered
 
 

@@ -65,7 +65,7 @@ def _draw_body(axes: Axes, robot: Robot) -> None:
     }
     outline: Patch = (
         Circle((0.0, 0.0), chassis.footprint_radius_m, **style)
-        if chassis.round
+        if chassis.is_round
         else Polygon(chassis.footprint_m, **style)
     )
     axes.add_patch(outline)
