@@ -24,7 +24,7 @@ from barn_worlds.drawing.palette import GOAL, MOVER, START, TRAIL
 from barn_worlds.geometry.bodies import Bodies
 from barn_worlds.geometry.polygon import Corner
 from barn_worlds.robots.files import STANDARD_ROBOT
-from barn_worlds.robots.robot import Chassis, Triple
+from barn_worlds.robots.robot import Chassis, Vector3
 from barn_worlds.worlds.scene import TrialScene
 
 Pixels = npt.NDArray[np.uint8]
@@ -230,7 +230,7 @@ class Studio:
         ):
             self._put(body, where)
 
-    def _add_trail(self, points_m: Floats) -> list[tuple[int, int, Triple, float]]:
+    def _add_trail(self, points_m: Floats) -> list[tuple[int, int, Vector3, float]]:
         """Lay out pieces of the trail, below the ground until they are driven; each has the point that ends it."""
         pieces, last = [], 0
         for index in range(1, len(points_m)):
@@ -303,7 +303,7 @@ class Studio:
         made: int = bullet.createMultiBody(**at, physicsClientId=self._client.id)
         return made
 
-    def _put(self, body: int, where: Triple, yaw: float = 0.0) -> None:
+    def _put(self, body: int, where: Vector3, yaw: float = 0.0) -> None:
         turn = bullet.getQuaternionFromEuler((0.0, 0.0, yaw))
         bullet.resetBasePositionAndOrientation(
             body, where, turn, physicsClientId=self._client.id

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from barn_sim.config import LidarConfig
 from barn_worlds.geometry.polygon import Corner
-from barn_worlds.robots.robot import Chassis, Triple
+from barn_worlds.robots.robot import Chassis, Vector3
 
 _YELLOW, _DARK, _BLACK, _METAL, _LAMP, _TAIL = (
     "#fac40f",
@@ -141,7 +141,7 @@ def robot_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:
     ]
 
 
-def _body(chassis: Chassis, sizes: Triple, middle: Triple) -> RobotPart:
+def _body(chassis: Chassis, sizes: Vector3, middle: Vector3) -> RobotPart:
     """Return the body of a robot; sizes: of the box around it."""
     if chassis.is_round:
         return RobotPart((chassis.footprint_radius_m, sizes[2]), middle, _DARK)
