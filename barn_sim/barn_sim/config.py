@@ -20,7 +20,7 @@ from barn_worlds.base.config import (
 )
 from barn_worlds.base.types import Pose2D, nanoseconds
 from barn_worlds.messages.topics import FRAMES, Frames
-from barn_worlds.robots.files import STANDARD
+from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
 from barn_worlds.robots.robot import Chassis, Robot
 
@@ -331,7 +331,8 @@ class RunConfig(SimulatorConfig):
     """Parameters that a reset applies: the simulator, the world and the start pose."""
 
     robot: str = quantity(
-        STANDARD.name, "name or YAML file of a robot; unset parameters have its values"
+        STANDARD_ROBOT.name,
+        "name or YAML file of a robot; unset parameters have its values",
     )
     dataset: str = quantity(
         "barn300", "name of a shipped data set, or path of a folder or file with worlds"

@@ -7,7 +7,7 @@ from barn_sim.config import LocalizationConfig, SimulatorConfig
 from barn_sim.sensors.readings import Joints, Sensors
 from barn_worlds.base.types import Odometry, Pose2D, Scan
 from barn_worlds.messages import encode, topics
-from barn_worlds.messages.topics import FRAMES, Frames, Outgoing
+from barn_worlds.messages.topics import FRAMES, Frames, OutgoingMessage
 
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
 
@@ -53,7 +53,7 @@ class SimulatorMessages:
         self._odom_in_map = start
         self._base_in_odom = ORIGIN
 
-    def constant(self) -> Iterator[Outgoing]:
+    def constant(self) -> Iterator[OutgoingMessage]:
         """Yield what is published once: the robot's description and its fixed frames."""
         lidar = self._config.lidar
         chassis = self._config.chassis
@@ -85,9 +85,9 @@ class SimulatorMessages:
         if sensors.scan.stamp_ns == sensors.stamp_ns:
             yield self.scan(sensors.scan, stamp_ns)
 
-    def clock(self, stamp_ns: int) -> Outgoing:
+    def clock(self, stamp_ns: int) -> OutgoingMessage:
         """Return the time."""
-        return Outgoing(topics.CLOCK, encode.encode_clock(stamp_ns))
+        return OutgoingMessage(topics.CLOCK, encode.encode_clock(stamp_ns))
 
     def odometry(self, odometry: Odometry, stamp_ns: int) -> Outgoing:
         """Return the odometry.
@@ -116,7 +116,9 @@ class SimulatorMessages:
             stamp_ns: Time on the clock.
         """
         self._odom_in_map = pose @ odometry.inverse()
-        return Outgoing(topics.AMCL_POSE, self._localization.encode(pose, stamp_ns))
+        return OutgoingMessage(
+            topics.AMCL_POSE, self._localization.encode(pose, stamp_ns)
+        )
 
     def transforms(self, odometry: Pose2D, stamp_ns: int) -> Outgoing:
         """Return the transforms from map to odom and from odom to base.
@@ -128,14 +130,14 @@ class SimulatorMessages:
         self._base_in_odom = odometry
         return self.last_transforms(stamp_ns)
 
-    def last_transforms(self, stamp_ns: int) -> Outgoing:
+    def last_transforms(self, stamp_ns: int) -> OutgoingMessage:
         """Return the last transforms; before the first instant, those of the start."""
         poses = [self._odom_in_map, self._base_in_odom]
-        return Outgoing(topics.TF, self._transforms.encode(poses, stamp_ns))
+        return OutgoingMessage(topics.TF, self._transforms.encode(poses, stamp_ns))
 
-    def collision(self, touched: bool) -> Outgoing:
+    def collision(self, touched: bool) -> OutgoingMessage:
         """Return whether the robot has touched anything."""
-        return Outgoing(topics.COLLISION, encode.encode_bool(touched))
+        return OutgoingMessage(topics.COLLISION, encode.encode_bool(touched))
 
     def joints(self, joints: Joints, stamp_ns: int) -> Outgoing:
         """Return the state of the wheels.

@@ -5,9 +5,9 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from barn_eval.trials.identity import leaves
-from barn_worlds.base.errors import ConfigError, reported_as, shown
-from barn_worlds.base.files import write_whole
+from barn_eval.trials.identity import flatten
+from barn_worlds.base.errors import ConfigError, convert_os_errors, format_value
+from barn_worlds.base.files import write_durably
 from barn_worlds.base.text_files import parse_json, read_json
 
 _ENDINGS = (
@@ -66,7 +66,7 @@ def told_parameters(folder: Path, planner: str) -> dict[str, str]:
     return {
         key: str(value)
         for path in told_files(folder, planner)
-        for key, value in leaves(read_json(path))
+        for key, value in flatten(read_json(path))
     }
 
 
@@ -76,14 +76,14 @@ def keep_told(folder: Path, logs: Path, planner: str, text: str) -> None:
     ConfigError, naming it, for one of which they have told something else when earlier trials began.
     """
     there = told_parameters(folder, planner)
-    for key, value in leaves(parse_json(text, "parameters")):
+    for key, value in flatten(parse_json(text, "parameters")):
         if (before := there.get(key, value)) != value:
-            what = f"planner {planner!r}: parameter {key} was {shown(before)} there, is {shown(value)} now"
+            what = f"planner {planner!r}: parameter {key} was {format_value(before)} there, is {format_value(value)} now"
             raise ConfigError(
                 f"{folder.parent}: holds results of another configuration: {what}; use another folder"
             )
     digest = hashlib.sha256(text.encode()).hexdigest()
-    write_whole(logs / f"{digest[:12]}_{planner}.parameters.json", text.encode())
+    write_durably(logs / f"{digest[:12]}_{planner}.parameters.json", text.encode())
 
 
 def _launch_file(package: str, name: str) -> Path:
@@ -99,7 +99,10 @@ def _launch_file(package: str, name: str) -> Path:
 
 
 def _digest(path: Path) -> str:
-    with reported_as(ConfigError, f"planner command: {path}"), path.open("rb") as file:
+    with (
+        convert_os_errors(ConfigError, f"planner command: {path}"),
+        path.open("rb") as file,
+    ):
         if os.fstat(file.fileno()).st_size > _LARGEST:
             raise ConfigError(
                 f"planner command: {path}: more than the allowed {_LARGEST} bytes"

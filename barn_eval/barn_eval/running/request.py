@@ -1,6 +1,6 @@
 """What a user asks for, by a file, by options or from Python, and the experiment that it makes.
 
-Keys, all optional: the fields of `Experiment`; `execution`, with those of `Execution`, which also stand for themselves;
+Keys, all optional: the fields of `RunConfig`; `execution`, with those of `ExecutionConfig`, which also stand for themselves;
 `out`; `robot`, which `simulator` holds then; and short forms of `planners`, `protocol` and `simulator`.
 """
 
@@ -12,21 +12,26 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from barn_eval.results.folder import new_folder
+from barn_eval.results.folder import default_folder
 from barn_eval.results.run_file import WORLDS
 from barn_eval.running.command_files import command_files
-from barn_eval.trials.protocol import CHALLENGE, Protocol, check_name, load_protocol
-from barn_eval.trials.ros_config import RosSetup
+from barn_eval.trials.protocol import (
+    CHALLENGE,
+    Protocol,
+    check_protocol_name,
+    load_protocol,
+)
+from barn_eval.trials.ros_config import RosConfig
 from barn_eval.trials.run_config import (
     COMPUTE_KEYS,
-    Execution,
-    Experiment,
+    ExecutionConfig,
     PlannerChoice,
+    RunConfig,
 )
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_planners.registry import planner_entry, planner_names
 from barn_worlds.base.config import fields_of, from_dict, replace_dotted
-from barn_worlds.base.errors import ConfigError, shown, suggest
+from barn_worlds.base.errors import ConfigError, format_value, suggest
 from barn_worlds.base.text_files import parse_yaml, read_yaml
 from barn_worlds.datasets.dataset import Dataset
 from barn_worlds.robots.files import load_robot
@@ -37,8 +42,8 @@ Values = Mapping[str, Any]
 Given = Mapping[int, World] | None  # worlds in place of a data set, by number
 SCHEMA_VERSION = 1
 _CAP = "max_speed_mps"
-_EXECUTION = tuple(field.name for field in fields(Execution))
-_KEYS = (*(field.name for field in fields(Experiment)), *_EXECUTION)
+_EXECUTION = tuple(field.name for field in fields(ExecutionConfig))
+_KEYS = (*(field.name for field in fields(RunConfig)), *_EXECUTION)
 _KEYS += ("execution", "out", "planner_command", "robot", "sweep")
 _NAMED_COMMAND = re.compile(r"([A-Za-z0-9][A-Za-z0-9_.-]*)=(.*)", re.DOTALL)
 
@@ -47,14 +52,16 @@ _NAMED_COMMAND = re.compile(r"([A-Za-z0-9][A-Za-z0-9_.-]*)=(.*)", re.DOTALL)
 class Request:
     """An experiment as it was asked for, and the folder it goes to."""
 
-    experiment: Experiment
-    execution: Execution
+    experiment: RunConfig
+    execution: ExecutionConfig
     out: Path
     worlds: Given = None
 
     def __post_init__(self) -> None:
         if "\0" in str(self.out):
-            raise ConfigError(f"out {shown(str(self.out))}: a path cannot hold a NUL")
+            raise ConfigError(
+                f"out {format_value(str(self.out))}: a path cannot hold a NUL"
+            )
 
     def trials(self) -> list[TrialSpec]:
         """Return the trials of the experiment."""
@@ -79,7 +86,7 @@ def read_request(
     what to change; `planner_command` one, or some "NAME=COMMAND". settings: parameters by planner, "planner.name",
     or name where there is one planner. worlds: in place of a data set. ConfigError in one line for what is not allowed.
     """
-    content: dict[str, Any] = {"out": new_folder()} | (
+    content: dict[str, Any] = {"out": default_folder()} | (
         read_yaml(path, SCHEMA_VERSION) if path else {}
     )
     where, listed = f"{path}: " if path else "", content.get("planners")
@@ -103,7 +110,9 @@ def read_request(
         ]
     for key in content:
         if key not in _KEYS:
-            raise ConfigError(f"{where}unknown key {shown(key)}{suggest(key, _KEYS)}")
+            raise ConfigError(
+                f"{where}unknown key {format_value(key)}{suggest(key, _KEYS)}"
+            )
     content.pop(
         "sweep", None
     )  # of `sweep.py`, which asks for one experiment after the other
@@ -122,7 +131,10 @@ def read_request(
         content["dataset"] = str((out / WORLDS).absolute())
     experiment = _experiment(content, settings or {}, where)
     request = Request(
-        experiment, from_dict(Execution, execution, f"{where}execution"), out, worlds
+        experiment,
+        from_dict(ExecutionConfig, execution, f"{where}execution"),
+        out,
+        worlds,
     )
     if experiment.mode == "ros" and request.execution.engine != "local":
         raise ConfigError(
@@ -161,7 +173,7 @@ def planner_name(command: str) -> str:
     if name in planner_names():
         own = f"{name!r} is one of the suite's own"
         raise ConfigError(
-            f"planner command {shown(command)}: give its planner a name; {own}"
+            f"planner command {format_value(command)}: give its planner a name; {own}"
         )
     return name
 
@@ -171,9 +183,11 @@ def command_words(command: str) -> list[str]:
     try:
         words = shlex.split(command)
     except ValueError as error:
-        raise ConfigError(f"planner command {shown(command)}: {error}") from None
+        raise ConfigError(f"planner command {format_value(command)}: {error}") from None
     if not words:
-        raise ConfigError(f"planner command must name a program, got {shown(command)}")
+        raise ConfigError(
+            f"planner command must name a program, got {format_value(command)}"
+        )
     return words
 
 
@@ -184,15 +198,15 @@ def parse_settings(settings: Sequence[str], option: str) -> dict[str, Any]:
         key, equals, value = setting.partition("=")
         if not equals or not key.strip() or key.strip() in changes:
             raise ConfigError(
-                f"{option} {shown(setting)}: must be key=value, each key given once"
+                f"{option} {format_value(setting)}: must be key=value, each key given once"
             )
-        changes[key.strip()] = parse_yaml(value, f"{option} {shown(setting)}")
+        changes[key.strip()] = parse_yaml(value, f"{option} {format_value(setting)}")
     return changes
 
 
 def _given(value: object, kinds: type | tuple[type, ...], rule: str) -> Any:
     if not isinstance(value, kinds):
-        raise ConfigError(f"{rule}, got {shown(value)}")
+        raise ConfigError(f"{rule}, got {format_value(value)}")
     return value
 
 
@@ -202,13 +216,13 @@ def _changes(value: object, key: str) -> dict[str, Any]:
     )
 
 
-def _experiment(content: dict[str, Any], settings: Values, where: str) -> Experiment:
+def _experiment(content: dict[str, Any], settings: Values, where: str) -> RunConfig:
     rule = "must be a name or a YAML file"
     rules = _given(
         content.pop("protocol", CHALLENGE), (str, Protocol), f"{where}protocol {rule}"
     )
     rules = load_protocol(rules) if isinstance(rules, str) else rules
-    check_name(rules, f"{where}protocol ")
+    check_protocol_name(rules, f"{where}protocol ")
     robot = content.pop("robot", None)
     if robot is not None and not isinstance(robot, Robot):
         robot = load_robot(_given(robot, (str, Path), f"{where}robot {rule}"))
@@ -222,11 +236,11 @@ def _experiment(content: dict[str, Any], settings: Values, where: str) -> Experi
         content.pop("planners", None), content.pop("planner_command", None), where
     )
     return replace(
-        from_dict(Experiment, content, where.rstrip(": ") or "options"),
+        from_dict(RunConfig, content, where.rstrip(": ") or "options"),
         planners=_with_settings(planners, settings, where),
         protocol=rules,
         simulator=simulator_config(rules, simulator, robot),
-        ros=replace_dotted(RosSetup(), ros, f"{where}ros"),
+        ros=replace_dotted(RosConfig(), ros, f"{where}ros"),
     )
 
 
@@ -246,7 +260,7 @@ def _planners(given: object, commands: object, where: str) -> tuple[PlannerChoic
         isinstance(text, str) for text in texts
     ):
         raise ConfigError(
-            f"{where}planner_command must be a text or a list of texts, got {shown(commands)}"
+            f"{where}planner_command must be a text or a list of texts, got {format_value(commands)}"
         )
     for one in texts:
         name, command = (
@@ -256,7 +270,7 @@ def _planners(given: object, commands: object, where: str) -> tuple[PlannerChoic
         )
         if command == one and (len(found) > 1 or len(texts) > 1):
             raise ConfigError(
-                f"planner command {shown(one)}: give it as NAME=COMMAND where there are several planners"
+                f"planner command {format_value(one)}: give it as NAME=COMMAND where there are several planners"
             )
         files = command_files(command_words(command))
         number = next(
@@ -291,7 +305,7 @@ def _with_settings(
         if name not in found:
             hint = suggest(name, found)
             raise ConfigError(
-                f"{where}parameters of planner {shown(name)}, which is not among them{hint}"
+                f"{where}parameters of planner {format_value(name)}, which is not among them{hint}"
             )
         found[name] = {**found[name], **changes}
     return tuple(_changed(planner, found[planner.name], where) for planner in planners)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from barn_eval.trials.protocol import Protocol
 from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.types import (
-    NANOSECONDS,
+    NANOSECONDS_PER_SECOND,
     Odometry,
     Pose2D,
     Velocity2D,
@@ -23,8 +23,8 @@ from barn_worlds.messages.topics import PLAN
 from barn_worlds.moving.tracks import Tracks
 from barn_worlds.worlds.world import World
 
-CLOSE_M = 0.1  # from an obstacle, so that it counts as near contact
-MOST_POINTS = 10_000  # of a plan
+NEAR_CONTACT_M = 0.1  # from an obstacle, so that it counts as near contact
+MAX_PLAN_POINTS = 10_000  # of a plan
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +87,7 @@ class TrajectoryLog:
         if (
             points.ndim == 2
             and points.shape[1] == 2
-            and 0 < len(points) <= MOST_POINTS
+            and 0 < len(points) <= MAX_PLAN_POINTS
             and np.isfinite(points).all()
         ):
             self._plans.append((stamp_ns, points.astype(np.float64)))
@@ -145,7 +145,7 @@ class Measures:
     off_plan_m: float | None = None  # mean distance from the planner's last plan
 
 
-def measure(
+def measure_trajectory(
     trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outline: Footprint
 ) -> Measures:
     """Return the measures of a trajectory among cylinders with centres (k, 2) in the map frame."""
@@ -157,12 +157,12 @@ def measure(
         if len(trajectory.truth)
         else 0.0
     )
-    duration = float(periods_ns.sum()) / NANOSECONDS
-    clearance = clearances(trajectory.truth, cylinders_m, radius_m, outline)
+    duration = float(periods_ns.sum()) / NANOSECONDS_PER_SECOND
+    clearance = compute_clearances(trajectory.truth, cylinders_m, radius_m, outline)
     turns = np.abs((turned + np.pi) % (2.0 * np.pi) - np.pi)
     began = trajectory.contact & ~np.concatenate(([False], trajectory.contact[:-1]))
     near = (
-        clearance[1:] < CLOSE_M
+        clearance[1:] < NEAR_CONTACT_M
         if clearance.size
         else np.zeros(len(periods_ns), np.bool_)
     )
@@ -185,12 +185,13 @@ def measure(
         mean_speed_mps=driven / duration if duration > 0.0 else None,
         min_clearance_m=float(clearance.min()) if clearance.size else None,
         mean_clearance_m=float(clearance.mean()) if clearance.size else None,
-        contact_s=float(periods_ns[trajectory.contact[1:]].sum()) / NANOSECONDS,
+        contact_s=float(periods_ns[trajectory.contact[1:]].sum())
+        / NANOSECONDS_PER_SECOND,
         contacts=int(began.sum()),
         rms_jerk_mps3=_rms_jerk(trajectory, 0),
         rotation_rad=float(turns.sum()),
         unanswered_cycles=int(np.isnan(trajectory.command[:-1]).any(axis=1).sum()),
-        near_contact_s=float(periods_ns[near].sum()) / NANOSECONDS,
+        near_contact_s=float(periods_ns[near].sum()) / NANOSECONDS_PER_SECOND,
         rms_yaw_jerk_radps3=_rms_jerk(trajectory, 1),
         speed_variation_mps=speed_sum,
         turn_variation_radps=turn_sum,
@@ -200,7 +201,7 @@ def measure(
     )
 
 
-def clearances(
+def compute_clearances(
     poses: Floats, cylinders_m: Floats, radius_m: float, outline: Footprint
 ) -> Floats:
     """Return the distance (n,) from the robot's outline at poses (n, 3) to the nearest cylinder (k, 2), all in metres.
@@ -223,7 +224,7 @@ def clearances(
 
 def _rms_jerk(trajectory: Trajectory, axis: int) -> float | None:
     """Return the root mean square of the second difference of the true forward speed (0) or yaw rate (1)."""
-    periods = np.diff(trajectory.stamps_ns) / NANOSECONDS
+    periods = np.diff(trajectory.stamps_ns) / NANOSECONDS_PER_SECOND
     if len(periods) < 2 or not (periods > 0.0).all():
         return None
     acceleration = np.diff(trajectory.velocity[:, axis]) / periods
@@ -261,7 +262,7 @@ class Encounters:
     )
 
 
-def encounters(
+def measure_encounters(
     trajectory: Trajectory,
     world: World,
     phase_s: float,
@@ -273,7 +274,9 @@ def encounters(
     if not world.moving:
         return None
     course = protocol.course(world)
-    times_s = (trajectory.stamps_ns - trajectory.stamps_ns[:1]) / NANOSECONDS + phase_s
+    times_s = (
+        trajectory.stamps_ns - trajectory.stamps_ns[:1]
+    ) / NANOSECONDS_PER_SECOND + phase_s
     gaps, waits = _nearness(trajectory, world.tracks, times_s, outline)
     periods_s = np.diff(times_s, prepend=times_s[:1])
     straight_m = course.start.distance(course.goal) - protocol.goal_distance_m
@@ -370,7 +373,9 @@ def _first_hit(
 
 def _standing_gap(poses: Floats, world: World, outline: Footprint) -> float:
     """Return the smallest distance from the robot at poses (n, 3) to a cylinder or a wall, infinite without any."""
-    still = clearances(poses, world.cylinders_m, world.cylinder_radius_m, outline)
+    still = compute_clearances(
+        poses, world.cylinders_m, world.cylinder_radius_m, outline
+    )
     walls = wall_bodies(world.walls).shapes()
     gaps = [
         outline.gaps(walls, x, y, yaw).min(initial=math.inf)

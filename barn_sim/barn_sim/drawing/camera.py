@@ -125,7 +125,7 @@ class Studio:
         *,
         trail_m: Floats = _NO_POINTS,
         moving: Bodies | None = None,
-        chassis: Chassis = STANDARD.chassis,
+        chassis: Chassis = STANDARD_ROBOT.chassis,
     ) -> None:
         """Build the scene.
 

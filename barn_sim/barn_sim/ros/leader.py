@@ -26,7 +26,7 @@ from barn_sim.config import RunConfig
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import BarnError
 from barn_worlds.ros.private_line import PrivateLine, Reading
-from barn_worlds.ros.topics import own_identity
+from barn_worlds.ros.topics import read_endpoint_identity
 
 # Whether a request succeeded, and its result or why it failed.
 Answer = tuple[bool, str]

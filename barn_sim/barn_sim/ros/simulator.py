@@ -30,10 +30,15 @@ from barn_sim.ros.topics import CommandInput, Outputs, diagnosis
 from barn_sim.ros.trial import SimulatedTrial, begin_trial
 from barn_sim.simulator import warm_up
 from barn_worlds.base.errors import BarnError
-from barn_worlds.base.types import NANOSECONDS, Velocity2D, nanoseconds
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Velocity2D, nanoseconds
 from barn_worlds.messages.topics import SIMULATOR_DIAGNOSTICS
 from barn_worlds.robots.files import load_robot
-from barn_worlds.ros.parameters import check_with, current, declare, warn_of_unknown
+from barn_worlds.ros.parameters import (
+    declare_parameters,
+    read_parameters,
+    refuse_invalid_changes,
+    warn_about_unknown_parameters,
+)
 from barn_worlds.ros.private_line import PrivateLine
 
 _PUBLISHER_CHECK_S = 0.1

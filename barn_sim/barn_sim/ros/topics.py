@@ -19,10 +19,14 @@ from barn_worlds.messages.topics import (
     CMD_VEL,
     CMD_VEL_STAMPED,
     SIMULATOR_DIAGNOSTICS,
-    Outgoing,
+    OutgoingMessage,
 )
 from barn_worlds.ros.private_line import PrivateLine
-from barn_worlds.ros.topics import optional_publisher, publisher, subscribe
+from barn_worlds.ros.topics import (
+    create_optional_publisher,
+    create_publisher,
+    subscribe,
+)
 
 _COMMANDS = {"twist": CMD_VEL, "twist_stamped": CMD_VEL_STAMPED}
 _KINDS = {topic.type_name: kind for kind, topic in _COMMANDS.items()}
@@ -166,7 +170,7 @@ class Outputs:
                 "tf2_msgs is not installed: /tf and /tf_static are off"
             )
 
-    def publish(self, messages: Iterable[Outgoing]) -> None:
+    def publish(self, messages: Iterable[OutgoingMessage]) -> None:
         """Publish messages, in their order."""
         for topic, data in messages:
             if self._line is not None and topic.name in _JUDGED_NAMES:
@@ -219,4 +223,4 @@ def diagnosis(
         values,
         hardware_id="simulated jackal",
     )
-    return Outgoing(SIMULATOR_DIAGNOSTICS, data)
+    return OutgoingMessage(SIMULATOR_DIAGNOSTICS, data)

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from barn_sim.config import RunConfig, SimulatorNodeConfig
 from barn_sim.messages import SimulatorMessages
 from barn_sim.simulator import Simulator
-from barn_worlds.base.compute import Turnaround
-from barn_worlds.base.types import NANOSECONDS, Velocity2D, nanoseconds
+from barn_worlds.base.compute import CycleTimer
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Velocity2D, nanoseconds
 from barn_worlds.datasets.dataset import open_dataset
-from barn_worlds.messages.topics import SCAN, Outgoing
+from barn_worlds.messages.topics import SCAN, OutgoingMessage
 from barn_worlds.robots.files import load_robot
 
 
@@ -83,7 +83,7 @@ class SimulatedTrial:
         self.answer = None
         self.published = False
 
-    def due_readings(self) -> Iterator[Outgoing]:
+    def due_readings(self) -> Iterator[OutgoingMessage]:
         """Yield the time and those readings whose period ends now."""
         self.published = True
         simulator = self.simulator

@@ -17,7 +17,7 @@ from barn_worlds.base.config import (
     quantity,
     required,
 )
-from barn_worlds.base.errors import ConfigError, WorldError, one_line
+from barn_worlds.base.errors import ConfigError, WorldError, format_error
 from barn_worlds.base.files import read_bytes, write_bytes
 from barn_worlds.base.text_files import parse_yaml
 from barn_worlds.base.types import OccupancyMap
@@ -99,7 +99,7 @@ def pgm(grid: OccupancyMap) -> bytes:
     return f"P5\n{width} {height}\n255\n".encode() + grey[::-1].tobytes()
 
 
-def read_about(path: Path) -> MapFile:
+def read_map_file(path: Path) -> MapFile:
     """Return what a .yaml file says; WorldError if it is malformed."""
     try:
         return from_dict(
@@ -114,7 +114,7 @@ def read_map(path: Path, about: MapFile | None = None) -> OccupancyMap:
 
     about: what `read_about` has already read of it.
     """
-    about = about or read_about(path)
+    about = about or read_map_file(path)
     shade = _read_image(path.parent / about.image)[::-1] / 255.0
     chance = shade if about.negate else 1.0 - shade
     data = np.select(
@@ -125,7 +125,7 @@ def read_map(path: Path, about: MapFile | None = None) -> OccupancyMap:
     return OccupancyMap(data.astype(np.int8), about.resolution, *about.origin[:2])
 
 
-def grid_of(grid: OccupancyMap) -> BoolGrid | None:
+def extract_grid(grid: OccupancyMap) -> BoolGrid | None:
     """Return the grid (rows, cols) of the world that a map shows with its containment, None for any other map.
 
     The obstacles may be in their true places or one cell too near, as in the original maps.
@@ -178,7 +178,7 @@ def _read_image(path: Path) -> Floats:
     ) as error:  # the library raises errors of any kind for malformed bytes
         kinds = ", ".join(_IMAGE_FORMATS)
         raise WorldError(
-            f"{path}: not an image that can be read ({kinds}): {one_line(error)}"
+            f"{path}: not an image that can be read ({kinds}): {format_error(error)}"
         ) from None
     grey: Floats = pixels.mean(axis=2) if pixels.ndim == 3 else pixels
     return grey

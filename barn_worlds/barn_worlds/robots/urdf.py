@@ -14,7 +14,7 @@ from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.errors import ConfigError, one_line
+from barn_worlds.base.errors import ConfigError, format_error
 from barn_worlds.base.files import read_at_most
 
 LARGEST_URDF_BYTES = 1024 * 1024
@@ -31,7 +31,7 @@ class Link:
     moves: bool
 
 
-def chassis_of(path: Path) -> dict[str, Any]:
+def read_chassis(path: Path) -> dict[str, Any]:
     """Return the fields of `Chassis` that a URDF file gives; ConfigError in one line if it is none.
 
     Wheels are the links with "wheel" in their names, but not "caster", that a continuous joint turns: their size is
@@ -51,7 +51,7 @@ def chassis_of(path: Path) -> dict[str, Any]:
         LookupError,
     ) as error:
         raise ConfigError(
-            f"{path}: not a URDF that can be used: {one_line(error)}"
+            f"{path}: not a URDF that can be used: {format_error(error)}"
         ) from None
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror or error}") from None
@@ -91,12 +91,12 @@ def pose_of(parent: Element) -> tuple[Floats, Floats]:
     """Return position (3,) and rotation (3, 3) of an element's <origin>."""
     origin = parent.find("origin")
     attributes = {} if origin is None else origin.attrib
-    return _numbers(attributes.get("xyz", "0 0 0")), rotation(
+    return _numbers(attributes.get("xyz", "0 0 0")), rotation_matrix(
         *_numbers(attributes.get("rpy", "0 0 0")).tolist()
     )
 
 
-def rotation(roll: float, pitch: float, yaw: float) -> Floats:
+def rotation_matrix(roll: float, pitch: float, yaw: float) -> Floats:
     """Return the matrix (3, 3) of roll, pitch and yaw about fixed axes."""
     made = np.eye(3)
     for axis, angle in enumerate((roll, pitch, yaw)):

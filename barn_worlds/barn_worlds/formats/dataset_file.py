@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 import barn_worlds
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.errors import ConfigError, WorldError, one_line
-from barn_worlds.base.files import LARGEST_FILE, write_bytes
+from barn_worlds.base.errors import ConfigError, WorldError, format_error
+from barn_worlds.base.files import LARGEST_FILE_BYTES, write_bytes
 from barn_worlds.formats.npz import Arrays, NpzFormat
 from barn_worlds.moving.motion import KINDS, SHAPES, Motion, MovingObstacle, Wall
 from barn_worlds.worlds.course import parse_course
@@ -23,7 +23,7 @@ FORMAT = NpzFormat(
     "a data set of the suite",
     "manifest.json",
     1,
-    LARGEST_FILE,
+    LARGEST_FILE_BYTES,
     1 << 29,
     newer=(_WITH_SCENES,),
 )
@@ -33,7 +33,7 @@ _NUMBERS = attrgetter(
 
 
 @dataclass(frozen=True)
-class Order:
+class WorldOrder:
     """The order in which worlds are numbered: what the scores mean, and one score per world, lowest first."""
 
     by: str
@@ -41,7 +41,7 @@ class Order:
 
 
 @dataclass(frozen=True, eq=False)
-class OwnFile:
+class DatasetFile:
     """The content of a data set file; `world` builds one of its worlds."""
 
     path: Path
@@ -68,7 +68,7 @@ class OwnFile:
             ValueError,
             OverflowError,
         ) as error:
-            raise WorldError(f"{where} is damaged: {one_line(error)}") from None
+            raise WorldError(f"{where} is damaged: {format_error(error)}") from None
         if not same:
             raise WorldError(
                 f"{where} is damaged: its checksum is not that of the manifest"
@@ -143,7 +143,7 @@ def _part(
     return values[first : first + int(counts[position])]
 
 
-def write_own(
+def write_dataset_file(
     path: Path,
     name: str,
     worlds: Mapping[int, World],
@@ -179,7 +179,7 @@ def write_own(
     write_bytes(path.with_suffix(".manifest.json"), text.encode())
 
 
-def read_own(path: Path) -> OwnFile:
+def read_dataset_file(path: Path) -> DatasetFile:
     """Return the content of a data set file; WorldError if it is damaged or of another version."""
     manifest, arrays = FORMAT.read(path)
     index, worlds = FORMAT.array(arrays, "index", path), manifest.get("worlds")
@@ -199,7 +199,7 @@ def read_own(path: Path) -> OwnFile:
         raise WorldError(
             f"{path}: its manifest lacks a name, or has a robot without one"
         )
-    return OwnFile(path, manifest, arrays)
+    return DatasetFile(path, manifest, arrays)
 
 
 def _manifest(
