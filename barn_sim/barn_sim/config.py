@@ -180,7 +180,7 @@ class SimulatorConfig(Checked):
     localisation: LocalizationConfig = field(default_factory=LocalizationConfig)
     obstacles: ObstacleConfig = field(default_factory=ObstacleConfig)
     # Set as a whole, by `with_robot`; its fields are not parameters of a node.
-    chassis: Chassis = field(default=STANDARD.chassis, metadata=OPTIONAL)
+    chassis: Chassis = field(default=STANDARD_ROBOT.chassis, metadata=OPTIONAL)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -269,7 +269,7 @@ def chassis_in(simulator: object) -> Chassis:
     """
     chassis = simulator.get("chassis") if isinstance(simulator, Mapping) else None
     if chassis is None:
-        return STANDARD.chassis
+        return STANDARD_ROBOT.chassis
     return from_dict(Chassis, chassis, "simulator.chassis")
 
 

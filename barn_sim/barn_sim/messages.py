@@ -58,7 +58,7 @@ class SimulatorMessages:
         lidar = self._config.lidar
         chassis = self._config.chassis
         description = encode.encode_text(robot_description(lidar, chassis))
-        yield Outgoing(topics.ROBOT_DESCRIPTION, description)
+        yield OutgoingMessage(topics.ROBOT_DESCRIPTION, description)
 
         names = {FRAMES.lidar: self._frames.lidar}
         positions = {}
@@ -66,9 +66,9 @@ class SimulatorMessages:
             positions[names.get(name, name)] = position
         yaws = {self._frames.lidar: lidar.mount_yaw_rad}
         transforms = encode.encode_fixed_transforms(self._frames.base, positions, yaws)
-        yield Outgoing(topics.TF_STATIC, transforms)
+        yield OutgoingMessage(topics.TF_STATIC, transforms)
 
-    def sensors(self, sensors: Sensors, stamp_ns: int) -> Iterator[Outgoing]:
+    def sensors(self, sensors: Sensors, stamp_ns: int) -> Iterator[OutgoingMessage]:
         """Yield the messages of an instant, the time first and the scan last.
 
         Args:
@@ -89,25 +89,27 @@ class SimulatorMessages:
         """Return the time."""
         return OutgoingMessage(topics.CLOCK, encode.encode_clock(stamp_ns))
 
-    def odometry(self, odometry: Odometry, stamp_ns: int) -> Outgoing:
+    def odometry(self, odometry: Odometry, stamp_ns: int) -> OutgoingMessage:
         """Return the odometry.
 
         Args:
             odometry: Pose and velocity in the odom frame.
             stamp_ns: Time on the clock.
         """
-        return Outgoing(topics.ODOM, self._odometry.encode(odometry, stamp_ns))
+        return OutgoingMessage(topics.ODOM, self._odometry.encode(odometry, stamp_ns))
 
-    def truth(self, truth: Odometry, stamp_ns: int) -> Outgoing:
+    def truth(self, truth: Odometry, stamp_ns: int) -> OutgoingMessage:
         """Return the true pose and velocity.
 
         Args:
             truth: Pose in the map frame and velocity.
             stamp_ns: Time on the clock.
         """
-        return Outgoing(topics.GROUND_TRUTH, self._truth.encode(truth, stamp_ns))
+        return OutgoingMessage(topics.GROUND_TRUTH, self._truth.encode(truth, stamp_ns))
 
-    def localization(self, pose: Pose2D, odometry: Pose2D, stamp_ns: int) -> Outgoing:
+    def localization(
+        self, pose: Pose2D, odometry: Pose2D, stamp_ns: int
+    ) -> OutgoingMessage:
         """Return the estimated pose, which the next transforms follow.
 
         Args:
@@ -120,7 +122,7 @@ class SimulatorMessages:
             topics.AMCL_POSE, self._localization.encode(pose, stamp_ns)
         )
 
-    def transforms(self, odometry: Pose2D, stamp_ns: int) -> Outgoing:
+    def transforms(self, odometry: Pose2D, stamp_ns: int) -> OutgoingMessage:
         """Return the transforms from map to odom and from odom to base.
 
         Args:
@@ -139,7 +141,7 @@ class SimulatorMessages:
         """Return whether the robot has touched anything."""
         return OutgoingMessage(topics.COLLISION, encode.encode_bool(touched))
 
-    def joints(self, joints: Joints, stamp_ns: int) -> Outgoing:
+    def joints(self, joints: Joints, stamp_ns: int) -> OutgoingMessage:
         """Return the state of the wheels.
 
         Args:
@@ -147,9 +149,11 @@ class SimulatorMessages:
             stamp_ns: Time on the clock.
         """
         state = (joints.positions, joints.velocities)
-        return Outgoing(topics.JOINT_STATES, self._joints.encode(state, stamp_ns))
+        return OutgoingMessage(
+            topics.JOINT_STATES, self._joints.encode(state, stamp_ns)
+        )
 
-    def scan(self, scan: Scan, stamp_ns: int) -> Outgoing:
+    def scan(self, scan: Scan, stamp_ns: int) -> OutgoingMessage:
         """Return a scan.
 
         Args:
@@ -159,7 +163,7 @@ class SimulatorMessages:
         if self._scan is None:
             frame = self._frames.of(topics.SCAN)
             self._scan = encode.ScanEncoder(scan, frame, self._scan_period_s)
-        return Outgoing(topics.SCAN, self._scan.encode(scan, stamp_ns))
+        return OutgoingMessage(topics.SCAN, self._scan.encode(scan, stamp_ns))
 
 
 def _variances(config: LocalizationConfig) -> tuple[float, float, float]:

@@ -275,7 +275,7 @@ def steady_turn(speed: float, turn: float) -> tuple[float, float]:
 
     Loads from statics: springs of equal stiffness under weight and the moments of the friction forces.
     """
-    model = model_of(STANDARD.chassis)
+    model = model_of(STANDARD_ROBOT.chassis)
     wheels = (model.wheels - model.center_of_mass)[:, :2]
     height = model.center_of_mass[2] - model.footing[2]
     plane = np.column_stack([np.ones(4), wheels])

@@ -135,7 +135,7 @@ def _body_shapes(chassis: Chassis, wheels: Floats) -> tuple[Shape, ...]:
     x_min, y_min, x_max, y_max = chassis.body_extent_m
     center = 0.5 * np.array([x_min + x_max, y_min + y_max, low + high])
     half_sizes = 0.5 * np.array([x_max - x_min, y_max - y_min, high - low])
-    if not chassis.round and not chassis.rectangular:
+    if not chassis.is_round and not chassis.is_rectangular:
         corners = np.array(chassis.hull_m) - center[:2]
         return (Shape(center, half_sizes, corners=corners),)
 

@@ -22,7 +22,7 @@ from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.base.types import Pose2D
 from barn_worlds.drawing.palette import GOAL, MOVER, START, TRAIL
 from barn_worlds.geometry.bodies import Bodies
-from barn_worlds.robots.files import STANDARD
+from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.robots.robot import Chassis, Triple
 from barn_worlds.worlds.scene import TrialScene
 

@@ -133,13 +133,13 @@ def body_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:
 
     mark = 0.04 * length
     front_y = 0.0
-    if not chassis.round:
+    if not chassis.is_round:
         tip = [y for x, y in chassis.hull_m if x > x_max - mark]
         front_y = 0.5 * (min(tip) + max(tip))
 
-    if chassis.round:
+    if chassis.is_round:
         body = RobotPart((chassis.footprint_radius_m, height), center, _DARK)
-    elif chassis.rectangular:
+    elif chassis.is_rectangular:
         body = RobotPart((length, width, height), center, _DARK)
     else:
         corners = tuple((x - center[0], y - center[1]) for x, y in chassis.hull_m)

@@ -72,7 +72,7 @@ class Leader:
         self._pause = pause
         self._line = line
         self._executor = executor
-        self._identity = own_identity(node).hex()
+        self._identity = read_endpoint_identity(node).hex()
         node.add_on_set_parameters_callback(self._refuse_parameters)
         threading.Thread(target=self._listen, daemon=True).start()
 

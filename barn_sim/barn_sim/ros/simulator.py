@@ -81,14 +81,14 @@ class SimulatorNode(Node):
         super().__init__("simulator")
         self.stopping = False
         self._executor = executor
-        self._config = declare(self, SimulatorNodeConfig(), read_only=True)
-        self._defaults = declare(self, _initial_config(self))
-        check_with(self, self._defaults)
+        self._config = declare_parameters(self, SimulatorNodeConfig(), read_only=True)
+        self._defaults = declare_parameters(self, _initial_config(self))
+        refuse_invalid_changes(self, self._defaults)
         descriptor = self._config.evaluator_fd
         line = None
         if descriptor >= 0:
             line = PrivateLine(descriptor, lambda: not self.stopping)
-        warn_of_unknown(self)
+        warn_about_unknown_parameters(self)
 
         warm_up()
         self.trial = begin_trial(self._defaults, self._config)
@@ -196,7 +196,7 @@ class SimulatorNode(Node):
         if factor == 0.0:
             self._due_s = now_s
         else:
-            duration_s = ticks * config.tick_ns / NANOSECONDS
+            duration_s = ticks * config.tick_ns / NANOSECONDS_PER_SECOND
             self._due_s = max(self._due_s + duration_s / factor, now_s - _LARGEST_LAG_S)
         self._serve(0.0)
         while not self.stopping and self.trial is trial:
@@ -244,7 +244,7 @@ class SimulatorNode(Node):
     def _next_config(self) -> RunConfig:
         if self._leader is not None:
             return self._leader.config
-        return current(self, self._defaults)
+        return read_parameters(self, self._defaults)
 
     def _pause(self, on: bool) -> Answer:
         self._paused = on

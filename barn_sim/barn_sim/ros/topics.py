@@ -159,12 +159,12 @@ class Outputs:
         if reliability == "auto":
             reliability = "reliable" if config.lockstep else "best_effort"
         scan_qos = BEST_EFFORT if reliability == "best_effort" else None
-        self._scan = publisher(node, topics.SCAN, scan_qos)
+        self._scan = create_publisher(node, topics.SCAN, scan_qos)
         self._line = line
         self._publishers: dict[str, Publisher | None] = {topics.SCAN.name: self._scan}
         for topic in _PUBLISHED:
             if config.ground_truth or topic not in _TRUTH:
-                self._publishers[topic.name] = optional_publisher(node, topic)
+                self._publishers[topic.name] = create_optional_publisher(node, topic)
         if self._publishers[topics.TF.name] is None:
             node.get_logger().info(
                 "tf2_msgs is not installed: /tf and /tf_static are off"
@@ -186,7 +186,7 @@ class Outputs:
 
 def diagnosis(
     trial: SimulatedTrial, commands: CommandInput, state: str, *, discreet: bool = False
-) -> Outgoing:
+) -> OutgoingMessage:
     """Return the status message of the simulator.
 
     Args:

@@ -26,7 +26,7 @@ class SimulatedTrial:
 
     world_name: str
 
-    turnaround: Turnaround
+    cycle_timer: CycleTimer
     """In lockstep, when the planner may answer and when its commands take effect."""
 
     published: bool = False
@@ -61,7 +61,7 @@ class SimulatedTrial:
         self.answer = velocity
         self.last_command = velocity
 
-    def readings(self) -> Iterator[Outgoing]:
+    def readings(self) -> Iterator[OutgoingMessage]:
         """Yield all readings of this instant, the scan last.
 
         The scan is left out while the planner still computes.
@@ -69,7 +69,7 @@ class SimulatedTrial:
         sensors = self.simulator.sense()
         has_scan = sensors.scan.stamp_ns == sensors.stamp_ns
         self.published = True
-        self.awaits_answer = has_scan and self.turnaround.free(sensors.stamp_ns)
+        self.awaits_answer = has_scan and self.cycle_timer.is_free(sensors.stamp_ns)
         for message in self.messages.sensors(sensors, self.now_ns):
             if self.awaits_answer or message.topic is not SCAN:
                 yield message
@@ -78,7 +78,7 @@ class SimulatedTrial:
         """Advance one control period with the answer, when that takes effect."""
         delay_ns = 0
         if self.awaits_answer:
-            delay_ns = self.turnaround.take(self.simulator.stamp_ns)
+            delay_ns = self.cycle_timer.start_cycle(self.simulator.stamp_ns)
         self.simulator.step(self.answer, delay_ns)
         self.answer = None
         self.published = False
@@ -120,7 +120,7 @@ class SimulatedTrial:
 
     def summary(self) -> str:
         """Return the counts in one line."""
-        parts = [f"{self.simulator.stamp_ns / NANOSECONDS:.2f} s simulated"]
+        parts = [f"{self.simulator.stamp_ns / NANOSECONDS_PER_SECOND:.2f} s simulated"]
         for name, count in self.counts().items():
             parts.append(f"{count} {name.replace('_', ' ')}")
         return ", ".join(parts)
@@ -147,7 +147,7 @@ def begin_trial(
         config=config,
         simulator=simulator,
         messages=SimulatorMessages(config, node.frames, scan_period_s, config.start),
-        origin_ns=(before_ns // NANOSECONDS + 1) * NANOSECONDS,
+        origin_ns=(before_ns // NANOSECONDS_PER_SECOND + 1) * NANOSECONDS_PER_SECOND,
         world_name=world.name,
-        turnaround=Turnaround(config.compute, config.compute_seed),
+        cycle_timer=CycleTimer(config.compute, config.compute_seed),
     )

@@ -8,7 +8,7 @@ import numpy as np
 from barn_sim.config import LidarConfig
 from barn_sim.sensors.ray_casting import Fan, Limits, cast_beams, cast_sweep, measure
 from barn_worlds.base.arrays import Floats, Singles
-from barn_worlds.base.types import NANOSECONDS, Pose2D, Scan
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Pose2D, Scan
 
 # Neighboring beams whose ranges differ by more than this do not hit the same object.
 _EDGE_M = 0.2
@@ -63,7 +63,7 @@ class Lidar:
         self.limits = (config.noise_m, config.noise_share, range_min, range_max)
 
         self.sweeps = config.sweeps
-        sweep_ns = NANOSECONDS * (spread / (2.0 * math.pi * config.rate_hz))
+        sweep_ns = NANOSECONDS_PER_SECOND * (spread / (2.0 * math.pi * config.rate_hz))
         self.ages_ns = sweep_ns * np.linspace(1.0, 0.0, config.beams) * config.sweeps
         self._ranges = np.empty(config.beams)
 
