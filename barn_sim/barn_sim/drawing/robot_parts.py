@@ -24,7 +24,7 @@ class RobotPart(NamedTuple):
     """Full sizes of a box; radius and length of a cylinder along z; radius of a ball;
     height of an upright prism. All in m."""
 
-    center: Triple
+    center: Vector3
     """Position in base_link, m."""
 
     color: str
