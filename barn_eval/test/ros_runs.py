@@ -81,20 +81,20 @@ def marked(mark, text=""):
 
 
 def node_process(mark, module):
-    """Return the process of a node of ours, not its guard."""
+    """Return the process of a node of ours, not its launcher."""
     return [
         pid
         for pid in marked(mark, module)
-        if b"guard.py" not in Path(f"/proc/{pid}/cmdline").read_bytes()
+        if b"launcher.py" not in Path(f"/proc/{pid}/cmdline").read_bytes()
     ]
 
 
-def guards(mark, command):
-    """Return the guards of a command."""
+def launchers(mark, command):
+    """Return the launchers of a command."""
     return [
         pid
         for pid in marked(mark, command)
-        if b"guard.py" in Path(f"/proc/{pid}/cmdline").read_bytes()
+        if b"launcher.py" in Path(f"/proc/{pid}/cmdline").read_bytes()
     ]
 
 

@@ -12,7 +12,7 @@ from typing import Any
 from rich.console import Console
 
 from barn_eval.results.run_file import isolation, provenance, ros_problem
-from barn_eval.ros.work import isolation_text
+from barn_eval.ros.work import isolation_warning
 from barn_eval.studies.bench import BenchSetup, bench
 from barn_eval.studies.reproduction import findings as reproduction
 from barn_eval.studies.reproduction.findings import QUICK, ReproduceConfig
@@ -107,7 +107,7 @@ def _ros() -> dict[str, str]:
     if not ros_problem():
         found["middleware"] = _middleware()
     found["isolation"] = (
-        isolation_text(RosSetup()) or f"planners over ROS: {isolation()}"
+        isolation_warning(RosSetup()) or f"planners over ROS: {isolation()}"
     )
     return found
 

@@ -84,7 +84,7 @@ def isolation() -> str:
 
     "apart": in namespaces of their own they neither see nor signal these; "visible": they only see them.
     """
-    script = Path(__file__).parents[1] / "ros" / "supervision" / "guard.py"
+    script = Path(__file__).parents[1] / "ros" / "supervision" / "launcher.py"
     asked = subprocess.run(  # noqa: S603
         [sys.executable, "-I", "-S", str(script), "probe"],
         capture_output=True,

@@ -6,6 +6,7 @@ With a private line to an evaluator, that alone leads it (`barn_sim.ros.leader`)
 are refused to everybody, and reported as interference.
 """
 
+import json
 import math
 import signal
 import sys
@@ -29,12 +30,13 @@ from barn_sim.ros.topics import CommandInput, Outputs, diagnosis
 from barn_sim.ros.trial import SimulatedTrial, begin
 from barn_sim.simulator import warm_up
 from barn_worlds.base.errors import BarnError
-from barn_worlds.base.types import NANOSECONDS, Velocity2D, nanoseconds
+from barn_worlds.base.types import NANOSECONDS, Velocity2D, nanoseconds, seconds
 from barn_worlds.messages.topics import SIMULATOR_DIAGNOSTICS
 from barn_worlds.robots.files import load_robot
 from barn_worlds.ros.parameters import check_with, current, declare, warn_of_unknown
 from barn_worlds.ros.private_line import PrivateLine
 
+STATUS_VERSION = 1  # of what ~/pause answers
 _LOOK_PERIOD_S = 0.1
 _IDLE_CLOCK_PERIOD_S = 0.2
 _AHEAD = 5  # instants that an evaluator need not have heard; publishers keep ten messages of a topic
@@ -214,16 +216,17 @@ class SimulatorNode(Node):
         return True, f"{self._describe()}; before: {before.summary()}"
 
     def _pause(self, on: bool) -> Done:
+        """Pause or resume time, and report what the trial has counted as JSON."""
         self._paused = on
         self._commands.look()
-        scans, publishers = (
-            self._outputs.scan_subscriptions(),
-            self._commands.publishers(),
-        )
-        return (
-            True,
-            f"{self.trial.summary()}; connected: {scans} scan subscriptions, {publishers} command publishers",
-        )
+        status = {
+            "version": STATUS_VERSION,
+            "simulated_s": round(seconds(self.trial.simulator.stamp_ns), 3),
+            **self.trial.counts(),
+            "scan_subscriptions": self._outputs.scan_subscriptions(),
+            "command_publishers": self._commands.publishers(),
+        }
+        return True, json.dumps(status)
 
     def _step(self) -> Done:
         """Advance one control period with the last command, while time stands still."""
