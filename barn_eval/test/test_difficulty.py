@@ -15,10 +15,10 @@ from barn_eval.api.difficulty import evaluate, read_trials, train
 from barn_eval.commands.main import cli
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.model import load_model
-from barn_metrics.model.weights import shipped_weights
+from barn_metrics.model.weights import default_weights
 from barn_worlds.base.errors import BarnError, ConfigError
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats.own import write_own
-from barn_worlds.worlds.dataset import open_dataset
 
 COUNT = 30
 
@@ -60,7 +60,7 @@ def test_networks_are_judged_on_folds_by_a_tool(source):
 def test_worlds_are_known_by_their_checksum_whatever_their_number(source, tmp_path):
     worlds, trials = read_trials(source)
     dataset = open_dataset("barn300")
-    assert tuple(worlds) == trials.world_numbers == dataset.indices[::10]
+    assert tuple(worlds) == trials.world_numbers == dataset.world_numbers[::10]
     assert all(
         world.checksum == dataset.load(index).checksum
         for index, world in worlds.items()
@@ -154,7 +154,7 @@ def test_the_page_on_metrics_quotes_the_card():
     page = Path(__file__).resolve().parents[2] / "docs" / "metrics.md"
     if not page.is_file():
         pytest.skip("the repository's docs are not beside this package")
-    card = shipped_weights().with_suffix(".md").read_text("utf-8")
+    card = default_weights().with_suffix(".md").read_text("utf-8")
     folds, elsewhere = ({}, {})
     for line in card.splitlines():
         cells = [cell.strip() for cell in line.split("|")]

@@ -14,8 +14,8 @@ from barn_metrics.model.evaluation import (
     noise_ceiling,
 )
 from barn_metrics.model.inputs import inputs_of
-from barn_metrics.model.trials import joined
-from barn_worlds.worlds.dataset import open_dataset
+from barn_metrics.model.trials import join_trials
+from barn_worlds.datasets.dataset import open_dataset
 
 torch = pytest.importorskip("torch", reason="networks are trained with PyTorch")
 
@@ -99,7 +99,7 @@ def test_nothing_is_trained_on_the_worlds_held_out_by_whatever_name(worlds, tool
     held_out = open_dataset("barn_test")
     renamed = {
         number: replace(held_out.load(number), name=f"mine_{number}")
-        for number in held_out.indices[:20]
+        for number in held_out.world_numbers[:20]
     }
     with pytest.raises(
         ModelError,
@@ -133,7 +133,7 @@ def test_campaigns_are_joined_by_world_whatever_their_numbers(worlds):
     moved = replace(
         rest, worlds=np.array([numbers[int(index)] for index in rest.worlds])
     )
-    found_worlds, found = joined([(one, some), (renumbered, moved), (one, some)])
+    found_worlds, found = join_trials([(one, some), (renumbered, moved), (one, some)])
     assert len(found_worlds) == len(worlds) and len(found) == len(trials) + len(some)
     expected = {
         worlds[index].checksum: value
@@ -145,11 +145,11 @@ def test_campaigns_are_joined_by_world_whatever_their_numbers(worlds):
     with pytest.raises(
         ModelError, match="there are trials of world 1, but not the world itself"
     ):
-        joined([({0: renumbered[0]}, moved)])
+        join_trials([({0: renumbered[0]}, moved)])
     with pytest.raises(
         ModelError, match="there are trials of world 9999, but not the world itself"
     ):
-        joined(
+        join_trials(
             [
                 (
                     renumbered,

@@ -9,7 +9,11 @@ docs/robots.md has the table. Nothing changes for the Jackal itself, whose prese
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from barn_planners.costmap.costmap import CostmapConfig, GlobalCostmapConfig, text_of
+from barn_planners.costmap.config import (
+    CostmapConfig,
+    GlobalCostmapConfig,
+    format_footprint,
+)
 from barn_planners.registry import planner_config, planner_entry
 from barn_worlds.base.config import Checked, Quantity, fields_of, replace_dotted
 from barn_worlds.base.errors import ConfigError
@@ -157,7 +161,7 @@ def _outline(costmap: CostmapConfig, robot: Robot, scale: float) -> dict[str, An
         "footprint_half_width_m": half_y,
     }
     if not _rectangle(corners):
-        found["footprint"] = text_of(corners)
+        found["footprint"] = format_footprint(corners)
     padded = {**found, "footprint_padding_m": scale * costmap.footprint_padding_m}
     inscribed = replace_dotted(costmap, padded, "costmap").inscribed_m
     across = half_y + padded["footprint_padding_m"]

@@ -9,18 +9,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barn_planners.costmap import kernels
-from barn_planners.costmap.costmap import (
+from barn_planners.costmap.config import (
     CostmapConfig,
-    RollingCostmap,
-    corners_of,
-    text_of,
+    format_footprint,
+    parse_footprint,
 )
+from barn_planners.costmap.costmap import RollingCostmap
 from barn_planners.registry import planner_config, planner_names, presets
 from barn_planners.robots import lidar_place, parameters_for, scale_of
 from barn_worlds.base.config import as_dict, fields_of, replace_dotted
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D, Scan
-from barn_worlds.geometry.polygon import grown, nearest_side_m
+from barn_worlds.geometry.polygon import nearest_side_m, offset
 from barn_worlds.robots.files import load_robot
 
 JACKAL, HUSKY, ROUND = (load_robot(name) for name in ("jackal", "husky", "turtlebot4"))
@@ -140,7 +140,7 @@ def test_lidar_is_where_the_robot_has_it():
 
 
 def test_outlines_as_text():
-    assert corners_of(text_of(PENTAGON)) == PENTAGON
+    assert parse_footprint(format_footprint(PENTAGON)) == PENTAGON
     for wrong in (
         "",
         "x",
@@ -150,7 +150,7 @@ def test_outlines_as_text():
         "[[1, 2, 3]]",
         "7",
     ):
-        assert corners_of(wrong) is None
+        assert parse_footprint(wrong) is None
 
 
 @settings(max_examples=50, deadline=None)
@@ -164,9 +164,9 @@ def test_padding_moves_every_side_outwards(half_x, half_y, by_m):
     )
     x, y = half_x + by_m, half_y + by_m
     np.testing.assert_allclose(
-        grown(rectangle, by_m), [(x, y), (-x, y), (-x, -y), (x, -y)], atol=1e-12
+        offset(rectangle, by_m), [(x, y), (-x, y), (-x, -y), (x, -y)], atol=1e-12
     )
-    assert nearest_side_m(grown(PENTAGON, by_m)) == pytest.approx(
+    assert nearest_side_m(offset(PENTAGON, by_m)) == pytest.approx(
         nearest_side_m(PENTAGON) + by_m
     )
 
@@ -174,7 +174,7 @@ def test_padding_moves_every_side_outwards(half_x, half_y, by_m):
 def test_a_costmap_clears_and_checks_the_outline():
     config = replace_dotted(
         CostmapConfig(),
-        {"footprint": text_of(PENTAGON), "footprint_padding_m": 0.0},
+        {"footprint": format_footprint(PENTAGON), "footprint_padding_m": 0.0},
         "costmap",
     )
     costmap = RollingCostmap(config)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from barn_worlds.base.errors import WorldError
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.datasets.generate import cell_size_m
 from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.robots.files import STANDARD, load_robot
-from barn_worlds.worlds.dataset import open_dataset
-from barn_worlds.worlds.generate import cell_m
 from barn_worlds.worlds.hard import (
     KINDS,
     HardParameters,
@@ -51,7 +51,7 @@ def least_gap_m(way, grid, side_m, robot, samples=40):
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_turned_footprint_keeps_the_margin_all_along_the_way(kind, robot):
     driven = load_robot(robot)
-    parameters = HardParameters(kind=kind, resolution_m=cell_m(driven))
+    parameters = HardParameters(kind=kind, resolution_m=cell_size_m(driven))
     world = hard_world(parameters, driven, np.random.default_rng(3), "hard")
     margin_m = parameters.margin_cells * world.resolution_m
     way = proven_way(world.grid, world.resolution_m, driven, margin_m)
@@ -121,4 +121,4 @@ def test_the_shipped_hard_worlds_come_again_from_their_seed():
             {"kind": "clutter"}, 5, shipped.manifest["seed"], STANDARD, "w"
         )
     }
-    assert made <= {shipped.load(index).checksum for index in shipped.indices}
+    assert made <= {shipped.load(index).checksum for index in shipped.world_numbers}

@@ -24,7 +24,7 @@ from barn_eval.analysis.verdict import Ranking, cautions, rank_results
 from barn_eval.running.sweep import LATENCY, value_text, values_of
 from barn_eval.trials.result import TrialResult
 from barn_worlds.base.errors import ConfigError, suggest
-from barn_worlds.worlds.dataset import select_worlds
+from barn_worlds.datasets.dataset import select_worlds
 
 # What planners may be ranked by: the name of the option, and the key of its measure.
 RANKINGS = {

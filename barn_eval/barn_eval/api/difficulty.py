@@ -13,9 +13,9 @@ from barn_eval.analysis.sources import read_source
 from barn_metrics.model import DifficultyModel, load_model, save_model
 from barn_metrics.model.evaluation import Evaluation, EvaluationConfig
 from barn_metrics.model.evaluation import evaluate as evaluate_model
-from barn_metrics.model.trials import Trials, joined
+from barn_metrics.model.trials import Trials, join_trials
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 __all__ = ["evaluate", "predict", "train"]
@@ -130,7 +130,7 @@ def joined_trials(
 ) -> tuple[Mapping[int, World], Trials]:
     """Return worlds and trials of all sources as `read_trials` reads them, of one planner if it is named."""
     parts = [read_trials(Path(source), dataset) for source in sources]
-    worlds, trials = parts[0] if len(parts) == 1 else joined(parts)
+    worlds, trials = parts[0] if len(parts) == 1 else join_trials(parts)
     return worlds, trials.of(planner) if planner else trials
 
 
@@ -144,7 +144,7 @@ def read_trials(source: Path, dataset: str = "") -> tuple[dict[int, World], Tria
     worlds = open_dataset(dataset or str(found.configuration.get("dataset")))
     known = {
         (world := worlds.load(index)).checksum: (index, world)
-        for index in worlds.indices
+        for index in worlds.world_numbers
     }
     lost = next(
         (one.world for one in found.results if one.world_checksum not in known), None

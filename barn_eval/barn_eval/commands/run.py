@@ -35,7 +35,7 @@ from barn_eval.trials.ros_config import BAGS, MODES, RosSetup
 from barn_eval.trials.run_config import Execution
 from barn_sim.config import SimulatorConfig
 from barn_worlds.base.config import as_dict
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 
 NOT_SCORED = 3  # the exit code
 
@@ -282,7 +282,7 @@ def demo(dataset: str, mode: str, out: Path, as_json: bool) -> int:
     Simulator, planner and evaluator are three ROS 2 nodes in processes of their own. Earlier results in the folder are
     replaced.
     """
-    indices = open_dataset(dataset).indices
+    indices = open_dataset(dataset).world_numbers
     worlds = ",".join(str(indices[len(indices) * share // 100]) for share in SHARES)
     say(f"worlds {worlds} of {dataset}")
     kept = {"bags": "all", "workers": 1, "trial_limit_s": 0.0}

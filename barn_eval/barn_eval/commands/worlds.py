@@ -19,8 +19,8 @@ from barn_eval.commands.options import (
     worlds_option,
 )
 from barn_eval.commands.tables import table
-from barn_worlds.worlds.dataset import open_dataset
-from barn_worlds.worlds.generate import WorldParameters
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.datasets.generate import WorldParameters
 
 robot_option = click.option(
     "--robot",
@@ -101,7 +101,7 @@ def show_list(source: str | None, select: str, as_json: bool) -> None:
         entries = [
             {
                 "data set": one.name,
-                "worlds": len(one.indices),
+                "worlds": len(one.world_numbers),
                 "checksum": one.checksum[:16],
             }
             for one in opened

@@ -23,8 +23,8 @@ from barn_worlds.base.arrays import Floats
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.base.types import seconds
+from barn_worlds.datasets.dataset import Dataset, open_dataset, select_worlds
 from barn_worlds.robots.files import load_robot
-from barn_worlds.worlds.dataset import Dataset, open_dataset, select_worlds
 
 RENDER_MODES = ("rgb_array",)
 _MOST_KEPT = 2000  # worlds of which everything is kept
@@ -63,9 +63,9 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self.render_mode = render_mode
         self.config = replace_dotted(config or EnvConfig(), changes, "environment")
         robot = load_robot(self.config.robot)
-        self._dataset = (opened or open_dataset(self.config.dataset)).driven(robot)
+        self._dataset = (opened or open_dataset(self.config.dataset)).for_robot(robot)
         self.worlds = tuple(
-            sorted(select_worlds(self.config.worlds, self._dataset.indices))
+            sorted(select_worlds(self.config.worlds, self._dataset.world_numbers))
         )  # drawn from, evenly
         self.protocol = load_protocol(self.config.protocol)
         self.simulator_config = simulator_config(

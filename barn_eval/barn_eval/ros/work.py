@@ -21,7 +21,7 @@ from barn_eval.trials.result import TrialResult
 from barn_eval.trials.ros_config import RosSetup
 from barn_eval.trials.run_config import Execution, Experiment
 from barn_eval.trials.spec import TrialSpec
-from barn_worlds.base.errors import ConfigError, reported_as
+from barn_worlds.base.errors import ConfigError, convert_os_errors
 
 # Worlds of each worker for which the nodes of each of several planners start once.
 _BLOCK_WORLDS = 10

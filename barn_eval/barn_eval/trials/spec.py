@@ -13,13 +13,13 @@ from barn_eval.trials.protocol import Course, Protocol
 from barn_eval.trials.result import FREE, trial_id
 from barn_sim.config import PRESETS, SimulatorConfig, with_robot
 from barn_sim.seeds import phase_s
-from barn_worlds.base.compute import NOTHING, Compute
+from barn_worlds.base.compute import NO_COMPUTE, Compute
 from barn_worlds.base.config import as_dict, replace_dotted
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.base.types import OccupancyMap, Pose2D
-from barn_worlds.geometry.footprint import contact_of
-from barn_worlds.geometry.shortest import shortest_way_m
+from barn_worlds.geometry.shortest import shortest_path_bound_m
 from barn_worlds.messages.topics import FRAMES
+from barn_worlds.robots.contact import contact_footprint
 from barn_worlds.robots.robot import Chassis, Robot
 from barn_worlds.worlds.cells import STANDARD_CELL_M
 from barn_worlds.worlds.world import World
@@ -43,7 +43,7 @@ class TrialSpec:
     declared_mps: float = (
         0.0  # the highest speed that the planner says it commands, 0 if it does not say
     )
-    compute: Compute = NOTHING  # what it declares of its computing
+    compute: Compute = NO_COMPUTE  # what it declares of its computing
     way: str = FREE  # what is charged for that, as in `TrialResult`
     recorded_ns: tuple[
         int, ...
@@ -148,7 +148,9 @@ class TrialSpec:
     def description(self) -> dict[str, Any]:
         """Return everything that determines the trial as plain data, all configuration resolved."""
         phase = {"phase_s": self.phase_s} if self.world.moving else {}
-        computing = {"compute": as_dict(self.compute)} if self.compute.declared else {}
+        computing = (
+            {"compute": as_dict(self.compute)} if self.compute.is_declared else {}
+        )
         return {
             "trial_id": self.trial_id,
             "dataset": self.dataset,
@@ -210,7 +212,9 @@ def _least_way_m(
         rules.collision_ends_trial
         and rules.clock_start_source == rules.goal_source == "truth"
     ):
-        inside_m = -float(contact_of(chassis).distances(np.zeros(1), np.zeros(1))[0])
+        inside_m = -float(
+            contact_footprint(chassis).distances(np.zeros(1), np.zeros(1))[0]
+        )
         radius_m = world.cylinder_radius_m + max(0.0, inside_m)
         # a straight line in either disc completes the way to one from start to goal, which must not be barred
         from_start, from_goal = (
@@ -218,7 +222,9 @@ def _least_way_m(
             for point in (start, goal)
         )
         centres = world.cylinders_m[(from_start >= near_m) & (from_goal >= goal_m)]
-    return max(0.0, shortest_way_m(start, goal, centres, radius_m) - near_m - goal_m)
+    return max(
+        0.0, shortest_path_bound_m(start, goal, centres, radius_m) - near_m - goal_m
+    )
 
 
 @lru_cache(maxsize=64)

@@ -12,7 +12,12 @@ from barn_metrics.bootstrap import Interval
 from barn_metrics.metrics import METRIC_NAMES
 from barn_metrics.model.inputs import inputs_of
 from barn_metrics.model.predictor import DifficultyModel, moments
-from barn_metrics.model.trials import Trials, fold_masks, held_out, trained_worlds
+from barn_metrics.model.trials import (
+    Trials,
+    find_reserved_world,
+    fold_masks,
+    worlds_with_trials,
+)
 from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ModelError
@@ -23,7 +28,7 @@ RIDGE_TITLE = "ridge regression on the five metrics"
 _PENALTIES = np.logspace(-1.0, 4.0, 26)
 _SPLITS = 50
 # Rank correlations of several repeats are slow.
-over_worlds = partial(bootstrap.over_worlds, resamples=4000)
+over_worlds = partial(bootstrap.bootstrap_interval, resamples=4000)
 
 
 @dataclass(frozen=True)
@@ -83,12 +88,12 @@ def evaluate(
 ) -> Evaluation:
     """Return the errors of a model and of ridge regression, on the worlds that every planner has.
 
-    Worlds of `HELD_OUT` judge the model alone. ModelError for too few worlds.
+    Worlds of `RESERVED_DATASET` judge the model alone. ModelError for too few worlds.
     """
     chosen = config or EvaluationConfig()
-    own, judged = trained_worlds(worlds, trials), trials.only(trials.world_numbers)
+    own, judged = worlds_with_trials(worlds, trials), trials.only(trials.world_numbers)
     inputs, difficulty = inputs_of(own), judged.difficulty()
-    scores = [] if held_out(own) else [ridge_score(inputs, judged, chosen)]
+    scores = [] if find_reserved_world(own) else [ridge_score(inputs, judged, chosen)]
     predicted, training_mse = (
         model.difficulty(inputs)[0][None],
         model.about.get("training_mse", math.nan),
@@ -122,7 +127,7 @@ def evaluate(
     )
 
 
-def ridge(inputs: Floats, targets: Floats) -> Callable[[Floats], Floats]:
+def fit_ridge(inputs: Floats, targets: Floats) -> Callable[[Floats], Floats]:
     """Return ridge regression of targets (n,) on z-scored inputs (n, d) as a function, its penalty by leave-one-out."""
     mean, std = moments(inputs)
     left, singular, right = np.linalg.svd((inputs - mean) / std, full_matrices=False)
@@ -141,7 +146,7 @@ def ridge_score(inputs: Floats, trials: Trials, config: EvaluationConfig) -> Mod
     difficulty, five = trials.difficulty(), inputs[:, : len(METRIC_NAMES)]
 
     def fitted(kept: Bools, _: int) -> list[Floats]:
-        return [ridge(five[mask], difficulty[mask])(five) for mask in kept]
+        return [fit_ridge(five[mask], difficulty[mask])(five) for mask in kept]
 
     predicted, training_mse = on_folds(fitted, difficulty, config)
     return score_of(RIDGE, RIDGE_TITLE, training_mse, predicted, difficulty, None)

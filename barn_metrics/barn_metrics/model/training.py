@@ -13,13 +13,13 @@ from torch import Tensor
 from barn_metrics.model import predictor
 from barn_metrics.model.inputs import inputs_of, summary_names
 from barn_metrics.model.predictor import DILATIONS, DifficultyModel, Layer, RouteNetwork
-from barn_metrics.model.route import PRESENT, mirrored
+from barn_metrics.model.route import PRESENT, mirror_strips
 from barn_metrics.model.trials import (
-    HELD_OUT,
+    RESERVED_DATASET,
     Trials,
+    find_reserved_world,
     fold_masks,
-    held_out,
-    trained_worlds,
+    worlds_with_trials,
 )
 from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.errors import ModelError
@@ -38,12 +38,12 @@ def train(
 
     The same arguments give the same model. Its uncertainty comes from further models, each trained without a fifth of
     the worlds: five, or as few as leave enough worlds out.
-    Raises ModelError for too few worlds, or for worlds of `HELD_OUT`.
+    Raises ModelError for too few worlds, or for worlds of `RESERVED_DATASET`.
     """
-    used = trained_worlds(worlds, trials)
-    if (found := held_out(used)) is not None:
+    used = worlds_with_trials(worlds, trials)
+    if (found := find_reserved_world(used)) is not None:
         raise ModelError(
-            f"{found.name} is a world of {HELD_OUT}, which judges models and is never trained on"
+            f"{found.name} is a world of {RESERVED_DATASET}, which judges models and is never trained on"
         )
     inputs, difficulty = inputs_of(used), trials.difficulty()
     enough = math.ceil(_CALIBRATION_WORLDS * _CALIBRATION_FOLDS / len(used))
@@ -140,15 +140,15 @@ class NetworkTraining:
         self._chance = torch.Generator().manual_seed(seed)
         self._mean, self._std = predictor.moments(inputs[:, : len(summary_names())])
         self.shift, self.spread = predictor.moments(targets)
-        plain, strips = predictor.divided(inputs, self._mean, self._std)
+        plain, strips = predictor.split_inputs(inputs, self._mean, self._std)
         self._plain = _tensor(plain)
         longest = max(int(strips[..., PRESENT].any(axis=(0, 1)).sum()), 1)
-        both = (predictor.side_by_side(way) for way in (strips, mirrored(strips)))
+        both = (predictor.side_by_side(way) for way in (strips, mirror_strips(strips)))
         self.ways = tuple(
             _tensor(np.swapaxes(way, 1, 2))[:, :, :longest] for way in both
         )
         self._present = _tensor(
-            np.swapaxes(predictor.present_in(predictor.side_by_side(strips)), 1, 2)
+            np.swapaxes(predictor.sample_mask(predictor.side_by_side(strips)), 1, 2)
         )[:, :, :longest]
         self._targets = _tensor((targets - self.shift) / self.spread)
         self._filters = [

@@ -10,11 +10,13 @@ import numpy as np
 
 from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.errors import ModelError, suggest
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 FEWEST_WORLDS = 10
-HELD_OUT = "barn_test"  # judges models; nothing is trained on it or chosen by it
+RESERVED_DATASET = (
+    "barn_test"  # judges models; nothing is trained on it or chosen by it
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +128,7 @@ def check_worlds(worlds: Mapping[int, World], numbers: Iterable[int]) -> None:
         )
 
 
-def trained_worlds(worlds: Mapping[int, World], trials: Trials) -> list[World]:
+def worlds_with_trials(worlds: Mapping[int, World], trials: Trials) -> list[World]:
     """Return the worlds in the order of the trials' `world_numbers`; ModelError if one is missing or they are few."""
     numbers = trials.world_numbers
     check_worlds(worlds, numbers)
@@ -137,10 +139,12 @@ def trained_worlds(worlds: Mapping[int, World], trials: Trials) -> list[World]:
     return [worlds[number] for number in numbers]
 
 
-def held_out(worlds: Iterable[World]) -> World | None:
-    """Return the first world with the obstacles of a world of `HELD_OUT`, whatever it is called; None without any."""
-    kept_apart = open_dataset(HELD_OUT)
-    grids = {kept_apart.load(index).grid.tobytes() for index in kept_apart.indices}
+def find_reserved_world(worlds: Iterable[World]) -> World | None:
+    """Return the first world with the obstacles of a world of `RESERVED_DATASET`, None without any."""
+    kept_apart = open_dataset(RESERVED_DATASET)
+    grids = {
+        kept_apart.load(index).grid.tobytes() for index in kept_apart.world_numbers
+    }
     return next((world for world in worlds if world.grid.tobytes() in grids), None)
 
 
@@ -153,7 +157,7 @@ def fold_masks(worlds: int, folds: int, seed: int) -> Bools:
     return kept
 
 
-def joined(
+def join_trials(
     parts: Sequence[tuple[Mapping[int, World], Trials]],
 ) -> tuple[dict[int, World], Trials]:
     """Return worlds and trials of several campaigns, renumbered, equal worlds as one; ModelError for missing ones."""

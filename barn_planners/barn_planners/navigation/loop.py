@@ -4,18 +4,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from barn_planners.costmap.costmap import (
-    Costmap,
-    CostmapConfig,
-    GlobalCostmapConfig,
-    RollingCostmap,
-    global_costmap,
-)
+from barn_planners.costmap.config import CostmapConfig, GlobalCostmapConfig
+from barn_planners.costmap.costmap import Costmap, RollingCostmap, global_costmap
 from barn_planners.global_plan.planner import (
     GlobalPlanConfig,
     GlobalPlanner,
-    moved_plan,
-    passed_points,
+    count_passed_points,
+    transform_plan,
     visible_slice,
 )
 from barn_planners.interface import (
@@ -280,12 +275,13 @@ class NavigationPlanner(Planner):
         robot = self._robot(observation)
         if self._map_given and not self._follows_in_map:
             odom_of_map = robot @ observation.pose.inverse()
-            plan = moved_plan(plan, odom_of_map)
+            plan = transform_plan(plan, odom_of_map)
             goal = odom_of_map @ goal
         window = visible_slice(plan, robot, self._local.config.size_m / 2.0)
         if self.config.prune_m > 0.0:
             window = slice(
-                window.start + passed_points(plan[window], robot, self.config.prune_m),
+                window.start
+                + count_passed_points(plan[window], robot, self.config.prune_m),
                 window.stop,
             )
         new_plan, self._plan_is_new = self._plan_is_new, False

@@ -13,8 +13,8 @@ import numpy as np
 from barn_worlds.base.arrays import BoolGrid, Floats
 from barn_worlds.base.config import Checked, as_dict, quantity, replace_dotted
 from barn_worlds.base.errors import WorldError
+from barn_worlds.datasets.generate import cell_size_m
 from barn_worlds.robots.robot import Robot
-from barn_worlds.worlds.generate import cell_m
 from barn_worlds.worlds.oriented import POINTS_PER_CELL, cells_of, lattice
 from barn_worlds.worlds.world import Provenance, World
 
@@ -218,7 +218,7 @@ def hard_worlds(
     kinds = KINDS if changes["kind"] == ALL else (changes["kind"],)
     worlds = []
     for kind in kinds:
-        asked = {"resolution_m": cell_m(robot), **changes, "kind": kind}
+        asked = {"resolution_m": cell_size_m(robot), **changes, "kind": kind}
         parameters = replace_dotted(
             HardParameters(), asked, "parameters of hard worlds"
         )

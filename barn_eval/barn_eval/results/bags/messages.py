@@ -59,7 +59,8 @@ def last_scene(spec: TrialSpec, cylinders_m: Floats, stamp_ns: int) -> Outgoing 
     if not (np.hypot(*(cylinders_m - spec.world.cylinders_m).T) > MOVED_M).any():
         return None
     return Outgoing(
-        topics.WORLD, encode_scene(trial_scene(spec).moved(cylinders_m), stamp_ns)
+        topics.WORLD,
+        encode_scene(trial_scene(spec).with_cylinders_at(cylinders_m), stamp_ns),
     )
 
 

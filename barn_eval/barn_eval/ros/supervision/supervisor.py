@@ -38,8 +38,8 @@ from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import TrajectoryLog
 from barn_eval.trials.trial import conclude, handled
 from barn_worlds.base.config import as_dict
-from barn_worlds.base.errors import ConfigError, reported_as
-from barn_worlds.base.files import write_whole
+from barn_worlds.base.errors import ConfigError, convert_os_errors
+from barn_worlds.base.files import write_durably
 from barn_worlds.ros import private_line
 from barn_worlds.ros.domain import in_use, reserved_domain
 
@@ -83,7 +83,7 @@ def run_ros_trials(
     if not trials:
         return
     logs = logs or store.folder / LOGS
-    with reported_as(ConfigError, logs):
+    with convert_os_errors(ConfigError, logs):
         logs.mkdir(parents=True, exist_ok=True)
     with reserved_domain(environment) as domain, handled(signal.SIGTERM, _exit):
         node_environment = nodes.environment(environment, domain)
