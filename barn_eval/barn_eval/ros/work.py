@@ -159,7 +159,7 @@ def require_ros(experiment: Experiment, console: Console) -> None:
             " that of ROS"
         )
     with (
-        reported_as(ConfigError, "mode ros: no loopback interface, 127.0.0.1"),
+        convert_os_errors(ConfigError, "mode ros: no loopback interface, 127.0.0.1"),
         socket(AF_INET, SOCK_DGRAM) as probe,
     ):
         probe.connect(("127.0.0.1", 9))

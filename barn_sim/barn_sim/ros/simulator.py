@@ -30,7 +30,12 @@ from barn_sim.ros.topics import CommandInput, Outputs, diagnosis
 from barn_sim.ros.trial import SimulatedTrial, begin
 from barn_sim.simulator import warm_up
 from barn_worlds.base.errors import BarnError
-from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Velocity2D, nanoseconds
+from barn_worlds.base.types import (
+    NANOSECONDS_PER_SECOND,
+    Velocity2D,
+    nanoseconds,
+    seconds,
+)
 from barn_worlds.messages.topics import SIMULATOR_DIAGNOSTICS
 from barn_worlds.robots.files import load_robot
 from barn_worlds.ros.parameters import check_with, current, declare, warn_of_unknown

@@ -35,7 +35,7 @@ from functools import cache
 from pathlib import Path
 
 from barn_eval.ros.supervision import launcher
-from barn_worlds.base.errors import BarnError, ConfigError, reported_as
+from barn_worlds.base.errors import BarnError, ConfigError, convert_os_errors
 
 # Isolated from the packages of the user: a launcher needs the standard library only.
 _LAUNCHER = (sys.executable, "-I", "-S", launcher.__file__)
@@ -152,7 +152,7 @@ class SupervisedProcess:
         own_socket, launcher_socket = socket.socketpair()
         self._events = EventChannel(own_socket)
         descriptor = launcher_socket.fileno()
-        with launcher_socket, reported_as(ConfigError, log):
+        with launcher_socket, convert_os_errors(ConfigError, log):
             if log.exists() and log.stat().st_size > _FULL_LOG_BYTES:
                 log.replace(log.with_name(f"{log.name}.1"))
             with log.open("ab") as output:

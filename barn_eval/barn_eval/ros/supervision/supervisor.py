@@ -248,7 +248,7 @@ class _Supervisor:
         # The next evaluator finds the nodes of this run.
         self._assignment = replace(self._assignment, look_first=False)
         path = self._logs / "assignment.json"
-        write_whole(path, json.dumps(as_dict(assignment)).encode())
+        write_durably(path, json.dumps(as_dict(assignment)).encode())
 
         supervisor_end, evaluator_end = socket.socketpair()
         with evaluator_end:
