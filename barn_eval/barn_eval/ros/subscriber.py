@@ -153,8 +153,9 @@ class Subscriber:
         for name, topic in self._topics.items():
             if topic.subscription is None:
                 continue
-            with topic.subscription.handle as handle:
-                message_type = topic.subscription.msg_type
+            handle = topic.subscription.handle
+            message_type = topic.subscription.msg_type
+            with handle:
                 while remaining_bytes > 0:
                     # An executor and rclpy.wait_for_message call this, too. rclpy has
                     # no public way without an executor, which takes one message a turn.
