@@ -19,11 +19,11 @@ from launch_files import constant
 
 from barn_eval.commands import ab
 from barn_eval.trials.protocol import PROTOCOLS
-from barn_eval.trials.ros_config import Patience
+from barn_eval.trials.ros_config import WaitLimits
 from barn_sim.config import PRESETS, SimulatorNodeConfig
 from barn_worlds.messages.topics import FRAMES
 from barn_worlds.robots.files import ROBOTS
-from barn_worlds.ros.domain import reserved_domain
+from barn_worlds.ros.domain import reserve_domain
 
 FOLDER = Path(__file__).resolve().parents[1] / "examples" / "nav2"
 CONTROLLERS = ("dwb", "graceful", "mppi", "rpp")
@@ -216,7 +216,7 @@ def test_commands_pass_from_server_to_server_to_cmd_vel(nodes):
 
 def test_a_nav2_that_works_is_not_taken_for_a_stalled_one(nodes):
     # a robot kept standing is told so for longer than the evaluator waits for a command
-    assert nodes["collision_monitor"]["stop_pub_timeout"] > Patience().command_s
+    assert nodes["collision_monitor"]["stop_pub_timeout"] > WaitLimits().command_s
     # a tree whose servers do not answer in time gives up what it has begun: 20 ms is too short for a busy machine
     assert nodes["bt_navigator"]["default_server_timeout"] >= 1000
 
@@ -332,7 +332,7 @@ def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, capsys):
 def test_each_trial_gets_a_fresh_nav2(with_more_messages):
     """The node nav2_trial, with a lifecycle manager and a navigator that are stood in for in another process."""
     script = Path(__file__).with_name("nav2_stand_in.py")
-    with reserved_domain({}) as domain:
+    with reserve_domain({}) as domain:
         environment = {
             **os.environ,
             "ROS_DOMAIN_ID": str(domain),

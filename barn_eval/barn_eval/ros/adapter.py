@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
-from barn_eval.results.bags.decode import planner_status
+from barn_eval.results.bags.decode import decode_planner_status
 from barn_eval.ros.sequencer import Message, Tick
 from barn_eval.trials.trial import RunningTrial
 from barn_worlds.base.errors import MessageError

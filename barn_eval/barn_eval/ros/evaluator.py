@@ -36,7 +36,7 @@ from barn_eval.trials.outcome import (
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.result import WallClock, to_json_line
 from barn_eval.trials.ros_config import EvaluatorConfig
-from barn_eval.trials.run_config import Execution, Experiment, PlannerChoice
+from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_eval.trials.trial import FinishedTrial, conclude
 from barn_worlds.base.config import from_dict
@@ -44,7 +44,7 @@ from barn_worlds.base.errors import BarnError
 from barn_worlds.base.text_files import read_json
 from barn_worlds.base.types import nanoseconds
 from barn_worlds.robots.files import load_robot
-from barn_worlds.ros.parameters import declare
+from barn_worlds.ros.parameters import declare_parameters
 
 # Outcomes after which a process cannot be trusted with the next trial.
 _DOUBTFUL_PROCESS = {
@@ -74,7 +74,7 @@ def main(arguments: list[str] | None = None) -> int:
     node = Node("evaluator")
     supervisor = None
     try:
-        config = declare(node, EvaluatorConfig(), read_only=True)
+        config = declare_parameters(node, EvaluatorConfig(), read_only=True)
         if config.supervisor_fd < 0:
             _run_by_hand(node, config)
         else:
@@ -153,8 +153,8 @@ class TrialRunner:
     def __init__(
         self,
         context: RunContext,
-        store: Store,
-        keep: Callable[[Record], None],
+        store: BagStore,
+        keep: Callable[[TrialRecord], None],
         *,
         isolated: bool = True,
     ) -> None:
@@ -210,7 +210,7 @@ class TrialRunner:
             finished = self._finish(trial, verdict, wall_clock)
             if recorder is not None:
                 finish_bag(recorder, finished)
-        self._keep(self._store.keep(finished))
+        self._keep(self._store.make_record(finished))
         return True
 
     def _finish(

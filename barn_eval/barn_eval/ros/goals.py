@@ -14,10 +14,10 @@ from barn_eval.ros.graph import GraphView
 from barn_eval.ros.readiness import Endpoint
 from barn_eval.trials.outcome import PLANNER, Outcome
 from barn_eval.trials.ros_config import EvaluatorConfig
-from barn_eval.trials.trial import LONGEST
+from barn_eval.trials.trial import MAX_TEXT_LENGTH
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.messages.topics import GOAL_POSE
-from barn_worlds.ros.topics import message_class, publisher
+from barn_worlds.ros.topics import create_publisher, find_message_class
 
 _POSE_TYPE = "geometry_msgs/PoseStamped"
 _RETRY_PERIOD_S = 0.5  # between two attempts at a goal that was refused

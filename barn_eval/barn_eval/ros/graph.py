@@ -14,7 +14,7 @@ from barn_eval.ros.readiness import PARTICIPANT_BYTES, Endpoint, Graph
 from barn_eval.ros.simulator import SimulatorChannel
 from barn_eval.trials.outcome import Outcome
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.ros.topics import own_identity
+from barn_worlds.ros.topics import read_endpoint_identity
 
 LEASE_S = 30.0  # DDS forgets a process that was killed after some 20 s
 _UNNAMED = "an unnamed node"

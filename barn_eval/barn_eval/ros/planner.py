@@ -21,7 +21,7 @@ from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.messages import topics
 from barn_worlds.messages.encode import PoseStampedEncoder, encode_map
-from barn_worlds.ros.topics import publisher
+from barn_worlds.ros.topics import create_publisher
 
 _GOAL_PERIOD_S = 0.5  # between two goals while the planner is not ready
 _READY_PERIOD_S = 0.02  # between two calls of ~/ready

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.ros_config import Patience
+from barn_eval.trials.ros_config import WaitLimits
 from barn_worlds.messages.topics import CMD_VEL, CMD_VEL_STAMPED, GOAL_POSE
 
 # Bytes of a DDS GUID that the endpoints of a process have in common.

@@ -18,8 +18,8 @@ from barn_eval.ros.sequencer import Message
 from barn_eval.ros.subscriber import Subscriber
 from barn_worlds.messages import topics
 from barn_worlds.messages.cdr import jazzy_types
-from barn_worlds.messages.topics import LATCHED, RELIABLE, Outgoing, Qos, Topic
-from barn_worlds.ros.topics import optional_publisher
+from barn_worlds.messages.topics import LATCHED, RELIABLE, OutgoingMessage, Qos, Topic
+from barn_worlds.ros.topics import create_optional_publisher
 
 
 class Recording:

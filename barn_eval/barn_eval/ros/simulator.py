@@ -188,7 +188,7 @@ class SimulatorClient:
         self,
         loop: EvaluatorLoop,
         request: Callable[..., str],
-        patience: Patience,
+        patience: WaitLimits,
         dataset: str,
         robot: str,
     ) -> None:
@@ -228,7 +228,7 @@ class SimulatorClient:
         for name, _, value in fields_of(spec.compute):
             values[f"compute.{name}"] = value
         values |= {
-            "world": spec.index,
+            "world": spec.world_number,
             "seed": spec.simulator_seed,
             "compute_seed": spec.planner_seed,
             "start_x_m": start.x,

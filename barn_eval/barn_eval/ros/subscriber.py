@@ -24,7 +24,7 @@ from barn_worlds.base.errors import MessageError
 from barn_worlds.base.types import seconds
 from barn_worlds.messages import decode
 from barn_worlds.messages.topics import LATCHED, RELIABLE, Qos
-from barn_worlds.ros.topics import message_class, profile
+from barn_worlds.ros.topics import find_message_class, qos_profile
 
 _TICKS_PER_ACKNOWLEDGMENT = 2
 # Messages of a topic that may wait to be read: several seconds in lockstep for topics

@@ -6,7 +6,12 @@ from dataclasses import replace
 
 from rclpy.node import Node
 
-from barn_eval.results.bags.messages import TOPICS, LiveScore, first_scene, moving_scene
+from barn_eval.results.bags.messages import (
+    TOPICS,
+    ScoreReporter,
+    initial_scene,
+    moving_obstacle_scene,
+)
 from barn_eval.results.bags.recorder import Recorder
 from barn_eval.ros.adapter import TrialAdapter, TrialTopics
 from barn_eval.ros.evaluator_loop import EvaluatorLoop, TrialEnded
@@ -179,7 +184,7 @@ class RosTrial:
         self._recorder = recorder
         self._first = first
         self._queue: TrialQueue | None = None
-        self._score = LiveScore(spec)
+        self._score = ScoreReporter(spec)
         self._latest_ns: int | None = None
         self._origin_ns = 0
 

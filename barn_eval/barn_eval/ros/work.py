@@ -18,8 +18,8 @@ from barn_eval.running.planner_objects import LivePlanner
 from barn_eval.running.request import Request
 from barn_eval.running.run import run_experiment
 from barn_eval.trials.result import TrialResult
-from barn_eval.trials.ros_config import RosSetup
-from barn_eval.trials.run_config import Execution, Experiment
+from barn_eval.trials.ros_config import RosConfig
+from barn_eval.trials.run_config import ExecutionConfig, RunConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.base.errors import ConfigError, convert_os_errors
 
@@ -35,9 +35,14 @@ class RosWork(Work):
     """
 
     loads = False
-    experiment: Experiment
-    store: Store
+    experiment: RunConfig
+    store: BagStore
     workers: int
+
+    @property
+    def isolation(self) -> str:
+        """What keeps planner processes from the suite's, as run.json has it."""
+        return session_isolation(self.experiment.ros)
 
     def jobs(self, trials: Sequence[TrialSpec]) -> list[Job]:
         """Share out trials: as many jobs per planner as workers, worlds dealt in turn.
@@ -61,7 +66,7 @@ class RosWork(Work):
                     specs = tuple(
                         spec
                         for spec in trials
-                        if spec.planner == planner.name and spec.index in share
+                        if spec.planner == planner.name and spec.world_number in share
                     )
                     if not specs:
                         continue

@@ -9,17 +9,17 @@ from typing import Any
 
 import yaml
 
-from barn_eval.results.store import Store
+from barn_eval.results.store import BagStore
 from barn_eval.ros.supervision import start
 from barn_eval.running.request import command_words
-from barn_eval.trials.ros_config import PlannerLink, RosSetup
-from barn_eval.trials.run_config import Experiment, PlannerChoice
+from barn_eval.trials.ros_config import PlannerLink, RosConfig
+from barn_eval.trials.run_config import PlannerChoice, RunConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_sim.config import SimulatorConfig, robot_of
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError, convert_os_errors
 from barn_worlds.base.files import write_durably
-from barn_worlds.robots.files import ROBOTS, robot_text
+from barn_worlds.robots.files import ROBOTS, robot_yaml
 
 # Ends the detail of a fault that a planner without isolation may have caused.
 PLANNER_SUSPECTED = "nothing tells that from the planner's doing"
@@ -86,9 +86,9 @@ class Assignment:
     isolated: bool = False
 
     @property
-    def store(self) -> Store:
+    def store(self) -> BagStore:
         """Where bags go."""
-        return Store(Path(self.out), self.experiment.bags)
+        return BagStore(Path(self.out), self.experiment.bags)
 
     def specs(self) -> list[TrialSpec]:
         """Return the trials; WorldError if a world cannot be read."""
@@ -141,7 +141,7 @@ def name_robot(config: SimulatorConfig, folder: Path) -> str:
     if name in ROBOTS and ROBOTS[name].chassis == config.chassis:
         return name
     path = folder / "robot.yaml"
-    write_durably(path, robot_text(robot_of(config)).encode())
+    write_durably(path, robot_yaml(robot_of(config)).encode())
     return str(path.resolve())
 
 
@@ -167,7 +167,7 @@ def planner(choice: PlannerChoice, experiment: Experiment) -> NodeProcess:
         command_type = "twist_stamped"
     parameters: dict[str, Any] = {
         "planner": choice.name,
-        "preset": settings["preset"],
+        "preset": planner_setup.preset,
         "use_map": experiment.protocol.map_given,
         "use_sim_time": True,
         "command_type": command_type,
@@ -180,7 +180,7 @@ def planner(choice: PlannerChoice, experiment: Experiment) -> NodeProcess:
 
 
 def evaluator(
-    assignment: Path, setup: RosSetup, supervisor: int, simulator: int
+    assignment: Path, setup: RosConfig, supervisor: int, simulator: int
 ) -> NodeProcess:
     """Describe the evaluator.
 

@@ -36,12 +36,12 @@ from barn_eval.trials.result import TrialResult, from_json_line
 from barn_eval.trials.run_config import Experiment, PlannerChoice
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import TrajectoryLog
-from barn_eval.trials.trial import conclude, handled
+from barn_eval.trials.trial import finish_trial, signal_handler
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError, convert_os_errors
 from barn_worlds.base.files import write_durably
 from barn_worlds.ros import private_line
-from barn_worlds.ros.domain import in_use, reserved_domain
+from barn_worlds.ros.domain import is_domain_in_use, reserve_domain
 
 EVALUATOR = "evaluator"
 # Evaluators that may be lost in a row without a result in between.
@@ -53,9 +53,9 @@ _LONGEST_WAIT_S = 0.5
 
 
 def run_ros_trials(
-    experiment: Experiment,
+    experiment: RunConfig,
     trials: Sequence[TrialSpec],
-    store: Store,
+    store: BagStore,
     logs: Path | None = None,
     notice: Callable[[str], None] = lambda _: None,
     environment: Mapping[str, str] = os.environ,
@@ -103,9 +103,9 @@ class _Supervisor:
 
     def __init__(
         self,
-        experiment: Experiment,
+        experiment: RunConfig,
         trials: Sequence[TrialSpec],
-        store: Store,
+        store: BagStore,
         logs: Path,
         environment: Mapping[str, str],
         notice: Callable[[str], None],
@@ -165,7 +165,7 @@ class _Supervisor:
             self._isolated,
         )
 
-    def run(self) -> Iterator[Record]:
+    def run(self) -> Iterator[TrialRecord]:
         """Yield records as they come, until there is one of each trial."""
         if not self._assignment.look_first:
             for name in self._nodes:
