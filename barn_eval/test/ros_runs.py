@@ -15,7 +15,7 @@ from rosbags.highlevel import AnyReader
 
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.store import BagStore
-from barn_eval.ros.supervision import run_ros_trials
+from barn_eval.ros.supervision.supervisor import run_ros_trials
 from barn_eval.ros.work import run_request
 from barn_eval.running.request import Request
 from barn_eval.trials.protocol import CHALLENGE

@@ -111,7 +111,7 @@ class TrialAdapter:
         elif message.topic == topics.scan:
             self._unanswered_scan_ns = message.sent_ns
         elif message.topic == topics.diagnostics:
-            status = planner_status(message.data)
+            status = decode_planner_status(message.data)
             if status:
                 self.trial.report(status)
         elif message.topic == topics.plan:

@@ -19,10 +19,11 @@ from pathlib import Path
 import rclpy
 from rclpy.node import Node
 
-from barn_eval.results.folder import opened
-from barn_eval.results.store import Record, Store, finish_bag
+from barn_eval.results.folder import ResultsFolder
+from barn_eval.results.store import BagStore, TrialRecord, finish_bag
 from barn_eval.ros.adapter import TrialAdapter, missed_periods, missed_share
 from barn_eval.ros.evaluator_loop import StopRequested, TrialEnded
+from barn_eval.ros.isolation import session_isolation
 from barn_eval.ros.supervision.nodes import PLANNER_SUSPECTED, Assignment
 from barn_eval.ros.supervision.process import EventChannel
 from barn_eval.ros.trial import RosTrial, RunContext
@@ -38,7 +39,7 @@ from barn_eval.trials.result import WallClock, to_json_line
 from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.spec import TrialSpec, simulator_config
-from barn_eval.trials.trial import FinishedTrial, conclude
+from barn_eval.trials.trial import FinishedTrial, finish_trial
 from barn_worlds.base.config import from_dict
 from barn_worlds.base.errors import BarnError
 from barn_worlds.base.text_files import read_json
@@ -108,7 +109,7 @@ def _run_assignment(
     context = RunContext(node, config, supervisor, dataset, assignment.robot)
     loop = context.loop
 
-    def send_record(record: Record) -> None:
+    def send_record(record: TrialRecord) -> None:
         row = to_json_line(record.result)
         loop.report("result", row=row, track=record.track or "")
 
@@ -127,7 +128,7 @@ def _run_assignment(
 def _run_by_hand(node: Node, config: EvaluatorConfig) -> None:
     """Run what the parameters say, with nodes that somebody else starts."""
     protocol = load_protocol(config.protocol)
-    experiment = Experiment(
+    experiment = RunConfig(
         dataset=config.dataset,
         worlds=config.worlds,
         planners=(PlannerChoice(config.planner),),
@@ -140,9 +141,12 @@ def _run_by_hand(node: Node, config: EvaluatorConfig) -> None:
     )
     out = Path(config.out)
     specs = experiment.trials(started_by_hand=True)
-    with opened(out, experiment, Execution(workers=1), specs) as folder:
+    isolation = session_isolation(experiment.ros)
+    with ResultsFolder.open(
+        out, experiment, ExecutionConfig(workers=1), specs, isolation=isolation
+    ) as folder:
         context = RunContext(node, config, None, config.dataset, config.robot)
-        runner = TrialRunner(context, Store(out, config.bags), folder.append)
+        runner = TrialRunner(context, BagStore(out, config.bags), folder.append)
         runner.run(folder.remaining)
         folder.complete()
 
@@ -197,7 +201,7 @@ class TrialRunner:
             is_others_fault = verdict.fault in (SIMULATOR, ENVIRONMENT)
             if trial.released and is_others_fault and not self._isolated:
                 detail = f"{verdict.detail}; {PLANNER_SUSPECTED}"
-                verdict = replace(verdict, detail=detail, blamed=PLANNER)
+                verdict = replace(verdict, detail=detail, culprit=PLANNER)
 
             missed_cycles = self._settle(verdict)
             if trial.released:
@@ -217,7 +221,7 @@ class TrialRunner:
         self, trial: RosTrial, verdict: Verdict, wall_clock: WallClock
     ) -> FinishedTrial:
         remarks = [wall_clock.remark, self._context.integrity.remarks]
-        return conclude(
+        return finish_trial(
             trial.trial.spec,
             "ros",
             verdict,
@@ -288,7 +292,7 @@ class TrialRunner:
         share = missed_share(
             missed, adapter.commands_ns, adapter.now_ns, nanoseconds(period_s)
         )
-        return WallClock.of(
+        return WallClock.from_answer_times(
             duration_s,
             factor,
             adapter.response_times_s,

@@ -25,18 +25,18 @@ _LONGEST_TURN_S = 0.02  # that counts of the time between two spins
 class TrialEnded(Exception):
     """Something ends the trial with an outcome that the referee does not decide."""
 
-    def __init__(self, outcome: Outcome, detail: str, blamed: str = "") -> None:
+    def __init__(self, outcome: Outcome, detail: str, culprit: str = "") -> None:
         """Describe the end.
 
         Args:
             outcome: Outcome of the trial.
             detail: What happened, in one line for the row.
-            blamed: Who failed, as in `Verdict`; empty where the outcome says it.
+            culprit: Who failed, as in `Verdict`; empty where the outcome says it.
         """
         super().__init__(f"{outcome.value}: {detail}")
         self.outcome = outcome
         self.detail = detail
-        self.blamed = blamed
+        self.culprit = culprit
 
 
 class StopRequested(Exception):
@@ -116,7 +116,7 @@ class EvaluatorLoop:
             if name in self._exits:
                 event = self._exits[name]
                 detail = f"the {name} {event['how']}"
-                raise TrialEnded(_OUTCOME_OF_END[name], detail, event["blamed"])
+                raise TrialEnded(_OUTCOME_OF_END[name], detail, event["culprit"])
 
     def wait(
         self, condition: Callable[[], T], limit_s: float, *processes: str

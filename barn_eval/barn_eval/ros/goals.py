@@ -47,7 +47,7 @@ class TopicGoal:
         self._loop = loop
         self._view = view
         self._limit_s = config.patience.service_s
-        self._publisher = publisher(loop.node, GOAL_POSE)
+        self._publisher = create_publisher(loop.node, GOAL_POSE)
         topic = self._publisher.topic_name
         # The publisher, as an endpoint that inputs of the planner are compared with.
         self.offered = [Endpoint(topic, GOAL_POSE.type_name, b"")]
@@ -168,7 +168,7 @@ def action_class(type_name: str) -> Any:
     option = f"goal_action_type {type_name!r}"
     if type_name.count("/") != 2:
         raise ConfigError(f"{option}: must be PACKAGE/action/NAME")
-    action = message_class(type_name)
+    action = find_message_class(type_name)
     if action is None:
         package = type_name.partition("/")[0]
         raise ConfigError(
@@ -195,4 +195,4 @@ def _describe_result(answer: Any) -> str:
         details.append(message)
     if not details:
         return state
-    return f"{state} ({', '.join(details)})"[:LONGEST]
+    return f"{state} ({', '.join(details)})"[:MAX_TEXT_LENGTH]

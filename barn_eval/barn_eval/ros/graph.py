@@ -36,7 +36,7 @@ class GraphView:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._own_participant = own_identity(node)[:PARTICIPANT_BYTES]
+        self._own_participant = read_endpoint_identity(node)[:PARTICIPANT_BYTES]
         # Participants that are left out, with the monotonic time until when.
         self._dead: dict[bytes, float] = {}
 

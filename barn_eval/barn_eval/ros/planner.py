@@ -89,7 +89,7 @@ class PlannerClient:
             self.goal = TopicGoal(loop, view, config)
         self._map_publisher = None
         if config.publish_map:
-            self._map_publisher = publisher(node, topics.MAP)
+            self._map_publisher = create_publisher(node, topics.MAP)
 
         domain = node.context.get_domain_id()
         self._needs = Needs(

@@ -273,7 +273,7 @@ def _short_types(type_names: Iterable[str]) -> str:
 class Watchdog:
     """Tells when patience is at an end during a trial."""
 
-    def __init__(self, patience: Patience, now_s: float, commands: int = 0) -> None:
+    def __init__(self, patience: WaitLimits, now_s: float, commands: int = 0) -> None:
         """Start the watch of a trial.
 
         Args:

@@ -50,7 +50,9 @@ class Recording:
         evaluator_topics = {topic.path for topic in (*TRUE_TOPICS, *TOPICS)}
         self._exclude = {*exclude, *evaluator_topics}
         self._bag_names = _bag_names(node)
-        self._publishers = {topic: optional_publisher(node, topic) for topic in TOPICS}
+        self._publishers = {
+            topic: create_optional_publisher(node, topic) for topic in TOPICS
+        }
         self._profiles: dict[str, Qos] = {}
         self._refused: set[str] = set()
         # Latched messages that are in the bag already.
@@ -125,7 +127,10 @@ class Recording:
             recorder.write(topic, message.data, stamp_ns)
 
     def show(
-        self, messages: Iterable[Outgoing], stamp_ns: int, recorder: Recorder | None
+        self,
+        messages: Iterable[OutgoingMessage],
+        stamp_ns: int,
+        recorder: Recorder | None,
     ) -> None:
         """Publish how a trial stands where somebody listens, and write it to the bag.
 

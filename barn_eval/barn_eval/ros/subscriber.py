@@ -94,7 +94,7 @@ class Subscriber:
             same_type = topic.type_name == type_name
             if same_type and topic.qos.reliability == qos.reliability:
                 return True
-        message_type = message_class(type_name)
+        message_type = find_message_class(type_name)
         if message_type is None:
             return False
 
@@ -107,7 +107,7 @@ class Subscriber:
             message_type,
             name,
             lambda _: None,
-            profile(replace(qos, depth=depth)),
+            qos_profile(replace(qos, depth=depth)),
             **options,
         )
         self._topics[name] = _Topic(type_name, qos, subscription)

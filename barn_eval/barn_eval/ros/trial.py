@@ -201,13 +201,13 @@ class RosTrial:
             if self._queue is not None:
                 self._queue.read()
                 self._queue.hand_over(self._take, incomplete=True)
-            verdict = self.trial.referee.fail(end.outcome, end.detail, end.blamed)
+            verdict = self.trial.referee.fail(end.outcome, end.detail, end.culprit)
             self._show_score()
 
         interference = context.integrity.look()
         if interference and verdict.fault != ENVIRONMENT:
             verdict = replace(
-                verdict, outcome=Outcome.INTERFERENCE, detail=interference, blamed=""
+                verdict, outcome=Outcome.INTERFERENCE, detail=interference, culprit=""
             )
         self.action_result = context.planner.goal.action_result
         context.planner.goal.end()
@@ -375,7 +375,7 @@ class RosTrial:
         self._origin_ns = origin_ns
         if self._recorder is not None:
             context.recording.begin(self._recorder, origin_ns)
-            scene = first_scene(self._spec, origin_ns)
+            scene = initial_scene(self._spec, origin_ns)
             context.recording.show([scene], origin_ns, self._recorder)
 
         command_type = context.subscriber.topics()[context.topics.command]
@@ -397,7 +397,9 @@ class RosTrial:
             recording = self._context.recording
             recording.write(self._recorder, messages, stamp_ns)
             if not is_over:
-                scene = moving_scene(self._spec, stamp_ns - self._origin_ns, stamp_ns)
+                scene = moving_obstacle_scene(
+                    self._spec, stamp_ns - self._origin_ns, stamp_ns
+                )
                 recording.show(scene, stamp_ns, self._recorder)
         self._latest_ns = stamp_ns
         self._show_score()

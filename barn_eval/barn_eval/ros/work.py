@@ -9,10 +9,14 @@ from socket import AF_INET, SOCK_DGRAM, socket
 
 from rich.console import Console
 
-from barn_eval.results.run_file import ros_problem
-from barn_eval.results.store import LOGS, Store
-from barn_eval.ros.supervision import run_ros_trials
-from barn_eval.ros.supervision.process import can_isolate, probe_isolation
+from barn_eval.results.store import LOGS, BagStore
+from barn_eval.ros.isolation import (
+    can_isolate,
+    probe_isolation,
+    ros_problem,
+    session_isolation,
+)
+from barn_eval.ros.supervision.supervisor import run_ros_trials
 from barn_eval.running.engine import DirectWork, Emit, Job, Work
 from barn_eval.running.planner_objects import LivePlanner
 from barn_eval.running.request import Request
@@ -52,7 +56,7 @@ class RosWork(Work):
         not for each trial.
         """
         planners = self.experiment.planners
-        worlds = list(dict.fromkeys(spec.index for spec in trials))
+        worlds = list(dict.fromkeys(spec.world_number for spec in trials))
         block_size = len(worlds)
         if len(planners) > 1:
             block_size = _BLOCK_WORLDS * self.workers
@@ -113,9 +117,9 @@ class RosWork(Work):
 
 
 def work_of(
-    experiment: Experiment,
-    execution: Execution,
-    store: Store,
+    experiment: RunConfig,
+    execution: ExecutionConfig,
+    store: BagStore,
     live: Mapping[str, LivePlanner] | None = None,
 ) -> Work:
     """Return the work of an experiment's workers.
@@ -134,7 +138,7 @@ def work_of(
     return RosWork(experiment, store, execution.processes)
 
 
-def isolation_warning(setup: RosSetup) -> str:
+def isolation_warning(setup: RosConfig) -> str:
     """Return that nothing keeps planners from the suite's processes, else empty."""
     if setup.isolate and can_isolate():
         return ""
@@ -145,7 +149,7 @@ def isolation_warning(setup: RosSetup) -> str:
     )
 
 
-def require_ros(experiment: Experiment, console: Console) -> None:
+def require_ros(experiment: RunConfig, console: Console) -> None:
     """Check that an experiment of mode ros can run, and warn of missing isolation.
 
     Args:

@@ -71,7 +71,7 @@ class Assignment:
     """What the evaluator is to do: trials of one planner."""
 
     # With that planner only.
-    experiment: Experiment
+    experiment: RunConfig
     # Names of the trials that have no result yet, and the numbers of their worlds.
     trials: tuple[str, ...]
     worlds: tuple[int, ...]
@@ -99,7 +99,7 @@ class Assignment:
         ]
 
 
-def simulator(setup: RosSetup, line: int, robot: str) -> NodeProcess:
+def simulator(setup: RosConfig, line: int, robot: str) -> NodeProcess:
     """Describe the simulator; the evaluator sets world, start and seed.
 
     Args:
@@ -145,7 +145,7 @@ def name_robot(config: SimulatorConfig, folder: Path) -> str:
     return str(path.resolve())
 
 
-def planner(choice: PlannerChoice, experiment: Experiment) -> NodeProcess:
+def planner(choice: PlannerChoice, experiment: RunConfig) -> NodeProcess:
     """Describe the planner under test: the user's command, or a node of the suite.
 
     Args:
@@ -160,7 +160,7 @@ def planner(choice: PlannerChoice, experiment: Experiment) -> NodeProcess:
         command = tuple(command_words(choice.command))
         return NodeProcess("planner", command, {}, foreign=True)
 
-    settings = experiment.settings(choice)
+    planner_setup = experiment.resolve_planner(choice)
     # The suite's planners cannot find out which type a simulator takes.
     command_type = "twist"
     if setup.command_type == "twist_stamped":
@@ -174,7 +174,7 @@ def planner(choice: PlannerChoice, experiment: Experiment) -> NodeProcess:
         "map_frame": setup.map_frame,
         "odom_frame": setup.odom_frame,
         "base_frame": setup.base_frame,
-        **settings["overrides"],
+        **planner_setup.overrides,
     }
     return _suite_node("planner", "barn_planners.ros.planner:main", parameters, setup)
 
@@ -273,7 +273,7 @@ def foreign_environment(variables: Mapping[str, str]) -> dict[str, str]:
 
 
 def _suite_node(
-    name: str, entry: str, parameters: Mapping[str, Any], setup: RosSetup
+    name: str, entry: str, parameters: Mapping[str, Any], setup: RosConfig
 ) -> NodeProcess:
     rules = list(setup.remap)
     namespace = setup.namespace.strip("/")

@@ -3,7 +3,7 @@
 Events are JSON objects, one per line, over a socket. NAME is "planner" or "simulator".
 
 The supervisor sends to the evaluator:
-    {"event": "exited", "name": NAME, "how": TEXT, "blamed": WHO}: a process has ended;
+    {"event": "exited", "name": NAME, "how": TEXT, "culprit": WHO}: a process has ended;
         WHO is empty where that process is to blame
 
 The evaluator sends to the supervisor:
@@ -31,14 +31,13 @@ import time
 import uuid
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from functools import cache
 from pathlib import Path
 
 from barn_eval.ros.supervision import launcher
 from barn_worlds.base.errors import BarnError, ConfigError, convert_os_errors
 
 # Isolated from the packages of the user: a launcher needs the standard library only.
-_LAUNCHER = (sys.executable, "-I", "-S", launcher.__file__)
+LAUNCHER = (sys.executable, "-I", "-S", launcher.__file__)
 _MARK = "BARN_LAUNCHER"
 # A log of all starts; a larger one begins anew, and the one before it is kept.
 _FULL_LOG_BYTES = 10_000_000
@@ -46,24 +45,6 @@ _MAX_LINE = 300  # characters of a line that a message quotes
 # Only a launcher that hangs takes longer: it may wait for the processor, and for the
 # disk that takes what was printed.
 _STOP_LIMIT_S = sum(patience_s for _, patience_s in launcher.PATIENCE_S) + 60.0
-
-
-@cache
-def probe_isolation() -> str:
-    """Return what isolates a planner's processes from the suite's, or why nothing does.
-
-    "apart": in namespaces of their own they neither see nor signal these; "visible":
-    they only see them.
-    """
-    probe = subprocess.run(  # noqa: S603
-        [*_LAUNCHER, "probe"], capture_output=True, text=True, check=False
-    )
-    return probe.stdout.strip() or "cannot be asked"
-
-
-def can_isolate() -> bool:
-    """Return whether no planner over ROS can signal the suite's processes."""
-    return probe_isolation() in ("apart", "visible")
 
 
 class EventChannel:
@@ -157,7 +138,7 @@ class SupervisedProcess:
                 log.replace(log.with_name(f"{log.name}.1"))
             with log.open("ab") as output:
                 self._launcher = subprocess.Popen(  # noqa: S603
-                    [*_LAUNCHER, str(descriptor), kind, "--", *command],
+                    [*LAUNCHER, str(descriptor), kind, "--", *command],
                     env=dict(environment) | {_MARK: self._mark},
                     stdin=subprocess.DEVNULL,
                     stdout=output,

@@ -14,14 +14,14 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from barn_eval.results.store import LOGS, Record, Store
+from barn_eval.results.store import LOGS, BagStore, TrialRecord
+from barn_eval.ros.isolation import can_isolate
 from barn_eval.ros.supervision import launcher, nodes
 from barn_eval.ros.supervision.nodes import PLANNER_SUSPECTED, Assignment, NodeProcess
 from barn_eval.ros.supervision.process import (
     EventChannel,
     ProcessError,
     SupervisedProcess,
-    can_isolate,
     last_lines,
 )
 from barn_eval.running.command_files import keep_told
@@ -33,7 +33,7 @@ from barn_eval.trials.outcome import (
     Verdict,
 )
 from barn_eval.trials.result import TrialResult, from_json_line
-from barn_eval.trials.run_config import Experiment, PlannerChoice
+from barn_eval.trials.run_config import PlannerChoice, RunConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import TrajectoryLog
 from barn_eval.trials.trial import finish_trial, signal_handler
@@ -59,7 +59,7 @@ def run_ros_trials(
     logs: Path | None = None,
     notice: Callable[[str], None] = lambda _: None,
     environment: Mapping[str, str] = os.environ,
-) -> Generator[Record, None, None]:
+) -> Generator[TrialRecord, None, None]:
     """Run trials of one planner and yield a record of each once it has ended.
 
     All processes have ended when the iteration has, whatever ends it, and also if this
@@ -85,10 +85,10 @@ def run_ros_trials(
     logs = logs or store.folder / LOGS
     with convert_os_errors(ConfigError, logs):
         logs.mkdir(parents=True, exist_ok=True)
-    with reserved_domain(environment) as domain, handled(signal.SIGTERM, _exit):
+    with reserve_domain(environment) as domain, signal_handler(signal.SIGTERM, _exit):
         node_environment = nodes.environment(environment, domain)
         # Nodes that take part in the domain may be in the way: the evaluator looks.
-        look_first = in_use(domain)
+        look_first = is_domain_in_use(domain)
         supervisor = _Supervisor(
             experiment, trials, store, logs, node_environment, notice, look_first
         )
@@ -147,7 +147,7 @@ class _Supervisor:
 
         # Both ends stay open here, for a simulator or an evaluator that is started in
         # place of one that has ended.
-        self._simulator_line, self._evaluator_line = private_line.pair()
+        self._simulator_line, self._evaluator_line = private_line.create_ends()
         robot = nodes.name_robot(experiment.simulator, logs)
         line = self._simulator_line.fileno()
         self._nodes = {
@@ -188,7 +188,7 @@ class _Supervisor:
                 if process.ended and not self._done:
                     yield from self._handle_end(process)
 
-    def _record(self, result: TrialResult, track: str) -> Record:
+    def _record(self, result: TrialResult, track: str) -> TrialRecord:
         """Return the record of a trial, which tells why it was repeated."""
         self._lost_evaluators = 0
         del self._trials[result.trial_id]
@@ -196,7 +196,7 @@ class _Supervisor:
         wall_clock = replace(
             result.wall_clock, attempts=1 + len(repeats), repeated="; ".join(repeats)
         )
-        return Record(replace(result, wall_clock=wall_clock), track or None)
+        return TrialRecord(replace(result, wall_clock=wall_clock), track or None)
 
     def stop(self) -> None:
         """End all processes, at the same time."""
@@ -243,7 +243,7 @@ class _Supervisor:
         assignment = replace(
             self._assignment,
             trials=tuple(self._trials),
-            worlds=tuple(dict.fromkeys(spec.index for spec in specs)),
+            worlds=tuple(dict.fromkeys(spec.world_number for spec in specs)),
         )
         # The next evaluator finds the nodes of this run.
         self._assignment = replace(self._assignment, look_first=False)
@@ -321,7 +321,7 @@ class _Supervisor:
         self._repeats.setdefault(self._trial, []).append(reason)
         self._notice(f"{self._trial} is repeated: {reason}")
 
-    def _handle_end(self, process: SupervisedProcess) -> Iterator[Record]:
+    def _handle_end(self, process: SupervisedProcess) -> Iterator[TrialRecord]:
         """Replace a process that has ended; yield the trial that this costs, if any."""
         name = process.name
         end = process.end or ""
@@ -340,8 +340,8 @@ class _Supervisor:
             yield from self._handle_lost_evaluator(process)
         elif self._evaluator is not None:
             # The evaluator says when to start the process again.
-            blamed = ENVIRONMENT if process.lost else ""
-            self._evaluator.send("exited", name=name, how=end, blamed=blamed)
+            culprit = ENVIRONMENT if process.lost else ""
+            self._evaluator.send("exited", name=name, how=end, culprit=culprit)
         else:
             self._schedule_start(name)
 
@@ -355,7 +355,9 @@ class _Supervisor:
             text += f"; {last_lines(process.log)}"
         self._notice(text)
 
-    def _handle_lost_evaluator(self, process: SupervisedProcess) -> Iterator[Record]:
+    def _handle_lost_evaluator(
+        self, process: SupervisedProcess
+    ) -> Iterator[TrialRecord]:
         """Start another evaluator, which repeats the trial that has no result.
 
         A trial that drove beside a planner without isolation is not repeated: the
@@ -388,7 +390,9 @@ class _Supervisor:
         detail = f"{reason}; {PLANNER_SUSPECTED}"
         verdict = Verdict(Outcome.INTERFERENCE, detail, None, 0.0, 0.0)
         trajectory = TrajectoryLog().trajectory()
-        return conclude(self._trials[self._trial], "ros", verdict, trajectory).result
+        return finish_trial(
+            self._trials[self._trial], "ros", verdict, trajectory
+        ).result
 
     def _schedule_start(self, name: str) -> None:
         if name not in self._due_s:
