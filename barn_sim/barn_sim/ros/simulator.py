@@ -8,7 +8,6 @@ its other end leads the node (`barn_sim.ros.leader`): services and changes of pa
 are refused to everybody, and reported as interference.
 """
 
-import json
 import math
 import signal
 import sys
@@ -35,7 +34,6 @@ from barn_worlds.base.types import (
     NANOSECONDS_PER_SECOND,
     Velocity2D,
     nanoseconds,
-    seconds,
 )
 from barn_worlds.messages.topics import SIMULATOR_DIAGNOSTICS
 from barn_worlds.robots.files import load_robot
