@@ -19,7 +19,7 @@ from barn_eval.results.bags.recorder import Recorder
 from barn_eval.trials.protocol import DYNABARN, PAPER_2020
 from barn_planners.runtime.messages import MOST_SHOWN
 from barn_worlds.base.errors import BagError
-from barn_worlds.base.types import NANOSECONDS, Pose2D
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Pose2D
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.messages.cdr import jazzy_types, make, serialise
 
@@ -92,7 +92,7 @@ def test_poses_scans_and_result_are_those_of_the_bag(bag):
     assert len(recorded.times_s) == len(messages) == len(recorded.scans)
     stamps = [stamp for stamp, _ in messages]
     assert recorded.times_s.tolist() == [
-        (stamp - stamps[0]) / NANOSECONDS for stamp in stamps
+        (stamp - stamps[0]) / NANOSECONDS_PER_SECOND for stamp in stamps
     ]
     positions = [
         (message.pose.pose.position.x, message.pose.pose.position.y)

@@ -15,7 +15,7 @@ from typing import Any
 from barn_planners.interface import Planner
 from barn_worlds.base.compute import Compute
 from barn_worlds.base.config import Checked, fields_of, replace_dotted
-from barn_worlds.base.errors import ConfigError, shown, suggest
+from barn_worlds.base.errors import ConfigError, format_value, suggest
 from barn_worlds.robots.robot import Robot
 
 GROUP = "barn_planners.planners"
@@ -103,7 +103,7 @@ def planner_config(
         preset = ANY_PROTOCOL
     if preset not in known:
         raise ConfigError(
-            f"planner {name!r}: unknown preset {shown(preset)}{suggest(preset, known)}"
+            f"planner {name!r}: unknown preset {format_value(preset)}{suggest(preset, known)}"
         )
     return replace_dotted(known[preset], overrides, f"planner {name!r}")
 
@@ -137,4 +137,6 @@ def _announced(name: str) -> Any:
                 raise ConfigError(
                     f"planner {name!r}: cannot load {point.value!r}: {error}"
                 ) from error
-    raise ConfigError(f"unknown planner {shown(name)}{suggest(name, planner_names())}")
+    raise ConfigError(
+        f"unknown planner {format_value(name)}{suggest(name, planner_names())}"
+    )

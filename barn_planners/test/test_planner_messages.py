@@ -12,7 +12,12 @@ from barn_planners.runtime.messages import (
     encode_candidates,
     shown_candidates,
 )
-from barn_worlds.base.types import NANOSECONDS, STOP, OccupancyMap, Velocity2D
+from barn_worlds.base.types import (
+    NANOSECONDS_PER_SECOND,
+    STOP,
+    OccupancyMap,
+    Velocity2D,
+)
 from barn_worlds.messages import decode, topics
 from barn_worlds.messages.cdr import deserialise, serialise
 from barn_worlds.messages.topics import Frames
@@ -143,7 +148,7 @@ def shown(messages, decision, time_s, wanted=lambda _: True, planner=None):
     return {
         topic.name: data
         for topic, data in messages.shown(
-            planner, decision, round(time_s * NANOSECONDS), wanted
+            planner, decision, round(time_s * NANOSECONDS_PER_SECOND), wanted
         )
     }
 

@@ -10,8 +10,8 @@ from driving import wander
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from barn_sim.body.bullet import PhysicsClient
 from barn_sim.config import ObstacleConfig, SimulatorConfig, with_robot
+from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.seeds import phase_s
 from barn_sim.sensors.lidar import Lidar
 from barn_sim.simulator import Simulator

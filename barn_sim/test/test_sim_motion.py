@@ -12,10 +12,7 @@ import numpy as np
 import pytest
 from driving import wander
 
-from barn_sim.body.bullet import PhysicsClient, PhysicsEngine, end
-from barn_sim.body.model import model_of
-from barn_sim.config import SimulatorConfig, with_robot
-from barn_sim.motion.free_motion import (
+from barn_sim.body.free_motion import (
     attitude_of,
     basis_of,
     spun,
@@ -23,6 +20,9 @@ from barn_sim.motion.free_motion import (
     turned,
     world_tensor,
 )
+from barn_sim.body.model import model_of
+from barn_sim.config import SimulatorConfig, with_robot
+from barn_sim.contact.bullet import PhysicsClient, PhysicsEngine, end
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import Pose2D, Velocity2D
 from barn_worlds.robots.files import STANDARD, load_robot

@@ -20,7 +20,7 @@ from barn_eval.pages.figures import label_axes, new_figure, plain, style, write_
 from barn_metrics.bootstrap import number
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import BarnError
-from barn_worlds.base.text_files import finite
+from barn_worlds.base.text_files import make_json_safe
 from barn_worlds.drawing.palette import FAINT, INK, PLANNERS
 
 # By which side has failures among its trials of the world: (ours, published).
@@ -154,7 +154,7 @@ def main(
     except BarnError as error:
         raise click.ClickException(str(error)) from None
     if as_json:
-        click.echo(json.dumps(finite(as_dict(report)), indent=2))
+        click.echo(json.dumps(make_json_safe(as_dict(report)), indent=2))
         return
     console.print(*map(_table, report.planners))
     for joint in report.joint:

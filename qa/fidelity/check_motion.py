@@ -13,8 +13,8 @@ from dataclasses import replace
 import click
 import numpy as np
 
-from barn_sim.body.bullet import PhysicsClient
 from barn_sim.config import PRESETS, with_robot
+from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import Pose2D, Velocity2D
 from barn_worlds.datasets.dataset import open_dataset

@@ -18,8 +18,8 @@ from planar import Planar
 from rich.console import Console
 from rich.table import Table
 
-from barn_sim.body.bullet import PhysicsClient
 from barn_sim.config import PRESETS, with_robot
+from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.simulator import Simulator
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D

@@ -74,7 +74,7 @@ def parameter_table(columns: Mapping[str, Any], leave_out: Collection[str] = ())
             f"`{name}`",
             *(_cell(config[name]) for config in values),
             about.unit,
-            about.text(unit=False),
+            about.summary(unit=False),
         ]
         for name, about, _ in fields_of(next(iter(columns.values())))
         if name not in leave_out
@@ -103,7 +103,7 @@ def parameter_file(
     lines += [f"    {_entry(name, value)}" for name, value in first.items()]
     for name, (about, value) in found.items():
         if name not in leave_out:
-            lines += [f"    # {about.text()}", f"    {_entry(name, value)}"]
+            lines += [f"    # {about.summary()}", f"    {_entry(name, value)}"]
     return "\n".join(lines) + "\n"
 
 

@@ -17,7 +17,7 @@ from barn_eval.running.request import Given, Values, read_request
 from barn_eval.running.run import Plan, plan_experiment
 from barn_eval.running.sweep import Sweep, grid
 from barn_eval.trials.protocol import Protocol
-from barn_worlds.base.errors import ConfigError, shown
+from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.world import World
 
@@ -230,6 +230,6 @@ def _numbers(worlds: object) -> tuple[str, dict[int, World] | None]:
         or not all(isinstance(number, int) for _, number in pairs)
     ):
         raise ConfigError(
-            f"worlds must be numbers, a text or worlds, got {shown(worlds)}"
+            f"worlds must be numbers, a text or worlds, got {format_value(worlds)}"
         )
     return ",".join(str(number) for _, number in pairs), None

@@ -12,8 +12,8 @@ from rich.progress import Progress
 
 from barn_eval.running.request import parse_settings
 from barn_worlds.base.config import fields_of
-from barn_worlds.base.errors import ConfigError, shown
-from barn_worlds.base.text_files import finite
+from barn_worlds.base.errors import ConfigError, format_value
+from barn_worlds.base.text_files import make_json_safe
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -109,7 +109,7 @@ def read_course(
         numbers = ()
     if not colon or len(start.split(",")) != 3 or len(numbers) not in (5, 6):
         raise ConfigError(
-            f"--course {shown(given)}: must be X,Y,YAW:X,Y of start and goal, in m and rad"
+            f"--course {format_value(given)}: must be X,Y,YAW:X,Y of start and goal, in m and rad"
         )
     return numbers
 
@@ -124,7 +124,7 @@ course_option = click.option(
 
 def print_json(content: object) -> None:
     """Print plain data as JSON; numbers that JSON does not have become null."""
-    click.echo(json.dumps(finite(content), indent=1, allow_nan=False))
+    click.echo(json.dumps(make_json_safe(content), indent=1, allow_nan=False))
 
 
 def tell(as_json: bool, content: object, *shown: object) -> None:

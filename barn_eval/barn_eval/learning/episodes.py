@@ -19,9 +19,9 @@ from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trial import RunningTrial
 from barn_planners.policy.planner import SafetyConfig, safe_command
 from barn_planners.policy.space import ObservationEncoder
-from barn_sim.body.bullet import PhysicsClient
+from barn_sim.batch import Batch
 from barn_sim.config import SimulatorConfig
-from barn_sim.motion.batch import Batch
+from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.simulator import Simulator
 from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.errors import ConfigError
@@ -126,7 +126,7 @@ class Episodes:
         if trial.spec.protocol.map_given:
             poses = poses.copy()
             for index in which.tolist():
-                pose = self._now[index][1].read_localisation(
+                pose = self._now[index][1].read_localization(
                     Pose2D(*poses[index].tolist())
                 )
                 poses[index] = pose.x, pose.y, pose.yaw

@@ -38,8 +38,8 @@ from barn_eval.trials.result import Rows, TrialResult
 from barn_eval.trials.run_config import NO_SOURCE, Execution, Experiment
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trial import OF_SPEC
-from barn_worlds.base.errors import ConfigError, StoreError, reported_as
-from barn_worlds.base.files import PARTIAL, remove_partial
+from barn_worlds.base.errors import ConfigError, StoreError, convert_os_errors
+from barn_worlds.base.files import PARTIAL_SUFFIX, remove_partial_files
 from barn_worlds.formats.own import write_own
 from barn_worlds.worlds.world import World
 
@@ -93,7 +93,7 @@ class ExperimentFolder:
     def note(self, kind: str, trial_id: str, text: str) -> None:
         """Keep a text on a trial in the folder LOSSES or TRACEBACKS; StoreError if it cannot be written."""
         path = self.path / kind / f"{trial_id}.txt"
-        with reported_as(StoreError, f"{path}: cannot be written"):
+        with convert_os_errors(StoreError, f"{path}: cannot be written"):
             path.parent.mkdir(exist_ok=True)
             with path.open("a", encoding="utf-8") as file:
                 file.write(
@@ -155,7 +155,7 @@ def opened(
         path, experiment, {spec.index: spec.world.checksum for spec in specs}
     )
     earlier_results(asked, specs, overwrite=overwrite)
-    with reported_as(StoreError, f"{path}: cannot be written"):
+    with convert_os_errors(StoreError, f"{path}: cannot be written"):
         path.mkdir(parents=True, exist_ok=True)
         lock = os.open(path / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     try:
@@ -165,7 +165,7 @@ def opened(
             raise ConfigError(
                 f"{path}: another process is working in this folder"
             ) from None
-        remove_partial(path)
+        remove_partial_files(path)
         sessions, results, dropped = earlier_results(asked, specs, overwrite=overwrite)
         if results and dropped:
             ResultRows(path).replace(results)
@@ -207,7 +207,7 @@ def earlier_results(
         left = path.iterdir() if path.is_dir() else ()
         if any(
             one.name != _LOCK
-            and not (one.name.startswith(".") and one.name.endswith(PARTIAL))
+            and not (one.name.startswith(".") and one.name.endswith(PARTIAL_SUFFIX))
             for one in left
         ):
             raise ConfigError(f"{path}: is not empty and holds no experiment")

@@ -19,8 +19,8 @@ from barn_eval.trials import identity
 from barn_eval.trials.run_config import Execution, Experiment
 from barn_worlds import __version__
 from barn_worlds.base.config import as_dict, from_dict
-from barn_worlds.base.errors import ConfigError, shown
-from barn_worlds.base.files import write_whole
+from barn_worlds.base.errors import ConfigError, format_value
+from barn_worlds.base.files import write_durably
 from barn_worlds.base.text_files import read_json
 from barn_worlds.robots.files import other_name
 
@@ -167,7 +167,7 @@ class RunFile:
         if found.get("schema_version") != SCHEMA_VERSION or not isinstance(
             experiment, dict
         ):
-            got = shown(found.get("schema_version"))
+            got = format_value(found.get("schema_version"))
             raise ConfigError(
                 f"{path}: holds no experiment: schema_version must be {SCHEMA_VERSION}, got {got}"
             )
@@ -223,7 +223,7 @@ class RunFile:
             if (found := identity.first_difference(there, here)) is not None:
                 name, *values = found
                 text = [
-                    value if value == identity.MISSING else shown(value)
+                    value if value == identity.MISSING else format_value(value)
                     for value in values
                 ]
                 told = (
@@ -261,4 +261,4 @@ class RunFile:
             "worlds": self.worlds,
         }
         content |= {"robot": self.robot, "sessions": self.sessions}
-        write_whole(self.path, (json.dumps(content, indent=1) + "\n").encode())
+        write_durably(self.path, (json.dumps(content, indent=1) + "\n").encode())

@@ -16,9 +16,9 @@ import numpy.typing as npt
 from barn_eval.trials.trajectory import Trajectory, clearances
 from barn_eval.trials.trial import FinishedTrial
 from barn_worlds.base.arrays import Bools, Floats
-from barn_worlds.base.errors import ConfigError, shown
+from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.base.text_files import parse_json
-from barn_worlds.base.types import NANOSECONDS
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND
 from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.robots.contact import contact_footprint
 
@@ -72,7 +72,7 @@ def unpack(content: Mapping[str, Any], most_bytes: int) -> dict[str, npt.NDArray
         }
     except (KeyError, TypeError, ValueError, OverflowError):
         raise ValueError(
-            f"packed arrays do not hold what they say: {shown(layout)}"
+            f"packed arrays do not hold what they say: {format_value(layout)}"
         ) from None
 
 
@@ -168,7 +168,7 @@ def track_of(
     """Return the track of a trajectory among cylinders (k, 2), m in the map frame; None where nothing was read."""
     if not len(trajectory.stamps_ns):
         return None
-    times = (trajectory.stamps_ns - trajectory.stamps_ns[0]) / NANOSECONDS
+    times = (trajectory.stamps_ns - trajectory.stamps_ns[0]) / NANOSECONDS_PER_SECOND
     gaps = clearances(trajectory.truth, cylinders_m, radius_m, outline)
     gaps = gaps if len(gaps) else np.full(len(times), np.nan)
     samples = np.column_stack(
@@ -216,7 +216,7 @@ def _read(content: object) -> tuple[str, Track]:
         raise ValueError("trial_id is missing")
     if content.get("schema_version") != SCHEMA_VERSION:
         raise ValueError(
-            f"schema_version must be {SCHEMA_VERSION}, got {shown(content.get('schema_version'))}"
+            f"schema_version must be {SCHEMA_VERSION}, got {format_value(content.get('schema_version'))}"
         )
     arrays, steps = unpack(content, _MOST_BYTES), content.get("steps", [])
     samples, contact = (

@@ -10,7 +10,7 @@ import time
 from typing import Any
 
 from barn_eval.running.engine import ENVIRONMENT, Engine, Lost, Report, Work, attempt
-from barn_worlds.base.errors import BarnError, ConfigError, one_line
+from barn_worlds.base.errors import BarnError, ConfigError, format_error
 
 
 class RayEngine(Engine):
@@ -93,7 +93,7 @@ class RayEngine(Engine):
             ValueError,
         ) as error:
             raise ConfigError(
-                f"engine ray: cannot reach {address or 'Ray'}: {one_line(error)}"
+                f"engine ray: cannot reach {address or 'Ray'}: {format_error(error)}"
             ) from None
 
     def _report(self, reference: object) -> Report:
@@ -103,7 +103,7 @@ class RayEngine(Engine):
             report: Report = self._ray.get(reference)
         except errors.RuntimeEnvSetupError as error:
             raise ConfigError(
-                f"engine ray: a worker cannot be set up: {one_line(error)}"
+                f"engine ray: a worker cannot be set up: {format_error(error)}"
             ) from None
         except errors.RayError as error:
             report = Lost(
@@ -117,7 +117,7 @@ class RayEngine(Engine):
             return call(*arguments, **options)
         except (ConnectionError, self._ray.exceptions.RaySystemError) as error:
             raise BarnError(
-                f"engine ray: the cluster is gone: {one_line(error)}"
+                f"engine ray: the cluster is gone: {format_error(error)}"
             ) from None
 
 
@@ -137,5 +137,5 @@ def _require_answer(address: str) -> None:
             socket.create_connection((host, int(port)), timeout=5.0).close()
         except (OSError, OverflowError) as error:
             raise ConfigError(
-                f"engine ray: cannot reach {address}: {one_line(error)}"
+                f"engine ray: cannot reach {address}: {format_error(error)}"
             ) from None

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from barn_eval.trials.identity import leaves
-from barn_worlds.base.errors import ConfigError, reported_as, shown
-from barn_worlds.base.files import write_whole
+from barn_worlds.base.errors import ConfigError, convert_os_errors, format_value
+from barn_worlds.base.files import write_durably
 from barn_worlds.base.text_files import parse_json, read_json
 
 _ENDINGS = (
@@ -78,12 +78,12 @@ def keep_told(folder: Path, logs: Path, planner: str, text: str) -> None:
     there = told_parameters(folder, planner)
     for key, value in leaves(parse_json(text, "parameters")):
         if (before := there.get(key, value)) != value:
-            what = f"planner {planner!r}: parameter {key} was {shown(before)} there, is {shown(value)} now"
+            what = f"planner {planner!r}: parameter {key} was {format_value(before)} there, is {format_value(value)} now"
             raise ConfigError(
                 f"{folder.parent}: holds results of another configuration: {what}; use another folder"
             )
     digest = hashlib.sha256(text.encode()).hexdigest()
-    write_whole(logs / f"{digest[:12]}_{planner}.parameters.json", text.encode())
+    write_durably(logs / f"{digest[:12]}_{planner}.parameters.json", text.encode())
 
 
 def _launch_file(package: str, name: str) -> Path:
@@ -99,7 +99,10 @@ def _launch_file(package: str, name: str) -> Path:
 
 
 def _digest(path: Path) -> str:
-    with reported_as(ConfigError, f"planner command: {path}"), path.open("rb") as file:
+    with (
+        convert_os_errors(ConfigError, f"planner command: {path}"),
+        path.open("rb") as file,
+    ):
         if os.fstat(file.fileno()).st_size > _LARGEST:
             raise ConfigError(
                 f"planner command: {path}: more than the allowed {_LARGEST} bytes"

@@ -20,10 +20,10 @@ from barn_eval.trials.trial import FinishedTrial, RunningTrial, conclude, error_
 from barn_planners.interface import Observation, Planner
 from barn_planners.registry import make_planner
 from barn_planners.runtime.session import Answer, PlannerSession
-from barn_sim.body.bullet import PhysicsClient
+from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.sensors.readings import Sensors
 from barn_sim.simulator import Simulator
-from barn_worlds.base.compute import Turnaround
+from barn_worlds.base.compute import CycleTimer
 from barn_worlds.base.types import STOP, Velocity2D
 
 _ready: set[tuple[str, str]] = (
@@ -64,7 +64,7 @@ def run_direct_trial(
             spec.way,
         ),
         recoveries=run.trial.recoveries or 0,
-        delays=packed_delays(run.turnaround.delays_ns) if spec.way == MEASURED else "",
+        delays=packed_delays(run.cycle_timer.delays_ns) if spec.way == MEASURED else "",
     )
     finished = replace(
         finished, cylinders_m=run.cylinders_m, traceback=run.trial.traceback
@@ -106,7 +106,7 @@ class _DirectTrial:
     ) -> None:
         self.trial = RunningTrial(spec)
         self.answer_times_s: list[float] = []
-        self.turnaround = Turnaround(spec.compute, spec.planner_seed, spec.recorded_ns)
+        self.cycle_timer = CycleTimer(spec.compute, spec.planner_seed, spec.recorded_ns)
         self.cylinders_m = spec.world.cylinders_m.copy()
         self._spec, self._bags = spec, bags
         self._session = PlannerSession(
@@ -125,11 +125,17 @@ class _DirectTrial:
                 bag.begin(sensors)
             while True:
                 for bag in self._bags:
-                    bag.reading(sensors, asked=self.turnaround.free(sensors.stamp_ns))
+                    bag.reading(
+                        sensors, asked=self.cycle_timer.is_free(sensors.stamp_ns)
+                    )
                 over = trial.read(sensors.odometry, sensors.truth, sensors.collision)
                 # a planner answers scans, here as over ROS; in between its last command stays in force
                 scanned = sensors.scan.stamp_ns == sensors.stamp_ns
-                busy = over or not scanned or not self.turnaround.free(sensors.stamp_ns)
+                busy = (
+                    over
+                    or not scanned
+                    or not self.cycle_timer.is_free(sensors.stamp_ns)
+                )
                 command, delay_ns = (None, 0) if busy else self._decide(sensors)
                 self._show_standing(sensors.stamp_ns)
                 if trial.verdict is not None:
@@ -153,7 +159,7 @@ class _DirectTrial:
     def _decide(self, sensors: Sensors) -> tuple[Velocity2D | None, int]:
         """Return the command that answers readings, None where there is none, and after how many ns it arrives."""
         pose = (
-            sensors.localisation
+            sensors.localization
             if self._spec.protocol.map_given
             else sensors.odometry.pose
         )
@@ -177,7 +183,7 @@ class _DirectTrial:
             if self._spec.way == MEASURED
             else None
         )
-        delay_ns = self.turnaround.take(sensors.stamp_ns, measured_ns)
+        delay_ns = self.cycle_timer.start_cycle(sensors.stamp_ns, measured_ns)
         if answer is None or answer.decision is None:
             return None, 0
         self.trial.report(answer.decision.status.value)

@@ -26,7 +26,7 @@ from barn_eval.trials.run_config import (
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_planners.registry import planner_entry, planner_names
 from barn_worlds.base.config import fields_of, from_dict, replace_dotted
-from barn_worlds.base.errors import ConfigError, shown, suggest
+from barn_worlds.base.errors import ConfigError, format_value, suggest
 from barn_worlds.base.text_files import parse_yaml, read_yaml
 from barn_worlds.datasets.dataset import Dataset
 from barn_worlds.robots.files import load_robot
@@ -54,7 +54,9 @@ class Request:
 
     def __post_init__(self) -> None:
         if "\0" in str(self.out):
-            raise ConfigError(f"out {shown(str(self.out))}: a path cannot hold a NUL")
+            raise ConfigError(
+                f"out {format_value(str(self.out))}: a path cannot hold a NUL"
+            )
 
     def trials(self) -> list[TrialSpec]:
         """Return the trials of the experiment."""
@@ -103,7 +105,9 @@ def read_request(
         ]
     for key in content:
         if key not in _KEYS:
-            raise ConfigError(f"{where}unknown key {shown(key)}{suggest(key, _KEYS)}")
+            raise ConfigError(
+                f"{where}unknown key {format_value(key)}{suggest(key, _KEYS)}"
+            )
     content.pop(
         "sweep", None
     )  # of `sweep.py`, which asks for one experiment after the other
@@ -161,7 +165,7 @@ def planner_name(command: str) -> str:
     if name in planner_names():
         own = f"{name!r} is one of the suite's own"
         raise ConfigError(
-            f"planner command {shown(command)}: give its planner a name; {own}"
+            f"planner command {format_value(command)}: give its planner a name; {own}"
         )
     return name
 
@@ -171,9 +175,11 @@ def command_words(command: str) -> list[str]:
     try:
         words = shlex.split(command)
     except ValueError as error:
-        raise ConfigError(f"planner command {shown(command)}: {error}") from None
+        raise ConfigError(f"planner command {format_value(command)}: {error}") from None
     if not words:
-        raise ConfigError(f"planner command must name a program, got {shown(command)}")
+        raise ConfigError(
+            f"planner command must name a program, got {format_value(command)}"
+        )
     return words
 
 
@@ -184,15 +190,15 @@ def parse_settings(settings: Sequence[str], option: str) -> dict[str, Any]:
         key, equals, value = setting.partition("=")
         if not equals or not key.strip() or key.strip() in changes:
             raise ConfigError(
-                f"{option} {shown(setting)}: must be key=value, each key given once"
+                f"{option} {format_value(setting)}: must be key=value, each key given once"
             )
-        changes[key.strip()] = parse_yaml(value, f"{option} {shown(setting)}")
+        changes[key.strip()] = parse_yaml(value, f"{option} {format_value(setting)}")
     return changes
 
 
 def _given(value: object, kinds: type | tuple[type, ...], rule: str) -> Any:
     if not isinstance(value, kinds):
-        raise ConfigError(f"{rule}, got {shown(value)}")
+        raise ConfigError(f"{rule}, got {format_value(value)}")
     return value
 
 
@@ -246,7 +252,7 @@ def _planners(given: object, commands: object, where: str) -> tuple[PlannerChoic
         isinstance(text, str) for text in texts
     ):
         raise ConfigError(
-            f"{where}planner_command must be a text or a list of texts, got {shown(commands)}"
+            f"{where}planner_command must be a text or a list of texts, got {format_value(commands)}"
         )
     for one in texts:
         name, command = (
@@ -256,7 +262,7 @@ def _planners(given: object, commands: object, where: str) -> tuple[PlannerChoic
         )
         if command == one and (len(found) > 1 or len(texts) > 1):
             raise ConfigError(
-                f"planner command {shown(one)}: give it as NAME=COMMAND where there are several planners"
+                f"planner command {format_value(one)}: give it as NAME=COMMAND where there are several planners"
             )
         files = command_files(command_words(command))
         number = next(
@@ -291,7 +297,7 @@ def _with_settings(
         if name not in found:
             hint = suggest(name, found)
             raise ConfigError(
-                f"{where}parameters of planner {shown(name)}, which is not among them{hint}"
+                f"{where}parameters of planner {format_value(name)}, which is not among them{hint}"
             )
         found[name] = {**found[name], **changes}
     return tuple(_changed(planner, found[planner.name], where) for planner in planners)

@@ -23,7 +23,7 @@ from barn_eval.running.request import (
     read_request,
 )
 from barn_eval.trials.run_config import PlannerChoice
-from barn_worlds.base.errors import ConfigError, shown, suggest
+from barn_worlds.base.errors import ConfigError, format_value, suggest
 from barn_worlds.base.files import read_bytes, write_bytes
 from barn_worlds.base.text_files import parse_yaml, read_yaml
 
@@ -61,7 +61,7 @@ def parse_sweep(texts: Sequence[str]) -> dict[str, list[Any]]:
     found: dict[str, list[Any]] = {}
     for text in texts:
         key, _, values = text.partition("=")
-        listed = parse_yaml(f"[{values}]", f"--sweep {shown(text)}")
+        listed = parse_yaml(f"[{values}]", f"--sweep {format_value(text)}")
         if (
             not key.strip()
             or not listed
@@ -69,7 +69,7 @@ def parse_sweep(texts: Sequence[str]) -> dict[str, list[Any]]:
             or key in found
         ):
             raise ConfigError(
-                f"--sweep {shown(text)}: must be KEY=V1,V2,..., each key given once"
+                f"--sweep {format_value(text)}: must be KEY=V1,V2,..., each key given once"
             )
         found[key.strip()] = listed
     return found
@@ -80,7 +80,7 @@ def sweep_of(path: Path | None, texts: Sequence[str]) -> Mapping[str, Sequence[A
     asked = read_yaml(path, SCHEMA_VERSION).get("sweep") if path and not texts else None
     if asked is not None and not isinstance(asked, Mapping):
         raise ConfigError(
-            f"{path}: sweep must be a mapping of parameters to lists of values, got {shown(asked)}"
+            f"{path}: sweep must be a mapping of parameters to lists of values, got {format_value(asked)}"
         )
     return asked or parse_sweep(texts)
 
@@ -178,7 +178,7 @@ def _delays(sweep: Sweep) -> list[float]:
         values
     ):
         raise ConfigError(
-            f"latency: must be delays in s, each named once, got {shown(list(values))}"
+            f"latency: must be delays in s, each named once, got {format_value(list(values))}"
         )
     return list(map(float, values))
 
@@ -232,13 +232,13 @@ def _require_values(sweep: Sweep) -> None:
     for key, values in sweep.items():
         if not isinstance(values, Sequence) or isinstance(values, str) or not values:
             raise ConfigError(
-                f"sweep of {shown(key)}: must be a list of values, got {shown(values)}"
+                f"sweep of {format_value(key)}: must be a list of values, got {format_value(values)}"
             )
         for value in (
             one for one in values if not isinstance(one, str | bool | int | float)
         ):
             raise ConfigError(
-                f"sweep of {shown(key)}: a value must be a number, a text, true or false, got {value!r}"
+                f"sweep of {format_value(key)}: a value must be a number, a text, true or false, got {value!r}"
             )
     if (count := math.prod(len(values) for values in sweep.values())) > MOST_SETTINGS:
         raise ConfigError(

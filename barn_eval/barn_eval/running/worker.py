@@ -15,7 +15,7 @@ from multiprocessing.connection import Connection
 from types import FrameType
 
 from barn_eval.running.engine import Refused, Work, attempt
-from barn_worlds.base.garbage import collect_seldom
+from barn_worlds.base.garbage import reduce_garbage_collection
 
 # Time that workers have to end what they have started (nodes of ROS trials) before they are killed.
 GRACE_S = 20.0
@@ -80,5 +80,5 @@ def _outlive_no_parent(descriptor: int) -> None:
 
 
 if __name__ == "__main__":
-    collect_seldom()
+    reduce_garbage_collection()
     serve(Connection(int(sys.argv[1])), sys.argv[2])

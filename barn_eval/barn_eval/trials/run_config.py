@@ -20,7 +20,7 @@ from barn_planners.robots import lidar_place, parameters_for
 from barn_sim.config import SimulatorConfig, robot_of
 from barn_worlds.base.compute import Compute
 from barn_worlds.base.config import OPTIONAL, Checked, as_dict, fields_of, quantity
-from barn_worlds.base.errors import ConfigError, shown
+from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.datasets.dataset import Dataset, open_dataset, select_worlds
 
 # Names of planners become names of files.
@@ -74,7 +74,7 @@ class PlannerChoice(Checked):
         super().__post_init__()
         if not _NAME.fullmatch(self.name):
             raise ConfigError(
-                f"planner {shown(self.name)}: a name must be 1 to 60 letters, digits, '_', '-' or '.'"
+                f"planner {format_value(self.name)}: a name must be 1 to 60 letters, digits, '_', '-' or '.'"
             )
         if (self.command or self.source) and (self.preset or self.overrides):
             raise ConfigError(
@@ -101,7 +101,7 @@ class PlannerChoice(Checked):
         own = self.stated()
         return (
             own
-            if own.declared or not self.registered
+            if own.is_declared or not self.registered
             else planner_entry(self.name).compute or own
         )
 
@@ -170,7 +170,7 @@ class Experiment(Checked):
             MEASURED
             if self.compute == MEASURED
             else DECLARED
-            if compute.declared
+            if compute.is_declared
             else FREE
         )
 
@@ -184,7 +184,7 @@ class Experiment(Checked):
             "" if planner.source else planner.preset or self.protocol.planner_preset
         )
         computing = (
-            {"compute": as_dict(planner.compute)} if planner.compute.declared else {}
+            {"compute": as_dict(planner.compute)} if planner.compute.is_declared else {}
         )
         if not planner.registered:
             known: dict[str, Any] = {

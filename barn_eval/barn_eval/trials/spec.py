@@ -13,7 +13,7 @@ from barn_eval.trials.protocol import Course, Protocol
 from barn_eval.trials.result import FREE, trial_id
 from barn_sim.config import PRESETS, SimulatorConfig, with_robot
 from barn_sim.seeds import phase_s
-from barn_worlds.base.compute import NOTHING, Compute
+from barn_worlds.base.compute import NO_COMPUTE, Compute
 from barn_worlds.base.config import as_dict, replace_dotted
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.base.types import OccupancyMap, Pose2D
@@ -43,7 +43,7 @@ class TrialSpec:
     declared_mps: float = (
         0.0  # the highest speed that the planner says it commands, 0 if it does not say
     )
-    compute: Compute = NOTHING  # what it declares of its computing
+    compute: Compute = NO_COMPUTE  # what it declares of its computing
     way: str = FREE  # what is charged for that, as in `TrialResult`
     recorded_ns: tuple[
         int, ...
@@ -148,7 +148,9 @@ class TrialSpec:
     def description(self) -> dict[str, Any]:
         """Return everything that determines the trial as plain data, all configuration resolved."""
         phase = {"phase_s": self.phase_s} if self.world.moving else {}
-        computing = {"compute": as_dict(self.compute)} if self.compute.declared else {}
+        computing = (
+            {"compute": as_dict(self.compute)} if self.compute.is_declared else {}
+        )
         return {
             "trial_id": self.trial_id,
             "dataset": self.dataset,

@@ -19,7 +19,7 @@ from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import Trajectory, TrajectoryLog, encounters, measure
 from barn_planners.interface import PlannerStatus
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.types import NANOSECONDS, Odometry, Pose2D, Velocity2D
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Odometry, Pose2D, Velocity2D
 from barn_worlds.robots.contact import contact_footprint
 
 T = TypeVar("T")
@@ -69,7 +69,7 @@ def queued_s(process: str | int = "self") -> float:
     try:
         return (
             int(Path(f"/proc/{process}/schedstat").read_text("ascii").split()[1])
-            / NANOSECONDS
+            / NANOSECONDS_PER_SECOND
         )
     except (OSError, IndexError, ValueError):
         return 0.0

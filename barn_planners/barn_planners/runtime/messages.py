@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from barn_planners.interface import Decision, FloatArray, Planner, PlannerStatus
-from barn_worlds.base.types import NANOSECONDS, STOP, Velocity2D, nanoseconds
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, STOP, Velocity2D, nanoseconds
 from barn_worlds.messages import encode, topics
 from barn_worlds.messages.cdr import Template, make
 from barn_worlds.messages.topics import Frames, Outgoing, Topic
@@ -190,7 +190,7 @@ class PlannerMessages:
 
 def encode_band(band: FloatArray, stamp_ns: int, frame: str) -> bytes:
     """Return bubbles (n, 3) x, y, radius in metres as discs and a line through their centres."""
-    stamp = divmod(stamp_ns, NANOSECONDS)
+    stamp = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
     bubbles = band.tolist()
     values: list[float] = [*stamp]
     for x, y, radius in bubbles:
@@ -247,7 +247,7 @@ def _template(
 
 def encode_candidates(shown: ShownCandidates, stamp_ns: int, frame: str) -> bytes:
     """Return a line per trajectory."""
-    stamp = divmod(stamp_ns, NANOSECONDS)
+    stamp = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
     values: list[float] = [*stamp]
     for points, colour in zip(shown.points, shown.colours, strict=True):
         values += [*stamp, *colour.tolist(), *points.ravel().tolist()]

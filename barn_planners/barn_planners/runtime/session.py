@@ -10,7 +10,7 @@ import numpy as np
 from barn_planners.interface import Decision, Observation, Planner, PlannerStatus, Task
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.types import (
-    NANOSECONDS,
+    NANOSECONDS_PER_SECOND,
     STOP,
     OccupancyMap,
     Odometry,
@@ -23,7 +23,9 @@ from barn_worlds.base.types import (
 T = TypeVar("T")
 
 _KEPT = 200  # readings of a source
-_NEW_GOAL_NS = NANOSECONDS  # after a pause this long an equal goal is a new one
+_NEW_GOAL_NS = (
+    NANOSECONDS_PER_SECOND  # after a pause this long an equal goal is a new one
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +110,7 @@ class PlannerSession:
         self.planner.start(Task(Pose2D(3.0, 0.0, 0.0), known), self.seed)
         ranges = np.full(720, 2.0, np.float32)
         for cycle in range(4):
-            stamp = cycle * NANOSECONDS // 20
+            stamp = cycle * NANOSECONDS_PER_SECOND // 20
             scan = Scan(stamp, ranges, -2.35, 4.7 / 719, 0.1, 30.0)
             pose = Pose2D(0.0, 0.0, 0.0)
             self.planner.step(

@@ -8,7 +8,7 @@ import numpy as np
 
 from barn_worlds.base.arrays import BoolGrid, Floats
 from barn_worlds.base.errors import WorldError
-from barn_worlds.base.files import new_folder, write_bytes
+from barn_worlds.base.files import create_folder, write_bytes
 from barn_worlds.formats import gazebo, map_server
 from barn_worlds.formats.npz import read_npy, to_npy
 from barn_worlds.formats.single import STANDARD_RESOLUTION_M, world_of
@@ -93,7 +93,7 @@ def write_original(
     """
     from barn_worlds.formats.sdf import write_sdf  # noqa: PLC0415 (loads the standard library's clients of the web)
 
-    with new_folder(folder) as target:
+    with create_folder(folder) as target:
         for index, world in worlds.items():
             for kind in ("grid", "cspace", "path"):
                 content = to_npy(getattr(world, kind).astype(np.int64))

@@ -15,7 +15,7 @@ from barn_metrics.metrics import PUBLISHED, as_formula, world_metrics
 from barn_metrics.report import MetricsTable
 from barn_metrics.report import metrics_table as table_of
 from barn_worlds.base.errors import ConfigError, WorldError, suggest
-from barn_worlds.base.files import new_folder
+from barn_worlds.base.files import create_folder
 from barn_worlds.datasets.dataset import (
     Dataset,
     dataset_files,
@@ -296,7 +296,7 @@ def _write_each(
     target: Path, chosen: Mapping[int, World], form: Form, movable: bool
 ) -> None:
     """Write a file per world into a folder that is there whole or not at all."""
-    with new_folder(target) as folder:
+    with create_folder(target) as folder:
         for index, world in chosen.items():
             if form == "png":
                 write_png(world_figure(world), folder / f"world_{index}.png")

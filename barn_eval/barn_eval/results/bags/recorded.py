@@ -17,9 +17,9 @@ from barn_eval.results.bags.messages import MOVED_M
 from barn_eval.results.bags.movers import RecordedMotions
 from barn_eval.trials.trajectory import clearances
 from barn_worlds.base.arrays import Bools, Floats
-from barn_worlds.base.errors import BagError, BarnError, one_line
+from barn_worlds.base.errors import BagError, BarnError, format_error
 from barn_worlds.base.types import (
-    NANOSECONDS,
+    NANOSECONDS_PER_SECOND,
     OccupancyMap,
     Odometry,
     Pose2D,
@@ -237,7 +237,7 @@ def _rows(bag: BagFile, unreadable: dict[str, str]) -> dict[str, list[Shown]]:
         try:
             said = decode.frame_and_content(topic, message.type_name, message.data)
         except BarnError as error:  # only its topic is lost
-            unreadable[topic] = f"{topic} cannot be decoded ({one_line(error)})"
+            unreadable[topic] = f"{topic} cannot be decoded ({format_error(error)})"
             continue
         found[topic].append((message.stamp_ns, *said))
     for rows in found.values():
@@ -246,7 +246,7 @@ def _rows(bag: BagFile, unreadable: dict[str, str]) -> dict[str, list[Shown]]:
     start_ns = poses[0][0] if poses else 0
     return {
         topic: [
-            Shown((stamp_ns - start_ns) / NANOSECONDS, *said)
+            Shown((stamp_ns - start_ns) / NANOSECONDS_PER_SECOND, *said)
             for stamp_ns, *said in rows
         ]
         for topic, rows in found.items()

@@ -26,7 +26,7 @@ from barn_metrics.model.evaluation import Evaluation, EvaluationConfig, evaluate
 from barn_metrics.model.trials import Trials
 from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.text_files import finite, read_json
+from barn_worlds.base.text_files import make_json_safe, read_json
 from barn_worlds.datasets.dataset import open_dataset
 
 SCHEMA_VERSION = 4
@@ -108,7 +108,7 @@ class Origin:
 
 def to_json(found: Findings | Origin) -> str:
     """Return findings, or their origin, as JSON; numbers that JSON does not have become null."""
-    return json.dumps(finite(as_dict(found)), indent=1, allow_nan=False) + "\n"
+    return json.dumps(make_json_safe(as_dict(found)), indent=1, allow_nan=False) + "\n"
 
 
 def read_findings(path: Path) -> Findings:

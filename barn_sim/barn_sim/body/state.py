@@ -35,13 +35,13 @@ def _fields(
 ROBOT = np.dtype(
     [
         *_fields("stamp_ns", _WHOLE),
-        # body, see barn_sim.motion.free_motion: attitude is the quaternion of the matrix of heading
+        # body, see barn_sim.body.free_motion: attitude is the quaternion of the matrix of heading
         *_fields("position velocity spin", size=3),
         *_fields("heading attitude", size=4),
         *_fields("x y yaw"),  # of base_link
         *_fields(
             "wheels", size=(_CONTACTS, 17)
-        ),  # see barn_sim.body.tyres.stand; the first `contacts` of them
+        ),  # see barn_sim.body.tires.stand; the first `contacts` of them
         # where Bullet has the body: it lags while the body is integrated without it
         *_fields(
             "in_bullet known", _YES
@@ -53,7 +53,7 @@ ROBOT = np.dtype(
         # Bullet; pose at which their distance was last computed, and how far the robot may go from there
         *_fields("radius_m near_m clearance_m"),
         *_fields("looked_from", size=3),
-        # walls and moving obstacles, likewise (barn_sim.body.movers): how far robot and movers may come together,
+        # walls and moving obstacles, likewise (barn_sim.contact.movers): how far robot and movers may come together,
         # infinite without any; speed of the fastest; when that no longer holds, since one of them jumps
         *_fields("movers_looked_from", size=3),
         *_fields("movers_clearance_m movers_speed_m_s"),

@@ -22,18 +22,18 @@ import numpy as np
 from numba import njit, types
 from numba.extending import intrinsic
 
+from barn_sim.body.free_motion import Matrix, Quaternion, Triple, times, triple
 from barn_sim.body.friction import Motion
 from barn_sim.body.model import RobotModel
+from barn_sim.body.state import Record
 from barn_sim.config import PhysicsConfig
-from barn_sim.motion.free_motion import Matrix, Quaternion, Triple, times, triple
-from barn_sim.motion.state import Record
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import ConfigError
 
 _STABLE = 1.9  # of the 2 at which an explicit integration begins to grow
 
 
-class Tyres:
+class Tires:
     """Wheels and casters of a robot on level ground at z = 0; wheels (n, 5): hub and impulse, see `stand`.
 
     A caster counts as a ball of the wheels' radius. Raises ConfigError if the body is too light for the physics step.

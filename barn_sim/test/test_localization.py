@@ -3,16 +3,16 @@ import math
 import numpy as np
 import pytest
 
-from barn_sim.config import LocalisationConfig
-from barn_sim.sensors.localisation import FilterLocalisation
+from barn_sim.config import LocalizationConfig
+from barn_sim.sensors.localization import FilterLocalization
 from barn_worlds.base.types import Pose2D
 
-CONFIG = LocalisationConfig(mode="amcl")
+CONFIG = LocalizationConfig(mode="amcl")
 ORIGIN = Pose2D(1.0, 2.0, 0.5)
 
 
-def believer(config: LocalisationConfig = CONFIG, seed: int = 0) -> FilterLocalisation:
-    return FilterLocalisation(config, np.random.default_rng(seed))
+def believer(config: LocalizationConfig = CONFIG, seed: int = 0) -> FilterLocalization:
+    return FilterLocalization(config, np.random.default_rng(seed))
 
 
 def test_the_correction_is_held_until_the_robot_has_moved_enough() -> None:
@@ -62,7 +62,7 @@ def test_errors_have_the_configured_deviation_and_correlation() -> None:
 
 
 def test_without_deviations_it_gives_the_truth_where_it_updates() -> None:
-    config = LocalisationConfig(mode="amcl", position_std_m=0.0, yaw_std_rad=0.0)
+    config = LocalizationConfig(mode="amcl", position_std_m=0.0, yaw_std_rad=0.0)
     filter_ = believer(config)
     odometry = Pose2D(0.2, 0.1, -0.3)
     estimate = filter_.estimate(ORIGIN @ odometry, odometry)

@@ -11,13 +11,13 @@ from numba import njit
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from barn_sim.body.body import Body
-from barn_sim.body.bullet import PhysicsClient
 from barn_sim.body.friction import begin_friction, hypot, sweep_friction
 from barn_sim.body.model import model_of
-from barn_sim.body.tyres import Tyres, fused, rotation, wheel_loads, world_inertia
+from barn_sim.body.state import Fleet
+from barn_sim.body.tires import Tires, fused, rotation, wheel_loads, world_inertia
 from barn_sim.config import PhysicsConfig
-from barn_sim.motion.state import Fleet
+from barn_sim.contact.bullet import PhysicsClient
+from barn_sim.contact.robot_body import Body
 from barn_sim.motion.ticks import motion_of, push_on
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D, Velocity2D
@@ -182,8 +182,8 @@ def test_a_body_too_light_for_the_physics_step_is_refused() -> None:
         ConfigError,
         match=r"^robot feather: chassis.inertia_kg_m2 is too small .* 0.005 s",
     ):
-        Tyres(model_of(light), PhysicsConfig())
-    assert Tyres(model_of(light), PhysicsConfig(tick_s=0.0005)).rest[
+        Tires(model_of(light), PhysicsConfig())
+    assert Tires(model_of(light), PhysicsConfig(tick_s=0.0005)).rest[
         0
     ] == pytest.approx(0.187, abs=0.001)
 
@@ -209,10 +209,10 @@ def test_products_are_rounded_once_and_inertias_turn_with_the_body() -> None:
 def test_loads_carry_the_weight_and_balance_at_rest(robot: str, within: float) -> None:
     """Of four wheels, and of two and a caster."""
     model = model_of(load_robot(robot).chassis)
-    tyres = Tyres(model, PhysicsConfig())
-    height, roll, pitch = tyres.rest
+    tires = Tires(model, PhysicsConfig())
+    height, roll, pitch = tires.rest
     turn = rotation((math.sin(0.5 * roll), math.sin(0.5 * pitch), 0.0, 1.0))
-    hubs = tyres.wheels[:, :3]
+    hubs = tires.wheels[:, :3]
     arms, loads = np.empty((len(hubs), 3)), np.empty(len(hubs))
     wheel_loads(
         height,
@@ -221,7 +221,7 @@ def test_loads_carry_the_weight_and_balance_at_rest(robot: str, within: float) -
         (0.0, 0.0, 0.0),
         hubs,
         model.wheel_radius_m,
-        tyres.stiffness,
+        tires.stiffness,
         0.0,
         arms,
         loads,

@@ -5,12 +5,12 @@ from functools import cache
 
 import numpy as np
 
-from barn_sim.body.bullet import PhysicsClient, add_body, bullet
+from barn_sim.body.free_motion import Triple
 from barn_sim.body.model import RobotModel
-from barn_sim.body.tyres import Tyres
+from barn_sim.body.state import ROBOT, Fleet, set_body
+from barn_sim.body.tires import Tires
 from barn_sim.config import PhysicsConfig
-from barn_sim.motion.free_motion import Triple
-from barn_sim.motion.state import ROBOT, Fleet, set_body
+from barn_sim.contact.bullet import PhysicsClient, add_body, bullet
 from barn_sim.motion.ticks import LEVEL, STILL, State, follow, place_at_rest, way_back
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import Pose2D
@@ -24,7 +24,7 @@ _ENGINE = {
     "numSolverIterations": 20,
     "deterministicOverlappingPairs": 1,
 }
-_tyres_of = cache(Tyres)
+_tires_of = cache(Tires)
 
 
 class Body:
@@ -45,10 +45,10 @@ class Body:
     ) -> None:
         self._model, self._config, self._physics = model, config, client
         self._fleet, self._index, settings = fleet, index, fleet.settings
-        self._tyres = tyres = _tyres_of(model, config)
+        self._tires = tires = _tires_of(model, config)
         self._begun_at: Pose2D | None = None
         if not settings["tick_ns"]:
-            set_body(settings, model, config, tyres.stiffness, tyres.damping)
+            set_body(settings, model, config, tires.stiffness, tires.damping)
             settings["first_inverse_inertia"] = first_inverse_inertia_of(model)
 
     def begin(self, start: Pose2D, *, stays: bool = False) -> None:
@@ -60,7 +60,7 @@ class Body:
         self._stays, robots, index = stays, self._fleet.robots, self._index
         if start != self._begun_at:
             self._begun_at, self._at_rest = start, np.zeros(1, ROBOT)
-            height, roll, pitch = self._tyres.rest
+            height, roll, pitch = self._tires.rest
             attitude = bullet.getQuaternionFromEuler([roll, pitch, start.yaw])
             offset = (
                 np.array(bullet.getMatrixFromQuaternion(attitude)).reshape(3, 3)
@@ -71,8 +71,8 @@ class Body:
                 attitude,
             )  # of the centre of mass
             robot = self._at_rest[0]
-            robot["wheels"][: len(self._tyres.wheels), :5], robot["known"] = (
-                self._tyres.wheels,
+            robot["wheels"][: len(self._tires.wheels), :5], robot["known"] = (
+                self._tires.wheels,
                 True,
             )
             robot["position"], robot["heading"] = self._start

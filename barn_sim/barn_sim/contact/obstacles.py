@@ -11,10 +11,10 @@ from functools import partial
 
 import numpy as np
 
-from barn_sim.body.bullet import PhysicsClient, add_body, bullet
-from barn_sim.body.cylinders import follow_cylinders, near_cylinders, see_cylinders
 from barn_sim.body.model import RobotModel
 from barn_sim.config import ObstacleConfig, SimulatorConfig
+from barn_sim.contact.bullet import PhysicsClient, add_body, bullet
+from barn_sim.contact.cylinders import follow_cylinders, near_cylinders, see_cylinders
 from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.types import Pose2D
 from barn_worlds.worlds.world import World

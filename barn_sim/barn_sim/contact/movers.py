@@ -11,11 +11,11 @@ from functools import partial
 import numpy as np
 from numba import njit
 
-from barn_sim.body.bullet import PhysicsClient, add_body, bullet
-from barn_sim.body.obstacles import PASSED_BY
+from barn_sim.body.free_motion import fill
+from barn_sim.body.state import Record, Records
 from barn_sim.config import SimulatorConfig
-from barn_sim.motion.free_motion import fill
-from barn_sim.motion.state import Record, Records
+from barn_sim.contact.bullet import PhysicsClient, add_body, bullet
+from barn_sim.contact.obstacles import PASSED_BY
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import seconds
 from barn_worlds.geometry.bodies import moving_bodies, wall_bodies

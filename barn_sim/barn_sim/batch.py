@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from barn_sim.body.bullet import PhysicsEngine, end
+from barn_sim.body.state import Fleet
 from barn_sim.config import SimulatorConfig
+from barn_sim.contact.bullet import PhysicsEngine, end
 from barn_sim.motion.lanes import advance_all
-from barn_sim.motion.state import Fleet
 from barn_sim.motion.ticks import read_all
 from barn_sim.sensors.lidar import Singles, scan_all
 from barn_sim.simulator import Simulator

@@ -5,14 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from barn_sim.config import LocalisationConfig, SimulatorConfig
-from barn_sim.sensors.particles import ParticleLocalisation, has_moved
+from barn_sim.config import LocalizationConfig, SimulatorConfig
+from barn_sim.sensors.particles import ParticleLocalization, has_moved
 from barn_worlds.base.types import OccupancyMap, Pose2D, wrap_angle
 from barn_worlds.worlds.cells import STANDARD_CELL_M
 from barn_worlds.worlds.world import World
 
 
-class FilterLocalisation:
+class FilterLocalization:
     """Behaves like adaptive Monte Carlo localisation, without particles.
 
     While the robot moves less than the update distances the correction from odom to map stays, so the pose follows the
@@ -20,7 +20,7 @@ class FilterLocalisation:
     Gauss-Markov process over the updates, with the configured standard deviations from the first one on.
     """
 
-    def __init__(self, config: LocalisationConfig, rng: np.random.Generator) -> None:
+    def __init__(self, config: LocalizationConfig, rng: np.random.Generator) -> None:
         self._config, self._rng = config, rng
         self._keep = math.exp(-1.0 / config.correlation_updates)
         self._stds = np.array(
@@ -52,17 +52,17 @@ def known_map(world: World, historical: bool) -> OccupancyMap:
     return replace(known, origin_y=known.origin_y + off_m)
 
 
-def localisation_of(
+def make_localization(
     config: SimulatorConfig,
     world: World,
     start: Pose2D,
     mount: Pose2D,
     rng: np.random.Generator,
-) -> FilterLocalisation | ParticleLocalisation:
+) -> FilterLocalization | ParticleLocalization:
     """Return what estimates the pose in the map where it is not exact."""
     localisation = config.localisation
     if localisation.mode == "amcl":
-        return FilterLocalisation(localisation, rng)
-    return ParticleLocalisation(
+        return FilterLocalization(localisation, rng)
+    return ParticleLocalization(
         localisation, rng, known_map(world, localisation.historical_map), start, mount
     )
