@@ -9,7 +9,7 @@ import pytest
 
 from barn_metrics.metrics import METRIC_NAMES
 from barn_metrics.model import ModelError
-from barn_metrics.model.evaluation import fit_ridge, noise_ceiling
+from barn_metrics.model.evaluation import fit_ridge, fold_masks, noise_ceiling
 from barn_metrics.model.inputs import STRIPS, input_names, inputs_of, summary_names
 from barn_metrics.model.predictor import RouteNetwork, _convolved
 from barn_metrics.model.route import (
@@ -23,7 +23,7 @@ from barn_metrics.model.route import (
     mirror_strips,
     route_strip,
 )
-from barn_metrics.model.trials import Trials, fold_masks
+from barn_metrics.model.trials import Trials
 from barn_worlds.worlds.world import World
 
 
@@ -58,11 +58,11 @@ def test_difficulty_weighs_planners_alike_whatever_their_repetitions():
     )
     assert trials.world_numbers == (1, 2)
     assert trials.difficulty().tolist() == [4.0, 1.5]
-    assert trials.of("b").difficulty().tolist() == [6.0, 2.0]
-    assert trials.times().tolist() == [[2.0, 6.0], [1.0, 2.0]]
-    assert trials.failures().tolist() == [[0.0, 1.0], [0.0, 0.0]]
+    assert trials.by_planner("b").difficulty().tolist() == [6.0, 2.0]
+    assert trials.mean_times().tolist() == [[2.0, 6.0], [1.0, 2.0]]
+    assert trials.failure_rates().tolist() == [[0.0, 1.0], [0.0, 0.0]]
     with pytest.raises(ModelError, match=r"no trials of planner 'dwa'"):
-        trials.of("dwa")
+        trials.by_planner("dwa")
 
 
 @pytest.mark.parametrize("time", [0.0, -1.0, np.nan, np.inf])

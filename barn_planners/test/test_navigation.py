@@ -115,7 +115,7 @@ def test_a_goal_inside_an_obstacle_of_the_map_is_not_driven_to_at_all(flat_world
 def test_a_plan_that_vanishes_is_followed_on_without_repetition_of_the_goal(flat_world):
     planner, world = started(), flat_world(BOX)
     assert steps(planner, world, 2)[-1].reason == ""
-    planner._planner.plan = lambda *_: NO_PLAN
+    planner._global_planner.plan = lambda *_: NO_PLAN
     for decision in steps(planner, world, 5):
         assert (
             decision.command == FORWARD
@@ -139,7 +139,7 @@ def test_a_goal_sent_again_costs_a_cycle_and_a_lost_plan_then_ends_in_a_stop(
         FORWARD,
         None,
     ]
-    planner._planner.plan = lambda *_: NO_PLAN
+    planner._global_planner.plan = lambda *_: NO_PLAN
     lost = steps(planner, world, 8)
     assert [decision.command for decision in lost] == [
         FORWARD,

@@ -16,7 +16,7 @@ from barn_planners.costmap.config import (
 )
 from barn_planners.costmap.costmap import RollingCostmap
 from barn_planners.registry import planner_config, planner_names, presets
-from barn_planners.robots import lidar_place, parameters_for, scale_of
+from barn_planners.robots import fit_parameters, lidar_mount_changes, robot_scale
 from barn_worlds.base.config import as_dict, fields_of, replace_dotted
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D, Scan
@@ -31,14 +31,14 @@ PENTAGON = ((0.5, 0.0), (0.2, 0.3), (-0.3, 0.2), (-0.3, -0.25), (0.1, -0.3))
 
 def configured(name, robot, preset="", **overrides):
     preset = preset or next(iter(presets(name)))
-    return planner_config(name, preset, parameters_for(name, preset, overrides, robot))
+    return planner_config(name, preset, fit_parameters(name, preset, overrides, robot))
 
 
 @pytest.mark.parametrize("name", BUILT_IN)
 def test_nothing_changes_for_the_jackal(name):
     assert name in planner_names()
     for preset, config in presets(name).items():
-        assert parameters_for(name, preset, {}, JACKAL) == {}
+        assert fit_parameters(name, preset, {}, JACKAL) == {}
         assert as_dict(configured(name, JACKAL, preset)) == as_dict(config)
 
 
@@ -60,7 +60,7 @@ def test_a_jackal_by_another_name_is_driven_as_the_jackal(name):
 @pytest.mark.parametrize("robot", [HUSKY, ROUND], ids=lambda robot: robot.name)
 @pytest.mark.parametrize("name", [name for name in BUILT_IN if name != "policy"])
 def test_sizes_speeds_and_limits_follow_the_robot(name, robot):
-    scale, drive = scale_of(robot), robot.drive
+    scale, drive = robot_scale(robot), robot.drive
     for preset, config in presets(name).items():
         before = {key: value for key, _, value in fields_of(config)}
         for key, _, value in fields_of(configured(name, robot, preset)):
@@ -134,9 +134,9 @@ def test_gap_inflates_by_as_much_between_inscribed_and_circumscribed_circle():
 
 
 def test_lidar_is_where_the_robot_has_it():
-    found = lidar_place(presets("gap")["default"], ROUND.lidar)
+    found = lidar_mount_changes(presets("gap")["default"], ROUND.lidar)
     assert found == {"lidar_x_m": -0.04, "lidar_yaw_rad": 1.5708}
-    assert lidar_place(presets("dwa")["challenge"], JACKAL.lidar) == {}
+    assert lidar_mount_changes(presets("dwa")["challenge"], JACKAL.lidar) == {}
 
 
 def test_outlines_as_text():

@@ -246,12 +246,14 @@ class Replay(NavigationPlanner):
         super().start(task, seed)
         recorded = self._recording
         if self._depth != "observations":
-            self._local = _RecordedCosts(self._local, recorded, "local")
-            self._global = _RecordedCosts(self._global, recorded, "global")
-            self._given += [self._local, self._global]
+            self._local_costmap = _RecordedCosts(self._local_costmap, recorded, "local")
+            self._global_costmap = _RecordedCosts(
+                self._global_costmap, recorded, "global"
+            )
+            self._given += [self._local_costmap, self._global_costmap]
         if self._depth == "controller":
-            self._planner = _RecordedPlans(recorded)
-            self._given.append(self._planner)
+            self._global_planner = _RecordedPlans(recorded)
+            self._given.append(self._global_planner)
 
     def compare(self) -> Iterator[Cycle]:
         """Yield the driving cycles: those in which the original's local planner was asked and sent a command."""
@@ -269,7 +271,10 @@ class Replay(NavigationPlanner):
         recorded, band = self._recording, self.controller.view().band
         local, whole = (
             int((ours.costs != recorded.costs(name)[number]).sum())
-            for ours, name in ((self._local, "local"), (self._global, "global"))
+            for ours, name in (
+                (self._local_costmap, "local"),
+                (self._global_costmap, "global"),
+            )
         )
         plan = np.empty((0, 2)) if self._plan is None else self._plan[:, :2]
         bubbles = np.empty((0, 3)) if band is None else band

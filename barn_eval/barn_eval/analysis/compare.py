@@ -35,8 +35,8 @@ from barn_eval.analysis.text_table import join_names
 from barn_eval.results.folder import read_results
 from barn_eval.results.store import LOGS
 from barn_eval.running.command_files import told_parameters
-from barn_eval.trials.identity import MISSING, leaves
-from barn_eval.trials.result import Groups, Rows
+from barn_eval.trials.identity import NOT_SET, flatten
+from barn_eval.trials.result import Rows, RowsByPlanner
 from barn_metrics.bootstrap import Interval
 from barn_planners.registry import planner_config
 from barn_worlds.base.config import as_dict

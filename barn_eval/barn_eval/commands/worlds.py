@@ -52,9 +52,7 @@ def command() -> None:
 def generate(target: Path, **options: Any) -> None:
     """Generate a data set: TARGET.npz, or a folder in the original layout.
 
-    Without --set the twelve parameter sets of the paper's Table I are used. With --set kind=all (or doors, dead_ends,
-    turns, clutter) worlds are hard ones: PER-SET of each kind, with ways proven for the robot's turned footprint. Other
-    keys are then margin_cells, spare_cells, rows, cols, resolution_m, attempts.
+    Without --set the twelve parameter sets of the paper's Table I are used.
     """
     with progress("worlds") as share:
         made = worlds.generate(

@@ -15,9 +15,9 @@ from barn_eval.learning.episodes import Episodes, Known, info_of_end, way_points
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.spec import TrialSpec, simulator_config
-from barn_planners.policy.planner import SafetyConfig
+from barn_planners.policy.collision_check import CollisionCheckConfig
 from barn_planners.policy.space import ACTIONS, Vector
-from barn_planners.robots import fitted, lidar_place
+from barn_planners.robots import fit_to_robot, lidar_mount_changes
 from barn_sim.config import robot_of
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.config import replace_dotted
@@ -169,20 +169,20 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         repetition = options.get("repetition", 0)
         if index in known:
             spec, way = known[index]
-            return spec.reseeded(seed, repetition), way
+            return spec.with_seed(seed, repetition), way
         if len(known) >= _MOST_KEPT:
             known.clear()
         world = self._dataset.load(index)
         spec = TrialSpec(
             dataset=self._dataset.name,
-            index=index,
+            world_number=index,
             world=world,
             planner="policy",
             preset="",
             overrides={},
             protocol=self.protocol,
             simulator=self.simulator_config,
-            campaign_seed=seed,
+            run_seed=seed,
             repetition=repetition,
             declared_mps=self.config.action.cap_mps,
         )
@@ -192,10 +192,10 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         )
         return known[index]
 
-    def _placed(self, safety: SafetyConfig) -> SafetyConfig:
+    def _placed(self, safety: CollisionCheckConfig) -> CollisionCheckConfig:
         """Return the shield for the robot, its lidar where the simulator has it; ConfigError for another place."""
         mount_m = self.simulator_config.lidar.mount_x_m
-        if safety.lidar_x_m not in (SafetyConfig().lidar_x_m, mount_m):
+        if safety.lidar_x_m not in (CollisionCheckConfig().lidar_x_m, mount_m):
             mounted = f"mounted at {mount_m:g} m (simulator parameter lidar.mount_x_m)"
             raise ConfigError(
                 f"safety.lidar_x_m is {safety.lidar_x_m:g}, but the lidar is {mounted}"
@@ -203,7 +203,9 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         placed = replace(safety, lidar_x_m=mount_m)
         robot = robot_of(self.simulator_config)
         return replace_dotted(
-            placed, fitted(placed, robot) | lidar_place(placed, robot.lidar), "safety"
+            placed,
+            fit_to_robot(placed, robot) | lidar_mount_changes(placed, robot.lidar),
+            "safety",
         )
 
     def _info(self, episodes: Episodes) -> dict[str, Any]:

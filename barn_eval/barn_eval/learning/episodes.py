@@ -17,7 +17,7 @@ from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import Course
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trial import RunningTrial
-from barn_planners.policy.planner import SafetyConfig, safe_command
+from barn_planners.policy.collision_check import CollisionCheckConfig, avoid_collision
 from barn_planners.policy.space import ObservationEncoder
 from barn_sim.batch import Batch
 from barn_sim.config import SimulatorConfig
@@ -44,7 +44,7 @@ class Episodes:
         count: int,
         config: EnvConfig,
         simulator: SimulatorConfig,
-        safety: SafetyConfig,
+        safety: CollisionCheckConfig,
     ) -> None:
         self.batch = Batch(count, simulator)
         self.readings = self.batch.readings
@@ -84,7 +84,10 @@ class Episodes:
         other = next(
             (one.spec for k, (one, _) in self._now.items() if k != index), spec
         )
-        if other.rules is not spec.rules and other.rules != spec.rules:
+        if (
+            other.scaled_protocol is not spec.scaled_protocol
+            and other.scaled_protocol != spec.scaled_protocol
+        ):
             names = f"{spec.world.name} and {other.world.name}"
             raise ConfigError(
                 f"worlds {names}: robots that advance together need worlds with cells of one size"
@@ -108,7 +111,7 @@ class Episodes:
         trial = RunningTrial(spec, logged=False)
         trial.referee.move_to(self._states[index : index + 1])
         self._now[index] = trial, simulator
-        self.running[index], self.worlds[index] = True, spec.index
+        self.running[index], self.worlds[index] = True, spec.world_number
         self._goals[index] = spec.goal.x, spec.goal.y
         missing = len(points) - self._ways.shape[1]
         if missing > 0:
@@ -200,7 +203,7 @@ class Episodes:
                 Velocity2D(*of[index].tolist())
                 for of in (wanted, self.readings.velocities)
             )
-            safe = safe_command(command, moving, self.scan(index), self._safety)
+            safe = avoid_collision(command, moving, self.scan(index), self._safety)
             given[index] = safe.linear, safe.angular
         changed: Bools = ((given != wanted) & ~np.isnan(wanted)).any(axis=1)
         return given, changed

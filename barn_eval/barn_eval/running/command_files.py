@@ -5,7 +5,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from barn_eval.trials.identity import leaves
+from barn_eval.trials.identity import flatten
 from barn_worlds.base.errors import ConfigError, convert_os_errors, format_value
 from barn_worlds.base.files import write_durably
 from barn_worlds.base.text_files import parse_json, read_json
@@ -66,7 +66,7 @@ def told_parameters(folder: Path, planner: str) -> dict[str, str]:
     return {
         key: str(value)
         for path in told_files(folder, planner)
-        for key, value in leaves(read_json(path))
+        for key, value in flatten(read_json(path))
     }
 
 
@@ -76,7 +76,7 @@ def keep_told(folder: Path, logs: Path, planner: str, text: str) -> None:
     ConfigError, naming it, for one of which they have told something else when earlier trials began.
     """
     there = told_parameters(folder, planner)
-    for key, value in leaves(parse_json(text, "parameters")):
+    for key, value in flatten(parse_json(text, "parameters")):
         if (before := there.get(key, value)) != value:
             what = f"planner {planner!r}: parameter {key} was {format_value(before)} there, is {format_value(value)} now"
             raise ConfigError(

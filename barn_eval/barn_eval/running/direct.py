@@ -14,12 +14,17 @@ from barn_eval.results.bags.messages import TrialBag
 from barn_eval.results.bags.recorder import Recorder
 from barn_eval.results.store import finish_bag
 from barn_eval.trials.outcome import Outcome, Verdict
-from barn_eval.trials.result import MEASURED, WallClock, packed_delays
+from barn_eval.trials.result import MEASURED, WallClock, pack_delays
 from barn_eval.trials.spec import TrialSpec
-from barn_eval.trials.trial import FinishedTrial, RunningTrial, conclude, error_line
+from barn_eval.trials.trial import (
+    FinishedTrial,
+    RunningTrial,
+    describe_error,
+    finish_trial,
+)
 from barn_planners.interface import Observation, Planner
 from barn_planners.registry import make_planner
-from barn_planners.runtime.session import Answer, PlannerSession
+from barn_planners.runtime.planner_runtime import PlannerRuntime, RuntimeOutput
 from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.sensors.readings import Sensors
 from barn_sim.simulator import Simulator
@@ -52,19 +57,21 @@ def run_direct_trial(
     verdict = run.run()
     duration_s = time.perf_counter() - began
     factor = verdict.duration_s / duration_s if run.answer_times_s else None
-    clock = WallClock.of(duration_s, factor, run.answer_times_s)
-    finished = conclude(
+    clock = WallClock.from_answer_times(duration_s, factor, run.answer_times_s)
+    finished = finish_trial(
         spec,
         "direct",
         verdict,
         run.trial.log.trajectory(),
-        wall_clock=clock.on(
+        wall_clock=clock.with_pace(
             pace(),
             max(spec.protocol.control_period_s, spec.compute.charged_s),
-            spec.way,
+            spec.compute_mode,
         ),
         recoveries=run.trial.recoveries or 0,
-        delays=packed_delays(run.cycle_timer.delays_ns) if spec.way == MEASURED else "",
+        delays=pack_delays(run.cycle_timer.delays_ns)
+        if spec.compute_mode == MEASURED
+        else "",
     )
     finished = replace(
         finished, cylinders_m=run.cylinders_m, traceback=run.trial.traceback
@@ -95,7 +102,7 @@ def warm_up(spec: TrialSpec, *, with_planner: bool) -> None:
         _ready.add((spec.planner, spec.preset))
         planner = make_planner(spec.planner, spec.preset, spec.overrides)
         with suppress(Exception):  # the trials report it
-            PlannerSession(planner, seed=0, use_map=spec.protocol.map_given).warm_up()
+            PlannerRuntime(planner, seed=0, use_map=spec.protocol.map_given).warm_up()
 
 
 class _DirectTrial:
@@ -109,7 +116,7 @@ class _DirectTrial:
         self.cycle_timer = CycleTimer(spec.compute, spec.planner_seed, spec.recorded_ns)
         self.cylinders_m = spec.world.cylinders_m.copy()
         self._spec, self._bags = spec, bags
-        self._session = PlannerSession(
+        self._runtime = PlannerRuntime(
             planner, seed=spec.planner_seed, use_map=spec.protocol.map_given
         )
 
@@ -145,7 +152,7 @@ class _DirectTrial:
                     sensors = simulator.step(command, delay_ns)
                 except Exception as error:  # whatever it is, it belongs in the result
                     verdict = trial.referee.fail(
-                        Outcome.SIMULATOR_DIED, error_line(error)
+                        Outcome.SIMULATOR_DIED, describe_error(error)
                     )
                     self._show_standing(sensors.stamp_ns)
                     return verdict
@@ -153,8 +160,8 @@ class _DirectTrial:
     def _start_planner(self) -> None:
         """Hand the planner its map and its goal, on which it begins."""
         if self._spec.map is not None:
-            self._session.set_map(self._spec.map)
-        self._session.set_goal(self._spec.goal)
+            self._runtime.set_map(self._spec.map)
+        self._runtime.set_goal(self._spec.goal)
 
     def _decide(self, sensors: Sensors) -> tuple[Velocity2D | None, int]:
         """Return the command that answers readings, None where there is none, and after how many ns it arrives."""
@@ -167,10 +174,10 @@ class _DirectTrial:
             sensors.stamp_ns, sensors.odometry, sensors.scan, pose
         )
 
-        def cycle() -> Answer:
+        def cycle() -> RuntimeOutput:
             stopwatch = Stopwatch()
             try:
-                return _checked(self._session.answer(observation))
+                return _checked(self._runtime.step(observation))
             finally:
                 self.answer_times_s.append(stopwatch.elapsed_s())
 
@@ -180,7 +187,7 @@ class _DirectTrial:
         # in whole microseconds, as they are kept
         measured_ns = (
             1000 * round(1e6 * pace() * self.answer_times_s[-1])
-            if self._spec.way == MEASURED
+            if self._spec.compute_mode == MEASURED
             else None
         )
         delay_ns = self.cycle_timer.start_cycle(sensors.stamp_ns, measured_ns)
@@ -191,7 +198,7 @@ class _DirectTrial:
             self.trial.plan(answer.decision.plan, sensors.stamp_ns)
         for bag in self._bags:
             bag.answer(
-                answer.command, answer.decision, self._session.planner, sensors.stamp_ns
+                answer.command, answer.decision, self._runtime.planner, sensors.stamp_ns
             )
         if answer.command is not None:
             self.trial.command(answer.command)
@@ -208,7 +215,7 @@ class _DirectTrial:
             bag.conclude(self.cylinders_m, stamp_ns)
 
 
-def _checked(answer: Answer) -> Answer:
+def _checked(answer: RuntimeOutput) -> RuntimeOutput:
     if not isinstance(answer.command, (Velocity2D, type(None))):
         raise TypeError(f"command must be a Velocity2D or None, got {answer.command!r}")
     return answer

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from typing import Any
 
-from barn_eval.results.store import Record, Store
+from barn_eval.results.store import BagStore, TrialRecord
 from barn_eval.running.planner_objects import LivePlanner
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trial import MachineStalledError
@@ -45,6 +45,11 @@ class Work(ABC):
 
     loads = True
 
+    @property
+    def isolation(self) -> str:
+        """What keeps planner processes from the suite's; empty without ROS."""
+        return ""
+
     def jobs(self, trials: Sequence[TrialSpec]) -> list[Job]:
         """Return trials as jobs, one each unless a kind of work shares them out otherwise."""
         return [Job(spec.trial_id, (spec,)) for spec in trials]
@@ -64,10 +69,10 @@ class Work(ABC):
 class DirectWork(Work):
     """Trials in one process. planners: those given as Python objects, by name."""
 
-    store: Store
+    store: BagStore
     planners: Mapping[str, LivePlanner] = field(default_factory=dict)
 
-    def run(self, job: Job, emit: Emit) -> Record:  # noqa: ARG002 (one result per job)
+    def run(self, job: Job, emit: Emit) -> TrialRecord:  # noqa: ARG002 (one result per job)
         """Run the one trial of a job; BagError where its bag cannot be written."""
         # In the worker only: this loads simulator and planners.
         from barn_eval.running.direct import run_direct_trial, warm_up  # noqa: PLC0415
@@ -76,7 +81,7 @@ class DirectWork(Work):
         live = self.planners.get(spec.planner)
         warm_up(spec, with_planner=live is None)
         with self.store.recorder(spec.trial_id) as recorder:
-            return self.store.keep(
+            return self.store.make_record(
                 run_direct_trial(spec, recorder, live.make() if live else None)
             )
 

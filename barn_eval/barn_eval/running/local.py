@@ -21,7 +21,7 @@ import cloudpickle
 
 from barn_eval.running.engine import ENVIRONMENT, Engine, Lost, Note, Part, Report, Work
 from barn_eval.running.worker import GRACE_S
-from barn_eval.trials.trial import queued_s
+from barn_eval.trials.trial import processor_wait_s
 from barn_worlds.base.errors import ConfigError
 
 _LONGEST_GAP_S = 10.0  # between two looks at workers; a longer one is that of a process that was stopped
@@ -160,7 +160,7 @@ class _Worker:
         """Send a job and return whether the worker was there to take it."""
         self.key, self.deadline = key, time.monotonic() + limit_s
         self._queued_s, self._stood_s, self._stalled = (
-            queued_s(self.process.pid),
+            processor_wait_s(self.process.pid),
             0.0,
             False,
         )
@@ -196,7 +196,7 @@ class _Worker:
 
     def has_second_try(self, limit_s: float) -> bool:
         """Tell, at the deadline, whether it has been put off once more, as the machine withheld its processor."""
-        queued = queued_s(self.process.pid) - self._queued_s
+        queued = processor_wait_s(self.process.pid) - self._queued_s
         if self._stalled or (queued < 0.5 * limit_s and self._stood_s < limit_s):
             return False
         self._stalled = True

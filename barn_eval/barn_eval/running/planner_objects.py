@@ -8,7 +8,7 @@ from typing import Any
 
 import cloudpickle
 
-from barn_eval.trials.run_config import NO_SOURCE, PlannerChoice
+from barn_eval.trials.run_config import UNKNOWN_SOURCE, PlannerChoice
 from barn_planners.interface import Decision, Observation, Planner, Task
 from barn_planners.registry import planner_names
 from barn_worlds.base.errors import BarnError, ConfigError
@@ -124,7 +124,7 @@ def fingerprint(planner: object) -> str:
             inspect.getsource(code).encode() + cloudpickle.dumps(held)
         ).hexdigest()
     except Exception:  # whatever an object does when it is pickled
-        return NO_SOURCE
+        return UNKNOWN_SOURCE
 
 
 def _check(planner: Any) -> None:

@@ -1,6 +1,6 @@
 """What a user asks for, by a file, by options or from Python, and the experiment that it makes.
 
-Keys, all optional: the fields of `Experiment`; `execution`, with those of `Execution`, which also stand for themselves;
+Keys, all optional: the fields of `RunConfig`; `execution`, with those of `ExecutionConfig`, which also stand for themselves;
 `out`; `robot`, which `simulator` holds then; and short forms of `planners`, `protocol` and `simulator`.
 """
 
@@ -12,16 +12,21 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from barn_eval.results.folder import new_folder
+from barn_eval.results.folder import default_folder
 from barn_eval.results.run_file import WORLDS
 from barn_eval.running.command_files import command_files
-from barn_eval.trials.protocol import CHALLENGE, Protocol, check_name, load_protocol
-from barn_eval.trials.ros_config import RosSetup
+from barn_eval.trials.protocol import (
+    CHALLENGE,
+    Protocol,
+    check_protocol_name,
+    load_protocol,
+)
+from barn_eval.trials.ros_config import RosConfig
 from barn_eval.trials.run_config import (
     COMPUTE_KEYS,
-    Execution,
-    Experiment,
+    ExecutionConfig,
     PlannerChoice,
+    RunConfig,
 )
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_planners.registry import planner_entry, planner_names
@@ -37,8 +42,8 @@ Values = Mapping[str, Any]
 Given = Mapping[int, World] | None  # worlds in place of a data set, by number
 SCHEMA_VERSION = 1
 _CAP = "max_speed_mps"
-_EXECUTION = tuple(field.name for field in fields(Execution))
-_KEYS = (*(field.name for field in fields(Experiment)), *_EXECUTION)
+_EXECUTION = tuple(field.name for field in fields(ExecutionConfig))
+_KEYS = (*(field.name for field in fields(RunConfig)), *_EXECUTION)
 _KEYS += ("execution", "out", "planner_command", "robot", "sweep")
 _NAMED_COMMAND = re.compile(r"([A-Za-z0-9][A-Za-z0-9_.-]*)=(.*)", re.DOTALL)
 
@@ -47,8 +52,8 @@ _NAMED_COMMAND = re.compile(r"([A-Za-z0-9][A-Za-z0-9_.-]*)=(.*)", re.DOTALL)
 class Request:
     """An experiment as it was asked for, and the folder it goes to."""
 
-    experiment: Experiment
-    execution: Execution
+    experiment: RunConfig
+    execution: ExecutionConfig
     out: Path
     worlds: Given = None
 
@@ -81,7 +86,7 @@ def read_request(
     what to change; `planner_command` one, or some "NAME=COMMAND". settings: parameters by planner, "planner.name",
     or name where there is one planner. worlds: in place of a data set. ConfigError in one line for what is not allowed.
     """
-    content: dict[str, Any] = {"out": new_folder()} | (
+    content: dict[str, Any] = {"out": default_folder()} | (
         read_yaml(path, SCHEMA_VERSION) if path else {}
     )
     where, listed = f"{path}: " if path else "", content.get("planners")
@@ -126,7 +131,10 @@ def read_request(
         content["dataset"] = str((out / WORLDS).absolute())
     experiment = _experiment(content, settings or {}, where)
     request = Request(
-        experiment, from_dict(Execution, execution, f"{where}execution"), out, worlds
+        experiment,
+        from_dict(ExecutionConfig, execution, f"{where}execution"),
+        out,
+        worlds,
     )
     if experiment.mode == "ros" and request.execution.engine != "local":
         raise ConfigError(
@@ -208,13 +216,13 @@ def _changes(value: object, key: str) -> dict[str, Any]:
     )
 
 
-def _experiment(content: dict[str, Any], settings: Values, where: str) -> Experiment:
+def _experiment(content: dict[str, Any], settings: Values, where: str) -> RunConfig:
     rule = "must be a name or a YAML file"
     rules = _given(
         content.pop("protocol", CHALLENGE), (str, Protocol), f"{where}protocol {rule}"
     )
     rules = load_protocol(rules) if isinstance(rules, str) else rules
-    check_name(rules, f"{where}protocol ")
+    check_protocol_name(rules, f"{where}protocol ")
     robot = content.pop("robot", None)
     if robot is not None and not isinstance(robot, Robot):
         robot = load_robot(_given(robot, (str, Path), f"{where}robot {rule}"))
@@ -228,11 +236,11 @@ def _experiment(content: dict[str, Any], settings: Values, where: str) -> Experi
         content.pop("planners", None), content.pop("planner_command", None), where
     )
     return replace(
-        from_dict(Experiment, content, where.rstrip(": ") or "options"),
+        from_dict(RunConfig, content, where.rstrip(": ") or "options"),
         planners=_with_settings(planners, settings, where),
         protocol=rules,
         simulator=simulator_config(rules, simulator, robot),
-        ros=replace_dotted(RosSetup(), ros, f"{where}ros"),
+        ros=replace_dotted(RosConfig(), ros, f"{where}ros"),
     )
 
 

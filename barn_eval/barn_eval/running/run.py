@@ -15,9 +15,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Column
 
 from barn_eval.results.bags import BAGS
-from barn_eval.results.folder import earlier_results, opened
+from barn_eval.results.folder import ResultsFolder, find_completed
 from barn_eval.results.run_file import RunFile
-from barn_eval.results.store import Store
+from barn_eval.results.store import BagStore
 from barn_eval.running.cluster import RayEngine
 from barn_eval.running.engine import DirectWork, Engine, InlineEngine, Note, Work
 from barn_eval.running.local import LocalEngine
@@ -25,8 +25,8 @@ from barn_eval.running.request import Request
 from barn_eval.running.runner import Event, Loss, run_remaining
 from barn_eval.trials.identity import task_line
 from barn_eval.trials.result import Rows, TrialResult
-from barn_eval.trials.run_config import Execution, Experiment
-from barn_eval.trials.trial import handled
+from barn_eval.trials.run_config import ExecutionConfig, RunConfig
+from barn_eval.trials.trial import signal_handler
 from barn_worlds.base.errors import BarnError
 
 # Where the folder has no trials yet: means of 60 trials of the suite's planners in barn300, on a 2 GHz core.
@@ -39,7 +39,7 @@ BAG_BYTES, ROW_BYTES = 1_200_000, 3_000
 
 _NAMED = 5  # of the trials that are kept apart
 
-MakeWork = Callable[[Experiment, Execution, Store], Work]
+MakeWork = Callable[[RunConfig, ExecutionConfig, BagStore], Work]
 Drive = Callable[[Collection[int] | None], list[TrialResult]]
 
 
@@ -76,34 +76,33 @@ def begun(
     """
     experiment, execution = request.experiment, request.execution
     specs = request.trials()
+    store = BagStore(request.out.absolute(), experiment.bags)
+    work = make_work(experiment, execution, store) if make_work else DirectWork(store)
     with (
         _stopped_by_signals(),
-        opened(
+        ResultsFolder.open(
             request.out,
             experiment,
             execution,
             specs,
             request.worlds,
+            isolation=work.isolation,
             overwrite=overwrite,
         ) as folder,
     ):
         console.print(
             task_line(experiment.protocol.name, specs[0].task), highlight=False
         )
-        if folder.earlier:
+        if folder.completed:
             console.print(
-                f"{len(folder.earlier)} of {folder.total} trials are there already"
+                f"{len(folder.completed)} of {folder.total} trials are there already"
             )
-        store = Store(folder.path.absolute(), experiment.bags)
-        work = (
-            make_work(experiment, execution, store) if make_work else DirectWork(store)
-        )
 
         def drive(worlds: Collection[int] | None) -> list[TrialResult]:
             left = [
                 spec
                 for spec in folder.remaining
-                if worlds is None or spec.index in worlds
+                if worlds is None or spec.world_number in worlds
             ]
             if left:
                 there = folder.results()
@@ -134,7 +133,7 @@ def scored(drive: Drive, worlds: Iterable[int]) -> list[TrialResult]:
     """Return the trials in some worlds; BarnError if one failed by no fault of the planner."""
     chosen = set(worlds)
     results = [one for one in drive(chosen) if one.world in chosen]
-    if lost := [one.trial_id for one in results if not one.counts]:
+    if lost := [one.trial_id for one in results if not one.is_scored]:
         raise BarnError(
             f"{lost[0]} failed by no fault of the planner; the same command runs it again"
         )
@@ -146,7 +145,7 @@ def kept_apart(results: Rows) -> str:
     apart = [
         f"{one.trial_id} ({one.fault}: {one.detail})"
         for one in results
-        if not one.counts
+        if not one.is_scored
     ]
     more = f" and {len(apart) - _NAMED} more" if len(apart) > _NAMED else ""
     text = f"{len(apart)} of {len(results)} trials failed by no fault of the planner and are not scored"
@@ -178,9 +177,9 @@ def plan_experiment(request: Request, *, overwrite: bool = False) -> Plan:
     """Return what a request would do; BarnError in one line where it would be refused. Nothing is written."""
     experiment, execution = request.experiment, request.execution
     specs = request.trials()
-    checksums = {spec.index: spec.world.checksum for spec in specs}
-    there = earlier_results(
-        RunFile.of(request.out, experiment, checksums), specs, overwrite=overwrite
+    checksums = {spec.world_number: spec.world.checksum for spec in specs}
+    there = find_completed(
+        RunFile.for_run(request.out, experiment, checksums), specs, overwrite=overwrite
     ).results
     left = len(specs) - len(there)
     bag_bytes = _bag_bytes(request.out, there) if experiment.bags != "none" else 0.0
@@ -222,7 +221,7 @@ def _bag_bytes(out: Path, there: Rows) -> float:
     return fmean(sizes) if sizes else BAG_BYTES
 
 
-def engine_of(execution: Execution, work: Work) -> Engine:
+def engine_of(execution: ExecutionConfig, work: Work) -> Engine:
     """Return the workers that an execution asks for."""
     if execution.engine == "ray":
         return RayEngine(
@@ -233,9 +232,9 @@ def engine_of(execution: Execution, work: Work) -> Engine:
     return LocalEngine(work, execution.processes, execution.trial_limit_s)
 
 
-def direct_engine(execution: Execution) -> Engine:
+def direct_engine(execution: ExecutionConfig) -> Engine:
     """Return workers for several experiments of mode direct whose planners are the suite's; see `begun`."""
-    return engine_of(execution, DirectWork(Store(Path())))
+    return engine_of(execution, DirectWork(BagStore(Path())))
 
 
 @contextmanager
@@ -246,7 +245,7 @@ def _stopped_by_signals() -> Iterator[None]:
             if (
                 signal.getsignal(number) is not signal.SIG_IGN
             ):  # as SIGHUP is under nohup
-                kept.enter_context(handled(number, signal.default_int_handler))
+                kept.enter_context(signal_handler(number, signal.default_int_handler))
         yield
 
 
@@ -347,5 +346,5 @@ def _ended(result: TrialResult) -> str:
     if result.scores.success:
         ending = f"success in {result.scores.traversal_time_s:.2f} s"
     return ", ".join(
-        filter(None, (ending, result.wall_clock.remark, result.wall_clock.retried))
+        filter(None, (ending, result.wall_clock.remark, result.wall_clock.retry_note))
     )

@@ -5,8 +5,8 @@ from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from textwrap import indent
 
-from barn_eval.results.folder import LOSSES, TRACEBACKS, ExperimentFolder
-from barn_eval.results.store import Record
+from barn_eval.results.folder import LOSSES, TRACEBACKS, ResultsFolder
+from barn_eval.results.store import TrialRecord
 from barn_eval.running.engine import (
     Done,
     Engine,
@@ -20,10 +20,10 @@ from barn_eval.running.engine import (
 )
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.result import TrialResult, WallClock
-from barn_eval.trials.run_config import Execution
+from barn_eval.trials.run_config import ExecutionConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import TrajectoryLog
-from barn_eval.trials.trial import conclude
+from barn_eval.trials.trial import finish_trial
 from barn_worlds.base.errors import BarnError
 
 _WAIT_S = 1.0
@@ -46,9 +46,9 @@ Event = TrialResult | Loss | Note
 
 
 def run_remaining(
-    folder: ExperimentFolder,
+    folder: ResultsFolder,
     engine: Engine,
-    execution: Execution,
+    execution: ExecutionConfig,
     work: Work,
     mode: str = "direct",
     trials: Sequence[TrialSpec] | None = None,
@@ -82,8 +82,8 @@ def run_remaining(
 class _Loop:
     """What is known while an experiment runs: jobs that wait and are out, losses by trial, planners that raised."""
 
-    folder: ExperimentFolder
-    execution: Execution
+    folder: ResultsFolder
+    execution: ExecutionConfig
     mode: str
     waiting: deque[Job]
     out: dict[str, Job] = field(default_factory=dict)
@@ -115,7 +115,7 @@ class _Loop:
         self.losses[spec.trial_id] += 1
         attempt = self.losses[spec.trial_id]
         text = f"attempt {attempt} on {report.worker}: {report.reason}\n{report.traceback}".rstrip()
-        self.folder.note(LOSSES, spec.trial_id, text)
+        self.folder.write_note(LOSSES, spec.trial_id, text)
         yield Loss(spec.trial_id, attempt, report.reason)
         if self.lost_in_a_row >= execution.losses:
             raise ExperimentError(
@@ -127,11 +127,11 @@ class _Loop:
         if job.trials:
             self.waiting.appendleft(job)
 
-    def _tell(self, record: Record) -> Iterator[Note]:
+    def _tell(self, record: TrialRecord) -> Iterator[Note]:
         """Keep the traceback of a planner that raised an exception, and show the first of each planner."""
         result = record.result
         if record.traceback:
-            self.folder.note(TRACEBACKS, result.trial_id, record.traceback)
+            self.folder.write_note(TRACEBACKS, result.trial_id, record.traceback)
             if result.planner not in self.failed:
                 told = indent(record.traceback.rstrip(), "  ")
                 yield Note(
@@ -148,7 +148,7 @@ class _Loop:
             clock, started_at=report.started_at, worker=report.worker, attempts=attempts
         )
         kept: TrialResult = replace(result, wall_clock=clock)
-        self.folder.append(Record(kept, report.result.track))
+        self.folder.append(TrialRecord(kept, report.result.track))
         self.out[report.key] = self.out[report.key].without(kept.trial_id)
         return kept
 
@@ -164,8 +164,8 @@ class _Loop:
             0.0,
         )
         clock = WallClock(worker=report.worker, attempts=attempt)
-        result = conclude(
+        result = finish_trial(
             spec, self.mode, verdict, TrajectoryLog().trajectory(), wall_clock=clock
         ).result
-        self.folder.append(Record(result, None))
+        self.folder.append(TrialRecord(result, None))
         return result

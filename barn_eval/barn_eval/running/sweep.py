@@ -164,7 +164,9 @@ def setting(
     planners = tuple(
         replace(one, files=one.files | digests) for one in request.experiment.planners
     )
-    request.experiment.settings(planners[0])  # refuses what the planner does not take
+    request.experiment.resolve_planner(
+        planners[0]
+    )  # refuses what the planner does not take
     request = replace(
         request, experiment=replace(request.experiment, planners=planners)
     )

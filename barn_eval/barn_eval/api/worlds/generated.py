@@ -13,10 +13,9 @@ from barn_worlds.datasets.generate_motion import (
     generate_arenas,
     motion_class,
 )
-from barn_worlds.formats.own import Order, write_own
+from barn_worlds.formats.own import write_own
 from barn_worlds.robots.files import load_robot, other_name
 from barn_worlds.robots.robot import Robot
-from barn_worlds.worlds.hard import hard_worlds
 from barn_worlds.worlds.world import World
 
 Progress = Callable[[int, int], None]
@@ -44,8 +43,7 @@ def generate(
         per_set: Worlds per parameter set.
         seed: All randomness comes from it.
         parameters: One set of your own, by name (see `barn_worlds.datasets.generate.WorldParameters`); without, the
-            twelve of the paper's Table I. With a key `kind` ("all", "doors", "dead_ends", "turns", "clutter") they are
-            those of `barn_worlds.worlds.hard.HardParameters`, and `per_set` worlds of each kind are made.
+            twelve of the paper's Table I.
         robot: What paths are planned for; cells are in its size, 5 x 5 of them to a robot, unless parameters say how
             large they are.
         keep: How many to keep, evenly spread over the order from wide to narrow; 0 for all.
@@ -60,28 +58,17 @@ def generate(
     driven = load_robot(robot)
     named = other_name(driven.chassis)
     file = target if target is not None and target.suffix == ".npz" else None
-    if parameters and "kind" in parameters:
-        if keep:
-            raise ConfigError("keep is not for hard worlds, of which all are kept")
-        name = target.stem if target else "hard"
-        worlds = hard_worlds(parameters, per_set, seed, driven, name, progress)
-        order = Order(maker.NARROWNESS, tuple(map(maker.narrowness, worlds)))
-        if file:
-            return maker.write_ordered(
-                file, name, worlds, order, {"seed": seed, "robot": named}
-            )
-    else:
-        name, sets = (
-            target.stem if target else "generated",
-            _sets(parameters or {}, driven),
-        )
-        asked = maker.DatasetParameters(
-            name, seed, per_set, keep=keep, robot=named, sets=sets
-        )
-        if file:
-            maker.write_dataset(file, asked, progress=progress)
-            return load(file)
-        worlds, order = maker.generate_ranked_dataset(asked, progress=progress)
+    name, sets = (
+        target.stem if target else "generated",
+        _sets(parameters or {}, driven),
+    )
+    asked = maker.DatasetParameters(
+        name, seed, per_set, keep=keep, robot=named, sets=sets
+    )
+    if file:
+        maker.write_dataset(file, asked, progress=progress)
+        return load(file)
+    worlds, order = maker.generate_ranked_dataset(asked, progress=progress)
     numbered = maker.renumber(worlds, order)
     if target is not None:
         write_layout(target, numbered)

@@ -5,22 +5,21 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from footprint_lattice import POINTS_PER_CELL, build_lattice, path_cells
+from hard_worlds import (
+    KINDS,
+    LEAD_IN_CELLS,
+    HardParameters,
+    generate_hard_world,
+    generate_hard_worlds,
+    prove_path,
+)
 
 from barn_worlds.base.errors import WorldError
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.datasets.generate import cell_size_m
 from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.robots.files import STANDARD, load_robot
-from barn_worlds.worlds.hard import (
-    KINDS,
-    HardParameters,
-    hard_world,
-    hard_worlds,
-    proven_way,
-)
-from barn_worlds.worlds.oriented import POINTS_PER_CELL, cells_of, lattice
-
-AHEAD = 14  # columns in front of the field that a proven way begins with
 
 
 def least_gap_m(way, grid, side_m, robot, samples=40):
@@ -28,7 +27,7 @@ def least_gap_m(way, grid, side_m, robot, samples=40):
     footprint = Footprint(
         np.array(robot.chassis.hull_m), robot.chassis.footprint_radius_m
     )
-    centres = (np.argwhere(grid) + np.array([0.5, 0.5 + AHEAD])) * side_m
+    centres = (np.argwhere(grid) + np.array([0.5, 0.5 + LEAD_IN_CELLS])) * side_m
     nearest = math.inf
     for (x, y, yaw), (u, v, later) in pairwise(way):
         turn = (later - yaw + math.pi) % (2.0 * math.pi) - math.pi
@@ -52,9 +51,9 @@ def least_gap_m(way, grid, side_m, robot, samples=40):
 def test_the_turned_footprint_keeps_the_margin_all_along_the_way(kind, robot):
     driven = load_robot(robot)
     parameters = HardParameters(kind=kind, resolution_m=cell_size_m(driven))
-    world = hard_world(parameters, driven, np.random.default_rng(3), "hard")
+    world = generate_hard_world(parameters, driven, np.random.default_rng(3), "hard")
     margin_m = parameters.margin_cells * world.resolution_m
-    way = proven_way(world.grid, world.resolution_m, driven, margin_m)
+    way = prove_path(world.grid, world.resolution_m, driven, margin_m)
     assert least_gap_m(way, world.grid, world.resolution_m, driven) >= margin_m - 1e-9
     steps = np.diff(way[:, :2], axis=0)
     moved = np.hypot(*steps.T) > 0
@@ -74,32 +73,37 @@ def test_a_gap_is_passed_exactly_where_footprint_and_margin_fit():
     start, goal = (30, 6, 4), (30, 54)
     for margin_m, fits in ((0.08, True), (0.09, False)):
         assert (
-            lattice(grid, 0.15, STANDARD.chassis, margin_m).way(start, goal) is not None
+            build_lattice(grid, 0.15, STANDARD.chassis, margin_m).find_path(start, goal)
+            is not None
         ) == fits
     grid[11, 10] = True  # three cells, 0.45 m
-    assert lattice(grid, 0.15, STANDARD.chassis, 0.02).way(start, goal) is None
+    assert (
+        build_lattice(grid, 0.15, STANDARD.chassis, 0.02).find_path(start, goal) is None
+    )
 
 
 def test_a_way_without_obstacles_is_the_straight_one():
-    free = lattice(np.zeros((10, 20), bool), 0.15, STANDARD.chassis, 0.0)
-    way = free.way((15, 0, 4), (15, 60))
+    free = build_lattice(np.zeros((10, 20), bool), 0.15, STANDARD.chassis, 0.0)
+    way = free.find_path((15, 0, 4), (15, 60))
     assert np.allclose(
         way[[0, -1]],
         [[5.0, 0.0, math.pi / 2], [5.0, 60 / POINTS_PER_CELL, math.pi / 2]],
     )
-    assert np.array_equal(cells_of(way)[:, 1], np.arange(21))
+    assert np.array_equal(path_cells(way)[:, 1], np.arange(21))
 
 
 def test_a_world_depends_on_its_seed_kind_and_number_alone():
-    one = hard_worlds({"kind": "all"}, 2, 11, STANDARD, "w")
-    other = hard_worlds({"kind": "dead_ends"}, 1, 11, STANDARD, "w")
+    one = generate_hard_worlds(HardParameters(), KINDS, 2, 11, STANDARD, "w")
+    other = generate_hard_worlds(HardParameters(), ["dead_ends"], 1, 11, STANDARD, "w")
     assert [world.provenance.parameters["kind"] for world in one] == [
         kind for kind in KINDS for _ in range(2)
     ]
     assert other[0].checksum == one[2].checksum
     assert len({world.checksum for world in one}) == 8
     assert (
-        hard_worlds({"kind": "dead_ends"}, 1, 12, STANDARD, "w")[0].checksum
+        generate_hard_worlds(HardParameters(), ["dead_ends"], 1, 12, STANDARD, "w")[
+            0
+        ].checksum
         != other[0].checksum
     )
 
@@ -108,17 +112,19 @@ def test_no_way_in_the_grids_tried_is_said():
     impossible = HardParameters(
         kind="turns", spare_cells=0, margin_cells=2.0, cols=24, attempts=1
     )
-    with pytest.raises(WorldError, match="no way through 1 worlds of kind turns"):
+    with pytest.raises(WorldError, match="no path through 1 worlds of kind turns"):
         for seed in range(50):
-            hard_world(impossible, STANDARD, np.random.default_rng(seed), "hard")
+            generate_hard_world(
+                impossible, STANDARD, np.random.default_rng(seed), "hard"
+            )
 
 
 def test_the_shipped_hard_worlds_come_again_from_their_seed():
     shipped = open_dataset("barn_hard")
     made = {
         world.checksum
-        for world in hard_worlds(
-            {"kind": "clutter"}, 5, shipped.manifest["seed"], STANDARD, "w"
+        for world in generate_hard_worlds(
+            HardParameters(), ["clutter"], 5, shipped.manifest["seed"], STANDARD, "w"
         )
     }
     assert made <= {shipped.load(index).checksum for index in shipped.world_numbers}

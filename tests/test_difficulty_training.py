@@ -14,40 +14,39 @@ from barn_metrics.model.evaluation import (
     noise_ceiling,
 )
 from barn_metrics.model.inputs import inputs_of
-from barn_metrics.model.trials import join_trials
 from barn_worlds.datasets.dataset import open_dataset
 
 torch = pytest.importorskip("torch", reason="networks are trained with PyTorch")
 
-from barn_metrics.model.training import (  # noqa: E402
+from judge_difficulty import judge_networks  # noqa: E402
+from network_training import (  # noqa: E402
     NetworkConfig,
     NetworkTraining,
-    train,
+    train_model,
     train_network,
 )
 
 
 @pytest.fixture(scope="module")
-def tool():
-    return pytest.importorskip(
-        "judge_difficulty",
-        reason="the repository's qa folder is not beside this package",
-    )
+def worlds():
+    dataset = open_dataset("barn300")
+    return {number: dataset.load(number) for number in dataset.world_numbers[::6]}
 
 
 def test_training_repeats_and_numpy_evaluates_it_as_torch_does(worlds):
     few = {number: worlds[number] for number in list(worlds)[::2]}
     inputs, trials = inputs_of(few.values()), made_trials(few)
-    targets = np.concatenate([trials.times(), trials.failures()], axis=1)
+    targets = np.concatenate([trials.mean_times(), trials.failure_rates()], axis=1)
     config = NetworkConfig(filters=8, epochs=60, batch=10, dropout=0.0)
     first, again = (train_network(inputs, targets, 3, config) for _ in range(2))
     assert (first(inputs) == again(inputs)).all()
     assert np.mean((first(inputs) - targets)[:, 0] ** 2) < 0.3 * targets[:, 0].var()
     training = NetworkTraining(inputs, targets, config, 3)
     every = torch.arange(len(inputs))
+    strips = (training.strips, training.mirrored_strips)
     with torch.no_grad():
-        both = [training.outputs(way, every).numpy() for way in training.ways]
-    theirs = 0.5 * (both[0] + both[1]) * training.spread + training.shift
+        both = [training.outputs(way, every).numpy() for way in strips]
+    theirs = 0.5 * (both[0] + both[1]) * training.target_std + training.target_mean
     assert training.network()(inputs) == pytest.approx(theirs, rel=1e-4, abs=1e-4)
 
 
@@ -56,11 +55,11 @@ def test_a_trained_model_is_stored_trained_again_alike_and_checked_on_trials(
 ):
     worlds = {number: worlds[number] for number in list(worlds)[::3]}
     trials = made_trials(worlds)
-    model = train(worlds, trials)
+    model = train_model(worlds, trials)
     save_model(model, tmp_path / "w.npz")
     read = load_model(tmp_path / "w.npz")
     assert read.predict(worlds[0]) == model.predict(worlds[0])
-    save_model(train(worlds, trials), tmp_path / "again.npz")
+    save_model(train_model(worlds, trials), tmp_path / "again.npz")
     assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "w.npz").read_bytes()
     found = evaluate(worlds, trials, read, EvaluationConfig(folds=2, repeats=1))
     assert (found.worlds, found.trials, model.about["training_worlds"]) == (
@@ -79,9 +78,9 @@ def test_a_trained_model_is_stored_trained_again_alike_and_checked_on_trials(
     )
 
 
-def test_both_kinds_are_judged_on_the_same_folds(worlds, tool):
+def test_both_kinds_are_judged_on_the_same_folds(worlds):
     trials = made_trials(worlds)
-    five, routes = tool.judged(worlds, trials, EvaluationConfig(folds=3, repeats=1))
+    five, routes = judge_networks(worlds, trials, EvaluationConfig(folds=3, repeats=1))
     assert min(five.r2.estimate, routes.r2.estimate) > 0.5
     assert (
         routes.gain.estimate == pytest.approx(five.mse.estimate - routes.mse.estimate)
@@ -95,7 +94,7 @@ def test_both_kinds_are_judged_on_the_same_folds(worlds, tool):
     assert noise_ceiling(trials).estimate > 0.5
 
 
-def test_nothing_is_trained_on_the_worlds_held_out_by_whatever_name(worlds, tool):
+def test_nothing_is_trained_on_the_worlds_held_out_by_whatever_name(worlds):
     held_out = open_dataset("barn_test")
     renamed = {
         number: replace(held_out.load(number), name=f"mine_{number}")
@@ -105,15 +104,17 @@ def test_nothing_is_trained_on_the_worlds_held_out_by_whatever_name(worlds, tool
         ModelError,
         match="mine_0 is a world of barn_test, which judges models and is never trained on",
     ):
-        train(renamed, made_trials(renamed))
+        train_model(renamed, made_trials(renamed))
     mixed = worlds | {1000: held_out.load(7)}
     with pytest.raises(ModelError, match="is a world of barn_test"):
-        train(mixed, made_trials(mixed))
+        train_model(mixed, made_trials(mixed))
     with pytest.raises(
         ModelError,
-        match="is a world of barn_test, which is never trained on; it judges weights",
+        match="is a world of barn_test, which judges models and is never trained on",
     ):
-        tool.judged(renamed, made_trials(renamed), EvaluationConfig(folds=2, repeats=1))
+        judge_networks(
+            renamed, made_trials(renamed), EvaluationConfig(folds=2, repeats=1)
+        )
     (judged,) = evaluate(renamed, made_trials(renamed), load_model()).scores
     assert (judged.name, judged.gain, judged.training_mse) == (
         WEIGHTS,
@@ -122,54 +123,12 @@ def test_nothing_is_trained_on_the_worlds_held_out_by_whatever_name(worlds, tool
     )
 
 
-def test_campaigns_are_joined_by_world_whatever_their_numbers(worlds):
-    trials = made_trials(worlds, repetitions=1)
-    one, other = (
-        {index: worlds[index] for index in list(worlds)[first::2]} for first in (0, 1)
-    )
-    some, rest = trials.only(one), trials.only(other)
-    renumbered = dict(enumerate(other.values()))
-    numbers = dict(zip(other, renumbered, strict=True))
-    moved = replace(
-        rest, worlds=np.array([numbers[int(index)] for index in rest.worlds])
-    )
-    found_worlds, found = join_trials([(one, some), (renumbered, moved), (one, some)])
-    assert len(found_worlds) == len(worlds) and len(found) == len(trials) + len(some)
-    expected = {
-        worlds[index].checksum: value
-        for index, value in zip(trials.world_numbers, trials.difficulty(), strict=True)
-    }
-    assert [
-        expected[found_worlds[number].checksum] for number in found.world_numbers
-    ] == pytest.approx(found.difficulty())
-    with pytest.raises(
-        ModelError, match="there are trials of world 1, but not the world itself"
-    ):
-        join_trials([({0: renumbered[0]}, moved)])
-    with pytest.raises(
-        ModelError, match="there are trials of world 9999, but not the world itself"
-    ):
-        join_trials(
-            [
-                (
-                    renumbered,
-                    replace(
-                        moved,
-                        worlds=np.where(
-                            np.arange(len(moved)) == 0, 9_999, moved.worlds
-                        ),
-                    ),
-                )
-            ]
-        )
-
-
 def test_training_needs_worlds(worlds):
     trials = made_trials(worlds)
-    few = trials.only(trials.world_numbers[:9])
+    few = trials.in_worlds(trials.world_numbers[:9])
     with pytest.raises(
         ModelError, match="at least 10 worlds with trials of every planner, got 9"
     ):
-        train(worlds, few)
+        train_model(worlds, few)
     with pytest.raises(ModelError, match="trials of world 0, but not the world itself"):
-        train({6: worlds[6]}, trials)
+        train_model({6: worlds[6]}, trials)
