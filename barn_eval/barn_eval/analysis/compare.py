@@ -285,8 +285,7 @@ def _pair_planners(
     if b is None:
         if len(names_a) < 2:
             raise ConfigError(
-                f"{a}: has one planner only, {', '.join(names_a)}; "
-                "name a second folder"
+                f"{a}: has one planner only, {', '.join(names_a)}; name a second folder"
             )
         return list(combinations(names_a, 2))
 
@@ -308,7 +307,7 @@ def _name_folders(a: Path, b: Path) -> tuple[str, str]:
     return a.resolve().name, b.resolve().name
 
 
-def read_selection(path: Path) -> tuple[Source, Groups]:
+def read_selection(path: Path) -> tuple[Source, RowsByPlanner]:
     """Read a folder and the results of planners selected from it.
 
     Args:
@@ -330,7 +329,7 @@ def read_selection(path: Path) -> tuple[Source, Groups]:
     return source, select_planners(path, group_by_planner(source.results), planners)
 
 
-def read_groups(a: Path, b: Path | None = None) -> Groups:
+def read_groups(a: Path, b: Path | None = None) -> RowsByPlanner:
     """Return the results of one folder or two by the spelling of their planners.
 
     A planner that is in both folders has the folder in its name.
@@ -451,8 +450,8 @@ def describe_parameter_changes(
 
     changes = []
     for key in keys[:_MAX_NAMED_PARAMETERS]:
-        value_a = values_a.get(key, MISSING)
-        value_b = values_b.get(key, MISSING)
+        value_a = values_a.get(key, NOT_SET)
+        value_b = values_b.get(key, NOT_SET)
         changes.append(f"{key} ({value_a} against {value_b})")
     rest = len(keys) - _MAX_NAMED_PARAMETERS
     if rest > 0:
@@ -466,14 +465,14 @@ def _read_parameters(source: Source, planner: str) -> dict[str, Any]:
     That is so for folders of other versions, and planners that are not installed.
     """
     try:
-        (choice,) = (c for c in source.experiment.planners if c.name == planner)
+        (choice,) = (c for c in source.run_config.planners if c.name == planner)
         if not choice.registered:
             files = {
                 f"file {name}": digest[:12] for name, digest in choice.files.items()
             }
             return files | told_parameters(source.path / LOGS, planner)
-        settings = source.experiment.settings(choice)
-        config = planner_config(planner, settings["preset"], settings["overrides"])
+        setup = source.run_config.resolve_planner(choice)
+        config = planner_config(planner, setup.preset, setup.overrides)
     except (BarnError, ValueError):
         return {}
-    return {f"{planner} {key}": value for key, value in leaves(as_dict(config))}
+    return {f"{planner} {key}": value for key, value in flatten(as_dict(config))}

@@ -69,8 +69,7 @@ def order_worlds(entries: Sequence[Entry]) -> WorldOrder:
         means = []
         for group in groups:
             times_s_per_m = [
-                result.scores.normalised_time_s_per_m
-                for result in group.get(world, [])
+                result.scores.normalised_time_s_per_m for result in group.get(world, [])
             ]
             if times_s_per_m:
                 means.append(np.array(times_s_per_m).mean())

@@ -217,9 +217,7 @@ def make_board(entries: Sequence[Entry], measure: Measure) -> Board:
     for position, label in enumerate(ranking.names):
         entry = entry_by_label[label]
         below = range(position + 1, len(ranking.names))
-        better_than = [
-            ranking.names[k] for k in below if ranking.is_clear(position, k)
-        ]
+        better_than = [ranking.names[k] for k in below if ranking.is_clear(position, k)]
         bags = [entry.source.bag(row.trial_id).exists() for row in entry.results]
         places.append(
             Place(

@@ -57,9 +57,10 @@ class Measure:
         """Return the figure of a trial, None if the trial has none."""
         if self.compute is not None:
             return self.compute(result)
-        value: Any = result
+        field: Any = result
         for name in self.path.split("."):
-            value = getattr(value, name, None)
+            field = getattr(field, name, None)
+        value: float | None = field
         return value
 
     @property

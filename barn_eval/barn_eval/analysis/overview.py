@@ -181,35 +181,8 @@ def explain_differences(comparisons: Sequence[Comparison]) -> list[str]:
 
     Many pairs without a significant difference share one sentence.
     """
-    sentences = []
-    equal_pairs = []
-    for comparison in comparisons:
-        clear = []
-        unclear = []
-        for row in comparison.rows:
-            if row.key not in (comparison.metric, *_SENTENCE_MEASURES):
-                continue
-            if row.p_holm > ALPHA or math.isnan(row.p_holm):
-                unclear.append(row.measure)
-                continue
-            measure = MEASURES[row.key]
-            mean_a = measure.number(row.paired.mean_a)
-            mean_b = measure.number(row.paired.mean_b)
-            clear.append(f"{row.measure} ({mean_a} against {mean_b}{measure.after})")
-
-        claims = []
-        no_difference = f"do not differ clearly in {join_names(unclear, 'or')}"
-        if clear:
-            claims.append(f"differ clearly in {join_names(clear)}")
-            if unclear:
-                claims.append(f"not in {join_names(unclear, 'or')}")
-        elif unclear:
-            claims.append(no_difference)
-        sentence = f"{comparison.a} and {comparison.b} {', '.join(claims)}."
-        sentences.append(sentence)
-        if not clear:
-            equal_pairs.append((sentence, no_difference))
-
+    explanations = [_explain_difference(comparison) for comparison in comparisons]
+    equal = [explanation for explanation in explanations if not explanation.differs]
     parameters = []
     # The labels of many settings say already what differs.
     if len(comparisons) <= _MAX_NAMED_PAIRS:
@@ -217,15 +190,51 @@ def explain_differences(comparisons: Sequence[Comparison]) -> list[str]:
             if comparison.parameters:
                 names = f"{comparison.a} and {comparison.b}"
                 parameters.append(f"{names}: {comparison.parameters}")
-    if len(equal_pairs) <= _MAX_NAMED_PAIRS:
-        return sentences + parameters
+    if len(equal) <= _MAX_NAMED_PAIRS:
+        return [explanation.sentence() for explanation in explanations] + parameters
 
-    _, no_difference = equal_pairs[0]
-    subject = "The other" if len(sentences) > len(equal_pairs) else "All"
-    summary = f"{subject} {len(equal_pairs)} pairs {no_difference}."
-    equal_sentences = {sentence for sentence, _ in equal_pairs}
-    clear_sentences = [text for text in sentences if text not in equal_sentences]
-    return [*clear_sentences, summary, *parameters]
+    subject = "The other" if len(explanations) > len(equal) else "All"
+    summary = f"{subject} {len(equal)} pairs {equal[0].claim}."
+    different = [e.sentence() for e in explanations if e.differs]
+    return [*different, summary, *parameters]
+
+
+@dataclass(frozen=True)
+class _Explanation:
+    """In which measures two planners differ."""
+
+    pair: str
+    claim: str
+    differs: bool
+
+    def sentence(self) -> str:
+        """Return the whole sentence."""
+        return f"{self.pair} {self.claim}."
+
+
+def _explain_difference(comparison: Comparison) -> _Explanation:
+    """Say in which measures two planners differ significantly, and in which not."""
+    clear = []
+    unclear = []
+    for row in comparison.rows:
+        if row.key not in (comparison.metric, *_SENTENCE_MEASURES):
+            continue
+        if row.p_holm <= ALPHA:
+            measure = MEASURES[row.key]
+            mean_a = measure.number(row.paired.mean_a)
+            mean_b = measure.number(row.paired.mean_b)
+            clear.append(f"{row.measure} ({mean_a} against {mean_b}{measure.after})")
+        else:
+            unclear.append(row.measure)
+
+    no_difference = f"in {join_names(unclear, 'or')}"
+    claim = f"do not differ clearly {no_difference}"
+    if clear:
+        claim = f"differ clearly in {join_names(clear)}"
+        if unclear:
+            claim += f", not {no_difference}"
+    pair = f"{comparison.a} and {comparison.b}"
+    return _Explanation(pair, claim, bool(clear))
 
 
 def make_tables(

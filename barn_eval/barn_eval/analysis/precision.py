@@ -34,6 +34,11 @@ REPETITIONS = (1, 2, 3, 5, 10)
 # The precision in question by default, as a share of the mean.
 DEFAULT_SHARE = 0.05
 _SELECTION = "FOLDER:PLANNER,PLANNER"
+_ONE_TRIAL_NOTE = (
+    "With one trial per world nothing is known of how alike the trials of a world are, "
+    "nor of what repetitions would bring: drive some worlds with --repetitions 3 to "
+    "tell."
+)
 
 
 @dataclass(frozen=True)
@@ -109,26 +114,20 @@ def estimate_precision(
     Raises:
         ConfigError: The estimate cannot be made; messages name the command's options.
     """
+    _require_pair_for(size, results)
     measure = ranking_measure(next(iter(results.values())))
     if measure_key:
         measure = MEASURES[require_measures([measure_key])[0]]
-    if size is not None and len(results) != 2:
-        raise ConfigError(
-            f"a difference needs two planners; there are {len(results)}: "
-            f"{', '.join(results)}; choose two as {_SELECTION}"
-        )
     has_one_trial_per_world = all(
         len({row.world for row in rows}) == len(rows) for rows in results.values()
     )
-    counts = REPETITIONS
-    if repetitions:
-        counts = (repetitions,)
-    elif has_one_trial_per_world:
+    counts = (repetitions,) if repetitions else REPETITIONS
+    if not repetitions and has_one_trial_per_world:
         # Variance within worlds is unknown, so more repetitions cannot be judged.
         counts = REPETITIONS[:1]
 
-    figures = []
-    needs = []
+    figures: list[Figure] = []
+    needs: list[Need] = []
     for name, rows in results.items():
         trials = trial_values(rows, measure)
         trials = trials.at(np.flatnonzero(np.isfinite(trials.values)))
@@ -147,27 +146,21 @@ def estimate_precision(
             worlds = worlds_for_difference(pair.parts, pair_size, count)
             needs.append(Need(pair.of, "difference", pair_size, count, worlds))
 
+    available = count_available_worlds(next(iter(results.values())))
     notes = list(list_cautions(max(figure.worlds for figure in figures)))
     if has_one_trial_per_world:
-        notes.append(
-            "With one trial per world nothing is known of how alike the trials of a "
-            "world are, nor of what repetitions would bring: drive some worlds with "
-            "--repetitions 3 to tell."
-        )
+        notes.append(_ONE_TRIAL_NOTE)
     if len(results) > 2:
         notes.append(
             f"For a difference choose two of the {len(results)} planners as "
             f"{_SELECTION}."
         )
-    available = count_available_worlds(next(iter(results.values())))
     if any(_is_beyond(need, available) for need in needs):
         notes.append(
             f"The set has {available} worlds: where more are needed it cannot tell; "
             "barn worlds generate makes more."
         )
-    return Precision(
-        measure.key, tuple(figures), tuple(needs), tuple(notes), available
-    )
+    return Precision(measure.key, tuple(figures), tuple(needs), tuple(notes), available)
 
 
 def figures_table(precision: Precision) -> TextTable:
@@ -195,9 +188,7 @@ def figures_table(precision: Precision) -> TextTable:
         "trials in worlds",
     )
     caption = " ".join(precision.notes)
-    return TextTable(
-        "variance", "What there is", columns, tuple(rows), caption=caption
-    )
+    return TextTable("variance", "What there is", columns, tuple(rows), caption=caption)
 
 
 def needs_table(precision: Precision) -> TextTable:
@@ -221,6 +212,15 @@ def needs_table(precision: Precision) -> TextTable:
         rows.append((count_noun(count, "trial"), *texts))
     title = f"Worlds needed, {measure.heading}"
     return TextTable("needs", title, ("per world", *cells), tuple(rows))
+
+
+def _require_pair_for(size: float | None, results: RowsByPlanner) -> None:
+    """Raise ConfigError if a difference is asked for of other than two planners."""
+    if size is not None and len(results) != 2:
+        raise ConfigError(
+            f"a difference needs two planners; there are {len(results)}: "
+            f"{', '.join(results)}; choose two as {_SELECTION}"
+        )
 
 
 def _is_beyond(need: Need, available: int) -> bool:

@@ -75,8 +75,8 @@ def decide(
     """
     position = {world: number for number, world in enumerate(order)}
     arrivals: Integers = np.array([position[w] for w in a.worlds.tolist()], np.int64)
-    sums = np.bincount(arrivals, b.values - a.values, minlength=looks[-1])
-    sums = sums.astype(np.float64)
+    gaps = b.values - a.values
+    sums: Floats = np.bincount(arrivals, gaps, minlength=looks[-1]).astype(np.float64)
     worlds_done = len(np.unique(arrivals))
 
     patterns = sign_patterns(looks[-1], 0, flips)
@@ -106,9 +106,12 @@ def decide(
         if has_crossed and test.p <= ALPHA:
             is_better = (test.interval.estimate > 0.0) == larger_is_better
             decision = "better" if is_better else "worse"
-        elif decision == "continue" and share >= _MIN_FUTILE_SHARE:
-            if _conditional_power(sums[:look], share) < _FUTILE_CHANCE:
-                decision = "futile"
+        elif (
+            decision == "continue"
+            and share >= _MIN_FUTILE_SHARE
+            and _conditional_power(sums[:look], share) < _FUTILE_CHANCE
+        ):
+            decision = "futile"
         result = LookResult(decision, look, test.interval)
         if decision != "continue":
             break

@@ -215,7 +215,9 @@ class Computing:
 
 def computing_of(results: Rows) -> Computing:
     """Return how trials of one planner charge its computing."""
-    modes = {COMPUTE_MODE_LABELS[result.compute] for result in results if result.compute}
+    modes = {
+        COMPUTE_MODE_LABELS[result.compute] for result in results if result.compute
+    }
     computers = [
         result.wall_clock.computer
         for result in results

@@ -231,9 +231,7 @@ class Paired:
 
     def test(self) -> Difference:
         """Return the difference with its test."""
-        return Difference(
-            self.difference, self.p, self.worlds, self.trials, self.parts
-        )
+        return Difference(self.difference, self.p, self.worlds, self.trials, self.parts)
 
 
 def repetition_spread(values: Floats, worlds: Integers) -> float:
@@ -393,9 +391,7 @@ def _chance_of_larger(a: Floats, b: Floats) -> float:
 def _positions(trials: TrialValues) -> dict[tuple[int, int], int]:
     """Return the position of each trial with a value, by world and repetition."""
     finite = np.flatnonzero(np.isfinite(trials.values)).tolist()
-    return {
-        (int(trials.worlds[k]), int(trials.repetitions[k])): k for k in finite
-    }
+    return {(int(trials.worlds[k]), int(trials.repetitions[k])): k for k in finite}
 
 
 def _values_by_world(values: Floats, worlds: Integers) -> dict[int, Floats]:

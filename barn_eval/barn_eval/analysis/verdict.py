@@ -29,7 +29,7 @@ from barn_eval.analysis.significance import (
 from barn_eval.analysis.sources import Source, notes_on
 from barn_eval.analysis.statistics import TrialValues, difference, matched_trials
 from barn_eval.analysis.text_table import count_noun, join_names
-from barn_eval.trials.result import Groups
+from barn_eval.trials.result import RowsByPlanner
 from barn_metrics.bootstrap import Interval, number
 from barn_worlds.base.errors import BarnError, ConfigError
 
@@ -104,7 +104,7 @@ class Ranking:
 
 
 def rank_results(
-    results: Groups, measure: Measure, comparisons: Sequence[Comparison] = ()
+    results: RowsByPlanner, measure: Measure, comparisons: Sequence[Comparison] = ()
 ) -> Ranking:
     """Rank planners by their results.
 
@@ -278,7 +278,7 @@ def conclude_ranking(ranking: Ranking, measure: Measure) -> Conclusion:
 
 
 def conclude_results(
-    results: Groups, comparisons: Sequence[Comparison] = ()
+    results: RowsByPlanner, comparisons: Sequence[Comparison] = ()
 ) -> Conclusion:
     """Say what results show by the ranking measure of their protocol.
 
