@@ -182,7 +182,7 @@ def test_planners_of_one_name_are_told_apart_and_other_protocols_not_compared(
 
 def test_the_page_begins_with_the_verdict_and_a_warning_of_few_worlds(report):
     text = report_page(report, "whole")
-    verdict = report.overview.verdict
+    verdict = report.overview.conclusion
     assert re.fullmatch(
         r"gap and DWA cannot be told apart: challenge metric 0\.[^.]*\.[^.]*\.",
         verdict.short,
@@ -233,7 +233,7 @@ def test_bars_and_verdict_are_of_the_worlds_that_all_planners_have(folder, tmp_p
     made = build_report([part], hardest=0)
     shown = make_bars(made.entries)
     means = re.search(
-        r"metric ([0-9.]+) against ([0-9.]+)\.", made.overview.verdict.short
+        r"metric ([0-9.]+) against ([0-9.]+)\.", made.overview.conclusion.short
     )
     assert [row["text"].split()[0] for row in shown.rows] == list(means.groups())
     assert shown.worlds == 5 and "Only 5 worlds" in report_page(made, "part")

@@ -162,8 +162,10 @@ def compare(
         rows.append(_compare_by(MEASURES[key], a, b))
 
     time_per_meter = MEASURES["normalised_time_s_per_m"]
+    times_a = trial_values(a, time_per_meter)
+    times_b = trial_values(b, time_per_meter)
     correlation = rank_correlation(
-        trial_values(a, time_per_meter), trial_values(b, time_per_meter)
+        (times_a.values, times_a.worlds), (times_b.values, times_b.worlds)
     )
     return Comparison(
         a=label_a or a[0].planner,

@@ -354,19 +354,21 @@ def compare_pairs(
     )
 
 
-def rank_correlation(a: TrialValues, b: TrialValues, seed: int = 0) -> Interval:
+def rank_correlation(
+    a: tuple[Floats, Integers], b: tuple[Floats, Integers], seed: int = 0
+) -> Interval:
     """Return Spearman's correlation of two planners' means per world.
 
     Args:
-        a: Trials of A.
-        b: Trials of B; only worlds of both count.
+        a: Values of A and the numbers of their worlds, each (n,).
+        b: The same of B (m,); only worlds of both count.
         seed: Seed of the bootstrap.
 
     Returns:
         The correlation with its interval; NaN for fewer than three worlds.
     """
-    a_by_world = _values_by_world(a.values, a.worlds)
-    b_by_world = _values_by_world(b.values, b.worlds)
+    a_by_world = _values_by_world(*a)
+    b_by_world = _values_by_world(*b)
     shared = sorted(a_by_world.keys() & b_by_world.keys())
     if len(shared) < 3:
         return Interval(math.nan)

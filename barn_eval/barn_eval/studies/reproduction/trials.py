@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from barn_eval.analysis.significance import proportion
-from barn_eval.analysis.statistics import TrialValues, mean_interval, rank_correlation
+from barn_eval.analysis.statistics import mean_interval, rank_correlation
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import Rows
 from barn_metrics import bootstrap
@@ -160,11 +160,9 @@ def trials_finding(
             for planner, trials in found.items()
         ),
         rows,
+        rank_correlation((both.mean(axis=1), worlds), (both.std(axis=1), worlds), seed),
         rank_correlation(
-            _values(both.mean(axis=1), worlds), _values(both.std(axis=1), worlds), seed
-        ),
-        rank_correlation(
-            _values(dwa.mean(axis=1), worlds), _values(eband.mean(axis=1), worlds), seed
+            (dwa.mean(axis=1), worlds), (eband.mean(axis=1), worlds), seed
         ),
         mean_interval(dwa.std(axis=1) - eband.std(axis=1), worlds),
         _steeper(found, seed),
@@ -282,8 +280,3 @@ def metrics_finding(dataset: Dataset, seed: int) -> MetricsFinding:
             )
         )
     return MetricsFinding(len(table.worlds), tuple(rows))
-
-
-def _values(values: Floats, worlds: Integers) -> TrialValues:
-    """Return one value per world as the statistics take it."""
-    return TrialValues(values, worlds, np.zeros(len(worlds), np.int64))
