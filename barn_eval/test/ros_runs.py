@@ -22,7 +22,7 @@ from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.ros_config import RosConfig, WaitLimits
 from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.spec import simulator_config
-from barn_worlds.messages.cdr import deserialise, layout
+from barn_worlds.messages.cdr import deserialize, find_slots
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
@@ -159,11 +159,11 @@ def unstamped(bag):
     for record in BagFile(bag).messages():
         data, message = (
             bytearray(record.data),
-            deserialise(record.data, record.type_name),
+            deserialize(record.data, record.type_name),
         )
         if record.topic == "/diagnostics" and message.status[0].name != "planner":
             continue
-        for name, slot in layout(message).items():
+        for name, slot in find_slots(message).items():
             if name.endswith(".sec"):
                 data[slot.offset : slot.offset + 4] = bytes(4)
         found.setdefault(record.topic, []).append(bytes(data))

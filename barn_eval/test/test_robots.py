@@ -118,7 +118,9 @@ def test_the_table_of_the_page_has_the_numbers_of_the_files():
     for name, (_, size, mass, speed, turn, _) in shown.items():
         robot = ROBOTS[name]
         long, wide = f"{robot.length_m:.3f}", f"{robot.width_m:.3f}"
-        assert size == (f"round, {long}" if robot.chassis.round else f"{long} x {wide}")
+        assert size == (
+            f"round, {long}" if robot.chassis.is_round else f"{long} x {wide}"
+        )
         assert float(mass) == pytest.approx(robot.chassis.mass_kg, abs=0.05)
         assert (float(speed), float(turn)) == (
             robot.drive.max_speed_m_s,

@@ -45,8 +45,8 @@ from barn_worlds.messages.topics import (
     LOCAL_PLAN,
     PLAN,
 )
-from barn_worlds.robots.files import load_robot, shipped_robots
-from barn_worlds.ros.domain import reserved_domain
+from barn_worlds.robots.files import find_robot_files, load_robot
+from barn_worlds.ros.domain import reserve_domain
 
 MOVING = ("/moving_obstacles", "/moving_obstacles/poses")
 # They may come after the verdict, when the trial is over.
@@ -57,7 +57,7 @@ SHOWN_AFTER_COMMANDS = {
 
 def own_robot(folder):
     """A robot of one's own, from a file: a TurtleBot 3 Waffle that is slower."""
-    content = yaml.safe_load(shipped_robots()["turtlebot3_waffle"].read_text("utf-8"))
+    content = yaml.safe_load(find_robot_files()["turtlebot3_waffle"].read_text("utf-8"))
     content["drive"]["max_speed_m_s"] = 0.2
     (folder / "mine.yaml").write_text(
         yaml.safe_dump(content | {"name": "own_robot"}), "utf-8"
@@ -411,7 +411,7 @@ def test_nothing_listens_beyond_loopback_and_nothing_is_left_running(
 
 def test_the_nodes_started_by_hand(tmp_path, monkeypatch):
     # As with `ros2 run` in three terminals: no supervisor, another name and another topic for the commands.
-    with reserved_domain({}) as domain:
+    with reserve_domain({}) as domain:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         remap = ["--ros-args", "-r", "cmd_vel:=/drive"]

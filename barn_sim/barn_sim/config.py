@@ -20,7 +20,7 @@ from barn_worlds.base.config import (
 )
 from barn_worlds.base.types import Pose2D, nanoseconds
 from barn_worlds.messages.topics import FRAMES, Frames
-from barn_worlds.robots.files import STANDARD
+from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
 from barn_worlds.robots.robot import Chassis, Robot
 
@@ -176,7 +176,7 @@ class SimulatorConfig(Checked):
     odometry: OdometryConfig = field(default_factory=OdometryConfig)
     localisation: LocalizationConfig = field(default_factory=LocalizationConfig)
     obstacles: ObstacleConfig = field(default_factory=ObstacleConfig)
-    chassis: Chassis = field(default=STANDARD.chassis, metadata=OPTIONAL)
+    chassis: Chassis = field(default=STANDARD_ROBOT.chassis, metadata=OPTIONAL)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -258,7 +258,7 @@ def chassis_in(simulator: object) -> Chassis:
     """
     given = simulator.get("chassis") if isinstance(simulator, Mapping) else None
     return (
-        STANDARD.chassis
+        STANDARD_ROBOT.chassis
         if given is None
         else from_dict(Chassis, given, "simulator.chassis")
     )
@@ -322,7 +322,8 @@ class RunConfig(SimulatorConfig):
     """Parameters that a reset applies: the simulator's configuration, the world and the start pose."""
 
     robot: str = quantity(
-        STANDARD.name, "name or YAML file of a robot; unset parameters have its values"
+        STANDARD_ROBOT.name,
+        "name or YAML file of a robot; unset parameters have its values",
     )
     dataset: str = quantity(
         "barn300", "name of a shipped data set, or path of a folder or file with worlds"

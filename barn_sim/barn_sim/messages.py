@@ -7,7 +7,7 @@ from barn_sim.config import LocalizationConfig, SimulatorConfig
 from barn_sim.sensors.readings import Joints, Sensors
 from barn_worlds.base.types import Odometry, Pose2D, Scan
 from barn_worlds.messages import encode, topics
-from barn_worlds.messages.topics import FRAMES, Frames, Outgoing
+from barn_worlds.messages.topics import FRAMES, Frames, OutgoingMessage
 
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
 
@@ -47,10 +47,10 @@ class SimulatorMessages:
         self._scan: encode.ScanEncoder | None = None
         self._odom_in_map, self._base_in_odom = start, ORIGIN
 
-    def constant(self) -> Iterator[Outgoing]:
+    def constant(self) -> Iterator[OutgoingMessage]:
         """Yield what is published once: the robot's description and its fixed frames."""
         lidar, chassis, frames = self._config.lidar, self._config.chassis, self._frames
-        yield Outgoing(
+        yield OutgoingMessage(
             topics.ROBOT_DESCRIPTION,
             encode.encode_text(robot_description(lidar, chassis)),
         )
@@ -60,11 +60,11 @@ class SimulatorMessages:
             for child, xyz in fixed_frames(lidar, chassis).items()
         }
         yaws = {frames.lidar: lidar.mount_yaw_rad}
-        yield Outgoing(
+        yield OutgoingMessage(
             topics.TF_STATIC, encode.encode_fixed_transforms(frames.base, fixed, yaws)
         )
 
-    def sensors(self, sensors: Sensors, stamp_ns: int) -> Iterator[Outgoing]:
+    def sensors(self, sensors: Sensors, stamp_ns: int) -> Iterator[OutgoingMessage]:
         """Yield the messages of an instant whose time is `stamp_ns`: the time first, last the scan if it is of now."""
         yield self.clock(stamp_ns)
         yield self.odometry(sensors.odometry, stamp_ns)
@@ -76,51 +76,55 @@ class SimulatorMessages:
         if sensors.scan.stamp_ns == sensors.stamp_ns:
             yield self.scan(sensors.scan, stamp_ns)
 
-    def clock(self, stamp_ns: int) -> Outgoing:
+    def clock(self, stamp_ns: int) -> OutgoingMessage:
         """Return the time."""
-        return Outgoing(topics.CLOCK, encode.encode_clock(stamp_ns))
+        return OutgoingMessage(topics.CLOCK, encode.encode_clock(stamp_ns))
 
-    def odometry(self, odometry: Odometry, stamp_ns: int) -> Outgoing:
+    def odometry(self, odometry: Odometry, stamp_ns: int) -> OutgoingMessage:
         """Return the odometry."""
-        return Outgoing(topics.ODOM, self._odometry.encode(odometry, stamp_ns))
+        return OutgoingMessage(topics.ODOM, self._odometry.encode(odometry, stamp_ns))
 
-    def truth(self, truth: Odometry, stamp_ns: int) -> Outgoing:
+    def truth(self, truth: Odometry, stamp_ns: int) -> OutgoingMessage:
         """Return the true pose and velocity."""
-        return Outgoing(topics.GROUND_TRUTH, self._truth.encode(truth, stamp_ns))
+        return OutgoingMessage(topics.GROUND_TRUTH, self._truth.encode(truth, stamp_ns))
 
-    def localization(self, pose: Pose2D, odometry: Pose2D, stamp_ns: int) -> Outgoing:
+    def localization(
+        self, pose: Pose2D, odometry: Pose2D, stamp_ns: int
+    ) -> OutgoingMessage:
         """Return the estimated pose in the map frame; also given is the pose in the odom frame."""
         self._odom_in_map = pose @ odometry.inverse()
-        return Outgoing(topics.AMCL_POSE, self._localization.encode(pose, stamp_ns))
+        return OutgoingMessage(
+            topics.AMCL_POSE, self._localization.encode(pose, stamp_ns)
+        )
 
-    def transforms(self, odometry: Pose2D, stamp_ns: int) -> Outgoing:
+    def transforms(self, odometry: Pose2D, stamp_ns: int) -> OutgoingMessage:
         """Return the transforms from map to odom, after the last localisation, and from odom to base."""
         self._base_in_odom = odometry
         return self.last_transforms(stamp_ns)
 
-    def last_transforms(self, stamp_ns: int) -> Outgoing:
+    def last_transforms(self, stamp_ns: int) -> OutgoingMessage:
         """Return the last transforms; before the first instant, those of the start."""
         poses = [self._odom_in_map, self._base_in_odom]
-        return Outgoing(topics.TF, self._transforms.encode(poses, stamp_ns))
+        return OutgoingMessage(topics.TF, self._transforms.encode(poses, stamp_ns))
 
-    def collision(self, touched: bool) -> Outgoing:
+    def collision(self, touched: bool) -> OutgoingMessage:
         """Return whether the robot has touched anything."""
-        return Outgoing(topics.COLLISION, encode.encode_bool(touched))
+        return OutgoingMessage(topics.COLLISION, encode.encode_bool(touched))
 
-    def joints(self, joints: Joints, stamp_ns: int) -> Outgoing:
+    def joints(self, joints: Joints, stamp_ns: int) -> OutgoingMessage:
         """Return the state of the wheels."""
-        return Outgoing(
+        return OutgoingMessage(
             topics.JOINT_STATES,
             self._joints.encode((joints.positions, joints.velocities), stamp_ns),
         )
 
-    def scan(self, scan: Scan, stamp_ns: int) -> Outgoing:
+    def scan(self, scan: Scan, stamp_ns: int) -> OutgoingMessage:
         """Return a scan."""
         if self._scan is None:
             self._scan = encode.ScanEncoder(
                 scan, self._frames.of(topics.SCAN), self._scan_period_s
             )
-        return Outgoing(topics.SCAN, self._scan.encode(scan, stamp_ns))
+        return OutgoingMessage(topics.SCAN, self._scan.encode(scan, stamp_ns))
 
 
 def _variances(config: LocalizationConfig) -> tuple[float, float, float]:

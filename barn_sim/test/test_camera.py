@@ -13,7 +13,7 @@ from barn_sim.drawing.robot_parts import jackal_parts, robot_parts
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D
 from barn_worlds.geometry.polygon import area
-from barn_worlds.robots.files import STANDARD, load_robot
+from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
 from barn_worlds.worlds.scene import TrialScene
 
 BOUNDS = (-5.0, 0.0, 0.0, 13.0)
@@ -126,8 +126,8 @@ def test_an_unknown_camera_is_refused():
 
 def test_the_jackal_stands_within_its_outline_and_has_its_lidar_where_it_is_mounted():
     lidar = LidarConfig(mount_x_m=0.05)
-    left, below, right, above = model_of(STANDARD.chassis).extent
-    parts = jackal_parts(STANDARD.chassis, lidar)
+    left, below, right, above = model_of(STANDARD_ROBOT.chassis).extent
+    parts = jackal_parts(STANDARD_ROBOT.chassis, lidar)
     for part in parts:
         reach = 0.5 * part.sizes[0] if len(part.sizes) == 3 else 0.0
         assert (
@@ -142,10 +142,10 @@ def test_the_jackal_stands_within_its_outline_and_has_its_lidar_where_it_is_moun
     wheels = [
         part.centre
         for part in parts
-        if part.sizes == (model_of(STANDARD.chassis).wheel_radius_m, 0.042)
+        if part.sizes == (model_of(STANDARD_ROBOT.chassis).wheel_radius_m, 0.042)
     ]
     assert wheels == [
-        tuple(wheel) for wheel in model_of(STANDARD.chassis).wheels.tolist()
+        tuple(wheel) for wheel in model_of(STANDARD_ROBOT.chassis).wheels.tolist()
     ]
 
 

@@ -15,7 +15,7 @@ from barn_sim.config import (
 )
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.robots.files import STANDARD, load_robot
+from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_robot_of_plain_data() -> None:
         chassis_in({"chassis": {"name": "x"}})
 
 
-MODEL = model_of(STANDARD.chassis)
+MODEL = model_of(STANDARD_ROBOT.chassis)
 
 
 def test_the_body_is_that_of_the_jackal() -> None:
@@ -91,7 +91,7 @@ def test_centre_of_mass_and_inertia_are_those_of_chassis_and_wheels_together() -
 
 
 def test_the_shapes_of_the_jackal_are_those_of_its_urdf() -> None:
-    root = fromstring(robot_description(LidarConfig(), STANDARD.chassis))
+    root = fromstring(robot_description(LidarConfig(), STANDARD_ROBOT.chassis))
     (box,) = root.iterfind("link/collision/geometry/box")
     body, *wheels = MODEL.shapes
     assert (2.0 * body.half_sizes).tolist() == pytest.approx(

@@ -30,7 +30,7 @@ from barn_worlds.base.errors import BarnError, ConfigError, suggest
 from barn_worlds.datasets.dataset import open_dataset, select_worlds
 from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.robots.contact import contact_footprint
-from barn_worlds.robots.files import other_name
+from barn_worlds.robots.files import name_unless_standard
 from barn_worlds.robots.robot import Chassis
 from barn_worlds.worlds.course import fit_to_robot
 from barn_worlds.worlds.world import World

@@ -14,7 +14,7 @@ from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.base.files import write_durably
 from barn_worlds.base.text_files import read_json
-from barn_worlds.robots.files import other_name
+from barn_worlds.robots.files import name_unless_standard
 
 RUN_FILE = "run.json"
 WORLDS = "worlds.npz"  # of worlds that were given as Python objects
@@ -92,7 +92,7 @@ class RunFile:
 
     def robot_name(self) -> str:
         """Return the robot's name, empty for the standard one; errors as `run_config`."""
-        return other_name(self.run_config().simulator.chassis)
+        return name_unless_standard(self.run_config().simulator.chassis)
 
     def task_fingerprint(self) -> str:
         """Return the fingerprint of the task as it was written, which its rows have."""

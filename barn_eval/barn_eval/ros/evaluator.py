@@ -37,7 +37,7 @@ from barn_worlds.base.errors import BarnError
 from barn_worlds.base.text_files import read_json
 from barn_worlds.base.types import nanoseconds
 from barn_worlds.robots.files import load_robot
-from barn_worlds.ros.parameters import declare
+from barn_worlds.ros.parameters import declare_parameters
 
 # Outcomes after which a process cannot be trusted with the next trial, and which process that is.
 FAULTS = {
@@ -63,7 +63,7 @@ def main(arguments: list[str] | None = None) -> int:
     node = Node("evaluator")
     supervisor = None
     try:
-        config = declare(node, EvaluatorConfig(), read_only=True)
+        config = declare_parameters(node, EvaluatorConfig(), read_only=True)
         if config.supervisor_fd < 0:
             run_alone(node, config)
         else:

@@ -17,7 +17,7 @@ from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_eval.trials.trial import MAX_TEXT_LENGTH
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.messages.topics import GOAL_POSE
-from barn_worlds.ros.topics import message_class, publisher
+from barn_worlds.ros.topics import create_publisher, find_message_class
 
 _POSE_TYPE = "geometry_msgs/PoseStamped"
 _AGAIN_S = 0.5  # between two attempts at a goal that was refused
@@ -39,7 +39,7 @@ class TopicGoal:
     ) -> None:
         self._session, self._view = session, view
         self._limit_s = config.patience.service_s
-        self._publisher = publisher(session.node, GOAL_POSE)
+        self._publisher = create_publisher(session.node, GOAL_POSE)
         self.offered = [Endpoint(self._publisher.topic_name, GOAL_POSE.type_name, b"")]
 
     def begin(self, goal: bytes) -> None:
@@ -139,7 +139,7 @@ def action_class(type_name: str) -> Any:
     where = f"goal_action_type {type_name!r}"
     if type_name.count("/") != 2:
         raise ConfigError(f"{where}: must be PACKAGE/action/NAME")
-    found = message_class(type_name)
+    found = find_message_class(type_name)
     if found is None:
         raise ConfigError(
             f"{where}: {type_name.partition('/')[0]} is not installed; goal_by topic does without"

@@ -14,7 +14,7 @@ from barn_eval.ros.session import Session, TrialEnded
 from barn_eval.ros.simulator import SimulatorChannel
 from barn_eval.trials.outcome import Outcome
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.ros.topics import own_identity
+from barn_worlds.ros.topics import read_endpoint_identity
 
 LEASE_S = 30.0  # DDS forgets a process that was killed after some 20 s
 _UNNAMED = "an unnamed node"
@@ -35,7 +35,7 @@ class GraphView:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._own = own_identity(node)[:PARTICIPANT_BYTES]
+        self._own = read_endpoint_identity(node)[:PARTICIPANT_BYTES]
         self._gone: dict[
             bytes, float
         ] = {}  # participants, and until when they are left out

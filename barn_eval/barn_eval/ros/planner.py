@@ -25,7 +25,7 @@ from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.messages import topics
 from barn_worlds.messages.encode import PoseStampedEncoder, encode_map
-from barn_worlds.ros.topics import publisher
+from barn_worlds.ros.topics import create_publisher
 
 _REPEAT_S = 0.5  # between two goals while the planner is not ready
 _READ_S, _NODE_S = 10.0, 2.0  # for all nodes, and for each, to tell their parameters
@@ -76,7 +76,7 @@ class PlannerClient:
             if by_action
             else TopicGoal(session, view, config)
         )
-        self._maps = publisher(node, topics.MAP) if config.publish_map else None
+        self._maps = create_publisher(node, topics.MAP) if config.publish_map else None
         inputs = [
             name
             for name in config.required_inputs

@@ -18,8 +18,8 @@ from barn_eval.ros.sequencer import Message
 from barn_eval.ros.subscriber import Subscriber
 from barn_worlds.messages import topics
 from barn_worlds.messages.cdr import jazzy_types
-from barn_worlds.messages.topics import LATCHED, RELIABLE, Outgoing, Qos, Topic
-from barn_worlds.ros.topics import optional_publisher
+from barn_worlds.messages.topics import LATCHED, RELIABLE, OutgoingMessage, Qos, Topic
+from barn_worlds.ros.topics import create_optional_publisher
 
 
 class Recording:
@@ -49,7 +49,9 @@ class Recording:
             path: f"{path}_of_others" for path in own.values() if path not in own
         }
         self._known_as |= {name: path for name, path in own.items() if name != path}
-        self._publishers = {topic: optional_publisher(node, topic) for topic in TOPICS}
+        self._publishers = {
+            topic: create_optional_publisher(node, topic) for topic in TOPICS
+        }
         self._profiles: dict[str, Qos] = {}
         self._refused: set[str] = set()
         self._written: set[tuple[str, int]] = set()
@@ -99,7 +101,7 @@ class Recording:
                 recorder.write(message.topic, message.data, stamp_ns)
 
     def show(
-        self, shown: Iterable[Outgoing], stamp_ns: int, recorder: Recorder | None
+        self, shown: Iterable[OutgoingMessage], stamp_ns: int, recorder: Recorder | None
     ) -> None:
         """Publish what tells how a trial stands where somebody listens, and write it to the bag, if there is one."""
         for topic, data in shown:

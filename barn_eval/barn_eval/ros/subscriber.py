@@ -23,7 +23,7 @@ from barn_worlds.base.errors import MessageError
 from barn_worlds.base.types import seconds
 from barn_worlds.messages import decode
 from barn_worlds.messages.topics import LATCHED, RELIABLE, Qos
-from barn_worlds.ros.topics import message_class, profile
+from barn_worlds.ros.topics import find_message_class, qos_profile
 
 _TOLD_EVERY = 2  # ticks
 # Messages of a topic that may wait to be read, several seconds in lockstep; of one that is only recorded.
@@ -74,11 +74,11 @@ class Subscriber:
             qos.reliability,
         ):
             return True
-        if (kind := message_class(type_name)) is None:
+        if (kind := find_message_class(type_name)) is None:
             return False
         if known is not None and known.subscription is not None:
             self._node.destroy_subscription(known.subscription)
-        asked = profile(replace(qos, depth=_DEPTH if judged else _DEPTH_RECORDED))
+        asked = qos_profile(replace(qos, depth=_DEPTH if judged else _DEPTH_RECORDED))
         how: dict[str, Any] = {"raw": True, "callback_group": self._group}
         made = self._node.create_subscription(kind, topic, lambda _: None, asked, **how)
         self._topics[topic] = _HeardTopic(type_name, qos, made)

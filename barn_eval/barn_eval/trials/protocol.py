@@ -24,7 +24,7 @@ from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.base.errors import ConfigError, format_value, suggest
 from barn_worlds.base.text_files import read_package_yaml, read_yaml
 from barn_worlds.base.types import Pose2D
-from barn_worlds.robots.files import other_name
+from barn_worlds.robots.files import name_unless_standard
 from barn_worlds.robots.robot import Chassis
 from barn_worlds.worlds.cells import LEAD_IN_M, STANDARD_CELL_M, lead_in_cells
 from barn_worlds.worlds.world import World
@@ -249,7 +249,7 @@ class Protocol(Checked):
         """
         scale = world.resolution_m / STANDARD_CELL_M
         if (
-            not other_name(chassis)
+            not name_unless_standard(chassis)
             or world.corner_m is not None
             or math.isclose(scale, 1.0)
         ):

@@ -121,7 +121,7 @@ def _shapes_of(chassis: Chassis, wheels: Floats) -> tuple[Shape, ...]:
     x_min, y_min, x_max, y_max = chassis.body_extent_m
     centre = 0.5 * np.array([x_min + x_max, y_min + y_max, low + high])
     half_sizes = 0.5 * np.array([x_max - x_min, y_max - y_min, high - low])
-    if not chassis.round and not chassis.rectangular:
+    if not chassis.is_round and not chassis.is_rectangular:
         return (
             Shape(centre, half_sizes, corners=np.array(chassis.hull_m) - centre[:2]),
         )

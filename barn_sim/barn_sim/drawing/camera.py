@@ -23,7 +23,7 @@ from barn_worlds.base.types import Pose2D
 from barn_worlds.drawing.palette import GOAL, MOVER, START, TRAIL
 from barn_worlds.geometry.bodies import Bodies
 from barn_worlds.geometry.polygon import Corner
-from barn_worlds.robots.files import STANDARD
+from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.robots.robot import Chassis, Triple
 from barn_worlds.worlds.scene import TrialScene
 
@@ -106,7 +106,7 @@ class Studio:
         *,
         trail_m: Floats = _NOWHERE,
         moving: Bodies | None = None,
-        chassis: Chassis = STANDARD.chassis,
+        chassis: Chassis = STANDARD_ROBOT.chassis,
     ) -> None:
         self._client = PhysicsClient(draws=True)
         known = np.concatenate(

@@ -114,7 +114,7 @@ def robot_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:
     small, z, ball = 0.04 * long, lidar.mount_z_m, 0.5 * chassis.wheel_radius_m
     tip = (
         [y for x, y in chassis.hull_m if x > x_max - small]
-        if not chassis.round
+        if not chassis.is_round
         else [0.0]
     )
     front = (x_max, 0.5 * (min(tip) + max(tip)), middle[2])
@@ -143,9 +143,9 @@ def robot_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:
 
 def _body(chassis: Chassis, sizes: Triple, middle: Triple) -> RobotPart:
     """Return the body of a robot; sizes: of the box around it."""
-    if chassis.round:
+    if chassis.is_round:
         return RobotPart((chassis.footprint_radius_m, sizes[2]), middle, _DARK)
-    if chassis.rectangular:
+    if chassis.is_rectangular:
         return RobotPart(sizes, middle, _DARK)
     corners = tuple((x - middle[0], y - middle[1]) for x, y in chassis.hull_m)
     return RobotPart((sizes[2],), middle, _DARK, corners=corners)

@@ -23,7 +23,7 @@ from barn_sim.config import RunConfig
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import BarnError
 from barn_worlds.ros.private_line import PrivateLine, Reading
-from barn_worlds.ros.topics import own_identity
+from barn_worlds.ros.topics import read_endpoint_identity
 
 Done = tuple[bool, str]  # whether, and why not
 
@@ -51,7 +51,7 @@ class Leader:
         self._name: str = node.get_name()
         self._reset, self._pause = reset, pause
         self._line, self._executor = line, executor
-        self._identity = own_identity(node).hex()
+        self._identity = read_endpoint_identity(node).hex()
         node.add_on_set_parameters_callback(self._judge_change)
         threading.Thread(target=self._listen, daemon=True).start()
 

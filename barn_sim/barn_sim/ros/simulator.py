@@ -32,7 +32,12 @@ from barn_worlds.base.errors import BarnError
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Velocity2D, nanoseconds
 from barn_worlds.messages.topics import SIMULATOR_DIAGNOSTICS
 from barn_worlds.robots.files import load_robot
-from barn_worlds.ros.parameters import check_with, current, declare, warn_of_unknown
+from barn_worlds.ros.parameters import (
+    declare_parameters,
+    read_parameters,
+    refuse_invalid_changes,
+    warn_about_unknown_parameters,
+)
 from barn_worlds.ros.private_line import PrivateLine
 
 _LOOK_PERIOD_S = 0.1
@@ -54,16 +59,16 @@ class SimulatorNode(Node):
         super().__init__("simulator")
         self.stopping = False
         self._executor = executor
-        self._config = declare(self, SimulatorNodeConfig(), read_only=True)
-        self._defaults = declare(self, _of_robot(self))
-        check_with(self, self._defaults)
+        self._config = declare_parameters(self, SimulatorNodeConfig(), read_only=True)
+        self._defaults = declare_parameters(self, _of_robot(self))
+        refuse_invalid_changes(self, self._defaults)
         descriptor = self._config.evaluator_fd
         line = (
             PrivateLine(descriptor, lambda: not self.stopping)
             if descriptor >= 0
             else None
         )
-        warn_of_unknown(self)
+        warn_about_unknown_parameters(self)
         warm_up()
         self.trial: SimulatedTrial = begin(self._defaults, self._config)
         self._paused = self._config.start_paused
@@ -199,7 +204,7 @@ class SimulatorNode(Node):
             config = (
                 self._leader.config
                 if self._leader is not None
-                else current(self, self._defaults)
+                else read_parameters(self, self._defaults)
             )
             trial = begin(config, self._config, before.now_ns)
         except BarnError as error:

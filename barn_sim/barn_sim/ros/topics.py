@@ -18,10 +18,14 @@ from barn_worlds.messages.topics import (
     CMD_VEL,
     CMD_VEL_STAMPED,
     SIMULATOR_DIAGNOSTICS,
-    Outgoing,
+    OutgoingMessage,
 )
 from barn_worlds.ros.private_line import PrivateLine
-from barn_worlds.ros.topics import optional_publisher, publisher, subscribe
+from barn_worlds.ros.topics import (
+    create_optional_publisher,
+    create_publisher,
+    subscribe,
+)
 
 _COMMANDS = {"twist": CMD_VEL, "twist_stamped": CMD_VEL_STAMPED}
 _KINDS = {topic.type_name: kind for kind, topic in _COMMANDS.items()}
@@ -124,13 +128,13 @@ class Outputs:
     ) -> None:
         free = config.scan_reliability == "auto" and not config.lockstep
         scan = BEST_EFFORT if free or config.scan_reliability == "best_effort" else None
-        self._scan = publisher(node, topics.SCAN, scan)
+        self._scan = create_publisher(node, topics.SCAN, scan)
         self._line = line
         published = [
             topic for topic in _PUBLISHED if config.ground_truth or topic not in _TRUE
         ]
         self._publishers = {
-            topic.name: optional_publisher(node, topic) for topic in published
+            topic.name: create_optional_publisher(node, topic) for topic in published
         }
         self._publishers[topics.SCAN.name] = self._scan
         if self._publishers[topics.TF.name] is None:
@@ -138,7 +142,7 @@ class Outputs:
                 "tf2_msgs is not installed: /tf and /tf_static are off"
             )
 
-    def publish(self, messages: Iterable[Outgoing]) -> None:
+    def publish(self, messages: Iterable[OutgoingMessage]) -> None:
         """Publish messages, in their order."""
         for topic, data in messages:
             if self._line is not None and topic.name in _JUDGED_NAMES:
@@ -153,7 +157,7 @@ class Outputs:
 
 def diagnosis(
     trial: SimulatedTrial, commands: CommandInput, state: str, *, discreet: bool = False
-) -> Outgoing:
+) -> OutgoingMessage:
     """Return the report; discreet: without what would tell a planner under test which world it is in."""
     counts = trial.counts()
     faults = [
@@ -173,4 +177,4 @@ def diagnosis(
     data = encode_diagnostics(
         trial.now_ns, level, "simulator", message, texts, hardware_id="simulated jackal"
     )
-    return Outgoing(SIMULATOR_DIAGNOSTICS, data)
+    return OutgoingMessage(SIMULATOR_DIAGNOSTICS, data)

@@ -9,7 +9,7 @@ from barn_sim.simulator import Simulator
 from barn_worlds.base.compute import CycleTimer
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Velocity2D, nanoseconds
 from barn_worlds.datasets.dataset import open_dataset
-from barn_worlds.messages.topics import SCAN, Outgoing
+from barn_worlds.messages.topics import SCAN, OutgoingMessage
 from barn_worlds.robots.files import load_robot
 
 
@@ -47,7 +47,7 @@ class SimulatedTrial:
         self.extra += self.answer is not None
         self.answer = self.last = velocity
 
-    def readings(self) -> Iterator[Outgoing]:
+    def readings(self) -> Iterator[OutgoingMessage]:
         """Yield all readings of this instant, the scan last; without the scan while the planner still computes."""
         sensors = self.simulator.sense()
         scanned = sensors.scan.stamp_ns == sensors.stamp_ns
@@ -67,7 +67,7 @@ class SimulatedTrial:
         self.simulator.step(command, delay_ns)
         self.published = False
 
-    def due_readings(self) -> Iterator[Outgoing]:
+    def due_readings(self) -> Iterator[OutgoingMessage]:
         """Yield the time and those readings whose period ends now."""
         self.published = True
         simulator, messages, now_ns = self.simulator, self.messages, self.now_ns

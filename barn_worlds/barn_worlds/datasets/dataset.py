@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from barn_worlds.base.errors import WorldError, suggest
-from barn_worlds.formats import original, own, single
+from barn_worlds.formats import dataset_file, original, single
 from barn_worlds.formats.world_yaml import ENDING
-from barn_worlds.robots.files import STANDARD
+from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.course import fit_to_robot
 from barn_worlds.worlds.world import World
@@ -103,7 +103,7 @@ def dataset_files() -> dict[str, Path]:
     return {file.stem: file for file in sorted(folder.glob("*.npz"))}
 
 
-def open_dataset(source: str | Path, robot: Robot = STANDARD) -> Dataset:
+def open_dataset(source: str | Path, robot: Robot = STANDARD_ROBOT) -> Dataset:
     """Return the data set that `source` names; WorldError in one line if it is none.
 
     source: the name of a shipped data set (barn300), a data set file (.npz), a folder in the original layout, a folder
@@ -145,7 +145,7 @@ def open_dataset(source: str | Path, robot: Robot = STANDARD) -> Dataset:
 def _folder(path: Path, robot: Robot) -> Dataset:
     name = path.resolve().name
     if original.is_original_folder(path):
-        numbers = original.indices(path)
+        numbers = original.find_world_numbers(path)
         return Dataset(
             name,
             {
@@ -180,7 +180,7 @@ def _folder(path: Path, robot: Robot) -> Dataset:
 
 
 def _own(path: Path) -> Dataset:
-    content = own.read_own(path)
+    content = dataset_file.read_dataset_file(path)
     readers = {
         index: partial(content.world, position)
         for position, index in enumerate(content.indices)

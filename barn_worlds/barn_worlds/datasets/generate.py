@@ -13,8 +13,8 @@ from numba import njit
 from barn_worlds.base.arrays import BoolGrid
 from barn_worlds.base.config import Checked, as_dict, quantity
 from barn_worlds.base.errors import ConfigError, WorldError
-from barn_worlds.formats.own import Order, write_own
-from barn_worlds.robots.files import STANDARD
+from barn_worlds.formats.dataset_file import WorldOrder, write_dataset_file
+from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.cspace import configuration_space, through_region
 from barn_worlds.worlds.path_planner import (
@@ -70,7 +70,7 @@ def cell_size_m(robot: Robot) -> float:
 
     The robot then takes as many cells as the Jackal, 5 x 5, and passages are as wide for it.
     """
-    standard_m, own_m = WorldParameters().resolution_m, STANDARD.reach_m
+    standard_m, own_m = WorldParameters().resolution_m, STANDARD_ROBOT.reach_m
     return math.ceil(1000.0 * standard_m * robot.reach_m / own_m - 1e-6) / 1000.0
 
 
@@ -203,7 +203,7 @@ def narrowness(world: World) -> float:
 
 def generate_ranked_dataset(
     parameters: DatasetParameters, progress: Callable[[int, int], None] | None = None
-) -> tuple[list[World], Order]:
+) -> tuple[list[World], WorldOrder]:
     """Return the worlds of a data set that are kept, and their order, which is that of rising narrowness.
 
     The first and the last in order are always among those kept.
@@ -216,10 +216,12 @@ def generate_ranked_dataset(
             np.linspace(0, len(worlds) - 1, parameters.keep).round().astype(np.int64)
         )
         kept = np.argsort(scores, kind="stable")[places].tolist()
-    return [worlds[k] for k in kept], Order(NARROWNESS, tuple(scores[k] for k in kept))
+    return [worlds[k] for k in kept], WorldOrder(
+        NARROWNESS, tuple(scores[k] for k in kept)
+    )
 
 
-def renumber(worlds: Sequence[World], order: Order) -> dict[int, World]:
+def renumber(worlds: Sequence[World], order: WorldOrder) -> dict[int, World]:
     """Return the worlds by number, from 0, in rising order of score and named world_0, world_1 and so on."""
     if len(order.scores) != len(worlds) or not np.isfinite(order.scores).all():
         raise WorldError(
@@ -269,7 +271,7 @@ def write_ordered(
     target: Path,
     name: str,
     worlds: Sequence[World],
-    order: Order,
+    order: WorldOrder,
     about: Mapping[str, object],
 ) -> dict[int, World]:
     """Write worlds as a data set file, numbered by rising score, and return them.
@@ -277,7 +279,7 @@ def write_ordered(
     about: more entries for the manifest, beside the order.
     """
     numbered = renumber(worlds, order)
-    write_own(
+    write_dataset_file(
         target,
         name,
         numbered,

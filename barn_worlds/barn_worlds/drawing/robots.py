@@ -65,7 +65,7 @@ def _draw_body(axes: Axes, robot: Robot) -> None:
     }
     outline = (
         Circle((0.0, 0.0), chassis.footprint_radius_m, **look)
-        if chassis.round
+        if chassis.is_round
         else None
     )
     axes.add_patch(outline or Polygon(chassis.footprint_m, **look))

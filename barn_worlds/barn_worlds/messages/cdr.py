@@ -42,7 +42,7 @@ def jazzy_types() -> Typestore:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
-def make(type_name: str, **fields: object) -> Message:
+def make_message(type_name: str, **fields: object) -> Message:
     """Return a message of a type such as "geometry_msgs/msg/Twist": the fields given, all others zero or empty."""
     types = jazzy_types()
     values = {name: _default(kind) for name, kind in types.fielddefs[type_name][1]}
@@ -52,12 +52,12 @@ def make(type_name: str, **fields: object) -> Message:
     return types.types[type_name](**(values | fields))
 
 
-def serialise(message: Message) -> bytes:
+def serialize(message: Message) -> bytes:
     """Return the bytes of a message made by `make`, little-endian CDR as Fast DDS writes it."""
     return bytes(jazzy_types().serialize_cdr(message, message.__msgtype__))
 
 
-def deserialise(data: bytes, type_name: str) -> Message:
+def deserialize(data: bytes, type_name: str) -> Message:
     """Return the message that the bytes hold."""
     return jazzy_types().deserialize_cdr(data, type_name)
 
@@ -69,7 +69,7 @@ class Slot(NamedTuple):
     format: str
 
 
-def layout(message: Message) -> dict[str, Slot]:
+def find_slots(message: Message) -> dict[str, Slot]:
     """Return the slot of every field of a message that holds numbers, by dotted name.
 
     A field of numbers in an array or sequence is one slot of bytes; elements of other sequences are "name.0", "name.1".
@@ -126,9 +126,9 @@ class Template:
     """
 
     def __init__(self, message: Message, fields: Sequence[str]) -> None:
-        slots = layout(message)
+        slots = find_slots(message)
         self.type_name: str = message.__msgtype__
-        self._data = bytearray(serialise(message))
+        self._data = bytearray(serialize(message))
         self._parts: list[tuple[Callable[..., None], int, slice]] = []
         group, first = list[Slot](), 0
         for index, slot in enumerate([*(slots[name] for name in fields), None]):
@@ -158,7 +158,7 @@ class Template:
 def _default(kind: Any) -> Any:
     node, about = kind
     if node == Nodetype.NAME:
-        return make(about)
+        return make_message(about)
     if node == Nodetype.BASE:
         return {"string": "", "bool": False}.get(
             about[0], 0.0 if about[0].startswith("float") else 0

@@ -23,7 +23,7 @@ from barn_worlds.base.types import (
     Velocity2D,
     yaw_from_quaternion,
 )
-from barn_worlds.messages.cdr import Message, deserialise
+from barn_worlds.messages.cdr import Message, deserialize
 from barn_worlds.messages.encode import ADD, CYLINDER, LINE_LIST, LINE_STRIP, SPHERE
 
 T = TypeVar("T")
@@ -98,12 +98,12 @@ def clock(data: bytes) -> int:
 
 def boolean(data: bytes) -> bool:
     """Return the value of std_msgs/Bool."""
-    return bool(whole(data, "std_msgs/msg/Bool").data)
+    return bool(decode_message(data, "std_msgs/msg/Bool").data)
 
 
 def number(data: bytes) -> float:
     """Return the value of std_msgs/Float64."""
-    return float(whole(data, "std_msgs/msg/Float64").data)
+    return float(decode_message(data, "std_msgs/msg/Float64").data)
 
 
 @_reads("std_msgs/msg/String")
@@ -139,7 +139,7 @@ def command(data: bytes, type_name: str) -> Velocity2D:
 
 def pose(data: bytes) -> Pose2D:
     """Return the pose of geometry_msgs/PoseStamped."""
-    return _pose_of(whole(data, "geometry_msgs/msg/PoseStamped").pose)
+    return _pose_of(decode_message(data, "geometry_msgs/msg/PoseStamped").pose)
 
 
 @_reads("geometry_msgs/msg/PoseArray")
@@ -158,7 +158,7 @@ def poses(data: bytes) -> Points:
 def pose_with_covariance(data: bytes) -> Pose2D:
     """Return the pose of geometry_msgs/PoseWithCovarianceStamped."""
     return _pose_of(
-        whole(data, "geometry_msgs/msg/PoseWithCovarianceStamped").pose.pose
+        decode_message(data, "geometry_msgs/msg/PoseWithCovarianceStamped").pose.pose
     )
 
 
@@ -186,7 +186,7 @@ def scan(data: bytes) -> Scan:
 
 def occupancy_map(data: bytes) -> OccupancyMap:
     """Return the map of nav_msgs/OccupancyGrid; MessageError where its size and data disagree or it is rotated."""
-    message = whole(data, "nav_msgs/msg/OccupancyGrid")
+    message = decode_message(data, "nav_msgs/msg/OccupancyGrid")
     about, origin = message.info, _pose_of(message.info.origin)
     if len(message.data) != about.height * about.width:
         raise MessageError(
@@ -202,7 +202,7 @@ def occupancy_map(data: bytes) -> OccupancyMap:
 
 def path(data: bytes) -> Points:
     """Return the points (n, 2) of nav_msgs/Path in metres."""
-    poses = whole(data, "nav_msgs/msg/Path").poses
+    poses = decode_message(data, "nav_msgs/msg/Path").poses
     return np.array(
         [(one.pose.position.x, one.pose.position.y) for one in poses], np.float64
     ).reshape(-1, 2)
@@ -211,7 +211,7 @@ def path(data: bytes) -> Points:
 def markers(data: bytes) -> Markers:
     """Return discs and lines of visualization_msgs/MarkerArray, all in the frame of the first."""
     discs, lines, frame = [], [], ""
-    for marker in whole(data, "visualization_msgs/msg/MarkerArray").markers:
+    for marker in decode_message(data, "visualization_msgs/msg/MarkerArray").markers:
         frame = frame or marker.header.frame_id
         if marker.action != ADD:
             continue
@@ -238,13 +238,13 @@ def transforms(data: bytes) -> list[Transform]:
             one.child_frame_id,
             _planar(one.transform.translation, one.transform.rotation),
         )
-        for one in whole(data, "tf2_msgs/msg/TFMessage").transforms
+        for one in decode_message(data, "tf2_msgs/msg/TFMessage").transforms
     ]
 
 
 def diagnostics(data: bytes) -> list[dict[str, str]]:
     """Return the values of each status of diagnostic_msgs/DiagnosticArray, by key."""
-    statuses = whole(data, "diagnostic_msgs/msg/DiagnosticArray").status
+    statuses = decode_message(data, "diagnostic_msgs/msg/DiagnosticArray").status
     return [{value.key: value.value for value in status.values} for status in statuses]
 
 
@@ -255,11 +255,11 @@ def _check_encoding(data: bytes, type_name: str) -> None:
         )
 
 
-def whole(data: bytes, type_name: str) -> Message:
+def decode_message(data: bytes, type_name: str) -> Message:
     """Return all of a message of any type; MessageError for malformed bytes."""
     _check_encoding(data, type_name)
     try:
-        return deserialise(data, type_name)
+        return deserialize(data, type_name)
     except (
         Exception
     ) as error:  # the library raises errors of any kind for malformed bytes

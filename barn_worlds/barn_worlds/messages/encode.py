@@ -17,7 +17,13 @@ from barn_worlds.base.types import (
     Velocity2D,
     quaternion_from_yaw,
 )
-from barn_worlds.messages.cdr import Message, Template, layout, make, serialise
+from barn_worlds.messages.cdr import (
+    Message,
+    Template,
+    find_slots,
+    make_message,
+    serialize,
+)
 
 STAMP_FIELDS = ("header.stamp.sec", "header.stamp.nanosec")
 FINE, WARNING, ERROR = 0, 1, 2  # levels of diagnostic_msgs/DiagnosticStatus
@@ -56,8 +62,10 @@ class OdometryEncoder(Encoder[Odometry]):
     """nav_msgs/Odometry; the stamp is the one given with it."""
 
     def __init__(self, frame: str, child_frame: str) -> None:
-        message = make(
-            "nav_msgs/msg/Odometry", header=header(frame), child_frame_id=child_frame
+        message = make_message(
+            "nav_msgs/msg/Odometry",
+            header=make_header(frame),
+            child_frame_id=child_frame,
         )
         fields = (
             *_pose_fields("pose.pose"),
@@ -81,8 +89,8 @@ class PoseWithCovarianceEncoder(Encoder[Pose2D]):
     def __init__(
         self, frame: str, variances: Sequence[float] = (0.0, 0.0, 0.0)
     ) -> None:
-        message = make(
-            "geometry_msgs/msg/PoseWithCovarianceStamped", header=header(frame)
+        message = make_message(
+            "geometry_msgs/msg/PoseWithCovarianceStamped", header=make_header(frame)
         )
         message.pose.covariance[[0, 7, 35]] = variances
         super().__init__(message, _pose_fields("pose.pose"), _pose_values)
@@ -92,7 +100,9 @@ class PoseStampedEncoder(Encoder[Pose2D]):
     """geometry_msgs/PoseStamped."""
 
     def __init__(self, frame: str) -> None:
-        message = make("geometry_msgs/msg/PoseStamped", header=header(frame))
+        message = make_message(
+            "geometry_msgs/msg/PoseStamped", header=make_header(frame)
+        )
         super().__init__(message, _pose_fields("pose"), _pose_values)
 
 
@@ -101,9 +111,9 @@ class ScanEncoder(Encoder[Scan]):
 
     def __init__(self, first: Scan, frame: str, period_s: float) -> None:
         names = ("angle_min", "angle_increment", "range_min", "range_max")
-        message = make(
+        message = make_message(
             "sensor_msgs/msg/LaserScan",
-            header=header(frame),
+            header=make_header(frame),
             **{one: getattr(first, one) for one in names},
         )
         message.angle_max = first.angle_min + first.angle_increment * (
@@ -120,7 +130,9 @@ class TwistStampedEncoder(Encoder[Velocity2D]):
     """geometry_msgs/TwistStamped."""
 
     def __init__(self, frame: str) -> None:
-        message = make("geometry_msgs/msg/TwistStamped", header=header(frame))
+        message = make_message(
+            "geometry_msgs/msg/TwistStamped", header=make_header(frame)
+        )
         fields = ("twist.linear.x", "twist.angular.z")
         super().__init__(
             message, fields, lambda velocity: (velocity.linear, velocity.angular)
@@ -132,9 +144,9 @@ class JointEncoder(Encoder[tuple[Sequence[float], Sequence[float]]]):
 
     def __init__(self, names: Sequence[str]) -> None:
         fields, rest = ("position", "velocity"), np.zeros(len(names))
-        message = make(
+        message = make_message(
             "sensor_msgs/msg/JointState",
-            header=header(""),
+            header=make_header(""),
             name=list(names),
             position=rest,
             velocity=rest,
@@ -160,7 +172,9 @@ class TransformEncoder:
             for name in varying
         ]
         self._template = Template(
-            make(self.type_name, transforms=[_transform(*pair) for pair in frames]),
+            make_message(
+                self.type_name, transforms=[_transform(*pair) for pair in frames]
+            ),
             fields,
         )
 
@@ -182,13 +196,19 @@ class PathEncoder:
     type_name = "nav_msgs/msg/Path"
 
     def __init__(self, frame: str) -> None:
-        pose = make("geometry_msgs/msg/PoseStamped", header=header(frame))
+        pose = make_message("geometry_msgs/msg/PoseStamped", header=make_header(frame))
         pose.pose.orientation.w = 1.0
         empty, two = (
-            make(self.type_name, header=header(frame), poses=[pose] * count)
+            make_message(
+                self.type_name, header=make_header(frame), poses=[pose] * count
+            )
             for count in (0, 2)
         )
-        self._empty, slots, data = len(serialise(empty)), layout(two), serialise(two)
+        self._empty, slots, data = (
+            len(serialize(empty)),
+            find_slots(two),
+            serialize(two),
+        )
         first, second = (
             slots[f"poses.{index}.pose.position.x"].offset for index in (0, 1)
         )
@@ -223,7 +243,9 @@ class PathEncoder:
 
 def encode_map(grid: OccupancyMap, stamp_ns: int, frame: str) -> bytes:
     """Return nav_msgs/OccupancyGrid: a map or a costmap."""
-    message = make("nav_msgs/msg/OccupancyGrid", header=header(frame, stamp_ns))
+    message = make_message(
+        "nav_msgs/msg/OccupancyGrid", header=make_header(frame, stamp_ns)
+    )
     message.info.map_load_time = message.header.stamp
     message.info.resolution = grid.resolution
     message.info.height, message.info.width = grid.data.shape
@@ -233,7 +255,7 @@ def encode_map(grid: OccupancyMap, stamp_ns: int, frame: str) -> bytes:
     )
     message.info.origin.orientation.w = 1.0
     message.data = np.ascontiguousarray(grid.data, np.int8).ravel()
-    return serialise(message)
+    return serialize(message)
 
 
 def encode_fixed_transforms(
@@ -254,7 +276,7 @@ def encode_fixed_transforms(
             yaws.get(child, 0.0)
         )
         transforms.append(made)
-    return serialise(make(TransformEncoder.type_name, transforms=transforms))
+    return serialize(make_message(TransformEncoder.type_name, transforms=transforms))
 
 
 def encode_diagnostics(
@@ -267,7 +289,7 @@ def encode_diagnostics(
 ) -> bytes:
     """Return diagnostic_msgs/DiagnosticArray with one status; level: FINE, WARNING or ERROR."""
     pairs = [
-        make("diagnostic_msgs/msg/KeyValue", key=key, value=value)
+        make_message("diagnostic_msgs/msg/KeyValue", key=key, value=value)
         for key, value in values.items()
     ]
     about = {
@@ -277,11 +299,11 @@ def encode_diagnostics(
         "hardware_id": hardware_id,
         "values": pairs,
     }
-    status = make("diagnostic_msgs/msg/DiagnosticStatus", **about)
-    return serialise(
-        make(
+    status = make_message("diagnostic_msgs/msg/DiagnosticStatus", **about)
+    return serialize(
+        make_message(
             "diagnostic_msgs/msg/DiagnosticArray",
-            header=header("", stamp_ns),
+            header=make_header("", stamp_ns),
             status=[status],
         )
     )
@@ -306,37 +328,39 @@ def encode_bool(value: bool) -> bytes:
 
 def encode_text(text: str) -> bytes:
     """Return std_msgs/String."""
-    return serialise(make("std_msgs/msg/String", data=text))
+    return serialize(make_message("std_msgs/msg/String", data=text))
 
 
 def encode_number(value: float) -> bytes:
     """Return std_msgs/Float64."""
-    return serialise(make("std_msgs/msg/Float64", data=value))
+    return serialize(make_message("std_msgs/msg/Float64", data=value))
 
 
-def header(frame: str, stamp_ns: int = 0) -> Message:
+def make_header(frame: str, stamp_ns: int = 0) -> Message:
     """Return std_msgs/Header as an object, for a message made by `make`."""
-    made = make("std_msgs/msg/Header", frame_id=frame)
+    made = make_message("std_msgs/msg/Header", frame_id=frame)
     made.stamp.sec, made.stamp.nanosec = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
     return made
 
 
-def marker(
+def make_marker(
     frame: str,
     namespace: str,
     kind: int = 0,
     *,
     index: int = 0,
     action: int = ADD,
-    colour: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
+    color: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
     stamp_ns: int = 0,
 ) -> Message:
-    """Return visualization_msgs/Marker as an object; colour: red, green, blue, opacity."""
+    """Return visualization_msgs/Marker as an object; color: red, green, blue, opacity."""
     about = {"ns": namespace, "id": index, "type": kind, "action": action}
-    paint = make("std_msgs/msg/ColorRGBA", **dict(zip("rgba", colour, strict=True)))
-    made = make(
+    paint = make_message(
+        "std_msgs/msg/ColorRGBA", **dict(zip("rgba", color, strict=True))
+    )
+    made = make_message(
         "visualization_msgs/msg/Marker",
-        header=header(frame, stamp_ns),
+        header=make_header(frame, stamp_ns),
         color=paint,
         **about,
     )
@@ -345,9 +369,9 @@ def marker(
 
 
 def _transform(frame: str, child_frame: str) -> Message:
-    return make(
+    return make_message(
         "geometry_msgs/msg/TransformStamped",
-        header=header(frame),
+        header=make_header(frame),
         child_frame_id=child_frame,
     )
 

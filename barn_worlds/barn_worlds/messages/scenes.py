@@ -10,15 +10,15 @@ from barn_worlds.base.errors import MessageError
 from barn_worlds.base.types import Pose2D, quaternion_from_yaw, yaw_from_quaternion
 from barn_worlds.geometry.bodies import Bodies, moving_bodies, wall_bodies
 from barn_worlds.messages import decode
-from barn_worlds.messages.cdr import Message, make, serialise
+from barn_worlds.messages.cdr import Message, make_message, serialize
 from barn_worlds.messages.encode import (
     CUBE,
     CYLINDER,
     LINE_LIST,
     LINE_STRIP,
     SPHERE,
-    header,
-    marker,
+    make_header,
+    make_marker,
 )
 from barn_worlds.messages.topics import FRAMES, MOVING, MOVING_POSES, WORLD
 from barn_worlds.moving.motion import MOST_MOVING, MOST_WALLS
@@ -85,7 +85,7 @@ def encode_scene(scene: TrialScene, stamp_ns: int) -> bytes:
                 pose.yaw
             )
             found.append(disc)
-    return serialise(make(WORLD.type_name, markers=found))
+    return serialize(make_message(WORLD.type_name, markers=found))
 
 
 def decode_scene(data: bytes) -> TrialScene:
@@ -139,7 +139,7 @@ def encode_moving(world: World, time_s: float, stamp_ns: int) -> bytes:
     trails = _line(
         _MOVING, _TRAILS, LINE_LIST, _TRAIL_M, trail_segments(world, time_s), stamp_ns
     )
-    return serialise(make(MOVING.type_name, markers=[*found, trails]))
+    return serialize(make_message(MOVING.type_name, markers=[*found, trails]))
 
 
 def decode_moving(data: bytes) -> tuple[Bodies, Bodies]:
@@ -153,15 +153,15 @@ def decode_moving(data: bytes) -> tuple[Bodies, Bodies]:
 def encode_moving_poses(world: World, time_s: float, stamp_ns: int) -> bytes:
     """Return geometry_msgs/PoseArray of a world's moving obstacles in their order there; time_s: into their motions."""
     places = world.tracks.at(time_s)[0].tolist()
-    message = make(
-        MOVING_POSES.type_name, header=header(FRAMES.of(MOVING_POSES), stamp_ns)
+    message = make_message(
+        MOVING_POSES.type_name, header=make_header(FRAMES.of(MOVING_POSES), stamp_ns)
     )
     for (x, y), yaw in zip(places, world.tracks.yaw_rad.tolist(), strict=True):
-        pose = make("geometry_msgs/msg/Pose")
+        pose = make_message("geometry_msgs/msg/Pose")
         pose.position.x, pose.position.y = x, y
         pose.orientation.z, pose.orientation.w = quaternion_from_yaw(yaw)
         message.poses.append(pose)
-    return serialise(message)
+    return serialize(message)
 
 
 def decode_moving_poses(data: bytes) -> Floats:
@@ -191,7 +191,7 @@ def trail_segments(world: World, time_s: float) -> Points:
 
 
 def _marker(colours: Colours, name: str, kind: int, stamp_ns: int) -> Message:
-    return marker(FRAMES.map, name, kind, colour=colours[name], stamp_ns=stamp_ns)
+    return make_marker(FRAMES.map, name, kind, color=colours[name], stamp_ns=stamp_ns)
 
 
 def _line(
@@ -205,7 +205,7 @@ def _line(
     line = _marker(colours, name, kind, stamp_ns)
     line.scale.x = width_m
     line.points = [
-        make("geometry_msgs/msg/Point", x=x, y=y) for x, y in points_m.tolist()
+        make_message("geometry_msgs/msg/Point", x=x, y=y) for x, y in points_m.tolist()
     ]
     return line
 
@@ -240,7 +240,7 @@ def _solid(colours: Colours, name: str, bodies: Bodies, stamp_ns: int) -> list[M
 def _by_namespace(data: bytes, names: Iterable[str]) -> dict[str, list[Message]]:
     """Return the markers of a message in the map frame by these namespaces; MessageError for any other."""
     kinds: dict[str, list[Message]] = {name: [] for name in names}
-    for one in decode.whole(data, WORLD.type_name).markers:
+    for one in decode.decode_message(data, WORLD.type_name).markers:
         if one.ns not in kinds or one.header.frame_id != FRAMES.map:
             raise MessageError(
                 f"a marker of the namespace {one.ns[:40]!r} in the frame {one.header.frame_id[:40]!r}"

@@ -57,7 +57,7 @@ class Frames:
 FRAMES = Frames()  # as in REP-105 and the robot's URDF
 
 
-class Outgoing(NamedTuple):
+class OutgoingMessage(NamedTuple):
     """A serialised message and its topic."""
 
     topic: Topic

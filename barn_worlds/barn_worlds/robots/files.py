@@ -11,7 +11,7 @@ from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import ConfigError, format_value, suggest
 from barn_worlds.base.text_files import read_yaml
 from barn_worlds.robots.robot import Chassis, Robot
-from barn_worlds.robots.urdf import chassis_of
+from barn_worlds.robots.urdf import read_chassis
 
 SCHEMA_VERSION = 1
 ENDINGS = (".yaml", ".yml")
@@ -24,7 +24,7 @@ _NEEDED = (
 )  # fmt: skip
 
 
-def shipped_robots() -> dict[str, Path]:
+def find_robot_files() -> dict[str, Path]:
     """Return the files of the robots that come with the package, by name."""
     folder = Path(str(resources.files("barn_worlds"))) / "data" / "robots"
     return {file.stem: file for file in sorted(folder.glob("*.yaml"))}
@@ -42,7 +42,7 @@ def load_robot(robot: str | Path) -> Robot:
     return _read(Path(robot))
 
 
-def robot_text(robot: Robot) -> str:
+def robot_yaml(robot: Robot) -> str:
     """Return the YAML file of a robot, from which `load_robot` makes an equal one."""
     content = as_dict(robot)
     name = content["chassis"].pop("name")
@@ -66,7 +66,7 @@ def _read(path: Path) -> Robot:
             raise ConfigError(
                 f"{path}: urdf must name a file beside it, got {format_value(urdf)}"
             )
-        of_urdf = chassis_of(path.parent / urdf)
+        of_urdf = read_chassis(path.parent / urdf)
     content["chassis"] = {"name": name, **of_urdf, **chassis}
     content["drive"] = {_MULTIPLIER: 1.0, **drive}
     robot = from_dict(Robot, content, str(path))
@@ -92,13 +92,13 @@ def _section(content: dict[str, Any], key: str, path: Path) -> dict[str, Any]:
 
 
 ROBOTS: Mapping[str, Robot] = {
-    name: _read(file) for name, file in shipped_robots().items()
+    name: _read(file) for name, file in find_robot_files().items()
 }
 
 
-STANDARD = load_robot("jackal")
+STANDARD_ROBOT = load_robot("jackal")
 
 
-def other_name(chassis: Chassis) -> str:
+def name_unless_standard(chassis: Chassis) -> str:
     """Return the name of a robot, empty if it is the one that is meant where none is named."""
-    return "" if chassis == STANDARD.chassis else chassis.name
+    return "" if chassis == STANDARD_ROBOT.chassis else chassis.name

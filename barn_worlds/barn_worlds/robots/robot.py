@@ -98,7 +98,7 @@ class Chassis(Checked):
             "must be length and width, or neither, of a robot whose hull is a rectangle"
         )
         self.require(
-            not any(self.body_m) or (all(self.body_m) and self.rectangular),
+            not any(self.body_m) or (all(self.body_m) and self.is_rectangular),
             "body_m",
             both,
         )
@@ -106,15 +106,15 @@ class Chassis(Checked):
         self._check_mass()
 
     @property
-    def round(self) -> bool:
+    def is_round(self) -> bool:
         """Whether the footprint is a circle."""
         return self.footprint_radius_m > 0.0
 
     @property
-    def rectangular(self) -> bool:
+    def is_rectangular(self) -> bool:
         """Whether the hull is a rectangle along x and y, which the physics has as a box."""
         x_min, y_min, x_max, y_max = self.extent_m
-        return not self.round and set(self.hull_m) == {
+        return not self.is_round and set(self.hull_m) == {
             (x, y) for x in (x_min, x_max) for y in (y_min, y_max)
         }
 
@@ -123,14 +123,14 @@ class Chassis(Checked):
         """Corners of the convex hull of the footprint, counter-clockwise."""
         return (
             regular_polygon(self.footprint_radius_m, _ROUND_CORNERS)
-            if self.round
+            if self.is_round
             else convex_hull(self.footprint_m)
         )
 
     @property
     def extent_m(self) -> tuple[float, float, float, float]:
         """x_min, y_min, x_max, y_max of the footprint."""
-        if self.round:
+        if self.is_round:
             radius = self.footprint_radius_m
             return -radius, -radius, radius, radius
         (left, right), (low, high) = (
@@ -180,8 +180,8 @@ class Chassis(Checked):
 
     def _check_footprint(self) -> None:
         one = "is the outline of a robot that is not round; one of footprint_m and footprint_radius_m must be given"
-        self.require(self.round != bool(self.footprint_m), "footprint_m", one)
-        if self.round:
+        self.require(self.is_round != bool(self.footprint_m), "footprint_m", one)
+        if self.is_round:
             return
         corners = self.footprint_m
         self._require_points("footprint_m")
@@ -268,7 +268,7 @@ class Chassis(Checked):
             for x, y, _ in self.wheels_m
             for ahead, aside in sides
         ]
-        name = "footprint_radius_m" if self.round else "footprint_m"
+        name = "footprint_radius_m" if self.is_round else "footprint_m"
         self.require(
             all(contains(self.hull_m, one, _OUT_M) for one in corners),
             name,

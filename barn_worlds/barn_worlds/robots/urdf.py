@@ -31,7 +31,7 @@ class Link:
     moves: bool
 
 
-def chassis_of(path: Path) -> dict[str, Any]:
+def read_chassis(path: Path) -> dict[str, Any]:
     """Return the fields of `Chassis` that a URDF file gives; ConfigError in one line if it is none.
 
     Wheels are the links with "wheel" in their names, but not "caster", that a continuous joint turns: their size is
@@ -91,12 +91,12 @@ def pose_of(parent: Element) -> tuple[Floats, Floats]:
     """Return position (3,) and rotation (3, 3) of an element's <origin>."""
     origin = parent.find("origin")
     attributes = {} if origin is None else origin.attrib
-    return _numbers(attributes.get("xyz", "0 0 0")), rotation(
+    return _numbers(attributes.get("xyz", "0 0 0")), rotation_matrix(
         *_numbers(attributes.get("rpy", "0 0 0")).tolist()
     )
 
 
-def rotation(roll: float, pitch: float, yaw: float) -> Floats:
+def rotation_matrix(roll: float, pitch: float, yaw: float) -> Floats:
     """Return the matrix (3, 3) of roll, pitch and yaw about fixed axes."""
     made = np.eye(3)
     for axis, angle in enumerate((roll, pitch, yaw)):

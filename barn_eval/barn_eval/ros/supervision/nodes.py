@@ -19,7 +19,7 @@ from barn_sim.config import SimulatorConfig, robot_of
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError, convert_os_errors
 from barn_worlds.base.files import write_durably
-from barn_worlds.robots.files import ROBOTS, robot_text
+from barn_worlds.robots.files import ROBOTS, robot_yaml
 
 NOT_TOLD = "nothing tells that from the planner's doing"
 _LOOPBACK = (
@@ -111,7 +111,7 @@ def robot_of_simulator(config: SimulatorConfig, folder: Path) -> str:
     if name in ROBOTS and ROBOTS[name].chassis == config.chassis:
         return name
     path = folder / "robot.yaml"
-    write_durably(path, robot_text(robot_of(config)).encode())
+    write_durably(path, robot_yaml(robot_of(config)).encode())
     return str(path.resolve())
 
 

@@ -35,7 +35,7 @@ from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError, convert_os_errors
 from barn_worlds.base.files import write_durably
 from barn_worlds.ros import private_line
-from barn_worlds.ros.domain import in_use, reserved_domain
+from barn_worlds.ros.domain import is_domain_in_use, reserve_domain
 
 _EVALUATOR_STARTS = (
     3  # evaluators that may be lost in a row without a result in between
@@ -66,8 +66,8 @@ def run_ros_trials(
     with convert_os_errors(ConfigError, logs):
         logs.mkdir(parents=True, exist_ok=True)
     # others that take part in the domain may be in the way: then the evaluator is to look first
-    with reserved_domain(environment) as domain, signal_handler(signal.SIGTERM, _end):
-        given, shared = nodes.environment(environment, domain), in_use(domain)
+    with reserve_domain(environment) as domain, signal_handler(signal.SIGTERM, _end):
+        given, shared = nodes.environment(environment, domain), is_domain_in_use(domain)
         supervisor = _Supervisor(experiment, trials, store, logs, given, notice, shared)
         try:
             yield from supervisor.run()
@@ -110,7 +110,7 @@ class _Supervisor:
         ended = self._released.read_text("utf-8") if self._released.exists() else ""
         self._repeats = {ended: ["the run was ended"]} if ended in self._trials else {}
         # Both ends stay open here, for a simulator or an evaluator that is started in place of one that has ended.
-        self._line, self._far_line = private_line.pair()
+        self._line, self._far_line = private_line.create_ends()
         robot = nodes.robot_of_simulator(experiment.simulator, logs)
         self._others = {
             "simulator": nodes.simulator(experiment.ros, self._line.fileno(), robot),
