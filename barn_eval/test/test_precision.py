@@ -23,7 +23,7 @@ from barn_eval.analysis.significance import (
     worlds_for_difference,
     worlds_for_half_width,
 )
-from barn_eval.commands.compare import estimate_precision as command
+from barn_eval.commands.compare import precision as command
 from barn_worlds.base.errors import ConfigError
 
 

@@ -75,7 +75,7 @@ class Source:
     @property
     def robot(self) -> str:
         """Name of the robot, empty for the Jackal."""
-        return other_name(self.chassis)
+        return name_unless_standard(self.chassis)
 
     @cached_property
     def outline(self) -> Footprint:

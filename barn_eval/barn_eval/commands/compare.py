@@ -128,7 +128,7 @@ _ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
     help="Say how many worlds bring planners into the right order; many FOLDERS.",
 )
 @json_option
-def estimate_precision(
+def precision(
     folders: tuple[Path, ...],
     half_width: float | None,
     difference: float | None,
