@@ -96,7 +96,7 @@ class Movers:
             )
         return self._shapes
 
-    def seen_at(self, stamp_ns: int, height_m: float) -> Floats:
+    def cross_section(self, stamp_ns: int, height_m: float) -> Floats:
         """Return the shapes (k, 7) in a horizontal plane at a time."""
         shapes = self.at(stamp_ns)
         return (
