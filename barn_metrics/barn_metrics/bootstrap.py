@@ -186,7 +186,8 @@ def _ranks(values: Floats | Integers) -> Floats:
     rows = values.reshape(-1, values.shape[-1])
     kinds = int(rows.max()) + 1
     # All rows are counted at once: each has counters of its own.
-    counters = rows + kinds * np.arange(len(rows))[:, None]
+    first_counters = kinds * np.arange(len(rows))
+    counters = rows + first_counters[:, None]
     counts = np.bincount(counters.ravel(), minlength=kinds * len(rows))
     counts = counts.reshape(len(rows), kinds)
     # The middle of the ranks that equal values share.

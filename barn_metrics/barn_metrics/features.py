@@ -26,7 +26,7 @@ def world_features(
     """Return the features of a world by name; cells that the path repeats count once.
 
     Args:
-        world: The world.
+        world: Its grid, path and size of cells count.
         narrow_clearance_m: A place with less clearance is narrow.
 
     Raises:
@@ -46,7 +46,7 @@ def world_features(
     turning_rad = float(np.abs(turning).sum())
     turns = turning[turning != 0.0]
     passages, longest_m = _narrow_passages(is_narrow, lengths)
-    rows_apart = abs(int(path[-1, 0]) - int(path[0, 0]))
+    rows = path[:, 0].tolist()
     percentiles = {
         f"clearance_p{percent:02}_m": float(np.percentile(clearance, percent))
         for percent in (5, 10, 25, 50)
@@ -55,7 +55,7 @@ def world_features(
         "path_length_m": length_m,
         "tortuosity": tortuosity(path),
         # From start to goal across the driving direction.
-        "lateral_shift_m": rows_apart * world.resolution_m,
+        "lateral_shift_m": abs(rows[-1] - rows[0]) * world.resolution_m,
         # Distance from the path's cells to the surface of the nearest obstacle.
         "clearance_min_m": float(clearance.min()),
         **percentiles,
@@ -95,7 +95,7 @@ def step_lengths(path: Cells, resolution_m: float) -> Floats:
         resolution_m: Size of a cell.
     """
     steps = np.diff(path, axis=0)
-    lengths: Floats = np.hypot(steps[:, 0], steps[:, 1]) * resolution_m
+    lengths: Floats = np.hypot(*steps.T) * resolution_m
     return lengths
 
 
@@ -107,9 +107,12 @@ def path_clearance(grid: BoolGrid, path: Cells, resolution_m: float) -> Floats:
         path: Cells (n, 2).
         resolution_m: Size of a cell, and diameter of a cylinder.
     """
-    rows = path[:, 0]
-    edge = np.minimum(rows, len(grid) - 1 - rows) + 0.5
-    obstacle = closest_obstacle(grid)[rows, path[:, 1]] - 0.5
+    rows, columns = path.T
+    last_row = len(grid) - 1
+    # From cell centers: an edge lies half a cell outside of the last row, and the surface
+    # of a cylinder half a cell before its center.
+    edge = np.minimum(rows, last_row - rows) + 0.5
+    obstacle = closest_obstacle(grid)[rows, columns] - 0.5
     clearance: Floats = np.minimum(edge, obstacle) * resolution_m
     return clearance
 
@@ -152,7 +155,9 @@ def widest_gap_m(grid: BoolGrid, resolution_m: float) -> float:
         grid: (rows, cols), True where a cylinder stands.
         resolution_m: Size of a cell, and diameter of a cylinder.
     """
-    centers = np.argwhere(grid & ~hollow_cells(grid)).astype(np.float64)
+    # Hollow cells cannot be at the edge of a gap.
+    cells = np.argwhere(grid & ~hollow_cells(grid))
+    centers = cells.astype(np.float64)
     gap = _smallest_largest_gap(centers, float(len(grid)))
     return float(max(0.0, gap) * resolution_m)
 
@@ -201,4 +206,5 @@ def _narrow_passages(is_narrow: Bools, lengths: Floats) -> tuple[int, float]:
         return 0, 0.0
     end = np.flatnonzero(changes == -1)
     places_m = np.append(0.0, np.cumsum(lengths))
-    return len(first), float((places_m[end - 1] - places_m[first]).max())
+    passage_lengths = places_m[end - 1] - places_m[first]
+    return len(first), float(passage_lengths.max())

@@ -124,7 +124,7 @@ def cell_metrics(
     Args:
         cspace: (rows, cols), True where occupied.
         cells: (n, 2) row and column.
-        formula: The formula or its name.
+        formula: A key of `FORMULAS`, or variants of your own.
 
     Returns:
         (n, 4) in the order of `CELL_METRICS`.
@@ -147,7 +147,8 @@ def cell_metrics(
     axes = kernels.EIGHT_AXES if formula.axes == 8 else kernels.FOUR_AXES
 
     values = np.empty((len(cells), len(CELL_METRICS)))
-    values[:, 0] = closest_obstacle(occupied)[cells[:, 0], cells[:, 1]]
+    rows, columns = cells.T
+    values[:, 0] = closest_obstacle(occupied)[rows, columns]
     values[:, 1] = visibility(occupied, cells)
     values[:, 2] = kernels.dispersion(occupied, cells, rays, points)
     values[:, 3] = kernels.characteristic_dimension(occupied, cells, axes)
@@ -171,8 +172,9 @@ def tortuosity(path: Cells) -> float:
     It is 1 if the path stays in one cell, and inf if it returns to its start.
     """
     steps = np.diff(path, axis=0)
-    arc = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
-    chord = math.hypot(*(path[-1] - path[0]).tolist())
+    arc = float(np.hypot(*steps.T).sum())
+    row_chord, column_chord = (path[-1] - path[0]).tolist()
+    chord = math.hypot(row_chord, column_chord)
     if chord == 0.0:
         return 1.0 if arc == 0.0 else math.inf
     return arc / chord
@@ -194,7 +196,7 @@ def world_metrics(world: World, formula: Formula | str = CORRECTED) -> WorldMetr
 
     Args:
         world: A world whose obstacles stand on a grid, no arena.
-        formula: The formula or its name.
+        formula: A key of `FORMULAS`, or variants of your own.
 
     Raises:
         WorldError: If the world is an arena, or its path meets the C-space.
@@ -207,7 +209,7 @@ def world_cell_metrics(world: World, formula: Formula | str = CORRECTED) -> Floa
 
     Args:
         world: A world whose obstacles stand on a grid, no arena.
-        formula: The formula or its name.
+        formula: A key of `FORMULAS`, or variants of your own.
 
     Raises:
         WorldError: If the world is an arena, or its path meets the C-space.
@@ -232,7 +234,7 @@ def metric_maps(
 
     Args:
         cspace: (rows, cols), True where occupied.
-        formula: The formula or its name.
+        formula: A key of `FORMULAS`, or variants of your own.
 
     Returns:
         Maps (rows, cols), NaN in occupied cells.
@@ -257,7 +259,8 @@ def _validate_cells(cspace: object, cells: object) -> tuple[BoolGrid, Cells]:
     is_outside = ((cells < 0) | (cells >= np.array(cspace.shape))).any(axis=1)
     for cell in cells[is_outside]:
         raise WorldError(f"path leaves the grid of {cspace.shape} at {cell.tolist()}")
-    for cell in cells[cspace[cells[:, 0], cells[:, 1]]]:
+    rows, columns = cells.T
+    for cell in cells[cspace[rows, columns]]:
         raise WorldError(f"path goes through the occupied C-space cell {cell.tolist()}")
     return np.ascontiguousarray(cspace), np.ascontiguousarray(cells, np.int64)
 

@@ -105,7 +105,7 @@ def metrics_table(
 
     Args:
         worlds: A data set, whose worlds are labeled by number, or worlds, by name.
-        formula: The formula or its name.
+        formula: A key of `FORMULAS`, or variants of your own.
 
     Raises:
         WorldError: If there is no world, or one cannot be read or is an arena.

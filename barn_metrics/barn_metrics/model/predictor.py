@@ -138,7 +138,8 @@ def _convolve(values: Floats, weights: Floats, dilation: int) -> Floats:
     response: Floats = np.zeros((*values.shape[:2], weights.shape[2]))
     for number, tap in enumerate(weights):
         start = number * dilation
-        response += padded[:, start : start + length] @ tap
+        shifted = padded[:, start : start + length]
+        response += shifted @ tap
     return response
 
 

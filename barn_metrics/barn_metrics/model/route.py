@@ -211,7 +211,9 @@ def _search(
     while cell >= 0:
         route.append((cell // cols, cell % cols))
         cell = parent[cell]
-    return total[goal], np.array(route[:0:-1])
+    # From the start to the goal.
+    cells = np.array(route[:0:-1])
+    return total[goal], cells
 
 
 def route_strip(clearance: ClearanceMap, route: Route) -> Floats:
@@ -219,7 +221,7 @@ def route_strip(clearance: ClearanceMap, route: Route) -> Floats:
 
     Args:
         clearance: The map.
-        route: A route on it.
+        route: What the strip lies beside; only its points count.
 
     Returns:
         (SAMPLES, CHANNELS), zero after the end of the route. Channels are: the clearance on

@@ -77,7 +77,7 @@ def save_model(model: DifficultyModel, path: Path) -> None:
     """Write a model; the same model gives the same bytes.
 
     Args:
-        model: The model.
+        model: Its networks, planners and origin are stored.
         path: File to write, .npz.
 
     Raises:
