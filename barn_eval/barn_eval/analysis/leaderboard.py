@@ -13,7 +13,7 @@ from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.sources import (
     Entry,
     Source,
-    compute_way,
+    compute_charge,
     labelled,
     read_entries,
     require_same_task,
@@ -198,18 +198,20 @@ def _trial(result: TrialResult) -> tuple[Any, ...]:
     return result.world, result.world_checksum, result.campaign_seed, result.repetition
 
 
-def _kind(entry: Entry) -> tuple[str, float, str]:
+def _kind(entry: Entry) -> tuple[str, float, bool, tuple[str, ...]]:
     """Return what an entry shares with a board; ConfigError if its trials follow several protocols."""
     protocols = {result.protocol for result in entry.results}
     if len(protocols) > 1:
         raise ConfigError(
             f"{entry.source.path}: {entry.planner} has trials of several protocols"
         )
-    way = compute_way(entry.results)
+    charge = compute_charge(entry.results)
+    labels = () if charge.assumes_faster_computer else charge.labels
     return (
         protocols.pop(),
         speed_class_mps(entry),
-        "too slow" if way.startswith("its score") else way,
+        charge.assumes_faster_computer,
+        labels,
     )
 
 
@@ -232,9 +234,13 @@ def _title(entry: Entry) -> str:
     seeds = ", ".join(map(str, sorted({result.campaign_seed for result in results})))
     fastest = speed_class_mps(entry)
     caps = f"up to {fastest:g} m/s, " if fastest else ""
-    way = compute_way(results)
-    way = "computing on a faster computer" if way.startswith("its score") else way
-    shared = ", ".join(filter(None, (f"{caps}{robot}task {results[0].task}", way)))
+    charge = compute_charge(results)
+    computing = " and ".join(charge.labels)
+    if charge.assumes_faster_computer:
+        computing = "computing on a faster computer"
+    shared = ", ".join(
+        filter(None, (f"{caps}{robot}task {results[0].task}", computing))
+    )
     return (
         f"{results[0].protocol} protocol, {worlds} of {dataset}, seed {seeds}, {shared}"
     )

@@ -148,31 +148,44 @@ def _late_text(path: Path, results: Rows) -> str:
     return "; ".join(filter(None, (text if late else "", repeated if again else "")))
 
 
-def compute_way(results: Rows) -> str:
-    """Return in words what trials of a planner charge for its computing; those of unlike ways are not ranked together.
+@dataclass(frozen=True)
+class ComputeCharge:
+    """How trials of a planner charge its computing; planners that differ do not compete."""
 
-    One that declares its computing, or nothing, must fit what it declares or the control period on the reference
-    computer, in the median of its trials; else the text says so. Empty for rows of versions that did not say.
-    """
-    ways = {COMPUTE_MODE_LABELS[result.compute] for result in results if result.compute}
+    labels: tuple[str, ...]  # of the compute modes; empty in rows of versions without
+    # How fast a computer the scores assume, in the median of the trials; 0 if unknown. A
+    # planner must fit what it declares, or the control period, on the reference computer.
+    computer: float
+
+    @property
+    def assumes_faster_computer(self) -> bool:
+        """Whether the planner would be too slow on the reference computer."""
+        return self.computer > 1.0
+
+
+def compute_charge(results: Rows) -> ComputeCharge:
+    """Return how trials of a planner charge its computing."""
+    modes = {result.compute for result in results if result.compute}
     computers = [
-        one.wall_clock.computer
-        for one in results
-        if one.wall_clock.computer is not None
+        result.wall_clock.computer
+        for result in results
+        if result.wall_clock.computer is not None
     ]
-    return describe_computer(median(computers) if computers else 0.0) or " and ".join(
-        sorted(ways)
+    return ComputeCharge(
+        tuple(sorted({COMPUTE_MODE_LABELS[mode] for mode in modes})),
+        median(computers) if computers else 0.0,
     )
 
 
 def assumed_text(path: Path, results: Rows) -> str:
-    """Return which planners of a folder do not fit the control period and are not charged for it; empty if none."""
-    ways = (
-        (spelling(name), compute_way(one)) for name, one in by_planner(results).items()
-    )
-    return "; ".join(
-        f"{name} in {path}: {way}" for name, way in ways if way.startswith("its score")
-    )
+    """Return which planners of a folder are too slow for what they are charged, if any."""
+    texts = []
+    for name, rows in by_planner(results).items():
+        charge = compute_charge(rows)
+        if charge.assumes_faster_computer:
+            computer = describe_computer(charge.computer)
+            texts.append(f"{spelling(name)} in {path}: {computer}")
+    return "; ".join(texts)
 
 
 def read_entries(paths: Sequence[Path]) -> list[Entry]:
