@@ -77,7 +77,7 @@ def leaderboard(
     """
     if ranking and ranking not in RANKINGS:
         raise ConfigError(f"unknown ranking {ranking!r}{suggest(ranking, RANKINGS)}")
-    groups: dict[tuple[str, float, str], list[Entry]] = {}
+    groups: dict[tuple[str, float, bool, tuple[str, ...]], list[Entry]] = {}
     every = read_entries(paths)
     chosen = set(
         select_worlds(worlds, (one.world for entry in every for one in entry.results))

@@ -87,7 +87,7 @@ class WallClock:
             answer_times_s: What the planner took for each answer.
             **missed: Fields about commands that were not in time.
         """
-        times_ms = [None] * 3
+        times_ms: list[Any] = [None] * 3
         if answer_times_s:
             percentiles_s = np.percentile(answer_times_s, [50.0, 95.0, 100.0])
             times_ms = (1e3 * percentiles_s).tolist()
