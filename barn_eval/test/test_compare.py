@@ -284,7 +284,7 @@ def write_folder(path, content, worlds="0-3", protocol=PAPER_2020, **choice):
     )
     repetitions = 1 + max(one.repetition for one in content)
     rules = {"protocol": protocol, "simulator": simulator_config(protocol)}
-    RunFile.of(
+    RunFile.for_run(
         path,
         RunConfig(worlds=worlds, planners=planners, repetitions=repetitions, **rules),
         {},

@@ -28,8 +28,8 @@ class Encounters:
     phase_s: float  # time into their motions at the start
     # Smallest distance from the robot's outline, 0 in contact.
     moving_clearance_m: float | None
-    # The shortest at any reading, if all kept their velocities and the robot its heading;
-    # of a box, that to the disc around it.
+    # The shortest at any reading, if all kept their velocities and the robot its
+    # heading; of a box, that to the disc around it.
     time_to_collision_s: float | None
     near_s: float  # within `NEAR_M` of one
     path_over_straight: float | None  # driven length by that of the run
@@ -110,8 +110,8 @@ def _first_hit(
     """Return the fields of the first contact, if that was with a moving obstacle.
 
     Contact lies between two readings; the obstacle is the one that is nearest at either
-    of them. Speeds are those along the line from the robot's outline to it at the earlier
-    reading.
+    of them. Speeds are those along the line from the robot's outline to it at the
+    earlier reading.
     """
     contacts = np.flatnonzero(trajectory.contact)
     if not len(contacts):

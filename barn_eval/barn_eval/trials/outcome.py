@@ -24,7 +24,8 @@ class Outcome(str, Enum):
     ENVIRONMENT_FAILED = "environment_failed"
 
 
-# Who failed in a trial that is no success. Only the planner's failures count in its score.
+# Who failed in a trial that is no success. Only the planner's failures count in its
+# score.
 PLANNER = "planner"
 SIMULATOR = "simulator"
 ENVIRONMENT = "environment"
@@ -43,7 +44,7 @@ UNDRIVEN_OUTCOMES = (
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """The decision about a trial; times are simulated and begin at its first reading."""
+    """The decision about a trial; times are simulated, from the first reading on."""
 
     outcome: Outcome
     detail: str
@@ -83,11 +84,13 @@ class Scores:
     path_length_m: float  # arc length of the world's path
     normalised_time_s_per_m: float  # scored time by the path's length
     optimal_time_s: float
-    # Metric with the clip of today, at most 0.5; unclipped under a protocol without clip.
+    # Metric with the clip of today, at most 0.5; unclipped under a protocol without
+    # clip.
     challenge: float
     challenge_2022: float  # with the clip of 2022, at most 0.25
     failure_time_s: float  # the most that a failure would count with
-    # No time on the clock can be below it (`TrialSpec.least_time_s`); None: not computed.
+    # No time on the clock can be below it (`TrialSpec.least_time_s`); None: not
+    # computed.
     least_time_s: float | None = None
     # The least time by the traversal time of a success, 0 for any other outcome.
     efficiency: float | None = None

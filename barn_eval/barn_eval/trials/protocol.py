@@ -1,4 +1,4 @@
-"""Trial protocols as data: start and goal, clock, what ends a trial, what a failure costs.
+"""Trial protocols as data: start and goal, clock, end of a trial, cost of a failure.
 
 Built-in protocols are in data/protocols.yaml and docs/protocols.md. Others come from a
 YAML file, which may be derived from a built-in one::
@@ -39,10 +39,11 @@ _UNLIMITED_M = 1000.0  # of x, in a rule that sets no limit
 
 @dataclass(frozen=True)
 class PoseRule(Checked):
-    """A pose in the map frame: an offset from an anchor per axis, then held within limits.
+    """A pose in the map frame: an offset from an anchor per axis, held within limits.
 
     Anchors are the map's origin, the start pose, and the first and last cell of the
-    world's path in the historical conversion to meters, which the published trials used.
+    world's path in the historical conversion to meters, which the published trials
+    used.
     """
 
     anchor_x: str = quantity("map", "what x is counted from", choices=ANCHORS)
@@ -258,10 +259,10 @@ class Protocol(Checked):
     def scaled_to(self, world: World, chassis: Chassis) -> "Protocol":
         """Return the protocol with its distances in the cells of a world.
 
-        So another robot sees the same course in its own size. Offsets of start and goal,
-        the distances that start the clock and end the trial, and the reference speed
-        scale; times stay. The protocol itself is returned for the standard robot, for
-        arenas and for worlds of standard cells.
+        So another robot sees the same course in its own size. Offsets of start and
+        goal, the distances that start the clock and end the trial, and the reference
+        speed scale; times stay. The protocol itself is returned for the standard robot,
+        for arenas and for worlds of standard cells.
 
         Args:
             world: World with cells in the size of the robot.
@@ -280,8 +281,8 @@ class Protocol(Checked):
         rear_m = start.y_m + chassis.extent_m[0]
         if start.anchor_y == "map" and rear_m < world.resolution_m:
             raise ConfigError(
-                f"world {world.name}: robot {chassis.name} does not fit between the back"
-                f" wall and the obstacles, {first_column_m:.1f} m, at the start of"
+                f"world {world.name}: robot {chassis.name} does not fit between the"
+                f" back wall and the obstacles, {first_column_m:.1f} m, at the start of"
                 f" protocol {self.name}"
             )
         return replace(
@@ -294,7 +295,7 @@ class Protocol(Checked):
         )
 
     def map_offset_m(self) -> float:
-        """Return how far along y the planner's map lies off the obstacles, in meters."""
+        """Return how far along y the planner's map lies off the obstacles, in m."""
         return -STANDARD_CELL_M if self.map_given and self.historical_map else 0.0
 
 
@@ -302,8 +303,8 @@ def load_protocol(source: str) -> Protocol:
     """Return the protocol of that name, or the one that a YAML file describes.
 
     Raises:
-        ConfigError: The name or a key is unknown, the file cannot be read, a value is out
-            of range, or the file has other rules under a built-in name.
+        ConfigError: The name or a key is unknown, the file cannot be read, a value is
+            out of range, or the file has other rules under a built-in name.
     """
     if source in PROTOCOLS:
         return PROTOCOLS[source]

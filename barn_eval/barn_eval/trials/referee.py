@@ -138,7 +138,7 @@ class Referee:
         return None
 
     def fail(self, outcome: Outcome, detail: str, culprit: str = "") -> Verdict:
-        """End the trial for a reason that no reading shows, such as a process that died.
+        """End the trial for a reason that no reading shows, such as a dead process.
 
         Args:
             outcome: How the trial ends, unless it has a verdict already.

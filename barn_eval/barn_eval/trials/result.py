@@ -1,4 +1,4 @@
-"""The result of one trial: a flat record of what was run, how it ended and its scores."""
+"""The result of one trial: what was run, how it ended, and its scores."""
 
 import base64
 import binascii
@@ -44,7 +44,8 @@ class WallClock:
     duration_s: float = 0.0
     real_time_factor: float | None = None
 
-    # Time of the planner per cycle, over ROS from scan to command; None without commands.
+    # Time of the planner per cycle, over ROS from scan to command; None without
+    # commands.
     compute_p50_ms: float | None = None
     compute_p95_ms: float | None = None
     compute_max_ms: float | None = None
@@ -53,9 +54,9 @@ class WallClock:
     # (`barn_eval.running.direct.pace`).
     pace: float | None = None
 
-    # How fast a computer the score of a direct trial assumes that charges nothing or what
-    # is declared: the 95th percentile on the reference computer by the time that a cycle
-    # may take. `note` says the same in words, where the planner does not fit.
+    # How fast a computer the score of a direct trial assumes that charges nothing or
+    # what is declared: the 95th percentile on the reference computer by the time that a
+    # cycle may take. `note` says the same in words, where the planner does not fit.
     computer: float | None = None
     note: str = ""
 
@@ -64,8 +65,8 @@ class WallClock:
     missed_cycles: int = 0
     missed_share: float = 0.0
 
-    # When (UTC, ISO 8601), where and at which attempt the trial ran, and why each earlier
-    # attempt was given up after the robot had been released.
+    # When (UTC, ISO 8601), where and at which attempt the trial ran, and why each
+    # earlier attempt was given up after the robot had been released.
     started_at: str = ""
     worker: str = ""
     attempts: int = 1
@@ -96,7 +97,7 @@ class WallClock:
     def with_pace(
         self, pace: float, allowed_s: float, compute_mode: str
     ) -> "WallClock":
-        """Return the figures with the machine's pace and how fast a computer they assume.
+        """Return the figures with the machine's pace, and what computer they assume.
 
         Args:
             pace: Reference seconds per second of this machine.
@@ -166,8 +167,8 @@ class TrialResult:
         ""  # who failed: planner, simulator or environment; empty after a success
     )
     remarks: str = ""  # what else matters, such as who subscribed to the truth
-    # The highest speed that the robot took from the planner: what that declared, or else
-    # the robot's own limit.
+    # The highest speed that the robot took from the planner: what that declared, or
+    # else the robot's own limit.
     speed_cap_mps: float | None = None
     compute: str = ""  # the compute mode
     # Delays that were measured, as `pack_delays` packs them.
@@ -179,7 +180,7 @@ class TrialResult:
 
     @property
     def is_scored(self) -> bool:
-        """Whether the planner answers for how the trial ended; if not, it is run again."""
+        """Whether the planner answers for the trial's end; if not, it runs again."""
         return self.fault not in (SIMULATOR, ENVIRONMENT)
 
     def repeatable(self) -> dict[str, Any]:

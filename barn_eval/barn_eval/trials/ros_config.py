@@ -108,7 +108,8 @@ class PlannerLink(Checked):
     )
     lifecycle_nodes: tuple[str, ...] = quantity(
         (),
-        "names of managed nodes that must be active before a trial, such as bt_navigator",
+        "names of managed nodes that must be active before a trial, such as"
+        " bt_navigator",
     )
     required_inputs: tuple[str, ...] = quantity(
         ("scan", "odom", "goal_pose"),
@@ -162,7 +163,8 @@ class RosConfig(PlannerLink):
     )
     isolate: bool = quantity(
         True,
-        "the planner's processes see and signal only each other, where the kernel offers that",
+        "the planner's processes see and signal only each other, where the kernel offers"
+        " that",
     )
 
     def __post_init__(self) -> None:
@@ -178,7 +180,7 @@ class RosConfig(PlannerLink):
 
 @dataclass(frozen=True)
 class EvaluatorConfig(PlannerLink):
-    """Parameters of the evaluator. Topics are renamed by remapping, as those of any node.
+    """Parameters of the evaluator; topics are renamed by remapping.
 
     `barn` starts a supervised evaluator together with the other nodes. What it is to do
     then comes from the file `assignment`, and the first group of parameters is ignored.

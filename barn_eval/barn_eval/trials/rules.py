@@ -1,4 +1,4 @@
-"""The rules of a trial as one compiled step over plain numbers, for one trial or many."""
+"""The rules of a trial as one compiled step over numbers, for one trial or many."""
 
 import math
 

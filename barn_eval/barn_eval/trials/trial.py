@@ -1,4 +1,4 @@
-"""A trial while it runs, whoever runs it: readings and answers in, verdict and row out."""
+"""A trial while it runs: readings and commands in, verdict and row out."""
 
 import math
 import signal
@@ -87,9 +87,9 @@ def processor_wait_s(process: str | int = "self") -> float:
 class Deadline:
     """Raises DeadlineError in calls that take longer of their own time than a limit.
 
-    So a planner cannot hang everything. A call's own time is processor time, and time in
-    which it waits, but not what is withheld from it: a processor that is busy with other
-    processes, or the time of a stopped process, in which no check comes.
+    So a planner cannot hang everything. A call's own time is processor time, and time
+    in which it waits, but not what is withheld from it: a processor that is busy with
+    other processes, or the time of a stopped process, in which no check comes.
 
     An interval timer makes the checks: in the main thread and while `installed` only,
     elsewhere nothing is limited; and in compiled code not before it returns.
@@ -126,8 +126,8 @@ class Deadline:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
 
     def _check(self, _signal: int, _frame: FrameType | None) -> None:
-        # The time withheld counts from the first check on: to ask the system at the start
-        # would take longer than a short call.
+        # The time withheld counts from the first check on: to ask the system at the
+        # start would take longer than a short call.
         withheld_s = processor_wait_s()
         if math.isnan(self._withheld_s):
             self._withheld_s = withheld_s
@@ -267,7 +267,7 @@ class RunningTrial:
 
 @dataclass(frozen=True, eq=False)
 class FinishedTrial:
-    """A trial that has ended: what was asked for, the result, and what the robot did."""
+    """A trial that has ended: its specification, result and trajectory."""
 
     spec: TrialSpec
     result: TrialResult
