@@ -106,7 +106,7 @@ def in_bullet(chassis):
         body.begin(Pose2D(0.0, 0.0, 0.0))
         body.enter()
         bullet.resetBasePositionAndOrientation(
-            body.id, model.centre_of_mass, (0, 0, 0, 1), physicsClientId=client.id
+            body.id, model.center_of_mass, (0, 0, 0, 1), physicsClientId=client.id
         )
         return np.array(bullet.getAABB(body.id, physicsClientId=client.id))
 

@@ -82,8 +82,8 @@ def test_centre_of_mass_and_inertia_are_those_of_chassis_and_wheels_together() -
     chassis, wheel = 16.523, 0.477
     height = (chassis * 0.067 + 4 * wheel * 0.0345) / MODEL.mass_kg
     forward = chassis * 0.012 / MODEL.mass_kg
-    assert MODEL.centre_of_mass[2] == pytest.approx(height)
-    assert MODEL.centre_of_mass[0] == pytest.approx(forward)
+    assert MODEL.center_of_mass[2] == pytest.approx(height)
+    assert MODEL.center_of_mass[0] == pytest.approx(forward)
     left = chassis * 0.002 / MODEL.mass_kg
     spin = 0.4485 + chassis * ((0.012 - forward) ** 2 + (0.002 - left) ** 2)
     spin += 4 * (0.0013 + wheel * (0.131**2 + 0.187795**2 + forward**2 + left**2))
@@ -98,7 +98,7 @@ def test_the_shapes_of_the_jackal_are_those_of_its_urdf() -> None:
         [float(size) for size in box.attrib["size"].split()]
     )
     height = root.find("link[@name='chassis_link']/collision/origin").attrib["xyz"]
-    assert body.centre.tolist() == pytest.approx(
+    assert body.center.tolist() == pytest.approx(
         [float(number) for number in height.split()]
     )
     cylinders = [

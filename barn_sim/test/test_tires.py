@@ -130,7 +130,7 @@ def test_friction_is_that_of_a_general_optimiser(seed: int) -> None:
     turn = np.array(rotation((0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))))
     arms = (
         turn
-        @ (model.wheels - model.centre_of_mass - [0.0, 0.0, model.wheel_radius_m]).T
+        @ (model.wheels - model.center_of_mass - [0.0, 0.0, model.wheel_radius_m]).T
     ).T
     limits = rng.uniform(0.02, 0.2, 4)
     velocity, spin = rng.normal(0.0, 0.3, 2), rng.normal(0.0, [0.05, 0.05, 1.0])
@@ -276,8 +276,8 @@ def steady_turn(speed: float, turn: float) -> tuple[float, float]:
     Loads from statics: springs of equal stiffness under weight and the moments of the friction forces.
     """
     model = model_of(STANDARD_ROBOT.chassis)
-    wheels = (model.wheels - model.centre_of_mass)[:, :2]
-    height = model.centre_of_mass[2] - model.footing[2]
+    wheels = (model.wheels - model.center_of_mass)[:, :2]
+    height = model.center_of_mass[2] - model.footing[2]
     plane = np.column_stack([np.ones(4), wheels])
     spin_mass = model.inertia[2]
     rims = np.array([speed - turn * SEPARATION / 2, speed + turn * SEPARATION / 2] * 2)

@@ -18,7 +18,7 @@ from barn_worlds.base.types import (
 )
 from barn_worlds.geometry.bodies import shape_rows, wall_bodies
 from barn_worlds.geometry.footprint import Footprint
-from barn_worlds.geometry.kernels import distance_to
+from barn_worlds.geometry.kernels import distance_to_line
 from barn_worlds.messages.topics import PLAN
 from barn_worlds.moving.tracks import Tracks
 from barn_worlds.worlds.world import World
@@ -101,7 +101,7 @@ class TrajectoryLog:
             np.searchsorted([stamp_ns for stamp_ns, _ in self._plans], self._stamps) - 1
         ).tolist()
         off_plan_m = [
-            distance_to(self._plans[k][1], *rows[i, 6:]) if k >= 0 else np.nan
+            distance_to_line(self._plans[k][1], *rows[i, 6:]) if k >= 0 else np.nan
             for i, k in enumerate(last)
         ]
         stamps_ns, contact = (

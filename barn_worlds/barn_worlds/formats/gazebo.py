@@ -260,7 +260,7 @@ def fill_hollow(shown: BoolGrid, free: tuple[int, int] | None = None) -> BoolGri
     gets into such a gap, and one of up to 4 x 4 cells is occupied in the C-space of a Jackal anyway.
     """
     grid: BoolGrid = shown.copy()
-    labels, sizes = label_regions(~shown, neighbours=8)
+    labels, sizes = label_regions(~shown, neighbors=8)
     by_label = np.argsort(labels, axis=None, kind="stable")
     first = np.cumsum([np.count_nonzero(shown), *sizes[1:]])
     for label in np.argsort(-sizes[1:], kind="stable").tolist():
