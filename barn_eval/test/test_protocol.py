@@ -25,7 +25,7 @@ from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D
 from barn_worlds.datasets.dataset import open_dataset
-from barn_worlds.robots.files import STANDARD, load_robot
+from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
 from barn_worlds.worlds.world import World
 
 HUSKY = load_robot("husky").chassis
@@ -264,7 +264,7 @@ def test_distances_for_another_robot_are_in_the_cells_of_its_world(open_world):
 @pytest.mark.parametrize(
     ("chassis", "changes"),
     [
-        (STANDARD.chassis, {"resolution_m": 0.2}),
+        (STANDARD_ROBOT.chassis, {"resolution_m": 0.2}),
         (HUSKY, {}),
         (HUSKY, {"resolution_m": 0.2, "corner_m": (0.0, 0.0)}),
     ],

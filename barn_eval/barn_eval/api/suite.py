@@ -12,8 +12,8 @@ from typing import Any
 from rich.console import Console
 
 from barn_eval.results.provenance import provenance
-from barn_eval.ros.isolation import isolation, ros_problem
-from barn_eval.ros.work import isolation_text
+from barn_eval.ros.isolation import probe_isolation, ros_problem
+from barn_eval.ros.work import isolation_warning
 from barn_eval.studies.bench import BenchSetup, bench
 from barn_eval.studies.reproduction import findings as reproduction
 from barn_eval.studies.reproduction.findings import QUICK, ReproduceConfig
@@ -108,7 +108,7 @@ def _ros() -> dict[str, str]:
     if not ros_problem():
         found["middleware"] = _middleware()
     found["isolation"] = (
-        isolation_text(RosConfig()) or f"planners over ROS: {isolation()}"
+        isolation_warning(RosConfig()) or f"planners over ROS: {probe_isolation()}"
     )
     return found
 

@@ -43,7 +43,7 @@ from barn_eval.trials.run_config import UNKNOWN_SOURCE, ExecutionConfig, RunConf
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.base.errors import ConfigError, StoreError, convert_os_errors
 from barn_worlds.base.files import PARTIAL_SUFFIX, remove_partial_files
-from barn_worlds.formats.own import write_own
+from barn_worlds.formats.dataset_file import write_dataset_file
 from barn_worlds.worlds.world import World
 
 LOSSES = "losses"
@@ -125,7 +125,7 @@ class ResultsFolder:
                 RowFile(path).replace(completed.results)
 
             if worlds is not None and not (path / WORLDS).exists():
-                write_own(path / WORLDS, Path(WORLDS).stem, worlds)
+                write_dataset_file(path / WORLDS, Path(WORLDS).stem, worlds)
             run_file = replace(run_file, sessions=completed.sessions)
             run_file.with_session(execution, isolation).write()
             yield cls(path, specs, completed.results)

@@ -14,7 +14,7 @@ from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.base.files import write_durably
 from barn_worlds.base.text_files import read_json
-from barn_worlds.robots.files import other_name
+from barn_worlds.robots.files import name_unless_standard
 
 RUN_FILE = "run.json"
 WORLDS = "worlds.npz"  # of worlds that were given as Python objects

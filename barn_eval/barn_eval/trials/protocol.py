@@ -25,7 +25,7 @@ from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.base.errors import ConfigError, format_value, suggest
 from barn_worlds.base.text_files import read_package_yaml, read_yaml
 from barn_worlds.base.types import Pose2D
-from barn_worlds.robots.files import other_name
+from barn_worlds.robots.files import name_unless_standard
 from barn_worlds.robots.robot import Chassis
 from barn_worlds.worlds.cells import LEAD_IN_M, STANDARD_CELL_M, lead_in_cells
 from barn_worlds.worlds.world import World

@@ -14,7 +14,7 @@ from barn_worlds.base.types import (
     nanoseconds,
 )
 from barn_worlds.geometry.footprint import Footprint
-from barn_worlds.geometry.kernels import distance_to
+from barn_worlds.geometry.kernels import distance_to_line
 from barn_worlds.messages.topics import PLAN
 
 NEAR_CONTACT_M = 0.1  # from an obstacle

@@ -13,8 +13,8 @@ from barn_worlds.datasets.generate_motion import (
     generate_arenas,
     motion_class,
 )
-from barn_worlds.formats.own import write_own
-from barn_worlds.robots.files import load_robot, other_name
+from barn_worlds.formats.dataset_file import write_dataset_file
+from barn_worlds.robots.files import load_robot, name_unless_standard
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.world import World
 
@@ -56,7 +56,7 @@ def generate(
     if target is not None:
         require_new(target)
     driven = load_robot(robot)
-    named = other_name(driven.chassis)
+    named = name_unless_standard(driven.chassis)
     file = target if target is not None and target.suffix == ".npz" else None
     name, sets = (
         target.stem if target else "generated",
@@ -153,5 +153,5 @@ def generate_moving(
             for index, world in still.items()
         }
     if target is not None:
-        write_own(target, target.stem, made, {"seed": seed})
+        write_dataset_file(target, target.stem, made, {"seed": seed})
     return made

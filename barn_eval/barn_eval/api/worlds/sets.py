@@ -8,7 +8,7 @@ from typing import Literal
 
 import pandas as pd
 
-from barn_eval.analysis.frames import frame_of
+from barn_eval.analysis.pandas_tables import pandas_table
 from barn_eval.pages.figures import Plot
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN
 from barn_metrics.metrics import PUBLISHED, as_formula, world_metrics
@@ -25,11 +25,11 @@ from barn_worlds.datasets.dataset import (
 from barn_worlds.datasets.generate import cell_size_m
 from barn_worlds.drawing.files import write_png
 from barn_worlds.drawing.worlds import sheet_figure, world_figure, write_animation
+from barn_worlds.formats.dataset_file import write_dataset_file
 from barn_worlds.formats.map_server import write_map
 from barn_worlds.formats.original import write_original
-from barn_worlds.formats.own import write_own
 from barn_worlds.formats.sdf import write_sdf
-from barn_worlds.formats.single import planned
+from barn_worlds.formats.single import plan_grid_path
 from barn_worlds.formats.world_yaml import write_world_yaml
 from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.robot import Robot
@@ -109,7 +109,7 @@ def save(
     target = Path(out).with_suffix(".npz") if form == "npz" else Path(out)
     require_new(target)
     if form == "npz":
-        write_own(target, target.stem, dict(chosen))
+        write_dataset_file(target, target.stem, dict(chosen))
     elif form == "original":
         write_layout(target, chosen)
     else:
@@ -175,7 +175,7 @@ def fitting(world: World, robot: Robot) -> World:
     if cells == world.footprint_cells:
         return world
     return replace(
-        world, footprint_cells=cells, path=planned(world.grid, cells, world.name)
+        world, footprint_cells=cells, path=plan_grid_path(world.grid, cells, world.name)
     )
 
 
@@ -201,7 +201,7 @@ def metrics(
         BarnError: A world cannot be read, or has no way for the robot.
     """
     table = metrics_table(source, select, formula, robot=robot)
-    return frame_of(
+    return pandas_table(
         {"world": int(world), **row}
         for world, row in zip(table.worlds, table.rows(), strict=True)
     )
