@@ -92,7 +92,7 @@ class RunFile:
 
     def robot_name(self) -> str:
         """Return the robot's name, empty for the standard one."""
-        return other_name(self.run_config().simulator.chassis)
+        return name_unless_standard(self.run_config().simulator.chassis)
 
     def task_fingerprint(self) -> str:
         """Return the fingerprint of the task as it was written, which its rows have."""

@@ -272,7 +272,7 @@ class Protocol(Checked):
             ConfigError: The robot does not fit between back wall and obstacles.
         """
         scale = world.resolution_m / STANDARD_CELL_M
-        is_standard = not other_name(chassis) or math.isclose(scale, 1.0)
+        is_standard = not name_unless_standard(chassis) or math.isclose(scale, 1.0)
         if is_standard or world.corner_m is not None:
             return self
 

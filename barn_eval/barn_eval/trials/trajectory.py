@@ -105,7 +105,7 @@ class TrajectoryLog:
         for i, plan_count in enumerate(plan_counts):
             if plan_count:
                 _, points = self._plans[plan_count - 1]
-                off_plan_m[i] = distance_to(points, *rows[i, 6:])
+                off_plan_m[i] = distance_to_line(points, *rows[i, 6:])
 
         return Trajectory(
             np.array(self._stamps, np.int64),
