@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from barn_eval.analysis.planners import colours, spelling
+from barn_eval.analysis.planners import assign_colors, spelling
 from barn_eval.pages.figures import label_axes, new_figure, style, write_figure
 from barn_eval.pages.template import render
 from barn_eval.studies.reproduction.findings import (
