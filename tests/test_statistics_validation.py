@@ -16,10 +16,6 @@ from validate_statistics import Check, main, render_page, run_checks
 from barn_eval.analysis import significance
 from barn_eval.analysis.significance import variance_components
 from barn_eval.analysis.statistics import TrialValues
-from barn_eval.commands.suite import validate as command
-from barn_eval.studies import simulations, validation
-from barn_eval.studies.simulations import GROUPS, equal_planners
-from barn_eval.studies.validation import Check, statistics_page, validate
 from barn_metrics.bootstrap import Interval
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "statistics.md"
@@ -59,8 +55,8 @@ def test_each_target_is_met_within_chance(name, setting, simulations):
 def test_a_verdict_that_knows_only_the_failures_it_saw_would_be_found_out(monkeypatch):
     """As a test of signs alone is: failures that were not drawn are not thought of."""
     monkeypatch.setattr(TrialValues, "counted", False)
-    (unlike,) = validate(100, seed=4, groups=[some("unlike", (50, 5, 2.0))])
-    assert unlike.verdict == "missed"
+    (unlike,) = run_checks(100, seed=4, groups=[some("unlike", (50, 5, 2.0))])
+    assert unlike.conclusion == "missed"
 
 
 def test_an_interval_over_trials_would_be_found_out(monkeypatch):

@@ -18,9 +18,9 @@ from simulated_trials import (
     draw_trials,
 )
 
-from barn_eval.analysis.sequential import LOOKS, decide, planned_looks
+from barn_eval.analysis.sequential import LOOKS, decide, plan_looks
 from barn_eval.analysis.significance import ALPHA, paired_difference, proportion
-from barn_eval.analysis.statistics import Columns, difference, mean_interval
+from barn_eval.analysis.statistics import TrialValues, difference, mean_interval
 from barn_eval.analysis.verdict import rank
 from barn_metrics.bootstrap import Interval
 
@@ -69,7 +69,7 @@ def _covers(interval: Interval, truth: float) -> bool:
     return interval.low is not None and not interval.excludes(truth)
 
 
-def _is_clear(pair: Sequence[Columns]) -> bool:
+def _is_clear(pair: Sequence[TrialValues]) -> bool:
     return difference(pair[0], pair[1], flips=_FLIPS).p <= ALPHA
 
 
@@ -158,11 +158,11 @@ def _board_differs(worlds: int, generator: np.random.Generator) -> bool:
     planners = {}
     for number in range(BOARD_PLANNERS):
         scores = draw_scores(0.0, 1.0, effects, REPETITIONS, generator)
-        planners[str(number)] = Columns(
+        planners[str(number)] = TrialValues(
             scores.values, scores.worlds, scores.repetitions
         )
     ranking = rank(planners, larger_is_better=True, flips=_FLIPS)
-    return any(ranking.clear(*pair) for pair in ranking.p)
+    return any(ranking.is_clear(*pair) for pair in ranking.p)
 
 
 def _improvement_is_clear(
@@ -184,11 +184,11 @@ def _drive_plan(
         first,
         second,
         range(worlds),
-        planned_looks(worlds),
+        plan_looks(worlds),
         larger_is_better=True,
         flips=_FLIPS,
     )
-    is_decided = decision.decided in ("better", "worse")
+    is_decided = decision.decision in ("better", "worse")
     return is_decided, decision.worlds / worlds
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from barn_eval.analysis.statistics import Columns
+from barn_eval.analysis.statistics import TrialValues
 from barn_worlds.base.arrays import Floats, Integers
 
 REPETITIONS = 3
@@ -53,7 +53,7 @@ def draw_trials(
     generator: np.random.Generator,
     failure_value: float,
     best_value: float = 0.0,
-) -> Columns:
+) -> TrialValues:
     """Draw trials in each world.
 
     Args:
@@ -71,7 +71,7 @@ def draw_trials(
     repetition = np.tile(np.arange(repetitions), len(failure_chances))
     values = draw_values(worlds)
     failed = generator.random(len(worlds)) < failure_chances[worlds]
-    return Columns(
+    return TrialValues(
         np.where(failed, failure_value, values),
         worlds,
         repetition,
@@ -83,7 +83,7 @@ def draw_trials(
 
 def draw_equal_planners(
     count: int, worlds: int, generator: np.random.Generator
-) -> list[Columns]:
+) -> list[TrialValues]:
     """Draw times per meter of planners that are alike in each world.
 
     Args:
@@ -119,7 +119,7 @@ def draw_scores(
     world_effects: Floats,
     repetitions: int,
     generator: np.random.Generator,
-) -> Columns:
+) -> TrialValues:
     """Draw scores of a planner, which are 0 for failures.
 
     Args:
@@ -152,7 +152,7 @@ def draw_planner(
     repetitions: int,
     failure_percent: float,
     generator: np.random.Generator,
-) -> Columns:
+) -> TrialValues:
     """Draw scores of a planner in worlds of random effects.
 
     Args:
@@ -174,7 +174,7 @@ def draw_pair(
     failure_percents: tuple[float, float],
     ratio: float,
     generator: np.random.Generator,
-) -> tuple[Columns, Columns]:
+) -> tuple[TrialValues, TrialValues]:
     """Draw scores of two planners in the same worlds.
 
     Args:

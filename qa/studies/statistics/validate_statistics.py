@@ -21,7 +21,7 @@ import numpy as np
 from rich.console import Console
 from simulated_checks import GROUPS, CheckGroup
 
-from barn_eval.analysis.precision import RankingPower, ranking_table
+from barn_eval.analysis.ranking_power import RankingPower, ranking_table
 from barn_eval.analysis.verdict import FEW_WORLDS
 from barn_metrics.bootstrap import number
 from barn_worlds.base.config import from_dict

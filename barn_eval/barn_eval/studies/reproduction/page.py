@@ -38,7 +38,7 @@ FAILS = "does not hold"
 OPEN = "not decided"
 PAPER = read_package_yaml("barn_eval", "paper.yaml")
 _PANELS = (*PLANNERS, "both")
-_COLORS = dict(zip(_PANELS, colours(_PANELS), strict=True))
+_COLORS = dict(zip(_PANELS, assign_colors(_PANELS), strict=True))
 _TITLES = {name: spelling(name) for name in PLANNERS} | {"both": "both planners"}
 _MODEL_TITLE = "the suite's model"
 
