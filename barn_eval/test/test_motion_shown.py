@@ -193,7 +193,7 @@ def test_pictures_and_films_show_what_moves(bag, tmp_path):
 
 def test_a_report_has_motions_measures_and_the_clearance_to_what_moves(folder, world):
     report = build_report([folder])
-    data = trial_data(report.entries, report.drives, report.worlds)
+    data = trial_data(report.entries, report.trials, report.worlds)
     names = [column["name"] for column in data["columns"]]
     assert {
         "moving_clearance_m",
@@ -211,7 +211,7 @@ def test_a_report_has_motions_measures_and_the_clearance_to_what_moves(folder, w
             result.motion.near_s, abs=1e-4
         )
     assert data["worlds"][world.checksum]["moving"]["powers"] == 4
-    for one in report.drives:
+    for one in report.trials:
         nearest = one.track.samples[:, -1].min()
         assert nearest == pytest.approx(one.result.motion.moving_clearance_m, abs=0.1)
     assert "class MotionMovers" in report_page(report, "A title")

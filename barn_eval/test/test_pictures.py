@@ -17,7 +17,7 @@ import barn_eval as barn
 from barn_eval.analysis.planners import assign_colors
 from barn_eval.analysis.sources import read_entries
 from barn_eval.pages.replay.files import camera_frames, write_replay
-from barn_eval.pages.report.maps import choose, overlay
+from barn_eval.pages.report.maps import overlay, select_trials
 from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.tracks import parse_track_line
 from barn_sim.drawing.camera import SIZES
@@ -124,7 +124,7 @@ def drawn(figure, kind):
 
 
 def test_each_trial_is_drawn_where_it_drove_in_the_colour_of_its_planner(folder):
-    chosen, _ = choose(read_entries([folder]), 0, (), "")
+    chosen, _ = select_trials(read_entries([folder]), 0, (), "")
     assert sorted(one.result.planner for one in chosen) == ["dwa", "gap", "gap"]
     figure = overlay([folder], 0)
     lines = drawn(figure, LineCollection)

@@ -18,9 +18,9 @@ from barn_eval.pages.report.leaderboard import write_boards
 from barn_eval.pages.report.maps import overlay as drawn
 from barn_eval.pages.report.page import (
     build_report,
-    checked_width,
     replay_links,
     report_page,
+    require_width,
     write_assets,
 )
 from barn_eval.pages.template import write_page
@@ -141,7 +141,8 @@ def report(
         BarnError: There are no results, or a file cannot be written.
     """
     page = Path(out)
-    pdf = assets is not None and checked_width(width_mm) is None
+    require_width(width_mm)
+    pdf = assets is not None and width_mm is None
     made = build_report(
         paths_of(folders), hardest, columns=columns, progress=progress, pdf=pdf
     )
