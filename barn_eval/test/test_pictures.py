@@ -16,7 +16,7 @@ from report_work import EVIL
 import barn_eval as barn
 from barn_eval.analysis.planners import assign_colors
 from barn_eval.analysis.sources import read_entries
-from barn_eval.pages.replay.files import camera_frames, write_replay
+from barn_eval.pages.replay.files import draw_views, write_replay
 from barn_eval.pages.report.maps import overlay, select_trials
 from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.tracks import parse_track_line
@@ -76,7 +76,7 @@ def test_pictures_and_animations(bag, tmp_path):
     with pytest.raises(
         ConfigError, match="its world is not known, so a camera has nothing to see"
     ):
-        next(camera_frames(replace(recorded, scene=None), "side", [1.0], 1))
+        next(draw_views(replace(recorded, scene=None), "side", [1.0], 1))
 
 
 # A stand-in for ffmpeg, which writes how it was called and how much it was sent; it fails when told to.
