@@ -12,7 +12,7 @@ from barn_eval.analysis.leaderboard import make_boards as rank
 from barn_eval.analysis.pandas_tables import pandas_table
 from barn_eval.pages import LOOPBACK, Progress
 from barn_eval.pages.figures import Page, Plot, style
-from barn_eval.pages.live.server import Watch
+from barn_eval.pages.live.server import PageServer
 from barn_eval.pages.replay.files import write_replay
 from barn_eval.pages.report.leaderboard import write_boards
 from barn_eval.pages.report.maps import overlay as drawn
@@ -189,7 +189,7 @@ def replay(
     )
 
 
-def watch(folder: str | Path, *, host: str = LOOPBACK, port: int = 0) -> Watch:
+def watch(folder: str | Path, *, host: str = LOOPBACK, port: int = 0) -> PageServer:
     """Serve a page that shows how an experiment stands, as it runs or afterwards.
 
     It is served from a thread until `close` is called or a `with` block is left.
@@ -205,7 +205,7 @@ def watch(folder: str | Path, *, host: str = LOOPBACK, port: int = 0) -> Watch:
     Raises:
         BarnError: There is no experiment, or the address cannot be served on.
     """
-    return Watch(folder, host=host, port=port)
+    return PageServer(folder, host=host, port=port)
 
 
 def overlay(
