@@ -171,24 +171,24 @@ def test_colours_by_speed_have_a_scale(folder):
     ("arguments", "reason"),
     [
         (
-            {"world": 99},
+            {"world_number": 99},
             "world 99: no trial of it; there are trials of 0, 1, 2, 3, 4, 5, 6, 7",
         ),
-        ({"world": 1}, "world 1: its trials have no tracks"),
+        ({"world_number": 1}, "world 1: its trials have no tracks"),
         (
-            {"world": 0, "outcome": "collision"},
+            {"world_number": 0, "outcome": "collision"},
             "world 0: no trial of it is of this kind",
         ),
         (
-            {"world": 0, "outcome": "colision"},
+            {"world_number": 0, "outcome": "colision"},
             "outcome 'colision': must be one of .*did you mean 'collision'",
         ),
         (
-            {"world": 0, "planners": ["dwaa"]},
+            {"world_number": 0, "planners": ["dwaa"]},
             "planner 'dwaa': has no trial here; did you mean 'dwa'.* dwa, gap",
         ),
         (
-            {"world": 0, "by": "sped"},
+            {"world_number": 0, "by": "sped"},
             "by: must be one of planner, speed, got 'sped'; did you mean 'speed'",
         ),
     ],
