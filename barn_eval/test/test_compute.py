@@ -134,7 +134,7 @@ def test_the_shell_takes_a_declaration_and_measuring(
     ]
     settings = ["--set", "compute.delay_s=0.2", "--set", "compute.period_s=0.25"]
     assert command(*given, *settings, "--execution", "engine=inline")[0] == 0
-    (choice,) = RunFile.read(tmp_path / "out").experiment["planners"]
+    (choice,) = RunFile.read(tmp_path / "out").config["planners"]
     assert (choice["delay_s"], choice["period_s"]) == (0.2, 0.25)
     assert (
         command(*given, "--execution", "compute=measured", "--dry-run", "--overwrite")[

@@ -24,8 +24,8 @@ from barn_eval.analysis.summary import summarize, summarize_run
 from barn_eval.analysis.tables import summary_table, trials_table
 from barn_eval.analysis.text_table import count_noun
 from barn_eval.results.rows import results_table, timing_table
+from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.result import WallClock
-from barn_eval.trials.trajectory import Encounters
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.drawing.palette import PLANNERS

@@ -204,7 +204,7 @@ def test_robots_that_take_more_cells_than_the_data_set_is_made_for_are_refused(
         "--out",
         "unused",
     )
-    ways = "with ways for 5 x 5 cells of 0.101 m: robot jackal takes 7 x 7"
+    ways = "with paths for 5 x 5 cells of 0.101 m: robot jackal takes 7 x 7"
     assert f"barn_tb4 is made for robot turtlebot4, {ways}" in said
     dataset = open_dataset("barn_tb4")
     for fits in ("turtlebot4", "turtlebot3_burger", "turtlebot3_waffle"):
