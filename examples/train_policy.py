@@ -28,7 +28,7 @@ from barn_eval.analysis.summary import Summary, summarise
 from barn_eval.learning.config import EnvConfig
 from barn_eval.running.direct import run_direct_trial
 from barn_eval.trials.protocol import load_protocol
-from barn_eval.trials.run_config import Experiment, PlannerChoice
+from barn_eval.trials.run_config import PlannerChoice, RunConfig
 from barn_eval.trials.spec import simulator_config
 from barn_planners.policy.space import PolicyAction, PolicyObservation
 from barn_worlds.worlds.dataset import open_dataset
@@ -116,7 +116,7 @@ def evaluate(dataset: str, worlds: str, policy: Path, safety: bool) -> Summary:
     planner = PlannerChoice(
         "policy", overrides={"policy_path": str(policy), "safety.enabled": safety}
     )
-    experiment = Experiment(
+    experiment = RunConfig(
         dataset=dataset,
         worlds=worlds,
         planners=(planner,),

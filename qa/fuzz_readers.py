@@ -24,26 +24,26 @@ from barn_eval.pages.replay.page import facts, subtitle
 from barn_eval.pages.replay.payload import payload
 from barn_eval.pages.template import script_json
 from barn_eval.results.bags.decode import TOPICS
-from barn_eval.results.bags.recorded import read_recorded
-from barn_eval.results.folder import opened
+from barn_eval.results.bags.recorded import read_recorded_trial
+from barn_eval.results.folder import ResultsFolder
 from barn_eval.results.rows import (
-    ResultRows,
-    TrackRows,
+    RowFile,
+    TrackFile,
     results_table,
-    sealed,
+    seal_line,
     timing_table,
-    unsealed,
+    unseal_line,
 )
 from barn_eval.results.run_file import RunFile
-from barn_eval.results.store import Record
-from barn_eval.results.tracks import from_track_line, track_line
+from barn_eval.results.store import TrialRecord
+from barn_eval.results.tracks import parse_track_line, track_line
 from barn_eval.running.request import read_request
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import CHALLENGE, load_protocol
 from barn_eval.trials.result import from_json_line, to_json_line
-from barn_eval.trials.run_config import Execution, Experiment, PlannerChoice
+from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.trajectory import Trajectory
-from barn_eval.trials.trial import conclude
+from barn_eval.trials.trial import finish_trial
 from barn_metrics.model import load_model
 from barn_metrics.model.inputs import STRIPS, summary_names
 from barn_metrics.model.predictor import DifficultyModel, RouteNetwork
@@ -103,7 +103,7 @@ def _lines(draw: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:
         return mutated(draw, data, others)
     number = draw.randrange(len(lines))
     try:
-        line = unsealed(lines[number].decode(), "")
+        line = unseal_line(lines[number].decode(), "")
         content = (
             _unpacked_change(draw, json.loads(line)) if draw.random() < 0.3 else None
         )
@@ -113,7 +113,7 @@ def _lines(draw: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:
             else _json(draw, line.encode(), others)
         )
         if draw.random() < 0.5:
-            changed = sealed(changed.decode()).encode()
+            changed = seal_line(changed.decode()).encode()
         lines[number] = changed
     except (ValueError, ConfigError):
         return mutated(draw, data, others)
@@ -177,12 +177,12 @@ def _scene() -> Any:
 
 def _experiment(folder: Path) -> Path:
     """Make a folder of an experiment in which every trial timed out, with tracks."""
-    asked = Experiment(
+    asked = RunConfig(
         worlds="0,9", planners=(PlannerChoice("gap"), PlannerChoice("dwa"))
     )
     specs = asked.trials()
     out = folder / "experiment"
-    with opened(out, asked, Execution(), specs) as kept:
+    with ResultsFolder.open(out, asked, ExecutionConfig(), specs) as kept:
         for spec in specs:
             steps = np.linspace(0.0, 2.0, 40)
             driven = Trajectory(
@@ -192,10 +192,10 @@ def _experiment(folder: Path) -> Path:
                 np.full((40, 2), 0.5),
                 np.zeros(40, bool),
             )
-            finished = conclude(
+            finished = finish_trial(
                 spec, "direct", Verdict(Outcome.TIMEOUT, "", 100.0, 100.0, 0.0), driven
             )
-            kept.append(Record(finished.result, track_line(finished)))
+            kept.append(TrialRecord(finished.result, track_line(finished)))
         kept.complete()
     return out
 
@@ -209,7 +209,7 @@ def _beside(folder: Path, name: str) -> list[bytes]:
 
 
 def _rows(path: Path) -> None:
-    found = ResultRows(path.parent).read()
+    found = RowFile(path.parent).read()
     results_table(found), timing_table(found), trials_table(found, "").csv()
     for one in found:
         assert from_json_line(to_json_line(one), "") == one
@@ -217,19 +217,19 @@ def _rows(path: Path) -> None:
 
 
 def _tracks(path: Path) -> None:
-    for line in TrackRows(path.parent).read().values():
-        assert from_track_line(line, "")[1].packed
+    for line in TrackFile(path.parent).read().values():
+        assert parse_track_line(line, "")[1].packed
 
 
 def _run(path: Path) -> None:
-    RunFile.read(path.parent).configuration()
+    RunFile.read(path.parent).run_config()
     assert read_source(path.parent).results
 
 
 def _request(path: Path) -> None:
     asked = read_request(path, {}).experiment
     for planner in asked.planners:
-        asked.settings(planner)
+        asked.resolve_planner(planner)
 
 
 def _protocol(path: Path) -> None:
@@ -354,7 +354,7 @@ def _message(make: Any, kind: str, time: int) -> Any:
 
 
 def _bag(path: Path) -> None:
-    found = read_recorded(path if path.suffix == ".mcap" else path.parent)
+    found = read_recorded_trial(path if path.suffix == ".mcap" else path.parent)
     script_json(payload(found)), facts(found), subtitle(found).encode()
 
 

@@ -29,7 +29,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from barn_eval.results.rows import ResultRows
+from barn_eval.results.rows import RowFile
 from barn_eval.verification.check import check_folder
 from barn_worlds.base.errors import BarnError
 
@@ -180,7 +180,7 @@ def compared(point: Point, out: Path, model: Path) -> Point:
         problems = check_folder(out).problems
         died = [
             one.trial_id
-            for one in ResultRows(out).read()
+            for one in RowFile(out).read()
             if one.detail == "the planner was killed by SIGKILL"
         ]
     except BarnError as error:

@@ -220,7 +220,7 @@ def evaluator() -> Reference:
     """Return the tables and the parameter file; what only a supervisor sets is left out of the file."""
     from barn_eval.commands.main import COMMANDS
     from barn_eval.trials.protocol import PROTOCOLS
-    from barn_eval.trials.ros_config import EvaluatorConfig, RosSetup
+    from barn_eval.trials.ros_config import EvaluatorConfig, RosConfig
 
     defaults = EvaluatorConfig()
     sections = {
@@ -229,7 +229,7 @@ def evaluator() -> Reference:
             [[f"`barn {name}`", about] for name, about in COMMANDS.items()],
         ),
         "protocols": parameter_table(PROTOCOLS),
-        "ros settings": parameter_table({"default": RosSetup()}),
+        "ros settings": parameter_table({"default": RosConfig()}),
         "evaluator parameters": parameter_table({"default": defaults}),
     }
     title = "The evaluator with its defaults."

@@ -21,7 +21,7 @@ from barn_eval.commands.main import COMMANDS, MORE, cli
 from barn_eval.commands.options import parse_settings
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, PROTOCOLS, load_protocol
-from barn_eval.trials.ros_config import RosSetup
+from barn_eval.trials.ros_config import RosConfig
 from barn_eval.trials.spec import simulator_config
 from barn_planners.registry import planner_names
 from barn_worlds.base.config import replace_dotted
@@ -106,7 +106,7 @@ def check_values(name, values):
         rules = PROTOCOLS[protocol]
     if name in ("run", "campaign"):
         settings = [one for one in values.get("ros") or [] if "KEY" not in one]
-        replace_dotted(RosSetup(), parse_settings(tuple(settings), "--ros"), "--ros")
+        replace_dotted(RosConfig(), parse_settings(tuple(settings), "--ros"), "--ros")
         simulator_config(
             rules, parse_settings(tuple(values.get("simulator") or ()), "--sim")
         )

@@ -19,7 +19,7 @@ from launch_files import constant
 
 from barn_eval.commands import ab
 from barn_eval.trials.protocol import PROTOCOLS
-from barn_eval.trials.ros_config import Patience
+from barn_eval.trials.ros_config import WaitLimits
 from barn_sim.config import PRESETS, SimulatorNodeConfig
 from barn_worlds.messages.topics import FRAMES
 from barn_worlds.robots.files import ROBOTS
@@ -216,7 +216,7 @@ def test_commands_pass_from_server_to_server_to_cmd_vel(nodes):
 
 def test_a_nav2_that_works_is_not_taken_for_a_stalled_one(nodes):
     # a robot kept standing is told so for longer than the evaluator waits for a command
-    assert nodes["collision_monitor"]["stop_pub_timeout"] > Patience().command_s
+    assert nodes["collision_monitor"]["stop_pub_timeout"] > WaitLimits().command_s
     # a tree whose servers do not answer in time gives up what it has begun: 20 ms is too short for a busy machine
     assert nodes["bt_navigator"]["default_server_timeout"] >= 1000
 

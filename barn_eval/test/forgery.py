@@ -7,7 +7,7 @@ from report_work import change_row
 
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.bags.recorder import Recorder
-from barn_eval.results.rows import ResultRows, write_tables
+from barn_eval.results.rows import RowFile, write_tables
 from barn_eval.trials.result import from_json_line
 from barn_worlds.base.config import as_dict
 
@@ -15,7 +15,7 @@ from barn_worlds.base.config import as_dict
 def forge(folder, **changes):
     """Change the first row of a folder, by dotted names with "__", and all that is made of it."""
     row = change_row(folder, **changes)
-    write_tables(folder, ResultRows(folder).read())
+    write_tables(folder, RowFile(folder).read())
     bag = folder / "bags" / row["trial_id"]
     if bag.is_dir():
         rewrite_bag(

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 from test_rows import result as a_result
 
-from barn_eval.results.folder import opened
-from barn_eval.results.store import Record
+from barn_eval.results.folder import ResultsFolder
+from barn_eval.results.store import TrialRecord
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import PAPER_2020
-from barn_eval.trials.run_config import Execution, Experiment, PlannerChoice
+from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.spec import simulator_config
 
 
@@ -23,7 +23,7 @@ def made_up(spec):
     )
     fails = generator.random() < 0.1
     scored_s = spec.protocol.failure_time_s if fails else time_s
-    one = a_result(spec.index)
+    one = a_result(spec.world_number)
     times = {
         "traversal_time_s": spec.protocol.limit_s if fails else time_s,
         "scored_time_s": scored_s,
@@ -56,7 +56,7 @@ def experiment_of(worlds, repetitions=3, dataset="barn300"):
     """Return an experiment of both planners."""
     planners = (PlannerChoice("dwa"), PlannerChoice("eband"))
     rules = {"protocol": PAPER_2020, "simulator": simulator_config(PAPER_2020)}
-    return Experiment(
+    return RunConfig(
         dataset=dataset,
         worlds=worlds,
         planners=planners,
@@ -67,7 +67,9 @@ def experiment_of(worlds, repetitions=3, dataset="barn300"):
 
 def write_made_up(out, experiment, change=lambda result: result):
     """Write a folder of trials that were not driven, and return their results."""
-    with opened(out, experiment, Execution(), experiment.trials()) as folder:
+    with ResultsFolder.open(
+        out, experiment, ExecutionConfig(), experiment.trials()
+    ) as folder:
         for spec in folder.remaining:
-            folder.append(Record(change(made_up(spec)), None))
+            folder.append(TrialRecord(change(made_up(spec)), None))
         return folder.complete()

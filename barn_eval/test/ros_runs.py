@@ -14,13 +14,13 @@ from rich.console import Console
 from rosbags.highlevel import AnyReader
 
 from barn_eval.results.bags.bagfile import BagFile
-from barn_eval.results.store import Store
+from barn_eval.results.store import BagStore
 from barn_eval.ros.supervision import run_ros_trials
 from barn_eval.ros.work import run_request
 from barn_eval.running.request import Request
 from barn_eval.trials.protocol import CHALLENGE
-from barn_eval.trials.ros_config import Patience, RosSetup
-from barn_eval.trials.run_config import Execution, Experiment, PlannerChoice
+from barn_eval.trials.ros_config import RosConfig, WaitLimits
+from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.messages.cdr import deserialise, layout
 
@@ -34,11 +34,11 @@ SHORT = replace(
     CHALLENGE, name="short", limit_s=2.0, first_motion_limit_s=2.0, timeout_time_s=2.0
 )
 _LONG_S = 600.0  # only what hangs takes as long
-_PATIENCE = Patience(
+_PATIENCE = WaitLimits(
     start_s=_LONG_S, simulator_s=_LONG_S, gate_s=_LONG_S, lifecycle_s=_LONG_S, service_s=_LONG_S, command_s=_LONG_S,
     clock_s=_LONG_S, vanished_s=60.0, connection_s=60.0,
 )  # fmt: skip
-PATIENT = RosSetup(
+PATIENT = RosConfig(
     command_wait_s=_LONG_S, patience=_PATIENCE
 )  # no verdict hangs on the pace of the machine
 EACH = replace(PATIENT, restart_planner="each_trial")
@@ -46,7 +46,7 @@ MANAGED = replace(
     PATIENT, command_wait_s=5.0
 )  # what a scan costs that comes while nodes become active
 # So, but for a planner's silence: for tests that wait for it in full. It counts by the evaluator's own progress.
-QUICK = RosSetup(patience=replace(_PATIENCE, command_s=5.0))
+QUICK = RosConfig(patience=replace(_PATIENCE, command_s=5.0))
 
 
 @pytest.fixture(autouse=True)
@@ -104,7 +104,7 @@ def make_plan(
     planners = (PlannerChoice(planner, command=planner_command),)
     rules = {"protocol": protocol, "simulator": simulator_config(protocol), "ros": ros}
     return replace(
-        Experiment(
+        RunConfig(
             worlds="0", planners=planners, mode="ros", seed=5, bags="all", **rules
         ),
         **changes,
@@ -114,7 +114,7 @@ def make_plan(
 def drive(folder, plan, notice=lambda _: None):
     """Yield the result of each trial of a plan once it has ended; bags go to the folder."""
     for record in run_ros_trials(
-        plan, plan.trials(), Store(folder, plan.bags), notice=notice
+        plan, plan.trials(), BagStore(folder, plan.bags), notice=notice
     ):
         yield record.result
 
@@ -130,7 +130,7 @@ def drive_kinds(folder, *kinds, protocol=SHORT, setup=EACH, repetitions=0):
 
 def run(folder, plan):
     """Run a plan as the command does, by a worker, and return its results; they are in the folder as well."""
-    request = Request(plan, Execution(workers=1), folder)
+    request = Request(plan, ExecutionConfig(workers=1), folder)
     return run_request(request, Console(quiet=True))
 
 

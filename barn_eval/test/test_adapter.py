@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from planners import spec_of
 
-from barn_eval.results.bags.decode import planner_status
+from barn_eval.results.bags.decode import decode_planner_status
 from barn_eval.ros.adapter import (
     TrialAdapter,
     TrialTopics,
@@ -232,16 +232,18 @@ def test_recoveries_are_counted_when_they_begin(adapter, told, count):
 def test_a_planner_reports_its_status_and_nobody_else_does():
     values = {"cost": "1.5", "status": "recovering"}
     assert (
-        planner_status(encode_diagnostics(7, FINE, "planner", "recovering", values))
+        decode_planner_status(
+            encode_diagnostics(7, FINE, "planner", "recovering", values)
+        )
         == "recovering"
     )
     assert (
-        planner_status(
+        decode_planner_status(
             encode_diagnostics(7, FINE, "battery", "full", {"voltage": "24"})
         )
         == ""
     )
-    assert planner_status(b"not a message") == ""
+    assert decode_planner_status(b"not a message") == ""
 
 
 @pytest.mark.parametrize(

@@ -8,18 +8,18 @@ import pyarrow.csv
 import pyarrow.parquet
 import pytest
 
-from barn_eval.results.folder import opened, read_results
-from barn_eval.results.rows import ResultRows
-from barn_eval.results.store import Record, Store
+from barn_eval.results.folder import ResultsFolder, read_results
+from barn_eval.results.rows import RowFile
+from barn_eval.results.store import BagStore, TrialRecord
 from barn_eval.results.tracks import track_line
 from barn_eval.running.engine import DirectWork, Done, Engine, Job, Lost, Part, Refused
 from barn_eval.running.run import kept_apart
 from barn_eval.running.runner import ExperimentError, Loss, run_remaining
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.result import WallClock
-from barn_eval.trials.run_config import Execution, Experiment, PlannerChoice
+from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.trajectory import Trajectory
-from barn_eval.trials.trial import conclude
+from barn_eval.trials.trial import finish_trial
 
 ENDED_AT = "2026-01-01T00:00:00.000+00:00"
 
@@ -35,7 +35,7 @@ def driven(spec, clock=0.0):
     )
     outcome = Outcome.SUCCESS if draw.random() < 0.8 else Outcome.TIMEOUT
     verdict = Verdict(outcome, "", float(draw.uniform(10, 40)), 45.0, 0.0)
-    return conclude(
+    return finish_trial(
         spec, "direct", verdict, trajectory, wall_clock=WallClock(duration_s=clock)
     )
 
@@ -46,7 +46,7 @@ def finished(spec, clock=0.0):
 
 def record(spec, clock=0.0):
     """Return what a worker reports of a trial."""
-    return Record(finished(spec, clock), track_line(driven(spec, clock)))
+    return TrialRecord(finished(spec, clock), track_line(driven(spec, clock)))
 
 
 class Scripted(Engine):
@@ -82,7 +82,7 @@ class Scripted(Engine):
 
 @pytest.fixture(scope="module")
 def config():
-    return Experiment(
+    return RunConfig(
         worlds="0,50",
         planners=(PlannerChoice("gap"), PlannerChoice("dwa")),
         repetitions=2,
@@ -96,10 +96,10 @@ def specs(config):
 
 
 def run(path, config, specs, engine, mode="direct", **execution):
-    execution = Execution(**execution)
-    with opened(path, config, execution, specs) as folder:
+    execution = ExecutionConfig(**execution)
+    with ResultsFolder.open(path, config, execution, specs) as folder:
         events = list(
-            run_remaining(folder, engine, execution, DirectWork(Store(path)), mode)
+            run_remaining(folder, engine, execution, DirectWork(BagStore(path)), mode)
         )
         folder.complete()
     return events
@@ -203,7 +203,7 @@ def test_faults_of_the_set_up_are_kept_apart_named_and_run_again(
         spec.trial_id for spec in specs
     } - {key}
     apart = kept_apart(
-        [*scored, *(row for row in ResultRows(tmp_path / "x").read() if not row.counts)]
+        [*scored, *(row for row in RowFile(tmp_path / "x").read() if not row.is_scored)]
     )
     assert apart.startswith(
         f"1 of {len(specs)} trials failed by no fault of the planner and are not scored; "
@@ -254,7 +254,7 @@ def test_a_mistake_of_the_user_stops_the_campaign_and_results_are_kept(
 
 
 def test_a_second_result_of_a_trial_is_not_taken(tmp_path, config, specs):
-    with opened(tmp_path, config, Execution(), specs) as folder:
+    with ResultsFolder.open(tmp_path, config, ExecutionConfig(), specs) as folder:
         folder.append(record(specs[0]))
         with pytest.raises(ValueError, match="has a result already"):
             folder.append(record(specs[0]))
@@ -324,9 +324,11 @@ def test_a_job_of_several_trials_resumes_at_the_one_that_was_lost(
             lambda key, attempt: key == last or (key == second and attempt < 3)
         ),
     )
-    execution = Execution(attempts=3)
-    with opened(tmp_path, config, execution, specs) as folder:
-        events = list(run_remaining(folder, engine, execution, Shares(Store(tmp_path))))
+    execution = ExecutionConfig(attempts=3)
+    with ResultsFolder.open(tmp_path, config, execution, specs) as folder:
+        events = list(
+            run_remaining(folder, engine, execution, Shares(BagStore(tmp_path)))
+        )
         results = {result.trial_id: result for result in folder.complete()}
     assert [event.trial_id for event in events if isinstance(event, Loss)] == [
         second,

@@ -16,9 +16,10 @@ from rosbags.rosbag2 import Reader
 from barn_eval import __version__
 from barn_eval.commands.main import COMMANDS
 from barn_eval.results.folder import read_results
-from barn_eval.results.run_file import RunFile, commit
-from barn_eval.trials.ros_config import RosSetup
-from barn_eval.trials.run_config import Execution
+from barn_eval.results.provenance import commit
+from barn_eval.results.run_file import RunFile
+from barn_eval.trials.ros_config import RosConfig
+from barn_eval.trials.run_config import ExecutionConfig
 from barn_sim.config import SimulatorConfig
 from barn_worlds.base.config import fields_of
 from barn_worlds.formats.own import write_own
@@ -97,7 +98,7 @@ def test_campaign_is_another_name_of_run(command):
 
 def test_the_help_lists_the_keys_of_each_group(command):
     shown = command("run", "--help")[1]
-    for config in (SimulatorConfig(), RosSetup(), Execution()):
+    for config in (SimulatorConfig(), RosConfig(), ExecutionConfig()):
         assert [key for key, _, _ in fields_of(config) if key not in shown] == []
 
 
@@ -212,7 +213,7 @@ def test_parameters_reach_planner_and_simulator(command, tiny, tmp_path):
         command(*run, "--set", "dwa.max_speed_mps=0.2", "--sim", "lidar.noise_m=0.0")[0]
         == 0
     )
-    experiment = RunFile.read(tmp_path / "run").configuration()
+    experiment = RunFile.read(tmp_path / "run").run_config()
     assert experiment.planners[0].overrides == {"dwa.max_speed_mps": 0.2}
     assert experiment.simulator.lidar.noise_m == 0.0
     assert read_results(tmp_path / "run")[0].measures.mean_speed_mps < 0.21
@@ -403,7 +404,7 @@ def test_a_folder_with_something_else_or_a_damaged_run_in_it_is_left_alone(
     (tmp_path / "home").mkdir()
     (tmp_path / "home" / "thesis.tex").write_text("x")
     for extra in ([], ["--overwrite"]):
-        assert "holds no experiment" in rejected(
+        assert "holds no run" in rejected(
             "run", "--dataset", tiny, "--out", "home", *extra
         )
     (tmp_path / "run").mkdir()

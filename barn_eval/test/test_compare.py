@@ -18,13 +18,13 @@ from barn_eval.analysis.compare import (
 from barn_eval.analysis.measures import COMPARED, DRIVEN, MOVING, SCORED
 from barn_eval.analysis.summary import summarise_campaign
 from barn_eval.analysis.tables import comparison_table
-from barn_eval.results.rows import ResultRows
+from barn_eval.results.rows import RowFile
 from barn_eval.results.run_file import RunFile
 from barn_eval.running.command_files import keep_told
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import PAPER_2020
-from barn_eval.trials.result import WallClock, trial_id
-from barn_eval.trials.run_config import Experiment, PlannerChoice
+from barn_eval.trials.result import WallClock, format_trial_id
+from barn_eval.trials.run_config import PlannerChoice, RunConfig
 from barn_eval.trials.spec import simulator_config
 from barn_eval.trials.trajectory import Encounters
 from barn_planners.registry import planner_config
@@ -47,7 +47,7 @@ def results(planner="dwa", slower_s=0.0, worlds=20, seed=0):
                 "normalised_time_s_per_m": time_s / 5.0,
             }
             named = {
-                "trial_id": trial_id(planner, world, repetition),
+                "trial_id": format_trial_id(planner, world, repetition),
                 "simulator_seed": 100 * world + repetition,
             }
             one = replace(
@@ -286,11 +286,11 @@ def write_folder(path, content, worlds="0-3", protocol=PAPER_2020, **choice):
     rules = {"protocol": protocol, "simulator": simulator_config(protocol)}
     RunFile.of(
         path,
-        Experiment(worlds=worlds, planners=planners, repetitions=repetitions, **rules),
+        RunConfig(worlds=worlds, planners=planners, repetitions=repetitions, **rules),
         {},
     ).write()
     for one in content:
-        ResultRows(path).append(one)
+        RowFile(path).append(one)
     return path
 
 
@@ -507,9 +507,7 @@ def test_folders_without_a_common_planner_need_a_choice(folders):
 
 
 def test_command_names_what_is_missing(folders, rejected):
-    assert "holds no results of a run or campaign" in rejected(
-        "compare", folders, folders / "a"
-    )
+    assert "holds no results of a run" in rejected("compare", folders, folders / "a")
     told = rejected("compare", folders / "a", f"{folders / 'both'}:ebnd")
     assert "has no planner 'ebnd'; did you mean 'eband'" in told
     (folders / "a" / "run.json").unlink()

@@ -17,8 +17,8 @@ from barn_eval.results.run_file import RunFile
 from barn_eval.running import direct
 from barn_eval.running.direct import Stopwatch
 from barn_eval.trials.protocol import CHALLENGE
-from barn_eval.trials.result import WallClock, packed_delays, unpacked_delays
-from barn_eval.trials.run_config import Experiment, PlannerChoice
+from barn_eval.trials.result import WallClock, pack_delays, unpack_delays
+from barn_eval.trials.run_config import PlannerChoice, RunConfig
 from barn_planners.gap.planner import ENTRY
 from barn_planners.interface import Decision, Observation, Planner, Task
 from barn_worlds.base.compute import Compute, Turnaround
@@ -158,7 +158,7 @@ def test_a_wrong_declaration_is_refused(settings: dict[str, float], named: str) 
 
 def test_measuring_is_refused_over_ros() -> None:
     with pytest.raises(ConfigError, match="measured needs mode direct"):
-        Experiment(mode="ros", compute="measured")
+        RunConfig(mode="ros", compute="measured")
 
 
 def test_a_choice_overrides_what_the_registry_declares() -> None:
@@ -190,13 +190,13 @@ def test_delays_are_drawn_from_the_seed_with_the_quantiles_declared() -> None:
 
 
 def test_delays_are_kept_in_whole_microseconds() -> None:
-    assert unpacked_delays(packed_delays([1_000, 5_000_000, 2_000])) == (
+    assert unpack_delays(pack_delays([1_000, 5_000_000, 2_000])) == (
         1_000,
         5_000_000,
         2_000,
     )
     with pytest.raises(ConfigError, match="delays of a row"):
-        unpacked_delays("no")
+        unpack_delays("no")
 
 
 def test_a_planner_that_waits_is_charged_the_wait() -> None:
@@ -206,14 +206,14 @@ def test_a_planner_that_waits_is_charged_the_wait() -> None:
 
 
 def test_the_figures_of_a_faster_machine_say_the_same_planner_does_not_fit() -> None:
-    clock = WallClock.of(1.0, None, [0.04] * 20)
+    clock = WallClock.from_answer_times(1.0, None, [0.04] * 20)
     assert (
-        clock.on(2.0, 0.05, "free").note
+        clock.with_pace(2.0, 0.05, "free").note
         == "its score assumes a computer 1.6 times as fast"
     )
-    assert clock.on(1.0, 0.05, "free").note == ""
-    assert clock.on(2.0, 0.1, "declared").computer == pytest.approx(0.8)
-    assert clock.on(2.0, 0.05, "measured") == replace(clock, pace=2.0)
+    assert clock.with_pace(1.0, 0.05, "free").note == ""
+    assert clock.with_pace(2.0, 0.1, "declared").computer == pytest.approx(0.8)
+    assert clock.with_pace(2.0, 0.05, "measured") == replace(clock, pace=2.0)
 
 
 def test_latency_drives_each_planner_at_each_delay(

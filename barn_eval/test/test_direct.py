@@ -16,9 +16,9 @@ from mcap.reader import make_reader
 from planners import Faulty, Straight, recorded
 from rosbags.rosbag2 import Reader
 
-from barn_eval.results.bags.messages import MOVED_M
-from barn_eval.results.bags.recorded import read_recorded
-from barn_eval.results.store import Store
+from barn_eval.results.bags.messages import PUSHED_M
+from barn_eval.results.bags.recorded import read_recorded_trial
+from barn_eval.results.store import BagStore
 from barn_eval.running import direct
 from barn_eval.running.direct import run_direct_trial
 from barn_eval.running.engine import DirectWork, Job, attempt
@@ -50,7 +50,7 @@ def test_a_bag_says_in_which_frame_a_planner_follows_its_plan(
         replace(spec_of(open_world, short), planner="eband", preset=preset),
         tmp_path / "bag",
     )
-    bag = read_recorded(tmp_path / "bag")
+    bag = read_recorded_trial(tmp_path / "bag")
     assert bag.costmaps
     assert {shown.frame for shown in [*bag.costmaps, *bag.local_plans, *bag.bands]} == {
         frame
@@ -193,7 +193,8 @@ def test_a_machine_that_stalls_for_good_is_told_from_the_planner(
 ):
     monkeypatch.setattr(trial, "STALLED", 0.0)
     work = DirectWork(
-        Store(Path()), {"straight": LivePlanner("straight", lambda _: time.sleep(60.0))}
+        BagStore(Path()),
+        {"straight": LivePlanner("straight", lambda _: time.sleep(60.0))},
     )
     report = attempt(
         work, "key", "here", Job("key", (spec_of(open_world),)), lambda _: None
@@ -245,9 +246,9 @@ def test_a_contact_ends_the_challenge_but_not_the_papers_trial(walled_world, tmp
     assert paper.measures.contact_s > 0.5
     moved_m = np.hypot(*(finished.cylinders_m - walled_world.cylinders_m).T)
     assert 1 <= (moved_m > 0.05).sum() <= 30
-    shown = read_recorded(tmp_path / "bag")
+    shown = read_recorded_trial(tmp_path / "bag")
     assert shown.scene.cylinders_m.tolist() == walled_world.cylinders_m.tolist()
-    assert shown.pushed_m.tolist() == finished.cylinders_m[moved_m > MOVED_M].tolist()
+    assert shown.pushed_m.tolist() == finished.cylinders_m[moved_m > PUSHED_M].tolist()
 
 
 def test_every_message_decodes_with_rosbags_and_mcap(open_world, tmp_path):

@@ -7,7 +7,7 @@ import pytest
 from test_trajectory import EXTENT, drive
 
 from barn_eval.trials.protocol import DYNABARN
-from barn_eval.trials.trajectory import encounters
+from barn_eval.trials.trajectory import measure_encounters
 from barn_worlds.base.types import Pose2D
 from barn_worlds.moving.motion import Motion, MovingObstacle, Wall
 from barn_worlds.worlds.dataset import open_dataset
@@ -39,7 +39,9 @@ def figures(
 ):
     trajectory = drive(poses, speeds, contacts)
     trajectory.velocity[:, 1] = turn_radps
-    found = encounters(trajectory, world, phase_s, EXTENT, DYNABARN, traversal_s)
+    found = measure_encounters(
+        trajectory, world, phase_s, EXTENT, DYNABARN, traversal_s
+    )
     assert found is not None
     return found
 
@@ -256,4 +258,6 @@ def test_a_trial_without_readings_and_a_world_without_motion_have_nothing_to_tel
         found.touched,
     ) == (None, None, 0.0, "")
     quiet = replace(world_of((0.0, 1.0, 0.0), (10.0, 1.0, 0.0)), moving=())
-    assert encounters(drive(still(2)), quiet, 0.0, EXTENT, DYNABARN, None) is None
+    assert (
+        measure_encounters(drive(still(2)), quiet, 0.0, EXTENT, DYNABARN, None) is None
+    )

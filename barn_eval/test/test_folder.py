@@ -11,20 +11,27 @@ import pytest
 from report_work import change_row
 from test_campaign_runner import record
 
-from barn_eval.results.folder import opened, read_results
+from barn_eval.results.folder import ResultsFolder, read_results
 from barn_eval.results.run_file import RunFile
-from barn_eval.trials.run_config import NO_SOURCE, Execution, Experiment, PlannerChoice
+from barn_eval.trials.run_config import (
+    UNKNOWN_SOURCE,
+    ExecutionConfig,
+    PlannerChoice,
+    RunConfig,
+)
 from barn_worlds.base.errors import BarnError, ConfigError
 
-GAP = Experiment(
+GAP = RunConfig(
     worlds="0,50", planners=(PlannerChoice("gap"),), repetitions=2, seed=3, bags="all"
 )
-EXECUTION = Execution(workers=1)
+EXECUTION = ExecutionConfig(workers=1)
 
 
 def keep(path, experiment, count=None, **options):
     """Begin or resume an experiment, give it results without driving, and return all there are."""
-    with opened(path, experiment, EXECUTION, experiment.trials(), **options) as folder:
+    with ResultsFolder.open(
+        path, experiment, EXECUTION, experiment.trials(), **options
+    ) as folder:
         for spec in folder.remaining[:count]:
             folder.append(record(spec))
         return folder.results()
@@ -43,7 +50,7 @@ def test_a_folder_without_a_result_is_taken_over(tmp_path):
     (tmp_path / "logs" / "planner.log").write_text("No such file")
     mended = replace(typo, planners=(PlannerChoice("mine", command="python3 mine.py"),))
     keep(tmp_path, mended, 1)
-    assert RunFile.read(tmp_path).configuration() == mended
+    assert RunFile.read(tmp_path).run_config() == mended
     assert not (tmp_path / "logs").exists()
     with pytest.raises(
         ConfigError,
@@ -87,11 +94,11 @@ def test_sessions_are_kept_one_after_the_other(tmp_path):
 
 
 def test_a_planner_whose_source_is_not_known_is_not_resumed(tmp_path):
-    live = replace(GAP, planners=(PlannerChoice("mine", source=NO_SOURCE),))
+    live = replace(GAP, planners=(PlannerChoice("mine", source=UNKNOWN_SOURCE),))
     keep(tmp_path, live, 1)
     with pytest.raises(
         ConfigError,
-        match="'mine' has no source, so that whether it is the same cannot be told",
+        match="'mine': its source is unknown, so the run cannot be resumed",
     ):
         keep(tmp_path, live)
     known = replace(GAP, planners=(PlannerChoice("mine", source="0" * 64),))
@@ -114,14 +121,14 @@ def test_another_robot_is_not_mixed_in(tmp_path):
     [
         ("{}", "schema_version must be 2, got None"),
         ('{"schema_version": 3, "experiment": {}}', "schema_version must be 2, got 3"),
-        ('{"schema_version": 2, "experiment": 3}', "holds no experiment"),
+        ('{"schema_version": 2, "experiment": 3}', "describes no run"),
         ('{"schema_version": 2, "experiment": {"planners": 3}}', "run.json: planners "),
     ],
 )
 def test_what_is_no_experiment_is_refused_in_one_line(tmp_path, text, told):
     (tmp_path / "run.json").write_text(text)
     with pytest.raises(ConfigError) as caught:
-        RunFile.read(tmp_path).configuration()
+        RunFile.read(tmp_path).run_config()
     assert told in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -137,7 +144,7 @@ def test_what_is_no_experiment_is_refused_in_one_line(tmp_path, text, told):
         (
             "trial_id",
             "dwa_w0999_r00",
-            "holds a result of dwa_w0999_r00, which is no trial of this experiment",
+            "holds a result of dwa_w0999_r00, which is no trial of this run",
         ),
     ],
 )
@@ -202,7 +209,7 @@ def trials():
 
 
 def keep_whole(path):
-    with opened(path, GAP, EXECUTION, trials()) as folder:
+    with ResultsFolder.open(path, GAP, EXECUTION, trials()) as folder:
         for spec in folder.remaining:
             folder.append(record(spec))
         folder.complete()
@@ -210,7 +217,7 @@ def keep_whole(path):
 
 def test_two_writers_do_not_touch_each_others_files(tmp_path):
     """The second comes while the first is recording a bag."""
-    with opened(tmp_path, GAP, EXECUTION, trials()) as folder:
+    with ResultsFolder.open(tmp_path, GAP, EXECUTION, trials()) as folder:
         partial = tmp_path / "bags" / f"{folder.remaining[0].trial_id}.partial"
         partial.mkdir(parents=True)
         with pytest.raises(

@@ -28,7 +28,7 @@ from barn_eval.learning.episodes import (  # noqa: E402
 from barn_eval.running.direct import run_direct_trial  # noqa: E402
 from barn_eval.trials.outcome import Outcome, Verdict  # noqa: E402
 from barn_eval.trials.protocol import CHALLENGE, KNOWN_MAP, PAPER_2020  # noqa: E402
-from barn_eval.trials.run_config import Experiment, PlannerChoice  # noqa: E402
+from barn_eval.trials.run_config import PlannerChoice, RunConfig  # noqa: E402
 from barn_eval.trials.spec import simulator_config  # noqa: E402
 from barn_planners.policy.file import Policy, PolicyNetwork, write_policy  # noqa: E402
 from barn_planners.policy.planner import SafetyConfig  # noqa: E402
@@ -136,7 +136,7 @@ def test_an_episode_is_the_trial_of_the_benchmark_to_the_last_bit(
     settings = {"policy_path": str(tmp_path / "policy.npz"), "safety.enabled": shield}
     planners = (PlannerChoice("policy", overrides=settings),)
     rules = {"protocol": protocol, "simulator": simulator_config(protocol)}
-    experiment = Experiment(planners=planners, repetitions=2, seed=3, **rules)
+    experiment = RunConfig(planners=planners, repetitions=2, seed=3, **rules)
     finished = run_direct_trial(experiment.trials([world])[1])
     network = PolicyNetwork(policy)
     seen, info = env.reset(

@@ -7,23 +7,23 @@ import pytest
 from reproduce_work import write_made_up
 
 from barn_eval.analysis.compare import compare_folders
-from barn_eval.results.folder import fair_order
+from barn_eval.results.folder import order_trials_fairly
 from barn_eval.ros.supervision import nodes
 from barn_eval.trials.protocol import (
     CHALLENGE,
     KNOWN_MAP,
     PAPER_2020,
     PROTOCOLS,
-    check_name,
+    check_protocol_name,
 )
-from barn_eval.trials.run_config import Experiment, PlannerChoice
+from barn_eval.trials.run_config import PlannerChoice, RunConfig
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.base.errors import BarnError, ConfigError
 
 
 def experiment(protocol=CHALLENGE, worlds="0,9", **changes):
     simulator = simulator_config(protocol, changes.pop("simulator", {}))
-    return Experiment(worlds=worlds, protocol=protocol, simulator=simulator, **changes)
+    return RunConfig(worlds=worlds, protocol=protocol, simulator=simulator, **changes)
 
 
 def test_six_protocols_are_offered():
@@ -50,12 +50,12 @@ def test_six_protocols_are_offered():
 
 @pytest.mark.parametrize("name", PROTOCOLS)
 def test_a_built_in_name_stands_for_the_built_in_rules(name):
-    check_name(PROTOCOLS[name])
+    check_protocol_name(PROTOCOLS[name])
     with pytest.raises(
         ConfigError,
         match=rf"name: '{name}' is built in with another goal_distance_m; give this one",
     ):
-        check_name(replace(PROTOCOLS[name], goal_distance_m=4.0))
+        check_protocol_name(replace(PROTOCOLS[name], goal_distance_m=4.0))
 
 
 def test_every_change_of_the_task_changes_its_fingerprint():
@@ -139,16 +139,16 @@ def test_every_beginning_of_the_trials_is_like_the_whole():
         repetitions=2,
         planners=(PlannerChoice("dwa"), PlannerChoice("eband")),
     ).trials()
-    order = fair_order(specs)
+    order = order_trials_fairly(specs)
     assert sorted(spec.trial_id for spec in order) == sorted(
         spec.trial_id for spec in specs
     )
     assert [spec.planner for spec in order[:4]] == ["dwa", "eband"] * 2
     assert [spec.repetition for spec in order] == [0] * 128 + [1] * 128
     for count in (8, 16, 32, 64):
-        worlds = {spec.index for spec in order[:count]}
+        worlds = {spec.world_number for spec in order[:count]}
         assert sorted(worlds) == list(range(0, 64, 128 // count))
-    assert fair_order(specs[:2]) == specs[:2]
+    assert order_trials_fairly(specs[:2]) == specs[:2]
 
 
 def test_the_map_that_is_given_holds_start_and_goal():

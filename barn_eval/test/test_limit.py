@@ -12,8 +12,8 @@ from barn_eval.running.direct import run_direct_trial
 from barn_eval.running.request import read_request
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN, PAPER_2020
-from barn_eval.trials.run_config import Experiment, PlannerChoice
-from barn_eval.trials.spec import SLIP
+from barn_eval.trials.run_config import PlannerChoice, RunConfig
+from barn_eval.trials.spec import WHEEL_SLIP
 from barn_planners.interface import Decision
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Velocity2D, wrap_angle
@@ -72,9 +72,7 @@ def test_no_robot_beats_the_least_time_by_swinging(open_world, robot, share):
 
 @pytest.mark.parametrize("planner", ["dwa", "eband", "gap", "mppi", "policy"])
 def test_our_planners_keep_to_their_caps_and_to_the_least_time(planner):
-    [spec] = Experiment(
-        planners=(PlannerChoice(planner),), worlds="15", seed=2
-    ).trials()
+    [spec] = RunConfig(planners=(PlannerChoice(planner),), worlds="15", seed=2).trials()
     finished = run_direct_trial(spec)
     assert np.nanmax(np.abs(finished.trajectory.command[:, 0])) <= spec.declared_mps
     assert (
@@ -114,7 +112,10 @@ def test_obstacles_count_where_a_contact_ends_the_trial_and_truth_decides():
         (BARN300.load(number) for number in range(0, 300, 30)),
         key=lambda one: spec_of(one).least_time_s,
     )
-    period_s, fastest = CHALLENGE.control_period_s, 0.5 * (1.0 + SLIP["skid_steer"])
+    period_s, fastest = (
+        CHALLENGE.control_period_s,
+        0.5 * (1.0 + WHEEL_SLIP["skid_steer"]),
+    )
     straight_s = (
         10.0 - CHALLENGE.goal_distance_m - CHALLENGE.clock_start_distance_m
     ) / fastest - period_s
@@ -166,7 +167,7 @@ def test_a_planner_of_ones_own_declares_its_cap_as_a_setting():
 
 
 def test_the_cap_of_our_planners_follows_from_their_parameters():
-    [spec] = Experiment(
+    [spec] = RunConfig(
         planners=(PlannerChoice("dwa", overrides={"dwa.max_speed_mps": 0.3}),),
         worlds="0",
     ).trials()

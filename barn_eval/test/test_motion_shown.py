@@ -21,8 +21,8 @@ from barn_eval.pages.replay.payload import bounds, payload
 from barn_eval.pages.report.maps import overlay
 from barn_eval.pages.report.page import build_report, report_page
 from barn_eval.pages.report.trials import trial_data
-from barn_eval.results.bags.movers import RecordedMotions, gaps_to
-from barn_eval.results.bags.recorded import read_recorded
+from barn_eval.results.bags.movers import RecordedMotions, compute_gaps
+from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.folder import read_results
 from barn_eval.trials.protocol import DYNABARN
 from barn_worlds.geometry.bodies import Bodies, wall_bodies
@@ -86,14 +86,14 @@ def test_between_two_poses_an_obstacle_goes_straight_and_after_the_last_it_goes_
 
 
 def test_poses_and_clearance_are_those_of_the_world_and_of_the_result(bag, world):
-    recorded = read_recorded(bag)
+    recorded = read_recorded_trial(bag)
     moving, motion = recorded.moving, recorded.result["motion"]
     exact = world.tracks.over(recorded.times_s + motion["phase_s"])[0]
     off_m = np.linalg.norm(moving.at(recorded.times_s) - exact, axis=2)
     assert np.median(off_m) < 1e-3
     assert (off_m > 0.02).mean() < 0.01
     assert (off_m > 0.5).sum() <= moving.jumps.sum()  # a jump lies between two poses
-    expected = gaps_to(
+    expected = compute_gaps(
         moving.bodies, wall_bodies(world.walls), exact, recorded.poses, recorded.outline
     )
     assert np.median(np.abs(recorded.clearance_m - expected)) < 1e-3
@@ -109,8 +109,8 @@ def test_poses_and_clearance_are_those_of_the_world_and_of_the_result(bag, world
 def test_without_shapes_or_poses_nothing_is_drawn_and_the_page_says_why(
     bag, tmp_path, topic
 ):
-    recorded = read_recorded(
-        some_of(bag, tmp_path / "bag", topic.__ne__, read_recorded(bag).trial)
+    recorded = read_recorded_trial(
+        some_of(bag, tmp_path / "bag", topic.__ne__, read_recorded_trial(bag).trial)
     )
     assert recorded.moving is None and np.isnan(recorded.clearance_m).all()
     why = [
@@ -124,13 +124,13 @@ def test_without_shapes_or_poses_nothing_is_drawn_and_the_page_says_why(
 def test_walls_are_recorded_and_drawn_where_nothing_moves(world, tmp_path, open_page):
     still = replace(world, moving=())
     planners.recorded(spec_of(still, DYNABARN), tmp_path / "bag")
-    recorded = read_recorded(tmp_path / "bag")
+    recorded = read_recorded_trial(tmp_path / "bag")
     np.testing.assert_allclose(
         recorded.moving.walls.poses, wall_bodies(still.walls).poses, atol=1e-12
     )
     assert recorded.moving.places.shape[1:] == (0, 2)
     moving, times_s = recorded.moving, recorded.times_s
-    near = gaps_to(
+    near = compute_gaps(
         moving.bodies,
         moving.walls,
         moving.at(times_s),
@@ -150,7 +150,7 @@ def test_walls_are_recorded_and_drawn_where_nothing_moves(world, tmp_path, open_
 
 
 def test_a_page_has_what_moves_in_millimetres_and_the_measures_made_for_it(bag):
-    recorded = read_recorded(bag)
+    recorded = read_recorded_trial(bag)
     data = payload(recorded)
     raw = zlib.decompress(base64.b64decode(data["packed"]["zlib"]))
     kind, offset, length = data["packed"]["arrays"]["mover_places"]
@@ -177,7 +177,10 @@ def violet(pixels):
 
 def test_pictures_and_films_show_what_moves(bag, tmp_path):
     still = some_of(
-        bag, tmp_path / "still", "/moving_obstacles".__ne__, read_recorded(bag).trial
+        bag,
+        tmp_path / "still",
+        "/moving_obstacles".__ne__,
+        read_recorded_trial(bag).trial,
     )
     for camera in ("chase", "top"):
         seen = [tmp_path / f"{camera}_{name}.png" for name in ("moving", "still")]
@@ -259,7 +262,7 @@ def test_pictures_of_an_environment_show_what_moves(monkeypatch):
 def test_pages_move_obstacles_as_the_world_does(
     bag, folder, world, tmp_path, open_page
 ):
-    recorded = read_recorded(bag)
+    recorded = read_recorded_trial(bag)
     phase_s = recorded.result["motion"]["phase_s"]
     other = bag.with_name(bag.name.replace("gap_", "dwa_"))
     write_replay([bag, other], [tmp_path / "two.html"])

@@ -18,8 +18,8 @@ from barn_eval.analysis.planners import colours
 from barn_eval.analysis.sources import read_entries
 from barn_eval.pages.replay.files import camera_frames, write_replay
 from barn_eval.pages.report.maps import choose, overlay
-from barn_eval.results.bags.recorded import read_recorded
-from barn_eval.results.tracks import from_track_line
+from barn_eval.results.bags.recorded import read_recorded_trial
+from barn_eval.results.tracks import parse_track_line
 from barn_sim.drawing.camera import SIZES
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.worlds.dataset import open_dataset
@@ -38,7 +38,7 @@ def test_a_film_without_ffmpeg_is_refused_in_one_line(bag, tmp_path, monkeypatch
 
 
 def test_pictures_and_animations(bag, tmp_path):
-    recorded = read_recorded(bag)
+    recorded = read_recorded_trial(bag)
     write_replay([bag], [tmp_path / "end.png"])
     with Image.open(tmp_path / "end.png") as picture:
         assert len(picture.convert("RGB").resize((60, 90)).getcolors(10_000)) > 20
@@ -90,7 +90,7 @@ open(sys.argv[-1], "w").write(" ".join(sys.argv[1:-1]) + f"|{{size}}")
 
 
 def test_a_film_gets_each_frame_whole_or_is_not_there(bag, tmp_path, monkeypatch):
-    recorded = read_recorded(bag)
+    recorded = read_recorded_trial(bag)
     written = tmp_path / "trial.mp4"
     (tmp_path / "ffmpeg").write_text(FILM_MAKER)
     (tmp_path / "ffmpeg").chmod(0o755)
@@ -132,7 +132,7 @@ def test_each_trial_is_drawn_where_it_drove_in_the_colour_of_its_planner(folder)
     shades = dict(zip(("gap", "dwa"), colours(["gap", "dwa"]), strict=True))
     for line, one in zip(lines, chosen, strict=True):
         assert to_hex(line.get_color()[0]).upper() == shades[one.result.planner]
-        kept = from_track_line(one.entry.source.tracks[one.result.trial_id], "")[
+        kept = parse_track_line(one.entry.source.tracks[one.result.trial_id], "")[
             1
         ].samples
         assert np.array(line.get_segments())[:, 0].tolist() == kept[:-1, 1:3].tolist()

@@ -111,7 +111,7 @@ def test_the_phase_belongs_to_the_protocol_and_to_its_fingerprint(tmp_path):
         and simulator_config(DYNABARN).obstacles.random_phase
     )
     fingerprints = {
-        identity.fingerprint(identity.task(one, simulator_config(one)))
+        identity.fingerprint(identity.task_content(one, simulator_config(one)))
         for one in (zero, DYNABARN)
     }
     assert len(fingerprints) == 2
@@ -240,12 +240,12 @@ def test_a_course_of_the_worlds_own_is_not_for_maps_that_are_off(open_world):
 def test_a_rule_in_larger_cells_counts_from_the_first_column_or_its_anchor(
     rule, expected
 ):
-    assert rule.sized(2.0, 6.0) == expected
+    assert rule.scaled_to(2.0, 6.0) == expected
 
 
 def test_distances_for_another_robot_are_in_the_cells_of_its_world(open_world):
     world = replace(open_world, resolution_m=0.2)
-    rules = CHALLENGE_2022_03.sized(world, HUSKY)
+    rules = CHALLENGE_2022_03.scaled_to(world, HUSKY)
     assert world.cell_centres_m(np.array([[0, 0]]))[0, 1] == pytest.approx(
         5.2 + 0.1
     )  # the first column is at 5.2 m
@@ -273,7 +273,7 @@ def test_distances_for_another_robot_are_in_the_cells_of_its_world(open_world):
 def test_rules_are_in_metres_unless_another_robot_drives_in_other_cells(
     open_world, protocol, chassis, changes
 ):
-    assert protocol.sized(replace(open_world, **changes), chassis) is protocol
+    assert protocol.scaled_to(replace(open_world, **changes), chassis) is protocol
 
 
 def test_another_robot_starts_clear_of_the_back_wall(open_world):
@@ -286,12 +286,12 @@ def test_another_robot_starts_clear_of_the_back_wall(open_world):
         replace(HUSKY, footprint_m=corners),
         replace(CHALLENGE, start=PoseRule(y_m=2.4)),
     )
-    assert near.sized(world, robot).start.y_m == 0.75
+    assert near.scaled_to(world, robot).start.y_m == 0.75
     with pytest.raises(
         ConfigError,
         match=r"^world open: robot husky does not fit between .*, 5\.2 m, at the start of",
     ):
-        replace(near, start=PoseRule(y_m=2.39)).sized(world, robot)
+        replace(near, start=PoseRule(y_m=2.39)).scaled_to(world, robot)
 
 
 def test_only_a_map_that_is_given_can_be_off(open_world):

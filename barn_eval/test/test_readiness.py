@@ -15,7 +15,7 @@ from barn_eval.ros.readiness import (
     inspect,
 )
 from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.ros_config import Patience
+from barn_eval.trials.ros_config import WaitLimits
 
 SCAN = "sensor_msgs/msg/LaserScan"
 ACTION = "nav2_msgs/action/NavigateToPose"
@@ -212,7 +212,7 @@ def test_commands_without_guarantee_of_delivery_are_taken_and_known_as_such():
         assert (finding.text(), finding.command_reliable) == ("", reliable)
 
 
-PATIENCE = Patience(command_s=5.0, clock_s=3.0, vanished_s=1.0, trial_s=60.0)
+PATIENCE = WaitLimits(command_s=5.0, clock_s=3.0, vanished_s=1.0, trial_s=60.0)
 
 
 def quiet(watch, now_s, *, ticks=True, commands=True, publisher=True):
@@ -239,7 +239,7 @@ def test_each_silence_has_its_own_outcome():
 
 
 def test_a_simulator_that_is_stuck_is_not_the_planners_silence():
-    watch = Watchdog(Patience(command_s=3.0, clock_s=5.0), 0.0)
+    watch = Watchdog(WaitLimits(command_s=3.0, clock_s=5.0), 0.0)
     quiet(watch, 1.0)
     quiet(watch, 5.0, ticks=False, commands=False)
     assert watch.judge(5.0, moved=True) is None
@@ -262,7 +262,7 @@ def test_a_trial_without_end():
 
 
 def test_a_planner_at_a_fifth_of_a_hertz_is_ended_after_a_minute():
-    watch = Watchdog(Patience(), 0.0)
+    watch = Watchdog(WaitLimits(), 0.0)
     found, second = None, 0
     while (
         found is None
@@ -285,7 +285,7 @@ def test_a_planner_at_a_fifth_of_a_hertz_is_ended_after_a_minute():
     ids=["slow enough", "the simulator is slow"],
 )
 def test_a_slow_planner_or_a_slow_simulator_is_not_ended(pace, owed):
-    watch = Watchdog(Patience(), 0.0)
+    watch = Watchdog(WaitLimits(), 0.0)
     for second in range(0, 600, 5):
         quiet(watch, float(second))
         assert (

@@ -117,7 +117,7 @@ def test_referees_may_keep_what_they_know_in_rows_that_are_judged_at_once():
         None,
         None,
     ]
-    assert [one.standing.left_m for one in referees] == [5.0, 3.0, 5.0]
+    assert [one.standing.goal_distance_m for one in referees] == [5.0, 3.0, 5.0]
     assert referees[2].observe(*reading(1, 4.5)).outcome is Outcome.SUCCESS
 
 

@@ -14,7 +14,7 @@ from barn_eval.pages.replay.files import write_replay
 from barn_eval.pages.replay.page import labels, replay_page
 from barn_eval.pages.replay.payload import bounds, progress_m
 from barn_eval.results.bags.bagfile import BagFile
-from barn_eval.results.bags.recorded import read_recorded
+from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.bags.recorder import Recorder
 from barn_eval.trials.protocol import DYNABARN, PAPER_2020
 from barn_planners.runtime.messages import MOST_SHOWN
@@ -38,7 +38,7 @@ def either_bag(request):
 
 def test_what_the_scans_hit_is_drawn_where_they_hit_it(bag):
     """The map that the paper's protocol gives is off by a cell, and a pose that is matched to it is drawn there."""
-    recorded = read_recorded(bag)
+    recorded = read_recorded_trial(bag)
     assert recorded.map_frame == Pose2D(0.0, 0.15, 0.0)
     assert any("0.15 m" in note for note in recorded.notes)
     grid = recorded.map
@@ -77,7 +77,7 @@ def copy_of(bag, path, change):
 
 
 def test_poses_scans_and_result_are_those_of_the_bag(bag):
-    recorded = read_recorded(bag)
+    recorded = read_recorded_trial(bag)
     with Reader(bag) as reader:
         truth = [
             connection
@@ -114,8 +114,8 @@ def test_poses_scans_and_result_are_those_of_the_bag(bag):
 
 
 def test_a_cut_off_bag_is_replayed_as_far_as_it_goes(either_bag, tmp_path):
-    whole = read_recorded(either_bag)
-    cut = read_recorded(
+    whole = read_recorded_trial(either_bag)
+    cut = read_recorded_trial(
         copy_of(either_bag, tmp_path / "cut", lambda data: data[: len(data) * 6 // 10])
     )
     assert 0.2 < len(cut.times_s) / len(whole.times_s) < 0.9
@@ -142,13 +142,13 @@ def test_a_bag_that_ends_within_a_number_is_cut_off_and_not_damaged(
 
 
 def test_a_damaged_bag_is_replayed_as_far_as_it_is_whole(either_bag, tmp_path):
-    whole = read_recorded(either_bag)
+    whole = read_recorded_trial(either_bag)
     (file,) = either_bag.glob("*.mcap")
     there = file.read_bytes()[file.stat().st_size // 2 :][:64]
     damaged = copy_of(
         either_bag, tmp_path / "damaged", lambda data: data.replace(there, bytes(64))
     )
-    hurt = read_recorded(damaged)
+    hurt = read_recorded_trial(damaged)
     assert 0.1 < len(hurt.times_s) / len(whole.times_s) < 0.9
     assert hurt.notes[0].startswith("the bag is damaged after ")
 
@@ -174,9 +174,9 @@ def test_files_that_are_no_bags_are_refused_in_one_line(
 
 def test_folders_without_a_bag_are_refused(tmp_path):
     with pytest.raises(BagError, match="no such bag"):
-        read_recorded(tmp_path / "nowhere")
+        read_recorded_trial(tmp_path / "nowhere")
     with pytest.raises(BagError, match="holds no bag"):
-        read_recorded(tmp_path)
+        read_recorded_trial(tmp_path)
 
 
 def test_a_bag_of_something_else_is_refused(tmp_path):
@@ -189,7 +189,7 @@ def test_a_bag_of_something_else_is_refused(tmp_path):
     with pytest.raises(
         BagError, match=r"no poses of a robot on /ground_truth/odom or /odom"
     ):
-        read_recorded(tmp_path / "talk")
+        read_recorded_trial(tmp_path / "talk")
 
 
 def test_a_foreign_bag_in_sqlite_with_odometry_alone_is_replayed(bag, tmp_path):
@@ -209,12 +209,12 @@ def test_a_foreign_bag_in_sqlite_with_odometry_alone_is_replayed(bag, tmp_path):
             [one for one in reader.connections if one.topic == "/odom"]
         ):
             writer.write(odometry, stamp, data)
-    recorded = read_recorded(path)
+    recorded = read_recorded_trial(path)
     assert (recorded.frame, recorded.map) == ("odom", None)
     notes = " ".join(recorded.notes)
     assert "positions are those of the odometry" in notes
     assert "/map is left out: its type is std_msgs/msg/String" in notes
-    assert len(recorded.times_s) == len(read_recorded(bag).times_s)
+    assert len(recorded.times_s) == len(read_recorded_trial(bag).times_s)
 
 
 def some_of(bag, path, wanted, about):
@@ -236,7 +236,7 @@ def test_without_static_transforms_the_lidar_is_where_the_trial_has_it(
 ):
     """As in bags of trials over ROS where tf2_msgs is not installed; another's bag says nothing of its lidar."""
     about = {"simulator": {"lidar": {"mount_x_m": 0.2}}} if specified else {}
-    recorded = read_recorded(
+    recorded = read_recorded_trial(
         some_of(
             bag, tmp_path / "bare", {"/ground_truth/odom", "/scan"}.__contains__, about
         )
@@ -246,7 +246,7 @@ def test_without_static_transforms_the_lidar_is_where_the_trial_has_it(
 
 
 def test_the_world_is_that_of_the_bag(bag, tmp_path):
-    world, recorded = open_dataset("barn300").load(0), read_recorded(bag)
+    world, recorded = open_dataset("barn300").load(0), read_recorded_trial(bag)
     assert recorded.scene.cylinders_m.tolist() == world.cylinders_m.tolist()
     assert (recorded.scene.start.x, recorded.scene.start.y) == pytest.approx(
         tuple(recorded.poses[0, :2]), abs=1e-3
@@ -265,7 +265,7 @@ def test_the_world_is_that_of_the_bag(bag, tmp_path):
     assert above >= max(
         world.bounds_m[3], recorded.scene.goal.y + recorded.scene.goal_distance_m
     )
-    other = read_recorded(
+    other = read_recorded_trial(
         some_of(
             bag, tmp_path / "other", lambda topic: topic != "/world", recorded.trial
         )
@@ -276,7 +276,7 @@ def test_the_world_is_that_of_the_bag(bag, tmp_path):
 
 
 def test_progress_is_along_the_path_and_never_back(bag):
-    recorded = read_recorded(bag)
+    recorded = read_recorded_trial(bag)
     along_m = progress_m(recorded)
     assert along_m[0] == pytest.approx(0.0, abs=0.05)
     assert (np.diff(along_m) >= 0.0).all()
@@ -291,7 +291,7 @@ def test_progress_is_along_the_path_and_never_back(bag):
 
 
 def test_trials_are_told_apart_by_planner_then_bag_then_folder(bag):
-    first = read_recorded(bag)
+    first = read_recorded_trial(bag)
     other = replace(first, trial=first.trial | {"planner": {"name": "dwa"}})
     assert labels([first, other]) == ["gap", "DWA"]
     assert labels([first, replace(first, name="later")]) == [
@@ -306,7 +306,7 @@ def test_trials_are_told_apart_by_planner_then_bag_then_folder(bag):
 
 
 def test_texts_of_a_bag_are_shown_and_not_run(either_bag, tmp_path):
-    recorded = read_recorded(either_bag)
+    recorded = read_recorded_trial(either_bag)
     recorded.result["detail"] = recorded.result["planner"] = EVIL
     recorded.trial["world"]["name"] = EVIL
     page = replay_page(recorded)
@@ -356,7 +356,7 @@ def test_the_page_plays_pauses_scrubs_and_changes_speed(bag, open_page, tmp_path
 def test_two_trials_on_one_clock_looked_at_by_mouse_and_by_keys(
     bag, open_page, screenshots, tmp_path
 ):
-    recorded = read_recorded(bag)
+    recorded = read_recorded_trial(bag)
     touched = replace(
         recorded,
         contact=(recorded.times_s > 2.0) & (recorded.times_s < 2.3),

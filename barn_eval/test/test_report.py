@@ -27,9 +27,9 @@ from barn_eval.pages.report.page import build_report, report_page, write_assets
 from barn_eval.pages.report.trials import trial_data
 from barn_eval.pages.template import script_json
 from barn_eval.results.folder import read_results
-from barn_eval.results.tracks import NO_NUMBER
+from barn_eval.results.tracks import MISSING_SAMPLE
 from barn_eval.running.request import read_request
-from barn_eval.trials.run_config import Experiment
+from barn_eval.trials.run_config import RunConfig
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.worlds.dataset import open_dataset
@@ -123,7 +123,7 @@ def test_a_packed_track_is_the_trajectory_to_within_its_steps(run):
     assert kind == "Int16Array"
     whole = np.frombuffer(data, "<i2", length, offset).reshape(9, -1)
     whole = np.cumsum(whole, axis=1, dtype=np.int16).T
-    np.testing.assert_array_equal(whole == NO_NUMBER, np.isnan(track.samples))
+    np.testing.assert_array_equal(whole == MISSING_SAMPLE, np.isnan(track.samples))
     known = ~np.isnan(track.samples)
     apart = np.abs(whole * np.array(packed["steps"]) - track.samples)
     assert (apart <= 0.5001 * np.array(packed["steps"]))[known].all()
@@ -134,7 +134,7 @@ def test_a_packed_track_is_the_trajectory_to_within_its_steps(run):
 
 
 def test_the_command_to_repeat_a_campaign_gives_its_configuration(tmp_path):
-    config = Experiment(worlds="0:9:3", repetitions=2, seed=7, bags="failed")
+    config = RunConfig(worlds="0:9:3", repetitions=2, seed=7, bags="failed")
     planner = replace(config.planners[0], overrides={"dwa.sim_time_s": 1.5})
     config = replace(config, planners=(planner,))
     source = Source(
@@ -161,7 +161,7 @@ def test_folders_that_cannot_be_reported_are_refused_in_one_line(
     for paths, told in (
         ([tmp_path / "nowhere"], "run.json: No such file"),
         ([tmp_path / "empty"], "run.json: No such file"),
-        ([tmp_path / "strange"], "holds no experiment"),
+        ([tmp_path / "strange"], "describes no run"),
         ([folder, folder], "is named twice"),
     ):
         assert told in rejected("report", *paths, "--out", "out.html")

@@ -9,13 +9,13 @@ import reproduce_work
 from reproduce_work import write_made_up
 from rich.console import Console
 
-from barn_eval.results.folder import opened
-from barn_eval.results.store import Record
+from barn_eval.results.folder import ResultsFolder
+from barn_eval.results.store import TrialRecord
 from barn_eval.studies.reproduction import findings
 from barn_eval.studies.reproduction.findings import QUICK, paper_campaign
 from barn_eval.studies.reproduction.findings import reproduce as findings_of
 from barn_eval.studies.reproduction.page import page, read_results, write_results
-from barn_eval.trials.run_config import Execution
+from barn_eval.trials.run_config import ExecutionConfig
 from barn_metrics.bootstrap import Interval
 
 TINY = replace(QUICK, strata=10, repetitions=2, folds=2)
@@ -41,15 +41,19 @@ def made_up(config, out):
 
 
 def reproduce(config, out):
-    findings, origin = findings_of(config, out, Execution(engine="inline"), CONSOLE)
+    findings, origin = findings_of(
+        config, out, ExecutionConfig(engine="inline"), CONSOLE
+    )
     return findings, write_results(findings, origin, out)
 
 
 def test_only_trials_that_are_missing_are_driven(tmp_path):
     experiment, rows = paper_campaign(TINY), tmp_path / "campaign" / "results.jsonl"
-    with opened(rows.parent, experiment, Execution(), experiment.trials()) as folder:
+    with ResultsFolder.open(
+        rows.parent, experiment, ExecutionConfig(), experiment.trials()
+    ) as folder:
         for spec in folder.remaining[2:]:
-            folder.append(Record(reproduce_work.made_up(spec), None))
+            folder.append(TrialRecord(reproduce_work.made_up(spec), None))
     before = rows.read_bytes()
     found = reproduce(TINY, tmp_path)[0]
     after = rows.read_bytes()

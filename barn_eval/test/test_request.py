@@ -7,8 +7,8 @@ import pytest
 from barn_eval.running import request
 from barn_eval.running.command_files import keep_told, told_parameters
 from barn_eval.trials.protocol import CHALLENGE
-from barn_eval.trials.ros_config import RosSetup
-from barn_eval.trials.run_config import Execution, Experiment, PlannerChoice
+from barn_eval.trials.ros_config import RosConfig
+from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import BarnError, ConfigError
@@ -62,9 +62,9 @@ def test_a_file_says_it_all(file):
         PlannerChoice("dwa"),
         PlannerChoice("eband", "challenge", {"band.external_gain": 2.0}),
     )
-    execution = Execution(workers=4, trial_limit_s=90.0)
+    execution = ExecutionConfig(workers=4, trial_limit_s=90.0)
     assert read_request(file, {}) == request.Request(
-        Experiment(planners=planners, **rules), execution, Path("results")
+        RunConfig(planners=planners, **rules), execution, Path("results")
     )
 
 
@@ -96,8 +96,8 @@ def test_an_option_counts_instead_of_what_the_file_says(file):
 
 def test_a_configuration_comes_back_from_plain_data(file):
     config = read_request(file, {}).experiment
-    assert from_dict(Experiment, as_dict(config), "run.json") == config
-    assert config.ros == RosSetup()
+    assert from_dict(RunConfig, as_dict(config), "run.json") == config
+    assert config.ros == RosConfig()
 
 
 def test_trials_share_everything_but_the_planner(file):
@@ -119,7 +119,7 @@ def test_trials_share_everything_but_the_planner(file):
 
 def test_what_nobody_says_has_its_default():
     asked = read_request(None, {})
-    assert (asked.experiment, asked.execution) == (Experiment(), Execution())
+    assert (asked.experiment, asked.execution) == (RunConfig(), ExecutionConfig())
     assert asked.out.parent == Path("out")
 
 
@@ -228,7 +228,7 @@ def test_a_command_gives_its_planner_a_name(command, name):
     [
         (
             {"planners": "dwa,dwa:challenge"},
-            "names 'dwa' twice; make two experiments and use `barn compare`",
+            "names 'dwa' twice; make two runs and use `barn compare`",
         ),
         ({"planners": []}, "must name at least one planner"),
         ({"planners": 3}, "planners must be a list of names, got 3"),
@@ -338,12 +338,12 @@ def test_files_that_a_command_names_are_known_by_their_content(tmp_path):
     before = [one.planners[0].files for one in made()]
     assert before[0] == before[1]
     assert set(before[0]) == {str(parameters), str(script)}
-    earlier = [one.settings(one.planners[0])["planner_config"] for one in made()]
+    earlier = [one.resolve_planner(one.planners[0]).fingerprint for one in made()]
     parameters.write_text("a: 2")
     changed = made()[0]
     assert changed.planners[0].files[str(script)] == before[0][str(script)]
     assert changed.planners[0].files[str(parameters)] != before[0][str(parameters)]
-    assert changed.settings(changed.planners[0])["planner_config"] not in earlier
+    assert changed.resolve_planner(changed.planners[0]).fingerprint not in earlier
 
 
 def test_parameters_that_nodes_tell_are_kept_and_may_not_change(tmp_path):

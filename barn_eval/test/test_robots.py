@@ -77,7 +77,7 @@ def test_mistakes_are_one_line(rejected, arguments, said):
 def test_tasks_of_other_robots_have_fingerprints_of_their_own():
     jackal = simulator_config(CHALLENGE, {})
     husky = with_robot(jackal, barn.robots.load("husky"))
-    tasks = [identity.task(CHALLENGE, config) for config in (jackal, husky)]
+    tasks = [identity.task_content(CHALLENGE, config) for config in (jackal, husky)]
     assert tasks[0]["robot"] != tasks[1]["robot"]
     assert identity.first_difference(*tasks) is not None
     # whoever changes it makes earlier results those of another task

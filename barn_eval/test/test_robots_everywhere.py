@@ -10,7 +10,7 @@ import pytest
 import barn_eval as barn
 from barn_eval.analysis.overview import repeat
 from barn_eval.analysis.sources import read_source
-from barn_eval.results.bags.recorded import read_recorded
+from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.run_file import RunFile
 from barn_eval.running.request import read_request
 from barn_eval.trials.protocol import CHALLENGE
@@ -117,7 +117,7 @@ def test_results_say_which_robot(folders):
     again = repeat(read_source(husky)).command
     assert "--robot husky" in again and "--sim" not in again
     assert "--robot" not in repeat(read_source(jackal)).command
-    recorded = read_recorded(next((husky / "bags").iterdir()))
+    recorded = read_recorded_trial(next((husky / "bags").iterdir()))
     assert recorded.chassis == HUSKY.chassis
     np.testing.assert_allclose(
         recorded.outline.extent_m, [-0.495, -0.335, 0.495, 0.335]

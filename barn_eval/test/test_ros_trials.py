@@ -23,15 +23,15 @@ from ros_runs import nothing_left  # noqa: F401 (a fixture)
 from rosbags.rosbag2 import Reader
 from waiting import until
 
-from barn_eval.results.bags.movers import gaps_to
-from barn_eval.results.bags.recorded import read_recorded
+from barn_eval.results.bags.movers import compute_gaps
+from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.folder import read_results
 from barn_eval.ros.supervision import start
 from barn_eval.ros.supervision.process import GuardedProcess
 from barn_eval.running.runner import ExperimentError
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN, PAPER_2020
-from barn_eval.trials.run_config import Experiment
+from barn_eval.trials.run_config import RunConfig
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.base.types import Pose2D
 from barn_worlds.geometry.bodies import wall_bodies
@@ -134,7 +134,7 @@ def test_a_free_running_trial_meets_the_obstacles_of_its_phase_where_its_scans_s
     (spec,) = plan.trials()
     assert result.outcome in (Outcome.TIMEOUT, Outcome.COLLISION)
     assert result.motion.phase_s == spec.phase_s
-    bag = read_recorded(tmp_path / "ros" / "bags" / spec.trial_id)
+    bag = read_recorded_trial(tmp_path / "ros" / "bags" / spec.trial_id)
     tracks, moving = spec.world.tracks, bag.moving
     assert len(moving.times_s) > 40
     np.testing.assert_allclose(
@@ -156,7 +156,7 @@ def test_a_free_running_trial_meets_the_obstacles_of_its_phase_where_its_scans_s
             tracks.at(spec.phase_s + one.time_s)[0][None], len(hits), axis=0
         )
         assert (
-            np.quantile(gaps_to(moving.bodies, walls, places, points, point), 0.95)
+            np.quantile(compute_gaps(moving.bodies, walls, places, points, point), 0.95)
             < 0.1
         )
 
@@ -275,7 +275,7 @@ def test_a_free_running_trial_with_late_commands_is_marked(tmp_path):
     assert (
         result.wall_clock.missed_share >= 0.15
     )  # of 50 scans a second, five in ten are not answered
-    assert result.wall_clock.late
+    assert result.wall_clock.is_late
     assert "without a command in time" in result.remarks
 
 
@@ -466,7 +466,7 @@ def test_the_nodes_started_by_hand(tmp_path, monkeypatch):
         "",
         "",
     )  # nobody told the evaluator
-    assert result.task == Experiment().trials([3])[0].task
+    assert result.task == RunConfig().trials([3])[0].task
     assert "/drive" in ros.messages(tmp_path / "run" / "bags" / result.trial_id)
 
 

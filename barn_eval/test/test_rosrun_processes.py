@@ -12,13 +12,13 @@ from pathlib import Path
 import pytest
 from waiting import alive, parent, until
 
-from barn_eval.results.run_file import isolated, isolation
+from barn_eval.ros.isolation import is_isolated, isolation
 from barn_eval.ros.supervision import guard, nodes
 from barn_eval.ros.supervision.process import EventChannel, GuardedProcess, last_lines
 from barn_worlds.base.errors import ConfigError
 
 KEPT_APART = pytest.mark.skipif(
-    not isolated(), reason=f"the kernel keeps no planner apart here: {isolation()}"
+    not is_isolated(), reason=f"the kernel keeps no planner apart here: {isolation()}"
 )
 # A command with a child that leaves its session and a grandchild that has lost its parent; `stubborn` ignores signals.
 FAMILY = """

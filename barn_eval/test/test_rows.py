@@ -14,9 +14,14 @@ from multiprocessing import get_context
 import pytest
 from waiting import until
 
-from barn_eval.results.rows import ResultRows, sealed
+from barn_eval.results.rows import RowFile, seal_line
 from barn_eval.trials.outcome import Outcome, Scores
-from barn_eval.trials.result import TrialResult, from_json_line, to_json_line, trial_id
+from barn_eval.trials.result import (
+    TrialResult,
+    format_trial_id,
+    from_json_line,
+    to_json_line,
+)
 from barn_eval.trials.trajectory import Encounters, Measures
 from barn_worlds.base.errors import ConfigError, StoreError
 from barn_worlds.base.files import write_whole
@@ -24,7 +29,7 @@ from barn_worlds.base.files import write_whole
 
 def result(number: int = 0) -> TrialResult:
     return TrialResult(
-        trial_id=trial_id("dwa", number, 0),
+        trial_id=format_trial_id("dwa", number, 0),
         dataset="set",
         world=number,
         world_name=f"world_{number}",
@@ -66,7 +71,7 @@ def result(number: int = 0) -> TrialResult:
 
 @pytest.fixture
 def rows(tmp_path):
-    return ResultRows(tmp_path)
+    return RowFile(tmp_path)
 
 
 def test_rows_come_back_as_they_were(rows):
@@ -94,13 +99,13 @@ def test_a_torn_line_is_left_out_and_cut_off_by_the_next_row(rows):
 
 
 LINE = to_json_line(result())
-SEALED = f"{sealed(LINE)}\n"
+SEALED = f"{seal_line(LINE)}\n"
 
 
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (f"{SEALED}{sealed('{}')}\n", "line 2: schema_version must be"),
+        (f"{SEALED}{seal_line('{}')}\n", "line 2: schema_version must be"),
         (SEALED * 2, "line 2: trial dwa_w0000_r00 is there already"),
         (SEALED.encode() + b"\xff\x00\n", "line 2: not JSON"),
         (f"{LINE}\n", "line 1: damaged or edited: has no crc32"),
@@ -119,7 +124,7 @@ def test_wrong_rows_are_named_by_file_and_line(rows, content, words):
 
 def append_rows(folder, reported):
     """Append rows without end, from after the last one that was reported, and report each."""
-    rows = ResultRows(folder)
+    rows = RowFile(folder)
     for number in range(reported.value + 1, 100_000):
         rows.append(result(number))
         reported.value = number
@@ -138,7 +143,7 @@ def test_kill_at_any_moment_loses_no_row_that_was_reported(tmp_path):
         time.sleep(0.05)
         writer.kill()
         writer.join()
-        found = [row.world for row in ResultRows(tmp_path).read()]
+        found = [row.world for row in RowFile(tmp_path).read()]
         assert found == list(range(len(found)))
         assert len(found) >= reported.value + 1
         reported.value = len(found) - 1

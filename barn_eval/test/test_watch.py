@@ -15,7 +15,7 @@ from report_work import EVIL, campaign, rewrite_rows
 
 from barn_eval.pages.live.server import CampaignState, Watch, state_of
 from barn_eval.results.folder import read_results
-from barn_eval.results.rows import ResultRows
+from barn_eval.results.rows import RowFile
 from barn_worlds.base.errors import ConfigError
 
 
@@ -55,7 +55,7 @@ def test_the_state_is_that_of_the_files_and_follows_them(folder):
     after = state.read()
     assert after["done"] == 32
     failures = [
-        row.trial_id for row in ResultRows(folder).read() if not row.scores.success
+        row.trial_id for row in RowFile(folder).read() if not row.scores.success
     ]
     assert [trial["id"] for trial in after["failures"]] == failures[::-1]
 

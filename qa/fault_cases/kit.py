@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 from processes import MARK, marked
 
 from barn_eval.commands.run import NOT_SCORED
-from barn_eval.trials.outcome import NOT_DRIVEN
+from barn_eval.trials.outcome import UNDRIVEN_OUTCOMES
 from fault_cases.system import command_line, kill
 
 T = TypeVar("T")
@@ -191,7 +191,7 @@ class Lab:
         failed = (
             code == 0
             and ended.code
-            and all(row["outcome"] in NOT_DRIVEN for row in self.rows())
+            and all(row["outcome"] in UNDRIVEN_OUTCOMES for row in self.rows())
         )
         due = NOT_SCORED if failed else code
         hold(

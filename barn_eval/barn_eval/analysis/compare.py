@@ -30,8 +30,8 @@ from barn_eval.analysis.text_table import joined
 from barn_eval.results.folder import read_results
 from barn_eval.results.store import LOGS
 from barn_eval.running.command_files import told_parameters
-from barn_eval.trials.identity import MISSING, leaves
-from barn_eval.trials.result import Groups, Rows
+from barn_eval.trials.identity import NOT_SET, flatten
+from barn_eval.trials.result import Rows, RowsByPlanner
 from barn_metrics.bootstrap import Interval
 from barn_planners.registry import planner_config
 from barn_worlds.base.config import as_dict
@@ -222,7 +222,7 @@ def compare_folders(
     ]
 
 
-def selected_results(path: Path) -> tuple[Source, Groups]:
+def selected_results(path: Path) -> tuple[Source, RowsByPlanner]:
     """Return a folder, given as FOLDER, FOLDER:PLANNER or FOLDER:PLANNER,PLANNER, with the results of these planners.
 
     BarnError if the folder has no results, ConfigError if a planner has none in it.
@@ -235,7 +235,7 @@ def selected_results(path: Path) -> tuple[Source, Groups]:
     return source, chosen_planners(path, by_planner(source.results), chosen)
 
 
-def groups_of(a: Path, b: Path | None = None) -> Groups:
+def groups_of(a: Path, b: Path | None = None) -> RowsByPlanner:
     """Return results by planner of one folder or two, given as for `selected_results`, each by its own name."""
     chosen = [selected_results(path) for path in (a, b) if path is not None]
     names = [name for _, groups in chosen for name in groups]
@@ -316,7 +316,7 @@ def changed_parameters(a: Source, of_a: str, b: Source, of_b: str) -> str:
         if not key.startswith("file ") or key in one.keys() & other.keys()
     ] or keys
     named = [
-        f"{key} ({one.get(key, MISSING)} against {other.get(key, MISSING)})"
+        f"{key} ({one.get(key, NOT_SET)} against {other.get(key, NOT_SET)})"
         for key in keys[:_NAMED]
     ]
     more = [f"{len(keys) - _NAMED} more"] if len(keys) > _NAMED else []
@@ -331,8 +331,8 @@ def _parameters(source: Source, planner: str) -> dict[str, Any]:
                 f"file {name}": digest[:12] for name, digest in choice.files.items()
             }
             return files | told_parameters(source.path / LOGS, planner)
-        settings = source.experiment.settings(choice)
-        config = planner_config(planner, settings["preset"], settings["overrides"])
-        return {f"{planner} {key}": value for key, value in leaves(as_dict(config))}
+        setup = source.experiment.resolve_planner(choice)
+        config = planner_config(planner, setup.preset, setup.overrides)
+        return {f"{planner} {key}": value for key, value in flatten(as_dict(config))}
     except (BarnError, ValueError):
         return {}  # of another version of the suite, or of a planner that is not installed here

@@ -12,7 +12,7 @@ import numpy as np
 
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.result import Rows, TrialResult
-from barn_eval.trials.trajectory import CLOSE_M
+from barn_eval.trials.trajectory import NEAR_CONTACT_M
 from barn_metrics.bootstrap import Interval, number
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import ConfigError, suggest
@@ -192,7 +192,7 @@ _ALL = (
     Measure("measures.contact_s", "time in contact", "s", 3, "smaller"),
     Measure(
         "measures.near_contact_s",
-        f"time within {CLOSE_M:g} m of obstacles",
+        f"time within {NEAR_CONTACT_M:g} m of obstacles",
         "s",
         2,
         "smaller",

@@ -45,7 +45,7 @@ from barn_eval.analysis.verdict import (
     verdict,
 )
 from barn_eval.trials.protocol import PROTOCOLS
-from barn_eval.trials.ros_config import RosSetup
+from barn_eval.trials.ros_config import RosConfig
 from barn_eval.trials.spec import simulator_config
 from barn_sim.config import robot_of
 from barn_worlds.base.config import Checked, as_dict, fields_of
@@ -288,7 +288,7 @@ def repeat(source: Source) -> Repeat:
         "--sim", _changed(experiment.simulator, simulator_config(protocol, None, robot))
     )
     words += [
-        *_settings("--ros", _changed(experiment.ros, RosSetup())),
+        *_settings("--ros", _changed(experiment.ros, RosConfig())),
         "--out",
         "results",
     ]

@@ -17,7 +17,7 @@ from barn_eval.analysis.significance import (
 from barn_eval.analysis.statistics import Columns, difference, matched_trials
 from barn_eval.analysis.text_table import TextTable, counted, joined
 from barn_eval.analysis.verdict import cautions, rank_results
-from barn_eval.trials.result import Groups
+from barn_eval.trials.result import RowsByPlanner
 from barn_metrics.bootstrap import number
 from barn_worlds.base.errors import ConfigError, suggest
 
@@ -71,7 +71,7 @@ class Precision:
 
 
 def precision(
-    results: Groups,
+    results: RowsByPlanner,
     half_width_wanted: float | None = None,
     difference_wanted: float | None = None,
     *,
@@ -258,7 +258,7 @@ class RankingPower:
 
 
 def ranking_power(
-    results: Groups, measures: Sequence[str] = (), seed: int = 0
+    results: RowsByPlanner, measures: Sequence[str] = (), seed: int = 0
 ) -> list[RankingPower]:
     """Return how well the worlds of results rank their planners, by measures or by the metric of the protocol.
 
@@ -280,7 +280,7 @@ def ranking_power(
     ]
 
 
-def _power(results: Groups, measure: Measure, seed: int) -> RankingPower:
+def _power(results: RowsByPlanner, measure: Measure, seed: int) -> RankingPower:
     ranking = rank_results(results, measure)
     differing = [places for places in ranking.p if ranking.clear(*places)]
     rows = matched_trials([columns(results[name], measure) for name in ranking.names])

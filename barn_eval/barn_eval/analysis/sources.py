@@ -10,20 +10,20 @@ from typing import Any
 
 from barn_eval.analysis.planners import colours, spelling
 from barn_eval.results.bags import BAGS
-from barn_eval.results.folder import read_results, results_of
-from barn_eval.results.rows import TrackRows
+from barn_eval.results.folder import read_results, select_scored
+from barn_eval.results.rows import TrackFile
 from barn_eval.results.run_file import RunFile
 from barn_eval.running.sweep import expanded
 from barn_eval.trials.identity import first_difference
 from barn_eval.trials.result import (
-    MOST_MISSED,
-    WAYS,
-    Groups,
+    COMPUTE_MODE_LABELS,
+    MAX_MISSED_SHARE,
     Rows,
+    RowsByPlanner,
     TrialResult,
-    assumption,
+    describe_computer,
 )
-from barn_eval.trials.run_config import Experiment
+from barn_eval.trials.run_config import RunConfig
 from barn_sim.config import chassis_in, robot_of
 from barn_worlds.base.config import from_dict
 from barn_worlds.base.errors import BarnError, ConfigError, suggest
@@ -54,9 +54,9 @@ class Source:
     tracks: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
-    def experiment(self) -> Experiment:
+    def experiment(self) -> RunConfig:
         """What was run; BarnError if this version does not read the configuration."""
-        return from_dict(Experiment, dict(self.configuration), str(self.path))
+        return from_dict(RunConfig, dict(self.configuration), str(self.path))
 
     @cached_property
     def chassis(self) -> Chassis:
@@ -95,19 +95,19 @@ def read_source(path: Path, rows: Rows | None = None) -> Source:
     rows: of the folder, where they have been read already; there may be none yet, and tracks are left out then.
     """
     run = RunFile.read(path)
-    results = read_results(path) if rows is None else results_of(run, path, rows)
-    names = _named(run.experiment)
+    results = read_results(path) if rows is None else select_scored(run, path, rows)
+    names = _named(run.config)
     names += sorted({one.planner for one in results}.difference(names))
     # in the order of the plan, so that nothing tells which worker was faster
     results.sort(key=lambda one: (one.world, one.repetition, names.index(one.planner)))
     return Source(
         path,
-        "campaign" if len(_named(run.experiment)) > 1 else "run",
+        "campaign" if len(_named(run.config)) > 1 else "run",
         tuple(results),
-        run.experiment,
+        run.config,
         run.sessions,
-        _planned(run.experiment),
-        TrackRows(path).read() if rows is None else {},
+        _planned(run.config),
+        TrackFile(path).read() if rows is None else {},
     )
 
 
@@ -133,14 +133,14 @@ def notes_on(source: Source, results: Rows) -> list[str]:
 
 def _late_text(path: Path, results: Rows) -> str:
     """Return how many trials in a folder are marked, for late commands or a second attempt; empty if none is."""
-    late = sum(result.wall_clock.late for result in results)
+    late = sum(result.wall_clock.is_late for result in results)
     text = (
-        f"{late} of {len(results)} trials in {path} are marked: more than {MOST_MISSED:.0%} of their control periods"
+        f"{late} of {len(results)} trials in {path} are marked: more than {MAX_MISSED_SHARE:.0%} of their control periods"
         " had no command in time, so they tell of the machine as well as of the planner"
     )
     again = [result for result in results if result.wall_clock.attempts > 1]
     named = ", ".join(
-        f"{one.trial_id}: {one.wall_clock.retried}" for one in again[:_NAMED]
+        f"{one.trial_id}: {one.wall_clock.retry_note}" for one in again[:_NAMED]
     )
     more = f" and {len(again) - _NAMED} more" if len(again) > _NAMED else ""
     repeated = f"{len(again)} of {len(results)} trials in {path} were not made at the first attempt: {named}{more}"
@@ -153,13 +153,13 @@ def compute_way(results: Rows) -> str:
     One that declares its computing, or nothing, must fit what it declares or the control period on the reference
     computer, in the median of its trials; else the text says so. Empty for rows of versions that did not say.
     """
-    ways = {WAYS[result.compute] for result in results if result.compute}
+    ways = {COMPUTE_MODE_LABELS[result.compute] for result in results if result.compute}
     computers = [
         one.wall_clock.computer
         for one in results
         if one.wall_clock.computer is not None
     ]
-    return assumption(median(computers) if computers else 0.0) or " and ".join(
+    return describe_computer(median(computers) if computers else 0.0) or " and ".join(
         sorted(ways)
     )
 
@@ -275,7 +275,7 @@ def require_same_task(folders: Sequence[Path]) -> None:
             )
 
 
-def by_planner(results: Iterable[TrialResult]) -> Groups:
+def by_planner(results: Iterable[TrialResult]) -> RowsByPlanner:
     """Return the results of each planner, planners in the order in which they come."""
     groups: dict[str, list[TrialResult]] = {}
     for result in results:
@@ -283,7 +283,9 @@ def by_planner(results: Iterable[TrialResult]) -> Groups:
     return groups
 
 
-def chosen_planners(path: Path, groups: Groups, names: Sequence[str]) -> Groups:
+def chosen_planners(
+    path: Path, groups: RowsByPlanner, names: Sequence[str]
+) -> RowsByPlanner:
     """Return the results of some planners of a folder, of all without names; ConfigError for one it does not have."""
     for name in names:
         if name not in groups:

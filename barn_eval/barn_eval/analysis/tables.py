@@ -12,7 +12,7 @@ from barn_eval.analysis.significance import ALPHA
 from barn_eval.analysis.summary import Summary, in_common, sorted_by, summarise
 from barn_eval.analysis.text_table import TextTable, counted, latex_text
 from barn_eval.analysis.verdict import few_worlds, rank_results
-from barn_eval.trials.result import Groups, Rows
+from barn_eval.trials.result import Rows, RowsByPlanner
 from barn_metrics.bootstrap import Interval, number
 from barn_worlds.base.errors import ConfigError
 
@@ -221,7 +221,7 @@ _LABEL = re.compile(r"[\w:.-]+")
 
 
 def paper_table(
-    results: Groups,
+    results: RowsByPlanner,
     columns: Sequence[str] = (),
     *,
     caption: str = "",
@@ -272,7 +272,7 @@ def paper_table(
 
 
 def _best(
-    groups: Groups, summaries: Mapping[str, Summary], measure: Measure
+    groups: RowsByPlanner, summaries: Mapping[str, Summary], measure: Measure
 ) -> set[str]:
     """Return the names of the best and of those not clearly worse; none where no way is better, or for one planner."""
     if not measure.better or len(groups) < 2:
@@ -300,7 +300,7 @@ def _heading(measure: Measure) -> str:
     return latex_text(measure.heading) + better
 
 
-def _caption(groups: Groups) -> str:
+def _caption(groups: RowsByPlanner) -> str:
     first = next(iter(groups.values()))
     worlds = {one.world for one in first}
     each = len(first) / len(worlds)

@@ -24,7 +24,7 @@ from barn_eval.analysis.significance import (
 from barn_eval.analysis.sources import Source, notes_on
 from barn_eval.analysis.statistics import Columns, difference, matched_trials
 from barn_eval.analysis.text_table import counted, joined
-from barn_eval.trials.result import Groups
+from barn_eval.trials.result import RowsByPlanner
 from barn_metrics.bootstrap import Interval, number
 from barn_worlds.base.errors import BarnError, ConfigError
 
@@ -82,7 +82,7 @@ class Ranking:
         return tuple(ranks)
 
 
-def rank_results(results: Groups, measure: Measure) -> Ranking:
+def rank_results(results: RowsByPlanner, measure: Measure) -> Ranking:
     """Rank at least one planner by the results of each; ConfigError if two have not done the same task."""
     try:
         for a, b in combinations(results, 2):
@@ -216,7 +216,7 @@ def verdict(ranking: Ranking, measure: Measure) -> Conclusion:
     )
 
 
-def results_verdict(results: Groups) -> Conclusion:
+def results_verdict(results: RowsByPlanner) -> Conclusion:
     """Return what the results of at least one planner, of one protocol, say by its metric; errors as `rank_results`."""
     measure = metric_of(next(iter(results.values())))
     return verdict(rank_results(results, measure), measure)

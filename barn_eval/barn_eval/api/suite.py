@@ -11,15 +11,16 @@ from typing import Any
 
 from rich.console import Console
 
-from barn_eval.results.run_file import isolation, provenance, ros_problem
+from barn_eval.results.provenance import provenance
+from barn_eval.ros.isolation import isolation, ros_problem
 from barn_eval.ros.work import isolation_text
 from barn_eval.studies.bench import BenchSetup, bench
 from barn_eval.studies.reproduction import findings as reproduction
 from barn_eval.studies.reproduction.findings import QUICK, ReproduceConfig
 from barn_eval.studies.reproduction.page import write_results
 from barn_eval.studies.validation import validate
-from barn_eval.trials.ros_config import RosSetup
-from barn_eval.trials.run_config import Execution
+from barn_eval.trials.ros_config import RosConfig
+from barn_eval.trials.run_config import ExecutionConfig
 from barn_planners.registry import planner_names
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.text_files import packaged_yaml
@@ -63,7 +64,7 @@ def reproduce(
     )
     console = Console(stderr=True, quiet=not progress)
     findings, origin = reproduction.reproduce(
-        config, folder, Execution(workers=workers), console
+        config, folder, ExecutionConfig(workers=workers), console
     )
     return [
         write_results(findings, origin, Path(target))
@@ -107,7 +108,7 @@ def _ros() -> dict[str, str]:
     if not ros_problem():
         found["middleware"] = _middleware()
     found["isolation"] = (
-        isolation_text(RosSetup()) or f"planners over ROS: {isolation()}"
+        isolation_text(RosConfig()) or f"planners over ROS: {isolation()}"
     )
     return found
 

@@ -29,10 +29,10 @@ from barn_eval.ros.work import run_request
 from barn_eval.running.request import Request, read_request
 from barn_eval.running.run import MOST_LINES, Plan, clock, plan_experiment
 from barn_eval.running.sweep import LATENCY, Setting, grid, parse_sweep, sweep_of
-from barn_eval.trials.outcome import NOT_DRIVEN
+from barn_eval.trials.outcome import UNDRIVEN_OUTCOMES
 from barn_eval.trials.result import Rows
-from barn_eval.trials.ros_config import BAGS, MODES, RosSetup
-from barn_eval.trials.run_config import Execution
+from barn_eval.trials.ros_config import BAGS, MODES, RosConfig
+from barn_eval.trials.run_config import ExecutionConfig
 from barn_sim.config import SimulatorConfig
 from barn_worlds.base.config import as_dict
 from barn_worlds.worlds.dataset import open_dataset
@@ -94,12 +94,12 @@ NOT_SCORED = 3  # the exit code
     help="Drive each planner with commands that come so much late, in s.",
 )
 @settings_option("--sim", "simulator", "Of the simulator", SimulatorConfig())
-@settings_option("--ros", "ros", "Of mode ros", RosSetup())
+@settings_option("--ros", "ros", "Of mode ros", RosConfig())
 @settings_option(
     "--execution",
     "execution",
     "How it is run, which changes no result but by compute (declared or measured)",
-    Execution(),
+    ExecutionConfig(),
 )
 @click.option(
     "--workers",
@@ -182,10 +182,10 @@ def carry_out(
         say(f"stopped; finished trials are in {request.out}, the same command resumes")
         raise
     _print(request, results, as_json)
-    whole = all(result.counts for result in results)
+    whole = all(result.is_scored for result in results)
     return (
         0
-        if whole and any(result.outcome not in NOT_DRIVEN for result in results)
+        if whole and any(result.outcome not in UNDRIVEN_OUTCOMES for result in results)
         else NOT_SCORED
     )
 
@@ -211,7 +211,7 @@ def _sweep(settings: Sequence[Setting], *, overwrite: bool, as_json: bool) -> in
 
 def _print(request: Request, results: Rows, as_json: bool) -> None:
     """Print trials unless they are many, what they say together, and where the rest is."""
-    scored = [result for result in results if result.counts]
+    scored = [result for result in results if result.is_scored]
     found = summarise_campaign(scored) if scored else None
     shown: list[object] = []
     if len(results) <= MOST_LINES:

@@ -19,7 +19,7 @@ from barn_eval.commands.options import (
 )
 from barn_eval.commands.tables import rich_table, table
 from barn_eval.pages.template import write_page
-from barn_eval.results.run_file import provenance
+from barn_eval.results.provenance import provenance
 from barn_eval.studies.bench import changes, read_figures
 from barn_eval.studies.reproduction.findings import ReproduceConfig
 from barn_eval.studies.validation import checks_table, statistics_page

@@ -169,20 +169,20 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         repetition = options.get("repetition", 0)
         if index in known:
             spec, way = known[index]
-            return spec.reseeded(seed, repetition), way
+            return spec.with_seed(seed, repetition), way
         if len(known) >= _MOST_KEPT:
             known.clear()
         world = self._dataset.load(index)
         spec = TrialSpec(
             dataset=self._dataset.name,
-            index=index,
+            world_number=index,
             world=world,
             planner="policy",
             preset="",
             overrides={},
             protocol=self.protocol,
             simulator=self.simulator_config,
-            campaign_seed=seed,
+            run_seed=seed,
             repetition=repetition,
             declared_mps=self.config.action.cap_mps,
         )

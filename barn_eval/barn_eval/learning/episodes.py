@@ -84,7 +84,10 @@ class Episodes:
         other = next(
             (one.spec for k, (one, _) in self._now.items() if k != index), spec
         )
-        if other.rules is not spec.rules and other.rules != spec.rules:
+        if (
+            other.scaled_protocol is not spec.scaled_protocol
+            and other.scaled_protocol != spec.scaled_protocol
+        ):
             names = f"{spec.world.name} and {other.world.name}"
             raise ConfigError(
                 f"worlds {names}: robots that advance together need worlds with cells of one size"
@@ -108,7 +111,7 @@ class Episodes:
         trial = RunningTrial(spec, logged=False)
         trial.referee.move_to(self._states[index : index + 1])
         self._now[index] = trial, simulator
-        self.running[index], self.worlds[index] = True, spec.index
+        self.running[index], self.worlds[index] = True, spec.world_number
         self._goals[index] = spec.goal.x, spec.goal.y
         missing = len(points) - self._ways.shape[1]
         if missing > 0:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
-from barn_eval.results.bags.decode import planner_status
+from barn_eval.results.bags.decode import decode_planner_status
 from barn_eval.ros.sequencer import Message, Tick
 from barn_eval.trials.trial import RunningTrial
 from barn_worlds.base.errors import MessageError
@@ -88,7 +88,7 @@ class TrialAdapter:
         elif message.topic == topics.scan:
             self._scan_sent_ns = message.sent_ns
         elif message.topic == topics.diagnostics:
-            if status := planner_status(message.data):
+            if status := decode_planner_status(message.data):
                 self.trial.report(status)
         elif message.topic == topics.plan:
             self._plan(message)

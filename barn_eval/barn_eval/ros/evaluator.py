@@ -17,9 +17,10 @@ from pathlib import Path
 import rclpy
 from rclpy.node import Node
 
-from barn_eval.results.folder import opened
-from barn_eval.results.store import Record, Store, finish_bag
+from barn_eval.results.folder import ResultsFolder
+from barn_eval.results.store import BagStore, TrialRecord, finish_bag
 from barn_eval.ros.adapter import missed_periods, missed_share
+from barn_eval.ros.isolation import session_isolation
 from barn_eval.ros.session import PLANNER, SIMULATOR, Abandoned, TrialEnded
 from barn_eval.ros.supervision.nodes import NOT_TOLD, Assignment
 from barn_eval.ros.supervision.process import EventChannel
@@ -28,9 +29,9 @@ from barn_eval.trials.outcome import ENVIRONMENT, Outcome, Verdict
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.result import WallClock, to_json_line
 from barn_eval.trials.ros_config import EvaluatorConfig
-from barn_eval.trials.run_config import Execution, Experiment, PlannerChoice
+from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.spec import TrialSpec, simulator_config
-from barn_eval.trials.trial import conclude
+from barn_eval.trials.trial import finish_trial
 from barn_worlds.base.config import from_dict
 from barn_worlds.base.errors import BarnError
 from barn_worlds.base.text_files import read_json
@@ -95,7 +96,7 @@ def run_assigned(node: Node, config: EvaluatorConfig, supervisor: EventChannel) 
     )
     session = context.session
 
-    def keep(record: Record) -> None:
+    def keep(record: TrialRecord) -> None:
         session.tell(
             "result", row=to_json_line(record.result), track=record.track or ""
         )
@@ -113,7 +114,7 @@ def run_assigned(node: Node, config: EvaluatorConfig, supervisor: EventChannel) 
 def run_alone(node: Node, config: EvaluatorConfig) -> None:
     """Run what the parameters say, with a simulator and a planner that somebody else starts."""
     protocol = load_protocol(config.protocol)
-    experiment = Experiment(
+    experiment = RunConfig(
         planners=(PlannerChoice(config.planner),),
         protocol=protocol,
         simulator=simulator_config(protocol, robot=load_robot(config.robot)),
@@ -123,12 +124,16 @@ def run_alone(node: Node, config: EvaluatorConfig) -> None:
             for name in ("dataset", "worlds", "seed", "repetitions", "bags")
         },
     )
-    execution, out = Execution(workers=1), Path(config.out)
-    with opened(
-        out, experiment, execution, experiment.trials(started_by_hand=True)
+    execution, out = ExecutionConfig(workers=1), Path(config.out)
+    with ResultsFolder.open(
+        out,
+        experiment,
+        execution,
+        experiment.trials(started_by_hand=True),
+        isolation=session_isolation(experiment.ros),
     ) as folder:
         context = RunContext(node, config, None, config.dataset, config.robot)
-        Runner(context, Store(out, config.bags), folder.append).run(folder.remaining)
+        Runner(context, BagStore(out, config.bags), folder.append).run(folder.remaining)
         folder.complete()
 
 
@@ -142,8 +147,8 @@ class Runner:
     def __init__(
         self,
         context: RunContext,
-        store: Store,
-        keep: Callable[[Record], None],
+        store: BagStore,
+        keep: Callable[[TrialRecord], None],
         *,
         apart: bool = True,
     ) -> None:
@@ -176,14 +181,14 @@ class Runner:
                 and verdict.fault in (SIMULATOR, ENVIRONMENT)
             ):
                 verdict = replace(
-                    verdict, detail=f"{verdict.detail}; {NOT_TOLD}", blamed=PLANNER
+                    verdict, detail=f"{verdict.detail}; {NOT_TOLD}", culprit=PLANNER
                 )
             missed = self._settle(verdict)
             self._driven += trial.released
             if self._is_to_be_repeated(verdict, trial):
                 return False
             clock = self._wall_clock(trial, verdict, time.monotonic() - began_s, missed)
-            finished = conclude(
+            finished = finish_trial(
                 spec,
                 "ros",
                 verdict,
@@ -197,7 +202,7 @@ class Runner:
             )
             if recorder is not None:
                 finish_bag(recorder, finished)
-        self._keep(self._store.keep(finished))
+        self._keep(self._store.make_record(finished))
         return True
 
     def _is_to_be_repeated(self, verdict: Verdict, trial: RosTrial) -> bool:
@@ -259,7 +264,7 @@ class Runner:
                 missed, missed_periods(*came, period_ns, nanoseconds(silence_s))
             )
         share = missed_share(missed, *came, period_ns)
-        return WallClock.of(
+        return WallClock.from_answer_times(
             lasted_s,
             factor,
             adapter.response_times_s,

@@ -14,7 +14,7 @@ from barn_eval.ros.readiness import Endpoint
 from barn_eval.ros.session import PLANNER, Session, TrialEnded
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.ros_config import EvaluatorConfig
-from barn_eval.trials.trial import LONGEST
+from barn_eval.trials.trial import MAX_TEXT_LENGTH
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.messages.topics import GOAL_POSE
 from barn_worlds.ros.topics import message_class, publisher
@@ -164,4 +164,4 @@ def _described(answer: Any) -> str:
             (f"error {code}" if code else "", getattr(answer.result, "error_msg", "")),
         )
     )
-    return f"{ending} ({details})"[:LONGEST] if details else ending
+    return f"{ending} ({details})"[:MAX_TEXT_LENGTH] if details else ending

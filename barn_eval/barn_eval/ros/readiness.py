@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 
 from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.ros_config import Patience
+from barn_eval.trials.ros_config import WaitLimits
 from barn_worlds.messages.topics import CMD_VEL, CMD_VEL_STAMPED, GOAL_POSE
 
 PARTICIPANT_BYTES = 12  # of a DDS GUID: what the endpoints of a process have in common
@@ -234,7 +234,7 @@ _WINDOW_S = 60.0  # over which the pace of a planner is judged
 class Watchdog:
     """Tell when patience is at an end during a trial, before which so many commands had come."""
 
-    def __init__(self, patience: Patience, now_s: float, commands: int = 0) -> None:
+    def __init__(self, patience: WaitLimits, now_s: float, commands: int = 0) -> None:
         self._patience = patience
         self._began_s = self._ticked_s = self._commanded_s = self._publisher_s = now_s
         self._ticks, self._commands, self._commands_before = 0, commands, commands

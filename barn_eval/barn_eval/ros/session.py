@@ -32,7 +32,7 @@ class TrialEnded(Exception):
 
     def __init__(self, outcome: Outcome, detail: str, blamed: str = "") -> None:
         super().__init__(f"{outcome.value}: {detail}")
-        self.outcome, self.detail, self.blamed = outcome, detail, blamed
+        self.outcome, self.detail, self.culprit = outcome, detail, blamed
 
 
 class Abandoned(Exception):

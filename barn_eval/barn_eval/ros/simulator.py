@@ -20,7 +20,7 @@ from barn_eval.ros.session import (
     TrialEnded,
 )
 from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.ros_config import Patience
+from barn_eval.trials.ros_config import WaitLimits
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.base.config import fields_of
 from barn_worlds.base.errors import BarnError
@@ -132,7 +132,7 @@ class SimulatorClient:
         self,
         session: Session,
         request: Callable[..., str],
-        patience: Patience,
+        patience: WaitLimits,
         dataset: str,
         robot: str,
     ) -> None:
@@ -154,7 +154,7 @@ class SimulatorClient:
             f"compute.{name}": value for name, _, value in fields_of(spec.compute)
         }
         values |= {
-            "world": spec.index,
+            "world": spec.world_number,
             "seed": spec.simulator_seed,
             "compute_seed": spec.planner_seed,
         }

@@ -6,7 +6,12 @@ from dataclasses import replace
 
 from rclpy.node import Node
 
-from barn_eval.results.bags.messages import TOPICS, LiveScore, first_scene, moving_scene
+from barn_eval.results.bags.messages import (
+    TOPICS,
+    ScoreReporter,
+    initial_scene,
+    moving_obstacle_scene,
+)
 from barn_eval.results.bags.recorder import Recorder
 from barn_eval.ros.adapter import TrialAdapter, TrialTopics
 from barn_eval.ros.graph import GraphView, Integrity, resolve_node_name
@@ -159,7 +164,7 @@ class RosTrial:
             first,
         )
         self._queue: TrialQueue | None = None
-        self._score = LiveScore(spec)
+        self._score = ScoreReporter(spec)
         self._latest_ns: int | None = None
         self._origin_ns = 0
 
@@ -176,11 +181,11 @@ class RosTrial:
             if self._queue is not None:
                 self._queue.read()
                 self._queue.hand_over(self._take, all_of_it=True)
-            verdict = self.trial.referee.fail(end.outcome, end.detail, end.blamed)
+            verdict = self.trial.referee.fail(end.outcome, end.detail, end.culprit)
             self._show_standing()
         if (found := context.integrity.look()) and verdict.fault != ENVIRONMENT:
             verdict = replace(
-                verdict, outcome=Outcome.INTERFERENCE, detail=found, blamed=""
+                verdict, outcome=Outcome.INTERFERENCE, detail=found, culprit=""
             )
         self.planner_verdict = context.planner.goal.verdict
         context.planner.goal.end()
@@ -331,7 +336,7 @@ class RosTrial:
         if self._recorder is not None:
             context.recording.begin(self._recorder, origin_ns)
             context.recording.show(
-                [first_scene(self._spec, origin_ns)], origin_ns, self._recorder
+                [initial_scene(self._spec, origin_ns)], origin_ns, self._recorder
             )
         command_type = context.subscriber.topics()[context.topics.command]
         config, map_given = context.config, self._spec.protocol.map_given
@@ -352,7 +357,7 @@ class RosTrial:
             moving = (
                 []
                 if over
-                else moving_scene(
+                else moving_obstacle_scene(
                     self._spec, tick.stamp_ns - self._origin_ns, tick.stamp_ns
                 )
             )

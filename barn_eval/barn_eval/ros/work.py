@@ -9,16 +9,21 @@ from socket import AF_INET, SOCK_DGRAM, socket
 
 from rich.console import Console
 
-from barn_eval.results.run_file import isolated, isolation, ros_problem
-from barn_eval.results.store import LOGS, Store
+from barn_eval.results.store import LOGS, BagStore
+from barn_eval.ros.isolation import (
+    is_isolated,
+    isolation,
+    ros_problem,
+    session_isolation,
+)
 from barn_eval.ros.supervision import run_ros_trials
 from barn_eval.running.engine import DirectWork, Emit, Job, Work
 from barn_eval.running.planner_objects import LivePlanner
 from barn_eval.running.request import Request
 from barn_eval.running.run import run_experiment
 from barn_eval.trials.result import TrialResult
-from barn_eval.trials.ros_config import RosSetup
-from barn_eval.trials.run_config import Execution, Experiment
+from barn_eval.trials.ros_config import RosConfig
+from barn_eval.trials.run_config import ExecutionConfig, RunConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.base.errors import ConfigError, reported_as
 
@@ -33,9 +38,14 @@ class RosWork(Work):
     """
 
     loads = False
-    experiment: Experiment
-    store: Store
+    experiment: RunConfig
+    store: BagStore
     workers: int
+
+    @property
+    def isolation(self) -> str:
+        """What keeps planner processes from the suite's, as run.json has it."""
+        return session_isolation(self.experiment.ros)
 
     def jobs(self, trials: Sequence[TrialSpec]) -> list[Job]:
         """Return the shares of trials: as many per planner as there are workers, worlds dealt in turn.
@@ -43,7 +53,7 @@ class RosWork(Work):
         Of several planners all drive in some worlds before any does in the next, so that what is stopped early compares
         them; nodes are started once for these and not for each trial.
         """
-        worlds = list(dict.fromkeys(spec.index for spec in trials))
+        worlds = list(dict.fromkeys(spec.world_number for spec in trials))
         size = (
             _WORLDS_AT_A_TIME * self.workers
             if len(self.experiment.planners) > 1
@@ -57,7 +67,7 @@ class RosWork(Work):
                     own = tuple(
                         spec
                         for spec in trials
-                        if spec.planner == planner.name and spec.index in share
+                        if spec.planner == planner.name and spec.world_number in share
                     )
                     key = (
                         f"{planner.name}_{number}" if self.workers > 1 else planner.name
@@ -100,9 +110,9 @@ class RosWork(Work):
 
 
 def work_of(
-    experiment: Experiment,
-    execution: Execution,
-    store: Store,
+    experiment: RunConfig,
+    execution: ExecutionConfig,
+    store: BagStore,
     live: Mapping[str, LivePlanner],
 ) -> Work:
     """Return what workers of an experiment are handed; live: its planners that are Python objects, by name."""
@@ -111,16 +121,16 @@ def work_of(
     return RosWork(experiment, store, execution.processes)
 
 
-def isolation_text(setup: RosSetup) -> str:
+def isolation_text(setup: RosConfig) -> str:
     """Return that nothing keeps planners from the suite's processes, and why; empty if something does."""
-    if setup.isolate and isolated():
+    if setup.isolate and is_isolated():
         return ""
     why = isolation() if setup.isolate else "isolate=false"
     apart = f"planners are not kept apart from the suite's processes ({why})"
     return f"{apart}: a trial in which one of those ends counts as their failure"
 
 
-def require_ros(experiment: Experiment, console: Console) -> None:
+def require_ros(experiment: RunConfig, console: Console) -> None:
     """Raise ConfigError if an experiment needs ROS that is not there; print what keeps no planners apart."""
     if experiment.mode != "ros":
         return

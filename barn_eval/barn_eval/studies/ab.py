@@ -16,8 +16,8 @@ from barn_eval.analysis.compare import Comparison, columns, compare
 from barn_eval.analysis.measures import MEASURES, metric_of
 from barn_eval.analysis.sequential import Decided, decide, planned_looks
 from barn_eval.analysis.text_table import counted
-from barn_eval.results.folder import fair_worlds
-from barn_eval.results.run_file import SUITE
+from barn_eval.results.folder import order_worlds_fairly
+from barn_eval.results.provenance import SUITE
 from barn_eval.ros.work import require_ros, work_of
 from barn_eval.running.command_files import command_files, folder_digest
 from barn_eval.running.request import (
@@ -107,13 +107,13 @@ def ab(
     sides = _side(base, base, command, options), _side(head, base, command, options)
     experiments = [one.experiment for one in sides]
     if (
-        len({one.settings(one.planners[0])["planner_config"] for one in experiments})
+        len({one.resolve_planner(one.planners[0]).fingerprint for one in experiments})
         == 1
     ):
         raise ConfigError(
             f"BASE and HEAD are the same, {shown(base)}: neither settings nor files differ"
         )
-    worlds = fair_worlds(spec.index for spec in sides[0].trials())
+    worlds = order_worlds_fairly(spec.world_number for spec in sides[0].trials())
     looks = planned_looks(len(worlds))
     with ExitStack() as kept:
         direct = all(one.mode == "direct" for one in experiments)

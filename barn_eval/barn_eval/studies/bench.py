@@ -21,10 +21,10 @@ import numpy as np
 
 from barn_eval.learning.config import EnvConfig
 from barn_eval.results.bags.recorder import Recorder
-from barn_eval.results.run_file import ros_problem
-from barn_eval.results.store import Store
+from barn_eval.results.store import BagStore
+from barn_eval.ros.isolation import ros_problem
 from barn_eval.running.direct import run_direct_trial
-from barn_eval.trials.run_config import Experiment, PlannerChoice
+from barn_eval.trials.run_config import PlannerChoice, RunConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_planners.policy.space import PolicyObservation
 from barn_planners.registry import planner_config
@@ -165,7 +165,7 @@ def _round(setup: BenchSetup, planners: Sequence[str]) -> Iterator[Measurement]:
     source, indices = setup.dataset, open_dataset(setup.dataset).indices
     worlds = str(indices[len(indices) // 2] if setup.world < 0 else setup.world)
     experiments = [
-        Experiment(dataset=source, worlds=worlds, planners=(PlannerChoice(name),))
+        RunConfig(dataset=source, worlds=worlds, planners=(PlannerChoice(name),))
         for name in planners
     ]
     yield from (
@@ -251,14 +251,16 @@ def _act(environment: JackalEnv, actions: Floats) -> None:
             environment.reset()
 
 
-def _ros(experiment: Experiment) -> Measurement:
+def _ros(experiment: RunConfig) -> Measurement:
     """Measure a trial over ROS in lockstep: three processes, bag included."""
     from barn_eval.ros.supervision import run_ros_trials  # noqa: PLC0415 (needs rclpy in its processes)
 
     with TemporaryDirectory() as folder:
         over_ros = replace(experiment, mode="ros", repetitions=2)
         records = list(
-            run_ros_trials(over_ros, over_ros.trials(), Store(Path(folder), bags="all"))
+            run_ros_trials(
+                over_ros, over_ros.trials(), BagStore(Path(folder), bags="all")
+            )
         )
     factors = [record.result.wall_clock.real_time_factor or 0.0 for record in records]
     return Measurement(

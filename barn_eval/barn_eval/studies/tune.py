@@ -28,7 +28,7 @@ from barn_eval.analysis.compare import Comparison, compare, holm_adjusted
 from barn_eval.analysis.measures import COMPARED, MEASURES, measures_named
 from barn_eval.analysis.verdict import pair_verdict
 from barn_eval.pages.figures import style, write_figure
-from barn_eval.results.folder import fair_worlds
+from barn_eval.results.folder import order_worlds_fairly
 from barn_eval.ros.work import require_ros, work_of
 from barn_eval.running.engine import Engine
 from barn_eval.running.request import SCHEMA_VERSION, read_request
@@ -192,7 +192,7 @@ class _Tuner:
                     f"--by {key}: must be known of every trial, and one way must be better"
                 )
         indices = open_dataset(experiment.dataset).indices
-        self.worlds = fair_worlds(select_worlds(experiment.worlds, indices))
+        self.worlds = order_worlds_fairly(select_worlds(experiment.worlds, indices))
         rest = [one for one in indices if one not in self.worlds]
         thinned = rest[:: ceil(len(rest) / _MOST_UNSEEN) or 1]
         self.unseen = (
@@ -212,8 +212,8 @@ class _Tuner:
             else {}
         )
         if planner.registered:
-            chosen = self.base.experiment.settings(planner)
-            config = planner_config(planner.name, chosen["preset"], chosen["overrides"])
+            setup = self.base.experiment.resolve_planner(planner)
+            config = planner_config(planner.name, setup.preset, setup.overrides)
             known = {key: value for key, _, value in fields_of(config)}
         for key, one in self.ranges.items():
             if key not in known:
@@ -377,7 +377,7 @@ class _Tuner:
         """Write the parameters of a setting for use: a file for `barn run`, or the command's own files, changed."""
         planner, contents = self.base.experiment.planners[0], list(made.files.values())
         if planner.registered:
-            preset = self.base.experiment.settings(planner)["preset"]
+            preset = self.base.experiment.resolve_planner(planner).preset
             chosen = {
                 "name": planner.name,
                 "preset": preset,

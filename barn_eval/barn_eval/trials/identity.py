@@ -12,20 +12,20 @@ from barn_sim.config import SimulatorConfig
 from barn_worlds.base.config import as_dict
 from barn_worlds.robots.robot import Chassis
 
-MISSING = "not set"
+NOT_SET = "not set"
 
 
 @cache
-def robot(chassis: Chassis) -> str:
+def robot_sha256(chassis: Chassis) -> str:
     """Return SHA-256 of a robot's description."""
     return hashlib.sha256(description_text(chassis).encode()).hexdigest()
 
 
-def task(
+def task_content(
     protocol: Protocol, simulator: SimulatorConfig, urdf_sha256: str | None = None
 ) -> dict[str, Any]:
     """Return what decides a task apart from its world as plain data: protocol, simulator and robot, all resolved."""
-    described = urdf_sha256 or robot(simulator.chassis)
+    described = urdf_sha256 or robot_sha256(simulator.chassis)
     return {
         "protocol": as_dict(protocol),
         "simulator": as_dict(simulator),
@@ -48,14 +48,14 @@ def first_difference(
     a: Mapping[str, Any], b: Mapping[str, Any]
 ) -> tuple[str, Any, Any] | None:
     """Return the first dotted key by which plain data differ, with both values, or None; MISSING for one not there."""
-    there, here = dict(leaves(a)), dict(leaves(b))
+    there, here = dict(flatten(a)), dict(flatten(b))
     found = (
-        (key, there.get(key, MISSING), here.get(key, MISSING)) for key in here | there
+        (key, there.get(key, NOT_SET), here.get(key, NOT_SET)) for key in here | there
     )
     return next((one for one in found if one[1] != one[2]), None)
 
 
-def leaves(content: object, name: str = "") -> Iterator[tuple[str, Any]]:
+def flatten(content: object, name: str = "") -> Iterator[tuple[str, Any]]:
     """Yield the values of nested mappings and lists by dotted key; empty ones are values themselves."""
     pairs = (
         content.items()
@@ -65,6 +65,6 @@ def leaves(content: object, name: str = "") -> Iterator[tuple[str, Any]]:
         else ()
     )
     for key, value in pairs:
-        yield from leaves(value, f"{name}.{key}" if name else str(key))
+        yield from flatten(value, f"{name}.{key}" if name else str(key))
     if not isinstance(content, (dict, list)) or not content:
         yield name, content

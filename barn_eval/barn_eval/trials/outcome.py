@@ -29,7 +29,7 @@ PLANNER, SIMULATOR, ENVIRONMENT = "planner", "simulator", "environment"
 _BLAMED = {Outcome.SIMULATOR_DIED: SIMULATOR, Outcome.ENVIRONMENT_FAILED: ENVIRONMENT}
 
 # A planner that did not drive to the end of a trial; where none did, the command says so by its exit code.
-NOT_DRIVEN = (
+UNDRIVEN_OUTCOMES = (
     Outcome.PLANNER_NOT_READY,
     Outcome.PLANNER_DIED,
     Outcome.PLANNER_STALLED,
@@ -52,14 +52,14 @@ class Verdict:
     traversal_time_s: float | None
     duration_s: float
     contact_s: float
-    blamed: str = ""
+    culprit: str = ""
 
     @property
     def fault(self) -> str:
         """Who failed, empty after a success."""
         if self.outcome is Outcome.SUCCESS:
             return ""
-        return self.blamed or _BLAMED.get(self.outcome, PLANNER)
+        return self.culprit or _BLAMED.get(self.outcome, PLANNER)
 
 
 # Clips of the traversal time in multiples of the optimal time (BARN Challenge rules, since 2024, and in 2022 and 2023).
@@ -92,7 +92,7 @@ class Scores:
     )
 
 
-def score(
+def score_trial(
     verdict: Verdict,
     course: Course,
     protocol: Protocol,

@@ -66,7 +66,7 @@ class PoseRule(Checked):
             f"must be at most x_max_m = {self.x_max_m:g}",
         )
 
-    def sized(self, scale: float, first_column_m: float) -> "PoseRule":
+    def scaled_to(self, scale: float, first_column_m: float) -> "PoseRule":
         """Return the rule in a world of other cells, whose first column of obstacles lies at this y."""
         ahead_m, from_m = (
             (LEAD_IN_M, first_column_m) if self.anchor_y == "map" else (0.0, 0.0)
@@ -239,7 +239,7 @@ class Protocol(Checked):
         optimal_s = reference_m / self.reference_speed_mps
         return Course(start, goal, path_length_m, reference_m, optimal_s)
 
-    def sized(self, world: World, chassis: Chassis) -> "Protocol":
+    def scaled_to(self, world: World, chassis: Chassis) -> "Protocol":
         """Return the rules for a robot in a world: themselves, for the standard one and in worlds of standard cells.
 
         For another robot all distances are in the cells of its world, so that it sees the same course in its own
@@ -257,8 +257,8 @@ class Protocol(Checked):
         first_column_m = lead_in_cells(world.resolution_m) * world.resolution_m
         found = replace(
             self,
-            start=self.start.sized(scale, first_column_m),
-            goal=self.goal.sized(scale, first_column_m),
+            start=self.start.scaled_to(scale, first_column_m),
+            goal=self.goal.scaled_to(scale, first_column_m),
             clock_start_distance_m=scale * self.clock_start_distance_m,
             goal_distance_m=scale * self.goal_distance_m,
             reference_speed_mps=scale * self.reference_speed_mps,
@@ -296,11 +296,11 @@ def load_protocol(source: str) -> Protocol:
         hint = "" if content.get("base") else f" (or a base: {', '.join(PROTOCOLS)})"
         raise ConfigError(f"{source}: missing key {missing!r}{hint}")
     protocol = from_dict(Protocol, _based(content, source), source)
-    check_name(protocol, f"{source}: ")
+    check_protocol_name(protocol, f"{source}: ")
     return protocol
 
 
-def check_name(protocol: Protocol, where: str = "") -> None:
+def check_protocol_name(protocol: Protocol, where: str = "") -> None:
     """Raise ConfigError for other rules under the name of a built-in protocol."""
     known = PROTOCOLS.get(protocol.name)
     if known is not None and known != protocol:

@@ -21,9 +21,9 @@ class Standing:
     """
 
     outcome: Outcome | None
-    on_clock_s: float | None
+    clock_s: float | None
     contact_s: float
-    left_m: float | None
+    goal_distance_m: float | None
 
 
 class Referee:
@@ -116,11 +116,11 @@ class Referee:
             )
         return None
 
-    def fail(self, outcome: Outcome, detail: str, blamed: str = "") -> Verdict:
+    def fail(self, outcome: Outcome, detail: str, culprit: str = "") -> Verdict:
         """End the trial for a reason that no reading shows, such as a process that died; `blamed` as in `Verdict`."""
         if (verdict := self.verdict) is None:
             verdict = self._verdict = replace(
-                self._conclude(outcome, detail), blamed=blamed
+                self._conclude(outcome, detail), culprit=culprit
             )
         return verdict
 

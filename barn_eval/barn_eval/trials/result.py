@@ -20,11 +20,14 @@ from barn_worlds.base.text_files import parse_json
 # where the simulator does not wait, all that it takes.
 DECLARED, MEASURED, FREE, REAL_TIME = "declared", "measured", "free", "real_time"
 # The same in words.
-WAYS = dict.fromkeys(
+COMPUTE_MODE_LABELS = dict.fromkeys(
     (DECLARED, FREE), "computing as declared"
 )  # which is nothing for the latter
-WAYS |= {MEASURED: "computing as measured", REAL_TIME: "computing in real time"}
-MOST_MISSED = 0.02  # share of control periods without a command in time, in a trial that is not marked
+COMPUTE_MODE_LABELS |= {
+    MEASURED: "computing as measured",
+    REAL_TIME: "computing in real time",
+}
+MAX_MISSED_SHARE = 0.02  # share of control periods without a command in time, in a trial that is not marked
 SCHEMA_VERSION = 2
 _MOST_DELAY_BYTES = 1 << 24
 
@@ -59,7 +62,7 @@ class WallClock:
     repeated: str = ""
 
     @classmethod
-    def of(
+    def from_answer_times(
         cls,
         duration_s: float,
         factor: float | None,
@@ -75,26 +78,28 @@ class WallClock:
         )
         return cls(duration_s, factor, *times_ms, **missed)
 
-    def on(self, pace: float, allowed_s: float, way: str) -> "WallClock":
+    def with_pace(self, pace: float, allowed_s: float, mode: str) -> "WallClock":
         """Return the figures of a machine of that pace, which say whether cycles fit the time that they may take."""
-        if way not in (FREE, DECLARED) or self.compute_p95_ms is None:
+        if mode not in (FREE, DECLARED) or self.compute_p95_ms is None:
             return replace(self, pace=pace)
         computer = 1e-3 * self.compute_p95_ms * pace / allowed_s
-        return replace(self, pace=pace, computer=computer, note=assumption(computer))
+        return replace(
+            self, pace=pace, computer=computer, note=describe_computer(computer)
+        )
 
     @property
-    def late(self) -> bool:
+    def is_late(self) -> bool:
         """Whether so many commands were late that the score tells of the machine as well as of the planner."""
-        return self.missed_share > MOST_MISSED
+        return self.missed_share > MAX_MISSED_SHARE
 
     @property
     def remark(self) -> str:
         """How late commands were, in words; an empty text if the trial is not marked for it."""
         missed = f"{self.missed_cycles} control periods ({self.missed_share:.1%}) without a command in time"
-        return "; ".join(filter(None, (missed if self.late else "", self.note)))
+        return "; ".join(filter(None, (missed if self.is_late else "", self.note)))
 
     @property
-    def retried(self) -> str:
+    def retry_note(self) -> str:
         """At which attempt the trial was made and why not at the first, in words; empty for the first."""
         return (
             f"attempt {self.attempts} ({self.repeated or 'its worker was lost'})"
@@ -115,7 +120,7 @@ class TrialResult:
     what else is to be known, such as who subscribed to the truth. motion: of worlds in which obstacles move, whose rows
     alone have it. speed_cap_mps: the highest speed that the robot took from the planner: what that declared, or else
     the robot's own limit. compute: what was charged for the planner's computing: "declared", "measured", "free" or
-    "real_time". delays: those that were measured, packed by `packed_delays`. Older rows lack some of these.
+    "real_time". delays: those that were measured, packed by `pack_delays`. Older rows lack some of these.
     """
 
     trial_id: str
@@ -150,7 +155,7 @@ class TrialResult:
     schema_version: int = SCHEMA_VERSION
 
     @property
-    def counts(self) -> bool:
+    def is_scored(self) -> bool:
         """Whether the planner is answerable for how the trial ended; if not, it is to be run again."""
         return self.fault not in (SIMULATOR, ENVIRONMENT)
 
@@ -162,10 +167,10 @@ class TrialResult:
 
 
 Rows = Sequence[TrialResult]
-Groups = Mapping[str, Rows]  # by planner
+RowsByPlanner = Mapping[str, Rows]  # by planner
 
 
-def assumption(computer: float) -> str:
+def describe_computer(computer: float) -> str:
     """Return in words what kind of computer a score assumes, empty where the reference computer will do."""
     return (
         f"its score assumes a computer {computer:.2g} times as fast"
@@ -174,13 +179,13 @@ def assumption(computer: float) -> str:
     )
 
 
-def packed_delays(delays_ns: Sequence[int]) -> str:
+def pack_delays(delays_ns: Sequence[int]) -> str:
     """Return delays in whole microseconds as a text."""
     whole = np.diff(np.array(delays_ns, np.int64) // 1000, prepend=0).astype("<i4")
     return base64.b64encode(zlib.compress(whole.tobytes(), 9)).decode()
 
 
-def unpacked_delays(text: str) -> tuple[int, ...]:
+def unpack_delays(text: str) -> tuple[int, ...]:
     """Return delays in ns of a text; ConfigError where it holds none."""
     try:
         stream = zlib.decompressobj()
@@ -194,7 +199,7 @@ def unpacked_delays(text: str) -> tuple[int, ...]:
         raise ConfigError(f"delays of a row cannot be read: {error}") from None
 
 
-def trial_id(planner: str, world: int, repetition: int) -> str:
+def format_trial_id(planner: str, world: int, repetition: int) -> str:
     """Return the name of a trial, which is also that of its bag and picture."""
     return f"{planner}_w{world:04d}_r{repetition:02d}"
 

@@ -11,7 +11,7 @@ ENGINES = ("local", "ray", "inline")
 BAGS = ("all", "failed", "none")
 INPUTS = ("scan", "odom", "goal_pose", "map", "amcl_pose", "tf")
 RESTARTS = ("on_fault", "each_trial", "never")
-GOAL_WAYS = ("topic", "action")
+GOAL_METHODS = ("topic", "action")
 COMMAND_TYPES = ("auto", "twist", "twist_stamped")
 
 _NAME = r"[A-Za-z_]\w*"
@@ -29,7 +29,7 @@ def _limit(
 
 
 @dataclass(frozen=True)
-class Patience(Checked):
+class WaitLimits(Checked):
     """How long the evaluator waits for the others.
 
     Time counts by the evaluator's own turns: what it spends suspended or waiting for a processor does not count. Only
@@ -80,7 +80,7 @@ class Patience(Checked):
 
 @dataclass(frozen=True)
 class PlannerLink(Checked):
-    """How the planner under test is reached over ROS; shared by the evaluator's parameters and `RosSetup`."""
+    """How the planner under test is reached over ROS; shared by the evaluator's parameters and `RosConfig`."""
 
     command_type: str = quantity(
         "auto", "type of the commands on cmd_vel", choices=COMMAND_TYPES
@@ -89,7 +89,9 @@ class PlannerLink(Checked):
         "",
         "name of a node to wait for, whose ~/ready, ~/reset and seed are used if offered; empty: the commands' sender",
     )
-    goal_by: str = quantity("topic", "how the planner gets its goal", choices=GOAL_WAYS)
+    goal_by: str = quantity(
+        "topic", "how the planner gets its goal", choices=GOAL_METHODS
+    )
     goal_action: str = quantity(
         "navigate_to_pose",
         "name of the action that takes the goal, with goal_by action",
@@ -125,11 +127,11 @@ class PlannerLink(Checked):
         "when a supervised planner is started afresh for the next trial",
         choices=RESTARTS,
     )
-    patience: Patience = field(default_factory=Patience)
+    patience: WaitLimits = field(default_factory=WaitLimits)
 
 
 @dataclass(frozen=True)
-class RosSetup(PlannerLink):
+class RosConfig(PlannerLink):
     """What a run over ROS needs to know beyond its trials."""
 
     lockstep: bool = quantity(True, "the simulator waits for a command after each scan")

@@ -23,8 +23,8 @@ from barn_worlds.messages.topics import PLAN
 from barn_worlds.moving.tracks import Tracks
 from barn_worlds.worlds.world import World
 
-CLOSE_M = 0.1  # from an obstacle, so that it counts as near contact
-MOST_POINTS = 10_000  # of a plan
+NEAR_CONTACT_M = 0.1  # from an obstacle, so that it counts as near contact
+MAX_PLAN_POINTS = 10_000  # of a plan
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +87,7 @@ class TrajectoryLog:
         if (
             points.ndim == 2
             and points.shape[1] == 2
-            and 0 < len(points) <= MOST_POINTS
+            and 0 < len(points) <= MAX_PLAN_POINTS
             and np.isfinite(points).all()
         ):
             self._plans.append((stamp_ns, points.astype(np.float64)))
@@ -145,7 +145,7 @@ class Measures:
     off_plan_m: float | None = None  # mean distance from the planner's last plan
 
 
-def measure(
+def measure_trajectory(
     trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outline: Footprint
 ) -> Measures:
     """Return the measures of a trajectory among cylinders with centres (k, 2) in the map frame."""
@@ -158,11 +158,11 @@ def measure(
         else 0.0
     )
     duration = float(periods_ns.sum()) / NANOSECONDS
-    clearance = clearances(trajectory.truth, cylinders_m, radius_m, outline)
+    clearance = compute_clearances(trajectory.truth, cylinders_m, radius_m, outline)
     turns = np.abs((turned + np.pi) % (2.0 * np.pi) - np.pi)
     began = trajectory.contact & ~np.concatenate(([False], trajectory.contact[:-1]))
     near = (
-        clearance[1:] < CLOSE_M
+        clearance[1:] < NEAR_CONTACT_M
         if clearance.size
         else np.zeros(len(periods_ns), np.bool_)
     )
@@ -200,7 +200,7 @@ def measure(
     )
 
 
-def clearances(
+def compute_clearances(
     poses: Floats, cylinders_m: Floats, radius_m: float, outline: Footprint
 ) -> Floats:
     """Return the distance (n,) from the robot's outline at poses (n, 3) to the nearest cylinder (k, 2), all in metres.
@@ -261,7 +261,7 @@ class Encounters:
     )
 
 
-def encounters(
+def measure_encounters(
     trajectory: Trajectory,
     world: World,
     phase_s: float,
@@ -370,7 +370,9 @@ def _first_hit(
 
 def _standing_gap(poses: Floats, world: World, outline: Footprint) -> float:
     """Return the smallest distance from the robot at poses (n, 3) to a cylinder or a wall, infinite without any."""
-    still = clearances(poses, world.cylinders_m, world.cylinder_radius_m, outline)
+    still = compute_clearances(
+        poses, world.cylinders_m, world.cylinder_radius_m, outline
+    )
     walls = wall_bodies(world.walls).shapes()
     gaps = [
         outline.gaps(walls, x, y, yaw).min(initial=math.inf)

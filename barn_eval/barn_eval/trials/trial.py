@@ -12,29 +12,26 @@ from traceback import extract_tb, format_exc
 from types import FrameType
 from typing import Any, TypeVar
 
-from barn_eval.trials.outcome import Outcome, Scores, Verdict, score
+from barn_eval.trials.outcome import Outcome, Scores, Verdict, score_trial
 from barn_eval.trials.referee import Referee
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import TrialSpec
-from barn_eval.trials.trajectory import Trajectory, TrajectoryLog, encounters, measure
+from barn_eval.trials.trajectory import (
+    Trajectory,
+    TrajectoryLog,
+    measure_encounters,
+    measure_trajectory,
+)
 from barn_planners.interface import PlannerStatus
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import NANOSECONDS, Odometry, Pose2D, Velocity2D
 from barn_worlds.geometry.footprint import contact_of
 
 T = TypeVar("T")
-OF_SPEC = (
-    "planner",
-    "repetition",
-    "campaign_seed",
-    "simulator_seed",
-    "planner_seed",
-)  # which a row has likewise
-_OF_SPEC = ("trial_id", "dataset", "preset", "task", "planner_config")
 
 
 @contextmanager
-def handled(
+def signal_handler(
     number: int, handler: Callable[[int, FrameType | None], None]
 ) -> Iterator[bool]:
     """Handle a signal while the context lasts and give whether that is so: only the main thread can."""
@@ -61,10 +58,10 @@ class _Stalled(BaseException):
 
 
 STALLED = 10.0  # wall-clock time in multiples of a limit after which the machine, not the planner, is given up
-LONGEST = 2000  # characters of what a planner may have said, in a row
+MAX_TEXT_LENGTH = 2000  # characters of what a planner may have said, in a row
 
 
-def queued_s(process: str | int = "self") -> float:
+def processor_wait_s(process: str | int = "self") -> float:
     """Return how long the main thread of a process has waited for a processor, 0 where the system does not tell."""
     try:
         return (
@@ -94,7 +91,7 @@ class Deadline:
     @contextmanager
     def installed(self) -> Iterator[None]:
         """Take over the alarm signal, and give it back at the end."""
-        with handled(signal.SIGALRM, self._look) as armed:
+        with signal_handler(signal.SIGALRM, self._look) as armed:
             self._armed = armed
             try:
                 yield
@@ -118,7 +115,7 @@ class Deadline:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
 
     def _look(self, _signal: int, _frame: FrameType | None) -> None:
-        queued = queued_s()
+        queued = processor_wait_s()
         if math.isnan(self._queued_s):
             self._queued_s = queued
         else:
@@ -144,7 +141,7 @@ class RunningTrial:
 
     def __init__(self, spec: TrialSpec, *, logged: bool = True) -> None:
         self.spec = spec
-        self.referee = Referee(spec.rules, spec.course, spec.declared_mps)
+        self.referee = Referee(spec.scaled_protocol, spec.course, spec.declared_mps)
         self.log = TrajectoryLog()
         self.deadline = Deadline()
         self.recoveries: int | None = None
@@ -164,7 +161,7 @@ class RunningTrial:
         if verdict is None:
             return None
         least_s = spec.least_time_s if verdict.outcome is Outcome.SUCCESS else None
-        return score(verdict, spec.course, spec.protocol, least_s)
+        return score_trial(verdict, spec.course, spec.protocol, least_s)
 
     def read(
         self, odometry: Odometry, truth: Odometry, collision: bool
@@ -215,7 +212,7 @@ class RunningTrial:
             raise MachineStalledError(text) from None
         except Exception as error:  # whatever it is, it belongs in the result
             self.traceback = format_exc()
-            self.referee.fail(Outcome.PLANNER_DIED, error_line(error))
+            self.referee.fail(Outcome.PLANNER_DIED, describe_error(error))
         return None
 
 
@@ -232,42 +229,51 @@ class FinishedTrial:
     traceback: str = ""  # of the exception that the planner raised
 
 
-def conclude(
+def finish_trial(
     spec: TrialSpec, mode: str, verdict: Verdict, trajectory: Trajectory, **told: Any
 ) -> FinishedTrial:
     """Return the finished trial with scores and measures; mode is "direct" or "ros", `told` more fields of its row."""
     world, scores = (
         spec.world,
-        score(verdict, spec.course, spec.protocol, spec.least_time_s),
+        score_trial(verdict, spec.course, spec.protocol, spec.least_time_s),
     )
     traversal_s = scores.traversal_time_s if scores.success else None
     outline = contact_of(spec.simulator.chassis)
     result = TrialResult(
-        **{name: getattr(spec, name) for name in (*_OF_SPEC, *OF_SPEC)},
-        world=spec.index,
+        trial_id=spec.trial_id,
+        dataset=spec.dataset,
+        planner=spec.planner,
+        preset=spec.preset,
+        repetition=spec.repetition,
+        campaign_seed=spec.run_seed,
+        simulator_seed=spec.simulator_seed,
+        planner_seed=spec.planner_seed,
+        task=spec.task,
+        planner_config=spec.planner_config,
+        world=spec.world_number,
         world_name=world.name,
         world_checksum=world.checksum,
         protocol=spec.protocol.name,
         mode=mode,
         outcome=verdict.outcome,
-        detail=verdict.detail[:LONGEST],
+        detail=verdict.detail[:MAX_TEXT_LENGTH],
         scores=scores,
-        measures=measure(
+        measures=measure_trajectory(
             trajectory, world.cylinders_m, world.cylinder_radius_m, outline
         ),
         metric=spec.protocol.metric,
         fault=verdict.fault,
         speed_cap_mps=spec.speed_cap_mps,
-        compute=spec.way,
-        motion=encounters(
-            trajectory, world, spec.phase_s, outline, spec.rules, traversal_s
+        compute=spec.compute_mode,
+        motion=measure_encounters(
+            trajectory, world, spec.phase_s, outline, spec.scaled_protocol, traversal_s
         ),
         **told,
     )
     return FinishedTrial(spec, result, trajectory)
 
 
-def error_line(error: Exception) -> str:
+def describe_error(error: Exception) -> str:
     """Return an error of a planner or simulator in one line, with where it was raised, for the detail of a verdict."""
     lines = str(error).splitlines()
     said = (

@@ -10,16 +10,17 @@ from typing import Any
 
 from barn_eval.results.bags import BAGS
 from barn_eval.results.bags.bagfile import BagFile
+from barn_eval.results.provenance import SUITE, versions
 from barn_eval.results.rows import (
-    FILE_NAME,
-    TRACKS_NAME,
-    ResultRows,
-    sealed,
+    ROWS_FILE,
+    TRACKS_FILE,
+    RowFile,
+    seal_line,
     write_tables,
 )
-from barn_eval.results.run_file import RUN_FILE, SUITE, WORLDS, RunFile, versions
+from barn_eval.results.run_file import RUN_FILE, WORLDS, RunFile
 from barn_eval.results.store import LOGS
-from barn_eval.results.tracks import pack
+from barn_eval.results.tracks import pack_arrays
 from barn_eval.running.command_files import told_files
 from barn_eval.verification.check import FolderCheck, check_folder
 from barn_eval.verification.rerun import COMMANDS_NAME, read_bag
@@ -36,7 +37,7 @@ from barn_worlds.worlds.dataset import shipped
 
 SCHEMA_VERSION = 1
 ABOUT = "submission.json"
-_NEEDED = (RUN_FILE, FILE_NAME, TRACKS_NAME, COMMANDS_NAME)
+_NEEDED = (RUN_FILE, ROWS_FILE, TRACKS_FILE, COMMANDS_NAME)
 _ALLOWED = (*_NEEDED, WORLDS, f"{Path(WORLDS).stem}.manifest.json")
 _PARAMETERS = re.compile(
     r"parameters/[0-9a-f]{12}_[A-Za-z0-9_.-]{1,100}"
@@ -85,9 +86,9 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
     }
     if COMMANDS_NAME not in files:  # of one that was unpacked
         files[COMMANDS_NAME] = "".join(
-            f"{sealed(line)}\n" for line in _command_lines(folder)
+            f"{seal_line(line)}\n" for line in _command_lines(folder)
         ).encode()
-    for planner in run.configuration().planners:
+    for planner in run.run_config().planners:
         files |= {
             f"parameters/{one.name}": one.read_bytes()
             for one in told_files(folder / LOGS, planner.name)
@@ -105,7 +106,7 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
 
 
 def _require_worlds(run: RunFile, folder: Path) -> None:
-    dataset = run.experiment.get("dataset")
+    dataset = run.config.get("dataset")
     if dataset not in shipped() and dataset != str((folder / WORLDS).absolute()):
         raise ConfigError(
             f"{run.path}: dataset {shown(dataset)} is not one that comes with the suite"
@@ -113,11 +114,11 @@ def _require_worlds(run: RunFile, folder: Path) -> None:
 
 
 def _command_lines(folder: Path) -> Iterator[str]:
-    for row in ResultRows(folder).read():
+    for row in RowFile(folder).read():
         bag = folder / BAGS / row.trial_id
         driven = read_bag(BagFile(bag))[0] if bag.is_dir() else None
         if driven is not None and (driven.exact or row.mode == "direct"):
-            packed = pack({"commands": driven.trajectory.command.ravel()})
+            packed = pack_arrays({"commands": driven.trajectory.command.ravel()})
             yield json.dumps({"trial_id": row.trial_id} | packed, separators=(",", ":"))
 
 
@@ -142,7 +143,7 @@ def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str,
     path, folder = Path(path), Path(folder)
     container = _unpack(path, folder)
     run = RunFile.read(folder)
-    experiment, here = run.configuration(), versions()
+    experiment, here = run.run_config(), versions()
     _require_worlds(run, folder)
     for session in run.sessions:
         made = session.get("versions")
@@ -152,7 +153,7 @@ def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str,
                 raise ConfigError(
                     f"{path}: was made with {name} {shown(made.get(name))}, this is {here[name]}"
                 )
-    rows = ResultRows(folder).read()
+    rows = RowFile(folder).read()
     if not rows or len(experiment.planners) * experiment.repetitions > len(rows):
         raise ConfigError(f"{path}: has {len(rows)} rows, too few for its planners")
     found = check_folder(folder)
@@ -174,7 +175,7 @@ def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str,
     ]
     last: Mapping[str, Any] = run.sessions[-1] if run.sessions else {}
     about = {
-        "task": run.written_task(),
+        "task": run.task_fingerprint(),
         "protocol": experiment.protocol.name,
         "dataset": Path(experiment.dataset).name,
         **{

@@ -36,7 +36,7 @@ from barn_eval.results.bags import BAGS
 from barn_eval.results.folder import REPLAYS
 from barn_eval.results.rows import results_table, timing_table
 from barn_eval.results.run_file import RunFile
-from barn_eval.results.store import Record, Store
+from barn_eval.results.store import BagStore, TrialRecord
 from barn_eval.ros.work import work_of
 from barn_eval.running.engine import Job
 from barn_eval.running.planner_objects import (
@@ -45,9 +45,9 @@ from barn_eval.running.planner_objects import (
     fingerprint,
     split_planners,
 )
-from barn_eval.trials.result import TrialResult, unpacked_delays
-from barn_eval.trials.run_config import Execution
-from barn_eval.verification.check import difference
+from barn_eval.trials.result import TrialResult, unpack_delays
+from barn_eval.trials.run_config import ExecutionConfig
+from barn_eval.verification.check import describe_difference
 from barn_worlds.base.errors import ConfigError, suggest
 
 
@@ -187,7 +187,11 @@ class Results:
         """
         chosen = chosen_planners(self.folder, by_planner(self.trials), planners)
         found = precision(
-            chosen, half_width, difference, measure=measure, repetitions=repetitions
+            chosen,
+            half_width,
+            difference,
+            measure=measure,
+            repetitions=repetitions,
         )
         return frame_of((asdict(one) for one in found.needs), worlds="Int64")
 
@@ -340,12 +344,14 @@ class Results:
         """
         result = self._result(trial)
         with TemporaryDirectory() as folder:
-            return difference(result, self._drive(result, Path(folder), "none"))
+            return describe_difference(
+                result, self._drive(result, Path(folder), "none")
+            )
 
     def _drive(self, result: TrialResult, folder: Path, bags: str) -> TrialResult:
         """Drive a trial once more, alone, its bag in a folder, and return its new result."""
         experiment, name = (
-            replace(RunFile.read(self.folder).configuration(), bags=bags),
+            replace(RunFile.read(self.folder).run_config(), bags=bags),
             result.planner,
         )
         (choice,) = (one for one in experiment.planners if one.name == name)
@@ -363,13 +369,16 @@ class Results:
             if one.trial_id == result.trial_id
         )
         if result.delays:
-            spec = replace(spec, recorded_ns=unpacked_delays(result.delays))
+            spec = replace(spec, recorded_ns=unpack_delays(result.delays))
         kept: list[object] = []  # what mode ros reports on the way
         work = work_of(
-            experiment, Execution(workers=1), Store(folder.absolute(), bags), self._live
+            experiment,
+            ExecutionConfig(workers=1),
+            BagStore(folder.absolute(), bags),
+            self._live,
         )
         done = work.run(Job(result.trial_id, (spec,)), kept.append)
-        return next(one for one in (done, *kept) if isinstance(one, Record)).result
+        return next(one for one in (done, *kept) if isinstance(one, TrialRecord)).result
 
     def _result(self, trial: str | int) -> TrialResult:
         found = {result.trial_id: result for result in self.trials}

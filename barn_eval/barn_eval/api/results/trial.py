@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from barn_eval.results.tracks import CHANNELS, from_track_line
+from barn_eval.results.tracks import CHANNELS, parse_track_line
 from barn_eval.trials.result import TrialResult
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.files import write_whole
@@ -51,7 +51,7 @@ class Trial:
                 {name: np.empty(0) for name in names}
                 | {"contact": np.empty(0, np.bool_)}
             )
-        _, track = from_track_line(self.track, self.result.trial_id)
+        _, track = parse_track_line(self.track, self.result.trial_id)
         return pd.DataFrame(
             dict(zip(names, track.samples.T, strict=True)) | {"contact": track.contact}
         )

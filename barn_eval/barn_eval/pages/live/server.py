@@ -25,8 +25,8 @@ from barn_eval.pages import LOOPBACK, PAGE_PORT
 from barn_eval.pages.replay.page import replay_page
 from barn_eval.pages.template import render, themed
 from barn_eval.results.bags import BAGS
-from barn_eval.results.bags.recorded import read_recorded
-from barn_eval.results.rows import FILE_NAME, ResultRows
+from barn_eval.results.bags.recorded import read_recorded_trial
+from barn_eval.results.rows import ROWS_FILE, RowFile
 from barn_eval.results.run_file import RunFile
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import Rows, TrialResult
@@ -54,7 +54,7 @@ class CampaignState:
 
     def read(self) -> dict[str, Any]:
         """Return the state: progress, verdict, bars, failures and last trials; "problem" where files cannot be read."""
-        path = self.folder / FILE_NAME
+        path = self.folder / ROWS_FILE
         found = path.stat() if path.exists() else None
         seen = (found.st_size, found.st_mtime_ns) if found else (0, 0)
         if seen != self._seen or not self._state:
@@ -71,9 +71,7 @@ class CampaignState:
     def bag(self, trial_id: str) -> Path:
         """Return the bag of a trial of this folder; ConfigError if it has none, or if that lies elsewhere."""
         bag = self.folder / BAGS / trial_id
-        known = trial_id in {
-            result.trial_id for result in ResultRows(self.folder).read()
-        }
+        known = trial_id in {result.trial_id for result in RowFile(self.folder).read()}
         if (
             not known
             or not bag.is_dir()
@@ -87,7 +85,7 @@ class CampaignState:
 
 def state_of(folder: Path) -> dict[str, Any]:
     """Return how an experiment stands; BarnError if its files do not belong together."""
-    rows = ResultRows(folder).read()
+    rows = RowFile(folder).read()
     source = read_source(folder, rows)
     results = source.results
     state: dict[str, Any] = {
@@ -95,7 +93,7 @@ def state_of(folder: Path) -> dict[str, Any]:
         "problem": "",
         "done": len(results),
         "planned": source.planned,
-        "again": sum(not row.counts for row in rows),
+        "again": sum(not row.is_scored for row in rows),
         "outcomes": [
             (_words(name), count)
             for name, count in Counter(one.outcome for one in results).most_common()
@@ -144,7 +142,9 @@ def _pace(rows: Rows, planned: int | None) -> dict[str, Any]:
             "left_s": None,
         }
     rate = (len(ends) - 1) / span_s
-    left = max(0, planned - sum(row.counts for row in rows)) / rate if planned else None
+    left = (
+        max(0, planned - sum(row.is_scored for row in rows)) / rate if planned else None
+    )
     return {"last": ends[-1].isoformat(), "per_minute": 60.0 * rate, "left_s": left}
 
 
@@ -165,7 +165,7 @@ def _trial(folder: Path, row: TrialResult) -> dict[str, Any]:
         "world": row.world,
         "outcome": _words(row.outcome),
         "detail": row.detail,
-        "counts": row.counts,
+        "counts": row.is_scored,
         "time_s": row.scores.traversal_time_s if row.scores.success else None,
         "bag": (folder / BAGS / row.trial_id).is_dir(),
     }
@@ -219,7 +219,7 @@ class _Server(ThreadingHTTPServer):
         self.state = state
         self.lock = threading.Lock()
         self.replay = lru_cache(_KEPT_REPLAYS)(
-            lambda bag: replay_page(read_recorded(bag))
+            lambda bag: replay_page(read_recorded_trial(bag))
         )
         super().__init__(address, _Handler)
 

@@ -17,8 +17,8 @@ from barn_eval.analysis.planners import spelling
 from barn_eval.pages import Progress
 from barn_eval.pages.replay.page import outcome_by, planner_of, replay_page
 from barn_eval.pages.template import write_page
-from barn_eval.results.bags.decode import specified
-from barn_eval.results.bags.recorded import Recorded, read_recorded
+from barn_eval.results.bags.decode import read_specification
+from barn_eval.results.bags.recorded import RecordedTrial, read_recorded_trial
 from barn_sim.config import LidarConfig
 from barn_sim.drawing.camera import CAMERAS, SIZES, Pixels, Studio, camera_at
 from barn_worlds.base.arrays import Floats
@@ -54,7 +54,7 @@ def write_replay(
     by_ending(outs)  # before anything is read
     if not 1 <= len(bags) <= MOST_BAGS:
         raise ConfigError(f"a replay shows 1 to {MOST_BAGS} bags, got {len(bags)}")
-    found = [read_recorded(path) for path in bags]
+    found = [read_recorded_trial(path) for path in bags]
     for line in (
         f"{one.name}: " * (len(found) > 1) + line for one in found for line in one.notes
     ):
@@ -183,7 +183,7 @@ _STEADY_S = 1.2  # over which the camera's own pose is the mean of the robot's
 
 
 def camera_frames(
-    recorded: Recorded, camera: str, times_s: Sequence[float], finer: int
+    recorded: RecordedTrial, camera: str, times_s: Sequence[float], finer: int
 ) -> Iterator[Pixels]:
     """Yield a trial as a camera sees it at times.
 
@@ -197,7 +197,7 @@ def camera_frames(
         )
     steady = _steadied(recorded)
     lidar = replace(LidarConfig(), mount_x_m=recorded.lidar.x)
-    if height := specified(recorded.trial, "lidar", "mount_z_m"):
+    if height := read_specification(recorded.trial, "lidar", "mount_z_m"):
         lidar = replace(lidar, mount_y_m=recorded.lidar.y, mount_z_m=height[0])
     moving = recorded.moving
     trail_m, bodies = recorded.poses[:, :2], None
@@ -221,7 +221,7 @@ def camera_frames(
             yield _captioned(pixels, recorded, time_s)
 
 
-def _steadied(recorded: Recorded) -> Floats:
+def _steadied(recorded: RecordedTrial) -> Floats:
     """Return poses (n, 3) that are means of the robot's over a while, yaw without jumps."""
     poses = np.column_stack([recorded.poses[:, :2], np.unwrap(recorded.poses[:, 2])])
     period_s = (
@@ -231,7 +231,7 @@ def _steadied(recorded: Recorded) -> Floats:
     return np.asarray(uniform_filter1d(poses, size, axis=0, mode="nearest"))
 
 
-def _captioned(pixels: Pixels, recorded: Recorded, time_s: float) -> Pixels:
+def _captioned(pixels: Pixels, recorded: RecordedTrial, time_s: float) -> Pixels:
     """Write below on the left whose trial it is, and the time."""
     picture, font = Image.fromarray(pixels), ImageFont.load_default(16)
     named = spelling(planner_of(recorded)) or recorded.name

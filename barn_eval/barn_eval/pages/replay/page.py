@@ -8,7 +8,7 @@ from barn_eval.analysis.measures import MEASURES, MOVING
 from barn_eval.analysis.planners import colours, spelling
 from barn_eval.pages.replay.payload import payload
 from barn_eval.pages.template import render
-from barn_eval.results.bags.recorded import MAP, Recorded
+from barn_eval.results.bags.recorded import MAP, RecordedTrial
 from barn_metrics.bootstrap import number
 
 _SCORES = (
@@ -22,7 +22,7 @@ _MEASURES = ("driven_m", "min_clearance_m", "contact_s")
 _SEEDS = ("campaign_seed", "simulator_seed", "planner_seed", "repetition")
 
 
-def replay_page(*found: Recorded) -> str:
+def replay_page(*found: RecordedTrial) -> str:
     """Return the page of one trial or several, whatever their bags hold as text being text in it."""
     named = labels(found)
     shades = colours([planner_of(recorded) for recorded in found])
@@ -60,7 +60,7 @@ def replay_page(*found: Recorded) -> str:
     )
 
 
-def labels(found: Sequence[Recorded]) -> list[str]:
+def labels(found: Sequence[RecordedTrial]) -> list[str]:
     """Return by what trials are told apart: their planners and, for one that is there twice, bag or folder as well."""
     names = [spelling(planner_of(recorded)) or recorded.name for recorded in found]
     often = Counter(names)
@@ -78,7 +78,7 @@ def labels(found: Sequence[Recorded]) -> list[str]:
     return [f"{name} ({number})" for number, name in enumerate(names, 1)]
 
 
-def world_key(recorded: Recorded) -> bytes:
+def world_key(recorded: RecordedTrial) -> bytes:
     """Return what is equal for equal scenes."""
     if recorded.scene is None:
         return b""
@@ -90,7 +90,7 @@ def world_key(recorded: Recorded) -> bytes:
     return recorded.scene.cylinders_m.tobytes() + moving
 
 
-def subtitle(recorded: Recorded) -> str:
+def subtitle(recorded: RecordedTrial) -> str:
     """Return which planner drove in which world, as far as the bag says."""
     result, trial = recorded.result, recorded.trial
     planner = planner_of(recorded)
@@ -107,7 +107,7 @@ def subtitle(recorded: Recorded) -> str:
     return ", ".join(part for part in parts if part)
 
 
-def planner_of(recorded: Recorded) -> str:
+def planner_of(recorded: RecordedTrial) -> str:
     """Return the name of the planner, empty where the bag does not say."""
     return str(
         _mapping(recorded.trial, "planner").get("name")
@@ -116,7 +116,7 @@ def planner_of(recorded: Recorded) -> str:
     )
 
 
-def outcome_by(recorded: Recorded, time_s: float) -> str:
+def outcome_by(recorded: RecordedTrial, time_s: float) -> str:
     """Return the outcome once the trial has come to its end, an empty text before."""
     over = time_s >= recorded.times_s[-1] - 1e-6
     return (
@@ -126,7 +126,7 @@ def outcome_by(recorded: Recorded, time_s: float) -> str:
     )
 
 
-def facts(recorded: Recorded) -> list[tuple[str, str]]:
+def facts(recorded: RecordedTrial) -> list[tuple[str, str]]:
     """Return names and values of outcome, score and measures; the seeds that make the trial again."""
     result = recorded.result
     if not result:

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from barn_eval.results.bags.movers import LONGEST_BEYOND_S, TRAIL_S
-from barn_eval.results.bags.recorded import Recorded, Shown
-from barn_eval.results.tracks import pack
+from barn_eval.results.bags.movers import MAX_EXTRAPOLATION_S, TRAIL_S
+from barn_eval.results.bags.recorded import RecordedTrial, TimedItem
+from barn_eval.results.tracks import pack_arrays
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import OccupancyMap, Pose2D
 from barn_worlds.geometry.bodies import Bodies, moving_bodies, wall_bodies
@@ -24,7 +24,7 @@ _NO_RANGE = 65535
 _COST_LEVELS = 12
 
 
-def payload(recorded: Recorded) -> dict[str, Any]:
+def payload(recorded: RecordedTrial) -> dict[str, Any]:
     """Return the data of a replay page: `pack`ed arrays and what describes them."""
     arrays: dict[str, Packable] = {
         "times": recorded.times_s.astype("f4"),
@@ -57,7 +57,7 @@ def payload(recorded: Recorded) -> dict[str, Any]:
         cells = recorded.map.data.ravel()
         arrays["map"] = (cells >= 50).astype("u1") + 2 * (cells < 0).astype("u1")
     content["scan"] = _scans(recorded, arrays)
-    layers: dict[str, Sequence[Shown]] = {
+    layers: dict[str, Sequence[TimedItem]] = {
         "plan": recorded.plans,
         "local_plan": recorded.local_plans,
     }
@@ -77,10 +77,10 @@ def payload(recorded: Recorded) -> dict[str, Any]:
     arrays["bubble_ends"] = np.cumsum([0, *map(len, discs)]).astype("i4")
     arrays["bubbles"] = np.concatenate([np.empty((0, 3)), *discs]).astype("f4")
     content["costmaps"] = _costmaps(recorded, arrays)
-    return content | {"packed": pack(arrays)}
+    return content | {"packed": pack_arrays(arrays)}
 
 
-def bounds(recorded: Recorded) -> list[float]:
+def bounds(recorded: RecordedTrial) -> list[float]:
     """Return x_min, y_min, x_max, y_max of what is to be seen, metres: world, map, start, goal and trail."""
     known, scene = recorded.map, recorded.scene
     margin_m = 1.0 if known is None and scene is None else 0.5
@@ -116,7 +116,7 @@ def bounds(recorded: Recorded) -> list[float]:
     return [*low.tolist(), *high.tolist()]
 
 
-def progress_m(recorded: Recorded) -> Floats | None:
+def progress_m(recorded: RecordedTrial) -> Floats | None:
     """Return how far along the path from start over world to goal the robot has come by each time, (n,) metres.
 
     That is the arc length of the path's nearest point, the largest so far. None where the path is not known.
@@ -149,7 +149,9 @@ def _plain(pose: Pose2D | None) -> list[float] | None:
     return None if pose is None else [pose.x, pose.y, pose.yaw]
 
 
-def _scene(recorded: Recorded, arrays: dict[str, Packable]) -> dict[str, float] | None:
+def _scene(
+    recorded: RecordedTrial, arrays: dict[str, Packable]
+) -> dict[str, float] | None:
     """Add the centres of obstacles, walls and of what has been pushed by the end, and the path; return their radius."""
     scene = recorded.scene
     if scene is None:
@@ -161,7 +163,9 @@ def _scene(recorded: Recorded, arrays: dict[str, Packable]) -> dict[str, float] 
     return {"radius": scene.radius_m}
 
 
-def _moving(recorded: Recorded, arrays: dict[str, Packable]) -> dict[str, Any] | None:
+def _moving(
+    recorded: RecordedTrial, arrays: dict[str, Packable]
+) -> dict[str, Any] | None:
     """Add shapes and places of moving obstacles, and of walls between them; return what describes them."""
     moving = recorded.moving
     if moving is None:
@@ -178,7 +182,7 @@ def _moving(recorded: Recorded, arrays: dict[str, Packable]) -> dict[str, Any] |
         "there": there,
         "step": step_m,
         "trail": TRAIL_S,
-        "beyond": LONGEST_BEYOND_S,
+        "beyond": MAX_EXTRAPOLATION_S,
     }
 
 
@@ -197,7 +201,9 @@ def _grid(grid: OccupancyMap, where: Pose2D) -> list[float]:
     ]
 
 
-def _scans(recorded: Recorded, arrays: dict[str, Packable]) -> dict[str, float] | None:
+def _scans(
+    recorded: RecordedTrial, arrays: dict[str, Packable]
+) -> dict[str, float] | None:
     """Add the ranges of evenly chosen beams in centimetres; scans of another shape than the first are left out."""
     if not recorded.scans:
         return None
@@ -224,7 +230,10 @@ def _scans(recorded: Recorded, arrays: dict[str, Packable]) -> dict[str, float] 
 
 
 def _lines(
-    recorded: Recorded, name: str, shown: Sequence[Shown], arrays: dict[str, Packable]
+    recorded: RecordedTrial,
+    name: str,
+    shown: Sequence[TimedItem],
+    arrays: dict[str, Packable],
 ) -> None:
     """Add polylines: points, where each line begins among them, and which lines are shown from which time on."""
     lines = []
@@ -241,7 +250,9 @@ def _lines(
     arrays[f"{name}_points"] = np.concatenate([*points, np.empty((0, 2))]).astype("f4")
 
 
-def _costmaps(recorded: Recorded, arrays: dict[str, Packable]) -> list[list[float]]:
+def _costmaps(
+    recorded: RecordedTrial, arrays: dict[str, Packable]
+) -> list[list[float]]:
     """Add costs in a few levels, 0 free and unknown, and return what describes each grid."""
     stride = max(1, -(-len(recorded.costmaps) // MOST_COSTMAPS))
     chosen = recorded.costmaps[::stride]

@@ -39,7 +39,7 @@ from barn_eval.pages.report.trials import (
     worlds_by_number,
 )
 from barn_eval.pages.template import render, write_page
-from barn_eval.results.bags.recorded import read_recorded
+from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.folder import REPLAYS
 from barn_eval.running.sweep import expanded
 from barn_worlds.base.errors import ConfigError, suggest
@@ -221,7 +221,7 @@ def replay_links(
         bag, page = source.bag(trial_id), source.path / REPLAYS / f"{trial_id}.html"
         if replays is not None and bag.exists():
             page = replays / f"{source.path.resolve().name}_{trial_id}.html"
-            write_page(page, replay_page(read_recorded(bag)))
+            write_page(page, replay_page(read_recorded_trial(bag)))
         if page.is_file():
             links[bag] = quote(os.path.relpath(page, out.parent))
     return links

@@ -10,9 +10,15 @@ import numpy as np
 from barn_eval.analysis.measures import MEASURES, with_motion
 from barn_eval.analysis.sources import Entry, Source, read_worlds
 from barn_eval.pages.replay.payload import motion_arrays
-from barn_eval.results.bags.movers import gaps_to
-from barn_eval.results.rows import TRACKS_NAME
-from barn_eval.results.tracks import CHANNELS, NO_NUMBER, Track, from_track_line, pack
+from barn_eval.results.bags.movers import compute_gaps
+from barn_eval.results.rows import TRACKS_FILE
+from barn_eval.results.tracks import (
+    CHANNELS,
+    MISSING_SAMPLE,
+    Track,
+    pack_arrays,
+    parse_track_line,
+)
 from barn_eval.trials.result import TrialResult
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import BarnError, ConfigError
@@ -99,9 +105,9 @@ def kept_track(source: Source, result: TrialResult) -> Track | str:
     if line is None:
         return "no track of this trial was kept, so there is no trajectory to show"
     try:
-        return from_track_line(line, f"{source.path / TRACKS_NAME}, {result.trial_id}")[
-            1
-        ]
+        return parse_track_line(
+            line, f"{source.path / TRACKS_FILE}, {result.trial_id}"
+        )[1]
     except ConfigError as error:
         return str(error)
 
@@ -115,14 +121,16 @@ def _with_motion(
     samples, phase_s = track.samples.copy(), result.motion.phase_s
     places, _ = world.tracks.over(samples[:, 0] + phase_s)
     bodies = moving_bodies(world.tracks, phase_s)
-    gaps = gaps_to(bodies, wall_bodies(world.walls), places, samples[:, 1:4], outline)
+    gaps = compute_gaps(
+        bodies, wall_bodies(world.walls), places, samples[:, 1:4], outline
+    )
     samples[:, -1] = np.fmin(samples[:, -1], gaps)
     return replace(track, samples=samples)
 
 
 def scene_under(source: Source, world: World) -> TrialScene:
     """Return a world with start and goal under the protocol of a source; BarnError if that cannot be told."""
-    rules = source.experiment.protocol.sized(world, source.chassis)
+    rules = source.experiment.protocol.scaled_to(world, source.chassis)
     course = rules.course(world)
     return scene_of(world, course.start, course.goal, rules.goal_distance_m)
 
@@ -185,7 +193,7 @@ def trial_data(
             for checksum, world in worlds.items()
         },
         "channels": CHANNELS,
-        "no_number": NO_NUMBER,
+        "no_number": MISSING_SAMPLE,
         "outline": entries[0].source.outline.plain(),
     }
 
@@ -248,4 +256,4 @@ def _world(world: World, source: Source | None) -> dict[str, Any]:
     content["ends"] = ends.round(3).tolist()
     if world.moving or world.walls:
         content["moving"] = motion_arrays(world, arrays)
-    return content | {"packed": pack(arrays)}
+    return content | {"packed": pack_arrays(arrays)}

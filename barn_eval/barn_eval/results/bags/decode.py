@@ -78,7 +78,7 @@ def _require_finite(*values: float) -> None:
         raise MessageError(f"values that are not finite: {values}")
 
 
-def planner_status(data: bytes) -> str:
+def decode_planner_status(data: bytes) -> str:
     """Return the status that one of the suite's planners reports, an empty text for any other report."""
     try:
         return next(
@@ -114,7 +114,7 @@ _READ: tuple[tuple[Topic, Read], ...] = (
     (topics.WORLD, decode_scene),
     (topics.MOVING, decode_moving),
     (topics.MOVING_POSES, decode_moving_poses),
-    (topics.DIAGNOSTICS, planner_status),
+    (topics.DIAGNOSTICS, decode_planner_status),
 )
 # What is read of each topic, by the types that it may have.
 TOPICS = {
@@ -143,14 +143,16 @@ def map_frame(trial: dict[str, Any]) -> Pose2D:
 
     A pose that is matched to the map by particles has no fixed offset; there the map is off by its one cell.
     """
-    off = specified(trial, "localisation", "offset_x_m", "offset_y_m")
+    off = read_specification(trial, "localisation", "offset_x_m", "offset_y_m")
     if off is None:
         return ORIGIN
     matched = trial["simulator"]["localisation"].get("historical_map") is True
     return Pose2D(0.0 - off[0], (STANDARD_CELL_M if matched else 0.0) - off[1], 0.0)
 
 
-def specified(trial: dict[str, Any], part: str, *names: str) -> list[float] | None:
+def read_specification(
+    trial: dict[str, Any], part: str, *names: str
+) -> list[float] | None:
     """Return fields of a part of the simulator's configuration, None where they are not there as finite numbers."""
     try:
         values = [float(trial["simulator"][part][name]) for name in names]

@@ -39,31 +39,36 @@ TRUE_TOPICS = (
     topics.MOVING,
     topics.MOVING_POSES,
 )  # which nobody publishes
-MOVED_M = 0.01  # by which an obstacle has been pushed and does not only tremble
+PUSHED_M = 0.01  # by which an obstacle has been pushed and does not only tremble
 
 
 def trial_scene(spec: TrialSpec) -> TrialScene:
     """Return the scene in which a trial begins."""
     return scene_of(
-        spec.world, spec.course.start, spec.course.goal, spec.rules.goal_distance_m
+        spec.world,
+        spec.course.start,
+        spec.course.goal,
+        spec.scaled_protocol.goal_distance_m,
     )
 
 
-def first_scene(spec: TrialSpec, stamp_ns: int) -> Outgoing:
+def initial_scene(spec: TrialSpec, stamp_ns: int) -> Outgoing:
     """Return the scene in which a trial begins, as a message."""
     return Outgoing(topics.WORLD, encode_scene(trial_scene(spec), stamp_ns))
 
 
 def last_scene(spec: TrialSpec, cylinders_m: Floats, stamp_ns: int) -> Outgoing | None:
     """Return the scene with cylinders at centres (k, 2), in the order of `World.cylinders_m`; None if none moved."""
-    if not (np.hypot(*(cylinders_m - spec.world.cylinders_m).T) > MOVED_M).any():
+    if not (np.hypot(*(cylinders_m - spec.world.cylinders_m).T) > PUSHED_M).any():
         return None
     return Outgoing(
         topics.WORLD, encode_scene(trial_scene(spec).moved(cylinders_m), stamp_ns)
     )
 
 
-def moving_scene(spec: TrialSpec, since_start_ns: int, stamp_ns: int) -> list[Outgoing]:
+def moving_obstacle_scene(
+    spec: TrialSpec, since_start_ns: int, stamp_ns: int
+) -> list[Outgoing]:
     """Return moving obstacles and walls so long after the start of a trial; nothing without any, or if none is due."""
     some = spec.world.moving or spec.world.walls
     if not some or since_start_ns % nanoseconds(topics.MOVING.period_s):
@@ -86,7 +91,7 @@ _TEXT_M = 0.3
 _TEXT_COLOUR = (0.0, 0.0, 0.0, 1.0)
 
 
-class LiveScore:
+class ScoreReporter:
     """Says twice a second, and once more at the verdict, how a trial stands."""
 
     def __init__(self, spec: TrialSpec) -> None:
@@ -108,7 +113,7 @@ class LiveScore:
             stamp_ns + _PERIOD_NS,
             standing.outcome is not None,
         )
-        value, start = score_so_far(standing, self._course), self._course.start
+        value, start = running_score(standing, self._course), self._course.start
         yield Outgoing(topics.SCORE, encode.encode_number(value))
         yield Outgoing(
             topics.OUTCOME,
@@ -132,10 +137,10 @@ class LiveScore:
         )
 
 
-def score_so_far(standing: Standing, course: Course) -> float:
+def running_score(standing: Standing, course: Course) -> float:
     """Return the challenge metric: that of the verdict or, before it, what it would be if the goal were reached now."""
     outcome = standing.outcome or Outcome.SUCCESS
-    on_clock_s = standing.on_clock_s if standing.outcome else standing.on_clock_s or 0.0
+    on_clock_s = standing.clock_s if standing.outcome else standing.clock_s or 0.0
     return challenge_metric(
         Verdict(outcome, "", on_clock_s, 0.0, 0.0), course.optimal_time_s
     )
@@ -144,10 +149,14 @@ def score_so_far(standing: Standing, course: Course) -> float:
 def _lines(title: str, standing: Standing, value: float) -> list[str]:
     clock = (
         "clock not started"
-        if standing.on_clock_s is None
-        else f"{standing.on_clock_s:.2f} s on the clock"
+        if standing.clock_s is None
+        else f"{standing.clock_s:.2f} s on the clock"
     )
-    left = "" if standing.left_m is None else f"{standing.left_m:.2f} m to the goal"
+    left = (
+        ""
+        if standing.goal_distance_m is None
+        else f"{standing.goal_distance_m:.2f} m to the goal"
+    )
     contact = f"{standing.contact_s:.2f} s in contact"
     outcome = (
         f"{standing.outcome.value}: {value:.3f}"
@@ -183,7 +192,7 @@ class TrialBag:
     """Record a trial instant by instant; every message carries the time of its instant."""
 
     def __init__(self, recorder: Recorder, spec: TrialSpec) -> None:
-        self._recorder, self._spec, self._score = recorder, spec, LiveScore(spec)
+        self._recorder, self._spec, self._score = recorder, spec, ScoreReporter(spec)
         self._frames = frames = Frames(planning=spec.planning_frame)
         self._simulator, self._planner = (
             SimulatorMessages(spec.simulator, frames),
@@ -213,7 +222,7 @@ class TrialBag:
                 ],
                 stamp_ns,
             )
-        self._record([first_scene(spec, stamp_ns)], stamp_ns)
+        self._record([initial_scene(spec, stamp_ns)], stamp_ns)
 
     def reading(self, sensors: Sensors, *, asked: bool = True) -> None:
         """Record the readings of an instant, the scan where the planner is asked, and the goal where it is sent."""
@@ -222,7 +231,7 @@ class TrialBag:
         self._record(
             (one for one in readings if asked or one.topic is not topics.SCAN), stamp_ns
         )
-        self._record(moving_scene(self._spec, stamp_ns, stamp_ns), stamp_ns)
+        self._record(moving_obstacle_scene(self._spec, stamp_ns, stamp_ns), stamp_ns)
         if self._next_goal_ns is not None and stamp_ns >= self._next_goal_ns:
             self._record(
                 [

@@ -9,11 +9,11 @@ from typing import Any
 
 import yaml
 
-from barn_eval.results.store import Store
+from barn_eval.results.store import BagStore
 from barn_eval.ros.supervision import start
 from barn_eval.running.request import command_words
-from barn_eval.trials.ros_config import PlannerLink, RosSetup
-from barn_eval.trials.run_config import Experiment, PlannerChoice
+from barn_eval.trials.ros_config import PlannerLink, RosConfig
+from barn_eval.trials.run_config import PlannerChoice, RunConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_sim.config import SimulatorConfig, robot_of
 from barn_worlds.base.config import as_dict
@@ -64,7 +64,7 @@ class NodeProcess:
 class Assignment:
     """Trials of the one planner of an experiment, by name, and where their bags go."""
 
-    experiment: Experiment
+    experiment: RunConfig
     trials: tuple[str, ...]
     worlds: tuple[int, ...]
     out: str
@@ -73,9 +73,9 @@ class Assignment:
     apart: bool = False  # the planner cannot signal the suite's processes
 
     @property
-    def store(self) -> Store:
+    def store(self) -> BagStore:
         """Where bags go."""
-        return Store(Path(self.out), self.experiment.bags)
+        return BagStore(Path(self.out), self.experiment.bags)
 
     def specs(self) -> list[TrialSpec]:
         """Return the trials; WorldError if a world cannot be read."""
@@ -86,7 +86,7 @@ class Assignment:
         ]
 
 
-def simulator(setup: RosSetup, line: int, robot: str) -> NodeProcess:
+def simulator(setup: RosConfig, line: int, robot: str) -> NodeProcess:
     """Return the simulator of a robot, by name or file; world, start and seed come from the evaluator."""
     shared = [
         "lockstep",
@@ -115,30 +115,30 @@ def robot_of_simulator(config: SimulatorConfig, folder: Path) -> str:
     return str(path.resolve())
 
 
-def planner(choice: PlannerChoice, experiment: Experiment) -> NodeProcess:
+def planner(choice: PlannerChoice, experiment: RunConfig) -> NodeProcess:
     """Return the planner under test: the user's command as it is, or a node of the suite."""
     setup = experiment.ros
     if choice.command:
         return NodeProcess(
             "planner", tuple(command_words(choice.command)), {}, foreign=True
         )
-    settings = experiment.settings(choice)
+    planner_setup = experiment.resolve_planner(choice)
     parameters: dict[str, Any] = {
         "planner": choice.name,
-        "preset": settings["preset"],
+        "preset": planner_setup.preset,
         "use_map": experiment.protocol.map_given,
         "use_sim_time": True,
         "command_type": "twist_stamped"
         if setup.command_type == "twist_stamped"
         else "twist",
         **_values(setup, "map_frame", "odom_frame", "base_frame"),
-        **settings["overrides"],
+        **planner_setup.overrides,
     }
     return _node("planner", "barn_planners.ros.planner:main", parameters, setup)
 
 
 def evaluator(
-    assignment: Path, setup: RosSetup, supervisor: int, simulator: int
+    assignment: Path, setup: RosConfig, supervisor: int, simulator: int
 ) -> NodeProcess:
     """Return the evaluator, which reads from a file what it is to do."""
     shared = {field.name for field in fields(PlannerLink)}
@@ -209,12 +209,12 @@ def foreign_environment(ours: Mapping[str, str]) -> dict[str, str]:
     return theirs | ({"LD_LIBRARY_PATH": os.pathsep.join(kept)} if kept else {})
 
 
-def _values(setup: RosSetup, *names: str) -> dict[str, Any]:
+def _values(setup: RosConfig, *names: str) -> dict[str, Any]:
     return {name: getattr(setup, name) for name in names}
 
 
 def _node(
-    name: str, entry: str, parameters: Mapping[str, Any], setup: RosSetup
+    name: str, entry: str, parameters: Mapping[str, Any], setup: RosConfig
 ) -> NodeProcess:
     namespace = (
         [f"__ns:=/{setup.namespace.strip('/')}"] if setup.namespace.strip("/") else []

@@ -14,8 +14,8 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from barn_eval.results.run_file import isolated
-from barn_eval.results.store import LOGS, Record, Store
+from barn_eval.results.store import LOGS, BagStore, TrialRecord
+from barn_eval.ros.isolation import is_isolated
 from barn_eval.ros.supervision import guard, nodes
 from barn_eval.ros.supervision.nodes import NOT_TOLD, Assignment, NodeProcess
 from barn_eval.ros.supervision.process import (
@@ -27,10 +27,10 @@ from barn_eval.ros.supervision.process import (
 from barn_eval.running.command_files import keep_told
 from barn_eval.trials.outcome import ENVIRONMENT, Outcome, Verdict
 from barn_eval.trials.result import TrialResult, from_json_line
-from barn_eval.trials.run_config import Experiment
+from barn_eval.trials.run_config import RunConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import TrajectoryLog
-from barn_eval.trials.trial import conclude, handled
+from barn_eval.trials.trial import finish_trial, signal_handler
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError, reported_as
 from barn_worlds.base.files import write_whole
@@ -47,13 +47,13 @@ _FRESH_S = 1.0  # shortest time from one start of a process to the next
 
 
 def run_ros_trials(
-    experiment: Experiment,
+    experiment: RunConfig,
     trials: Sequence[TrialSpec],
-    store: Store,
+    store: BagStore,
     logs: Path | None = None,
     notice: Callable[[str], None] = lambda _: None,
     environment: Mapping[str, str] = os.environ,
-) -> Generator[Record, None, None]:
+) -> Generator[TrialRecord, None, None]:
     """Run trials of one planner of an experiment and yield what is to be kept of each once it has ended.
 
     notice: gets a line about each process that has ended unasked. environment: of the nodes. All processes have ended
@@ -66,7 +66,7 @@ def run_ros_trials(
     with reported_as(ConfigError, logs):
         logs.mkdir(parents=True, exist_ok=True)
     # others that take part in the domain may be in the way: then the evaluator is to look first
-    with reserved_domain(environment) as domain, handled(signal.SIGTERM, _end):
+    with reserved_domain(environment) as domain, signal_handler(signal.SIGTERM, _end):
         given, shared = nodes.environment(environment, domain), in_use(domain)
         supervisor = _Supervisor(experiment, trials, store, logs, given, notice, shared)
         try:
@@ -80,9 +80,9 @@ class _Supervisor:
 
     def __init__(
         self,
-        experiment: Experiment,
+        experiment: RunConfig,
         trials: Sequence[TrialSpec],
-        store: Store,
+        store: BagStore,
         logs: Path,
         environment: Mapping[str, str],
         notice: Callable[[str], None],
@@ -102,7 +102,7 @@ class _Supervisor:
         self._started_s: dict[str, float] = {}
         self._seen_ending: set[str] = set()
         self._lost_evaluators = 0
-        self._apart = experiment.ros.isolate and isolated()
+        self._apart = experiment.ros.isolate and is_isolated()
         # Whether the robot has been released, and why trials are repeated in which it had been. The file names the last
         # of them: if that has no row when a run begins, the run before ended in its midst.
         self._trial, self._driving, self._done = "", False, False
@@ -124,7 +124,7 @@ class _Supervisor:
             alone, (), (), str(store.folder), robot, look_first, self._apart
         )
 
-    def run(self) -> Iterator[Record]:
+    def run(self) -> Iterator[TrialRecord]:
         """Yield records as they come, until there is one of each trial."""
         for name in (
             ("evaluator",)
@@ -150,7 +150,7 @@ class _Supervisor:
                 if process.ended and not self._done:
                     yield from self._ended(process)
 
-    def _record(self, result: TrialResult, track: str) -> Record:
+    def _record(self, result: TrialResult, track: str) -> TrialRecord:
         """Return what is kept of a trial, with why it was repeated."""
         self._lost_evaluators = 0
         del self._trials[result.trial_id]
@@ -158,7 +158,7 @@ class _Supervisor:
         clock = replace(
             result.wall_clock, attempts=1 + len(repeats), repeated="; ".join(repeats)
         )
-        return Record(replace(result, wall_clock=clock), track or None)
+        return TrialRecord(replace(result, wall_clock=clock), track or None)
 
     def stop(self) -> None:
         """End all processes, at the same time."""
@@ -206,7 +206,9 @@ class _Supervisor:
     def _start_evaluator(self) -> None:
         ours, theirs = socket.socketpair()
         path, setup = self._logs / "assignment.json", self._assignment.experiment.ros
-        worlds = tuple(dict.fromkeys(spec.index for spec in self._trials.values()))
+        worlds = tuple(
+            dict.fromkeys(spec.world_number for spec in self._trials.values())
+        )
         assigned = replace(self._assignment, trials=tuple(self._trials), worlds=worlds)
         write_whole(path, json.dumps(as_dict(assigned)).encode())
         self._assignment = replace(self._assignment, look_first=False)
@@ -271,7 +273,7 @@ class _Supervisor:
         self._repeats.setdefault(self._trial, []).append(reason)
         self._notice(f"{self._trial} is repeated: {reason}")
 
-    def _ended(self, process: GuardedProcess) -> Iterator[Record]:
+    def _ended(self, process: GuardedProcess) -> Iterator[TrialRecord]:
         """Tell the evaluator of a process that has ended: it says when to start it afresh; yield what that costs."""
         how, name, wanted = (
             process.end or "",
@@ -298,12 +300,15 @@ class _Supervisor:
             yield from self._evaluator_lost(process)
         elif self._evaluator is not None:
             self._evaluator.send(
-                "exited", name=name, how=how, blamed=ENVIRONMENT if process.lost else ""
+                "exited",
+                name=name,
+                how=how,
+                culprit=ENVIRONMENT if process.lost else "",
             )
         else:
             self._plan_start(name)
 
-    def _evaluator_lost(self, process: GuardedProcess) -> Iterator[Record]:
+    def _evaluator_lost(self, process: GuardedProcess) -> Iterator[TrialRecord]:
         """Start another evaluator, which repeats the trial that has no result; if the planner may have ended it, no."""
         self._evaluator = None
         self._lost_evaluators += 1
@@ -320,7 +325,9 @@ class _Supervisor:
                 )
                 empty = TrajectoryLog().trajectory()
                 yield self._record(
-                    conclude(self._trials[self._trial], "ros", verdict, empty).result,
+                    finish_trial(
+                        self._trials[self._trial], "ros", verdict, empty
+                    ).result,
                     "",
                 )
         elif not again:

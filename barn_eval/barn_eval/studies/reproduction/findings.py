@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from barn_eval.results.run_file import RunFile, provenance
+from barn_eval.results.provenance import provenance
+from barn_eval.results.run_file import RunFile
 from barn_eval.running.request import Request
 from barn_eval.running.run import run_experiment
 from barn_eval.studies.reproduction import trials as paper
 from barn_eval.trials.protocol import PAPER_2020
-from barn_eval.trials.run_config import Execution, Experiment, PlannerChoice
+from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.spec import simulator_config
 from barn_metrics.model import load_model
 from barn_metrics.model.evaluation import Evaluation, EvaluationConfig, evaluate
@@ -129,7 +130,7 @@ def _distinct(entries: Iterable[dict[str, Any]]) -> tuple[dict[str, Any], ...]:
 
 
 def reproduce(
-    config: ReproduceConfig, out: Path, execution: Execution, console: Console
+    config: ReproduceConfig, out: Path, execution: ExecutionConfig, console: Console
 ) -> tuple[Findings, Origin]:
     """Run what is still missing, and return what all of it says and what it was made with.
 
@@ -155,11 +156,11 @@ def reproduce(
     return findings, Origin.of(RunFile.read(where).sessions)
 
 
-def paper_campaign(config: ReproduceConfig) -> Experiment:
+def paper_campaign(config: ReproduceConfig) -> RunConfig:
     """Return the campaign of the paper's trials."""
     indices = open_dataset(config.dataset).indices
     chosen = chosen_worlds(indices, config.strata, config.seed)
-    return Experiment(
+    return RunConfig(
         dataset=config.dataset,
         worlds="all" if len(chosen) == len(indices) else ",".join(map(str, chosen)),
         planners=tuple(PlannerChoice(name) for name in paper.PLANNERS),
