@@ -29,7 +29,7 @@ from barn_eval.analysis.statistics import Columns, Paired, paired, rank_correlat
 from barn_eval.analysis.text_table import joined
 from barn_eval.results.folder import read_results
 from barn_eval.results.store import LOGS
-from barn_eval.running.command_files import told_parameters
+from barn_eval.running.command_files import read_node_parameters
 from barn_eval.trials.identity import NOT_SET, flatten
 from barn_eval.trials.result import Rows, RowsByPlanner
 from barn_metrics.bootstrap import Interval
@@ -330,7 +330,7 @@ def _parameters(source: Source, planner: str) -> dict[str, Any]:
             files = {
                 f"file {name}": digest[:12] for name, digest in choice.files.items()
             }
-            return files | told_parameters(source.path / LOGS, planner)
+            return files | read_node_parameters(source.path / LOGS, planner)
         setup = source.experiment.resolve_planner(choice)
         config = planner_config(planner, setup.preset, setup.overrides)
         return {f"{planner} {key}": value for key, value in flatten(as_dict(config))}

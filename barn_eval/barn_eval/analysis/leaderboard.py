@@ -21,7 +21,7 @@ from barn_eval.analysis.sources import (
 from barn_eval.analysis.summary import Summary, summarise
 from barn_eval.analysis.text_table import TextTable, counted, joined
 from barn_eval.analysis.verdict import Ranking, cautions, rank_results
-from barn_eval.running.sweep import LATENCY, value_text, values_of
+from barn_eval.running.setting_folders import LATENCY, format_value, parse_folder_name
 from barn_eval.trials.result import TrialResult
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.worlds.dataset import select_worlds
@@ -246,7 +246,7 @@ _BESIDE = ("success", "normalised_time_s_per_m")
 def parameters_of(entries: Sequence[Entry]) -> list[str]:
     """Return the parameters by which all entries are settings of one sweep, of a planner or over the delay; or none."""
     found, planners = (
-        [values_of(entry.source.path) for entry in entries],
+        [parse_folder_name(entry.source.path) for entry in entries],
         {entry.planner for entry in entries},
     )
     same = all(one.keys() == found[0].keys() for one in found) and (
@@ -268,7 +268,7 @@ def sweep_rows(found: Board) -> list[dict[str, Any]]:
             "level_with_best": place in found.ranking.leaders,
             "planner": one.entry.planner,
         }
-        | values_of(one.entry.source.path)
+        | parse_folder_name(one.entry.source.path)
         | one.summary.columns()
         | {"folder": str(one.entry.source.path)}
         for place, one in _in_order(found)
@@ -277,14 +277,14 @@ def sweep_rows(found: Board) -> list[dict[str, Any]]:
 
 def sweep_table(found: Board) -> TextTable:
     """Return the settings as a table, best first."""
-    names = list(values_of(found.places[0].entry.source.path))
+    names = list(parse_folder_name(found.places[0].entry.source.path))
     measures = [
         found.measure,
         *(MEASURES[key] for key in _BESIDE if key != found.measure.key),
     ]
     rows = []
     for place, one in _in_order(found):
-        texts = map(value_text, values_of(one.entry.source.path).values())
+        texts = map(format_value, parse_folder_name(one.entry.source.path).values())
         level = (
             "best"
             if place == 0
@@ -310,12 +310,12 @@ def sweep_table(found: Board) -> TextTable:
 def _in_order(found: Board) -> list[tuple[int, Place]]:
     """Return places with their numbers, best first, or planner by planner over the delay."""
     places = list(enumerate(found.places))
-    if list(values_of(found.places[0].entry.source.path)) != [LATENCY]:
+    if list(parse_folder_name(found.places[0].entry.source.path)) != [LATENCY]:
         return places
     return sorted(
         places,
         key=lambda one: (
             one[1].entry.planner,
-            values_of(one[1].entry.source.path)[LATENCY],
+            parse_folder_name(one[1].entry.source.path)[LATENCY],
         ),
     )

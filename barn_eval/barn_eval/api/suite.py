@@ -9,16 +9,14 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from barn_eval.results.provenance import provenance
 from barn_eval.ros.isolation import isolation, ros_problem
 from barn_eval.ros.work import isolation_text
+from barn_eval.running.reporting import make_reporter
 from barn_eval.studies.bench import BenchSetup, bench
 from barn_eval.studies.reproduction import findings as reproduction
 from barn_eval.studies.reproduction.findings import QUICK, ReproduceConfig
 from barn_eval.studies.reproduction.page import write_results
-from barn_eval.studies.validation import validate
 from barn_eval.trials.ros_config import RosConfig
 from barn_eval.trials.run_config import ExecutionConfig
 from barn_planners.registry import planner_names
@@ -26,7 +24,7 @@ from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.text_files import packaged_yaml
 from barn_worlds.worlds.dataset import shipped
 
-__all__ = ["BenchSetup", "bench", "info", "reproduce", "validate"]
+__all__ = ["BenchSetup", "bench", "info", "reproduce"]
 
 # Module or program: (what needs it, what is off without it).
 OPTIONAL: dict[str, list[str]] = packaged_yaml("barn_eval", "optional.yaml")
@@ -62,9 +60,9 @@ def reproduce(
     folder = (
         Path(out) if out else Path("out") / ("results_quick" if quick else "results")
     )
-    console = Console(stderr=True, quiet=not progress)
+    reporter = make_reporter(progress)
     findings, origin = reproduction.reproduce(
-        config, folder, ExecutionConfig(workers=workers), console
+        config, folder, ExecutionConfig(workers=workers), reporter
     )
     return [
         write_results(findings, origin, Path(target))

@@ -8,10 +8,10 @@ import click
 from barn_eval.commands.options import (
     FOLDER,
     json_option,
-    notes,
     print_json,
+    print_notes,
+    reporter,
     run_option,
-    say,
 )
 from barn_eval.studies.ab import ab
 from barn_worlds.base.config import as_dict
@@ -54,7 +54,9 @@ def command(
     suite with settings, such as dwa,dwa.path_weight=0.6; a file as for barn run; or a command. What has not changed
     since is not driven again. Prints Markdown for a pull request. Exit code 4 if HEAD is worse.
     """
-    found = ab(base, head, planner_command, {"worlds": worlds, "out": out} | run, notes)
+    found = ab(
+        base, head, planner_command, {"worlds": worlds, "out": out} | run, reporter
+    )
     if as_json:
         folders = dict(zip(("base", "head"), map(str, found.folders), strict=True))
         counts = {
@@ -69,5 +71,5 @@ def command(
         )
     else:
         click.echo(found.markdown())
-    say("BASE in {}, HEAD in {}".format(*found.folders))
+    print_notes("BASE in {}, HEAD in {}".format(*found.folders))
     return WORSE if found.decision == "worse" else 0

@@ -15,7 +15,7 @@ from barn_eval.commands.options import (
     json_option,
     notes,
     print_json,
-    say,
+    print_notes,
 )
 from barn_eval.verification.check import FolderCheck, check_folder
 from barn_eval.verification.submission import submit as write_submission
@@ -95,7 +95,7 @@ def submit(folder: Path, out: Path | None, container: str) -> None:
     with notes.status("checking"):
         found = write_submission(folder, path, container)
     show_check(found)
-    say(path)
+    print_notes(path)
 
 
 @click.command("verify")

@@ -21,10 +21,10 @@ from barn_eval.commands.options import (
     FILE,
     PATH,
     json_option,
-    keys_of,
-    progress,
-    say,
-    tell,
+    print_notes,
+    print_output,
+    progress_bar,
+    split_names,
 )
 from barn_eval.commands.tables import rich_table
 from barn_eval.pages.template import write_page
@@ -73,10 +73,10 @@ def command(
     ruled out at 95 %.
     """
     keys, wanted = (
-        measures_named(keys_of(columns)),
+        measures_named(split_names(columns)),
         [Margin.parse(one) for one in margins],
     )
-    with progress("comparing") as share:
+    with progress_bar("comparing") as share:
         compared = dict.fromkeys(
             (*(keys or COMPARED), *(one.measure for one in wanted))
         )
@@ -84,7 +84,7 @@ def command(
     decided = [[decide_margin(one, margin) for margin in wanted] for one in found]
     if latex is not None:
         write_page(latex, paper_table(groups_of(a, b), keys))
-        say(latex)
+        print_notes(latex)
     content: list[object] = []
     shown: list[object] = [task_line(found[0].protocol, found[0].task, found[0].robot)]
     for one, own in zip(found, decided, strict=True):
@@ -94,7 +94,7 @@ def command(
         )
         texts = filter(None, (one.parameters, *(each.text for each in own)))
         shown += [*said, *texts, rich_table(comparison_table(one))]
-    tell(as_json, content, *shown)
+    print_output(as_json, content, *shown)
     kinds = {each.decision for own in decided for each in own}
     return 4 if "worse" in kinds else 5 if "not shown" in kinds else 0
 
@@ -149,7 +149,9 @@ def precision(
             for folder in folders
             for one in ranking_power(selected_results(folder)[1], measures)
         ]
-        tell(as_json, list(map(as_dict, powers)), rich_table(ranking_table(powers)))
+        print_output(
+            as_json, list(map(as_dict, powers)), rich_table(ranking_table(powers))
+        )
         return
     if len(folders) > 1 or len(measures) > 1:
         raise ConfigError("only --ranking takes several folders or measures")
@@ -163,4 +165,6 @@ def precision(
     )
     first = next(iter(results.values()))[0]
     tables = map(rich_table, (figures_table(found), needs_table(found)))
-    tell(as_json, as_dict(found), task_line(first.protocol, first.task), *tables)
+    print_output(
+        as_json, as_dict(found), task_line(first.protocol, first.task), *tables
+    )

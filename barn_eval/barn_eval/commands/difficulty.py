@@ -11,8 +11,8 @@ from barn_eval.commands.options import (
     PATH,
     json_option,
     notes,
-    say,
-    tell,
+    print_notes,
+    print_output,
     worlds_option,
 )
 from barn_eval.commands.tables import table
@@ -54,7 +54,9 @@ def predict(source: str, select: str, weights: Path | None, as_json: bool) -> No
     shown = table(
         ("world", ">difficulty [s/m]", ">+-", *columns, ">failures [%]"), rows
     )
-    tell(as_json, {"source": name, "about": dict(model.about), "worlds": lines}, shown)
+    print_output(
+        as_json, {"source": name, "about": dict(model.about), "worlds": lines}, shown
+    )
 
 
 @command.command()
@@ -65,7 +67,7 @@ def train(sources: Sequence[Path], out: Path, seed: int) -> None:
     """Train on the trials of SOURCES: folders of experiments."""
     with notes.status("training"):
         difficulty.train(sources, out, seed=seed)
-    say(out)
+    print_notes(out)
 
 
 @command.command()
@@ -104,7 +106,7 @@ def evaluate(source: Path, weights: Path | None, as_json: bool) -> None:
         else ""
     )
     title = f"{found.worlds} worlds, {found.trials} trials"
-    tell(
+    print_output(
         as_json,
         as_dict(found),
         table(("model", *figures), rows, title=title, caption=caption),

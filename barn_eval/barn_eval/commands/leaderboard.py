@@ -6,7 +6,13 @@ import click
 
 from barn_eval.analysis.leaderboard import RANKINGS, board_rows, leaderboard
 from barn_eval.analysis.verdict import verdict
-from barn_eval.commands.options import PATH, json_option, notes, say, tell
+from barn_eval.commands.options import (
+    PATH,
+    json_option,
+    notes,
+    print_notes,
+    print_output,
+)
 from barn_eval.commands.tables import rich_table
 from barn_eval.pages.report.leaderboard import board_table, write_boards
 
@@ -44,11 +50,11 @@ def command(
         shown: list[object] = []
         for said, one in zip(told, boards, strict=True):
             shown += [*filter(None, said), *one.notes, rich_table(board_table(one))]
-        tell(
+        print_output(
             as_json,
             {"verdicts": list(map(str, told)), "places": board_rows(boards)},
             *shown,
         )
     for path in out:
         write_boards(boards, path)
-        say(path)
+        print_notes(path)

@@ -3,7 +3,7 @@
 import click
 
 from barn_eval.api.worlds.sets import metrics_table
-from barn_eval.commands.options import json_option, tell, worlds_option
+from barn_eval.commands.options import json_option, print_output, worlds_option
 from barn_eval.commands.tables import table
 
 
@@ -30,7 +30,7 @@ def command(
     found = metrics_table(source, select, formula, robot=robot or "")
     (first, *others), lines = found.summary_cells()
     columns = [first, *(f">{heading}" for heading in others)]
-    tell(
+    print_output(
         as_json,
         found.as_json(),
         table(columns, lines, title=f"{len(found.worlds)} worlds, {formula}"),

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from barn_eval.commands.options import FILE, progress, say
+from barn_eval.commands.options import FILE, print_notes, progress_bar
 from barn_eval.commands.options import PATH as BAG
 from barn_eval.pages.replay.files import write_replay
 from barn_sim.drawing.camera import CAMERAS
@@ -39,7 +39,7 @@ def command(
     Several BAGS are drawn beside each other on one clock; their page also overlays them and aligns them in progress
     along the path. Nothing but the bags is needed. One that is cut off is shown as far as it goes.
     """
-    with progress(
+    with progress_bar(
         "drawing" if {".gif", ".mp4"} & {one.suffix for one in out} else "reading"
     ) as share:
         written = write_replay(
@@ -48,7 +48,7 @@ def command(
             frames_per_s=fps,
             speed=speed,
             camera=camera,
-            note=say,
+            note=print_notes,
             progress=share,
         )
-    say(*written)
+    print_notes(*written)

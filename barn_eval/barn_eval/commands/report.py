@@ -7,7 +7,13 @@ from typing import Any
 import click
 
 from barn_eval.api.results.folders import report
-from barn_eval.commands.options import PATH, keys_of, progress, say, settings_option
+from barn_eval.commands.options import (
+    PATH,
+    parameters_option,
+    print_notes,
+    progress_bar,
+    split_names,
+)
 from barn_eval.pages.report.page import DEFAULT_HARDEST
 from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
 
@@ -39,7 +45,7 @@ class Look(Checked):
     is_flag=True,
     help="Draw the replay of each bag into OUT_replays and link to it.",
 )
-@settings_option("--set", "settings", "Of the page and its figures", Look())
+@parameters_option("--set", "settings", "Of the page and its figures", Look())
 def command(
     folders: tuple[Path, ...],
     out: Path,
@@ -55,13 +61,13 @@ def command(
         raise click.UsageError(f"--out {out}: is a folder, name a file")
     look = from_dict(Look, settings, "--set")
     chosen = as_dict(look) | {
-        "columns": keys_of(look.columns),
+        "columns": split_names(look.columns),
         "width_mm": look.width_mm or None,
     }
     beside = out.with_name(f"{out.stem}_assets") if assets else None
     drawn = out.with_name(f"{out.stem}_replays") if replays else None
-    with progress("making the report") as share:
+    with progress_bar("making the report") as share:
         report(folders, out, assets=beside, replays=drawn, progress=share, **chosen)
-    say(out)
+    print_notes(out)
     if assets:
-        say(f"figures and tables in {beside}")
+        print_notes(f"figures and tables in {beside}")

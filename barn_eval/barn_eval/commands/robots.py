@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from barn_eval.api.robots import draw
-from barn_eval.commands.options import FILE, json_option, say, tell
+from barn_eval.commands.options import FILE, json_option, print_notes, print_output
 from barn_eval.commands.tables import table
 from barn_worlds.base.config import as_dict, fields_of
 from barn_worlds.robots.files import ROBOTS, load_robot
@@ -27,7 +27,7 @@ def command(robot: str | None, out: Path | None, as_json: bool) -> None:
         columns = [
             key if key in ("robot", "drive") else f">{key}" for key in entries[0]
         ]
-        tell(
+        print_output(
             as_json,
             entries,
             table(columns, [[*map(_shown, entry.values())] for entry in entries]),
@@ -36,7 +36,7 @@ def command(robot: str | None, out: Path | None, as_json: bool) -> None:
     found = load_robot(robot)
     if out is not None:
         draw(found).save(out)
-        say(out)
+        print_notes(out)
     shown = [
         table(
             ("quantity", "value", "unit", "meaning"),
@@ -47,7 +47,7 @@ def command(robot: str | None, out: Path | None, as_json: bool) -> None:
     shown += (
         [table(("section", "sources"), found.sources.items())] if found.sources else []
     )
-    tell(as_json, {"name": found.name, **as_dict(found)}, *shown)
+    print_output(as_json, {"name": found.name, **as_dict(found)}, *shown)
 
 
 def _entry(robot: Robot) -> dict[str, Any]:

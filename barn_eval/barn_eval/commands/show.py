@@ -7,7 +7,13 @@ import click
 
 from barn_eval.api import worlds as world_sets
 from barn_eval.api.results import overlay
-from barn_eval.commands.options import FILE, PATH, course_option, keys_of, say
+from barn_eval.commands.options import (
+    FILE,
+    PATH,
+    course_option,
+    print_notes,
+    split_names,
+)
 
 
 @click.command("show")
@@ -64,10 +70,10 @@ def command(
             trials,
             int(worlds),
             by or "planner",
-            planners=keys_of(planners),
+            planners=split_names(planners),
             outcome=outcome,
         ).save(target)
-        say(target)
+        print_notes(target)
         return
     for option, value in drawn.items():
         if value:
@@ -76,4 +82,4 @@ def command(
     first, *others = found
     target = out or Path("worlds.png" if others else f"world_{first}.png")
     world_sets.write_figure(found, target, course=course or ())
-    say(target)
+    print_notes(target)

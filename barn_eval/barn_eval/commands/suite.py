@@ -1,4 +1,4 @@
-"""`barn reproduce`, `validate`, `bench` and `info`: the suite itself."""
+"""`barn reproduce`, `bench` and `info`: the suite itself."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -12,17 +12,14 @@ from barn_eval.commands.options import (
     FOLDER,
     json_option,
     notes,
-    say,
-    seed_option,
-    settings_option,
-    tell,
+    parameters_option,
+    print_notes,
+    print_output,
 )
-from barn_eval.commands.tables import rich_table, table
-from barn_eval.pages.template import write_page
+from barn_eval.commands.tables import table
 from barn_eval.results.provenance import provenance
 from barn_eval.studies.bench import changes, read_figures
 from barn_eval.studies.reproduction.findings import ReproduceConfig
-from barn_eval.studies.validation import checks_table, statistics_page
 
 
 @click.command("reproduce")
@@ -36,7 +33,7 @@ from barn_eval.studies.validation import checks_table, statistics_page
     type=FOLDER,
     help="Folder of trials and page [default: out/results, or out/results_quick].",
 )
-@settings_option("--set", "settings", "What is run", ReproduceConfig())
+@parameters_option("--set", "settings", "What is run", ReproduceConfig())
 @click.option(
     "--workers",
     type=click.IntRange(0),
@@ -52,50 +49,14 @@ def reproduce(**options: Any) -> None:
     OUT/results.json every number. The same command goes on where it was interrupted, in OUT/campaign,
     and when all is done writes the same bytes again.
     """
-    say(*suite.reproduce(**options))
-
-
-@click.command("validate")
-@click.option(
-    "--simulations",
-    default=400,
-    type=click.IntRange(10, 1_000_000),
-    help="So many per check.",
-)
-@seed_option()
-@click.option(
-    "--out",
-    type=FILE,
-    help="Write the page of the documentation that says it, .md; with ranking.json beside it, that table as well.",
-)
-@json_option
-def validate(simulations: int, seed: int, out: Path | None, as_json: bool) -> int:
-    """Simulate trials and count how often intervals cover the truth and tests raise a false alarm.
-
-    By two seeds, this one and the next. Some minutes. Exit code 1 if something is further from what it should be than
-    chance explains.
-    """
-    found = []
-    with notes.status("simulating") as status:
-        for one in suite.validate(simulations, seed=seed):
-            found.append(one)
-            status.update(f"simulated: {one.what}, {one.setting}")
-    rows = [
-        asdict(one) | {"standard_error": one.standard_error, "verdict": one.verdict}
-        for one in found
-    ]
-    content = {"simulations": simulations, "seed": seed, "checks": rows}
-    tell(as_json, content, rich_table(checks_table(found, seed)))
-    if out is not None:
-        write_page(out, statistics_page(found, seed, out.with_name("ranking.json")))
-    return int(any(one.verdict == "missed" for one in found))
+    print_notes(*suite.reproduce(**options))
 
 
 @click.command("bench")
 @click.option(
     "--planners", default="dwa,eband", help="Planners to measure, joined by commas."
 )
-@settings_option("--set", "settings", "What is measured", suite.BenchSetup())
+@parameters_option("--set", "settings", "What is measured", suite.BenchSetup())
 @click.option(
     "--against",
     type=FILE,
@@ -117,7 +78,7 @@ def bench(
     compared = changes(figures, before)
     for change in compared:
         if change.slower:
-            say(
+            print_notes(
                 f"slower: {change.name}, {change.ratio:.2f} ± {change.noise:.2f} times as good as before"
             )
     changed = [{**asdict(one), "slower": one.slower} for one in compared]
@@ -136,7 +97,7 @@ def bench(
         for one in figures
     ]
     title = f"{about['machine']['processor']}, {about['machine']['cores']} cores"
-    tell(
+    print_output(
         as_json,
         content,
         table(("figure", ">value", "unit", ">times as good", ""), rows, title=title),
@@ -177,7 +138,7 @@ def info(as_json: bool) -> None:
         ("planners", ", ".join(content["planners"])),
         ("data sets", ", ".join(content["data_sets"])),
     ]
-    tell(
+    print_output(
         as_json,
         content,
         table(("installed", "version"), installed),

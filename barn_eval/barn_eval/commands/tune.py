@@ -13,11 +13,11 @@ from barn_eval.commands.options import (
     FOLDER,
     console,
     json_option,
-    keys_of,
-    notes,
     print_json,
+    print_notes,
+    reporter,
     run_option,
-    say,
+    split_names,
 )
 from barn_eval.commands.tables import rich_table, table
 from barn_worlds.base.config import as_dict
@@ -75,7 +75,7 @@ def command(
     if not OPTUNA:
         raise ConfigError("barn tune needs Optuna: make extras, or pip install optuna")
     found = tune(
-        Ranges.read(ranges), options | run, unseen, keys_of(by), settings, notes
+        Ranges.read(ranges), options | run, unseen, split_names(by), settings, reporter
     )
     if as_json:
         print_json(as_dict(found))
@@ -114,7 +114,7 @@ def command(
     for one in found.tuned:
         console.print(one.verdict, markup=False, highlight=False)
         console.print(rich_table(comparison_table(one.unseen)))
-        say(*one.files)
+        print_notes(*one.files)
     return 0
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import click
 
-from barn_eval.commands.options import PATH, say
+from barn_eval.commands.options import PATH, print_notes
 from barn_eval.pages import LIVE_PORT, LOOPBACK, PAGE_PORT
 from barn_eval.pages.live.foxglove import LiveView, require_sdk
 from barn_eval.pages.live.server import Watch
@@ -48,18 +48,18 @@ def command(folder: Path, port: int, host: str, live: int | None, wait: bool) ->
     with ExitStack() as served:
         if live is not None:
             view = served.enter_context(LiveView(folder, host=host, port=live))
-            say(
+            print_notes(
                 f"live view: open {view.url} in Foxglove with share/barn_eval/config/barn_foxglove.json"
             )
         while wait and not (folder / RUN_FILE).is_file():
             threading.Event().wait(_LOOK_S)
         page = served.enter_context(Watch(folder, host=host, port=port))
-        say(f"{page.url} shows {folder}; Ctrl-C ends it")
+        print_notes(f"{page.url} shows {folder}; Ctrl-C ends it")
         threading.Event().wait()
 
 
 @contextmanager
-def viewed(folder: Path, bags: str) -> Iterator[None]:
+def serve_view(folder: Path, bags: str) -> Iterator[None]:
     """Serve page and live view of a folder from a process of its own for as long as the context lasts.
 
     ConfigError where no bags are recorded, which the view reads, or where the SDK is not installed.
@@ -92,6 +92,6 @@ def _end_with_parent() -> None:
     os._exit(0)
 
 
-if __name__ == "__main__":  # as `viewed` starts it
+if __name__ == "__main__":  # as `serve_view` starts it
     threading.Thread(target=_end_with_parent, daemon=True).start()
     command()

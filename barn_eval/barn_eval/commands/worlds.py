@@ -11,11 +11,11 @@ from barn_eval.commands.options import (
     COUNT,
     PATH,
     json_option,
-    progress,
-    say,
+    parameters_option,
+    print_notes,
+    print_output,
+    progress_bar,
     seed_option,
-    settings_option,
-    tell,
     worlds_option,
 )
 from barn_eval.commands.tables import table
@@ -38,7 +38,7 @@ def command() -> None:
 @click.argument("target", type=PATH)
 @seed_option(2020)
 @click.option("--per-set", default=25, type=COUNT, help="Worlds per parameter set.")
-@settings_option(
+@parameters_option(
     "--set", "parameters", "One parameter set of your own", WorldParameters()
 )
 @robot_option
@@ -56,11 +56,11 @@ def generate(target: Path, **options: Any) -> None:
     turns, clutter) worlds are hard ones: PER-SET of each kind, with ways proven for the robot's turned footprint. Other
     keys are then margin_cells, spare_cells, rows, cols, resolution_m, attempts.
     """
-    with progress("worlds") as share:
+    with progress_bar("worlds") as share:
         made = worlds.generate(
             target, **options, progress=lambda made, total: share(made / total)
         )
-    say(f"{len(made)} worlds in {target}")
+    print_notes(f"{len(made)} worlds in {target}")
 
 
 @command.command()
@@ -86,7 +86,7 @@ def convert(
     target = worlds.save(
         written, target, form or ("npz" if target.suffix == ".npz" else "original")
     )
-    say(f"{len(written)} worlds in {target}")
+    print_notes(f"{len(written)} worlds in {target}")
 
 
 @command.command("list")
@@ -125,4 +125,4 @@ def show_list(source: str | None, select: str, as_json: bool) -> None:
         tuple(f"{one:.2f}" if isinstance(one, float) else one for one in entry.values())
         for entry in entries
     ]
-    return tell(as_json, entries, table(tuple(entries[0]), rows))
+    return print_output(as_json, entries, table(tuple(entries[0]), rows))

@@ -1,13 +1,10 @@
 """What the workers of an experiment are handed; over ROS, each keeps its nodes running for a share of the trials."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from functools import partial
 from socket import AF_INET, SOCK_DGRAM, socket
-
-from rich.console import Console
 
 from barn_eval.results.store import LOGS, BagStore
 from barn_eval.ros.isolation import (
@@ -17,13 +14,13 @@ from barn_eval.ros.isolation import (
     session_isolation,
 )
 from barn_eval.ros.supervision import run_ros_trials
-from barn_eval.running.engine import DirectWork, Emit, Job, Work
-from barn_eval.running.planner_objects import LivePlanner
-from barn_eval.running.request import Request
-from barn_eval.running.run import run_experiment
+from barn_eval.running.pool import DirectWork, Emit, Job, Work
+from barn_eval.running.reporting import Reporter
+from barn_eval.running.request import RunRequest
+from barn_eval.running.run import open_run
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.ros_config import RosConfig
-from barn_eval.trials.run_config import ExecutionConfig, RunConfig
+from barn_eval.trials.run_config import RunConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.base.errors import ConfigError, reported_as
 
@@ -37,7 +34,7 @@ class RosWork(Work):
     A single worker takes the domain of the environment, if that names one.
     """
 
-    loads = False
+    needs_import_path = False
     experiment: RunConfig
     store: BagStore
     workers: int
@@ -109,16 +106,16 @@ class RosWork(Work):
                 emit(record)
 
 
-def work_of(
-    experiment: RunConfig,
-    execution: ExecutionConfig,
-    store: BagStore,
-    live: Mapping[str, LivePlanner],
-) -> Work:
-    """Return what workers of an experiment are handed; live: its planners that are Python objects, by name."""
-    if experiment.mode == "direct":
-        return DirectWork(store, live)
-    return RosWork(experiment, store, execution.processes)
+def work_of(request: RunRequest, store: BagStore) -> Work:
+    """Return what the workers of a run do with its jobs.
+
+    Args:
+        request: The run.
+        store: Receives the bags of its trials.
+    """
+    if request.config.mode == "direct":
+        return DirectWork(store, request.planner_objects)
+    return RosWork(request.config, store, request.execution.processes)
 
 
 def isolation_text(setup: RosConfig) -> str:
@@ -130,7 +127,7 @@ def isolation_text(setup: RosConfig) -> str:
     return f"{apart}: a trial in which one of those ends counts as their failure"
 
 
-def require_ros(experiment: RunConfig, console: Console) -> None:
+def require_ros(experiment: RunConfig, reporter: Reporter) -> None:
     """Raise ConfigError if an experiment needs ROS that is not there; print what keeps no planners apart."""
     if experiment.mode != "ros":
         return
@@ -144,21 +141,22 @@ def require_ros(experiment: RunConfig, console: Console) -> None:
     ):
         line.connect(("127.0.0.1", 9))
     if text := isolation_text(experiment.ros):
-        console.print(text, markup=False, highlight=False, soft_wrap=True)
+        reporter.warn(text)
 
 
 def run_request(
-    request: Request,
-    console: Console,
-    live: Mapping[str, LivePlanner] | None = None,
-    *,
-    overwrite: bool = False,
+    request: RunRequest, reporter: Reporter, *, overwrite: bool = False
 ) -> list[TrialResult]:
-    """Run what an experiment still lacks and return all its results; BarnError in one line for what is not possible.
+    """Execute the missing trials of a run and return all its results.
 
-    live: its planners that are Python objects, by name.
+    Args:
+        request: The run and its folder.
+        reporter: Receives notices and progress.
+        overwrite: Delete the results of a different run in the same folder.
+
+    Raises:
+        BarnError: If the user has to change something.
     """
-    require_ros(request.experiment, console)
-    return run_experiment(
-        request, console, partial(work_of, live=live or {}), overwrite=overwrite
-    )
+    require_ros(request.config, reporter)
+    with open_run(request, reporter, work_of, overwrite=overwrite) as run:
+        return run.drive()

@@ -12,7 +12,7 @@ from barn_worlds.base.text_files import parse_json, read_json
 
 # Files of parameters, launch, code and weights.
 _SUFFIXES = frozenset(
-    ".yaml .yml .json .toml .xml .py .so .npz .pt .onnx".split()
+    [".yaml", ".yml", ".json", ".toml", ".xml", ".py", ".so", ".npz", ".pt", ".onnx"]
 )
 _MAX_BYTES = 1 << 30
 

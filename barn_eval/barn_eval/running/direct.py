@@ -127,9 +127,7 @@ def warm_up(spec: TrialSpec, *, with_planner: bool) -> None:
 class _DirectTrial:
     """The loop of a trial: read the sensors, ask the planner, record, step."""
 
-    def __init__(
-        self, spec: TrialSpec, planner: Planner, bag: TrialBag | None
-    ) -> None:
+    def __init__(self, spec: TrialSpec, planner: Planner, bag: TrialBag | None) -> None:
         self.trial = RunningTrial(spec)
         self.answer_times_s: list[float] = []
         self.turnaround = Turnaround(spec.compute, spec.planner_seed, spec.recorded_ns)
@@ -159,9 +157,7 @@ class _DirectTrial:
                 is_free = self.turnaround.free(sensors.stamp_ns)
                 if self._bag is not None:
                     self._bag.reading(sensors, asked=is_free)
-                is_over = trial.read(
-                    sensors.odometry, sensors.truth, sensors.collision
-                )
+                is_over = trial.read(sensors.odometry, sensors.truth, sensors.collision)
                 # A planner answers scans, here as over ROS. In between, its last command
                 # stays in force.
                 has_scan = sensors.scan.stamp_ns == sensors.stamp_ns
@@ -204,8 +200,7 @@ class _DirectTrial:
                 answer = self._session.answer(observation)
                 if not isinstance(answer.command, (Velocity2D, type(None))):
                     raise TypeError(
-                        "command must be a Velocity2D or None,"
-                        f" got {answer.command!r}"
+                        f"command must be a Velocity2D or None, got {answer.command!r}"
                     )
                 return answer
             finally:
@@ -262,9 +257,7 @@ def pace() -> float:
     A faster processor has a pace above 1.
     """
     # The minimum has the least interference from other processes.
-    times_s = timeit.repeat(
-        reference_loop, time.thread_time, number=1, repeat=_REPEATS
-    )
+    times_s = timeit.repeat(reference_loop, time.thread_time, number=1, repeat=_REPEATS)
     return NOMINAL_S / max(min(times_s), 1e-6)
 
 

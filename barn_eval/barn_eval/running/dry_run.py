@@ -69,7 +69,7 @@ def estimate_run(request: RunRequest, *, overwrite: bool = False) -> DryRun:
     config = request.config
     trials = request.trials()
     checksums = {spec.world_number: spec.world.checksum for spec in trials}
-    run_file = RunFile.of(request.out, config, checksums)
+    run_file = RunFile.for_run(request.out, config, checksums)
     completed = find_completed(run_file, trials, overwrite=overwrite).results
 
     remaining = len(trials) - len(completed)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypedDict, Union
+from typing import TYPE_CHECKING, Literal, TypeAlias, TypedDict
 
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.world import World
@@ -13,8 +13,10 @@ if TYPE_CHECKING:
     from barn_eval.running.planner_objects import Planners
     from barn_eval.trials.protocol import Protocol
 
-Worlds = Union[str, int, World, Iterable[int], Iterable[World], Mapping[int, World]]
-Parameters = Mapping[str, object]
+Worlds: TypeAlias = (
+    "str | int | World | Iterable[int] | Iterable[World] | Mapping[int, World]"
+)
+Parameters: TypeAlias = "Mapping[str, object]"
 
 
 class RunKeywords(TypedDict, total=False):

@@ -17,9 +17,7 @@ _NAMED_COMMAND = re.compile(r"([A-Za-z0-9][A-Za-z0-9_.-]*)=(.*)", re.DOTALL)
 _SPEED_CAP = "max_speed_mps"
 
 
-def read_planners(
-    entries: object, commands: object, where: str
-) -> list[PlannerChoice]:
+def read_planners(entries: Any, commands: Any, where: str) -> list[PlannerChoice]:
     """Return the planners that a user lists, with those that commands start.
 
     Args:
@@ -76,7 +74,7 @@ def _set_command(planners: list[PlannerChoice], name: str, command: str) -> None
     planners.append(PlannerChoice(name, command=command, files=files))
 
 
-def read_planner(entry: object, where: str) -> PlannerChoice:
+def read_planner(entry: Any, where: str) -> PlannerChoice:
     """Return the planner of one entry of a list.
 
     Args:
@@ -157,9 +155,7 @@ def split_command(command: str) -> list[str]:
     except ValueError as error:
         raise ConfigError(f"planner command {shown(command)}: {error}") from None
     if not words:
-        raise ConfigError(
-            f"planner command must name a program, got {shown(command)}"
-        )
+        raise ConfigError(f"planner command must name a program, got {shown(command)}")
     return words
 
 
@@ -227,7 +223,7 @@ def _set_parameters(
 ) -> PlannerChoice:
     """Return a planner with other parameters, speed cap or declared computing time."""
     overrides: dict[str, Any] = {}
-    numbers: dict[str, float] = {}
+    numbers: dict[str, Any] = {}
     for key, value in parameters.items():
         name = key.removeprefix("compute.")
         is_compute = name != key

@@ -74,10 +74,8 @@ class FunctionPlanner(Planner):
             TypeError: If the function returns anything else than a command, or two
                 numbers for forward speed [m/s] and yaw rate [rad/s].
         """
-        if self._takes_task:
-            answer = self._function(observation, self._task)
-        else:
-            answer = self._function(observation)
+        arguments = (observation, self._task) if self._takes_task else (observation,)
+        answer = self._function(*arguments)
         if answer is None or isinstance(answer, Velocity2D):
             return Decision(answer)
         try:

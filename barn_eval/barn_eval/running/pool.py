@@ -48,6 +48,11 @@ class Work(ABC):
     needs_import_path = True
     """Whether a job may import modules that only this process's path has."""
 
+    @property
+    def isolation(self) -> str:
+        """How planner processes are kept apart; empty where there are none."""
+        return ""
+
     def jobs(self, trials: Sequence[TrialSpec]) -> list[Job]:
         """Divide trials into jobs; by default, each trial is a job."""
         return [Job(spec.trial_id, (spec,)) for spec in trials]

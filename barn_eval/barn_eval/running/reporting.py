@@ -54,9 +54,14 @@ class ConsoleReporter(Reporter):
 
     def __init__(self, console: Console) -> None:
         self._console = console
-        has_widgets = console.is_jupyter and find_spec("ipywidgets") is not None
-        self._is_interactive = console.is_terminal or has_widgets
         self._bar: Progress
+
+    @property
+    def is_interactive(self) -> bool:
+        """Whether somebody watches: a terminal, or a notebook that can show a bar."""
+        if self._console.is_jupyter:
+            return find_spec("ipywidgets") is not None
+        return self._console.is_terminal
 
     def notify(self, text: str) -> None:
         """Print a line of text."""
@@ -69,7 +74,7 @@ class ConsoleReporter(Reporter):
     @contextmanager
     def show_progress(self, progress: "RunProgress") -> Iterator[None]:
         """Show a bar; where nobody watches, print lines and the last state."""
-        if not self._is_interactive:
+        if not self.is_interactive:
             with super().show_progress(progress):
                 yield
             return
@@ -88,11 +93,24 @@ class ConsoleReporter(Reporter):
 
     def update(self, progress: "RunProgress") -> None:
         """Move the bar; where nobody watches, print a line every `LINE_PERIOD_S`."""
-        if not self._is_interactive:
+        if not self.is_interactive:
             super().update(progress)
             return
         for task in self._bar.task_ids:
-            self._bar.update(task, completed=progress.count, description=progress.text())
+            self._bar.update(
+                task, completed=progress.count, description=progress.text()
+            )
+
+
+def make_reporter(progress: bool) -> Reporter:
+    """Return a reporter for Python users.
+
+    Args:
+        progress: Show progress in a terminal or notebook. Elsewhere, and without it, the
+            reporter logs.
+    """
+    reporter = ConsoleReporter(Console(stderr=True))
+    return reporter if progress and reporter.is_interactive else Reporter()
 
 
 class RunProgress:
@@ -110,7 +128,7 @@ class RunProgress:
         """
         self.total = total
         self.count = len(completed)
-        self._reporter = reporter
+        self.reporter = reporter
         self._earlier_count = len(completed)
         self._outcomes = Counter(result.outcome for result in completed)
         self._simulated_s = 0.0
@@ -123,10 +141,10 @@ class RunProgress:
         if isinstance(event, Notice):
             # Workers repeat what they wait for every few seconds.
             if event.text != self._last_notice:
-                self._reporter.notify(event.text)
+                self.reporter.notify(event.text)
             self._last_notice = event.text
         elif isinstance(event, TrialLoss):
-            self._reporter.warn(
+            self.reporter.warn(
                 f"{event.trial_id}: attempt {event.attempt} lost, {event.reason}"
             )
         else:
@@ -137,11 +155,11 @@ class RunProgress:
         self._simulated_s += result.scores.duration_s
         self._outcomes[result.outcome] += 1
         if self.total <= MAX_TRIAL_LINES:
-            self._reporter.notify(
+            self.reporter.notify(
                 f"[{self.count}/{self.total}] {result.trial_id}:"
                 f" {_describe_end(result)}"
             )
-        self._reporter.update(self)
+        self.reporter.update(self)
 
     def is_line_due(self) -> bool:
         """Return whether the last line is `LINE_PERIOD_S` old."""

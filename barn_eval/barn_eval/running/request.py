@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from barn_eval.results.folder import default_folder
 from barn_eval.results.run_file import WORLDS
@@ -31,8 +31,6 @@ from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.dataset import Dataset
 from barn_worlds.worlds.world import World
-
-T = TypeVar("T")
 
 SCHEMA_VERSION = 1
 _EXECUTION_KEYS = tuple(item.name for item in fields(ExecutionConfig))
@@ -79,47 +77,36 @@ def _worlds_file(out: Path) -> str:
     return str((out / WORLDS).absolute())
 
 
-def read_request(file: Path | None, options: RunOptions) -> RunRequest:
+def read_request(file: Path | None, options: Mapping[str, object]) -> RunRequest:
     """Return the run that a YAML file and options describe.
 
     Args:
         file: YAML file with keys of `RunOptions`. `execution` may group those of
             `ExecutionConfig`, and `sweep` is left to `read_sweep`.
-        options: Values that replace those of the file; None does not count.
+        options: `RunOptions`, which replace those of the file; None does not count.
 
     Raises:
         ConfigError: If a key is not known or a value is not allowed.
     """
     where = f"{file}: " if file else ""
     content: dict[str, Any] = read_yaml(file, SCHEMA_VERSION) if file else {}
-    changes = {key: value for key, value in options.items() if value is not None}
-    planner_objects: dict[str, PlannerObject] = {}
-    if not isinstance(changes.get("planners", ""), str):
-        changes["planners"], planner_objects = split_planner_objects(
-            changes["planners"]
-        )
-    # One worker in this process lets a debugger reach the planner.
-    if planner_objects and changes.get("workers") == 1:
-        changes.setdefault("engine", "inline")
-    for key in ("dataset", "protocol"):
-        if isinstance(changes.get(key), Path):
-            changes[key] = str(changes[key])
-    worlds: dict[int, World] | None = None
-    if not isinstance(changes.get("worlds", ""), str):
-        changes["worlds"], worlds = _read_worlds(changes["worlds"])
+    changes, worlds, planner_objects = _take_objects(options)
     if "planners" in changes:
         changes["planners"] = _reuse_commands(
             changes["planners"], content.get("planners"), where
         )
-
     content = {"out": default_folder()} | content | changes
     for key in content:
         if key not in _KEYS:
             raise ConfigError(f"{where}unknown key {shown(key)}{suggest(key, _KEYS)}")
     content.pop("sweep", None)
 
-    out_rule = f"{where}out must name a folder for the results"
-    out = Path(_require(content.pop("out") or None, (str, Path), out_rule))
+    out = content.pop("out")
+    if not isinstance(out, (str, Path)) or not str(out):
+        raise ConfigError(
+            f"{where}out must name a folder for the results, got {shown(out)}"
+        )
+    out = Path(out)
     execution = _read_mapping(content.pop("execution", None), f"{where}execution")
     for key in _EXECUTION_KEYS:
         if key in content:
@@ -144,21 +131,51 @@ def read_request(file: Path | None, options: RunOptions) -> RunRequest:
     return request
 
 
+def _take_objects(
+    options: Mapping[str, object],
+) -> tuple[dict[str, Any], dict[int, World] | None, dict[str, PlannerObject]]:
+    """Return options as a file has them, and the worlds and planners that are objects.
+
+    Objects are worlds by number, None without any, and planners by name.
+    """
+    plain: dict[str, Any] = {
+        key: value for key, value in options.items() if value is not None
+    }
+    for key in ("dataset", "protocol"):
+        if isinstance(plain.get(key), Path):
+            plain[key] = str(plain[key])
+
+    worlds: dict[int, World] | None = None
+    if not isinstance(plain.get("worlds", ""), str):
+        plain["worlds"], worlds = _read_worlds(plain["worlds"])
+
+    planner_objects: dict[str, PlannerObject] = {}
+    if not isinstance(plain.get("planners", ""), str):
+        plain["planners"], planner_objects = split_planner_objects(plain["planners"])
+    # One worker needs no other process, so that a debugger reaches the planner.
+    if planner_objects and plain.get("workers") == 1:
+        plain.setdefault("engine", "inline")
+    return plain, worlds, planner_objects
+
+
 def _read_config(content: dict[str, Any], where: str) -> RunConfig:
     """Return the configuration of a run; `content` is used up."""
-    rule = "must be a name or a YAML file"
-    protocol: str | Protocol = _require(
-        content.pop("protocol", CHALLENGE),
-        (str, Protocol),
-        f"{where}protocol {rule}",
-    )
+    protocol = content.pop("protocol", CHALLENGE)
     if isinstance(protocol, str):
         protocol = load_protocol(protocol)
+    if not isinstance(protocol, Protocol):
+        raise ConfigError(
+            f"{where}protocol must be a name or a YAML file, got {shown(protocol)}"
+        )
     check_protocol_name(protocol, f"{where}protocol ")
 
     robot = content.pop("robot", None)
-    if robot is not None and not isinstance(robot, Robot):
-        robot = load_robot(_require(robot, (str, Path), f"{where}robot {rule}"))
+    if isinstance(robot, (str, Path)):
+        robot = load_robot(robot)
+    if not isinstance(robot, (Robot, type(None))):
+        raise ConfigError(
+            f"{where}robot must be a name or a YAML file, got {shown(robot)}"
+        )
     simulator = _read_mapping(content.pop("simulator", None), f"{where}simulator")
     ros = _read_mapping(content.pop("ros", None), f"{where}ros")
     if "bags" in ros:
@@ -236,13 +253,9 @@ def parse_parameters(texts: Sequence[str], option: str) -> dict[str, Any]:
     return parameters
 
 
-def _require(value: object, kinds: tuple[type[T], ...], rule: str) -> T:
-    """Return a value of one of several types, or raise ConfigError with a rule."""
-    if not isinstance(value, kinds):
-        raise ConfigError(f"{rule}, got {shown(value)}")
-    return value
-
-
-def _read_mapping(value: object, key: str) -> dict[str, Any]:
-    rule = f"{key} must be a mapping of parameters to values"
-    return dict(_require(value or {}, (Mapping,), rule))
+def _read_mapping(value: Any, key: str) -> dict[str, Any]:
+    if not isinstance(value or {}, Mapping):
+        raise ConfigError(
+            f"{key} must be a mapping of parameters to values, got {shown(value)}"
+        )
+    return dict(value or {})

@@ -51,6 +51,11 @@ def open_run(
         BarnError: If the folder belongs to another run or the request is invalid.
     """
     trials = request.trials()
+    store = BagStore(request.out.absolute(), request.config.bags)
+    if make_work is None:
+        work: Work = DirectWork(store, request.planner_objects)
+    else:
+        work = make_work(request, store)
     with (
         _stop_on_signals(),
         ResultsFolder.open(
@@ -59,6 +64,7 @@ def open_run(
             request.execution,
             trials,
             request.worlds,
+            isolation=work.isolation,
             overwrite=overwrite,
         ) as folder,
     ):
@@ -67,11 +73,6 @@ def open_run(
             reporter.notify(
                 f"{len(folder.completed)} of {folder.total} trials are there already"
             )
-        store = BagStore(folder.path.absolute(), request.config.bags)
-        if make_work is None:
-            work: Work = DirectWork(store, request.planner_objects)
-        else:
-            work = make_work(request, store)
         yield Run(request, folder, reporter, work, pool)
 
 
@@ -132,10 +133,8 @@ class Run:
                 for event in events:
                     progress.take(event)
 
-        if self._folder.remaining:
-            results = self._folder.results()
-        else:
-            results = self._folder.complete()
+        is_partial = bool(self._folder.remaining)
+        results = self._folder.results() if is_partial else self._folder.complete()
         warning = describe_unscored(results)
         if warning:
             self._reporter.warn(warning)

@@ -73,7 +73,8 @@ def make_setting(base: RunRequest, values: Mapping[str, Any], name: str) -> Sett
     else:
         (planner,) = apply_parameters([planner], values, "")
     config = replace(base.config, planners=(planner, *others))
-    config.settings(planner)  # raises for a parameter that the planner does not have
+    # Raises for a parameter that the planner does not have.
+    config.resolve_planner(planner)
 
     request = replace(base, config=config).in_folder(base.out / name)
     return Setting(name, values, request, files)

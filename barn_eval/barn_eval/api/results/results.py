@@ -1,15 +1,15 @@
-"""The results of one experiment."""
+"""The results of one run."""
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import overload
 
 import pandas as pd
 from matplotlib.axes import Axes
-from rich.console import Console
 
 from barn_eval.analysis.frames import frame, frame_of
 from barn_eval.analysis.measures import metric_of
@@ -38,17 +38,20 @@ from barn_eval.results.rows import results_table, timing_table
 from barn_eval.results.run_file import RunFile
 from barn_eval.results.store import BagStore, TrialRecord
 from barn_eval.ros.work import work_of
-from barn_eval.running.engine import Job
 from barn_eval.running.planner_objects import (
-    LivePlanner,
+    PlannerObject,
     Planners,
     fingerprint,
-    split_planners,
+    split_planner_objects,
 )
+from barn_eval.running.pool import Job
+from barn_eval.running.request import RunRequest
 from barn_eval.trials.result import TrialResult, unpack_delays
 from barn_eval.trials.run_config import ExecutionConfig
 from barn_eval.verification.check import describe_difference
 from barn_worlds.base.errors import ConfigError, suggest
+
+logger = logging.getLogger(__name__)
 
 
 def load(folder: str | Path, planners: Planners | None = None) -> "Results":
@@ -65,7 +68,7 @@ def load(folder: str | Path, planners: Planners | None = None) -> "Results":
         BarnError: There are none.
     """
     return Results(
-        Path(folder), split_planners(planners)[1] if planners is not None else {}
+        Path(folder), split_planner_objects(planners)[1] if planners is not None else {}
     )
 
 
@@ -77,10 +80,10 @@ class Results:
     """
 
     def __init__(
-        self, folder: Path, live: Mapping[str, LivePlanner] | None = None
+        self, folder: Path, planner_objects: Mapping[str, PlannerObject] | None = None
     ) -> None:
         self.folder = Path(folder)
-        self._live = dict(live or {})
+        self._planner_objects = dict(planner_objects or {})
         self._source: Source = read_source(self.folder)
 
     @property
@@ -305,13 +308,15 @@ class Results:
         if not bag.is_dir():
             bag = folder / BAGS / trial
         if not bag.is_dir():
-            say = partial(Console(stderr=True).print, highlight=False)
-            say(f"no bag of {trial} was kept: it is driven once more")
+            logger.warning("no bag of %s was kept: it is driven once more", trial)
             again = self._drive(result, folder, "all")
             if again.repeatable() != result.repeatable():
-                say(
-                    f"{trial} went otherwise this time: {again.outcome.value}, not {result.outcome.value} as in its"
-                    " row, or by another way; its planner does not repeat itself"
+                logger.warning(
+                    "%s went otherwise this time: %s, not %s as in its row, or by"
+                    " another path; its planner does not repeat itself",
+                    trial,
+                    again.outcome.value,
+                    result.outcome.value,
                 )
         return replay(bag, page)
 
@@ -348,37 +353,49 @@ class Results:
                 result, self._drive(result, Path(folder), "none")
             )
 
-    def _drive(self, result: TrialResult, folder: Path, bags: str) -> TrialResult:
-        """Drive a trial once more, alone, its bag in a folder, and return its new result."""
-        experiment, name = (
-            replace(RunFile.read(self.folder).run_config(), bags=bags),
-            result.planner,
-        )
-        (choice,) = (one for one in experiment.planners if one.name == name)
-        if choice.source and name not in self._live:
-            raise ConfigError(
-                f"planner {name!r} was a Python object: barn.load(folder, planners=...) takes it"
-            )
-        if choice.source and fingerprint(self._live[name].given) != choice.source:
-            raise ConfigError(
-                f"planner {name!r} is not the one of these results: its source differs"
-            )
-        (spec,) = (
-            one
-            for one in experiment.trials([result.world])
-            if one.trial_id == result.trial_id
+    def _drive(self, result: TrialResult, out: Path, bags: str) -> TrialResult:
+        """Drive a trial again, alone, and return its new result.
+
+        Args:
+            result: Its row.
+            out: Folder for its bag.
+            bags: Whether there is a bag, "all" or "none".
+        """
+        config = replace(RunFile.read(self.folder).run_config(), bags=bags)
+        name = result.planner
+        choice = next(planner for planner in config.planners if planner.name == name)
+        if choice.source:
+            if name not in self._planner_objects:
+                raise ConfigError(
+                    f"planner {name!r} was a Python object: barn.load(folder,"
+                    " planners=...) takes it"
+                )
+            if fingerprint(self._planner_objects[name].source) != choice.source:
+                raise ConfigError(
+                    f"planner {name!r} is not the one of these results: its source"
+                    " differs"
+                )
+
+        spec = next(
+            spec
+            for spec in config.trials([result.world])
+            if spec.trial_id == result.trial_id
         )
         if result.delays:
             spec = replace(spec, recorded_ns=unpack_delays(result.delays))
-        kept: list[object] = []  # what mode ros reports on the way
-        work = work_of(
-            experiment,
+        request = RunRequest(
+            config,
             ExecutionConfig(workers=1),
-            BagStore(folder.absolute(), bags),
-            self._live,
+            out,
+            planner_objects=self._planner_objects,
         )
-        done = work.run(Job(result.trial_id, (spec,)), kept.append)
-        return next(one for one in (done, *kept) if isinstance(one, TrialRecord)).result
+        work = work_of(request, BagStore(out.absolute(), bags))
+
+        # Mode direct returns the record, mode ros emits it among its notices.
+        messages: list[object] = []
+        messages.append(work.run(Job(result.trial_id, (spec,)), messages.append))
+        record = next(item for item in messages if isinstance(item, TrialRecord))
+        return record.result
 
     def _result(self, trial: str | int) -> TrialResult:
         found = {result.trial_id: result for result in self.trials}

@@ -24,7 +24,7 @@ from barn_eval.ros.supervision.process import (
     ProcessError,
     last_lines,
 )
-from barn_eval.running.command_files import keep_told
+from barn_eval.running.command_files import write_node_parameters
 from barn_eval.trials.outcome import ENVIRONMENT, Outcome, Verdict
 from barn_eval.trials.result import TrialResult, from_json_line
 from barn_eval.trials.run_config import RunConfig
@@ -248,7 +248,7 @@ class _Supervisor:
                 self._notice(text)
             case {"event": "parameters", "text": text} if not self._told:
                 self._told = True
-                keep_told(
+                write_node_parameters(
                     Path(self._assignment.out) / LOGS,
                     self._logs,
                     self._planner.name,

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
 from barn_eval.results.provenance import provenance
 from barn_eval.results.run_file import RunFile
-from barn_eval.running.request import Request
-from barn_eval.running.run import run_experiment
+from barn_eval.running.reporting import Reporter
+from barn_eval.running.request import RunRequest
+from barn_eval.running.run import open_run
 from barn_eval.studies.reproduction import trials as paper
 from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
@@ -130,7 +130,7 @@ def _distinct(entries: Iterable[dict[str, Any]]) -> tuple[dict[str, Any], ...]:
 
 
 def reproduce(
-    config: ReproduceConfig, out: Path, execution: ExecutionConfig, console: Console
+    config: ReproduceConfig, out: Path, execution: ExecutionConfig, reporter: Reporter
 ) -> tuple[Findings, Origin]:
     """Run what is still missing, and return what all of it says and what it was made with.
 
@@ -138,8 +138,9 @@ def reproduce(
     """
     model, dataset, where = load_model(), open_dataset(config.dataset), out / "campaign"
     experiment = paper_campaign(config)
-    console.print(f"the paper's trials, in {where}", markup=False)
-    results = run_experiment(Request(experiment, execution, where), console)
+    reporter.notify(f"the paper's trials, in {where}")
+    with open_run(RunRequest(experiment, execution, where), reporter) as run:
+        results = run.drive()
     found = paper.trials_by_planner(results, str(where))
     worlds = {int(number): dataset.load(int(number)) for number in found["dwa"].worlds}
     judged = EvaluationConfig(
