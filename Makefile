@@ -22,7 +22,7 @@ demo: $(VENV)/installed
 	$(BIN)/barn demo --out $(OUT)
 
 test: extras lint docs
-	PATH=$(BIN):$$PATH ./qa/colcon_test.sh $(PACKAGES)
+	PATH=$(BIN):$$PATH ./qa/checks/colcon_test.sh $(PACKAGES)
 
 lint: install
 	$(BIN)/ruff check .
@@ -32,11 +32,11 @@ lint: install
 
 # tables of parameters in the READMEs, parameter files and the results in notebooks, from the code
 generated: extras
-	$(BIN)/python qa/regenerate.py
+	$(BIN)/python qa/release/regenerate.py
 
 # pages that link to what is not there, and names that do not exist, are errors
 docs: $(VENV)/docs
-	$(BIN)/python qa/site_pages.py build/pages
+	$(BIN)/python qa/release/site_pages.py build/pages
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 # the README's first picture, of a trial that every machine repeats; takes some minutes
@@ -47,15 +47,15 @@ animation: install
 
 # the figures of the documentation but for those of trials and training, which it names
 figures: install
-	$(BIN)/python qa/figures.py docs
+	$(BIN)/python qa/studies/figures.py docs
 
 # the check of the unit tests in docs/mutation.md; takes about 10 minutes
 mutation: install
-	$(BIN)/python qa/mutate --page docs/mutation.md
+	$(BIN)/python qa/checks/mutate --page docs/mutation.md
 
 # the branches that tests reach without ROS, and those that they do not, with the reason; takes about an hour
 coverage: extras
-	PATH=$(BIN):$$PATH ./qa/coverage.sh
+	PATH=$(BIN):$$PATH ./qa/checks/coverage.sh
 
 # how fast the suite is, and what is slower than in the result of last time, which this one replaces; about two minutes
 bench-check: extras
@@ -78,15 +78,15 @@ $(VENV)/compiled: $(VENV)/installed
 # come, which takes about ten minutes
 wheels: $(BIN)/python
 	mkdir -p $(WHEELS)
-	sed -n '/^pybullet/,/[^\\]$$/p' requirements.lock > $(WHEELS)/pybullet.lock
+	sed -n '/^pybullet/,/[^\\]$$/p' requirements/base.lock > $(WHEELS)/pybullet.lock
 	$(BIN)/python -m pip wheel --no-deps --disable-pip-version-check --wheel-dir $(WHEELS) -r $(WHEELS)/pybullet.lock
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/requirements: requirements.lock | $(BIN)/python
+$(VENV)/requirements: requirements/base.lock | $(BIN)/python
 	test ! -d $(WHEELS) || $(BIN)/python -m pip install --quiet --no-index --no-deps --find-links $(WHEELS) pybullet
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements/base.lock
 	touch $@
 
 $(VENV)/installed: $(VENV)/requirements $(PACKAGES:%=%/setup.cfg) $(PACKAGES:%=%/package.xml)
@@ -96,24 +96,24 @@ $(VENV)/installed: $(VENV)/requirements $(PACKAGES:%=%/setup.cfg) $(PACKAGES:%=%
 
 extras: $(VENV)/extras install
 
-$(VENV)/extras: requirements-extra.lock $(VENV)/installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-extra.lock
+$(VENV)/extras: requirements/extra.lock $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements/extra.lock
 	touch $@
 
-$(VENV)/docs: requirements-docs.lock | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-docs.lock
+$(VENV)/docs: requirements/docs.lock | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements/docs.lock
 	touch $@
 
 # known vulnerabilities of what is locked; asks a service on the internet, and says so where it cannot
 audit: install
-	$(BIN)/python qa/audit.py
+	$(BIN)/python qa/release/audit.py
 
 # The extras have no hashes: which file of torch is installed, with CUDA or without, is left to the machine.
 # torch names the CUDA libraries that it needs itself, and only in its builds that use them
 lock:
-	$(COMPILE) --generate-hashes requirements.in -o requirements.lock
-	$(COMPILE) --no-annotate requirements-extra.in | grep -vE '^(cuda|nvidia|triton)' > requirements-extra.lock
-	$(COMPILE) --no-annotate --generate-hashes requirements-docs.in > requirements-docs.lock
+	$(COMPILE) --generate-hashes requirements/base.in -o requirements/base.lock
+	$(COMPILE) --no-annotate requirements/extra.in | grep -vE '^(cuda|nvidia|triton)' > requirements/extra.lock
+	$(COMPILE) --no-annotate --generate-hashes requirements/docs.in > requirements/docs.lock
 
 clean:
 	rm -rf build install log site $(VENV)

@@ -31,8 +31,8 @@ from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.run_config import PlannerChoice, RunConfig
 from barn_eval.trials.spec import simulator_config
 from barn_planners.policy.space import PolicyAction, PolicyObservation
-from barn_worlds.worlds.dataset import open_dataset
-from barn_worlds.worlds.generate import DatasetParameters, write_dataset
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.datasets.generate import DatasetParameters, write_dataset
 
 RECENT = 400  # episodes that the curve is averaged over
 RATE, LEAST_RATE = (
@@ -143,7 +143,7 @@ def draw(curve: Curve, path: Path) -> None:
 def checksums(dataset: str | Path) -> set[str]:
     """Return the checksums of the worlds of a data set."""
     opened = open_dataset(dataset)
-    return {opened.load(index).checksum for index in opened.indices}
+    return {opened.load(index).checksum for index in opened.world_numbers}
 
 
 @click.command()

@@ -7,7 +7,7 @@ import pytest
 
 from barn_metrics.metrics import METRIC_NAMES
 from barn_metrics.report import TABLE_II, MetricsTable, metrics_table
-from barn_worlds.worlds.dataset import Dataset, open_dataset
+from barn_worlds.datasets.dataset import Dataset, open_dataset
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 

@@ -96,7 +96,7 @@ def test_bases_and_packages_are_pinned(path):
     (version,) = (
         arguments.partition("=")[2] for arguments in SUITE["wheels"].all("ARG")
     )
-    assert f"pybullet=={version} \\\n" in (ROOT / "requirements.lock").read_text()
+    assert f"pybullet=={version} \\\n" in (ROOT / "requirements/base.lock").read_text()
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
@@ -121,7 +121,7 @@ def test_all_packages_are_built_and_all_tests_run():
     assert SUITE["test"].base == "build"
     assert SUITE["final"].base == "runtime"
     assert any(
-        "requirements-extra.lock" in command for command in SUITE["test"].all("RUN")
+        "requirements/extra.lock" in command for command in SUITE["test"].all("RUN")
     )
     # tests look at these beside the packages
     wanted = {

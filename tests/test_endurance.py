@@ -1,6 +1,6 @@
 """The tools that measure endurance: a few kill points as they are, and that what they measure can come out badly.
 
-`python qa/kill_points.py` and `python qa/long_run.py` go on for longer.
+`python qa/faults/kill_points.py` and `python qa/faults/long_run.py` go on for longer.
 """
 
 import importlib.util
@@ -27,7 +27,7 @@ def test_campaigns_with_a_killed_process_are_resumed_to_the_same_tables():
     )  # which test_campaign.py kills as well
     command = [
         sys.executable,
-        TOOLS / "kill_points.py",
+        TOOLS / "faults" / "kill_points.py",
         "--json",
         "--points=1",
         "--seed=4",

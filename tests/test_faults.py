@@ -1,6 +1,6 @@
 """Faults: a handful of the cases of the table, whose page lists exactly them, and files of strangers under mutations.
 
-`python qa/faults.py` tries all cases; `python qa/fuzz.py --reader NAME --inputs N` goes on for longer.
+`python qa/faults/faults.py` tries all cases; `python qa/fuzz/fuzz.py --reader NAME --inputs N` goes on for longer.
 """
 
 import json
@@ -14,7 +14,7 @@ import pytest
 from fuzz_readers import READERS
 
 ROOT = Path(__file__).resolve().parents[1]
-TOOL, PAGE = ROOT / "qa" / "faults.py", ROOT / "docs" / "reliability.md"
+TOOL, PAGE = ROOT / "qa" / "faults" / "faults.py", ROOT / "docs" / "reliability.md"
 QUICK = (
     "inputs/campaign-aliases",
     "inputs/xml-laughs",
@@ -101,7 +101,7 @@ def test_a_fault_that_is_not_met_fails(tmp_path, monkeypatch):
     assert "processes are left: ['sleep 600 ']" in left.measured
 
 
-INPUTS = 400  # the same in every run, which qa/fuzz.py goes beyond
+INPUTS = 400  # the same in every run, which qa/fuzz/fuzz.py goes beyond
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +109,7 @@ def found(tmp_path_factory):
     """What the tool says of each reader."""
     out = tmp_path_factory.mktemp("fuzz")
     options = f"--corpus --inputs {INPUTS} --seconds 3600 --json".split()
-    command = [sys.executable, ROOT / "qa" / "fuzz.py", *options, "--out", out]
+    command = [sys.executable, ROOT / "qa" / "fuzz" / "fuzz.py", *options, "--out", out]
     patient = {**os.environ, "FUZZ_LIMIT_S": "60"}
     ended = subprocess.run(
         command, capture_output=True, text=True, check=False, env=patient

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-TOOL = ROOT / "qa" / "mutate"
+TOOL = ROOT / "qa" / "checks" / "mutate"
 
 
 @pytest.fixture
@@ -108,6 +108,6 @@ def test_every_mutant_that_is_known_to_survive_is_there(tool):
         for one in changes.mutants_of(runner.source_of(module).read_text("utf-8"))
     }
     assert reasons.keys() - known == set(), (
-        "the code has changed: look at these in qa/mutate/survivors.yaml again"
+        "the code has changed: look at these in qa/checks/mutate/survivors.yaml again"
     )
     assert all(reason.endswith(".") for reason in reasons.values())

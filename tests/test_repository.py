@@ -196,7 +196,7 @@ def test_a_release_says_what_the_citation_says():
 
 def test_a_tag_is_released_only_with_its_version_and_notes():
     def release(*words):
-        command = [sys.executable, ROOT / "qa/release.py", *words]
+        command = [sys.executable, ROOT / "qa/release/release.py", *words]
         return subprocess.run(command, check=False, capture_output=True, text=True)
 
     assert release("check", f"v{__version__}").returncode == 0
@@ -209,3 +209,11 @@ def test_a_tag_is_released_only_with_its_version_and_notes():
         "repository-code: https://host/barn"
         in release("citation", "https://host/barn").stdout
     )
+
+
+def test_every_tool_has_a_line_on_the_page_of_tools():
+    page = text_of("qa/README.md")
+    tools = [*ROOT.glob("qa/*/*.py"), *ROOT.glob("qa/*/*.sh")]
+    assert len(tools) > 20
+    missing = [str(tool.relative_to(ROOT)) for tool in tools if tool.name not in page]
+    assert missing == []

@@ -32,7 +32,7 @@ def test_the_readme_leads_from_nothing_to_the_score_of_its_planner(tmp_path):
         pytest.skip("no packages can be had from here")
     pins = re.findall(
         r"(?m)^([\w.-]+)(?:\[\w+\])?(==\S+(?: ; [^\\\n]+)?)",
-        text_of("requirements.lock"),
+        text_of("requirements/base.lock"),
     )
     (tmp_path / "pins.txt").write_text(
         "".join(f"{name}{version}\n" for name, version in pins)
@@ -44,7 +44,7 @@ def test_the_readme_leads_from_nothing_to_the_score_of_its_planner(tmp_path):
     given |= {
         "PIP_NO_COMPILE": "no"
     }  # which is yes: most modules of the libraries are not imported here
-    way = [ROOT / "qa" / "way_in.sh", tmp_path / "way", sys.executable]
+    way = [ROOT / "qa" / "release" / "way_in.sh", tmp_path / "way", sys.executable]
     done = subprocess.run(
         way, check=False, env=os.environ | given, capture_output=True, text=True
     )

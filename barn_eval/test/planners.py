@@ -20,7 +20,7 @@ from barn_planners.interface import (
     Task,
 )
 from barn_worlds.base.types import Velocity2D, wrap_angle
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 
 SHORT = replace(
     CHALLENGE, name="short", limit_s=3.0, timeout_time_s=3.0, first_motion_limit_s=3.0

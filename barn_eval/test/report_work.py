@@ -22,8 +22,9 @@ from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfi
 from barn_eval.trials.spec import simulator_config
 from barn_eval.trials.trajectory import compute_clearances
 from barn_worlds.base.config import as_dict
-from barn_worlds.geometry.footprint import contact_of
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.robots.contact import contact_footprint
+from barn_worlds.robots.files import STANDARD
 
 SCORES = ("traversal_time_s", "normalised_time_s_per_m", "challenge")
 EVIL = "</script><script>window.evil=1</script>"
@@ -58,7 +59,10 @@ def recorded_track(bag, world):
     """The track of a trial as its bag has it."""
     recorded = read_recorded_trial(bag)
     gaps = compute_clearances(
-        recorded.poses, world.cylinders_m, world.cylinder_radius_m, contact_of()
+        recorded.poses,
+        world.cylinders_m,
+        world.cylinder_radius_m,
+        contact_footprint(STANDARD.chassis),
     )
     samples = [
         recorded.times_s,

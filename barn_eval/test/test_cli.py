@@ -22,8 +22,8 @@ from barn_eval.trials.ros_config import RosConfig
 from barn_eval.trials.run_config import ExecutionConfig
 from barn_sim.config import SimulatorConfig
 from barn_worlds.base.config import fields_of
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats.own import write_own
-from barn_worlds.worlds.dataset import open_dataset
 
 INLINE = ("--execution", "engine=inline")  # which starts no worker
 
@@ -229,7 +229,7 @@ def test_demo_in_one_process(command, tiny):
 
 def test_worlds_are_generated_listed_shown_exported_and_imported(command, tmp_path):
     assert command("worlds", "generate", "own.npz", "--per-set", 1, "--seed", 5)[0] == 0
-    assert open_dataset(tmp_path / "own.npz").indices == tuple(range(12))
+    assert open_dataset(tmp_path / "own.npz").world_numbers == tuple(range(12))
     listed = json.loads(
         command("worlds", "list", "own.npz", "--worlds", "2-3", "--json")[1]
     )
@@ -257,7 +257,7 @@ def test_worlds_are_generated_listed_shown_exported_and_imported(command, tmp_pa
         )
         assert command("worlds", "convert", form, f"{form}.npz")[0] == 0
         back = open_dataset(tmp_path / f"{form}.npz")
-        assert back.indices == (2, 5)
+        assert back.world_numbers == (2, 5)
         np.testing.assert_array_equal(back.load(5).grid, original.load(5).grid)
     assert (
         command(
@@ -289,7 +289,7 @@ def test_one_parameter_set_of_ones_own(command, tmp_path):
     )
     assert command(*words, "--set", "initial_fill=0.35", "--set", "cols=20")[0] == 0
     made = open_dataset(tmp_path / "layout")
-    assert len(made.indices) == 2
+    assert len(made.world_numbers) == 2
     world = made.load(0)
     assert (world.cols, world.footprint_cells, world.resolution_m) == (20, 5, 0.06)
     assert np.load(tmp_path / "layout" / "metrics_files" / "metrics_0.npy").shape == (

@@ -30,7 +30,7 @@ from barn_eval.trials.trajectory import Encounters
 from barn_planners.registry import planner_config
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import BarnError
-from barn_worlds.base.text_files import finite
+from barn_worlds.base.text_files import make_json_safe
 
 
 def results(planner="dwa", slower_s=0.0, worlds=20, seed=0):
@@ -445,7 +445,7 @@ def test_planners_of_one_folder_are_compared_with_each_other(folders, command):
     (found,) = json.loads(command("compare", folders / "three:dwa,gap", "--json")[1])
     assert (found["a"], found["b"]) == ("dwa", "gap")
     pair = as_dict(compare_folders(folders / "three:dwa", folders / "three:gap")[0])
-    assert found["rows"] == json.loads(json.dumps(finite(pair["rows"])))
+    assert found["rows"] == json.loads(json.dumps(make_json_safe(pair["rows"])))
     with pytest.raises(
         BarnError, match="has one planner only, dwa; name a second folder"
     ):

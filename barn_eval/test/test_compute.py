@@ -21,7 +21,7 @@ from barn_eval.trials.result import WallClock, pack_delays, unpack_delays
 from barn_eval.trials.run_config import PlannerChoice, RunConfig
 from barn_planners.gap.planner import ENTRY
 from barn_planners.interface import Decision, Observation, Planner, Task
-from barn_worlds.base.compute import Compute, Turnaround
+from barn_worlds.base.compute import Compute, CycleTimer
 from barn_worlds.base.errors import ConfigError
 
 Command = Callable[..., tuple[int, str, str]]
@@ -170,20 +170,21 @@ def test_a_choice_overrides_what_the_registry_declares() -> None:
 
 
 def test_no_cycle_begins_before_the_last_one_has_taken_effect() -> None:
-    turnaround = Turnaround(Compute(delay_s=0.12, period_s=0.2), 1)
+    cycle_timer = CycleTimer(Compute(delay_s=0.12, period_s=0.2), 1)
     begun = [
         k * 50_000_000
         for k in range(10)
-        if turnaround.free(k * 50_000_000) and turnaround.take(k * 50_000_000)
+        if cycle_timer.is_free(k * 50_000_000)
+        and cycle_timer.start_cycle(k * 50_000_000)
     ]
     assert begun == [0, 200_000_000, 400_000_000]
-    assert turnaround.delays_ns == [120_000_000] * 3
+    assert cycle_timer.delays_ns == [120_000_000] * 3
 
 
 def test_delays_are_drawn_from_the_seed_with_the_quantiles_declared() -> None:
     def drawn(seed: int) -> list[int]:
-        turnaround = Turnaround(Compute(delay_s=0.05, delay_p95_s=0.1), seed)
-        return [turnaround.take(0) for _ in range(20_000)]
+        cycle_timer = CycleTimer(Compute(delay_s=0.05, delay_p95_s=0.1), seed)
+        return [cycle_timer.start_cycle(0) for _ in range(20_000)]
 
     assert drawn(1) == drawn(1) != drawn(2)
     assert np.quantile(drawn(1), [0.5, 0.95]) == pytest.approx([5e7, 1e8], rel=0.03)

@@ -9,8 +9,8 @@ from test_trajectory import EXTENT, drive
 from barn_eval.trials.protocol import DYNABARN
 from barn_eval.trials.trajectory import measure_encounters
 from barn_worlds.base.types import Pose2D
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.moving.motion import Motion, MovingObstacle, Wall
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 

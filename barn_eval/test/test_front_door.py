@@ -20,7 +20,7 @@ import barn_eval as barn
 from barn_eval.api.results import Trial
 from barn_eval.results.rows import results_table
 from barn_eval.running.planner_objects import (
-    NO_SOURCE,
+    UNKNOWN_SOURCE,
     FunctionPlanner,
     PlannerObject,
     fingerprint,
@@ -231,7 +231,7 @@ def test_objects_are_recorded_by_a_hash_of_their_source(driven):
     assert fingerprint(made(0.1)) == fingerprint(made(0.1)) != fingerprint(made(0.2))
     namespace = {}
     exec("def f(observation): return 0.0, 0.0", namespace)
-    assert fingerprint(namespace["f"]) == NO_SOURCE
+    assert fingerprint(namespace["f"]) == UNKNOWN_SOURCE
 
 
 def test_one_worker_drives_live_planners_in_this_process(tmp_path):

@@ -113,7 +113,7 @@ def test_every_command_has_its_function():
         "show": "draw",
         "worlds": "generate save resize datasets",
     }
-    functions |= {"robots": "names load draw", "difficulty": "predict evaluate"}
+    functions |= {"robots": "names load draw", "difficulty": "predict"}
     functions |= {
         "ab": "compare",
         "tune": "sweep",

@@ -30,8 +30,8 @@ from barn_eval.trials.outcome import Outcome, Verdict  # noqa: E402
 from barn_eval.trials.protocol import CHALLENGE, KNOWN_MAP, PAPER_2020  # noqa: E402
 from barn_eval.trials.run_config import PlannerChoice, RunConfig  # noqa: E402
 from barn_eval.trials.spec import simulator_config  # noqa: E402
+from barn_planners.policy.collision_check import CollisionCheckConfig  # noqa: E402
 from barn_planners.policy.file import Policy, PolicyNetwork, write_policy  # noqa: E402
-from barn_planners.policy.planner import SafetyConfig  # noqa: E402
 from barn_planners.policy.space import PolicyAction, PolicyObservation  # noqa: E402
 from barn_worlds.base.errors import BarnError  # noqa: E402
 from barn_worlds.drawing import palette  # noqa: E402
@@ -130,7 +130,9 @@ def test_an_episode_is_the_trial_of_the_benchmark_to_the_last_bit(
     spaces = {"observation": policy.observation, "action": policy.action}
     env = make(
         config=EnvConfig(
-            protocol=protocol.name, safety=SafetyConfig(enabled=shield), **spaces
+            protocol=protocol.name,
+            safety=CollisionCheckConfig(enabled=shield),
+            **spaces,
         )
     )
     settings = {"policy_path": str(tmp_path / "policy.npz"), "safety.enabled": shield}
@@ -265,7 +267,7 @@ def test_the_reward_of_a_step():
 
 
 def test_a_shield_keeps_from_a_collision_and_costs(make):
-    config = EnvConfig(worlds="150", safety=SafetyConfig())
+    config = EnvConfig(worlds="150", safety=CollisionCheckConfig())
     env = make(config=config)
     env.reset(seed=0)
     rewards = [env.step(FORWARD)[1] for _ in range(150)]

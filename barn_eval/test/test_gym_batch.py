@@ -8,7 +8,7 @@ gymnasium = pytest.importorskip("gymnasium", reason="Gymnasium is not installed"
 from gymnasium.utils.env_checker import data_equivalence  # noqa: E402
 
 import barn_eval.gym  # noqa: E402
-from barn_sim.body.bullet import PhysicsClient  # noqa: E402
+from barn_sim.contact.bullet import PhysicsClient  # noqa: E402
 from barn_worlds.base.errors import BarnError  # noqa: E402
 
 NAME = barn_eval.gym.ENVIRONMENT_ID

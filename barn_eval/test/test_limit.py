@@ -17,8 +17,8 @@ from barn_eval.trials.spec import WHEEL_SLIP
 from barn_planners.interface import Decision
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Velocity2D, wrap_angle
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.robots.files import load_robot
-from barn_worlds.worlds.dataset import open_dataset
 
 BARN300 = open_dataset("barn300")
 

@@ -25,8 +25,8 @@ from barn_eval.results.bags.movers import RecordedMotions, compute_gaps
 from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.folder import read_results
 from barn_eval.trials.protocol import DYNABARN
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.geometry.bodies import Bodies, wall_bodies
-from barn_worlds.worlds.dataset import open_dataset
 
 WORLD = 30
 

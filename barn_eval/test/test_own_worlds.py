@@ -15,10 +15,10 @@ from barn_eval.trials.protocol import CHALLENGE, DYNABARN
 from barn_eval.verification.check import check_folder
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.base.types import OccupancyMap, Pose2D
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats.map_server import write_map
 from barn_worlds.messages.cdr import deserialise
 from barn_worlds.messages.topics import MOVING_POSES
-from barn_worlds.worlds.dataset import open_dataset
 
 
 @pytest.fixture
@@ -127,9 +127,9 @@ def test_arenas_are_generated_drawn_and_exported(command, tmp_path):
     which = {"classes": ["easy", "hard"], "per_class": 2, "seed": 5}
     worlds = barn.worlds.generate_moving(tmp_path / "own.npz", **which)
     made = open_dataset(tmp_path / "own.npz")
-    assert made.indices == (0, 1, 2, 3)
+    assert made.world_numbers == (0, 1, 2, 3)
     assert {k: w.checksum for k, w in worlds.items()} == {
-        k: made.load(k).checksum for k in made.indices
+        k: made.load(k).checksum for k in made.world_numbers
     }
     assert [w.checksum for w in barn.worlds.generate_moving(**which).values()] == [
         w.checksum for w in worlds.values()
@@ -161,8 +161,8 @@ def test_worlds_of_a_data_set_get_moving_obstacles(command, tmp_path, crossing):
     which = {"source": "barn300", "select": "3,7", "crossing": crossing, "obstacles": 3}
     barn.worlds.generate_moving(tmp_path / "own.npz", ["easy"], **which)
     made, still = open_dataset(tmp_path / "own.npz"), open_dataset("barn300")
-    assert made.indices == (3, 7)
-    for index in made.indices:
+    assert made.world_numbers == (3, 7)
+    for index in made.world_numbers:
         assert len(made.load(index).moving) == 3
         assert (made.load(index).grid == still.load(index).grid).all()
     assert command("metrics", "own.npz")[0] == 0  # of what stands

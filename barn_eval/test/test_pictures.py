@@ -22,7 +22,7 @@ from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.tracks import parse_track_line
 from barn_sim.drawing.camera import SIZES
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 
 
 def test_a_replay_of_too_many_bags_is_refused(bag, tmp_path):

@@ -24,8 +24,8 @@ from barn_eval.trials.spec import simulator_config
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.robots.files import STANDARD, load_robot
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 HUSKY = load_robot("husky").chassis
@@ -35,7 +35,7 @@ def test_courses_of_the_challenge_have_the_published_optimal_times(original_fold
     dataset = open_dataset(original_folder)
     times = [
         CHALLENGE.course(dataset.load(index)).optimal_time_s
-        for index in dataset.indices
+        for index in dataset.world_numbers
     ]
     assert len(times) == 50
     assert (
@@ -52,7 +52,7 @@ def test_path_lengths_are_those_of_the_published_trials(original_folder):
             int(row["world"]): float(row["path_length_m"])
             for row in csv.DictReader(file)
         }
-    for index in dataset.indices:
+    for index in dataset.world_numbers:
         assert PAPER_2020.course(dataset.load(index)).path_length_m == pytest.approx(
             published[index], abs=1e-6
         )
@@ -245,8 +245,8 @@ def test_a_rule_in_larger_cells_counts_from_the_first_column_or_its_anchor(
 
 def test_distances_for_another_robot_are_in_the_cells_of_its_world(open_world):
     world = replace(open_world, resolution_m=0.2)
-    rules = CHALLENGE_2022_03.scaled_to(world, HUSKY)
-    assert world.cell_centres_m(np.array([[0, 0]]))[0, 1] == pytest.approx(
+    rules = CHALLENGE_2022_03.sized(world, HUSKY)
+    assert world.cell_centers_m(np.array([[0, 0]]))[0, 1] == pytest.approx(
         5.2 + 0.1
     )  # the first column is at 5.2 m
     assert (rules.start.x_m, rules.start.y_m) == pytest.approx((-8.0 / 3.0, 2.4))

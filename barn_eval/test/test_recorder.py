@@ -23,7 +23,7 @@ from rosbags.rosbag2 import Reader
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.bags.recorder import PARTIAL, Recorder
 from barn_worlds.base.errors import BagError
-from barn_worlds.base.types import NANOSECONDS, Velocity2D
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Velocity2D
 from barn_worlds.messages.cdr import deserialise
 from barn_worlds.messages.encode import encode_clock, encode_twist
 from barn_worlds.messages.topics import CLOCK, CMD_VEL, LATCHED
@@ -210,7 +210,7 @@ def test_a_killed_recording_is_readable_up_to_the_last_second(tmp_path):
     messages = partial_messages(tmp_path / f"bag{PARTIAL}" / "bag_0.mcap")
     # 205 cycles of 0.05 s are 10.2 s; a chunk is written with each whole second.
     assert len(messages) == 201
-    assert messages[-1].log_time == 10 * NANOSECONDS
+    assert messages[-1].log_time == 10 * NANOSECONDS_PER_SECOND
     assert deserialise(messages[-1].data, CLOCK.type_name).clock.sec == 10
 
 

@@ -17,11 +17,11 @@ from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.bags.recorder import Recorder
 from barn_eval.trials.protocol import DYNABARN, PAPER_2020
-from barn_planners.runtime.messages import MOST_SHOWN
+from barn_planners.runtime.messages import MAX_CANDIDATES
 from barn_worlds.base.errors import BagError
-from barn_worlds.base.types import NANOSECONDS, Pose2D
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Pose2D
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.messages.cdr import jazzy_types, make, serialise
-from barn_worlds.worlds.dataset import open_dataset
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,7 @@ def test_poses_scans_and_result_are_those_of_the_bag(bag):
     assert len(recorded.times_s) == len(messages) == len(recorded.scans)
     stamps = [stamp for stamp, _ in messages]
     assert recorded.times_s.tolist() == [
-        (stamp - stamps[0]) / NANOSECONDS for stamp in stamps
+        (stamp - stamps[0]) / NANOSECONDS_PER_SECOND for stamp in stamps
     ]
     positions = [
         (message.pose.pose.position.x, message.pose.pose.position.y)
@@ -106,7 +106,9 @@ def test_poses_scans_and_result_are_those_of_the_bag(bag):
     assert recorded.outcomes[0].content == "running"
     assert recorded.outcomes[-1] == (pytest.approx(recorded.times_s[-1]), "", "success")
     assert recorded.scores[-1].content == recorded.result["scores"]["challenge"]
-    assert all(len(shown.content.lines) == MOST_SHOWN for shown in recorded.candidates)
+    assert all(
+        len(shown.content.lines) == MAX_CANDIDATES for shown in recorded.candidates
+    )
     assert len(recorded.candidates) == -(-len(messages) // 10)  # two a second
     assert [note.split(" ")[0] for note in recorded.notes] == [
         "map"

@@ -32,7 +32,7 @@ from barn_eval.running.request import read_request
 from barn_eval.trials.run_config import RunConfig
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 
 
 @pytest.fixture(scope="module")

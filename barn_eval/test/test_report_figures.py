@@ -15,8 +15,8 @@ from barn_eval.pages.report.page import draw, plot
 from barn_eval.pages.template import colour_sheet
 from barn_eval.trials.protocol import CHALLENGE
 from barn_worlds.base.errors import ConfigError
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.drawing.palette import PLANNERS
-from barn_worlds.worlds.dataset import open_dataset
 
 SHOWN = [
     one for one in CHARTS.values() if one.name != "sweep"

@@ -29,7 +29,7 @@ from barn_eval.trials.spec import simulator_config
 from barn_metrics.bootstrap import Interval
 from barn_metrics.report import TABLE_II
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 
 WORLDS = "0:300:15"
 

@@ -18,10 +18,10 @@ from barn_eval.trials.spec import simulator_config
 from barn_metrics.metrics import world_metrics
 from barn_sim.config import robot_of, with_robot
 from barn_worlds.base.errors import BarnError, ConfigError
+from barn_worlds.datasets.dataset import dataset_files, open_dataset
+from barn_worlds.datasets.generate import narrowness
 from barn_worlds.robots.files import ROBOTS, load_robot
 from barn_worlds.worlds.cspace import configuration_space, through_region
-from barn_worlds.worlds.dataset import open_dataset, shipped
-from barn_worlds.worlds.generate import narrowness
 
 CHALLENGE = PROTOCOLS["challenge"]
 
@@ -138,7 +138,7 @@ def test_barn_tb4_is_what_its_command_makes(tmp_path):
         assert made.checksum == there.checksum
         assert {**made.manifest, "made_by": ""} == {**there.manifest, "made_by": ""}
         assert (
-            json.loads(shipped()[name].with_suffix(".manifest.json").read_text())
+            json.loads(dataset_files()[name].with_suffix(".manifest.json").read_text())
             == there.manifest
         )
 
@@ -146,10 +146,10 @@ def test_barn_tb4_is_what_its_command_makes(tmp_path):
 def test_every_world_of_barn_tb4_has_a_way_for_its_robot_and_they_rise_from_wide_to_narrow():
     robot, dataset = load_robot("turtlebot4"), open_dataset("barn_tb4")
     assert (
-        dataset.indices == tuple(range(100))
+        dataset.world_numbers == tuple(range(100))
         and dataset.manifest["robot"] == "turtlebot4"
     )
-    found = [dataset.load(index) for index in dataset.indices]
+    found = [dataset.load(index) for index in dataset.world_numbers]
     assert len({world.checksum for world in found}) == 100
     for world in found:
         cells = robot.footprint_cells(world.resolution_m)
@@ -206,7 +206,7 @@ def test_robots_that_take_more_cells_than_the_data_set_is_made_for_are_refused(
     assert f"barn_tb4 is made for robot turtlebot4, {ways}" in said
     dataset = open_dataset("barn_tb4")
     for fits in ("turtlebot4", "turtlebot3_burger", "turtlebot3_waffle"):
-        dataset.require_fit(load_robot(fits), dataset.indices)
+        dataset.require_fit(load_robot(fits), dataset.world_numbers)
     open_dataset("barn300").require_fit(load_robot("husky"), [0])
     gymnasium = pytest.importorskip("gymnasium")
     pytest.importorskip("barn_eval.gym")
@@ -228,7 +228,7 @@ def test_resized_worlds_have_the_same_grids_in_cells_of_the_robots(tmp_path):
     ]
     written = open_dataset(barn.worlds.save(made, tmp_path / "husky.npz"))
     assert (
-        written.indices == (0, 150, 299)
+        written.world_numbers == (0, 150, 299)
         and written.load(150).checksum == made[150].checksum
     )
     with pytest.raises(

@@ -17,9 +17,9 @@ from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.spec import simulator_config
 from barn_sim.config import PRESETS, robot_of, with_robot
 from barn_worlds.base.errors import ConfigError
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats.own import write_own
 from barn_worlds.robots.files import load_robot, shipped_robots
-from barn_worlds.worlds.dataset import open_dataset
 
 HUSKY = load_robot("husky")
 

@@ -24,7 +24,7 @@ from barn_eval.trials.result import (
 )
 from barn_eval.trials.trajectory import Encounters, Measures
 from barn_worlds.base.errors import ConfigError, StoreError
-from barn_worlds.base.files import write_whole
+from barn_worlds.base.files import write_durably
 
 
 def result(number: int = 0) -> TrialResult:
@@ -178,12 +178,12 @@ def test_a_write_that_fails_half_way_leaves_the_rows_as_they_were(rows):
 
 def test_a_table_is_replaced_as_a_whole_or_not_at_all(tmp_path):
     path = tmp_path / "table"
-    write_whole(path, b"first")
+    write_durably(path, b"first")
     with (
         file_size_limit(100),
         pytest.raises(StoreError, match="table: cannot be written"),
     ):
-        write_whole(path, bytes(1000))
+        write_durably(path, bytes(1000))
     assert path.read_bytes() == b"first"
     assert [entry.name for entry in tmp_path.iterdir()] == ["table"]
 

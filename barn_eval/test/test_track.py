@@ -21,7 +21,8 @@ from barn_eval.results.tracks import (
 )
 from barn_eval.trials.trajectory import Trajectory
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.geometry.footprint import contact_of
+from barn_worlds.robots.contact import contact_footprint
+from barn_worlds.robots.files import STANDARD
 
 
 def samples(count, period_s=0.05):
@@ -70,7 +71,9 @@ def test_a_trial_without_a_reading_has_no_track():
     nothing = Trajectory(
         np.empty(0, np.int64), np.empty((0, 3)), empty, empty, np.empty(0, bool)
     )
-    assert make_track(nothing, empty, 0.075, contact_of()) is None
+    assert (
+        make_track(nothing, empty, 0.075, contact_footprint(STANDARD.chassis)) is None
+    )
 
 
 def test_the_line_of_a_trial_is_what_its_bag_holds(run):

@@ -34,13 +34,13 @@ class Interval:
             and not self.low <= value <= self.high
         )
 
-    def reaching(self, *values: float) -> "Interval":
+    def widen_to(self, *values: float) -> "Interval":
         """Return the estimate with limits that hold these values as well, none where it has none."""
         if self.low is None or self.high is None:
             return self
         return Interval(self.estimate, min(self.low, *values), max(self.high, *values))
 
-    def scaled(self, factor: float) -> "Interval":
+    def scale(self, factor: float) -> "Interval":
         """Return the interval in another unit; factor is above 0."""
         low, high = (
             None if limit is None else factor * limit for limit in (self.low, self.high)
@@ -51,14 +51,14 @@ class Interval:
         """Return estimate and limits as columns of a table: NAME, NAME_low and NAME_high."""
         return {name: self.estimate, f"{name}_low": self.low, f"{name}_high": self.high}
 
-    def shifted(self, by: float) -> "Interval":
+    def shift(self, by: float) -> "Interval":
         """Return the interval of the estimate and a known figure together."""
         low, high = (
             None if limit is None else limit + by for limit in (self.low, self.high)
         )
         return Interval(self.estimate + by, low, high)
 
-    def mirrored(self) -> "Interval":
+    def negate(self) -> "Interval":
         """Return the interval of the estimate with the other sign."""
         low, high = (
             None if limit is None else -limit for limit in (self.high, self.low)
@@ -82,7 +82,7 @@ def number(value: float | None, digits: int = 2) -> str:
     )
 
 
-def over_worlds(
+def bootstrap_interval(
     statistic: Statistic,
     worlds: int,
     seed: int = 0,

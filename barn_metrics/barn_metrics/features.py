@@ -8,7 +8,7 @@ from numba import njit
 from barn_metrics.metrics import closest_obstacle, tortuosity
 from barn_worlds.base.arrays import BoolGrid, Bools, Cells, Floats
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.worlds.cells import hollow
+from barn_worlds.worlds.cells import hollow_cells
 from barn_worlds.worlds.world import World
 
 NARROW_CLEARANCE_M = 0.55  # below which a place is narrow; fits a Jackal
@@ -117,7 +117,7 @@ def widest_gap_m(grid: BoolGrid, resolution_m: float) -> float:
     A disc is blocked if a chain of obstacles between the side edges has only gaps smaller than it; so this is the
     largest gap of a chain, minimised over all chains. Zero if touching obstacles block every way.
     """
-    centres = np.argwhere(grid & ~hollow(grid)).astype(np.float64)
+    centres = np.argwhere(grid & ~hollow_cells(grid)).astype(np.float64)
     return float(
         max(0.0, _smallest_largest_gap(centres, float(len(grid)))) * resolution_m
     )

@@ -146,7 +146,7 @@ def tortuosity(path: Cells) -> float:
     return arc / chord
 
 
-def averaged(values: Floats, path: Cells) -> WorldMetrics:
+def mean_metrics(values: Floats, path: Cells) -> WorldMetrics:
     """Return the metrics of a path (n, 2) from its `cell_metrics` (n, 4)."""
     closest, visibility, alternations, narrowest = (
         float(mean) for mean in values.mean(axis=0)
@@ -156,7 +156,7 @@ def averaged(values: Floats, path: Cells) -> WorldMetrics:
 
 def world_metrics(world: World, formula: Formula | str = CORRECTED) -> WorldMetrics:
     """Return the metrics of a world on its own C-space and path."""
-    return averaged(world_cell_metrics(world, formula), world.path)
+    return mean_metrics(world_cell_metrics(world, formula), world.path)
 
 
 def world_cell_metrics(world: World, formula: Formula | str = CORRECTED) -> Floats:

@@ -9,12 +9,14 @@ import numpy as np
 from barn_metrics import metrics
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import WorldError
-from barn_worlds.base.text_files import finite, packaged_yaml
-from barn_worlds.worlds.dataset import Dataset
+from barn_worlds.base.text_files import make_json_safe, read_package_yaml
+from barn_worlds.datasets.dataset import Dataset
 from barn_worlds.worlds.world import World
 
 SCHEMA_VERSION = 1
-TABLE_II: dict[str, dict[str, float]] = packaged_yaml("barn_metrics", "table_ii.yaml")
+TABLE_II: dict[str, dict[str, float]] = read_package_yaml(
+    "barn_metrics", "table_ii.yaml"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +50,7 @@ class MetricsTable:
                 metric.name: self.summary_of(metric) for metric in metrics.METRICS
             },
         }
-        return dict(finite(document))
+        return dict(make_json_safe(document))
 
     def summary_cells(self) -> tuple[list[str], list[list[str]]]:
         """Return headings and lines of the summary, two decimals: extremes of cells (as Table II), then of worlds."""
@@ -103,14 +105,14 @@ def metrics_table(
     """Return the metrics of a data set or of worlds; WorldError if there is none or one cannot be read."""
     chosen = metrics.as_formula(formula)
     if isinstance(worlds, Dataset):
-        labelled = ((str(index), worlds.load(index)) for index in worlds.indices)
+        labelled = ((str(index), worlds.load(index)) for index in worlds.world_numbers)
     else:
         labelled = ((world.name, world) for world in worlds)
     labels, rows, lowest, highest = [], [], [], []
     for label, world in labelled:
         values = metrics.world_cell_metrics(world, chosen)
         labels.append(label)
-        rows.append(metrics.averaged(values, world.path).as_array())
+        rows.append(metrics.mean_metrics(values, world.path).as_array())
         lowest.append(values.min(axis=0))
         highest.append(values.max(axis=0))
     if not rows:

@@ -16,8 +16,8 @@ from barn_metrics.metrics import (
     Formula,
     WorldMetrics,
     as_formula,
-    averaged,
     cell_metrics,
+    mean_metrics,
     metric_maps,
     tortuosity,
     world_metrics,
@@ -28,7 +28,7 @@ from barn_worlds.worlds.world import World
 
 
 def path_metrics(cspace, path, formula="corrected"):
-    return averaged(cell_metrics(cspace, path, formula), path)
+    return mean_metrics(cell_metrics(cspace, path, formula), path)
 
 
 COMPASS = [(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)]

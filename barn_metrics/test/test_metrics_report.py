@@ -10,7 +10,7 @@ import pytest
 from barn_metrics.metrics import METRICS, world_cell_metrics, world_metrics
 from barn_metrics.report import metrics_table
 from barn_worlds.base.errors import ConfigError, WorldError
-from barn_worlds.worlds.dataset import Dataset, open_dataset
+from barn_worlds.datasets.dataset import Dataset, open_dataset
 from barn_worlds.worlds.world import World
 
 

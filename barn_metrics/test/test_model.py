@@ -9,7 +9,7 @@ import pytest
 
 from barn_metrics.metrics import METRIC_NAMES
 from barn_metrics.model import ModelError
-from barn_metrics.model.evaluation import noise_ceiling, ridge
+from barn_metrics.model.evaluation import fit_ridge, fold_masks, noise_ceiling
 from barn_metrics.model.inputs import STRIPS, input_names, inputs_of, summary_names
 from barn_metrics.model.predictor import RouteNetwork, _convolved
 from barn_metrics.model.route import (
@@ -20,10 +20,10 @@ from barn_metrics.model.route import (
     TURN,
     cheapest_route,
     clearance_map,
-    mirrored,
+    mirror_strips,
     route_strip,
 )
-from barn_metrics.model.trials import Trials, fold_masks
+from barn_metrics.model.trials import Trials
 from barn_worlds.worlds.world import World
 
 
@@ -58,11 +58,11 @@ def test_difficulty_weighs_planners_alike_whatever_their_repetitions():
     )
     assert trials.world_numbers == (1, 2)
     assert trials.difficulty().tolist() == [4.0, 1.5]
-    assert trials.of("b").difficulty().tolist() == [6.0, 2.0]
-    assert trials.times().tolist() == [[2.0, 6.0], [1.0, 2.0]]
-    assert trials.failures().tolist() == [[0.0, 1.0], [0.0, 0.0]]
+    assert trials.by_planner("b").difficulty().tolist() == [6.0, 2.0]
+    assert trials.mean_times().tolist() == [[2.0, 6.0], [1.0, 2.0]]
+    assert trials.failure_rates().tolist() == [[0.0, 1.0], [0.0, 0.0]]
     with pytest.raises(ModelError, match=r"no trials of planner 'dwa'"):
-        trials.of("dwa")
+        trials.by_planner("dwa")
 
 
 @pytest.mark.parametrize("time", [0.0, -1.0, np.nan, np.inf])
@@ -124,7 +124,7 @@ def test_ridge_regression_finds_a_plane_and_ignores_what_does_not_vary():
     generator = np.random.default_rng(0)
     x = np.column_stack([generator.standard_normal((200, 3)), np.full(200, 7.0)])
     y = 2.0 + x[:, 0] - 3.0 * x[:, 1] + 1e-3 * generator.standard_normal(200)
-    assert np.abs(ridge(x, y)(x) - y).max() < 0.02
+    assert np.abs(fit_ridge(x, y)(x) - y).max() < 0.02
 
 
 def test_folds_leave_each_world_out_once():
@@ -197,8 +197,8 @@ def test_mirrored_strips_are_those_of_the_mirrored_world(worlds):
     )
     strip = route_strip(where, route)
     assert np.abs(strip[:, TURN]).max() > 0.1
-    assert mirrored(strip) == pytest.approx(route_strip(turned, other), abs=1e-9)
-    assert (mirrored(mirrored(strip)) == strip).all()
+    assert mirror_strips(strip) == pytest.approx(route_strip(turned, other), abs=1e-9)
+    assert (mirror_strips(mirror_strips(strip)) == strip).all()
 
 
 def test_convolution_is_that_of_plain_loops():
@@ -223,7 +223,7 @@ def test_the_output_for_a_world_depends_on_that_world_alone_and_not_on_its_side(
         together, rel=1e-9
     )
     turned = inputs.copy()
-    turned[:, SUMMED_UP:] = mirrored(
+    turned[:, SUMMED_UP:] = mirror_strips(
         inputs[:, SUMMED_UP:].reshape(-1, CHANNELS)
     ).reshape(len(inputs), -1)
     assert network(turned) == pytest.approx(together, rel=1e-9)

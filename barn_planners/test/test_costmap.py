@@ -7,16 +7,14 @@ import pytest
 from scipy.ndimage import distance_transform_edt, shift
 
 from barn_planners.costmap import inflation, kernels
+from barn_planners.costmap.config import CostmapConfig, GlobalCostmapConfig, rectangle
 from barn_planners.costmap.costmap import (
     INSCRIBED,
     LETHAL,
     Costmap,
-    CostmapConfig,
-    GlobalCostmapConfig,
     RollingCostmap,
     costs_by_square,
     global_costmap,
-    rectangle,
     squares_for,
 )
 from barn_worlds.base.types import OccupancyMap, Pose2D, Scan

@@ -6,7 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from barn_planners.costmap.costmap import LETHAL, CostmapConfig, RollingCostmap
+from barn_planners.costmap.config import CostmapConfig
+from barn_planners.costmap.costmap import LETHAL, RollingCostmap
 from barn_planners.dwa.config import DwaConfig
 from barn_planners.dwa.kernels import SPEED, TURN
 from barn_planners.dwa.memory import DwaMemory

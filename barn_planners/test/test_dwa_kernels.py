@@ -9,7 +9,8 @@ import pytest
 from scipy.ndimage import distance_transform_cdt
 
 from barn_planners.costmap import kernels as costmap_kernels
-from barn_planners.costmap.costmap import INSCRIBED, LETHAL, rectangle
+from barn_planners.costmap.config import rectangle
+from barn_planners.costmap.costmap import INSCRIBED, LETHAL
 from barn_planners.dwa import kernels, wavefront
 from barn_planners.dwa.kernels import Grid, Ground, Movement, Scene, Start, Weights
 from barn_planners.dwa.search import Choice, find_best

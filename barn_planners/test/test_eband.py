@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from barn_planners.costmap.costmap import CostmapConfig, RollingCostmap
+from barn_planners.costmap.config import CostmapConfig
+from barn_planners.costmap.costmap import RollingCostmap
 from barn_planners.eband.config import EBandConfig
 from barn_planners.eband.planner import ENTRY, EBandController, bubble_radii
 from barn_planners.interface import PlannerStatus

@@ -6,7 +6,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from barn_planners.costmap.costmap import CostmapConfig, costs_by_square, squares_for
+from barn_planners.costmap.config import CostmapConfig
+from barn_planners.costmap.costmap import costs_by_square, squares_for
 from barn_planners.costmap.inflation import inflate
 from barn_planners.eband import kernels
 from barn_planners.eband.forces import relax, renew

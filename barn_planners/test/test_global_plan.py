@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import label
 
-from barn_planners.costmap.costmap import INSCRIBED, LETHAL, Costmap, CostmapConfig
+from barn_planners.costmap.config import CostmapConfig
+from barn_planners.costmap.costmap import INSCRIBED, LETHAL, Costmap
 from barn_planners.global_plan import descent, kernels
 from barn_planners.global_plan.planner import (
     GlobalPlanConfig,

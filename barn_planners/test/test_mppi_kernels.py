@@ -6,7 +6,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from barn_planners.costmap.costmap import CostmapConfig, RollingCostmap, rectangle
+from barn_planners.costmap.config import CostmapConfig, rectangle
+from barn_planners.costmap.costmap import RollingCostmap
 from barn_planners.mppi import kernels, sampling
 from barn_planners.mppi.planner import lowest_cost_in_reach
 from barn_worlds.base.types import Pose2D, Scan

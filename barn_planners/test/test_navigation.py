@@ -8,8 +8,8 @@ import pytest
 
 from barn_planners.global_plan.planner import (
     GlobalPlan,
-    moved_plan,
-    passed_points,
+    count_passed_points,
+    transform_plan,
     visible_slice,
 )
 from barn_planners.interface import PlannerStatus, Task
@@ -115,7 +115,7 @@ def test_a_goal_inside_an_obstacle_of_the_map_is_not_driven_to_at_all(flat_world
 def test_a_plan_that_vanishes_is_followed_on_without_repetition_of_the_goal(flat_world):
     planner, world = started(), flat_world(BOX)
     assert steps(planner, world, 2)[-1].reason == ""
-    planner._planner.plan = lambda *_: NO_PLAN
+    planner._global_planner.plan = lambda *_: NO_PLAN
     for decision in steps(planner, world, 5):
         assert (
             decision.command == FORWARD
@@ -139,7 +139,7 @@ def test_a_goal_sent_again_costs_a_cycle_and_a_lost_plan_then_ends_in_a_stop(
         FORWARD,
         None,
     ]
-    planner._planner.plan = lambda *_: NO_PLAN
+    planner._global_planner.plan = lambda *_: NO_PLAN
     lost = steps(planner, world, 8)
     assert [decision.command for decision in lost] == [
         FORWARD,
@@ -288,9 +288,9 @@ def test_windows_of_a_plan():
     assert visible_slice(plan, Pose2D(2.0, 0.0, 0.0), 5.0) == slice(0, 71)
     assert visible_slice(plan, Pose2D(9.0, 0.0, 0.0), 5.0) == slice(40, 101)
     assert visible_slice(plan, Pose2D(0.0, 9.0, 0.0), 5.0) == slice(0, 0)
-    assert passed_points(plan, Pose2D(5.0, 0.0, 0.0), 1.05) == 40
-    assert passed_points(plan, Pose2D(5.0, 3.0, 0.0), 1.0) == 101
+    assert count_passed_points(plan, Pose2D(5.0, 0.0, 0.0), 1.05) == 40
+    assert count_passed_points(plan, Pose2D(5.0, 3.0, 0.0), 1.0) == 101
     frame = Pose2D(1.0, 2.0, math.pi)
     np.testing.assert_allclose(
-        moved_plan(plan, frame)[-1], [-9.0, 2.0, -math.pi], atol=1e-9
+        transform_plan(plan, frame)[-1], [-9.0, 2.0, -math.pi], atol=1e-9
     )

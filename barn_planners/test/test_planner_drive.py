@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from barn_planners.interface import PlannerStatus, Task
-from barn_planners.navigation.guard import ProgressCheck
+from barn_planners.navigation.progress import ProgressCheck
 from barn_planners.registry import make_planner
 from barn_worlds.base.types import Pose2D, nanoseconds
 
@@ -169,11 +169,11 @@ def test_a_blocked_way_is_reported_as_no_progress(flat_world):
 def test_progress_is_asked_for_again_after_an_interruption():
     check = ProgressCheck(0.5, 10.0)
     here = Pose2D(1.0, 1.0, 0.0)
-    stuck = [check.stuck(nanoseconds(0.5 * k), here) for k in range(23)]
+    stuck = [check.is_stuck(nanoseconds(0.5 * k), here) for k in range(23)]
     assert stuck == [False] * 21 + [True] * 2
-    assert not check.stuck(nanoseconds(13.0), here)
-    assert not check.stuck(nanoseconds(13.5), Pose2D(1.6, 1.0, 0.0))
+    assert not check.is_stuck(nanoseconds(13.0), here)
+    assert not check.is_stuck(nanoseconds(13.5), Pose2D(1.6, 1.0, 0.0))
     assert not any(
-        check.stuck(nanoseconds(13.5 + 0.5 * k), Pose2D(1.6, 1.0, 0.0))
+        check.is_stuck(nanoseconds(13.5 + 0.5 * k), Pose2D(1.6, 1.0, 0.0))
         for k in range(1, 21)
     )

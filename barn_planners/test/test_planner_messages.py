@@ -10,9 +10,14 @@ from barn_planners.runtime.messages import (
     PlannerMessages,
     encode_band,
     encode_candidates,
-    shown_candidates,
+    select_candidates,
 )
-from barn_worlds.base.types import NANOSECONDS, STOP, OccupancyMap, Velocity2D
+from barn_worlds.base.types import (
+    NANOSECONDS_PER_SECOND,
+    STOP,
+    OccupancyMap,
+    Velocity2D,
+)
 from barn_worlds.messages import decode, topics
 from barn_worlds.messages.cdr import deserialise, serialise
 from barn_worlds.messages.topics import Frames
@@ -61,7 +66,7 @@ def to_band(band) -> MarkerArray:
 def to_candidates(shown) -> MarkerArray:
     markers = [Marker(header=HEADER, ns="candidates", action=Marker.DELETEALL)]
     for index, (points, colour) in enumerate(
-        zip(shown.points.tolist(), shown.colours.tolist(), strict=True)
+        zip(shown.points.tolist(), shown.colors.tolist(), strict=True)
     ):
         line = Marker(
             header=HEADER,
@@ -111,7 +116,7 @@ def test_band(count):
 def test_candidates(count, length):
     draw = np.random.default_rng(count)
     costs = np.where(draw.random(count) < 0.3, np.inf, draw.uniform(0.0, 9.0, count))
-    shown = shown_candidates(draw.uniform(-3.0, 3.0, (count, length, 2)), costs)
+    shown = select_candidates(draw.uniform(-3.0, 3.0, (count, length, 2)), costs)
     ours = encode_candidates(shown, STAMP, "odom")
     assert ours == as_read(to_candidates(shown), len(ours), topics.CANDIDATES.type_name)
     assert len(ours) < 9000
@@ -142,8 +147,8 @@ def shown(messages, decision, time_s, wanted=lambda _: True, planner=None):
     planner = planner or Shower()
     return {
         topic.name: data
-        for topic, data in messages.shown(
-            planner, decision, round(time_s * NANOSECONDS), wanted
+        for topic, data in messages.display(
+            planner, decision, round(time_s * NANOSECONDS_PER_SECOND), wanted
         )
     }
 

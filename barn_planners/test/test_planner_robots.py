@@ -9,18 +9,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barn_planners.costmap import kernels
-from barn_planners.costmap.costmap import (
+from barn_planners.costmap.config import (
     CostmapConfig,
-    RollingCostmap,
-    corners_of,
-    text_of,
+    format_footprint,
+    parse_footprint,
 )
+from barn_planners.costmap.costmap import RollingCostmap
 from barn_planners.registry import planner_config, planner_names, presets
-from barn_planners.robots import lidar_place, parameters_for, scale_of
+from barn_planners.robots import fit_parameters, lidar_mount_changes, robot_scale
 from barn_worlds.base.config import as_dict, fields_of, replace_dotted
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D, Scan
-from barn_worlds.geometry.polygon import grown, nearest_side_m
+from barn_worlds.geometry.polygon import nearest_side_m, offset
 from barn_worlds.robots.files import load_robot
 
 JACKAL, HUSKY, ROUND = (load_robot(name) for name in ("jackal", "husky", "turtlebot4"))
@@ -31,14 +31,14 @@ PENTAGON = ((0.5, 0.0), (0.2, 0.3), (-0.3, 0.2), (-0.3, -0.25), (0.1, -0.3))
 
 def configured(name, robot, preset="", **overrides):
     preset = preset or next(iter(presets(name)))
-    return planner_config(name, preset, parameters_for(name, preset, overrides, robot))
+    return planner_config(name, preset, fit_parameters(name, preset, overrides, robot))
 
 
 @pytest.mark.parametrize("name", BUILT_IN)
 def test_nothing_changes_for_the_jackal(name):
     assert name in planner_names()
     for preset, config in presets(name).items():
-        assert parameters_for(name, preset, {}, JACKAL) == {}
+        assert fit_parameters(name, preset, {}, JACKAL) == {}
         assert as_dict(configured(name, JACKAL, preset)) == as_dict(config)
 
 
@@ -60,7 +60,7 @@ def test_a_jackal_by_another_name_is_driven_as_the_jackal(name):
 @pytest.mark.parametrize("robot", [HUSKY, ROUND], ids=lambda robot: robot.name)
 @pytest.mark.parametrize("name", [name for name in BUILT_IN if name != "policy"])
 def test_sizes_speeds_and_limits_follow_the_robot(name, robot):
-    scale, drive = scale_of(robot), robot.drive
+    scale, drive = robot_scale(robot), robot.drive
     for preset, config in presets(name).items():
         before = {key: value for key, _, value in fields_of(config)}
         for key, _, value in fields_of(configured(name, robot, preset)):
@@ -134,13 +134,13 @@ def test_gap_inflates_by_as_much_between_inscribed_and_circumscribed_circle():
 
 
 def test_lidar_is_where_the_robot_has_it():
-    found = lidar_place(presets("gap")["default"], ROUND.lidar)
+    found = lidar_mount_changes(presets("gap")["default"], ROUND.lidar)
     assert found == {"lidar_x_m": -0.04, "lidar_yaw_rad": 1.5708}
-    assert lidar_place(presets("dwa")["challenge"], JACKAL.lidar) == {}
+    assert lidar_mount_changes(presets("dwa")["challenge"], JACKAL.lidar) == {}
 
 
 def test_outlines_as_text():
-    assert corners_of(text_of(PENTAGON)) == PENTAGON
+    assert parse_footprint(format_footprint(PENTAGON)) == PENTAGON
     for wrong in (
         "",
         "x",
@@ -150,7 +150,7 @@ def test_outlines_as_text():
         "[[1, 2, 3]]",
         "7",
     ):
-        assert corners_of(wrong) is None
+        assert parse_footprint(wrong) is None
 
 
 @settings(max_examples=50, deadline=None)
@@ -164,9 +164,9 @@ def test_padding_moves_every_side_outwards(half_x, half_y, by_m):
     )
     x, y = half_x + by_m, half_y + by_m
     np.testing.assert_allclose(
-        grown(rectangle, by_m), [(x, y), (-x, y), (-x, -y), (x, -y)], atol=1e-12
+        offset(rectangle, by_m), [(x, y), (-x, y), (-x, -y), (x, -y)], atol=1e-12
     )
-    assert nearest_side_m(grown(PENTAGON, by_m)) == pytest.approx(
+    assert nearest_side_m(offset(PENTAGON, by_m)) == pytest.approx(
         nearest_side_m(PENTAGON) + by_m
     )
 
@@ -174,7 +174,7 @@ def test_padding_moves_every_side_outwards(half_x, half_y, by_m):
 def test_a_costmap_clears_and_checks_the_outline():
     config = replace_dotted(
         CostmapConfig(),
-        {"footprint": text_of(PENTAGON), "footprint_padding_m": 0.0},
+        {"footprint": format_footprint(PENTAGON), "footprint_padding_m": 0.0},
         "costmap",
     )
     costmap = RollingCostmap(config)

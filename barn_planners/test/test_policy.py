@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 
 from barn_planners.interface import Observation, PlannerStatus, Task
-from barn_planners.policy.file import Policy, PolicyError, write_policy
-from barn_planners.policy.planner import (
-    PolicyConfig,
-    PolicyPlanner,
-    SafetyConfig,
-    least_gap,
-    safe_command,
+from barn_planners.policy.collision_check import (
+    CollisionCheckConfig,
+    avoid_collision,
+    least_clearance,
 )
+from barn_planners.policy.file import Policy, PolicyError, write_policy
+from barn_planners.policy.planner import PolicyConfig, PolicyPlanner
 from barn_planners.policy.space import (
     ObservationEncoder,
     PolicyAction,
@@ -175,11 +174,11 @@ def reference_gap(points, velocity, time_s, config):
 
 
 def test_the_gap_of_a_drive_against_small_steps():
-    rng, config = np.random.default_rng(5), SafetyConfig()
+    rng, config = np.random.default_rng(5), CollisionCheckConfig()
     for _ in range(12):
         points = rng.uniform(-1.0, 1.0, (5, 2)) + [0.8, 0.0]
         velocity = Velocity2D(*rng.uniform(-1.5, 1.5, 2).tolist())
-        found = least_gap(
+        found = least_clearance(
             points,
             velocity.linear,
             velocity.angular,
@@ -205,17 +204,21 @@ def ahead(distance_m: float) -> Scan:
 
 def test_the_stop_leaves_commands_alone_that_hit_nothing():
     for wanted in (Velocity2D(1.0, 0.0), Velocity2D(0.3, 1.0), Velocity2D(-0.3, 0.0)):
-        assert safe_command(wanted, STOP, ahead(2.0), SafetyConfig()) == wanted
+        assert (
+            avoid_collision(wanted, STOP, ahead(2.0), CollisionCheckConfig()) == wanted
+        )
 
 
 def test_the_stop_brakes_before_a_wall_and_lets_the_robot_back_off():
     fast = Velocity2D(1.0, 0.0)
-    assert safe_command(fast, fast, ahead(0.25), SafetyConfig()) == Velocity2D(
-        0.75, 0.0
+    assert avoid_collision(
+        fast, fast, ahead(0.25), CollisionCheckConfig()
+    ) == Velocity2D(0.75, 0.0)
+    assert (
+        avoid_collision(fast, fast, ahead(0.05), CollisionCheckConfig()).linear == 0.0
     )
-    assert safe_command(fast, fast, ahead(0.05), SafetyConfig()).linear == 0.0
-    assert safe_command(
-        Velocity2D(-0.4, 0.0), STOP, ahead(0.01), SafetyConfig()
+    assert avoid_collision(
+        Velocity2D(-0.4, 0.0), STOP, ahead(0.01), CollisionCheckConfig()
     ) == Velocity2D(-0.4, 0.0)
 
 

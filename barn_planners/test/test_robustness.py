@@ -72,13 +72,13 @@ FAULTS = {
         with_odometry(velocity=Velocity2D(0.0, math.nan)),
         "no usable yaw rate",
     ),
-    "localisation not a number": (
+    "localization not a number": (
         lambda seen: replace(seen, pose=NOWHERE),
-        "localisation holds no usable pose",
+        "localization holds no usable pose",
     ),
     "localised on the moon": (
         lambda seen: replace(seen, pose=Pose2D(1e30, 0.0, 0.0)),
-        "localisation holds no usable",
+        "localization holds no usable",
     ),
 }
 

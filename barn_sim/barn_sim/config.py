@@ -51,7 +51,7 @@ class PhysicsConfig(Checked):
 
 
 @dataclass(frozen=True)
-class LocalisationConfig(Checked):
+class LocalizationConfig(Checked):
     """The pose in the map frame: the truth, with the correlated error of a particle filter, or that of such a filter.
 
     In modes amcl and particles the correction from odom to map changes only after the robot has moved or turned by the
@@ -174,7 +174,7 @@ class SimulatorConfig(Checked):
     drive: DriveConfig = field(default_factory=DriveConfig)
     lidar: LidarConfig = field(default_factory=LidarConfig)
     odometry: OdometryConfig = field(default_factory=OdometryConfig)
-    localisation: LocalisationConfig = field(default_factory=LocalisationConfig)
+    localisation: LocalizationConfig = field(default_factory=LocalizationConfig)
     obstacles: ObstacleConfig = field(default_factory=ObstacleConfig)
     chassis: Chassis = field(default=STANDARD.chassis, metadata=OPTIONAL)
 

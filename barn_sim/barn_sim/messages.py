@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from barn_sim.body.model import fixed_frames, joint_names, robot_description
-from barn_sim.config import LocalisationConfig, SimulatorConfig
+from barn_sim.config import LocalizationConfig, SimulatorConfig
 from barn_sim.sensors.readings import Joints, Sensors
 from barn_worlds.base.types import Odometry, Pose2D, Scan
 from barn_worlds.messages import encode, topics
@@ -37,7 +37,7 @@ class SimulatorMessages:
             frames.of(topics.GROUND_TRUTH), frames.base
         )
         variances = _variances(config.localisation)
-        self._localisation = encode.PoseWithCovarianceEncoder(
+        self._localization = encode.PoseWithCovarianceEncoder(
             frames.of(topics.AMCL_POSE), variances
         )
         self._joints = encode.JointEncoder(joint_names(config.chassis))
@@ -69,7 +69,7 @@ class SimulatorMessages:
         yield self.clock(stamp_ns)
         yield self.odometry(sensors.odometry, stamp_ns)
         yield self.truth(sensors.truth, stamp_ns)
-        yield self.localisation(sensors.localisation, sensors.odometry.pose, stamp_ns)
+        yield self.localization(sensors.localization, sensors.odometry.pose, stamp_ns)
         yield self.transforms(sensors.odometry.pose, stamp_ns)
         yield self.collision(sensors.collision)
         yield self.joints(sensors.joints, stamp_ns)
@@ -88,10 +88,10 @@ class SimulatorMessages:
         """Return the true pose and velocity."""
         return Outgoing(topics.GROUND_TRUTH, self._truth.encode(truth, stamp_ns))
 
-    def localisation(self, pose: Pose2D, odometry: Pose2D, stamp_ns: int) -> Outgoing:
+    def localization(self, pose: Pose2D, odometry: Pose2D, stamp_ns: int) -> Outgoing:
         """Return the estimated pose in the map frame; also given is the pose in the odom frame."""
         self._odom_in_map = pose @ odometry.inverse()
-        return Outgoing(topics.AMCL_POSE, self._localisation.encode(pose, stamp_ns))
+        return Outgoing(topics.AMCL_POSE, self._localization.encode(pose, stamp_ns))
 
     def transforms(self, odometry: Pose2D, stamp_ns: int) -> Outgoing:
         """Return the transforms from map to odom, after the last localisation, and from odom to base."""
@@ -123,7 +123,7 @@ class SimulatorMessages:
         return Outgoing(topics.SCAN, self._scan.encode(scan, stamp_ns))
 
 
-def _variances(config: LocalisationConfig) -> tuple[float, float, float]:
+def _variances(config: LocalizationConfig) -> tuple[float, float, float]:
     """Return the variances of x, y (m2) and yaw (rad2) that the simulator states for its localisation."""
     if config.mode == "exact":
         return 0.0, 0.0, 0.0

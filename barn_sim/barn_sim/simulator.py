@@ -3,15 +3,15 @@
 import numpy as np
 
 from barn_sim import seeds
-from barn_sim.body.bullet import PhysicsClient
-from barn_sim.body.obstacles import Moved
+from barn_sim.body.state import Fleet
 from barn_sim.config import ObstacleConfig, SimulatorConfig
+from barn_sim.contact.bullet import PhysicsClient
+from barn_sim.contact.obstacles import Moved
 from barn_sim.motion.robot_motion import RobotMotion
-from barn_sim.motion.state import Fleet
 from barn_sim.seeds import generator, phase_s
 from barn_sim.sensors.lidar import Lidar, Singles
-from barn_sim.sensors.localisation import FilterLocalisation, localisation_of
-from barn_sim.sensors.particles import ParticleLocalisation
+from barn_sim.sensors.localization import FilterLocalization, make_localization
+from barn_sim.sensors.particles import ParticleLocalization
 from barn_sim.sensors.readings import Joints, Sensors
 from barn_worlds.base.types import STOP, Odometry, Pose2D, Scan, Velocity2D, nanoseconds
 from barn_worlds.worlds.world import World
@@ -82,13 +82,13 @@ class Simulator:
                 config.odometry, generator(seed, seeds.BIAS)
             )
         self.lidar.rng = generator(seed, seeds.LIDAR)
-        self._localisation: FilterLocalisation | ParticleLocalisation | None = None
+        self._localization: FilterLocalization | ParticleLocalization | None = None
         if config.localisation.mode != "exact":
             rng = generator(seed, seeds.LOCALISATION)
-            self._localisation = localisation_of(
+            self._localization = make_localization(
                 config, world, start, self.lidar.mount, rng
             )
-            self._localisation_lidar = Lidar(config.lidar, rng)
+            self._localization_lidar = Lidar(config.lidar, rng)
         self.invalid_commands = 0
         self._sensed: Sensors | None = None
 
@@ -108,7 +108,7 @@ class Simulator:
             )
             due = last is None or self.stamp_ns - last.stamp_ns >= self._scan_period_ns
             scan = self.read_scan() if last is None or due else last
-            poses = self.read_truth(), self.read_localisation(odometry.pose)
+            poses = self.read_truth(), self.read_localization(odometry.pose)
             self._sensed = Sensors(
                 self.stamp_ns,
                 odometry,
@@ -156,16 +156,16 @@ class Simulator:
         pose, velocity = self.motion.place()
         return Odometry(self.stamp_ns, pose.through_quaternion(), velocity)
 
-    def read_localisation(self, odometry: Pose2D) -> Pose2D:
+    def read_localization(self, odometry: Pose2D) -> Pose2D:
         """Return the estimated pose in the map frame, given the pose in the odom frame just read."""
         pose, _ = self.motion.place()
-        if isinstance(self._localisation, ParticleLocalisation):
+        if isinstance(self._localization, ParticleLocalization):
             # with noise of its own, so that no other reading depends on when the filter looks
-            pose = self._localisation.estimate(
-                self.stamp_ns, odometry, lambda: self._scan(self._localisation_lidar)
+            pose = self._localization.estimate(
+                self.stamp_ns, odometry, lambda: self._scan(self._localization_lidar)
             )
-        elif self._localisation is not None:
-            pose = self._localisation.estimate(pose, odometry)
+        elif self._localization is not None:
+            pose = self._localization.estimate(pose, odometry)
         offset = self.config.localisation
         return Pose2D(
             pose.x + offset.offset_x_m, pose.y + offset.offset_y_m, pose.yaw

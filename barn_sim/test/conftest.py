@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from shared_fixtures import own_domain
 
-from barn_sim.body.bullet import PhysicsClient
+from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.simulator import Simulator
 from barn_worlds.worlds.world import World
 

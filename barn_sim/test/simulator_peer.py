@@ -22,12 +22,12 @@ from std_srvs.srv import SetBool
 from barn_sim.config import SimulatorConfig
 from barn_sim.sensors.readings import Sensors
 from barn_sim.simulator import Simulator
-from barn_worlds.base.types import NANOSECONDS, Pose2D, Velocity2D
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Pose2D, Velocity2D
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.messages import decode
 from barn_worlds.messages.encode import TwistStampedEncoder, encode_twist
 from barn_worlds.messages.topics import LATCHED, Qos
 from barn_worlds.ros.topics import profile
-from barn_worlds.worlds.dataset import open_dataset
 
 TOPICS = {
     "/clock": Clock,
@@ -149,7 +149,7 @@ def assert_equal(
     for topic in TOPICS.keys() - {"/clock", "/diagnostics"}:
         assert len(heard[topic]) == len(expected), topic
     origin_ns = stamp_of(heard["/odom"][0])
-    assert origin_ns % NANOSECONDS == 0
+    assert origin_ns % NANOSECONDS_PER_SECOND == 0
     for k, sensors in enumerate(expected):
         odometry, truth = (
             read(decode.odometry, heard[topic][k])
@@ -166,7 +166,7 @@ def assert_equal(
         )
         assert (
             read(decode.pose_with_covariance, heard["/amcl_pose"][k])
-            == sensors.localisation
+            == sensors.localization
         )
         assert heard["/collision"][k].data == sensors.collision
         scan = read(decode.scan, heard["/scan"][k])

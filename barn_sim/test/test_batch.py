@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from barn_sim.batch import Batch
 from barn_sim.body.drive import add_command
 from barn_sim.config import LidarConfig, ObstacleConfig, SimulatorConfig, with_robot
-from barn_sim.motion.batch import Batch
 from barn_sim.motion.lanes import LANES, advance_all
 from barn_sim.motion.ticks import advance
 from barn_sim.simulator import Simulator

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from barn_sim.body.bullet import PhysicsClient, bullet
 from barn_sim.config import PRESETS, LidarConfig
+from barn_sim.contact.bullet import PhysicsClient, bullet
 from barn_sim.sensors.lidar import ROUGH_RAD, Lidar, rough_angle
 from barn_worlds.base.types import Pose2D
 

@@ -10,17 +10,17 @@ from driving import wander
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from barn_sim.body.bullet import PhysicsClient
 from barn_sim.config import ObstacleConfig, SimulatorConfig, with_robot
+from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.seeds import phase_s
 from barn_sim.sensors.lidar import Lidar
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import Pose2D, Velocity2D
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.datasets.generate_motion import add_motion, motion_class
 from barn_worlds.geometry.bodies import shape_rows
-from barn_worlds.moving.generate import class_named, with_motion
 from barn_worlds.moving.motion import Motion, MovingObstacle, Wall
 from barn_worlds.robots.files import load_robot
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 QUIET = replace(SimulatorConfig().lidar, noise_m=0.0)
@@ -241,7 +241,7 @@ def drive(
         start = Pose2D(*rng.uniform(-9.0, 9.0, 2), rng.uniform(-3.1, 3.1))
     else:
         still = open_dataset("barn300").load(int(rng.integers(300)))
-        world = with_motion(still, class_named("easy"), seed, 6)
+        world = add_motion(still, motion_class("easy"), seed, 6)
         start = Pose2D(-2.25, 3.0, 1.57)
     return wander(
         Simulator(world, config, start, seed, client, free_motion=free_motion), rng, 160

@@ -6,14 +6,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barn_sim.body.cylinders import (
+from barn_sim.config import ObstacleConfig, PhysicsConfig, SimulatorConfig
+from barn_sim.contact.cylinders import (
     near_cylinders,
     nearest_gap,
     robot_gap,
     see_cylinders,
     segment_gap,
 )
-from barn_sim.config import ObstacleConfig, PhysicsConfig, SimulatorConfig
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import Pose2D, Velocity2D
 from barn_worlds.worlds.world import World

@@ -9,11 +9,11 @@ from functools import partial
 import numpy as np
 import pytest
 
-from barn_sim.config import PRESETS, LocalisationConfig
+from barn_sim.config import PRESETS, LocalizationConfig
 from barn_sim.sensors.lidar import Lidar
-from barn_sim.sensors.localisation import known_map
+from barn_sim.sensors.localization import known_map
 from barn_sim.sensors.particles import (
-    ParticleLocalisation,
+    ParticleLocalization,
     bin_keys,
     bins_of,
     clusters,
@@ -22,10 +22,10 @@ from barn_sim.sensors.particles import (
     obstacle_distances,
 )
 from barn_worlds.base.types import OccupancyMap, Pose2D, nanoseconds
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
-WIDE = LocalisationConfig(mode="particles", half_cell_low=False)
+WIDE = LocalizationConfig(mode="particles", half_cell_low=False)
 AT_START = replace(WIDE, initial_std_m=0.0, initial_yaw_std_rad=0.0)
 START = Pose2D(-2.25, 5.0, math.pi / 2.0)
 LIDAR = PRESETS["paper2020"].lidar
@@ -43,7 +43,7 @@ def pillars() -> World:
 
 
 def drive(
-    config: LocalisationConfig,
+    config: LocalizationConfig,
     world: World,
     known: OccupancyMap,
     metres: float,
@@ -51,7 +51,7 @@ def drive(
 ) -> np.ndarray:
     """Return the errors (n, 3) of the pose while a robot drives straight ahead with perfect odometry."""
     lidar = Lidar(LIDAR, np.random.default_rng(seed + 1))
-    believer = ParticleLocalisation(
+    believer = ParticleLocalization(
         config, np.random.default_rng(seed), known, START, MOUNT
     )
     errors = []
@@ -168,7 +168,7 @@ def test_between_updates_the_pose_follows_the_odometry(pillars: World) -> None:
             0, START @ odometry, pillars.cylinders_m, pillars.cylinder_radius_m
         )
 
-    believer = ParticleLocalisation(
+    believer = ParticleLocalization(
         WIDE, np.random.default_rng(4), known_map(pillars, False), START, MOUNT
     )
     driven = [
@@ -222,9 +222,9 @@ def test_the_simulator_localises_in_the_historical_map_if_asked(simulators) -> N
         simulators(
             world, replace(PRESETS["paper2020"], localisation=one), wide, 0
         ).sense()
-        for one in (AT_START, LocalisationConfig())
+        for one in (AT_START, LocalizationConfig())
     )
-    assert sensors.localisation.distance(wide) < 1e-3
+    assert sensors.localization.distance(wide) < 1e-3
     assert (
         sensors.scan.ranges.tobytes() == other.scan.ranges.tobytes()
     )  # its looks disturb no other reading
@@ -237,7 +237,7 @@ def test_particles_are_drawn_anywhere_as_long_as_the_fast_average_is_below_the_s
     config = replace(
         AT_START, recovery_alpha_slow=alphas[0], recovery_alpha_fast=alphas[1]
     )
-    believer = ParticleLocalisation(
+    believer = ParticleLocalization(
         config, np.random.default_rng(0), known_map(pillars, False), START, MOUNT
     )
     slow = fast = 0.0  # 0: to begin with the next average, as amcl has it
@@ -256,7 +256,7 @@ def test_particles_drawn_anywhere_lie_in_free_cells_of_the_whole_map(
     pillars: World,
 ) -> None:
     known = known_map(pillars, False)
-    believer = ParticleLocalisation(
+    believer = ParticleLocalization(
         AT_START, np.random.default_rng(0), known, START, MOUNT
     )
     poses = believer._anywhere(5000)

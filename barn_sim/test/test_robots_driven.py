@@ -9,9 +9,6 @@ import numpy as np
 import pytest
 from driving import readings_of
 
-from barn_sim.body.body import Body
-from barn_sim.body.bullet import PhysicsClient, bullet
-from barn_sim.body.cylinders import nearest_gap
 from barn_sim.body.model import (
     description_text,
     fixed_frames,
@@ -19,10 +16,13 @@ from barn_sim.body.model import (
     model_of,
     robot_description,
 )
-from barn_sim.body.obstacles import tick_gap_m
+from barn_sim.body.state import Fleet
 from barn_sim.config import PRESETS, PhysicsConfig, SimulatorConfig, with_robot
+from barn_sim.contact.bullet import PhysicsClient, bullet
+from barn_sim.contact.cylinders import nearest_gap
+from barn_sim.contact.obstacles import tick_gap_m
+from barn_sim.contact.robot_body import Body
 from barn_sim.messages import SimulatorMessages
-from barn_sim.motion.state import Fleet
 from barn_sim.simulator import Simulator
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.types import Pose2D, Velocity2D

@@ -22,7 +22,7 @@ from simulator_peer import (  # noqa: E402
 
 from barn_sim.config import PRESETS  # noqa: E402
 from barn_worlds.base.config import fields_of  # noqa: E402
-from barn_worlds.base.types import NANOSECONDS, Velocity2D  # noqa: E402
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Velocity2D  # noqa: E402
 from barn_worlds.messages import decode  # noqa: E402
 
 
@@ -64,7 +64,7 @@ def test_the_clock_never_runs_backwards_and_a_reset_goes_to_the_next_second(
     assert peer.reset().success
     peer.wait(lambda: read(decode.clock, peer.heard["/clock"][-1]) > before)
     after = read(decode.clock, peer.heard["/clock"][-1])
-    assert after == (before // NANOSECONDS + 1) * NANOSECONDS
+    assert after == (before // NANOSECONDS_PER_SECOND + 1) * NANOSECONDS_PER_SECOND
     ticks = [read(decode.clock, message) for message in peer.heard["/clock"]]
     assert ticks == sorted(ticks)
 

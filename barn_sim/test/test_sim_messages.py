@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barn_sim.config import PRESETS, LidarConfig, LocalisationConfig, SimulatorConfig
+from barn_sim.config import PRESETS, LidarConfig, LocalizationConfig, SimulatorConfig
 from barn_sim.messages import SimulatorMessages
 from barn_sim.sensors.readings import Joints, Sensors
 from barn_worlds.base.types import Odometry, Pose2D, Scan, Velocity2D
@@ -26,7 +26,7 @@ SENSORS = Sensors(
         500_000_000, np.linspace(0.5, 8.0, 16, dtype=np.float32), -1.5, 0.2, 0.125, 30.0
     ),
     truth=Odometry(500_000_000, TRUE, Velocity2D(0.4, 0.2)),
-    localisation=BELIEVED,
+    localization=BELIEVED,
     collision=True,
     joints=Joints((1.0, 2.0, 3.0, 4.0), (5.0, 6.0, 7.0, 8.0)),
 )
@@ -90,7 +90,7 @@ def test_transforms_lead_from_the_map_to_the_robot_also_between_two_localisation
     since,
 ):
     messages = SimulatorMessages(SimulatorConfig(), Frames(map="world"))
-    messages.localisation(BELIEVED, MEASURED, STAMP)
+    messages.localization(BELIEVED, MEASURED, STAMP)
     _, data = messages.transforms(MEASURED @ since, STAMP)
     assert [(one.parent, one.child) for one in decode.transforms(data)] == [
         ("world", "odom"),
@@ -132,13 +132,13 @@ def test_what_stands_still_is_told_once():
 
 def test_the_variance_of_the_localisation_is_stated_unless_it_is_exact():
     for mode, expected in (("exact", (0.0, 0.0)), ("amcl", (0.04, 0.01))):
-        localisation = LocalisationConfig(
+        localisation = LocalizationConfig(
             mode=mode, position_std_m=0.2, yaw_std_rad=0.1
         )
         messages = SimulatorMessages(
             replace(SimulatorConfig(), localisation=localisation)
         )
-        _, data = messages.localisation(BELIEVED, MEASURED, STAMP)
+        _, data = messages.localization(BELIEVED, MEASURED, STAMP)
         covariance = deserialise(data, AMCL_POSE.type_name).pose.covariance
         assert (covariance[0], covariance[35]) == pytest.approx(expected)
         assert covariance[7] == covariance[0]

@@ -12,10 +12,7 @@ import numpy as np
 import pytest
 from driving import wander
 
-from barn_sim.body.bullet import PhysicsClient, PhysicsEngine, end
-from barn_sim.body.model import model_of
-from barn_sim.config import SimulatorConfig, with_robot
-from barn_sim.motion.free_motion import (
+from barn_sim.body.free_motion import (
     attitude_of,
     basis_of,
     spun,
@@ -23,13 +20,18 @@ from barn_sim.motion.free_motion import (
     turned,
     world_tensor,
 )
+from barn_sim.body.model import model_of
+from barn_sim.config import SimulatorConfig, with_robot
+from barn_sim.contact.bullet import PhysicsClient, PhysicsEngine, end
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import Pose2D, Velocity2D
 from barn_worlds.robots.files import STANDARD, load_robot
 from barn_worlds.worlds.world import World
 
 STEPS = 100
-CHECK_MOTION = Path(__file__).resolve().parents[2] / "qa" / "check_motion.py"
+CHECK_MOTION = (
+    Path(__file__).resolve().parents[2] / "qa" / "fidelity" / "check_motion.py"
+)
 
 
 def simulator_of(
@@ -73,7 +75,7 @@ OTHERS = ["turtlebot4", "turtlebot3_waffle", "scout_mini"]
     [*((seed, "jackal") for seed in range(30)), *itertools.product(range(8), OTHERS)],
 )
 def test_free_motion_is_that_of_bullet_to_the_last_bit(seed, robot, clients):
-    """qa/check_motion.py does the same in thousands of episodes."""
+    """qa/fidelity/check_motion.py does the same in thousands of episodes."""
     expected, none = episode(seed, clients[0], free_motion=False, robot=robot)
     states, free = episode(seed, clients[1], free_motion=True, robot=robot)
     assert none == 0 and free > 0

@@ -8,8 +8,8 @@ import pytest
 from numba import njit
 
 from barn_sim.body.drive import DriveController, turn_wheels
+from barn_sim.body.state import Fleet
 from barn_sim.config import DriveConfig, OdometryConfig
-from barn_sim.motion.state import Fleet
 from barn_sim.sensors.odometry import FusedOdometry, integrate_wheels
 from barn_worlds.base.types import Velocity2D, nanoseconds
 

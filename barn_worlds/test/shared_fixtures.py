@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from barn_worlds.base.garbage import collect_seldom
+from barn_worlds.base.garbage import reduce_garbage_collection
 from barn_worlds.ros.domain import reserved_domain
 
 __all__ = ["longest_first", "original_folder", "own_domain"]
-collect_seldom()
+reduce_garbage_collection()
 SAMPLE = Path(__file__).resolve().parents[3] / "shared" / "barn_original"
 
 

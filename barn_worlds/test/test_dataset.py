@@ -9,17 +9,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from barn_worlds.base.errors import WorldError
-from barn_worlds.formats.npz import to_npy
-from barn_worlds.formats.original import write_original
-from barn_worlds.formats.sdf import write_sdf
-from barn_worlds.robots.files import ROBOTS
-from barn_worlds.worlds.dataset import open_dataset, select_worlds
-from barn_worlds.worlds.generate import (
+from barn_worlds.datasets.dataset import open_dataset, select_worlds
+from barn_worlds.datasets.generate import (
     TABLE_I,
     DatasetParameters,
     WorldParameters,
     generate_dataset,
 )
+from barn_worlds.formats.npz import to_npy
+from barn_worlds.formats.original import write_original
+from barn_worlds.formats.sdf import write_sdf
+from barn_worlds.robots.files import ROBOTS
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def layout(tmp_path, worlds):
 
 
 def same(dataset, worlds):
-    return {k: dataset.load(k).checksum for k in dataset.indices} == {
+    return {k: dataset.load(k).checksum for k in dataset.world_numbers} == {
         k: w.checksum for k, w in worlds.items()
     }
 
@@ -52,7 +52,7 @@ def test_the_original_layout_comes_back_from_what_is_there(layout, worlds, missi
     for part in missing:
         shutil.rmtree(layout / part)
     dataset = open_dataset(layout)
-    assert (dataset.name, dataset.indices) == ("layout", (0, 6, 120))
+    assert (dataset.name, dataset.world_numbers) == ("layout", (0, 6, 120))
     assert same(dataset, worlds)
     assert dataset.load(6).provenance.source == "original"
     assert np.load(layout / "metrics_files" / "metrics_6.npy").tolist() == [
@@ -71,7 +71,7 @@ def test_parts_of_the_layout_are_data_sets_too(layout, worlds, part):
 
 def test_the_originals_written_again_are_the_originals(original_folder, tmp_path):
     dataset = open_dataset(original_folder)
-    some = {index: dataset.load(index) for index in dataset.indices[::10]}
+    some = {index: dataset.load(index) for index in dataset.world_numbers[::10]}
     write_original(tmp_path / "again", some, historical=True)
     assert same(open_dataset(tmp_path / "again"), some)
     for index in some:
@@ -113,7 +113,7 @@ def test_files_without_a_number_of_their_own_are_numbered_by_name(worlds, tmp_pa
     for name in ("b", "a"):
         (tmp_path / f"{name}.npy").write_bytes(to_npy(worlds[0].grid))
     dataset = open_dataset(tmp_path)
-    assert [dataset.load(index).name for index in dataset.indices] == ["a", "b"]
+    assert [dataset.load(index).name for index in dataset.world_numbers] == ["a", "b"]
 
 
 def test_data_sets_can_be_handed_to_other_processes(layout, worlds):
@@ -132,7 +132,7 @@ def test_a_world_is_read_once_and_not_handed_to_other_processes():
 
 
 def test_only_so_many_worlds_are_kept(monkeypatch):
-    monkeypatch.setattr("barn_worlds.worlds.dataset._MOST_KEPT", 2)
+    monkeypatch.setattr("barn_worlds.datasets.dataset._MOST_KEPT", 2)
     dataset = open_dataset("barn300")
     first = dataset.load(0)
     assert dataset.load(1) is dataset.load(1) and dataset.load(0) is first

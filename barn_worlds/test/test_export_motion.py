@@ -7,10 +7,10 @@ import pytest
 from PIL import Image
 
 from barn_worlds.base.errors import WorldError
+from barn_worlds.datasets.generate_motion import build_arena
 from barn_worlds.drawing.files import write_png
 from barn_worlds.drawing.worlds import sheet_figure, world_figure, write_animation
 from barn_worlds.formats.sdf import mesh, sdf_text, trajectories, write_sdf
-from barn_worlds.moving.generate import arena_world
 from barn_worlds.moving.motion import Motion, MovingObstacle
 from barn_worlds.moving.tracks import Tracks
 
@@ -31,7 +31,7 @@ MOVING = (
 
 @pytest.fixture
 def world():
-    return arena_world("arena", MOVING)
+    return build_arena("arena", MOVING)
 
 
 @pytest.mark.parametrize("one", MOVING, ids=lambda one: one.name)
@@ -118,7 +118,7 @@ def coloured(image, colour):
 
 def test_an_animation_shows_obstacles_that_move(tmp_path):
     keys = ((0.0, -8.0, 0.0), (4.0, 8.0, 0.0), (8.0, -8.0, 0.0))
-    world = arena_world(
+    world = build_arena(
         "one", [MovingObstacle("a", radius_m=0.8, motion=Motion("linear", 8.0, keys))]
     )
     write_animation(world, tmp_path / "one.gif")

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from barn_worlds.geometry.bodies import shape_rows
-from barn_worlds.geometry.footprint import Footprint, Rectangle, contact_of
+from barn_worlds.geometry.footprint import Footprint, Rectangle
 from barn_worlds.geometry.kernels import distance_to
-from barn_worlds.robots.files import load_robot
+from barn_worlds.robots.contact import contact_footprint
+from barn_worlds.robots.files import STANDARD, load_robot
 
 POLYGON = Footprint(
     np.array([[0.5, 0.0], [0.2, 0.3], [-0.3, 0.2], [-0.3, -0.25], [0.1, -0.3]])
@@ -136,10 +137,10 @@ def test_times_to_contact_are_those_of_a_search(outline, yaw, speed):
 
 def test_what_can_touch_of_robots():
     jackal, husky, round_one = (
-        contact_of(load_robot(name).chassis)
+        contact_footprint(load_robot(name).chassis)
         for name in ("jackal", "husky", "turtlebot4")
     )
-    assert (contact_of().extent_m == jackal.extent_m).all()
+    assert (contact_footprint(STANDARD.chassis).extent_m == jackal.extent_m).all()
     assert jackal.extent_m == pytest.approx(
         [-0.229, -0.207795, 0.229, 0.207795]
     )  # the wheels, without the bumpers

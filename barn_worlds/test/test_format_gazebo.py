@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from barn_worlds.base.errors import WorldError
+from barn_worlds.datasets.generate import TABLE_I, generate_grid
 from barn_worlds.formats.gazebo import cylinders, fill_hollow, grid_of, read_grid
 from barn_worlds.formats.sdf import sdf_text, write_sdf
 from barn_worlds.worlds import cells as geometry
-from barn_worlds.worlds.generate import TABLE_I, grow
 from barn_worlds.worlds.world import World
 
 GRIDS = npst.arrays(bool, st.tuples(st.integers(1, 12), st.integers(1, 12)))
@@ -53,17 +53,19 @@ def test_grids_from_the_original_files_equal_the_original_grids(original_folder)
 
 @given(GRIDS)
 def test_filling_is_consistent_with_what_is_shown(grid):
-    shown = grid & ~geometry.hollow(grid)
+    shown = grid & ~geometry.hollow_cells(grid)
     filled = fill_hollow(shown)
-    assert (filled & ~geometry.hollow(filled)).tolist() == shown.tolist()
+    assert (filled & ~geometry.hollow_cells(filled)).tolist() == shown.tolist()
     assert (filled >= grid).all()  # what was left out is always filled again
 
 
 def test_filling_recovers_generated_worlds():
     for number, parameters in enumerate(TABLE_I):
         for k in range(20):
-            grid = grow(parameters, np.random.default_rng([number, k]))
-            assert np.array_equal(fill_hollow(grid & ~geometry.hollow(grid)), grid), (
+            grid = generate_grid(parameters, np.random.default_rng([number, k]))
+            assert np.array_equal(
+                fill_hollow(grid & ~geometry.hollow_cells(grid)), grid
+            ), (
                 number,
                 k,
             )
@@ -73,7 +75,7 @@ def test_a_gap_whose_filling_would_hide_a_shown_cell_stays_empty():
     grid = np.zeros((7, 9), bool)
     grid[1:6, 1:8] = True
     grid[3, 4] = False  # its neighbours are shown because of it
-    assert np.array_equal(fill_hollow(grid & ~geometry.hollow(grid)), grid)
+    assert np.array_equal(fill_hollow(grid & ~geometry.hollow_cells(grid)), grid)
 
 
 @given(
@@ -96,7 +98,7 @@ def test_worlds_come_back_from_our_files(
     write_sdf(world, file, flavour, movable=movable)
     read, size = read_grid(file)
     assert size == resolution_m
-    assert np.array_equal(read, fill_hollow(grid & ~geometry.hollow(grid)))
+    assert np.array_equal(read, fill_hollow(grid & ~geometry.hollow_cells(grid)))
 
 
 def test_sdf_says_what_the_simulator_needs(small_world):

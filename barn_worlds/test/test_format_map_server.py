@@ -9,9 +9,9 @@ from PIL import Image
 
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.types import OccupancyMap
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats.map_server import grid_of, read_map, write_map
 from barn_worlds.formats.single import read_world
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 YAML = "image: m.pgm\nresolution: 0.1\norigin: [1.0, -2.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n"
@@ -80,10 +80,10 @@ def test_original_maps_give_the_original_grids(original_folder):
         open_dataset(original_folder),
         open_dataset(original_folder / "map_files"),
     )
-    assert maps.indices == worlds.indices
+    assert maps.world_numbers == worlds.world_numbers
     assert all(
         maps.load(index).checksum == worlds.load(index).checksum
-        for index in maps.indices
+        for index in maps.world_numbers
     )
 
 

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from barn_worlds.base.errors import WorldError
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats import own
 from barn_worlds.formats.npz import parse_npy, to_npy
 from barn_worlds.formats.own import read_own, write_own
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import Provenance, World
 
 
@@ -101,7 +101,7 @@ def test_own_files_come_back(tmp_path_factory, numbered):
     first = path.read_bytes()
     dataset = open_dataset(path)
     assert dataset.name == "a set"
-    assert dataset.indices == tuple(sorted(numbered))
+    assert dataset.world_numbers == tuple(sorted(numbered))
     for index, world in numbered.items():
         read = dataset.load(index)
         assert read.checksum == world.checksum

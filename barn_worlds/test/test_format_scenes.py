@@ -9,12 +9,12 @@ import yaml
 from archives import members, repack
 
 from barn_worlds.base.errors import BarnError
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.datasets.generate_motion import build_arena
 from barn_worlds.formats.npz import to_npy
 from barn_worlds.formats.own import read_own, write_own
 from barn_worlds.formats.world_yaml import world_yaml, write_world_yaml
-from barn_worlds.moving.generate import arena_world
 from barn_worlds.moving.motion import Motion, MovingObstacle, Wall
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 KEYS = ((0.0, 1.0, 2.0), (1.1, 3.0, 2.0), (4.0, 3.0, 5.0))
@@ -43,7 +43,7 @@ def scenes(small_world):
     grid, path = small_world.grid, small_world.path
     turning = np.array([[6, 0], [6, 1], [6, 1], [5, 2], [4, 3], [4, 3], [4, 3]])
     return {
-        0: arena_world("arena", MOVING[:2]),
+        0: build_arena("arena", MOVING[:2]),
         3: small_world,
         7: World(
             "both",
@@ -76,7 +76,7 @@ def assert_same(found, world):
 
 def test_worlds_with_motion_come_back_from_a_data_set_file(own_file, scenes):
     dataset = open_dataset(own_file)
-    assert dataset.indices == (0, 3, 7, 8) and dataset.manifest["schema"] == 2
+    assert dataset.world_numbers == (0, 3, 7, 8) and dataset.manifest["schema"] == 2
     for index, world in scenes.items():
         assert_same(dataset.load(index), world)
     assert (
@@ -94,7 +94,7 @@ def test_worlds_with_motion_come_back_from_yaml(scenes, tmp_path):
     for index, world in scenes.items():
         write_world_yaml(world, tmp_path / "folder" / f"w_{index}.world.yaml")
     dataset = open_dataset(tmp_path / "folder")
-    assert dataset.indices == tuple(scenes)
+    assert dataset.world_numbers == tuple(scenes)
     for index, world in scenes.items():
         assert_same(dataset.load(index), world)
         alone = open_dataset(tmp_path / "folder" / f"w_{index}.world.yaml")
@@ -103,7 +103,7 @@ def test_worlds_with_motion_come_back_from_yaml(scenes, tmp_path):
 
 def test_every_world_of_dynabarn_survives_yaml(tmp_path):
     dataset = open_dataset("dynabarn60")
-    for index in dataset.indices[::15]:
+    for index in dataset.world_numbers[::15]:
         write_world_yaml(dataset.load(index), tmp_path / "one.world.yaml")
         assert_same(
             open_dataset(tmp_path / "one.world.yaml").load(0), dataset.load(index)
@@ -112,7 +112,7 @@ def test_every_world_of_dynabarn_survives_yaml(tmp_path):
 
 def test_dynabarn60_is_what_was_published():
     dataset = open_dataset("dynabarn60")
-    assert dataset.indices == tuple(range(60))
+    assert dataset.world_numbers == tuple(range(60))
     assert (
         "MIT" in dataset.manifest["licence"]
         and "DynaBARN" in dataset.manifest["credit"]
@@ -130,7 +130,13 @@ def test_dynabarn60_is_what_was_published():
         counts = [len(world.moving) for world in worlds]
         assert (min(counts), max(counts)) == (low, high)
     assert (
-        len({one for index in dataset.indices for one in dataset.load(index).moving})
+        len(
+            {
+                one
+                for index in dataset.world_numbers
+                for one in dataset.load(index).moving
+            }
+        )
         == 469
     )
 
@@ -227,7 +233,7 @@ def test_malformed_motion_in_a_data_set_file_is_one_clear_line(
     repack(own_file, {f"{name}.npy": to_npy(array)})
     with refused(BarnError, re.escape(message)):
         dataset = open_dataset(own_file)
-        for index in dataset.indices:
+        for index in dataset.world_numbers:
             dataset.load(index)
 
 

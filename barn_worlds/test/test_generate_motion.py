@@ -6,21 +6,23 @@ import numpy as np
 import pytest
 
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.moving.generate import (
-    CLASSES,
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.datasets.generate_motion import (
+    MOTION_CLASSES,
     MotionParameters,
-    class_named,
+    add_crossings,
+    add_motion,
     generate_arenas,
-    with_crossings,
-    with_motion,
+    motion_class,
 )
-from barn_worlds.worlds.dataset import open_dataset
 
 
-@pytest.fixture(scope="module", params=sorted(CLASSES))
+@pytest.fixture(scope="module", params=sorted(MOTION_CLASSES))
 def arenas(request):
     """The parameters of a class, and ten arenas of it."""
-    return CLASSES[request.param], generate_arenas(CLASSES[request.param], 10, seed=3)
+    return MOTION_CLASSES[request.param], generate_arenas(
+        MOTION_CLASSES[request.param], 10, seed=3
+    )
 
 
 def test_arenas_have_as_many_obstacles_as_their_class_and_no_motion_twice(arenas):
@@ -79,7 +81,7 @@ def test_a_world_depends_on_its_seed_and_number_alone(arenas):
 
 def test_motion_is_added_to_the_field_of_a_static_world():
     world = open_dataset("barn300").load(100)
-    made = with_motion(world, class_named("easy"), seed=1, obstacles=4)
+    made = add_motion(world, motion_class("easy"), seed=1, obstacles=4)
     assert (
         len(made.moving) == 4
         and np.array_equal(made.grid, world.grid)
@@ -97,18 +99,18 @@ def test_motion_is_added_to_the_field_of_a_static_world():
         and positions[..., 1].max() < above + beyond_m
     )
     assert (
-        with_motion(world, class_named("easy"), seed=1, obstacles=4).checksum
+        add_motion(world, motion_class("easy"), seed=1, obstacles=4).checksum
         == made.checksum
     )
     assert (
-        with_motion(world, class_named("easy"), seed=2, obstacles=4).checksum
+        add_motion(world, motion_class("easy"), seed=2, obstacles=4).checksum
         != made.checksum
     )
 
 
 def test_crossings_go_to_and_fro_over_the_path_without_a_jump():
     world = open_dataset("barn300").load(100)
-    made = with_crossings(world, class_named("medium"), seed=1, obstacles=6)
+    made = add_crossings(world, motion_class("medium"), seed=1, obstacles=6)
     times_s = np.arange(0.0, 40.0, 0.01)
     positions, _ = made.tracks.over(times_s)
     steps = np.hypot(*np.moveaxis(np.diff(positions, axis=0), 2, 0))
@@ -122,8 +124,8 @@ def test_crossings_go_to_and_fro_over_the_path_without_a_jump():
 
 
 def test_crossings_of_an_arena_are_square_to_its_drive():
-    (arena,) = generate_arenas(class_named("easy"), 1, seed=0)
-    made = with_crossings(arena, class_named("easy"), seed=5, obstacles=3)
+    (arena,) = generate_arenas(motion_class("easy"), 1, seed=0)
+    made = add_crossings(arena, motion_class("easy"), seed=5, obstacles=3)
     for one in made.moving[-3:]:
         (_, x0, y0), (_, x1, y1), _ = one.motion.keys
         assert x0 == x1 and {y0, y1} == {-10.0, 10.0}
@@ -154,4 +156,4 @@ def test_an_unknown_class_is_named_with_the_near_one():
     with pytest.raises(
         ConfigError, match="unknown class 'medum'; did you mean 'medium'"
     ):
-        class_named("medum")
+        motion_class("medum")

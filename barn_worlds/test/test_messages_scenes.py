@@ -7,6 +7,7 @@ import pytest
 
 from barn_worlds.base.errors import MessageError
 from barn_worlds.base.types import Pose2D
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.geometry.bodies import moving_bodies, wall_bodies
 from barn_worlds.messages.cdr import deserialise, make, serialise
 from barn_worlds.messages.encode import CUBE, CYLINDER, LINE_LIST, header, marker
@@ -22,7 +23,6 @@ from barn_worlds.messages.scenes import (
 )
 from barn_worlds.messages.topics import MOVING, MOVING_POSES, WORLD
 from barn_worlds.moving.motion import MOST_MOVING, Motion, MovingObstacle
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.scene import TrialScene
 from barn_worlds.worlds.world import World
 
@@ -221,7 +221,7 @@ def test_a_scene_comes_out_as_it_went_in():
 def test_a_viewer_can_draw_it_and_a_later_scene_takes_its_place():
     first, moved = (
         deserialise(encode_scene(scene, 7), WORLD.type_name).markers
-        for scene in (SCENE, SCENE.moved(SCENE.cylinders_m + 1.0))
+        for scene in (SCENE, SCENE.with_cylinders_at(SCENE.cylinders_m + 1.0))
     )
     keys = [(one.ns, one.id) for one in first]
     assert len(set(keys)) == len(keys) == 6

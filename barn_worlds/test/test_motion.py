@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicHermiteSpline
 
 from barn_worlds.base.errors import ConfigError, WorldError
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.moving.motion import (
     MOST_KEYS,
     MOST_MOVING,
@@ -18,7 +19,6 @@ from barn_worlds.moving.motion import (
     Wall,
 )
 from barn_worlds.moving.tracks import Tracks
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 KEYS = ((0.0, 1.0, 2.0), (1.0, 3.0, 2.0), (4.0, 3.0, 5.0))
@@ -53,7 +53,9 @@ def profiles():
     """The 469 motions of DynaBARN by name."""
     dataset = open_dataset("dynabarn60")
     return {
-        one.name: one for index in dataset.indices for one in dataset.load(index).moving
+        one.name: one
+        for index in dataset.world_numbers
+        for one in dataset.load(index).moving
     }
 
 

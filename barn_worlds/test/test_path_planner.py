@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from barn_worlds.base.errors import WorldError
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.worlds.path_planner import inflation, plan_path, plan_through, search
 
 CSPACES = npst.arrays(
@@ -165,8 +165,8 @@ def test_the_original_search_is_that_of_a_plain_list(cspace, data):
 
 def test_paths_repeat_the_published_ones_cell_by_cell(original_folder):
     dataset = open_dataset(original_folder)
-    assert len(dataset.indices) > 0
-    for index in dataset.indices:
+    assert len(dataset.world_numbers) > 0
+    for index in dataset.world_numbers:
         world = dataset.load(index)
         path = plan_path(world.cspace, world.start_cell, world.goal_cell)
         assert np.array_equal(path, world.path[1:]), (

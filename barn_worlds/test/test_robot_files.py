@@ -10,7 +10,7 @@ import yaml
 
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.geometry.polygon import area, contains, hull, regular
+from barn_worlds.geometry.polygon import area, contains, convex_hull, regular_polygon
 from barn_worlds.robots.files import ROBOTS, load_robot, robot_text, shipped_robots
 from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
 from barn_worlds.robots.urdf import LARGEST_URDF_BYTES, chassis_of, rotation
@@ -282,11 +282,11 @@ def test_polygons():
     assert not contains(square, (1.1, 0.5))
     rng = np.random.default_rng(5)
     points = [(x, y) for x, y in rng.normal(size=(60, 2)).tolist()]
-    around = hull(points)
+    around = convex_hull(points)
     assert area(around) > 0.0
     assert set(around) <= set(points)
     assert all(contains(around, point) for point in points)
-    assert area(regular(1.0, 400)) == pytest.approx(math.pi, rel=1e-4)
+    assert area(regular_polygon(1.0, 400)) == pytest.approx(math.pi, rel=1e-4)
 
 
 def test_a_path_and_its_text_name_the_same_robot(changed):

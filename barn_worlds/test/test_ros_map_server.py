@@ -13,11 +13,11 @@ from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from ros_peer import Peer, Process  # noqa: E402
 
+from barn_worlds.datasets.dataset import open_dataset  # noqa: E402
 from barn_worlds.messages import decode  # noqa: E402
 from barn_worlds.messages.topics import LATCHED  # noqa: E402
 from barn_worlds.ros.map_server import MapServer  # noqa: E402
 from barn_worlds.ros.topics import profile  # noqa: E402
-from barn_worlds.worlds.dataset import open_dataset  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("own_domain")
 

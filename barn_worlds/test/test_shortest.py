@@ -8,7 +8,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from barn_worlds.geometry.shortest import CORNERS, MOST_CYLINDERS, shortest_way_m
+from barn_worlds.geometry.shortest import CORNERS, MOST_CYLINDERS, shortest_path_bound_m
 
 STEP = 0.05  # of the grid that ways are searched on by force, in m
 PLACES = STEP * np.argwhere(np.ones((41, 41)))
@@ -45,7 +45,7 @@ def test_the_bound_lies_at_or_below_the_shortest_way_on_a_fine_grid(seed):
     centres = rng.uniform(0.3, 1.7, (9, 2))
     ends = np.array([0.0, 1.0]), np.array([2.0, 1.0])
     found, bound = (
-        search(*ends, centres, radius) for search in (by_force, shortest_way_m)
+        search(*ends, centres, radius) for search in (by_force, shortest_path_bound_m)
     )
     assert 2.0 <= bound <= found + 1e-9
     assert (
@@ -56,7 +56,7 @@ def test_the_bound_lies_at_or_below_the_shortest_way_on_a_fine_grid(seed):
 def test_around_one_disc_the_bound_is_the_taut_string_but_for_the_corners():
     away, radius = 2.0, 0.5
     exact = 2.0 * (math.sqrt(away**2 - radius**2) + radius * math.asin(radius / away))
-    bound = shortest_way_m(
+    bound = shortest_path_bound_m(
         np.array([-away, 0.0]), np.array([away, 0.0]), np.zeros((1, 2)), radius
     )
     inner = radius * math.cos(math.pi / CORNERS)
@@ -67,8 +67,8 @@ def test_around_one_disc_the_bound_is_the_taut_string_but_for_the_corners():
 def test_through_a_gap_only_a_disc_goes_that_fits():
     wall = np.array([[0.0, 0.1 * k] for k in range(-30, 31) if abs(k) > 3])
     ends = np.array([-1.0, 0.0]), np.array([1.0, 0.0])
-    assert shortest_way_m(*ends, wall, 0.39) == 2.0
-    assert shortest_way_m(*ends, wall, 0.41) > 6.0
+    assert shortest_path_bound_m(*ends, wall, 0.39) == 2.0
+    assert shortest_path_bound_m(*ends, wall, 0.41) > 6.0
 
 
 @pytest.mark.parametrize(
@@ -81,4 +81,4 @@ def test_through_a_gap_only_a_disc_goes_that_fits():
     ids=["no discs", "shut in", "too many"],
 )
 def test_the_straight_line_is_the_bound_where_no_other_is_found(centres):
-    assert shortest_way_m(np.zeros(2), np.array([3.0, 4.0]), centres, 0.2) == 5.0
+    assert shortest_path_bound_m(np.zeros(2), np.array([3.0, 4.0]), centres, 0.2) == 5.0

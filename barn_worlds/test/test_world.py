@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from barn_worlds.base.errors import WorldError
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats.map_server import read_map
 from barn_worlds.worlds import cells as geometry
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 OPEN = np.zeros((30, 30), bool)
@@ -17,7 +17,7 @@ STRAIGHT = np.stack([np.full(30, 15), np.arange(30)], axis=1)
 
 def test_cells_stand_where_the_gazebo_files_put_them():
     rows, cols = np.indices((30, 30)).reshape(2, -1)
-    centres = geometry.cell_centres(np.stack([rows, cols], axis=1), 30, 0.15)
+    centres = geometry.cell_centers(np.stack([rows, cols], axis=1), 30, 0.15)
     assert np.allclose(
         centres,
         np.stack([-4.425 + 0.15 * rows, 5.175 + 0.15 * cols], axis=1),
@@ -139,7 +139,7 @@ def test_original_worlds_have_the_published_path_lengths(original_folder):
     table = np.loadtxt(
         original_folder / "trials.csv", delimiter=",", skiprows=1, usecols=(0, 1)
     )
-    assert len(table) == len(dataset.indices) > 0
+    assert len(table) == len(dataset.world_numbers) > 0
     for index, length_m in table:
         assert dataset.load(int(index)).path_length_m == pytest.approx(
             length_m, abs=1e-5
@@ -148,7 +148,7 @@ def test_original_worlds_have_the_published_path_lengths(original_folder):
 
 def test_historical_maps_equal_the_original_ones(original_folder):
     dataset = open_dataset(original_folder)
-    for index in dataset.indices:
+    for index in dataset.world_numbers:
         published = read_map(original_folder / "map_files" / f"yaml_{index}.yaml")
         ours = dataset.load(index).occupancy_map(historical=True)
         assert published.data.shape == (66, 30)
@@ -174,10 +174,10 @@ def test_a_map_of_any_resolution_is_occupied_where_a_cylinder_reaches_into(
     below = occupancy.origin_y + np.arange(height) * resolution_m
     expected = np.zeros((height, width), bool)
     hollow = np.argwhere(
-        geometry.hollow(small_world.grid)
+        geometry.hollow_cells(small_world.grid)
     )  # where .world files leave cylinders out
     for x, y in np.concatenate(
-        [small_world.cylinders_m, geometry.cell_centres(hollow, small_world.rows, 0.15)]
+        [small_world.cylinders_m, geometry.cell_centers(hollow, small_world.rows, 0.15)]
     ):
         dx = np.maximum(0.0, np.maximum(left - x, x - left - resolution_m))
         dy = np.maximum(0.0, np.maximum(below - y, y - below - resolution_m))

@@ -36,7 +36,7 @@ from barn_metrics.bootstrap import Interval
 from barn_planners.registry import planner_config
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import BarnError, ConfigError
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 
 _NAMED = 5  # of the parameters that differ
 
@@ -143,7 +143,7 @@ def compare(
 def worlds_of(results: Rows) -> int:
     """Return how many worlds the data set of results has, 0 where it is not at hand."""
     try:
-        return len(open_dataset(results[0].dataset).indices)
+        return len(open_dataset(results[0].dataset).world_numbers)
     except (BarnError, IndexError, OSError):
         return 0
 

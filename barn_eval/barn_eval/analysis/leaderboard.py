@@ -21,10 +21,14 @@ from barn_eval.analysis.sources import (
 from barn_eval.analysis.summary import Summary, summarise
 from barn_eval.analysis.text_table import TextTable, counted, joined
 from barn_eval.analysis.verdict import Ranking, cautions, rank_results
-from barn_eval.running.setting_folders import LATENCY, format_value, parse_folder_name
+from barn_eval.running.setting_folders import (
+    LATENCY,
+    format_setting_value,
+    parse_folder_name,
+)
 from barn_eval.trials.result import TrialResult
 from barn_worlds.base.errors import ConfigError, suggest
-from barn_worlds.worlds.dataset import select_worlds
+from barn_worlds.datasets.dataset import select_worlds
 
 # What planners may be ranked by: the name of the option, and the key of its measure.
 RANKINGS = {
@@ -284,7 +288,9 @@ def sweep_table(found: Board) -> TextTable:
     ]
     rows = []
     for place, one in _in_order(found):
-        texts = map(format_value, parse_folder_name(one.entry.source.path).values())
+        texts = map(
+            format_setting_value, parse_folder_name(one.entry.source.path).values()
+        )
         level = (
             "best"
             if place == 0

@@ -5,7 +5,7 @@ from typing import Literal
 
 from barn_eval.analysis.compare import Comparison
 from barn_eval.analysis.measures import MEASURES
-from barn_worlds.base.errors import ConfigError, shown, suggest
+from barn_worlds.base.errors import ConfigError, format_value, suggest
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,9 @@ class Margin:
             margin = -1.0
         if not 0.0 <= margin < float("inf"):
             rule = "must be MEASURE:MARGIN, a number from 0 or a share such as 5%"
-            raise ConfigError(f"--fail-if-worse {key}: {rule}, got {shown(size)}")
+            raise ConfigError(
+                f"--fail-if-worse {key}: {rule}, got {format_value(size)}"
+            )
         relative = size.endswith("%")
         return cls(key, margin / 100.0 if relative else margin, relative)
 
@@ -78,7 +80,7 @@ def decide_margin(found: Comparison, margin: Margin) -> MarginTest:
     """Return what a comparison, which has the measure among its rows, says of B by a margin."""
     row = found.row(margin.measure)
     of_a_less_b = row.paired.difference
-    loss = of_a_less_b if row.larger_is_better else of_a_less_b.mirrored()
+    loss = of_a_less_b if row.larger_is_better else of_a_less_b.negate()
     limit = margin.margin * (abs(row.paired.mean_a) if margin.relative else 1.0)
     decision: Literal["not worse", "worse", "not shown"] = "not shown"
     if loss.low is not None and loss.high is not None:

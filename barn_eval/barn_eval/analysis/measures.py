@@ -91,7 +91,7 @@ class Measure:
 
     def shown(self, interval: Interval) -> Interval:
         """Return an estimate of the measure in the unit of its heading."""
-        return interval.scaled(100.0) if self.percent else interval
+        return interval.scale(100.0) if self.percent else interval
 
     def text(self, interval: Interval) -> str:
         """Return an estimate of the measure with its limits, without the unit."""

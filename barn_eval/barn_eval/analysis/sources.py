@@ -27,11 +27,12 @@ from barn_eval.trials.run_config import RunConfig
 from barn_sim.config import chassis_in, robot_of
 from barn_worlds.base.config import from_dict
 from barn_worlds.base.errors import BarnError, ConfigError, suggest
-from barn_worlds.geometry.footprint import Footprint, contact_of
+from barn_worlds.datasets.dataset import open_dataset, select_worlds
+from barn_worlds.geometry.footprint import Footprint
+from barn_worlds.robots.contact import contact_footprint
 from barn_worlds.robots.files import other_name
 from barn_worlds.robots.robot import Chassis
-from barn_worlds.worlds.course import for_robot
-from barn_worlds.worlds.dataset import open_dataset, select_worlds
+from barn_worlds.worlds.course import fit_to_robot
 from barn_worlds.worlds.world import World
 
 _NAMED = 5  # trials made at a second attempt that a message names
@@ -71,7 +72,7 @@ class Source:
     @cached_property
     def outline(self) -> Footprint:
         """Footprint of what can touch of the robot."""
-        return contact_of(self.chassis)
+        return contact_footprint(self.chassis)
 
     def bag(self, trial_id: str) -> Path:
         """Return where the bag of a trial is, if it was kept."""
@@ -307,7 +308,7 @@ def read_worlds(
         try:
             world = opened(dataset).load(result.world)
             if world.checksum != result.world_checksum:
-                world = for_robot(
+                world = fit_to_robot(
                     world,
                     robot_of(source.experiment.simulator),
                     source.experiment.course,
@@ -334,7 +335,7 @@ def _planned(configuration: Mapping[str, Any]) -> int | None:
     try:
         worlds = select_worlds(
             str(configuration["worlds"]),
-            open_dataset(str(configuration["dataset"])).indices,
+            open_dataset(str(configuration["dataset"])).world_numbers,
         )
         return (
             len(worlds)

@@ -15,7 +15,7 @@ import numpy as np
 
 from barn_eval.analysis import significance
 from barn_eval.analysis.significance import FLIPS, Components, Difference, Share
-from barn_metrics.bootstrap import LEVEL, Interval, over_worlds, spearman
+from barn_metrics.bootstrap import LEVEL, Interval, bootstrap_interval, spearman
 from barn_worlds.base.arrays import Floats, Integers
 
 
@@ -64,7 +64,7 @@ class Columns:
         found = mean_interval(trials.values, trials.worlds)
         if trials.counted:
             share = trials.failures_seen
-            found = found.reaching(
+            found = found.widen_to(
                 *(
                     found.estimate - trials.cost * (one - share.share)
                     for one in share.limits
@@ -231,7 +231,7 @@ def difference(a: Columns, b: Columns, seed: int = 0, flips: int = FLIPS) -> Dif
         if size * cost > 0.0:
             p = max(p, more.p_above(more.share + size / cost))
     parts = replace(found.parts, unseen=a.unseen + b.unseen)
-    return replace(found, interval=found.interval.reaching(*ends), p=p, parts=parts)
+    return replace(found, interval=found.interval.widen_to(*ends), p=p, parts=parts)
 
 
 def paired(a: Columns, b: Columns, *, larger_is_better: bool, seed: int = 0) -> Paired:
@@ -266,7 +266,7 @@ def paired(a: Columns, b: Columns, *, larger_is_better: bool, seed: int = 0) -> 
         found.parts,
         significance.paired_difference(
             chances - 0.5, np.array(list(groups)), seed
-        ).interval.shifted(0.5),
+        ).interval.shift(0.5),
         (left.failure_share(), right.failure_share()),
     )
 
@@ -286,7 +286,9 @@ def rank_correlation(
     ranks = np.array(
         [np.unique(one, return_inverse=True)[1] for one in means]
     )  # whole numbers are ranked quickly
-    return over_worlds(lambda drawn: spearman(*ranks[:, drawn]), len(shared), seed)
+    return bootstrap_interval(
+        lambda drawn: spearman(*ranks[:, drawn]), len(shared), seed
+    )
 
 
 def _chance(a: Floats, b: Floats) -> float:

@@ -235,7 +235,7 @@ def pair_verdict(found: Comparison) -> Conclusion:
         )
     ]
     if (one.mean_a < one.mean_b) == row.larger_is_better:
-        sides, interval = sides[::-1], interval.mirrored()
+        sides, interval = sides[::-1], interval.negate()
     names, means, failures = zip(*sides, strict=True)
     by, p = (
         {(0, 1): Difference(interval, one.p, one.worlds, one.trials, one.parts)},
@@ -322,7 +322,7 @@ def _wanted(found: Difference, ranking: Ranking) -> str:
 
 def _difference(measure: Measure, interval: Interval, other: str, mean: float) -> str:
     """Return the size of a difference with its interval, and in percent of the other's mean where that makes sense."""
-    size = interval if interval.estimate >= 0.0 else interval.mirrored()
+    size = interval if interval.estimate >= 0.0 else interval.negate()
     text = measure.text(size) + (
         " percentage points" if measure.percent else measure.after
     )

@@ -21,13 +21,13 @@ from barn_eval.trials.ros_config import RosConfig
 from barn_eval.trials.run_config import ExecutionConfig
 from barn_planners.registry import planner_names
 from barn_worlds.base.config import replace_dotted
-from barn_worlds.base.text_files import packaged_yaml
-from barn_worlds.worlds.dataset import shipped
+from barn_worlds.base.text_files import read_package_yaml
+from barn_worlds.datasets.dataset import dataset_files
 
 __all__ = ["BenchSetup", "bench", "info", "reproduce"]
 
 # Module or program: (what needs it, what is off without it).
-OPTIONAL: dict[str, list[str]] = packaged_yaml("barn_eval", "optional.yaml")
+OPTIONAL: dict[str, list[str]] = read_package_yaml("barn_eval", "optional.yaml")
 
 
 def reproduce(
@@ -89,7 +89,7 @@ def info() -> dict[str, Any]:
             name: "on" if there else off[name] for name, there in found.items()
         },
         "planners": planner_names(),
-        "data_sets": list(shipped()),
+        "data_sets": list(dataset_files()),
     }
 
 

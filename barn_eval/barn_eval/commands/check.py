@@ -21,7 +21,7 @@ from barn_eval.verification.check import FolderCheck, check_folder
 from barn_eval.verification.submission import submit as write_submission
 from barn_eval.verification.submission import verify as verify_submission
 from barn_worlds.base.config import as_dict
-from barn_worlds.base.files import new_folder
+from barn_worlds.base.files import create_folder
 
 
 @click.command("check")
@@ -112,7 +112,7 @@ def verify(file: Path, out: Path | None, as_json: bool) -> None:
     Every score is computed and every trial is driven again from its commands. What cannot be is wrong here, too. Exit
     code 1 if anything is, with a line for each, and then --out is not written.
     """
-    with TemporaryDirectory() if out is None else new_folder(out) as folder:
+    with TemporaryDirectory() if out is None else create_folder(out) as folder:
         with notes.status("verifying"):
             found, about = verify_submission(file, Path(folder))
         holds = not found.problems

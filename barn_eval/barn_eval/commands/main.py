@@ -17,7 +17,7 @@ from click.shell_completion import CompletionItem
 
 from barn_eval import __version__
 from barn_worlds.base.errors import BarnError, suggest
-from barn_worlds.base.garbage import collect_seldom
+from barn_worlds.base.garbage import reduce_garbage_collection
 
 _TOLD = json.loads(
     (Path(__file__).parents[1] / "data" / "commands.json").read_text("utf-8")
@@ -126,7 +126,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     0: done. 1: a mistake in the input (told in one line). 3: done, but trials are left without a score, as something
     other than the planner failed, or no planner drove to the end of any. 130: interrupted.
     """
-    collect_seldom()
+    reduce_garbage_collection()
     sys.exit(_exit_code(arguments))
 
 

@@ -13,8 +13,8 @@ from rich.progress import Progress
 from barn_eval.running.reporting import ConsoleReporter
 from barn_eval.running.request import parse_parameters
 from barn_worlds.base.config import fields_of
-from barn_worlds.base.errors import ConfigError, shown
-from barn_worlds.base.text_files import finite
+from barn_worlds.base.errors import ConfigError, format_value
+from barn_worlds.base.text_files import make_json_safe
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 Decorator = Callable[[Command], Command]
@@ -138,7 +138,7 @@ def _parse_course(
         numbers = ()
     if not colon or len(start_texts) != 3 or len(numbers) not in (5, 6):
         raise ConfigError(
-            f"--course {shown(text)}: must be X,Y,YAW:X,Y of start and goal, in m and"
+            f"--course {format_value(text)}: must be X,Y,YAW:X,Y of start and goal, in m and"
             " rad"
         )
     return numbers
@@ -161,7 +161,7 @@ def split_names(text: str) -> tuple[str, ...]:
 
 def print_json(content: object) -> None:
     """Print plain data as JSON; numbers that JSON does not have become null."""
-    click.echo(json.dumps(finite(content), indent=1, allow_nan=False))
+    click.echo(json.dumps(make_json_safe(content), indent=1, allow_nan=False))
 
 
 def print_output(as_json: bool, content: object, *renderables: object) -> None:

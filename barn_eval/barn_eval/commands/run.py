@@ -37,7 +37,7 @@ from barn_eval.trials.ros_config import MODES, RosConfig
 from barn_eval.trials.run_config import ExecutionConfig, RunConfig
 from barn_sim.config import SimulatorConfig
 from barn_worlds.base.config import as_dict
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 
 NOT_SCORED = 3
 """Exit code of a run with trials that have no score."""
@@ -281,7 +281,7 @@ def demo(dataset: str, mode: Any, out: Path, as_json: bool) -> int:
     Simulator, planner and evaluator are three ROS 2 nodes in processes of their own.
     Earlier results in the folder are replaced.
     """
-    numbers = open_dataset(dataset).indices
+    numbers = open_dataset(dataset).world_numbers
     worlds = ",".join(
         str(numbers[len(numbers) * percentage // 100])
         for percentage in _DEMO_PERCENTAGES

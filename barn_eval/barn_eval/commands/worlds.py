@@ -19,8 +19,8 @@ from barn_eval.commands.options import (
     worlds_option,
 )
 from barn_eval.commands.tables import table
-from barn_worlds.worlds.dataset import open_dataset
-from barn_worlds.worlds.generate import WorldParameters
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.datasets.generate import WorldParameters
 
 robot_option = click.option(
     "--robot",
@@ -52,9 +52,7 @@ def command() -> None:
 def generate(target: Path, **options: Any) -> None:
     """Generate a data set: TARGET.npz, or a folder in the original layout.
 
-    Without --set the twelve parameter sets of the paper's Table I are used. With --set kind=all (or doors, dead_ends,
-    turns, clutter) worlds are hard ones: PER-SET of each kind, with ways proven for the robot's turned footprint. Other
-    keys are then margin_cells, spare_cells, rows, cols, resolution_m, attempts.
+    Without --set the twelve parameter sets of the paper's Table I are used.
     """
     with progress_bar("worlds") as share:
         made = worlds.generate(
@@ -101,7 +99,7 @@ def show_list(source: str | None, select: str, as_json: bool) -> None:
         entries = [
             {
                 "data set": one.name,
-                "worlds": len(one.indices),
+                "worlds": len(one.world_numbers),
                 "checksum": one.checksum[:16],
             }
             for one in opened

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from barn_planners.policy.planner import SafetyConfig
+from barn_planners.policy.collision_check import CollisionCheckConfig
 from barn_planners.policy.space import PolicyAction, PolicyObservation
 from barn_worlds.base.config import Checked, quantity
 
@@ -55,5 +55,7 @@ class EnvConfig(Checked):
     simulator: dict[str, Any] = field(default_factory=dict)
     observation: PolicyObservation = field(default_factory=PolicyObservation)
     action: PolicyAction = field(default_factory=PolicyAction)
-    safety: SafetyConfig = field(default_factory=lambda: SafetyConfig(enabled=False))
+    safety: CollisionCheckConfig = field(
+        default_factory=lambda: CollisionCheckConfig(enabled=False)
+    )
     reward: RewardConfig = field(default_factory=RewardConfig)

@@ -24,7 +24,7 @@ from barn_worlds.drawing.palette import (
     WHITE,
 )
 from barn_worlds.geometry.bodies import Bodies, moving_bodies
-from barn_worlds.geometry.polygon import hull
+from barn_worlds.geometry.polygon import convex_hull
 
 _NOSE = 0.1 / 0.43  # of the width, ahead of the robot, to tell its front
 _PIXELS_PER_M = 50.0
@@ -86,7 +86,9 @@ class TopView:
         _, right_m, front_m, left_m = chassis.extent_m
         nose = (front_m + _NOSE * (left_m - right_m), 0.0)
         draw.polygon(
-            self._pixels(pose.transform(np.array(hull([*chassis.hull_m, nose])))),
+            self._pixels(
+                pose.transform(np.array(convex_hull([*chassis.hull_m, nose])))
+            ),
             fill=ROBOT,
         )
         return np.asarray(picture)

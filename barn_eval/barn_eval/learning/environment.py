@@ -15,16 +15,16 @@ from barn_eval.learning.episodes import Episodes, Known, info_of_end, way_points
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.spec import TrialSpec, simulator_config
-from barn_planners.policy.planner import SafetyConfig
+from barn_planners.policy.collision_check import CollisionCheckConfig
 from barn_planners.policy.space import ACTIONS, Vector
-from barn_planners.robots import fitted, lidar_place
+from barn_planners.robots import fit_to_robot, lidar_mount_changes
 from barn_sim.config import robot_of
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.base.types import seconds
+from barn_worlds.datasets.dataset import Dataset, open_dataset, select_worlds
 from barn_worlds.robots.files import load_robot
-from barn_worlds.worlds.dataset import Dataset, open_dataset, select_worlds
 
 RENDER_MODES = ("rgb_array",)
 _MOST_KEPT = 2000  # worlds of which everything is kept
@@ -63,9 +63,9 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self.render_mode = render_mode
         self.config = replace_dotted(config or EnvConfig(), changes, "environment")
         robot = load_robot(self.config.robot)
-        self._dataset = (opened or open_dataset(self.config.dataset)).driven(robot)
+        self._dataset = (opened or open_dataset(self.config.dataset)).for_robot(robot)
         self.worlds = tuple(
-            sorted(select_worlds(self.config.worlds, self._dataset.indices))
+            sorted(select_worlds(self.config.worlds, self._dataset.world_numbers))
         )  # drawn from, evenly
         self.protocol = load_protocol(self.config.protocol)
         self.simulator_config = simulator_config(
@@ -192,10 +192,10 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         )
         return known[index]
 
-    def _placed(self, safety: SafetyConfig) -> SafetyConfig:
+    def _placed(self, safety: CollisionCheckConfig) -> CollisionCheckConfig:
         """Return the shield for the robot, its lidar where the simulator has it; ConfigError for another place."""
         mount_m = self.simulator_config.lidar.mount_x_m
-        if safety.lidar_x_m not in (SafetyConfig().lidar_x_m, mount_m):
+        if safety.lidar_x_m not in (CollisionCheckConfig().lidar_x_m, mount_m):
             mounted = f"mounted at {mount_m:g} m (simulator parameter lidar.mount_x_m)"
             raise ConfigError(
                 f"safety.lidar_x_m is {safety.lidar_x_m:g}, but the lidar is {mounted}"
@@ -203,7 +203,9 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         placed = replace(safety, lidar_x_m=mount_m)
         robot = robot_of(self.simulator_config)
         return replace_dotted(
-            placed, fitted(placed, robot) | lidar_place(placed, robot.lidar), "safety"
+            placed,
+            fit_to_robot(placed, robot) | lidar_mount_changes(placed, robot.lidar),
+            "safety",
         )
 
     def _info(self, episodes: Episodes) -> dict[str, Any]:

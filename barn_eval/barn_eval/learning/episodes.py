@@ -17,11 +17,11 @@ from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import Course
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trial import RunningTrial
-from barn_planners.policy.planner import SafetyConfig, safe_command
+from barn_planners.policy.collision_check import CollisionCheckConfig, avoid_collision
 from barn_planners.policy.space import ObservationEncoder
-from barn_sim.body.bullet import PhysicsClient
+from barn_sim.batch import Batch
 from barn_sim.config import SimulatorConfig
-from barn_sim.motion.batch import Batch
+from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.simulator import Simulator
 from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.errors import ConfigError
@@ -44,7 +44,7 @@ class Episodes:
         count: int,
         config: EnvConfig,
         simulator: SimulatorConfig,
-        safety: SafetyConfig,
+        safety: CollisionCheckConfig,
     ) -> None:
         self.batch = Batch(count, simulator)
         self.readings = self.batch.readings
@@ -129,7 +129,7 @@ class Episodes:
         if trial.spec.protocol.map_given:
             poses = poses.copy()
             for index in which.tolist():
-                pose = self._now[index][1].read_localisation(
+                pose = self._now[index][1].read_localization(
                     Pose2D(*poses[index].tolist())
                 )
                 poses[index] = pose.x, pose.y, pose.yaw
@@ -203,7 +203,7 @@ class Episodes:
                 Velocity2D(*of[index].tolist())
                 for of in (wanted, self.readings.velocities)
             )
-            safe = safe_command(command, moving, self.scan(index), self._safety)
+            safe = avoid_collision(command, moving, self.scan(index), self._safety)
             given[index] = safe.linear, safe.angular
         changed: Bools = ((given != wanted) & ~np.isnan(wanted)).any(axis=1)
         return given, changed

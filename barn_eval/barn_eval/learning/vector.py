@@ -15,8 +15,8 @@ from barn_planners.policy.space import ACTIONS
 from barn_worlds.base.arrays import Bools, Integers
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.types import NANOSECONDS
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND
+from barn_worlds.datasets.dataset import open_dataset
 
 Ended = dict[int, dict[str, Any]]  # infos, by the number of the environment
 Step = tuple[npt.NDArray[Any], npt.NDArray[np.float64], Bools, Bools, dict[str, Any]]
@@ -114,7 +114,7 @@ class JackalVectorEnv(SyncVectorEnv):
         return infos
 
     def _columns(self) -> dict[str, npt.NDArray[Any]]:
-        times_s = self._episodes.readings.stamps_ns / NANOSECONDS
+        times_s = self._episodes.readings.stamps_ns / NANOSECONDS_PER_SECOND
         return {
             "world": self._episodes.worlds,
             "time_s": times_s,

@@ -30,7 +30,7 @@ from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.files import write_whole
+from barn_worlds.base.files import write_durably
 from barn_worlds.drawing import palette
 from barn_worlds.drawing.files import figure_bytes
 from barn_worlds.drawing.palette import FAINT, INK, WHITE
@@ -156,11 +156,11 @@ class ReportFigure(NamedTuple):
         """Write it as SVG and PDF, both on white; StoreError if that fails."""
         paper = f'<rect width="100%" height="100%" fill="{WHITE}"/>'
         text = re.sub(r"(<svg[^>]*>)", rf"\1\n {paper}", self.svg, count=1)
-        write_whole(
+        write_durably(
             folder / f"{self.name}.svg",
             f'<?xml version="1.0" encoding="utf-8"?>\n{text}'.encode(),
         )
-        write_whole(folder / f"{self.name}.pdf", self.pdf)
+        write_durably(folder / f"{self.name}.pdf", self.pdf)
 
 
 def finished(figure: Figure, name: str, about: str, *, pdf: bool) -> ReportFigure:
@@ -198,7 +198,7 @@ def own_svg(figure: Figure, name: str, description: str) -> str:
 def write_figure(figure: Figure, path: Path) -> None:
     """Write a figure on white to a file ending in .png, .svg or .pdf; StoreError if it cannot be written."""
     figure.patch.set_facecolor(WHITE)
-    write_whole(path, _content(figure, path.suffix[1:]))
+    write_durably(path, _content(figure, path.suffix[1:]))
 
 
 @dataclass(frozen=True, eq=False)

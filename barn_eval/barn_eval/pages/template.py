@@ -12,8 +12,8 @@ from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.text_table import counted
 from barn_metrics.bootstrap import number
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.files import write_whole
-from barn_worlds.base.text_files import finite
+from barn_worlds.base.files import write_durably
+from barn_worlds.base.text_files import make_json_safe
 from barn_worlds.drawing.palette import MOVER, PAGE, PLANNERS, PLANNERS_ON_DARK
 
 # What in JSON could end a script element, or a line of JavaScript, before its time.
@@ -39,13 +39,16 @@ def write_page(path: Path, page: str | bytes) -> None:
         raise ConfigError(
             f"{path.parent}: cannot be written: {error.strerror or error}"
         ) from None
-    write_whole(path, page if isinstance(page, bytes) else page.encode("utf-8"))
+    write_durably(path, page if isinstance(page, bytes) else page.encode("utf-8"))
 
 
 def script_json(content: object) -> Markup:
     """Return JSON that is safe within a script element; numbers that JSON does not have become null."""
     text = json.dumps(
-        finite(content), ensure_ascii=False, allow_nan=False, separators=(",", ":")
+        make_json_safe(content),
+        ensure_ascii=False,
+        allow_nan=False,
+        separators=(",", ":"),
     )
     for character, escape in _UNSAFE.items():
         text = text.replace(character, escape)

@@ -41,8 +41,8 @@ from barn_eval.results.store import LOGS, TrialRecord
 from barn_eval.trials.result import Rows, TrialResult
 from barn_eval.trials.run_config import UNKNOWN_SOURCE, ExecutionConfig, RunConfig
 from barn_eval.trials.spec import TrialSpec
-from barn_worlds.base.errors import ConfigError, StoreError, reported_as
-from barn_worlds.base.files import PARTIAL, remove_partial
+from barn_worlds.base.errors import ConfigError, StoreError, convert_os_errors
+from barn_worlds.base.files import PARTIAL_SUFFIX, remove_partial_files
 from barn_worlds.formats.own import write_own
 from barn_worlds.worlds.world import World
 
@@ -108,7 +108,7 @@ class ResultsFolder:
         run_file = RunFile.for_run(path, config, checksums)
         find_completed(run_file, specs, overwrite=overwrite)
         with _lock(path):
-            remove_partial(path)
+            remove_partial_files(path)
 
             # Another process may have worked here until the lock was taken.
             completed = find_completed(run_file, specs, overwrite=overwrite)
@@ -170,7 +170,7 @@ class ResultsFolder:
         """
         path = self.path / kind / f"{trial_id}.txt"
         now = datetime.now(timezone.utc).isoformat(timespec="seconds")
-        with reported_as(StoreError, f"{path}: cannot be written"):
+        with convert_os_errors(StoreError, f"{path}: cannot be written"):
             path.parent.mkdir(exist_ok=True)
             with path.open("a", encoding="utf-8") as file:
                 file.write(f"{now} {text}\n")
@@ -192,7 +192,7 @@ class ResultsFolder:
 @contextmanager
 def _lock(path: Path) -> Iterator[None]:
     """Make a folder if need be and keep other processes from working in it."""
-    with reported_as(StoreError, f"{path}: cannot be written"):
+    with convert_os_errors(StoreError, f"{path}: cannot be written"):
         path.mkdir(parents=True, exist_ok=True)
         lock = os.open(path / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     try:
@@ -259,7 +259,9 @@ def find_completed(
     if not run_file.path.exists():
         # A kill may leave a file of which only the beginning was written.
         for file in path.iterdir() if path.is_dir() else ():
-            is_partial = file.name.startswith(".") and file.name.endswith(PARTIAL)
+            is_partial = file.name.startswith(".") and file.name.endswith(
+                PARTIAL_SUFFIX
+            )
             if file.name != _LOCK and not is_partial:
                 raise ConfigError(f"{path}: is not empty and holds no run")
         return CompletedTrials()

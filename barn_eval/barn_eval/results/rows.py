@@ -25,8 +25,8 @@ from barn_eval.trials.result import (
 )
 from barn_eval.trials.trajectory import Encounters, Measures
 from barn_worlds.base.config import as_dict
-from barn_worlds.base.errors import ConfigError, StoreError, reported_as
-from barn_worlds.base.files import write_whole
+from barn_worlds.base.errors import ConfigError, StoreError, convert_os_errors
+from barn_worlds.base.files import write_durably
 from barn_worlds.base.text_files import parse_json, read_lines
 
 ROWS_FILE = "results.jsonl"
@@ -50,7 +50,7 @@ class RowFile:
 
     def replace(self, results: Rows) -> None:
         """Keep these rows and no others; StoreError, with the rows as they were, if that fails."""
-        write_whole(
+        write_durably(
             self.path,
             "".join(
                 f"{seal_line(to_json_line(result))}\n" for result in results
@@ -89,13 +89,13 @@ class TrackFile:
             seal_line(tracks[trial_id]) for trial_id in order if trial_id in tracks
         ]
         if after != [line for _, line in read_lines(self.path)]:
-            write_whole(self.path, "".join(f"{line}\n" for line in after).encode())
+            write_durably(self.path, "".join(f"{line}\n" for line in after).encode())
 
 
 def _append_line(path: Path, line: str) -> None:
     """Add a sealed line to a file and see it onto the disk; StoreError, with whole lines as they were, if not."""
     with (
-        reported_as(StoreError, f"{path}: cannot be written"),
+        convert_os_errors(StoreError, f"{path}: cannot be written"),
         path.open("a+b", buffering=0) as file,
     ):
         whole = _drop_torn_line(file)
@@ -189,8 +189,8 @@ def write_tables(folder: Path, results: Rows) -> None:
     ):
         buffer = io.BytesIO()
         pyarrow.parquet.write_table(table, buffer, compression="zstd")
-        write_whole(folder / f"{name}.parquet", buffer.getvalue())
-        write_whole(folder / f"{name}.csv", csv_bytes(table))
+        write_durably(folder / f"{name}.parquet", buffer.getvalue())
+        write_durably(folder / f"{name}.csv", csv_bytes(table))
 
 
 def csv_bytes(table: pa.Table) -> bytes:

@@ -11,8 +11,8 @@ from barn_eval.results.provenance import provenance
 from barn_eval.trials import identity
 from barn_eval.trials.run_config import ExecutionConfig, RunConfig
 from barn_worlds.base.config import as_dict, from_dict
-from barn_worlds.base.errors import ConfigError, shown
-from barn_worlds.base.files import write_whole
+from barn_worlds.base.errors import ConfigError, format_value
+from barn_worlds.base.files import write_durably
 from barn_worlds.base.text_files import read_json
 from barn_worlds.robots.files import other_name
 
@@ -46,7 +46,7 @@ class RunFile:
         if version != SCHEMA_VERSION or not isinstance(config, dict):
             raise ConfigError(
                 f"{path}: describes no run: schema_version must be {SCHEMA_VERSION}, got"
-                f" {shown(version)}"
+                f" {format_value(version)}"
             )
 
         # The folder may have been moved since it was written.
@@ -118,7 +118,7 @@ class RunFile:
             texts = []
             for value in values:
                 is_missing = value == identity.NOT_SET
-                texts.append(value if is_missing else shown(value))
+                texts.append(value if is_missing else format_value(value))
             raise ConfigError(
                 f"{self.path.parent}: holds results of another {what}: {key} is"
                 f" {texts[0]} there, {texts[1]} here; use another folder, or --overwrite"
@@ -151,4 +151,4 @@ class RunFile:
             "robot": self.robot,
             "sessions": self.sessions,
         }
-        write_whole(self.path, (json.dumps(content, indent=1) + "\n").encode())
+        write_durably(self.path, (json.dumps(content, indent=1) + "\n").encode())

@@ -16,10 +16,11 @@ import numpy.typing as npt
 from barn_eval.trials.trajectory import Trajectory, compute_clearances
 from barn_eval.trials.trial import FinishedTrial
 from barn_worlds.base.arrays import Bools, Floats
-from barn_worlds.base.errors import ConfigError, shown
+from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.base.text_files import parse_json
-from barn_worlds.base.types import NANOSECONDS
-from barn_worlds.geometry.footprint import Footprint, contact_of
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND
+from barn_worlds.geometry.footprint import Footprint
+from barn_worlds.robots.contact import contact_footprint
 
 _NAMES = {"u": "Uint", "i": "Int", "f": "Float"}  # of JavaScript's typed arrays
 _KINDS = {
@@ -73,7 +74,7 @@ def unpack_arrays(
         }
     except (KeyError, TypeError, ValueError, OverflowError):
         raise ValueError(
-            f"packed arrays do not hold what they say: {shown(layout)}"
+            f"packed arrays do not hold what they say: {format_value(layout)}"
         ) from None
 
 
@@ -169,7 +170,7 @@ def make_track(
     """Return the track of a trajectory among cylinders (k, 2), m in the map frame; None where nothing was read."""
     if not len(trajectory.stamps_ns):
         return None
-    times = (trajectory.stamps_ns - trajectory.stamps_ns[0]) / NANOSECONDS
+    times = (trajectory.stamps_ns - trajectory.stamps_ns[0]) / NANOSECONDS_PER_SECOND
     gaps = compute_clearances(trajectory.truth, cylinders_m, radius_m, outline)
     gaps = gaps if len(gaps) else np.full(len(times), np.nan)
     samples = np.column_stack(
@@ -181,7 +182,7 @@ def make_track(
 def track_line(finished: FinishedTrial) -> str | None:
     """Return the track of a finished trial as a line of JSON without the line's end; None where there is none."""
     world = finished.spec.world
-    outline = contact_of(finished.spec.simulator.chassis)
+    outline = contact_footprint(finished.spec.simulator.chassis)
     track = make_track(
         finished.trajectory, world.cylinders_m, world.cylinder_radius_m, outline
     )
@@ -217,7 +218,7 @@ def _read(content: object) -> tuple[str, Track]:
         raise ValueError("trial_id is missing")
     if content.get("schema_version") != SCHEMA_VERSION:
         raise ValueError(
-            f"schema_version must be {SCHEMA_VERSION}, got {shown(content.get('schema_version'))}"
+            f"schema_version must be {SCHEMA_VERSION}, got {format_value(content.get('schema_version'))}"
         )
     arrays, steps = unpack_arrays(content, _MOST_BYTES), content.get("steps", [])
     samples, contact = (

@@ -22,7 +22,7 @@ from barn_eval.trials.result import TrialResult
 from barn_eval.trials.ros_config import RosConfig
 from barn_eval.trials.run_config import RunConfig
 from barn_eval.trials.spec import TrialSpec
-from barn_worlds.base.errors import ConfigError, reported_as
+from barn_worlds.base.errors import ConfigError, convert_os_errors
 
 _WORLDS_AT_A_TIME = 10  # of each worker, for which the nodes of each of several planners are started once
 
@@ -136,7 +136,7 @@ def require_ros(experiment: RunConfig, reporter: Reporter) -> None:
             f"mode ros: {problem}; install the ROS 2 wheels for this Python or use that of ROS"
         )
     with (
-        reported_as(ConfigError, "mode ros: no loopback interface, 127.0.0.1"),
+        convert_os_errors(ConfigError, "mode ros: no loopback interface, 127.0.0.1"),
         socket(AF_INET, SOCK_DGRAM) as line,
     ):
         line.connect(("127.0.0.1", 9))

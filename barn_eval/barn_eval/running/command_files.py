@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from barn_eval.trials.identity import flatten
-from barn_worlds.base.errors import ConfigError, reported_as, shown
-from barn_worlds.base.files import write_whole
+from barn_worlds.base.errors import ConfigError, convert_os_errors, format_value
+from barn_worlds.base.files import write_durably
 from barn_worlds.base.text_files import parse_json, read_json
 
 # Files of parameters, launch, code and weights.
@@ -101,11 +101,11 @@ def write_node_parameters(folder: Path, logs: Path, planner: str, text: str) -> 
         if earlier.get(key, value) != value:
             raise ConfigError(
                 f"{folder.parent}: holds results of another configuration: planner"
-                f" {planner!r}: parameter {key} was {shown(earlier[key])} there, is"
-                f" {shown(value)} now; use another folder"
+                f" {planner!r}: parameter {key} was {format_value(earlier[key])} there, is"
+                f" {format_value(value)} now; use another folder"
             )
     digest = hashlib.sha256(text.encode()).hexdigest()
-    write_whole(logs / f"{digest[:12]}_{planner}.parameters.json", text.encode())
+    write_durably(logs / f"{digest[:12]}_{planner}.parameters.json", text.encode())
 
 
 def _find_launch_file(package: str, name: str) -> Path:
@@ -119,7 +119,10 @@ def _find_launch_file(package: str, name: str) -> Path:
 
 def _hash_file(path: Path) -> str:
     digest = hashlib.sha256()
-    with reported_as(ConfigError, f"planner command: {path}"), path.open("rb") as file:
+    with (
+        convert_os_errors(ConfigError, f"planner command: {path}"),
+        path.open("rb") as file,
+    ):
         if os.fstat(file.fileno()).st_size > _MAX_BYTES:
             raise ConfigError(
                 f"planner command: {path}: more than the allowed {_MAX_BYTES} bytes"

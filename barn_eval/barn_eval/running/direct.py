@@ -23,11 +23,11 @@ from barn_eval.trials.trial import (
 )
 from barn_planners.interface import Observation, Planner
 from barn_planners.registry import make_planner
-from barn_planners.runtime.session import Answer, PlannerSession
-from barn_sim.body.bullet import PhysicsClient
+from barn_planners.runtime.planner_runtime import PlannerRuntime, RuntimeOutput
+from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.sensors.readings import Sensors
 from barn_sim.simulator import Simulator
-from barn_worlds.base.compute import Turnaround
+from barn_worlds.base.compute import CycleTimer
 from barn_worlds.base.types import STOP, Velocity2D
 
 # What this process has warmed up: ("", "") for simulator and referee, and planners with
@@ -86,7 +86,7 @@ def run_direct_trial(
             spec.compute_mode,
         ),
         recoveries=trial.recoveries or 0,
-        delays=pack_delays(driver.turnaround.delays_ns) if is_measured else "",
+        delays=pack_delays(driver.cycle_timer.delays_ns) if is_measured else "",
     )
     finished = replace(
         finished, cylinders_m=driver.cylinders_m, traceback=trial.traceback
@@ -121,7 +121,7 @@ def warm_up(spec: TrialSpec, *, with_planner: bool) -> None:
         _warm.add((spec.planner, spec.preset))
         planner = make_planner(spec.planner, spec.preset, spec.overrides)
         with suppress(Exception):
-            PlannerSession(planner, seed=0, use_map=spec.protocol.map_given).warm_up()
+            PlannerRuntime(planner, seed=0, use_map=spec.protocol.map_given).warm_up()
 
 
 class _DirectTrial:
@@ -130,11 +130,11 @@ class _DirectTrial:
     def __init__(self, spec: TrialSpec, planner: Planner, bag: TrialBag | None) -> None:
         self.trial = RunningTrial(spec)
         self.answer_times_s: list[float] = []
-        self.turnaround = Turnaround(spec.compute, spec.planner_seed, spec.recorded_ns)
+        self.cycle_timer = CycleTimer(spec.compute, spec.planner_seed, spec.recorded_ns)
         self.cylinders_m = spec.world.cylinders_m.copy()
         self._spec = spec
         self._bag = bag
-        self._session = PlannerSession(
+        self._runtime = PlannerRuntime(
             planner, seed=spec.planner_seed, use_map=spec.protocol.map_given
         )
 
@@ -154,7 +154,7 @@ class _DirectTrial:
             if self._bag is not None:
                 self._bag.begin(sensors)
             while True:
-                is_free = self.turnaround.free(sensors.stamp_ns)
+                is_free = self.cycle_timer.is_free(sensors.stamp_ns)
                 if self._bag is not None:
                     self._bag.reading(sensors, asked=is_free)
                 is_over = trial.read(sensors.odometry, sensors.truth, sensors.collision)
@@ -182,22 +182,22 @@ class _DirectTrial:
     def _start_planner(self) -> None:
         """Give the planner its map and its goal, with which it begins."""
         if self._spec.map is not None:
-            self._session.set_map(self._spec.map)
-        self._session.set_goal(self._spec.goal)
+            self._runtime.set_map(self._spec.map)
+        self._runtime.set_goal(self._spec.goal)
 
     def _decide(self, sensors: Sensors) -> tuple[Velocity2D | None, int]:
         """Return the planner's command, None without one, and its delay [ns]."""
         pose = sensors.odometry.pose
         if self._spec.protocol.map_given:
-            pose = sensors.localisation
+            pose = sensors.localization
         observation = Observation(
             sensors.stamp_ns, sensors.odometry, sensors.scan, pose
         )
 
-        def run_cycle() -> Answer:
+        def run_cycle() -> RuntimeOutput:
             stopwatch = Stopwatch()
             try:
-                answer = self._session.answer(observation)
+                answer = self._runtime.step(observation)
                 if not isinstance(answer.command, (Velocity2D, type(None))):
                     raise TypeError(
                         f"command must be a Velocity2D or None, got {answer.command!r}"
@@ -212,7 +212,7 @@ class _DirectTrial:
         if self._spec.compute_mode == MEASURED:
             # Rows keep delays in whole microseconds.
             measured_ns = 1000 * round(1e6 * pace() * self.answer_times_s[-1])
-        delay_ns = self.turnaround.take(sensors.stamp_ns, measured_ns)
+        delay_ns = self.cycle_timer.start_cycle(sensors.stamp_ns, measured_ns)
         if answer is None or answer.decision is None:
             return None, 0
 
@@ -222,7 +222,7 @@ class _DirectTrial:
             self.trial.plan(decision.plan, sensors.stamp_ns)
         if self._bag is not None:
             self._bag.answer(
-                answer.command, decision, self._session.planner, sensors.stamp_ns
+                answer.command, decision, self._runtime.planner, sensors.stamp_ns
             )
         if answer.command is not None:
             self.trial.command(answer.command)

@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from barn_eval.running.planner_choices import split_command
-from barn_eval.running.setting_folders import format_value
+from barn_eval.running.setting_folders import format_setting_value
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.base.files import read_bytes
 from barn_worlds.base.text_files import parse_yaml
@@ -67,7 +67,7 @@ def change_command(
         for key, value in values.items():
             if "--ros-args" not in words:
                 words.append("--ros-args")
-            words += ["-p", f"{key}:={format_value(value)}"]
+            words += ["-p", f"{key}:={format_setting_value(value)}"]
         return shlex.join(words), {}
 
     changed: dict[Path, ParameterFile] = {}

@@ -11,7 +11,7 @@ from barn_eval.running.command_files import hash_command_files
 from barn_eval.trials.run_config import COMPUTE_KEYS, PlannerChoice
 from barn_planners.registry import planner_entry, planner_names
 from barn_worlds.base.config import fields_of, from_dict
-from barn_worlds.base.errors import ConfigError, shown, suggest
+from barn_worlds.base.errors import ConfigError, format_value, suggest
 
 _NAMED_COMMAND = re.compile(r"([A-Za-z0-9][A-Za-z0-9_.-]*)=(.*)", re.DOTALL)
 _SPEED_CAP = "max_speed_mps"
@@ -34,7 +34,7 @@ def read_planners(entries: Any, commands: Any, where: str) -> list[PlannerChoice
     names = entries.split(",") if isinstance(entries, str) else entries
     if not isinstance(names, (list, tuple, type(None))):
         raise ConfigError(
-            f"{where}planners must be a list of names, got {shown(names)}"
+            f"{where}planners must be a list of names, got {format_value(names)}"
         )
     planners = [read_planner(entry, where) for entry in names or ()]
 
@@ -45,7 +45,7 @@ def read_planners(entries: Any, commands: Any, where: str) -> list[PlannerChoice
     if not are_texts:
         raise ConfigError(
             f"{where}planner_command must be a text or a list of texts,"
-            f" got {shown(commands)}"
+            f" got {format_value(commands)}"
         )
     for text in texts:
         if _NAMED_COMMAND.fullmatch(text) or not planners:
@@ -54,7 +54,7 @@ def read_planners(entries: Any, commands: Any, where: str) -> list[PlannerChoice
             name, command = planners[0].name, text
         if command == text and (len(planners) > 1 or len(texts) > 1):
             raise ConfigError(
-                f"planner command {shown(text)}: give it as NAME=COMMAND where there"
+                f"planner command {format_value(text)}: give it as NAME=COMMAND where there"
                 " are several planners"
             )
         _set_command(planners, name, command)
@@ -138,7 +138,7 @@ def name_planner(command: str) -> str:
     name = re.sub(r"[^A-Za-z0-9_-]+", "_", stem).strip("_-")[:60] or "planner"
     if name in planner_names():
         raise ConfigError(
-            f"planner command {shown(command)}: give its planner a name;"
+            f"planner command {format_value(command)}: give its planner a name;"
             f" {name!r} is one of the suite's own"
         )
     return name
@@ -153,9 +153,11 @@ def split_command(command: str) -> list[str]:
     try:
         words = shlex.split(command)
     except ValueError as error:
-        raise ConfigError(f"planner command {shown(command)}: {error}") from None
+        raise ConfigError(f"planner command {format_value(command)}: {error}") from None
     if not words:
-        raise ConfigError(f"planner command must name a program, got {shown(command)}")
+        raise ConfigError(
+            f"planner command must name a program, got {format_value(command)}"
+        )
     return words
 
 
@@ -178,7 +180,7 @@ def apply_parameters(
         name, values = _find_planner(key, value, list(values_by_planner))
         if name not in values_by_planner:
             raise ConfigError(
-                f"{where}parameters of planner {shown(name)}, which is not among them"
+                f"{where}parameters of planner {format_value(name)}, which is not among them"
                 f"{suggest(name, values_by_planner)}"
             )
         values_by_planner[name] |= values
@@ -241,6 +243,6 @@ def _set_parameters(
         else:
             raise ConfigError(
                 f"{where}planner {planner.name!r}: {key} must be a number,"
-                f" got {shown(value)}"
+                f" got {format_value(value)}"
             )
     return replace(planner, overrides=overrides, **numbers)

@@ -19,7 +19,7 @@ from barn_eval.running.pool import (
     WorkerPool,
     run_job,
 )
-from barn_worlds.base.errors import BarnError, ConfigError, one_line
+from barn_worlds.base.errors import BarnError, ConfigError, format_error
 
 
 class RayPool(WorkerPool):
@@ -122,7 +122,7 @@ class RayPool(WorkerPool):
             ValueError,
         ) as error:
             raise ConfigError(
-                f"engine ray: cannot reach {address or 'Ray'}: {one_line(error)}"
+                f"engine ray: cannot reach {address or 'Ray'}: {format_error(error)}"
             ) from None
 
     def _receive(self, reference: object) -> Report:
@@ -132,7 +132,7 @@ class RayPool(WorkerPool):
             report: Report = self._ray.get(reference)
         except errors.RuntimeEnvSetupError as error:
             raise ConfigError(
-                f"engine ray: a worker cannot be set up: {one_line(error)}"
+                f"engine ray: a worker cannot be set up: {format_error(error)}"
             ) from None
         except errors.RayError as error:
             reason = f"its worker was lost: {type(error).__name__}"
@@ -145,7 +145,7 @@ class RayPool(WorkerPool):
             return function(*args, **options)
         except (ConnectionError, self._ray.exceptions.RaySystemError) as error:
             raise BarnError(
-                f"engine ray: the cluster is gone: {one_line(error)}"
+                f"engine ray: the cluster is gone: {format_error(error)}"
             ) from None
 
 
@@ -169,5 +169,5 @@ def _require_answer(address: str) -> None:
         socket.create_connection((host, int(port)), timeout=5.0).close()
     except (OSError, OverflowError) as error:
         raise ConfigError(
-            f"engine ray: cannot reach {address}: {one_line(error)}"
+            f"engine ray: cannot reach {address}: {format_error(error)}"
         ) from None

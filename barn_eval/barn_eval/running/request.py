@@ -25,11 +25,11 @@ from barn_eval.trials.ros_config import RosConfig
 from barn_eval.trials.run_config import ExecutionConfig, RunConfig
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_worlds.base.config import from_dict, replace_dotted
-from barn_worlds.base.errors import ConfigError, shown, suggest
+from barn_worlds.base.errors import ConfigError, format_value, suggest
 from barn_worlds.base.text_files import parse_yaml, read_yaml
+from barn_worlds.datasets.dataset import Dataset
 from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.robot import Robot
-from barn_worlds.worlds.dataset import Dataset
 from barn_worlds.worlds.world import World
 
 SCHEMA_VERSION = 1
@@ -53,7 +53,9 @@ class RunRequest:
 
     def __post_init__(self) -> None:
         if "\0" in str(self.out):
-            raise ConfigError(f"out {shown(str(self.out))}: a path cannot hold a NUL")
+            raise ConfigError(
+                f"out {format_value(str(self.out))}: a path cannot hold a NUL"
+            )
 
     def trials(self) -> list[TrialSpec]:
         """Return the trials of the run."""
@@ -98,13 +100,15 @@ def read_request(file: Path | None, options: Mapping[str, object]) -> RunRequest
     content = {"out": default_folder()} | content | changes
     for key in content:
         if key not in _KEYS:
-            raise ConfigError(f"{where}unknown key {shown(key)}{suggest(key, _KEYS)}")
+            raise ConfigError(
+                f"{where}unknown key {format_value(key)}{suggest(key, _KEYS)}"
+            )
     content.pop("sweep", None)
 
     out = content.pop("out")
     if not isinstance(out, (str, Path)) or not str(out):
         raise ConfigError(
-            f"{where}out must name a folder for the results, got {shown(out)}"
+            f"{where}out must name a folder for the results, got {format_value(out)}"
         )
     out = Path(out)
     execution = _read_mapping(content.pop("execution", None), f"{where}execution")
@@ -165,7 +169,7 @@ def _read_config(content: dict[str, Any], where: str) -> RunConfig:
         protocol = load_protocol(protocol)
     if not isinstance(protocol, Protocol):
         raise ConfigError(
-            f"{where}protocol must be a name or a YAML file, got {shown(protocol)}"
+            f"{where}protocol must be a name or a YAML file, got {format_value(protocol)}"
         )
     check_protocol_name(protocol, f"{where}protocol ")
 
@@ -174,7 +178,7 @@ def _read_config(content: dict[str, Any], where: str) -> RunConfig:
         robot = load_robot(robot)
     if not isinstance(robot, (Robot, type(None))):
         raise ConfigError(
-            f"{where}robot must be a name or a YAML file, got {shown(robot)}"
+            f"{where}robot must be a name or a YAML file, got {format_value(robot)}"
         )
     simulator = _read_mapping(content.pop("simulator", None), f"{where}simulator")
     ros = _read_mapping(content.pop("ros", None), f"{where}ros")
@@ -228,7 +232,9 @@ def _read_worlds(worlds: object) -> tuple[str, dict[int, World] | None]:
         return "all", by_number
     if numbers and all(isinstance(number, int) for number in numbers):
         return ",".join(map(str, numbers)), None
-    raise ConfigError(f"worlds must be numbers, a text or worlds, got {shown(worlds)}")
+    raise ConfigError(
+        f"worlds must be numbers, a text or worlds, got {format_value(worlds)}"
+    )
 
 
 def parse_parameters(texts: Sequence[str], option: str) -> dict[str, Any]:
@@ -247,15 +253,15 @@ def parse_parameters(texts: Sequence[str], option: str) -> dict[str, Any]:
         key = key.strip()
         if not equals or not key or key in parameters:
             raise ConfigError(
-                f"{option} {shown(text)}: must be key=value, each key given once"
+                f"{option} {format_value(text)}: must be key=value, each key given once"
             )
-        parameters[key] = parse_yaml(value, f"{option} {shown(text)}")
+        parameters[key] = parse_yaml(value, f"{option} {format_value(text)}")
     return parameters
 
 
 def _read_mapping(value: Any, key: str) -> dict[str, Any]:
     if not isinstance(value or {}, Mapping):
         raise ConfigError(
-            f"{key} must be a mapping of parameters to values, got {shown(value)}"
+            f"{key} must be a mapping of parameters to values, got {format_value(value)}"
         )
     return dict(value or {})

@@ -12,7 +12,7 @@ LATENCY = "latency"
 _VALUE = re.compile(r"([^=,]+)=([^=,]+)")
 
 
-def format_value(value: object) -> str:
+def format_setting_value(value: object) -> str:
     """Return a parameter value as folders, tables and figures name it."""
     if isinstance(value, float):
         return f"{value:.10g}"

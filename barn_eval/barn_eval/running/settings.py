@@ -16,9 +16,9 @@ from barn_eval.running.command_files import hash_command_files
 from barn_eval.running.parameter_files import change_command
 from barn_eval.running.planner_choices import apply_parameters, split_command
 from barn_eval.running.request import SCHEMA_VERSION, RunRequest
-from barn_eval.running.setting_folders import LATENCY, format_value
+from barn_eval.running.setting_folders import LATENCY, format_setting_value
 from barn_eval.trials.run_config import PlannerChoice
-from barn_worlds.base.errors import ConfigError, shown
+from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.base.files import write_bytes
 from barn_worlds.base.text_files import parse_yaml, read_yaml
 
@@ -107,7 +107,8 @@ def grid(base: RunRequest, sweep: Sweep) -> list[Setting]:
         values = dict(zip(sweep, combination, strict=True))
         short_values = dict(zip(short_names, combination, strict=True))
         name = ",".join(
-            f"{key}={format_value(value)}" for key, value in short_values.items()
+            f"{key}={format_setting_value(value)}"
+            for key, value in short_values.items()
         )
         folder = re.sub(r"[^A-Za-z0-9_.=,+-]", "_", name)
         setting = make_setting(base, values, folder)
@@ -133,7 +134,7 @@ def read_sweep(file: Path | None, texts: Sequence[str]) -> Sweep:
     if not isinstance(sweep, Mapping):
         raise ConfigError(
             f"{file}: sweep must be a mapping of parameters to lists of values,"
-            f" got {shown(sweep)}"
+            f" got {format_value(sweep)}"
         )
     return sweep
 
@@ -148,10 +149,10 @@ def parse_sweep(texts: Sequence[str]) -> Sweep:
     for text in texts:
         key, _, list_text = text.partition("=")
         key = key.strip()
-        values = parse_yaml(f"[{list_text}]", f"--sweep {shown(text)}")
+        values = parse_yaml(f"[{list_text}]", f"--sweep {format_value(text)}")
         if not key or not values or not isinstance(values, list) or key in sweep:
             raise ConfigError(
-                f"--sweep {shown(text)}: must be KEY=V1,V2,..., each key given once"
+                f"--sweep {format_value(text)}: must be KEY=V1,V2,..., each key given once"
             )
         sweep[key] = values
     return sweep
@@ -188,7 +189,7 @@ def _make_delayed(base: RunRequest, delay_s: float) -> Setting:
             for planner in config.planners
         ]
         config = replace(config, planners=tuple(planners))
-    name = f"{LATENCY}={format_value(delay_s)}"
+    name = f"{LATENCY}={format_setting_value(delay_s)}"
     request = replace(base, config=config).in_folder(base.out / name)
     return Setting(name, {LATENCY: delay_s}, request)
 
@@ -197,7 +198,7 @@ def _delays_s(values: Sequence[Any]) -> list[float]:
     is_number = not any(isinstance(value, (str, bool)) for value in values)
     if not is_number or len(set(values)) < len(values):
         raise ConfigError(
-            f"latency: must be delays in s, each named once, got {shown(list(values))}"
+            f"latency: must be delays in s, each named once, got {format_value(list(values))}"
         )
     return [float(value) for value in values]
 
@@ -206,12 +207,12 @@ def _require_values(sweep: Sweep) -> None:
     for key, values in sweep.items():
         if not isinstance(values, Sequence) or isinstance(values, str) or not values:
             raise ConfigError(
-                f"sweep of {shown(key)}: must be a list of values, got {shown(values)}"
+                f"sweep of {format_value(key)}: must be a list of values, got {format_value(values)}"
             )
         for value in values:
             if not isinstance(value, (str, bool, int, float)):
                 raise ConfigError(
-                    f"sweep of {shown(key)}: a value must be a number, a text, true or"
+                    f"sweep of {format_value(key)}: a value must be a number, a text, true or"
                     f" false, got {value!r}"
                 )
     count = math.prod(len(values) for values in sweep.values())

@@ -16,7 +16,7 @@ from multiprocessing.connection import Connection
 from types import FrameType
 
 from barn_eval.running.pool import JobRefusal, Report, Work, run_job
-from barn_worlds.base.garbage import collect_seldom
+from barn_worlds.base.garbage import reduce_garbage_collection
 
 GRACE_S = 20.0
 """Time that a worker has to end its ROS nodes before it is killed [s]."""
@@ -86,5 +86,5 @@ def _end_with_parent(descriptor: int) -> None:
 
 
 if __name__ == "__main__":
-    collect_seldom()
+    reduce_garbage_collection()
     serve(Connection(int(sys.argv[1])), sys.argv[2])

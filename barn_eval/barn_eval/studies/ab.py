@@ -25,7 +25,7 @@ from barn_eval.trials import identity
 from barn_eval.trials.run_config import PlannerChoice
 from barn_planners.registry import planner_entry, planner_names
 from barn_worlds.base.config import as_dict
-from barn_worlds.base.errors import ConfigError, shown
+from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.base.text_files import markdown_table
 
 _SHOWN = ("success", "traversal_time_s", "min_clearance_m", "compute_p95_ms")
@@ -108,7 +108,7 @@ def ab(
         == 1
     ):
         raise ConfigError(
-            f"BASE and HEAD are the same, {shown(base)}: neither settings nor files differ"
+            f"BASE and HEAD are the same, {format_value(base)}: neither settings nor files differ"
         )
     worlds = order_worlds_fairly(spec.world_number for spec in sides[0].trials())
     looks = planned_looks(len(worlds))
@@ -166,11 +166,11 @@ def _side(
         )
     elif name.partition(":")[0] in planner_names():
         asked["planners"] = name
-        settings = parse_parameters(changes, shown(text))
+        settings = parse_parameters(changes, format_value(text))
     elif path.suffix not in (".yaml", ".yml"):
         if which(split_command(text)[0]) is None:
             raise ConfigError(
-                f"{shown(text)}: is no workspace, file, planner of the suite or command"
+                f"{format_value(text)}: is no workspace, file, planner of the suite or command"
             )
         asked["planner_command"] = text
     if started := asked.get("planner_command"):
@@ -187,7 +187,9 @@ def _side(
     )
     planner, *others = request.config.planners
     if others:
-        raise ConfigError(f"{shown(text)}: must be one planner, got {1 + len(others)}")
+        raise ConfigError(
+            f"{format_value(text)}: must be one planner, got {1 + len(others)}"
+        )
     if files:
         planner = replace(
             planner, files=files | hash_command_files(split_command(command))

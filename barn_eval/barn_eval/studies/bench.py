@@ -34,7 +34,7 @@ from barn_worlds.base.config import Checked, quantity, replace_dotted
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.text_files import read_json
 from barn_worlds.base.types import Velocity2D
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.datasets.dataset import open_dataset
 
 if TYPE_CHECKING:
     from barn_eval.learning.environment import JackalEnv
@@ -162,7 +162,7 @@ def bench(
 
 def _round(setup: BenchSetup, planners: Sequence[str]) -> Iterator[Measurement]:
     """Yield every measurement once."""
-    source, indices = setup.dataset, open_dataset(setup.dataset).indices
+    source, indices = setup.dataset, open_dataset(setup.dataset).world_numbers
     worlds = str(indices[len(indices) // 2] if setup.world < 0 else setup.world)
     experiments = [
         RunConfig(dataset=source, worlds=worlds, planners=(PlannerChoice(name),))

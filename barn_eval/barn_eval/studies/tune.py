@@ -37,10 +37,10 @@ from barn_eval.running.settings import Setting, make_setting
 from barn_eval.trials import identity
 from barn_planners.registry import planner_config
 from barn_worlds.base.config import as_dict, fields_of
-from barn_worlds.base.errors import ConfigError, shown, suggest
+from barn_worlds.base.errors import ConfigError, format_value, suggest
 from barn_worlds.base.files import write_bytes
 from barn_worlds.base.text_files import read_yaml
-from barn_worlds.worlds.dataset import open_dataset, select_worlds
+from barn_worlds.datasets.dataset import open_dataset, select_worlds
 
 Range = CategoricalDistribution | IntDistribution | FloatDistribution
 _STEP = 5  # worlds, after each of which a setting may be given up
@@ -68,7 +68,7 @@ class Ranges:
         if path.suffix not in (".yaml", ".yml"):
             if name not in known:
                 raise ConfigError(
-                    f"ranges {shown(name)}: must be a YAML file or one of {', '.join(known)}"
+                    f"ranges {format_value(name)}: must be a YAML file or one of {', '.join(known)}"
                 )
             path = _RANGES / f"{name}.yaml"
         content = read_yaml(path, SCHEMA_VERSION)
@@ -91,7 +91,7 @@ def _range(about: dict[str, Any], where: str) -> Range:
         return (IntDistribution if whole else FloatDistribution)(**about)
     except (TypeError, ValueError, KeyError):
         raise ConfigError(
-            f"{where}: must be low < high and perhaps log, or choices, got {shown(about)}"
+            f"{where}: must be low < high and perhaps log, or choices, got {format_value(about)}"
         ) from None
 
 
@@ -191,7 +191,7 @@ class _Tuner:
                 raise ConfigError(
                     f"--by {key}: must be known of every trial, and one way must be better"
                 )
-        indices = open_dataset(experiment.dataset).indices
+        indices = open_dataset(experiment.dataset).world_numbers
         self.worlds = order_worlds_fairly(select_worlds(experiment.worlds, indices))
         rest = [one for one in indices if one not in self.worlds]
         thinned = rest[:: ceil(len(rest) / _MOST_UNSEEN) or 1]

@@ -21,8 +21,8 @@ import numpy as np
 
 from barn_worlds.base.arrays import Points
 from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
-from barn_worlds.base.errors import ConfigError, shown, suggest
-from barn_worlds.base.text_files import packaged_yaml, read_yaml
+from barn_worlds.base.errors import ConfigError, format_value, suggest
+from barn_worlds.base.text_files import read_package_yaml, read_yaml
 from barn_worlds.base.types import Pose2D
 from barn_worlds.robots.files import other_name
 from barn_worlds.robots.robot import Chassis
@@ -288,7 +288,7 @@ def load_protocol(source: str) -> Protocol:
     path = Path(source)
     if path.suffix not in (".yaml", ".yml"):
         raise ConfigError(
-            f"unknown protocol {shown(source)}{suggest(source, PROTOCOLS)} (or a .yaml file)"
+            f"unknown protocol {format_value(source)}{suggest(source, PROTOCOLS)} (or a .yaml file)"
         )
     content = read_yaml(path, SCHEMA_VERSION)
     required = ("name",) if content.get("base") else ("goal", "name", "start")
@@ -320,7 +320,7 @@ def _based(content: dict[str, Any], where: str) -> dict[str, Any]:
         return content
     if not isinstance(base, str) or base not in PROTOCOLS:
         raise ConfigError(
-            f"{where}: unknown base {shown(base)}{suggest(base, PROTOCOLS)}"
+            f"{where}: unknown base {format_value(base)}{suggest(base, PROTOCOLS)}"
         )
     merged = as_dict(PROTOCOLS[base])
     for key, value in content.items():
@@ -333,7 +333,7 @@ def _based(content: dict[str, Any], where: str) -> dict[str, Any]:
 
 
 PROTOCOLS: dict[str, Protocol] = {}
-for _name, _content in packaged_yaml("barn_eval", "protocols.yaml").items():
+for _name, _content in read_package_yaml("barn_eval", "protocols.yaml").items():
     PROTOCOLS[_name] = from_dict(
         Protocol, _based(_content | {"name": _name}, _name), _name
     )

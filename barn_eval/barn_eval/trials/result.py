@@ -13,7 +13,7 @@ import numpy as np
 from barn_eval.trials.outcome import ENVIRONMENT, SIMULATOR, Outcome, Scores
 from barn_eval.trials.trajectory import Encounters, Measures
 from barn_worlds.base.config import OPTIONAL, as_dict, from_dict
-from barn_worlds.base.errors import ConfigError, shown
+from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.base.text_files import parse_json
 
 # What a trial charges for a planner's computing, in simulated time: what it declares; what is measured; nothing; or,
@@ -215,6 +215,6 @@ def from_json_line(line: str, where: str) -> TrialResult:
     version = content.get("schema_version") if isinstance(content, dict) else None
     if version != SCHEMA_VERSION:
         raise ConfigError(
-            f"{where}: schema_version must be {SCHEMA_VERSION}, got {shown(version)}"
+            f"{where}: schema_version must be {SCHEMA_VERSION}, got {format_value(version)}"
         )
     return from_dict(TrialResult, content, where)

@@ -17,12 +17,12 @@ from barn_eval.trials.result import DECLARED, FREE, MEASURED, REAL_TIME
 from barn_eval.trials.ros_config import BAGS, ENGINES, MODES, RosConfig
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_planners.registry import planner_config, planner_entry, speed_cap_mps
-from barn_planners.robots import lidar_place, parameters_for
+from barn_planners.robots import fit_parameters, lidar_mount_changes
 from barn_sim.config import SimulatorConfig, robot_of
-from barn_worlds.base.compute import NOTHING, Compute
+from barn_worlds.base.compute import NO_COMPUTE, Compute
 from barn_worlds.base.config import OPTIONAL, Checked, as_dict, fields_of, quantity
-from barn_worlds.base.errors import ConfigError, shown
-from barn_worlds.worlds.dataset import Dataset, open_dataset, select_worlds
+from barn_worlds.base.errors import ConfigError, format_value
+from barn_worlds.datasets.dataset import Dataset, open_dataset, select_worlds
 
 # Names of planners become names of files.
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,59}")
@@ -35,7 +35,7 @@ COMPUTE_KEYS = tuple(field.name for field in fields(Compute))
 
 def _compute_quantity(name: str) -> float:
     """Return a field of `Compute` that overrides what the registry declares."""
-    about = next(about for key, about, _ in fields_of(NOTHING) if key == name)
+    about = next(about for key, about, _ in fields_of(NO_COMPUTE) if key == name)
     return quantity(
         0.0, about.description, "s", about.minimum, about.maximum, optional=True
     )
@@ -80,7 +80,7 @@ class PlannerChoice(Checked):
         super().__post_init__()
         if not _NAME.fullmatch(self.name):
             raise ConfigError(
-                f"planner {shown(self.name)}: a name must be 1 to 60 letters, digits,"
+                f"planner {format_value(self.name)}: a name must be 1 to 60 letters, digits,"
                 " '_', '-' or '.'"
             )
         if not self.registered and (self.preset or self.overrides):
@@ -104,7 +104,7 @@ class PlannerChoice(Checked):
     def compute(self) -> Compute:
         """The planner's time for a cycle: from the choice, else from the registry."""
         compute = self._own_compute()
-        if compute.declared or not self.registered:
+        if compute.is_declared or not self.registered:
             return compute
         return planner_entry(self.name).compute or compute
 
@@ -123,7 +123,7 @@ class PlannerSetup:
     fingerprint: str = ""
     # The highest speed that the planner says it commands, 0 if it does not say.
     declared_mps: float = 0.0
-    compute: Compute = NOTHING
+    compute: Compute = NO_COMPUTE
 
 
 @dataclass(frozen=True)
@@ -191,7 +191,7 @@ class RunConfig(Checked):
             return REAL_TIME
         if self.compute == MEASURED:
             return MEASURED
-        return DECLARED if compute.declared else FREE
+        return DECLARED if compute.is_declared else FREE
 
     def resolve_planner(self, choice: PlannerChoice) -> PlannerSetup:
         """Return the configuration of a planner under this protocol and robot.
@@ -220,7 +220,7 @@ class RunConfig(Checked):
                 content["files"] = choice.files
 
         compute = choice.compute
-        if compute.declared:
+        if compute.is_declared:
             content["compute"] = as_dict(compute)
         fingerprint = identity.fingerprint(content)
         return PlannerSetup(preset, overrides, fingerprint, declared_mps, compute)
@@ -230,9 +230,9 @@ class RunConfig(Checked):
     ) -> dict[str, Any]:
         """Return a planner's parameters with those that follow from robot and lidar."""
         robot = robot_of(self.simulator)
-        overrides = parameters_for(choice.name, preset, dict(choice.overrides), robot)
+        overrides = fit_parameters(choice.name, preset, dict(choice.overrides), robot)
         config = planner_config(choice.name, preset, overrides)
-        for key, mount in lidar_place(config, self.simulator.lidar).items():
+        for key, mount in lidar_mount_changes(config, self.simulator.lidar).items():
             if key in overrides:
                 axis = key.rpartition(".")[2].removeprefix("lidar_")
                 unit = axis.rpartition("_")[2]
@@ -273,9 +273,9 @@ class RunConfig(Checked):
             setups.append((choice.name, setup))
 
         robot = robot_of(self.simulator)
-        dataset = (dataset or open_dataset(self.dataset)).driven(robot, self.course)
+        dataset = (dataset or open_dataset(self.dataset)).for_robot(robot, self.course)
         if worlds is None:
-            worlds = select_worlds(self.worlds, dataset.indices)
+            worlds = select_worlds(self.worlds, dataset.world_numbers)
         world_numbers = tuple(worlds)
         dataset.require_fit(robot, world_numbers)
 

@@ -13,13 +13,13 @@ from barn_eval.trials.protocol import Course, Protocol
 from barn_eval.trials.result import FREE, format_trial_id
 from barn_sim.config import PRESETS, SimulatorConfig, with_robot
 from barn_sim.seeds import phase_s
-from barn_worlds.base.compute import NOTHING, Compute
+from barn_worlds.base.compute import NO_COMPUTE, Compute
 from barn_worlds.base.config import as_dict, replace_dotted
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.base.types import OccupancyMap, Pose2D
-from barn_worlds.geometry.footprint import contact_of
-from barn_worlds.geometry.shortest import shortest_way_m
+from barn_worlds.geometry.shortest import shortest_path_bound_m
 from barn_worlds.messages.topics import FRAMES
+from barn_worlds.robots.contact import contact_footprint
 from barn_worlds.robots.robot import Chassis, Robot
 from barn_worlds.worlds.cells import STANDARD_CELL_M
 from barn_worlds.worlds.world import World
@@ -52,7 +52,7 @@ class TrialSpec:
     # The highest speed that the planner says it commands, 0 if it does not say.
     declared_mps: float = 0.0
     # What the planner declares of its computing, and how that is charged.
-    compute: Compute = NOTHING
+    compute: Compute = NO_COMPUTE
     compute_mode: str = FREE
     # Delays of a trial that was measured, which are charged again.
     recorded_ns: tuple[int, ...] = ()
@@ -157,7 +157,7 @@ class TrialSpec:
             "overrides": dict(self.overrides),
             "fingerprint": self.planner_config,
         }
-        if self.compute.declared:
+        if self.compute.is_declared:
             planner["compute"] = as_dict(self.compute)
 
         description: dict[str, Any] = {
@@ -213,7 +213,7 @@ def _least_path_m(
     # position, not the odometry, decides when the robot has left and arrived.
     by_truth = protocol.clock_start_source == protocol.goal_source == "truth"
     if protocol.collision_ends_trial and by_truth:
-        outline = contact_of(chassis)
+        outline = contact_footprint(chassis)
         inside_m = -float(outline.distances(np.zeros(1), np.zeros(1))[0])
         radius_m = world.cylinder_radius_m + max(0.0, inside_m)
 
@@ -226,7 +226,7 @@ def _least_path_m(
         outside_goal = from_goal >= protocol.goal_distance_m
         centers = cylinders_m[outside_start & outside_goal]
 
-    length_m = shortest_way_m(start, goal, centers, radius_m)
+    length_m = shortest_path_bound_m(start, goal, centers, radius_m)
     length_m = length_m - protocol.clock_start_distance_m - protocol.goal_distance_m
     return max(0.0, length_m)
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from barn_eval.trials.protocol import Protocol
 from barn_worlds.base.arrays import Bools, Floats
 from barn_worlds.base.types import (
-    NANOSECONDS,
+    NANOSECONDS_PER_SECOND,
     Odometry,
     Pose2D,
     Velocity2D,
@@ -157,7 +157,7 @@ def measure_trajectory(
         if len(trajectory.truth)
         else 0.0
     )
-    duration = float(periods_ns.sum()) / NANOSECONDS
+    duration = float(periods_ns.sum()) / NANOSECONDS_PER_SECOND
     clearance = compute_clearances(trajectory.truth, cylinders_m, radius_m, outline)
     turns = np.abs((turned + np.pi) % (2.0 * np.pi) - np.pi)
     began = trajectory.contact & ~np.concatenate(([False], trajectory.contact[:-1]))
@@ -185,12 +185,13 @@ def measure_trajectory(
         mean_speed_mps=driven / duration if duration > 0.0 else None,
         min_clearance_m=float(clearance.min()) if clearance.size else None,
         mean_clearance_m=float(clearance.mean()) if clearance.size else None,
-        contact_s=float(periods_ns[trajectory.contact[1:]].sum()) / NANOSECONDS,
+        contact_s=float(periods_ns[trajectory.contact[1:]].sum())
+        / NANOSECONDS_PER_SECOND,
         contacts=int(began.sum()),
         rms_jerk_mps3=_rms_jerk(trajectory, 0),
         rotation_rad=float(turns.sum()),
         unanswered_cycles=int(np.isnan(trajectory.command[:-1]).any(axis=1).sum()),
-        near_contact_s=float(periods_ns[near].sum()) / NANOSECONDS,
+        near_contact_s=float(periods_ns[near].sum()) / NANOSECONDS_PER_SECOND,
         rms_yaw_jerk_radps3=_rms_jerk(trajectory, 1),
         speed_variation_mps=speed_sum,
         turn_variation_radps=turn_sum,
@@ -223,7 +224,7 @@ def compute_clearances(
 
 def _rms_jerk(trajectory: Trajectory, axis: int) -> float | None:
     """Return the root mean square of the second difference of the true forward speed (0) or yaw rate (1)."""
-    periods = np.diff(trajectory.stamps_ns) / NANOSECONDS
+    periods = np.diff(trajectory.stamps_ns) / NANOSECONDS_PER_SECOND
     if len(periods) < 2 or not (periods > 0.0).all():
         return None
     acceleration = np.diff(trajectory.velocity[:, axis]) / periods
@@ -273,7 +274,9 @@ def measure_encounters(
     if not world.moving:
         return None
     course = protocol.course(world)
-    times_s = (trajectory.stamps_ns - trajectory.stamps_ns[:1]) / NANOSECONDS + phase_s
+    times_s = (
+        trajectory.stamps_ns - trajectory.stamps_ns[:1]
+    ) / NANOSECONDS_PER_SECOND + phase_s
     gaps, waits = _nearness(trajectory, world.tracks, times_s, outline)
     periods_s = np.diff(times_s, prepend=times_s[:1])
     straight_m = course.start.distance(course.goal) - protocol.goal_distance_m

@@ -24,8 +24,8 @@ from barn_eval.trials.trajectory import (
 )
 from barn_planners.interface import PlannerStatus
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.types import NANOSECONDS, Odometry, Pose2D, Velocity2D
-from barn_worlds.geometry.footprint import contact_of
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Odometry, Pose2D, Velocity2D
+from barn_worlds.robots.contact import contact_footprint
 
 T = TypeVar("T")
 
@@ -66,7 +66,7 @@ def processor_wait_s(process: str | int = "self") -> float:
     try:
         return (
             int(Path(f"/proc/{process}/schedstat").read_text("ascii").split()[1])
-            / NANOSECONDS
+            / NANOSECONDS_PER_SECOND
         )
     except (OSError, IndexError, ValueError):
         return 0.0
@@ -238,7 +238,7 @@ def finish_trial(
         score_trial(verdict, spec.course, spec.protocol, spec.least_time_s),
     )
     traversal_s = scores.traversal_time_s if scores.success else None
-    outline = contact_of(spec.simulator.chassis)
+    outline = contact_footprint(spec.simulator.chassis)
     result = TrialResult(
         trial_id=spec.trial_id,
         dataset=spec.dataset,

@@ -37,7 +37,7 @@ from barn_eval.verification.rerun import (
     TrialCheck,
     TrialEvidence,
 )
-from barn_worlds.base.errors import BarnError, ConfigError, one_line
+from barn_worlds.base.errors import BarnError, ConfigError, format_error
 from barn_worlds.base.files import read_at_most
 from barn_worlds.base.text_files import parse_json, read_lines
 
@@ -276,7 +276,7 @@ def _tables(folder: Path, rows: list[TrialResult]) -> Iterator[str]:
         except FileNotFoundError:
             found = "is missing, though all trials have rows; the same command again writes it"
         except (OSError, pa.ArrowException, ValueError) as error:
-            found = one_line(error)
+            found = format_error(error)
         if found:
             yield f"{path}: {found}"
 

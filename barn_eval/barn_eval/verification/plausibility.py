@@ -13,7 +13,7 @@ from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import Trajectory, TrajectoryLog, compute_clearances
 from barn_eval.trials.trial import finish_trial
 from barn_worlds.base.config import as_dict
-from barn_worlds.geometry.footprint import contact_of
+from barn_worlds.robots.contact import contact_footprint
 
 ROUNDING = 1e-6  # m, rad, s, and relative: what other processors may compute otherwise
 JUDGED = (
@@ -147,7 +147,7 @@ def off_track(row: TrialResult, spec: TrialSpec, track: Track | None) -> Iterato
         poses,
         world.cylinders_m,
         world.cylinder_radius_m,
-        contact_of(spec.simulator.chassis),
+        contact_footprint(spec.simulator.chassis),
     )
     if (
         len(gaps)

@@ -28,22 +28,22 @@ from barn_eval.verification.plausibility import (
     off_track,
     unreasonable,
 )
-from barn_sim.body.bullet import PhysicsClient
+from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.simulator import Simulator
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.compute import NOTHING, Turnaround
+from barn_worlds.base.compute import NO_COMPUTE, CycleTimer
 from barn_worlds.base.errors import BarnError
 from barn_worlds.base.text_files import parse_json
 from barn_worlds.base.types import (
-    NANOSECONDS,
+    NANOSECONDS_PER_SECOND,
     Odometry,
     Pose2D,
     Velocity2D,
     nanoseconds,
 )
-from barn_worlds.geometry.footprint import contact_of
 from barn_worlds.messages import decode
 from barn_worlds.messages.topics import CMD_VEL, COLLISION, GROUND_TRUTH, ODOM, SCAN
+from barn_worlds.robots.contact import contact_footprint
 
 COMMANDS_NAME = "commands.jsonl"  # of a submission: what planners commanded
 _MOST_BYTES = 16_000_000  # of the commands of a trial, a million
@@ -167,7 +167,7 @@ def driven_again(spec: TrialSpec, commands: Floats) -> Driven:
     Scans and the pose on the map are not made: they have noise of their own, and nothing here depends on them.
     """
     config, instants = spec.simulator, []
-    turnaround = Turnaround(spec.compute, spec.planner_seed, spec.recorded_ns)
+    cycle_timer = CycleTimer(spec.compute, spec.planner_seed, spec.recorded_ns)
     scan_ns = config.scan_steps * nanoseconds(config.control_period_s)
     with closing(
         Simulator(spec.world, config, spec.course.start, spec.simulator_seed, _engine())
@@ -181,8 +181,8 @@ def driven_again(spec: TrialSpec, commands: Floats) -> Driven:
                     simulator.read_collision(),
                 )
             )
-            asked = not stamp_ns % scan_ns and turnaround.free(stamp_ns)
-            delay_ns = turnaround.take(stamp_ns) if asked else 0
+            asked = not stamp_ns % scan_ns and cycle_timer.is_free(stamp_ns)
+            delay_ns = cycle_timer.start_cycle(stamp_ns) if asked else 0
             if not math.isnan(command[0]):
                 instants[-1].commands = ((command[0], command[1]),)
                 simulator.command(Velocity2D(*command), delay_ns)
@@ -239,7 +239,7 @@ def checked(recorded: TrialEvidence) -> TrialCheck:
             planner_config="",
             preset=row.preset,
             declared_mps=0.0,
-            compute=NOTHING,
+            compute=NO_COMPUTE,
             compute_mode=row.compute,
         )
     elif not spec.planner_config:  # one that is not installed here
@@ -326,7 +326,7 @@ def _off(driven: Driven, simulated: Driven) -> Iterator[str]:
     there, here = (
         np.column_stack(
             [
-                one.stamps_ns / NANOSECONDS,
+                one.stamps_ns / NANOSECONDS_PER_SECOND,
                 one.truth,
                 odometry,
                 one.velocity,
@@ -354,7 +354,7 @@ def _misjudged(
         trajectory,
         world.cylinders_m,
         world.cylinder_radius_m,
-        contact_of(spec.simulator.chassis),
+        contact_footprint(spec.simulator.chassis),
     )
     if track is None or made is None:
         return

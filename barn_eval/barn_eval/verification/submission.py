@@ -24,16 +24,16 @@ from barn_eval.results.tracks import pack_arrays
 from barn_eval.running.command_files import find_parameter_files
 from barn_eval.verification.check import FolderCheck, check_folder
 from barn_eval.verification.rerun import COMMANDS_NAME, read_bag
-from barn_worlds.base.errors import ConfigError, shown
+from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.base.files import (
-    DAMAGED_ZIP,
+    ZIP_ERRORS,
     open_regular,
+    pack_zip,
     read_bytes,
-    write_whole,
-    zipped,
+    write_durably,
 )
 from barn_worlds.base.text_files import parse_json
-from barn_worlds.worlds.dataset import shipped
+from barn_worlds.datasets.dataset import dataset_files
 
 SCHEMA_VERSION = 1
 ABOUT = "submission.json"
@@ -68,7 +68,7 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
     folder, path = Path(folder), Path(path)
     if not _DIGEST.fullmatch(container):
         raise ConfigError(
-            f"container {shown(container)}: must be sha256: and 64 digits, after a name and @ if wanted"
+            f"container {format_value(container)}: must be sha256: and 64 digits, after a name and @ if wanted"
         )
     found, run = check_folder(folder), RunFile.read(folder)
     if found.problems or found.rows != found.trials:
@@ -101,15 +101,17 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
             }
     digests = {name: _digest(content) for name, content in files.items()}
     about = {"schema_version": SCHEMA_VERSION, "container": container, "files": digests}
-    write_whole(path, zipped({ABOUT: json.dumps(about, indent=1).encode(), **files}))
+    write_durably(
+        path, pack_zip({ABOUT: json.dumps(about, indent=1).encode(), **files})
+    )
     return found
 
 
 def _require_worlds(run: RunFile, folder: Path) -> None:
     dataset = run.config.get("dataset")
-    if dataset not in shipped() and dataset != str((folder / WORLDS).absolute()):
+    if dataset not in dataset_files() and dataset != str((folder / WORLDS).absolute()):
         raise ConfigError(
-            f"{run.path}: dataset {shown(dataset)} is not one that comes with the suite"
+            f"{run.path}: dataset {format_value(dataset)} is not one that comes with the suite"
         )
 
 
@@ -151,7 +153,7 @@ def verify(path: str | Path, folder: str | Path) -> tuple[FolderCheck, dict[str,
         for name in SUITE:
             if made.get(name) != here[name]:
                 raise ConfigError(
-                    f"{path}: was made with {name} {shown(made.get(name))}, this is {here[name]}"
+                    f"{path}: was made with {name} {format_value(made.get(name))}, this is {here[name]}"
                 )
     rows = RowFile(folder).read()
     if not rows or len(experiment.planners) * experiment.repetitions > len(rows):
@@ -220,13 +222,15 @@ def _unpack(path: Path, folder: Path) -> str:
                     )
                 (folder / name).parent.mkdir(exist_ok=True)
                 (folder / name).write_bytes(content)
-    except DAMAGED_ZIP as error:
+    except ZIP_ERRORS as error:
         raise ConfigError(
             f"{path}: not a submission, or a damaged one: {error}"
         ) from None
     container = about.get("container")
     if not isinstance(container, str) or not _DIGEST.fullmatch(container):
-        raise ConfigError(f"{path}: {ABOUT}: container {shown(container)} is no digest")
+        raise ConfigError(
+            f"{path}: {ABOUT}: container {format_value(container)} is no digest"
+        )
     return container
 
 
@@ -236,7 +240,7 @@ def _require_members(path: Path, members: list[zipfile.ZipInfo]) -> None:
     for name in names:
         if name not in (ABOUT, *_ALLOWED) and not _PARAMETERS.fullmatch(name):
             raise ConfigError(
-                f"{path}: holds {shown(name)}, which is no part of a submission"
+                f"{path}: holds {format_value(name)}, which is no part of a submission"
             )
     if missing := {ABOUT, *_NEEDED}.difference(names):
         raise ConfigError(f"{path}: not a submission: has no {min(missing)}")

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from barn_metrics.model.inputs import inputs_of
-from barn_metrics.model.route import CHANNELS, PRESENT, SAMPLES, mirrored
+from barn_metrics.model.route import CHANNELS, PRESENT, SAMPLES, mirror_strips
 from barn_worlds.base.arrays import Floats
-from barn_worlds.worlds.dataset import Dataset, select_worlds
+from barn_worlds.datasets.dataset import Dataset, select_worlds
 from barn_worlds.worlds.world import World
 
 Layer = tuple[Floats, Floats]  # weights and bias
@@ -45,16 +45,16 @@ class RouteNetwork:
         )
 
     def _both_ways(self, inputs: Floats) -> Floats:
-        plain, strips = divided(inputs, self.mean, self.std)
+        plain, strips = split_inputs(inputs, self.mean, self.std)
         outputs = [
             self._one_way(plain, side_by_side(way))
-            for way in (strips, mirrored(strips))
+            for way in (strips, mirror_strips(strips))
         ]
         mean: Floats = 0.5 * (outputs[0] + outputs[1])
         return mean
 
     def _one_way(self, plain: Floats, strips: Floats) -> Floats:
-        present = present_in(strips)
+        present = sample_mask(strips)
         longest = max(int(present.any(axis=(0, 2)).sum()), 1)
         values, present = strips[:, :longest], present[:, :longest]
         for (weights, bias), dilation in zip(self.filters, DILATIONS, strict=True):
@@ -77,7 +77,7 @@ def moments(values: Floats) -> tuple[Floats, Floats]:
     return values.mean(axis=0), np.where(std > 1e-9, std, 1.0)
 
 
-def divided(inputs: Floats, mean: Floats, std: Floats) -> tuple[Floats, Floats]:
+def split_inputs(inputs: Floats, mean: Floats, std: Floats) -> tuple[Floats, Floats]:
     """Return the z-scored inputs (n, d) that are no strips, and the strips (n, r, SAMPLES, CHANNELS)."""
     plain = SUMMARY_SCALE * np.clip(
         (inputs[:, : len(mean)] - mean) / std, -LARGEST_SCORE, LARGEST_SCORE
@@ -94,7 +94,7 @@ def side_by_side(strips: Floats) -> Floats:
     return np.swapaxes(strips, 1, 2).reshape(count, samples, routes * channels)
 
 
-def present_in(strips: Floats) -> Floats:
+def sample_mask(strips: Floats) -> Floats:
     """Return (n, SAMPLES, 1), 1 where any of the strips side by side has a sample."""
     present: Floats = strips[:, :, PRESENT::CHANNELS].max(axis=2, keepdims=True)
     return present
@@ -159,7 +159,7 @@ class DifficultyModel:
         """Return predictions of worlds, such as "0-49", by number, each alone, as last digits depend on company."""
         return {
             number: self.predict(dataset.load(number))
-            for number in select_worlds(worlds, dataset.indices)
+            for number in select_worlds(worlds, dataset.world_numbers)
         }
 
     def predict_inputs(self, inputs: Floats) -> list[Prediction]:

@@ -199,7 +199,7 @@ def route_strip(where: ClearanceMap, route: Route) -> Floats:
     return strip
 
 
-def mirrored(strips: Floats) -> Floats:
+def mirror_strips(strips: Floats) -> Floats:
     """Return strips (..., CHANNELS) of the same routes in mirrored worlds."""
     other: Floats = strips.copy()
     other[..., :HEADING] = strips[..., HEADING - 1 :: -1]

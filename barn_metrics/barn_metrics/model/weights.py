@@ -65,7 +65,7 @@ class _Header(Checked):
         self.require(equal, "members", "must weigh the same and add up to 1")
 
 
-def shipped_weights() -> Path:
+def default_weights() -> Path:
     """Return the file of the weights that come with the package, trained in generated worlds that are not barn300's."""
     return Path(str(resources.files("barn_metrics"))) / "data" / "difficulty.npz"
 
@@ -104,7 +104,7 @@ def save_model(model: DifficultyModel, path: Path) -> None:
 
 def load_model(path: Path | str | None = None) -> DifficultyModel:
     """Return the model of a file, or the shipped one; ModelError in one line for a file that is no sound model."""
-    where = shipped_weights() if path is None else Path(path)
+    where = default_weights() if path is None else Path(path)
     try:
         content, arrays = FORMAT.read(where)
         header = from_dict(_Header, content, f"{where}: {FORMAT.header}")

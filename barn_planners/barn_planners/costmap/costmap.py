@@ -1,26 +1,20 @@
 """Costmaps of the paper's planners by the rules of costmap_2d: obstacles marked by the lidar, inflated by the robot."""
 
-import json
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
 from barn_planners.costmap import inflation, kernels, layers
-from barn_worlds.base.config import Checked, quantity
+from barn_planners.costmap.config import (
+    LARGEST_SIDE_M,
+    MAX_CELLS,
+    CostmapConfig,
+    GlobalCostmapConfig,
+)
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import OccupancyMap, Pose2D, Scan
-from barn_worlds.geometry.polygon import (
-    Corner,
-    area,
-    contains,
-    grown,
-    hull,
-    nearest_side_m,
-)
 
 CostArray = npt.NDArray[np.uint8]
 
@@ -28,136 +22,8 @@ FREE = 0
 INSCRIBED = 253
 LETHAL = 254
 
-_MAX_CELLS = 16_000_000
-_LARGEST_M = 200.0
 _BEYOND_M = 1.0  # of the goal that lies on a global costmap without a map
 _EMPTY = (np.iinfo(np.int64).max, 0, np.iinfo(np.int64).max, 0)
-_MOST_CORNERS = 64
-_RULE = "must be corners [[x, y], ...] in m of a convex outline around base_link, counter-clockwise"
-
-
-@dataclass(frozen=True)
-class CostmapConfig(Checked):
-    """A costmap fed by a lidar; the defaults are the Jackal's local costmap."""
-
-    resolution_m: float = quantity(0.05, "side of a cell", "m", 0.005, 1.0)
-    size_m: float = quantity(
-        10.0, "side of the square around the robot", "m", 1.0, 200.0
-    )
-    footprint_half_length_m: float = quantity(
-        0.21, "half the robot's length", "m", 0.01, 5.0
-    )
-    footprint_half_width_m: float = quantity(
-        0.165, "half the robot's width", "m", 0.01, 5.0
-    )
-    footprint_padding_m: float = quantity(
-        0.1, "padding of the footprint on every side", "m", -0.1, 2.0
-    )
-    inscribed_radius_m: float = quantity(
-        0.0, "cells so near obstacles cost 253; 0: the footprint's", "m", minimum=0.0
-    )
-    inflation_radius_m: float = quantity(
-        0.30, "cells further from any obstacle cost nothing", "m", minimum=0.0
-    )
-    cost_scaling_per_m: float = quantity(
-        10.0, "rate at which the cost falls beyond the inscribed radius", "1/m"
-    )
-    soft_costs: bool = quantity(
-        True,
-        "give cells between the inscribed and the inflation radius a cost below 253",
-    )
-    obstacle_range_m: float = quantity(
-        2.5, "hits nearer than this are marked", "m", 0.0, 100.0
-    )
-    raytrace_range_m: float = quantity(
-        3.0, "rays clear up to this distance", "m", 0.0, 100.0
-    )
-    clear_footprint: bool = quantity(True, "clear the cells of the padded footprint")
-    recentre_cells: int = quantity(
-        1, "cells that the robot moves before the grid follows", "", 1, 1000
-    )
-    as_costmap_2d: bool = quantity(
-        False,
-        "true: rays, footprint and window are costmap_2d's (a quirk)",
-        optional=True,
-    )
-    inflates_by_front: bool = quantity(
-        False, "true: cost by the front that comes first (a slow quirk)", optional=True
-    )
-    footprint: str = quantity(
-        "",
-        "convex outline [[x, y], ...] in place of the half sizes",
-        "m",
-        optional=True,
-    )
-    clockwise_outline: bool = quantity(
-        False, "true: the footprint is drawn clockwise (a quirk)", optional=True
-    )
-
-    @property
-    def inscribed_m(self) -> float:
-        """The radius up to which a cell costs 253."""
-        return self.inscribed_radius_m or self._padded_inscribed_m
-
-    @property
-    def _padded_inscribed_m(self) -> float:
-        corners = self.padded_outline_m
-        return (
-            nearest_side_m(corners.tolist())
-            if self.footprint
-            else float(corners[0].min())
-        )
-
-    @cached_property
-    def padded_outline_m(self) -> npt.NDArray[np.float64]:
-        """Corners (n, 2) of the padded footprint, counter-clockwise; those of a rectangle begin with the front left."""
-        padding_m = self.footprint_padding_m
-        corners = corners_of(self.footprint)
-        if corners:
-            return np.array(grown(corners, padding_m))
-        return rectangle(
-            self.footprint_half_length_m + padding_m,
-            self.footprint_half_width_m + padding_m,
-        )
-
-    @property
-    def circumscribed_m(self) -> float:
-        """The distance from the robot's centre to the furthest corner of the padded footprint."""
-        return max(math.hypot(x, y) for x, y in self.padded_outline_m.tolist())
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.require(
-            not self.footprint or corners_of(self.footprint) is not None,
-            "footprint",
-            _RULE,
-        )
-        self.require(
-            self._padded_inscribed_m > 0.0,
-            "footprint_padding_m",
-            "must leave a footprint",
-        )
-        few = f"must make at most {_MAX_CELLS} cells of {self.resolution_m:g} m"
-        self.require(
-            (self.size_m / self.resolution_m) ** 2 <= _MAX_CELLS, "size_m", few
-        )
-
-
-@dataclass(frozen=True)
-class GlobalCostmapConfig(CostmapConfig):
-    """The costmap of the global plan; without a map it rolls along with the robot."""
-
-    size_m: float = quantity(
-        40.0, "side of the square without a map, or larger", "m", 1.0, _LARGEST_M
-    )
-    recentre_cells: int = quantity(
-        50, "cells that the robot moves before the grid follows", "", 1, 1000
-    )
-    static_layer: bool = quantity(True, "use the obstacles of the map, if there is one")
-    lidar_marks: bool = quantity(True, "mark what the lidar sees, even with a map")
-    map_resolution: bool = quantity(
-        False, "use the map's resolution instead of resolution_m"
-    )
 
 
 class Beams:
@@ -196,9 +62,9 @@ class Costmap:
         resolution: float,
         origin: tuple[float, float],
     ):
-        if rows * cols > _MAX_CELLS:
+        if rows * cols > MAX_CELLS:
             raise ConfigError(
-                f"a costmap must have at most {_MAX_CELLS} cells, got {rows} x {cols}"
+                f"a costmap must have at most {MAX_CELLS} cells, got {rows} x {cols}"
             )
         self.config = config
         self.resolution = resolution
@@ -409,12 +275,6 @@ class MapCostmap(Costmap):
             super().update(pose, scan, lidar)
 
 
-def rectangle(half_length_m: float, half_width_m: float) -> npt.NDArray[np.float64]:
-    """Return the corners (4, 2) of a rectangle around base_link, front left first, counter-clockwise."""
-    x, y = half_length_m, half_width_m
-    return np.array([[x, y], [-x, y], [-x, -y], [x, -y]])
-
-
 def global_costmap(
     config: GlobalCostmapConfig, known: OccupancyMap | None, goal: Pose2D
 ) -> Costmap:
@@ -427,8 +287,8 @@ def global_costmap(
         + _BEYOND_M
     )
     within_limits = (
-        2.0 * reach_m <= _LARGEST_M
-        and (2.0 * reach_m / config.resolution_m) ** 2 <= _MAX_CELLS
+        2.0 * reach_m <= LARGEST_SIDE_M
+        and (2.0 * reach_m / config.resolution_m) ** 2 <= MAX_CELLS
     )
     return RollingCostmap(
         replace(config, size_m=max(config.size_m, 2.0 * reach_m))
@@ -470,25 +330,3 @@ def squares_for(by_square: CostArray) -> npt.NDArray[np.unsignedinteger]:
         if 2 * squares[-1] <= np.iinfo(np.uint16).max
         else squares
     )
-
-
-def text_of(corners: Sequence[Corner]) -> str:
-    """Return corners as `corners_of` reads them, like Nav2's parameter `footprint`, to a tenth of a millimetre."""
-    return json.dumps([[round(x, 4), round(y, 4)] for x, y in corners])
-
-
-def corners_of(text: str) -> tuple[Corner, ...] | None:
-    """Return the corners of a convex outline around the origin, counter-clockwise; None if a text is none."""
-    try:
-        corners = tuple((float(x), float(y)) for x, y in json.loads(text))
-    except (TypeError, ValueError):
-        return None
-    finite = all(math.isfinite(x) and math.isfinite(y) for x, y in corners)
-    if not (
-        finite
-        and 3 <= len(corners) <= _MOST_CORNERS
-        and area(corners) > 0.0
-        and contains(corners, (0.0, 0.0))
-    ):
-        return None
-    return corners if set(hull(corners)) == set(corners) else None

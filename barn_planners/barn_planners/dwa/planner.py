@@ -21,7 +21,7 @@ from barn_planners.navigation.loop import (
     NavigationPlanner,
 )
 from barn_planners.registry import PlannerEntry
-from barn_planners.robots import fitted
+from barn_planners.robots import fit_to_robot
 from barn_worlds.base.compute import Compute
 from barn_worlds.base.config import read_presets
 from barn_worlds.base.types import Pose2D, Velocity2D
@@ -244,6 +244,6 @@ ENTRY = PlannerEntry(
     lambda config: NavigationPlanner(config, DwaController(config.dwa)),
     read_presets("barn_planners", "presets/dwa.yaml", DwaPlannerConfig()),
     "dynamic window approach of the paper's trials",
-    fitted,
+    fit_to_robot,
     compute=Compute(delay_s=0.0005),
 )

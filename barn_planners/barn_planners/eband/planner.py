@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from barn_planners.costmap.costmap import INSCRIBED, LETHAL, Costmap, CostmapConfig
+from barn_planners.costmap.config import CostmapConfig
+from barn_planners.costmap.costmap import INSCRIBED, LETHAL, Costmap
 from barn_planners.eband import forces, kernels
 from barn_planners.eband.config import EBandConfig, EBandPlannerConfig
 from barn_planners.global_plan.planner import visible_slice
@@ -16,7 +17,7 @@ from barn_planners.navigation.loop import (
     NavigationPlanner,
 )
 from barn_planners.registry import PlannerEntry
-from barn_planners.robots import fitted
+from barn_planners.robots import fit_to_robot
 from barn_worlds.base.compute import Compute
 from barn_worlds.base.config import read_presets
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D, wrap_angle
@@ -248,6 +249,6 @@ ENTRY = PlannerEntry(
     lambda config: NavigationPlanner(config, EBandController(config.band)),
     read_presets("barn_planners", "presets/eband.yaml", EBandPlannerConfig()),
     "elastic band of Quinlan and Khatib for a differential drive, as in the paper's trials",
-    fitted,
+    fit_to_robot,
     compute=Compute(delay_s=0.0005),
 )

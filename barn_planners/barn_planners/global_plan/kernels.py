@@ -270,7 +270,7 @@ def visible_points(plan, x, y, radius):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def passed_points(plan, x, y, keep):  # type: ignore[no-untyped-def]
+def count_passed_points(plan, x, y, keep):  # type: ignore[no-untyped-def]
     """Return the number of points of a plan (n, 2 or more) before the first one nearer than `keep`; all if none is."""
     for k in range(len(plan)):
         if math.hypot(plan[k, 0] - x, plan[k, 1] - y) < keep:

@@ -203,7 +203,7 @@ def _inner_cell(pose: Pose2D, costmap: Costmap) -> tuple[int, int] | None:
     )
 
 
-def moved_plan(plan: FloatArray, frame: Pose2D) -> FloatArray:
+def transform_plan(plan: FloatArray, frame: Pose2D) -> FloatArray:
     """Return a plan (n, 3), which is relative to `frame`, in the frame that `frame` is given in."""
     moved = np.empty_like(plan)
     moved[:, :2] = frame.transform(plan[:, :2])
@@ -217,7 +217,7 @@ def visible_slice(plan: FloatArray, pose: Pose2D, radius_m: float) -> slice:
     return slice(first, end)
 
 
-def passed_points(plan: FloatArray, pose: Pose2D, keep_m: float) -> int:
+def count_passed_points(plan: FloatArray, pose: Pose2D, keep_m: float) -> int:
     """Return the number of points before the first one nearer than `keep_m` to the pose; all if there is none."""
-    passed: int = kernels.passed_points(plan, pose.x, pose.y, keep_m)
+    passed: int = kernels.count_passed_points(plan, pose.x, pose.y, keep_m)
     return passed

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from barn_planners.costmap.costmap import CostmapConfig, GlobalCostmapConfig
+from barn_planners.costmap.config import CostmapConfig, GlobalCostmapConfig
 from barn_planners.navigation.loop import NavigationConfig
 from barn_worlds.base.config import Checked, quantity
 

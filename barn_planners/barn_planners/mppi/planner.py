@@ -20,19 +20,20 @@ import math
 
 import numpy as np
 
-from barn_planners.costmap.costmap import INSCRIBED, Costmap, CostmapConfig
+from barn_planners.costmap.config import CostmapConfig
+from barn_planners.costmap.costmap import INSCRIBED, Costmap
 from barn_planners.interface import FloatArray, PlannerView
 from barn_planners.mppi import kernels, sampling
 from barn_planners.mppi.config import MppiConfig, MppiPlannerConfig
-from barn_planners.navigation.guard import ProgressCheck
 from barn_planners.navigation.loop import (
     Control,
     ControlInput,
     Controller,
     NavigationPlanner,
 )
+from barn_planners.navigation.progress import ProgressCheck
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
-from barn_planners.robots import fitted
+from barn_planners.robots import fit_to_robot
 from barn_worlds.base.compute import Compute
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D, wrap_angle
 
@@ -84,7 +85,7 @@ class MppiController(Controller):
             and abs(wrap_angle(goal.yaw - pose.yaw)) <= config.yaw_tolerance_rad
         ):
             return Control(STOP, goal_reached=True)
-        if self._progress.stuck(inputs.stamp_ns, pose):
+        if self._progress.is_stuck(inputs.stamp_ns, pose):
             self._forget()
             return Control(
                 None,
@@ -290,6 +291,6 @@ ENTRY = PlannerEntry(
     lambda config: NavigationPlanner(config, MppiController(config.mppi)),
     {ANY_PROTOCOL: MppiPlannerConfig()},
     "model predictive path integral, after Nav2's",
-    fitted,
+    fit_to_robot,
     compute=Compute(delay_s=0.002),
 )

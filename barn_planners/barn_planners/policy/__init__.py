@@ -1,1 +1,1 @@
-"""Learned policies."""
+"""Learned policies: their files, observations and actions, and the planner that uses them."""

@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 from typing_extensions import Self
 
-from barn_sim.body.bullet import PhysicsClient, bullet
 from barn_sim.body.model import model_of
 from barn_sim.config import LidarConfig
+from barn_sim.contact.bullet import PhysicsClient, bullet
 from barn_sim.drawing.robot_parts import RobotPart, robot_parts
 from barn_worlds.base.arrays import Floats, Points
 from barn_worlds.base.errors import ConfigError, suggest

@@ -23,14 +23,14 @@ from collections import deque
 
 import numpy as np
 
-from barn_sim.body.body import Body
-from barn_sim.body.bullet import PhysicsClient
 from barn_sim.body.drive import DriveController
 from barn_sim.body.model import model_of
-from barn_sim.body.movers import Movers
-from barn_sim.body.obstacles import Obstacles, tick_gap_m
+from barn_sim.body.state import Fleet
 from barn_sim.config import SimulatorConfig
-from barn_sim.motion.state import Fleet
+from barn_sim.contact.bullet import PhysicsClient
+from barn_sim.contact.movers import Movers
+from barn_sim.contact.obstacles import Obstacles, tick_gap_m
+from barn_sim.contact.robot_body import Body
 from barn_sim.motion.ticks import Push, advance, free_tick, motion_of
 from barn_sim.sensors.odometry import FusedOdometry
 from barn_worlds.base.arrays import Floats

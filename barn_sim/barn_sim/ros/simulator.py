@@ -29,7 +29,7 @@ from barn_sim.ros.topics import CommandInput, Outputs, diagnosis
 from barn_sim.ros.trial import SimulatedTrial, begin
 from barn_sim.simulator import warm_up
 from barn_worlds.base.errors import BarnError
-from barn_worlds.base.types import NANOSECONDS, Velocity2D, nanoseconds
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Velocity2D, nanoseconds
 from barn_worlds.messages.topics import SIMULATOR_DIAGNOSTICS
 from barn_worlds.robots.files import load_robot
 from barn_worlds.ros.parameters import check_with, current, declare, warn_of_unknown
@@ -161,7 +161,7 @@ class SimulatorNode(Node):
         trial.simulator.advance(ticks)
         self._outputs.publish(trial.due_readings())
         now_s, factor = time.monotonic(), config.real_time_factor
-        lasts_s = ticks * config.tick_ns / NANOSECONDS
+        lasts_s = ticks * config.tick_ns / NANOSECONDS_PER_SECOND
         self._due_s = (
             now_s
             if factor == 0.0

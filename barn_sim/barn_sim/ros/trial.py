@@ -6,18 +6,18 @@ from dataclasses import dataclass, replace
 from barn_sim.config import RunConfig, SimulatorNodeConfig
 from barn_sim.messages import SimulatorMessages
 from barn_sim.simulator import Simulator
-from barn_worlds.base.compute import Turnaround
-from barn_worlds.base.types import NANOSECONDS, Velocity2D, nanoseconds
+from barn_worlds.base.compute import CycleTimer
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Velocity2D, nanoseconds
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.messages.topics import SCAN, Outgoing
 from barn_worlds.robots.files import load_robot
-from barn_worlds.worlds.dataset import open_dataset
 
 
 @dataclass
 class SimulatedTrial:
     """A simulator whose time 0 is `origin_ns` of the clock, and its messages.
 
-    turnaround: when, in lockstep, the planner is asked and its commands take effect. published: whether the readings of
+    cycle_timer: when, in lockstep, the planner is asked and its commands take effect. published: whether the readings of
     this instant are; asked: whether the planner is to answer them. answer: the command for them; last: the last one
     that came; missed: how often lockstep got none in time; extra: commands that arrived when none was expected.
     """
@@ -27,7 +27,7 @@ class SimulatedTrial:
     messages: SimulatorMessages
     origin_ns: int
     world_name: str
-    turnaround: Turnaround
+    cycle_timer: CycleTimer
     published: bool = False
     asked: bool = True
     answer: Velocity2D | None = None
@@ -53,14 +53,16 @@ class SimulatedTrial:
         scanned = sensors.scan.stamp_ns == sensors.stamp_ns
         self.published, self.asked = (
             True,
-            scanned and self.turnaround.free(self.simulator.stamp_ns),
+            scanned and self.cycle_timer.is_free(self.simulator.stamp_ns),
         )
         found = self.messages.sensors(sensors, self.now_ns)
         return (one for one in found if self.asked or one.topic is not SCAN)
 
     def step(self) -> None:
         """Advance one control period with the answer to the readings, when that takes effect."""
-        delay_ns = self.turnaround.take(self.simulator.stamp_ns) if self.asked else 0
+        delay_ns = (
+            self.cycle_timer.start_cycle(self.simulator.stamp_ns) if self.asked else 0
+        )
         command, self.answer = self.answer, None
         self.simulator.step(command, delay_ns)
         self.published = False
@@ -73,8 +75,8 @@ class SimulatedTrial:
         odometry = simulator.read_odometry()
         yield messages.clock(now_ns)
         if scanned:
-            yield messages.localisation(
-                simulator.read_localisation(odometry.pose), odometry.pose, now_ns
+            yield messages.localization(
+                simulator.read_localization(odometry.pose), odometry.pose, now_ns
             )
         if self._ends(self.config.odometry.rate_hz):
             yield messages.odometry(odometry, now_ns)
@@ -103,7 +105,7 @@ class SimulatedTrial:
             f"{number} {name.replace('_', ' ')}"
             for name, number in self.counts().items()
         )
-        return f"{self.simulator.stamp_ns / NANOSECONDS:.2f} s simulated, {counts}"
+        return f"{self.simulator.stamp_ns / NANOSECONDS_PER_SECOND:.2f} s simulated, {counts}"
 
 
 def begin(
@@ -115,8 +117,8 @@ def begin(
     simulator = Simulator(world, config, config.start, config.seed)
     scan_period_s = None if node.lockstep else 1.0 / config.lidar.rate_hz
     messages = SimulatorMessages(config, node.frames, scan_period_s, config.start)
-    origin_ns = (before_ns // NANOSECONDS + 1) * NANOSECONDS
-    turnaround = Turnaround(config.compute, config.compute_seed)
+    origin_ns = (before_ns // NANOSECONDS_PER_SECOND + 1) * NANOSECONDS_PER_SECOND
+    cycle_timer = CycleTimer(config.compute, config.compute_seed)
     return SimulatedTrial(
-        config, simulator, messages, origin_ns, world.name, turnaround
+        config, simulator, messages, origin_ns, world.name, cycle_timer
     )

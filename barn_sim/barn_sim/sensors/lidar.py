@@ -13,12 +13,12 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from barn_sim.body.state import Record, Records
 from barn_sim.config import LidarConfig
-from barn_sim.motion.state import Record, Records
 from barn_sim.sensors.odometry import wrap
 from barn_worlds.base.arrays import Integers
-from barn_worlds.base.types import NANOSECONDS, Pose2D, Scan
-from barn_worlds.geometry.kernels import enters
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Pose2D, Scan
+from barn_worlds.geometry.kernels import entry_time
 
 Array = npt.NDArray[np.float64]
 Singles = npt.NDArray[np.float32]
@@ -58,7 +58,10 @@ class Lidar:
         turn_s = spread / (2.0 * math.pi * config.rate_hz)
         # of each beam, before the last one; only whoever sweeps has the others earlier
         self.ages_ns = (
-            NANOSECONDS * turn_s * np.linspace(1.0, 0.0, config.beams) * config.sweeps
+            NANOSECONDS_PER_SECOND
+            * turn_s
+            * np.linspace(1.0, 0.0, config.beams)
+            * config.sweeps
         )
         self._ranges = np.empty(config.beams)
 
@@ -449,7 +452,7 @@ def _cast_box(
         for beam in range(first, last + 1):
             bx = turn_c * directions[beam, 0] - turn_s * directions[beam, 1]
             by = turn_s * directions[beam, 0] + turn_c * directions[beam, 1]
-            ranges[beam] = min(ranges[beam], enters(ox, oy, bx, by, half_x, half_y))
+            ranges[beam] = min(ranges[beam], entry_time(ox, oy, bx, by, half_x, half_y))
 
 
 @njit(cache=True, error_model="numpy")

@@ -5,8 +5,8 @@ import math
 from numba import njit
 from numpy.random import Generator
 
+from barn_sim.body.state import Fleet, Record, Records
 from barn_sim.config import OdometryConfig
-from barn_sim.motion.state import Fleet, Record, Records
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import Odometry, Pose2D, Velocity2D, nanoseconds
 

@@ -16,7 +16,7 @@ from functools import cache
 import numpy as np
 from numba import njit
 
-from barn_sim.config import LocalisationConfig
+from barn_sim.config import LocalizationConfig
 from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.types import OccupancyMap, Pose2D, Scan, nanoseconds, wrap_angle
 
@@ -29,12 +29,12 @@ _KLD_ERROR, _KLD_Z = 0.05, 0.99
 _CLOSE_M = 0.01  # a step shorter than this has no direction
 
 
-class ParticleLocalisation:
+class ParticleLocalization:
     """A particle filter; the correction from odom to map changes only when the robot has moved or turned enough."""
 
     def __init__(
         self,
-        config: LocalisationConfig,
+        config: LocalizationConfig,
         rng: np.random.Generator,
         known: OccupancyMap,
         start: Pose2D,
@@ -193,7 +193,7 @@ class ParticleLocalisation:
         return Pose2D(float(chosen[:, 0].mean()), float(chosen[:, 1].mean()), yaw)
 
 
-def has_moved(config: LocalisationConfig, last: Pose2D, odometry: Pose2D) -> bool:
+def has_moved(config: LocalizationConfig, last: Pose2D, odometry: Pose2D) -> bool:
     """Tell whether the robot has moved or turned enough for a new correction."""
     turned = abs(wrap_angle(odometry.yaw - last.yaw))
     return (

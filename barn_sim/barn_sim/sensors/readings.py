@@ -17,7 +17,7 @@ class Joints:
 class Sensors:
     """All readings of one instant; poses have been converted to a quaternion and back, as in messages.
 
-    odometry: in the odom frame, which starts at the robot's start pose; truth: in the map frame; localisation: the
+    odometry: in the odom frame, which starts at the robot's start pose; truth: in the map frame; localization: the
     robot's estimate of its pose in the map frame; collision: contact with an obstacle since the last reading.
     """
 
@@ -25,6 +25,6 @@ class Sensors:
     odometry: Odometry
     scan: Scan
     truth: Odometry
-    localisation: Pose2D
+    localization: Pose2D
     collision: bool
     joints: Joints

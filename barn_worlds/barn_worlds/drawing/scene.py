@@ -28,7 +28,7 @@ from barn_worlds.worlds.scene import TrialScene
 _LEAST_TOP_MPS = 0.5  # of the scale of speeds
 
 
-def discs(
+def draw_discs(
     axes: Axes, centres_m: npt.NDArray[np.floating], radii_m: npt.ArrayLike, **look: Any
 ) -> EllipseCollection:
     """Draw discs around centres (n, 2); radii_m: one for all, or (n,)."""
@@ -43,7 +43,7 @@ def discs(
     return ellipses
 
 
-def circles(centres_m: Points, radii_m: npt.ArrayLike) -> list[Points]:
+def circle_outlines(centres_m: Points, radii_m: npt.ArrayLike) -> list[Points]:
     """Return the outlines (k, 2) of discs around centres (n, 2); radii_m: one for all, or (n,)."""
     turns = np.linspace(0.0, 2.0 * math.pi, 41)
     around = np.column_stack([np.cos(turns), np.sin(turns)])
@@ -58,8 +58,8 @@ def draw_scene(axes: Axes, scene: TrialScene, *, faint: bool = False) -> None:
     """
     if len(scene.boxes.poses):
         axes.add_collection(PolyCollection(scene.boxes.outlines(), facecolor=WALL))
-    discs(axes, scene.walls_m, scene.radius_m, facecolor=FAINT if faint else WALL)
-    discs(
+    draw_discs(axes, scene.walls_m, scene.radius_m, facecolor=FAINT if faint else WALL)
+    draw_discs(
         axes, scene.obstacles_m, scene.radius_m, facecolor=FAINT if faint else OBSTACLE
     )
     look: dict[str, Any] = {"color": FAINT, "linestyle": "--", "linewidth": 1.4}
@@ -147,7 +147,7 @@ def scale_speeds(axes: Axes, trails: Sequence[LineCollection]) -> None:
     )
 
 
-def ways(tracks: Tracks, times_s: Floats) -> list[Points]:
+def motion_paths(tracks: Tracks, times_s: Floats) -> list[Points]:
     """Return where moving obstacles are over times at equal steps, pieces (k, 2) between their jumps."""
     positions, velocities = tracks.over(times_s)
     if len(times_s) < 2:
@@ -162,7 +162,7 @@ def ways(tracks: Tracks, times_s: Floats) -> list[Points]:
     ]
 
 
-def draw_ways(axes: Axes, pieces: Sequence[Points], **look: Any) -> None:
+def draw_motion_paths(axes: Axes, pieces: Sequence[Points], **look: Any) -> None:
     """Draw where moving obstacles go, pieces (k, 2)."""
     axes.add_collection(
         LineCollection(list(pieces), colors=MOVER, linewidths=0.8, **look)

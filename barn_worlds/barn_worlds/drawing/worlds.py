@@ -21,7 +21,13 @@ from barn_worlds.base.files import write_bytes
 from barn_worlds.base.types import Pose2D
 from barn_worlds.drawing import palette
 from barn_worlds.drawing.files import gif_bytes
-from barn_worlds.drawing.scene import discs, draw_arrow, draw_scene, draw_ways, ways
+from barn_worlds.drawing.scene import (
+    draw_arrow,
+    draw_discs,
+    draw_motion_paths,
+    draw_scene,
+    motion_paths,
+)
 from barn_worlds.geometry.bodies import moving_bodies, wall_bodies
 from barn_worlds.moving.tracks import Tracks
 from barn_worlds.worlds import cells as geometry
@@ -128,8 +134,8 @@ def _figure(
         origin="lower",
         interpolation="nearest",
     )
-    hollow = world.cell_centres_m(np.argwhere(geometry.hollow(world.grid)))
-    discs(axes, hollow, world.cylinder_radius_m, color=palette.HOLLOW)
+    hollow = world.cell_centers_m(np.argwhere(geometry.hollow_cells(world.grid)))
+    draw_discs(axes, hollow, world.cylinder_radius_m, color=palette.HOLLOW)
     draw_scene(axes, scene)
     if world.grid.any():
         axes.scatter(
@@ -168,7 +174,9 @@ def _draw_moving(
         times_s = np.linspace(
             0.0, length_s, max(2, math.ceil(length_s / _TRACK_STEP_S)), endpoint=False
         )
-        draw_ways(axes, list(map(onto, ways(tracks, times_s))), alpha=0.6)
+        draw_motion_paths(
+            axes, list(map(onto, motion_paths(tracks, times_s))), alpha=0.6
+        )
         for time_s in times_s[
             np.linspace(0, len(times_s) - 1, arrows + 2)[1:-1].astype(int)
         ].tolist():

@@ -148,7 +148,7 @@ def grid_of(centres: Points, radii: list[float], where: str) -> tuple[BoolGrid, 
             f"{where}: a cylinder at {centres[np.abs(centres).argmax() // 2].tolist()} m is too far out"
         )
     cells = geometry.containing_cells(centres, rows, resolution_m)
-    off = np.abs(geometry.cell_centres(cells, rows, resolution_m) - centres).max(axis=1)
+    off = np.abs(geometry.cell_centers(cells, rows, resolution_m) - centres).max(axis=1)
     outside = (cells[:, 0] >= rows) | (off > OFF_GRID_M)
     if outside.any():
         place = centres[np.argmax(outside)].tolist()
@@ -178,7 +178,7 @@ def _check_containment(
     there, expected = (set(map(tuple, some.tolist())) for some in (cells, containment))
     for cell in sorted(there - expected) + (sorted(expected - there) if there else []):
         place = (
-            geometry.cell_centres(np.array([cell]), rows, resolution_m)[0]
+            geometry.cell_centers(np.array([cell]), rows, resolution_m)[0]
             .round(6)
             .tolist()
         )
@@ -269,6 +269,6 @@ def fill_hollow(shown: BoolGrid, free: tuple[int, int] | None = None) -> BoolGri
             slice(max(0, int(at.min()) - 2), int(at.max()) + 3) for at in gap
         )
         grid[gap] = True
-        if (geometry.hollow(grid[around]) & shown[around]).any():
+        if (geometry.hollow_cells(grid[around]) & shown[around]).any():
             grid[gap] = False
     return grid

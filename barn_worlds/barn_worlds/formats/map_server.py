@@ -17,7 +17,7 @@ from barn_worlds.base.config import (
     quantity,
     required,
 )
-from barn_worlds.base.errors import ConfigError, WorldError, one_line
+from barn_worlds.base.errors import ConfigError, WorldError, format_error
 from barn_worlds.base.files import read_bytes, write_bytes
 from barn_worlds.base.text_files import parse_yaml
 from barn_worlds.base.types import OccupancyMap
@@ -178,7 +178,7 @@ def _read_image(path: Path) -> Floats:
     ) as error:  # the library raises errors of any kind for malformed bytes
         kinds = ", ".join(_IMAGE_FORMATS)
         raise WorldError(
-            f"{path}: not an image that can be read ({kinds}): {one_line(error)}"
+            f"{path}: not an image that can be read ({kinds}): {format_error(error)}"
         ) from None
     grey: Floats = pixels.mean(axis=2) if pixels.ndim == 3 else pixels
     return grey

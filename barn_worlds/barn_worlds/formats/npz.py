@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from barn_worlds.base.errors import ConfigError, WorldError, one_line, shown
-from barn_worlds.base.files import DAMAGED_ZIP, read_bytes, write_bytes, zipped
+from barn_worlds.base.errors import ConfigError, WorldError, format_error, format_value
+from barn_worlds.base.files import ZIP_ERRORS, pack_zip, read_bytes, write_bytes
 from barn_worlds.base.text_files import parse_json
 
 LARGEST_NPY = 64 * 1024 * 1024
@@ -44,7 +44,7 @@ def parse_npy(content: bytes, where: str) -> npt.NDArray[Any]:
         array = np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
     except _NO_ARRAY as error:
         raise WorldError(
-            f"{where}: not a .npy file of numbers: {one_line(error)}"
+            f"{where}: not a .npy file of numbers: {format_error(error)}"
         ) from None
     if array.dtype.kind not in "biuf":
         raise WorldError(
@@ -88,7 +88,7 @@ class NpzFormat:
             self.header: text.encode(),
             **{f"{name}.npy": to_npy(array) for name, array in arrays.items()},
         }
-        write_bytes(path, zipped(members))
+        write_bytes(path, pack_zip(members))
         return text
 
     def read(self, path: Path) -> tuple[dict[str, Any], Arrays]:
@@ -105,9 +105,9 @@ class NpzFormat:
                         f"{path}: unpacks to more than the allowed {self.largest} bytes"
                     )
                 contents = {name: archive.read(name) for name in archive.namelist()}
-        except DAMAGED_ZIP as error:
+        except ZIP_ERRORS as error:
             raise WorldError(
-                f"{path}: not {self.what}, or a damaged one: {one_line(error)}"
+                f"{path}: not {self.what}, or a damaged one: {format_error(error)}"
             ) from None
         if self.header not in contents:
             raise WorldError(f"{path}: not {self.what}: it has no {self.header}")
@@ -119,7 +119,7 @@ class NpzFormat:
         if version not in (self.schema, *self.newer) or isinstance(version, bool):
             known = " or ".join(map(str, (self.schema, *self.newer)))
             raise WorldError(
-                f"{path}: schema version must be {known}, got {shown(version)}"
+                f"{path}: schema version must be {known}, got {format_value(version)}"
             )
         arrays = {
             name.removesuffix(".npy"): parse_npy(data, f"{path}: {name:.60}")

@@ -8,14 +8,14 @@ import numpy as np
 
 from barn_worlds.base.arrays import BoolGrid, Floats
 from barn_worlds.base.errors import WorldError
-from barn_worlds.base.files import new_folder, write_bytes
+from barn_worlds.base.files import create_folder, write_bytes
 from barn_worlds.formats import gazebo, map_server
 from barn_worlds.formats.npz import read_npy, to_npy
 from barn_worlds.formats.single import STANDARD_RESOLUTION_M, world_of
 from barn_worlds.robots.files import STANDARD
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.cspace import configuration_space
-from barn_worlds.worlds.world import World, checked_grid
+from barn_worlds.worlds.world import World, validate_grid
 
 LARGEST_FOOTPRINT_TRIED = 41
 
@@ -60,7 +60,7 @@ def read_world(folder: Path, index: int, robot: Robot = STANDARD) -> World:
             if about.is_file()
             else STANDARD_RESOLUTION_M
         )
-        grid = checked_grid(read_npy(path), str(path))
+        grid = validate_grid(read_npy(path), str(path))
     else:
         packed, plain = (
             folder / "world_files" / f"world_{index}.world{end}" for end in (".gz", "")
@@ -93,7 +93,7 @@ def write_original(
     """
     from barn_worlds.formats.sdf import write_sdf  # noqa: PLC0415 (loads the standard library's clients of the web)
 
-    with new_folder(folder) as target:
+    with create_folder(folder) as target:
         for index, world in worlds.items():
             for kind in ("grid", "cspace", "path"):
                 content = to_npy(getattr(world, kind).astype(np.int64))
@@ -116,7 +116,7 @@ def _footprint(path: Path, grid: BoolGrid, standard: int) -> int:
     """Return the footprint in cells that reproduces a stored C-space; the standard one if none is stored."""
     if not path.is_file():
         return standard
-    cspace = checked_grid(read_npy(path), str(path))
+    cspace = validate_grid(read_npy(path), str(path))
     side: int
     for side in (standard, *range(1, LARGEST_FOOTPRINT_TRIED + 1, 2)):
         if np.array_equal(configuration_space(grid, side), cspace):

@@ -11,11 +11,11 @@ import numpy.typing as npt
 
 import barn_worlds
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.errors import ConfigError, WorldError, one_line
-from barn_worlds.base.files import LARGEST_FILE, write_bytes
+from barn_worlds.base.errors import ConfigError, WorldError, format_error
+from barn_worlds.base.files import LARGEST_FILE_BYTES, write_bytes
 from barn_worlds.formats.npz import Arrays, NpzFormat
 from barn_worlds.moving.motion import KINDS, SHAPES, Motion, MovingObstacle, Wall
-from barn_worlds.worlds.course import course_of
+from barn_worlds.worlds.course import parse_course
 from barn_worlds.worlds.world import LARGEST_SIDE, Provenance, World
 
 _WITH_SCENES = 2  # the schema of data sets in which anything is no static world; it has the arrays of `_scenes` as well
@@ -23,7 +23,7 @@ FORMAT = NpzFormat(
     "a data set of the suite",
     "manifest.json",
     1,
-    LARGEST_FILE,
+    LARGEST_FILE_BYTES,
     1 << 29,
     newer=(_WITH_SCENES,),
 )
@@ -68,7 +68,7 @@ class OwnFile:
             ValueError,
             OverflowError,
         ) as error:
-            raise WorldError(f"{where} is damaged: {one_line(error)}") from None
+            raise WorldError(f"{where} is damaged: {format_error(error)}") from None
         if not same:
             raise WorldError(
                 f"{where} is damaged: its checksum is not that of the manifest"
@@ -104,7 +104,7 @@ class OwnFile:
                 if self.manifest["schema"] == _WITH_SCENES
                 else ((), (), None)
             ),
-            *(course_of(about["course"], "course") if "course" in about else ()),
+            *(parse_course(about["course"], "course") if "course" in about else ()),
         )
 
     def _scene(self, position: int, names: Sequence[str]) -> tuple[Any, ...]:

@@ -11,10 +11,10 @@ from barn_worlds.formats import gazebo, map_server, moving_ai, world_yaml
 from barn_worlds.formats.npz import read_npy
 from barn_worlds.robots.files import STANDARD
 from barn_worlds.robots.robot import Robot
-from barn_worlds.worlds.course import course_of, open_world, with_course
+from barn_worlds.worlds.course import build_world, parse_course, plan_course
 from barn_worlds.worlds.cspace import configuration_space
 from barn_worlds.worlds.path_planner import plan_through
-from barn_worlds.worlds.world import Provenance, World, checked_grid
+from barn_worlds.worlds.world import Provenance, World, validate_grid
 
 STANDARD_RESOLUTION_M = 0.15
 GAZEBO_ENDINGS = (".world", ".world.gz", ".sdf", ".sdf.gz")
@@ -67,23 +67,25 @@ def read_world(path: Path, robot: Robot = STANDARD, name: str = "") -> World:
     course = gazebo.read_course(path) if kind in GAZEBO_ENDINGS else []
     if kind in GAZEBO_ENDINGS:
         if course and (found := gazebo.read_open_grid(path, course[:2])):
-            return open_world(
+            return build_world(
                 called,
                 *found,
                 robot,
                 Provenance("world_file", str(path)),
-                course_of(course, str(path)),
+                parse_course(course, str(path)),
             )
         source, (grid, resolution_m) = "world_file", gazebo.read_grid(path)
     elif kind in (*MAP_ENDINGS, moving_ai.ENDING):
         return _of_map(path, kind, robot, called)
     else:
-        source, grid = "npy", checked_grid(read_npy(path), str(path))
+        source, grid = "npy", validate_grid(read_npy(path), str(path))
     footprint_cells = robot.footprint_cells(resolution_m)
     world = world_of(
         called, grid, resolution_m, footprint_cells, source, path, _path_beside(path)
     )
-    return with_course(world, robot, course_of(course, str(path))) if course else world
+    return (
+        plan_course(world, robot, parse_course(course, str(path))) if course else world
+    )
 
 
 def world_of(
@@ -104,7 +106,7 @@ def world_of(
 def _of_map(path: Path, kind: str, robot: Robot, name: str) -> World:
     if kind == moving_ai.ENDING:
         grid = moving_ai.read_grid(path)
-        return open_world(
+        return build_world(
             name,
             grid,
             moving_ai.CELL_M,
@@ -115,15 +117,15 @@ def _of_map(path: Path, kind: str, robot: Robot, name: str) -> World:
     about = map_server.read_about(path)
     occupancy = map_server.read_map(path, about)
     ends = (
-        course_of((*about.start, *about.goal), f"{path}: start and goal")
+        parse_course((*about.start, *about.goal), f"{path}: start and goal")
         if about.start
         else None
     )
     inside = map_server.grid_of(occupancy)
     if inside is None:
-        whole = checked_grid(np.ascontiguousarray((occupancy.data != 0).T), str(path))
+        whole = validate_grid(np.ascontiguousarray((occupancy.data != 0).T), str(path))
         corner = occupancy.origin_x, occupancy.origin_y
-        return open_world(
+        return build_world(
             name,
             whole,
             occupancy.resolution,
@@ -132,7 +134,7 @@ def _of_map(path: Path, kind: str, robot: Robot, name: str) -> World:
             Provenance("map", str(path)),
             ends,
         )
-    grid, cell_m = checked_grid(inside, str(path)), occupancy.resolution
+    grid, cell_m = validate_grid(inside, str(path)), occupancy.resolution
     world = world_of(
         name,
         grid,
@@ -142,7 +144,7 @@ def _of_map(path: Path, kind: str, robot: Robot, name: str) -> World:
         path,
         _path_beside(path),
     )
-    return with_course(world, robot, ends) if ends else world
+    return plan_course(world, robot, ends) if ends else world
 
 
 def planned(grid: BoolGrid, footprint_cells: int, where: str) -> Cells:

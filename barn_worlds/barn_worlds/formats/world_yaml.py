@@ -14,7 +14,7 @@ from barn_worlds.base.errors import WorldError
 from barn_worlds.base.files import write_bytes
 from barn_worlds.base.text_files import read_yaml
 from barn_worlds.moving.motion import MovingObstacle, Wall
-from barn_worlds.worlds.course import course_of
+from barn_worlds.worlds.course import parse_course
 from barn_worlds.worlds.world import LARGEST_NAME, LARGEST_SIDE, Provenance, World
 
 ENDING = ".world.yaml"
@@ -59,7 +59,7 @@ class WorldFile(Checked):
                 (self.cell_m, self.footprint_cells),
             )
             ends = (
-                course_of((*self.start, *self.goal), "start and goal")
+                parse_course((*self.start, *self.goal), "start and goal")
                 if self.start or self.goal
                 else ()
             )

@@ -25,7 +25,7 @@ class Bodies(NamedTuple):
     size_m: Points
     height_m: Floats
 
-    def placed(self, places: Points) -> "Bodies":
+    def move_to(self, places: Points) -> "Bodies":
         """Return them with their centres at places (n, 2), their headings kept."""
         return self._replace(poses=np.column_stack([places, self.poses[:, 2]]))
 

@@ -2,14 +2,11 @@
 
 import math
 from collections.abc import Callable, Sequence
-from functools import cache
 
 import numpy as np
 
 from barn_worlds.base.arrays import Floats
 from barn_worlds.geometry import kernels
-from barn_worlds.robots.files import STANDARD
-from barn_worlds.robots.robot import Chassis
 
 
 class Footprint:
@@ -114,11 +111,3 @@ class Rectangle(Footprint):
     def nearest(self, x: float, y: float) -> Floats:
         """Return the nearest point, see `Footprint`."""
         return np.clip([x, y], self.extent_m[:2], self.extent_m[2:])
-
-
-@cache
-def contact_of(chassis: Chassis = STANDARD.chassis) -> Footprint:
-    """Return what can touch of a robot: the hull of its footprint, or body and wheels where the body is less."""
-    if chassis.rectangular or any(chassis.body_m):
-        return Rectangle(chassis.contact_extent_m)
-    return Footprint(np.array(chassis.hull_m), chassis.footprint_radius_m)

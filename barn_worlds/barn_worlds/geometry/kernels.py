@@ -128,8 +128,8 @@ def times_to_rectangle(
         vy = c * velocities[i, 1] - s * velocities[i, 0]
         # the disc's centre meets the rectangle widened by its radius: two rectangles and a disc at every corner
         first = min(
-            enters(px, py, vx, vy, half_x + radius, half_y),
-            enters(px, py, vx, vy, half_x, half_y + radius),
+            entry_time(px, py, vx, vy, half_x + radius, half_y),
+            entry_time(px, py, vx, vy, half_x, half_y + radius),
         )
         for k in range(4):
             qx, qy = (
@@ -151,7 +151,7 @@ def times_to_rectangle(
 
 
 @njit(cache=True)
-def enters(
+def entry_time(
     px: float, py: float, vx: float, vy: float, half_x: float, half_y: float
 ) -> float:
     """Return when a point of velocity vx, vy enters a rectangle around the origin, 0 within it and inf for never."""

@@ -19,7 +19,7 @@ def contains(corners: Sequence[Corner], point: Corner, slack_m: float = 1e-9) ->
     return all(_turn(a, b, point) >= -slack_m * math.dist(a, b) for a, b in sides)
 
 
-def hull(points: Sequence[Corner]) -> tuple[Corner, ...]:
+def convex_hull(points: Sequence[Corner]) -> tuple[Corner, ...]:
     """Return the convex hull of points, counter-clockwise and without corners on straight sides."""
     ordered = sorted(set(points))
     if len(ordered) < 3:
@@ -27,7 +27,7 @@ def hull(points: Sequence[Corner]) -> tuple[Corner, ...]:
     return (*_chain(ordered), *_chain(ordered[::-1]))
 
 
-def regular(radius_m: float, count: int) -> tuple[Corner, ...]:
+def regular_polygon(radius_m: float, count: int) -> tuple[Corner, ...]:
     """Return the regular polygon around a circle about the origin, two of its sides across x where count is even."""
     step = 2.0 * math.pi / count
     reach = radius_m / math.cos(0.5 * step)
@@ -37,7 +37,7 @@ def regular(radius_m: float, count: int) -> tuple[Corner, ...]:
     )
 
 
-def grown(corners: Sequence[Corner], by_m: float) -> tuple[Corner, ...]:
+def offset(corners: Sequence[Corner], by_m: float) -> tuple[Corner, ...]:
     """Return a convex outline with each side moved outwards; a rectangle's half sizes grow by as much."""
     sides = [_side(a, b) for a, b in pairwise((*corners, *corners[:1]))]
     moved = []

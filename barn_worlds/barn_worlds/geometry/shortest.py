@@ -24,7 +24,7 @@ _TOUCHING = math.sin(math.pi / CORNERS)
 _ROUNDING = 1e-9
 
 
-def shortest_way_m(
+def shortest_path_bound_m(
     start: Floats, goal: Floats, centres: Floats, radius_m: float
 ) -> float:
     """Return a lower bound of the length in m of any way from start to goal (2,) that enters no disc.

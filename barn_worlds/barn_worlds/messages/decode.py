@@ -15,7 +15,7 @@ import numpy as np
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import MessageError
 from barn_worlds.base.types import (
-    NANOSECONDS,
+    NANOSECONDS_PER_SECOND,
     OccupancyMap,
     Odometry,
     Pose2D,
@@ -93,7 +93,7 @@ def header(data: bytes) -> Header:
 def clock(data: bytes) -> int:
     """Return the time of rosgraph_msgs/Clock in nanoseconds."""
     sec, nanosec = struct.unpack_from("<iI", data, 4)
-    return int(sec * NANOSECONDS + nanosec)
+    return int(sec * NANOSECONDS_PER_SECOND + nanosec)
 
 
 def boolean(data: bytes) -> bool:
@@ -269,7 +269,7 @@ def whole(data: bytes, type_name: str) -> Message:
 def _after_header(data: bytes) -> tuple[int, int]:
     """Return the stamp in nanoseconds and where the header ends."""
     sec, nanosec, length = _HEADER.unpack_from(data, 4)
-    return sec * NANOSECONDS + nanosec, 16 + length
+    return sec * NANOSECONDS_PER_SECOND + nanosec, 16 + length
 
 
 def _after_text(data: bytes, at: int) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import (
-    NANOSECONDS,
+    NANOSECONDS_PER_SECOND,
     OccupancyMap,
     Odometry,
     Pose2D,
@@ -47,7 +47,9 @@ class Encoder(Generic[T]):
 
     def encode(self, content: T, stamp_ns: int) -> bytes:
         """Return the message."""
-        return self._fill(*divmod(stamp_ns, NANOSECONDS), *self._values(content))
+        return self._fill(
+            *divmod(stamp_ns, NANOSECONDS_PER_SECOND), *self._values(content)
+        )
 
 
 class OdometryEncoder(Encoder[Odometry]):
@@ -164,7 +166,7 @@ class TransformEncoder:
 
     def encode(self, poses: Sequence[Pose2D], stamp_ns: int) -> bytes:
         """Return the message, given the pose of each child frame in its frame."""
-        stamp = divmod(stamp_ns, NANOSECONDS)
+        stamp = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
         return self._template.fill(
             *(value for pose in poses for value in (*stamp, *_pose_values(pose)))
         )
@@ -199,7 +201,7 @@ class PathEncoder:
 
     def encode(self, points: Floats, stamp_ns: int) -> bytes:
         """Return the message; points (n, 2) in metres, or (n, 3) with yaw in radians."""
-        stamp = struct.pack("<iI", *divmod(stamp_ns, NANOSECONDS))
+        stamp = struct.pack("<iI", *divmod(stamp_ns, NANOSECONDS_PER_SECOND))
         for offset in self._head_stamps:
             self._head[offset : offset + 8] = stamp
         struct.pack_into("<I", self._head, self._empty - 4, len(points))
@@ -287,7 +289,9 @@ def encode_diagnostics(
 
 def encode_clock(stamp_ns: int) -> bytes:
     """Return rosgraph_msgs/Clock."""
-    return _LITTLE_ENDIAN + struct.pack("<iI", *divmod(stamp_ns, NANOSECONDS))
+    return _LITTLE_ENDIAN + struct.pack(
+        "<iI", *divmod(stamp_ns, NANOSECONDS_PER_SECOND)
+    )
 
 
 def encode_twist(velocity: Velocity2D) -> bytes:
@@ -313,7 +317,7 @@ def encode_number(value: float) -> bytes:
 def header(frame: str, stamp_ns: int = 0) -> Message:
     """Return std_msgs/Header as an object, for a message made by `make`."""
     made = make("std_msgs/msg/Header", frame_id=frame)
-    made.stamp.sec, made.stamp.nanosec = divmod(stamp_ns, NANOSECONDS)
+    made.stamp.sec, made.stamp.nanosec = divmod(stamp_ns, NANOSECONDS_PER_SECOND)
     return made
 
 

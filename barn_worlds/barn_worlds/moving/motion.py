@@ -13,7 +13,7 @@ import numpy as np
 
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.config import Checked, as_dict, quantity
-from barn_worlds.base.errors import ConfigError, WorldError, shown
+from barn_worlds.base.errors import ConfigError, WorldError, format_value
 
 MOST_MOVING = 1000  # obstacles of a world
 MOST_WALLS = 1000
@@ -190,7 +190,7 @@ class MovingObstacle(Checked):
         super().__post_init__()
         if not 0 < len(self.name) <= _LARGEST_NAME or not self.name.isprintable():
             raise ConfigError(
-                f"name must have 1 to {_LARGEST_NAME} printable characters, got {shown(self.name)}"
+                f"name must have 1 to {_LARGEST_NAME} printable characters, got {format_value(self.name)}"
             )
         sizes = {"cylinder": ("radius_m",), "box": ("size_x_m", "size_y_m")}
         for shape, name in (
@@ -220,7 +220,7 @@ def check_scene(
     for name, times in Counter(one.name for one in moving).items():
         if times > 1:
             raise WorldError(
-                f"{where}: two moving obstacles have the name {shown(name)}"
+                f"{where}: two moving obstacles have the name {format_value(name)}"
             )
 
 

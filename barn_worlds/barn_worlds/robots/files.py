@@ -8,7 +8,7 @@ from typing import Any
 import yaml
 
 from barn_worlds.base.config import as_dict, from_dict
-from barn_worlds.base.errors import ConfigError, shown, suggest
+from barn_worlds.base.errors import ConfigError, format_value, suggest
 from barn_worlds.base.text_files import read_yaml
 from barn_worlds.robots.robot import Chassis, Robot
 from barn_worlds.robots.urdf import chassis_of
@@ -37,7 +37,7 @@ def load_robot(robot: str | Path) -> Robot:
         return ROBOTS[text]
     if not text.endswith(ENDINGS):
         raise ConfigError(
-            f"unknown robot {shown(text)}{suggest(text, ROBOTS)}; or name a file that ends in .yaml"
+            f"unknown robot {format_value(text)}{suggest(text, ROBOTS)}; or name a file that ends in .yaml"
         )
     return _read(Path(robot))
 
@@ -56,7 +56,7 @@ def _read(path: Path) -> Robot:
     name = content.pop("name", None)
     if not isinstance(name, str) or not name:
         raise ConfigError(
-            f"{path}: name must be the name of the robot, got {shown(name)}"
+            f"{path}: name must be the name of the robot, got {format_value(name)}"
         )
     chassis, drive = (_section(content, key, path) for key in ("chassis", "drive"))
     of_urdf = {}
@@ -64,7 +64,7 @@ def _read(path: Path) -> Robot:
         urdf = content.pop("urdf")
         if not isinstance(urdf, str) or Path(urdf).name != urdf:
             raise ConfigError(
-                f"{path}: urdf must name a file beside it, got {shown(urdf)}"
+                f"{path}: urdf must name a file beside it, got {format_value(urdf)}"
             )
         of_urdf = chassis_of(path.parent / urdf)
     content["chassis"] = {"name": name, **of_urdf, **chassis}
@@ -86,7 +86,7 @@ def _section(content: dict[str, Any], key: str, path: Path) -> dict[str, Any]:
     given = content.get(key)
     if not isinstance(given, dict):
         raise ConfigError(
-            f"{path}: {key} must be a mapping of names to values, got {shown(given)}"
+            f"{path}: {key} must be a mapping of names to values, got {format_value(given)}"
         )
     return given
 

@@ -13,9 +13,9 @@ from barn_worlds.geometry.polygon import (
     Corner,
     area,
     contains,
-    hull,
+    convex_hull,
     nearest_side_m,
-    regular,
+    regular_polygon,
 )
 from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
 
@@ -122,9 +122,9 @@ class Chassis(Checked):
     def hull_m(self) -> tuple[Corner, ...]:
         """Corners of the convex hull of the footprint, counter-clockwise."""
         return (
-            regular(self.footprint_radius_m, _ROUND_CORNERS)
+            regular_polygon(self.footprint_radius_m, _ROUND_CORNERS)
             if self.round
-            else hull(self.footprint_m)
+            else convex_hull(self.footprint_m)
         )
 
     @property
@@ -214,7 +214,9 @@ class Chassis(Checked):
             self.body_height_m > self.ground_clearance_m, "body_height_m", above
         )
         over = "must be above the ground that wheels and casters stand on, or the robot falls over"
-        stands = hull([(x, y) for x, y, _ in self.wheels_m] + list(self.casters_m))
+        stands = convex_hull(
+            [(x, y) for x, y, _ in self.wheels_m] + list(self.casters_m)
+        )
         self.require(
             contains(stands, self.centre_of_mass_m[:2]), "centre_of_mass_m", over
         )

@@ -14,7 +14,7 @@ from defusedxml.common import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.errors import ConfigError, one_line
+from barn_worlds.base.errors import ConfigError, format_error
 from barn_worlds.base.files import read_at_most
 
 LARGEST_URDF_BYTES = 1024 * 1024
@@ -51,7 +51,7 @@ def chassis_of(path: Path) -> dict[str, Any]:
         LookupError,
     ) as error:
         raise ConfigError(
-            f"{path}: not a URDF that can be used: {one_line(error)}"
+            f"{path}: not a URDF that can be used: {format_error(error)}"
         ) from None
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror or error}") from None

@@ -85,7 +85,7 @@ class NodeLaunch:
             if "." not in name and name not in self.leave_out:
                 kinds[name] = (
                     list[str] if isinstance(value, tuple) else type(value),
-                    about.text(),
+                    about.summary(),
                 )
         return kinds
 

@@ -15,11 +15,11 @@ from std_srvs.srv import Trigger
 
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import BarnError
+from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.messages.encode import PathEncoder, encode_map
 from barn_worlds.messages.topics import FRAMES, MAP, WORLD_PATH
 from barn_worlds.ros.parameters import check_with, current, declare
 from barn_worlds.ros.topics import publisher
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
 

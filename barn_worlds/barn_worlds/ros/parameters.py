@@ -86,7 +86,9 @@ def _descriptor(
 ) -> ParameterDescriptor:
     meaning = about.description + (f" [{about.unit}]" if about.unit else "")
     described = ParameterDescriptor(
-        description=meaning, additional_constraints=about.allowed(), read_only=read_only
+        description=meaning,
+        additional_constraints=about.describe_limits(),
+        read_only=read_only,
     )
     # so that `-p factor:=2` works for 2.0, and because in ROS an empty list has no type
     described.dynamic_typing = isinstance(value, (float, list))

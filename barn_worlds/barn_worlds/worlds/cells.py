@@ -37,7 +37,7 @@ def margin_cells(resolution_m: float) -> int:
     return math.ceil(MARGIN_M / resolution_m - 1e-9)
 
 
-def cell_centres(cells: Cells, rows: int, resolution_m: float) -> Points:
+def cell_centers(cells: Cells, rows: int, resolution_m: float) -> Points:
     """Return the true centres (n, 2) in metres of cells (n, 2) of a world with that many rows."""
     centres: Points = resolution_m * (
         cells + 0.5 + np.array([-rows, lead_in_cells(resolution_m)])
@@ -66,7 +66,7 @@ def containment_cells(rows: int, resolution_m: float) -> Cells:
     return cells
 
 
-def hollow(grid: BoolGrid) -> BoolGrid:
+def hollow_cells(grid: BoolGrid) -> BoolGrid:
     """Return the filled cells (rows, cols) whose 8 neighbours are all filled; never one on the border.
 
     The .world files leave them out, since nothing can touch them.
@@ -121,7 +121,7 @@ def world_map(
             f"a map of {sides} cells is too large, at most {LARGEST_MAP} cells; use a coarser one"
         )
     data = np.zeros(size, np.int8)
-    centres = cell_centres(cells, rows, cell_m) - np.array(origin)
+    centres = cell_centers(cells, rows, cell_m) - np.array(origin)
     if corner_m is not None:
         centres = (cells + 0.5) * cell_m
     _occupy_discs(data, centres, cell_m / 2.0, resolution_m)

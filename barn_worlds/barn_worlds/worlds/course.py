@@ -10,23 +10,23 @@ from numba import njit
 from barn_worlds.base.arrays import BoolGrid, Cells, Integers
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.types import Pose2D
-from barn_worlds.geometry.footprint import contact_of
 from barn_worlds.geometry.polygon import Corner
+from barn_worlds.robots.contact import contact_footprint
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.cspace import configuration_space, label_regions
 from barn_worlds.worlds.path_planner import plan_path
 from barn_worlds.worlds.world import Provenance, World
 
-Ends = tuple[Pose2D, Pose2D]  # start and goal
-LONGEST_CHOSEN_M = (
+Course = tuple[Pose2D, Pose2D]  # start and goal
+LONGEST_AUTOMATIC_M = (
     25.0  # of a way that is chosen: 50 s at 0.5 m/s, half the challenge's limit
 )
 _SEEN_M = 15.0  # how near an obstacle should be to ends that are chosen: half a usual lidar's range
 _AHEAD_M = 1.0  # along the way, where a start that is chosen looks
-CHOSEN = "chosen"  # a world's path_source, where its start and goal are
+AUTOMATIC_COURSE = "chosen"  # a world's path_source, where its start and goal are
 
 
-def course_of(numbers: Sequence[float], where: str) -> Ends:
+def parse_course(numbers: Sequence[float], where: str) -> Course:
     """Return start and goal of the numbers x, y, yaw of the start and x, y (, yaw) of the goal; WorldError if not."""
     if len(numbers) not in (5, 6) or not all(
         math.isfinite(number) for number in numbers
@@ -39,14 +39,14 @@ def course_of(numbers: Sequence[float], where: str) -> Ends:
     return Pose2D(x, y, yaw), Pose2D(u, v, heading)
 
 
-def open_world(
+def build_world(
     name: str,
     grid: BoolGrid,
     cell_m: float,
     corner_m: Corner,
     robot: Robot,
     about: Provenance,
-    ends: Ends | None = None,
+    ends: Course | None = None,
 ) -> World:
     """Return a world of any shape, its grid's outer corner at a place of the map frame; WorldError without a way.
 
@@ -55,7 +55,7 @@ def open_world(
     anywhere = np.argwhere(~grid)[:1]
     if not len(anywhere):
         raise WorldError(f"{name}: no cell of it is free")
-    about = replace(about, path_source="planned" if ends else CHOSEN)
+    about = replace(about, path_source="planned" if ends else AUTOMATIC_COURSE)
     world = World(
         name,
         grid,
@@ -65,27 +65,27 @@ def open_world(
         about,
         corner_m=corner_m,
     )
-    return with_course(world, robot, ends)
+    return plan_course(world, robot, ends)
 
 
-def for_robot(world: World, robot: Robot, course: Sequence[float] = ()) -> World:
+def fit_to_robot(world: World, robot: Robot, course: Sequence[float] = ()) -> World:
     """Return a world as a robot drives it: from start to goal of a course, its own, or those chosen for this robot.
 
     A world without a course of its own stays as it is; its protocol says where to start. course: numbers for
-    `course_of`. WorldError where start or goal is blocked or no way leads from one to the other.
+    `parse_course`. WorldError where start or goal is blocked or no way leads from one to the other.
     """
     if course:
-        return with_course(world, robot, course_of(course, "course"))
+        return plan_course(world, robot, parse_course(course, "course"))
     if world.start is None or world.goal is None:
         return world
     same = robot.footprint_cells(world.resolution_m) == world.footprint_cells
-    if world.provenance.path_source == CHOSEN:
-        return world if same else with_course(world, robot)
+    if world.provenance.path_source == AUTOMATIC_COURSE:
+        return world if same else plan_course(world, robot)
     _require_free(world, robot, world.start, world.goal)
-    return world if same else with_course(world, robot, (world.start, world.goal))
+    return world if same else plan_course(world, robot, (world.start, world.goal))
 
 
-def with_course(world: World, robot: Robot, ends: Ends | None = None) -> World:
+def plan_course(world: World, robot: Robot, ends: Course | None = None) -> World:
     """Return a world with start, goal and the way between them as its path; ends: None to choose them."""
     cells = robot.footprint_cells(world.resolution_m)
     occupied = world.occupied
@@ -96,7 +96,7 @@ def with_course(world: World, robot: Robot, ends: Ends | None = None) -> World:
             world.resolution_m,
             f"{world.name}: robot {robot.name}, {cells} x {cells} cells,",
         )
-        points = world.cell_centres_m(
+        points = world.cell_centers_m(
             path[[0, min(len(path) - 1, round(_AHEAD_M / world.resolution_m)), -2, -1]]
         )
         (x, y), (u, v), before, (p, q) = points.tolist()
@@ -105,7 +105,9 @@ def with_course(world: World, robot: Robot, ends: Ends | None = None) -> World:
     else:
         _require_free(world, robot, *ends)
         path, (start, goal) = _between(world, occupied, cspace, robot, ends), ends
-    about = replace(world.provenance, path_source="planned" if ends else CHOSEN)
+    about = replace(
+        world.provenance, path_source="planned" if ends else AUTOMATIC_COURSE
+    )
     return replace(
         world,
         path=path,
@@ -125,7 +127,7 @@ def _require_free(world: World, robot: Robot, start: Pose2D, goal: Pose2D) -> No
             reach = f"({left:g}, {below:g}) to ({right:g}, {above:g}) m"
             raise WorldError(f"{at} is off the map, which reaches from {reach}")
         x, y = pose.inverse().transform(world.cylinders_m).T
-        body, radius_m = contact_of(robot.chassis), world.cylinder_radius_m
+        body, radius_m = contact_footprint(robot.chassis), world.cylinder_radius_m
         gaps = (
             body.distances(x, y)
             if pose is start
@@ -141,7 +143,7 @@ def _require_free(world: World, robot: Robot, start: Pose2D, goal: Pose2D) -> No
 
 
 def _between(
-    world: World, occupied: BoolGrid, cspace: BoolGrid, robot: Robot, ends: Ends
+    world: World, occupied: BoolGrid, cspace: BoolGrid, robot: Robot, ends: Course
 ) -> Cells:
     """Return the cells of a way (n, 2); the robot may stand nearer to obstacles at its ends than on the way."""
     points = np.array([(pose.x, pose.y) for pose in ends])
@@ -182,7 +184,7 @@ def _chosen(cspace: BoolGrid, cell_m: float, where: str) -> Cells:
         region = labels == 1 + int(np.argmax(sizes[1:]))
         seed = np.argwhere(region)[0]
         first = _farthest(region, seed, np.inf)
-        last = _farthest(region, first, LONGEST_CHOSEN_M / cell_m)
+        last = _farthest(region, first, LONGEST_AUTOMATIC_M / cell_m)
         path = plan_path(
             cspace, (int(first[0]), int(first[1])), (int(last[0]), int(last[1]))
         )

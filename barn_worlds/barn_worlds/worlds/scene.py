@@ -35,7 +35,7 @@ class TrialScene(NamedTuple):
         """Centres (k, 2) of all cylinders, in the order of `World.cylinders_m`."""
         return np.concatenate([self.obstacles_m, self.walls_m])
 
-    def moved(self, cylinders_m: Points) -> "TrialScene":
+    def with_cylinders_at(self, cylinders_m: Points) -> "TrialScene":
         """Return the scene with its cylinders at centres (k, 2) in the order of `World.cylinders_m`."""
         count = len(self.obstacles_m)
         return self._replace(

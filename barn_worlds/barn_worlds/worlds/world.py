@@ -79,9 +79,9 @@ class World:
             raise WorldError(
                 f"{self.name}: resolution must be from 0.01 to 10 m, got {self.resolution_m}"
             )
-        grid = checked_grid(self.grid, self.name)
+        grid = validate_grid(self.grid, self.name)
         object.__setattr__(self, "grid", grid)
-        object.__setattr__(self, "path", checked_path(self.path, grid, self.name))
+        object.__setattr__(self, "path", validate_path(self.path, grid, self.name))
         side, most = self.footprint_cells, 2 * LARGEST_SIDE
         if not (isinstance(side, int) and 0 < side < most and side % 2):
             raise WorldError(
@@ -136,7 +136,9 @@ class World:
     def obstacles_m(self) -> Points:
         """Centres (n, 2) of the grid's cylinders, without cells whose neighbours are all filled."""
         return _read_only(
-            self.cell_centres_m(np.argwhere(self.grid & ~geometry.hollow(self.grid)))
+            self.cell_centers_m(
+                np.argwhere(self.grid & ~geometry.hollow_cells(self.grid))
+            )
         )
 
     @cached_property
@@ -145,7 +147,7 @@ class World:
         if self.corner_m is not None:
             return _read_only(np.empty((0, 2)))
         cells = geometry.containment_cells(self.rows, self.resolution_m)
-        return _read_only(geometry.cell_centres(cells, self.rows, self.resolution_m))
+        return _read_only(geometry.cell_centers(cells, self.rows, self.resolution_m))
 
     @cached_property
     def cylinders_m(self) -> Points:
@@ -179,12 +181,12 @@ class World:
             if historical and self.corner_m is None
             else (0.0, 0.0)
         )
-        return np.subtract(self.cell_centres_m(self.path), off)
+        return np.subtract(self.cell_centers_m(self.path), off)
 
-    def cell_centres_m(self, cells: Cells) -> Points:
+    def cell_centers_m(self, cells: Cells) -> Points:
         """Return the true centres (n, 2) in metres of cells (n, 2)."""
         if self.corner_m is None:
-            return geometry.cell_centres(cells, self.rows, self.resolution_m)
+            return geometry.cell_centers(cells, self.rows, self.resolution_m)
         centres: Points = (cells + 0.5) * self.resolution_m + np.array(self.corner_m)
         return centres
 
@@ -263,7 +265,7 @@ class World:
         return digest.hexdigest()
 
 
-def checked_grid(grid: object, where: str) -> BoolGrid:
+def validate_grid(grid: object, where: str) -> BoolGrid:
     """Return a read-only copy of a grid of bools or of zeros and ones; WorldError, beginning with `where`, if not."""
     if not isinstance(grid, np.ndarray) or grid.ndim != 2:
         shape = getattr(grid, "shape", type(grid).__name__)
@@ -285,7 +287,7 @@ def checked_grid(grid: object, where: str) -> BoolGrid:
     return _read_only(grid.astype(np.bool_, copy=True))
 
 
-def checked_path(path: object, grid: BoolGrid, where: str) -> Cells:
+def validate_path(path: object, grid: BoolGrid, where: str) -> Cells:
     """Return a read-only copy of a path (n, 2) of free, adjoining cells; WorldError, beginning with `where`, if not."""
     if not isinstance(path, np.ndarray) or path.ndim != 2 or path.shape[1] != 2:
         shape = getattr(path, "shape", type(path).__name__)

@@ -15,7 +15,7 @@ from barn_planners.mppi.config import MppiPlannerConfig
 from barn_planners.mppi.planner import MppiController
 from barn_planners.navigation.loop import NavigationPlanner
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
-from barn_planners.robots import fitted
+from barn_planners.robots import fit_to_robot
 from barn_worlds.base.config import quantity
 from predictive_planners.tracker import Tracker, TrackerConfig, meeting_distances, moved
 
@@ -58,10 +58,11 @@ class PredictiveGapPlanner(GapPlanner):
         super().start(task, seed)
         self._tracker.reset()
 
-    def _free_distances(
+    def free_distances(
         self, observation: Observation, points: FloatArray
     ) -> FloatArray:
-        free = super()._free_distances(observation, points)
+        """Return how far each direction is free of points and of predicted discs."""
+        free = super().free_distances(observation, points)
         config = self._predictive
         discs = moved(
             self._tracker.update(observation), observation.odometry.pose.inverse()
@@ -110,9 +111,10 @@ class PredictiveNavigationPlanner(NavigationPlanner):
         super().start(task, seed)
         self._tracker.reset()
 
-    def _prepare(self, observation: Observation) -> None:
+    def prepare_control(self, observation: Observation) -> None:
+        """Update the tracks and hand the moving discs to the controller."""
         discs = self._tracker.update(observation)
-        robot = self._robot(observation)
+        robot = self.control_pose(observation)
         in_odom = robot is observation.odometry.pose
         self._predicting.discs = (
             discs
@@ -143,11 +145,11 @@ GAP_ENTRY = PlannerEntry(
     PredictiveGapPlanner,
     {ANY_PROTOCOL: PredictiveGapConfig()},
     "follow-the-gap that predicts what moves at constant velocity",
-    fitted,
+    fit_to_robot,
 )
 MPPI_ENTRY = PlannerEntry(
     PredictiveNavigationPlanner,
     {ANY_PROTOCOL: PredictiveMppiConfig()},
     "mppi that predicts what moves at constant velocity",
-    fitted,
+    fit_to_robot,
 )

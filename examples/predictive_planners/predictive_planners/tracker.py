@@ -12,7 +12,7 @@ import numpy as np
 
 from barn_planners.interface import FloatArray, Observation
 from barn_worlds.base.config import Checked, quantity
-from barn_worlds.base.types import NANOSECONDS, Pose2D
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Pose2D
 
 
 @dataclass(frozen=True)
@@ -76,14 +76,16 @@ class Tracker:
         if self._last_ns is not None and stamp_ns <= self._last_ns:
             return self.moving()
         period_s = (
-            0.0 if self._last_ns is None else (stamp_ns - self._last_ns) / NANOSECONDS
+            0.0
+            if self._last_ns is None
+            else (stamp_ns - self._last_ns) / NANOSECONDS_PER_SECOND
         )
         self._last_ns = stamp_ns
         for track in self._tracks:
             track.centre = track.centre + period_s * track.velocity
         found = self._circles(observation)
         self._match(found, period_s, stamp_ns)
-        limit_ns = self.config.forget_s * NANOSECONDS
+        limit_ns = self.config.forget_s * NANOSECONDS_PER_SECOND
         self._tracks = [
             track for track in self._tracks if stamp_ns - track.seen_ns <= limit_ns
         ]

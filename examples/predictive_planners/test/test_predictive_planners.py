@@ -18,7 +18,7 @@ from predictive_planners.tracker import (
 
 from barn_planners.interface import Observation, PlannerStatus, Task
 from barn_planners.registry import make_planner
-from barn_planners.robots import parameters_for
+from barn_planners.robots import fit_parameters
 from barn_worlds.base.types import STOP, Odometry, Pose2D, Scan
 from barn_worlds.robots.files import load_robot
 
@@ -226,7 +226,7 @@ def test_another_robot_changes_what_it_changes_of_the_plain_planner_and_the_marg
 ):
     husky = load_robot("husky")
     changes, plain = (
-        parameters_for(one, "default", {}, husky)
+        fit_parameters(one, "default", {}, husky)
         for one in (f"{name}_predictive", name)
     )
     assert changes.keys() == {*plain, *own}

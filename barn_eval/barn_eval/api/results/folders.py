@@ -25,7 +25,7 @@ from barn_eval.pages.report.page import (
 )
 from barn_eval.pages.template import write_page
 from barn_eval.verification.check import FolderCheck, check_folder
-from barn_worlds.base.errors import ConfigError, shown
+from barn_worlds.base.errors import ConfigError, format_value
 
 
 class HasFolder(Protocol):
@@ -246,5 +246,7 @@ def paths_of(given: Folders) -> list[Path]:
     )
     for one in several:
         if not isinstance(getattr(one, "folder", one), str | Path):
-            raise ConfigError(f"results must be Results or a folder, got {shown(one)}")
+            raise ConfigError(
+                f"results must be Results or a folder, got {format_value(one)}"
+            )
     return [Path(one if isinstance(one, str | Path) else one.folder) for one in several]

@@ -10,7 +10,7 @@ import pandas as pd
 from barn_eval.results.tracks import CHANNELS, parse_track_line
 from barn_eval.trials.result import TrialResult
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.files import write_whole
+from barn_worlds.base.files import write_durably
 
 UNITS = (
     "s",
@@ -77,5 +77,5 @@ class Trial:
         text = "".join(
             " ".join(f"{value:.9g}" for value in row) + "\n" for row in rows.tolist()
         )
-        write_whole(Path(path), text.encode())
+        write_durably(Path(path), text.encode())
         return Path(path)

@@ -6,17 +6,16 @@ from pathlib import Path
 from barn_eval.api.worlds.sets import load, new_npz, require_new, write_layout
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.formats.own import Order, write_own
-from barn_worlds.moving.generate import (
-    class_named,
+from barn_worlds.datasets import generate as maker
+from barn_worlds.datasets.generate_motion import (
+    add_crossings,
+    add_motion,
     generate_arenas,
-    with_crossings,
-    with_motion,
+    motion_class,
 )
+from barn_worlds.formats.own import write_own
 from barn_worlds.robots.files import load_robot, other_name
 from barn_worlds.robots.robot import Robot
-from barn_worlds.worlds import generate as maker
-from barn_worlds.worlds.hard import hard_worlds
 from barn_worlds.worlds.world import World
 
 Progress = Callable[[int, int], None]
@@ -43,9 +42,8 @@ def generate(
         out: File (.npz) or folder in the original layout to write them to, which must not be there.
         per_set: Worlds per parameter set.
         seed: All randomness comes from it.
-        parameters: One set of your own, by name (see `barn_worlds.worlds.generate.WorldParameters`); without, the
-            twelve of the paper's Table I. With a key `kind` ("all", "doors", "dead_ends", "turns", "clutter") they are
-            those of `barn_worlds.worlds.hard.HardParameters`, and `per_set` worlds of each kind are made.
+        parameters: One set of your own, by name (see `barn_worlds.datasets.generate.WorldParameters`); without, the
+            twelve of the paper's Table I.
         robot: What paths are planned for; cells are in its size, 5 x 5 of them to a robot, unless parameters say how
             large they are.
         keep: How many to keep, evenly spread over the order from wide to narrow; 0 for all.
@@ -60,29 +58,18 @@ def generate(
     driven = load_robot(robot)
     named = other_name(driven.chassis)
     file = target if target is not None and target.suffix == ".npz" else None
-    if parameters and "kind" in parameters:
-        if keep:
-            raise ConfigError("keep is not for hard worlds, of which all are kept")
-        name = target.stem if target else "hard"
-        worlds = hard_worlds(parameters, per_set, seed, driven, name, progress)
-        order = Order(maker.NARROWNESS, tuple(map(maker.narrowness, worlds)))
-        if file:
-            return maker.write_ordered(
-                file, name, worlds, order, {"seed": seed, "robot": named}
-            )
-    else:
-        name, sets = (
-            target.stem if target else "generated",
-            _sets(parameters or {}, driven),
-        )
-        asked = maker.DatasetParameters(
-            name, seed, per_set, keep=keep, robot=named, sets=sets
-        )
-        if file:
-            maker.write_dataset(file, asked, progress=progress)
-            return load(file)
-        worlds, order = maker.ranked_dataset(asked, progress=progress)
-    numbered = maker.reordered(worlds, order)
+    name, sets = (
+        target.stem if target else "generated",
+        _sets(parameters or {}, driven),
+    )
+    asked = maker.DatasetParameters(
+        name, seed, per_set, keep=keep, robot=named, sets=sets
+    )
+    if file:
+        maker.write_dataset(file, asked, progress=progress)
+        return load(file)
+    worlds, order = maker.generate_ranked_dataset(asked, progress=progress)
+    numbered = maker.renumber(worlds, order)
     if target is not None:
         write_layout(target, numbered)
     return numbered
@@ -99,7 +86,7 @@ def _sets(
     )
     sized: dict[str, float] = {}
     if not {"resolution_m", "footprint_cells"} & set(changes):
-        sized["resolution_m"] = maker.cell_m(robot)
+        sized["resolution_m"] = maker.cell_size_m(robot)
     if "footprint_cells" not in changes:
         sized["footprint_cells"] = robot.footprint_cells(
             sized.get("resolution_m", sets[0].resolution_m)
@@ -126,7 +113,7 @@ def generate_moving(
         classes: Classes of motion. Without `source` they are arenas as in DynaBARN.
         per_class: Arenas of each class.
         seed: All randomness comes from it.
-        parameters: Changes to the classes, by name (see `barn_worlds.moving.generate.MotionParameters`).
+        parameters: Changes to the classes, by name (see `barn_worlds.datasets.generate_motion.MotionParameters`).
         source: Data set whose worlds get obstacles of the one class given, and keep their numbers.
         select: Which of these worlds.
         crossing: Whether these obstacles go to and fro across the path.
@@ -138,7 +125,7 @@ def generate_moving(
     target = None if out is None else new_npz(out)
     chosen = [
         replace_dotted(
-            class_named(name), dict(parameters or {}), "parameters of a class"
+            motion_class(name), dict(parameters or {}), "parameters of a class"
         )
         for name in classes
     ]
@@ -159,7 +146,7 @@ def generate_moving(
             f"one class of motion must be named for the worlds of {source}, got {len(chosen)}"
         )
     else:
-        add = with_crossings if crossing else with_motion
+        add = add_crossings if crossing else add_motion
         still = load(source, select)
         made = {
             index: add(world, chosen[0], seed + index, obstacles)

@@ -15,7 +15,14 @@ from barn_metrics.metrics import PUBLISHED, as_formula, world_metrics
 from barn_metrics.report import MetricsTable
 from barn_metrics.report import metrics_table as table_of
 from barn_worlds.base.errors import ConfigError, WorldError, suggest
-from barn_worlds.base.files import new_folder
+from barn_worlds.base.files import create_folder
+from barn_worlds.datasets.dataset import (
+    Dataset,
+    dataset_files,
+    open_dataset,
+    select_worlds,
+)
+from barn_worlds.datasets.generate import cell_size_m
 from barn_worlds.drawing.files import write_png
 from barn_worlds.drawing.worlds import sheet_figure, world_figure, write_animation
 from barn_worlds.formats.map_server import write_map
@@ -26,9 +33,7 @@ from barn_worlds.formats.single import planned
 from barn_worlds.formats.world_yaml import write_world_yaml
 from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.robot import Robot
-from barn_worlds.worlds.course import for_robot
-from barn_worlds.worlds.dataset import Dataset, open_dataset, select_worlds, shipped
-from barn_worlds.worlds.generate import cell_m
+from barn_worlds.worlds.course import fit_to_robot
 from barn_worlds.worlds.world import World
 
 Course = Sequence[float]
@@ -46,7 +51,7 @@ FORMATS: tuple[Form, ...] = (
 
 def datasets() -> list[str]:
     """Return the names of the data sets that come with the suite, such as "barn300"."""
-    return list(shipped())
+    return list(dataset_files())
 
 
 def load(
@@ -69,7 +74,8 @@ def load(
     """
     dataset = open_dataset(source, load_robot(robot))
     return {
-        index: dataset.load(index) for index in select_worlds(select, dataset.indices)
+        index: dataset.load(index)
+        for index in select_worlds(select, dataset.world_numbers)
     }
 
 
@@ -151,7 +157,7 @@ def resize(chosen: Mapping[int, World], robot: str | Path) -> dict[int, World]:
         BarnError: A world has walls, moving obstacles or an arena, which are in metres, or no way for the robot.
     """
     driven = load_robot(robot)
-    side_m = cell_m(driven)
+    side_m = cell_size_m(driven)
     for world in chosen.values():
         if _in_metres(world):
             raise WorldError(
@@ -220,7 +226,8 @@ def metrics_table(
         )
 
     readers = {
-        index: partial(read, index) for index in select_worlds(select, dataset.indices)
+        index: partial(read, index)
+        for index in select_worlds(select, dataset.world_numbers)
     }
     return table_of(Dataset(dataset.name, readers), chosen)
 
@@ -249,7 +256,7 @@ def draw(
         if course:
             raise ConfigError("a course is drawn in one world, not in several")
         return Plot(sheet_figure(shown), f"{len(shown)} worlds")
-    driven = for_robot(shown, load_robot(robot), course)
+    driven = fit_to_robot(shown, load_robot(robot), course)
     rules = DYNABARN if driven.corner_m is not None else CHALLENGE
     ends = rules.course(driven)
     return Plot(
@@ -289,7 +296,7 @@ def _write_each(
     target: Path, chosen: Mapping[int, World], form: Form, movable: bool
 ) -> None:
     """Write a file per world into a folder that is there whole or not at all."""
-    with new_folder(target) as folder:
+    with create_folder(target) as folder:
         for index, world in chosen.items():
             if form == "png":
                 write_png(world_figure(world), folder / f"world_{index}.png")

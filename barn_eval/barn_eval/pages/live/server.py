@@ -31,7 +31,7 @@ from barn_eval.results.run_file import RunFile
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import Rows, TrialResult
 from barn_worlds.base.errors import BarnError, ConfigError
-from barn_worlds.base.text_files import finite
+from barn_worlds.base.text_files import make_json_safe
 
 MOST_LISTED = 50  # trials and failures
 _RECENT = 60  # trials, from whose times the rate is taken
@@ -235,7 +235,7 @@ class _Server(ThreadingHTTPServer):
             if path == "/state":
                 return (
                     HTTPStatus.OK,
-                    json.dumps(finite(self.state.read()), allow_nan=False),
+                    json.dumps(make_json_safe(self.state.read()), allow_nan=False),
                     "application/json",
                 )
             if path.startswith("/replay/"):

@@ -22,8 +22,8 @@ from barn_eval.results.bags.recorded import RecordedTrial, read_recorded_trial
 from barn_sim.config import LidarConfig
 from barn_sim.drawing.camera import CAMERAS, SIZES, Pixels, Studio, camera_at
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.errors import ConfigError, one_line
-from barn_worlds.base.files import replacing
+from barn_worlds.base.errors import ConfigError, format_error
+from barn_worlds.base.files import replace_file
 from barn_worlds.base.types import Pose2D
 from barn_worlds.drawing.files import gif_bytes
 from barn_worlds.drawing.palette import PAGE, WHITE
@@ -125,10 +125,10 @@ def _save_mp4(frames: Iterator[Pixels], path: Path, frames_per_s: float) -> None
         )
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as partial:
+        with replace_file(path) as partial:
             complaint = _encode(ffmpeg, frames, frames_per_s, partial)
             if complaint is not None:
-                raise ConfigError(f"{path}: ffmpeg failed: {one_line(complaint)}")
+                raise ConfigError(f"{path}: ffmpeg failed: {format_error(complaint)}")
     except OSError as error:
         raise ConfigError(
             f"{path}: cannot be written: {error.strerror or error}"

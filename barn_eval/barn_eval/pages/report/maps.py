@@ -198,11 +198,11 @@ def draw_motion(axes: Axes, world: World, drives: Sequence[DrivenTrial]) -> None
             begin_s = drive.result.motion.phase_s
             longest[begin_s] = max(longest.get(begin_s, 0.0), begin_s + drive.end_s)
     for begin_s, end_s in longest.items() if world.moving else ():
-        pieces = drawing.ways(
+        pieces = drawing.motion_paths(
             world.tracks,
             np.arange(max(begin_s, end_s - _LONGEST_WAY_S), end_s + 1e-9, _WAY_STEP_S),
         )
-        drawing.draw_ways(axes, pieces, alpha=0.55, zorder=1.5)
+        drawing.draw_motion_paths(axes, pieces, alpha=0.55, zorder=1.5)
         for piece in pieces:
             if np.hypot(*(piece[-1] - piece[0])) > _SHORTEST_ARROW_M:
                 drawing.draw_arrow(

@@ -62,7 +62,8 @@ def last_scene(spec: TrialSpec, cylinders_m: Floats, stamp_ns: int) -> Outgoing 
     if not (np.hypot(*(cylinders_m - spec.world.cylinders_m).T) > PUSHED_M).any():
         return None
     return Outgoing(
-        topics.WORLD, encode_scene(trial_scene(spec).moved(cylinders_m), stamp_ns)
+        topics.WORLD,
+        encode_scene(trial_scene(spec).with_cylinders_at(cylinders_m), stamp_ns),
     )
 
 
@@ -255,7 +256,7 @@ class TrialBag:
         """Record the planner's answer to the readings of an instant and what it shows."""
         if command is not None:
             self._record([self._planner.command(command, stamp_ns)], stamp_ns)
-        self._record(self._planner.shown(planner, decision, stamp_ns), stamp_ns)
+        self._record(self._planner.display(planner, decision, stamp_ns), stamp_ns)
 
     def standing(self, standing: Standing, stamp_ns: int) -> None:
         """Record how the trial stands at the end of an instant, when that is due."""

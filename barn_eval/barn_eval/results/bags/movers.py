@@ -58,7 +58,7 @@ class RecordedMotions:
 
     def placed(self, time_s: float) -> Bodies:
         """Return the obstacles where they are at a time."""
-        return self.bodies.placed(self.at(np.array([time_s]))[0])
+        return self.bodies.move_to(self.at(np.array([time_s]))[0])
 
     def trails(self, time_s: float) -> list[Points]:
         """Return where each was in the last `TRAIL_S`, (k, 2) m, since it last jumped."""

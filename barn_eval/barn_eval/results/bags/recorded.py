@@ -17,17 +17,18 @@ from barn_eval.results.bags.messages import PUSHED_M
 from barn_eval.results.bags.movers import RecordedMotions
 from barn_eval.trials.trajectory import compute_clearances
 from barn_worlds.base.arrays import Bools, Floats
-from barn_worlds.base.errors import BagError, BarnError, one_line
+from barn_worlds.base.errors import BagError, BarnError, format_error
 from barn_worlds.base.types import (
-    NANOSECONDS,
+    NANOSECONDS_PER_SECOND,
     OccupancyMap,
     Odometry,
     Pose2D,
     Velocity2D,
 )
-from barn_worlds.geometry.footprint import Footprint, contact_of
+from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.messages import topics
 from barn_worlds.messages.topics import FRAMES
+from barn_worlds.robots.contact import contact_footprint
 from barn_worlds.robots.files import STANDARD
 from barn_worlds.robots.robot import Chassis
 from barn_worlds.worlds.scene import TrialScene
@@ -204,7 +205,7 @@ def read_recorded_trial(path: Path) -> RecordedTrial:
         odometry=_held(
             rows[topics.ODOM.path], _pose, times_s, (np.nan, np.nan, np.nan)
         ),
-        outline=contact_of(chassis),
+        outline=contact_footprint(chassis),
         chassis=chassis,
         lidar=lidar,
         map_frame=off,
@@ -240,7 +241,7 @@ def _rows(bag: BagFile, unreadable: dict[str, str]) -> dict[str, list[TimedItem]
         try:
             said = decode.frame_and_content(topic, message.type_name, message.data)
         except BarnError as error:  # only its topic is lost
-            unreadable[topic] = f"{topic} cannot be decoded ({one_line(error)})"
+            unreadable[topic] = f"{topic} cannot be decoded ({format_error(error)})"
             continue
         found[topic].append((message.stamp_ns, *said))
     for rows in found.values():
@@ -249,7 +250,7 @@ def _rows(bag: BagFile, unreadable: dict[str, str]) -> dict[str, list[TimedItem]
     start_ns = poses[0][0] if poses else 0
     return {
         topic: [
-            TimedItem((stamp_ns - start_ns) / NANOSECONDS, *said)
+            TimedItem((stamp_ns - start_ns) / NANOSECONDS_PER_SECOND, *said)
             for stamp_ns, *said in rows
         ]
         for topic, rows in found.items()

@@ -17,8 +17,8 @@ from barn_eval.trials.run_config import PlannerChoice, RunConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_sim.config import SimulatorConfig, robot_of
 from barn_worlds.base.config import as_dict
-from barn_worlds.base.errors import ConfigError, reported_as
-from barn_worlds.base.files import write_whole
+from barn_worlds.base.errors import ConfigError, convert_os_errors
+from barn_worlds.base.files import write_durably
 from barn_worlds.robots.files import ROBOTS, robot_text
 
 NOT_TOLD = "nothing tells that from the planner's doing"
@@ -49,7 +49,7 @@ class NodeProcess:
             return list(self.command)
         path = folder / f"{self.name}.yaml"
         content = {"/**": {"ros__parameters": dict(self.parameters)}}
-        with reported_as(ConfigError, path):
+        with convert_os_errors(ConfigError, path):
             path.write_text(yaml.safe_dump(content, sort_keys=False), "utf-8")
         return [
             *self.command,
@@ -111,7 +111,7 @@ def robot_of_simulator(config: SimulatorConfig, folder: Path) -> str:
     if name in ROBOTS and ROBOTS[name].chassis == config.chassis:
         return name
     path = folder / "robot.yaml"
-    write_whole(path, robot_text(robot_of(config)).encode())
+    write_durably(path, robot_text(robot_of(config)).encode())
     return str(path.resolve())
 
 

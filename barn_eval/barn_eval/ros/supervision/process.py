@@ -24,7 +24,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from barn_eval.ros.supervision import guard
-from barn_worlds.base.errors import BarnError, ConfigError, reported_as
+from barn_worlds.base.errors import BarnError, ConfigError, convert_os_errors
 
 _MARK = "BARN_GUARD"
 _FULL_LOG_BYTES = (
@@ -100,7 +100,7 @@ class GuardedProcess:
         self._mark = uuid.uuid4().hex
         ours, theirs = socket.socketpair()
         self._news = EventChannel(ours)
-        with theirs, reported_as(ConfigError, log):
+        with theirs, convert_os_errors(ConfigError, log):
             if log.exists() and log.stat().st_size > _FULL_LOG_BYTES:
                 log.replace(log.with_name(f"{log.name}.1"))
             with log.open("ab") as output:

@@ -9,7 +9,7 @@ from importlib import import_module
 
 if __name__ == "__main__":
     sys.path.pop(0)
-    import_module("barn_worlds.base.garbage").collect_seldom()
+    import_module("barn_worlds.base.garbage").reduce_garbage_collection()
     module, _, function = sys.argv[1].partition(":")
     sys.argv[:2] = [module]
     sys.exit(getattr(import_module(module), function)())

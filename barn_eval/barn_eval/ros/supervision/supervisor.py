@@ -32,8 +32,8 @@ from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import TrajectoryLog
 from barn_eval.trials.trial import finish_trial, signal_handler
 from barn_worlds.base.config import as_dict
-from barn_worlds.base.errors import ConfigError, reported_as
-from barn_worlds.base.files import write_whole
+from barn_worlds.base.errors import ConfigError, convert_os_errors
+from barn_worlds.base.files import write_durably
 from barn_worlds.ros import private_line
 from barn_worlds.ros.domain import in_use, reserved_domain
 
@@ -63,7 +63,7 @@ def run_ros_trials(
     if not trials:
         return
     logs = logs or store.folder / LOGS
-    with reported_as(ConfigError, logs):
+    with convert_os_errors(ConfigError, logs):
         logs.mkdir(parents=True, exist_ok=True)
     # others that take part in the domain may be in the way: then the evaluator is to look first
     with reserved_domain(environment) as domain, signal_handler(signal.SIGTERM, _end):
@@ -210,7 +210,7 @@ class _Supervisor:
             dict.fromkeys(spec.world_number for spec in self._trials.values())
         )
         assigned = replace(self._assignment, trials=tuple(self._trials), worlds=worlds)
-        write_whole(path, json.dumps(as_dict(assigned)).encode())
+        write_durably(path, json.dumps(as_dict(assigned)).encode())
         self._assignment = replace(self._assignment, look_first=False)
         with theirs:
             node = nodes.evaluator(

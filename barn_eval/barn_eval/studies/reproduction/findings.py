@@ -27,8 +27,8 @@ from barn_metrics.model.evaluation import Evaluation, EvaluationConfig, evaluate
 from barn_metrics.model.trials import Trials
 from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.base.text_files import finite, read_json
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.base.text_files import make_json_safe, read_json
+from barn_worlds.datasets.dataset import open_dataset
 
 SCHEMA_VERSION = 4
 
@@ -109,7 +109,7 @@ class Origin:
 
 def to_json(found: Findings | Origin) -> str:
     """Return findings, or their origin, as JSON; numbers that JSON does not have become null."""
-    return json.dumps(finite(as_dict(found)), indent=1, allow_nan=False) + "\n"
+    return json.dumps(make_json_safe(as_dict(found)), indent=1, allow_nan=False) + "\n"
 
 
 def read_findings(path: Path) -> Findings:
@@ -148,7 +148,11 @@ def reproduce(
     )
     findings = Findings(
         Scope(
-            config, dataset.checksum, len(dataset.indices), len(worlds), PAPER_2020.name
+            config,
+            dataset.checksum,
+            len(dataset.world_numbers),
+            len(worlds),
+            PAPER_2020.name,
         ),
         paper.metrics_finding(dataset, config.seed),
         paper.trials_finding(results, found, config.seed),
@@ -159,7 +163,7 @@ def reproduce(
 
 def paper_campaign(config: ReproduceConfig) -> RunConfig:
     """Return the campaign of the paper's trials."""
-    indices = open_dataset(config.dataset).indices
+    indices = open_dataset(config.dataset).world_numbers
     chosen = chosen_worlds(indices, config.strata, config.seed)
     return RunConfig(
         dataset=config.dataset,

@@ -26,15 +26,15 @@ from barn_metrics.bootstrap import Interval, number
 from barn_metrics.model.evaluation import RIDGE, RIDGE_TITLE, WEIGHTS
 from barn_metrics.report import TABLE_II
 from barn_worlds.base.config import as_dict, from_dict
-from barn_worlds.base.files import write_whole
-from barn_worlds.base.text_files import packaged_yaml, read_json
+from barn_worlds.base.files import write_durably
+from barn_worlds.base.text_files import read_json, read_package_yaml
 from barn_worlds.drawing.palette import INK
 from barn_worlds.drawing.palette import PLANNERS as SHADES
 
 NAME = "results"
 HOLDS, FAILS, OPEN = "holds", "does not hold", "not decided"
 _PLANNERS = (*PLANNERS, "both")
-PAPER = packaged_yaml("barn_eval", "paper.yaml")
+PAPER = read_package_yaml("barn_eval", "paper.yaml")
 _COLOURS = dict(zip(_PLANNERS, colours(_PLANNERS), strict=True))
 _TITLES = {name: spelling(name) for name in PLANNERS} | {"both": "both planners"}
 
@@ -42,10 +42,10 @@ _TITLES = {name: spelling(name) for name in PLANNERS} | {"both": "both planners"
 def write_results(findings: Findings, origin: Origin, folder: Path) -> Path:
     """Write results*.json, results.md and figures/results_*.png and return the page's path; StoreError if it fails."""
     write_figures(findings, folder / "figures")
-    write_whole(folder / f"{NAME}.json", to_json(findings).encode())
-    write_whole(folder / f"{NAME}_origin.json", to_json(origin).encode())
+    write_durably(folder / f"{NAME}.json", to_json(findings).encode())
+    write_durably(folder / f"{NAME}_origin.json", to_json(origin).encode())
     path = folder / f"{NAME}.md"
-    write_whole(path, page(findings, origin).encode())
+    write_durably(path, page(findings, origin).encode())
     return path
 
 

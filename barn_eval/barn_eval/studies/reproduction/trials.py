@@ -17,14 +17,14 @@ from barn_metrics.metrics import CORRECTED, METRICS, PUBLISHED
 from barn_metrics.report import metrics_table
 from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.worlds.dataset import Dataset
+from barn_worlds.datasets.dataset import Dataset
 
 PLANNERS, REPETITIONS = ("dwa", "eband"), 5  # of the paper
 # A tenth of the worlds: the easiest and the most difficult whose mean times are compared.
 EXTREME_SHARE = 0.1
 
 # Deviations of very few worlds have no bias correction that could be trusted.
-over_worlds = partial(bootstrap.over_worlds, percentile=True)
+over_worlds = partial(bootstrap.bootstrap_interval, percentile=True)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,17 @@
+"""The decorator of kernels: functions that numba compiles."""
+
+from collections.abc import Callable
+from typing import TypeVar, cast
+
+from numba import njit
+
+_Function = TypeVar("_Function", bound=Callable[..., object])
+
+
+def kernel(function: _Function) -> _Function:
+    """Compile a function on its first call and cache the machine code on disk.
+
+    A division by zero gives inf or NaN, as in numpy. Python's exception would cost a
+    branch at every division, and would keep loops from being vectorized.
+    """
+    return cast(_Function, njit(cache=True, error_model="numpy")(function))

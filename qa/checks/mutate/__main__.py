@@ -1,0 +1,162 @@
+"""Mutation check of the code that decides results: a unit test should fail for every small change to it.
+
+    python qa/checks/mutate                                # all modules
+    python qa/checks/mutate trials.referee --sample 20     # some mutants of one module
+    python qa/checks/mutate --page docs/mutation.md        # all modules; write the page
+
+Each mutant changes one expression or statement (changes.py). It is never written to a file: a forked process imports
+the changed text in place of the module and runs the module's unit tests until one fails. Tests that hang count as
+failed. Mutants that no test can kill are listed with the reason in survivors.yaml; exit 1 for any other survivor.
+"""
+
+import argparse
+import json
+import os
+import random
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from changes import Mutant, mutants_of
+from report import BEGIN, Tried, known_reasons, records, summary, survivors, write_page
+from runner import ROOT, prepare, seconds_needed, source_of, survivals
+
+# Modules, and the test files of their packages that are to kill their mutants.
+TESTS = {
+    "barn_eval.trials.rules": ["test_referee"],
+    "barn_eval.trials.referee": ["test_referee"],
+    "barn_eval.trials.protocol": ["test_protocol"],
+    "barn_eval.trials.outcome": ["test_scores"],
+    "barn_eval.trials.seeds": ["test_scores"],
+    "barn_eval.trials.trajectory": ["test_trajectory", "test_encounters"],
+    "barn_eval.ros.adapter": ["test_adapter"],
+    "barn_eval.ros.sequencer": ["test_sequencer"],
+    "barn_eval.analysis.statistics": ["test_statistics"],
+    "barn_eval.analysis.compare": ["test_compare"],
+    "barn_eval.analysis.measures": ["test_measures"],
+    "barn_metrics.bootstrap": ["test_bootstrap"],
+}
+
+
+def tests_of(module: str) -> list[Path]:
+    """Return the test files of a dotted module."""
+    return [
+        ROOT / module.partition(".")[0] / "test" / f"{name}.py"
+        for name in TESTS[module]
+    ]
+
+
+def chosen(
+    modules: Sequence[str], sample: int | None, seed: int
+) -> dict[str, list[Mutant]]:
+    """Return the mutants to try, by module: all, or so many drawn from all of them; SystemExit for an unknown name."""
+    for one in modules:
+        if not any(f".{name}".endswith(f".{one}") for name in TESTS):
+            sys.exit(f"no module {one!r}, choose from {', '.join(TESTS)}")
+    names = [
+        name
+        for name in TESTS
+        if not modules or f".{name}".endswith(tuple(f".{one}" for one in modules))
+    ]
+    every = [
+        (name, one)
+        for name in names
+        for one in mutants_of(source_of(name).read_text("utf-8"))
+    ]
+    if sample is not None and sample < len(every):
+        every = [
+            every[index]
+            for index in sorted(random.Random(seed).sample(range(len(every)), sample))
+        ]
+    return {
+        name: mutants
+        for name in names
+        if (mutants := [one for module, one in every if module == name])
+    }
+
+
+def check(
+    module: str, mutants: Sequence[Mutant], tests: Sequence[Path], jobs: int
+) -> list[Tried]:
+    """Return what became of each mutant of a module; SystemExit if the tests fail without any."""
+    needed_s = seconds_needed(module, tests)
+    if needed_s is None:
+        sys.exit(
+            f"{module}: its tests fail without a change: {', '.join(map(str, tests))}"
+        )
+    survived = survivals(
+        module, [one.text for one in mutants], tests, jobs, 10 * needed_s
+    )
+    return [
+        Tried(module, mutant, not alive)
+        for mutant, alive in zip(mutants, survived, strict=True)
+    ]
+
+
+def main() -> int:
+    """Try the mutants asked for; return 1 unless exactly those survive that survivors.yaml lists."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "modules",
+        nargs="*",
+        help="end of a module's name, such as trials.referee; default: all",
+    )
+    parser.add_argument(
+        "--sample", type=int, metavar="N", help="try N mutants, drawn from all"
+    )
+    parser.add_argument(
+        "--seed", type=int, default=0, metavar="S", help="seed of --sample (default 0)"
+    )
+    parser.add_argument(
+        "--tests",
+        type=Path,
+        nargs="+",
+        metavar="FILE",
+        help="run these tests, not the module's own",
+    )
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        default=os.cpu_count(),
+        metavar="N",
+        help="processes at a time",
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--page", type=Path, help="write the results into this page")
+    options = parser.parse_args()
+    if options.page and not (
+        options.page.is_file() and BEGIN in options.page.read_text("utf-8")
+    ):
+        parser.error(f"--page {options.page}: must be a file with the line {BEGIN}")
+    prepare()
+    tried = []
+    for module, mutants in chosen(
+        options.modules, options.sample, options.seed
+    ).items():
+        found = check(module, mutants, options.tests or tests_of(module), options.jobs)
+        print(f"{module}: {summary(found)}", file=sys.stderr)
+        tried += found
+    left, known = {one.change for one in tried if not one.killed}, known_reasons()
+    gone = known.keys() & {one.change for one in tried} - left
+    if options.page:
+        write_page(options.page, tried)
+    if options.json:
+        print(
+            json.dumps(
+                {"summary": summary(tried), "survivors": records(tried)}, indent=1
+            )
+        )
+    else:
+        print(
+            survivors(tried),
+            *(f"killed, but listed as a survivor: {one}\n" for one in gone),
+            summary(tried),
+            sep="",
+        )
+    return int(bool(gone or left - known.keys()))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,277 @@
+"""What fault cases are made of: the cases by name, and the place in which each is tried with the real commands."""
+
+import inspect
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+import uuid
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from processes import MARK, marked
+
+from barn_eval.commands.run import NOT_SCORED
+from barn_eval.trials.outcome import UNDRIVEN_OUTCOMES
+from fault_cases.system import command_line, kill
+
+T = TypeVar("T")
+Row = dict[str, Any]
+
+TESTS = Path(__file__).resolve().parents[3] / "barn_eval" / "test"
+LIMIT_S = 400.0  # of a case: many times what it takes, since the machine may be busy
+_LEFT_S = 60.0  # for processes to end after a command that was killed
+_MESSAGE = 4000  # characters of an error, with the end of a log in it
+
+
+class Wrong(AssertionError):
+    """What a case found that must not be."""
+
+
+class Skipped(Exception):
+    """A case that cannot be tried here, and why."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A fault: what is done, what must happen, and the function that does it and returns what was measured."""
+
+    family: str
+    name: str
+    done: str
+    must: str
+    act: "Callable[[Lab], str]"
+    limit_s: float
+
+    @property
+    def key(self) -> str:
+        """Name among all cases."""
+        return f"{self.family}/{self.name}"
+
+
+CASES: dict[str, Case] = {}
+
+
+def add(
+    family: str,
+    name: str,
+    done: str,
+    must: str,
+    act: "Callable[[Lab], str]",
+    limit_s: float = LIMIT_S,
+) -> None:
+    """Add a case under an unused name."""
+    made = Case(family, name, done, must, act, limit_s)
+    if made.key in CASES:
+        raise ValueError(f"two cases are named {made.key}")
+    CASES[made.key] = made
+
+
+def case(
+    family: str, limit_s: float = LIMIT_S
+) -> "Callable[[Callable[[Lab], str]], Callable[[Lab], str]]":
+    """Return a decorator that adds a function as a case; its doc is what is done and, below, what must happen."""
+
+    def added(act: Callable[[Lab], str]) -> Callable[[Lab], str]:
+        done, _, must = (inspect.getdoc(act) or "").partition("\n\n")
+        name = act.__name__.replace("_", "-")
+        add(family, name, " ".join(done.split()), " ".join(must.split()), act, limit_s)
+        return act
+
+    return added
+
+
+def hold(condition: object, otherwise: object) -> None:
+    """Raise Wrong unless a condition holds."""
+    if not condition:
+        raise Wrong(str(otherwise))
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A command that has ended."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def text(self) -> str:
+        """All that was printed, in one line."""
+        return " ".join(f"{self.out} {self.err}".split())
+
+    @property
+    def error(self) -> str:
+        """The error, on a line of its own; Wrong if there is not one such line."""
+        lines = [line for line in self.err.splitlines() if line.startswith("error: ")]
+        hold(len(lines) == 1, f"{len(lines)} lines of errors: {self.err[-600:]}")
+        hold(len(lines[0]) < _MESSAGE, f"an error of {len(lines[0])} characters")
+        return lines[0].removeprefix("error: ")
+
+
+class Lab:
+    """A folder of its own, and the processes that a case starts there, which it finds again by a mark."""
+
+    def __init__(self, folder: Path, limit_s: float) -> None:
+        self.folder = folder
+        self.out = folder / "out"
+        self.mark = uuid.uuid4().hex
+        self._deadline = time.monotonic() + limit_s
+        self._commands = 0
+        inherited = {
+            name: value for name, value in os.environ.items() if name != "ROS_DOMAIN_ID"
+        }
+        self.environment = inherited | {MARK: self.mark}
+
+    @property
+    def left_s(self) -> float:
+        """Time that is left; Wrong if none is."""
+        left_s = self._deadline - time.monotonic()
+        hold(left_s > 0.0, "took too long")
+        return left_s
+
+    def start(
+        self,
+        *arguments: object,
+        prefix: Sequence[str] = (),
+        environment: Mapping[str, str] | None = None,
+        before: Callable[[], None] | None = None,
+    ) -> "subprocess.Popen[bytes]":
+        """Start `barn` in a session of its own, as a terminal does."""
+        words = [*prefix, sys.executable, "-m", "barn_eval", *map(str, arguments)]
+        return self.start_program(words, environment, before)
+
+    def start_program(
+        self,
+        words: Sequence[str],
+        environment: Mapping[str, str] | None = None,
+        before: Callable[[], None] | None = None,
+    ) -> "subprocess.Popen[bytes]":
+        """Start any program in a session of its own."""
+        self._commands += 1
+        stem = self.folder / f"command_{self._commands}"
+        with (
+            stem.with_suffix(".out").open("wb") as out,
+            stem.with_suffix(".err").open("wb") as err,
+        ):
+            process = subprocess.Popen(
+                words,
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=err,
+                cwd=self.folder,
+                env=self.environment | dict(environment or {}),
+                start_new_session=True,
+                preexec_fn=before,  # noqa: PLW1509
+            )
+        process.stem = stem  # type: ignore[attr-defined]
+        return process
+
+    def finish(self, process: "subprocess.Popen[bytes]", code: int | None = 0) -> Ended:
+        """Wait for a command; Wrong if it hangs, ends with another code, or shows a traceback."""
+        try:
+            process.wait(self.left_s)
+        except subprocess.TimeoutExpired:
+            raise Wrong("the command hangs") from None
+        stem: Path = process.stem  # type: ignore[attr-defined]
+        out, err = (
+            stem.with_suffix(end).read_text("utf-8", "replace")
+            for end in (".out", ".err")
+        )
+        ended = Ended(process.returncode, out, err)
+        hold(
+            not re.search(r"^Traceback", out + err, re.MULTILINE),
+            f"a traceback: {(out + err)[-1500:]}",
+        )
+        failed = (
+            code == 0
+            and ended.code
+            and all(row["outcome"] in UNDRIVEN_OUTCOMES for row in self.rows())
+        )
+        due = NOT_SCORED if failed else code
+        hold(
+            code is None or ended.code == due,
+            f"exit code {ended.code}, not {due}: {ended.text[-800:]}",
+        )
+        return ended
+
+    def barn(self, *arguments: object, code: int | None = 0, **how: Any) -> Ended:
+        """Run `barn` to its end."""
+        return self.finish(self.start(*arguments, **how), code)
+
+    def refused(self, *arguments: object, **how: Any) -> str:
+        """Run `barn`, which must refuse in one line, and return that."""
+        return self.barn(*arguments, code=1, **how).error
+
+    def until(self, condition: Callable[[], T], what: str) -> T:
+        """Wait for a condition and return its value."""
+        while not (value := condition()):
+            hold(time.monotonic() < self._deadline, f"waited in vain for {what}")
+            time.sleep(0.01)
+        return value
+
+    def rows(self, out: Path | None = None) -> list[Row]:
+        """Return the whole rows of a folder in the order in which the trials ended."""
+        path = (out or self.out) / "results.jsonl"
+        lines = path.read_text().splitlines(keepends=True) if path.exists() else []
+        return [json.loads(line) for line in lines if line.endswith("\n")]
+
+    def row(self) -> Row:
+        """Return the only row."""
+        rows = self.rows()
+        hold(len(rows) == 1, f"{len(rows)} rows, not one")
+        return rows[0]
+
+    def processes(self, text: str = "") -> list[int]:
+        """Return the processes that carry the mark and have the text in their command line."""
+        return [one.pid for one in marked(self.mark) if text in command_line(one.pid)]
+
+    def nodes(self, text: str) -> list[int]:
+        """Return the processes of a node, not their guards."""
+        return [
+            pid for pid in self.processes(text) if "guard.py" not in command_line(pid)
+        ]
+
+    def guards(self, text: str) -> list[int]:
+        """Return the guards of a node."""
+        return [pid for pid in self.processes(text) if "guard.py" in command_line(pid)]
+
+    def nothing_left(self) -> None:
+        """Wrong if a process outlives the commands; it is ended."""
+        end = time.monotonic() + _LEFT_S
+        while (left := self.processes()) and time.monotonic() < end:
+            time.sleep(0.05)
+        lines = [command_line(pid)[:200] for pid in left]
+        self.end_all()
+        hold(not lines, f"processes are left: {lines}")
+
+    def end_all(self) -> None:
+        """End what is left."""
+        while left := self.processes():
+            kill(left)
+            time.sleep(0.01)
+
+
+def ending(row: Row) -> str:
+    """Return in words how a trial ended."""
+    return (
+        f"{row['outcome']}: {row['detail']}" if row["detail"] else str(row["outcome"])
+    )
+
+
+def repeatable(rows: Sequence[Row]) -> list[Row]:
+    """Return rows without what is the wall clock's, in the order of their trials."""
+    return [
+        {key: value for key, value in row.items() if key not in ("wall_clock", "crc32")}
+        for row in sorted(rows, key=lambda row: str(row["trial_id"]))
+    ]
+
+
+def scratch() -> Path:
+    """Return a new folder under the temporary one, which is left to the tool to remove."""
+    return Path(tempfile.mkdtemp(prefix="barn-faults-"))

@@ -1,0 +1,488 @@
+"""What is fuzzed: each reader of files of strangers, seeds made from real files, and how such files are changed."""
+
+import base64
+import io
+import json
+import random
+import zipfile
+import zlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from fuzz_mutator import mutated, mutated_plain
+from mcap.writer import CompressionType, Writer
+from PIL import Image
+from rosbags import rosbag2
+
+from barn_eval.analysis.sources import read_source
+from barn_eval.analysis.tables import trials_table
+from barn_eval.pages.replay.page import facts, subtitle
+from barn_eval.pages.replay.payload import payload
+from barn_eval.pages.template import script_json
+from barn_eval.results.bags.decode import TOPICS
+from barn_eval.results.bags.recorded import read_recorded_trial
+from barn_eval.results.folder import ResultsFolder
+from barn_eval.results.rows import (
+    RowFile,
+    TrackFile,
+    results_table,
+    seal_line,
+    timing_table,
+    unseal_line,
+)
+from barn_eval.results.run_file import RunFile
+from barn_eval.results.store import TrialRecord
+from barn_eval.results.tracks import parse_track_line, track_line
+from barn_eval.running.request import read_request
+from barn_eval.trials.outcome import Outcome, Verdict
+from barn_eval.trials.protocol import CHALLENGE, load_protocol
+from barn_eval.trials.result import from_json_line, to_json_line
+from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
+from barn_eval.trials.trajectory import Trajectory
+from barn_eval.trials.trial import finish_trial
+from barn_metrics.model import load_model
+from barn_metrics.model.inputs import STRIPS, summary_names
+from barn_metrics.model.predictor import DifficultyModel, RouteNetwork
+from barn_metrics.model.route import CHANNELS
+from barn_metrics.model.weights import save_model
+from barn_planners.policy.file import Policy, PolicyNetwork, read_policy, write_policy
+from barn_planners.policy.space import PolicyAction, PolicyObservation
+from barn_sim.body.model import description_text
+from barn_sim.config import SimulatorConfig, with_robot
+from barn_worlds.base.config import as_dict
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.formats.map_server import grid_of, read_map, write_map
+from barn_worlds.formats.own import write_own
+from barn_worlds.formats.sdf import sdf_text, write_sdf
+from barn_worlds.formats.single import read_world
+from barn_worlds.formats.world_yaml import world_yaml
+from barn_worlds.messages.cdr import jazzy_types, make, serialise
+from barn_worlds.messages.topics import GROUND_TRUTH, ODOM
+from barn_worlds.robots.files import load_robot, shipped_robots
+from barn_worlds.robots.urdf import chassis_of
+
+Mutate = Callable[[random.Random, bytes, Sequence[bytes]], bytes]
+
+
+@dataclass(frozen=True)
+class Reader:
+    """A reader under test.
+
+    name: of the file in a folder of its own. seeds: contents of good files; whatever else `read` needs is put into the
+    folder given. read: reads the file and uses what it got as the suite does; a BarnError is a refusal.
+    """
+
+    name: str
+    seeds: Callable[[Path], list[bytes]]
+    read: Callable[[Path], Any]
+    mutate: Mutate = mutated
+
+
+def _json(draw: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:
+    """Change a JSON document as bytes, or as the data that it stands for."""
+    if draw.random() < 0.4:
+        return mutated(draw, data, others)
+    try:
+        content = mutated_plain(draw, json.loads(data))
+        return json.dumps(content, ensure_ascii=draw.random() < 0.8).encode(
+            "utf-8", "surrogatepass"
+        )
+    except (ValueError, RecursionError):
+        return mutated(draw, data, others)
+
+
+def _lines(draw: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:
+    """Change a line of JSON, now and then with the right checksum, or the file."""
+    lines = data.splitlines()
+    if draw.random() < 0.2 or not lines:
+        return mutated(draw, data, others)
+    number = draw.randrange(len(lines))
+    try:
+        line = unseal_line(lines[number].decode(), "")
+        content = (
+            _unpacked_change(draw, json.loads(line)) if draw.random() < 0.3 else None
+        )
+        changed = (
+            json.dumps(content).encode()
+            if content
+            else _json(draw, line.encode(), others)
+        )
+        if draw.random() < 0.5:
+            changed = seal_line(changed.decode()).encode()
+        lines[number] = changed
+    except (ValueError, ConfigError):
+        return mutated(draw, data, others)
+    return b"\n".join(lines) + b"\n"
+
+
+def _unpacked_change(draw: random.Random, content: Any) -> Any:
+    """Change what a track has packed."""
+    if isinstance(content, dict) and isinstance(content.get("zlib"), str):
+        packed = mutated(
+            draw, zlib.decompress(base64.b64decode(content["zlib"])), [b"\xff" * 100]
+        )
+        content["zlib"] = base64.b64encode(zlib.compress(packed, 1)).decode()
+        return content
+    return None
+
+
+def _npz(draw: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:
+    """Change a member of an archive, or the archive."""
+    if draw.random() < 0.3:
+        return mutated(draw, data, others)
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            members = {name: archive.read(name) for name in archive.namelist()}
+    except Exception:  # a member of the corpus need not be an archive
+        return mutated(draw, data, others)
+    name = draw.choice(list(members))
+    if name.endswith(".json"):
+        members[name] = _json(draw, members[name], [members[name]])
+    else:
+        head, rest = members[name][:128], members[name][128:]
+        members[name] = (
+            mutated(draw, head, [head]) + rest
+            if draw.random() < 0.7
+            else mutated(draw, members[name], [head])
+        )
+    if draw.random() < 0.05:
+        del members[name]
+    file = io.BytesIO()
+    with zipfile.ZipFile(
+        file, "w", draw.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED))
+    ) as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    return file.getvalue()
+
+
+def _files(*paths: Path) -> list[bytes]:
+    return [path.read_bytes() for path in paths]
+
+
+def _world() -> Any:
+    return open_dataset("barn_test").load(open_dataset("barn_test").world_numbers[0])
+
+
+def _scene() -> Any:
+    """Return a world with walls and two moving obstacles."""
+    arena = open_dataset("dynabarn60").load(0)
+    return replace(arena, moving=arena.moving[:2])
+
+
+def _experiment(folder: Path) -> Path:
+    """Make a folder of an experiment in which every trial timed out, with tracks."""
+    asked = RunConfig(
+        worlds="0,9", planners=(PlannerChoice("gap"), PlannerChoice("dwa"))
+    )
+    specs = asked.trials()
+    out = folder / "experiment"
+    with ResultsFolder.open(out, asked, ExecutionConfig(), specs) as kept:
+        for spec in specs:
+            steps = np.linspace(0.0, 2.0, 40)
+            driven = Trajectory(
+                np.arange(40) * 50_000_000,
+                np.column_stack([steps, steps, 0.0 * steps]),
+                np.full((40, 2), 0.5),
+                np.full((40, 2), 0.5),
+                np.zeros(40, bool),
+            )
+            finished = finish_trial(
+                spec, "direct", Verdict(Outcome.TIMEOUT, "", 100.0, 100.0, 0.0), driven
+            )
+            kept.append(TrialRecord(finished.result, track_line(finished)))
+        kept.complete()
+    return out
+
+
+def _beside(folder: Path, name: str) -> list[bytes]:
+    """Return a file of an experiment, whose others are put beside the files under test."""
+    out = _experiment(folder)
+    for path in out.iterdir():
+        (folder / path.name).write_bytes(path.read_bytes())
+    return _files(out / name)
+
+
+def _rows(path: Path) -> None:
+    found = RowFile(path.parent).read()
+    results_table(found), timing_table(found), trials_table(found, "").csv()
+    for one in found:
+        assert from_json_line(to_json_line(one), "") == one
+        one.trial_id.encode()
+
+
+def _tracks(path: Path) -> None:
+    for line in TrackFile(path.parent).read().values():
+        assert parse_track_line(line, "")[1].packed
+
+
+def _run(path: Path) -> None:
+    RunFile.read(path.parent).run_config()
+    assert read_source(path.parent).results
+
+
+def _request(path: Path) -> None:
+    asked = read_request(path, {}).config
+    for planner in asked.planners:
+        asked.resolve_planner(planner)
+
+
+def _protocol(path: Path) -> None:
+    assert load_protocol(str(path)).course(_world())
+
+
+_REQUESTS = (
+    b"""schema_version: 1
+dataset: barn300
+worlds: 0:300:50
+planners: [dwa:challenge, {name: gap, overrides: {max_speed_mps: 1.0}}]
+repetitions: 3
+protocol: paper2020
+simulator: {lidar.beams: 100}
+seed: 7
+execution: {workers: 2}
+out: out/x
+""",
+    b"""schema_version: 1
+mode: ros
+planner_command: mine=python3 x.py
+ros: {lockstep: false}
+workers: 1
+out: y
+""",
+)
+
+
+def _protocol_seeds(_: Path) -> list[bytes]:
+    whole = yaml.safe_dump(
+        {"schema_version": 1} | as_dict(CHALLENGE) | {"name": "mine"}
+    ).encode()
+    return [
+        b"schema_version: 1\nbase: challenge\nname: slow\nlimit_s: 200.0\nstart: {x_m: 1.0}\n",
+        whole,
+    ]
+
+
+def _robot_seeds(folder: Path, ending: str) -> list[bytes]:
+    jackal = shipped_robots()["jackal"]
+    (folder / "jackal.urdf").write_bytes(jackal.with_suffix(".urdf").read_bytes())
+    return [path.read_bytes() for path in sorted(jackal.parent.glob(f"*{ending}"))]
+
+
+def _robot(path: Path) -> None:
+    description_text(with_robot(SimulatorConfig(), load_robot(path)).chassis)
+
+
+def _urdf(path: Path) -> None:
+    chassis_of(path)
+
+
+def _bag_seeds(_: Path) -> list[bytes]:
+    found = []
+    for part, compression in enumerate(
+        (CompressionType.NONE, CompressionType.ZSTD, CompressionType.LZ4)
+    ):
+        file = io.BytesIO()
+        writer: Any = Writer(
+            file,
+            compression=compression,
+            chunk_size=4096,
+            enable_crcs=compression != CompressionType.NONE,
+        )
+        writer.start("ros2")
+        for number, (topic, kinds) in enumerate(
+            TOPICS.items()
+        ):  # each bag has the poses, and a third of the others
+            if number % 3 != part and topic not in (ODOM.path, GROUND_TRUTH.path):
+                continue
+            kind = sorted(kinds)[0]
+            schema = writer.register_schema(kind, "ros2msg", b"")
+            channel = writer.register_channel(topic, "cdr", schema)
+            for time in range(2):
+                writer.add_message(
+                    channel,
+                    time * 10**8,
+                    serialise(_message(make, kind, time)),
+                    time * 10**8,
+                )
+        writer.add_metadata(
+            "barn.trial",
+            {"specification": '{"planner": {"name": "dwa"}, "world": {"name": "w"}}'},
+        )
+        writer.add_metadata(
+            "barn.result",
+            {"result": '{"outcome": "success", "scores": {"challenge": 0.5}}'},
+        )
+        writer.finish()
+        found.append(file.getvalue())
+    return found
+
+
+def _message(make: Any, kind: str, time: int) -> Any:
+    """Return a message of a type that a replay shows something of."""
+    if kind == "sensor_msgs/msg/LaserScan":
+        return make(
+            kind,
+            ranges=np.full(20, 2.0, np.float32),
+            angle_increment=0.1,
+            range_max=30.0,
+        )
+    if kind == "nav_msgs/msg/OccupancyGrid":
+        info = make("nav_msgs/msg/MapMetaData", width=4, height=3, resolution=0.15)
+        return make(kind, info=info, data=np.zeros(12, np.int8))
+    if kind == "nav_msgs/msg/Path":
+        return make(kind, poses=[make("geometry_msgs/msg/PoseStamped")] * 3)
+    if kind == "visualization_msgs/msg/MarkerArray":
+        point = make("geometry_msgs/msg/Point", x=0.1 * time)
+        return make(
+            kind,
+            markers=[make("visualization_msgs/msg/Marker", type=4, points=[point] * 3)],
+        )
+    if kind == "tf2_msgs/msg/TFMessage":
+        return make(
+            kind,
+            transforms=[
+                make("geometry_msgs/msg/TransformStamped", child_frame_id="laser")
+            ],
+        )
+    return make(kind)
+
+
+def _bag(path: Path) -> None:
+    found = read_recorded_trial(path if path.suffix == ".mcap" else path.parent)
+    script_json(payload(found)), facts(found), subtitle(found).encode()
+
+
+def _sqlite_seeds(folder: Path) -> list[bytes]:
+    with rosbag2.Writer(
+        folder / "bag", version=9, storage_plugin=rosbag2.StoragePlugin.SQLITE3
+    ) as writer:
+        for topic, kinds in list(TOPICS.items())[
+            ::6
+        ]:  # the reader takes most of its time for their description
+            kind = sorted(kinds)[0]
+            connection = writer.add_connection(topic, kind, typestore=jazzy_types())
+            for time in range(2):
+                writer.write(connection, time, serialise(_message(make, kind, time)))
+    text = (folder / "bag" / "metadata.yaml").read_text()
+    (folder / "metadata.yaml").write_text(text.replace("bag.db3", "input.db3"))
+    return _files(folder / "bag" / "bag.db3")
+
+
+def _npy_seeds(folder: Path) -> list[bytes]:
+    for kind in (np.int64, np.float64, np.bool_, np.uint8):
+        np.save(folder / f"{kind.__name__}.npy", _world().grid[:10, :10].astype(kind))
+    return _files(*folder.glob("*.npy"))
+
+
+def _own_seeds(folder: Path) -> list[bytes]:
+    write_own(folder / "own.npz", "own", {0: _world(), 3: _world()})
+    write_own(folder / "scenes.npz", "scenes", {0: _scene(), 7: _world()})
+    return _files(folder / "own.npz", folder / "scenes.npz")
+
+
+def _dataset(path: Path) -> None:
+    found = open_dataset(path)
+    assert [found.load(index).name.encode() for index in found.world_numbers[:3]]
+
+
+def _single(path: Path) -> None:
+    assert read_world(path)
+
+
+def _gazebo_seeds(folder: Path) -> list[bytes]:
+    whole = _world()
+    thin = whole.grid & (np.indices(whole.grid.shape).sum(axis=0) % 10 == 0)
+    world = replace(
+        whole, grid=thin, corner_m=(-4.5, 5.1)
+    )  # an arena, without the many cylinders of a containment
+    write_sdf(world, folder / "w.world.gz")
+    return [
+        *(sdf_text(world, flavour).encode() for flavour in ("classic", "gz")),
+        *_files(folder / "w.world.gz"),
+    ]
+
+
+def _map_seeds(folder: Path) -> list[bytes]:
+    write_map(_world().occupancy_map(), folder / "map")
+    return _files(folder / "map.yaml")
+
+
+def _image_seeds(folder: Path) -> list[bytes]:
+    text = _map_seeds(folder)[0].replace(b"map.pgm", b"input.pgm")
+    (folder / "map.yaml").write_bytes(text)
+    files = [folder / "map.pgm"]
+    for ending in ("png", "bmp", "ppm"):
+        for mode in ("L", "RGB", "1"):
+            files.append(folder / f"{mode}.{ending}")
+            Image.open(folder / "map.pgm").resize((20, 30)).convert(mode).save(
+                files[-1]
+            )
+    return _files(*files)
+
+
+def _image(path: Path) -> None:
+    grid_of(read_map(path.with_name("map.yaml")))
+
+
+def _policy(path: Path) -> None:
+    found = read_policy(path)
+    PolicyNetwork(found).act(np.zeros(found.layers[0], np.float32))
+
+
+def _policy_seeds(folder: Path) -> list[bytes]:
+    weights = tuple(np.ones(size, np.float32) for size in ((11, 4), (4, 2)))
+    biases = tuple(np.zeros(size, np.float32) for size in (4, 2))
+    write_policy(
+        folder / "own.npz",
+        Policy(PolicyObservation(beams=6), PolicyAction(), weights, biases),
+    )
+    return _files(folder / "own.npz")
+
+
+def _weights(path: Path) -> None:
+    load_model(path)
+
+
+def _weights_seeds(folder: Path) -> list[bytes]:
+    size = len(summary_names())
+    filters = tuple(
+        (np.ones((1, first, 2)), np.zeros(2))
+        for first in (len(STRIPS) * CHANNELS, 2, 2)
+    )
+    layers = ((np.ones((4 + size, 2)), np.zeros(2)),)
+    network = RouteNetwork(np.zeros(size), np.ones(size), filters, layers)
+    save_model(DifficultyModel(("dwa",), (network,), 0.1, {}), folder / "own.npz")
+    return _files(folder / "own.npz")
+
+
+READERS = {
+    "rows": Reader(
+        "results.jsonl", lambda folder: _beside(folder, "results.jsonl"), _rows, _lines
+    ),
+    "tracks": Reader(
+        "tracks.jsonl", lambda folder: _beside(folder, "tracks.jsonl"), _tracks, _lines
+    ),
+    "run": Reader("run.json", lambda folder: _beside(folder, "run.json"), _run, _json),
+    "campaign": Reader("input.yaml", lambda _: list(_REQUESTS), _request),
+    "protocol": Reader("input.yaml", _protocol_seeds, _protocol),
+    "robot": Reader("input.yaml", lambda folder: _robot_seeds(folder, ".yaml"), _robot),
+    "urdf": Reader("input.urdf", lambda folder: _robot_seeds(folder, ".urdf"), _urdf),
+    "npy": Reader("input.npy", _npy_seeds, _single),
+    "dataset": Reader("input.npz", _own_seeds, _dataset, _npz),
+    "policy": Reader("input.npz", _policy_seeds, _policy, _npz),
+    "weights": Reader("input.npz", _weights_seeds, _weights, _npz),
+    "scene": Reader(
+        "input.world.yaml", lambda _: [world_yaml(_scene()).encode()], _dataset
+    ),
+    "world": Reader("input.world", _gazebo_seeds, _single),
+    "map": Reader("input.yaml", _map_seeds, _single),
+    "image": Reader("input.pgm", _image_seeds, _image),
+    "bag": Reader("input.mcap", _bag_seeds, _bag),
+    "sqlite": Reader("input.db3", _sqlite_seeds, _bag),
+}

@@ -1,0 +1,69 @@
+"""Ask a service on the internet which of the locked packages have known vulnerabilities (`make audit`).
+
+Exit code 1 if one has, 2 if the service could not be asked.
+"""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+LOCKS = ("requirements/base.lock", "requirements/docs.lock")
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def audited(lock: str) -> tuple[int, list[str], str]:
+    """Return how many packages of a lock file were audited, their vulnerabilities, and why not all were."""
+    words = [
+        "uvx",
+        "pip-audit",
+        "--requirement",
+        lock,
+        "--disable-pip",
+        "--require-hashes",
+        "--format",
+        "json",
+    ]
+    try:
+        ended = subprocess.run(
+            words, cwd=ROOT, capture_output=True, text=True, check=False
+        )
+        packages = json.loads(ended.stdout)["dependencies"]
+    except FileNotFoundError:
+        return 0, [], "uv is not installed"
+    except (ValueError, KeyError):
+        return 0, [], " ".join(ended.stderr.split())[-300:]
+    found = [
+        f"{lock}: {one['name']} {one['version']}: {flaw['id']}, fixed in {', '.join(flaw['fix_versions']) or 'none'}"
+        for one in packages
+        for flaw in one.get("vulns", [])
+    ]
+    skipped = [one["name"] for one in packages if "skip_reason" in one]
+    why = (
+        f"{len(skipped)} packages are not known to the service, such as {skipped[0]}"
+        if skipped
+        else ""
+    )
+    return len(packages) - len(skipped), found, why
+
+
+def main() -> int:
+    """Print what was found."""
+    code = 0
+    for lock in LOCKS:
+        count, found, why = audited(lock)
+        print(
+            f"{lock}: {count} packages audited, {len(found)} known vulnerabilities{f'; {why}' if why else ''}"
+        )
+        print(*found, sep="\n" if found else "", end="\n" if found else "")
+        if not count:
+            print(
+                f"{lock}: NOT AUDITED: the service cannot be asked from here",
+                file=sys.stderr,
+            )
+        code = max(code, 2 if not count else int(bool(found)))
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,421 @@
+"""Does difficulty carry over from robot to robot? The tables and the figure of docs/carry_over.md.
+
+    python qa/studies/carry_over.py docs/carry_over.csv --figure docs/figures/carry_over.png
+    python qa/studies/carry_over.py out/jackal out/husky out/turtlebot4 --csv docs/carry_over.csv
+
+The trials are those of several robots in worlds of the same grids, each in cells of its robot's size
+(`barn.worlds.resize`). Courses and reference speeds are in these cells as well, so that times can be compared as
+they are.
+"""
+
+import csv
+import io
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from dataclasses import astuple, dataclass, fields
+from functools import cached_property
+from pathlib import Path
+
+import click
+import numpy as np
+import numpy.typing as npt
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
+
+from barn_eval.analysis.planners import spelling
+from barn_eval.analysis.sources import read_source
+from barn_eval.analysis.statistics import mean_interval, rank_correlation
+from barn_eval.pages.figures import label_axes, new_figure, style, write_figure
+from barn_metrics.bootstrap import Interval, bootstrap_interval
+from barn_metrics.metrics import METRICS, world_metrics
+from barn_metrics.model import load_model
+from barn_worlds.base.arrays import Floats, Integers
+from barn_worlds.base.errors import BarnError, ConfigError
+from barn_worlds.base.files import write_bytes
+from barn_worlds.base.text_files import markdown_table
+from barn_worlds.datasets.dataset import open_dataset
+from barn_worlds.drawing.palette import FAINT, PLANNERS
+
+GRIDS = "barn300"
+LEARNED = "Predicted difficulty"
+TOGETHER = "all"
+_TICKS_S = (10.0, 20.0, 30.0, 50.0, 100.0)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A trial; time_s: as counted, failures with what the protocol counts for them."""
+
+    robot: str
+    planner: str
+    seed: int
+    repetition: int
+    world: int
+    success: bool
+    time_s: float
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Trials of robots and planners in the same worlds, as many of each."""
+
+    rows: tuple[Trial, ...]
+
+    @property
+    def robots(self) -> list[str]:
+        """Robots in the order in which they come."""
+        return list(dict.fromkeys(row.robot for row in self.rows))
+
+    @property
+    def planners(self) -> list[str]:
+        """Planners in the order in which they come."""
+        return list(dict.fromkeys(row.planner for row in self.rows))
+
+    @cached_property
+    def worlds(self) -> Integers:
+        """Numbers of the worlds that every planner drove with every robot, ascending."""
+        driven = defaultdict(set)
+        for row in self.rows:
+            driven[row.robot, row.planner].add(row.world)
+        shared = set.intersection(*driven.values())
+        if len(driven) < len(self.robots) * len(self.planners) or len(shared) < 3:
+            raise ConfigError(
+                "every planner must have driven with every robot, in 3 worlds at least"
+            )
+        return np.array(sorted(shared), np.int64)
+
+    def of(self, robot: str, planner: str) -> list[Trial]:
+        """Return the trials of a robot under a planner, in the worlds that all share."""
+        shared = set(self.worlds.tolist())
+        return [
+            row
+            for row in self.rows
+            if (row.robot, row.planner) == (robot, planner) and row.world in shared
+        ]
+
+    def tries(self, robot: str, planner: str) -> Floats:
+        """Return the times of each try in each world, (tries, worlds)."""
+        by_try: dict[tuple[int, int], dict[int, float]] = defaultdict(dict)
+        for row in self.of(robot, planner):
+            by_try[row.seed, row.repetition][row.world] = row.time_s
+        whole = [
+            by_try[key]
+            for key in sorted(by_try)
+            if len(by_try[key]) == len(self.worlds)
+        ]
+        return np.array(
+            [[one[world] for world in self.worlds.tolist()] for one in whole]
+        )
+
+    def failed(self, robot: str, planner: str) -> npt.NDArray[np.bool_]:
+        """Return in which worlds (worlds,) any try failed."""
+        lost = [one.world for one in self.of(robot, planner) if not one.success]
+        return np.isin(self.worlds, lost)
+
+    def times(self, robot: str, planner: str) -> Floats:
+        """Return the mean time of a robot in each world (worlds,), of all planners if they are taken together."""
+        planners = self.planners if planner == TOGETHER else [planner]
+        found: Floats = np.mean(
+            [self.tries(robot, one).mean(axis=0) for one in planners], axis=0
+        )
+        return found
+
+
+def read_folders(folders: Sequence[Path]) -> Trials:
+    """Return the trials of folders of results; ConfigError for worlds whose grids are not those of barn300."""
+    rows = []
+    for folder in folders:
+        source = read_source(folder)
+        dataset, standard = (
+            open_dataset(str(source.configuration["dataset"])),
+            open_dataset(GRIDS),
+        )
+        for one in source.results:
+            world = dataset.load(one.world)
+            if not np.array_equal(world.grid, standard.load(one.world).grid):
+                raise ConfigError(
+                    f"{folder}: world {one.world} has not the grid of that of {GRIDS}"
+                )
+            name, seed, scores = (
+                source.chassis.name,
+                int(source.configuration["seed"]),
+                one.scores,
+            )
+            time_s = round(scores.scored_time_s, 3)
+            rows.append(
+                Trial(
+                    name,
+                    one.planner,
+                    seed,
+                    one.repetition,
+                    one.world,
+                    scores.success,
+                    time_s,
+                )
+            )
+    return Trials(tuple(rows))
+
+
+def read_trials(path: Path) -> Trials:
+    """Return the trials of a CSV file that `csv_text` made."""
+    made = []
+    with path.open(newline="") as file:
+        for row in csv.DictReader(file):
+            numbers = int(row["seed"]), int(row["repetition"]), int(row["world"])
+            made.append(
+                Trial(
+                    row["robot"],
+                    row["planner"],
+                    *numbers,
+                    row["success"] == "1",
+                    float(row["time_s"]),
+                )
+            )
+    return Trials(tuple(made))
+
+
+def csv_text(trials: Trials) -> str:
+    """Return the trials as CSV."""
+    file = io.StringIO()
+    rows = csv.writer(file, lineterminator="\n")
+    rows.writerow(item.name for item in fields(Trial))
+    rows.writerows(
+        [int(value) if isinstance(value, bool) else value for value in astuple(row)]
+        for row in trials.rows
+    )
+    return file.getvalue()
+
+
+def results_table(trials: Trials) -> str:
+    """Return success and mean time of each robot and planner."""
+    rows = []
+    for planner in trials.planners:
+        for robot in trials.robots:
+            found = trials.of(robot, planner)
+            worlds = np.array([one.world for one in found])
+            success, time = (
+                mean_interval(np.array(values, np.float64), worlds)
+                for values in (
+                    [100.0 * one.success for one in found],
+                    [one.time_s for one in found],
+                )
+            )
+            rows.append(
+                [
+                    spelling(planner),
+                    f"`{robot}`",
+                    str(len(found)),
+                    success.text(0),
+                    time.text(1),
+                ]
+            )
+    return markdown_table(
+        ["planner", "robot", "trials", "success [%]", "time as counted [s]"], rows
+    )
+
+
+def predictors(worlds: Integers) -> dict[str, Floats]:
+    """Return what may predict times, by name: metrics of barn300's worlds and the shipped model's difficulty."""
+    dataset, model = open_dataset(GRIDS), load_model()
+    loaded = [dataset.load(number) for number in worlds.tolist()]
+    values = np.array([world_metrics(world).as_array() for world in loaded])
+    found = {metric.title: values[:, column] for column, metric in enumerate(METRICS)}
+    return found | {
+        LEARNED: np.array([model.predict(world).difficulty_s_per_m for world in loaded])
+    }
+
+
+def metrics_table(trials: Trials, planners: Sequence[str]) -> str:
+    """Return Spearman's correlation of predictors and mean times, a row per planner and predictor."""
+    rows = [
+        [*([spelling(planner)] if len(planners) > 1 else []), name]
+        + [
+            _rank(trials, values, trials.times(robot, planner)).text()
+            for robot in trials.robots
+        ]
+        for planner in planners
+        for name, values in predictors(trials.worlds).items()
+    ]
+    headings = [
+        *(["planner"] if len(planners) > 1 else []),
+        "predictor",
+        *(f"`{name}`" for name in trials.robots),
+    ]
+    return markdown_table(headings, rows)
+
+
+def robots_table(trials: Trials) -> str:
+    """Return Spearman's correlation of the times of each two robots, and what repetition alone would leave of it."""
+    pairs = _pairs(trials)
+    rows = []
+    for planner in [*trials.planners, TOGETHER]:
+        across = [
+            _rank(trials, *(trials.times(robot, planner) for robot in pair)).text()
+            for pair in pairs
+        ]
+        rows.append(
+            [
+                spelling(planner),
+                *across,
+                *(_repeatability(trials, one, planner) for one in trials.robots),
+            ]
+        )
+    headings = [
+        "planner",
+        *(f"`{a}`, `{b}`" for a, b in pairs),
+        *(f"`{one}`, itself" for one in trials.robots),
+    ]
+    return markdown_table(headings, rows)
+
+
+def regression_table(trials: Trials) -> str:
+    """Return the linear regression of the times of other robots on those of the first, in worlds where none failed.
+
+    The last column is of all worlds, failures as they count.
+    """
+    first, *others = trials.robots
+    rows = []
+    for planner in trials.planners:
+        for robot in others:
+            x, y = trials.times(first, planner), trials.times(robot, planner)
+            solved = ~(trials.failed(first, planner) | trials.failed(robot, planner))
+            line = [
+                _over(part, x[solved], y[solved])
+                for part in (intercept, slope, determination)
+            ]
+            found = [*line, _over(determination, x, y)]
+            digits = (1, 2, 2, 2)
+            texts = [
+                one.text(places) for one, places in zip(found, digits, strict=True)
+            ]
+            rows.append(
+                [spelling(planner), f"`{robot}`", str(int(solved.sum())), *texts]
+            )
+    headings = [
+        "planner",
+        "robot",
+        "worlds",
+        "intercept [s]",
+        "slope",
+        "R2",
+        "R2, all worlds",
+    ]
+    return markdown_table(headings, rows)
+
+
+def slope(x: Floats, y: Floats) -> Floats:
+    """Return the slope of the line of least squares through points, along the last axis."""
+    x = x - x.mean(axis=-1, keepdims=True)
+    found: Floats = (x * (y - y.mean(axis=-1, keepdims=True))).sum(axis=-1) / (
+        x**2
+    ).sum(axis=-1)
+    return found
+
+
+def intercept(x: Floats, y: Floats) -> Floats:
+    """Return where that line is at x = 0."""
+    found: Floats = y.mean(axis=-1) - slope(x, y) * x.mean(axis=-1)
+    return found
+
+
+def determination(x: Floats, y: Floats) -> Floats:
+    """Return the share of the variance of y that the line explains."""
+    found: Floats = slope(x, y) * slope(y, x)
+    return found
+
+
+def scatter(trials: Trials) -> Figure:
+    """Return the times of other robots over those of the first, a panel per planner."""
+    first, *others = trials.robots
+    figure = new_figure(8.8, 8.4)
+    all_s = [row.time_s for row in trials.rows]
+    limits = (0.9 * min(all_s), 1.1 * max(all_s))
+    for place, planner in enumerate(trials.planners):
+        axes = figure.add_subplot(2, -(-len(trials.planners) // 2), place + 1)
+        axes.plot(limits, limits, color=FAINT, lw=1.0)
+        for colour, robot in zip(PLANNERS, others, strict=False):
+            times = trials.times(first, planner), trials.times(robot, planner)
+            axes.scatter(*times, s=26, facecolor="none", edgecolor=colour, label=robot)
+        label_axes(axes, f"{first} [s]", "other robot [s]", spelling(planner))
+        axes.set(xscale="log", yscale="log", xlim=limits, ylim=limits, box_aspect=1.0)
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_locator(FixedLocator(_TICKS_S))
+            axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+            axis.set_minor_locator(NullLocator())
+    figure.legend(
+        *figure.axes[0].get_legend_handles_labels(),
+        loc="outside lower center",
+        ncols=len(others),
+    )
+    return figure
+
+
+def _pairs(trials: Trials) -> list[tuple[str, str]]:
+    return [
+        (a, b)
+        for place, a in enumerate(trials.robots)
+        for b in trials.robots[place + 1 :]
+    ]
+
+
+def _rank(trials: Trials, x: Floats, y: Floats) -> Interval:
+    return rank_correlation((x, trials.worlds), (y, trials.worlds))
+
+
+def _repeatability(trials: Trials, robot: str, planner: str) -> str:
+    """Return the correlation of mean times with those of as many trials again, a dash where there are not two."""
+    planners = trials.planners if planner == TOGETHER else [planner]
+    tries = [trials.tries(robot, one)[:2] for one in planners]
+    if min(map(len, tries)) < 2:
+        return "-"
+    one = _rank(trials, *np.mean(tries, axis=0))
+    if one.low is None or one.high is None:
+        return "-"
+    doubled = (
+        2.0 * r / (1.0 + r) for r in (one.estimate, one.low, one.high)
+    )  # Spearman and Brown
+    return Interval(*doubled).text()
+
+
+def _over(
+    statistic: Callable[[Floats, Floats], Floats], x: Floats, y: Floats
+) -> Interval:
+    return bootstrap_interval(lambda drawn: statistic(x[drawn], y[drawn]), len(x))
+
+
+def tables(trials: Trials) -> dict[str, str]:
+    """Return the tables of the page by title."""
+    return {
+        "Times": results_table(trials),
+        "Predictors, all planners together": metrics_table(trials, [TOGETHER]),
+        "Predictors by planner": metrics_table(trials, trials.planners),
+        "Robots": robots_table(trials),
+        "Regression": regression_table(trials),
+    }
+
+
+@click.command()
+@click.argument("sources", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option(
+    "--csv", "target", type=click.Path(path_type=Path), help="Write the trials here."
+)
+@click.option("--figure", type=click.Path(path_type=Path), help="Draw the times here.")
+def main(sources: Sequence[Path], target: Path | None, figure: Path | None) -> None:
+    """Print the tables, of a CSV file of trials or of folders of results."""
+    try:
+        single = len(sources) == 1 and sources[0].suffix == ".csv"
+        trials = read_trials(sources[0]) if single else read_folders(sources)
+        if target is not None:
+            write_bytes(target, csv_text(trials).encode())
+        if figure is not None:
+            with style():
+                drawn = scatter(trials)
+            write_figure(drawn, figure)
+        for title, text in tables(trials).items():
+            click.echo(f"{title}, {len(trials.worlds)} worlds:\n\n{text}\n")
+    except BarnError as error:
+        raise click.ClickException(str(error)) from None
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,64 @@
+"""Make the shipped data set dynabarn60 of the motions and worlds of DynaBARN: python qa/studies/dynabarn.py WORLDS.json.
+
+WORLDS.json has the profiles by name (period_s, radius_m, height_m, keys of s, m, m) and the worlds with their
+difficulty and the names of their profiles.
+"""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from barn_worlds.datasets.generate_motion import build_arena
+from barn_worlds.formats.own import write_own
+from barn_worlds.moving.motion import Motion, MovingObstacle
+from barn_worlds.worlds.world import Provenance
+
+TARGET = (
+    Path(__file__).parents[2]
+    / "barn_worlds"
+    / "barn_worlds"
+    / "data"
+    / "dynabarn60.npz"
+)
+LICENCE = "MIT, Copyright (c) 2022 Zifan Xu; see dynabarn60.LICENSE"
+PAPER = (
+    "Nair, Jiang, Hou, Xu, Li, Xiao, Stone: DynaBARN: Benchmarking Metric Ground Navigation in Dynamic Environments "
+    "(SSRR 2022); worlds 300 to 359 of the BARN Challenge"
+)
+
+
+def main() -> None:
+    """Write the data set."""
+    content = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
+    obstacles = {
+        name: _obstacle(name, profile) for name, profile in content["profiles"].items()
+    }
+    worlds = {}
+    for entry in content["worlds"]:
+        index = entry["world"]
+        provenance = Provenance(
+            "original", parameters={"difficulty": entry["difficulty"]}
+        )
+        worlds[index] = build_arena(
+            f"dynabarn_{index}",
+            [obstacles[name] for name in entry["obstacles"]],
+            provenance,
+        )
+    write_own(
+        TARGET,
+        "dynabarn60",
+        worlds,
+        {"credit": PAPER, "data": content["source"], "licence": LICENCE},
+    )
+
+
+def _obstacle(name: str, profile: dict[str, Any]) -> MovingObstacle:
+    motion = Motion("gazebo", profile["period_s"], tuple(map(tuple, profile["keys"])))
+    return MovingObstacle(
+        name, radius_m=profile["radius_m"], height_m=profile["height_m"], motion=motion
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,63 @@
+"""Draw, for each planner of some results, the world in which it falls furthest behind the others: docs/boards.md.
+
+    python qa/studies/worst_worlds.py out/barn300 docs/figures
+
+All trajectories of that world are drawn; how far a planner is behind is the mean efficiency of the others less its own.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import pandas as pd
+
+import barn_eval as barn
+from barn_worlds.base.errors import BarnError
+
+_SIZE_IN, _SHOWN_M = (3.2, 6.4), (2.4, 13.4)  # from the start to the goal
+
+
+def worst_worlds(folders: Sequence[Path]) -> dict[str, int]:
+    """Return the number of the world by planner; of worlds that are equally bad for it, the first."""
+    table = pd.concat([barn.load(folder).table for folder in folders])
+    efficiency = table.pivot_table(
+        index="world", columns="planner", values="efficiency", aggfunc="mean"
+    ).dropna()
+    others = (efficiency.sum(axis=1).to_numpy()[:, None] - efficiency) / (
+        efficiency.shape[1] - 1
+    )
+    return {
+        str(planner): int(world)
+        for planner, world in (others - efficiency).idxmax().items()
+    }
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Write worst_PLANNER.png for each planner and say which worlds they are."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument(
+        "results",
+        type=Path,
+        nargs="+",
+        help="folders of experiments in the same worlds",
+    )
+    parser.add_argument("figures", type=Path, help="the folder that the pictures go to")
+    options = parser.parse_args(arguments)
+    try:
+        for planner, world in worst_worlds(options.results).items():
+            path = options.figures / f"worst_{planner}.png"
+            drawn = barn.results.overlay(options.results, world)
+            drawn.figure.legends[0].remove()  # the page says whose colour is whose
+            drawn.figure.set_size_inches(_SIZE_IN)
+            drawn.figure.axes[0].set_ylim(*_SHOWN_M)
+            drawn.save(path)
+            print(f"{path}: world {world}")
+    except BarnError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
