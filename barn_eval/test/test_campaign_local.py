@@ -13,7 +13,7 @@ from campaign_runs import stop
 from campaign_work import Deeds, all_reports
 from waiting import alive, until
 
-from barn_eval.running import local
+from barn_eval.running import local_pool as local
 from barn_eval.running.local_pool import LocalPool
 from barn_eval.running.pool import JobLoss, JobRefusal, JobResult, PartialResult
 

@@ -1,4 +1,4 @@
-"""`barn leaderboard`: planners of many experiments, ranked."""
+"""`barn leaderboard`: the planners of many runs, ranked."""
 
 from pathlib import Path
 
@@ -41,20 +41,22 @@ def command(
 ) -> None:
     """Rank the planners of FOLDERS of experiments.
 
-    Planners that cannot be told apart share a rank. Each protocol and set of worlds has a board of its own.
+    Planners that cannot be told apart share a rank. Each protocol and set of worlds has
+    a board of its own.
     """
     with notes.status("ranking"):
         boards = leaderboard(folders, by or "", worlds)
-    told = [verdict(board.ranking, board.measure) for board in boards]
     if as_json or not out:
-        shown: list[object] = []
-        for said, one in zip(told, boards, strict=True):
-            shown += [*filter(None, said), *one.notes, rich_table(board_table(one))]
-        print_output(
-            as_json,
-            {"verdicts": list(map(str, told)), "places": board_rows(boards)},
-            *shown,
-        )
+        conclusions = []
+        renderables: list[object] = []
+        for board in boards:
+            conclusion = verdict(board.ranking, board.measure)
+            conclusions.append(str(conclusion))
+            renderables += filter(None, conclusion)
+            renderables += board.notes
+            renderables.append(rich_table(board_table(board)))
+        content = {"verdicts": conclusions, "places": board_rows(boards)}
+        print_output(as_json, content, *renderables)
     for path in out:
         write_boards(boards, path)
         print_notes(path)
