@@ -189,7 +189,7 @@ def test_no_worker_outlives_the_campaign(tmp_path, number):
         import sys
         from contextlib import closing
         from campaign_work import Deeds
-        from barn_eval.running.local import LocalPool
+        from barn_eval.running.local_pool import LocalPool
         with closing(LocalPool(Deeds(sys.argv[1]), workers=2, trial_limit_s=600.0)) as engine:
             engine.submit("a", ("sleep", 3600))
             engine.submit("b", ("sleep", 3600))

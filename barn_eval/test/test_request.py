@@ -102,12 +102,12 @@ def test_trials_share_everything_but_the_planner(file):
         {"band.external_gain": 2.0},
     )
     assert first.planner_config != second.planner_config
-    assert (first.task, first.campaign_seed, first.simulator) == (
+    assert (first.task, first.run_seed, first.simulator) == (
         second.task,
         7,
         second.simulator,
     )
-    assert first.campaign_seed == second.campaign_seed and first.world is second.world
+    assert first.run_seed == second.run_seed and first.world is second.world
 
 
 def test_what_nobody_says_has_its_default():

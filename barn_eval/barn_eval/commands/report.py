@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from barn_eval.api.results.folders import report
+from barn_eval.api.folders import report
 from barn_eval.commands.options import (
     PATH,
     parameters_option,
