@@ -24,7 +24,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecMonitor
 
-from barn_eval.analysis.summary import Summary, summarise
+from barn_eval.analysis.summary import Summary, summarize
 from barn_eval.learning.config import EnvConfig
 from barn_eval.running.direct import run_direct_trial
 from barn_eval.trials.protocol import load_protocol
@@ -123,7 +123,7 @@ def evaluate(dataset: str, worlds: str, policy: Path, safety: bool) -> Summary:
         protocol=protocol,
         simulator=simulator_config(protocol),
     )
-    return summarise([run_direct_trial(trial).result for trial in experiment.trials()])
+    return summarize([run_direct_trial(trial).result for trial in experiment.trials()])
 
 
 def draw(curve: Curve, path: Path) -> None:

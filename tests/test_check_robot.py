@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from planar import GRAVITY_M_S2, Planar
 
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.robots.files import ROBOTS, load_robot, shipped_robots
+from barn_worlds.robots.files import ROBOTS, find_robot_files, load_robot
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "robots.md"
 
@@ -45,7 +45,7 @@ def test_robots_drive_as_theory_says(name):
 
 
 def test_what_it_prints(tmp_path):
-    text = shipped_robots()["turtlebot4"].read_text("utf-8")
+    text = find_robot_files()["turtlebot4"].read_text("utf-8")
     mine, late = tmp_path / "mine.yaml", tmp_path / "late.yaml"
     mine.write_text(text, "utf-8")
     late.write_text(

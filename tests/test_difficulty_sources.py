@@ -18,7 +18,7 @@ from barn_metrics.model import ModelError, load_model
 from barn_metrics.model.evaluation import EvaluationConfig, evaluate
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.datasets.dataset import open_dataset
-from barn_worlds.formats.own import write_own
+from barn_worlds.formats.dataset_file import write_dataset_file
 
 COUNT = 30
 
@@ -69,7 +69,7 @@ def test_worlds_are_known_by_their_checksum_whatever_their_number(source, tmp_pa
     first = [one.scores.normalised_time_s_per_m for one in results if one.world == 10]
     assert (len(first), len(trials)) == (4, len(results))
     assert trials.difficulty()[1] == pytest.approx(np.mean(first))
-    write_own(
+    write_dataset_file(
         tmp_path / "again.npz",
         "again",
         {1000 - index: world for index, world in worlds.items()},

@@ -19,7 +19,7 @@ from barn_worlds.base.errors import WorldError
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.datasets.generate import cell_size_m
 from barn_worlds.geometry.footprint import Footprint
-from barn_worlds.robots.files import STANDARD, load_robot
+from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
 
 
 def least_gap_m(way, grid, side_m, robot, samples=40):
@@ -73,17 +73,20 @@ def test_a_gap_is_passed_exactly_where_footprint_and_margin_fit():
     start, goal = (30, 6, 4), (30, 54)
     for margin_m, fits in ((0.08, True), (0.09, False)):
         assert (
-            build_lattice(grid, 0.15, STANDARD.chassis, margin_m).find_path(start, goal)
+            build_lattice(grid, 0.15, STANDARD_ROBOT.chassis, margin_m).find_path(
+                start, goal
+            )
             is not None
         ) == fits
     grid[11, 10] = True  # three cells, 0.45 m
     assert (
-        build_lattice(grid, 0.15, STANDARD.chassis, 0.02).find_path(start, goal) is None
+        build_lattice(grid, 0.15, STANDARD_ROBOT.chassis, 0.02).find_path(start, goal)
+        is None
     )
 
 
 def test_a_way_without_obstacles_is_the_straight_one():
-    free = build_lattice(np.zeros((10, 20), bool), 0.15, STANDARD.chassis, 0.0)
+    free = build_lattice(np.zeros((10, 20), bool), 0.15, STANDARD_ROBOT.chassis, 0.0)
     way = free.find_path((15, 0, 4), (15, 60))
     assert np.allclose(
         way[[0, -1]],
@@ -93,17 +96,19 @@ def test_a_way_without_obstacles_is_the_straight_one():
 
 
 def test_a_world_depends_on_its_seed_kind_and_number_alone():
-    one = generate_hard_worlds(HardParameters(), KINDS, 2, 11, STANDARD, "w")
-    other = generate_hard_worlds(HardParameters(), ["dead_ends"], 1, 11, STANDARD, "w")
+    one = generate_hard_worlds(HardParameters(), KINDS, 2, 11, STANDARD_ROBOT, "w")
+    other = generate_hard_worlds(
+        HardParameters(), ["dead_ends"], 1, 11, STANDARD_ROBOT, "w"
+    )
     assert [world.provenance.parameters["kind"] for world in one] == [
         kind for kind in KINDS for _ in range(2)
     ]
     assert other[0].checksum == one[2].checksum
     assert len({world.checksum for world in one}) == 8
     assert (
-        generate_hard_worlds(HardParameters(), ["dead_ends"], 1, 12, STANDARD, "w")[
-            0
-        ].checksum
+        generate_hard_worlds(
+            HardParameters(), ["dead_ends"], 1, 12, STANDARD_ROBOT, "w"
+        )[0].checksum
         != other[0].checksum
     )
 
@@ -115,7 +120,7 @@ def test_no_way_in_the_grids_tried_is_said():
     with pytest.raises(WorldError, match="no path through 1 worlds of kind turns"):
         for seed in range(50):
             generate_hard_world(
-                impossible, STANDARD, np.random.default_rng(seed), "hard"
+                impossible, STANDARD_ROBOT, np.random.default_rng(seed), "hard"
             )
 
 
@@ -124,7 +129,12 @@ def test_the_shipped_hard_worlds_come_again_from_their_seed():
     made = {
         world.checksum
         for world in generate_hard_worlds(
-            HardParameters(), ["clutter"], 5, shipped.manifest["seed"], STANDARD, "w"
+            HardParameters(),
+            ["clutter"],
+            5,
+            shipped.manifest["seed"],
+            STANDARD_ROBOT,
+            "w",
         )
     }
     assert made <= {shipped.load(index).checksum for index in shipped.world_numbers}

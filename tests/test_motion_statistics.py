@@ -12,7 +12,7 @@ from barn_worlds.datasets.generate_motion import (
     generate_arenas,
     motion_class,
 )
-from barn_worlds.formats.own import write_own
+from barn_worlds.formats.dataset_file import write_dataset_file
 from barn_worlds.moving.motion import Motion, MovingObstacle
 
 
@@ -75,7 +75,7 @@ def test_worlds_are_counted_by_their_class(tmp_path):
     made = dict(
         enumerate(world for one in chosen for world in generate_arenas(one, 2, 5))
     )
-    write_own(tmp_path / "own.npz", "own", made, {"seed": 5})
+    write_dataset_file(tmp_path / "own.npz", "own", made, {"seed": 5})
     found = by_class(str(tmp_path / "own.npz"))
     assert {name: len(worlds) for name, worlds in found.items()} == {
         "easy": 2,

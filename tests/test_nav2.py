@@ -23,7 +23,7 @@ from barn_eval.trials.ros_config import WaitLimits
 from barn_sim.config import PRESETS, SimulatorNodeConfig
 from barn_worlds.messages.topics import FRAMES
 from barn_worlds.robots.files import ROBOTS
-from barn_worlds.ros.domain import reserved_domain
+from barn_worlds.ros.domain import reserve_domain
 
 FOLDER = Path(__file__).resolve().parents[1] / "examples" / "nav2"
 CONTROLLERS = ("dwb", "graceful", "mppi", "rpp")
@@ -332,7 +332,7 @@ def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, capsys):
 def test_each_trial_gets_a_fresh_nav2(with_more_messages):
     """The node nav2_trial, with a lifecycle manager and a navigator that are stood in for in another process."""
     script = Path(__file__).with_name("nav2_stand_in.py")
-    with reserved_domain({}) as domain:
+    with reserve_domain({}) as domain:
         environment = {
             **os.environ,
             "ROS_DOMAIN_ID": str(domain),

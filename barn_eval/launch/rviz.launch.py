@@ -6,7 +6,12 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-from barn_worlds.ros.launching import LOG_LEVEL, SIM_TIME, USUAL, argument
+from barn_worlds.ros.launching import (
+    COMMON_ARGUMENTS,
+    LOG_LEVEL,
+    SIM_TIME,
+    launch_argument,
+)
 
 # The layout names topics from the root; so they follow the namespace.
 TOPICS = (
@@ -30,9 +35,12 @@ def generate_launch_description() -> LaunchDescription:
         [FindPackageShare("barn_eval"), "config", "barn.rviz"]
     )
     arguments = [
-        argument("layout", layout, "layout of RViz"),
-        argument(SIM_TIME[0], "true", SIM_TIME[1]),
-        *(argument(name, *USUAL[name]) for name in ("namespace", "log_level")),
+        launch_argument("layout", layout, "layout of RViz"),
+        launch_argument(SIM_TIME[0], "true", SIM_TIME[1]),
+        *(
+            launch_argument(name, *COMMON_ARGUMENTS[name])
+            for name in ("namespace", "log_level")
+        ),
     ]
     node = Node(
         package="rviz2",

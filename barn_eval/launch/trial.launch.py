@@ -10,7 +10,11 @@ from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 
 from barn_eval.trials.protocol import load_protocol
-from barn_worlds.ros.launching import USUAL, argument, include
+from barn_worlds.ros.launching import (
+    COMMON_ARGUMENTS,
+    include_launch_file,
+    launch_argument,
+)
 
 ARGUMENTS = {
     "dataset": ("barn300", "data set: a name, folder or file"),
@@ -31,9 +35,9 @@ ARGUMENTS = {
     "start_planner": ("true", "start one of the suite's planners"),
     "rviz": ("false", "show the trials in RViz"),
     "use_sim_time": ("true", "planner and RViz take the time from /clock"),
-    **USUAL,
+    **COMMON_ARGUMENTS,
 }
-ALL = tuple(USUAL)
+ALL = tuple(COMMON_ARGUMENTS)
 SIMULATOR = ("dataset", "lockstep", "real_time_factor", "command_type", *ALL)
 PLANNER = ("planner", "preset", "use_map", "command_type", "use_sim_time", *ALL)
 RVIZ = ("use_sim_time", "namespace", "log_level")
@@ -55,19 +59,23 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
             *(
-                argument(name, default, about)
+                launch_argument(name, default, about)
                 for name, (default, about) in ARGUMENTS.items()
             ),
             OpaqueFunction(function=_by_protocol),
-            include("barn_sim", "simulator", SIMULATOR, start_paused="true"),
-            include(
+            include_launch_file(
+                "barn_sim", "simulator", SIMULATOR, start_paused="true"
+            ),
+            include_launch_file(
                 "barn_planners",
                 "planner",
                 PLANNER,
                 IfCondition(LaunchConfiguration("start_planner")),
             ),
-            include("barn_eval", "evaluator", EVALUATOR, use_sim_time="false"),
-            include(
+            include_launch_file(
+                "barn_eval", "evaluator", EVALUATOR, use_sim_time="false"
+            ),
+            include_launch_file(
                 "barn_eval", "rviz", RVIZ, IfCondition(LaunchConfiguration("rviz"))
             ),
         ]

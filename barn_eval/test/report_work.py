@@ -24,7 +24,7 @@ from barn_eval.trials.trajectory import compute_clearances
 from barn_worlds.base.config import as_dict
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.robots.contact import contact_footprint
-from barn_worlds.robots.files import STANDARD
+from barn_worlds.robots.files import STANDARD_ROBOT
 
 SCORES = ("traversal_time_s", "normalised_time_s_per_m", "challenge")
 EVIL = "</script><script>window.evil=1</script>"
@@ -62,7 +62,7 @@ def recorded_track(bag, world):
         recorded.poses,
         world.cylinders_m,
         world.cylinder_radius_m,
-        contact_footprint(STANDARD.chassis),
+        contact_footprint(STANDARD_ROBOT.chassis),
     )
     samples = [
         recorded.times_s,
@@ -155,7 +155,7 @@ def campaign(
         "started_at": "2026-01-01T00:00:00+00:00",
         "execution": as_dict(ExecutionConfig()),
     } | provenance()
-    replace(RunFile.of(path, experiment, {}), sessions=(session,)).write()
+    replace(RunFile.for_run(path, experiment, {}), sessions=(session,)).write()
     (path / "results.jsonl").write_text("\n".join(lines) + "\n")
     (path / "tracks.jsonl").write_text("".join(tracks))
     return path

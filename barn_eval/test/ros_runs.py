@@ -14,7 +14,7 @@ from rosbags.highlevel import AnyReader
 
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.store import BagStore
-from barn_eval.ros.supervision import run_ros_trials
+from barn_eval.ros.supervision.supervisor import run_ros_trials
 from barn_eval.ros.work import run_request
 from barn_eval.running.reporting import Reporter
 from barn_eval.running.request import RunRequest
@@ -22,7 +22,7 @@ from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.ros_config import RosConfig, WaitLimits
 from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.spec import simulator_config
-from barn_worlds.messages.cdr import deserialise, layout
+from barn_worlds.messages.cdr import deserialize, find_slots
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
@@ -81,20 +81,20 @@ def marked(mark, text=""):
 
 
 def node_process(mark, module):
-    """Return the process of a node of ours, not its guard."""
+    """Return the process of a node of ours, not its launcher."""
     return [
         pid
         for pid in marked(mark, module)
-        if b"guard.py" not in Path(f"/proc/{pid}/cmdline").read_bytes()
+        if b"launcher.py" not in Path(f"/proc/{pid}/cmdline").read_bytes()
     ]
 
 
-def guards(mark, command):
-    """Return the guards of a command."""
+def launchers(mark, command):
+    """Return the launchers of a command."""
     return [
         pid
         for pid in marked(mark, command)
-        if b"guard.py" in Path(f"/proc/{pid}/cmdline").read_bytes()
+        if b"launcher.py" in Path(f"/proc/{pid}/cmdline").read_bytes()
     ]
 
 
@@ -159,11 +159,11 @@ def unstamped(bag):
     for record in BagFile(bag).messages():
         data, message = (
             bytearray(record.data),
-            deserialise(record.data, record.type_name),
+            deserialize(record.data, record.type_name),
         )
         if record.topic == "/diagnostics" and message.status[0].name != "planner":
             continue
-        for name, slot in layout(message).items():
+        for name, slot in find_slots(message).items():
             if name.endswith(".sec"):
                 data[slot.offset : slot.offset + 4] = bytes(4)
         found.setdefault(record.topic, []).append(bytes(data))

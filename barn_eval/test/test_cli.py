@@ -23,7 +23,7 @@ from barn_eval.trials.run_config import ExecutionConfig
 from barn_sim.config import SimulatorConfig
 from barn_worlds.base.config import fields_of
 from barn_worlds.datasets.dataset import open_dataset
-from barn_worlds.formats.own import write_own
+from barn_worlds.formats.dataset_file import write_dataset_file
 
 INLINE = ("--execution", "engine=inline")  # which starts no worker
 
@@ -35,7 +35,7 @@ def tiny(tmp_path_factory, open_world) -> Path:
     grid[20:25, 10:15] = True
     blocked = replace(open_world, name="blocked", grid=grid)
     path = tmp_path_factory.mktemp("data") / "tiny.npz"
-    write_own(path, "tiny", {0: open_world, 3: blocked})
+    write_dataset_file(path, "tiny", {0: open_world, 3: blocked})
     return path
 
 

@@ -28,7 +28,7 @@ from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, PAPER_2020
 from barn_eval.trials.result import from_json_line, to_json_line
 from barn_eval.trials.spec import simulator_config
-from barn_worlds.messages.cdr import deserialise, serialise
+from barn_worlds.messages.cdr import deserialize, serialize
 
 QUICK = replace(
     CHALLENGE, name="quick", limit_s=4.0, first_motion_limit_s=2.0, timeout_time_s=4.0
@@ -273,7 +273,7 @@ def test_every_message_decodes_with_rosbags_and_mcap(open_world, tmp_path):
     counts: dict[str, int] = {}
     with Reader(tmp_path / "bag") as reader:
         for connection, _, data in reader.messages():
-            assert serialise(deserialise(data, connection.msgtype)) == data
+            assert serialize(deserialize(data, connection.msgtype)) == data
             counts[connection.topic] = counts.get(connection.topic, 0) + 1
     assert counts.keys() == expected.keys()
     assert all(counts[topic] >= count for topic, count in expected.items())

@@ -12,7 +12,7 @@ from barn_eval.results.bags.messages import (
 from barn_eval.trials.outcome import Outcome, score_trial
 from barn_eval.trials.referee import Referee, Standing
 from barn_worlds.base.types import Pose2D, nanoseconds
-from barn_worlds.messages.cdr import deserialise
+from barn_worlds.messages.cdr import deserialize
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def drive(referee, spec, collision=False):
 
 def told(live, referee, time_s):
     taken = live.take(referee.standing, nanoseconds(time_s))
-    return {topic.path: deserialise(data, topic.type_name) for topic, data in taken}
+    return {topic.path: deserialize(data, topic.type_name) for topic, data in taken}
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.base.types import OccupancyMap, Pose2D
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.formats.map_server import write_map
-from barn_worlds.messages.cdr import deserialise
+from barn_worlds.messages.cdr import deserialize
 from barn_worlds.messages.topics import MOVING_POSES
 
 
@@ -224,7 +224,7 @@ def test_the_bag_of_a_trial_has_the_true_poses_of_its_phase(tmp_path):
         expected = spec.world.tracks.at(spec.phase_s + one.stamp_ns * 1e-9)[0]
         found = [
             (pose.position.x, pose.position.y)
-            for pose in deserialise(one.data, MOVING_POSES.type_name).poses
+            for pose in deserialize(one.data, MOVING_POSES.type_name).poses
         ]
         np.testing.assert_allclose(found, expected, atol=1e-9)
 

@@ -25,7 +25,7 @@ from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D
 from barn_worlds.datasets.dataset import open_dataset
-from barn_worlds.robots.files import STANDARD, load_robot
+from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
 from barn_worlds.worlds.world import World
 
 HUSKY = load_robot("husky").chassis
@@ -245,7 +245,7 @@ def test_a_rule_in_larger_cells_counts_from_the_first_column_or_its_anchor(
 
 def test_distances_for_another_robot_are_in_the_cells_of_its_world(open_world):
     world = replace(open_world, resolution_m=0.2)
-    rules = CHALLENGE_2022_03.sized(world, HUSKY)
+    rules = CHALLENGE_2022_03.scaled_to(world, HUSKY)
     assert world.cell_centers_m(np.array([[0, 0]]))[0, 1] == pytest.approx(
         5.2 + 0.1
     )  # the first column is at 5.2 m
@@ -264,7 +264,7 @@ def test_distances_for_another_robot_are_in_the_cells_of_its_world(open_world):
 @pytest.mark.parametrize(
     ("chassis", "changes"),
     [
-        (STANDARD.chassis, {"resolution_m": 0.2}),
+        (STANDARD_ROBOT.chassis, {"resolution_m": 0.2}),
         (HUSKY, {}),
         (HUSKY, {"resolution_m": 0.2, "corner_m": (0.0, 0.0)}),
     ],

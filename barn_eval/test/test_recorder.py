@@ -24,7 +24,7 @@ from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.bags.recorder import PARTIAL, Recorder
 from barn_worlds.base.errors import BagError
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Velocity2D
-from barn_worlds.messages.cdr import deserialise
+from barn_worlds.messages.cdr import deserialize
 from barn_worlds.messages.encode import encode_clock, encode_twist
 from barn_worlds.messages.topics import CLOCK, CMD_VEL, LATCHED
 
@@ -58,7 +58,7 @@ def test_rosbags_reads_it(tmp_path):
             if connection.topic == "/cmd_vel"
         ]
         twists = [
-            deserialise(data, CMD_VEL.type_name)
+            deserialize(data, CMD_VEL.type_name)
             for _, _, data in reader.messages(commands)
         ]
         assert [one.linear.x for one in twists] == [0.1 * cycle for cycle in range(50)]
@@ -211,7 +211,7 @@ def test_a_killed_recording_is_readable_up_to_the_last_second(tmp_path):
     # 205 cycles of 0.05 s are 10.2 s; a chunk is written with each whole second.
     assert len(messages) == 201
     assert messages[-1].log_time == 10 * NANOSECONDS_PER_SECOND
-    assert deserialise(messages[-1].data, CLOCK.type_name).clock.sec == 10
+    assert deserialize(messages[-1].data, CLOCK.type_name).clock.sec == 10
 
 
 PACKED = {"zstd": zstandard.compress, "lz4": lz4.frame.compress, "": bytes}

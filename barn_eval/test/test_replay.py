@@ -21,7 +21,7 @@ from barn_planners.runtime.messages import MAX_CANDIDATES
 from barn_worlds.base.errors import BagError
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Pose2D
 from barn_worlds.datasets.dataset import open_dataset
-from barn_worlds.messages.cdr import jazzy_types, make, serialise
+from barn_worlds.messages.cdr import jazzy_types, make_message, serialize
 
 
 @pytest.fixture(scope="module")
@@ -185,7 +185,7 @@ def test_a_bag_of_something_else_is_refused(tmp_path):
     with Recorder(tmp_path / "talk") as recorder:
         recorder.add_topic("/chatter", "std_msgs/msg/String")
         recorder.write(
-            "/chatter", serialise(make("std_msgs/msg/String", data="hello")), 1
+            "/chatter", serialize(make_message("std_msgs/msg/String", data="hello")), 1
         )
         recorder.finish()
     with pytest.raises(
@@ -206,7 +206,9 @@ def test_a_foreign_bag_in_sqlite_with_odometry_alone_is_replayed(bag, tmp_path):
             "/odom", "nav_msgs/msg/Odometry", typestore=types
         )
         wrong = writer.add_connection("/map", "std_msgs/msg/String", typestore=types)
-        writer.write(wrong, 0, serialise(make("std_msgs/msg/String", data=EVIL)))
+        writer.write(
+            wrong, 0, serialize(make_message("std_msgs/msg/String", data=EVIL))
+        )
         for _, stamp, data in reader.messages(
             [one for one in reader.connections if one.topic == "/odom"]
         ):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import barn_eval as barn
-from barn_eval.analysis.overview import repeat
+from barn_eval.analysis.overview import reproduce
 from barn_eval.analysis.sources import read_source
 from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.run_file import RunFile
@@ -18,8 +18,8 @@ from barn_eval.trials.spec import simulator_config
 from barn_sim.config import PRESETS, robot_of, with_robot
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.datasets.dataset import open_dataset
-from barn_worlds.formats.own import write_own
-from barn_worlds.robots.files import load_robot, shipped_robots
+from barn_worlds.formats.dataset_file import write_dataset_file
+from barn_worlds.robots.files import find_robot_files, load_robot
 
 HUSKY = load_robot("husky")
 
@@ -31,7 +31,7 @@ def asked(**options):
 @pytest.fixture(scope="module")
 def husky_worlds(tmp_path_factory):
     path = tmp_path_factory.mktemp("worlds") / "husky.npz"
-    file = str(shipped_robots()["husky"])
+    file = str(find_robot_files()["husky"])
     barn.worlds.generate(
         path, per_set=1, seed=5, robot=file, parameters={"initial_fill": 0.15}
     )
@@ -61,7 +61,7 @@ def test_the_jackal_by_name_is_what_it_is_without():
 def test_robots_by_name_file_and_object(tmp_path):
     mine = tmp_path / "mine.yaml"
     mine.write_text(
-        shipped_robots()["husky"].read_text().replace("name: husky", "name: mine")
+        find_robot_files()["husky"].read_text().replace("name: husky", "name: mine")
     )
     assert asked(robot="husky").simulator.chassis == HUSKY.chassis
     assert asked(robot=HUSKY).simulator == asked(robot="husky").simulator
@@ -114,9 +114,9 @@ def test_results_say_which_robot(folders):
     husky, jackal = folders
     assert [RunFile.read(folder).robot_name() for folder in folders] == ["husky", ""]
     assert read_source(husky).robot == "husky"
-    again = repeat(read_source(husky)).command
+    again = reproduce(read_source(husky)).command
     assert "--robot husky" in again and "--sim" not in again
-    assert "--robot" not in repeat(read_source(jackal)).command
+    assert "--robot" not in reproduce(read_source(jackal)).command
     recorded = read_recorded_trial(next((husky / "bags").iterdir()))
     assert recorded.chassis == HUSKY.chassis
     np.testing.assert_allclose(
@@ -169,7 +169,7 @@ def test_environments_that_advance_together_have_cells_of_one_size(
     from barn_eval.learning.vector import JackalVectorEnv  # noqa: PLC0415
 
     sized = open_dataset(husky_worlds).load(0)
-    write_own(
+    write_dataset_file(
         tmp_path / "mixed.npz", "mixed", {0: sized, 1: replace(sized, resolution_m=0.2)}
     )
     with pytest.raises(ConfigError, match="need worlds with cells of one size"):

@@ -20,9 +20,9 @@ from ros_runs import (
 )
 from waiting import until
 
-from barn_eval.ros.supervision import ProcessError
+from barn_eval.ros.supervision.process import ProcessError
 from barn_eval.trials.outcome import Outcome
-from barn_worlds.ros.domain import reserved_domain
+from barn_worlds.ros.domain import reserve_domain
 
 
 def test_scores_cannot_be_forged(tmp_path):
@@ -83,7 +83,7 @@ def test_a_command_that_cannot_be_read_is_the_planners_fault(tmp_path):
 def test_a_simulator_that_was_there_before_the_planner_is_not_the_planners_fault(
     tmp_path, monkeypatch
 ):
-    with reserved_domain({}) as domain:
+    with reserve_domain({}) as domain:
         pass
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")

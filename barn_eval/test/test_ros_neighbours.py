@@ -17,10 +17,10 @@ from ros_runs import nothing_left  # noqa: F401 (a fixture)
 
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.folder import read_results
-from barn_eval.ros.supervision import ProcessError
+from barn_eval.ros.supervision.process import ProcessError
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import PAPER_2020
-from barn_worlds.ros.domain import reserved_domain
+from barn_worlds.ros.domain import reserve_domain
 
 NEIGHBOUR = Path(__file__).with_name("neighbour_planner.py")
 
@@ -203,7 +203,7 @@ def test_an_evaluator_that_is_interrupted_again_and_again_ends_without_a_traceba
         "-p",
         f"out:={tmp_path / 'out'}",
     ]
-    with reserved_domain({}) as domain:
+    with reserve_domain({}) as domain:
         environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
         with subprocess.Popen(
             command, env=environment, stderr=subprocess.PIPE, text=True

@@ -22,7 +22,7 @@ from barn_eval.results.tracks import (
 from barn_eval.trials.trajectory import Trajectory
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.robots.contact import contact_footprint
-from barn_worlds.robots.files import STANDARD
+from barn_worlds.robots.files import STANDARD_ROBOT
 
 
 def samples(count, period_s=0.05):
@@ -72,7 +72,8 @@ def test_a_trial_without_a_reading_has_no_track():
         np.empty(0, np.int64), np.empty((0, 3)), empty, empty, np.empty(0, bool)
     )
     assert (
-        make_track(nothing, empty, 0.075, contact_footprint(STANDARD.chassis)) is None
+        make_track(nothing, empty, 0.075, contact_footprint(STANDARD_ROBOT.chassis))
+        is None
     )
 
 

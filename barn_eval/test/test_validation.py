@@ -9,8 +9,8 @@ import pytest
 from click.testing import CliRunner
 
 from barn_eval.analysis import significance
-from barn_eval.analysis.significance import components
-from barn_eval.analysis.statistics import Columns
+from barn_eval.analysis.significance import variance_components
+from barn_eval.analysis.statistics import TrialValues
 from barn_eval.commands.suite import validate as command
 from barn_eval.studies import simulations, validation
 from barn_eval.studies.simulations import GROUPS, equal_planners
@@ -53,7 +53,7 @@ def test_each_target_is_met_within_chance(name, setting, simulations):
 
 def test_a_verdict_that_knows_only_the_failures_it_saw_would_be_found_out(monkeypatch):
     """As a test of signs alone is: failures that were not drawn are not thought of."""
-    monkeypatch.setattr(Columns, "counted", False)
+    monkeypatch.setattr(TrialValues, "counted", False)
     (unlike,) = validate(100, seed=4, groups=[some("unlike", (50, 5, 2.0))])
     assert unlike.verdict == "missed"
 
@@ -87,7 +87,9 @@ def test_equal_planners_share_their_worlds_and_nothing_else():
     failed = (values == 10.0).astype(float)
     assert failed.mean() == pytest.approx(0.07, abs=0.02)
     assert values[0][0].tolist() != values[0][1].tolist()
-    parts = [components(one.ravel(), draws[0][0].worlds) for one in failed[:, 0]]
+    parts = [
+        variance_components(one.ravel(), draws[0][0].worlds) for one in failed[:, 0]
+    ]
     correlation = np.mean([one.between / (one.between + one.within) for one in parts])
     assert correlation == pytest.approx(0.67, abs=0.12)
     assert np.corrcoef(values[:, 0].ravel(), values[:, 1].ravel())[0, 1] > 0.4

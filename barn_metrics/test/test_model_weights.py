@@ -12,7 +12,7 @@ from barn_metrics.model import DifficultyModel, ModelError, load_model, save_mod
 from barn_metrics.model.inputs import STRIPS, input_names, summary_names
 from barn_metrics.model.route import CHANNELS
 from barn_metrics.model.weights import _checksum, default_weights
-from barn_worlds.formats.npz import parse_npy, to_npy
+from barn_worlds.formats.npz import encode_npy, parse_npy
 
 SUMMED_UP = len(summary_names())
 EVEN = "must span an odd number of samples"
@@ -32,7 +32,9 @@ def rewrite(path, header=None, arrays=None, *, signed=True):
     """Write the file anew with another header or other arrays, its checksum put right unless told not to."""
     found = members(path)
     about = json.loads(found["header.json"]) | (header or {})
-    found |= {f"{name}.npy": to_npy(array) for name, array in (arrays or {}).items()}
+    found |= {
+        f"{name}.npy": encode_npy(array) for name, array in (arrays or {}).items()
+    }
     parsed = {
         name[:-4]: parse_npy(data, name)
         for name, data in found.items()

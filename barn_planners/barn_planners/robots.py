@@ -23,7 +23,7 @@ from barn_planners.registry import planner_config, planner_entry
 from barn_worlds.base.config import Checked, fields_of, replace_dotted
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.geometry.polygon import Corner
-from barn_worlds.robots.files import STANDARD, other_name
+from barn_worlds.robots.files import STANDARD_ROBOT, name_unless_standard
 from barn_worlds.robots.parts import LidarConfig
 from barn_worlds.robots.robot import Robot
 
@@ -47,7 +47,7 @@ _LIDAR_FIELDS = {
 
 def robot_scale(robot: Robot) -> float:
     """Return the ratio of a robot's circumscribed radius about base_link to the Jackal's."""
-    return robot.chassis.circumscribed_m / STANDARD.chassis.circumscribed_m
+    return robot.chassis.circumscribed_m / STANDARD_ROBOT.chassis.circumscribed_m
 
 
 def fit_to_robot(config: Checked, robot: Robot) -> dict[str, Any]:
@@ -60,7 +60,7 @@ def fit_to_robot(config: Checked, robot: Robot) -> dict[str, Any]:
     Returns:
         New values by dotted name; empty for the Jackal.
     """
-    if not other_name(robot.chassis):
+    if not name_unless_standard(robot.chassis):
         return {}
 
     scale = robot_scale(robot)
@@ -109,7 +109,7 @@ def fit_parameters(
         ConfigError: If the planner cannot drive the robot.
     """
     entry = planner_entry(name)
-    if entry.fit is None or not other_name(robot.chassis):
+    if entry.fit is None or not name_unless_standard(robot.chassis):
         return dict(overrides)
 
     try:
@@ -197,8 +197,8 @@ def _fit_costmap(
     The footprint covers the same shares of the robot's length and width as it covers of
     the Jackal's. The inflation beyond the inscribed radius grows with the robot.
     """
-    share_x = 2.0 * costmap.footprint_half_length_m / STANDARD.length_m
-    share_y = 2.0 * costmap.footprint_half_width_m / STANDARD.width_m
+    share_x = 2.0 * costmap.footprint_half_length_m / STANDARD_ROBOT.length_m
+    share_y = 2.0 * costmap.footprint_half_width_m / STANDARD_ROBOT.width_m
     corners = [(share_x * x, share_y * y) for x, y in robot.chassis.hull_m]
     half_x, half_y = _half_sizes(corners)
     changes: dict[str, float | str] = {
@@ -218,7 +218,7 @@ def _fit_costmap(
     if (
         isinstance(costmap, GlobalCostmapConfig)
         and half_width_m > inscribed_m + 1e-9
-        and not robot.chassis.round
+        and not robot.chassis.is_round
     ):
         inscribed_m = half_width_m
         changes["inscribed_radius_m"] = inscribed_m
@@ -246,7 +246,7 @@ def _fit_body(config: Checked, robot: Robot) -> dict[str, float]:
             changes[name] = sizes[parameter]
         elif parameter == "robot_radius_m":
             # As far between the inscribed and the circumscribed radius as the Jackal's.
-            jackal = STANDARD.chassis
+            jackal = STANDARD_ROBOT.chassis
             jackal_span_m = jackal.circumscribed_m - jackal.inscribed_m
             share = (value - jackal.inscribed_m) / jackal_span_m
             changes[name] = inscribed_m + share * (circumscribed_m - inscribed_m)

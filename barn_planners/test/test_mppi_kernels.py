@@ -70,12 +70,12 @@ def test_smoothing_and_limits():
         rng.normal(size=(2, 2)),
         rng.uniform(0.0, 1.0, 5),
     )
-    smooth = sampling.smoothed(controls, sent, weights)
+    smooth = sampling.smooth(controls, sent, weights)
     whole = np.concatenate([sent, controls, controls[-1:], controls[-1:]])
     expected = [np.convolve(column, weights[::-1], mode="valid") for column in whole.T]
     np.testing.assert_allclose(smooth, np.stack(expected, axis=1), rtol=1e-12)
     held = smooth.copy()
-    sampling.hold_within(held, np.array([-0.1, 0.4, 0.5]), CHANGE, (0.2, -0.1))
+    sampling.limit_controls(held, np.array([-0.1, 0.4, 0.5]), CHANGE, (0.2, -0.1))
     speed, rate = 0.2, -0.1
     for wanted, got in zip(smooth, held, strict=True):
         speed = np.clip(
@@ -160,11 +160,21 @@ def test_obstacle_costs(drawn, near_goal):
         Scan(0, ranges.astype(np.float32), -1.5, 0.005, 0.1, 30.0),
         Pose2D(0.0, 0.0, 0.0),
     )
-    grid = (costmap.costs, costmap.origin_x, costmap.origin_y, costmap.resolution)
     costs = np.full(SAMPLES, 7.0)
-    body = (rectangle(0.25, 0.2), 0)
     collisions = kernels.add_obstacle_costs(
-        costs, xs, ys, yaws, grid, body, 2, 3.0, 300.0, 1e6, near_goal
+        costs,
+        xs,
+        ys,
+        yaws,
+        costmap.costs,
+        costmap.grid,
+        rectangle(0.25, 0.2),
+        0,
+        2,
+        3.0,
+        300.0,
+        1e6,
+        near_goal,
     )
     expected, collided = [], []
     for k in range(SAMPLES):
@@ -220,15 +230,25 @@ def test_looking_at_the_footprint_only_where_it_can_touch_changes_nothing(drawn)
             0, rng.uniform(0.5, 3.0, 30).astype(np.float32), -1.5, 0.1, 0.1, 30.0
         )
         costmap.update(Pose2D(0.3, -0.2, 0.7), scan, Pose2D(0.0, 0.0, 0.0))
-        grid = (costmap.costs, costmap.origin_x, costmap.origin_y, costmap.resolution)
         both = np.zeros((2, SAMPLES))
         for costs, lowest in zip(
             both, (0, lowest_cost_in_reach(config, 0.05)), strict=True
         ):
-            body = (rectangle(0.25, 0.2), lowest)
             counts.append(
                 kernels.add_obstacle_costs(
-                    costs, xs, ys, yaws, grid, body, 1, 3.0, 300.0, 1e6, False
+                    costs,
+                    xs,
+                    ys,
+                    yaws,
+                    costmap.costs,
+                    costmap.grid,
+                    rectangle(0.25, 0.2),
+                    lowest,
+                    1,
+                    3.0,
+                    300.0,
+                    1e6,
+                    False,
                 )
             )
         np.testing.assert_array_equal(both[0], both[1])
@@ -241,7 +261,7 @@ def test_the_furthest_point_reached(drawn):
     _, xs, ys, *_ = drawn
     ends = np.stack([xs[-1], ys[-1]], axis=1)
     nearest = np.hypot(*(ends[:, None] - PATH[None]).transpose(2, 0, 1)).argmin(axis=1)
-    assert kernels.furthest_reached(PATH, xs, ys) == nearest.max()
+    assert kernels.find_furthest_point(PATH, xs, ys) == nearest.max()
 
 
 def test_costs_of_the_end(drawn):
@@ -291,7 +311,15 @@ def test_control_costs(drawn):
     controls, *_, nominal, _ = drawn
     costs = np.zeros(SAMPLES)
     kernels.add_control_costs(
-        costs, controls, nominal, SPREAD, (-0.1, 0.4, 0.5), DT, 0.015, 4.0, 5.0
+        costs,
+        controls,
+        nominal,
+        SPREAD,
+        np.array([-0.1, 0.4, 0.5]),
+        DT,
+        0.015,
+        4.0,
+        5.0,
     )
     speed, rate = controls[:, 0].astype(float), controls[:, 1].astype(float)
     deviation = (

@@ -19,7 +19,7 @@ from barn_worlds.base.types import (
     Velocity2D,
 )
 from barn_worlds.messages import decode, topics
-from barn_worlds.messages.cdr import deserialise, serialise
+from barn_worlds.messages.cdr import deserialize, serialize
 from barn_worlds.messages.topics import Frames
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
@@ -100,7 +100,7 @@ def to_diagnostics(decision, name) -> DiagnosticArray:
 
 def as_read(message, length: int, type_name: str) -> bytes:
     """Return a message of ROS with the bytes between its fields set to zero and those behind it cut off."""
-    return serialise(deserialise(serialize_message(message)[:length], type_name))
+    return serialize(deserialize(serialize_message(message)[:length], type_name))
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 7, 30])

@@ -17,7 +17,7 @@ from barn_planners.policy.file import (
 )
 from barn_planners.policy.planner import shipped_policy
 from barn_planners.policy.space import PolicyAction, PolicyObservation
-from barn_worlds.formats.npz import to_npy
+from barn_worlds.formats.npz import encode_npy
 
 OBSERVATION = PolicyObservation(beams=6)
 
@@ -148,19 +148,19 @@ DAMAGED = {
     "about no mapping": (header_with(about=1), "about must be a mapping"),
     "weights missing": (with_member("weights_1.npy", None), "it has no weights_1.npy"),
     "weights not finite": (
-        with_member("weights_0.npy", to_npy(NAN)),
+        with_member("weights_0.npy", encode_npy(NAN)),
         "layer 0 holds values that are not finite",
     ),
     "weights of other shape": (
-        with_member("weights_0.npy", to_npy(NAN[:, :7])),
+        with_member("weights_0.npy", encode_npy(NAN[:, :7])),
         "layer 0 must have weights (11, 8)",
     ),
     "weights flat": (
-        with_member("weights_0.npy", to_npy(NAN[0])),
+        with_member("weights_0.npy", encode_npy(NAN[0])),
         "float32 in 2 dimensions",
     ),
     "weights of other type": (
-        with_member("biases_0.npy", to_npy(np.zeros(8))),
+        with_member("biases_0.npy", encode_npy(np.zeros(8))),
         "got float64",
     ),
     "weights pickled": (

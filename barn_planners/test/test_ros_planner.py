@@ -27,7 +27,7 @@ from barn_planners.registry import make_planner  # noqa: E402
 from barn_worlds.base.types import STOP, OccupancyMap, Pose2D, Velocity2D  # noqa: E402
 from barn_worlds.messages import decode, encode  # noqa: E402
 from barn_worlds.messages.topics import LATCHED  # noqa: E402
-from barn_worlds.ros.topics import profile  # noqa: E402
+from barn_worlds.ros.topics import qos_profile  # noqa: E402
 
 BOX = [
     ((-2.0, -2.0), (6.0, -2.0)),
@@ -50,7 +50,7 @@ class Harness(Peer):
         self.pose = make(PoseWithCovarianceStamped, "amcl_pose", 10)
         self.scan = make(LaserScan, "scan", 10)
         self.goal = make(PoseStamped, "goal_pose", 10)
-        self.map = make(OccupancyGrid, "map", profile(LATCHED))
+        self.map = make(OccupancyGrid, "map", qos_profile(LATCHED))
         listen = self.node.create_subscription
         listen(command_type, "cmd_vel", self.commands.append, 10)
         listen(Path, "plan", self.plans.append, 10)

@@ -9,9 +9,9 @@ from barn_sim.config import SimulatorConfig
 from barn_sim.contact.bullet import PhysicsEngine, end
 from barn_sim.motion.lanes import advance_all
 from barn_sim.motion.ticks import read_all
-from barn_sim.sensors.lidar import Singles, scan_all
+from barn_sim.sensors.ray_casting import scan_all
 from barn_sim.simulator import Simulator
-from barn_worlds.base.arrays import Bools, Floats, Integers
+from barn_worlds.base.arrays import Bools, Floats, Integers, Singles
 from barn_worlds.base.types import nanoseconds
 
 _NEVER_NS = -(2**62)
@@ -80,7 +80,7 @@ class Batch:
     def put(self, index: int, simulator: Simulator) -> None:
         """Take a simulator into the batch, instead of the one that was there."""
         self._simulators[index] = simulator
-        self._plain, self._scanned_ns[index] = simulator.lidar.plain, _NEVER_NS
+        self._plain, self._scanned_ns[index] = simulator.lidar.is_plain, _NEVER_NS
         self._drawn[index] = _AHEAD
         self.readings.collisions[index] = False
         self._disturbed.discard(index)
@@ -114,7 +114,7 @@ class Batch:
             self._simulators[index].motion.draw_noise(self._ticks)
         if not self._plain:
             for index in which.tolist():
-                self._simulators[index].motion.remember()
+                self._simulators[index].motion.remember_pose()
         left, pushes = (
             np.zeros(len(commands), np.int64),
             np.zeros((len(commands), 4, 3)),
@@ -147,7 +147,7 @@ class Batch:
                 readings.ranges[index] = self._simulators[index].read_scan().ranges
             scanned = scanned[:0]
         for index in scanned[drawn[scanned] == _AHEAD].tolist():
-            self._simulators[index].lidar.draw(self._noise[index])
+            self._simulators[index].lidar.draw_noise(self._noise[index])
             drawn[index] = 0
         others = (
             sorted(self._disturbed.intersection(scanned.tolist()))

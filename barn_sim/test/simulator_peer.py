@@ -27,7 +27,7 @@ from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.messages import decode
 from barn_worlds.messages.encode import TwistStampedEncoder, encode_twist
 from barn_worlds.messages.topics import LATCHED, Qos
-from barn_worlds.ros.topics import profile
+from barn_worlds.ros.topics import qos_profile
 
 TOPICS = {
     "/clock": Clock,
@@ -52,11 +52,11 @@ class Driver(Peer):
         self.commands = self.node.create_publisher(command, "cmd_vel", 10)
         for topic, kind in TOPICS.items():
             self.node.create_subscription(
-                kind, topic, partial(self._listen, topic), profile(Qos(depth=1000))
+                kind, topic, partial(self._listen, topic), qos_profile(Qos(depth=1000))
             )
         describe = partial(setattr, self, "description")
         self.node.create_subscription(
-            String, "robot_description", describe, profile(LATCHED)
+            String, "robot_description", describe, qos_profile(LATCHED)
         )
 
     def _listen(self, topic: str, message) -> None:

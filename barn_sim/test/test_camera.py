@@ -8,12 +8,13 @@ import pytest
 
 from barn_sim.body.model import model_of
 from barn_sim.config import LidarConfig
-from barn_sim.drawing.camera import CAMERAS, Studio, camera_at, pillars, prism
+from barn_sim.drawing.camera import CAMERAS, Studio, camera_at
+from barn_sim.drawing.meshes import pillars, prism
 from barn_sim.drawing.robot_parts import jackal_parts, robot_parts
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D
 from barn_worlds.geometry.polygon import area
-from barn_worlds.robots.files import STANDARD, load_robot
+from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
 from barn_worlds.worlds.scene import TrialScene
 
 BOUNDS = (-5.0, 0.0, 0.0, 13.0)
@@ -126,26 +127,26 @@ def test_an_unknown_camera_is_refused():
 
 def test_the_jackal_stands_within_its_outline_and_has_its_lidar_where_it_is_mounted():
     lidar = LidarConfig(mount_x_m=0.05)
-    left, below, right, above = model_of(STANDARD.chassis).extent
-    parts = jackal_parts(STANDARD.chassis, lidar)
+    left, below, right, above = model_of(STANDARD_ROBOT.chassis).extent
+    parts = jackal_parts(STANDARD_ROBOT.chassis, lidar)
     for part in parts:
         reach = 0.5 * part.sizes[0] if len(part.sizes) == 3 else 0.0
         assert (
-            left - 0.06 <= part.centre[0] - reach
-            and part.centre[0] + reach <= right + 0.06
+            left - 0.06 <= part.center[0] - reach
+            and part.center[0] + reach <= right + 0.06
         )
-        assert below - 0.03 <= part.centre[1] <= above + 0.03
-    upright = [part.centre for part in parts if len(part.sizes) == 2]
+        assert below - 0.03 <= part.center[1] <= above + 0.03
+    upright = [part.center for part in parts if len(part.sizes) == 2]
     assert (
         sum(x == 0.05 and abs(z - lidar.mount_z_m) < 0.04 for x, _, z in upright) == 3
     )
     wheels = [
-        part.centre
+        part.center
         for part in parts
-        if part.sizes == (model_of(STANDARD.chassis).wheel_radius_m, 0.042)
+        if part.sizes == (model_of(STANDARD_ROBOT.chassis).wheel_radius_m, 0.042)
     ]
     assert wheels == [
-        tuple(wheel) for wheel in model_of(STANDARD.chassis).wheels.tolist()
+        tuple(wheel) for wheel in model_of(STANDARD_ROBOT.chassis).wheels.tolist()
     ]
 
 
@@ -189,10 +190,10 @@ def test_robots_look_like_their_bodies():
     body, front, *_ = robot_parts(pointed, husky.lidar)
     high, low = pointed.body_height_m, pointed.ground_clearance_m
     assert body.sizes == (pytest.approx(high - low),)
-    assert np.array(body.corners) + body.centre[:2] == pytest.approx(
+    assert np.array(body.corners) + body.center[:2] == pytest.approx(
         np.array(pointed.hull_m)
     )
-    assert front.centre[:2] == (0.6, 0.0)
+    assert front.center[:2] == (0.6, 0.0)
     assert robot_parts(husky.chassis, husky.lidar)[0].sizes == pytest.approx(
         (0.99, 0.67, 0.26)
     )
@@ -205,9 +206,9 @@ def test_robots_look_like_their_bodies():
             for part in robot_parts(robot.chassis, robot.lidar)
             if len(part.sizes) == 1
         ]
-        assert tuple(part.centre[:2] for part in casters) == robot.chassis.casters_m
+        assert tuple(part.center[:2] for part in casters) == robot.chassis.casters_m
         for ball in casters:
-            assert ball.centre[2] - ball.sizes[0] == pytest.approx(
+            assert ball.center[2] - ball.sizes[0] == pytest.approx(
                 -robot.chassis.base_height_m
             )  # on the ground
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from barn_sim.config import ObstacleConfig, SimulatorConfig, with_robot
 from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.seeds import phase_s
-from barn_sim.sensors.lidar import Lidar
+from barn_sim.sensors.lidar import NO_SHAPES, Lidar
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import Pose2D, Velocity2D
 from barn_worlds.datasets.dataset import open_dataset
@@ -100,7 +100,7 @@ def test_rays_agree_with_a_plain_reference(seed: int, count: int) -> None:
     shapes = random_shapes(rng, count)
     pose = Pose2D(*rng.uniform(-2.0, 2.0, 2), rng.uniform(-3.2, 3.2))
     config = replace(QUIET, beams=90, range_max_m=5.0)
-    scan = Lidar(config, rng).scan(0, pose, np.empty((0, 2)), 0.1, None, shapes)
+    scan = Lidar(config, rng).scan(0, pose, np.empty((0, 2)), 0.1, NO_SHAPES, shapes)
     sensor = pose @ Pose2D(config.mount_x_m, 0.0, 0.0)
     angles = scan.angles() + sensor.yaw
     beams = np.column_stack([np.cos(angles), np.sin(angles)])

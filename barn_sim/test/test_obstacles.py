@@ -77,7 +77,7 @@ def test_pushed_cylinders_do_not_end_inside_one_another(simulators) -> None:
     simulator = simulators(world, MOVABLE, HERE, 0)
     for _ in range(80):
         simulator.step(Velocity2D(0.5, 0.0))
-    centres, tilted = simulator.motion.obstacles.seen_at(0.3)
+    centres, tilted = simulator.motion.obstacles.cross_section(0.3)
     upright = centres[np.isfinite(centres[:, 0])][: 9 - len(tilted)]
     gaps = [math.hypot(*(a - b)) for i, a in enumerate(upright) for b in upright[:i]]
     assert min(gaps) > 0.15 - 0.01
@@ -113,7 +113,7 @@ def test_the_lidar_sees_a_pushed_cylinder_where_it_is_now(simulators) -> None:
     for _ in range(60):
         sensors = simulator.step(Velocity2D(0.5, 0.0))
     position = simulator.moved_obstacles().positions[0]
-    upright = np.isfinite(simulator.motion.obstacles.seen_at(0.3)[0][0, 0])
+    upright = np.isfinite(simulator.motion.obstacles.cross_section(0.3)[0][0, 0])
     sensor = sensors.truth.pose @ Pose2D(0.055, 0.0, 0.0)
     bearing = math.atan2(position[1] - sensor.y, position[0] - sensor.x) - sensor.yaw
     beam = np.argmin(np.abs(sensors.scan.angles() - bearing))

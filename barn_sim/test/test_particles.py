@@ -11,15 +11,15 @@ import pytest
 
 from barn_sim.config import PRESETS, LocalizationConfig
 from barn_sim.sensors.lidar import Lidar
-from barn_sim.sensors.localization import known_map
+from barn_sim.sensors.localization import localization_map
 from barn_sim.sensors.particles import (
     ParticleLocalization,
     bin_keys,
-    bins_of,
-    clusters,
-    fit,
+    cluster_labels,
     needed_particles,
     obstacle_distances,
+    particle_bins,
+    particle_weights,
 )
 from barn_worlds.base.types import OccupancyMap, Pose2D, nanoseconds
 from barn_worlds.datasets.dataset import open_dataset
@@ -87,7 +87,9 @@ def test_particles_in_one_bin_do_not_show_that_few_are_enough() -> None:
 
 
 def test_bins_that_touch_form_a_cluster() -> None:
-    found = clusters(np.array([[0, 0, 0], [1, 1, 1], [2, 1, 1], [4, 1, 1], [5, 0, 1]]))
+    found = cluster_labels(
+        np.array([[0, 0, 0], [1, 1, 1], [2, 1, 1], [4, 1, 1], [5, 0, 1]])
+    )
     assert found[0] == found[1] == found[2] != found[3] == found[4]
 
 
@@ -95,7 +97,7 @@ def test_bins_sort_by_their_keys_as_by_their_coordinates() -> None:
     particles = np.random.default_rng(2).normal(
         [-2.0, 3.0, 0.0], [1.0, 2.0, 1.5], (500, 3)
     )
-    bins = bins_of(particles)
+    bins = particle_bins(particles)
     expected, first, member = np.unique(
         bins, axis=0, return_index=True, return_inverse=True
     )
@@ -111,7 +113,7 @@ def test_the_fit_of_a_particle_is_the_plain_sum_over_its_hits() -> None:
     rng = np.random.default_rng(3)
     particles, hits = rng.normal(1.0, 1.0, (40, 3)), rng.normal(0.0, 3.0, (25, 2))
     table, outside = rng.random((30, 20)), 0.25
-    found = fit(
+    found = particle_weights(
         particles, hits, np.pad(table, 1, constant_values=outside), -1.0, -0.5, 0.15
     )
     off = 0
@@ -128,14 +130,17 @@ def test_the_fit_of_a_particle_is_the_plain_sum_over_its_hits() -> None:
 
 
 def test_particles_spread_widely_gather_at_the_true_pose(pillars: World) -> None:
-    errors = np.abs(drive(WIDE, pillars, known_map(pillars, False), 1.0))
+    errors = np.abs(drive(WIDE, pillars, localization_map(pillars, False), 1.0))
     assert errors[-1, :2].max() < 0.05
     assert errors[-1, 2] < 0.02
 
 
 def test_a_map_read_half_a_cell_low_gives_poses_half_a_cell_low(pillars: World) -> None:
     errors = drive(
-        replace(WIDE, half_cell_low=True), pillars, known_map(pillars, False), 1.0
+        replace(WIDE, half_cell_low=True),
+        pillars,
+        localization_map(pillars, False),
+        1.0,
     )
     assert errors[-1, :2] == pytest.approx([-0.075, -0.075], abs=0.05)
 
@@ -143,7 +148,7 @@ def test_a_map_read_half_a_cell_low_gives_poses_half_a_cell_low(pillars: World) 
 def test_from_the_true_pose_the_estimate_drifts_towards_a_map_that_is_off(
     pillars: World,
 ) -> None:
-    off_y = drive(AT_START, pillars, known_map(pillars, True), 4.0)[:, 1]
+    off_y = drive(AT_START, pillars, localization_map(pillars, True), 4.0)[:, 1]
     assert off_y[0] == pytest.approx(0.0, abs=1e-3)
     steps = np.abs(np.diff(off_y))
     assert (
@@ -153,9 +158,9 @@ def test_from_the_true_pose_the_estimate_drifts_towards_a_map_that_is_off(
     assert (np.diff(later) < 0.0).all()
     assert -0.15 < later[-1] < -0.015
     # Particles spread widely agree with the map within a metre.
-    assert drive(WIDE, pillars, known_map(pillars, True), 1.0)[-1, 1] == pytest.approx(
-        -0.15, abs=0.06
-    )
+    assert drive(WIDE, pillars, localization_map(pillars, True), 1.0)[
+        -1, 1
+    ] == pytest.approx(-0.15, abs=0.06)
 
 
 def test_between_updates_the_pose_follows_the_odometry(pillars: World) -> None:
@@ -169,7 +174,7 @@ def test_between_updates_the_pose_follows_the_odometry(pillars: World) -> None:
         )
 
     believer = ParticleLocalization(
-        WIDE, np.random.default_rng(4), known_map(pillars, False), START, MOUNT
+        WIDE, np.random.default_rng(4), localization_map(pillars, False), START, MOUNT
     )
     driven = [
         Pose2D(0.0, 0.0, 0.0),
@@ -185,7 +190,7 @@ def test_between_updates_the_pose_follows_the_odometry(pillars: World) -> None:
 def test_a_correction_takes_effect_late_if_asked_and_the_first_one_at_once(
     pillars: World,
 ) -> None:
-    known = known_map(pillars, True)
+    known = localization_map(pillars, True)
     corrections = []
     for delay_s in (0.0, 1.0):
         errors = drive(replace(WIDE, correction_delay_s=delay_s), pillars, known, 2.0)
@@ -208,7 +213,7 @@ def test_a_correction_takes_effect_late_if_asked_and_the_first_one_at_once(
 
 
 def test_the_same_seed_gives_the_same_errors(pillars: World) -> None:
-    known = known_map(pillars, False)
+    known = localization_map(pillars, False)
     first, again, other = (drive(WIDE, pillars, known, 0.3, seed) for seed in (3, 3, 4))
     assert (first == again).all()
     assert (first != other).any()
@@ -216,7 +221,9 @@ def test_the_same_seed_gives_the_same_errors(pillars: World) -> None:
 
 def test_the_simulator_localises_in_the_historical_map_if_asked(simulators) -> None:
     world = open_dataset("barn300").load(120)
-    assert (known_map(world, True).data != known_map(world, False).data).any()
+    assert (
+        localization_map(world, True).data != localization_map(world, False).data
+    ).any()
     wide = Pose2D(-2.25, 4.0, math.pi / 2.0)
     sensors, other = (
         simulators(
@@ -238,7 +245,7 @@ def test_particles_are_drawn_anywhere_as_long_as_the_fast_average_is_below_the_s
         AT_START, recovery_alpha_slow=alphas[0], recovery_alpha_fast=alphas[1]
     )
     believer = ParticleLocalization(
-        config, np.random.default_rng(0), known_map(pillars, False), START, MOUNT
+        config, np.random.default_rng(0), localization_map(pillars, False), START, MOUNT
     )
     slow = fast = 0.0  # 0: to begin with the next average, as amcl has it
     shares = []
@@ -248,18 +255,18 @@ def test_particles_are_drawn_anywhere_as_long_as_the_fast_average_is_below_the_s
         shares.append(max(0.0, 1.0 - fast / slow))
         if shares[-1] > 0.0:
             slow = fast = 0.0
-        assert believer._lost(average) == pytest.approx(shares[-1])
+        assert believer._random_share(average) == pytest.approx(shares[-1])
     assert (max(shares) > 0.0) == (alphas[1] > 0.0)
 
 
 def test_particles_drawn_anywhere_lie_in_free_cells_of_the_whole_map(
     pillars: World,
 ) -> None:
-    known = known_map(pillars, False)
+    known = localization_map(pillars, False)
     believer = ParticleLocalization(
         AT_START, np.random.default_rng(0), known, START, MOUNT
     )
-    poses = believer._anywhere(5000)
+    poses = believer._random_poses(5000)
     columns = ((poses[:, 0] - known.origin_x) / known.resolution).astype(int)
     rows = ((poses[:, 1] - known.origin_y) / known.resolution).astype(int)
     assert (known.data[rows, columns] == 0).all()

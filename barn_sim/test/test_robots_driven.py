@@ -28,9 +28,9 @@ from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.types import Pose2D, Velocity2D
 from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.messages import decode
-from barn_worlds.messages.cdr import deserialise
+from barn_worlds.messages.cdr import deserialize
 from barn_worlds.robots.files import ROBOTS, load_robot
-from barn_worlds.robots.urdf import chassis_of
+from barn_worlds.robots.urdf import read_chassis
 from barn_worlds.worlds.world import World
 
 STEP_S = 0.05
@@ -106,7 +106,7 @@ def in_bullet(chassis):
         body.begin(Pose2D(0.0, 0.0, 0.0))
         body.enter()
         bullet.resetBasePositionAndOrientation(
-            body.id, model.centre_of_mass, (0, 0, 0, 1), physicsClientId=client.id
+            body.id, model.center_of_mass, (0, 0, 0, 1), physicsClientId=client.id
         )
         return np.array(bullet.getAABB(body.id, physicsClientId=client.id))
 
@@ -250,7 +250,7 @@ def test_fixed_frames_are_turned_as_the_lidar_is():
     _, (_, transforms) = SimulatorMessages(
         with_robot(SimulatorConfig(), robot)
     ).constant()
-    sent = deserialise(transforms, "tf2_msgs/msg/TFMessage").transforms
+    sent = deserialize(transforms, "tf2_msgs/msg/TFMessage").transforms
     yaws = {
         one.child_frame_id: 2.0
         * np.arctan2(one.transform.rotation.z, one.transform.rotation.w)
@@ -286,7 +286,7 @@ def test_the_description_is_a_urdf_of_the_same_body(name, tmp_path):
     )
     file = tmp_path / "robot.urdf"
     file.write_text(description_text(chassis), "utf-8")
-    for key, value in chassis_of(file).items():
+    for key, value in read_chassis(file).items():
         assert value == pytest.approx(getattr(chassis, key), rel=1e-6)
     assert fixed_frames(robot.lidar, chassis)["base_footprint"] == (
         0.0,
@@ -296,7 +296,7 @@ def test_the_description_is_a_urdf_of_the_same_body(name, tmp_path):
     assert set(joint_names(chassis)) <= {
         joint.get("name") for joint in root.iter("joint")
     }
-    if chassis.rectangular and name != "jackal":
+    if chassis.is_rectangular and name != "jackal":
         (box,) = root.iterfind("link/collision/geometry/box")
         sizes = (
             robot.length_m,

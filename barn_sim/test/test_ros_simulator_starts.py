@@ -24,7 +24,7 @@ from simulator_peer import (  # noqa: E402
 
 from barn_sim.body.model import joint_names, robot_description  # noqa: E402
 from barn_sim.config import RunConfig, with_robot  # noqa: E402
-from barn_worlds.robots.files import load_robot, shipped_robots  # noqa: E402
+from barn_worlds.robots.files import find_robot_files, load_robot  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("own_domain")
 
@@ -134,7 +134,7 @@ def test_robots_over_ros_equal_the_core_to_the_last_bit(started, tmp_path):
 
     other = load_robot("turtlebot3_waffle")
     file = tmp_path / "mine.yaml"
-    file.write_text(shipped_robots()["turtlebot3_waffle"].read_text("utf-8"), "utf-8")
+    file.write_text(find_robot_files()["turtlebot3_waffle"].read_text("utf-8"), "utf-8")
     config = with_robot(RunConfig(), other)
     config = replace(config, lidar=replace(config.lidar, **EACH))
     named = {

@@ -9,7 +9,7 @@ from driving import readings_of
 
 from barn_sim.config import LidarConfig, OdometryConfig, SimulatorConfig, with_robot
 from barn_sim.messages import SimulatorMessages
-from barn_sim.sensors.lidar import Lidar
+from barn_sim.sensors.lidar import NO_SHAPES, Lidar
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import Pose2D, Velocity2D, wrap_angle
 from barn_worlds.robots.files import load_robot
@@ -93,10 +93,10 @@ def test_beams_of_a_turning_mirror_agree_with_a_scan_from_each_pose(full_circle)
             [[*rng.uniform(-4.0, 4.0, 2), 0.0, 0.5, 0.3, math.cos(0.4), math.sin(0.4)]]
         )
         swept = lidar.scan(
-            0, Pose2D(*poses[-1]), centres, radius, None, shapes, sweep=poses
+            0, Pose2D(*poses[-1]), centres, radius, NO_SHAPES, shapes, sweep=poses
         ).ranges
         one_by_one = [
-            lidar.scan(0, Pose2D(*pose), centres, radius, None, shapes).ranges[k]
+            lidar.scan(0, Pose2D(*pose), centres, radius, NO_SHAPES, shapes).ranges[k]
             for k, pose in enumerate(poses)
         ]
         # within a circle all of an instant's beams read -inf, of a sweep those that are in it
@@ -201,7 +201,7 @@ def test_wheels_of_another_radius_than_is_thought_misread_the_way(empty_world, c
 def test_robots_have_the_lidars_of_their_data_sheets_and_the_jackal_the_papers():
     assert (
         SimulatorConfig().scan_steps == 1
-        and Lidar(SimulatorConfig().lidar, np.random.default_rng(0)).plain
+        and Lidar(SimulatorConfig().lidar, np.random.default_rng(0)).is_plain
     )
     for name, steps in {
         "turtlebot4": 4,

@@ -10,7 +10,7 @@ from barn_sim.messages import SimulatorMessages
 from barn_sim.sensors.readings import Joints, Sensors
 from barn_worlds.base.types import Odometry, Pose2D, Scan, Velocity2D
 from barn_worlds.messages import decode
-from barn_worlds.messages.cdr import deserialise
+from barn_worlds.messages.cdr import deserialize
 from barn_worlds.messages.topics import AMCL_POSE, JOINT_STATES, ODOM, SCAN, Frames
 
 STAMP = 3_500_000_000
@@ -57,7 +57,7 @@ def test_an_instant_is_whole_with_the_time_first_and_the_scan_last():
         ("/scan", "lidar_link"),
     ):
         assert decode.header(data[path]) == (STAMP, frame)
-    assert deserialise(data["/odom"], ODOM.type_name).child_frame_id == "base_link"
+    assert deserialize(data["/odom"], ODOM.type_name).child_frame_id == "base_link"
     odometry, truth = (
         decode.odometry(data["/odom"]),
         decode.odometry(data["/ground_truth/odom"]),
@@ -77,7 +77,7 @@ def test_an_instant_is_whole_with_the_time_first_and_the_scan_last():
     np.testing.assert_array_equal(
         decode.scan(data["/scan"]).ranges, SENSORS.scan.ranges
     )
-    joints = deserialise(data["/joint_states"], JOINT_STATES.type_name)
+    joints = deserialize(data["/joint_states"], JOINT_STATES.type_name)
     assert joints.position.tolist() == [1.0, 2.0, 3.0, 4.0]
     assert joints.velocity.tolist() == [5.0, 6.0, 7.0, 8.0]
     assert joints.name[0] == "front_left_wheel_joint"
@@ -107,7 +107,7 @@ def test_before_the_first_instant_the_transforms_are_those_of_the_start():
         assert numbers(whole(data)) == pytest.approx(numbers(start))
         stamps = {
             one.header.stamp.sec
-            for one in deserialise(data, "tf2_msgs/msg/TFMessage").transforms
+            for one in deserialize(data, "tf2_msgs/msg/TFMessage").transforms
         }
         assert stamps == {stamp_ns // 10**9}
 
@@ -121,7 +121,7 @@ def test_what_stands_still_is_told_once():
     assert (description.path, fixed.path) == ("/robot_description", "/tf_static")
     assert 'xyz="0.12 0 0.3"' in decode.text(text)
     transforms = {
-        one.child_frame_id: one for one in deserialise(data, fixed.type_name).transforms
+        one.child_frame_id: one for one in deserialize(data, fixed.type_name).transforms
     }
     where = transforms["laser"].transform.translation
     assert (where.x, where.y, where.z) == (0.12, 0.0, 0.3)
@@ -139,7 +139,7 @@ def test_the_variance_of_the_localisation_is_stated_unless_it_is_exact():
             replace(SimulatorConfig(), localisation=localisation)
         )
         _, data = messages.localization(BELIEVED, MEASURED, STAMP)
-        covariance = deserialise(data, AMCL_POSE.type_name).pose.covariance
+        covariance = deserialize(data, AMCL_POSE.type_name).pose.covariance
         assert (covariance[0], covariance[35]) == pytest.approx(expected)
         assert covariance[7] == covariance[0]
         assert np.count_nonzero(covariance) == (0 if mode == "exact" else 3)
@@ -153,4 +153,4 @@ def test_a_scan_says_how_long_it_is_to_the_next(period_s, expected):
     _, data = SimulatorMessages(PRESETS["paper2020"], scan_period_s=period_s).scan(
         SENSORS.scan, STAMP
     )
-    assert deserialise(data, SCAN.type_name).scan_time == pytest.approx(expected)
+    assert deserialize(data, SCAN.type_name).scan_time == pytest.approx(expected)

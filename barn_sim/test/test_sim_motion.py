@@ -25,7 +25,7 @@ from barn_sim.config import SimulatorConfig, with_robot
 from barn_sim.contact.bullet import PhysicsClient, PhysicsEngine, end
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import Pose2D, Velocity2D
-from barn_worlds.robots.files import STANDARD, load_robot
+from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
 from barn_worlds.worlds.world import World
 
 STEPS = 100
@@ -161,7 +161,7 @@ def test_a_turn_is_that_of_the_exponential_map():
 def test_a_torque_is_found_that_keeps_a_spin():
     """Although the inertia is still that of another heading, the matrix after the tick is equal to the last bit."""
     rng = np.random.default_rng(0)
-    inverse = tuple((1.0 / model_of(STANDARD.chassis).inertia).tolist())
+    inverse = tuple((1.0 / model_of(STANDARD_ROBOT.chassis).inertia).tolist())
     for _ in range(200):
         yaw, left = rng.uniform(-3.0, 3.0, 2)
         attitude = attitude_of(
@@ -184,7 +184,7 @@ def test_a_torque_is_found_that_keeps_a_spin():
 
 
 def test_where_no_torque_is_exact_the_spin_is_kept_but_for_rounding():
-    inverse = tuple((1.0 / model_of(STANDARD.chassis).inertia).tolist())
+    inverse = tuple((1.0 / model_of(STANDARD_ROBOT.chassis).inertia).tolist())
     attitude, stale, elsewhere = (
         (0.0, 0.0, math.sin(half), math.cos(half)) for half in (0.3, 0.7, 1.1)
     )

@@ -24,7 +24,7 @@ from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.sensors.readings import Sensors
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D
-from barn_worlds.formats.own import write_own
+from barn_worlds.formats.dataset_file import write_dataset_file
 
 START = Pose2D(-2.25, 3.0, 1.57)
 AT_THE_WALL = Pose2D(-3.5, 4.5, 1.57)
@@ -92,7 +92,7 @@ def test_a_client_used_before_repeats_a_new_one_to_the_last_bit(
 
 
 def test_repeats_itself_in_another_process(walled_world, tmp_path) -> None:
-    write_own(tmp_path / "world.npz", "walled", {0: walled_world})
+    write_dataset_file(tmp_path / "world.npz", "walled", {0: walled_world})
     script = (
         "import sys, test_simulator as cases\n"
         "from barn_worlds.datasets.dataset import open_dataset\n"

@@ -21,7 +21,7 @@ from barn_sim.contact.robot_body import Body
 from barn_sim.motion.ticks import motion_of, push_on
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D, Velocity2D
-from barn_worlds.robots.files import STANDARD, load_robot
+from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
 
 G = 9.81
 FRICTION = 0.5
@@ -42,7 +42,7 @@ class Driven:
     ) -> None:
         self.tick_s, self.fleet = tick_s, Fleet.of(1)
         self.body = Body(
-            model_of(STANDARD.chassis),
+            model_of(STANDARD_ROBOT.chassis),
             PhysicsConfig(tick_s=tick_s),
             client,
             self.fleet,
@@ -125,12 +125,12 @@ def reference_friction(
 @pytest.mark.parametrize("seed", range(12))
 def test_friction_is_that_of_a_general_optimiser(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    model = model_of(STANDARD.chassis)
+    model = model_of(STANDARD_ROBOT.chassis)
     yaw = rng.uniform(-3.0, 3.0)
     turn = np.array(rotation((0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))))
     arms = (
         turn
-        @ (model.wheels - model.centre_of_mass - [0.0, 0.0, model.wheel_radius_m]).T
+        @ (model.wheels - model.center_of_mass - [0.0, 0.0, model.wheel_radius_m]).T
     ).T
     limits = rng.uniform(0.02, 0.2, 4)
     velocity, spin = rng.normal(0.0, 0.3, 2), rng.normal(0.0, [0.05, 0.05, 1.0])
@@ -275,9 +275,9 @@ def steady_turn(speed: float, turn: float) -> tuple[float, float]:
 
     Loads from statics: springs of equal stiffness under weight and the moments of the friction forces.
     """
-    model = model_of(STANDARD.chassis)
-    wheels = (model.wheels - model.centre_of_mass)[:, :2]
-    height = model.centre_of_mass[2] - model.footing[2]
+    model = model_of(STANDARD_ROBOT.chassis)
+    wheels = (model.wheels - model.center_of_mass)[:, :2]
+    height = model.center_of_mass[2] - model.footing[2]
     plane = np.column_stack([np.ones(4), wheels])
     spin_mass = model.inertia[2]
     rims = np.array([speed - turn * SEPARATION / 2, speed + turn * SEPARATION / 2] * 2)

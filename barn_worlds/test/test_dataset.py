@@ -16,7 +16,7 @@ from barn_worlds.datasets.generate import (
     WorldParameters,
     generate_dataset,
 )
-from barn_worlds.formats.npz import to_npy
+from barn_worlds.formats.npz import encode_npy
 from barn_worlds.formats.original import write_original
 from barn_worlds.formats.sdf import write_sdf
 from barn_worlds.robots.files import ROBOTS
@@ -111,7 +111,7 @@ def test_single_files_and_where_their_path_comes_from(layout, worlds, tmp_path):
 
 def test_files_without_a_number_of_their_own_are_numbered_by_name(worlds, tmp_path):
     for name in ("b", "a"):
-        (tmp_path / f"{name}.npy").write_bytes(to_npy(worlds[0].grid))
+        (tmp_path / f"{name}.npy").write_bytes(encode_npy(worlds[0].grid))
     dataset = open_dataset(tmp_path)
     assert [dataset.load(index).name for index in dataset.world_numbers] == ["a", "b"]
 
@@ -132,7 +132,7 @@ def test_a_world_is_read_once_and_not_handed_to_other_processes():
 
 
 def test_only_so_many_worlds_are_kept(monkeypatch):
-    monkeypatch.setattr("barn_worlds.datasets.dataset._MOST_KEPT", 2)
+    monkeypatch.setattr("barn_worlds.datasets.dataset._MAX_CACHED_WORLDS", 2)
     dataset = open_dataset("barn300")
     first = dataset.load(0)
     assert dataset.load(1) is dataset.load(1) and dataset.load(0) is first
@@ -195,7 +195,7 @@ def test_what_holds_no_worlds_is_refused(tmp_path, layout):
     ],
 )
 def test_malformed_parts_of_the_layout_are_named(layout, name, array, message):
-    (layout / name).write_bytes(to_npy(array))
+    (layout / name).write_bytes(encode_npy(array))
     dataset = open_dataset(layout)
     with pytest.raises(WorldError, match=message):
         dataset.load(6)
@@ -204,7 +204,7 @@ def test_malformed_parts_of_the_layout_are_named(layout, name, array, message):
 def test_a_grid_without_a_way_through_is_refused(tmp_path):
     grid = np.zeros((30, 30), np.int64)
     grid[:, 15] = 1
-    (tmp_path / "wall.npy").write_bytes(to_npy(grid))
+    (tmp_path / "wall.npy").write_bytes(encode_npy(grid))
     with pytest.raises(
         WorldError,
         match="no path from the first to the last column for a robot of 5 x 5 cells",

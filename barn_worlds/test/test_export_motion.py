@@ -10,7 +10,7 @@ from barn_worlds.base.errors import WorldError
 from barn_worlds.datasets.generate_motion import build_arena
 from barn_worlds.drawing.files import write_png
 from barn_worlds.drawing.worlds import sheet_figure, world_figure, write_animation
-from barn_worlds.formats.sdf import mesh, sdf_text, trajectories, write_sdf
+from barn_worlds.formats.sdf import obj_mesh, sdf_text, trajectories, write_sdf
 from barn_worlds.moving.motion import Motion, MovingObstacle
 from barn_worlds.moving.tracks import Tracks
 
@@ -85,7 +85,7 @@ def test_the_meshes_that_an_sdf_names_lie_beside_it(world, tmp_path):
 
 @pytest.mark.parametrize("one", [MOVING[0], MOVING[4]], ids=["cylinder", "box"])
 def test_a_mesh_is_closed_turned_outwards_and_of_the_size_of_the_obstacle(one):
-    lines = [line.split() for line in mesh(one).splitlines()]
+    lines = [line.split() for line in obj_mesh(one).splitlines()]
     points = np.array(
         [[float(word) for word in line[1:]] for line in lines if line[0] == "v"]
     )

@@ -7,9 +7,9 @@ import pytest
 
 from barn_worlds.geometry.bodies import shape_rows
 from barn_worlds.geometry.footprint import Footprint, Rectangle
-from barn_worlds.geometry.kernels import distance_to
+from barn_worlds.geometry.kernels import distance_to_line
 from barn_worlds.robots.contact import contact_footprint
-from barn_worlds.robots.files import STANDARD, load_robot
+from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
 
 POLYGON = Footprint(
     np.array([[0.5, 0.0], [0.2, 0.3], [-0.3, 0.2], [-0.3, -0.25], [0.1, -0.3]])
@@ -140,7 +140,7 @@ def test_what_can_touch_of_robots():
         contact_footprint(load_robot(name).chassis)
         for name in ("jackal", "husky", "turtlebot4")
     )
-    assert (contact_footprint(STANDARD.chassis).extent_m == jackal.extent_m).all()
+    assert (contact_footprint(STANDARD_ROBOT.chassis).extent_m == jackal.extent_m).all()
     assert jackal.extent_m == pytest.approx(
         [-0.229, -0.207795, 0.229, 0.207795]
     )  # the wheels, without the bumpers
@@ -156,10 +156,10 @@ def test_the_distance_from_a_line_is_that_of_its_nearest_point(seed):
     line, (x, y) = rng.uniform(-1.0, 1.0, (6, 2)), rng.uniform(-2.0, 2.0, 2)
     line[3] = line[2]
     dense = np.linspace(line[:-1], line[1:], 2001).reshape(-1, 2)
-    assert distance_to(line, x, y) == pytest.approx(
+    assert distance_to_line(line, x, y) == pytest.approx(
         np.hypot(*(dense - [x, y]).T).min(), abs=2e-3
     )
-    assert distance_to(line[:1], x, y) == pytest.approx(
+    assert distance_to_line(line[:1], x, y) == pytest.approx(
         math.hypot(x - line[0, 0], y - line[0, 1])
     )
-    assert distance_to(np.array([[0.0, 0.0], [4.0, 0.0]]), -1.0, 0.0) == 1.0
+    assert distance_to_line(np.array([[0.0, 0.0], [4.0, 0.0]]), -1.0, 0.0) == 1.0

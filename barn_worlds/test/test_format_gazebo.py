@@ -11,7 +11,12 @@ from hypothesis.extra import numpy as npst
 
 from barn_worlds.base.errors import WorldError
 from barn_worlds.datasets.generate import TABLE_I, generate_grid
-from barn_worlds.formats.gazebo import cylinders, fill_hollow, grid_of, read_grid
+from barn_worlds.formats.gazebo import (
+    build_grid,
+    fill_hollow,
+    parse_cylinders,
+    read_grid,
+)
 from barn_worlds.formats.sdf import sdf_text, write_sdf
 from barn_worlds.worlds import cells as geometry
 from barn_worlds.worlds.world import World
@@ -37,7 +42,7 @@ def document(*parts):
 
 
 def grid_in(content):
-    return grid_of(*cylinders(content, "a.world"), "a.world")
+    return build_grid(*parse_cylinders(content, "a.world"), "a.world")
 
 
 def test_grids_from_the_original_files_equal_the_original_grids(original_folder):
@@ -147,7 +152,7 @@ def test_poses_of_model_link_and_collision_add_up():
     )
     link = f"<link name='l'><pose>0.075 0.075 0 0 0 0</pose>{collision}</link>"
     content = document(f"<model name='m'><pose>-1.5 5.1 0 0 -0 0</pose>{link}</model>")
-    assert cylinders(content, "w")[0].tolist() == [
+    assert parse_cylinders(content, "w")[0].tolist() == [
         [pytest.approx(-1.425), pytest.approx(5.325)]
     ]
 

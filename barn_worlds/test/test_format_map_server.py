@@ -10,7 +10,7 @@ from PIL import Image
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.types import OccupancyMap
 from barn_worlds.datasets.dataset import open_dataset
-from barn_worlds.formats.map_server import grid_of, read_map, write_map
+from barn_worlds.formats.map_server import extract_grid, read_map, write_map
 from barn_worlds.formats.single import read_world
 from barn_worlds.worlds.world import World
 
@@ -72,7 +72,9 @@ def test_worlds_come_back_from_their_maps(historical, grid):
     grid[[0, -1]] = True
     grid[1] = False
     world = World("w", grid, np.array([[1, 0]]))
-    assert np.array_equal(grid_of(world.occupancy_map(historical=historical)), grid)
+    assert np.array_equal(
+        extract_grid(world.occupancy_map(historical=historical)), grid
+    )
 
 
 def test_original_maps_give_the_original_grids(original_folder):

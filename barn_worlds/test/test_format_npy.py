@@ -13,9 +13,9 @@ from hypothesis.extra import numpy as npst
 
 from barn_worlds.base.errors import WorldError
 from barn_worlds.datasets.dataset import open_dataset
-from barn_worlds.formats import own
-from barn_worlds.formats.npz import parse_npy, to_npy
-from barn_worlds.formats.own import read_own, write_own
+from barn_worlds.formats import dataset_file
+from barn_worlds.formats.dataset_file import read_dataset_file, write_dataset_file
+from barn_worlds.formats.npz import encode_npy, parse_npy
 from barn_worlds.worlds.world import Provenance, World
 
 
@@ -36,7 +36,7 @@ def described(shape, descr="'<i8'"):
 )
 def test_arrays_come_back(array):
     assert np.array_equal(
-        parse_npy(to_npy(array), "x"), array, equal_nan=array.dtype == np.float64
+        parse_npy(encode_npy(array), "x"), array, equal_nan=array.dtype == np.float64
     )
 
 
@@ -97,7 +97,7 @@ def worlds(draw):
 @given(st.dictionaries(st.integers(0, 1000), worlds(), min_size=1, max_size=5))
 def test_own_files_come_back(tmp_path_factory, numbered):
     path = tmp_path_factory.mktemp("own") / "set.npz"
-    write_own(path, "a set", numbered)
+    write_dataset_file(path, "a set", numbered)
     first = path.read_bytes()
     dataset = open_dataset(path)
     assert dataset.name == "a set"
@@ -107,14 +107,14 @@ def test_own_files_come_back(tmp_path_factory, numbered):
         assert read.checksum == world.checksum
         assert read.provenance.parameters == world.provenance.parameters
         assert read.provenance.seed == world.provenance.seed
-    write_own(path, "a set", numbered)
+    write_dataset_file(path, "a set", numbered)
     assert path.read_bytes() == first
 
 
 @pytest.fixture
 def own_file(tmp_path, small_world):
     path = tmp_path / "set.npz"
-    write_own(path, "set", {3: small_world})
+    write_dataset_file(path, "set", {3: small_world})
     return path
 
 
@@ -124,21 +124,24 @@ def own_file(tmp_path, small_world):
         ({"grid.npy": None}, "world 3 is damaged: 'grid'"),
         ({"index.npy": None}, "it has no index.npy"),
         ({"grid.npy": b"x"}, "grid.npy: not a .npy file"),
-        ({"grid.npy": to_npy(np.zeros(3))}, "world 3 is damaged: "),
-        ({"grid.npy": to_npy(np.zeros(3, np.uint8))}, "world 3 is damaged: "),
-        ({"path.npy": to_npy(np.zeros((3, 3), int))}, "world 3 is damaged: "),
+        ({"grid.npy": encode_npy(np.zeros(3))}, "world 3 is damaged: "),
+        ({"grid.npy": encode_npy(np.zeros(3, np.uint8))}, "world 3 is damaged: "),
+        ({"path.npy": encode_npy(np.zeros((3, 3), int))}, "world 3 is damaged: "),
         (
-            {"shape.npy": to_npy(np.array([[10**6, 10**6]]))},
+            {"shape.npy": encode_npy(np.array([[10**6, 10**6]]))},
             "world 3 is damaged: sides must be 1 to 2000 cells",
         ),
         (
-            {"shape.npy": to_npy(np.array([[-9, -12]]))},
+            {"shape.npy": encode_npy(np.array([[-9, -12]]))},
             "world 3 is damaged: sides must be 1 to 2000 cells",
         ),
-        ({"path_cells.npy": to_npy(np.array([3]))}, "world 3 is damaged: its checksum"),
-        ({"index.npy": to_npy(np.array([1, 2]))}, "numbers of worlds do not match"),
         (
-            {"index.npy": to_npy(np.array([-1]))},
+            {"path_cells.npy": encode_npy(np.array([3]))},
+            "world 3 is damaged: its checksum",
+        ),
+        ({"index.npy": encode_npy(np.array([1, 2]))}, "numbers of worlds do not match"),
+        (
+            {"index.npy": encode_npy(np.array([-1]))},
             "numbers of worlds must be from 0, each once",
         ),
         ({"manifest.json": b"{"}, "manifest.json: not JSON"),
@@ -161,9 +164,10 @@ def test_malformed_own_files_are_refused(own_file, change, message, refused):
 
 def test_a_zip_bomb_is_refused_before_it_is_unpacked(own_file, monkeypatch):
     monkeypatch.setattr(
-        "barn_worlds.formats.own.FORMAT", replace(own.FORMAT, largest=1_000_000)
+        "barn_worlds.formats.dataset_file.FORMAT",
+        replace(dataset_file.FORMAT, largest=1_000_000),
     )
     repack(own_file, {"grid.npy": bytes(1_000_000)})
     monkeypatch.setattr(zipfile.ZipFile, "read", lambda *_: pytest.fail("unpacked"))
     with pytest.raises(WorldError, match="unpacks to more than the allowed"):
-        read_own(own_file)
+        read_dataset_file(own_file)

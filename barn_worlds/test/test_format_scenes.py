@@ -11,8 +11,8 @@ from archives import members, repack
 from barn_worlds.base.errors import BarnError
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.datasets.generate_motion import build_arena
-from barn_worlds.formats.npz import to_npy
-from barn_worlds.formats.own import read_own, write_own
+from barn_worlds.formats.dataset_file import read_dataset_file, write_dataset_file
+from barn_worlds.formats.npz import encode_npy
 from barn_worlds.formats.world_yaml import world_yaml, write_world_yaml
 from barn_worlds.moving.motion import Motion, MovingObstacle, Wall
 from barn_worlds.worlds.world import World
@@ -61,7 +61,7 @@ def scenes(small_world):
 @pytest.fixture
 def own_file(scenes, tmp_path):
     """A data set file of them."""
-    write_own(tmp_path / "scenes.npz", "scenes", scenes)
+    write_dataset_file(tmp_path / "scenes.npz", "scenes", scenes)
     return tmp_path / "scenes.npz"
 
 
@@ -80,14 +80,14 @@ def test_worlds_with_motion_come_back_from_a_data_set_file(own_file, scenes):
     for index, world in scenes.items():
         assert_same(dataset.load(index), world)
     assert (
-        len(read_own(own_file).arrays["motion_kind"]) == 3
+        len(read_dataset_file(own_file).arrays["motion_kind"]) == 3
     )  # equal motions are stored once
 
 
 def test_static_data_sets_are_written_as_before(small_world, tmp_path):
-    write_own(tmp_path / "static.npz", "static", {3: small_world})
+    write_dataset_file(tmp_path / "static.npz", "static", {3: small_world})
     assert "moving.npy" not in members(tmp_path / "static.npz")
-    assert read_own(tmp_path / "static.npz").manifest["schema"] == 1
+    assert read_dataset_file(tmp_path / "static.npz").manifest["schema"] == 1
 
 
 def test_worlds_with_motion_come_back_from_yaml(scenes, tmp_path):
@@ -230,7 +230,7 @@ def test_a_malformed_yaml_world_is_one_clear_line(case, scenes, tmp_path, refuse
 def test_malformed_motion_in_a_data_set_file_is_one_clear_line(
     own_file, name, array, message, refused
 ):
-    repack(own_file, {f"{name}.npy": to_npy(array)})
+    repack(own_file, {f"{name}.npy": encode_npy(array)})
     with refused(BarnError, re.escape(message)):
         dataset = open_dataset(own_file)
         for index in dataset.world_numbers:

@@ -27,7 +27,7 @@ from barn_worlds.datasets.generate import (
     write_dataset,
     write_ordered,
 )
-from barn_worlds.formats.own import Order
+from barn_worlds.formats.dataset_file import WorldOrder
 
 SMALL = DatasetParameters("small", seed=3, worlds_per_set=2, sets=TABLE_I[:4])
 
@@ -109,18 +109,22 @@ def test_parameters_that_are_not_allowed(change, message):
 def test_worlds_can_be_numbered_by_any_score(tmp_path):
     worlds = generate_dataset(SMALL)
     scores = tuple(float(k % 3) for k in range(8))
-    numbered = renumber(worlds, Order("a test", scores))
+    numbered = renumber(worlds, WorldOrder("a test", scores))
     assert [numbered[k].checksum for k in range(8)] == [
         worlds[i].checksum for i in (0, 3, 6, 1, 4, 7, 2, 5)
     ]
     assert [numbered[k].name for k in range(2)] == ["world_0", "world_1"]
     with pytest.raises(WorldError, match="one finite score for each of 8 worlds"):
-        renumber(worlds, Order("a test", scores[1:]))
+        renumber(worlds, WorldOrder("a test", scores[1:]))
     with pytest.raises(WorldError, match="one finite score for each of 8 worlds"):
-        renumber(worlds, Order("a test", (*scores[1:], float("nan"))))
+        renumber(worlds, WorldOrder("a test", (*scores[1:], float("nan"))))
 
     write_ordered(
-        tmp_path / "small.npz", "small", worlds, Order("a test", scores), {"seed": 3}
+        tmp_path / "small.npz",
+        "small",
+        worlds,
+        WorldOrder("a test", scores),
+        {"seed": 3},
     )
     dataset = open_dataset(tmp_path / "small.npz")
     assert [dataset.load(k).checksum for k in range(8)] == [

@@ -21,8 +21,8 @@ from barn_worlds.base.types import (
     yaw_from_quaternion,
 )
 from barn_worlds.messages import decode, encode
-from barn_worlds.messages.cdr import deserialise, make, serialise
-from barn_worlds.messages.encode import header
+from barn_worlds.messages.cdr import deserialize, make_message, serialize
+from barn_worlds.messages.encode import make_header
 
 metres = st.floats(-1e3, 1e3)
 stamps = st.integers(0, 2**31 * 10**9 - 1)
@@ -102,10 +102,10 @@ def test_odometry_of_whatever_frames(stamp_ns, frame, child, pose, velocity):
     data = encode.OdometryEncoder(frame, child).encode(
         Odometry(stamp_ns, pose, velocity), stamp_ns
     )
-    message = deserialise(data, "nav_msgs/msg/Odometry")
+    message = deserialize(data, "nav_msgs/msg/Odometry")
     message.pose.covariance = message.twist.covariance = np.arange(36.0)
     message.twist.twist.linear.y = 5.0
-    for sent in (data, serialise(message)):
+    for sent in (data, serialize(message)):
         assert decode.odometry(sent) == Odometry(
             stamp_ns, pose.through_quaternion(), velocity
         )
@@ -126,10 +126,10 @@ def test_poses_of_robots_that_stand_or_are_tilted(stamp_ns, frame, pose, turn):
         assert decoder(data) == pose.through_quaternion()
         assert math.isclose(math.cos(decoder(data).yaw - pose.yaw), 1.0, abs_tol=1e-12)
         assert decode.header(data) == (stamp_ns, frame)
-    message = make("geometry_msgs/msg/PoseStamped")
+    message = make_message("geometry_msgs/msg/PoseStamped")
     at = message.pose.orientation
     at.x, at.y, at.z, at.w = turn
-    assert decode.pose(serialise(message)).yaw == yaw_from_quaternion(*turn)
+    assert decode.pose(serialize(message)).yaw == yaw_from_quaternion(*turn)
 
 
 @given(frames, velocities)
@@ -141,13 +141,13 @@ def test_either_kind_of_command_is_read(frame, velocity):
             encode.TwistStampedEncoder(frame).encode(velocity, 7),
         ),
     ):
-        message = deserialise(data, type_name)
+        message = deserialize(data, type_name)
         getattr(message, "twist", message).linear.y = getattr(
             message, "twist", message
         ).angular.x = 9.0
         assert (
             decode.command(data, type_name)
-            == decode.command(serialise(message), type_name)
+            == decode.command(serialize(message), type_name)
             == velocity
         )
         assert not decode.command(data[:9], type_name).is_finite()
@@ -161,12 +161,12 @@ def test_either_kind_of_command_is_read(frame, velocity):
 )
 def test_scans_keep_every_bit(stamp_ns, frame, values, intensities):
     sent = Scan(stamp_ns, np.array(values, np.float32), -1.0, 0.5, 0.125, 30.0)
-    message = deserialise(
+    message = deserialize(
         encode.ScanEncoder(sent, frame, 0.05).encode(sent, stamp_ns),
         "sensor_msgs/msg/LaserScan",
     )
     message.intensities = np.array(intensities, np.float32)
-    data = serialise(message)
+    data = serialize(message)
     found = decode.scan(data)
     assert content(found) == content(sent)
     assert (
@@ -190,12 +190,12 @@ def test_maps(size, x, y):
 
 def test_a_map_of_a_wrong_size_or_rotated_is_refused():
     type_name = "nav_msgs/msg/OccupancyGrid"
-    wide, turned = (deserialise(SAMPLES[type_name][1], type_name) for _ in range(2))
+    wide, turned = (deserialize(SAMPLES[type_name][1], type_name) for _ in range(2))
     wide.info.width = 4
     with pytest.raises(
         MessageError, match=r"^map data has 6 cells, its size says 2 x 4$"
     ):
-        decode.occupancy_map(serialise(wide))
+        decode.occupancy_map(serialize(wide))
     turned.info.origin.orientation.z, turned.info.origin.orientation.w = (
         math.sin(0.25),
         math.cos(0.25),
@@ -203,7 +203,7 @@ def test_a_map_of_a_wrong_size_or_rotated_is_refused():
     with pytest.raises(
         MessageError, match=r"^map origin must not be rotated, got a yaw of 0.5 rad$"
     ):
-        decode.occupancy_map(serialise(turned))
+        decode.occupancy_map(serialize(turned))
 
 
 @given(st.booleans(), st.floats(), frames)
@@ -226,13 +226,15 @@ def test_paths(points):
 
 def test_markers_are_discs_and_lines_where_they_are_to_be_drawn():
     def one(kind, action=encode.ADD, x=0.0, points=()):
-        made = encode.marker("odom", "some", kind, action=action)
+        made = encode.make_marker("odom", "some", kind, action=action)
         made.scale.x, made.pose.position.x = 0.5, x
         made.pose.orientation.z, made.pose.orientation.w = (
             math.sin(math.pi / 4.0),
             math.cos(math.pi / 4.0),
         )
-        made.points = [make("geometry_msgs/msg/Point", x=x, y=y) for x, y in points]
+        made.points = [
+            make_message("geometry_msgs/msg/Point", x=x, y=y) for x, y in points
+        ]
         return made
 
     markers = [
@@ -246,7 +248,7 @@ def test_markers_are_discs_and_lines_where_they_are_to_be_drawn():
         one(encode.CUBE),
     ]
     found = decode.markers(
-        serialise(make("visualization_msgs/msg/MarkerArray", markers=markers))
+        serialize(make_message("visualization_msgs/msg/MarkerArray", markers=markers))
     )
     assert found.frame == "odom"
     assert found.discs.tolist() == [[1.0, 0.0, 0.25], [2.0, 0.0, 0.25]]
@@ -265,7 +267,7 @@ def test_transforms_and_diagnostics():
         ("odom", "base_link", Pose2D(1.0, 2.0, 0.0)),
     ]
     stamps = [
-        one.header.stamp for one in deserialise(sent, encoder.type_name).transforms
+        one.header.stamp for one in deserialize(sent, encoder.type_name).transforms
     ]
     assert [(one.sec, one.nanosec) for one in stamps] == [(12, 345)] * 2
     values = {"status": "blocked", "cost": "1.5"}
@@ -316,7 +318,7 @@ def test_a_length_of_four_gigabytes_takes_no_memory():
     struct.pack_into("<I", data, 4, 2**32 - 1)
     with pytest.raises(MessageError, match="std_msgs/msg/String"):
         decode.text(bytes(data))
-    data = serialise(header("odom", 7))
+    data = serialize(make_header("odom", 7))
     with pytest.raises(MessageError, match="not a message of type std_msgs/msg/Header"):
         decode.header(data[:12] + b"\xff" * 4 + data[16:])
 
@@ -332,5 +334,5 @@ def test_other_encodings_are_named():
 
 
 def test_a_frame_that_is_no_text_is_read_as_ros_reads_it():
-    data = serialise(header("abcd", 7)).replace(b"abcd", b"a\xffcd")
+    data = serialize(make_header("abcd", 7)).replace(b"abcd", b"a\xffcd")
     assert decode.header(data).frame == "a\ufffdcd"

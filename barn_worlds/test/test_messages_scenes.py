@@ -9,8 +9,14 @@ from barn_worlds.base.errors import MessageError
 from barn_worlds.base.types import Pose2D
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.geometry.bodies import moving_bodies, wall_bodies
-from barn_worlds.messages.cdr import deserialise, make, serialise
-from barn_worlds.messages.encode import CUBE, CYLINDER, LINE_LIST, header, marker
+from barn_worlds.messages.cdr import deserialize, make_message, serialize
+from barn_worlds.messages.encode import (
+    CUBE,
+    CYLINDER,
+    LINE_LIST,
+    make_header,
+    make_marker,
+)
 from barn_worlds.messages.scenes import (
     TRAIL_S,
     decode_moving,
@@ -54,7 +60,7 @@ def world() -> World:
 
 def test_markers_and_poses_are_those_of_the_tracks(world):
     expected = world.tracks.at(12.3)[0]
-    message = deserialise(
+    message = deserialize(
         encode_moving_poses(world, 12.3, 5_000_000_007), MOVING_POSES.type_name
     )
     assert (
@@ -66,7 +72,7 @@ def test_markers_and_poses_are_those_of_the_tracks(world):
         tuple(row) for row in expected.tolist()
     ]
     assert message.poses[-1].orientation.z == pytest.approx(np.sin(0.25))
-    markers = deserialise(
+    markers = deserialize(
         encode_moving(world, 12.3, 5_000_000_007), MOVING.type_name
     ).markers
     kinds = {
@@ -120,14 +126,16 @@ def test_what_is_written_is_read_again(world):
 
 
 def test_no_obstacles_are_none():
-    empty = serialise(make(MOVING_POSES.type_name, header=header("map", 0)))
+    empty = serialize(
+        make_message(MOVING_POSES.type_name, header=make_header("map", 0))
+    )
     assert decode_moving_poses(empty).shape == (0, 2)
 
 
 def changed(data, type_name, change):
-    message = deserialise(data, type_name)
+    message = deserialize(data, type_name)
     change(message)
-    return serialise(message)
+    return serialize(message)
 
 
 @pytest.mark.parametrize(
@@ -197,7 +205,7 @@ SCENE = TrialScene(
 
 
 def encoded(*markers):
-    return serialise(make(WORLD.type_name, markers=list(markers)))
+    return serialize(make_message(WORLD.type_name, markers=list(markers)))
 
 
 def test_a_scene_comes_out_as_it_went_in():
@@ -220,7 +228,7 @@ def test_a_scene_comes_out_as_it_went_in():
 
 def test_a_viewer_can_draw_it_and_a_later_scene_takes_its_place():
     first, moved = (
-        deserialise(encode_scene(scene, 7), WORLD.type_name).markers
+        deserialize(encode_scene(scene, 7), WORLD.type_name).markers
         for scene in (SCENE, SCENE.with_cylinders_at(SCENE.cylinders_m + 1.0))
     )
     keys = [(one.ns, one.id) for one in first]
@@ -238,7 +246,7 @@ def test_a_viewer_can_draw_it_and_a_later_scene_takes_its_place():
 
 def test_other_markers_are_no_scene():
     def one(frame="map", namespace="walls", x=0.0, size=1.0, index=0):
-        made = marker(frame, namespace, CYLINDER, index=index)
+        made = make_marker(frame, namespace, CYLINDER, index=index)
         made.pose.position.x = x
         made.scale.x = made.scale.y = made.scale.z = size
         return made

@@ -56,11 +56,11 @@ def test_frames_are_those_of_the_node():
 
 def test_qualities_of_service_in_rclpy():
     rclpy_qos = pytest.importorskip("rclpy.qos", reason="ROS 2 is not installed")
-    from barn_worlds.ros.topics import profile  # noqa: PLC0415
+    from barn_worlds.ros.topics import qos_profile  # noqa: PLC0415
 
-    assert profile(BEST_EFFORT) == rclpy_qos.qos_profile_sensor_data
-    assert profile(RELIABLE) == rclpy_qos.QoSProfile(depth=10)
-    latched = profile(LATCHED)
+    assert qos_profile(BEST_EFFORT) == rclpy_qos.qos_profile_sensor_data
+    assert qos_profile(RELIABLE) == rclpy_qos.QoSProfile(depth=10)
+    latched = qos_profile(LATCHED)
     assert latched.durability is rclpy_qos.DurabilityPolicy.TRANSIENT_LOCAL
     assert (latched.reliability, latched.depth) == (
         rclpy_qos.ReliabilityPolicy.RELIABLE,
@@ -70,12 +70,12 @@ def test_qualities_of_service_in_rclpy():
 
 def test_every_type_has_its_class_and_one_that_is_not_installed_has_none():
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-    from barn_worlds.ros.topics import message_class  # noqa: PLC0415
+    from barn_worlds.ros.topics import find_message_class  # noqa: PLC0415
 
     for topic in ALL.values():
-        kind = message_class(topic.type_name)
+        kind = find_message_class(topic.type_name)
         if kind is None:
             assert topic.type_name == "tf2_msgs/msg/TFMessage"
         else:
             assert kind.__name__ == topic.type_name.rpartition("/")[2]
-    assert message_class("no_such_msgs/msg/Thing") is None
+    assert find_message_class("no_such_msgs/msg/Thing") is None

@@ -2,11 +2,11 @@
 
 import threading
 
-from barn_worlds.ros.private_line import PrivateLine, Reading, pair
+from barn_worlds.ros.private_line import PrivateLine, Reading, create_ends
 
 
 def ends(**options):
-    ours, theirs = pair()
+    ours, theirs = create_ends()
     return PrivateLine(ours.detach(), **options), PrivateLine(theirs.detach())
 
 

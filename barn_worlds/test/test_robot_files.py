@@ -11,12 +11,12 @@ import yaml
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.geometry.polygon import area, contains, convex_hull, regular_polygon
-from barn_worlds.robots.files import ROBOTS, load_robot, robot_text, shipped_robots
+from barn_worlds.robots.files import ROBOTS, find_robot_files, load_robot, robot_yaml
 from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
-from barn_worlds.robots.urdf import LARGEST_URDF_BYTES, chassis_of, rotation
+from barn_worlds.robots.urdf import LARGEST_URDF_BYTES, read_chassis, rotation_matrix
 
-BURGER = shipped_robots()["turtlebot3_burger"]
-HUSKY = shipped_robots()["husky"]
+BURGER = find_robot_files()["turtlebot3_burger"]
+HUSKY = find_robot_files()["husky"]
 
 
 @pytest.fixture
@@ -161,11 +161,11 @@ def test_a_wrong_file_is_answered_in_one_line(changed, what, refused):
 
 def test_keys_in_the_yaml_win_over_the_urdf(changed, tmp_path):
     (tmp_path / "mine.urdf").write_text(
-        shipped_robots()["jackal"].with_suffix(".urdf").read_text("utf-8"), "utf-8"
+        find_robot_files()["jackal"].with_suffix(".urdf").read_text("utf-8"), "utf-8"
     )
     mine = load_robot(
         changed(
-            {"urdf": "mine.urdf", "chassis.mass_kg": 30.0}, shipped_robots()["jackal"]
+            {"urdf": "mine.urdf", "chassis.mass_kg": 30.0}, find_robot_files()["jackal"]
         )
     )
     jackal = load_robot("jackal")
@@ -191,7 +191,7 @@ TURNED = """<robot name="r">
 def test_links_of_a_urdf_are_placed_and_turned_by_their_joints(tmp_path):
     path = tmp_path / "r.urdf"
     path.write_text(TURNED, "utf-8")
-    found = chassis_of(path)
+    found = read_chassis(path)
     assert found["mass_kg"] == 2.0
     assert found["centre_of_mass_m"] == pytest.approx(
         (0.0, 0.0, 0.0), abs=1e-12
@@ -209,10 +209,10 @@ def test_links_of_a_urdf_are_placed_and_turned_by_their_joints(tmp_path):
 
 
 def test_a_rotation_is_about_fixed_axes():
-    assert rotation(0.0, 0.0, 0.5 * math.pi) @ [1.0, 0.0, 0.0] == pytest.approx(
+    assert rotation_matrix(0.0, 0.0, 0.5 * math.pi) @ [1.0, 0.0, 0.0] == pytest.approx(
         [0.0, 1.0, 0.0]
     )
-    turned = rotation(0.3, -0.2, 0.5)
+    turned = rotation_matrix(0.3, -0.2, 0.5)
     assert turned @ turned.T == pytest.approx(np.eye(3))
     assert turned[2, 0] == pytest.approx(math.sin(0.2))
 
@@ -239,7 +239,7 @@ def test_a_wrong_urdf_is_answered_in_one_line(tmp_path, text, said, refused):
     path = tmp_path / "r.urdf"
     path.write_text(text, "utf-8")
     with refused(ConfigError, f"^{path}.*{said}"):
-        chassis_of(path)
+        read_chassis(path)
 
 
 def test_axles_are_where_the_kind_of_drive_has_them():
@@ -298,5 +298,5 @@ def test_a_path_and_its_text_name_the_same_robot(changed):
 @pytest.mark.parametrize("name", list(ROBOTS))
 def test_a_robot_that_is_written_is_read_as_the_same(tmp_path, name):
     file = tmp_path / "robot.yaml"
-    file.write_text(robot_text(ROBOTS[name]), "utf-8")
+    file.write_text(robot_yaml(ROBOTS[name]), "utf-8")
     assert load_robot(file) == ROBOTS[name]

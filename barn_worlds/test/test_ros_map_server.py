@@ -17,7 +17,7 @@ from barn_worlds.datasets.dataset import open_dataset  # noqa: E402
 from barn_worlds.messages import decode  # noqa: E402
 from barn_worlds.messages.topics import LATCHED  # noqa: E402
 from barn_worlds.ros.map_server import MapServer  # noqa: E402
-from barn_worlds.ros.topics import profile  # noqa: E402
+from barn_worlds.ros.topics import qos_profile  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("own_domain")
 
@@ -35,7 +35,10 @@ class Listener(Peer):
         self.heard = {}
         for kind, topic in ((OccupancyGrid, "map"), (Path, "plan")):
             self.node.create_subscription(
-                kind, topic, partial(self.heard.__setitem__, topic), profile(LATCHED)
+                kind,
+                topic,
+                partial(self.heard.__setitem__, topic),
+                qos_profile(LATCHED),
             )
 
 

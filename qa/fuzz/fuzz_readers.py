@@ -56,15 +56,15 @@ from barn_sim.config import SimulatorConfig, with_robot
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.datasets.dataset import open_dataset
-from barn_worlds.formats.map_server import grid_of, read_map, write_map
-from barn_worlds.formats.own import write_own
+from barn_worlds.formats.dataset_file import write_dataset_file
+from barn_worlds.formats.map_server import extract_grid, read_map, write_map
 from barn_worlds.formats.sdf import sdf_text, write_sdf
 from barn_worlds.formats.single import read_world
 from barn_worlds.formats.world_yaml import world_yaml
-from barn_worlds.messages.cdr import jazzy_types, make, serialise
+from barn_worlds.messages.cdr import jazzy_types, make_message, serialize
 from barn_worlds.messages.topics import GROUND_TRUTH, ODOM
-from barn_worlds.robots.files import load_robot, shipped_robots
-from barn_worlds.robots.urdf import chassis_of
+from barn_worlds.robots.files import find_robot_files, load_robot
+from barn_worlds.robots.urdf import read_chassis
 
 Mutate = Callable[[random.Random, bytes, Sequence[bytes]], bytes]
 
@@ -269,7 +269,7 @@ def _protocol_seeds(_: Path) -> list[bytes]:
 
 
 def _robot_seeds(folder: Path, ending: str) -> list[bytes]:
-    jackal = shipped_robots()["jackal"]
+    jackal = find_robot_files()["jackal"]
     (folder / "jackal.urdf").write_bytes(jackal.with_suffix(".urdf").read_bytes())
     return [path.read_bytes() for path in sorted(jackal.parent.glob(f"*{ending}"))]
 
@@ -279,7 +279,7 @@ def _robot(path: Path) -> None:
 
 
 def _urdf(path: Path) -> None:
-    chassis_of(path)
+    read_chassis(path)
 
 
 def _bag_seeds(_: Path) -> list[bytes]:
@@ -307,7 +307,7 @@ def _bag_seeds(_: Path) -> list[bytes]:
                 writer.add_message(
                     channel,
                     time * 10**8,
-                    serialise(_message(make, kind, time)),
+                    serialize(_message(make_message, kind, time)),
                     time * 10**8,
                 )
         writer.add_metadata(
@@ -323,34 +323,44 @@ def _bag_seeds(_: Path) -> list[bytes]:
     return found
 
 
-def _message(make: Any, kind: str, time: int) -> Any:
+def _message(make_message: Any, kind: str, time: int) -> Any:
     """Return a message of a type that a replay shows something of."""
     if kind == "sensor_msgs/msg/LaserScan":
-        return make(
+        return make_message(
             kind,
             ranges=np.full(20, 2.0, np.float32),
             angle_increment=0.1,
             range_max=30.0,
         )
     if kind == "nav_msgs/msg/OccupancyGrid":
-        info = make("nav_msgs/msg/MapMetaData", width=4, height=3, resolution=0.15)
-        return make(kind, info=info, data=np.zeros(12, np.int8))
-    if kind == "nav_msgs/msg/Path":
-        return make(kind, poses=[make("geometry_msgs/msg/PoseStamped")] * 3)
-    if kind == "visualization_msgs/msg/MarkerArray":
-        point = make("geometry_msgs/msg/Point", x=0.1 * time)
-        return make(
-            kind,
-            markers=[make("visualization_msgs/msg/Marker", type=4, points=[point] * 3)],
+        info = make_message(
+            "nav_msgs/msg/MapMetaData", width=4, height=3, resolution=0.15
         )
-    if kind == "tf2_msgs/msg/TFMessage":
-        return make(
+        return make_message(kind, info=info, data=np.zeros(12, np.int8))
+    if kind == "nav_msgs/msg/Path":
+        return make_message(
+            kind, poses=[make_message("geometry_msgs/msg/PoseStamped")] * 3
+        )
+    if kind == "visualization_msgs/msg/MarkerArray":
+        point = make_message("geometry_msgs/msg/Point", x=0.1 * time)
+        return make_message(
             kind,
-            transforms=[
-                make("geometry_msgs/msg/TransformStamped", child_frame_id="laser")
+            markers=[
+                make_message(
+                    "visualization_msgs/msg/Marker", type=4, points=[point] * 3
+                )
             ],
         )
-    return make(kind)
+    if kind == "tf2_msgs/msg/TFMessage":
+        return make_message(
+            kind,
+            transforms=[
+                make_message(
+                    "geometry_msgs/msg/TransformStamped", child_frame_id="laser"
+                )
+            ],
+        )
+    return make_message(kind)
 
 
 def _bag(path: Path) -> None:
@@ -368,7 +378,9 @@ def _sqlite_seeds(folder: Path) -> list[bytes]:
             kind = sorted(kinds)[0]
             connection = writer.add_connection(topic, kind, typestore=jazzy_types())
             for time in range(2):
-                writer.write(connection, time, serialise(_message(make, kind, time)))
+                writer.write(
+                    connection, time, serialize(_message(make_message, kind, time))
+                )
     text = (folder / "bag" / "metadata.yaml").read_text()
     (folder / "metadata.yaml").write_text(text.replace("bag.db3", "input.db3"))
     return _files(folder / "bag" / "bag.db3")
@@ -381,8 +393,8 @@ def _npy_seeds(folder: Path) -> list[bytes]:
 
 
 def _own_seeds(folder: Path) -> list[bytes]:
-    write_own(folder / "own.npz", "own", {0: _world(), 3: _world()})
-    write_own(folder / "scenes.npz", "scenes", {0: _scene(), 7: _world()})
+    write_dataset_file(folder / "own.npz", "own", {0: _world(), 3: _world()})
+    write_dataset_file(folder / "scenes.npz", "scenes", {0: _scene(), 7: _world()})
     return _files(folder / "own.npz", folder / "scenes.npz")
 
 
@@ -427,7 +439,7 @@ def _image_seeds(folder: Path) -> list[bytes]:
 
 
 def _image(path: Path) -> None:
-    grid_of(read_map(path.with_name("map.yaml")))
+    extract_grid(read_map(path.with_name("map.yaml")))
 
 
 def _policy(path: Path) -> None:

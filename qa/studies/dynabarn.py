@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from barn_worlds.datasets.generate_motion import build_arena
-from barn_worlds.formats.own import write_own
+from barn_worlds.formats.dataset_file import write_dataset_file
 from barn_worlds.moving.motion import Motion, MovingObstacle
 from barn_worlds.worlds.world import Provenance
 
@@ -45,7 +45,7 @@ def main() -> None:
             [obstacles[name] for name in entry["obstacles"]],
             provenance,
         )
-    write_own(
+    write_dataset_file(
         TARGET,
         "dynabarn60",
         worlds,

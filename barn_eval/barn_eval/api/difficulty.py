@@ -5,7 +5,7 @@ from typing import Any
 
 import pandas as pd
 
-from barn_eval.analysis.frames import frame_of
+from barn_eval.analysis.pandas_tables import pandas_table
 from barn_metrics.model import DifficultyModel, load_model
 from barn_worlds.datasets.dataset import open_dataset
 
@@ -35,7 +35,7 @@ def predict(
         BarnError: If a world or the weights cannot be read.
     """
     _, _, rows = predict_rows(source, select, weights)
-    return frame_of(rows)
+    return pandas_table(rows)
 
 
 def predict_rows(

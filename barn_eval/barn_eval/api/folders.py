@@ -7,9 +7,9 @@ from typing import Literal, Protocol, TypeAlias
 import pandas as pd
 
 from barn_eval.analysis.compare import compare_folders
-from barn_eval.analysis.frames import frame_of
 from barn_eval.analysis.leaderboard import board_rows
-from barn_eval.analysis.leaderboard import leaderboard as rank_folders
+from barn_eval.analysis.leaderboard import make_boards as rank_folders
+from barn_eval.analysis.pandas_tables import pandas_table
 from barn_eval.pages import LOOPBACK, Progress
 from barn_eval.pages.figures import Page, Plot, style
 from barn_eval.pages.live.server import Watch
@@ -74,7 +74,9 @@ def compare(a: Folder, b: Folder) -> pd.DataFrame:
         BarnError: If they are not of the same task, or have no world in common.
     """
     comparisons = compare_folders(*folder_paths([a, b]))
-    return frame_of(row for comparison in comparisons for row in comparison.columns())
+    return pandas_table(
+        row for comparison in comparisons for row in comparison.columns()
+    )
 
 
 def leaderboard(
@@ -108,7 +110,7 @@ def leaderboard(
     boards = rank_folders(folder_paths(folders), by, worlds)
     if out is not None:
         write_boards(boards, Path(out))
-    return frame_of(board_rows(boards), tied="bool", better_than="object")
+    return pandas_table(board_rows(boards), tied="bool", better_than="object")
 
 
 def report(

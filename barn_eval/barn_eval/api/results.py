@@ -14,20 +14,21 @@ from typing import overload
 import pandas as pd
 from matplotlib.axes import Axes
 
-from barn_eval.analysis.frames import frame, frame_of
-from barn_eval.analysis.measures import metric_of
+from barn_eval.analysis.measures import ranking_measure
+from barn_eval.analysis.pandas_tables import pandas_of_arrow, pandas_table
 from barn_eval.analysis.planners import spelling
-from barn_eval.analysis.precision import precision, ranking_power
+from barn_eval.analysis.precision import estimate_precision
+from barn_eval.analysis.ranking_power import ranking_power
 from barn_eval.analysis.sources import (
     Source,
-    by_planner,
-    chosen_planners,
     entries_of,
+    group_by_planner,
     read_source,
+    select_planners,
 )
-from barn_eval.analysis.summary import summarise, summarise_campaign
+from barn_eval.analysis.summary import summarize, summarize_run
 from barn_eval.analysis.tables import headline_table, paper_table
-from barn_eval.analysis.verdict import cautions, results_verdict
+from barn_eval.analysis.verdict import conclude_results, list_cautions
 from barn_eval.api.folders import (
     Folder,
     check,
@@ -127,7 +128,7 @@ class Results:
     @property
     def planners(self) -> list[str]:
         """Names of the planners that have results."""
-        return list(by_planner(self.trials))
+        return list(group_by_planner(self.trials))
 
     @cached_property
     def table(self) -> pd.DataFrame:
@@ -135,7 +136,7 @@ class Results:
 
         docs/campaigns.md describes the columns.
         """
-        return frame(results_table(self.trials))
+        return pandas_of_arrow(results_table(self.trials))
 
     @cached_property
     def timing(self) -> pd.DataFrame:
@@ -143,7 +144,7 @@ class Results:
 
         Among them are the planner's times per cycle, compute_*_ms.
         """
-        return frame(timing_table(self.trials))
+        return pandas_of_arrow(timing_table(self.trials))
 
     @cached_property
     def summary(self) -> pd.DataFrame:
@@ -153,9 +154,9 @@ class Results:
         traversal_time_s (of successes), scored_time_s, normalised_time_s_per_m,
         challenge, challenge_2022 and efficiency the mean, NAME_low and NAME_high.
         """
-        return frame_of(
-            {"planner": name} | summarise(rows).columns()
-            for name, rows in by_planner(self.trials).items()
+        return pandas_table(
+            {"planner": name} | summarize(rows).columns()
+            for name, rows in group_by_planner(self.trials).items()
         )
 
     def trial(self, trial: str | int) -> Trial:
@@ -185,13 +186,13 @@ class Results:
         """
         if other is not None:
             return compare(self, other)
-        comparisons = summarise_campaign(self.trials).comparisons
+        comparisons = summarize_run(self.trials).comparisons
         if not comparisons:
             raise ConfigError(
                 f"{self.folder}: has one planner only; give other results to compare"
                 " with"
             )
-        return frame_of(
+        return pandas_table(
             row for comparison in comparisons for row in comparison.columns()
         )
 
@@ -202,8 +203,8 @@ class Results:
         significant, about how many worlds would decide.
         """
         world_count = len({row.world for row in self.trials})
-        notes = cautions(world_count, [self._source])
-        return " ".join((str(results_verdict(self._rows_by_spelling())), *notes))
+        notes = list_cautions(world_count, [self._source])
+        return " ".join((str(conclude_results(self._rows_by_spelling())), *notes))
 
     def precision(
         self,
@@ -233,17 +234,17 @@ class Results:
         Raises:
             BarnError: If planners or measure are not known, or there are too few trials.
         """
-        rows_by_planner = chosen_planners(
-            self.folder, by_planner(self.trials), planners
+        rows_by_planner = select_planners(
+            self.folder, group_by_planner(self.trials), planners
         )
-        estimate = precision(
+        estimate = estimate_precision(
             rows_by_planner,
             half_width,
             difference,
-            measure=measure,
+            measure_key=measure,
             repetitions=repetitions,
         )
-        return frame_of((asdict(need) for need in estimate.needs), worlds="Int64")
+        return pandas_table((asdict(need) for need in estimate.needs), worlds="Int64")
 
     def latex(
         self,
@@ -285,7 +286,7 @@ class Results:
             BarnError: If there is one planner only, or a measure is not known.
         """
         rows: list[dict[str, object]] = []
-        for power in ranking_power(by_planner(self.trials), measures):
+        for power in ranking_power(group_by_planner(self.trials), measures):
             for count, share in power.shares.items():
                 rows.append(
                     {
@@ -296,7 +297,7 @@ class Results:
                         "enough": power.enough,
                     }
                 )
-        return frame_of(rows, enough="Int64")
+        return pandas_table(rows, enough="Int64")
 
     @overload
     def plot(
@@ -472,7 +473,9 @@ class Results:
 
     def _rows_by_spelling(self) -> RowsByPlanner:
         """Return rows by the names of planners as figures and texts spell them."""
-        return {spelling(name): rows for name, rows in by_planner(self.trials).items()}
+        return {
+            spelling(name): rows for name, rows in group_by_planner(self.trials).items()
+        }
 
     def __len__(self) -> int:
         """Return the number of trials that have a result."""
@@ -492,8 +495,8 @@ class Results:
         rows_by_spelling = self._rows_by_spelling()
         table = headline_table(
             list(rows_by_spelling),
-            [summarise(rows) for rows in rows_by_spelling.values()],
-            metric_of(self.trials),
+            [summarize(rows) for rows in rows_by_spelling.values()],
+            ranking_measure(self.trials),
         )
         return render(
             "notebook.html",

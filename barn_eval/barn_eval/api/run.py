@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 
 import pandas as pd
 
-from barn_eval.analysis.leaderboard import sweep_board, sweep_rows
+from barn_eval.analysis.leaderboard import make_sweep_board, sweep_rows
 from barn_eval.api.results import Results
 from barn_eval.ros.work import run_request
 from barn_eval.running.dry_run import DryRun, estimate_run
@@ -139,7 +139,7 @@ def sweep(
     for setting in grid(base, parameters):
         setting.write_parameter_files()
         run_request(setting.request, reporter, overwrite=overwrite)
-    return pd.DataFrame(sweep_rows(sweep_board(base.out)))
+    return pd.DataFrame(sweep_rows(make_sweep_board(base.out)))
 
 
 def _read_request(file: str | Path | None, options: RunOptions) -> RunRequest:

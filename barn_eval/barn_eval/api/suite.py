@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from barn_eval.results.provenance import provenance
-from barn_eval.ros.isolation import isolation, ros_problem
-from barn_eval.ros.work import isolation_text
+from barn_eval.ros.isolation import probe_isolation, ros_problem
+from barn_eval.ros.work import isolation_warning
 from barn_eval.running.reporting import Reporter, make_reporter
 from barn_eval.studies.bench import BenchSetup, bench
 from barn_eval.studies.reproduction import findings as reproduction
@@ -119,8 +119,8 @@ def _describe_ros() -> dict[str, str]:
     description = {name: os.environ.get(name, "") for name in _ROS_VARIABLES}
     if not ros_problem():
         description["middleware"] = _find_middleware()
-    warning = isolation_text(RosConfig())
-    description["isolation"] = warning or f"planners over ROS: {isolation()}"
+    warning = isolation_warning(RosConfig())
+    description["isolation"] = warning or f"planners over ROS: {probe_isolation()}"
     return description
 
 

@@ -8,7 +8,7 @@ from typing import Literal
 
 import pandas as pd
 
-from barn_eval.analysis.frames import frame_of
+from barn_eval.analysis.pandas_tables import pandas_table
 from barn_eval.pages.figures import Plot
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN
 from barn_metrics.metrics import PUBLISHED, as_formula, world_metrics
@@ -40,13 +40,13 @@ from barn_worlds.datasets.generate_motion import (
 )
 from barn_worlds.drawing.files import write_png
 from barn_worlds.drawing.worlds import sheet_figure, world_figure, write_animation
+from barn_worlds.formats.dataset_file import write_dataset_file
 from barn_worlds.formats.map_server import write_map
 from barn_worlds.formats.original import write_original
-from barn_worlds.formats.own import write_own
 from barn_worlds.formats.sdf import write_sdf
-from barn_worlds.formats.single import planned
+from barn_worlds.formats.single import plan_grid_path
 from barn_worlds.formats.world_yaml import write_world_yaml
-from barn_worlds.robots.files import load_robot, other_name
+from barn_worlds.robots.files import load_robot, name_unless_standard
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.course import fit_to_robot
 from barn_worlds.worlds.world import World
@@ -146,7 +146,7 @@ def generate(
         seed,
         per_set,
         keep=keep,
-        robot=other_name(chassis.chassis),
+        robot=name_unless_standard(chassis.chassis),
         sets=_parameter_sets(parameters or {}, chassis),
     )
     if path is not None and path.suffix == ".npz":
@@ -236,7 +236,7 @@ def generate_moving(
         for number, world in load(source, select).items():
             worlds[number] = add_obstacles(world, motions[0], seed + number, obstacles)
     if path is not None:
-        write_own(path, path.stem, worlds, {"seed": seed})
+        write_dataset_file(path, path.stem, worlds, {"seed": seed})
     return worlds
 
 
@@ -274,7 +274,7 @@ def save(
         path = path.with_suffix(".npz")
     _require_new(path)
     if form == "npz":
-        write_own(path, path.stem, dict(worlds))
+        write_dataset_file(path, path.stem, dict(worlds))
     elif form == "original":
         _write_original_layout(path, worlds)
     else:
@@ -354,7 +354,7 @@ def _with_footprint(world: World, robot: Robot) -> World:
     cells = robot.footprint_cells(world.resolution_m)
     if cells == world.footprint_cells:
         return world
-    path = planned(world.grid, cells, world.name)
+    path = plan_grid_path(world.grid, cells, world.name)
     return replace(world, footprint_cells=cells, path=path)
 
 
@@ -388,7 +388,7 @@ def metrics(
     """
     metrics_by_world = metrics_table(source, select, formula, robot=robot)
     numbered_rows = zip(metrics_by_world.worlds, metrics_by_world.rows(), strict=True)
-    return frame_of({"world": int(number), **row} for number, row in numbered_rows)
+    return pandas_table({"world": int(number), **row} for number, row in numbered_rows)
 
 
 def metrics_table(

@@ -4,18 +4,17 @@ from pathlib import Path
 
 import click
 
-from barn_eval.analysis.compare import compare_folders, groups_of, selected_results
+from barn_eval.analysis.compare import compare_folders, read_groups, read_selection
 from barn_eval.analysis.margins import Margin, decide_margin
-from barn_eval.analysis.measures import COMPARED, measures_named
+from barn_eval.analysis.measures import COMPARED, require_measures
 from barn_eval.analysis.precision import (
+    estimate_precision,
     figures_table,
     needs_table,
-    ranking_power,
-    ranking_table,
 )
-from barn_eval.analysis.precision import precision as estimate_precision
+from barn_eval.analysis.ranking_power import ranking_power, ranking_table
 from barn_eval.analysis.tables import comparison_table, paper_table
-from barn_eval.analysis.verdict import pair_verdict
+from barn_eval.analysis.verdict import conclude_comparison
 from barn_eval.commands.options import (
     COUNT,
     FILE,
@@ -79,7 +78,7 @@ def command(
     With --fail-if-worse, the exit code is 4 if B is worse than A by more than a margin,
     5 if that is neither shown nor ruled out at 95 %.
     """
-    measures = measures_named(split_names(columns))
+    measures = require_measures(split_names(columns))
     margins = [Margin.parse(text) for text in margin_texts]
     keys = dict.fromkeys(measures or COMPARED)
     keys |= dict.fromkeys(margin.measure for margin in margins)
@@ -87,7 +86,7 @@ def command(
         comparisons = compare_folders(a, b, keys=list(keys), progress=progress)
 
     if latex is not None:
-        write_page(latex, paper_table(groups_of(a, b), measures))
+        write_page(latex, paper_table(read_groups(a, b), measures))
         print_notes(latex)
 
     first = comparisons[0]
@@ -97,7 +96,7 @@ def command(
     for comparison in comparisons:
         decisions = [decide_margin(comparison, margin) for margin in margins]
         outcomes |= {decision.decision for decision in decisions}
-        conclusion = pair_verdict(comparison)
+        conclusion = conclude_comparison(comparison)
         content.append(
             as_dict(comparison)
             | {
@@ -166,7 +165,7 @@ def precision(
     if ranking:
         powers = []
         for folder in folders:
-            _, rows_by_planner = selected_results(folder)
+            _, rows_by_planner = read_selection(folder)
             powers += ranking_power(rows_by_planner, measures)
         content = [as_dict(power) for power in powers]
         print_output(as_json, content, rich_table(ranking_table(powers)))
@@ -174,12 +173,12 @@ def precision(
 
     if len(folders) > 1 or len(measures) > 1:
         raise ConfigError("only --ranking takes several folders or measures")
-    _, rows_by_planner = selected_results(folders[0])
+    _, rows_by_planner = read_selection(folders[0])
     estimate = estimate_precision(
         rows_by_planner,
         half_width,
         difference,
-        measure="".join(measures),
+        measure_key="".join(measures),
         repetitions=repetitions,
     )
     row = next(iter(rows_by_planner.values()))[0]

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from barn_eval.analysis.leaderboard import RANKINGS, board_rows, leaderboard
-from barn_eval.analysis.verdict import verdict
+from barn_eval.analysis.leaderboard import RANKINGS, board_rows, make_boards
+from barn_eval.analysis.verdict import conclude_ranking
 from barn_eval.commands.options import (
     PATH,
     json_option,
@@ -45,12 +45,12 @@ def command(
     a board of its own.
     """
     with notes.status("ranking"):
-        boards = leaderboard(folders, by or "", worlds)
+        boards = make_boards(folders, by or "", worlds)
     if as_json or not out:
         conclusions = []
         renderables: list[object] = []
         for board in boards:
-            conclusion = verdict(board.ranking, board.measure)
+            conclusion = conclude_ranking(board.ranking, board.measure)
             conclusions.append(str(conclusion))
             renderables += filter(None, conclusion)
             renderables += board.notes

@@ -7,11 +7,11 @@ from typing import Any
 
 import click
 
-from barn_eval.analysis.leaderboard import sweep_board, sweep_rows, sweep_table
+from barn_eval.analysis.leaderboard import make_sweep_board, sweep_rows, sweep_table
 from barn_eval.analysis.planners import spelling
-from barn_eval.analysis.summary import summarise, summarise_campaign
+from barn_eval.analysis.summary import summarize, summarize_run
 from barn_eval.analysis.tables import comparison_table, summary_table, trials_table
-from barn_eval.analysis.verdict import verdict
+from barn_eval.analysis.verdict import conclude_ranking
 from barn_eval.commands.options import (
     FILE,
     FOLDER,
@@ -197,8 +197,8 @@ def _run_settings(
         run_request(setting.request, reporter, overwrite=overwrite)
 
     folder = settings[0].request.out.parent
-    board = sweep_board(folder)
-    conclusion = verdict(board.ranking, board.measure)
+    board = make_sweep_board(folder)
+    conclusion = conclude_ranking(board.ranking, board.measure)
     print_output(
         as_json,
         {"verdict": conclusion, "settings": sweep_rows(board)},
@@ -212,7 +212,7 @@ def _run_settings(
 def _print_results(request: RunRequest, results: Rows, as_json: bool) -> None:
     """Print trials unless they are many, what they show, and where the rest is."""
     scored = [row for row in results if row.is_scored]
-    summary = summarise_campaign(scored) if scored else None
+    summary = summarize_run(scored) if scored else None
     renderables: list[object] = []
     if len(results) <= MAX_TRIAL_LINES:
         renderables.append(rich_table(trials_table(results, _title(request))))
@@ -224,7 +224,7 @@ def _print_results(request: RunRequest, results: Rows, as_json: bool) -> None:
             renderables.append(rich_table(summary_table(summary.planners)))
             renderables += map(rich_table, map(comparison_table, summary.comparisons))
         else:
-            renderables.append(rich_table(summary_table([summarise(scored)])))
+            renderables.append(rich_table(summary_table([summarize(scored)])))
     rows = [as_dict(row) for row in results]
     print_output(as_json, {"results": rows} | content, *renderables)
 

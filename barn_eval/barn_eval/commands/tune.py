@@ -7,7 +7,7 @@ import click
 
 from barn_eval.analysis.measures import MEASURES
 from barn_eval.analysis.tables import comparison_table
-from barn_eval.analysis.text_table import counted
+from barn_eval.analysis.text_table import count_noun
 from barn_eval.commands.options import (
     COUNT,
     FOLDER,
@@ -84,9 +84,7 @@ def command(
         print_json(as_dict(tuning))
         return 0
 
-    title = (
-        f"{counted(tuning.settings, 'setting')} in {counted(tuning.worlds, 'world')}"
-    )
+    title = f"{count_noun(tuning.settings, 'setting')} in {count_noun(tuning.worlds, 'world')}"
     if tuning.given_up:
         title += f", {tuning.given_up} of them given up early"
     if not tuning.tuned:
@@ -96,7 +94,7 @@ def command(
         return 0
     console.print(_settings_table(tuning, title))
     console.print(
-        f"In {counted(tuning.unseen, 'world')} that no setting was chosen by:",
+        f"In {count_noun(tuning.unseen, 'world')} that no setting was chosen by:",
         highlight=False,
     )
     for setting in tuning.tuned:

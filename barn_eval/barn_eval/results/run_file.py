@@ -14,7 +14,7 @@ from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import ConfigError, format_value
 from barn_worlds.base.files import write_durably
 from barn_worlds.base.text_files import read_json
-from barn_worlds.robots.files import other_name
+from barn_worlds.robots.files import name_unless_standard
 
 RUN_FILE = "run.json"
 WORLDS = "worlds.npz"  # of worlds that were given as Python objects
@@ -45,8 +45,8 @@ class RunFile:
         config = content.get("experiment")
         if version != SCHEMA_VERSION or not isinstance(config, dict):
             raise ConfigError(
-                f"{path}: describes no run: schema_version must be {SCHEMA_VERSION}, got"
-                f" {format_value(version)}"
+                f"{path}: describes no run: schema_version must be {SCHEMA_VERSION},"
+                f" got {format_value(version)}"
             )
 
         # The folder may have been moved since it was written.
@@ -91,8 +91,8 @@ class RunFile:
         return identity.task_content(config.protocol, config.simulator, self.robot)
 
     def robot_name(self) -> str:
-        """Return the robot's name, empty for the standard one; errors as `run_config`."""
-        return other_name(self.run_config().simulator.chassis)
+        """Return the robot's name, empty for the standard one."""
+        return name_unless_standard(self.run_config().simulator.chassis)
 
     def task_fingerprint(self) -> str:
         """Return the fingerprint of the task as it was written, which its rows have."""
@@ -121,7 +121,8 @@ class RunFile:
                 texts.append(value if is_missing else format_value(value))
             raise ConfigError(
                 f"{self.path.parent}: holds results of another {what}: {key} is"
-                f" {texts[0]} there, {texts[1]} here; use another folder, or --overwrite"
+                f" {texts[0]} there, {texts[1]} here; use another folder, or"
+                " --overwrite"
             )
 
     def with_session(self, execution: ExecutionConfig, isolation: str) -> "RunFile":

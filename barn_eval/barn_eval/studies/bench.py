@@ -253,7 +253,7 @@ def _act(environment: JackalEnv, actions: Floats) -> None:
 
 def _ros(experiment: RunConfig) -> Measurement:
     """Measure a trial over ROS in lockstep: three processes, bag included."""
-    from barn_eval.ros.supervision import run_ros_trials  # noqa: PLC0415 (needs rclpy in its processes)
+    from barn_eval.ros.supervision.supervisor import run_ros_trials  # noqa: PLC0415 (needs rclpy in its processes)
 
     with TemporaryDirectory() as folder:
         over_ros = replace(experiment, mode="ros", repetitions=2)

@@ -9,9 +9,9 @@ from itertools import product
 
 import numpy as np
 
-from barn_eval.analysis.sequential import LOOKS, decide, planned_looks
+from barn_eval.analysis.sequential import LOOKS, decide, plan_looks
 from barn_eval.analysis.significance import ALPHA, paired_difference, proportion
-from barn_eval.analysis.statistics import Columns, difference, mean_interval
+from barn_eval.analysis.statistics import TrialValues, difference, mean_interval
 from barn_eval.analysis.verdict import rank
 from barn_metrics.bootstrap import Interval, Statistic
 from barn_worlds.base.arrays import Floats, Integers
@@ -42,7 +42,7 @@ class Group:
 
 def equal_planners(
     count: int, worlds: int, generator: np.random.Generator
-) -> list[Columns]:
+) -> list[TrialValues]:
     """Return the time per metre of planners that are alike: the same chances in each world, own draws.
 
     The chance of a failure is drawn for each world (beta-binomial trials), and so is the mean time of successes.
@@ -68,7 +68,7 @@ def scored(
     effect: Floats,
     trials: int,
     generator: np.random.Generator,
-) -> Columns:
+) -> TrialValues:
     """Return scores of a planner, 0 for failures, whose mean is `_SCORE` times scale times the share of successes.
 
     effect (m,): of each world on its scores. percent: of failures, 0 for none.
@@ -96,7 +96,7 @@ def _trials(
     generator: np.random.Generator,
     as_failure: float,
     best: float = 0.0,
-) -> Columns:
+) -> TrialValues:
     """Return so many trials in each world, of which a share fails (m,)."""
     world, repetition = (
         np.repeat(np.arange(len(fails)), trials),
@@ -105,7 +105,7 @@ def _trials(
     drawn = values(world)
     failed = generator.random(len(world)) < fails[world]
     counted = np.where(failed, as_failure, drawn)
-    return Columns(
+    return TrialValues(
         counted,
         world,
         repetition,
@@ -144,7 +144,7 @@ def _share_covers(
 
 def _planner(
     worlds: int, trials: int, percent: float, generator: np.random.Generator
-) -> Columns:
+) -> TrialValues:
     return scored(
         percent,
         1.0,
@@ -160,7 +160,7 @@ def _two(
     percents: tuple[float, float],
     ratio: float,
     generator: np.random.Generator,
-) -> tuple[Columns, Columns]:
+) -> tuple[TrialValues, TrialValues]:
     """Return two planners in the same worlds by their shares of failures and the ratio of their means."""
     effect = generator.normal(0.0, _SCORES_OVER_WORLDS, worlds)
     a, b = (1.0 - percent / 100.0 for percent in percents)
@@ -168,21 +168,21 @@ def _two(
     return first, scored(percents[1], ratio * a / b, effect, trials, generator)
 
 
-def _clear(pair: Sequence[Columns]) -> bool:
+def _clear(pair: Sequence[TrialValues]) -> bool:
     return difference(pair[0], pair[1], flips=_FLIPS).p <= ALPHA
 
 
-def _decided(pair: Sequence[Columns], worlds: int) -> tuple[bool, float]:
+def _decided(pair: Sequence[TrialValues], worlds: int) -> tuple[bool, float]:
     """Return whether a plan with looks tells A from B, and the share of the worlds that it took."""
     found = decide(
         pair[0],
         pair[1],
         range(worlds),
-        planned_looks(worlds),
+        plan_looks(worlds),
         larger_is_better=True,
         flips=_FLIPS,
     )
-    return found.decided in ("better", "worse"), found.worlds / worlds
+    return found.decision in ("better", "worse"), found.worlds / worlds
 
 
 def _successes_cover(
@@ -222,11 +222,11 @@ def _board_differs(worlds: int, generator: np.random.Generator) -> bool:
         scored(0.0, 1.0, effect, _REPETITIONS, generator) for _ in range(BOARD_PLANNERS)
     ]
     plain = {
-        str(number): Columns(one.values, one.worlds, one.repetitions)
+        str(number): TrialValues(one.values, one.worlds, one.repetitions)
         for number, one in enumerate(planners)
     }
     found = rank(plain, larger_is_better=True, flips=_FLIPS)
-    return any(found.clear(*places) for places in found.p)
+    return any(found.is_clear(*places) for places in found.p)
 
 
 _SIZES = tuple(product((10, 20, 50, 100, 300), (1, 5)))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from barn_eval.analysis.precision import RankingPower, ranking_table
+from barn_eval.analysis.ranking_power import RankingPower, ranking_table
 from barn_eval.analysis.text_table import TextTable
 from barn_eval.analysis.verdict import FEW_WORLDS
 from barn_eval.pages.template import render

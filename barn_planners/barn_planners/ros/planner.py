@@ -43,12 +43,16 @@ from barn_worlds.messages.topics import (
     BEST_EFFORT,
     FRAMES,
     Frames,
-    Outgoing,
+    OutgoingMessage,
     Qos,
     Topic,
 )
-from barn_worlds.ros.parameters import check_with, current, declare
-from barn_worlds.ros.topics import publisher, subscribe
+from barn_worlds.ros.parameters import (
+    declare_parameters,
+    read_parameters,
+    refuse_invalid_changes,
+)
+from barn_worlds.ros.topics import create_publisher, subscribe
 
 T = TypeVar("T")
 
@@ -121,12 +125,12 @@ class PlannerNode(Node):
         super().__init__(name)
         self.declare_parameter("planner", planner)
         planner = self.get_parameter("planner").get_parameter_value().string_value
-        self._node_config = config = declare(self, NodeConfig())
+        self._node_config = config = declare_parameters(self, NodeConfig())
         preset = config.preset or ("paper2020" if config.use_map else "challenge")
         self._entry = planner_entry(planner)
-        self._planner_config = declare(self, planner_config(planner, preset))
-        sync = declare(self, SyncConfig())
-        check_with(self, self._planner_config)
+        self._planner_config = declare_parameters(self, planner_config(planner, preset))
+        sync = declare_parameters(self, SyncConfig())
+        refuse_invalid_changes(self, self._planner_config)
 
         self._synchronizer = Synchronizer(sync, use_pose=config.use_map)
         self._runtime = self._make_runtime()
@@ -170,7 +174,7 @@ class PlannerNode(Node):
     def _connect(self) -> None:
         command_topic = self._messages.command(STOP, 0).topic
         self._topic_publishers = {
-            topic.name: publisher(self, topic)
+            topic.name: create_publisher(self, topic)
             for topic in (command_topic, *_DISPLAY_TOPICS)
         }
         self._subscriptions_by_topic: dict[str, Subscription] = {}
@@ -256,7 +260,7 @@ class PlannerNode(Node):
     def _on_reset(
         self, _: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        config = current(self, self._planner_config)
+        config = read_parameters(self, self._planner_config)
         if config != self._planner_config:
             self._planner_config = config
             self._runtime = self._make_runtime()
@@ -280,7 +284,7 @@ class PlannerNode(Node):
         ):
             self._publish(message)
 
-    def _publish(self, message: Outgoing) -> None:
+    def _publish(self, message: OutgoingMessage) -> None:
         self._topic_publishers[message.topic.name].publish(message.data)
 
     def _has_listeners(self, topic: Topic) -> bool:

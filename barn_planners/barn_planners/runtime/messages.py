@@ -11,8 +11,8 @@ import numpy.typing as npt
 from barn_planners.interface import Decision, FloatArray, Planner, PlannerStatus
 from barn_worlds.base.types import NANOSECONDS_PER_SECOND, STOP, Velocity2D, nanoseconds
 from barn_worlds.messages import encode, topics
-from barn_worlds.messages.cdr import Message, Template, make
-from barn_worlds.messages.topics import Frames, Outgoing, Topic
+from barn_worlds.messages.cdr import Message, Template, make_message
+from barn_worlds.messages.topics import Frames, OutgoingMessage, Topic
 
 # Limits of what is published of a planner's candidates, which can be thousands.
 MAX_CANDIDATES = 20
@@ -141,7 +141,7 @@ class PlannerMessages:
         list(self.display(planner, Decision(STOP, plan=np.zeros((2, 2))), 0))
         self.reset()
 
-    def command(self, velocity: Velocity2D, stamp_ns: int) -> Outgoing:
+    def command(self, velocity: Velocity2D, stamp_ns: int) -> OutgoingMessage:
         """Return the message of a command.
 
         Args:
@@ -149,9 +149,9 @@ class PlannerMessages:
             stamp_ns: Simulated time in ns, for stamped commands.
         """
         if self._twist_encoder is None:
-            return Outgoing(topics.CMD_VEL, encode.encode_twist(velocity))
+            return OutgoingMessage(topics.CMD_VEL, encode.encode_twist(velocity))
         data = self._twist_encoder.encode(velocity, stamp_ns)
-        return Outgoing(topics.CMD_VEL_STAMPED, data)
+        return OutgoingMessage(topics.CMD_VEL_STAMPED, data)
 
     def display(
         self,
@@ -159,7 +159,7 @@ class PlannerMessages:
         decision: Decision,
         stamp_ns: int,
         is_wanted: Callable[[Topic], bool] = lambda _: True,
-    ) -> Iterator[Outgoing]:
+    ) -> Iterator[OutgoingMessage]:
         """Yield the messages for display that are due after a cycle.
 
         Views are due once per period, diagnostics each second or if the status changes.
@@ -174,7 +174,9 @@ class PlannerMessages:
         is_plan_due = stamp_ns - self._plan_ns >= self._view_period_ns
         if plan is not None and is_plan_due and is_wanted(topics.PLAN):
             self._plan_ns = stamp_ns
-            yield Outgoing(topics.PLAN, self._plan_encoder.encode(plan, stamp_ns))
+            yield OutgoingMessage(
+                topics.PLAN, self._plan_encoder.encode(plan, stamp_ns)
+            )
 
         if stamp_ns - self._view_ns >= self._view_period_ns:
             self._view_ns = stamp_ns
@@ -191,11 +193,11 @@ class PlannerMessages:
             self._status = decision.status
             if is_wanted(topics.DIAGNOSTICS):
                 data = _encode_diagnostics(decision, self._name, stamp_ns)
-                yield Outgoing(topics.DIAGNOSTICS, data)
+                yield OutgoingMessage(topics.DIAGNOSTICS, data)
 
     def _view(
         self, planner: Planner, stamp_ns: int, is_wanted: Callable[[Topic], bool]
-    ) -> Iterator[Outgoing]:
+    ) -> Iterator[OutgoingMessage]:
         view_topics = (
             topics.LOCAL_PLAN,
             topics.COSTMAP,
@@ -210,16 +212,16 @@ class PlannerMessages:
         frame = self._frames.planning if view.in_planning_frame else self._frames.odom
         if view.local_plan is not None and topics.LOCAL_PLAN in wanted_topics:
             data = self._local_plan_encoders[frame].encode(view.local_plan, stamp_ns)
-            yield Outgoing(topics.LOCAL_PLAN, data)
+            yield OutgoingMessage(topics.LOCAL_PLAN, data)
         if view.costmap is not None and topics.COSTMAP in wanted_topics:
             data = encode.encode_map(view.costmap, stamp_ns, frame)
-            yield Outgoing(topics.COSTMAP, data)
+            yield OutgoingMessage(topics.COSTMAP, data)
         if view.band is not None and topics.BAND in wanted_topics:
-            yield Outgoing(topics.BAND, encode_band(view.band, stamp_ns, frame))
+            yield OutgoingMessage(topics.BAND, encode_band(view.band, stamp_ns, frame))
         if view.candidates is not None and topics.CANDIDATES in wanted_topics:
             lines = select_candidates(view.candidates, view.candidate_costs)
             data = encode_candidates(lines, stamp_ns, frame)
-            yield Outgoing(topics.CANDIDATES, data)
+            yield OutgoingMessage(topics.CANDIDATES, data)
 
 
 def encode_band(band: FloatArray, stamp_ns: int, frame: str) -> bytes:
@@ -246,13 +248,13 @@ def _band_template(count: int, frame: str) -> Template:
     """Return the template of a band; bands have a few dozen lengths, which recur."""
     markers: list[_MarkerFields] = []
     for index in range(count):
-        disc = encode.marker(
-            frame, "bubbles", encode.CYLINDER, index=index, colour=_BUBBLE_COLOR
+        disc = encode.make_marker(
+            frame, "bubbles", encode.CYLINDER, index=index, color=_BUBBLE_COLOR
         )
         disc.scale.z = _BUBBLE_HEIGHT_M
         markers.append((disc, _BUBBLE_FIELDS))
 
-    line = encode.marker(frame, "band", encode.LINE_STRIP, colour=_BAND_COLOR)
+    line = encode.make_marker(frame, "band", encode.LINE_STRIP, color=_BAND_COLOR)
     markers.append((line, _add_points(line, _BAND_WIDTH_M, count)))
     return _marker_template(topics.BAND, frame, "band", markers)
 
@@ -278,7 +280,7 @@ def _candidates_template(count: int, length: int, frame: str) -> Template:
     """Return the template of some lines; a planner has one or two numbers of them."""
     markers = []
     for index in range(count):
-        line = encode.marker(frame, "candidates", encode.LINE_STRIP, index=index)
+        line = encode.make_marker(frame, "candidates", encode.LINE_STRIP, index=index)
         point_fields = _add_points(line, _CANDIDATE_WIDTH_M, length)
         markers.append((line, _COLOR_FIELDS + point_fields))
     return _marker_template(topics.CANDIDATES, frame, "candidates", markers)
@@ -287,7 +289,7 @@ def _candidates_template(count: int, length: int, frame: str) -> Template:
 def _add_points(line: Message, width_m: float, count: int) -> tuple[str, ...]:
     """Give a line marker its width and points; return the names of their coordinates."""
     line.scale.x = width_m
-    line.points = [make("geometry_msgs/msg/Point") for _ in range(count)]
+    line.points = [make_message("geometry_msgs/msg/Point") for _ in range(count)]
     return tuple(f"points.{index}.{axis}" for index in range(count) for axis in "xy")
 
 
@@ -299,14 +301,14 @@ def _marker_template(
 ) -> Template:
     """Return the template of markers; stamps vary in all of them."""
     # Viewers keep markers until told otherwise: the first one deletes those of before.
-    delete_all = encode.marker(frame, namespace, action=encode.DELETE_ALL)
+    delete_all = encode.make_marker(frame, namespace, action=encode.DELETE_ALL)
     messages = [delete_all]
     fields = [f"markers.0.{name}" for name in encode.STAMP_FIELDS]
     for index, (marker, varying_fields) in enumerate(markers, 1):
         messages.append(marker)
         names = encode.STAMP_FIELDS + varying_fields
         fields += [f"markers.{index}.{name}" for name in names]
-    return Template(make(topic.type_name, markers=messages), fields)
+    return Template(make_message(topic.type_name, markers=messages), fields)
 
 
 def _encode_diagnostics(decision: Decision, name: str, stamp_ns: int) -> bytes:

@@ -167,7 +167,7 @@ def set_body(
     settings["stiffness"], settings["damping"], settings["centre"] = (
         stiffness,
         damping,
-        model.centre_of_mass,
+        model.center_of_mass,
     )
     settings["grips"], settings["contacts"] = (
         len(model.wheels),

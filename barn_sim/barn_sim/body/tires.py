@@ -42,7 +42,7 @@ class Tires:
     """
 
     def __init__(self, model: RobotModel, config: PhysicsConfig) -> None:
-        hubs = np.concatenate([model.wheels, model.casters]) - model.centre_of_mass
+        hubs = np.concatenate([model.wheels, model.casters]) - model.center_of_mass
         share = model.mass_kg / len(hubs)
         self.stiffness = share * config.gravity_m_s2 / config.tyre_deflection_m
         self.damping = (

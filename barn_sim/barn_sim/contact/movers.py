@@ -20,7 +20,7 @@ from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import seconds
 from barn_worlds.geometry.bodies import moving_bodies, wall_bodies
 from barn_worlds.geometry.kernels import gaps_to_rectangle
-from barn_worlds.moving.tracks import Table, evaluate
+from barn_worlds.moving.tracks import MotionTable, evaluate
 from barn_worlds.worlds.world import World
 
 _MASS_KG = 1e6
@@ -96,7 +96,7 @@ class Movers:
             )
         return self._shapes
 
-    def seen_at(self, stamp_ns: int, height_m: float) -> Floats:
+    def cross_section(self, stamp_ns: int, height_m: float) -> Floats:
         """Return the shapes (k, 7) in a horizontal plane at a time."""
         shapes = self.at(stamp_ns)
         return (
@@ -177,7 +177,7 @@ class Movers:
 
 @njit(cache=True)
 def _look(
-    robots: Records, index: int, phase_s: float, tick_ns: int, table: Table, shapes: Floats, velocities: Floats,
+    robots: Records, index: int, phase_s: float, tick_ns: int, table: MotionTable, shapes: Floats, velocities: Floats,
     walls: int, reach_m: Floats, fastest_m_s: Floats, extent: Floats,
 ) -> None:  # fmt: skip
     """See `Movers.look`; reach_m (n,): how near each may come to the robot without PyBullet; fastest_m_s (n,)."""

@@ -229,7 +229,7 @@ class Obstacles:
         indices = np.flatnonzero(self._displaced)
         return Moved(indices, self._states[indices, :3], self._states[indices, 3:])
 
-    def seen_at(self, height_m: float) -> tuple[Floats, Floats]:
+    def cross_section(self, height_m: float) -> tuple[Floats, Floats]:
         """Return the cylinders in a horizontal scan plane, as `Lidar.scan` takes them.
 
         Centres (n, 2) of upright cylinders (at most half a degree from the vertical) in the plane, infinite for

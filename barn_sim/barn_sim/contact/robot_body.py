@@ -64,7 +64,7 @@ class Body:
             attitude = bullet.getQuaternionFromEuler([roll, pitch, start.yaw])
             offset = (
                 np.array(bullet.getMatrixFromQuaternion(attitude)).reshape(3, 3)
-                @ self._model.centre_of_mass
+                @ self._model.center_of_mass
             )
             self._start = (
                 [start.x + offset[0], start.y + offset[1], height],
@@ -185,7 +185,7 @@ def first_inverse_inertia_of(model: RobotModel) -> Floats:
 def _make_shapes(model: RobotModel, client: int) -> int:
     shapes, places = (
         model.shapes,
-        [(shape.centre - model.centre_of_mass).tolist() for shape in model.shapes],
+        [(shape.center - model.center_of_mass).tolist() for shape in model.shapes],
     )
     made: int
     if shapes[0].corners is not None:

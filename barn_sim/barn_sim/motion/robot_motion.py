@@ -138,7 +138,7 @@ class RobotMotion:
             )
         return self._placed[1]
 
-    def remember(self) -> None:
+    def remember_pose(self) -> None:
         """Store the pose of now, for `poses_at`."""
         pose = self.place()[0]
         self._past.append((self.stamp_ns, pose.x, pose.y, pose.yaw))
@@ -168,7 +168,7 @@ class RobotMotion:
     def draw_noise(self, ticks: int) -> None:
         """Have the odometry's noise for so many ticks, at most a control period."""
         now_ns, period_ns = self.stamp_ns, self._odometry_ns
-        self.odometry.supply(
+        self.odometry.supply_noise(
             now_ns // period_ns + 1, (now_ns + ticks * self._tick_ns) // period_ns
         )
 

@@ -13,16 +13,24 @@ from barn_worlds.worlds.world import World
 
 
 class FilterLocalization:
-    """Behaves like adaptive Monte Carlo localisation, without particles.
+    """Behaves like adaptive Monte Carlo localization, without particles.
 
-    While the robot moves less than the update distances the correction from odom to map stays, so the pose follows the
-    odometry. Each update sets the correction so that the pose is the truth plus an error. The error is a first-order
-    Gauss-Markov process over the updates, with the configured standard deviations from the first one on.
+    While the robot moves less than the update distances the correction from odom to map
+    stays, so the pose follows the odometry. Each update sets the correction so that the
+    pose is the truth plus an error. The error is a first-order Gauss-Markov process over
+    the updates, with the configured standard deviations from the first one on.
     """
 
     def __init__(self, config: LocalizationConfig, rng: np.random.Generator) -> None:
-        self._config, self._rng = config, rng
-        self._keep = math.exp(-1.0 / config.correlation_updates)
+        """Draw the first error.
+
+        Args:
+            config: Standard deviations, correlation and update distances.
+            rng: Source of the errors.
+        """
+        self._config = config
+        self._rng = rng
+        self._correlation = math.exp(-1.0 / config.correlation_updates)
         self._stds = np.array(
             [config.position_std_m, config.position_std_m, config.yaw_std_rad]
         )
@@ -31,25 +39,42 @@ class FilterLocalization:
         self._updated_at: Pose2D | None = None
 
     def estimate(self, truth: Pose2D, odometry: Pose2D) -> Pose2D:
-        """Return the pose after the last correction, which is updated first if the robot has moved enough."""
-        if self._updated_at is None or has_moved(
-            self._config, self._updated_at, odometry
-        ):
-            if self._updated_at is not None:
-                fresh = math.sqrt(1.0 - self._keep**2) * self._rng.standard_normal(3)
-                self._error = self._keep * self._error + self._stds * fresh
+        """Estimate the pose, with a new correction if the robot has moved enough.
+
+        Args:
+            truth: True pose in the map frame.
+            odometry: Pose in the odom frame at the same time.
+
+        Returns:
+            The pose in the map frame.
+        """
+        last = self._updated_at
+        if last is None or has_moved(self._config, last, odometry):
+            if last is not None:
+                # The innovation keeps the variance of the error constant.
+                innovation = math.sqrt(
+                    1.0 - self._correlation**2
+                ) * self._rng.standard_normal(3)
+                self._error = self._correlation * self._error + self._stds * innovation
             x, y, yaw = self._error.tolist()
-            believed = Pose2D(truth.x + x, truth.y + y, wrap_angle(truth.yaw + yaw))
-            self._correction, self._updated_at = believed @ odometry.inverse(), odometry
+            pose = Pose2D(truth.x + x, truth.y + y, wrap_angle(truth.yaw + yaw))
+            self._correction = pose @ odometry.inverse()
+            self._updated_at = odometry
         return self._correction @ odometry
 
 
-def known_map(world: World, historical: bool) -> OccupancyMap:
-    """Return the map to localise in; worlds of other cells never had a historical one, theirs is off as a whole."""
-    standard = math.isclose(world.resolution_m, STANDARD_CELL_M)
-    known = world.occupancy_map(historical=historical and standard)
-    off_m = -STANDARD_CELL_M if historical and not standard else 0.0
-    return replace(known, origin_y=known.origin_y + off_m)
+def localization_map(world: World, historical: bool) -> OccupancyMap:
+    """Return the map in which the robot localizes itself.
+
+    Args:
+        world: World of the trial.
+        historical: Whether obstacles are one cell nearer, as in the original's maps.
+            A world of other cells never had one, so its map is shifted as a whole.
+    """
+    is_standard = math.isclose(world.resolution_m, STANDARD_CELL_M)
+    occupancy = world.occupancy_map(historical=historical and is_standard)
+    shift_m = -STANDARD_CELL_M if historical and not is_standard else 0.0
+    return replace(occupancy, origin_y=occupancy.origin_y + shift_m)
 
 
 def make_localization(
@@ -59,10 +84,17 @@ def make_localization(
     mount: Pose2D,
     rng: np.random.Generator,
 ) -> FilterLocalization | ParticleLocalization:
-    """Return what estimates the pose in the map where it is not exact."""
-    localisation = config.localisation
-    if localisation.mode == "amcl":
-        return FilterLocalization(localisation, rng)
-    return ParticleLocalization(
-        localisation, rng, known_map(world, localisation.historical_map), start, mount
-    )
+    """Return the filter of modes "amcl" and "particles".
+
+    Args:
+        config: Configuration of the simulator.
+        world: World of the trial; its map is what the particles are matched to.
+        start: Start pose of base_link in the map frame.
+        mount: Pose of the lidar in base_link.
+        rng: Source of all that the filter draws.
+    """
+    localization = config.localisation
+    if localization.mode == "amcl":
+        return FilterLocalization(localization, rng)
+    occupancy = localization_map(world, localization.historical_map)
+    return ParticleLocalization(localization, rng, occupancy, start, mount)

@@ -30,8 +30,10 @@ def read_grid(path: Path) -> tuple[BoolGrid, float]:
     that the file leaves out because they are surrounded are filled (`fill_hollow`). Raises WorldError
     for any other file.
     """
-    centres, radii = cylinders(read_maybe_gzipped(path, LARGEST_WORLD_FILE), str(path))
-    return grid_of(centres, radii, str(path))
+    centres, radii = parse_cylinders(
+        read_maybe_gzipped(path, LARGEST_WORLD_FILE), str(path)
+    )
+    return build_grid(centres, radii, str(path))
 
 
 def read_open_grid(
@@ -41,7 +43,9 @@ def read_open_grid(
 
     start: x and y of a place that is free.
     """
-    centres, radii = cylinders(read_maybe_gzipped(path, LARGEST_WORLD_FILE), str(path))
+    centres, radii = parse_cylinders(
+        read_maybe_gzipped(path, LARGEST_WORLD_FILE), str(path)
+    )
     side_m = round(2.0 * radii[0], 9)
     corner, size = (
         centres.min(axis=0) - 0.5 * side_m,
@@ -86,7 +90,7 @@ def read_course(path: Path) -> list[float]:
     return found
 
 
-def cylinders(content: bytes, where: str) -> tuple[Points, list[float]]:
+def parse_cylinders(content: bytes, where: str) -> tuple[Points, list[float]]:
     """Return centres (n, 2) in metres and radii of the upright collision cylinders of a world file's content."""
     root = _root(content, where)
     for element in root.findall("world/*"):
@@ -127,7 +131,9 @@ def _root(content: bytes, where: str) -> Element:
     return root
 
 
-def grid_of(centres: Points, radii: list[float], where: str) -> tuple[BoolGrid, float]:
+def build_grid(
+    centres: Points, radii: list[float], where: str
+) -> tuple[BoolGrid, float]:
     """Return the grid (rows, cols) of cylinders at these centres (n, 2), and the size of its cells in metres."""
     radius = radii[0]
     for other in radii:
@@ -254,7 +260,7 @@ def fill_hollow(shown: BoolGrid, free: tuple[int, int] | None = None) -> BoolGri
     gets into such a gap, and one of up to 4 x 4 cells is occupied in the C-space of a Jackal anyway.
     """
     grid: BoolGrid = shown.copy()
-    labels, sizes = label_regions(~shown, neighbours=8)
+    labels, sizes = label_regions(~shown, neighbors=8)
     by_label = np.argsort(labels, axis=None, kind="stable")
     first = np.cumsum([np.count_nonzero(shown), *sizes[1:]])
     for label in np.argsort(-sizes[1:], kind="stable").tolist():

@@ -99,7 +99,7 @@ def pgm(grid: OccupancyMap) -> bytes:
     return f"P5\n{width} {height}\n255\n".encode() + grey[::-1].tobytes()
 
 
-def read_about(path: Path) -> MapFile:
+def read_map_file(path: Path) -> MapFile:
     """Return what a .yaml file says; WorldError if it is malformed."""
     try:
         return from_dict(
@@ -114,7 +114,7 @@ def read_map(path: Path, about: MapFile | None = None) -> OccupancyMap:
 
     about: what `read_about` has already read of it.
     """
-    about = about or read_about(path)
+    about = about or read_map_file(path)
     shade = _read_image(path.parent / about.image)[::-1] / 255.0
     chance = shade if about.negate else 1.0 - shade
     data = np.select(
@@ -125,7 +125,7 @@ def read_map(path: Path, about: MapFile | None = None) -> OccupancyMap:
     return OccupancyMap(data.astype(np.int8), about.resolution, *about.origin[:2])
 
 
-def grid_of(grid: OccupancyMap) -> BoolGrid | None:
+def extract_grid(grid: OccupancyMap) -> BoolGrid | None:
     """Return the grid (rows, cols) of the world that a map shows with its containment, None for any other map.
 
     The obstacles may be in their true places or one cell too near, as in the original maps.

@@ -53,7 +53,7 @@ def parse_npy(content: bytes, where: str) -> npt.NDArray[Any]:
     return array
 
 
-def to_npy(array: npt.NDArray[Any]) -> bytes:
+def encode_npy(array: npt.NDArray[Any]) -> bytes:
     """Return the content of a .npy file."""
     file = io.BytesIO()
     np.lib.format.write_array(file, array, allow_pickle=False)
@@ -86,7 +86,7 @@ class NpzFormat:
         text = json.dumps({"schema": self.schema, **header}, indent=1) + "\n"
         members = {
             self.header: text.encode(),
-            **{f"{name}.npy": to_npy(array) for name, array in arrays.items()},
+            **{f"{name}.npy": encode_npy(array) for name, array in arrays.items()},
         }
         write_bytes(path, pack_zip(members))
         return text

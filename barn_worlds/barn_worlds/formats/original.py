@@ -10,9 +10,9 @@ from barn_worlds.base.arrays import BoolGrid, Floats
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.files import create_folder, write_bytes
 from barn_worlds.formats import gazebo, map_server
-from barn_worlds.formats.npz import read_npy, to_npy
-from barn_worlds.formats.single import STANDARD_RESOLUTION_M, world_of
-from barn_worlds.robots.files import STANDARD
+from barn_worlds.formats.npz import encode_npy, read_npy
+from barn_worlds.formats.single import STANDARD_RESOLUTION_M, build_grid_world
+from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.cspace import configuration_space
 from barn_worlds.worlds.world import World, validate_grid
@@ -30,7 +30,7 @@ def is_original_folder(folder: Path) -> bool:
     return any((folder / inside).is_dir() for inside in _WORLDS)
 
 
-def indices(folder: Path) -> list[int]:
+def find_world_numbers(folder: Path) -> list[int]:
     """Return the numbers of the worlds in a folder of the original layout, ascending."""
     files = (
         (pattern, file)
@@ -46,7 +46,7 @@ def indices(folder: Path) -> list[int]:
     )
 
 
-def read_world(folder: Path, index: int, robot: Robot = STANDARD) -> World:
+def read_world(folder: Path, index: int, robot: Robot = STANDARD_ROBOT) -> World:
     """Return one world of a folder of the original layout; WorldError names the file that is malformed.
 
     The grid comes from grid_files, else from world_files. The path comes from path_files, else it is planned. The
@@ -56,7 +56,7 @@ def read_world(folder: Path, index: int, robot: Robot = STANDARD) -> World:
     if path.is_file():
         about = folder / "map_files" / f"yaml_{index}.yaml"
         resolution_m = (
-            map_server.read_about(about).resolution
+            map_server.read_map_file(about).resolution
             if about.is_file()
             else STANDARD_RESOLUTION_M
         )
@@ -74,7 +74,7 @@ def read_world(folder: Path, index: int, robot: Robot = STANDARD) -> World:
     )
     given = folder / "path_files" / f"path_{index}.npy"
     given_path = given if given.is_file() else None
-    return world_of(
+    return build_grid_world(
         f"world_{index}", grid, resolution_m, footprint, "original", path, given_path
     )
 
@@ -96,7 +96,7 @@ def write_original(
     with create_folder(folder) as target:
         for index, world in worlds.items():
             for kind in ("grid", "cspace", "path"):
-                content = to_npy(getattr(world, kind).astype(np.int64))
+                content = encode_npy(getattr(world, kind).astype(np.int64))
                 write_bytes(target / f"{kind}_files" / f"{kind}_{index}.npy", content)
             write_sdf(world, target / "world_files" / f"world_{index}.world.gz")
             occupancy = world.occupancy_map(historical=historical)
@@ -108,7 +108,7 @@ def write_original(
         for index, values in (metrics or {}).items():
             write_bytes(
                 target / "metrics_files" / f"metrics_{index}.npy",
-                to_npy(np.asarray(values, np.float64)),
+                encode_npy(np.asarray(values, np.float64)),
             )
 
 

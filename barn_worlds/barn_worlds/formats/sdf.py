@@ -19,7 +19,7 @@ from barn_worlds.moving.motion import MovingObstacle
 from barn_worlds.moving.tracks import Tracks
 from barn_worlds.worlds.world import World
 
-FLAVOURS = ("classic", "gz")
+FLAVORS = ("classic", "gz")
 MOVABLE_MASS_KG = 1.0  # of each obstacle in the paper's trials
 STEP_S = (
     0.1  # between waypoints where a motion is not one that Gazebo interpolates itself
@@ -41,7 +41,7 @@ def write_sdf(
     )
     if flavour == "gz":
         for name, one in {mesh_name(one): one for one in world.moving}.items():
-            write_bytes(path.parent / name, mesh(one).encode())
+            write_bytes(path.parent / name, obj_mesh(one).encode())
 
 
 def sdf_text(world: World, flavour: str = "classic", *, movable: bool = False) -> str:
@@ -51,9 +51,9 @@ def sdf_text(world: World, flavour: str = "classic", *, movable: bool = False) -
     the containment cannot. With `gz` the static cylinders are one model, which is faster to simulate; with `classic`
     each is a model of its own, named as in the original files.
     """
-    if flavour not in FLAVOURS:
+    if flavour not in FLAVORS:
         raise WorldError(
-            f"unknown flavour of SDF {flavour!r}{suggest(flavour, FLAVOURS)}"
+            f"unknown flavour of SDF {flavour!r}{suggest(flavour, FLAVORS)}"
         )
     return _template().render(
         world=world, gz=flavour == "gz", movable=movable, mass_kg=MOVABLE_MASS_KG
@@ -106,7 +106,7 @@ def mesh_name(obstacle: MovingObstacle) -> str:
     )
 
 
-def mesh(obstacle: MovingObstacle) -> str:
+def obj_mesh(obstacle: MovingObstacle) -> str:
     """Return a closed mesh of an obstacle as Wavefront OBJ, its centre at the origin."""
     if obstacle.shape == "cylinder":
         turns = [2.0 * math.pi * k / _SIDES for k in range(_SIDES)]

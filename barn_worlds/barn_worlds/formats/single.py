@@ -9,7 +9,7 @@ from barn_worlds.base.arrays import BoolGrid, Cells
 from barn_worlds.base.errors import WorldError
 from barn_worlds.formats import gazebo, map_server, moving_ai, world_yaml
 from barn_worlds.formats.npz import read_npy
-from barn_worlds.robots.files import STANDARD
+from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.course import build_world, parse_course, plan_course
 from barn_worlds.worlds.cspace import configuration_space
@@ -50,7 +50,7 @@ def number_in(path: Path) -> int | None:
     return int(found[-1]) if found and len(found[-1]) <= 9 else None
 
 
-def read_world(path: Path, robot: Robot = STANDARD, name: str = "") -> World:
+def read_world(path: Path, robot: Robot = STANDARD_ROBOT, name: str = "") -> World:
     """Return the world of a file, named after it; WorldError if it holds none.
 
     The path comes from path_N.npy in the same folder or in a sibling folder path_files (N: the number in the file's
@@ -80,7 +80,7 @@ def read_world(path: Path, robot: Robot = STANDARD, name: str = "") -> World:
     else:
         source, grid = "npy", validate_grid(read_npy(path), str(path))
     footprint_cells = robot.footprint_cells(resolution_m)
-    world = world_of(
+    world = build_grid_world(
         called, grid, resolution_m, footprint_cells, source, path, _path_beside(path)
     )
     return (
@@ -88,7 +88,7 @@ def read_world(path: Path, robot: Robot = STANDARD, name: str = "") -> World:
     )
 
 
-def world_of(
+def build_grid_world(
     name: str,
     grid: BoolGrid,
     resolution_m: float,
@@ -98,7 +98,9 @@ def world_of(
     given: Path | None,
 ) -> World:
     """Return the world of a grid read from `path`, with the path in the .npy file `given`, else a planned one."""
-    cells = read_npy(given) if given else planned(grid, footprint_cells, str(path))
+    cells = (
+        read_npy(given) if given else plan_grid_path(grid, footprint_cells, str(path))
+    )
     about = Provenance(source, str(path), path_source="given" if given else "planned")
     return World(name, grid, cells, resolution_m, footprint_cells, about)
 
@@ -114,14 +116,14 @@ def _of_map(path: Path, kind: str, robot: Robot, name: str) -> World:
             robot,
             Provenance("map", str(path)),
         )
-    about = map_server.read_about(path)
+    about = map_server.read_map_file(path)
     occupancy = map_server.read_map(path, about)
     ends = (
         parse_course((*about.start, *about.goal), f"{path}: start and goal")
         if about.start
         else None
     )
-    inside = map_server.grid_of(occupancy)
+    inside = map_server.extract_grid(occupancy)
     if inside is None:
         whole = validate_grid(np.ascontiguousarray((occupancy.data != 0).T), str(path))
         corner = occupancy.origin_x, occupancy.origin_y
@@ -135,7 +137,7 @@ def _of_map(path: Path, kind: str, robot: Robot, name: str) -> World:
             ends,
         )
     grid, cell_m = validate_grid(inside, str(path)), occupancy.resolution
-    world = world_of(
+    world = build_grid_world(
         name,
         grid,
         cell_m,
@@ -147,7 +149,7 @@ def _of_map(path: Path, kind: str, robot: Robot, name: str) -> World:
     return plan_course(world, robot, ends) if ends else world
 
 
-def planned(grid: BoolGrid, footprint_cells: int, where: str) -> Cells:
+def plan_grid_path(grid: BoolGrid, footprint_cells: int, where: str) -> Cells:
     """Return a planned path (n, 2) through a grid; WorldError if there is none."""
     path = plan_through(configuration_space(grid, footprint_cells))
     if path is None:

@@ -16,7 +16,7 @@ _PORTS_PER_DOMAIN = 250
 
 
 @contextmanager
-def reserved_domain(environment: Mapping[str, str]) -> Iterator[int]:
+def reserve_domain(environment: Mapping[str, str]) -> Iterator[int]:
     """Reserve a free domain while the context lasts. If ROS_DOMAIN_ID is set in the environment, it is that one.
 
     A domain is reserved by an abstract socket of its name; the system releases it even if this process is killed.
@@ -51,7 +51,7 @@ def reserved_domain(environment: Mapping[str, str]) -> Iterator[int]:
     )
 
 
-def in_use(domain: int) -> bool:
+def is_domain_in_use(domain: int) -> bool:
     """Tell whether anybody on this host, of whatever program, takes part in a domain."""
     return domain in _busy_domains()
 

@@ -25,7 +25,7 @@ from launch_ros.substitutions import FindPackageShare
 
 from barn_worlds.base.config import fields_of
 
-USUAL = {
+COMMON_ARGUMENTS = {
     "params_file": ("", "file with parameters; arguments override it"),
     "namespace": ("", "namespace of node and topics"),
     "log_level": ("info", "debug, info, warn, error or fatal"),
@@ -59,18 +59,22 @@ class NodeLaunch:
     def description(self) -> LaunchDescription:
         """Return the node with its arguments."""
         declared = [
-            argument(name, "", about) for name, (_, about) in self._kinds().items()
+            launch_argument(name, "", about)
+            for name, (_, about) in self._kinds().items()
         ]
         if self.use_sim_time is not None:
             declared.append(
-                argument(SIM_TIME[0], str(self.use_sim_time).lower(), SIM_TIME[1])
+                launch_argument(
+                    SIM_TIME[0], str(self.use_sim_time).lower(), SIM_TIME[1]
+                )
             )
         declared += [
-            argument(topic_argument(name), name, f"topic to use for {name}")
+            launch_argument(topic_argument(name), name, f"topic to use for {name}")
             for name in self.topics
         ]
         declared += [
-            argument(name, default, about) for name, (default, about) in USUAL.items()
+            launch_argument(name, default, about)
+            for name, (default, about) in COMMON_ARGUMENTS.items()
         ]
         return LaunchDescription([*declared, OpaqueFunction(function=self._make)])
 
@@ -117,7 +121,9 @@ class NodeLaunch:
         return [node]
 
 
-def argument(name: str, default: object, description: str) -> DeclareLaunchArgument:
+def launch_argument(
+    name: str, default: object, description: str
+) -> DeclareLaunchArgument:
     """Return an argument of a launch file."""
     return DeclareLaunchArgument(name, default_value=default, description=description)
 
@@ -127,7 +133,7 @@ def topic_argument(name: str) -> str:
     return name.replace("/", "_") + "_topic"
 
 
-def include(
+def include_launch_file(
     package: str,
     name: str,
     passed: Iterable[str],
@@ -138,7 +144,10 @@ def include(
     path = PathJoinSubstitution(
         [FindPackageShare(package), "launch", f"{name}.launch.py"]
     )
-    values = {argument: LaunchConfiguration(argument) for argument in passed} | fixed
+    values = {
+        launch_argument: LaunchConfiguration(launch_argument)
+        for launch_argument in passed
+    } | fixed
     included = IncludeLaunchDescription(
         PythonLaunchDescriptionSource(path), launch_arguments=values.items()
     )

@@ -18,8 +18,12 @@ from barn_worlds.base.errors import BarnError
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.messages.encode import PathEncoder, encode_map
 from barn_worlds.messages.topics import FRAMES, MAP, WORLD_PATH
-from barn_worlds.ros.parameters import check_with, current, declare
-from barn_worlds.ros.topics import publisher
+from barn_worlds.ros.parameters import (
+    declare_parameters,
+    read_parameters,
+    refuse_invalid_changes,
+)
+from barn_worlds.ros.topics import create_publisher
 from barn_worlds.worlds.world import World
 
 
@@ -45,15 +49,18 @@ class MapServer(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("map_server", **options)
-        self._map, self._path = publisher(self, MAP), publisher(self, WORLD_PATH)
-        self._config = declare(self, MapServerConfig())
-        check_with(self, self._config)
+        self._map, self._path = (
+            create_publisher(self, MAP),
+            create_publisher(self, WORLD_PATH),
+        )
+        self._config = declare_parameters(self, MapServerConfig())
+        refuse_invalid_changes(self, self._config)
         self.publish()
         self.create_service(Trigger, "~/reload", self._reload)
 
     def publish(self) -> World:
         """Publish the world that the parameters name now, and return it."""
-        config = current(self, self._config)
+        config = read_parameters(self, self._config)
         world = open_dataset(config.dataset).load(config.world)
         occupancy = world.occupancy_map(
             config.resolution_m or None, historical=config.historical_map

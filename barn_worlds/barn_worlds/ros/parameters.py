@@ -19,7 +19,7 @@ from barn_worlds.base.errors import BarnError, ConfigError, suggest
 T = TypeVar("T")
 
 
-def declare(node: Node, config: T, *, read_only: bool = False) -> T:
+def declare_parameters(node: Node, config: T, *, read_only: bool = False) -> T:
     """Declare every field of `config` as a parameter and return the configuration with what the user set.
 
     Nested fields get dotted names. Raises ConfigError in one line for a value that is not allowed.
@@ -38,7 +38,7 @@ def declare(node: Node, config: T, *, read_only: bool = False) -> T:
     return replace_dotted(config, changes, f"parameters of {node.get_name()}")
 
 
-def warn_of_unknown(node: Node) -> None:
+def warn_about_unknown_parameters(node: Node) -> None:
     """Log a warning for every parameter that the user set and that is not declared; call after the last `declare`."""
     # rclpy says of the type that these are values
     everything = cast("dict[str, Parameter]", node.get_parameters_by_prefix(""))
@@ -61,7 +61,7 @@ def _updated(config: T, parameters: Iterable[Parameter]) -> T:
     return replace_dotted(config, changes, "parameter")
 
 
-def check_with(node: Node, config: object) -> None:
+def refuse_invalid_changes(node: Node, config: object) -> None:
     """Reject later parameter changes that the configuration does not allow, with the reason."""
 
     def judge(parameters: list[Parameter]) -> SetParametersResult:
@@ -74,7 +74,7 @@ def check_with(node: Node, config: object) -> None:
     node.add_on_set_parameters_callback(judge)
 
 
-def current(node: Node, config: T) -> T:
+def read_parameters(node: Node, config: T) -> T:
     """Return `config` with the present values of the node's parameters."""
     return _updated(
         config, (node.get_parameter(name) for name, _, _ in fields_of(config))

@@ -30,7 +30,7 @@ class Reading(NamedTuple):
     sent_ns: int
 
 
-def pair() -> tuple[socket.socket, socket.socket]:
+def create_ends() -> tuple[socket.socket, socket.socket]:
     """Return the two ends of a new line, that of the simulator first."""
     ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     for end in ends:

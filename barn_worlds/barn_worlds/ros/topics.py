@@ -18,7 +18,7 @@ from barn_worlds.messages.topics import Qos, Topic
 T = TypeVar("T")
 
 
-def profile(qos: Qos) -> QoSProfile:
+def qos_profile(qos: Qos) -> QoSProfile:
     """Return a quality of service for rclpy."""
     reliability, durability = (
         ReliabilityPolicy[qos.reliability.upper()],
@@ -32,7 +32,7 @@ def profile(qos: Qos) -> QoSProfile:
     )
 
 
-def own_identity(node: Node) -> bytes:
+def read_endpoint_identity(node: Node) -> bytes:
     """Return the identity (GID) of an endpoint of this process, which begins as those of its other endpoints do."""
     # of a publisher on a topic that nobody else can know of; names of nodes can be taken by anybody
     probe = node.create_publisher(Empty, f"_barn_{secrets.token_hex(16)}", 1)
@@ -43,7 +43,7 @@ def own_identity(node: Node) -> bytes:
         node.destroy_publisher(probe)
 
 
-def message_class(type_name: str) -> Any | None:
+def find_message_class(type_name: str) -> Any | None:
     """Return the class of a type such as "nav_msgs/msg/Odometry", None if its package is not installed."""
     package, kind, name = type_name.split("/")
     try:
@@ -52,17 +52,19 @@ def message_class(type_name: str) -> Any | None:
         return None
 
 
-def publisher(node: Node, topic: Topic, qos: Qos | None = None) -> Publisher:
+def create_publisher(node: Node, topic: Topic, qos: Qos | None = None) -> Publisher:
     """Return a publisher of a topic, which takes serialised messages."""
     return node.create_publisher(
-        message_class(topic.type_name), topic.name, profile(qos or topic.qos)
+        find_message_class(topic.type_name), topic.name, qos_profile(qos or topic.qos)
     )
 
 
-def optional_publisher(node: Node, topic: Topic) -> Publisher | None:
+def create_optional_publisher(node: Node, topic: Topic) -> Publisher | None:
     """Return a publisher of a topic, None if its type is not installed."""
     return (
-        publisher(node, topic) if message_class(topic.type_name) is not None else None
+        create_publisher(node, topic)
+        if find_message_class(topic.type_name) is not None
+        else None
     )
 
 
@@ -80,7 +82,7 @@ def subscribe(
         else:
             take(content)
 
-    kind, quality = message_class(topic.type_name), profile(qos or topic.qos)
+    kind, quality = find_message_class(topic.type_name), qos_profile(qos or topic.qos)
     return node.create_subscription(
         kind, topic.name, on_data, quality, raw=True, event_callbacks=event_callbacks
     )

@@ -11,9 +11,9 @@ from predictive_planners.planners import add_moving_costs
 from predictive_planners.tracker import (
     Tracker,
     TrackerConfig,
-    fitted_circle,
+    fit_circle,
     meeting_distances,
-    moved,
+    transform_discs,
 )
 
 from barn_planners.interface import Observation, PlannerStatus, Task
@@ -73,14 +73,14 @@ def test_a_circle_is_found_from_an_arc_of_it(seed):
     centre, radius = rng.uniform(-5.0, 5.0, 2), rng.uniform(0.1, 2.0)
     angles = rng.uniform(0.0, 6.0) + np.linspace(0.0, rng.uniform(0.5, 3.0), 20)
     points = centre + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    found, found_radius, roundness = fitted_circle(points)
+    found, found_radius, roundness = fit_circle(points)
     assert found == pytest.approx(centre, abs=1e-6)
     assert (found_radius, roundness) == pytest.approx((radius, 0.0), abs=1e-6)
 
 
 def test_a_line_is_no_circle():
     assert math.isinf(
-        fitted_circle(np.stack([np.linspace(0.0, 1.0, 10), np.ones(10)], axis=1))[1]
+        fit_circle(np.stack([np.linspace(0.0, 1.0, 10), np.ones(10)], axis=1))[1]
     )
 
 
@@ -122,9 +122,9 @@ def test_a_track_ends_when_it_is_not_seen_and_a_reset_forgets_all():
     again = tracker.update(
         seen(19, Pose2D(0.0, 0.0, 0.0), [])
     )  # the same instant again changes nothing
-    assert len(again) == len(tracker.moving()) == 1
+    assert len(again) == len(tracker.moving_discs()) == 1
     tracker.reset()
-    assert len(tracker.moving()) == 0
+    assert len(tracker.moving_discs()) == 0
 
 
 @settings(max_examples=50, deadline=None)
@@ -157,9 +157,9 @@ def test_meeting_distances_equal_small_steps(seed):
 
 def test_discs_of_one_frame_in_another():
     disc = np.array([[2.0, 0.0, 0.0, 1.0, 0.3]])
-    there = moved(disc, Pose2D(1.0, 0.0, math.pi / 2).inverse())
+    there = transform_discs(disc, Pose2D(1.0, 0.0, math.pi / 2).inverse())
     assert there == pytest.approx(np.array([[0.0, -1.0, 1.0, 0.0, 0.3]]))
-    assert moved(there, Pose2D(1.0, 0.0, math.pi / 2)) == pytest.approx(disc)
+    assert transform_discs(there, Pose2D(1.0, 0.0, math.pi / 2)) == pytest.approx(disc)
 
 
 def crossing(name: str, **overrides) -> tuple[float, float]:

@@ -23,8 +23,8 @@ from barn_worlds.datasets.generate import (
     narrowness,
     write_ordered,
 )
-from barn_worlds.formats.own import Order
-from barn_worlds.robots.files import load_robot, other_name
+from barn_worlds.formats.dataset_file import WorldOrder
+from barn_worlds.robots.files import load_robot, name_unless_standard
 
 
 def write_hard_worlds(
@@ -58,8 +58,8 @@ def write_hard_worlds(
     worlds = generate_hard_worlds(
         parameters, kinds, worlds_per_kind, seed, robot, target.stem
     )
-    order = Order(NARROWNESS, tuple(map(narrowness, worlds)))
-    description = {"seed": seed, "robot": other_name(robot.chassis)}
+    order = WorldOrder(NARROWNESS, tuple(map(narrowness, worlds)))
+    description = {"seed": seed, "robot": name_unless_standard(robot.chassis)}
     write_ordered(target, target.stem, worlds, order, description)
     return len(worlds)
 

@@ -13,7 +13,7 @@ from barn_worlds.base.types import OccupancyMap, Odometry, Pose2D, Scan
 from barn_worlds.messages import decode, topics
 from barn_worlds.messages.scenes import decode_moving, decode_moving_poses, decode_scene
 from barn_worlds.messages.topics import Topic
-from barn_worlds.robots.files import STANDARD
+from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.robots.robot import Chassis
 from barn_worlds.worlds.cells import STANDARD_CELL_M
 
@@ -167,8 +167,8 @@ def chassis_of(trial: dict[str, Any]) -> tuple[Chassis, str]:
         return chassis_in(trial.get("simulator")), ""
     except ConfigError as error:
         return (
-            STANDARD.chassis,
-            f"drawn as a {STANDARD.name}, for its robot cannot be read: {error}",
+            STANDARD_ROBOT.chassis,
+            f"drawn as a {STANDARD_ROBOT.name}, for its robot cannot be read: {error}",
         )
 
 

@@ -16,12 +16,12 @@ from barn_sim.sensors.readings import Sensors
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import Velocity2D, nanoseconds, seconds
 from barn_worlds.messages import encode, topics
-from barn_worlds.messages.cdr import make, serialise
+from barn_worlds.messages.cdr import make_message, serialize
 from barn_worlds.messages.encode import (
     TEXT_VIEW_FACING,
     PoseStampedEncoder,
     encode_map,
-    marker,
+    make_marker,
 )
 from barn_worlds.messages.scenes import encode_moving, encode_moving_poses, encode_scene
 from barn_worlds.messages.topics import (
@@ -29,7 +29,7 @@ from barn_worlds.messages.topics import (
     LATCHED,
     RELIABLE,
     Frames,
-    Outgoing,
+    OutgoingMessage,
     Topic,
 )
 from barn_worlds.worlds.scene import TrialScene, scene_of
@@ -52,16 +52,18 @@ def trial_scene(spec: TrialSpec) -> TrialScene:
     )
 
 
-def initial_scene(spec: TrialSpec, stamp_ns: int) -> Outgoing:
+def initial_scene(spec: TrialSpec, stamp_ns: int) -> OutgoingMessage:
     """Return the scene in which a trial begins, as a message."""
-    return Outgoing(topics.WORLD, encode_scene(trial_scene(spec), stamp_ns))
+    return OutgoingMessage(topics.WORLD, encode_scene(trial_scene(spec), stamp_ns))
 
 
-def last_scene(spec: TrialSpec, cylinders_m: Floats, stamp_ns: int) -> Outgoing | None:
+def last_scene(
+    spec: TrialSpec, cylinders_m: Floats, stamp_ns: int
+) -> OutgoingMessage | None:
     """Return the scene with cylinders at centres (k, 2), in the order of `World.cylinders_m`; None if none moved."""
     if not (np.hypot(*(cylinders_m - spec.world.cylinders_m).T) > PUSHED_M).any():
         return None
-    return Outgoing(
+    return OutgoingMessage(
         topics.WORLD,
         encode_scene(trial_scene(spec).with_cylinders_at(cylinders_m), stamp_ns),
     )
@@ -69,15 +71,15 @@ def last_scene(spec: TrialSpec, cylinders_m: Floats, stamp_ns: int) -> Outgoing 
 
 def moving_obstacle_scene(
     spec: TrialSpec, since_start_ns: int, stamp_ns: int
-) -> list[Outgoing]:
+) -> list[OutgoingMessage]:
     """Return moving obstacles and walls so long after the start of a trial; nothing without any, or if none is due."""
     some = spec.world.moving or spec.world.walls
     if not some or since_start_ns % nanoseconds(topics.MOVING.period_s):
         return []
     time_s = spec.phase_s + seconds(since_start_ns)
     return [
-        Outgoing(topics.MOVING, encode_moving(spec.world, time_s, stamp_ns)),
-        Outgoing(
+        OutgoingMessage(topics.MOVING, encode_moving(spec.world, time_s, stamp_ns)),
+        OutgoingMessage(
             topics.MOVING_POSES, encode_moving_poses(spec.world, time_s, stamp_ns)
         ),
     ]
@@ -101,7 +103,7 @@ class ScoreReporter:
         self._due_ns: int | None = None
         self._concluded = False
 
-    def take(self, standing: Standing, stamp_ns: int) -> Iterator[Outgoing]:
+    def take(self, standing: Standing, stamp_ns: int) -> Iterator[OutgoingMessage]:
         """Yield what is due at the end of an instant."""
         due = (
             self._due_ns is None
@@ -115,16 +117,16 @@ class ScoreReporter:
             standing.outcome is not None,
         )
         value, start = running_score(standing, self._course), self._course.start
-        yield Outgoing(topics.SCORE, encode.encode_number(value))
-        yield Outgoing(
+        yield OutgoingMessage(topics.SCORE, encode.encode_number(value))
+        yield OutgoingMessage(
             topics.OUTCOME,
             encode.encode_text(standing.outcome.value if standing.outcome else RUNNING),
         )
-        text = marker(
+        text = make_marker(
             FRAMES.of(topics.SCORE_TEXT),
             "score",
             TEXT_VIEW_FACING,
-            colour=_TEXT_COLOUR,
+            color=_TEXT_COLOUR,
             stamp_ns=stamp_ns,
         )
         text.pose.position.x, text.pose.position.y = start.x, start.y - _BELOW_START_M
@@ -132,9 +134,9 @@ class ScoreReporter:
             _TEXT_M,
             "\n".join(_lines(self._title, standing, value)),
         )
-        yield Outgoing(
+        yield OutgoingMessage(
             topics.SCORE_TEXT,
-            serialise(make(topics.SCORE_TEXT.type_name, markers=[text])),
+            serialize(make_message(topics.SCORE_TEXT.type_name, markers=[text])),
         )
 
 
@@ -216,7 +218,7 @@ class TrialBag:
         if spec.map is not None:
             self._record(
                 [
-                    Outgoing(
+                    OutgoingMessage(
                         topics.MAP,
                         encode_map(spec.map, stamp_ns, self._frames.of(topics.MAP)),
                     )
@@ -236,7 +238,7 @@ class TrialBag:
         if self._next_goal_ns is not None and stamp_ns >= self._next_goal_ns:
             self._record(
                 [
-                    Outgoing(
+                    OutgoingMessage(
                         topics.GOAL_POSE, self._goal.encode(self._spec.goal, stamp_ns)
                     )
                 ],
@@ -267,7 +269,7 @@ class TrialBag:
         scene = last_scene(self._spec, cylinders_m, stamp_ns)
         self._record([scene] if scene else [], stamp_ns)
 
-    def _record(self, messages: Iterable[Outgoing], stamp_ns: int) -> None:
+    def _record(self, messages: Iterable[OutgoingMessage], stamp_ns: int) -> None:
         for topic, data in messages:
             self._announce(topic)
             self._recorder.write(topic.path, data, stamp_ns)

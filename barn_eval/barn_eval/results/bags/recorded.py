@@ -29,7 +29,7 @@ from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.messages import topics
 from barn_worlds.messages.topics import FRAMES
 from barn_worlds.robots.contact import contact_footprint
-from barn_worlds.robots.files import STANDARD
+from barn_worlds.robots.files import STANDARD_ROBOT
 from barn_worlds.robots.robot import Chassis
 from barn_worlds.worlds.scene import TrialScene
 
@@ -78,7 +78,7 @@ class RecordedTrial:
     outcomes: list[TimedItem] = field(
         metadata={"topic": topics.OUTCOME}
     )  # "running", then the outcome
-    chassis: Chassis = STANDARD.chassis
+    chassis: Chassis = STANDARD_ROBOT.chassis
     map_frame: Pose2D = ORIGIN  # where the frame of the planner's map and plan lies in that of the poses
     map: OccupancyMap | None = None  # moved there
     goal: TimedItem | None = None

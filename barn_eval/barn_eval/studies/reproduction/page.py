@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from barn_eval.analysis.planners import colours, spelling
+from barn_eval.analysis.planners import assign_colors, spelling
 from barn_eval.pages.figures import label_axes, new_figure, style, write_figure
 from barn_eval.pages.template import render
 from barn_eval.studies.reproduction.findings import (
@@ -35,7 +35,7 @@ NAME = "results"
 HOLDS, FAILS, OPEN = "holds", "does not hold", "not decided"
 _PLANNERS = (*PLANNERS, "both")
 PAPER = read_package_yaml("barn_eval", "paper.yaml")
-_COLOURS = dict(zip(_PLANNERS, colours(_PLANNERS), strict=True))
+_COLOURS = dict(zip(_PLANNERS, assign_colors(_PLANNERS), strict=True))
 _TITLES = {name: spelling(name) for name in PLANNERS} | {"both": "both planners"}
 
 

@@ -33,7 +33,7 @@ _NUMBERS = attrgetter(
 
 
 @dataclass(frozen=True)
-class Order:
+class WorldOrder:
     """The order in which worlds are numbered: what the scores mean, and one score per world, lowest first."""
 
     by: str
@@ -41,7 +41,7 @@ class Order:
 
 
 @dataclass(frozen=True, eq=False)
-class OwnFile:
+class DatasetFile:
     """The content of a data set file; `world` builds one of its worlds."""
 
     path: Path
@@ -143,7 +143,7 @@ def _part(
     return values[first : first + int(counts[position])]
 
 
-def write_own(
+def write_dataset_file(
     path: Path,
     name: str,
     worlds: Mapping[int, World],
@@ -179,7 +179,7 @@ def write_own(
     write_bytes(path.with_suffix(".manifest.json"), text.encode())
 
 
-def read_own(path: Path) -> OwnFile:
+def read_dataset_file(path: Path) -> DatasetFile:
     """Return the content of a data set file; WorldError if it is damaged or of another version."""
     manifest, arrays = FORMAT.read(path)
     index, worlds = FORMAT.array(arrays, "index", path), manifest.get("worlds")
@@ -199,7 +199,7 @@ def read_own(path: Path) -> OwnFile:
         raise WorldError(
             f"{path}: its manifest lacks a name, or has a robot without one"
         )
-    return OwnFile(path, manifest, arrays)
+    return DatasetFile(path, manifest, arrays)
 
 
 def _manifest(
