@@ -134,7 +134,7 @@ def reproduce(
         config: What decides the outcome.
         out: Folder of the reproduction.
         execution: Workers of the run.
-        console: Shows progress.
+        reporter: Receives notices and progress.
 
     Returns:
         The findings, and what they were made with.
@@ -144,10 +144,11 @@ def reproduce(
     """
     model = load_model()
     dataset = open_dataset(config.dataset)
-    run = paper_run(config)
     run_folder = out / "campaign"
-    console.print(f"the paper's trials, in {run_folder}", markup=False)
-    results = run_experiment(Request(run, execution, run_folder), console)
+    reporter.notify(f"the paper's trials, in {run_folder}")
+    request = RunRequest(paper_run(config), execution, run_folder)
+    with open_run(request, reporter) as run:
+        results = run.drive()
 
     planner_trials = paper.group_trials(results, str(run_folder))
     world_numbers = [int(number) for number in planner_trials["dwa"].worlds]
