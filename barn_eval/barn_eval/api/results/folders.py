@@ -12,15 +12,15 @@ from barn_eval.analysis.leaderboard import make_boards as rank
 from barn_eval.analysis.pandas_tables import pandas_table
 from barn_eval.pages import LOOPBACK, Progress
 from barn_eval.pages.figures import Page, Plot, style
-from barn_eval.pages.live.server import Watch
+from barn_eval.pages.live.server import PageServer
 from barn_eval.pages.replay.files import write_replay
 from barn_eval.pages.report.leaderboard import write_boards
 from barn_eval.pages.report.maps import overlay as drawn
 from barn_eval.pages.report.page import (
     build_report,
-    checked_width,
     replay_links,
     report_page,
+    require_width,
     write_assets,
 )
 from barn_eval.pages.template import write_page
@@ -141,7 +141,8 @@ def report(
         BarnError: There are no results, or a file cannot be written.
     """
     page = Path(out)
-    pdf = assets is not None and checked_width(width_mm) is None
+    require_width(width_mm)
+    pdf = assets is not None and width_mm is None
     made = build_report(
         paths_of(folders), hardest, columns=columns, progress=progress, pdf=pdf
     )
@@ -188,7 +189,7 @@ def replay(
     )
 
 
-def watch(folder: str | Path, *, host: str = LOOPBACK, port: int = 0) -> Watch:
+def watch(folder: str | Path, *, host: str = LOOPBACK, port: int = 0) -> PageServer:
     """Serve a page that shows how an experiment stands, as it runs or afterwards.
 
     It is served from a thread until `close` is called or a `with` block is left.
@@ -204,7 +205,7 @@ def watch(folder: str | Path, *, host: str = LOOPBACK, port: int = 0) -> Watch:
     Raises:
         BarnError: There is no experiment, or the address cannot be served on.
     """
-    return Watch(folder, host=host, port=port)
+    return PageServer(folder, host=host, port=port)
 
 
 def overlay(

@@ -29,7 +29,7 @@ from barn_eval.analysis.verdict import conclude_results, list_cautions
 from barn_eval.api.results.folders import Folder, compare, overlay, replay, report
 from barn_eval.api.results.trial import Trial
 from barn_eval.pages.figures import Page, Plot, figure_of
-from barn_eval.pages.replay.files import by_ending
+from barn_eval.pages.replay.files import sort_by_ending
 from barn_eval.pages.report.charts import CHARTS
 from barn_eval.pages.report.page import plot
 from barn_eval.pages.template import render
@@ -303,7 +303,7 @@ class Results:
         result = self._result(trial)
         folder = self.folder / REPLAYS
         page = Path(out or folder / f"{trial}.html")
-        by_ending([page])
+        sort_by_ending([page])
         bag = self._source.bag(trial)
         if not bag.is_dir():
             bag = folder / BAGS / trial
