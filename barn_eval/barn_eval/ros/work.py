@@ -39,14 +39,14 @@ class RosWork(Work):
     """
 
     loads = False
-    experiment: RunConfig
+    config: RunConfig
     store: BagStore
     workers: int
 
     @property
     def isolation(self) -> str:
         """What keeps planner processes from the suite's, as run.json has it."""
-        return session_isolation(self.experiment.ros)
+        return session_isolation(self.config.ros)
 
     def jobs(self, trials: Sequence[TrialSpec]) -> list[Job]:
         """Share out trials: as many jobs per planner as workers, worlds dealt in turn.
@@ -55,7 +55,7 @@ class RosWork(Work):
         so a run that is stopped early compares them. Nodes start once for a block and
         not for each trial.
         """
-        planners = self.experiment.planners
+        planners = self.config.planners
         worlds = list(dict.fromkeys(spec.world_number for spec in trials))
         block_size = len(worlds)
         if len(planners) > 1:
@@ -97,7 +97,7 @@ class RosWork(Work):
         from barn_eval.running.direct import warm_up  # noqa: PLC0415
 
         spec = job.trials[0]
-        planners = self.experiment.planners
+        planners = self.config.planners
         planner = next(one for one in planners if one.name == spec.planner)
         warm_up(spec, with_planner=planner.registered)
 
@@ -109,7 +109,7 @@ class RosWork(Work):
             logs /= job.key
         with closing(
             run_ros_trials(
-                self.experiment, job.trials, self.store, logs, emit, environment
+                self.config, job.trials, self.store, logs, emit, environment
             )
         ) as records:
             for record in records:
@@ -117,15 +117,15 @@ class RosWork(Work):
 
 
 def work_of(
-    experiment: RunConfig,
+    config: RunConfig,
     execution: ExecutionConfig,
     store: BagStore,
     live: Mapping[str, LivePlanner] | None = None,
 ) -> Work:
-    """Return the work of an experiment's workers.
+    """Return the work of a run's workers.
 
     Args:
-        experiment: The run.
+        config: The run.
         execution: Number of workers.
         store: Where trials leave their bags.
         live: Its planners that are Python objects, by name.
@@ -133,9 +133,9 @@ def work_of(
     Returns:
         The work of mode direct or ros.
     """
-    if experiment.mode == "direct":
+    if config.mode == "direct":
         return DirectWork(store, live or {})
-    return RosWork(experiment, store, execution.processes)
+    return RosWork(config, store, execution.processes)
 
 
 def isolation_warning(setup: RosConfig) -> str:
@@ -149,17 +149,17 @@ def isolation_warning(setup: RosConfig) -> str:
     )
 
 
-def require_ros(experiment: RunConfig, console: Console) -> None:
-    """Check that an experiment of mode ros can run, and warn of missing isolation.
+def require_ros(config: RunConfig, console: Console) -> None:
+    """Check that a run of mode ros can run, and warn of missing isolation.
 
     Args:
-        experiment: The run; other modes pass.
+        config: The run; other modes pass.
         console: Shows the warning.
 
     Raises:
         ConfigError: If ROS or the loopback interface is missing.
     """
-    if experiment.mode != "ros":
+    if config.mode != "ros":
         return
     problem = ros_problem()
     if problem:
@@ -172,7 +172,7 @@ def require_ros(experiment: RunConfig, console: Console) -> None:
         socket(AF_INET, SOCK_DGRAM) as probe,
     ):
         probe.connect(("127.0.0.1", 9))
-    warning = isolation_warning(experiment.ros)
+    warning = isolation_warning(config.ros)
     if warning:
         console.print(warning, markup=False, highlight=False, soft_wrap=True)
 
