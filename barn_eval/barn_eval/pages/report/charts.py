@@ -36,7 +36,11 @@ from barn_eval.pages.figures import (
     small,
 )
 from barn_eval.pages.report.trials import DrivenTrial
-from barn_eval.running.sweep import LATENCY, value_text, values_of
+from barn_eval.running.setting_folders import (
+    LATENCY,
+    format_setting_value,
+    parse_folder_name,
+)
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.arrays import Floats
@@ -338,10 +342,12 @@ def _sweep(panels: Sequence[Axes], data: ChartData) -> Legend:
         dict[str, list[int]](),
         dict[str, Any](),
     )
-    places = [tuple(values_of(entry.source.path).values()) for entry in data.entries]
+    places = [
+        tuple(parse_folder_name(entry.source.path).values()) for entry in data.entries
+    ]
     for index, (entry, place) in enumerate(zip(data.entries, places, strict=True)):
         line = (
-            f"{names[1]} = {value_text(place[1])}"
+            f"{names[1]} = {format_setting_value(place[1])}"
             if len(names) > 1
             else spelling(entry.planner)
         )
@@ -367,7 +373,7 @@ def _sweep(panels: Sequence[Axes], data: ChartData) -> Legend:
             )
             handles[line] = points(axes, along, means, colour, marker_of(index))
         if not numeric or len(at) <= 12:
-            axes.set_xticks(at, [value_text(value) for value in values])
+            axes.set_xticks(at, [format_setting_value(value) for value in values])
         name = "delay of commands [s]" if names == [LATENCY] else names[0]
         label_axes(axes, name, measure.heading, measure.title.capitalize())
         axes.set_ylim(0, 104 if measure.percent else None)
