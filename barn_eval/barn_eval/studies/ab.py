@@ -65,8 +65,7 @@ class AbResult:
     def markdown(self) -> str:
         """Return the result as a comment on a pull request."""
         measure = MEASURES[self.comparison.metric]
-        row = self.comparison.row(measure.key)
-        pair = row.paired
+        pair = self.comparison.row(measure.key).paired
         difference = pair.difference.text(measure.digits)
         if pair.mean_b:
             difference += f" or {pair.difference.estimate / pair.mean_b:+.1%}"
@@ -94,7 +93,7 @@ class AbResult:
         )
         base, head = self.sides
         notes = (
-            f"BASE: `{base}`, HEAD: `{head}`; {count_noun(row.trials, 'pair')} of"
+            f"BASE: `{base}`, HEAD: `{head}`; {count_noun(pair.trials, 'pair')} of"
             f" trials, protocol {self.comparison.protocol}, task"
             f" {self.comparison.task}. Looked at after each fifth of the worlds, with"
             " 5 % false alarms over all looks; intervals are those of a single look."
@@ -208,15 +207,9 @@ def read_side(
     if path.is_dir() or (path.is_file() and path.suffix in (".bash", ".sh")):
         setup = _find_setup(path, command)
         workspace_hashes = {str(setup.parent): hash_folder(setup.parent)}
-        words = shlex.join(split_command(command))
-        script = f". {shlex.quote(str(setup))} && exec {words}"
-        run_options["planner_command"] = shlex.join(["bash", "-c", script])
+        run_options["planner_command"] = _in_workspace(setup, command)
     elif is_yaml and command:
-        words = split_command(command)
-        if "--ros-args" not in words:
-            words.append("--ros-args")
-        words += ["--params-file", str(path.resolve())]
-        run_options["planner_command"] = shlex.join(words)
+        run_options["planner_command"] = _with_parameter_file(command, path)
     elif name.partition(":")[0] in planner_names():
         run_options["planners"] = name
         run_options["settings"] = parse_parameters(parameters, format_value(text))
@@ -240,9 +233,8 @@ def read_side(
     request = read_request(run_file, run_options)
     planner, *others = request.config.planners
     if others:
-        raise ConfigError(
-            f"{format_value(text)}: must be one planner, got {1 + len(others)}"
-        )
+        count = 1 + len(others)
+        raise ConfigError(f"{format_value(text)}: must be one planner, got {count}")
     if workspace_hashes:
         files = workspace_hashes | hash_command_files(split_command(command))
         planners = (replace(planner, files=files),)
@@ -258,6 +250,21 @@ def _find_setup(path: Path, command: str) -> Path:
                 raise ConfigError(f"{path}: a workspace needs --planner-command")
             return file.resolve()
     raise ConfigError(f"{path}: has no setup.bash")
+
+
+def _in_workspace(setup: Path, command: str) -> str:
+    """Return a command that sources a workspace first."""
+    words = shlex.join(split_command(command))
+    script = f". {shlex.quote(str(setup))} && exec {words}"
+    return shlex.join(["bash", "-c", script])
+
+
+def _with_parameter_file(command: str, file: Path) -> str:
+    """Return a command with one more file of ROS parameters, which count most."""
+    words = split_command(command)
+    if "--ros-args" not in words:
+        words.append("--ros-args")
+    return shlex.join([*words, "--params-file", str(file.resolve())])
 
 
 def _name_side(request: RunRequest) -> str:
