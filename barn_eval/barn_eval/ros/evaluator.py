@@ -21,7 +21,7 @@ from rclpy.node import Node
 
 from barn_eval.results.folder import ResultsFolder
 from barn_eval.results.store import BagStore, TrialRecord, finish_bag
-from barn_eval.ros.adapter import missed_periods, missed_share
+from barn_eval.ros.adapter import count_missed_periods, share_of_missed
 from barn_eval.ros.evaluator_loop import StopRequested, TrialEnded
 from barn_eval.ros.isolation import session_isolation
 from barn_eval.ros.supervision.nodes import PLANNER_SUSPECTED, Assignment
@@ -294,14 +294,16 @@ class TrialRunner:
         if max(spec.compute.charged_s, spec.compute.period_s) <= period_s:
             silence_s = max(spec.simulator.drive.command_timeout_s, 2.0 * period_s)
             silence_ns = nanoseconds(silence_s)
-            missed = missed_periods(commands_ns, adapter.now_ns, period_ns, silence_ns)
+            missed = count_missed_periods(
+                commands_ns, adapter.now_ns, period_ns, silence_ns
+            )
             missed_cycles = max(missed_cycles, missed)
         return WallClock.from_answer_times(
             duration_s,
             factor,
             adapter.response_times_s,
             missed_cycles=missed_cycles,
-            missed_share=missed_share(
+            missed_share=share_of_missed(
                 missed_cycles, commands_ns, adapter.now_ns, period_ns
             ),
         )

@@ -95,7 +95,7 @@ class RosWork(Work):
 
         spec = job.trials[0]
         planners = self.config.planners
-        planner = next(one for one in planners if one.name == spec.planner)
+        planner = next(choice for choice in planners if choice.name == spec.planner)
         warm_up(spec, with_planner=planner.registered)
 
         environment = dict(os.environ)

@@ -77,15 +77,14 @@ class AbResult:
         )
 
         table_rows = []
-        for shown_row in self.comparison.rows:
-            shown = MEASURES[shown_row.key]
-            paired = shown_row.paired
+        for row in self.comparison.rows:
+            row_measure = MEASURES[row.key]
             table_rows.append(
                 (
-                    shown.heading,
-                    shown.number(paired.mean_b),
-                    shown.number(paired.mean_a),
-                    shown.text(paired.difference),
+                    row_measure.heading,
+                    row_measure.number(row.paired.mean_b),
+                    row_measure.number(row.paired.mean_a),
+                    row_measure.text(row.paired.difference),
                 )
             )
         table = markdown_table(

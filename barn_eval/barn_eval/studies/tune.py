@@ -1,4 +1,4 @@
-"""Tuning: parameters of a planner that Optuna chooses in some worlds, judged in others."""
+"""Tuning: Optuna chooses parameters in some worlds, and others judge them."""
 
 import json
 import warnings
@@ -454,13 +454,13 @@ class Tuner:
 
     def _draw_front(self, trials: Sequence[FrozenTrial], front: Sequence[int]) -> None:
         """Draw settings, their front and the default by the first two measures."""
-        others = [
+        dominated = [
             trial.number
             for trial in trials
             if trial.values and trial.number not in (0, *front)
         ]
         groups = (
-            ("settings", others, "o"),
+            ("settings", dominated, "o"),
             ("front", front, "o-"),
             ("default", [0], "D"),
         )
