@@ -12,15 +12,15 @@ from barn_eval.analysis.leaderboard import make_boards as rank_folders
 from barn_eval.analysis.pandas_tables import pandas_table
 from barn_eval.pages import LOOPBACK, Progress
 from barn_eval.pages.figures import Page, Plot, style
-from barn_eval.pages.live.server import Watch
+from barn_eval.pages.live.server import PageServer
 from barn_eval.pages.replay.files import write_replay
 from barn_eval.pages.report.leaderboard import write_boards
 from barn_eval.pages.report.maps import overlay as draw_overlay
 from barn_eval.pages.report.page import (
     build_report,
-    checked_width,
     replay_links,
     report_page,
+    require_width,
     write_assets,
 )
 from barn_eval.pages.template import write_page
@@ -145,14 +145,14 @@ def report(
     Raises:
         BarnError: If there are no results, or a file cannot be written.
     """
-    # In a width of their own, figures are drawn again for `assets`.
-    needs_pdf = assets is not None and checked_width(width_mm) is None
+    require_width(width_mm)
     content = build_report(
         folder_paths(folders),
         hardest,
         columns=columns,
         progress=progress,
-        pdf=needs_pdf,
+        # In a width of their own, figures are drawn again for `assets`.
+        pdf=assets is not None and width_mm is None,
     )
     page = Path(out)
     links = replay_links(content, page, Path(replays) if replays else None)
@@ -198,7 +198,7 @@ def replay(
     return Page(*paths)
 
 
-def watch(folder: str | Path, *, host: str = LOOPBACK, port: int = 0) -> Watch:
+def watch(folder: str | Path, *, host: str = LOOPBACK, port: int = 0) -> PageServer:
     """Serve a page on the state of a run, as it goes on or afterwards.
 
     A thread serves it until `close` is called or a `with` block ends.
@@ -214,7 +214,7 @@ def watch(folder: str | Path, *, host: str = LOOPBACK, port: int = 0) -> Watch:
     Raises:
         BarnError: If the folder has no run, or the address cannot be served on.
     """
-    return Watch(folder, host=host, port=port)
+    return PageServer(folder, host=host, port=port)
 
 
 def overlay(

@@ -41,7 +41,7 @@ from barn_eval.api.folders import (
 )
 from barn_eval.api.trial import Trial
 from barn_eval.pages.figures import Page, Plot, figure_of
-from barn_eval.pages.replay.files import by_ending
+from barn_eval.pages.replay.files import sort_by_ending
 from barn_eval.pages.report.charts import CHARTS
 from barn_eval.pages.report.page import plot
 from barn_eval.pages.template import render
@@ -354,7 +354,9 @@ class Results:
         result = self._result(trial)
         folder = self.folder / REPLAYS
         page = Path(out or folder / f"{trial}.html")
-        by_ending([page])  # raises for an unknown format before the trial is driven
+        sort_by_ending(
+            [page]
+        )  # raises for an unknown format before the trial is driven
         bag = self._source.bag(trial)
         if not bag.is_dir():
             bag = folder / BAGS / trial

@@ -12,8 +12,8 @@ import click
 
 from barn_eval.commands.options import PATH, print_notes
 from barn_eval.pages import LIVE_PORT, LOOPBACK, PAGE_PORT
-from barn_eval.pages.live.foxglove import LiveView, require_sdk
-from barn_eval.pages.live.server import Watch
+from barn_eval.pages.live.foxglove import FoxgloveStream, require_sdk
+from barn_eval.pages.live.server import PageServer
 from barn_eval.results.run_file import RUN_FILE
 from barn_worlds.base.errors import ConfigError
 
@@ -50,14 +50,14 @@ def command(folder: Path, port: int, host: str, live: int | None, wait: bool) ->
     forever = threading.Event()
     with ExitStack() as servers:
         if live is not None:
-            view = servers.enter_context(LiveView(folder, host=host, port=live))
+            view = servers.enter_context(FoxgloveStream(folder, host=host, port=live))
             print_notes(
                 f"live view: open {view.url} in Foxglove with"
                 " share/barn_eval/config/barn_foxglove.json"
             )
         while wait and not (folder / RUN_FILE).is_file():
             forever.wait(_LOOK_PERIOD_S)
-        page = servers.enter_context(Watch(folder, host=host, port=port))
+        page = servers.enter_context(PageServer(folder, host=host, port=port))
         print_notes(f"{page.url} shows {folder}; Ctrl-C ends it")
         forever.wait()
 

@@ -1,4 +1,4 @@
-"""The data set file of the suite: worlds in one small .npz, and a copy of its manifest."""
+"""The data set file of the suite: worlds in one .npz, and a copy of its manifest."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass

@@ -14,7 +14,7 @@ from barn_worlds.base.files import read_bytes
 from barn_worlds.worlds.world import LARGEST_SIDE
 
 ENDING = ".map"
-# The format has no size. In cells of 1 m all robots of the suite pass where one is free.
+# The format has no size. In cells of 1 m all robots of the suite pass one free cell.
 CELL_M = 1.0
 LARGEST_BYTES = LARGEST_SIDE * (LARGEST_SIDE + 2) + 1000
 _HEADER = re.compile(
@@ -27,7 +27,7 @@ _LETTERS = b".G@OTSW"
 
 
 def read_grid(path: Path) -> BoolGrid:
-    """Return the grid (rows along x, columns along y) of a map, True where no ground is.
+    """Return the grid (rows along x, columns along y), True where no ground is.
 
     Raises:
         WorldError: If the file cannot be read or is malformed.
