@@ -13,7 +13,7 @@ OPTIONS = {"worlds": "0:300:50", "workers": 1, "engine": "inline"}
 
 
 def side(text, command="", base="dwa"):
-    return studied._side(text, base, command, {"out": studied.Path("out")})
+    return studied.read_side(text, base, command, {"out": studied.Path("out")})
 
 
 @pytest.fixture

@@ -39,7 +39,7 @@ def tuned(folder, out="out", by=(), parameters=RANGES, settings=4, unseen="1,4")
 
 
 @pytest.mark.parametrize(
-    "name", sorted(one.stem for one in tuning._RANGES.glob("*.yaml"))
+    "name", sorted(one.stem for one in tuning.RANGES_FOLDER.glob("*.yaml"))
 )
 def test_ranges_of_the_suite_are_read_and_hold_what_is_the_default(name, tmp_path):
     ranges, params = Ranges.read(name), "examples/nav2/params"
@@ -52,7 +52,7 @@ def test_ranges_of_the_suite_are_read_and_hold_what_is_the_default(name, tmp_pat
         files = " ".join(f"--params-file {root / one}.yaml" for one in names)
         options["planner_command"] = f"nav2=host --ros-args {files}"
     assert (
-        tuning._Tuner(ranges, options, (), "6-9", Reporter()).default.keys()
+        tuning.Tuner(ranges, options, (), "6-9", Reporter()).default.keys()
         == ranges.parameters.keys()
     )
 
@@ -182,13 +182,13 @@ def test_parameters_of_a_command_are_written_as_its_own_file(tmp_path):
         "worlds": "0-5",
         "planner_command": f"m=run --params-file {source}",
     }
-    tuner = tuning._Tuner(ranges, options, (), "6", Reporter())
-    study = tuner.study()
+    tuner = tuning.Tuner(ranges, options, (), "6", Reporter())
+    study = tuner.open_study()
     for value in (0.5, 0.25):
         study.tell(study.ask(dict(ranges.parameters)), value)
     study.enqueue_trial({"speed": 0.3})
-    made = tuner._setting(study.ask(dict(ranges.parameters)), "settings")
-    (path,) = tuner._write(2, made, "better")
+    made = tuner.make_setting(study.ask(dict(ranges.parameters)), "settings")
+    (path,) = tuner.write_files(2, made, "better")
     assert yaml.safe_load(path.read_text())["controller"]["ros__parameters"] == {
         "speed": 0.3,
         "rate": 20.0,
