@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 from judge_difficulty import main as judge
 from reproduce_work import experiment_of, write_made_up
-from test_model import made_trials
+from test_model import make_trials
 from trial_sources import join_trials, load_trials, read_trials
 
 from barn_eval.analysis.sources import read_source
@@ -162,11 +162,12 @@ def test_mistakes_are_named(source):
 
 
 def test_campaigns_are_joined_by_world_whatever_their_numbers(worlds):
-    trials = made_trials(worlds, repetitions=1)
+    trials = make_trials(worlds, repetitions=1)
     one, other = (
         {index: worlds[index] for index in list(worlds)[first::2]} for first in (0, 1)
     )
-    some, rest = trials.in_worlds(one), trials.in_worlds(other)
+    some = trials.in_worlds(one)
+    rest = trials.in_worlds(other)
     renumbered = dict(enumerate(other.values()))
     numbers = dict(zip(other, renumbered, strict=True))
     moved = replace(
