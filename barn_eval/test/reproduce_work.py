@@ -65,7 +65,7 @@ def experiment_of(worlds, repetitions=3, dataset="barn300"):
     )
 
 
-def write_made_up(out, experiment, change=lambda result: result):
+def write_invented(out, experiment, change=lambda result: result):
     """Write a folder of trials that were not driven, and return their results."""
     with ResultsFolder.open(
         out, experiment, ExecutionConfig(), experiment.trials()

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reproduce_work import write_made_up
+from reproduce_work import write_invented
 
 from barn_eval.analysis.compare import compare_folders
 from barn_eval.results.folder import order_trials_fairly
@@ -122,14 +122,14 @@ def test_a_planners_node_is_told_the_same_as_a_direct_one():
 
 
 def test_different_tasks_are_not_compared_and_the_key_is_named(tmp_path):
-    write_made_up(tmp_path / "a", experiment())
-    write_made_up(tmp_path / "b", experiment(simulator={"localisation.mode": "amcl"}))
+    write_invented(tmp_path / "a", experiment())
+    write_invented(tmp_path / "b", experiment(simulator={"localisation.mode": "amcl"}))
     with pytest.raises(
         BarnError,
         match=r"simulator\.localisation\.mode is 'exact' in .*a, 'amcl' in .*b",
     ):
         compare_folders(tmp_path / "a", tmp_path / "b")
-    write_made_up(tmp_path / "c", experiment())
+    write_invented(tmp_path / "c", experiment())
     assert compare_folders(tmp_path / "a", tmp_path / "c")[0].trials_a == 2
 
 

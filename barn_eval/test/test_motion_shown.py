@@ -12,7 +12,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from PIL import Image
 from planners import spec_of
 from report_work import drive
-from test_pictures import drawn
+from test_pictures import collections_of
 from test_replay import some_of
 
 from barn_eval.pages.replay.files import write_replay
@@ -226,7 +226,7 @@ def test_an_overlay_shows_ways_and_what_was_hit(folder, world):
     figure = overlay([folder], WORLD)
     results = [item for item in read_results(folder) if item.motion.touched]
     assert results
-    ways = drawn(figure, LineCollection)[0].get_segments()
+    ways = collections_of(figure, LineCollection)[0].get_segments()
     assert len(ways) >= len(world.moving)
     begin = world.tracks.at(results[0].motion.phase_s)[0]
     assert {tuple(way[0].round(6)) for way in ways} >= {
@@ -234,7 +234,7 @@ def test_an_overlay_shows_ways_and_what_was_hit(folder, world):
     }
     middles = [
         path.vertices[:-1].mean(axis=0)
-        for item in drawn(figure, PolyCollection)
+        for item in collections_of(figure, PolyCollection)
         for path in item.get_paths()
     ]
     for item in results:

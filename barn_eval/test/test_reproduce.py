@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from reproduce_work import experiment_of, made_up
+from reproduce_work import experiment_of, invent_result
 
 from barn_eval.studies.reproduction.findings import (
     ReproduceConfig,
@@ -37,7 +37,7 @@ WORLDS = "0:300:15"
 @pytest.fixture(scope="module")
 def results():
     """Made-up trials in twenty worlds."""
-    return [made_up(spec) for spec in experiment_of(WORLDS).trials()]
+    return [invent_result(spec) for spec in experiment_of(WORLDS).trials()]
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 import reproduce_work
-from reproduce_work import write_made_up
+from reproduce_work import write_invented
 
 from barn_eval.results.folder import ResultsFolder
 from barn_eval.results.store import TrialRecord
@@ -27,16 +27,16 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory):
     """What ten worlds say, and the page."""
-    return write_invented(TINY, tmp_path_factory.mktemp("out"))
+    return reproduce_invented(TINY, tmp_path_factory.mktemp("out"))
 
 
 @contextmanager
 def invent_run(request, _reporter):
     """A run whose trials are made up."""
-    yield SimpleNamespace(drive=lambda: write_made_up(request.out, request.config))
+    yield SimpleNamespace(drive=lambda: write_invented(request.out, request.config))
 
 
-def write_invented(config, out):
+def reproduce_invented(config, out):
     """Reproduce without driving."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(findings, "open_run", invent_run)
@@ -57,7 +57,7 @@ def test_only_trials_that_are_missing_are_driven(tmp_path):
         rows.parent, experiment, ExecutionConfig(), experiment.trials()
     ) as folder:
         for spec in folder.remaining[2:]:
-            folder.append(TrialRecord(reproduce_work.made_up(spec), None))
+            folder.append(TrialRecord(reproduce_work.invent_result(spec), None))
     before = rows.read_bytes()
     findings = reproduce(TINY, tmp_path)[0]
     after = rows.read_bytes()
@@ -74,7 +74,7 @@ def test_only_trials_that_are_missing_are_driven(tmp_path):
 
 def test_a_second_run_writes_the_same_bytes(tiny, tmp_path):
     findings, path = tiny
-    again, elsewhere = write_invented(TINY, tmp_path / "again")
+    again, elsewhere = reproduce_invented(TINY, tmp_path / "again")
     assert again == findings
     names = [
         "results.md",

@@ -135,7 +135,7 @@ class Shower(Planner):
         return Decision(STOP)
 
     def view(self):
-        self.asked += 1
+        self.requests += 1
         return PlannerView(
             local_plan=np.zeros((3, 3)),
             costmap=OccupancyMap(np.zeros((2, 3), np.int8), 0.25, 0.0, 0.0),
@@ -204,7 +204,7 @@ def test_warming_up_leaves_nothing_behind():
     messages = PlannerMessages(Frames())
     planner = Shower()
     messages.warm_up(planner)
-    assert planner.asked == 1
+    assert planner.requests == 1
     assert set(
         messages_of(messages, Decision(STOP, plan=np.zeros((2, 2))), 0.1)
     ) == VIEWS | {
@@ -218,13 +218,13 @@ def test_only_what_is_wanted_is_made():
     planner = Shower()
     planned = Decision(STOP, plan=np.zeros((2, 2)))
     assert messages_of(messages, planned, 0.0, lambda _: False, planner) == {}
-    assert planner.asked == 0
+    assert planner.requests == 0
     # a plan that nobody wanted has not been shown; views are looked at again after their period
     assert set(messages_of(messages, planned, 0.1, planner=planner)) == {"plan"}
     assert set(
         messages_of(messages, planned, 0.5, lambda topic: topic is topics.BAND, planner)
     ) == {"band"}
-    assert planner.asked == 1
+    assert planner.requests == 1
 
 
 def test_frames_are_those_of_the_planner():
