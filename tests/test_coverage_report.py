@@ -1,7 +1,13 @@
 """What `make coverage` reports, from data made up here."""
 
 import yaml
-from coverage_report import REASONS, REFUSAL, by_reason, counted, reason_for
+from coverage_report import (
+    REASONS,
+    REFUSAL,
+    count_branches,
+    group_by_reason,
+    reason_for,
+)
 
 FILES = {
     "barn_sim/barn_sim/a.py": {
@@ -20,7 +26,7 @@ FILES = {
 
 
 def test_branches_are_counted_by_package_and_all_come_last():
-    found = counted({"files": FILES})
+    found = count_branches({"files": FILES})
     assert {name: (one.branches, one.reached) for name, one in found.items()} == {
         "barn_eval": (4, 3),
         "barn_sim": (12, 9),
@@ -38,8 +44,8 @@ def test_each_gap_counts_for_the_first_reason_that_fits(tmp_path, monkeypatch):
     for path in FILES:
         (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / path).write_text("\n".join(["", "raise Mistake", *["pass"] * 8]))
-    missing = counted({"files": FILES})["all"].missing
-    assert by_reason(
+    missing = count_branches({"files": FILES})["all"].missing
+    assert group_by_reason(
         missing, {"barn_sim/*": "cannot be", "barn_sim/barn_sim/a.py": "later"}
     ) == {
         "cannot be": 3,

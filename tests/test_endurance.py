@@ -43,7 +43,7 @@ def test_campaigns_with_a_killed_process_are_resumed_to_the_same_tables():
 def test_the_same_seed_gives_the_same_points():
     durations_s = {"direct": 10.0, "ros": 20.0}
     one, other, third = (
-        kill_points.drawn(20, seed, ["direct", "ros"], durations_s)
+        kill_points.draw_points(20, seed, ["direct", "ros"], durations_s)
         for seed in (1, 1, 2)
     )
     assert one == other != third
@@ -105,9 +105,11 @@ def test_a_campaign_that_differs_is_not_equal(
 ):
     out = shutil.copytree(complete, tmp_path / "out")
     point = kill_points.Point("direct", "worker", 1.0)
-    assert kill_points.compared(point, out, complete).equal
+    assert kill_points.compare_folders(point, out, complete).equal
     (out / name).write_bytes(change((out / name).read_bytes()))
-    assert complaint in " ".join(kill_points.compared(point, out, complete).problems)
+    assert complaint in " ".join(
+        kill_points.compare_folders(point, out, complete).problems
+    )
 
 
 def test_what_grows_is_not_flat():
@@ -140,7 +142,7 @@ def test_processes_are_found_by_their_mark_and_measured(tmp_path):
     ) as process:
         try:
             assert process.stdout.readline() == b"up\n"
-            (seen,) = processes.marked(tmp_path.name)
+            (seen,) = processes.list_marked(tmp_path.name)
             assert (seen.pid, seen.role) == (process.pid, "other")
             used = processes.usage(seen)
             assert used.threads == 2
@@ -153,10 +155,10 @@ def test_processes_are_found_by_their_mark_and_measured(tmp_path):
                 taken["temporary_files"],
                 taken["all.threads"],
             ) == (7, 1, 2)
-            assert processes.ended(tmp_path.name, 0.0) == [seen]
+            assert processes.wait_for_end(tmp_path.name, 0.0) == [seen]
         finally:
             process.send_signal(signal.SIGKILL)
-    assert processes.ended(tmp_path.name, 10.0) == []
+    assert processes.wait_for_end(tmp_path.name, 10.0) == []
     assert processes.usage(seen) == processes.Usage()
 
 

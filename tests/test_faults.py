@@ -84,9 +84,11 @@ def test_a_fault_that_is_not_met_fails(tmp_path, monkeypatch):
         raise kit.Wrong("it is not so")
 
     monkeypatch.setattr(kit, "_LEFT_S", 0.1)
-    outcome = tool.tried(kit.Case("x", "y", "Done.", "Must.", act, 60.0), tmp_path, [])
+    outcome = tool.try_case(
+        kit.Case("x", "y", "Done.", "Must.", act, 60.0), tmp_path, []
+    )
     assert (outcome.status, outcome.measured) == ("failed", "it is not so")
-    left = tool.tried(
+    left = tool.try_case(
         kit.Case(
             "x",
             "z",

@@ -101,7 +101,7 @@ def test_a_hang_counts_as_killed():
 
 def test_every_mutant_that_is_known_to_survive_is_there(tool):
     changes, report, runner = tool
-    reasons = report.known_reasons()
+    reasons = report.load_reasons()
     known = {
         (module, one.where, one.was, one.now)
         for module in {change[0] for change in reasons}

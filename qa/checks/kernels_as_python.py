@@ -15,12 +15,12 @@ _whole = state.Fleet.of.__func__  # type: ignore[attr-defined]
 
 def _with_attributes(cls: type[state.Fleet], *arguments: int) -> state.Fleet:
     """Make a fleet whose records have attributes in Python, too."""
-    made = _whole(cls, *arguments)
+    fleet = _whole(cls, *arguments)
     return cls(
-        made.robots.view(np.recarray),
-        made.pending,
-        made.settings.view(np.recarray),
-        made.noise,
+        fleet.robots.view(np.recarray),
+        fleet.pending,
+        fleet.settings.view(np.recarray),
+        fleet.noise,
     )
 
 
@@ -28,6 +28,6 @@ def _rounded_once(a: float, b: float, c: float) -> float:
     return float(Fraction(a) * Fraction(b) + Fraction(c))
 
 
-made: Any = state.Fleet
-made.of = classmethod(_with_attributes)
+fleet_class: Any = state.Fleet
+fleet_class.of = classmethod(_with_attributes)
 tires.fused = _rounded_once

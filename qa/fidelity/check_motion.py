@@ -55,10 +55,10 @@ def episode(
         moved = simulator.moved_obstacles()
         truth = simulator.read_truth()
         odometry = simulator.read_odometry()
-        said = repr(
+        state = repr(
             (truth, odometry, simulator.read_collision(), simulator.read_joints())
         ).encode()
-        yield said + moved.positions.tobytes() + moved.quaternions.tobytes()
+        yield state + moved.positions.tobytes() + moved.quaternions.tobytes()
 
 
 def first_difference(
@@ -72,8 +72,8 @@ def first_difference(
     return next(
         (
             step
-            for step, (one, other) in enumerate(zip(*ways, strict=True))
-            if one != other
+            for step, (moment, other_moment) in enumerate(zip(*ways, strict=True))
+            if moment != other_moment
         ),
         None,
     )

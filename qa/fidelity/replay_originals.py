@@ -233,9 +233,9 @@ class Replay(NavigationPlanner):
             raise ConfigError(
                 f"{recording.name}: {recording.planner!r} follows no global plan"
             )
-        made = planner_entry(recording.planner).build(config)
-        assert isinstance(made, NavigationPlanner)
-        super().__init__(config, made.controller)
+        planner = planner_entry(recording.planner).build(config)
+        assert isinstance(planner, NavigationPlanner)
+        super().__init__(config, planner.controller)
         self._recording = recording
         self._depth = depth
         self._given: list[_RecordedCosts | _RecordedPlans] = []
@@ -259,8 +259,8 @@ class Replay(NavigationPlanner):
         """Yield the driving cycles: those in which the original's local planner was asked and sent a command."""
         sent = STOP
         for number in range(self._recording.cycles):
-            for given in self._given:
-                given.cycle = number
+            for stand_in in self._given:
+                stand_in.cycle = number
             ours = self.step(self._recording.observation(number)).command
             sent = sent if ours is None else ours
             original = self._recording.command(number)
@@ -291,8 +291,10 @@ class Replay(NavigationPlanner):
         )
 
 
-def _near(one: FloatArray, other: FloatArray) -> bool:
-    return one.shape == other.shape and bool((np.abs(one - other) <= _PLACE_M).all())
+def _near(values: FloatArray, other_values: FloatArray) -> bool:
+    return values.shape == other_values.shape and bool(
+        (np.abs(values - other_values) <= _PLACE_M).all()
+    )
 
 
 def share(cycles: Sequence[Cycle], tolerance: tuple[float, float]) -> float:
@@ -356,17 +358,17 @@ def main(
         click.echo(
             f"{depth:18} cycles{'tight':>10}{'loose':>10}{'local':>10}{'global':>10}{'plan':>10}{'band':>10}"
         )
-        found: list[Cycle] = []
+        all_cycles: list[Cycle] = []
         for path in paths:
             recording = Recording(path)
             cycles = list(Replay(recording, depth, overrides).compare())
-            found += cycles
+            all_cycles += cycles
             click.echo(row(recording.name, cycles))
             for cycle in [cycle for cycle in cycles if not cycle.within(TIGHT)][
                 :partings
             ]:
                 click.echo(f"    {cycle}")
-        click.echo(row("all", found))
+        click.echo(row("all", all_cycles))
 
 
 if __name__ == "__main__":

@@ -107,7 +107,7 @@ def fuzz(
             why = _watched(child, shared)
             if child.exitcode != 0:
                 number = shared[_NUMBER]
-                content = made(reader, seeds, name, seed, number)
+                content = make_input(reader, seeds, name, seed, number)
                 findings.append(
                     keep(
                         out,
@@ -123,7 +123,7 @@ def fuzz(
         return shared[_NUMBER] - first, shared[_READ], findings
 
 
-def made(
+def make_input(
     reader: Reader, seeds: Sequence[bytes], name: str, seed: int, number: int
 ) -> bytes:
     """Return an input."""
@@ -181,14 +181,14 @@ def _child(
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     sys.stderr = sys.stdout = open(os.devnull, "w")  # noqa: PTH123, SIM115
     gc.freeze()  # what the parent has loaded need not be looked through again and again
-    seen = set()
+    reported = set()
     while shared[_NUMBER] < target and time.monotonic() < end:
-        content = made(reader, seeds, name, seed, shared[_NUMBER])
+        content = make_input(reader, seeds, name, seed, shared[_NUMBER])
         (folder / reader.name).write_bytes(content)
         complaint, read = finding(reader, folder / reader.name)
         kind = "".join(complaint.splitlines()[-3:-1])[:200] or complaint
-        if complaint and kind not in seen:
-            seen.add(kind)
+        if complaint and kind not in reported:
+            reported.add(kind)
             keep(out, name, content, complaint)
         shared[_READ] += read
         shared[_NUMBER] += 1
@@ -252,25 +252,25 @@ def main(
     failed = False
     for name in names or READERS:
         findings = list(_corpus_findings(name)) if with_corpus else []
-        told = (
+        text = (
             f"{name}: {len(corpus(name))} files of the corpus, {len(findings)} findings\n"
             if with_corpus
             else ""
         )
-        tried = read = 0
+        input_count = read = 0
         if inputs:
-            tried, read, fresh = fuzz(name, inputs, seconds, seed, out, first)
-            told += f"{name}: {tried} inputs, {read} read, {tried - read} refused, {len(fresh)} findings\n"
+            input_count, read, fresh = fuzz(name, inputs, seconds, seed, out, first)
+            text += f"{name}: {input_count} inputs, {read} read, {input_count - read} refused, {len(fresh)} findings\n"
             findings += fresh
-        told += "".join(f"  {line}\n" for line in findings)
+        text += "".join(f"  {line}\n" for line in findings)
         whole = {
             "reader": name,
             "seed": seed,
-            "inputs": tried,
+            "inputs": input_count,
             "read": read,
             "findings": findings,
         }
-        click.echo(json.dumps(whole) if as_json else told.rstrip())
+        click.echo(json.dumps(whole) if as_json else text.rstrip())
         failed |= bool(findings)
     sys.exit(int(failed))
 

@@ -20,11 +20,11 @@ def _bad_rows(lab: Lab, change: Callable[[dict[str, Any]], str]) -> str:
     path.write_text(
         "\n".join([seal_line(change(json.loads(unseal_line(first, "")))), *rest]) + "\n"
     )
-    said = ""
+    refusal = ""
     for words in (("report", lab.out), ("compare", lab.out, lab.out)):
-        said = lab.refused(*words)
-        hold("results.jsonl, line 1" in said and len(said) < LONGEST, said)
-    return said.replace(str(lab.folder), "")[:200]
+        refusal = lab.refused(*words)
+        hold("results.jsonl, line 1" in refusal and len(refusal) < LONGEST, refusal)
+    return refusal.replace(str(lab.folder), "")[:200]
 
 
 for _name, _done, _change in (

@@ -29,18 +29,18 @@ seed: 5
 _HELD = threading.Lock()
 
 
-def campaign(lab: Lab, *more: object) -> list[object]:
+def campaign(lab: Lab, *options: object) -> list[object]:
     """Return the words of a campaign of 12 trials by two workers."""
     (lab.folder / "short.yaml").write_text(_PROTOCOL)
     file = lab.folder / "campaign.yaml"
     file.write_text(_CAMPAIGN.format(folder=lab.folder))
-    workers = () if "--workers" in more else ("--workers", 2)
+    workers = () if "--workers" in options else ("--workers", 2)
     return [
         "campaign",
         file,
-        *(() if "--out" in more else ("--out", lab.out)),
+        *(() if "--out" in options else ("--out", lab.out)),
         *workers,
-        *more,
+        *options,
     ]
 
 
@@ -62,14 +62,14 @@ def undisturbed() -> Path:
         return _undisturbed()
 
 
-def resumed(lab: Lab, *more: object) -> str:
+def resumed(lab: Lab, *options: object) -> str:
     """Run the campaign to its end; Wrong if its tables are not the undisturbed ones to the byte."""
-    there = len(lab.rows())
-    lab.barn(*campaign(lab, *more))
-    return same(lab, there)
+    row_count = len(lab.rows())
+    lab.barn(*campaign(lab, *options))
+    return same(lab, row_count)
 
 
-def same(lab: Lab, there: int) -> str:
+def same(lab: Lab, row_count: int) -> str:
     """Wrong if the tables are not the undisturbed ones to the byte."""
     hold(
         tables(lab.out) == tables(undisturbed()),
@@ -77,8 +77,8 @@ def same(lab: Lab, there: int) -> str:
     )
     hold(len(lab.rows()) == TRIALS, f"{len(lab.rows())} rows")
     return (
-        f"{there} rows kept; tables equal to the byte"
-        if there
+        f"{row_count} rows kept; tables equal to the byte"
+        if row_count
         else "tables equal to the byte"
     )
 
@@ -107,7 +107,7 @@ for _number in (
     signal.SIGHUP,
     signal.SIGQUIT,
 ):
-    _said = (
+    signal_note = (
         ""
         if _number == signal.SIGKILL
         else "It ends with code 130 and says how to resume. "
@@ -116,16 +116,16 @@ for _number in (
         FAMILY,
         _number.name.lower(),
         f"The campaign gets {_number.name} after two trials, and is then run again.",
-        f"{_said}No worker is left; the tables are the undisturbed ones to the byte.",
+        f"{signal_note}No worker is left; the tables are the undisturbed ones to the byte.",
         partial(_interrupted, number=_number),
     )
 
 
 def _disturbed(
-    lab: Lab, disturb: Callable[[Lab], object], *more: object, words: str = ""
+    lab: Lab, disturb: Callable[[Lab], object], *options: object, words: str = ""
 ) -> str:
     undisturbed()
-    run = lab.start(*campaign(lab, *more))
+    run = lab.start(*campaign(lab, *options))
     lab.until(lambda: len(lab.rows()) >= 2, "two rows")
     disturb(lab)
     ended = lab.finish(run)
@@ -281,10 +281,19 @@ def two_writers(lab: Lab) -> str:
     ended = [
         lab.finish(run, None) for run in [lab.start(*campaign(lab)) for _ in range(3)]
     ]
-    hold(sorted(one.code for one in ended) == [0, 1, 1], [one.code for one in ended])
-    said = [one.error for one in ended if one.code]
-    hold(all("another process is working in this folder" in one for one in said), said)
-    return f"{same(lab, 0)}; {said[0]}"
+    hold(
+        sorted(session.code for session in ended) == [0, 1, 1],
+        [session.code for session in ended],
+    )
+    refusals = [session.error for session in ended if session.code]
+    hold(
+        all(
+            "another process is working in this folder" in session
+            for session in refusals
+        ),
+        refusals,
+    )
+    return f"{same(lab, 0)}; {refusals[0]}"
 
 
 @case(FAMILY)

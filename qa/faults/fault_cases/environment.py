@@ -88,9 +88,9 @@ def language_without_letters(lab: Lab) -> str:
     """
     out = lab.folder / "αποτελέσματα"
     plain = {"LC_ALL": "C", "LANG": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
-    said = _driven(lab, out, environment=plain)
+    description = _driven(lab, out, environment=plain)
     lab.barn("check", out, environment=plain)
-    return said
+    return description
 
 
 @case(FAMILY)

@@ -43,14 +43,14 @@ def disk_full(lab: Lab) -> str:
     with disk(lab, "160k") as out:
         words = campaign(lab, "--out", out / "inner")
         (out / "filler").write_bytes(bytes(132 * 1024))
-        said = lab.refused(*words)
-        hold(os.strerror(errno.ENOSPC) in said and "inner" in said, said)
+        refusal = lab.refused(*words)
+        hold(os.strerror(errno.ENOSPC) in refusal and "inner" in refusal, refusal)
         (out / "filler").unlink()
-        kept = len(lab.rows(out / "inner"))
-        hold(1 <= kept < 12, f"{kept} rows")
+        row_count = len(lab.rows(out / "inner"))
+        hold(1 <= row_count < 12, f"{row_count} rows")
         lab.barn(*words)
         hold(_tables(out / "inner") == _tables(undisturbed()), "the tables differ")
-    return f"{kept} rows kept; {said[:160]}"
+    return f"{row_count} rows kept; {refusal[:160]}"
 
 
 def _tables(out: Path) -> list[bytes]:
@@ -74,13 +74,13 @@ def disk_read_only(lab: Lab) -> str:
         kill([run.pid])
         lab.until(lambda: not lab.processes(), "the end of the campaign")
         subprocess.run(["mount", "-o", "remount,ro", str(out)], check=True)
-        said = lab.refused(*words)
-        hold(os.strerror(errno.EROFS) in said, said)
+        refusal = lab.refused(*words)
+        hold(os.strerror(errno.EROFS) in refusal, refusal)
         subprocess.run(["mount", "-o", "remount,rw", str(out)], check=True)
-        kept = len(lab.rows(out / "inner"))
+        row_count = len(lab.rows(out / "inner"))
         lab.barn(*words)
         hold(_tables(out / "inner") == _tables(undisturbed()), "the tables differ")
-    return f"{kept} rows kept; {said[:160]}"
+    return f"{row_count} rows kept; {refusal[:160]}"
 
 
 @case(FAMILY)
@@ -91,9 +91,9 @@ def file_size_limited(lab: Lab) -> str:
     """
     undisturbed()
     limit = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (9_000, 9_000))
-    said = lab.refused(*campaign(lab), before=limit)
-    hold(os.strerror(errno.EFBIG) in said, said)
-    return f"{resumed(lab)}; {said[:160]}"
+    refusal = lab.refused(*campaign(lab), before=limit)
+    hold(os.strerror(errno.EFBIG) in refusal, refusal)
+    return f"{resumed(lab)}; {refusal[:160]}"
 
 
 @case(FAMILY)
@@ -107,6 +107,6 @@ def folder_removed(lab: Lab) -> str:
     lab.until(lambda: len(lab.rows()) >= 2, "two rows")
     lab.out.rename(lab.folder / "gone")
     shutil.rmtree(lab.folder / "gone")
-    said = lab.finish(run, 1).error
-    hold(str(lab.out) in said, said)
-    return f"{resumed(lab)}; {said[:160]}"
+    error = lab.finish(run, 1).error
+    hold(str(lab.out) in error, error)
+    return f"{resumed(lab)}; {error[:160]}"

@@ -63,7 +63,7 @@ for _name, _file in (
     )
 
 
-def _refused(
+def _expect_refusal(
     lab: Lab, alter: Callable[[Path], object], words: str, *, unfinished: bool = True
 ) -> str:
     """Alter a folder; both resuming and checking must refuse it and leave it as it is."""
@@ -74,16 +74,16 @@ def _refused(
         for path in out.iterdir()
         if path.is_file() and path.name != ".lock"
     }
-    said = lab.refused(*campaign(lab))
+    refusal = lab.refused(*campaign(lab))
     checked = lab.barn("check", out, code=1).err
-    hold(words in said or words in checked, f"{said} | {checked}")
+    hold(words in refusal or words in checked, f"{refusal} | {checked}")
     after = {
         path.name: path.read_bytes()
         for path in out.iterdir()
         if path.is_file() and path.name != ".lock"
     }
     hold(before == after, "files were changed")
-    return said.replace(str(lab.folder), "")
+    return refusal.replace(str(lab.folder), "")
 
 
 def _edit(name: str, old: str, new: str) -> Callable[[Path], object]:
@@ -148,17 +148,23 @@ for _name, _done, _alter, _words in (
         "run.json",
     ),
 ):
-    add(FAMILY, _name, _done, _MUST, partial(_refused, alter=_alter, words=_words))
+    add(
+        FAMILY,
+        _name,
+        _done,
+        _MUST,
+        partial(_expect_refusal, alter=_alter, words=_words),
+    )
 
 
-def _checked(lab: Lab, alter: Callable[[Path], object], words: str) -> str:
+def _expect_failed_check(lab: Lab, alter: Callable[[Path], object], words: str) -> str:
     """Alter a finished run with a bag; `barn check` must name what is wrong."""
     _with_bag(lab)
     lab.barn("check", lab.out)
     alter(lab.out)
-    said = lab.barn("check", lab.out, code=1).err
-    hold(words in said, said)
-    return said.splitlines()[0].replace(str(lab.folder), "")[:200]
+    complaint = lab.barn("check", lab.out, code=1).err
+    hold(words in complaint, complaint)
+    return complaint.splitlines()[0].replace(str(lab.folder), "")[:200]
 
 
 def _with_bag(lab: Lab, bags: str = "all") -> None:
@@ -227,17 +233,23 @@ for _name, _done, _alter, _words in (
         "parquet",
     ),
 ):
-    add(FAMILY, _name, _done, _MUST, partial(_checked, alter=_alter, words=_words))
+    add(
+        FAMILY,
+        _name,
+        _done,
+        _MUST,
+        partial(_expect_failed_check, alter=_alter, words=_words),
+    )
 
 
-def _differs(lab: Lab, more: Sequence[object], words: str) -> str:
+def _differs(lab: Lab, options: Sequence[object], words: str) -> str:
     _unfinished(lab)
-    said = lab.refused(*campaign(lab, *more))
-    hold(words in said, said)
-    return said.replace(str(lab.folder), "")
+    refusal = lab.refused(*campaign(lab, *options))
+    hold(words in refusal, refusal)
+    return refusal.replace(str(lab.folder), "")
 
 
-for _name, _done, _more, _words in (
+for _name, _done, _options, _words in (
     (
         "other-seed",
         "A campaign is resumed with another seed.",
@@ -262,7 +274,7 @@ for _name, _done, _more, _words in (
         _name,
         _done,
         "Refused in one line that names what differs.",
-        partial(_differs, more=_more, words=_words),
+        partial(_differs, options=_options, words=_words),
     )
 
 
@@ -274,9 +286,9 @@ def folder_of_something_else(lab: Lab) -> str:
     """
     lab.out.mkdir()
     (lab.out / "thesis.tex").write_text("chapter")
-    said = lab.refused(*campaign(lab))
+    refusal = lab.refused(*campaign(lab))
     hold([path.name for path in lab.out.iterdir()] == ["thesis.tex"], "files were made")
-    return said.replace(str(lab.folder), "")
+    return refusal.replace(str(lab.folder), "")
 
 
 @case(FAMILY)
@@ -291,6 +303,6 @@ def rerun_of_a_row(lab: Lab) -> str:
     row["scores"]["challenge"] += 0.1
     path.write_text(seal_line(json.dumps(row, separators=(",", ":"))) + "\n")
     write_tables(lab.out, RowFile(lab.out).read())
-    said = lab.barn("check", lab.out, "--rerun", 1, code=1).err
-    hold("scores.challenge" in said, said)
-    return said.replace(str(lab.folder), "").strip()
+    complaint = lab.barn("check", lab.out, "--rerun", 1, code=1).err
+    hold("scores.challenge" in complaint, complaint)
+    return complaint.replace(str(lab.folder), "").strip()

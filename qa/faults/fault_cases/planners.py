@@ -20,7 +20,7 @@ _PATIENCE = ("command_wait_s=2", "patience.service_s=30", "patience.clock_s=20")
 
 def ros(
     lab: Lab,
-    *more: object,
+    *options: object,
     limit_s: float = 2.0,
     bags: str = "none",
     command_s: int = 12,
@@ -42,7 +42,7 @@ def ros(
         "--bags",
         bags,
     ]
-    return [*words, *patience, "--out", lab.out, *more]
+    return [*words, *patience, "--out", lab.out, *options]
 
 
 def by_command(*words: object, prefix: str = "") -> list[str]:
@@ -54,10 +54,10 @@ def by_command(*words: object, prefix: str = "") -> list[str]:
 
 
 def driven(
-    lab: Lab, kind: str, outcome: str, detail: str = "", more: Sequence[object] = ()
+    lab: Lab, kind: str, outcome: str, detail: str = "", options: Sequence[object] = ()
 ) -> str:
     """Run a trial of a planner that goes wrong, and say how it ended; Wrong if otherwise than it must."""
-    lab.barn(*ros(lab, *by_command(SCRIPT, kind, lab.folder), *more))
+    lab.barn(*ros(lab, *by_command(SCRIPT, kind, lab.folder), *options))
     return judged(lab, outcome, detail)
 
 
@@ -220,11 +220,11 @@ for _kind, _done in (
     )
 
 
-def _refused(lab: Lab, kind: str, words: str) -> str:
-    said = lab.refused(*ros(lab, *by_command(SCRIPT, kind, lab.folder)))
-    hold(words in said, said)
+def _expect_refusal(lab: Lab, kind: str, words: str) -> str:
+    refusal = lab.refused(*ros(lab, *by_command(SCRIPT, kind, lab.folder)))
+    hold(words in refusal, refusal)
     hold(not lab.rows(), "there is a row")
-    return said.partition(";")[0]
+    return refusal.partition(";")[0]
 
 
 _THREE = "exited with code 1 at its start, 3 times in a row"
@@ -246,21 +246,25 @@ for _kind, _done, _words in (
     ),
 ):
     _must = "After three starts the run ends with one line that quotes the planner's log; exit code 1."
-    add(FAMILY, _kind, _done, _must, partial(_refused, kind=_kind, words=_words))
+    add(FAMILY, _kind, _done, _must, partial(_expect_refusal, kind=_kind, words=_words))
 for _kind, _done, _detail in (
     ("never-ready", "The planner sleeps before it has a node.", "/cmd_vel"),
     ("wrong-topic", "The planner publishes on another topic.", "/command_velocity"),
     ("no-odometry", "The planner does not subscribe to /odom.", "/odom"),
 ):
     _must = "The trial ends as planner_not_ready, with what is missing; exit code 3."
-    _more = ("--ros", "patience.start_s=40")
+    _options = ("--ros", "patience.start_s=40")
     add(
         FAMILY,
         _kind,
         _done,
         _must,
         partial(
-            driven, kind=_kind, outcome="planner_not_ready", detail=_detail, more=_more
+            driven,
+            kind=_kind,
+            outcome="planner_not_ready",
+            detail=_detail,
+            options=_options,
         ),
     )
 
@@ -326,6 +330,6 @@ def does_not_exist(lab: Lab) -> str:
 
     Refused in one line that names it.
     """
-    said = lab.refused(*ros(lab, "--planner-command", "x=/no/such/planner --fast"))
-    hold("/no/such/planner: No such file" in said, said)
-    return said
+    refusal = lab.refused(*ros(lab, "--planner-command", "x=/no/such/planner --fast"))
+    hold("/no/such/planner: No such file" in refusal, refusal)
+    return refusal
