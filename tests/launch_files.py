@@ -27,7 +27,7 @@ def launch_arguments(path: Path) -> set[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and node.module.startswith("barn_"):
             for config in (
-                one.name for one in node.names if one.name.endswith("Config")
+                alias.name for alias in node.names if alias.name.endswith("Config")
             ):
                 names |= {
                     name

@@ -26,15 +26,17 @@ FILES = {
 
 
 def test_branches_are_counted_by_package_and_all_come_last():
-    found = count_branches({"files": FILES})
-    assert {name: (one.branches, one.reached) for name, one in found.items()} == {
+    branches = count_branches({"files": FILES})
+    assert {
+        name: (reached.branches, reached.reached) for name, reached in branches.items()
+    } == {
         "barn_eval": (4, 3),
         "barn_sim": (12, 9),
         "all": (16, 12),
     }
-    assert list(found)[-1] == "all"
-    assert found["all"].percent == 75.0
-    assert found["barn_sim"].missing == {
+    assert list(branches)[-1] == "all"
+    assert branches["all"].percent == 75.0
+    assert branches["barn_sim"].missing == {
         "barn_sim/barn_sim/a.py": [(3, 4), (5, 0), (8, 9)]
     }
 

@@ -62,17 +62,17 @@ def test_a_trained_model_is_stored_trained_again_alike_and_checked_on_trials(
     assert read.predict(worlds[0]) == model.predict(worlds[0])
     save_model(train_model(worlds, trials), tmp_path / "again.npz")
     assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "w.npz").read_bytes()
-    found = evaluate(worlds, trials, read, EvaluationConfig(folds=2, repeats=1))
-    assert (found.worlds, found.trials, model.about["training_worlds"]) == (
+    report = evaluate(worlds, trials, read, EvaluationConfig(folds=2, repeats=1))
+    assert (report.worlds, report.trials, model.about["training_worlds"]) == (
         len(worlds),
         len(trials),
         len(worlds),
     )
-    assert found.score(WEIGHTS).mse.estimate == pytest.approx(
+    assert report.score(WEIGHTS).mse.estimate == pytest.approx(
         model.about["training_mse"]
     )
-    assert found.score(WEIGHTS).predictions == pytest.approx(
-        [model.predict(one).difficulty_s_per_m for one in worlds.values()]
+    assert report.score(WEIGHTS).predictions == pytest.approx(
+        [model.predict(world).difficulty_s_per_m for world in worlds.values()]
     )
     assert all(
         model.predict(world).std_s_per_m > 0.0 for world in list(worlds.values())[:3]

@@ -95,20 +95,20 @@ def test_a_way_without_obstacles_is_the_straight_one():
 
 
 def test_a_world_depends_on_its_seed_kind_and_number_alone():
-    one = generate_hard_worlds(HardParameters(), KINDS, 2, 11, STANDARD_ROBOT, "w")
-    other = generate_hard_worlds(
+    worlds = generate_hard_worlds(HardParameters(), KINDS, 2, 11, STANDARD_ROBOT, "w")
+    other_worlds = generate_hard_worlds(
         HardParameters(), ["dead_ends"], 1, 11, STANDARD_ROBOT, "w"
     )
-    assert [world.provenance.parameters["kind"] for world in one] == [
+    assert [world.provenance.parameters["kind"] for world in worlds] == [
         kind for kind in KINDS for _ in range(2)
     ]
-    assert other[0].checksum == one[2].checksum
-    assert len({world.checksum for world in one}) == 8
+    assert other_worlds[0].checksum == worlds[2].checksum
+    assert len({world.checksum for world in worlds}) == 8
     assert (
         generate_hard_worlds(
             HardParameters(), ["dead_ends"], 1, 12, STANDARD_ROBOT, "w"
         )[0].checksum
-        != other[0].checksum
+        != other_worlds[0].checksum
     )
 
 
@@ -125,7 +125,7 @@ def test_no_way_in_the_grids_tried_is_said():
 
 def test_the_shipped_hard_worlds_come_again_from_their_seed():
     shipped = open_dataset("barn_hard")
-    made = {
+    checksums = {
         world.checksum
         for world in generate_hard_worlds(
             HardParameters(),
@@ -136,4 +136,6 @@ def test_the_shipped_hard_worlds_come_again_from_their_seed():
             "w",
         )
     }
-    assert made <= {shipped.load(index).checksum for index in shipped.world_numbers}
+    assert checksums <= {
+        shipped.load(index).checksum for index in shipped.world_numbers
+    }

@@ -49,10 +49,10 @@ def test_a_killed_server_ends_one_trial_and_the_next_ones_drive(tmp_path, nothin
         args=(nothing_left, tmp_path / "logs" / "planner.log"),
     )
     killer.start()
-    first, *others = trials
+    first, *later_results = trials
     killer.join()
     assert first.outcome is Outcome.PLANNER_DIED
-    for result in others:
+    for result in later_results:
         assert result.outcome in (
             Outcome.SUCCESS,
             Outcome.TIMEOUT,

@@ -24,10 +24,10 @@ def _with_attributes(cls: type[state.Fleet], *arguments: int) -> state.Fleet:
     )
 
 
-def _rounded_once(a: float, b: float, c: float) -> float:
+def _round_once(a: float, b: float, c: float) -> float:
     return float(Fraction(a) * Fraction(b) + Fraction(c))
 
 
 fleet_class: Any = state.Fleet
 fleet_class.of = classmethod(_with_attributes)
-tires.fused = _rounded_once
+tires.fused = _round_once

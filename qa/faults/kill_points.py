@@ -101,12 +101,12 @@ class Session:
         time.sleep(at_s)
         while self.process.poll() is None:
             for process in list_marked(self._mark):
-                if process.role == role and self._killed(process):
+                if process.role == role and self._kill_process(process):
                     return True
             time.sleep(0.05)
         return False
 
-    def _killed(self, process: Seen) -> bool:
+    def _kill_process(self, process: Seen) -> bool:
         try:
             handle = os.pidfd_open(process.pid)
         except ProcessLookupError:
@@ -135,7 +135,7 @@ class Session:
         return self.process.wait(), problems
 
 
-def undisturbed(folder: Path, mode: str) -> float:
+def run_undisturbed(folder: Path, mode: str) -> float:
     """Run a campaign to its end and return how long it took; ClickException if it fails."""
     folder.mkdir()
     began = time.monotonic()
@@ -147,7 +147,7 @@ def undisturbed(folder: Path, mode: str) -> float:
     return time.monotonic() - began
 
 
-def disturbed(point: Point, folder: Path, model: Path) -> Point:
+def try_point(point: Point, folder: Path, model: Path) -> Point:
     """Run a campaign with a kill, resume it until it is complete and compare it with the undisturbed one."""
     folder.mkdir()
     began = time.monotonic()
@@ -160,7 +160,7 @@ def disturbed(point: Point, folder: Path, model: Path) -> Point:
         not hit and code == 0 and not problems
     ):  # it was over sooner than the undisturbed one
         return replace(
-            disturbed(
+            try_point(
                 replace(point, at_s=point.at_s / 2),
                 folder.with_name(f"{folder.name}s"),
                 model,
@@ -269,12 +269,12 @@ def main(
         root = Path(name)
         task = progress.add_task("points", total=points)
         durations_s = {
-            mode: undisturbed(root / f"{root.name}_{mode}", mode)
+            mode: run_undisturbed(root / f"{root.name}_{mode}", mode)
             for mode in modes[:points]
         }
         for number, point in enumerate(draw_points(points, seed, modes, durations_s)):
             folder = root / f"{root.name}_{number}"
-            done.append(disturbed(point, folder, root / f"{root.name}_{point.mode}"))
+            done.append(try_point(point, folder, root / f"{root.name}_{point.mode}"))
             progress.advance(task)
             if log:
                 with log.open("a") as file:

@@ -85,7 +85,9 @@ def _panel(axes: Axes, calibration: Calibration, limits: tuple[float, float]) ->
             edgecolor=colour,
             label=label,
         )
-    title = f"{plain_text(calibration.label)}: Spearman {calibration.correlation.estimate:.2f} over {len(calibration.worlds)} worlds"
+    rank_correlation = calibration.correlation.estimate
+    subject = f"{plain_text(calibration.label)}: Spearman {rank_correlation:.2f}"
+    title = f"{subject} over {len(calibration.worlds)} worlds"
     label_axes(axes, "published mean time of a world [s]", "our mean time [s]", title)
     axes.set(xlim=limits, ylim=limits, box_aspect=1.0)
 

@@ -112,7 +112,7 @@ class Recording:
 
     def plan(self, cycle: int) -> FloatArray:
         """Return the plan (n, 2) in m after a cycle; what lies on lines of the grid is put back there exactly."""
-        points = self._joined("plan", cycle)
+        points = self._join("plan", cycle)
         resolution = self.number("global_resolution")
         origin: FloatArray = self._arrays["global_origin"]
         lines: FloatArray = (
@@ -122,7 +122,7 @@ class Recording:
 
     def band(self, cycle: int) -> FloatArray:
         """Return the bubbles (n, 3) after a cycle: x, y, radius in m."""
-        return self._joined("band", cycle)
+        return self._join("band", cycle)
 
     def command(self, cycle: int) -> Velocity2D | None:
         """Return what was sent in a cycle, None for nothing."""
@@ -133,7 +133,7 @@ class Recording:
             else None
         )
 
-    def _joined(self, name: str, cycle: int) -> FloatArray:
+    def _join(self, name: str, cycle: int) -> FloatArray:
         end = self._ends[name][cycle]
         points: FloatArray = self._arrays[name][
             end - self._arrays[f"{name}_n"][cycle] : end
@@ -265,9 +265,11 @@ class Replay(NavigationPlanner):
             sent = sent if ours is None else ours
             original = self._recording.command(number)
             if original is not None and number > 0:
-                yield self._compared(number, sent, original)
+                yield self._compare_commands(number, sent, original)
 
-    def _compared(self, number: int, sent: Velocity2D, original: Velocity2D) -> Cycle:
+    def _compare_commands(
+        self, number: int, sent: Velocity2D, original: Velocity2D
+    ) -> Cycle:
         recorded = self._recording
         band = self.controller.view().band
         local, whole = (

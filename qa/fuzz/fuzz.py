@@ -63,7 +63,7 @@ def finding(reader: Reader, path: Path) -> tuple[str, bool]:
     return (f"took {took_s:.1f} s" if took_s > LIMIT_S else ""), read
 
 
-def prepared(reader: Reader, name: str, folder: Path) -> list[bytes]:
+def prepare(reader: Reader, name: str, folder: Path) -> list[bytes]:
     """Return the contents that inputs are made from, and warm up what the reader loads and compiles."""
     seeds = reader.seeds(folder)
     for seed in seeds:
@@ -85,7 +85,7 @@ def fuzz(
     """Return how many inputs were tried, how many of them were read, and the findings, whose files go to `out`."""
     reader = READERS[name]
     with tempfile.TemporaryDirectory() as folder:
-        seeds = prepared(reader, name, Path(folder))
+        seeds = prepare(reader, name, Path(folder))
         shared = RawArray("q", [first, 0])
         findings: list[str] = []
         end = time.monotonic() + seconds
@@ -104,7 +104,7 @@ def fuzz(
             )
             child = get_context("fork").Process(target=_child, args=arguments)
             child.start()
-            why = _watched(child, shared)
+            why = _watch(child, shared)
             if child.exitcode != 0:
                 number = shared[_NUMBER]
                 content = make_input(reader, seeds, name, seed, number)
@@ -140,7 +140,7 @@ def keep(out: Path, name: str, content: bytes, complaint: str) -> str:
     return f"{stem}.txt"
 
 
-def _watched(child: Any, shared: Any) -> str:
+def _watch(child: Any, shared: Any) -> str:
     """Wait for a child and return why it was killed, if it was: an input that takes far too long."""
     at = -1
     since_s = 0.0
@@ -197,7 +197,7 @@ def _child(
 def _corpus_findings(name: str) -> Iterator[str]:
     reader = READERS[name]
     with tempfile.TemporaryDirectory() as folder:
-        prepared(reader, name, Path(folder))
+        prepare(reader, name, Path(folder))
         for path in corpus(name):
             (Path(folder) / reader.name).write_bytes(path.read_bytes())
             complaint, _ = finding(reader, Path(folder) / reader.name)

@@ -68,7 +68,7 @@ TOKENS = tuple(
 )
 
 
-def mutate(draw: random.Random, data: bytes, donors: Sequence[bytes]) -> bytes:
+def mutate_bytes(draw: random.Random, data: bytes, donors: Sequence[bytes]) -> bytes:
     """Return bytes with one to eight changes; others: contents of the same kind, from which parts are taken."""
     content = bytearray(data)
     for _ in range(1 + int(draw.random() ** 3 * 8)):

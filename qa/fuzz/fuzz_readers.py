@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import yaml
-from fuzz_mutator import mutate, mutate_plain
+from fuzz_mutator import mutate_bytes, mutate_plain
 from mcap.writer import CompressionType, Writer
 from PIL import Image
 from rosbags import rosbag2
@@ -80,32 +80,32 @@ class Reader:
     name: str
     seeds: Callable[[Path], list[bytes]]
     read: Callable[[Path], Any]
-    mutate: Mutate = mutate
+    mutate: Mutate = mutate_bytes
 
 
 def _json(draw: random.Random, data: bytes, donors: Sequence[bytes]) -> bytes:
     """Change a JSON document as bytes, or as the data that it stands for."""
     if draw.random() < 0.4:
-        return mutate(draw, data, donors)
+        return mutate_bytes(draw, data, donors)
     try:
         content = mutate_plain(draw, json.loads(data))
         return json.dumps(content, ensure_ascii=draw.random() < 0.8).encode(
             "utf-8", "surrogatepass"
         )
     except (ValueError, RecursionError):
-        return mutate(draw, data, donors)
+        return mutate_bytes(draw, data, donors)
 
 
 def _lines(draw: random.Random, data: bytes, donors: Sequence[bytes]) -> bytes:
     """Change a line of JSON, now and then with the right checksum, or the file."""
     lines = data.splitlines()
     if draw.random() < 0.2 or not lines:
-        return mutate(draw, data, donors)
+        return mutate_bytes(draw, data, donors)
     number = draw.randrange(len(lines))
     try:
         line = unseal_line(lines[number].decode(), "")
         content = (
-            _unpacked_change(draw, json.loads(line)) if draw.random() < 0.3 else None
+            _change_unpacked(draw, json.loads(line)) if draw.random() < 0.3 else None
         )
         changed = (
             json.dumps(content).encode()
@@ -116,14 +116,14 @@ def _lines(draw: random.Random, data: bytes, donors: Sequence[bytes]) -> bytes:
             changed = seal_line(changed.decode()).encode()
         lines[number] = changed
     except (ValueError, ConfigError):
-        return mutate(draw, data, donors)
+        return mutate_bytes(draw, data, donors)
     return b"\n".join(lines) + b"\n"
 
 
-def _unpacked_change(draw: random.Random, content: Any) -> Any:
+def _change_unpacked(draw: random.Random, content: Any) -> Any:
     """Change what a track has packed."""
     if isinstance(content, dict) and isinstance(content.get("zlib"), str):
-        packed = mutate(
+        packed = mutate_bytes(
             draw, zlib.decompress(base64.b64decode(content["zlib"])), [b"\xff" * 100]
         )
         content["zlib"] = base64.b64encode(zlib.compress(packed, 1)).decode()
@@ -134,12 +134,12 @@ def _unpacked_change(draw: random.Random, content: Any) -> Any:
 def _npz(draw: random.Random, data: bytes, donors: Sequence[bytes]) -> bytes:
     """Change a member of an archive, or the archive."""
     if draw.random() < 0.3:
-        return mutate(draw, data, donors)
+        return mutate_bytes(draw, data, donors)
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             members = {name: archive.read(name) for name in archive.namelist()}
     except Exception:  # a member of the corpus need not be an archive
-        return mutate(draw, data, donors)
+        return mutate_bytes(draw, data, donors)
     name = draw.choice(list(members))
     if name.endswith(".json"):
         members[name] = _json(draw, members[name], [members[name]])
@@ -147,9 +147,9 @@ def _npz(draw: random.Random, data: bytes, donors: Sequence[bytes]) -> bytes:
         head = members[name][:128]
         rest = members[name][128:]
         members[name] = (
-            mutate(draw, head, [head]) + rest
+            mutate_bytes(draw, head, [head]) + rest
             if draw.random() < 0.7
-            else mutate(draw, members[name], [head])
+            else mutate_bytes(draw, members[name], [head])
         )
     if draw.random() < 0.05:
         del members[name]

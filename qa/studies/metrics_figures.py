@@ -167,12 +167,16 @@ def table_i(dataset: Dataset) -> str:
     rows = []
     for name, published in TABLE_I.items():
         ours = {parameters.get(name, "not recorded") for parameters in parameter_sets}
-        rows.append([name.replace("_", " "), _listed(published), _listed(ours)])
-    rows.append(["repetitions", str(REPETITIONS), _listed(set(repetitions.values()))])
+        rows.append(
+            [name.replace("_", " "), _join_values(published), _join_values(ours)]
+        )
+    rows.append(
+        ["repetitions", str(REPETITIONS), _join_values(set(repetitions.values()))]
+    )
     return markdown_table(["Parameter", "Published", dataset.name], rows)
 
 
-def _listed(values: Iterable[object]) -> str:
+def _join_values(values: Iterable[object]) -> str:
     return ", ".join(
         f"{value:.2f}" if isinstance(value, float) else str(value)
         for value in sorted(values, key=str)

@@ -72,7 +72,7 @@ def motion_statistics(world: World) -> MotionStatistics:
         crossings(on_line, beside, jumps(positions, velocities, _STEP_S), length_m)
         * 60.0
         / DURATION_S,
-        occupied(on_line[::4], beside[::4], reach_m, length_m),
+        occupied_share(on_line[::4], beside[::4], reach_m, length_m),
     )
 
 
@@ -108,7 +108,9 @@ def crossings(
     return int((other_side & within & ~jumped).sum())
 
 
-def occupied(on_line: Floats, beside: Floats, reach: Floats, length_m: float) -> float:
+def occupied_share(
+    on_line: Floats, beside: Floats, reach: Floats, length_m: float
+) -> float:
     """Return the share of the line's places that obstacles of a reach (n,) cover."""
     places = np.arange(_PLACE_M / 2.0, length_m, _PLACE_M)
     covered = np.zeros((len(on_line), len(places)), np.bool_)

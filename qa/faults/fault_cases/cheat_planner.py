@@ -241,10 +241,8 @@ class CheatPlanner(Node):
         if KIND == "huge-answer":
             self.create_service(Trigger, "~/ready", self.refuse)
         if KIND == "huge-parameters":
-            self.create_service(ListParameters, "~/list_parameters", self.listed)
-            self.create_service(
-                GetParameters, "~/get_parameters", self.fulfil_parameters
-            )
+            self.create_service(ListParameters, "~/list_parameters", self.answer_list)
+            self.create_service(GetParameters, "~/get_parameters", self.answer_get)
         if KIND == "deaf-parameters":
             KEPT.extend(
                 rclpy.create_node(f"deaf_{k}", enable_rosout=False) for k in range(20)
@@ -262,14 +260,14 @@ class CheatPlanner(Node):
         response.message = "x" * LARGE
         return response
 
-    def listed(
+    def answer_list(
         self, _: ListParameters.Request, response: ListParameters.Response
     ) -> ListParameters.Response:
         """Name 20,000 parameters of 1,000 characters."""
         response.result.names = [f"{k:05d}" + "x" * 1000 for k in range(20_000)]
         return response
 
-    def fulfil_parameters(
+    def answer_get(
         self, request: GetParameters.Request, response: GetParameters.Response
     ) -> GetParameters.Response:
         """Tell 40 kB of each."""

@@ -4,7 +4,7 @@ import shutil
 from collections.abc import Sequence
 from functools import partial
 
-from fault_cases.campaigns import undisturbed
+from fault_cases.campaigns import run_undisturbed
 from fault_cases.direct import SHORT
 from fault_cases.kit import Lab, add, case, hold
 
@@ -13,7 +13,7 @@ TAG = "<script>alert(1)</script>"
 
 
 def _expect_refusal(lab: Lab, words: Sequence[object], mistake: str) -> str:
-    refusal = lab.refused(*words)
+    refusal = lab.expect_refusal(*words)
     hold(mistake in refusal, refusal)
     hold(not lab.out.exists(), "a folder was made")
     return refusal.replace(str(lab.folder), "")[:200]
@@ -108,7 +108,7 @@ def markup_as_names(lab: Lab) -> str:
     """
     names = (TAG.replace("/", "_"), '"><img src=x>')
     for name in names:
-        shutil.copytree(undisturbed(), lab.folder / name)
+        shutil.copytree(run_undisturbed(), lab.folder / name)
     return _show_folders(lab, *names)
 
 

@@ -30,7 +30,7 @@ def with_rogue(lab: Lab) -> dict[str, str]:
     return {"PYTHONPATH": ":".join(filter(None, path))}
 
 
-def driven(
+def drive(
     lab: Lab,
     kind: str,
     outcome: str,
@@ -218,7 +218,7 @@ for _kind, _done, _must, _options, _outcome, _detail in (
         _kind,
         _done,
         _must,
-        partial(driven, kind=_kind, outcome=_outcome, detail=_detail, extra=_options),
+        partial(drive, kind=_kind, outcome=_outcome, detail=_detail, extra=_options),
     )
 
 
@@ -228,7 +228,7 @@ def eats_memory(lab: Lab) -> str:
 
     The trial ends as planner_died with MemoryError; exit code 3.
     """
-    return driven(lab, "memory", "planner_died", "MemoryError", memory=4_000_000_000)
+    return drive(lab, "memory", "planner_died", "MemoryError", memory=4_000_000_000)
 
 
 @case(FAMILY)
@@ -237,7 +237,7 @@ def commands_huge_speeds(lab: Lab) -> str:
 
     It is a command, and the robot's limits hold: the trial goes on, and the robot is nowhere faster than 2 m/s.
     """
-    description = driven(lab, "huge", "timeout")
+    description = drive(lab, "huge", "timeout")
     hold(lab.row()["measures"]["driven_m"] < 8.0, lab.row()["measures"])
     return f"{description}, {lab.row()['measures']['driven_m']:.1f} m driven"
 
@@ -307,7 +307,7 @@ def cannot_be_imported(lab: Lab) -> str:
 
     Refused in one line that names planner, module and package, before any folder is made.
     """
-    refusal = lab.refused(
+    refusal = lab.expect_refusal(
         "run",
         "--planner",
         "broken",

@@ -8,19 +8,19 @@ from functools import partial
 from pathlib import Path
 
 from barn_eval.results.rows import RowFile, seal_line, unseal_line, write_tables
-from fault_cases.campaigns import campaign, resumed, undisturbed
+from fault_cases.campaigns import campaign, resume, run_undisturbed
 from fault_cases.files import FAMILY
 from fault_cases.kit import Lab, add, case, hold
 
 
-def _finished(lab: Lab) -> Path:
-    shutil.copytree(undisturbed(), lab.out)
+def _copy_finished(lab: Lab) -> Path:
+    shutil.copytree(run_undisturbed(), lab.out)
     return lab.out
 
 
-def _unfinished(lab: Lab) -> Path:
+def _copy_unfinished(lab: Lab) -> Path:
     """Leave a campaign of seven rows."""
-    out = _finished(lab)
+    out = _copy_finished(lab)
     for name in ("results.jsonl", "tracks.jsonl"):
         lines = (out / name).read_bytes().splitlines(keepends=True)
         (out / name).write_bytes(b"".join(lines[:7]))
@@ -30,24 +30,24 @@ def _unfinished(lab: Lab) -> Path:
     # tracks are in the order of the plan once a campaign is complete
     rows = [
         json.loads(line)["trial_id"]
-        for line in (undisturbed() / "tracks.jsonl").read_text().splitlines()[:7]
+        for line in (run_undisturbed() / "tracks.jsonl").read_text().splitlines()[:7]
     ]
     texts = {
         json.loads(line)["trial_id"]: line
-        for line in (undisturbed() / "results.jsonl").read_text().splitlines()
+        for line in (run_undisturbed() / "results.jsonl").read_text().splitlines()
     }
     (out / "results.jsonl").write_text("".join(f"{texts[name]}\n" for name in rows))
     return out
 
 
 def _torn(lab: Lab, name: str) -> str:
-    out = _unfinished(lab)
+    out = _copy_unfinished(lab)
     if name == "tracks.jsonl":  # a row comes after its track
         rows = (out / "results.jsonl").read_bytes().splitlines(keepends=True)
         (out / "results.jsonl").write_bytes(b"".join(rows[:-1]))
     path = out / name
     path.write_bytes(path.read_bytes()[:-40])
-    return resumed(lab)
+    return resume(lab)
 
 
 for _name, _file in (
@@ -67,14 +67,14 @@ def _expect_refusal(
     lab: Lab, alter: Callable[[Path], object], words: str, *, unfinished: bool = True
 ) -> str:
     """Alter a folder; both resuming and checking must refuse it and leave it as it is."""
-    out = _unfinished(lab) if unfinished else _finished(lab)
+    out = _copy_unfinished(lab) if unfinished else _copy_finished(lab)
     alter(out)
     before = {
         path.name: path.read_bytes()
         for path in out.iterdir()
         if path.is_file() and path.name != ".lock"
     }
-    refusal = lab.refused(*campaign(lab))
+    refusal = lab.expect_refusal(*campaign(lab))
     checked = lab.barn("check", out, code=1).err
     hold(words in refusal or words in checked, f"{refusal} | {checked}")
     after = {
@@ -243,8 +243,8 @@ for _name, _done, _alter, _words in (
 
 
 def _differs(lab: Lab, options: Sequence[object], words: str) -> str:
-    _unfinished(lab)
-    refusal = lab.refused(*campaign(lab, *options))
+    _copy_unfinished(lab)
+    refusal = lab.expect_refusal(*campaign(lab, *options))
     hold(words in refusal, refusal)
     return refusal.replace(str(lab.folder), "")
 
@@ -286,7 +286,7 @@ def folder_of_something_else(lab: Lab) -> str:
     """
     lab.out.mkdir()
     (lab.out / "thesis.tex").write_text("chapter")
-    refusal = lab.refused(*campaign(lab))
+    refusal = lab.expect_refusal(*campaign(lab))
     hold([path.name for path in lab.out.iterdir()] == ["thesis.tex"], "files were made")
     return refusal.replace(str(lab.folder), "")
 

@@ -24,7 +24,7 @@ def expect_refusal(
 ) -> str:
     """Make a file and give it to a command, which must refuse it by name, with 3 GB at most."""
     make(lab.folder / name)
-    refusal = lab.refused(*words, prefix=("prlimit", "--as=3000000000"))
+    refusal = lab.expect_refusal(*words, prefix=("prlimit", "--as=3000000000"))
     hold((named or name) in refusal, f"{named or name} is not named: {refusal}")
     hold(len(refusal) < LONGEST, f"{len(refusal)} characters")
     return refusal.replace(str(lab.folder), "")[:200]
@@ -66,7 +66,7 @@ def _bomb(path: Path) -> None:
     _data_set(_npy("(700000000,)", "|u1") + bytes(700_000_000))(path)
 
 
-def _pickled() -> bytes:
+def _pickle_payload() -> bytes:
     file = io.BytesIO()
     np.save(file, np.array([{"a": 1}], object), allow_pickle=True)
     return file.getvalue()
@@ -97,7 +97,7 @@ for _name, _done, _file, _make, _words in (
         "npz-pickled",
         "A data set with a pickled array.",
         "w.npz",
-        _data_set(_pickled()),
+        _data_set(_pickle_payload()),
         (*_LIST, "w.npz"),
     ),
     (

@@ -77,13 +77,13 @@ def case(
 ) -> "Callable[[Callable[[Lab], str]], Callable[[Lab], str]]":
     """Return a decorator that adds a function as a case; its doc is what is done and, below, what must happen."""
 
-    def added(act: Callable[[Lab], str]) -> Callable[[Lab], str]:
+    def add_function(act: Callable[[Lab], str]) -> Callable[[Lab], str]:
         done, _, must = (inspect.getdoc(act) or "").partition("\n\n")
         name = act.__name__.replace("_", "-")
         add(family, name, " ".join(done.split()), " ".join(must.split()), act, limit_s)
         return act
 
-    return added
+    return add_function
 
 
 def hold(condition: object, otherwise: object) -> None:
@@ -204,7 +204,7 @@ class Lab:
         """Run `barn` to its end."""
         return self.finish(self.start(*arguments, **how), code)
 
-    def refused(self, *arguments: object, **how: Any) -> str:
+    def expect_refusal(self, *arguments: object, **how: Any) -> str:
         """Run `barn`, which must refuse in one line, and return that."""
         return self.barn(*arguments, code=1, **how).error
 

@@ -7,20 +7,20 @@ from functools import partial
 from pathlib import Path
 
 from fault_cases.kit import Lab, add, ending, hold
-from fault_cases.planners import FOREIGN, SCRIPT, by_command, driven, judged, ros
+from fault_cases.planners import FOREIGN, SCRIPT, by_command, drive, judge, ros
 
 FAMILY = "meddling"
 
 
 def _expect_interference(lab: Lab, kind: str, words: str) -> str:
     lab.barn(*ros(lab, *by_command(FOREIGN, lab.folder / "starts", kind)))
-    description = judged(lab, "interference", words)
+    description = judge(lab, "interference", words)
     scores = lab.row()["scores"]
     hold(not scores["success"] and scores["challenge"] == 0.0, scores)
     return description
 
 
-def _named(lab: Lab, ground_truth: str, heard: bool) -> str:
+def _expect_remark(lab: Lab, ground_truth: str, heard: bool) -> str:
     words = by_command(FOREIGN, lab.folder / "starts", "curious")
     lab.barn(*ros(lab, *words, "--ros", f"ground_truth={ground_truth}"))
     row = lab.row()
@@ -72,14 +72,14 @@ add(
     "reads-the-truth",
     "The planner subscribes to /ground_truth/odom.",
     "It hears nothing, and the row names it.",
-    partial(_named, ground_truth="false", heard=False),
+    partial(_expect_remark, ground_truth="false", heard=False),
 )
 add(
     FAMILY,
     "reads-the-truth-asked-for",
     "The planner subscribes to /ground_truth/odom in a run with --ros ground_truth=true.",
     "It hears the truth, and the row names it.",
-    partial(_named, ground_truth="true", heard=True),
+    partial(_expect_remark, ground_truth="true", heard=True),
 )
 add(
     FAMILY,
@@ -90,7 +90,7 @@ add(
         lab.barn(
             *ros(lab, *by_command(FOREIGN, lab.folder / "starts", "broken_command"))
         ),
-        judged(lab, "invalid_command", "not finite"),
+        judge(lab, "invalid_command", "not finite"),
     )[1],
 )
 
@@ -158,7 +158,7 @@ add(
     "kills-its-parent",
     "The planner sends SIGKILL to its parent, the first process that it sees.",
     "The kernel drops it: the trial runs to its timeout.",
-    partial(driven, kind="kills-its-parent", outcome="timeout"),
+    partial(drive, kind="kills-its-parent", outcome="timeout"),
 )
 
 
@@ -178,7 +178,7 @@ def _expect_bounded_memory(lab: Lab, kind: str, outcome: str, words: str) -> str
                 )
         hold(lab.left_s, "")
         time.sleep(0.1)
-    description = judged(lab, outcome, words)
+    description = judge(lab, outcome, words)
     hold(peak_mb < 3000, f"the evaluator took {peak_mb} MB; {description}")
     return f"{description}; evaluator at most {peak_mb} MB, trial {lab.row()['wall_clock']['duration_s']:.0f} s"
 

@@ -4,7 +4,7 @@ import signal
 import sys
 
 from fault_cases.kit import Lab, Skipped, case, hold, repeatable
-from fault_cases.processes import FAMILY, driving, same, undisturbed, words
+from fault_cases.processes import FAMILY, driving, run_undisturbed, same, words
 from fault_cases.system import kill
 
 
@@ -39,7 +39,7 @@ def two_runs_in_two_folders(lab: Lab) -> str:
     for run in both:
         lab.finish(run)
     rows = [repeatable(lab.rows(folder)) for folder in (lab.out, lab.folder / "other")]
-    hold(rows[0] == rows[1] == undisturbed(), "the rows differ")
+    hold(rows[0] == rows[1] == run_undisturbed(), "the rows differ")
     return "both rows as undisturbed"
 
 
@@ -49,13 +49,13 @@ def domain_in_use(lab: Lab) -> str:
 
     Refused in one line that names the domain; the other run goes on to the undisturbed row.
     """
-    undisturbed()
+    run_undisturbed()
     domain = {"ROS_DOMAIN_ID": "77"}
     run = lab.start(*words(lab), environment=domain)
     driving(lab, run)
     first = lab.processes()
     kill(first, signal.SIGSTOP)
-    refusal = lab.refused(
+    refusal = lab.expect_refusal(
         "run",
         "--mode",
         "ros",
@@ -78,7 +78,7 @@ def domain_that_is_none(lab: Lab) -> str:
 
     Refused in one line that names it and what is allowed.
     """
-    refusal = lab.refused(*words(lab), environment={"ROS_DOMAIN_ID": "4000"})
+    refusal = lab.expect_refusal(*words(lab), environment={"ROS_DOMAIN_ID": "4000"})
     hold("ROS_DOMAIN_ID must be from 0 to 232, got '4000'" in refusal, refusal)
     return refusal
 
@@ -102,7 +102,7 @@ def strangers_on_the_domain(lab: Lab) -> str:
 
     The row is the undisturbed one, without a remark.
     """
-    undisturbed()
+    run_undisturbed()
     near = {"ROS_DOMAIN_ID": "78", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     strangers = [
         lab.start_program([sys.executable, "-c", _CHATTER], near) for _ in range(3)
@@ -135,7 +135,7 @@ def simulators_of_strangers(lab: Lab) -> str:
     )
     if other.poll() is not None:
         raise Skipped("no second simulator")
-    refusal = lab.refused(*words(lab), environment=near)
+    refusal = lab.expect_refusal(*words(lab), environment=near)
     other.kill()
     other.wait()
     hold("ROS_DOMAIN_ID 79: /other publishes" in refusal, refusal)

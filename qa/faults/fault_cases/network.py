@@ -21,8 +21,8 @@ from fault_cases.campaigns import shifted_clock
 from fault_cases.direct import SHORT
 from fault_cases.environment import FAMILY as MACHINE
 from fault_cases.kit import Lab, Skipped, add, case, ending, hold
-from fault_cases.planners import FOREIGN, by_command, judged, ros
-from fault_cases.processes import same, undisturbed, words
+from fault_cases.planners import FOREIGN, by_command, judge, ros
+from fault_cases.processes import run_undisturbed, same, words
 
 FAMILY = "live"
 _DIRECT = ("--planner", "gap", "--worlds", "0", "--protocol", "short.yaml")
@@ -65,7 +65,7 @@ def _subscription(count: int) -> bytes:
     return _text(json.dumps({"op": "subscribe", "subscriptions": channels}).encode())
 
 
-def _malformed(place: Place, connections: ExitStack) -> str:
+def _send_malformed(place: Place, connections: ExitStack) -> str:
     frames = (
         b"\x81\x05hello",  # without a mask
         b"\xff" * 1000,
@@ -140,7 +140,7 @@ for _name, _done, _act in (
     (
         "malformed-frames",
         "Clients of the live view send what is no frame, no JSON, or asks for too much.",
-        _malformed,
+        _send_malformed,
     ),
     (
         "many-clients",
@@ -166,7 +166,7 @@ def no_loopback(lab: Lab) -> str:
     alone = ["unshare", "--net", "--"]
     if subprocess.run([*alone, "true"], check=False, capture_output=True).returncode:
         raise Skipped("a network namespace cannot be made here (needs root)")
-    refusal = lab.refused(*words(lab), prefix=alone)
+    refusal = lab.expect_refusal(*words(lab), prefix=alone)
     hold("no loopback interface" in refusal, refusal)
     (lab.folder / "short.yaml").write_text(SHORT)
     lab.barn("run", *_DIRECT, "--out", lab.out, prefix=alone)
@@ -179,7 +179,7 @@ def no_such_dds(lab: Lab) -> str:
 
     Where it is not installed, the run ends with one line that names it; else the row is the undisturbed one.
     """
-    undisturbed()
+    run_undisturbed()
     ended = lab.barn(
         *words(lab), code=None, environment={"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}
     )
@@ -204,7 +204,7 @@ def a_planner_in_another_century(lab: Lab) -> str:
             limit_s=6.0,
         )
     )
-    return judged(lab, "interference", "stamped by a clock that is 1734")
+    return judge(lab, "interference", "stamped by a clock that is 1734")
 
 
 @case(MACHINE)
@@ -224,10 +224,10 @@ def a_planner_with_a_fast_clock(lab: Lab) -> str:
             limit_s=6.0,
         )
     )
-    return judged(lab, "timeout", "")
+    return judge(lab, "timeout", "")
 
 
-def _limited(lab: Lab, kind: int, most: int, options: tuple[object, ...]) -> str:
+def _run_with_limit(lab: Lab, kind: int, most: int, options: tuple[object, ...]) -> str:
     limit = partial(resource.setrlimit, kind, (most, most))
     (lab.folder / "short.yaml").write_text(SHORT)
     ended = lab.barn(*(options or words(lab)), code=None, before=limit)
@@ -276,7 +276,7 @@ for _name, _done, _kind, _most, _ros in (
     def _act_limited(
         lab: Lab, kind: int = _kind, most: int = _most, over_ros: bool = _ros
     ) -> str:
-        return _limited(
+        return _run_with_limit(
             lab, kind, most, () if over_ros else ("run", *_DIRECT, "--out", lab.out)
         )
 
