@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import pandas as pd
 
@@ -64,15 +64,7 @@ __all__ = [
 ]
 
 Form = Literal["sdf", "sdf_classic", "map", "original", "npz", "yaml", "png"]
-FORMATS: tuple[Form, ...] = (
-    "sdf",
-    "sdf_classic",
-    "map",
-    "original",
-    "npz",
-    "yaml",
-    "png",
-)
+FORMATS: tuple[Form, ...] = get_args(Form)
 
 
 def datasets() -> list[str]:
@@ -406,7 +398,6 @@ def metrics_table(
         formula: As for `metrics`.
         robot: As for `metrics`.
     """
-    chosen_formula = as_formula(formula)
     dataset = open_dataset(source)
     other_robot = load_robot(robot) if robot else None
 
@@ -418,7 +409,7 @@ def metrics_table(
         number: partial(read, number)
         for number in select_worlds(select, dataset.world_numbers)
     }
-    return make_metrics_table(Dataset(dataset.name, readers), chosen_formula)
+    return make_metrics_table(Dataset(dataset.name, readers), as_formula(formula))
 
 
 def draw(

@@ -29,11 +29,11 @@ Planners: TypeAlias = (
 class PlannerObject:
     """A planner handed over as a Python object."""
 
+    # Name of the planner in the results.
     name: str
-    """Name of the planner in the results."""
 
+    # The class, object or function.
     source: PlannerSource
-    """The class, object or function."""
 
     def make_planner(self) -> Planner:
         """Return the planner of a trial: a new instance of a class, else the object.

@@ -20,16 +20,16 @@ ENVIRONMENT = dict.fromkeys(
     "1",
 )
 
+# Takes the result of a part of a job, or a text for the user.
 Emit = Callable[[Any], None]
-"""Takes the result of a part of a job, or a text for the user."""
 
 
 @dataclass(frozen=True)
 class Job:
     """Trials that one worker runs in turn."""
 
+    # Distinguishes the jobs of a run.
     key: str
-    """Distinguishes the jobs of a run."""
 
     trials: tuple[TrialSpec, ...]
 
@@ -45,8 +45,8 @@ class Work(ABC):
     Each worker gets a pickled copy.
     """
 
+    # Whether a job may import modules that only this process's path has.
     needs_import_path = True
-    """Whether a job may import modules that only this process's path has."""
 
     @property
     def isolation(self) -> str:
@@ -83,8 +83,8 @@ class DirectWork(Work):
 
     store: BagStore
 
+    # Planners that are Python objects, by name.
     planners: Mapping[str, PlannerObject] = field(default_factory=dict)
-    """Planners that are Python objects, by name."""
 
     def run(self, job: Job, emit: Emit) -> TrialRecord:  # noqa: ARG002 (one result per job)
         """Run the only trial of a job."""
@@ -103,11 +103,11 @@ class DirectWork(Work):
 class JobReport:
     """A worker's report on a job."""
 
+    # Key of the job.
     key: str
-    """Key of the job."""
 
+    # Name of the worker.
     worker: str
-    """Name of the worker."""
 
 
 @dataclass(frozen=True)
@@ -116,19 +116,19 @@ class PartialResult(JobReport):
 
     result: Any
 
+    # UTC time in ISO 8601.
     started_at: str
-    """UTC time in ISO 8601."""
 
 
 @dataclass(frozen=True)
 class JobResult(JobReport):
     """The last report on a job that ended."""
 
+    # Its result; None if partial results had all of it.
     result: Any
-    """Its result; None if partial results had all of it."""
 
+    # UTC time in ISO 8601.
     started_at: str
-    """UTC time in ISO 8601."""
 
 
 @dataclass(frozen=True)
@@ -146,11 +146,11 @@ class JobLoss(JobReport):
 
     traceback: str = ""
 
+    # Whether the job exceeded its wall-clock time.
     is_overtime: bool = False
-    """Whether the job exceeded its wall-clock time."""
 
+    # Whether the machine stood still, so that the planner is not to blame.
     is_stall: bool = False
-    """Whether the machine stood still, so that the planner is not to blame."""
 
 
 @dataclass(frozen=True)

@@ -102,13 +102,15 @@ class ConsoleReporter(Reporter):
             )
 
 
-def make_reporter(progress: bool) -> Reporter:
+def make_reporter(progress: "bool | Reporter") -> Reporter:
     """Return a reporter for Python users.
 
     Args:
-        progress: Show progress in a terminal or notebook. Elsewhere, and without it, the
-            reporter logs.
+        progress: Whether to show progress in a terminal or notebook; elsewhere, and
+            without it, the reporter logs. Or the reporter itself.
     """
+    if isinstance(progress, Reporter):
+        return progress
     reporter = ConsoleReporter(Console(stderr=True))
     return reporter if progress and reporter.is_interactive else Reporter()
 
