@@ -242,7 +242,7 @@ def save(
     """Write worlds for other programs, or as a data set.
 
     Args:
-        worlds: Worlds by number.
+        worlds: Worlds by their numbers in a data set.
         out: New file or folder.
         form: npz (one file of the suite's own format), original (the layout of the
             original data set), or a file per world in the folder `out`: sdf (current
@@ -320,7 +320,7 @@ def resize(worlds: Mapping[int, World], robot: str | Path) -> dict[int, World]:
     again.
 
     Args:
-        worlds: Worlds by number.
+        worlds: Worlds by their numbers in a data set.
         robot: Name or YAML file of the robot.
 
     Raises:
@@ -424,7 +424,7 @@ def draw(
     of protocol challenge or, in an arena, dynabarn.
 
     Args:
-        worlds: The world, or worlds by number.
+        worlds: One world, or several by their numbers in a data set.
         robot: Robot that drives.
         course: Start x, y, yaw and goal x, y [m, rad] instead of the world's own.
 
@@ -449,7 +449,7 @@ def write_figure(
     """Write a picture of a world or a sheet of several, or an animation of one.
 
     Args:
-        worlds: Worlds by number.
+        worlds: Worlds by their numbers in a data set.
         path: Picture (.png) or animation (.gif).
         course: As for `draw`.
 

@@ -64,7 +64,12 @@ class FunctionPlanner(Planner):
         self._task: Task | None = None
 
     def start(self, task: Task, seed: int) -> None:  # noqa: ARG002 (a function has no randomness of its own)
-        """Begin a trial."""
+        """Begin a trial.
+
+        Args:
+            task: Goal and map, for functions that take two arguments.
+            seed: Not used.
+        """
         self._task = task
 
     def step(self, observation: Observation) -> Decision:

@@ -62,7 +62,7 @@ class Work(ABC):
         """Run a job.
 
         Args:
-            job: The job.
+            job: What `jobs` returns, or another kind of work.
             emit: Receives results of parts of the job, and texts for the user.
 
         Returns:
@@ -170,9 +170,9 @@ def run_job(
 
     Args:
         work: What to do with the job.
-        key: Key of the job.
-        worker: Name of the worker.
-        job: The job.
+        key: Key of the job, for its reports.
+        worker: Name of the worker, for its reports and its rows.
+        job: What `Work.run` takes.
         send: Receives partial results and notices.
     """
     started_at = _now()
@@ -246,8 +246,8 @@ class InlinePool(WorkerPool):
         """Run a job; returns at its end.
 
         Args:
-            key: Key of the job.
-            job: The job.
+            key: Key of the job, which its reports carry.
+            job: What `Work.run` takes.
         """
         report = run_job(self._work, key, "inline", job, self._reports.append)
         self._reports.append(report)

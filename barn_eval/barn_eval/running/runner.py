@@ -62,7 +62,7 @@ def run_trials(
 
     Args:
         folder: Receives the results.
-        trials: The trials.
+        trials: Specifications, in the order in which they start.
         pool: Runs the jobs; the caller closes it.
         execution: Number of attempts and of losses in a row that end the run.
         work: Divides trials into jobs.
