@@ -137,6 +137,9 @@ class Notice(JobReport):
 
     text: str
 
+    # Whether the user should see it even if nobody watches the run.
+    is_warning: bool = False
+
 
 @dataclass(frozen=True)
 class JobLoss(JobReport):
