@@ -1,4 +1,4 @@
-"""Reading trials for the difficulty model, and training and judging it from end to end."""
+"""Reading trials for the difficulty model, training and judging it, end to end."""
 
 import json
 from dataclasses import replace
