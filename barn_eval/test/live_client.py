@@ -52,8 +52,10 @@ class LiveClient:
 
     def subscribe(self, channels):
         """Subscribe to channels; the number of a subscription is that of its channel."""
-        asked = [{"id": one["id"], "channelId": one["id"]} for one in channels]
-        content = json.dumps({"op": "subscribe", "subscriptions": asked})
+        requests = [
+            {"id": channel["id"], "channelId": channel["id"]} for channel in channels
+        ]
+        content = json.dumps({"op": "subscribe", "subscriptions": requests})
         self._do(lambda: self._connection.write_message(content))
 
     def messages(self, count):

@@ -46,7 +46,7 @@ RUNTIME = (
     "rmw",
     "fastcdr",
     "rcutils",
-    *(f"rosidl_typesupport_{one}" for one in TYPE_SUPPORTS),
+    *(f"rosidl_typesupport_{support}" for support in TYPE_SUPPORTS),
 )
 TRANSLATE = {
     "action": TranslateActionToIDL,
@@ -69,11 +69,9 @@ DEFINITIONS = {
 def generate(folder, package):
     """Write the definitions of a package, where an installation has them, and its sources."""
     share = folder / "share" / package
-    made, shared, interfaces = (
-        folder / package,
-        [str(PREFIX / "share"), str(folder / "share")],
-        [],
-    )
+    made = folder / package
+    shared = [str(PREFIX / "share"), str(folder / "share")]
+    interfaces = []
     for path in [one for one in DEFINITIONS if one.startswith(f"{package}/")]:
         _, kind, name = path.split("/")
         (share / kind).mkdir(parents=True, exist_ok=True)

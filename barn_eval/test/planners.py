@@ -36,7 +36,8 @@ def spec_of(
     world=0, protocol=CHALLENGE, planner="gap", *, robot=None, repetition=0, **changes
 ):
     """A trial in a world, or in one of the protocol's data set by its number."""
-    name, simulator = dataset_of(protocol), simulator_config(protocol, robot=robot)
+    name = dataset_of(protocol)
+    simulator = simulator_config(protocol, robot=robot)
     index, found = (
         (world, open_dataset(name).load(world))
         if isinstance(world, int)

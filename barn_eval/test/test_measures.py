@@ -54,7 +54,7 @@ def test_keys_are_columns_of_the_tables_and_values_are_theirs():
 
 def test_a_robot_does_better_that_arrives_sooner_farther_from_obstacles_and_smoother():
     sides = {
-        side: {key for key, one in MEASURES.items() if one.better == side}
+        side: {key for key, measure in MEASURES.items() if measure.better == side}
         for side in ("larger", "smaller", "")
     }
     assert sides["larger"] == {
@@ -84,7 +84,7 @@ def test_a_robot_does_better_that_arrives_sooner_farther_from_obstacles_and_smoo
 
 
 def test_what_a_robot_drives_counts_where_it_arrives():
-    of_successes = {key for key, one in MEASURES.items() if one.successes_only}
+    of_successes = {key for key, measure in MEASURES.items() if measure.successes_only}
     of_arrivals = {"traversal_time_s", "driven_m", "path_ratio", "rotation_rad"}
     assert of_successes == of_arrivals | {"path_over_straight", "time_over_straight"}
 
@@ -195,7 +195,8 @@ def test_values_of_successes_leave_failed_trials_out():
 
 
 def test_only_trials_among_moving_obstacles_have_their_measures():
-    one, still = moved(), result(3)
+    one = moved()
+    still = result(3)
     assert "phase_s" not in results_table([still]).column_names
     assert results_table([still, one])["phase_s"].to_pylist() == [None, 7.0]
     assert {key for key in MOVING if MEASURES[key].value(still) is not None} == set()

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from reproduce_work import experiment_of, made_up
+from reproduce_work import experiment_of, invent_result
 
 from barn_eval.studies.reproduction.findings import (
     ReproduceConfig,
@@ -37,7 +37,7 @@ WORLDS = "0:300:15"
 @pytest.fixture(scope="module")
 def results():
     """Made-up trials in twenty worlds."""
-    return [made_up(spec) for spec in experiment_of(WORLDS).trials()]
+    return [invent_result(spec) for spec in experiment_of(WORLDS).trials()]
 
 
 @pytest.fixture(scope="module")
@@ -47,23 +47,23 @@ def finding(results):
 
 def test_worlds_are_drawn_one_from_each_part_of_their_order():
     indices = list(range(100, 400))
-    chosen = draw_worlds(indices, 40, 0)
+    sample = draw_worlds(indices, 40, 0)
     parts = np.array_split(np.array(indices), 40)
-    assert len(chosen) == 40
-    assert all(world in part for world, part in zip(chosen, parts, strict=True))
-    assert chosen == draw_worlds(indices, 40, 0) != draw_worlds(indices, 40, 1)
+    assert len(sample) == 40
+    assert all(world in part for world, part in zip(sample, parts, strict=True))
+    assert sample == draw_worlds(indices, 40, 0) != draw_worlds(indices, 40, 1)
     assert draw_worlds(indices, 0, 0) == draw_worlds(indices, 300, 0) == tuple(indices)
 
 
 def test_deviation():
     values = np.random.default_rng(3).normal(0.0, 2.0, 400)
-    found = deviation(values, 0)
+    estimate = deviation(values, 0)
     assert (
-        found.estimate == values.std()
-        and found.low < 2.0 < found.high
-        and found.high - found.low < 0.6
+        estimate.estimate == values.std()
+        and estimate.low < 2.0 < estimate.high
+        and estimate.high - estimate.low < 0.6
     )
-    assert found == deviation(values, 0) != deviation(values, 1)
+    assert estimate == deviation(values, 0) != deviation(values, 1)
 
 
 def test_verdicts_follow_the_interval():
@@ -85,12 +85,12 @@ def test_verdicts_follow_the_interval():
 
 def test_trials_are_counted_as_the_paper_does(results, finding):
     for planner in PLANNERS:
-        own = [one for one in results if one.planner == planner]
-        times = np.array([one.scores.scored_time_s for one in own])
-        failed = np.array([not one.scores.success for one in own])
+        rows = [one for one in results if one.planner == planner]
+        times = np.array([one.scores.scored_time_s for one in rows])
+        failed = np.array([not one.scores.success for one in rows])
         one = finding.of(planner)
-        assert one.trials == len(own) == 60
-        per_m = np.mean([trial.scores.normalised_time_s_per_m for trial in own])
+        assert one.trials == len(rows) == 60
+        per_m = np.mean([trial.scores.normalised_time_s_per_m for trial in rows])
         means = [
             figure.estimate
             for figure in (one.normalised_s_per_m, one.time_s, one.success_time_s)

@@ -75,11 +75,11 @@ def test_who_failed_follows_from_the_outcome_unless_it_is_known(outcome, blamed,
 
 def test_before_times_were_clipped_the_metric_had_no_limit():
     rules = replace(CHALLENGE, clipped=False)
-    found = [
+    metrics = [
         score_trial(verdict(Outcome.SUCCESS, time_s), COURSE, rules).challenge
         for time_s in (0.05, 90.0)
     ]
-    assert found == pytest.approx([5.0 / 0.05, 5.0 / 90.0])
+    assert metrics == pytest.approx([5.0 / 0.05, 5.0 / 90.0])
 
 
 @pytest.mark.parametrize(

@@ -38,12 +38,12 @@ def test_the_log_keeps_each_reading_with_the_command_that_answers_it():
     log.reading(Odometry(7, Pose2D(1.5, 2.5, 3.5), Velocity2D(0.6, 0.7)), True)
     log.command(Velocity2D(0.1, 0.2))
     log.command(Velocity2D(0.3, 0.4))  # replaces it
-    found = log.trajectory()
-    assert found.stamps_ns.tolist() == [5, 7]
-    assert found.truth.tolist() == [[1.0, 2.0, 3.0], [1.5, 2.5, 3.5]]
-    assert found.velocity.tolist() == [[0.4, 0.5], [0.6, 0.7]]
-    np.testing.assert_array_equal(found.command, [[np.nan, np.nan], [0.3, 0.4]])
-    assert found.contact.tolist() == [False, True]
+    trajectory = log.trajectory()
+    assert trajectory.stamps_ns.tolist() == [5, 7]
+    assert trajectory.truth.tolist() == [[1.0, 2.0, 3.0], [1.5, 2.5, 3.5]]
+    assert trajectory.velocity.tolist() == [[0.4, 0.5], [0.6, 0.7]]
+    np.testing.assert_array_equal(trajectory.command, [[np.nan, np.nan], [0.3, 0.4]])
+    assert trajectory.contact.tolist() == [False, True]
 
 
 def test_lengths_turns_and_times():
@@ -85,12 +85,12 @@ def test_a_motion_of_some_millimetres_has_a_speed_and_a_ratio():
 
 
 def test_a_way_back_to_its_beginning_has_no_ratio():
-    there_and_back = [
+    round_trip = [
         Pose2D(1.0, 1.0, 0.0),
         Pose2D(2.0, 1.0, 0.0),
         Pose2D(1.0, 1.0, 0.0),
     ]
-    measures = measure_trajectory(drive(there_and_back), FAR, 0.075, EXTENT)
+    measures = measure_trajectory(drive(round_trip), FAR, 0.075, EXTENT)
     assert (measures.driven_m, measures.driven_ratio) == (2.0, None)
 
 
@@ -143,19 +143,21 @@ def plainly(trajectory):
         (b - a) / (0.5 * (times[k + 2] - times[k]))
         for k, (a, b) in enumerate(itertools.pairwise(changes))
     ]
-    given = [row for row in trajectory.command.tolist() if all(map(math.isfinite, row))]
+    commands = [
+        row for row in trajectory.command.tolist() if all(map(math.isfinite, row))
+    ]
     steps = [
-        [b[axis] - a[axis] for a, b in itertools.pairwise(given)] for axis in (0, 1)
+        [b[axis] - a[axis] for a, b in itertools.pairwise(commands)] for axis in (0, 1)
     ]
     return {
-        "rms_yaw_jerk_radps3": math.sqrt(sum(one**2 for one in jerks) / len(jerks)),
-        "speed_variation_mps": sum(abs(one) for one in steps[0]),
-        "turn_variation_radps": sum(abs(one) for one in steps[1]),
+        "rms_yaw_jerk_radps3": math.sqrt(sum(value**2 for value in jerks) / len(jerks)),
+        "speed_variation_mps": sum(abs(value) for value in steps[0]),
+        "turn_variation_radps": sum(abs(value) for value in steps[1]),
         "rms_speed_step_mps": math.sqrt(
-            sum(one**2 for one in steps[0]) / len(steps[0])
+            sum(value**2 for value in steps[0]) / len(steps[0])
         ),
         "rms_turn_step_radps": math.sqrt(
-            sum(one**2 for one in steps[1]) / len(steps[1])
+            sum(value**2 for value in steps[1]) / len(steps[1])
         ),
     }
 
@@ -173,15 +175,15 @@ def test_what_controllers_are_compared_by_is_what_plain_loops_give(seed):
         seed // 2 % 2
     ]  # no command, which ends a trial
     velocity = rng.uniform(-1.0, 1.0, (count, 2))
-    one = Trajectory(
+    trajectory = Trajectory(
         stamps_ns,
         rng.uniform(0.0, 1.0, (count, 3)),
         velocity,
         command,
         np.zeros(count, np.bool_),
     )
-    found = measure_trajectory(one, FAR, 0.075, EXTENT)
-    for key, expected in plainly(one).items():
+    found = measure_trajectory(trajectory, FAR, 0.075, EXTENT)
+    for key, expected in plainly(trajectory).items():
         assert getattr(found, key) == pytest.approx(expected), key
     assert found.off_plan_m is None
 
@@ -244,13 +246,13 @@ def test_the_distance_from_the_plan_is_to_the_last_published_one_that_answers_an
         np.zeros((10_001, 2)),
     ):
         log.plan(wrong, 1_250_000_000)
-    found = log.trajectory()
+    trajectory = log.trajectory()
     np.testing.assert_allclose(
-        found.off_plan_m, [math.nan, math.nan, 0.5, 0.5, 3.0, 3.0, 3.0]
+        trajectory.off_plan_m, [math.nan, math.nan, 0.5, 0.5, 3.0, 3.0, 3.0]
     )
-    assert measure_trajectory(found, FAR, 0.075, EXTENT).off_plan_m == pytest.approx(
-        2.0
-    )
+    assert measure_trajectory(
+        trajectory, FAR, 0.075, EXTENT
+    ).off_plan_m == pytest.approx(2.0)
 
 
 def test_readings_without_an_answer_are_counted_but_for_the_last():
@@ -308,7 +310,8 @@ def test_clearance_to_one_cylinder(pose, expected):
 def test_clearance_is_from_an_outline_that_need_not_be_centred(
     ahead_m, left_m, expected
 ):
-    pose, outline = Pose2D(0.3, -0.2, 0.6), Rectangle([-0.1, -0.35, 0.4, 0.05])
+    pose = Pose2D(0.3, -0.2, 0.6)
+    outline = Rectangle([-0.1, -0.35, 0.4, 0.05])
     centre = pose.transform(np.array([[ahead_m, left_m]]))
     assert compute_clearances(
         np.array([[pose.x, pose.y, pose.yaw]]), centre, 0.075, outline
@@ -317,7 +320,8 @@ def test_clearance_is_from_an_outline_that_need_not_be_centred(
 
 def test_clearance_is_to_the_nearest_of_many():
     rng = np.random.default_rng(1)
-    poses, centres = rng.uniform(-2, 2, (200, 3)), rng.uniform(-2, 2, (50, 2))
+    poses = rng.uniform(-2, 2, (200, 3))
+    centres = rng.uniform(-2, 2, (50, 2))
     each = [
         compute_clearances(poses, centre[None], 0.075, EXTENT) for centre in centres
     ]

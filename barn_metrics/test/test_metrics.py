@@ -102,11 +102,11 @@ def reference_dispersion(cspace, cell, variant):
             and abs(direction[0]) + abs(direction[1]) == 3
         )
         points = 3 if abs(direction[0]) + abs(direction[1]) != 3 or long_one else 2
-        seen = [
+        neighbors = [
             _look(cspace, (cell[0] + k * direction[0], cell[1] + k * direction[1]))
             for k in range(1, points + 1)
         ]
-        signs.append("occupied" in seen)
+        signs.append("occupied" in neighbors)
     return sum(signs[k] != signs[k - 1] for k in range(16))
 
 

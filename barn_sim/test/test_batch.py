@@ -120,7 +120,8 @@ def test_many_robots_advance_as_each_alone_also_on_wheels_without_load(
     walled_world, robot
 ):
     """More robots than lanes: some fall (friction without load is solved one by one), some come to a cylinder."""
-    count, rng = 3 * LANES - 5, np.random.default_rng(0)
+    count = 3 * LANES - 5
+    rng = np.random.default_rng(0)
     config = with_robot(SimulatorConfig(lidar=LidarConfig(beams=10)), load_robot(robot))
     abreast, alone = (Batch(count, config) for _ in range(2))
     for batch in (abreast, alone):
@@ -133,7 +134,8 @@ def test_many_robots_advance_as_each_alone_also_on_wheels_without_load(
                 ),
             )
         batch.fleet.robots["position"][::3, 2] += 0.02
-    segments, which = np.full((count, 2, 4), 100.0), np.arange(count)
+    segments = np.full((count, 2, 4), 100.0)
+    which = np.arange(count)
     ahead_m = (
         math.hypot(*abreast.fleet.settings["extent"][0, 2:])
         + abreast.fleet.robots["near_m"][0]
@@ -141,10 +143,8 @@ def test_many_robots_advance_as_each_alone_also_on_wheels_without_load(
     )
     segments[:, 0] = [ahead_m - 2.25, 1.0, ahead_m - 2.25, 1.0]
     for _ in range(10):
-        commands, left = (
-            rng.uniform([-0.5, -2.0], [2.0, 2.0], (count, 2)),
-            np.zeros(count, np.int64),
-        )
+        commands = rng.uniform([-0.5, -2.0], [2.0, 2.0], (count, 2))
+        left = np.zeros(count, np.int64)
         pushes, expected_pushes = np.zeros((2, count, 4, 3))
         fleet = abreast.fleet
         advance_all(
@@ -175,9 +175,9 @@ def test_many_robots_advance_as_each_alone_also_on_wheels_without_load(
     assert LANES < len(which) < count
     for name in abreast.fleet.robots.dtype.names:
         state, expected = (batch.fleet.robots[name] for batch in (abreast, alone))
-        kept = (
+        copies = (
             slice(5) if name == "wheels" else slice(None)
         )  # the rest of `wheels` is room to compute in
         np.testing.assert_array_equal(
-            state[..., kept], expected[..., kept], err_msg=name
+            state[..., copies], expected[..., copies], err_msg=name
         )

@@ -76,12 +76,13 @@ def test_malformed_arrays_are_refused_at_once(content, message, refused):
 
 @st.composite
 def worlds(draw):
-    rows, cols = draw(st.integers(1, 12)), draw(st.integers(1, 12))
+    rows = draw(st.integers(1, 12))
+    cols = draw(st.integers(1, 12))
     grid = draw(npst.arrays(bool, (rows, cols)))
     row = draw(st.integers(0, rows - 1))
     grid[row] = False
     path = np.stack([np.full(cols, row), np.arange(cols)], axis=1)
-    about = Provenance(
+    provenance = Provenance(
         "generated", parameters={"initial_fill": draw(st.floats(0, 1))}, seed=(1, 2, 3)
     )
     return World(
@@ -90,7 +91,7 @@ def worlds(draw):
         path,
         draw(st.sampled_from([0.05, 0.15])),
         draw(st.sampled_from([1, 5])),
-        about,
+        provenance,
     )
 
 
