@@ -27,6 +27,10 @@ from barn_worlds.robots.robot import Chassis, Robot
 # Parts of a robot, which barn_worlds defines, are offered here, too.
 __all__ = ("DriveConfig", "LidarConfig", "OdometryConfig")
 
+# Results of trials belong to a version of the physics: the task fingerprint includes it.
+# Increase it with every change of motion or contacts beyond rounding.
+PHYSICS_VERSION = 1
+
 Config = TypeVar("Config", bound="SimulatorConfig")
 Part = TypeVar("Part", DriveConfig, LidarConfig, OdometryConfig)
 

@@ -21,7 +21,6 @@ from barn_planners.policy.collision_check import CollisionCheckConfig, avoid_col
 from barn_planners.policy.space import ObservationEncoder
 from barn_sim.batch import Batch
 from barn_sim.config import SimulatorConfig
-from barn_sim.contact.bullet import PhysicsClient
 from barn_sim.simulator import Simulator
 from barn_worlds.base.arrays import Bools, Floats, Integers
 from barn_worlds.base.errors import ConfigError
@@ -62,7 +61,6 @@ class Episodes:
         )
         self._weights = RewardWeights.of(config.reward)
         self._encoder = ObservationEncoder(config.observation)
-        self._clients = [PhysicsClient(idle=self.batch.engines) for _ in range(count)]
         self._now: dict[int, tuple[RunningTrial, Simulator]] = {}
         self._scan: Scan | None = None
         self._goals = np.zeros((count, 2))
@@ -94,14 +92,13 @@ class Episodes:
             )
         start, seed = spec.course.start, spec.simulator_seed
         if (before := self._now.get(index)) is None:
-            client, fleet = self._clients[index], self.batch.fleet
             simulator = Simulator(
                 spec.world,
                 spec.simulator,
                 start,
                 seed,
-                client,
-                fleet=fleet,
+                self.batch.scenes,
+                fleet=self.batch.fleet,
                 index=index,
             )
         else:
@@ -209,9 +206,7 @@ class Episodes:
         return given, changed
 
     def close(self) -> None:
-        """End physics engines."""
-        for client in self._clients:
-            client.close()
+        """End the physics clients."""
         self.batch.close()
 
 

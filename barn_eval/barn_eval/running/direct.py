@@ -25,7 +25,7 @@ from barn_eval.trials.trial import (
 from barn_planners.interface import Observation, Planner
 from barn_planners.registry import make_planner
 from barn_planners.runtime.planner_runtime import PlannerRuntime, RuntimeOutput
-from barn_sim.contact.bullet import PhysicsClient
+from barn_sim.contact.scene import ScenePool
 from barn_sim.sensors.readings import Sensors
 from barn_sim.simulator import Simulator
 from barn_worlds.base.compute import CycleTimer
@@ -34,9 +34,8 @@ from barn_worlds.base.types import STOP, Velocity2D
 _ready: set[tuple[str, str]] = (
     set()
 )  # what this process has warmed up; it decides no result
-_engine = (
-    PhysicsClient()
-)  # of all trials of this process, one after the other; a new one would give the same
+# Physics clients of all trials of this process; new ones would give the same results.
+_scenes = ScenePool()
 
 # Wall-clock time that a planner may take to answer; the first time it may have kernels to compile.
 FIRST_LIMIT_S, STALL_LIMIT_S = 300.0, 30.0
@@ -123,7 +122,7 @@ class _DirectTrial:
     def run(self) -> Verdict:
         spec, trial = self._spec, self.trial
         simulator = Simulator(
-            spec.world, spec.simulator, spec.course.start, spec.simulator_seed, _engine
+            spec.world, spec.simulator, spec.course.start, spec.simulator_seed, _scenes
         )
         with closing(simulator), trial.deadline.installed():
             sensors = simulator.sense()

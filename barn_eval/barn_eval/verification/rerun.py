@@ -28,7 +28,7 @@ from barn_eval.verification.plausibility import (
     off_track,
     unreasonable,
 )
-from barn_sim.contact.bullet import PhysicsClient
+from barn_sim.contact.scene import ScenePool
 from barn_sim.simulator import Simulator
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.compute import NO_COMPUTE, CycleTimer
@@ -156,9 +156,9 @@ def _place(odometry: Odometry) -> tuple[float, float, float]:
 
 
 @cache
-def _engine() -> PhysicsClient:
-    """Return the engine of all trials of this process, one after the other."""
-    return PhysicsClient()
+def _scenes() -> ScenePool:
+    """Return the physics clients of all trials of this process."""
+    return ScenePool()
 
 
 def driven_again(spec: TrialSpec, commands: Floats) -> Driven:
@@ -170,7 +170,7 @@ def driven_again(spec: TrialSpec, commands: Floats) -> Driven:
     cycle_timer = CycleTimer(spec.compute, spec.planner_seed, spec.recorded_ns)
     scan_ns = config.scan_steps * nanoseconds(config.control_period_s)
     with closing(
-        Simulator(spec.world, config, spec.course.start, spec.simulator_seed, _engine())
+        Simulator(spec.world, config, spec.course.start, spec.simulator_seed, _scenes())
     ) as simulator:
         for command in commands.tolist():
             stamp_ns = simulator.stamp_ns
