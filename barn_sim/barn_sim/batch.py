@@ -65,9 +65,9 @@ class Readings:
 class Batch:
     """The common state of simulators with equal configurations.
 
-    Each simulator is created with `fleet`, `scenes` and its own index. Advanced together
-    they give the same readings as each by itself, to the last bit. Only simulators near
-    an obstacle are advanced one by one.
+    Each simulator is created with `fleet`, `scenes` and its own index. Advanced
+    together they give the same readings as each by itself, to the last bit. Only
+    simulators near an obstacle are advanced one by one.
     """
 
     fleet: Fleet

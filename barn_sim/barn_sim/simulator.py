@@ -22,9 +22,9 @@ class Simulator:
     """A robot in a world, from a start pose and a seed.
 
     Equal arguments and commands give equal readings, to the last bit. Use `step` and
-    `sense`; or, to read sensors at different rates, `command`, `advance` and the `read_`
-    methods. Each sensor has its own random generator, so that one does not affect
-    another.
+    `sense`; or, to read sensors at different rates, `command`, `advance` and the
+    `read_` methods. Each sensor has its own random generator, so that one does not
+    affect another.
     """
 
     motion: RobotMotion

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from barn_sim.body.friction import SWEEPS, begin_friction, sweep_friction
 from barn_sim.body.model import model_of
-from barn_sim.body.state import ARM, IMPULSE, LIMIT, LOAD, WHEEL_COLUMNS
+from barn_sim.body.state import WHEEL
 from barn_sim.body.tires import Tires, load_wheels, tire_forces, world_inertia
 from barn_sim.body.vectors import quaternion, rotation, vector
 from barn_sim.config import PhysicsConfig, SimulatorConfig, with_robot
@@ -146,9 +146,9 @@ def test_friction_is_that_of_a_general_optimiser(seed: int) -> None:
     inverse = turn @ np.diag(1.0 / model.inertia) @ turn.T
     rolling = np.array([math.cos(yaw), math.sin(yaw)])
 
-    wheels = np.zeros((4, WHEEL_COLUMNS))
-    wheels[:, ARM : ARM + 3] = arms
-    wheels[:, LIMIT] = limits
+    wheels = np.zeros(4, WHEEL)
+    wheels["arm_x"], wheels["arm_y"], wheels["arm_z"] = arms.T
+    wheels["limit"] = limits
     inverse_mass = 1.0 / model.mass_kg
     motion, speeds = begin_friction(
         (*velocity, *spin),
@@ -167,8 +167,8 @@ def test_friction_is_that_of_a_general_optimiser(seed: int) -> None:
     )
     np.testing.assert_allclose(after[:2], expected[0], atol=2e-5)
     np.testing.assert_allclose(after[2:], expected[1], atol=2e-4)
-    impulses = wheels[:, IMPULSE : IMPULSE + 2]
-    assert (np.hypot(*impulses.T) <= limits * (1 + 1e-12)).all()
+    impulses = np.hypot(wheels["impulse_x"], wheels["impulse_y"])
+    assert (impulses <= limits * (1 + 1e-12)).all()
 
 
 def test_a_body_too_light_for_the_physics_step_is_refused() -> None:
@@ -208,7 +208,7 @@ def test_loads_carry_the_weight_and_balance_at_rest(
         fleet = simulator.motion.drive.fleet
         contacts = len(model.wheels) + len(model.casters)
         torque = load(fleet.robots, fleet.settings)
-        loads = fleet.robots["wheels"][0, :contacts, LOAD]
+        loads = fleet.robots["wheels"]["load"][0, :contacts]
     weight = model.mass_kg * G
     assert loads.sum() == pytest.approx(weight, rel=within)
     assert np.abs(torque).max() < within * weight * 0.26

@@ -1,17 +1,17 @@
 """Coulomb friction of wheels whose rim speeds are given.
 
-`barn_sim.body.tires` explains the problem. Friction is an impulse per wheel in the ground
-plane, inside the circle of radius friction x load. Either the wheel does not slip, or the
-impulse is on the circle and opposes the slip (maximum dissipation). The solver is block
-Gauss-Seidel with one step size per wheel; one per direction would not have this fixed
-point (Acary and Brogliato 2008, ch. 13).
+`barn_sim.body.tires` explains the problem. Friction is an impulse per wheel in the
+ground plane, inside the circle of radius friction x load. Either the wheel does not
+slip, or the impulse is on the circle and opposes the slip (maximum dissipation). The
+solver is block Gauss-Seidel with one step size per wheel; one per direction would not
+have this fixed point (Acary and Brogliato 2008, ch. 13).
 """
 
 import math
 
 from numba import njit
 
-from barn_sim.body.state import ARM, IMPULSE, LEVERS, LIMIT, STEP
+from barn_sim.body.state import Record, Records
 from barn_sim.body.vectors import Matrix, Vector, fill
 from barn_worlds.base.arrays import Floats
 
@@ -32,7 +32,7 @@ def begin_friction(
     motion: Motion,
     left: float,
     right: float,
-    wheels: Floats,
+    wheels: Records,
     turn: Matrix,
     inverse: Matrix,
     inverse_mass: float,
@@ -43,7 +43,7 @@ def begin_friction(
         motion: Velocity and spin at the end of the tick without friction.
         left: Rim speed of the left wheels, m/s.
         right: Rim speed of the right wheels, m/s.
-        wheels: Wheels (n, 17) with arms and limits, left and right in turn. Levers,
+        wheels: Records (n,) with arms and limits, left and right in turn. Levers,
             steps and impulses are filled in.
         turn: Rotation of the body.
         inverse: Inverse inertia in the world frame.
@@ -59,13 +59,13 @@ def begin_friction(
     rolling_y = -turn[0][1] / length
 
     for i in range(len(wheels)):
-        wheel = wheels[i]
-        arm = (wheel[ARM], wheel[ARM + 1], wheel[ARM + 2])
-        wheel[STEP], levers = contact_response(arm, inverse, inverse_mass)
-        fill(wheel[LEVERS : LEVERS + 6], levers)
-        x, y = clip(wheel[IMPULSE], wheel[IMPULSE + 1], wheel[LIMIT])
-        wheel[IMPULSE] = x
-        wheel[IMPULSE + 1] = y
+        wheel: Record = wheels[i]
+        arm = (wheel.arm_x, wheel.arm_y, wheel.arm_z)
+        wheel.step, levers = contact_response(arm, inverse, inverse_mass)
+        fill(wheel.levers, levers)
+        x, y = clip(wheel.impulse_x, wheel.impulse_y, wheel.limit)
+        wheel.impulse_x = x
+        wheel.impulse_y = y
         motion = apply_impulse(motion, levers, inverse_mass, x, y)
     rims = (left * rolling_x, right * rolling_x, left * rolling_y, right * rolling_y)
     return motion, rims
@@ -73,14 +73,14 @@ def begin_friction(
 
 @njit(cache=True, error_model="numpy")
 def sweep_friction(
-    motion: Motion, rims: Rims, wheels: Floats, inverse_mass: float, sweeps: int
+    motion: Motion, rims: Rims, wheels: Records, inverse_mass: float, sweeps: int
 ) -> Motion:
     """Improve the friction impulses until they hardly change any more.
 
     Args:
         motion: Velocity and spin with the effect of the impulses so far.
         rims: Speeds of the rims.
-        wheels: Wheels (n, 17) as `begin_friction` leaves them; impulses are improved.
+        wheels: Records (n,) as `begin_friction` leaves them; impulses are improved.
         inverse_mass: Of the body, 1/kg.
         sweeps: Largest number of sweeps.
 
@@ -90,27 +90,20 @@ def sweep_friction(
     for _ in range(sweeps):
         largest = 0.0
         for i in range(len(wheels)):
-            wheel = wheels[i]
+            wheel: Record = wheels[i]
             vx, vy, wx, wy, wz = motion
-            slip_x = vx + wy * wheel[ARM + 2] - wz * wheel[ARM + 1] - rims[i % 2]
-            slip_y = vy + wz * wheel[ARM] - wx * wheel[ARM + 2] - rims[2 + i % 2]
-            old_x = wheel[IMPULSE]
-            old_y = wheel[IMPULSE + 1]
-            step = wheel[STEP]
-            x, y = clip(old_x - step * slip_x, old_y - step * slip_y, wheel[LIMIT])
-            wheel[IMPULSE] = x
-            wheel[IMPULSE + 1] = y
-            change_x = x - old_x
-            change_y = y - old_y
-            levers = (
-                wheel[LEVERS],
-                wheel[LEVERS + 1],
-                wheel[LEVERS + 2],
-                wheel[LEVERS + 3],
-                wheel[LEVERS + 4],
-                wheel[LEVERS + 5],
+            slip_x = vx + wy * wheel.arm_z - wz * wheel.arm_y - rims[i % 2]
+            slip_y = vy + wz * wheel.arm_x - wx * wheel.arm_z - rims[2 + i % 2]
+            x = wheel.impulse_x - wheel.step * slip_x
+            y = wheel.impulse_y - wheel.step * slip_y
+            x, y = clip(x, y, wheel.limit)
+            change_x = x - wheel.impulse_x
+            change_y = y - wheel.impulse_y
+            wheel.impulse_x = x
+            wheel.impulse_y = y
+            motion = apply_impulse(
+                motion, wheel.levers, inverse_mass, change_x, change_y
             )
-            motion = apply_impulse(motion, levers, inverse_mass, change_x, change_y)
             largest = max(largest, abs(change_x), abs(change_y))
         if largest < TOLERANCE:
             break
@@ -153,7 +146,7 @@ def contact_response(
 
 @njit(cache=True, inline="always")
 def apply_impulse(
-    motion: Motion, levers: Levers, inverse_mass: float, x: float, y: float
+    motion: Motion, levers: Levers | Floats, inverse_mass: float, x: float, y: float
 ) -> Motion:
     """Return the motion after an impulse at a contact.
 

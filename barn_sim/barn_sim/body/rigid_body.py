@@ -1,8 +1,8 @@
 """Motion of the body while it touches nothing but the ground.
 
-The scheme is Bullet's, so that a body can change between both: semi-implicit Euler with a
-gyroscopic torque from one Newton step of implicit Euler, and the exponential map for the
-attitude. Both agree to a nanometer over seconds; last digits differ.
+The scheme is Bullet's, so that a body can change between both: semi-implicit Euler with
+a gyroscopic torque from one Newton step of implicit Euler, and the exponential map for
+the attitude. Both agree to a nanometer over seconds; last digits differ.
 """
 
 import math
@@ -10,7 +10,7 @@ import math
 from numba import njit
 
 from barn_sim.body.friction import Motion
-from barn_sim.body.state import LOAD, Record
+from barn_sim.body.state import Record
 from barn_sim.body.vectors import (
     Quaternion,
     Vector,
@@ -42,7 +42,7 @@ def move_body(robot: Record, fixed: Record, motion: Motion) -> None:
     tick_s = fixed.tick_s
     lift = 0.0
     for i in range(fixed.contacts):
-        lift += robot.wheels[i, LOAD]
+        lift += robot.wheels[i].load
 
     vx, vy, wx, wy, wz = motion
     attitude = quaternion(robot.attitude)
@@ -91,7 +91,8 @@ def gyroscopic_change(
     """Return the change of the spin in a tick without any torque.
 
     In the body frame Euler's equations are I w' + w x I w = 0. An explicit step would
-    gain energy, so this is the first Newton step of implicit Euler from the spin before.
+    gain energy, so this is the first Newton step of implicit Euler from the spin
+    before.
 
     Args:
         attitude: Unit quaternion of the body.

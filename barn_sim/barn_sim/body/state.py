@@ -25,22 +25,31 @@ _NEVER_NS = 2**62
 # Contacts with the ground that there is room for: four wheels, or two and casters.
 _CONTACTS = max(4, 2 + MOST_CASTERS)
 
-# Columns of a wheel. Fixed: the hub relative to the center of mass in the body frame, m.
-# From tick to tick: the friction impulse along x and y, N s. In a tick: the arm from the
-# center of mass to the contact, m; the largest friction impulse, N s; change of the spin
-# about x, y and z per impulse along x and along y in turn; the step of the friction
-# solver, kg; the load, N.
-HUB = 0
-IMPULSE = 3
-ARM = 5
-LIMIT = 8
-LEVERS = 9
-STEP = 15
-LOAD = 16
-WHEEL_COLUMNS = 17
+# A wheel, or a caster, which has no friction.
+WHEEL = np.dtype(
+    [
+        # Relative to the center of mass, in the body frame, m.
+        ("hub", _NUMBER, 3),
+        # Friction of the last tick, N s.
+        ("impulse_x", _NUMBER),
+        ("impulse_y", _NUMBER),
+        # The contact in the present tick: from the center of mass, m; load, N; largest
+        # friction, N s.
+        ("arm_x", _NUMBER),
+        ("arm_y", _NUMBER),
+        ("arm_z", _NUMBER),
+        ("load", _NUMBER),
+        ("limit", _NUMBER),
+        # Of the friction solver: change of the spin about x, y and z per impulse along
+        # x and along y in turn; step, kg.
+        ("levers", _NUMBER, 6),
+        ("step", _NUMBER),
+    ],
+    align=True,
+)
 
-# The changing state of a robot. Units are m, rad and s. The body's frame is the world's,
-# its point the center of mass.
+# The changing state of a robot. Units are m, rad and s. The body's frame is the
+# world's, its point the center of mass.
 ROBOT = np.dtype(
     [
         ("stamp_ns", _WHOLE),
@@ -54,7 +63,7 @@ ROBOT = np.dtype(
         ("y", _NUMBER),
         ("yaw", _NUMBER),
         # Wheels, left and right in turn, then casters.
-        ("wheels", _NUMBER, (_CONTACTS, WHEEL_COLUMNS)),
+        ("wheels", WHEEL, _CONTACTS),
         # Whether PyBullet moves the body, since an obstacle is near.
         ("in_contact", _FLAG),
         # Cylinders: radius; distance of an axis from the robot's outline at which a

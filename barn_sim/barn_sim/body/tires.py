@@ -1,15 +1,16 @@
 """Forces of the ground on the wheels.
 
-Bullet's own wheels and friction cannot be used for skid steering. Its iteration over the
-two friction directions of a contact ends with forces in proportion to the effective
+Bullet's own wheels and friction cannot be used for skid steering. Its iteration over
+the two friction directions of a contact ends with forces in proportion to the effective
 masses, and a driven wheel has a much smaller effective mass along its rolling direction
-than sideways. With Bullet's defaults a command of 1 rad/s in place gives 0.1 to 1 rad/s,
-depending on the heading. So the contact is computed here: each wheel touches the ground
-at its lowest point, with a stiff spring for the load and an exact solution of Coulomb
-friction (`barn_sim.body.friction`). The wheels' speed is given: the motors (20 N m and
-more at the wheel) are far stronger than friction (2.2 N m).
+than sideways. With Bullet's defaults a command of 1 rad/s in place gives 0.1 to 1
+rad/s, depending on the heading. So the contact is computed here: each wheel touches the
+ground at its lowest point, with a stiff spring for the load and an exact solution of
+Coulomb friction (`barn_sim.body.friction`). The wheels' speed is given: the motors (20
+N m and more at the wheel) are far stronger than friction (2.2 N m).
 
-Casters carry load and have no friction. A caster counts as a ball of the wheels' radius.
+Casters carry load and have no friction. A caster counts as a ball of the wheels'
+radius.
 """
 
 import math
@@ -20,7 +21,7 @@ from numba import njit
 
 from barn_sim.body.friction import Motion, Rims, begin_friction
 from barn_sim.body.model import RobotModel
-from barn_sim.body.state import ARM, IMPULSE, LIMIT, LOAD, Record
+from barn_sim.body.state import Record
 from barn_sim.body.vectors import (
     Matrix,
     Vector,
@@ -81,7 +82,7 @@ class Tires:
         """Height of the center of mass (m), roll and pitch (rad) of a robot at rest."""
 
     def _require_stable(self, model: RobotModel, tick_s: float) -> None:
-        """Raise ConfigError if heaving, rolling or pitching would grow with each tick."""
+        """Raise ConfigError if the body would heave, roll or pitch ever more."""
         x = self.hubs[:, 0]
         y = self.hubs[:, 1]
         # How far each contact sinks with height, roll and pitch.
@@ -162,8 +163,8 @@ def load_wheels(robot: Record, fixed: Record, turn: Matrix) -> Vector:
     torque_x = 0.0
     torque_y = 0.0
     for i in range(fixed.contacts):
-        wheel = robot.wheels[i]
-        hub = vector(wheel)
+        wheel: Record = robot.wheels[i]
+        hub = vector(wheel.hub)
         x = dot(turn[0], hub) + below[0]
         y = dot(turn[1], hub) + below[1]
         z = dot(turn[2], hub) + below[2]
@@ -174,11 +175,11 @@ def load_wheels(robot: Record, fixed: Record, turn: Matrix) -> Vector:
             load = max(fixed.stiffness * depth - fixed.damping * rising, 0.0)
         torque_x += y * load
         torque_y -= x * load
-        wheel[ARM] = x
-        wheel[ARM + 1] = y
-        wheel[ARM + 2] = z
-        wheel[LOAD] = load
-        wheel[LIMIT] = fixed.friction * fixed.tick_s * load
+        wheel.arm_x = x
+        wheel.arm_y = y
+        wheel.arm_z = z
+        wheel.load = load
+        wheel.limit = fixed.friction * fixed.tick_s * load
     return torque_x, torque_y, 0.0
 
 
@@ -196,16 +197,16 @@ def tire_forces(robot: Record, fixed: Record) -> tuple[Vector, Vector]:
     fx = fy = fz = 0.0
     tx = ty = tz = 0.0
     for i in range(fixed.contacts):
-        wheel = robot.wheels[i]
-        x = wheel[IMPULSE] / fixed.tick_s
-        y = wheel[IMPULSE + 1] / fixed.tick_s
-        z = wheel[LOAD]
+        wheel: Record = robot.wheels[i]
+        x = wheel.impulse_x / fixed.tick_s
+        y = wheel.impulse_y / fixed.tick_s
+        z = wheel.load
         fx += x
         fy += y
         fz += z
-        tx += wheel[ARM + 1] * z - wheel[ARM + 2] * y
-        ty += wheel[ARM + 2] * x - wheel[ARM] * z
-        tz += wheel[ARM] * y - wheel[ARM + 1] * x
+        tx += wheel.arm_y * z - wheel.arm_z * y
+        ty += wheel.arm_z * x - wheel.arm_x * z
+        tz += wheel.arm_x * y - wheel.arm_y * x
     return (fx, fy, fz), (tx, ty, tz)
 
 
@@ -217,15 +218,11 @@ def world_inertia(turn: Matrix, inverse_inertia: Vector) -> Matrix:
         turn: Rotation of the body.
         inverse_inertia: Inverse moments about the axes of the body, 1/(kg m2).
     """
+    # turn diag(inverse_inertia) turn^T, which is symmetric.
     ix, iy, iz = inverse_inertia
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = turn
-    scaled = (
-        (xx * ix, xy * iy, xz * iz),
-        (yx * ix, yy * iy, yz * iz),
-        (zx * ix, zy * iy, zz * iz),
-    )
     return (
-        (dot(scaled[0], turn[0]), dot(scaled[0], turn[1]), dot(scaled[0], turn[2])),
-        (dot(scaled[1], turn[0]), dot(scaled[1], turn[1]), dot(scaled[1], turn[2])),
-        (dot(scaled[2], turn[0]), dot(scaled[2], turn[1]), dot(scaled[2], turn[2])),
+        transform(turn, (xx * ix, xy * iy, xz * iz)),
+        transform(turn, (yx * ix, yy * iy, yz * iz)),
+        transform(turn, (zx * ix, zy * iy, zz * iz)),
     )

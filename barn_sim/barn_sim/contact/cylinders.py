@@ -1,8 +1,8 @@
 """Positions of cylinders and distances to the robot: kernels on plain arrays.
 
-A cylinder has a state (x, y, z of its center, quaternion x, y, z, w) and, for distances,
-the segment between the ends of its axis seen from above. That segment is a point while
-the cylinder stands upright.
+A cylinder has a state (x, y, z of its center, quaternion x, y, z, w) and, for
+distances, the segment between the ends of its axis seen from above. That segment is a
+point while the cylinder stands upright.
 """
 
 import math
@@ -116,7 +116,7 @@ def _reach(extent: Floats) -> float:
 
 @njit(cache=True)
 def robot_gap(segment: Floats, x: float, y: float, yaw: float, extent: Floats) -> float:
-    """Return the distance from the robot's rectangle to a segment, 0 where they overlap.
+    """Return the distance from the robot's rectangle to a segment, 0 within it.
 
     Args:
         segment: Axis (4,) of a cylinder seen from above, m.

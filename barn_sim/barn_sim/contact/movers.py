@@ -9,18 +9,17 @@ robot.
 import math
 
 import numpy as np
-from numba import njit
 
-from barn_sim.body.state import Record, Records
-from barn_sim.body.vectors import Quaternion, Vector, fill
+from barn_sim.body.state import Record
+from barn_sim.body.vectors import Quaternion, Vector
 from barn_sim.config import SimulatorConfig
 from barn_sim.contact.bullet import bullet
 from barn_sim.contact.scene import ContactScene
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.types import seconds
+from barn_worlds.base.types import NANOSECONDS_PER_SECOND, seconds
 from barn_worlds.geometry.bodies import moving_bodies, wall_bodies
 from barn_worlds.geometry.kernels import gaps_to_rectangle
-from barn_worlds.moving.tracks import Table, evaluate
+from barn_worlds.moving.tracks import evaluate
 from barn_worlds.worlds.world import World
 
 _MASS_KG = 1e6
@@ -97,26 +96,24 @@ class Movers:
         is_tall = self._heights_m >= height_m
         return shapes if is_tall.all() else shapes[is_tall]
 
-    def look(self, robots: Records, index: int) -> None:
-        """Write to a robot's record how near the nearest is, and for how long that holds.
+    def look(self, robot: Record) -> None:
+        """Write to a robot's record how near the nearest is and how long that holds."""
+        stamp_ns = int(robot["stamp_ns"])
+        pose = (float(robot["x"]), float(robot["y"]), float(robot["yaw"]))
+        gaps = gaps_to_rectangle(self.shapes_at(stamp_ns), *pose, self._extent)
 
-        Args:
-            robots: Records (n,) of robots.
-            index: Row of the robot.
-        """
-        _look(
-            robots,
-            index,
-            self._phase_s,
-            self._tick_ns,
-            self._tracks.table,
-            self._shapes,
-            self._velocities,
-            self._walls,
-            self._wake_m,
-            self._fastest_m_s,
-            self._extent,
-        )
+        # A motion that begins anew may jump, so the look holds only until a tick
+        # before.
+        period_s = self._tracks.table[4]
+        time_s = seconds(stamp_ns) + self._phase_s + self._tracks.table[5]
+        remaining_s = (period_s - time_s % period_s).min(initial=_LONG_S)
+
+        robot["movers_looked_from"] = pose
+        robot["movers_looked_ns"] = stamp_ns
+        robot["movers_clearance_m"] = (gaps - self._wake_m).min()
+        robot["movers_speed_m_s"] = self._fastest_m_s
+        holds_ns = math.floor(NANOSECONDS_PER_SECOND * remaining_s) - self._tick_ns
+        robot["movers_until_ns"] = stamp_ns + holds_ns
 
     def prepare(
         self, scene: ContactScene, x: float, y: float, yaw: float, stamp_ns: int
@@ -166,50 +163,10 @@ class Movers:
         is_moving = index >= self._walls
         mass_kg = _MASS_KG if is_moving else 0.0
         dynamics = {"lateralFriction": self._friction, "angularDamping": 0.0}
-        if radius:
-            body = scene.add_cylinder(
-                radius, height, position, attitude, mass_kg, **dynamics
-            )
-        else:
-            half_sizes = (half_x, half_y, 0.5 * height)
-            body = scene.add_box(half_sizes, position, attitude, mass_kg, **dynamics)
+        size = (radius, height) if radius else (half_x, half_y, 0.5 * height)
+        body = scene.add(size, position, attitude, mass_kg, **dynamics)
         if is_moving:
             bullet.setCollisionFilterGroupMask(
                 body, -1, _MOVER_GROUP, _ROBOT_GROUP, physicsClientId=scene.client
             )
         return body
-
-
-@njit(cache=True)
-def _look(
-    robots: Records,
-    index: int,
-    phase_s: float,
-    tick_ns: int,
-    table: Table,
-    shapes: Floats,
-    velocities: Floats,
-    walls: int,
-    wake_m: Floats,
-    fastest_m_s: float,
-    extent: Floats,
-) -> None:
-    """See `Movers.look`; wake_m (n,): how near each may come to the robot."""
-    robot: Record = robots[index]
-    stamp_ns = robot.stamp_ns
-    evaluate(1e-9 * stamp_ns + phase_s, table, shapes[walls:, :2], velocities[walls:])
-    gaps = gaps_to_rectangle(shapes, robot.x, robot.y, robot.yaw, extent) - wake_m
-
-    # A motion that begins anew may jump, so the look holds only until a tick before.
-    period = table[4]
-    phase = table[5]
-    remaining_s = _LONG_S
-    for k in range(len(period)):
-        time_s = 1e-9 * stamp_ns + phase_s + phase[k]
-        remaining_s = min(remaining_s, period[k] - time_s % period[k])
-
-    fill(robot.movers_looked_from, (robot.x, robot.y, robot.yaw))
-    robot.movers_looked_ns = stamp_ns
-    robot.movers_clearance_m = gaps.min()
-    robot.movers_speed_m_s = fastest_m_s
-    robot.movers_until_ns = stamp_ns + math.floor(1e9 * remaining_s) - tick_ns

@@ -195,9 +195,8 @@ class Obstacles:
             tilt = config.inertia_tilt_kg_m2
             spin = config.inertia_spin_kg_m2
             dynamics["localInertiaDiagonal"] = [tilt, tilt, spin]
-        body = scene.add_cylinder(
-            self.radius_m,
-            self._height_m,
+        body = scene.add(
+            (self.radius_m, self._height_m),
             state[:3],
             state[3:],
             config.mass_kg if is_movable else 0.0,
@@ -278,8 +277,8 @@ class Obstacles:
             height_m: Height of the plane above the ground.
 
         Returns:
-            Centers (n, 2) of upright cylinders, at most half a degree from the vertical,
-            infinite for the others; and the others (m, 7).
+            Centers (n, 2) of upright cylinders, at most half a degree from the
+            vertical, infinite for the others; and the others (m, 7).
         """
         displaced = np.flatnonzero(self._displaced)
         if not len(displaced):

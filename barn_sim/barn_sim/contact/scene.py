@@ -2,11 +2,12 @@
 
 Equal contacts must have equal results, to the last bit, whatever the client did before.
 Bullet solves contacts in an order that follows from how its bodies were created. So a
-scene always begins a contact alike: with the ground and the robot, which stay in it, and
-no contact points. Obstacles are created in a fixed order and at the end of the contact
-removed in reverse order, which leaves Bullet's lists as they were; if some were removed
-before, everything is created anew. The simple broad phase has no memory beyond these
-lists; the default one balances its trees by the number of ticks since it was created.
+scene always begins a contact alike: with the ground and the robot, which stay in it,
+and no contact points. Obstacles are created in a fixed order and at the end of the
+contact removed in reverse order, which leaves Bullet's lists as they were; if some were
+removed before, everything is created anew. The simple broad phase has no memory beyond
+these lists; the default one balances its trees by the number of ticks since it was
+created.
 """
 
 import math
@@ -142,20 +143,18 @@ class ContactScene:
                 return True
         return False
 
-    def add_cylinder(
+    def add(
         self,
-        radius_m: float,
-        height_m: float,
+        size: tuple[float, ...],
         position: Sequence[float],
         attitude: Sequence[float],
         mass_kg: float,
         **dynamics: object,
     ) -> int:
-        """Add a cylinder as an obstacle.
+        """Add a cylinder or a box as an obstacle.
 
         Args:
-            radius_m: Radius.
-            height_m: Length along its axis, which is z before it is rotated.
+            size: Radius and length of a cylinder along z, or half sizes of a box, m.
             position: Center (3,), m.
             attitude: Quaternion (4,).
             mass_kg: Mass; 0 for a fixed body.
@@ -164,51 +163,16 @@ class ContactScene:
         Returns:
             PyBullet's number of the body.
         """
-        size = (radius_m, height_m)
         if size not in self._shapes:
+            is_box = len(size) == 3
             self._shapes[size] = bullet.createCollisionShape(
-                bullet.GEOM_CYLINDER,
-                radius=radius_m,
-                height=height_m,
+                bullet.GEOM_BOX if is_box else bullet.GEOM_CYLINDER,
+                radius=size[0],
+                height=size[1],
+                halfExtents=size if is_box else (0.0, 0.0, 0.0),
                 physicsClientId=self.client,
             )
-        return self._add(self._shapes[size], position, attitude, mass_kg, dynamics)
-
-    def add_box(
-        self,
-        half_sizes: tuple[float, float, float],
-        position: Sequence[float],
-        attitude: Sequence[float],
-        mass_kg: float,
-        **dynamics: object,
-    ) -> int:
-        """Add a box as an obstacle.
-
-        Args:
-            half_sizes: Half length, width and height, m.
-            position: Center (3,), m.
-            attitude: Quaternion (4,).
-            mass_kg: Mass; 0 for a fixed body.
-            **dynamics: Arguments of PyBullet's changeDynamics, such as lateralFriction.
-
-        Returns:
-            PyBullet's number of the body.
-        """
-        if half_sizes not in self._shapes:
-            self._shapes[half_sizes] = bullet.createCollisionShape(
-                bullet.GEOM_BOX, halfExtents=half_sizes, physicsClientId=self.client
-            )
-        shape = self._shapes[half_sizes]
-        return self._add(shape, position, attitude, mass_kg, dynamics)
-
-    def _add(
-        self,
-        shape: int,
-        position: Sequence[float],
-        attitude: Sequence[float],
-        mass_kg: float,
-        dynamics: dict[str, object],
-    ) -> int:
+        shape = self._shapes[size]
         body = self._create(shape, position, attitude, mass_kg, **dynamics)
         self._obstacles.append(body)
         return body

@@ -221,7 +221,7 @@ class Studio:
         return pixels
 
     def _add_ground(self, low: Floats, high: Floats) -> None:
-        """Add a plane, and lines a meter apart between two corners (2,) of the scene."""
+        """Add a plane, and lines a meter apart between two corners of the scene."""
         x, y = (0.5 * (low + high)).tolist()
         width, length = (high - low).tolist()
         plane = (width + _MARGIN_M, length + _MARGIN_M, 0.02)

@@ -3,8 +3,8 @@
 In the iteration for friction each step waits for the one before, and it takes a few
 sweeps for most robots but a hundred for some. So sweeps are done for several robots at
 once, each in a lane of vector instructions. A robot keeps its lane until it has no tick
-left, then the next one takes the lane. When there is none, the last lane moves there. The
-few robots that are left at the end go on one after the other.
+left, then the next one takes the lane. When there is none, the last lane moves there.
+The few robots that are left at the end go on one after the other.
 """
 
 import numpy as np
@@ -20,8 +20,9 @@ from barn_sim.body.friction import (
     sweep_friction,
 )
 from barn_sim.body.rigid_body import move_body
-from barn_sim.body.state import IMPULSE, Record, Records
+from barn_sim.body.state import Record, Records
 from barn_sim.body.tires import begin_tires
+from barn_sim.body.vectors import fill
 from barn_sim.motion.ticks import NO_REFERENCES, advance, finish_tick, is_free
 from barn_worlds.base.arrays import Floats, Integers
 
@@ -31,20 +32,36 @@ _FEW = 3
 # Numbers of a vector instruction.
 _VECTOR = 8
 
-# Rows of LANES numbers for each robot, in an array of one dimension, so that the compiler
-# knows how far apart they are: the motion, the largest change of an impulse in a sweep,
-# and the number of sweeps.
-_LARGEST = 5
-_SWEEPS = 6
-_ROWS = 7
-# Rows for each wheel: the columns of the robot's record that begin with the impulse, then
-# the speed of the rim along x and y.
-_ARM = 2
-_LIMIT = 5
-_LEVERS = 6
-_STEP = 12
-_RIM = 13
-_WHEEL_ROWS = 15
+# A number for each lane. Records of such rows have fixed places in memory, which the
+# compiler needs for vector instructions.
+_ROW = (np.float64, LANES)
+# A wheel of the robot in each lane, see `barn_sim.body.state.WHEEL`.
+_WHEEL = np.dtype(
+    [
+        ("impulse_x", *_ROW),
+        ("impulse_y", *_ROW),
+        ("arm_x", *_ROW),
+        ("arm_y", *_ROW),
+        ("arm_z", *_ROW),
+        ("limit", *_ROW),
+        ("levers", np.float64, (6, LANES)),
+        ("step", *_ROW),
+        ("rim_x", *_ROW),
+        ("rim_y", *_ROW),
+    ]
+)
+# The robot in each lane: its row in the fleet, its motion, the largest change of an
+# impulse in a sweep, the number of sweeps, and whether the iteration is done.
+_LANES = np.dtype(
+    [
+        ("index", np.int64, LANES),
+        ("motion", np.float64, (5, LANES)),
+        ("largest", *_ROW),
+        ("sweeps", np.int64, LANES),
+        ("done", np.int64, LANES),
+        ("wheels", _WHEEL, 4),
+    ]
+)
 
 
 @njit(cache=True)
@@ -82,10 +99,7 @@ def advance_all(
         angular = commands[index, 1]
         add_command(robots, pending, index, arrival_ns, linear, angular)
         left[index] = ticks
-    rows = np.zeros(_ROWS * LANES)
-    wheels = np.zeros(settings[0].grips * _WHEEL_ROWS * LANES)
-    lanes = np.zeros(LANES, np.int64)
-    done = np.zeros(LANES, np.int64)
+    lanes = np.zeros(1, _LANES)
     _advance_lanes(
         robots,
         pending,
@@ -95,10 +109,7 @@ def advance_all(
         noise,
         indices,
         left,
-        rows,
-        wheels,
-        lanes,
-        done,
+        lanes[0],
     )
 
 
@@ -112,75 +123,44 @@ def _advance_lanes(
     noise: Floats,
     indices: Integers,
     left: Integers,
-    rows: Floats,
-    wheels: Floats,
-    lanes: Integers,
-    done: Integers,
+    lanes: Record,
 ) -> None:
-    """Advance robots in lanes; lanes (LANES,): the robot in each lane."""
     fixed: Record = settings[0]
     state = (robots, pending, settings, segments, cylinders)
     used = 0
     waiting = 0
     is_full = True
     while is_full and used < LANES:
-        is_full, waiting = _fill_lane(
-            *state, indices, waiting, rows, wheels, lanes, used
-        )
+        is_full, waiting = _fill_lane(*state, indices, waiting, lanes, used)
         used += is_full
 
     while used > _FEW:
-        while _sweep(rows, wheels, done, fixed.grips, fixed.inverse_mass, used) == 0:
+        while _sweep(lanes, fixed, used) == 0:
             pass
         for lane in range(used - 1, -1, -1):
-            if not done[lane]:
+            if not lanes.done[lane]:
                 continue
-            index = lanes[lane]
-            motion = _leave_lane(robots[index], fixed, rows, wheels, lane)
+            index = lanes.index[lane]
+            motion = _leave_lane(robots[index], fixed, lanes, lane)
             move_body(robots[index], fixed, motion)
             finish_tick(robots[index], fixed, noise[index])
             left[index] -= 1
 
             # The same robot goes on, or one that waits, or the one in the last lane.
-            is_full = left[index] > 0 and _begin_tick(*state, index, rows, wheels, lane)
+            is_full = left[index] > 0 and _begin_tick(*state, index, lanes, lane)
             if not is_full:
-                is_full, waiting = _fill_lane(
-                    *state, indices, waiting, rows, wheels, lanes, lane
-                )
+                is_full, waiting = _fill_lane(*state, indices, waiting, lanes, lane)
             if not is_full:
                 used -= 1
-                lanes[lane] = lanes[used]
-                _move_lane(rows, wheels, used, lane, fixed.grips)
+                _move_lane(lanes, fixed.grips, used, lane)
 
     for lane in range(used):
-        index = lanes[lane]
+        index = lanes.index[lane]
         near = segments[index, : cylinders[index]]
-        _finish_sweeps(robots[index], fixed, noise[index], rows, wheels, lane)
+        _finish_sweeps(robots[index], fixed, noise[index], lanes, lane)
         left[index] = advance(
             robots, pending, settings, index, near, noise, left[index] - 1
         )
-
-
-@njit(cache=True, **NO_REFERENCES)
-def _finish_sweeps(
-    robot: Record, fixed: Record, noise: Floats, rows: Floats, wheels: Floats, lane: int
-) -> None:
-    """Complete the tick of a robot in a lane by itself."""
-    sweeps = SWEEPS - int(rows[_SWEEPS * LANES + lane])
-    left_x = wheels[_RIM * LANES + lane]
-    left_y = wheels[(_RIM + 1) * LANES + lane]
-    right_x = wheels[(_WHEEL_ROWS + _RIM) * LANES + lane]
-    right_y = wheels[(_WHEEL_ROWS + _RIM + 1) * LANES + lane]
-    motion = _leave_lane(robot, fixed, rows, wheels, lane)
-    motion = sweep_friction(
-        motion,
-        (left_x, right_x, left_y, right_y),
-        robot.wheels[: fixed.grips],
-        fixed.inverse_mass,
-        sweeps,
-    )
-    move_body(robot, fixed, motion)
-    finish_tick(robot, fixed, noise)
 
 
 @njit(cache=True, **NO_REFERENCES)
@@ -192,9 +172,7 @@ def _fill_lane(
     cylinders: Integers,
     indices: Integers,
     waiting: int,
-    rows: Floats,
-    wheels: Floats,
-    lanes: Integers,
+    lanes: Record,
     lane: int,
 ) -> tuple[bool, int]:
     """Put the next robot that is free into a lane; return whether, and who waits."""
@@ -202,9 +180,8 @@ def _fill_lane(
         index = indices[waiting]
         waiting += 1
         if _begin_tick(
-            robots, pending, settings, segments, cylinders, index, rows, wheels, lane
+            robots, pending, settings, segments, cylinders, index, lanes, lane
         ):
-            lanes[lane] = index
             return True, waiting
     return False, waiting
 
@@ -217,8 +194,7 @@ def _begin_tick(
     segments: Floats,
     cylinders: Integers,
     index: int,
-    rows: Floats,
-    wheels: Floats,
+    lanes: Record,
     lane: int,
 ) -> bool:
     """Put a robot into a lane, up to the first sweep, if no obstacle is near."""
@@ -228,120 +204,137 @@ def _begin_tick(
         return False
     turn_wheels(robot, pending, index, fixed, robot.stamp_ns)
     motion, rims = begin_tires(robot, fixed)
-    for row in range(5):
-        rows[row * LANES + lane] = motion[row]
-    rows[_SWEEPS * LANES + lane] = 0.0
+    lanes.index[lane] = index
+    lanes.sweeps[lane] = 0
+    fill(lanes.motion[:, lane], motion)
     for i in range(fixed.grips):
-        columns = robot.wheels[i]
-        wheel = wheels[i * _WHEEL_ROWS * LANES + lane :]
-        for row in range(_RIM):
-            wheel[row * LANES] = columns[IMPULSE + row]
-        wheel[_RIM * LANES] = rims[i % 2]
-        wheel[(_RIM + 1) * LANES] = rims[2 + i % 2]
+        wheel: Record = robot.wheels[i]
+        row: Record = lanes.wheels[i]
+        row.impulse_x[lane] = wheel.impulse_x
+        row.impulse_y[lane] = wheel.impulse_y
+        row.arm_x[lane] = wheel.arm_x
+        row.arm_y[lane] = wheel.arm_y
+        row.arm_z[lane] = wheel.arm_z
+        row.limit[lane] = wheel.limit
+        row.step[lane] = wheel.step
+        row.rim_x[lane] = rims[i % 2]
+        row.rim_y[lane] = rims[2 + i % 2]
+        for k in range(6):
+            row.levers[k, lane] = wheel.levers[k]
     return True
 
 
 @njit(cache=True, forceinline=True, **NO_REFERENCES)
-def _leave_lane(
-    robot: Record, fixed: Record, rows: Floats, wheels: Floats, lane: int
-) -> Motion:
+def _leave_lane(robot: Record, fixed: Record, lanes: Record, lane: int) -> Motion:
     """Copy the impulses of a lane to the robot's record, and return the motion."""
     for i in range(fixed.grips):
-        first = i * _WHEEL_ROWS * LANES + lane
-        robot.wheels[i, IMPULSE] = wheels[first]
-        robot.wheels[i, IMPULSE + 1] = wheels[first + LANES]
+        robot.wheels[i].impulse_x = lanes.wheels[i].impulse_x[lane]
+        robot.wheels[i].impulse_y = lanes.wheels[i].impulse_y[lane]
+    motion = lanes.motion
     return (
-        rows[lane],
-        rows[LANES + lane],
-        rows[2 * LANES + lane],
-        rows[3 * LANES + lane],
-        rows[4 * LANES + lane],
+        motion[0, lane],
+        motion[1, lane],
+        motion[2, lane],
+        motion[3, lane],
+        motion[4, lane],
     )
 
 
 @njit(cache=True, **NO_REFERENCES)
-def _move_lane(
-    rows: Floats, wheels: Floats, source: int, target: int, grips: int
+def _finish_sweeps(
+    robot: Record, fixed: Record, noise: Floats, lanes: Record, lane: int
 ) -> None:
-    for row in range(_ROWS):
-        rows[row * LANES + target] = rows[row * LANES + source]
-    for row in range(grips * _WHEEL_ROWS):
-        wheels[row * LANES + target] = wheels[row * LANES + source]
+    """Complete the tick of a robot in a lane by itself."""
+    left: Record = lanes.wheels[0]
+    right: Record = lanes.wheels[1]
+    rims = (left.rim_x[lane], right.rim_x[lane], left.rim_y[lane], right.rim_y[lane])
+    motion = _leave_lane(robot, fixed, lanes, lane)
+    grips = robot.wheels[: fixed.grips]
+    sweeps = SWEEPS - lanes.sweeps[lane]
+    motion = sweep_friction(motion, rims, grips, fixed.inverse_mass, sweeps)
+    move_body(robot, fixed, motion)
+    finish_tick(robot, fixed, noise)
+
+
+@njit(cache=True, **NO_REFERENCES)
+def _move_lane(lanes: Record, grips: int, source: int, target: int) -> None:
+    lanes.index[target] = lanes.index[source]
+    lanes.sweeps[target] = lanes.sweeps[source]
+    for k in range(5):
+        lanes.motion[k, target] = lanes.motion[k, source]
+    for i in range(grips):
+        row: Record = lanes.wheels[i]
+        row.impulse_x[target] = row.impulse_x[source]
+        row.impulse_y[target] = row.impulse_y[source]
+        row.arm_x[target] = row.arm_x[source]
+        row.arm_y[target] = row.arm_y[source]
+        row.arm_z[target] = row.arm_z[source]
+        row.limit[target] = row.limit[source]
+        row.step[target] = row.step[source]
+        row.rim_x[target] = row.rim_x[source]
+        row.rim_y[target] = row.rim_y[source]
+        for k in range(6):
+            row.levers[k, target] = row.levers[k, source]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True, **NO_REFERENCES)
-def _sweep(
-    rows: Floats,
-    wheels: Floats,
-    done: Integers,
-    grips: int,
-    inverse_mass: float,
-    used: int,
-) -> int:
+def _sweep(lanes: Record, fixed: Record, used: int) -> int:
     """Do a sweep in the lanes in use; fill in which are done, return how many."""
     # Whole vectors; nobody reads the numbers in the lanes beyond.
     width = (used + _VECTOR - 1) // _VECTOR * _VECTOR
     for k in range(width):
-        rows[_LARGEST * LANES + k] = 0.0
-    for i in range(grips):
-        wheel = wheels[i * _WHEEL_ROWS * LANES : (i + 1) * _WHEEL_ROWS * LANES]
-        _sweep_wheel(rows, wheel, inverse_mass, width)
+        lanes.largest[k] = 0.0
+    for i in range(fixed.grips):
+        _sweep_wheel(lanes, lanes.wheels[i], fixed.inverse_mass, width)
     for k in range(width):
-        rows[_SWEEPS * LANES + k] += 1.0
-        has_converged = rows[_LARGEST * LANES + k] < TOLERANCE
-        is_last = rows[_SWEEPS * LANES + k] >= SWEEPS
-        done[k] = 1 if has_converged | is_last else 0
+        lanes.sweeps[k] += 1
+        has_converged = lanes.largest[k] < TOLERANCE
+        lanes.done[k] = has_converged | (lanes.sweeps[k] >= SWEEPS)
     count = 0
     for k in range(used):
-        count += done[k]
+        count += lanes.done[k]
     return count
 
 
 @njit(cache=True, error_model="numpy", forceinline=True, **NO_REFERENCES)
-def _sweep_wheel(rows: Floats, wheel: Floats, inverse_mass: float, width: int) -> None:
+def _sweep_wheel(lanes: Record, wheel: Record, inverse_mass: float, width: int) -> None:
     """Do as `sweep_friction` for one wheel of the robots in all lanes."""
+    rows = lanes.motion
+    levers = wheel.levers
     for k in range(width):
-        vx = rows[k]
-        vy = rows[LANES + k]
-        wx = rows[2 * LANES + k]
-        wy = rows[3 * LANES + k]
-        wz = rows[4 * LANES + k]
-        x = wheel[_ARM * LANES + k]
-        y = wheel[(_ARM + 1) * LANES + k]
-        z = wheel[(_ARM + 2) * LANES + k]
-        slip_x = vx + wy * z - wz * y - wheel[_RIM * LANES + k]
-        slip_y = vy + wz * x - wx * z - wheel[(_RIM + 1) * LANES + k]
-
-        old_x = wheel[k]
-        old_y = wheel[LANES + k]
-        step = wheel[_STEP * LANES + k]
-        limit = wheel[_LIMIT * LANES + k]
-        new_x, new_y = clip(old_x - step * slip_x, old_y - step * slip_y, limit)
-        wheel[k] = new_x
-        wheel[LANES + k] = new_y
-        change_x = new_x - old_x
-        change_y = new_y - old_y
-
-        levers = (
-            wheel[_LEVERS * LANES + k],
-            wheel[(_LEVERS + 1) * LANES + k],
-            wheel[(_LEVERS + 2) * LANES + k],
-            wheel[(_LEVERS + 3) * LANES + k],
-            wheel[(_LEVERS + 4) * LANES + k],
-            wheel[(_LEVERS + 5) * LANES + k],
-        )
+        motion = (rows[0, k], rows[1, k], rows[2, k], rows[3, k], rows[4, k])
+        vx, vy, wx, wy, wz = motion
+        slip_x = vx + wy * wheel.arm_z[k] - wz * wheel.arm_y[k] - wheel.rim_x[k]
+        slip_y = vy + wz * wheel.arm_x[k] - wx * wheel.arm_z[k] - wheel.rim_y[k]
+        x = wheel.impulse_x[k] - wheel.step[k] * slip_x
+        y = wheel.impulse_y[k] - wheel.step[k] * slip_y
+        x, y = clip(x, y, wheel.limit[k])
+        change_x = x - wheel.impulse_x[k]
+        change_y = y - wheel.impulse_y[k]
+        wheel.impulse_x[k] = x
+        wheel.impulse_y[k] = y
         motion = apply_impulse(
-            (vx, vy, wx, wy, wz), levers, inverse_mass, change_x, change_y
+            motion,
+            (
+                levers[0, k],
+                levers[1, k],
+                levers[2, k],
+                levers[3, k],
+                levers[4, k],
+                levers[5, k],
+            ),
+            inverse_mass,
+            change_x,
+            change_y,
         )
-        rows[k] = motion[0]
-        rows[LANES + k] = motion[1]
-        rows[2 * LANES + k] = motion[2]
-        rows[3 * LANES + k] = motion[3]
-        rows[4 * LANES + k] = motion[4]
+        rows[0, k] = motion[0]
+        rows[1, k] = motion[1]
+        rows[2, k] = motion[2]
+        rows[3, k] = motion[3]
+        rows[4, k] = motion[4]
 
         # Selects, which become vector instructions, unlike `max`.
         size_x = abs(change_x)
         size_y = abs(change_y)
         change = size_y if size_y > size_x else size_x
-        largest = rows[_LARGEST * LANES + k]
-        rows[_LARGEST * LANES + k] = change if change > largest else largest
+        lanes.largest[k] = change if change > lanes.largest[k] else lanes.largest[k]

@@ -1,14 +1,15 @@
 """How a robot moves through its world from tick to tick, by itself or in PyBullet.
 
 Where nothing is near, compiled code moves the robot as a free body (`ticks.advance`). A
-contact begins when an obstacle is so near that the robot could touch it in the next tick:
-the robot and the obstacles near it become bodies of a `ContactScene`, and PyBullet moves
-them under the forces of the ground on the tires. The contact ends when everything near
-the robot is at rest and the robot has gone. PyBullet then no longer has anything of it.
+contact begins when an obstacle is so near that the robot could touch it in the next
+tick: the robot and the obstacles near it become bodies of a `ContactScene`, and
+PyBullet moves them under the forces of the ground on the tires. The contact ends when
+everything near the robot is at rest and the robot has gone. PyBullet then no longer has
+anything of it.
 
-Compiled code draws no random numbers, and how many ticks it takes at a time is not known
-in advance. So the noise of the odometry's next updates is drawn before (`draw_noise`),
-each once and in order, and waits in `Fleet.noise`.
+Compiled code draws no random numbers, and how many ticks it takes at a time is not
+known in advance. So the noise of the odometry's next updates is drawn before
+(`draw_noise`), each once and in order, and waits in `Fleet.noise`.
 """
 
 import math
@@ -208,7 +209,7 @@ class RobotMotion:
         if self.movers is None or self.is_in_contact:
             return False
         fleet = self.drive.fleet
-        self.movers.look(fleet.robots, self._index)
+        self.movers.look(fleet.robots[self._index])
         return bool(
             advance_past_movers(
                 fleet.robots,
@@ -295,6 +296,6 @@ def _robot_at_rest(
     robots = np.zeros(1, ROBOT)
     robots["position"] = [start.x + offset[0], start.y + offset[1], height]
     robots["attitude"] = attitude
-    robots["wheels"][0, : len(tires.hubs), :3] = tires.hubs
+    robots["wheels"]["hub"][0, : len(tires.hubs)] = tires.hubs
     place_robot(robots, settings, 0)
     return robots

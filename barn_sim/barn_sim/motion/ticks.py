@@ -1,8 +1,8 @@
 """Physics ticks of robots in compiled code.
 
-A tick has two halves. First the drive turns the wheels and the ground acts on the tires.
-Then the body moves: as a free body (`barn_sim.body.rigid_body`) where no obstacle is
-near, else in PyBullet, under the same forces.
+A tick has two halves. First the drive turns the wheels and the ground acts on the
+tires. Then the body moves: as a free body (`barn_sim.body.rigid_body`) where no
+obstacle is near, else in PyBullet, under the same forces.
 """
 
 import math
@@ -64,9 +64,7 @@ def advance(
     for left in range(ticks, 0, -1):
         if not is_free(robot, fixed, segments):
             return left
-        turn_wheels(robot, pending, index, fixed, robot.stamp_ns)
-        move_body(robot, fixed, solve_tires(robot, fixed))
-        finish_tick(robot, fixed, noise[index])
+        _tick_freely(robot, pending, index, fixed, noise[index])
     return 0
 
 
@@ -96,10 +94,17 @@ def advance_past_movers(
     fixed: Record = settings[0]
     if robot.movers_clearance_m <= 0.0 or not _is_clear(robot, fixed, segments):
         return False
+    _tick_freely(robot, pending, index, fixed, noise[index])
+    return True
+
+
+@njit(cache=True, forceinline=True)
+def _tick_freely(
+    robot: Record, pending: Floats, index: int, fixed: Record, noise: Floats
+) -> None:
     turn_wheels(robot, pending, index, fixed, robot.stamp_ns)
     move_body(robot, fixed, solve_tires(robot, fixed))
-    finish_tick(robot, fixed, noise[index])
-    return True
+    finish_tick(robot, fixed, noise)
 
 
 @njit(cache=True)
@@ -252,7 +257,7 @@ def _is_clear(robot: Record, fixed: Record, segments: Floats) -> bool:
 
 @njit(cache=True)
 def _is_clear_of_movers(robot: Record, fixed: Record) -> bool:
-    """Tell whether the last look at walls and moving obstacles rules out that any is near."""
+    """Tell whether no wall or mover can be near by the last look at them."""
     if robot.movers_clearance_m == math.inf:
         return True
     if robot.stamp_ns >= robot.movers_until_ns:
@@ -303,7 +308,7 @@ def read_all(
 
 @njit(cache=True)
 def _through_quaternion(yaw: float) -> float:
-    """Return a yaw as it comes out of a message, as `Pose2D.through_quaternion` does."""
+    """Return a yaw as a message holds it, as `Pose2D.through_quaternion` does."""
     return wrap(2.0 * math.atan2(math.sin(0.5 * yaw), math.cos(0.5 * yaw)))
 
 
