@@ -155,7 +155,7 @@ def campaign(
         "started_at": "2026-01-01T00:00:00+00:00",
         "execution": as_dict(ExecutionConfig()),
     } | provenance()
-    replace(RunFile.of(path, experiment, {}), sessions=(session,)).write()
+    replace(RunFile.for_run(path, experiment, {}), sessions=(session,)).write()
     (path / "results.jsonl").write_text("\n".join(lines) + "\n")
     (path / "tracks.jsonl").write_text("".join(tracks))
     return path

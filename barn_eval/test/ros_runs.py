@@ -15,7 +15,7 @@ from rosbags.highlevel import AnyReader
 
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.store import BagStore
-from barn_eval.ros.supervision import run_ros_trials
+from barn_eval.ros.supervision.supervisor import run_ros_trials
 from barn_eval.ros.work import run_request
 from barn_eval.running.request import Request
 from barn_eval.trials.protocol import CHALLENGE
@@ -81,20 +81,20 @@ def marked(mark, text=""):
 
 
 def node_process(mark, module):
-    """Return the process of a node of ours, not its guard."""
+    """Return the process of a node of ours, not its launcher."""
     return [
         pid
         for pid in marked(mark, module)
-        if b"guard.py" not in Path(f"/proc/{pid}/cmdline").read_bytes()
+        if b"launcher.py" not in Path(f"/proc/{pid}/cmdline").read_bytes()
     ]
 
 
-def guards(mark, command):
-    """Return the guards of a command."""
+def launchers(mark, command):
+    """Return the launchers of a command."""
     return [
         pid
         for pid in marked(mark, command)
-        if b"guard.py" in Path(f"/proc/{pid}/cmdline").read_bytes()
+        if b"launcher.py" in Path(f"/proc/{pid}/cmdline").read_bytes()
     ]
 
 

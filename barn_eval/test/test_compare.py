@@ -9,24 +9,24 @@ import pytest
 from test_rows import result as a_result
 
 from barn_eval.analysis.compare import (
+    adjust_by_holm,
     compare,
     compare_folders,
-    groups_of,
-    holm_adjusted,
-    worlds_of,
+    count_available_worlds,
+    read_groups,
 )
 from barn_eval.analysis.measures import COMPARED, DRIVEN, MOVING, SCORED
-from barn_eval.analysis.summary import summarise_campaign
+from barn_eval.analysis.summary import summarize_run
 from barn_eval.analysis.tables import comparison_table
 from barn_eval.results.rows import RowFile
 from barn_eval.results.run_file import RunFile
 from barn_eval.running.command_files import keep_told
+from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.result import WallClock, format_trial_id
 from barn_eval.trials.run_config import PlannerChoice, RunConfig
 from barn_eval.trials.spec import simulator_config
-from barn_eval.trials.trajectory import Encounters
 from barn_planners.registry import planner_config
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import BarnError
@@ -155,7 +155,11 @@ def test_a_comparison_tells_how_many_worlds_the_data_set_of_the_first_has():
         300,
         0,
     )
-    assert (worlds_of(known[:1]), worlds_of(known[:1] + unknown), worlds_of([])) == (
+    assert (
+        count_available_worlds(known[:1]),
+        count_available_worlds(known[:1] + unknown),
+        count_available_worlds([]),
+    ) == (
         300,
         300,
         0,
@@ -252,9 +256,7 @@ def test_nothing_in_common_and_mixed_planners_are_refused():
 
 
 def test_summary_of_a_campaign_has_each_planner_and_each_pair():
-    found = summarise_campaign(
-        results("dwa") + results("eband", 1.0) + results("gap", 2.0)
-    )
+    found = summarize_run(results("dwa") + results("eband", 1.0) + results("gap", 2.0))
     assert [one.planner for one in found.planners] == ["dwa", "eband", "gap"]
     assert [(one.a, one.b) for one in found.comparisons] == [
         ("dwa", "eband"),
@@ -271,7 +273,7 @@ def test_summary_of_a_campaign_has_each_planner_and_each_pair():
 
 def test_limits_hold_the_mean_of_what_has_no_best_value():
     often = [replace(one, recoveries=3 + one.world) for one in results()]
-    found = summarise_campaign(often).planners[0]["recoveries"]
+    found = summarize_run(often).planners[0]["recoveries"]
     assert found.low < found.estimate == 12.5 < found.high
 
 
@@ -284,7 +286,7 @@ def write_folder(path, content, worlds="0-3", protocol=PAPER_2020, **choice):
     )
     repetitions = 1 + max(one.repetition for one in content)
     rules = {"protocol": protocol, "simulator": simulator_config(protocol)}
-    RunFile.of(
+    RunFile.for_run(
         path,
         RunConfig(worlds=worlds, planners=planners, repetitions=repetitions, **rules),
         {},
@@ -420,13 +422,13 @@ def test_folders_of_different_tasks_are_refused_by_the_first_key_that_differs(fo
 
 def test_planners_of_several_folders_are_told_apart(folders):
     assert {
-        name: group[0].planner for name, group in groups_of(folders / "both").items()
+        name: group[0].planner for name, group in read_groups(folders / "both").items()
     } == {
         "DWA": "dwa",
         "E-Band": "eband",
     }
-    assert list(groups_of(folders / "b", folders / "a")) == ["E-Band", "DWA"]
-    assert list(groups_of(folders / "a", folders / "both")) == [
+    assert list(read_groups(folders / "b", folders / "a")) == ["E-Band", "DWA"]
+    assert list(read_groups(folders / "a", folders / "both")) == [
         f"DWA ({folders / 'a'})",
         f"DWA ({folders / 'both'})",
         "E-Band",
@@ -481,14 +483,14 @@ def test_the_table_marks_what_is_clear_after_holm(folders):
     assert comparison_table(clear).columns[4] == "p"
     assert cells["time as counted [s]"][4] == "<0.001 *"
     assert cells["success [%]"][4] == "1.000"
-    many = holm_adjusted([clear] * 8)[0]
+    many = adjust_by_holm([clear] * 8)[0]
     assert comparison_table(many).columns[4] == "p (Holm, 8 pairs)"
 
 
 def test_comparisons_by_other_measures_are_not_adjusted_together():
     a, b = results(worlds=1), results("eband", worlds=1)
     with pytest.raises(ValueError, match="shorter"):
-        holm_adjusted([compare(a, b), compare(a, b, keys=("success",))])
+        adjust_by_holm([compare(a, b), compare(a, b, keys=("success",))])
 
 
 def test_a_folder_whose_name_has_a_colon_is_that_folder(folders):

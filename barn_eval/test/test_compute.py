@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import barn_eval as barn
-from barn_eval.analysis.leaderboard import leaderboard
-from barn_eval.analysis.sources import assumed_text
+from barn_eval.analysis.leaderboard import make_boards
+from barn_eval.analysis.sources import assumption_text
 from barn_eval.pages.report.page import build_report, plot
 from barn_eval.results.run_file import RunFile
 from barn_eval.running import direct
@@ -82,7 +82,7 @@ def test_a_slow_planner_that_declares_nothing_drives_free_and_is_marked(
     assert (free.compute, gap.compute) == ("free", "declared")
     assert free.wall_clock.computer is not None and free.wall_clock.computer > 5.0
     assert "its score assumes a computer" in free.wall_clock.note
-    assert "busy in" in assumed_text(runs["free"].folder, runs["free"].trials)
+    assert "busy in" in assumption_text(runs["free"].folder, runs["free"].trials)
 
 
 def test_what_is_charged_makes_the_score_worse(runs: dict[str, barn.Results]) -> None:
@@ -101,7 +101,7 @@ def test_a_measured_trial_is_repeated_to_the_bit(runs: dict[str, barn.Results]) 
 
 
 def test_a_board_does_not_mix_ways_of_computing(runs: dict[str, barn.Results]) -> None:
-    boards = leaderboard([one.folder for one in runs.values()])
+    boards = make_boards([one.folder for one in runs.values()])
     assert sorted(len(one.places) for one in boards) == [
         1,
         1,
@@ -134,7 +134,7 @@ def test_the_shell_takes_a_declaration_and_measuring(
     ]
     settings = ["--set", "compute.delay_s=0.2", "--set", "compute.period_s=0.25"]
     assert command(*given, *settings, "--execution", "engine=inline")[0] == 0
-    (choice,) = RunFile.read(tmp_path / "out").experiment["planners"]
+    (choice,) = RunFile.read(tmp_path / "out").config["planners"]
     assert (choice["delay_s"], choice["period_s"]) == (0.2, 0.25)
     assert (
         command(*given, "--execution", "compute=measured", "--dry-run", "--overwrite")[

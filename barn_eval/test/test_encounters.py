@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 from test_trajectory import EXTENT, drive
 
+from barn_eval.trials.encounters import measure_encounters
 from barn_eval.trials.protocol import DYNABARN
-from barn_eval.trials.trajectory import measure_encounters
 from barn_worlds.base.types import Pose2D
 from barn_worlds.datasets.dataset import open_dataset
 from barn_worlds.moving.motion import Motion, MovingObstacle, Wall

@@ -18,12 +18,12 @@ from PIL import ImageColor  # noqa: E402
 import barn_eval.gym  # noqa: E402, F401
 from barn_eval.learning.config import EnvConfig, RewardConfig  # noqa: E402
 from barn_eval.learning.environment import JackalEnv  # noqa: E402
-from barn_eval.learning.episodes import (  # noqa: E402
-    RewardWeights,
-    reward_of_end,
+from barn_eval.learning.reward import (  # noqa: E402
+    final_reward,
+    measure_distances_left,
+    path_points,
     reward_steps,
-    way_left,
-    way_points,
+    reward_weights,
 )
 from barn_eval.running.direct import run_direct_trial  # noqa: E402
 from barn_eval.trials.outcome import Outcome, Verdict  # noqa: E402
@@ -144,7 +144,7 @@ def test_an_episode_is_the_trial_of_the_benchmark_to_the_last_bit(
     seen, info = env.reset(
         options={"world": world, "campaign_seed": 3, "repetition": 1}
     )
-    truths = env._place[0].readings.truths
+    truths = env._episodes.readings.truths
     poses, ended = [truths[0].copy()], False
     while not ended:
         seen, _, terminated, truncated, info = env.step(network.act(seen))
@@ -246,7 +246,7 @@ def test_the_reward_of_a_step():
     rewards, shielded = np.zeros(3), np.array([False, False, True])
     before_m = left_m + [0.05, -0.05, 0.05]
     reward_steps(
-        RewardWeights.of(config),
+        reward_weights(config),
         before_m,
         left_m,
         0.05,
@@ -263,7 +263,7 @@ def test_the_reward_of_a_step():
         (Outcome.COLLISION, -20.0),
         (Outcome.TIMEOUT, -5.0),
     ):
-        assert reward_of_end(config, Verdict(outcome, "", 1.0, 1.0, 0.0)) == extra
+        assert final_reward(config, Verdict(outcome, "", 1.0, 1.0, 0.0)) == extra
 
 
 def test_a_shield_keeps_from_a_collision_and_costs(make):
@@ -271,7 +271,7 @@ def test_a_shield_keeps_from_a_collision_and_costs(make):
     env = make(config=config)
     env.reset(seed=0)
     rewards = [env.step(FORWARD)[1] for _ in range(150)]
-    assert env._place[0].running[0]
+    assert env._episodes.running[0]
     assert min(rewards) < -0.04 and rewards[0] > -0.03
 
 
@@ -284,7 +284,9 @@ def test_the_way_left_is_that_of_the_nearest_point_the_first_of_several():
     positions[::2] += rng.normal(size=(100, 2))
     away = np.hypot(*(points[:, :, :2] - positions[:, None]).transpose(2, 0, 1))
     nearest = away[:, :20].argmin(axis=1)
-    way_left(points, np.full(200, 20), positions, np.arange(0, 200), left_m)
+    measure_distances_left(
+        points, np.full(200, 20), positions, np.arange(0, 200), left_m
+    )
     np.testing.assert_array_equal(
         left_m, (away + points[:, :, 2])[np.arange(200), nearest]
     )
@@ -293,13 +295,13 @@ def test_the_way_left_is_that_of_the_nearest_point_the_first_of_several():
 def test_the_way_left_leads_along_the_path(make):
     env = make(worlds="150")
     env.reset(seed=0)
-    spec = env._place[0].trial(0).spec
+    spec = env._episodes.trial(0).spec
     path, goal, start = spec.world.path_m(), spec.course.goal, spec.course.start
 
     def metres(along, *places):
-        points, left_m = way_points(spec.world, spec.course, along)[None], np.zeros(1)
+        points, left_m = path_points(spec.world, spec.course, along)[None], np.zeros(1)
         for place in places:
-            way_left(
+            measure_distances_left(
                 points,
                 np.array([len(points[0])]),
                 np.array([place]),

@@ -7,8 +7,8 @@ from barn_eval.ros.readiness import Endpoint
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from barn_eval.ros.adapter import TrialTopics
+from barn_eval.ros.evaluator_loop import TrialEnded
 from barn_eval.ros.graph import LEASE_S, Integrity
-from barn_eval.ros.session import TrialEnded
 from barn_eval.trials.outcome import Outcome
 from barn_worlds.base.errors import ConfigError
 
@@ -67,7 +67,7 @@ def ordinary():
 
 
 def integrity(view, line):
-    return Integrity(view, line, "/simulator", TOPICS, ours=("/score",))
+    return Integrity(view, line, "/simulator", TOPICS, evaluator_topics=("/score",))
 
 
 def test_a_graph_too_large_to_be_looked_at_is_interference():
@@ -133,7 +133,7 @@ def test_readers_of_the_truth_and_several_commanders_are_remarked_upon_and_kept_
     assert watched.remarks == ""
 
 
-class Session:
+class Loop:
     """Waits without spending time: a condition that does not hold by the given time never will."""
 
     def __init__(self, after=()):
@@ -156,13 +156,13 @@ class Session:
 def test_only_a_simulator_started_by_hand_is_given_time_to_take_the_place_of_another(
     line, limit_s
 ):
-    session = Session()
+    loop = Loop()
     with pytest.raises(TrialEnded, match="/gone publishes /odom") as ended:
         integrity(View([*ordinary(), endpoint("/odom", OTHER, "/gone")]), line).require(
-            session
+            loop
         )
     assert ended.value.outcome is Outcome.INTERFERENCE
-    assert session.limits_s == [limit_s]
+    assert loop.limits_s == [limit_s]
 
 
 def test_who_speaks_for_the_simulator_before_there_is_one_is_no_planner_and_is_refused():
@@ -170,20 +170,20 @@ def test_who_speaks_for_the_simulator_before_there_is_one_is_no_planner_and_is_r
     with pytest.raises(
         ConfigError, match=r"^ROS_DOMAIN_ID 55: /gazebo publishes /clock there"
     ):
-        integrity(View([foreign]), Channel()).require_alone(Session(), "55")
+        integrity(View([foreign]), Channel()).require_alone(Loop(), "55")
     integrity(
         View([endpoint("/cmd_vel", PLANNER, "/planner")]), Channel()
-    ).require_alone(Session(), "55")
+    ).require_alone(Loop(), "55")
 
 
 def test_what_is_about_to_go_does_not_refuse_a_run():
     view = View([endpoint("/clock", OTHER, "/gone")])
-    session = Session(
+    loop = Loop(
         [
             lambda: setattr(
-                view, "_publishers", view._publishers[: 2 - len(session.limits_s)]
+                view, "_publishers", view._publishers[: 2 - len(loop.limits_s)]
             )
         ]
     )
-    integrity(view, Channel()).require_alone(session, "55")
-    assert len(session.limits_s) == 2
+    integrity(view, Channel()).require_alone(loop, "55")
+    assert len(loop.limits_s) == 2

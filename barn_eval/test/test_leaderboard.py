@@ -11,11 +11,11 @@ from report_work import EVIL, campaign, rewrite_rows
 import barn_eval as barn
 from barn_eval.analysis.leaderboard import (
     configuration_hash,
-    leaderboard,
-    sweep_board,
+    make_boards,
+    make_sweep_board,
     sweep_table,
 )
-from barn_eval.analysis.planners import colours
+from barn_eval.analysis.planners import assign_colors
 from barn_eval.analysis.sources import read_source
 from barn_eval.pages.report.leaderboard import markdown, page
 from barn_eval.running.sweep import grid, parse_sweep, swept_folders, values_of
@@ -25,7 +25,7 @@ from barn_worlds.base.errors import BarnError
 
 def test_a_clear_difference_gives_ranks_and_the_same_results_a_tie(run, tmp_path):
     clear = campaign(tmp_path / "clear", run, worlds=60, faster=10.0, bags=1)
-    (board,) = leaderboard([clear])
+    (board,) = make_boards([clear])
     assert [(row.rank, row.tied, row.entry.planner) for row in board.places] == [
         (1, False, "gap"),
         (2, False, "dwa"),
@@ -35,7 +35,7 @@ def test_a_clear_difference_gives_ranks_and_the_same_results_a_tie(run, tmp_path
     same = campaign(
         tmp_path / "same", run, planners=("gap", "twin", "dwa"), faster=0.0, bags=0
     )
-    (board,) = leaderboard([same])
+    (board,) = make_boards([same])
     assert [(row.rank, row.tied) for row in board.places] == [(1, True)] * 3
 
 
@@ -45,7 +45,7 @@ def test_campaigns_are_ranked_on_the_worlds_in_common_and_without_any_have_board
     one = campaign(tmp_path / "one", run, planners=("gap",), bags=0)
     two = campaign(tmp_path / "two", run, planners=("twin",), bags=0)
     fewer = campaign(tmp_path / "fewer", run, planners=("dwa",), worlds=4, bags=0)
-    (board,) = leaderboard([one, fewer, two], "time")
+    (board,) = make_boards([one, fewer, two], "time")
     assert {row.entry.planner: row.summary.worlds for row in board.places} == {
         "gap": 4,
         "twin": 4,
@@ -62,7 +62,7 @@ def test_campaigns_are_ranked_on_the_worlds_in_common_and_without_any_have_board
             row | {"campaign_seed": row["campaign_seed"] + 1} for row in rows
         ],
     )
-    boards = leaderboard([one, fewer, two], "time")
+    boards = make_boards([one, fewer, two], "time")
     assert [[row.entry.planner for row in board.places] for board in boards] == [
         ["gap", "twin"],
         ["dwa"],
@@ -79,7 +79,7 @@ def test_planners_of_another_class_of_speed_caps_have_a_board_of_their_own(
         folder,
         lambda rows: [row | {"speed_cap_mps": caps[row["planner"]]} for row in rows],
     )
-    boards = leaderboard([folder])
+    boards = make_boards([folder])
     expected = [{"unknown"}, {"creeper"}, {"gap", "dwa"}, {"racer"}]
     assert [
         {place.entry.planner for place in board.places} for board in boards
@@ -98,13 +98,13 @@ def test_two_settings_of_a_planner_are_named_by_what_differs(run, tmp_path):
         "dwa.path_weight": 3.0,
     }
     file.write_text(json.dumps(content))
-    (board,) = leaderboard([one, two])
+    (board,) = make_boards([one, two])
     assert {place.entry.label for place in board.places} == {
         "DWA",
         "DWA (obstacle_weight=0.0, path_weight=3.0)",
     }
     three = campaign(tmp_path / "three", run, planners=("dwa",), faster=0.7, bags=0)
-    (board,) = leaderboard([one, two, three])
+    (board,) = make_boards([one, two, three])
     assert {place.entry.label for place in board.places} == {
         "DWA (one)",
         "DWA (two)",
@@ -122,32 +122,32 @@ def test_a_board_may_be_of_some_worlds_alone(run, tmp_path, command):
         and "4 worlds" in found["places"][0]["board"]
     )
     with pytest.raises(BarnError, match="no world 900 among the 8"):
-        leaderboard([folder], worlds="900")
+        make_boards([folder], worlds="900")
 
 
 def test_planners_are_told_apart_within_a_board_alone(run, tmp_path):
     one = campaign(tmp_path / "one", run, bags=0)
     fewer = campaign(tmp_path / "fewer", run, planners=("dwa",), worlds=4, bags=0)
-    boards = leaderboard([fewer, one])
+    boards = make_boards([fewer, one])
     marks = [
-        {(place.entry.label, place.entry.colour) for place in board.places}
+        {(place.entry.label, place.entry.color) for place in board.places}
         for board in boards
     ]
-    gap, dwa = colours(["gap", "dwa"])
+    gap, dwa = assign_colors(["gap", "dwa"])
     assert len(marks) == 1 and {
         colour for label, colour in marks[0] if label == "gap"
     } == {gap}
     assert len(marks[0]) == len({colour for _, colour in marks[0]}) == 3
     assert dwa in {colour for _, colour in marks[0]}
     again = campaign(tmp_path / "again", run, bags=0)
-    (board,) = leaderboard([one, again])
+    (board,) = make_boards([one, again])
     assert {place.entry.label for place in board.places} == {
         "gap (one)",
         "DWA (one)",
         "gap (again)",
         "DWA (again)",
     }
-    assert len({place.entry.colour for place in board.places}) == 4
+    assert len({place.entry.color for place in board.places}) == 4
 
 
 def test_rows_lead_to_their_configuration_and_bags(run, tmp_path):
@@ -155,13 +155,13 @@ def test_rows_lead_to_their_configuration_and_bags(run, tmp_path):
     row = (
         f"| {folder} | {configuration_hash(read_source(folder), 'gap')} | 2 in bags/ |"
     )
-    assert row.replace("_", "\\_") in markdown(leaderboard([folder]))
+    assert row.replace("_", "\\_") in markdown(make_boards([folder]))
 
 
 def test_planners_of_a_campaign_have_checksums_of_their_own(run, tmp_path):
     both = campaign(tmp_path / "both", run, bags=0)
     alone = campaign(tmp_path / "alone", run, planners=("gap",), bags=0)
-    (board,) = leaderboard([both])
+    (board,) = make_boards([both])
     assert len({place.configuration for place in board.places}) == 2
     assert configuration_hash(read_source(alone), "gap") == configuration_hash(
         read_source(both), "gap"
@@ -185,7 +185,7 @@ def test_the_terminal_gets_the_verdict_and_a_table_without_markup(
 
 def test_texts_are_escaped_in_both_forms(run, tmp_path):
     folder = campaign(tmp_path / "a|b_<i>", run, planners=("gap",), bags=0)
-    boards = leaderboard([folder])
+    boards = make_boards([folder])
     assert "<i>" not in markdown(boards)
     assert "a\\|b\\_&lt;i&gt;" in markdown(boards)
     assert "<i>" not in page(boards)
@@ -209,22 +209,22 @@ def test_a_board_is_by_the_metric_of_its_protocol_and_shows_contact_beside_time(
     run, tmp_path
 ):
     folder = campaign(tmp_path / "one", run, bags=0, protocol=PAPER_2020)
-    (board,) = leaderboard([folder])
+    (board,) = make_boards([folder])
     assert board.measure.key == "normalised_time_s_per_m"
     text = markdown([board])
     assert (
         "| time per metre as counted [s/m] | time in contact [s] | success [%] |"
         in text
     )
-    (by_score,) = leaderboard([folder], "challenge")
+    (by_score,) = make_boards([folder], "challenge")
     assert "time in contact" not in markdown([by_score])
-    (board,) = leaderboard([campaign(tmp_path / "two", run, bags=0)])
+    (board,) = make_boards([campaign(tmp_path / "two", run, bags=0)])
     assert board.measure.key == "challenge"
 
 
 def test_a_board_begins_with_its_verdict_and_what_to_be_careful_about(run, tmp_path):
     folder = campaign(tmp_path / "one_two", run, faster=2.0, bags=0)
-    (board,) = leaderboard([folder])
+    (board,) = make_boards([folder])
     text = markdown([board])
     short, verdict, few, about = text.split("\n\n")[2:6]
     assert short.startswith("gap and DWA cannot be told apart: challenge metric 0.")
@@ -236,7 +236,7 @@ def test_a_board_begins_with_its_verdict_and_what_to_be_careful_about(run, tmp_p
     assert few in page([board])
     assert board.places[0].better_than == ()
     rewrite_rows(folder, lambda rows: [row for row in rows if row["world"] < 6])
-    (board,) = leaderboard([folder])
+    (board,) = make_boards([folder])
     assert board.notes[1:] == (f"{folder} is partial: 24 of 32 trials",)
     assert "one\\_two is partial: 24 of 32 trials" in markdown([board])
 
@@ -378,7 +378,7 @@ def test_each_setting_is_what_a_run_of_its_own_is_and_the_best_comes_first(
         {"max_speed_mps": 0.4},
         {"max_speed_mps": 0.8},
     ]
-    assert [row[:2] for row in sweep_table(sweep_board(out)).rows] == [
+    assert [row[:2] for row in sweep_table(make_sweep_board(out)).rows] == [
         ("gap", "0.8"),
         ("gap", "0.4"),
     ]

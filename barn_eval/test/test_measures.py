@@ -14,18 +14,18 @@ from barn_eval.analysis.measures import (
     MEASURES,
     MOVING,
     SCORED,
-    measures_named,
-    metric_of,
-    safety_of,
-    with_motion,
+    clearance_measure,
+    ranking_measure,
+    require_measures,
+    with_moving_measures,
 )
-from barn_eval.analysis.planners import colours, spelling
-from barn_eval.analysis.summary import summarise, summarise_campaign
+from barn_eval.analysis.planners import assign_colors, spelling
+from barn_eval.analysis.summary import summarize, summarize_run
 from barn_eval.analysis.tables import summary_table, trials_table
-from barn_eval.analysis.text_table import counted
+from barn_eval.analysis.text_table import count_noun
 from barn_eval.results.rows import results_table, timing_table
+from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.result import WallClock
-from barn_eval.trials.trajectory import Encounters
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.drawing.palette import PLANNERS
@@ -199,9 +199,9 @@ def test_only_trials_among_moving_obstacles_have_their_measures():
     assert "phase_s" not in results_table([still]).column_names
     assert results_table([still, one])["phase_s"].to_pylist() == [None, 7.0]
     assert {key for key in MOVING if MEASURES[key].value(still) is not None} == set()
-    assert with_motion(("success",), [one, still]) == ("success", *MOVING)
-    assert with_motion(("success",), [one], [still]) == ("success",)
-    assert list(summarise_campaign([one]).planners[0].means) == [
+    assert with_moving_measures(("success",), [one, still]) == ("success", *MOVING)
+    assert with_moving_measures(("success",), [one], [still]) == ("success",)
+    assert list(summarize_run([one]).planners[0].means) == [
         *SCORED,
         *DRIVEN,
         *MOVING,
@@ -212,14 +212,14 @@ def test_only_trials_among_moving_obstacles_have_their_measures():
 
 def test_safety_is_told_by_what_moves_where_all_trials_are_among_such():
     groups = [moved()], [moved(), result(3)]
-    assert [safety_of(group).key for group in groups] == [
+    assert [clearance_measure(group).key for group in groups] == [
         "moving_clearance_m",
         "min_clearance_m",
     ]
 
 
 def test_measures_are_named_once():
-    assert measures_named(["success", "contact_s", "success"]) == (
+    assert require_measures(["success", "contact_s", "success"]) == (
         "success",
         "contact_s",
     )
@@ -229,7 +229,7 @@ def test_an_unknown_measure_is_refused():
     with pytest.raises(
         ConfigError, match="unknown measure 'succes'; did you mean 'success'"
     ):
-        measures_named(["succes"])
+        require_measures(["succes"])
 
 
 def test_shares_are_written_in_percent():
@@ -244,22 +244,24 @@ def test_shares_are_written_in_percent():
 
 def test_results_name_the_metric_of_their_protocol():
     named = replace(result(3), protocol="slow_challenge", metric="challenge")
-    assert metric_of([named]).key == "challenge"
+    assert ranking_measure([named]).key == "challenge"
     assert (
-        metric_of([replace(named, metric="normalised_time_s_per_m")]).key
+        ranking_measure([replace(named, metric="normalised_time_s_per_m")]).key
         == "normalised_time_s_per_m"
     )
 
 
 def test_rows_of_version_1_are_ranked_as_their_protocols_were():
     names = ("paper2020", "slow_challenge", "challenge")
-    old = {name: metric_of([replace(result(3), protocol=name)]).key for name in names}
+    old = {
+        name: ranking_measure([replace(result(3), protocol=name)]).key for name in names
+    }
     assert old["paper2020"] == old["slow_challenge"] == "normalised_time_s_per_m"
     assert old["challenge"] == "challenge"
 
 
 def test_tables_have_a_cell_for_each_measure_and_count_in_english():
-    summary = summarise([result(3)], (*SCORED, *DRIVEN))
+    summary = summarize([result(3)], (*SCORED, *DRIVEN))
     table = summary_table([summary])
     assert [row[0] for row in table.rows[:-1]] == [
         MEASURES[key].heading for key in (*SCORED, *DRIVEN)
@@ -270,7 +272,7 @@ def test_tables_have_a_cell_for_each_measure_and_count_in_english():
         result(3).trial_id,
         "success",
     )
-    assert [counted(number, "world") for number in (0, 1, 2)] == [
+    assert [count_noun(number, "world") for number in (0, 1, 2)] == [
         "0 worlds",
         "1 world",
         "2 worlds",
@@ -278,15 +280,15 @@ def test_tables_have_a_cell_for_each_measure_and_count_in_english():
 
 
 def test_a_planner_has_one_colour_whoever_is_beside_it():
-    assert colours(["dwa"]) == colours(["mine", "eband", "dwa"])[2:]
-    assert colours(["eband", "dwa"]) == colours(["dwa", "eband"])[::-1]
-    assert colours(["mine", "dwa"])[0] == colours(["dwa", "mine"])[1]
+    assert assign_colors(["dwa"]) == assign_colors(["mine", "eband", "dwa"])[2:]
+    assert assign_colors(["eband", "dwa"]) == assign_colors(["dwa", "eband"])[::-1]
+    assert assign_colors(["mine", "dwa"])[0] == assign_colors(["dwa", "mine"])[1]
 
 
 def test_planners_of_one_figure_differ_in_colour_as_long_as_there_are_any():
     names = ["dwa", "dwa", "mine", "eband", "mppi", "gap", "policy"]
-    assert sorted(colours(names)) == sorted(PLANNERS)
-    assert len(colours([*names, "eighth", "ninth"])) == 9
+    assert sorted(assign_colors(names)) == sorted(PLANNERS)
+    assert len(assign_colors([*names, "eighth", "ninth"])) == 9
 
 
 def test_planners_are_spelled_as_the_field_does():

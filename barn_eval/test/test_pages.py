@@ -4,7 +4,7 @@ import pytest
 from browser import PHONE, violations
 from report_work import campaign
 
-from barn_eval.analysis.leaderboard import leaderboard
+from barn_eval.analysis.leaderboard import make_boards
 from barn_eval.api.results import report
 from barn_eval.pages.live.server import Watch
 from barn_eval.pages.replay.files import write_replay
@@ -35,7 +35,7 @@ def addresses(run, tmp_path_factory):
     place = tmp_path_factory.mktemp("pages")
     folder = campaign(place / "campaign", run)
     report([folder], place / "report.html", hardest=1)
-    write_boards(leaderboard([folder]), place / "leaderboard.html")
+    write_boards(make_boards([folder]), place / "leaderboard.html")
     write_replay([folder / "bags" / "gap_w0000_r00"], [place / "replay.html"])
     with Watch(folder, port=0) as page:
         yield {name: (place / f"{name}.html").as_uri() for name in PAGES[:3]} | {

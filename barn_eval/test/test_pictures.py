@@ -14,7 +14,7 @@ from PIL import Image
 from report_work import EVIL
 
 import barn_eval as barn
-from barn_eval.analysis.planners import colours
+from barn_eval.analysis.planners import assign_colors
 from barn_eval.analysis.sources import read_entries
 from barn_eval.pages.replay.files import camera_frames, write_replay
 from barn_eval.pages.report.maps import choose, overlay
@@ -129,7 +129,7 @@ def test_each_trial_is_drawn_where_it_drove_in_the_colour_of_its_planner(folder)
     figure = overlay([folder], 0)
     lines = drawn(figure, LineCollection)
     assert len(lines) == 3
-    shades = dict(zip(("gap", "dwa"), colours(["gap", "dwa"]), strict=True))
+    shades = dict(zip(("gap", "dwa"), assign_colors(["gap", "dwa"]), strict=True))
     for line, one in zip(lines, chosen, strict=True):
         assert to_hex(line.get_color()[0]).upper() == shades[one.result.planner]
         kept = parse_track_line(one.entry.source.tracks[one.result.trial_id], "")[

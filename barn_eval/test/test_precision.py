@@ -12,15 +12,14 @@ from test_ranking import timed
 from barn_eval.analysis.measures import MEASURES
 from barn_eval.analysis.precision import (
     REPETITIONS,
+    estimate_precision,
     figures_table,
     needs_table,
-    precision,
-    ranking_power,
-    ranking_table,
 )
+from barn_eval.analysis.ranking_power import ranking_power, ranking_table
 from barn_eval.analysis.significance import (
-    components,
     half_width,
+    variance_components,
     worlds_for_difference,
     worlds_for_half_width,
 )
@@ -35,11 +34,11 @@ def values(found):
 
 def test_needs_are_those_of_the_components_of_variance():
     dwa, eband = results(), results("eband", 1.0, seed=3)
-    found = precision({"dwa": dwa, "eband": eband}, 0.1, 0.2)
+    found = estimate_precision({"dwa": dwa, "eband": eband}, 0.1, 0.2)
     assert found.measure == "normalised_time_s_per_m"
     assert [one.of for one in found.figures] == ["DWA", "E-Band", "DWA - E-Band"]
-    parts = [components(*values(dwa)), components(*values(eband))]
-    parts.append(components(values(dwa)[0] - values(eband)[0], values(dwa)[1]))
+    parts = [variance_components(*values(dwa)), variance_components(*values(eband))]
+    parts.append(variance_components(values(dwa)[0] - values(eband)[0], values(dwa)[1]))
     assert [len(one.parts.unseen) for one in found.figures] == [
         1,
         1,
@@ -90,32 +89,32 @@ def test_needs_are_those_of_the_components_of_variance():
 
 
 def test_five_percent_of_the_mean_is_wanted_unless_something_else_is():
-    (need,) = precision({"dwa": results()}, repetitions=4).needs
+    (need,) = estimate_precision({"dwa": results()}, repetitions=4).needs
     assert need.wanted == pytest.approx(0.05 * values(results())[0].mean())
     assert need.repetitions == 4
 
 
 def test_what_the_results_cannot_say_is_said():
     single = [one for one in results(worlds=4) if one.repetition == 0]
-    few, alone = precision({"dwa": single}).notes
+    few, alone = estimate_precision({"dwa": single}).notes
     assert few.startswith("Only 4 worlds")
     assert alone.startswith("With one trial per world nothing is known of how alike")
-    assert {one.repetitions for one in precision({"dwa": single}).needs} == {1}
+    assert {one.repetitions for one in estimate_precision({"dwa": single}).needs} == {1}
     with pytest.raises(
         ConfigError, match="DWA: 1 world with time per metre as counted cannot say"
     ):
-        precision({"dwa": results(worlds=1)})
+        estimate_precision({"dwa": results(worlds=1)})
     said = "a difference needs two planners; there are 1: dwa; choose two as FOLDER:PLANNER,PLANNER"
     with pytest.raises(ConfigError, match=said):
-        precision({"dwa": results()}, difference_wanted=0.1)
+        estimate_precision({"dwa": results()}, size=0.1)
     with pytest.raises(
         ConfigError, match="unknown measure 'succes'; did you mean 'success'"
     ):
-        precision({"dwa": results()}, measure="succes")
+        estimate_precision({"dwa": results()}, measure_key="succes")
 
 
 def test_tables_have_a_row_for_each_figure_and_number_of_repetitions():
-    found = precision(
+    found = estimate_precision(
         {"dwa": results(), "eband": results("eband", 1.0, seed=3)}, 0.1, 1e-9
     )
     assert [row[0] for row in figures_table(found).rows] == [
@@ -140,13 +139,13 @@ def test_tables_have_a_row_for_each_figure_and_number_of_repetitions():
 
 def test_a_set_that_is_too_small_is_said_to_be(folders):  # noqa: F811 (a fixture)
     of_300 = [replace(one, dataset="barn300") for one in results()]
-    found = precision({"dwa": of_300}, half_width_wanted=0.001)
+    found = estimate_precision({"dwa": of_300}, width=0.001)
     assert found.available == 300
     assert found.notes[-1].startswith("The set has 300 worlds")
     assert {row[1] for row in needs_table(found).rows} == {"over 300"}
     three = {"dwa": results(), "eband": results("eband"), "gap": results("gap")}
     assert (
-        precision(three).notes[0]
+        estimate_precision(three).notes[0]
         == "For a difference choose two of the 3 planners as FOLDER:PLANNER,PLANNER."
     )
 

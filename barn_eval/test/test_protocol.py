@@ -245,7 +245,7 @@ def test_a_rule_in_larger_cells_counts_from_the_first_column_or_its_anchor(
 
 def test_distances_for_another_robot_are_in_the_cells_of_its_world(open_world):
     world = replace(open_world, resolution_m=0.2)
-    rules = CHALLENGE_2022_03.sized(world, HUSKY)
+    rules = CHALLENGE_2022_03.scaled_to(world, HUSKY)
     assert world.cell_centers_m(np.array([[0, 0]]))[0, 1] == pytest.approx(
         5.2 + 0.1
     )  # the first column is at 5.2 m

@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 from test_compare import results, scored
 
-from barn_eval.analysis.compare import compare, holm_adjusted
+from barn_eval.analysis.compare import adjust_by_holm, compare
 from barn_eval.analysis.measures import MEASURES
 from barn_eval.analysis.significance import paired_difference
 from barn_eval.analysis.sources import Source
-from barn_eval.analysis.statistics import Columns
+from barn_eval.analysis.statistics import TrialValues
 from barn_eval.analysis.verdict import (
-    cautions,
-    pair_verdict,
+    conclude_comparison,
+    conclude_ranking,
+    conclude_results,
+    list_cautions,
     rank,
     rank_results,
-    results_verdict,
-    verdict,
 )
 from barn_worlds.base.errors import ConfigError
 
@@ -30,7 +30,7 @@ def planner(offset, seed, worlds=30, noise=1.0):
     world = np.repeat(np.arange(worlds), 2)
     shared = np.random.default_rng(99).normal(0.0, 5.0, worlds)[world]
     own = np.random.default_rng(seed).normal(offset, noise, len(world))
-    return Columns(shared + own, world, np.tile([0, 1], worlds))
+    return TrialValues(shared + own, world, np.tile([0, 1], worlds))
 
 
 def timed(name, values, worlds):
@@ -68,7 +68,7 @@ def test_two_tests_that_are_clear_each_are_not_so_together_after_holm():
     assert alone.p[0, 1] <= 0.05 < 3.0 * alone.p[0, 1]
     beside = rank({"a": a, "b": b, "c": a}, larger_is_better=False)
     assert beside.tests == 3
-    assert not any(beside.clear(*places) for places in beside.p)
+    assert not any(beside.is_clear(*places) for places in beside.p)
     assert beside.ranks == (1, 1, 1)
 
 
@@ -86,7 +86,7 @@ def test_a_chain_shares_a_rank_though_its_ends_differ():
         (1, 1, 1),
         (0, 1),
     )
-    assert [found.clear(*places) for places in ((0, 1), (1, 2), (0, 2))] == [
+    assert [found.is_clear(*places) for places in ((0, 1), (1, 2), (0, 2))] == [
         False,
         False,
         True,
@@ -97,7 +97,7 @@ def test_nobody_is_ahead_where_all_means_are_equal():
     found = rank(
         {name: planner(0.0, 1) for name in ("a", "b", "c")}, larger_is_better=False
     )
-    text = str(verdict(found, TIME))
+    text = str(conclude_ranking(found, TIME))
     assert (
         text.startswith("a, b and c have the same time per metre as counted, ")
         and "30 worlds" in text
@@ -125,14 +125,16 @@ def test_even_a_big_board_can_find_a_difference():
         planners | {"winner": planner(-50.0, 33, worlds=20)}, larger_is_better=False
     )
     assert found.names[0] == "winner"
-    assert found.clear(0, 1)
+    assert found.is_clear(0, 1)
     assert found.ranks[:2] == (1, 2)
 
 
 def sentence(offset, worlds=20, **more):
     """The verdict on A, and on B that is so much slower."""
     a, b = planner(10.0, 1, worlds), planner(10.0 + offset, 2, worlds)
-    return str(verdict(rank({"A": a, "B": b} | more, larger_is_better=False), TIME))
+    return str(
+        conclude_ranking(rank({"A": a, "B": b} | more, larger_is_better=False), TIME)
+    )
 
 
 def test_a_clear_verdict_has_size_unit_interval_percent_p_and_numbers():
@@ -168,7 +170,9 @@ def test_an_open_verdict_has_the_number_of_worlds_that_are_needed():
     same = planner(0.0, 1)
     assert (
         "means are equal"
-        in verdict(rank({"A": same, "B": same}, larger_is_better=False), TIME).details
+        in conclude_ranking(
+            rank({"A": same, "B": same}, larger_is_better=False), TIME
+        ).details
     )
 
 
@@ -179,7 +183,7 @@ def test_verdicts_on_several_planners_name_the_leader_or_the_group():
     text = sentence(0.0, C=planner(40.0, 3, 20))
     assert re.match(r"[AB] is ahead, but [AB] cannot be told apart from it", text)
     assert " C" not in text
-    assert verdict(
+    assert conclude_ranking(
         rank({"A": planner(0.0, 1)}, larger_is_better=False), TIME
     ).short.startswith("A is the only planner")
 
@@ -187,12 +191,12 @@ def test_verdicts_on_several_planners_name_the_leader_or_the_group():
 def test_a_verdict_is_by_the_metric_of_the_protocol():
     good = results(worlds=12)
     worse = [scored(one, challenge=0.0) for one in results("eband", worlds=12)]
-    paper = results_verdict({"DWA": good, "E-Band": worse}).short
+    paper = conclude_results({"DWA": good, "E-Band": worse}).short
     assert "cannot be told apart: time per metre as counted" in paper
     good, worse = (
         [replace(one, protocol="challenge") for one in part] for part in (good, worse)
     )
-    challenge = results_verdict({"DWA": good, "E-Band": worse}).short
+    challenge = conclude_results({"DWA": good, "E-Band": worse}).short
     assert challenge.startswith("DWA is better than E-Band: challenge metric")
 
 
@@ -201,10 +205,13 @@ def test_the_verdict_on_a_pair_is_that_of_its_table_either_way_round():
         results(),
         [replace(one, planner="eband") for one in results("eband", slower_s=5.0)],
     )
-    first, second = pair_verdict(compare(a, b)), pair_verdict(compare(b, a))
+    first, second = (
+        conclude_comparison(compare(a, b)),
+        conclude_comparison(compare(b, a)),
+    )
     assert first == second
     assert first.short.startswith("DWA is better than E-Band")
-    assert results_verdict({"DWA": a, "E-Band": b}) == first
+    assert conclude_results({"DWA": a, "E-Band": b}) == first
 
 
 def test_pairs_that_are_shown_together_are_corrected_together():
@@ -214,7 +221,7 @@ def test_pairs_that_are_shown_together_are_corrected_together():
         1,
         alone.row("scored_time_s").paired.p,
     )
-    found = holm_adjusted([alone, compare(a, c), compare(b, c)])
+    found = adjust_by_holm([alone, compare(a, c), compare(b, c)])
     assert [one.pairs for one in found] == [3, 3, 3]
     p = [one.row("scored_time_s").paired.p for one in found]
     assert min(one.row("scored_time_s").p_holm for one in found) == pytest.approx(
@@ -233,12 +240,13 @@ def test_what_is_not_the_same_task_is_not_ranked():
 
 def test_few_worlds_and_unfinished_folders_are_told(tmp_path):
     source = Source(tmp_path, "run", tuple(results(worlds=2)), {}, (), 20)
-    assert cautions(10) == ()
-    few, partial = cautions(9, [source])
+    assert list_cautions(10) == ()
+    few, partial = list_cautions(9, [source])
     assert few.startswith("Only 9 worlds")
     assert partial == f"{tmp_path} is partial: 6 of 20 trials"
     assert (
-        cautions(10, [replace(source, planned=6), replace(source, planned=None)]) == ()
+        list_cautions(10, [replace(source, planned=6), replace(source, planned=None)])
+        == ()
     )
 
 
@@ -248,4 +256,4 @@ def test_a_set_that_is_too_small_to_tell_is_said_to_be():
     said = (
         "The 21 worlds of this set cannot tell such a difference: it would take about"
     )
-    assert said in verdict(found, TIME).details
+    assert said in conclude_ranking(found, TIME).details

@@ -15,10 +15,10 @@ import pytest
 from browser import violations
 from report_work import EVIL, campaign, recorded_track, rewrite_rows
 
-from barn_eval.analysis.overview import repeat
+from barn_eval.analysis.overview import reproduce
 from barn_eval.analysis.significance import proportion
 from barn_eval.analysis.sources import Source, read_entries, read_source
-from barn_eval.analysis.summary import bars
+from barn_eval.analysis.summary import make_bars
 from barn_eval.analysis.text_table import TextTable, latex_text
 from barn_eval.api.results import report as write_folders
 from barn_eval.commands.run import command as run_command
@@ -140,7 +140,7 @@ def test_the_command_to_repeat_a_campaign_gives_its_configuration(tmp_path):
     source = Source(
         tmp_path, "campaign", (), json.loads(json.dumps(as_dict(config))), (), None
     )
-    words = shlex.split(repeat(source).command)
+    words = shlex.split(reproduce(source).command)
     assert words[:2] == ["barn", "run"]
     asked = {
         key: value
@@ -182,7 +182,7 @@ def test_planners_of_one_name_are_told_apart_and_other_protocols_not_compared(
 
 def test_the_page_begins_with_the_verdict_and_a_warning_of_few_worlds(report):
     text = report_page(report, "whole")
-    verdict = report.overview.verdict
+    verdict = report.overview.conclusion
     assert re.fullmatch(
         r"gap and DWA cannot be told apart: challenge metric 0\.[^.]*\.[^.]*\.",
         verdict.short,
@@ -231,9 +231,9 @@ def test_bars_and_verdict_are_of_the_worlds_that_all_planners_have(folder, tmp_p
         ],
     )
     made = build_report([part], hardest=0)
-    shown = bars(made.entries)
+    shown = make_bars(made.entries)
     means = re.search(
-        r"metric ([0-9.]+) against ([0-9.]+)\.", made.overview.verdict.short
+        r"metric ([0-9.]+) against ([0-9.]+)\.", made.overview.conclusion.short
     )
     assert [row["text"].split()[0] for row in shown.rows] == list(means.groups())
     assert shown.worlds == 5 and "Only 5 worlds" in report_page(made, "part")

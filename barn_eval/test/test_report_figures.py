@@ -33,7 +33,7 @@ def test_trials_without_a_track_say_so(report):
 
 def test_planners_have_the_colours_of_the_page_in_its_figures(report):
     svg = report.figures["worlds"].element
-    colour = report.entries[0].colour.lower()
+    colour = report.entries[0].color.lower()
     assert f"var(--c-{colour[1:]}, {colour})" in svg
     assert "currentColor" in svg
     style = colour_sheet()

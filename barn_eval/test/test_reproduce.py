@@ -6,8 +6,8 @@ from reproduce_work import experiment_of, made_up
 
 from barn_eval.studies.reproduction.findings import (
     ReproduceConfig,
-    chosen_worlds,
-    paper_campaign,
+    draw_worlds,
+    paper_run,
 )
 from barn_eval.studies.reproduction.page import (
     FAILS,
@@ -20,9 +20,9 @@ from barn_eval.studies.reproduction.page import (
 from barn_eval.studies.reproduction.trials import (
     PLANNERS,
     deviation,
-    metrics_finding,
-    trials_by_planner,
-    trials_finding,
+    group_trials,
+    summarize_metrics,
+    summarize_trials,
 )
 from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.spec import simulator_config
@@ -42,19 +42,17 @@ def results():
 
 @pytest.fixture(scope="module")
 def finding(results):
-    return trials_finding(results, trials_by_planner(results, "there"), 0)
+    return summarize_trials(results, group_trials(results, "there"), 0)
 
 
 def test_worlds_are_drawn_one_from_each_part_of_their_order():
     indices = list(range(100, 400))
-    chosen = chosen_worlds(indices, 40, 0)
+    chosen = draw_worlds(indices, 40, 0)
     parts = np.array_split(np.array(indices), 40)
     assert len(chosen) == 40
     assert all(world in part for world, part in zip(chosen, parts, strict=True))
-    assert chosen == chosen_worlds(indices, 40, 0) != chosen_worlds(indices, 40, 1)
-    assert (
-        chosen_worlds(indices, 0, 0) == chosen_worlds(indices, 300, 0) == tuple(indices)
-    )
+    assert chosen == draw_worlds(indices, 40, 0) != draw_worlds(indices, 40, 1)
+    assert draw_worlds(indices, 0, 0) == draw_worlds(indices, 300, 0) == tuple(indices)
 
 
 def test_deviation():
@@ -129,7 +127,7 @@ def test_worlds_are_ordered_by_the_mean_over_both_planners(finding):
 
 
 def test_the_trials_are_run_under_the_papers_rules():
-    config = paper_campaign(ReproduceConfig(strata=40, seed=3))
+    config = paper_run(ReproduceConfig(strata=40, seed=3))
     assert (config.protocol, config.simulator) == (
         PAPER_2020,
         simulator_config(PAPER_2020),
@@ -152,13 +150,13 @@ def test_missing_trials_are_named(results):
         ConfigError,
         match="there: planner 'eband' lacks trial 1 of world 30; finish the campaign first",
     ):
-        trials_by_planner(lacking, "there")
+        group_trials(lacking, "there")
     with pytest.raises(ConfigError, match="planner 'eband' lacks two trials per world"):
-        trials_by_planner([one for one in results if one.planner == "dwa"], "there")
+        group_trials([one for one in results if one.planner == "dwa"], "there")
 
 
 def test_table_ii_is_that_of_the_data_set():
-    finding = metrics_finding(open_dataset("barn300"), 0)
+    finding = summarize_metrics(open_dataset("barn300"), 0)
     assert finding.worlds == 300
     for row in finding.rows:
         published = TABLE_II[row.name]

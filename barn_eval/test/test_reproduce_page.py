@@ -12,7 +12,7 @@ from rich.console import Console
 from barn_eval.results.folder import ResultsFolder
 from barn_eval.results.store import TrialRecord
 from barn_eval.studies.reproduction import findings
-from barn_eval.studies.reproduction.findings import QUICK, paper_campaign
+from barn_eval.studies.reproduction.findings import QUICK, paper_run
 from barn_eval.studies.reproduction.findings import reproduce as findings_of
 from barn_eval.studies.reproduction.page import page, read_results, write_results
 from barn_eval.trials.run_config import ExecutionConfig
@@ -48,7 +48,7 @@ def reproduce(config, out):
 
 
 def test_only_trials_that_are_missing_are_driven(tmp_path):
-    experiment, rows = paper_campaign(TINY), tmp_path / "campaign" / "results.jsonl"
+    experiment, rows = paper_run(TINY), tmp_path / "campaign" / "results.jsonl"
     with ResultsFolder.open(
         rows.parent, experiment, ExecutionConfig(), experiment.trials()
     ) as folder:

@@ -11,7 +11,7 @@ from PIL import Image
 
 import barn_eval as barn
 from barn_eval.api.worlds import generate, resize
-from barn_eval.ros.supervision.nodes import robot_of_simulator
+from barn_eval.ros.supervision.nodes import name_robot
 from barn_eval.trials import identity
 from barn_eval.trials.protocol import PROTOCOLS
 from barn_eval.trials.spec import simulator_config
@@ -86,9 +86,9 @@ def test_tasks_of_other_robots_have_fingerprints_of_their_own():
 
 def test_the_simulator_node_gets_robots_by_name_and_others_by_a_file(tmp_path):
     husky = simulator_config(CHALLENGE, {}, barn.robots.load("husky"))
-    assert robot_of_simulator(husky, tmp_path) == "husky"
+    assert name_robot(husky, tmp_path) == "husky"
     heavier = replace(husky, chassis=replace(husky.chassis, mass_kg=80.0))
-    file = robot_of_simulator(heavier, tmp_path)
+    file = name_robot(heavier, tmp_path)
     assert barn.robots.load(file) == robot_of(heavier)
 
 
@@ -204,7 +204,7 @@ def test_robots_that_take_more_cells_than_the_data_set_is_made_for_are_refused(
         "--out",
         "unused",
     )
-    ways = "with ways for 5 x 5 cells of 0.101 m: robot jackal takes 7 x 7"
+    ways = "with paths for 5 x 5 cells of 0.101 m: robot jackal takes 7 x 7"
     assert f"barn_tb4 is made for robot turtlebot4, {ways}" in said
     dataset = open_dataset("barn_tb4")
     for fits in ("turtlebot4", "turtlebot3_burger", "turtlebot3_waffle"):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import barn_eval as barn
-from barn_eval.analysis.overview import repeat
+from barn_eval.analysis.overview import reproduce
 from barn_eval.analysis.sources import read_source
 from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.run_file import RunFile
@@ -114,9 +114,9 @@ def test_results_say_which_robot(folders):
     husky, jackal = folders
     assert [RunFile.read(folder).robot_name() for folder in folders] == ["husky", ""]
     assert read_source(husky).robot == "husky"
-    again = repeat(read_source(husky)).command
+    again = reproduce(read_source(husky)).command
     assert "--robot husky" in again and "--sim" not in again
-    assert "--robot" not in repeat(read_source(jackal)).command
+    assert "--robot" not in reproduce(read_source(jackal)).command
     recorded = read_recorded_trial(next((husky / "bags").iterdir()))
     assert recorded.chassis == HUSKY.chassis
     np.testing.assert_allclose(

@@ -17,7 +17,7 @@ from ros_runs import nothing_left  # noqa: F401 (a fixture)
 
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.folder import read_results
-from barn_eval.ros.supervision import ProcessError
+from barn_eval.ros.supervision.process import ProcessError
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import PAPER_2020
 from barn_worlds.ros.domain import reserve_domain

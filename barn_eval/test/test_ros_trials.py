@@ -27,7 +27,7 @@ from barn_eval.results.bags.movers import compute_gaps
 from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.folder import read_results
 from barn_eval.ros.supervision import start
-from barn_eval.ros.supervision.process import GuardedProcess
+from barn_eval.ros.supervision.process import SupervisedProcess
 from barn_eval.running.runner import ExperimentError
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN, PAPER_2020
@@ -297,7 +297,7 @@ def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_l
     deeds = {
         0: lambda: kill(ros.node_process(nothing_left, simulator)),
         1: lambda: kill(ros.node_process(nothing_left, evaluator)),
-        2: lambda: kill(ros.guards(nothing_left, str(ros.FOREIGN))),
+        2: lambda: kill(ros.launchers(nothing_left, str(ros.FOREIGN))),
     }
 
     def disturb():
@@ -317,8 +317,8 @@ def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_l
         "simulator was killed by SIGKILL in trial drives_w0000_r00",
         "drives_w0000_r00 is repeated: simulator_died, the simulator was killed by SIGKILL",
         "evaluator was killed by SIGKILL in trial drives_w0000_r01",
-        "planner was lost with its guard in trial drives_w0000_r02",
-        "drives_w0000_r02 is repeated: planner_died, the planner was lost with its guard",
+        "planner was lost with its launcher in trial drives_w0000_r02",
+        "drives_w0000_r02 is repeated: planner_died, the planner was lost with its launcher",
     ]
     assert [
         text
@@ -330,7 +330,7 @@ def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_l
     ] == [
         (2, "simulator_died, the simulator was killed by SIGKILL"),
         (2, "the evaluator was killed by SIGKILL"),
-        (2, "planner_died, the planner was lost with its guard"),
+        (2, "planner_died, the planner was lost with its launcher"),
     ]
     undisturbed = list(ros.drive(tmp_path / "undisturbed", plan))
     assert [result.repeatable() for result in results] == [
@@ -390,7 +390,7 @@ def test_nothing_listens_beyond_loopback_and_nothing_is_left_running(
     )
     pids = until(
         lambda: len(found := ros.marked(nothing_left)) >= 7 and found
-    )  # nodes, their guards, the command
+    )  # nodes, their launchers, the command
     addresses = {address for pid in pids for address in listeners(pid)}
     assert len(addresses) >= 6  # two ports of each node, at least
     (loopback,) = struct.unpack("=L", socket.inet_aton("127.0.0.1"))
@@ -446,7 +446,7 @@ def test_the_nodes_started_by_hand(tmp_path, monkeypatch):
             "planner:=mine",
         ]
         nodes = [
-            GuardedProcess(
+            SupervisedProcess(
                 name,
                 [sys.executable, start.__file__, *command],
                 os.environ,

@@ -15,6 +15,7 @@ import pytest
 from waiting import until
 
 from barn_eval.results.rows import RowFile, seal_line
+from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.outcome import Outcome, Scores
 from barn_eval.trials.result import (
     TrialResult,
@@ -22,7 +23,7 @@ from barn_eval.trials.result import (
     from_json_line,
     to_json_line,
 )
-from barn_eval.trials.trajectory import Encounters, Measures
+from barn_eval.trials.trajectory import Measures
 from barn_worlds.base.errors import ConfigError, StoreError
 from barn_worlds.base.files import write_durably
 

@@ -13,13 +13,13 @@ from test_statistics import counted
 from barn_eval.analysis.sequential import decide
 from barn_eval.analysis.significance import (
     Components,
-    components,
     detectable_difference,
     half_width,
     holm,
     p_text,
     paired_difference,
     proportion,
+    variance_components,
     worlds_for_difference,
     worlds_for_half_width,
 )
@@ -150,21 +150,25 @@ def test_the_smallest_p_value_follows_the_number_of_flips():
 def test_a_difference_knows_its_variance_between_and_within_worlds():
     worlds = np.repeat(np.arange(10), 2)
     values = np.random.default_rng(2).normal(0.0, 1.0, 20)
-    assert paired_difference(values, worlds).parts == components(
+    assert paired_difference(values, worlds).parts == variance_components(
         values[np.lexsort((values, worlds))], worlds
     )
     assert paired_difference(values, worlds).trials == 20
 
 
 def test_components_by_hand():
-    found = components(np.array([1.0, 3.0, 5.0, 7.0]), np.array([0, 0, 1, 1]))
+    found = variance_components(np.array([1.0, 3.0, 5.0, 7.0]), np.array([0, 0, 1, 1]))
     assert found == Components(pytest.approx((16.0 - 2.0) / 2.0), pytest.approx(2.0))
-    assert components(np.array([1.0, 3.0]), np.array([0, 1])) == Components(
+    assert variance_components(np.array([1.0, 3.0]), np.array([0, 1])) == Components(
         pytest.approx(2.0), 0.0
     )
-    assert math.isnan(components(np.array([1.0, 3.0]), np.array([0, 0])).between)
+    assert math.isnan(
+        variance_components(np.array([1.0, 3.0]), np.array([0, 0])).between
+    )
     assert (
-        components(np.array([1.0, 3.0, 1.0, 3.0]), np.array([0, 0, 1, 1])).between
+        variance_components(
+            np.array([1.0, 3.0, 1.0, 3.0]), np.array([0, 0, 1, 1])
+        ).between
         == 0.0
     )
 
@@ -176,7 +180,9 @@ def test_components_of_uneven_worlds_are_unbiased():
         generator.normal(0.0, 2.0, (200, 200)),
         generator.normal(0.0, 1.0, (200, len(worlds))),
     )
-    found = [components(values, worlds) for values in between[:, worlds] + within]
+    found = [
+        variance_components(values, worlds) for values in between[:, worlds] + within
+    ]
     means = np.mean([(one.between, one.within) for one in found], axis=0)
     assert means == pytest.approx([4.0, 1.0], rel=0.03)
 
@@ -230,30 +236,30 @@ def decided(a, b, order=range(WORLDS), larger=True):
 def test_a_clear_difference_stops_the_plan_early_on_its_side():
     a, b = builds(0.08)
     found = decided(a, b)
-    assert found.decided == "better"
+    assert found.decision == "better"
     assert 0 < found.worlds < WORLDS
     assert found.difference.low > 0.0
-    assert decided(b, a).decided == "worse"
-    assert decided(a, b, larger=False).decided == "worse"
+    assert decided(b, a).decision == "worse"
+    assert decided(a, b, larger=False).decision == "worse"
 
 
 def test_a_clear_difference_waits_until_failures_not_seen_would_not_turn_it():
     """In 20 worlds up to 17 % of failures may be unseen, which is more than any tenth of a score."""
     found = decided(*builds(0.03, noise=0.001))
-    assert found.decided == "better"
+    assert found.decision == "better"
     assert found.worlds >= 40
 
 
 def test_equal_builds_are_given_up_from_half_of_the_plan_on():
     found = decided(*builds(0.0))
-    assert found.decided in ("futile", "open")
+    assert found.decision in ("futile", "open")
     assert found.worlds >= 60
 
 
 def test_what_is_to_come_is_waited_for():
     assert decided(*builds(0.08, worlds=19)).worlds == 0
     found = decided(*builds(0.004, worlds=25))
-    assert (found.decided, found.worlds) == ("continue", 20)
+    assert (found.decision, found.worlds) == ("continue", 20)
 
 
 def test_the_first_decision_stands_whatever_comes_after_it():

@@ -11,11 +11,11 @@ from scipy import stats
 from barn_eval.analysis import statistics
 from barn_eval.analysis.significance import Share, paired_difference, share_of
 from barn_eval.analysis.statistics import (
-    Columns,
+    TrialValues,
+    compare_pairs,
     difference,
     matched_trials,
     mean_interval,
-    paired,
     rank_correlation,
     repetition_spread,
 )
@@ -37,8 +37,8 @@ def test_order_of_trials_changes_no_bit():
     values, worlds, repetitions = trials_of(30, 20)
     shuffled = np.random.default_rng(0).permutation(len(values))
     assert (
-        Columns(values, worlds, repetitions).mean()
-        == Columns(values, worlds, repetitions).at(shuffled).mean()
+        TrialValues(values, worlds, repetitions).mean()
+        == TrialValues(values, worlds, repetitions).at(shuffled).mean()
     )
     for figure in (mean_interval, repetition_spread):
         assert figure(values, worlds) == figure(values[shuffled], worlds[shuffled])
@@ -47,7 +47,7 @@ def test_order_of_trials_changes_no_bit():
 def test_unbalanced_worlds_are_weighted_by_their_trials_and_nan_has_no_part():
     values = np.array([1.0, 2.0, 3.0, 10.0, np.nan, np.nan])
     worlds = np.array([7, 7, 7, 8, 8, 9])
-    found = Columns(values, worlds, np.zeros(6, np.int64)).mean()
+    found = TrialValues(values, worlds, np.zeros(6, np.int64)).mean()
     assert found.estimate == 4.0
     assert found.low == 0.0  # what two worlds say is little, but no value is below 0
     assert found.high > 10.0
@@ -69,9 +69,9 @@ def test_repetition_spread_is_the_papers():
 def test_paired_comparison_removes_what_the_worlds_share():
     values, worlds, repetitions = trials_of(worlds=30)
     shift = np.random.default_rng(5).normal(-1.0, 0.1, len(values))
-    found = paired(
-        Columns(values + shift, worlds, repetitions),
-        Columns(values, worlds, repetitions),
+    found = compare_pairs(
+        TrialValues(values + shift, worlds, repetitions),
+        TrialValues(values, worlds, repetitions),
         larger_is_better=False,
     )
     assert (found.worlds, found.trials) == (30, 150)
@@ -85,9 +85,9 @@ def test_probability_of_improvement_equals_the_mann_whitney_statistic():
     worlds = np.repeat(np.arange(8), 6)
     repetitions = np.tile(np.arange(6), 8)
     a, b = draw.integers(0, 5, 48).astype(float), draw.integers(1, 6, 48).astype(float)
-    found = paired(
-        Columns(a, worlds, repetitions),
-        Columns(b, worlds, repetitions),
+    found = compare_pairs(
+        TrialValues(a, worlds, repetitions),
+        TrialValues(b, worlds, repetitions),
         larger_is_better=True,
     )
     chances = [
@@ -95,9 +95,9 @@ def test_probability_of_improvement_equals_the_mann_whitney_statistic():
         for w in range(8)
     ]
     assert found.improvement.estimate == pytest.approx(np.mean(chances), rel=1e-12)
-    other = paired(
-        Columns(b, worlds, repetitions),
-        Columns(a, worlds, repetitions),
+    other = compare_pairs(
+        TrialValues(b, worlds, repetitions),
+        TrialValues(a, worlds, repetitions),
         larger_is_better=True,
     )
     assert other.improvement.estimate == pytest.approx(
@@ -106,13 +106,17 @@ def test_probability_of_improvement_equals_the_mann_whitney_statistic():
 
 
 def test_only_shared_worlds_and_repetitions_are_compared():
-    a = Columns(np.array([1.0, 2.0, 50.0]), np.array([0, 1, 2]), np.array([0, 0, 0]))
-    b = Columns(np.array([4.0, 4.0, 60.0]), np.array([0, 1, 2]), np.array([0, 0, 1]))
-    found = paired(a, b, larger_is_better=False)
+    a = TrialValues(
+        np.array([1.0, 2.0, 50.0]), np.array([0, 1, 2]), np.array([0, 0, 0])
+    )
+    b = TrialValues(
+        np.array([4.0, 4.0, 60.0]), np.array([0, 1, 2]), np.array([0, 0, 1])
+    )
+    found = compare_pairs(a, b, larger_is_better=False)
     assert (found.worlds, found.trials) == (2, 2)
     assert found.difference.estimate == -2.5
     assert found.improvement.estimate == 1.0
-    none = paired(a, replace(b, worlds=b.worlds + 100), larger_is_better=False)
+    none = compare_pairs(a, replace(b, worlds=b.worlds + 100), larger_is_better=False)
     assert (none.worlds, none.trials) == (0, 0)
     assert math.isnan(none.p) and math.isnan(none.improvement.estimate)
     assert math.isnan(none.difference.estimate)
@@ -121,8 +125,8 @@ def test_only_shared_worlds_and_repetitions_are_compared():
 def test_intervals_are_drawn_with_seed_0_unless_told_otherwise():
     values, worlds, repetitions = trials_of()
     planner, other = (
-        Columns(values, worlds, repetitions),
-        Columns(values[::-1].copy(), worlds, repetitions),
+        TrialValues(values, worlds, repetitions),
+        TrialValues(values[::-1].copy(), worlds, repetitions),
     )
     correlation = partial(
         rank_correlation, (planner.values, worlds), (other.values, worlds)
@@ -130,7 +134,7 @@ def test_intervals_are_drawn_with_seed_0_unless_told_otherwise():
     for find in (
         correlation,
         partial(difference, planner, other),
-        partial(paired, planner, other, larger_is_better=True),
+        partial(compare_pairs, planner, other, larger_is_better=True),
     ):
         assert find() == find(seed=0) != find(seed=1)
 
@@ -138,9 +142,9 @@ def test_intervals_are_drawn_with_seed_0_unless_told_otherwise():
 def test_paired_comparison_gives_the_mean_of_each_over_the_pairs():
     worlds, repetitions = np.array([0, 1, 2, 3]), np.zeros(4, np.int64)
     a, b = np.array([1.0, 2.0, 6.0, 90.0]), np.array([10.0, 11.0, 15.0, np.nan])
-    found = paired(
-        Columns(a, worlds, repetitions),
-        Columns(b, worlds, repetitions),
+    found = compare_pairs(
+        TrialValues(a, worlds, repetitions),
+        TrialValues(b, worlds, repetitions),
         larger_is_better=False,
     )
     assert (found.worlds, found.trials, found.mean_a, found.mean_b) == (3, 3, 3.0, 12.0)
@@ -151,7 +155,7 @@ def test_an_improvement_however_small_counts_whole():
         counted([1.0, 1.0, 1.0], [0] * 3, range(3)),
         counted([0.999, 1.0, 1.001], [0] * 3, range(3)),
     )
-    found = paired(a, b, larger_is_better=True)
+    found = compare_pairs(a, b, larger_is_better=True)
     assert found.improvement.estimate == pytest.approx((1.0 + 0.5 + 0.0) / 3.0)
 
 
@@ -213,7 +217,7 @@ def test_published_trials_give_the_known_agreement_of_planners(original_folder):
 def counted(values, failures, worlds, as_failure=0.0, best=0.5):
     values = np.asarray(values, float)
     failing = np.asarray(failures), np.full(len(values), as_failure)
-    return Columns(
+    return TrialValues(
         values, np.asarray(worlds), np.zeros(len(values), int), *failing, best
     )
 
@@ -285,7 +289,7 @@ def test_a_failure_that_counts_less_than_a_success_raises_the_mean_of_times():
 def test_only_where_no_value_is_below_zero_are_limits_not_either(least, cut):
     values, trials = np.array([least, 1.0, 3.0]), np.arange(3)
     plain = mean_interval(values, trials).low
-    assert Columns(values, trials, trials).mean().low == (0.0 if cut else plain)
+    assert TrialValues(values, trials, trials).mean().low == (0.0 if cut else plain)
     assert plain < 0.0
 
 
@@ -294,14 +298,14 @@ def test_the_upper_limit_of_a_mean_is_not_above_the_best():
 
 
 def test_parts_of_a_mean_are_those_of_a_difference_from_zero():
-    planner = Columns(*trials_of())
+    planner = TrialValues(*trials_of())
     apart = difference(planner, replace(planner, values=0.0 * planner.values)).parts
     assert planner.parts().within == pytest.approx(apart.within)
 
 
 def test_matched_trials_are_in_the_order_of_worlds():
     (found,) = matched_trials(
-        [Columns(np.array([1.0, 2.0]), np.array([1, 0]), np.array([0, 1]))]
+        [TrialValues(np.array([1.0, 2.0]), np.array([1, 0]), np.array([0, 1]))]
     )
     assert found.worlds.tolist() == [0, 1]
 
@@ -328,14 +332,14 @@ def test_what_a_failure_costs_is_unseen_only_where_none_was_seen():
         (),
     )
     assert (
-        paired(none, one, larger_is_better=True).parts.unseen
+        compare_pairs(none, one, larger_is_better=True).parts.unseen
         == difference(one, none).parts.unseen
         == none.unseen
     )
 
 
 def test_paired_comparison_gives_the_share_of_failures_of_each():
-    found = paired(
+    found = compare_pairs(
         *(counted([0.3], [failure], [0]) for failure in (0, 1)), larger_is_better=True
     )
     shares = [Share(share, 1.0) for share in (0.0, 1.0)]

@@ -13,7 +13,7 @@ from rich.console import Console
 from test_rows import result
 
 import barn_eval
-from barn_eval.analysis.summary import summarise_campaign
+from barn_eval.analysis.summary import summarize_run
 from barn_eval.analysis.tables import comparison_table, summary_table, trials_table
 from barn_eval.commands import options
 from barn_eval.commands.main import main
@@ -107,7 +107,7 @@ def test_tables_of_commands_are_whole(folder, monkeypatch, command):
 
 def test_tables_of_runs_and_campaigns_are_whole(folder):
     results = read_results(folder)
-    found = summarise_campaign(results)
+    found = summarize_run(results)
     made = [
         trials_table(results, "all"),
         summary_table(found.planners),

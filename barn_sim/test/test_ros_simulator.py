@@ -1,5 +1,6 @@
 """The simulator node as a process of its own, over DDS, in lockstep with this test."""
 
+import json
 import math
 from contextlib import closing
 
@@ -122,11 +123,11 @@ def test_missed_and_invalid_commands_are_counted_and_reported(peer: Driver) -> N
     peer.drive([Velocity2D(0.5, 0.0), Velocity2D(math.nan, 0.0)])
     assert peer.pause(False).success
     peer.wait(lambda: len(peer.heard["/scan"]) >= 6)  # nobody answers
-    message = peer.pause(True).message
-    assert "1 invalid commands" in message
-    assert message.endswith("connected: 1 scan subscriptions, 1 command publishers")
-    missed = int(message.split(" missed")[0].split()[-1])
-    assert missed >= 3
+    status = json.loads(peer.pause(True).message)
+    assert status["version"] == 1
+    assert status["invalid_commands"] == 1
+    assert (status["scan_subscriptions"], status["command_publishers"]) == (1, 1)
+    assert status["missed_commands"] >= 3
     peer.wait(
         lambda: any(says(m, "invalid commands") for m in peer.heard["/diagnostics"])
     )

@@ -223,7 +223,7 @@ def test_a_start_beside_a_wall_may_be_nearer_to_it_than_the_way(tmp_path):
 
 def test_a_map_without_room_for_the_robot_is_refused(tmp_path):
     with pytest.raises(
-        WorldError, match=r"hall: robot jackal, 7 x 7 cells, finds no way in it"
+        WorldError, match=r"hall: robot jackal, 7 x 7 cells, finds no path in it"
     ):
         opened(written(tmp_path, np.tile(np.arange(60) % 4 == 0, (60, 1))))
     with pytest.raises(WorldError, match="hall: no cell of it is free"):

@@ -7,7 +7,7 @@ import pytest
 
 from barn_worlds.geometry.bodies import shape_rows
 from barn_worlds.geometry.footprint import Footprint, Rectangle
-from barn_worlds.geometry.kernels import distance_to
+from barn_worlds.geometry.kernels import distance_to_line
 from barn_worlds.robots.contact import contact_footprint
 from barn_worlds.robots.files import STANDARD_ROBOT, load_robot
 
@@ -156,10 +156,10 @@ def test_the_distance_from_a_line_is_that_of_its_nearest_point(seed):
     line, (x, y) = rng.uniform(-1.0, 1.0, (6, 2)), rng.uniform(-2.0, 2.0, 2)
     line[3] = line[2]
     dense = np.linspace(line[:-1], line[1:], 2001).reshape(-1, 2)
-    assert distance_to(line, x, y) == pytest.approx(
+    assert distance_to_line(line, x, y) == pytest.approx(
         np.hypot(*(dense - [x, y]).T).min(), abs=2e-3
     )
-    assert distance_to(line[:1], x, y) == pytest.approx(
+    assert distance_to_line(line[:1], x, y) == pytest.approx(
         math.hypot(x - line[0, 0], y - line[0, 1])
     )
-    assert distance_to(np.array([[0.0, 0.0], [4.0, 0.0]]), -1.0, 0.0) == 1.0
+    assert distance_to_line(np.array([[0.0, 0.0], [4.0, 0.0]]), -1.0, 0.0) == 1.0

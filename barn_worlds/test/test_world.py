@@ -121,7 +121,7 @@ def test_checksum_tells_content_but_not_names_apart():
             {"path": STRAIGHT + [0, 1]},
             r"path leaves the grid of \(30, 30\) at \[15, 30\]",
         ),
-        ({"path": STRAIGHT[::2]}, r"neighbouring cell, got \[15, 0\] then \[15, 2\]"),
+        ({"path": STRAIGHT[::2]}, r"neighboring cell, got \[15, 0\] then \[15, 2\]"),
         ({"grid": ~OPEN}, r"path goes through the filled cell \[15, 0\]"),
         ({"resolution_m": 0.0}, "resolution must be from 0.01 to 10 m"),
         ({"resolution_m": float("nan")}, "resolution must be from 0.01 to 10 m"),

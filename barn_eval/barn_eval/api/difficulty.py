@@ -5,7 +5,7 @@ from typing import Any
 
 import pandas as pd
 
-from barn_eval.analysis.frames import frame_of
+from barn_eval.analysis.pandas_tables import pandas_table
 from barn_metrics.model import DifficultyModel, load_model
 from barn_worlds.datasets.dataset import open_dataset
 
@@ -33,7 +33,7 @@ def predict(
     Raises:
         BarnError: A world or the weights cannot be read.
     """
-    return frame_of(predictions(source, select, weights)[2])
+    return pandas_table(predictions(source, select, weights)[2])
 
 
 def predictions(

@@ -9,7 +9,7 @@ from typing import Any, Concatenate, Literal, ParamSpec
 import pandas as pd
 from rich.console import Console
 
-from barn_eval.analysis.leaderboard import sweep_board, sweep_rows
+from barn_eval.analysis.leaderboard import make_sweep_board, sweep_rows
 from barn_eval.api.results import Results
 from barn_eval.ros.work import run_request
 from barn_eval.running.planner_objects import LivePlanner, Planners, split_planners
@@ -156,7 +156,7 @@ def _sweep_of(
         for setting in made:
             setting.write_files()
             run_request(setting.request, console, live, overwrite=given["overwrite"])
-        return pd.DataFrame(sweep_rows(sweep_board(made[0].request.out.parent)))
+        return pd.DataFrame(sweep_rows(make_sweep_board(made[0].request.out.parent)))
 
     sweep.__doc__ = """Run every combination of values of a planner's parameters, and return them, best first.
 

@@ -1,4 +1,4 @@
-"""The suite itself from Python, as `barn reproduce`, `bench`, `validate` and `info` have it."""
+"""The suite itself from Python, as `barn reproduce`, `bench` and `info` have it."""
 
 import os
 import shutil
@@ -12,13 +12,12 @@ from typing import Any
 from rich.console import Console
 
 from barn_eval.results.provenance import provenance
-from barn_eval.ros.isolation import isolation, ros_problem
-from barn_eval.ros.work import isolation_text
+from barn_eval.ros.isolation import probe_isolation, ros_problem
+from barn_eval.ros.work import isolation_warning
 from barn_eval.studies.bench import BenchSetup, bench
 from barn_eval.studies.reproduction import findings as reproduction
 from barn_eval.studies.reproduction.findings import QUICK, ReproduceConfig
 from barn_eval.studies.reproduction.page import write_results
-from barn_eval.studies.validation import validate
 from barn_eval.trials.ros_config import RosConfig
 from barn_eval.trials.run_config import ExecutionConfig
 from barn_planners.registry import planner_names
@@ -26,7 +25,7 @@ from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.text_files import read_package_yaml
 from barn_worlds.datasets.dataset import dataset_files
 
-__all__ = ["BenchSetup", "bench", "info", "reproduce", "validate"]
+__all__ = ["BenchSetup", "bench", "info", "reproduce"]
 
 # Module or program: (what needs it, what is off without it).
 OPTIONAL: dict[str, list[str]] = read_package_yaml("barn_eval", "optional.yaml")
@@ -108,7 +107,7 @@ def _ros() -> dict[str, str]:
     if not ros_problem():
         found["middleware"] = _middleware()
     found["isolation"] = (
-        isolation_text(RosConfig()) or f"planners over ROS: {isolation()}"
+        isolation_warning(RosConfig()) or f"planners over ROS: {probe_isolation()}"
     )
     return found
 

@@ -4,18 +4,17 @@ from pathlib import Path
 
 import click
 
-from barn_eval.analysis.compare import compare_folders, groups_of, selected_results
+from barn_eval.analysis.compare import compare_folders, read_groups, read_selection
 from barn_eval.analysis.margins import Margin, decide_margin
-from barn_eval.analysis.measures import COMPARED, measures_named
+from barn_eval.analysis.measures import COMPARED, require_measures
+from barn_eval.analysis.precision import estimate_precision as precision_of
 from barn_eval.analysis.precision import (
     figures_table,
     needs_table,
-    ranking_power,
-    ranking_table,
 )
-from barn_eval.analysis.precision import precision as precision_of
+from barn_eval.analysis.ranking_power import ranking_power, ranking_table
 from barn_eval.analysis.tables import comparison_table, paper_table
-from barn_eval.analysis.verdict import pair_verdict
+from barn_eval.analysis.verdict import conclude_comparison
 from barn_eval.commands.options import (
     COUNT,
     FILE,
@@ -73,7 +72,7 @@ def command(
     ruled out at 95 %.
     """
     keys, wanted = (
-        measures_named(keys_of(columns)),
+        require_measures(keys_of(columns)),
         [Margin.parse(one) for one in margins],
     )
     with progress("comparing") as share:
@@ -83,12 +82,12 @@ def command(
         found = compare_folders(a, b, keys=list(compared), progress=share)
     decided = [[decide_margin(one, margin) for margin in wanted] for one in found]
     if latex is not None:
-        write_page(latex, paper_table(groups_of(a, b), keys))
+        write_page(latex, paper_table(read_groups(a, b), keys))
         say(latex)
     content: list[object] = []
     shown: list[object] = [task_line(found[0].protocol, found[0].task, found[0].robot)]
     for one, own in zip(found, decided, strict=True):
-        said = pair_verdict(one)
+        said = conclude_comparison(one)
         content.append(
             as_dict(one) | {"verdict": str(said), "decisions": list(map(as_dict, own))}
         )
@@ -147,18 +146,18 @@ def precision(
         powers = [
             one
             for folder in folders
-            for one in ranking_power(selected_results(folder)[1], measures)
+            for one in ranking_power(read_selection(folder)[1], measures)
         ]
         tell(as_json, list(map(as_dict, powers)), rich_table(ranking_table(powers)))
         return
     if len(folders) > 1 or len(measures) > 1:
         raise ConfigError("only --ranking takes several folders or measures")
-    _, results = selected_results(folders[0])
+    _, results = read_selection(folders[0])
     found = precision_of(
         results,
         half_width,
         difference,
-        measure="".join(measures),
+        measure_key="".join(measures),
         repetitions=repetitions,
     )
     first = next(iter(results.values()))[0]

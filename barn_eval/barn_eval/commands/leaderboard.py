@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from barn_eval.analysis.leaderboard import RANKINGS, board_rows, leaderboard
-from barn_eval.analysis.verdict import verdict
+from barn_eval.analysis.leaderboard import RANKINGS, board_rows, make_boards
+from barn_eval.analysis.verdict import conclude_ranking
 from barn_eval.commands.options import PATH, json_option, notes, say, tell
 from barn_eval.commands.tables import rich_table
 from barn_eval.pages.report.leaderboard import board_table, write_boards
@@ -38,8 +38,8 @@ def command(
     Planners that cannot be told apart share a rank. Each protocol and set of worlds has a board of its own.
     """
     with notes.status("ranking"):
-        boards = leaderboard(folders, by or "", worlds)
-    told = [verdict(board.ranking, board.measure) for board in boards]
+        boards = make_boards(folders, by or "", worlds)
+    told = [conclude_ranking(board.ranking, board.measure) for board in boards]
     if as_json or not out:
         shown: list[object] = []
         for said, one in zip(told, boards, strict=True):

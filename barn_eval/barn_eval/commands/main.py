@@ -28,7 +28,7 @@ MORE: dict[str, tuple[str, str]] = {
 }
 # Where the verbs are that have no module of their own.
 _BESIDE = {"demo": "run", "precision": "compare", "submit": "check", "verify": "check"}
-_BESIDE |= dict.fromkeys(("reproduce", "validate", "bench", "info"), "suite")
+_BESIDE |= dict.fromkeys(("reproduce", "bench", "info"), "suite")
 
 
 def _print_version(ctx: click.Context, _: click.Parameter, asked: bool) -> None:

@@ -7,11 +7,11 @@ from typing import Any
 
 import click
 
-from barn_eval.analysis.leaderboard import sweep_board, sweep_rows, sweep_table
+from barn_eval.analysis.leaderboard import make_sweep_board, sweep_rows, sweep_table
 from barn_eval.analysis.planners import spelling
-from barn_eval.analysis.summary import summarise, summarise_campaign
+from barn_eval.analysis.summary import summarize, summarize_run
 from barn_eval.analysis.tables import comparison_table, summary_table, trials_table
-from barn_eval.analysis.verdict import verdict
+from barn_eval.analysis.verdict import conclude_ranking
 from barn_eval.commands.options import (
     FILE,
     FOLDER,
@@ -197,8 +197,8 @@ def _sweep(settings: Sequence[Setting], *, overwrite: bool, as_json: bool) -> in
         setting.write_files()
         run_request(setting.request, notes, overwrite=overwrite)
     folder = settings[0].request.out.parent
-    found = sweep_board(folder)
-    told = verdict(found.ranking, found.measure)
+    found = make_sweep_board(folder)
+    told = conclude_ranking(found.ranking, found.measure)
     tell(
         as_json,
         {"verdict": told, "settings": sweep_rows(found)},
@@ -212,7 +212,7 @@ def _sweep(settings: Sequence[Setting], *, overwrite: bool, as_json: bool) -> in
 def _print(request: Request, results: Rows, as_json: bool) -> None:
     """Print trials unless they are many, what they say together, and where the rest is."""
     scored = [result for result in results if result.is_scored]
-    found = summarise_campaign(scored) if scored else None
+    found = summarize_run(scored) if scored else None
     shown: list[object] = []
     if len(results) <= MOST_LINES:
         shown.append(rich_table(trials_table(results, _title(request))))
@@ -223,7 +223,7 @@ def _print(request: Request, results: Rows, as_json: bool) -> None:
         )
         shown += [found.verdict, *map(rich_table, tables)]
     elif scored:
-        shown.append(rich_table(summary_table([summarise(scored)])))
+        shown.append(rich_table(summary_table([summarize(scored)])))
     said = (
         found.as_json() if found else {"planners": [], "comparisons": [], "verdict": ""}
     )

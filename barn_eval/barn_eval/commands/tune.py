@@ -7,7 +7,7 @@ import click
 
 from barn_eval.analysis.measures import MEASURES
 from barn_eval.analysis.tables import comparison_table
-from barn_eval.analysis.text_table import counted
+from barn_eval.analysis.text_table import count_noun
 from barn_eval.commands.options import (
     COUNT,
     FOLDER,
@@ -81,7 +81,7 @@ def command(
         print_json(as_dict(found))
         return 0
     early = f", {found.given_up} of them given up early" if found.given_up else ""
-    text = f"{counted(found.settings, 'setting')} in {counted(found.worlds, 'world')}{early}"
+    text = f"{count_noun(found.settings, 'setting')} in {count_noun(found.worlds, 'world')}{early}"
     if not found.tuned:
         console.print(f"{text}: none is better there than the default", highlight=False)
         return 0
@@ -108,7 +108,7 @@ def command(
         )
     )
     console.print(
-        f"In {counted(found.unseen, 'world')} that no setting was chosen by:",
+        f"In {count_noun(found.unseen, 'world')} that no setting was chosen by:",
         highlight=False,
     )
     for one in found.tuned:

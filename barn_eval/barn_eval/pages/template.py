@@ -9,7 +9,7 @@ import jinja2
 from markupsafe import Markup
 
 from barn_eval.analysis.planners import spelling
-from barn_eval.analysis.text_table import counted
+from barn_eval.analysis.text_table import count_noun
 from barn_metrics.bootstrap import number
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.files import write_durably
@@ -98,6 +98,6 @@ def _environment() -> jinja2.Environment:
     )
     environment.globals |= {"asset": asset, "colour_sheet": colour_sheet}
     environment.filters |= {
-        one.__name__: one for one in (script_json, counted, number, spelling, themed)
+        one.__name__: one for one in (script_json, count_noun, number, spelling, themed)
     }
     return environment

@@ -3,8 +3,8 @@
 OUT/run.json                configuration and checksums of worlds; versions, commit and
                             machine of each session
 OUT/worlds.npz              the worlds, where they were given as Python objects
-OUT/results.jsonl           one line per finished trial, on the disk before it counts, in
-                            the order in which trials ended
+OUT/results.jsonl           one line per finished trial, on the disk before it counts,
+                            in the order in which trials ended
 OUT/tracks.jsonl            one line per trial that began: what the robot did; in the
                             order of trials once the run is complete
 OUT/results.parquet, .csv   results in the order of trials, without wall-clock figures,
@@ -113,7 +113,8 @@ class ResultsFolder:
             # Another process may have worked here until the lock was taken.
             completed = find_completed(run_file, specs, overwrite=overwrite)
             if not completed.results:
-                # Logs of the same run tell of trials that ended with an earlier session.
+                # Logs of the same run tell of trials that ended with an earlier
+                # session.
                 is_same_run = (
                     not overwrite
                     and run_file.path.exists()
@@ -278,15 +279,15 @@ def find_completed(
     for result in results:
         if result.trial_id not in specs_by_id:
             raise ConfigError(
-                f"{path}: holds a result of {result.trial_id}, which is no trial of this"
-                " run"
+                f"{path}: holds a result of {result.trial_id}, which is no trial of"
+                " this run"
             )
         require_row_of_trial(result, specs_by_id[result.trial_id], task, path)
     for planner in previous.config["planners"]:
         if planner["source"] == UNKNOWN_SOURCE and len(results) < len(specs):
             raise ConfigError(
-                f"{path}: planner {planner['name']!r}: its source is unknown, so the run"
-                " cannot be resumed; use another folder"
+                f"{path}: planner {planner['name']!r}: its source is unknown, so the"
+                " run cannot be resumed; use another folder"
             )
     dropped_count = len(rows) - len(results)
     return CompletedTrials(previous.sessions, results, dropped_count)
@@ -305,8 +306,8 @@ def require_row_of_trial(
     """
     if result.world_checksum != spec.world.checksum:
         raise ConfigError(
-            f"{path}: world {result.world} is not the one that {result.trial_id} was run"
-            " in"
+            f"{path}: world {result.world} is not the one that {result.trial_id} was"
+            " run in"
         )
     columns = {
         "world": spec.world_number,

@@ -36,8 +36,8 @@ def _library_version(library: str) -> str:
 def commit() -> str:
     """Return the commit of the source, with "+changes" where files differ from it.
 
-    A wheel and an archive of the source have it in a file (qa/build_backend.py). Empty if
-    there is neither a repository nor that file.
+    A wheel and an archive of the source have it in a file (qa/build_backend.py). Empty
+    if there is neither a repository nor that file.
     """
     built = Path(__file__).parents[1] / "data" / "commit"
     revision = commit_of(Path(__file__).parent)
@@ -47,7 +47,7 @@ def commit() -> str:
 
 
 def commit_of(folder: Path) -> str:
-    """Return the commit of the repository around a folder; empty if not this suite's."""
+    """Return the commit of the repository around a folder, empty if not the suite's."""
     if not _git(folder, "ls-files", ":(top,glob)**/barn_eval/package.xml"):
         return ""
     changes = _git(folder, "status", "--porcelain", "--untracked-files=no")

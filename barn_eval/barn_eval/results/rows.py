@@ -15,6 +15,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
+from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.outcome import Scores
 from barn_eval.trials.result import (
     Rows,
@@ -23,7 +24,7 @@ from barn_eval.trials.result import (
     from_json_line,
     to_json_line,
 )
-from barn_eval.trials.trajectory import Encounters, Measures
+from barn_eval.trials.trajectory import Measures
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError, StoreError, convert_os_errors
 from barn_worlds.base.files import write_durably

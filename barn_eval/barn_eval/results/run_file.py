@@ -45,8 +45,8 @@ class RunFile:
         config = content.get("experiment")
         if version != SCHEMA_VERSION or not isinstance(config, dict):
             raise ConfigError(
-                f"{path}: describes no run: schema_version must be {SCHEMA_VERSION}, got"
-                f" {format_value(version)}"
+                f"{path}: describes no run: schema_version must be {SCHEMA_VERSION},"
+                f" got {format_value(version)}"
             )
 
         # The folder may have been moved since it was written.
@@ -91,7 +91,7 @@ class RunFile:
         return identity.task_content(config.protocol, config.simulator, self.robot)
 
     def robot_name(self) -> str:
-        """Return the robot's name, empty for the standard one; errors as `run_config`."""
+        """Return the robot's name, empty for the standard one."""
         return name_unless_standard(self.run_config().simulator.chassis)
 
     def task_fingerprint(self) -> str:
@@ -121,7 +121,8 @@ class RunFile:
                 texts.append(value if is_missing else format_value(value))
             raise ConfigError(
                 f"{self.path.parent}: holds results of another {what}: {key} is"
-                f" {texts[0]} there, {texts[1]} here; use another folder, or --overwrite"
+                f" {texts[0]} there, {texts[1]} here; use another folder, or"
+                " --overwrite"
             )
 
     def with_session(self, execution: ExecutionConfig, isolation: str) -> "RunFile":

@@ -1,13 +1,13 @@
-"""Whether ROS is here, and what keeps planners over ROS from the suite's processes."""
+"""Whether ROS is installed, and what keeps planners from the suite's processes."""
 
 import platform
 import subprocess
-import sys
 from functools import cache
 from importlib.machinery import EXTENSION_SUFFIXES
 from importlib.util import find_spec
 from pathlib import Path
 
+from barn_eval.ros.supervision.process import LAUNCHER
 from barn_eval.trials.ros_config import RosConfig
 
 
@@ -32,27 +32,23 @@ def ros_problem() -> str:
 
 
 @cache
-def isolation() -> str:
+def probe_isolation() -> str:
     """Return what keeps planner processes from the suite's, or why nothing does.
 
     "apart": in namespaces of their own they neither see nor signal the suite's
     processes. "visible": they only see them.
     """
-    script = Path(__file__).parent / "supervision" / "guard.py"
     probe = subprocess.run(  # noqa: S603
-        [sys.executable, "-I", "-S", str(script), "probe"],
-        capture_output=True,
-        text=True,
-        check=False,
+        [*LAUNCHER, "probe"], capture_output=True, text=True, check=False
     )
     return probe.stdout.strip() or "cannot be asked"
 
 
-def is_isolated() -> bool:
-    """Tell whether no planner over ROS can signal the suite's processes."""
-    return isolation() in ("apart", "visible")
+def can_isolate() -> bool:
+    """Return whether no planner over ROS can signal the suite's processes."""
+    return probe_isolation() in ("apart", "visible")
 
 
 def session_isolation(config: RosConfig) -> str:
     """Return the isolation of a run over ROS, as run.json has it of each session."""
-    return isolation() if config.isolate else "not asked for"
+    return probe_isolation() if config.isolate else "not asked for"

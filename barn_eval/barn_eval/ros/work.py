@@ -1,4 +1,4 @@
-"""What the workers of an experiment are handed; over ROS, each keeps its nodes running for a share of the trials."""
+"""The work of a run's workers: over ROS each keeps its nodes for several trials."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -11,12 +11,12 @@ from rich.console import Console
 
 from barn_eval.results.store import LOGS, BagStore
 from barn_eval.ros.isolation import (
-    is_isolated,
-    isolation,
+    can_isolate,
+    probe_isolation,
     ros_problem,
     session_isolation,
 )
-from barn_eval.ros.supervision import run_ros_trials
+from barn_eval.ros.supervision.supervisor import run_ros_trials
 from barn_eval.running.engine import DirectWork, Emit, Job, Work
 from barn_eval.running.planner_objects import LivePlanner
 from barn_eval.running.request import Request
@@ -27,12 +27,13 @@ from barn_eval.trials.run_config import ExecutionConfig, RunConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.base.errors import ConfigError, convert_os_errors
 
-_WORLDS_AT_A_TIME = 10  # of each worker, for which the nodes of each of several planners are started once
+# Worlds of each worker for which the nodes of each of several planners start once.
+_BLOCK_WORLDS = 10
 
 
 @dataclass(frozen=True)
 class RosWork(Work):
-    """Shares of trials over ROS; the supervisor of its nodes chooses a ROS domain for each worker.
+    """Shares of trials over ROS, each run by a supervisor on a ROS domain of its own.
 
     A single worker takes the domain of the environment, if that names one.
     """
@@ -48,58 +49,64 @@ class RosWork(Work):
         return session_isolation(self.experiment.ros)
 
     def jobs(self, trials: Sequence[TrialSpec]) -> list[Job]:
-        """Return the shares of trials: as many per planner as there are workers, worlds dealt in turn.
+        """Share out trials: as many jobs per planner as workers, worlds dealt in turn.
 
-        Of several planners all drive in some worlds before any does in the next, so that what is stopped early compares
-        them; nodes are started once for these and not for each trial.
+        Several planners all drive in a block of worlds before any drives in the next,
+        so a run that is stopped early compares them. Nodes start once for a block and
+        not for each trial.
         """
+        planners = self.experiment.planners
         worlds = list(dict.fromkeys(spec.world_number for spec in trials))
-        size = (
-            _WORLDS_AT_A_TIME * self.workers
-            if len(self.experiment.planners) > 1
-            else len(worlds)
-        )
-        made = []
-        for begin in range(0, len(worlds), size):
-            for planner in self.experiment.planners:
+        block_size = len(worlds)
+        if len(planners) > 1:
+            block_size = _BLOCK_WORLDS * self.workers
+
+        jobs = []
+        for block, begin in enumerate(range(0, len(worlds), block_size)):
+            block_worlds = worlds[begin : begin + block_size]
+            for planner in planners:
                 for number in range(self.workers):
-                    share = set(worlds[begin : begin + size][number :: self.workers])
-                    own = tuple(
+                    share = set(block_worlds[number :: self.workers])
+                    specs = tuple(
                         spec
                         for spec in trials
                         if spec.planner == planner.name and spec.world_number in share
                     )
-                    key = (
-                        f"{planner.name}_{number}" if self.workers > 1 else planner.name
-                    )
-                    made += (
-                        [
-                            Job(
-                                f"{key}/{begin // size}" if size < len(worlds) else key,
-                                own,
-                            )
-                        ]
-                        if own
-                        else []
-                    )
-        return made
+                    if not specs:
+                        continue
+                    key = planner.name
+                    if self.workers > 1:
+                        key += f"_{number}"
+                    if block_size < len(worlds):
+                        key += f"/{block}"
+                    jobs.append(Job(key, specs))
+        return jobs
 
     def run(self, job: Job, emit: Emit) -> None:
-        """Run a share to its end; ProcessError where its nodes cannot be run, and other BarnErrors."""
-        from barn_eval.running.direct import warm_up  # noqa: PLC0415 (loads the simulator, in the worker only)
+        """Run a share to its end.
 
-        first = job.trials[0]
-        (planner,) = (
-            one for one in self.experiment.planners if one.name == first.planner
-        )
-        warm_up(first, with_planner=planner.registered)
-        environment = {
-            key: text
-            for key, text in os.environ.items()
-            if key != "ROS_DOMAIN_ID" or self.workers == 1
-        }
-        alone = self.workers == len(self.experiment.planners) == 1
-        logs = self.store.folder / LOGS / ("" if alone else job.key)
+        Args:
+            job: Trials of one planner.
+            emit: Receives a record for each trial, and notices for the user.
+
+        Raises:
+            ProcessError: If the nodes cannot be run.
+            BarnError: For other mistakes in the input.
+        """
+        # In the worker only: this loads the simulator.
+        from barn_eval.running.direct import warm_up  # noqa: PLC0415
+
+        spec = job.trials[0]
+        planners = self.experiment.planners
+        planner = next(one for one in planners if one.name == spec.planner)
+        warm_up(spec, with_planner=planner.registered)
+
+        environment = dict(os.environ)
+        if self.workers > 1:
+            environment.pop("ROS_DOMAIN_ID", None)
+        logs = self.store.folder / LOGS
+        if self.workers > 1 or len(planners) > 1:
+            logs /= job.key
         with closing(
             run_ros_trials(
                 self.experiment, job.trials, self.store, logs, emit, environment
@@ -113,38 +120,61 @@ def work_of(
     experiment: RunConfig,
     execution: ExecutionConfig,
     store: BagStore,
-    live: Mapping[str, LivePlanner],
+    live: Mapping[str, LivePlanner] | None = None,
 ) -> Work:
-    """Return what workers of an experiment are handed; live: its planners that are Python objects, by name."""
+    """Return the work of an experiment's workers.
+
+    Args:
+        experiment: The run.
+        execution: Number of workers.
+        store: Where trials leave their bags.
+        live: Its planners that are Python objects, by name.
+
+    Returns:
+        The work of mode direct or ros.
+    """
     if experiment.mode == "direct":
-        return DirectWork(store, live)
+        return DirectWork(store, live or {})
     return RosWork(experiment, store, execution.processes)
 
 
-def isolation_text(setup: RosConfig) -> str:
-    """Return that nothing keeps planners from the suite's processes, and why; empty if something does."""
-    if setup.isolate and is_isolated():
+def isolation_warning(setup: RosConfig) -> str:
+    """Return that nothing keeps planners from the suite's processes, else empty."""
+    if setup.isolate and can_isolate():
         return ""
-    why = isolation() if setup.isolate else "isolate=false"
-    apart = f"planners are not kept apart from the suite's processes ({why})"
-    return f"{apart}: a trial in which one of those ends counts as their failure"
+    reason = probe_isolation() if setup.isolate else "isolate=false"
+    return (
+        f"planners are not kept apart from the suite's processes ({reason}):"
+        " a trial in which one of those ends counts as their failure"
+    )
 
 
 def require_ros(experiment: RunConfig, console: Console) -> None:
-    """Raise ConfigError if an experiment needs ROS that is not there; print what keeps no planners apart."""
+    """Check that an experiment of mode ros can run, and warn of missing isolation.
+
+    Args:
+        experiment: The run; other modes pass.
+        console: Shows the warning.
+
+    Raises:
+        ConfigError: If ROS or the loopback interface is missing.
+    """
     if experiment.mode != "ros":
         return
-    if problem := ros_problem():
+    problem = ros_problem()
+    if problem:
         raise ConfigError(
-            f"mode ros: {problem}; install the ROS 2 wheels for this Python or use that of ROS"
+            f"mode ros: {problem}; install the ROS 2 wheels for this Python or use"
+            " that of ROS"
         )
     with (
         convert_os_errors(ConfigError, "mode ros: no loopback interface, 127.0.0.1"),
-        socket(AF_INET, SOCK_DGRAM) as line,
+        socket(AF_INET, SOCK_DGRAM) as probe,
     ):
-        line.connect(("127.0.0.1", 9))
-    if text := isolation_text(experiment.ros):
-        console.print(text, markup=False, highlight=False, soft_wrap=True)
+        probe.connect(("127.0.0.1", 9))
+    warning = isolation_warning(experiment.ros)
+    if warning:
+        console.print(warning, markup=False, highlight=False, soft_wrap=True)
 
 
 def run_request(
@@ -154,11 +184,21 @@ def run_request(
     *,
     overwrite: bool = False,
 ) -> list[TrialResult]:
-    """Run what an experiment still lacks and return all its results; BarnError in one line for what is not possible.
+    """Run what a request still lacks and return all its results.
 
-    live: its planners that are Python objects, by name.
+    Args:
+        request: Run and folder.
+        console: Shows notices and progress.
+        live: Planners of the run that are Python objects, by name.
+        overwrite: Delete the results of a different run in the same folder.
+
+    Returns:
+        All results, in the order of the schedule.
+
+    Raises:
+        BarnError: For what the user has to change.
     """
     require_ros(request.experiment, console)
     return run_experiment(
-        request, console, partial(work_of, live=live or {}), overwrite=overwrite
+        request, console, partial(work_of, live=live), overwrite=overwrite
     )

@@ -12,10 +12,10 @@ from typing import Any
 
 from rich.console import Console
 
-from barn_eval.analysis.compare import Comparison, columns, compare
-from barn_eval.analysis.measures import MEASURES, metric_of
-from barn_eval.analysis.sequential import Decided, decide, planned_looks
-from barn_eval.analysis.text_table import counted
+from barn_eval.analysis.compare import Comparison, compare, trial_values
+from barn_eval.analysis.measures import MEASURES, ranking_measure
+from barn_eval.analysis.sequential import Decision, decide, plan_looks
+from barn_eval.analysis.text_table import count_noun
 from barn_eval.results.folder import order_worlds_fairly
 from barn_eval.results.provenance import SUITE
 from barn_eval.ros.work import require_ros, work_of
@@ -54,7 +54,7 @@ class AbResult:
     its content names. comparison: HEAD (a) with BASE (b).
     """
 
-    decision: Decided
+    decision: Decision
     worlds: int
     planned: int
     given: tuple[str, str]
@@ -72,7 +72,7 @@ class AbResult:
         head = (
             f"**{_WORDS[self.decision]}**, by the {metric.title}: {metric.number(row.mean_a)} against"
             f" {metric.number(row.mean_b)}, a difference of {row.difference.text(digits)}{percent}, after"
-            f" {self.worlds} of {counted(self.planned, 'world')}."
+            f" {self.worlds} of {count_noun(self.planned, 'world')}."
         )
         rows = [
             (
@@ -87,7 +87,7 @@ class AbResult:
             ("mean", "BASE", "HEAD", "HEAD - BASE and its 95 % interval"), rows
         )
         about = (
-            f"BASE: `{self.given[0]}`, HEAD: `{self.given[1]}`; {counted(row.trials, 'pair')} of trials, protocol"
+            f"BASE: `{self.given[0]}`, HEAD: `{self.given[1]}`; {count_noun(row.trials, 'pair')} of trials, protocol"
             f" {found.protocol}, task {found.task}. Looked at after each fifth of the worlds, with 5 % false alarms"
             " over all looks; intervals are those of a single look."
         )
@@ -114,7 +114,7 @@ def ab(
             f"BASE and HEAD are the same, {format_value(base)}: neither settings nor files differ"
         )
     worlds = order_worlds_fairly(spec.world_number for spec in sides[0].trials())
-    looks = planned_looks(len(worlds))
+    looks = plan_looks(len(worlds))
     with ExitStack() as kept:
         direct = all(one.mode == "direct" for one in experiments)
         engine = (
@@ -132,11 +132,11 @@ def ab(
         ]
         for look in looks:
             of_base, of_head = (scored(drive, worlds[:look]) for drive in drives)
-            metric = metric_of(of_base)
-            a, b = (columns(one, metric) for one in (of_base, of_head))
+            metric = ranking_measure(of_base)
+            a, b = (trial_values(one, metric) for one in (of_base, of_head))
             found = decide(
                 a, b, worlds, looks, larger_is_better=metric.better == "larger"
-            ).decided
+            ).decision
             if found != "continue":
                 break
     compared = compare(of_head, of_base, "HEAD", "BASE", _SHOWN)

@@ -24,9 +24,9 @@ from optuna.study import StudyDirection
 from optuna.trial import FrozenTrial, Trial, TrialState
 from rich.console import Console
 
-from barn_eval.analysis.compare import Comparison, compare, holm_adjusted
-from barn_eval.analysis.measures import COMPARED, MEASURES, measures_named
-from barn_eval.analysis.verdict import pair_verdict
+from barn_eval.analysis.compare import Comparison, adjust_by_holm, compare
+from barn_eval.analysis.measures import COMPARED, MEASURES, require_measures
+from barn_eval.analysis.verdict import conclude_comparison
 from barn_eval.pages.figures import style, write_figure
 from barn_eval.results.folder import order_worlds_fairly
 from barn_eval.ros.work import require_ros, work_of
@@ -185,7 +185,7 @@ class _Tuner:
         self.base = read_request(None, self.options)
         require_ros(self.base.experiment, console)
         experiment = self.base.experiment
-        self.by = measures_named(by) or (experiment.protocol.metric,)
+        self.by = require_measures(by) or (experiment.protocol.metric,)
         for key in self.by:
             if not MEASURES[key].better or MEASURES[key].successes_only:
                 raise ConfigError(
@@ -353,14 +353,14 @@ class _Tuner:
             self._draw(trials, front)
         found = []
         for number, one in zip(
-            kept, holm_adjusted(compared) if kept else (), strict=True
+            kept, adjust_by_holm(compared) if kept else (), strict=True
         ):
             ranked, made = (
                 replace(one, metric=self.by[0]),
                 self._setting(trials[number], "settings"),
             )
             seen = dict(zip(self.by, trials[number].values, strict=True))
-            verdict = str(pair_verdict(ranked))
+            verdict = str(conclude_comparison(ranked))
             found.append(
                 Tuned(
                     number,

@@ -1,8 +1,8 @@
 """What a run is, and how it is executed.
 
 `RunConfig` decides the results, so a folder is resumed only with an equal one.
-`ExecutionConfig` decides how soon the results are there, and may change from one session
-to the next.
+`ExecutionConfig` decides how soon the results are there, and may change from one
+session to the next.
 """
 
 import os
@@ -80,8 +80,8 @@ class PlannerChoice(Checked):
         super().__post_init__()
         if not _NAME.fullmatch(self.name):
             raise ConfigError(
-                f"planner {format_value(self.name)}: a name must be 1 to 60 letters, digits,"
-                " '_', '-' or '.'"
+                f"planner {format_value(self.name)}: a name must be 1 to 60 letters,"
+                " digits, '_', '-' or '.'"
             )
         if not self.registered and (self.preset or self.overrides):
             raise ConfigError(
@@ -283,7 +283,8 @@ class RunConfig(Checked):
         for world_number in world_numbers:
             world = dataset.load(world_number)
 
-            # Refuse a world that has no course under the protocol before any trial runs.
+            # Refuse a world that has no course under the protocol before any trial
+            # runs.
             self.protocol.scaled_to(world, self.simulator.chassis).course(world)
 
             for repetition in range(self.repetitions):

@@ -110,9 +110,9 @@ class TrialSpec:
     def least_time_s(self) -> float:
         """A time on the clock that no trial of this robot at this cap falls below.
 
-        docs/efficiency.md has the proof. From the reading before the one that starts the
-        clock to the one that ends the trial, the robot goes from the disc around its
-        start in which no clock starts to the disc around the goal in which it has
+        docs/efficiency.md has the proof. From the reading before the one that starts
+        the clock to the one that ends the trial, the robot goes from the disc around
+        its start in which no clock starts to the disc around the goal in which it has
         arrived, without a contact where that ends the trial. So it drives at least the
         shortest path between the two that a disc inside its outline could take, at no
         more than its speed.
@@ -209,16 +209,16 @@ def _least_path_m(
     centers = np.empty((0, 2))
     radius_m = 0.0
 
-    # Obstacles lengthen the path only where a contact ends the trial, and where the true
-    # position, not the odometry, decides when the robot has left and arrived.
+    # Obstacles lengthen the path only where a contact ends the trial, and where the
+    # true position, not the odometry, decides when the robot has left and arrived.
     by_truth = protocol.clock_start_source == protocol.goal_source == "truth"
     if protocol.collision_ends_trial and by_truth:
         outline = contact_footprint(chassis)
         inside_m = -float(outline.distances(np.zeros(1), np.zeros(1))[0])
         radius_m = world.cylinder_radius_m + max(0.0, inside_m)
 
-        # A straight line in either disc completes the path to one from start to goal, so
-        # no obstacle within a disc may bar it.
+        # A straight line in either disc completes the path to one from start to goal,
+        # so no obstacle within a disc may bar it.
         cylinders_m = world.cylinders_m
         from_start = np.hypot(*(cylinders_m - start).T) - radius_m
         from_goal = np.hypot(*(cylinders_m - goal).T) - radius_m
@@ -279,8 +279,9 @@ def simulator_config(
     """Return the simulator's configuration under a protocol.
 
     Args:
-        protocol: Names the preset, and fixes control period and obstacles. Under one with
-            the historical map, the pose is off with the map by one cell of a standard
+        protocol: Names the preset, and fixes control period and obstacles. Under one
+            with the historical map, the pose is off with the map by one cell of a
+            standard
             world: AMCL matches scans to the map that it is given.
         overrides: Simulator parameters by dotted name, which come last.
         robot: In place of the preset's, the Jackal; the preset keeps what it says of

@@ -23,7 +23,7 @@ from barn_worlds.base.types import Pose2D
 from barn_worlds.drawing.palette import GOAL, MOVER, START, TRAIL
 from barn_worlds.geometry.bodies import Bodies
 from barn_worlds.robots.files import STANDARD_ROBOT
-from barn_worlds.robots.robot import Chassis, Triple
+from barn_worlds.robots.robot import Chassis, Vector3
 from barn_worlds.worlds.scene import TrialScene
 
 Pixels = npt.NDArray[np.uint8]
@@ -56,13 +56,13 @@ _NO_POINTS = np.empty((0, 2))
 class Camera:
     """Place and lens of a camera, in the map frame."""
 
-    eye: Triple
+    eye: Vector3
     """Position, m."""
 
-    target: Triple
+    target: Vector3
     """Point in the middle of the picture, m."""
 
-    up: Triple = (0.0, 0.0, 1.0)
+    up: Vector3 = (0.0, 0.0, 1.0)
     """Direction that points up in the picture."""
 
     opening_deg: float = 50.0
@@ -239,7 +239,7 @@ class Studio:
             group = centers_m[first : first + _PILLARS]
             self._add_mesh(pillars(group, scene.radius_m, scene.height_m), color)
 
-    def _add_trail(self, points_m: Floats) -> list[tuple[int, int, Triple, float]]:
+    def _add_trail(self, points_m: Floats) -> list[tuple[int, int, Vector3, float]]:
         """Add pieces of the trail, hidden until they are driven.
 
         Returns:
@@ -335,7 +335,7 @@ class Studio:
         )
         return body
 
-    def _put(self, body: int, position: Triple, yaw: float = 0.0) -> None:
+    def _put(self, body: int, position: Vector3, yaw: float = 0.0) -> None:
         attitude = bullet.getQuaternionFromEuler((0.0, 0.0, yaw))
         self._set_pose(body, position, attitude)
 

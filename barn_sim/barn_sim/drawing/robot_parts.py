@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from barn_sim.config import LidarConfig
 from barn_worlds.geometry.polygon import Corner
-from barn_worlds.robots.robot import Chassis, Triple
+from barn_worlds.robots.robot import Chassis, Vector3
 
 _YELLOW = "#fac40f"
 _DARK = "#33363b"
@@ -24,7 +24,7 @@ class RobotPart(NamedTuple):
     """Full sizes of a box; radius and length of a cylinder along z; radius of a ball;
     height of an upright prism. All in m."""
 
-    center: Triple
+    center: Vector3
     """Position in base_link, m."""
 
     color: str

@@ -8,6 +8,7 @@ at its other end leads the node (`barn_sim.ros.leader`): services and changes of
 parameters are refused to everybody, and reported as interference.
 """
 
+import json
 import math
 import signal
 import sys
@@ -30,7 +31,12 @@ from barn_sim.ros.topics import CommandInput, Outputs, diagnosis
 from barn_sim.ros.trial import SimulatedTrial, begin_trial
 from barn_sim.simulator import warm_up
 from barn_worlds.base.errors import BarnError
-from barn_worlds.base.types import NANOSECONDS_PER_SECOND, Velocity2D, nanoseconds
+from barn_worlds.base.types import (
+    NANOSECONDS_PER_SECOND,
+    Velocity2D,
+    nanoseconds,
+    seconds,
+)
 from barn_worlds.messages.topics import SIMULATOR_DIAGNOSTICS
 from barn_worlds.robots.files import load_robot
 from barn_worlds.ros.parameters import (
@@ -41,6 +47,8 @@ from barn_worlds.ros.parameters import (
 )
 from barn_worlds.ros.private_line import PrivateLine
 
+# Version of the fields that ~/pause answers, for the evaluator.
+STATUS_VERSION = 1
 _PUBLISHER_CHECK_S = 0.1
 _PAUSED_CLOCK_S = 0.2
 # Instants that an evaluator may lag behind: publishers keep ten messages of a topic.
@@ -247,15 +255,17 @@ class SimulatorNode(Node):
         return read_parameters(self, self._defaults)
 
     def _pause(self, on: bool) -> Answer:
+        """Pause or resume time, and report as JSON what the trial has counted."""
         self._paused = on
         self._commands.check_publishers()
-        scans = self._outputs.scan_subscriptions()
-        publishers = self._commands.publishers()
-        return (
-            True,
-            f"{self.trial.summary()}; connected: {scans} scan subscriptions,"
-            f" {publishers} command publishers",
-        )
+        status = {
+            "version": STATUS_VERSION,
+            "simulated_s": round(seconds(self.trial.simulator.stamp_ns), 3),
+            **self.trial.counts(),
+            "scan_subscriptions": self._outputs.scan_subscriptions(),
+            "command_publishers": self._commands.publishers(),
+        }
+        return True, json.dumps(status)
 
     def _step(self) -> Answer:
         """Advance one control period with the last command, while time stands still."""

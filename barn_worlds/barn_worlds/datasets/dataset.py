@@ -1,8 +1,8 @@
-"""Data sets: numbered worlds from the package itself, a folder or a file, all used the same way."""
+"""Data sets: numbered worlds from the package, a folder or a file, all used the same way."""
 
 import hashlib
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from importlib import resources
@@ -17,82 +17,101 @@ from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.course import fit_to_robot
 from barn_worlds.worlds.world import World
 
-_MOST_KEPT = 1000
-_LONGEST_SHOWN = 300
+_MAX_CACHED_WORLDS = 1000
+_MAX_QUOTED_CHARACTERS = 300
+# Of a folder with files of several kinds, the first kind that occurs is the worlds.
+_FOLDER_KINDS = (
+    (ENDING,),
+    single.GAZEBO_ENDINGS,
+    single.MAP_ENDINGS,
+    (".map",),
+    (".npy",),
+)
+# Files beside the .npy grids of the original data set that are no worlds.
+_COMPANION_FILES = ("path_", "cspace_", "metrics_")
 
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """Numbered worlds, read when asked for.
-
-    readers: for each number, the function that reads the world. manifest: that of a data set in the suite's own format,
-    else empty. Worlds that have been read are kept.
-    """
+    """Numbered worlds, each read when it is first loaded."""
 
     name: str
+    # Functions that read the worlds, by number.
     readers: Mapping[int, Callable[[], World]]
+    # Of a data set in the suite's own format, else empty.
     manifest: Mapping[str, Any] = field(default_factory=dict)
-    _kept: dict[int, World] = field(default_factory=dict, init=False, repr=False)
+    _cache: dict[int, World] = field(default_factory=dict, init=False, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {
-            **self.__dict__,
-            "_kept": {},
-        }  # other processes read the worlds themselves
+        # Other processes read the worlds themselves: that is faster than unpickling.
+        return {**self.__dict__, "_cache": {}}
 
     @property
     def world_numbers(self) -> tuple[int, ...]:
         """Numbers of the worlds, ascending."""
         return tuple(sorted(self.readers))
 
-    def load(self, index: int) -> World:
-        """Return a world; WorldError if there is none of that number or it cannot be read."""
-        if index not in self.readers:
-            known = f"{len(self.readers)} worlds from {min(self.readers)} to {max(self.readers)}"
-            raise WorldError(f"{self.name}: no world {index}; there are {known}")
-        if index not in self._kept:
-            if len(self._kept) >= _MOST_KEPT:
-                self._kept.clear()
-            self._kept[index] = self.readers[index]()
-        return self._kept[index]
+    def load(self, world_number: int) -> World:
+        """Return a world; WorldError if there is none or it cannot be read."""
+        if world_number not in self.readers:
+            raise WorldError(
+                f"{self.name}: no world {world_number}; there are {len(self.readers)} "
+                f"worlds from {min(self.readers)} to {max(self.readers)}"
+            )
+        if world_number not in self._cache:
+            if len(self._cache) >= _MAX_CACHED_WORLDS:
+                self._cache.clear()
+            self._cache[world_number] = self.readers[world_number]()
+        return self._cache[world_number]
 
     def for_robot(self, robot: Robot, course: Sequence[float] = ()) -> "Dataset":
-        """Return the data set with its worlds as a robot drives them (`worlds.course.fit_to_robot`)."""
-        return replace(
-            self,
-            readers={
-                index: partial(self._for_robot, index, robot, course)
-                for index in self.readers
-            },
-        )
+        """Return the data set with its worlds as a robot drives them.
 
-    def _for_robot(self, index: int, robot: Robot, course: Sequence[float]) -> World:
-        return fit_to_robot(self.load(index), robot, course)
-
-    def require_fit(self, robot: Robot, indices: Iterable[int]) -> None:
-        """Raise WorldError if the data set was generated for another robot, and this one takes more cells of a world.
-
-        Data sets that name no robot in their manifest, such as barn300, are for any.
+        Args:
+            robot: The robot.
+            course: Other start and goal for all worlds (`worlds.course.fit_to_robot`).
         """
-        made_for = self.manifest.get("robot") or robot.name
-        for world in map(self.load, () if made_for == robot.name else indices):
-            side_m, own, cells = (
-                world.resolution_m,
-                world.footprint_cells,
-                robot.footprint_cells(world.resolution_m),
-            )
-            if cells > own:
-                made = f"{self.name} is made for robot {made_for}, with ways for {own} x {own} cells of {side_m:g} m"
-                takes = f"robot {robot.name} takes {cells} x {cells}"
+        readers = {
+            world_number: partial(self._load_for_robot, world_number, robot, course)
+            for world_number in self.readers
+        }
+        return replace(self, readers=readers)
+
+    def _load_for_robot(
+        self, world_number: int, robot: Robot, course: Sequence[float]
+    ) -> World:
+        return fit_to_robot(self.load(world_number), robot, course)
+
+    def require_fit(self, robot: Robot, world_numbers: Iterable[int]) -> None:
+        """Raise WorldError if a robot is too large for worlds made for another one.
+
+        Data sets whose manifest names no robot, such as barn300, are for any.
+
+        Args:
+            robot: The robot.
+            world_numbers: Numbers of the worlds that it would drive in.
+        """
+        intended_robot = self.manifest.get("robot") or robot.name
+        if intended_robot == robot.name:
+            return
+
+        for world in map(self.load, world_numbers):
+            planned_cells = world.footprint_cells
+            needed_cells = robot.footprint_cells(world.resolution_m)
+            if needed_cells > planned_cells:
                 raise WorldError(
-                    f"{made}: {takes}; name one that fits, such as {made_for}"
+                    f"{self.name} is made for robot {intended_robot}, with paths for "
+                    f"{planned_cells} x {planned_cells} cells of {world.resolution_m:g} m: "
+                    f"robot {robot.name} takes {needed_cells} x {needed_cells}; "
+                    f"name one that fits, such as {intended_robot}"
                 )
 
     @cached_property
     def checksum(self) -> str:
         """SHA-256 of all worlds and their numbers; reads them all."""
         lines = (
-            f"{index} {self.load(index).checksum}\n" for index in self.world_numbers
+            f"{world_number} {self.load(world_number).checksum}\n"
+            for world_number in self.world_numbers
         )
         return hashlib.sha256("".join(lines).encode()).hexdigest()
 
@@ -104,138 +123,163 @@ def dataset_files() -> dict[str, Path]:
 
 
 def open_dataset(source: str | Path, robot: Robot = STANDARD_ROBOT) -> Dataset:
-    """Return the data set that `source` names; WorldError in one line if it is none.
+    """Open a data set.
 
-    source: the name of a shipped data set (barn300), a data set file (.npz), a folder in the original layout, a folder
-    of Gazebo worlds (.world, .sdf, gzipped or not), the suite's YAML (.world.yaml), .npy grids or map_server maps
-    (.yaml), or one such file. A world has the number in its file's name. If a number is missing or not unique, files
+    A world has the number in its file's name. If a number is missing or not unique, files
     are numbered from 0 in order of name.
-    robot: its footprint is used to plan paths if the source has neither paths nor a footprint.
+
+    Args:
+        source: The name of a shipped data set (barn300), a data set file (.npz), a folder
+            in the original layout, a folder of Gazebo worlds (.world, .sdf, gzipped or
+            not), of the suite's YAML (.world.yaml), of .npy grids or of map_server maps
+            (.yaml), or one such file.
+        robot: Its footprint is used to plan paths if the source has neither paths nor a
+            footprint.
+
+    Raises:
+        WorldError: If the source is no data set or cannot be read.
     """
-    if str(source) in dataset_files():
-        return _own(dataset_files()[str(source)])
+    shipped_file = dataset_files().get(str(source))
+    if shipped_file is not None:
+        return _open_file(shipped_file)
+
     path = Path(source)
     try:
         if path.is_dir():
-            found = _folder(path, robot)
+            dataset = _open_folder(path, robot)
         elif path.suffix == ".npz" and path.exists():
-            found = _own(path)
+            dataset = _open_file(path)
         elif path.exists():
             single.check_ending(path)
-            found = Dataset(
-                path.name,
-                {single.number_in(path) or 0: partial(single.read_world, path, robot)},
-            )
+            reader = partial(single.read_world, path, robot)
+            dataset = Dataset(path.name, {single.number_in(path) or 0: reader})
         else:
-            where, hint = (
-                str(source)[:_LONGEST_SHOWN],
-                suggest(str(source), dataset_files()),
+            hint = suggest(str(source), dataset_files())
+            raise WorldError(
+                f"{str(source)[:_MAX_QUOTED_CHARACTERS]}: no such file, folder or data "
+                f"set{hint}"
             )
-            raise WorldError(f"{where}: no such file, folder or data set{hint}")
     except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or error
-        raise WorldError(f"{str(source)!r:.200}: cannot be read: {why}") from None
-    if not found.readers:
+        reason = getattr(error, "strerror", None) or error
+        raise WorldError(f"{str(source)!r:.200}: cannot be read: {reason}") from None
+
+    if not dataset.readers:
         raise WorldError(
-            f"{source}: has no worlds; their files end in {', '.join(single.ENDINGS)} or .npz"
+            f"{source}: has no worlds; their files end in "
+            f"{', '.join(single.ENDINGS)} or .npz"
         )
-    return found
+    return dataset
 
 
-def _folder(path: Path, robot: Robot) -> Dataset:
+def _open_folder(path: Path, robot: Robot) -> Dataset:
     name = path.resolve().name
+    readers: dict[int, Callable[[], World]] = {}
     if original.is_original_folder(path):
-        numbers = original.find_world_numbers(path)
-        return Dataset(
-            name,
-            {
-                index: partial(original.read_world, path, index, robot)
-                for index in numbers
-            },
-        )
+        for world_number in original.find_world_numbers(path):
+            reader = partial(original.read_world, path, world_number, robot)
+            readers[world_number] = reader
+        return Dataset(name, readers)
+
     files = sorted(file for file in path.iterdir() if file.is_file())
-    packed = [file for file in files if file.suffix == ".npz"]
-    if len(packed) == 1:
-        return _own(packed[0])
-    kinds = ((ENDING,), single.GAZEBO_ENDINGS, single.MAP_ENDINGS, (".map",), (".npy",))
-    by_kind = (
-        [file for file in files if single.ending(file) in kind] for kind in kinds
-    )
-    beside = ("path_", "cspace_", "metrics_")
-    worlds = [
-        file
-        for file in next(filter(None, by_kind), [])
-        if not file.name.startswith(beside)
-    ]
-    numbers_there = [single.number_in(file) for file in worlds]
-    unique = None not in numbers_there and len(set(numbers_there)) == len(worlds)
-    numbered = zip(numbers_there if unique else range(len(worlds)), worlds, strict=True)
-    return Dataset(
-        name,
-        {
-            int(index or 0): partial(single.read_world, file, robot)
-            for index, file in numbered
-        },
-    )
+    own_files = [file for file in files if file.suffix == ".npz"]
+    if len(own_files) == 1:
+        return _open_file(own_files[0])
+
+    world_files: list[Path] = []
+    for endings in _FOLDER_KINDS:
+        files_of_kind = [file for file in files if single.ending(file) in endings]
+        if files_of_kind:
+            world_files = [
+                file
+                for file in files_of_kind
+                if not file.name.startswith(_COMPANION_FILES)
+            ]
+            break
+
+    numbers = [single.number_in(file) for file in world_files]
+    is_unique = None not in numbers and len(set(numbers)) == len(world_files)
+    for place, (number, file) in enumerate(zip(numbers, world_files, strict=True)):
+        world_number = number if is_unique and number is not None else place
+        readers[world_number] = partial(single.read_world, file, robot)
+    return Dataset(name, readers)
 
 
-def _own(path: Path) -> Dataset:
+def _open_file(path: Path) -> Dataset:
+    """Open a data set file of the suite."""
     content = dataset_file.read_dataset_file(path)
     readers = {
-        index: partial(content.world, position)
-        for position, index in enumerate(content.indices)
+        world_number: partial(content.world, position)
+        for position, world_number in enumerate(content.indices)
     }
     return Dataset(str(content.manifest["name"]), readers, manifest=content.manifest)
 
 
 LONGEST_SPEC = 10_000
-_FORM = re.compile(r"(\d{1,9})(?:-(\d{1,9})|:(\d{1,9})(?::(\d{1,9}))?)?")
-_FORMS = "a number, first-last, start:stop or start:stop:step, several joined by commas, or all"
+_PART = re.compile(r"(\d{1,9})(?:-(\d{1,9})|:(\d{1,9})(?::(\d{1,9}))?)?")
 
 
-def select_worlds(spec: str, indices: Iterable[int]) -> list[int]:
-    """Return the numbers that `spec` selects from `indices`, in its order, each once.
+def select_worlds(spec: str, world_numbers: Iterable[int]) -> list[int]:
+    """Return the numbers that a selection names, in its order, each once.
 
-    "7" must exist. The ranges "0-49" (both ends included) and "0:300:6" (like a Python range, end excluded) select the
-    numbers that exist, at least one; of a set without gaps all must exist. "1,4,7-9" joins, "all" is all. WorldError
-    for anything else.
+    Args:
+        spec: "7" must exist. The ranges "0-49" (both ends included) and "0:300:6" (like a
+            Python range, end excluded) select the numbers that exist, at least one; of
+            numbers without gaps all must exist. "1,4,7-9" joins, "all" is all.
+        world_numbers: Numbers to select from.
+
+    Raises:
+        WorldError: If the selection has another form or names what does not exist.
     """
-    known = sorted(set(indices))
+    numbers = sorted(set(world_numbers))
     if len(spec) > LONGEST_SPEC:
         raise WorldError(
-            f"selection of worlds must have at most {LONGEST_SPEC} characters, got {len(spec)}"
+            f"selection of worlds must have at most {LONGEST_SPEC} characters, "
+            f"got {len(spec)}"
         )
-    if not known:
+    if not numbers:
         raise WorldError("there are no worlds to select from")
-    return list(
-        dict.fromkeys(
-            index
-            for part in spec.split(",")
-            for index in _part(part.strip(), spec, known)
-        )
-    )
+
+    selection: dict[int, None] = {}
+    try:
+        for part in spec.split(","):
+            selection.update(dict.fromkeys(_select_part(part.strip(), numbers)))
+    except WorldError as error:
+        raise WorldError(f"worlds {spec!r:.80}: {error}") from None
+    return list(selection)
 
 
-def _part(part: str, spec: str, known: list[int]) -> list[int]:
+def _select_part(part: str, numbers: Sequence[int]) -> Iterator[int]:
+    """Yield the numbers of one part of a selection."""
     if part == "all":
-        return known
-    match = _FORM.fullmatch(part)
+        yield from numbers
+        return
+
+    match = _PART.fullmatch(part)
     if match is None:
-        raise WorldError(f"worlds {spec!r:.80}: {part!r:.40} is not {_FORMS}")
+        raise WorldError(
+            f"{part!r:.40} is not a number, first-last, start:stop or start:stop:step, "
+            "several joined by commas, or all"
+        )
     first, last, stop, step = match.groups()
     if step and not int(step):
+        raise WorldError(f"the step in {part!r} must be at least 1")
+
+    end = int(stop) if stop else int(last or first) + 1
+    wanted_range = range(int(first), end, int(step or 1))
+    existing = [number for number in numbers if number in wanted_range]
+    is_gapless = numbers[-1] - numbers[0] == len(numbers) - 1
+    if not existing or (is_gapless and len(existing) < len(wanted_range)):
+        missing = part
+        if existing:
+            # The range may be huge, so it is only searched up to the first number.
+            outside = (
+                number
+                for number in wanted_range
+                if not numbers[0] <= number <= numbers[-1]
+            )
+            missing = f"{next(outside)} of {part}"
         raise WorldError(
-            f"worlds {spec!r:.80}: the step in {part!r} must be at least 1"
+            f"no world {missing} among the {len(numbers)} "
+            f"from {numbers[0]} to {numbers[-1]}"
         )
-    wanted = range(
-        int(first), int(stop) if stop else int(last or first) + 1, int(step or 1)
-    )
-    found = [index for index in known if index in wanted]
-    gapless = known[-1] - known[0] == len(known) - 1
-    if not found or (gapless and len(found) < len(wanted)):
-        beyond = (index for index in wanted if index > known[-1] or index < known[0])
-        part = f"{next(beyond)} of {part}" if found else part
-        raise WorldError(
-            f"worlds {spec!r:.80}: no world {part} among the {len(known)} from {known[0]} to {known[-1]}"
-        )
-    return found
+    yield from existing

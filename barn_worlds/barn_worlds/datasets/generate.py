@@ -1,4 +1,4 @@
-"""Generating worlds and whole data sets from a seed (paper, section III-A)."""
+"""Generating worlds and whole data sets from a seed (paper, Sec. III-A)."""
 
 import dataclasses
 import itertools
@@ -26,11 +26,19 @@ from barn_worlds.worlds.path_planner import (
 from barn_worlds.worlds.world import Provenance, World
 
 LARGEST_GENERATED_SIDE = 500
+MAX_WORLDS = 100_000
+NARROWNESS = (
+    "minus the mean distance in cells from the path's cells to the closest occupied "
+    "C-space cell"
+)
+
+# Takes the number of worlds so far and of all.
+Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
 class WorldParameters(Checked):
-    """What a world is generated with (paper, section III-A and Table I)."""
+    """What a world is generated with (paper, Sec. III-A and Table I)."""
 
     initial_fill: float = quantity(0.20, "initial share of filled cells", "", 0.0, 1.0)
     smoothing_iterations: int = quantity(
@@ -59,30 +67,18 @@ class WorldParameters(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         self.require(self.footprint_cells % 2 == 1, "footprint_cells", "must be odd")
-        below = f"must be below fill_threshold ({self.fill_threshold})"
         self.require(
-            self.clear_threshold < self.fill_threshold, "clear_threshold", below
+            self.clear_threshold < self.fill_threshold,
+            "clear_threshold",
+            f"must be below fill_threshold ({self.fill_threshold})",
         )
 
 
-def cell_size_m(robot: Robot) -> float:
-    """Return the size of a cell in worlds for a robot: the Jackal's 0.15 m in its own size, in whole millimetres.
-
-    The robot then takes as many cells as the Jackal, 5 x 5, and passages are as wide for it.
-    """
-    standard_m, own_m = WorldParameters().resolution_m, STANDARD_ROBOT.reach_m
-    return math.ceil(1000.0 * standard_m * robot.reach_m / own_m - 1e-6) / 1000.0
-
-
 TABLE_I: tuple[WorldParameters, ...] = tuple(
-    WorldParameters(initial_fill=fill, smoothing_iterations=automaton_grids)
+    WorldParameters(initial_fill=fill, smoothing_iterations=count)
     for fill in (0.15, 0.20, 0.25, 0.30)
-    for automaton_grids in (2, 3, 4)
+    for count in (2, 3, 4)
 )
-
-
-MOST_WORLDS = 100_000
-NARROWNESS = "minus the mean distance in cells from the path's cells to the closest occupied C-space cell"
 
 
 @dataclass(frozen=True)
@@ -92,14 +88,14 @@ class DatasetParameters(Checked):
     name: str = quantity("barn300", "name of the data set")
     seed: int = quantity(2020, "seed of all randomness", "", 0, 2**63 - 1)
     worlds_per_set: int = quantity(
-        25, "worlds made with each parameter set", "", 1, MOST_WORLDS
+        25, "worlds made with each parameter set", "", 1, MAX_WORLDS
     )
     keep: int = quantity(
         0,
         "worlds kept of those made, evenly spread over their order; 0: all",
         "",
         0,
-        MOST_WORLDS,
+        MAX_WORLDS,
     )
     robot: str = quantity(
         "", "robot that the worlds are made for, if it is not the Jackal"
@@ -108,20 +104,30 @@ class DatasetParameters(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 1 <= self.made <= MOST_WORLDS:
+        if not 1 <= self.world_count <= MAX_WORLDS:
             raise ConfigError(
-                f"sets and worlds_per_set must make 1 to {MOST_WORLDS} worlds"
+                f"sets and worlds_per_set must make 1 to {MAX_WORLDS} worlds"
             )
         self.require(
-            self.keep <= self.made,
+            self.keep <= self.world_count,
             "keep",
-            f"must be at most the {self.made} worlds made",
+            f"must be at most the {self.world_count} worlds made",
         )
 
     @property
-    def made(self) -> int:
-        """Number of worlds that are made of all sets."""
+    def world_count(self) -> int:
+        """Number of worlds that all sets make, before `keep` selects some."""
         return self.worlds_per_set * len(self.sets)
+
+
+def cell_size_m(robot: Robot) -> float:
+    """Return the size of a cell in worlds for a robot, in whole millimeters.
+
+    It is the Jackal's 0.15 m scaled to the robot. The robot then takes 5 x 5 cells like
+    the Jackal, and passages are as wide for it.
+    """
+    scale = 1000.0 * WorldParameters().resolution_m * robot.reach_m
+    return math.ceil(scale / STANDARD_ROBOT.reach_m - 1e-6) / 1000.0
 
 
 def generate_world(
@@ -131,140 +137,177 @@ def generate_world(
     *,
     seed: tuple[int, ...] = (),
 ) -> World:
-    """Return a random world; WorldError if none of `parameters.attempts` grids has a way through.
+    """Return a random world.
 
-    seed: what `generator` was seeded with, stored as provenance.
+    Args:
+        parameters: Cellular automaton, size and footprint.
+        generator: Source of all randomness. Only its method `random` is used, whose stream
+            NumPy is least likely to change.
+        name: Name of the world.
+        seed: What `generator` was seeded with, for the provenance.
+
+    Raises:
+        WorldError: If none of `parameters.attempts` grids has a path through.
     """
+    last_column = parameters.cols - 1
     for _ in range(parameters.attempts):
         grid = generate_grid(parameters, generator)
         cspace = configuration_space(grid, parameters.footprint_cells)
         region = through_region(cspace)
         if region is None:
             continue
-        # `random` alone, the stream that NumPy is least likely to change
-        ends = [np.flatnonzero(region[:, column]) for column in (0, -1)]
-        start, goal = (int(rows[int(generator.random() * len(rows))]) for rows in ends)
-        path = plan_path(cspace, (start, 0), (goal, parameters.cols - 1))
-        if path is not None:
-            provenance = Provenance(
-                "generated",
-                parameters=as_dict(parameters),
-                seed=seed,
-                path_source="planned",
-            )
-            return World(
-                name,
-                grid,
-                path,
-                parameters.resolution_m,
-                parameters.footprint_cells,
-                provenance,
-            )
-    asked = f"initial_fill {parameters.initial_fill:g} and footprint_cells {parameters.footprint_cells}"
-    hint = "fill less, or allow more attempts"
+
+        ends = []
+        for column in (0, last_column):
+            rows = np.flatnonzero(region[:, column])
+            ends.append((int(rows[int(generator.random() * len(rows))]), column))
+        path = plan_path(cspace, ends[0], ends[1])
+        if path is None:
+            continue
+
+        provenance = Provenance(
+            "generated",
+            parameters=as_dict(parameters),
+            seed=seed,
+            path_source="planned",
+        )
+        return World(
+            name,
+            grid,
+            path,
+            parameters.resolution_m,
+            parameters.footprint_cells,
+            provenance,
+        )
+
     raise WorldError(
-        f"no passable world in {parameters.attempts} attempts with {asked}; {hint}"
+        f"no passable world in {parameters.attempts} attempts with "
+        f"initial_fill {parameters.initial_fill:g} and "
+        f"footprint_cells {parameters.footprint_cells}; "
+        "fill less, or allow more attempts"
     )
 
 
 def generate_dataset(
-    parameters: DatasetParameters, progress: Callable[[int, int], None] | None = None
+    parameters: DatasetParameters, progress: Progress | None = None
 ) -> list[World]:
     """Return the worlds of a data set, one parameter set after the other.
 
-    World k of set s is drawn from SeedSequence(seed, spawn_key=(s, k)), so it does not depend on how many other worlds
-    there are. progress: called after each world with the number made so far and the total.
+    World k of set s comes from SeedSequence(seed, spawn_key=(s, k)), so it does not depend
+    on how many other worlds there are.
+
+    Args:
+        parameters: Parameter sets, number of worlds and seed.
+        progress: Called after each world.
     """
     worlds: list[World] = []
-    for s, k in itertools.product(
+    keys = itertools.product(
         range(len(parameters.sets)), range(parameters.worlds_per_set)
-    ):
-        generator = np.random.default_rng(
-            np.random.SeedSequence(parameters.seed, spawn_key=(s, k))
+    )
+    for key in keys:
+        sequence = np.random.SeedSequence(parameters.seed, spawn_key=key)
+        set_number, number = key
+        world = generate_world(
+            parameters.sets[set_number],
+            np.random.default_rng(sequence),
+            f"{parameters.name}_{set_number}_{number}",
+            seed=(parameters.seed, *key),
         )
-        name, seed = f"{parameters.name}_{s}_{k}", (parameters.seed, s, k)
-        worlds.append(generate_world(parameters.sets[s], generator, name, seed=seed))
+        worlds.append(world)
         if progress is not None:
-            progress(len(worlds), parameters.made)
+            progress(len(worlds), parameters.world_count)
     return worlds
 
 
 def narrowness(world: World) -> float:
-    """Return minus the mean distance in cells from the path's cells to the closest occupied C-space cell.
+    """Return a simple proxy for difficulty: minus the mean distance from obstacles.
 
-    A simple proxy for difficulty. If nothing is occupied: minus the longer side of the grid.
+    Distances are in cells, from the path's cells to the closest occupied C-space cell. If
+    nothing is occupied, it is minus the longer side of the grid.
     """
     occupied = np.argwhere(world.cspace)
     if len(occupied) == 0:
         return -float(max(world.grid.shape))
-    closest = [np.hypot(*(occupied - cell).T).min() for cell in world.path]
-    return -float(np.mean(closest))
+
+    distances = [np.hypot(*(occupied - cell).T).min() for cell in world.path]
+    return -float(np.mean(distances))
 
 
 def generate_ranked_dataset(
-    parameters: DatasetParameters, progress: Callable[[int, int], None] | None = None
+    parameters: DatasetParameters, progress: Progress | None = None
 ) -> tuple[list[World], WorldOrder]:
-    """Return the worlds of a data set that are kept, and their order, which is that of rising narrowness.
+    """Return the worlds of a data set that are kept, and their order by narrowness.
 
-    The first and the last in order are always among those kept.
+    The widest and the narrowest world are always kept.
+
+    Args:
+        parameters: Parameter sets, number of worlds, how many to keep, and seed.
+        progress: Called after each world.
     """
     worlds = generate_dataset(parameters, progress)
     scores = [narrowness(world) for world in worlds]
-    kept = range(len(worlds))
     if parameters.keep:
-        places = (
-            np.linspace(0, len(worlds) - 1, parameters.keep).round().astype(np.int64)
-        )
-        kept = np.argsort(scores, kind="stable")[places].tolist()
-    return [worlds[k] for k in kept], WorldOrder(
-        NARROWNESS, tuple(scores[k] for k in kept)
-    )
+        ranking = np.argsort(scores, kind="stable")
+        places = np.linspace(0, len(worlds) - 1, parameters.keep).round()
+        selection = ranking[places.astype(np.int64)].tolist()
+        worlds = [worlds[k] for k in selection]
+        scores = [scores[k] for k in selection]
+    return worlds, WorldOrder(NARROWNESS, tuple(scores))
 
 
 def renumber(worlds: Sequence[World], order: WorldOrder) -> dict[int, World]:
-    """Return the worlds by number, from 0, in rising order of score and named world_0, world_1 and so on."""
+    """Return worlds by number, from 0, in rising order of score.
+
+    Args:
+        worlds: The worlds; they are named world_0, world_1 and so on.
+        order: One score per world.
+
+    Raises:
+        WorldError: If there is not one finite score for each world.
+    """
     if len(order.scores) != len(worlds) or not np.isfinite(order.scores).all():
         raise WorldError(
-            f"order by {order.by!r:.60} must have one finite score for each of {len(worlds)} worlds"
+            f"order by {order.by!r:.60} must have one finite score for each of "
+            f"{len(worlds)} worlds"
         )
-    ranked = np.argsort(order.scores, kind="stable")
-    return {
-        k: dataclasses.replace(worlds[i], name=f"world_{k}")
-        for k, i in enumerate(ranked)
-    }
+
+    numbered = {}
+    for number, place in enumerate(np.argsort(order.scores, kind="stable")):
+        numbered[number] = dataclasses.replace(worlds[place], name=f"world_{number}")
+    return numbered
 
 
 def write_dataset(
     target: Path,
     parameters: DatasetParameters | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> None:
-    """Generate a data set, number it by rising narrowness and write it as a .npz file with a manifest beside it.
+    """Generate a data set and write it as a .npz file with a manifest beside it.
 
     `write_dataset(Path("barn300.npz"))` makes the worlds that the package ships.
+
+    Args:
+        target: File to write.
+        parameters: Parameter sets, number of worlds and seed.
+        progress: Called after each world.
     """
-    chosen = parameters or DatasetParameters()
-    about: dict[str, object] = {
-        "seed": chosen.seed,
-        "worlds_per_set": chosen.worlds_per_set,
+    parameters = parameters or DatasetParameters()
+    entries: dict[str, object] = {
+        "seed": parameters.seed,
+        "worlds_per_set": parameters.worlds_per_set,
     }
-    about |= {
-        key: value
-        for key, value in (("keep", chosen.keep), ("robot", chosen.robot))
-        if value
-    }
-    inflated = {
+    if parameters.keep:
+        entries["keep"] = parameters.keep
+    if parameters.robot:
+        entries["robot"] = parameters.robot
+    entries["path_planner"] = {
+        "search": "original",
+        "largest_turn_steps": LARGEST_TURN,
         "inflation_cells": INFLATION_CELLS,
         "inflation_weight": INFLATION_WEIGHT,
     }
-    about["path_planner"] = {
-        "search": "original",
-        "largest_turn_steps": LARGEST_TURN,
-        **inflated,
-    }
-    write_ordered(
-        target, chosen.name, *generate_ranked_dataset(chosen, progress), about
-    )
+    worlds, order = generate_ranked_dataset(parameters, progress)
+    write_ordered(target, parameters.name, worlds, order, entries)
 
 
 def write_ordered(
@@ -272,26 +315,32 @@ def write_ordered(
     name: str,
     worlds: Sequence[World],
     order: WorldOrder,
-    about: Mapping[str, object],
+    entries: Mapping[str, object],
 ) -> dict[int, World]:
     """Write worlds as a data set file, numbered by rising score, and return them.
 
-    about: more entries for the manifest, beside the order.
+    Args:
+        target: File to write, .npz.
+        name: Name of the data set.
+        worlds: The worlds.
+        order: One score per world.
+        entries: More entries of the manifest, beside the order.
     """
     numbered = renumber(worlds, order)
-    write_dataset_file(
-        target,
-        name,
-        numbered,
-        {**about, "order": {"by": order.by, "scores": sorted(order.scores)}},
-    )
+    manifest_order = {"by": order.by, "scores": sorted(order.scores)}
+    write_dataset_file(target, name, numbered, {**entries, "order": manifest_order})
     return numbered
 
 
 def generate_grid(
     parameters: WorldParameters, generator: np.random.Generator
 ) -> BoolGrid:
-    """Return a grid (rows, cols) of obstacles, True where filled."""
+    """Return a random grid (rows, cols), True where filled.
+
+    Args:
+        parameters: Fill, cellular automaton and size.
+        generator: Source of all randomness.
+    """
     *_, grid = automaton_grids(parameters, generator)
     return grid
 
@@ -299,36 +348,46 @@ def generate_grid(
 def automaton_grids(
     parameters: WorldParameters, generator: np.random.Generator
 ) -> Iterator[BoolGrid]:
-    """Yield the random grid and then the grid after each smoothing iteration (as in Fig. 1 of the paper)."""
-    grid: BoolGrid = (
-        generator.random((parameters.rows, parameters.cols)) < parameters.initial_fill
-    )
-    grid[[0, -1]] = True  # the side walls
+    """Yield the random grid and then the grid after each iteration (paper, Fig. 1).
+
+    Args:
+        parameters: Fill, cellular automaton and size.
+        generator: Source of all randomness.
+    """
+    shape = (parameters.rows, parameters.cols)
+    grid: BoolGrid = generator.random(shape) < parameters.initial_fill
+    # The side walls; with the paper's thresholds smoothing keeps them filled anyway.
+    grid[[0, -1]] = True
     yield grid
     for _ in range(parameters.smoothing_iterations):
         grid = smooth(grid, parameters.fill_threshold, parameters.clear_threshold)
-        grid[[0, -1]] = True  # with the paper's thresholds they stay filled anyway
+        grid[[0, -1]] = True
         yield grid
 
 
 @njit(cache=True)
 def smooth(grid: BoolGrid, fill_threshold: int, clear_threshold: int) -> BoolGrid:
-    """Return the grid after one iteration; every cell looks at the grid before it.
+    """Return the grid after one iteration of the cellular automaton.
 
-    A cell with at least `fill_threshold` filled cells among its 8 neighbours is filled. One with at most
-    `clear_threshold` is cleared. Any other stays as it is. Cells above the first and below the last row count as filled
-    (corners included), cells beside the first and the last column as free.
+    Cells above the first and below the last row count as filled, corners included. Cells
+    beside the first and the last column count as free.
+
+    Args:
+        grid: (rows, cols), True where filled.
+        fill_threshold: A cell with at least so many filled cells among its 8 neighbors
+            is filled.
+        clear_threshold: A cell with at most so many is cleared; any other stays as it is.
     """
     rows, cols = grid.shape
     smoothed = np.empty((rows, cols), np.bool_)
     for row in range(rows):
         for column in range(cols):
-            filled = grid[row, column]
-            neighbours = -int(filled)
+            is_filled = grid[row, column]
+            # The loop below counts the cell itself as well.
+            neighbors = -int(is_filled)
             for r in range(row - 1, row + 2):
                 for c in range(column - 1, column + 2):
-                    neighbours += r < 0 or r >= rows or (0 <= c < cols and grid[r, c])
-            smoothed[row, column] = neighbours >= fill_threshold or (
-                filled and neighbours > clear_threshold
-            )
+                    neighbors += r < 0 or r >= rows or (0 <= c < cols and grid[r, c])
+            stays_filled = is_filled and neighbors > clear_threshold
+            smoothed[row, column] = neighbors >= fill_threshold or stays_filled
     return smoothed

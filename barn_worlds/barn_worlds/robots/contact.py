@@ -12,8 +12,8 @@ from barn_worlds.robots.robot import Chassis
 def contact_footprint(chassis: Chassis) -> Footprint:
     """Return the outline of everything that can touch an obstacle.
 
-    That is the hull of the footprint. Where the file of the robot gives a smaller box for
-    the body, it is the rectangle around that box and the wheels.
+    That is the hull of the footprint. Where the file of the robot gives a smaller box
+    for the body, it is the rectangle around that box and the wheels.
     """
     if chassis.is_rectangular or any(chassis.body_m):
         return Rectangle(chassis.contact_extent_m)

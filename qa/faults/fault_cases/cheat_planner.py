@@ -50,7 +50,7 @@ def others() -> list[str]:
                 else ""
             )
             if (
-                any(one in words for one in ("barn_sim", "barn_eval", "guard.py"))
+                any(one in words for one in ("barn_sim", "barn_eval", "launcher.py"))
                 and __file__ not in words
             ):
                 seen.append(entry.name)

@@ -232,14 +232,18 @@ class Lab:
         return [one.pid for one in marked(self.mark) if text in command_line(one.pid)]
 
     def nodes(self, text: str) -> list[int]:
-        """Return the processes of a node, not their guards."""
+        """Return the processes of a node, not their launchers."""
         return [
-            pid for pid in self.processes(text) if "guard.py" not in command_line(pid)
+            pid
+            for pid in self.processes(text)
+            if "launcher.py" not in command_line(pid)
         ]
 
-    def guards(self, text: str) -> list[int]:
-        """Return the guards of a node."""
-        return [pid for pid in self.processes(text) if "guard.py" in command_line(pid)]
+    def launchers(self, text: str) -> list[int]:
+        """Return the launchers of a node."""
+        return [
+            pid for pid in self.processes(text) if "launcher.py" in command_line(pid)
+        ]
 
     def nothing_left(self) -> None:
         """Wrong if a process outlives the commands; it is ended."""

@@ -20,8 +20,8 @@ MARK = "BARN_TOOL_SESSION"
 SUITE = {
     "simulator": "barn_sim.ros.simulator:",
     "evaluator": "barn_eval.ros.evaluator:",
-    "guard": "guard.py",
-    "worker": "experiments.worker",
+    "guard": "launcher.py",
+    "worker": "running.worker",
     "run": "-m barn_eval run",
 }
 KIND, FOLDER = sys.argv[1], Path(sys.argv[2])

@@ -7,9 +7,9 @@ from typing import Literal, Protocol
 import pandas as pd
 
 from barn_eval.analysis.compare import compare_folders
-from barn_eval.analysis.frames import frame_of
 from barn_eval.analysis.leaderboard import board_rows
-from barn_eval.analysis.leaderboard import leaderboard as rank
+from barn_eval.analysis.leaderboard import make_boards as rank
+from barn_eval.analysis.pandas_tables import pandas_table
 from barn_eval.pages import LOOPBACK, Progress
 from barn_eval.pages.figures import Page, Plot, style
 from barn_eval.pages.live.server import Watch
@@ -72,7 +72,7 @@ def compare(a: Folder, b: Folder) -> pd.DataFrame:
     Raises:
         BarnError: They are not the same task, or have no world in common.
     """
-    return frame_of(
+    return pandas_table(
         row for one in compare_folders(*paths_of([a, b])) for row in one.columns()
     )
 
@@ -106,7 +106,7 @@ def leaderboard(
     boards = rank(paths_of(folders), by, worlds)
     if out is not None:
         write_boards(boards, Path(out))
-    return frame_of(board_rows(boards), tied="bool", better_than="object")
+    return pandas_table(board_rows(boards), tied="bool", better_than="object")
 
 
 def report(

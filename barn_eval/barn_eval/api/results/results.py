@@ -11,20 +11,21 @@ import pandas as pd
 from matplotlib.axes import Axes
 from rich.console import Console
 
-from barn_eval.analysis.frames import frame, frame_of
-from barn_eval.analysis.measures import metric_of
+from barn_eval.analysis.measures import ranking_measure
+from barn_eval.analysis.pandas_tables import pandas_of_arrow, pandas_table
 from barn_eval.analysis.planners import spelling
-from barn_eval.analysis.precision import precision, ranking_power
+from barn_eval.analysis.precision import estimate_precision
+from barn_eval.analysis.ranking_power import ranking_power
 from barn_eval.analysis.sources import (
     Source,
-    by_planner,
-    chosen_planners,
     entries_of,
+    group_by_planner,
     read_source,
+    select_planners,
 )
-from barn_eval.analysis.summary import summarise, summarise_campaign
+from barn_eval.analysis.summary import summarize, summarize_run
 from barn_eval.analysis.tables import headline_table, paper_table
-from barn_eval.analysis.verdict import cautions, results_verdict
+from barn_eval.analysis.verdict import conclude_results, list_cautions
 from barn_eval.api.results.folders import Folder, compare, overlay, replay, report
 from barn_eval.api.results.trial import Trial
 from barn_eval.pages.figures import Page, Plot, figure_of
@@ -91,17 +92,17 @@ class Results:
     @property
     def planners(self) -> list[str]:
         """Names of the planners that have results."""
-        return list(by_planner(self.trials))
+        return list(group_by_planner(self.trials))
 
     @cached_property
     def table(self) -> pd.DataFrame:
         """A row per trial, without wall-clock figures; docs/campaigns.md describes the columns."""
-        return frame(results_table(self.trials))
+        return pandas_of_arrow(results_table(self.trials))
 
     @cached_property
     def timing(self) -> pd.DataFrame:
         """A row per trial with its wall-clock figures, among them the planner's time per cycle (compute_*_ms)."""
-        return frame(timing_table(self.trials))
+        return pandas_of_arrow(timing_table(self.trials))
 
     @cached_property
     def summary(self) -> pd.DataFrame:
@@ -111,9 +112,9 @@ class Results:
         scored_time_s, normalised_time_s_per_m, challenge, challenge_2022 and efficiency the mean, NAME_low and
         NAME_high.
         """
-        return frame_of(
-            {"planner": name} | summarise(one).columns()
-            for name, one in by_planner(self.trials).items()
+        return pandas_table(
+            {"planner": name} | summarize(one).columns()
+            for name, one in group_by_planner(self.trials).items()
         )
 
     def trial(self, trial: str | int) -> Trial:
@@ -142,12 +143,12 @@ class Results:
         """
         if other is not None:
             return compare(self, other)
-        found = summarise_campaign(self.trials).comparisons
+        found = summarize_run(self.trials).comparisons
         if not found:
             raise ConfigError(
                 f"{self.folder}: has one planner only; give other results to compare with"
             )
-        return frame_of(row for one in found for row in one.columns())
+        return pandas_table(row for one in found for row in one.columns())
 
     def verdict(self) -> str:
         """Return in a sentence or two which planner is better by the protocol's metric, by how much and how sure.
@@ -155,12 +156,13 @@ class Results:
         Or that they cannot be told apart, and how many worlds it would take.
         """
         groups = {
-            spelling(name): group for name, group in by_planner(self.trials).items()
+            spelling(name): group
+            for name, group in group_by_planner(self.trials).items()
         }
-        notes = cautions(len({one.world for one in self.trials}), [self._source])
-        return " ".join((str(results_verdict(groups)), *notes))
+        notes = list_cautions(len({one.world for one in self.trials}), [self._source])
+        return " ".join((str(conclude_results(groups)), *notes))
 
-    def precision(
+    def estimate_precision(
         self,
         half_width: float | None = None,
         difference: float | None = None,
@@ -185,15 +187,15 @@ class Results:
         Raises:
             BarnError: The planners or the measure are not known, or there is too little to tell from.
         """
-        chosen = chosen_planners(self.folder, by_planner(self.trials), planners)
-        found = precision(
+        chosen = select_planners(self.folder, group_by_planner(self.trials), planners)
+        found = estimate_precision(
             chosen,
             half_width,
             difference,
-            measure=measure,
+            measure_key=measure,
             repetitions=repetitions,
         )
-        return frame_of((asdict(one) for one in found.needs), worlds="Int64")
+        return pandas_table((asdict(one) for one in found.needs), worlds="Int64")
 
     def latex(
         self,
@@ -218,7 +220,8 @@ class Results:
             BarnError: A measure is not known, or the label not one of LaTeX.
         """
         groups = {
-            spelling(name): group for name, group in by_planner(self.trials).items()
+            spelling(name): group
+            for name, group in group_by_planner(self.trials).items()
         }
         return paper_table(groups, columns, caption=caption, label=label)
 
@@ -235,7 +238,7 @@ class Results:
         Raises:
             BarnError: There is one planner only, or a measure is not known.
         """
-        return frame_of(
+        return pandas_table(
             (
                 {
                     "dataset": one.dataset,
@@ -244,7 +247,7 @@ class Results:
                     "share": share,
                     "enough": one.enough,
                 }
-                for one in ranking_power(by_planner(self.trials), measures)
+                for one in ranking_power(group_by_planner(self.trials), measures)
                 for n, share in one.shares.items()
             ),
             enough="Int64",
@@ -402,10 +405,10 @@ class Results:
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: a table of planners and a figure."""
-        groups = by_planner(self.trials)
-        summaries = [summarise(one) for one in groups.values()]
+        groups = group_by_planner(self.trials)
+        summaries = [summarize(one) for one in groups.values()]
         table = headline_table(
-            [spelling(name) for name in groups], summaries, metric_of(self.trials)
+            [spelling(name) for name in groups], summaries, ranking_measure(self.trials)
         )
         picture = self.plot().picture()
         return render(

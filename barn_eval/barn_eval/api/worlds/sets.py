@@ -8,7 +8,7 @@ from typing import Literal
 
 import pandas as pd
 
-from barn_eval.analysis.frames import frame_of
+from barn_eval.analysis.pandas_tables import pandas_table
 from barn_eval.pages.figures import Plot
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN
 from barn_metrics.metrics import PUBLISHED, as_formula, world_metrics
@@ -201,7 +201,7 @@ def metrics(
         BarnError: A world cannot be read, or has no way for the robot.
     """
     table = metrics_table(source, select, formula, robot=robot)
-    return frame_of(
+    return pandas_table(
         {"world": int(world), **row}
         for world, row in zip(table.worlds, table.rows(), strict=True)
     )

@@ -15,12 +15,12 @@ from socketserver import TCPServer
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
-from barn_eval.analysis.measures import metric_of
+from barn_eval.analysis.measures import ranking_measure
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.sources import Source, entries_of, read_source
-from barn_eval.analysis.summary import bars
-from barn_eval.analysis.text_table import counted
-from barn_eval.analysis.verdict import Conclusion, cautions, results_verdict
+from barn_eval.analysis.summary import make_bars
+from barn_eval.analysis.text_table import count_noun
+from barn_eval.analysis.verdict import Conclusion, conclude_results, list_cautions
 from barn_eval.pages import LOOPBACK, PAGE_PORT
 from barn_eval.pages.replay.page import replay_page
 from barn_eval.pages.template import render, themed
@@ -115,18 +115,18 @@ def state_of(folder: Path) -> dict[str, Any]:
 
 def _leader(source: Source) -> dict[str, Any]:
     entries = entries_of([source])
-    metric = metric_of(source.results)
-    first, shown = source.results[0], bars(entries)
+    metric = ranking_measure(source.results)
+    first, shown = source.results[0], make_bars(entries)
     try:
-        told = results_verdict({entry.label: entry.results for entry in entries})
+        told = conclude_results({entry.label: entry.results for entry in entries})
     except BarnError as error:
         told = Conclusion(str(error))
     return {
         "task": f"Protocol {first.protocol}, robot {source.robot or 'Jackal'}",
-        "metric": f"{metric.heading}, from 0 to {shown.limit}: means over {counted(shown.worlds, 'world')}",
+        "metric": f"{metric.heading}, from 0 to {shown.limit}: means over {count_noun(shown.worlds, 'world')}",
         "verdict": told.short,
         "details": told.details,
-        "notes": cautions(shown.worlds),
+        "notes": list_cautions(shown.worlds),
         "bars": [bar | {"colour": themed(bar["colour"])} for bar in shown.rows],
     }
 

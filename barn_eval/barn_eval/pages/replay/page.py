@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from barn_eval.analysis.measures import MEASURES, MOVING
-from barn_eval.analysis.planners import colours, spelling
+from barn_eval.analysis.planners import assign_colors, spelling
 from barn_eval.pages.replay.payload import payload
 from barn_eval.pages.template import render
 from barn_eval.results.bags.recorded import MAP, RecordedTrial
@@ -25,7 +25,7 @@ _SEEDS = ("campaign_seed", "simulator_seed", "planner_seed", "repetition")
 def replay_page(*found: RecordedTrial) -> str:
     """Return the page of one trial or several, whatever their bags hold as text being text in it."""
     named = labels(found)
-    shades = colours([planner_of(recorded) for recorded in found])
+    shades = assign_colors([planner_of(recorded) for recorded in found])
     known = len(found) > 1 or planner_of(found[0])
     trials, drawn = [], []
     for label, shade, one in zip(named, shades, found, strict=True):

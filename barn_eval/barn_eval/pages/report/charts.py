@@ -13,9 +13,14 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from barn_eval.analysis.compare import PairedMeasure
-from barn_eval.analysis.difficulty import Difficulty, by_world
-from barn_eval.analysis.leaderboard import parameters_of
-from barn_eval.analysis.measures import MEASURES, Measure, metric_of, safety_of
+from barn_eval.analysis.difficulty import WorldOrder, results_by_world
+from barn_eval.analysis.leaderboard import sweep_parameters
+from barn_eval.analysis.measures import (
+    MEASURES,
+    Measure,
+    clearance_measure,
+    ranking_measure,
+)
 from barn_eval.analysis.overview import Overview
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import ALPHA
@@ -68,7 +73,7 @@ class ChartData:
     """
 
     entries: Sequence[Entry]
-    order: Difficulty
+    order: WorldOrder
     overview: Callable[[], Overview]
     hardest: Mapping[int, tuple[World, Sequence[DrivenTrial]]] = field(
         default_factory=dict
@@ -82,7 +87,7 @@ class ChartData:
     @property
     def metric(self) -> Measure:
         """What the protocol ranks planners by."""
-        return metric_of(self.entries[0].results)
+        return ranking_measure(self.entries[0].results)
 
 
 class Legend(NamedTuple):
@@ -163,10 +168,10 @@ def _worlds(panels: Sequence[Axes], data: ChartData) -> Legend:
     for index, (entry, dashes) in enumerate(
         zip(data.entries, cycle(_DASHES), strict=False)
     ):
-        groups = by_world(entry.results)
+        groups = results_by_world(entry.results)
         times = [_TIME.values(groups.get(world, [])) for world in order.worlds]
         values = np.array([part.mean() if len(part) else np.nan for part in times])
-        own: dict[str, Any] = {"color": entry.colour, "marker": marker_of(index)}
+        own: dict[str, Any] = {"color": entry.color, "marker": marker_of(index)}
         axes.plot(rank, values, linestyle="", markeredgewidth=0, **own, **look)
         middle = _running(values, window)
         line: dict[str, Any] = {
@@ -210,10 +215,11 @@ def _bands(panels: Sequence[Axes], data: ChartData) -> Legend:
         for index, entry in enumerate(data.entries):
             shift = (index - (count - 1) / 2) * min(0.16, 0.6 / count)
             means = [
-                measure.shown(band.summaries[index][measure.key]) for band in found
+                measure.in_heading_unit(band.summaries[index][measure.key])
+                for band in found
             ]
             handles.append(
-                points(axes, places + shift, means, entry.colour, marker_of(index))
+                points(axes, places + shift, means, entry.color, marker_of(index))
             )
         label_axes(
             axes,
@@ -295,7 +301,10 @@ def _paired(panels: Sequence[Axes], data: ChartData) -> Legend:
     for axes, measure in zip(panels, _differing(data), strict=False):
         rows = [one.row(measure.key) for one in comparisons]
         _draw_differences(
-            axes, rows, [measure.shown(row.paired.difference) for row in rows], 0.0
+            axes,
+            rows,
+            [measure.in_heading_unit(row.paired.difference) for row in rows],
+            0.0,
         )
         unit = "% points" if measure.percent else measure.unit
         label_axes(
@@ -319,13 +328,13 @@ def _paired(panels: Sequence[Axes], data: ChartData) -> Legend:
     "Metric, success and time per metre over a parameter of a sweep or the delay of commands, with 95 % intervals",
     lambda data: (
         Panels(3.8, len(_differing(data)))
-        if len(parameters_of(data.entries)) in (1, 2)
+        if len(sweep_parameters(data.entries)) in (1, 2)
         else None
     ),
 )
 def _sweep(panels: Sequence[Axes], data: ChartData) -> Legend:
     names, lines, handles = (
-        parameters_of(data.entries),
+        sweep_parameters(data.entries),
         dict[str, list[int]](),
         dict[str, Any](),
     )
@@ -346,13 +355,13 @@ def _sweep(panels: Sequence[Axes], data: ChartData) -> Legend:
         for index, (line, entries) in enumerate(lines.items()):
             own = sorted((values.index(places[one][0]), one) for one in entries)
             means = [
-                measure.shown(data.overview().summaries[one][measure.key])
+                measure.in_heading_unit(data.overview().summaries[one][measure.key])
                 for _, one in own
             ]
             along = at[[place for place, _ in own]] + 0.01 * index * np.ptp(
                 at
             )  # beside those of other lines
-            colour = data.entries[entries[0]].colour
+            colour = data.entries[entries[0]].color
             axes.plot(
                 along, [one.estimate for one in means], color=colour, linewidth=1.2
             )
@@ -391,7 +400,7 @@ def _draw_differences(
 )
 def _distributions(panels: Sequence[Axes], data: ChartData) -> Legend:
     handles = {}
-    safety = safety_of([one for entry in data.entries for one in entry.results])
+    safety = clearance_measure([one for entry in data.entries for one in entry.results])
     measures = (
         MEASURES[key] if key != "min_clearance_m" else safety for key in _DISTRIBUTED
     )
@@ -400,7 +409,7 @@ def _distributions(panels: Sequence[Axes], data: ChartData) -> Legend:
             known = _known(measure, entry)
             if len(known):
                 handles[entry.label] = axes.ecdf(
-                    known, color=entry.colour, linewidth=1.8, linestyle=dashes
+                    known, color=entry.color, linewidth=1.8, linestyle=dashes
                 )
         label_axes(axes, measure.heading, "")
         axes.set_ylim(0, 1.02)
@@ -410,7 +419,9 @@ def _distributions(panels: Sequence[Axes], data: ChartData) -> Legend:
 
 def _safety(data: ChartData) -> list[Measure]:
     """Return what speed is drawn against: clearance, and contact where there was any."""
-    measures = [safety_of([one for entry in data.entries for one in entry.results])]
+    measures = [
+        clearance_measure([one for entry in data.entries for one in entry.results])
+    ]
     touched = any(
         summary["contact_s"].estimate > 0.0 for summary in data.overview().summaries
     )
@@ -430,7 +441,7 @@ def _trade(panels: Sequence[Axes], data: ChartData) -> Legend:
                 axes,
                 [summary[measure.key]],
                 [summary[_TIME.key]],
-                entry.colour,
+                entry.color,
                 marker_of(index),
                 8,
             )
@@ -483,7 +494,7 @@ def _compute(panels: Sequence[Axes], data: ChartData) -> Legend:
             for index, line in enumerate(boxes[parts]):
                 entry = entries[index // (len(boxes[parts]) // len(entries))]
                 line.set(
-                    color=entry.colour, linewidth=1.8 if parts != "medians" else 2.6
+                    color=entry.color, linewidth=1.8 if parts != "medians" else 2.6
                 )
         axes.set_xscale("log")
         low, high = axes.get_xlim()
@@ -500,7 +511,7 @@ def _compute(panels: Sequence[Axes], data: ChartData) -> Legend:
     return Legend()
 
 
-def _world_ticks(axes: Axes, order: Difficulty) -> None:
+def _world_ticks(axes: Axes, order: WorldOrder) -> None:
     """Write the number of each world below its rank, where there is room for all of them."""
     if len(order.worlds) > _NAMED_PER_IN * figure_of([axes]).get_figwidth():
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from barn_eval.analysis.leaderboard import Board
 from barn_eval.analysis.measures import MEASURES
-from barn_eval.analysis.text_table import TextTable, counted, one_line
-from barn_eval.analysis.verdict import verdict
+from barn_eval.analysis.text_table import TextTable, count_noun, one_line
+from barn_eval.analysis.verdict import conclude_ranking
 from barn_eval.pages.template import render, write_page
 from barn_eval.results.bags import BAGS
 from barn_worlds.base.errors import ConfigError
@@ -39,7 +39,7 @@ def markdown(boards: Sequence[Board]) -> str:
         named = replace(board.ranking, names=tuple(map(_escaped, board.ranking.names)))
         parts += [
             f"## {_escaped(table.title)}",
-            *filter(None, verdict(named, board.measure)),
+            *filter(None, conclude_ranking(named, board.measure)),
         ]
         parts += map(_escaped, board.notes)
         parts += [table.caption, markdown_table(table.columns, rows)]
@@ -49,7 +49,7 @@ def markdown(boards: Sequence[Board]) -> str:
 def page(boards: Sequence[Board]) -> str:
     """Return the boards as an HTML page."""
     shown = [
-        (board, verdict(board.ranking, board.measure), board_table(board))
+        (board, conclude_ranking(board.ranking, board.measure), board_table(board))
         for board in boards
     ]
     return render("leaderboard.html", boards=shown)
@@ -71,7 +71,7 @@ def board_table(board: Board) -> TextTable:
             else ", ".join(place.better_than)
         )
         trace = (
-            f"{counted(summary.trials, 'trial')} in {counted(summary.worlds, 'world')}",
+            f"{count_noun(summary.trials, 'trial')} in {count_noun(summary.worlds, 'world')}",
             str(place.entry.source.path),
             place.configuration,
             f"{place.bags} in {BAGS}/" if place.bags else "none kept",

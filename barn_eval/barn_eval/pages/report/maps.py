@@ -13,7 +13,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from barn_eval.analysis.difficulty import Difficulty
+from barn_eval.analysis.difficulty import WorldOrder
 from barn_eval.analysis.sources import Entry, read_entries
 from barn_eval.pages.figures import marker_of, new_figure, plain
 from barn_eval.pages.report.charts import ChartData, Legend, Panels, chart
@@ -43,7 +43,7 @@ _SHORTEST_ARROW_M = 0.3
 
 
 def hardest_maps(
-    order: Difficulty,
+    order: WorldOrder,
     drives: Sequence[DrivenTrial],
     worlds: Mapping[int, World],
     most: int,
@@ -77,7 +77,7 @@ def _hardest(panels: Sequence[Axes], data: ChartData) -> Legend:
         Line2D(
             [],
             [],
-            color=entry.colour,
+            color=entry.color,
             linewidth=2,
             marker=marker_of(index),
             label=entry.label,
@@ -154,7 +154,7 @@ def _draw_map(axes: Axes, world: World, drives: Sequence[DrivenTrial]) -> None:
     for drive in drives:
         if drive.track is None:
             continue
-        colour, trail = drive.entry.colour, drive.poses[:, :2]
+        colour, trail = drive.entry.color, drive.poses[:, :2]
         marks: list[Artist] = [
             *axes.plot(*trail.T, color=colour, linewidth=1.5, alpha=0.8)
         ]
@@ -224,7 +224,7 @@ def draw_touched(axes: Axes, world: World, drive: DrivenTrial) -> list[Artist]:
     hit = [outlines[world.tracks.names.index(motion.touched)]]
     look: dict[str, Any] = {
         "facecolor": MOVER + "55",
-        "edgecolor": drive.entry.colour,
+        "edgecolor": drive.entry.color,
         "linewidth": 1.4,
     }
     return [axes.add_collection(PolyCollection(hit, zorder=2.5, **look))]
@@ -370,7 +370,7 @@ def _draw_trial(
 ) -> LineCollection:
     assert driven.track is not None
     colour, poses, corners_m = (
-        driven.entry.colour,
+        driven.entry.color,
         driven.poses,
         driven.entry.source.outline.corners_m,
     )
@@ -387,7 +387,7 @@ def _draw_trial(
 def _legend(chosen: Sequence[DrivenTrial], by: str) -> list[Line2D]:
     """Return an entry per planner, with its outcomes, and those of start, goal and contact."""
     handles = []
-    for label, colour in {one.entry.label: one.entry.colour for one in chosen}.items():
+    for label, colour in {one.entry.label: one.entry.color for one in chosen}.items():
         ended = Counter(
             one.result.outcome.value for one in chosen if one.entry.label == label
         )

@@ -11,14 +11,14 @@ from urllib.parse import quote
 
 from matplotlib.axes import Axes
 
-from barn_eval.analysis.difficulty import difficulty as order_of
-from barn_eval.analysis.measures import measures_named, metric_of
-from barn_eval.analysis.overview import Overview, analyse, repeat, tables
+from barn_eval.analysis.difficulty import order_worlds as order_of
+from barn_eval.analysis.measures import ranking_measure, require_measures
+from barn_eval.analysis.overview import Overview, analyze, make_tables, reproduce
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.sources import Entry, read_entries, require_same_task
-from barn_eval.analysis.summary import bars
+from barn_eval.analysis.summary import make_bars
 from barn_eval.analysis.text_table import TextTable
-from barn_eval.analysis.verdict import cautions
+from barn_eval.analysis.verdict import list_cautions
 from barn_eval.pages import Progress
 from barn_eval.pages.figures import (
     ReportFigure,
@@ -111,7 +111,7 @@ def plot(
             order, drives, worlds_by_number(drives, worlds), DEFAULT_HARDEST
         )
     overview = cache(
-        lambda: analyse(entries, order, lambda jobs: [job() for job in jobs])
+        lambda: analyze(entries, order, lambda jobs: [job() for job in jobs])
     )
     with style(checked_width(width_mm)):
         panels = draw(
@@ -167,7 +167,7 @@ class Report:
     @cached_property
     def tables(self) -> list[TextTable]:
         """All tables, the headline first."""
-        return tables(self.entries, self.overview, self.columns)
+        return make_tables(self.entries, self.overview, self.columns)
 
     @cached_property
     def figures(self) -> dict[str, ReportFigure]:
@@ -192,12 +192,12 @@ def build_report(
 
     columns: keys of the measures of its tables. progress: gets the share that is done.
     """
-    keys = measures_named(columns)
+    keys = require_measures(columns)
     entries = tuple(read_entries(paths))
     require_same_task(expanded(paths))
     drives, worlds = driven_trials(entries)
     numbered, order = worlds_by_number(drives, worlds), order_of(entries)
-    found = analyse(
+    found = analyze(
         entries,
         order,
         lambda jobs: run_forked(jobs, lambda share: progress(0.5 * share)),
@@ -232,19 +232,19 @@ def report_page(
 ) -> str:
     """Return the page of a report; texts from files are text in it. links: of `replay_links`."""
     sources = list(dict.fromkeys(entry.source for entry in report.entries))
-    first, leaders = report.entries[0].results[0], bars(report.entries)
+    first, leaders = report.entries[0].results[0], make_bars(report.entries)
     return render(
         "report.html",
         title=title,
         report=report,
         tables={table.name: table for table in report.tables},
         paired=[table for table in report.tables if table.name.startswith("paired_")],
-        sources=[(source, repeat(source)) for source in sources],
+        sources=[(source, reproduce(source)) for source in sources],
         robot=sources[0].robot or "Jackal",
         first=first,
         leaders=leaders,
-        metric=metric_of(report.entries[0].results).heading,
-        notes=cautions(leaders.worlds, sources),
+        metric=ranking_measure(report.entries[0].results).heading,
+        notes=list_cautions(leaders.worlds, sources),
         tracks=sum(drive.track is not None for drive in report.drives),
         moving=any(world.moving or world.walls for world in report.worlds.values()),
         flatten=flatten,

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from barn_eval.analysis.measures import MEASURES, with_motion
+from barn_eval.analysis.measures import MEASURES, with_moving_measures
 from barn_eval.analysis.sources import Entry, Source, read_worlds
 from barn_eval.pages.replay.payload import motion_arrays
 from barn_eval.results.bags.movers import compute_gaps
@@ -130,7 +130,7 @@ def _with_motion(
 
 def scene_under(source: Source, world: World) -> TrialScene:
     """Return a world with start and goal under the protocol of a source; BarnError if that cannot be told."""
-    rules = source.experiment.protocol.scaled_to(world, source.chassis)
+    rules = source.run_config.protocol.scaled_to(world, source.chassis)
     course = rules.course(world)
     return scene_of(world, course.start, course.goal, rules.goal_distance_m)
 
@@ -165,7 +165,9 @@ def trial_data(
 
     links: to the page of a replay, by the path of its bag. keys: of the measures shown, those usual without any.
     """
-    measures = keys or with_motion(_MEASURES, [drive.result for drive in drives])
+    measures = keys or with_moving_measures(
+        _MEASURES, [drive.result for drive in drives]
+    )
     heads: list[tuple[str, str, str, int | None]] = [
         (name, name, "", digits) for name, digits in _COLUMNS.items()
     ]
@@ -181,7 +183,7 @@ def trial_data(
             for head in heads
         ],
         "entries": [
-            {"label": one.label, "colour": one.colour, "folder": str(one.source.path)}
+            {"label": one.label, "colour": one.color, "folder": str(one.source.path)}
             for one in entries
         ],
         "trials": [
