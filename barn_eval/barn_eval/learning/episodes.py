@@ -69,7 +69,6 @@ class Episodes:
         self._period_s = simulator.control_period_s
         self._reward_weights = reward_weights(config.reward)
         self._encoder = ObservationEncoder(config.observation)
-        self._clients = [PhysicsClient(idle=self.batch.engines) for _ in range(count)]
         self._trials: dict[int, RunningTrial] = {}
         self._simulators: dict[int, Simulator] = {}
         # Any scan: all robots have the same lidar.
@@ -110,7 +109,7 @@ class Episodes:
                 spec.simulator,
                 start,
                 seed,
-                self._clients[index],
+                self.batch.scenes,
                 fleet=self.batch.fleet,
                 index=index,
             )
@@ -285,8 +284,6 @@ class Episodes:
 
     def close(self) -> None:
         """Close the physics clients."""
-        for client in self._clients:
-            client.close()
         self.batch.close()
 
 

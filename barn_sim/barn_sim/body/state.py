@@ -1,5 +1,6 @@
 """The state of robots as records of arrays, which compiled code advances."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
@@ -25,8 +26,14 @@ _NEVER_NS = 2**62
 # Contacts with the ground that there is room for: four wheels, or two and casters.
 _CONTACTS = max(4, 2 + MOST_CASTERS)
 
+
+def record_type(fields: Sequence[Any]) -> np.dtype[Any]:
+    """Return the type of records whose fields are attributes, compiled or not."""
+    return np.dtype((np.record, np.dtype(list(fields), align=True)))
+
+
 # A wheel, or a caster, which has no friction.
-WHEEL = np.dtype(
+WHEEL = record_type(
     [
         # Relative to the center of mass, in the body frame, m.
         ("hub", _NUMBER, 3),
@@ -44,13 +51,12 @@ WHEEL = np.dtype(
         # x and along y in turn; step, kg.
         ("levers", _NUMBER, 6),
         ("step", _NUMBER),
-    ],
-    align=True,
+    ]
 )
 
 # The changing state of a robot. Units are m, rad and s. The body's frame is the
 # world's, its point the center of mass.
-ROBOT = np.dtype(
+ROBOT = record_type(
     [
         ("stamp_ns", _WHOLE),
         # The rigid body.
@@ -104,12 +110,11 @@ ROBOT = np.dtype(
         ("gyro_bias", _NUMBER),
         ("speed_factor", _NUMBER),
         ("noise_from", _WHOLE),
-    ],
-    align=True,
+    ]
 )
 
 # What does not change, and is equal for all robots of a fleet.
-SETTINGS = np.dtype(
+SETTINGS = record_type(
     [
         ("tick_s", _NUMBER),
         ("tick_ns", _WHOLE),
@@ -146,8 +151,7 @@ SETTINGS = np.dtype(
         ("odometry_ns", _WHOLE),
         ("yaw_noise_rad", _NUMBER),
         ("yaw_rate_noise_rad_s", _NUMBER),
-    ],
-    align=True,
+    ]
 )
 
 

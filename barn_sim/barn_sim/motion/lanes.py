@@ -20,7 +20,7 @@ from barn_sim.body.friction import (
     sweep_friction,
 )
 from barn_sim.body.rigid_body import move_body
-from barn_sim.body.state import Record, Records
+from barn_sim.body.state import Record, Records, record_type
 from barn_sim.body.tires import begin_tires
 from barn_sim.body.vectors import fill
 from barn_sim.motion.ticks import NO_REFERENCES, advance, finish_tick, is_free
@@ -36,7 +36,7 @@ _VECTOR = 8
 # compiler needs for vector instructions.
 _ROW = (np.float64, LANES)
 # A wheel of the robot in each lane, see `barn_sim.body.state.WHEEL`.
-_WHEEL = np.dtype(
+_WHEEL = record_type(
     [
         ("impulse_x", *_ROW),
         ("impulse_y", *_ROW),
@@ -52,7 +52,7 @@ _WHEEL = np.dtype(
 )
 # The robot in each lane: its row in the fleet, its motion, the largest change of an
 # impulse in a sweep, the number of sweeps, and whether the iteration is done.
-_LANES = np.dtype(
+_LANES = record_type(
     [
         ("index", np.int64, LANES),
         ("motion", np.float64, (5, LANES)),
