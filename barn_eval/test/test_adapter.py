@@ -9,8 +9,8 @@ from barn_eval.results.bags.decode import decode_planner_status
 from barn_eval.ros.adapter import (
     TrialAdapter,
     TrialTopics,
-    missed_periods,
-    missed_share,
+    count_missed_periods,
+    share_of_missed,
 )
 from barn_eval.ros.sequencer import Message, Tick
 from barn_eval.trials.outcome import Outcome
@@ -267,16 +267,18 @@ def test_control_periods_without_a_command_are_counted(
     commands_ms, now_ms, missed, share
 ):
     commands_ns, now_ns = [1_000_000 * now for now in commands_ms], 1_000_000 * now_ms
-    assert missed_periods(commands_ns, now_ns, PERIOD, SILENCE) == missed
-    assert missed_share(missed, commands_ns, now_ns, PERIOD) == pytest.approx(share)
+    assert count_missed_periods(commands_ns, now_ns, PERIOD, SILENCE) == missed
+    assert share_of_missed(missed, commands_ns, now_ns, PERIOD) == pytest.approx(share)
     begun = bool(commands_ns) and now_ns - commands_ns[0] >= PERIOD
-    assert missed_share(1000, commands_ns, now_ns, PERIOD) == (1.0 if begun else 0.0)
+    assert share_of_missed(1000, commands_ns, now_ns, PERIOD) == (1.0 if begun else 0.0)
 
 
 def test_a_planner_that_skips_cycles_is_seen_to(adapter):
     for k in range(21):
         adapter.take(tick(k, 0.01 * k, command=None if k % 5 == 4 else (0.2, 0.0)))
-    assert missed_periods(adapter.commands_ns, adapter.now_ns, PERIOD, SILENCE) == 4
-    assert missed_share(
+    assert (
+        count_missed_periods(adapter.commands_ns, adapter.now_ns, PERIOD, SILENCE) == 4
+    )
+    assert share_of_missed(
         4, adapter.commands_ns, adapter.now_ns, PERIOD
     ) == pytest.approx(0.2)

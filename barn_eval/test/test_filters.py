@@ -57,24 +57,24 @@ def test_trials_shown_are_those_left_and_figures_those_of_all(report, file, open
     for chosen, keep in FILTERS.values():
         page.click("#filter-reset")
         choose(page, chosen)
-        left = {drive.place for drive in report.drives if keep(drive.result)}
+        left = {drive.position for drive in report.trials if keep(drive.result)}
         count = (
-            f"{len(left)} of {len(report.drives)} trials" if left else "no such trial"
+            f"{len(left)} of {len(report.trials)} trials" if left else "no such trial"
         )
         assert page.locator("#count").text_content() == count
         ids = page.locator("#trials tbody tr").evaluate_all(
             "(rows) => rows.map((row) => row.dataset.trial)"
         )
         assert ids == [
-            drive.result.trial_id for drive in report.drives if drive.place in left
+            drive.result.trial_id for drive in report.trials if drive.position in left
         ]
         assert (
             trajectories(page)
-            == {drive.place for drive in report.drives if drive.track is not None}
+            == {drive.position for drive in report.trials if drive.track is not None}
             & left
         )
-        worlds = {report.drives[place].result.world for place in left}
-        drawn = {drive.result.world for drive in report.drives}
+        worlds = {report.trials[place].result.world for place in left}
+        drawn = {drive.result.world for drive in report.trials}
         assert (
             set(page.locator("[id^=hardest-world-]").evaluate_all(FAINT))
             == drawn - worlds
@@ -84,12 +84,12 @@ def test_trials_shown_are_those_left_and_figures_those_of_all(report, file, open
 
 def test_paper_and_a_filter_taken_back_show_all(report, file, open_page):
     page = open_page(file)
-    tracks = {drive.place for drive in report.drives if drive.track is not None}
+    tracks = {drive.position for drive in report.trials if drive.track is not None}
     assert trajectories(page) == tracks
     choose(page, {"search": "r01"})
     assert (
         trajectories(page)
-        == {place for place in tracks if report.drives[place].result.repetition == 1}
+        == {place for place in tracks if report.trials[place].result.repetition == 1}
         != tracks
     )
     page.emulate_media(media="print")

@@ -16,8 +16,8 @@ from test_pictures import drawn
 from test_replay import some_of
 
 from barn_eval.pages.replay.files import write_replay
-from barn_eval.pages.replay.page import facts, replay_page
-from barn_eval.pages.replay.payload import bounds, payload
+from barn_eval.pages.replay.page import list_facts, replay_page
+from barn_eval.pages.replay.payload import bounds, make_payload
 from barn_eval.pages.report.maps import overlay
 from barn_eval.pages.report.page import build_report, report_page
 from barn_eval.pages.report.trials import trial_data
@@ -151,7 +151,7 @@ def test_walls_are_recorded_and_drawn_where_nothing_moves(world, tmp_path, open_
 
 def test_a_page_has_what_moves_in_millimetres_and_the_measures_made_for_it(bag):
     recorded = read_recorded_trial(bag)
-    data = payload(recorded)
+    data = make_payload(recorded)
     raw = zlib.decompress(base64.b64decode(data["packed"]["zlib"]))
     kind, offset, length = data["packed"]["arrays"]["mover_places"]
     places = np.frombuffer(raw, "<i2", length, offset).reshape(
@@ -159,7 +159,7 @@ def test_a_page_has_what_moves_in_millimetres_and_the_measures_made_for_it(bag):
     )
     assert kind == "Int16Array" and data["moving"]["step"] == 0.001
     assert np.abs(places * 0.001 - recorded.moving.places).max() <= 0.0005 + 1e-9
-    shown, motion = dict(facts(recorded)), recorded.result["motion"]
+    shown, motion = dict(list_facts(recorded)), recorded.result["motion"]
     assert shown["first contact with"] == motion["touched"]
     assert (
         shown["smallest clearance to what moves [m]"]
@@ -193,7 +193,7 @@ def test_pictures_and_films_show_what_moves(bag, tmp_path):
 
 def test_a_report_has_motions_measures_and_the_clearance_to_what_moves(folder, world):
     report = build_report([folder])
-    data = trial_data(report.entries, report.drives, report.worlds)
+    data = trial_data(report.entries, report.trials, report.worlds)
     names = [column["name"] for column in data["columns"]]
     assert {
         "moving_clearance_m",
@@ -211,7 +211,7 @@ def test_a_report_has_motions_measures_and_the_clearance_to_what_moves(folder, w
             result.motion.near_s, abs=1e-4
         )
     assert data["worlds"][world.checksum]["moving"]["powers"] == 4
-    for one in report.drives:
+    for one in report.trials:
         nearest = one.track.samples[:, -1].min()
         assert nearest == pytest.approx(one.result.motion.moving_clearance_m, abs=0.1)
     assert "class MotionMovers" in report_page(report, "A title")

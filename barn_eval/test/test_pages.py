@@ -6,7 +6,7 @@ from report_work import campaign
 
 from barn_eval.analysis.leaderboard import make_boards
 from barn_eval.api.results import report
-from barn_eval.pages.live.server import Watch
+from barn_eval.pages.live.server import PageServer
 from barn_eval.pages.replay.files import write_replay
 from barn_eval.pages.report.leaderboard import write_boards
 
@@ -37,7 +37,7 @@ def addresses(run, tmp_path_factory):
     report([folder], place / "report.html", hardest=1)
     write_boards(make_boards([folder]), place / "leaderboard.html")
     write_replay([folder / "bags" / "gap_w0000_r00"], [place / "replay.html"])
-    with Watch(folder, port=0) as page:
+    with PageServer(folder, port=0) as page:
         yield {name: (place / f"{name}.html").as_uri() for name in PAGES[:3]} | {
             "campaign": page.url
         }

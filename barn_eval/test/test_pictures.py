@@ -16,8 +16,8 @@ from report_work import EVIL
 import barn_eval as barn
 from barn_eval.analysis.planners import assign_colors
 from barn_eval.analysis.sources import read_entries
-from barn_eval.pages.replay.files import camera_frames, write_replay
-from barn_eval.pages.report.maps import choose, overlay
+from barn_eval.pages.replay.files import draw_views, write_replay
+from barn_eval.pages.report.maps import overlay, select_trials
 from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.tracks import parse_track_line
 from barn_sim.drawing.camera import SIZES
@@ -76,7 +76,7 @@ def test_pictures_and_animations(bag, tmp_path):
     with pytest.raises(
         ConfigError, match="its world is not known, so a camera has nothing to see"
     ):
-        next(camera_frames(replace(recorded, scene=None), "side", [1.0], 1))
+        next(draw_views(replace(recorded, scene=None), "side", [1.0], 1))
 
 
 # A stand-in for ffmpeg, which writes how it was called and how much it was sent; it fails when told to.
@@ -124,7 +124,7 @@ def drawn(figure, kind):
 
 
 def test_each_trial_is_drawn_where_it_drove_in_the_colour_of_its_planner(folder):
-    chosen, _ = choose(read_entries([folder]), 0, (), "")
+    chosen, _ = select_trials(read_entries([folder]), 0, (), "")
     assert sorted(one.result.planner for one in chosen) == ["dwa", "gap", "gap"]
     figure = overlay([folder], 0)
     lines = drawn(figure, LineCollection)
@@ -171,24 +171,24 @@ def test_colours_by_speed_have_a_scale(folder):
     ("arguments", "reason"),
     [
         (
-            {"world": 99},
+            {"world_number": 99},
             "world 99: no trial of it; there are trials of 0, 1, 2, 3, 4, 5, 6, 7",
         ),
-        ({"world": 1}, "world 1: its trials have no tracks"),
+        ({"world_number": 1}, "world 1: its trials have no tracks"),
         (
-            {"world": 0, "outcome": "collision"},
+            {"world_number": 0, "outcome": "collision"},
             "world 0: no trial of it is of this kind",
         ),
         (
-            {"world": 0, "outcome": "colision"},
+            {"world_number": 0, "outcome": "colision"},
             "outcome 'colision': must be one of .*did you mean 'collision'",
         ),
         (
-            {"world": 0, "planners": ["dwaa"]},
+            {"world_number": 0, "planners": ["dwaa"]},
             "planner 'dwaa': has no trial here; did you mean 'dwa'.* dwa, gap",
         ),
         (
-            {"world": 0, "by": "sped"},
+            {"world_number": 0, "by": "sped"},
             "by: must be one of planner, speed, got 'sped'; did you mean 'speed'",
         ),
     ],

@@ -11,7 +11,7 @@ from report_work import EVIL, drive
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
 from barn_eval.pages.replay.files import write_replay
-from barn_eval.pages.replay.page import labels, replay_page
+from barn_eval.pages.replay.page import label_trials, replay_page
 from barn_eval.pages.replay.payload import bounds, progress_m
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.bags.recorded import read_recorded_trial
@@ -297,16 +297,16 @@ def test_progress_is_along_the_path_and_never_back(bag):
 def test_trials_are_told_apart_by_planner_then_bag_then_folder(bag):
     first = read_recorded_trial(bag)
     other = replace(first, trial=first.trial | {"planner": {"name": "dwa"}})
-    assert labels([first, other]) == ["gap", "DWA"]
-    assert labels([first, replace(first, name="later")]) == [
+    assert label_trials([first, other]) == ["gap", "DWA"]
+    assert label_trials([first, replace(first, name="later")]) == [
         "gap (gap_w0000_r00)",
         "gap (later)",
     ]
-    assert labels([first, replace(first, folder="again")]) == [
+    assert label_trials([first, replace(first, folder="again")]) == [
         "gap (run)",
         "gap (again)",
     ]
-    assert labels([first, first]) == ["gap (1)", "gap (2)"]
+    assert label_trials([first, first]) == ["gap (1)", "gap (2)"]
 
 
 def test_texts_of_a_bag_are_shown_and_not_run(either_bag, tmp_path):

@@ -148,8 +148,8 @@ def test_the_command_to_repeat_a_campaign_gives_its_configuration(tmp_path):
         if value
     }
     assert asked["settings"] == {"dwa.dwa.sim_time_s": 1.5}
-    again = read_request(None, asked, asked.pop("settings"))
-    assert again.experiment == config
+    again = read_request(None, asked)
+    assert again.config == config
 
 
 def test_folders_that_cannot_be_reported_are_refused_in_one_line(
@@ -271,7 +271,7 @@ def test_columns_of_tables_are_those_chosen(folder, rejected):
         "mean speed [m/s]",
         "success [%]",
     )
-    data = trial_data(made.entries, made.drives, {}, keys=made.columns)
+    data = trial_data(made.entries, made.trials, {}, keys=made.columns)
     assert [one["name"] for one in data["columns"]][4:] == ["mean_speed_mps", "success"]
     with pytest.raises(
         ConfigError,
@@ -296,7 +296,7 @@ def test_a_trial_with_a_bag_links_to_its_replay(folder, report, tmp_path):
         assert "Plan view of the trial" in (out.parent / page).read_text("utf-8")
     assert not any(
         trial["replay"]
-        for trial in trial_data(report.entries, report.drives, {})["trials"]
+        for trial in trial_data(report.entries, report.trials, {})["trials"]
     )
 
 
@@ -370,7 +370,7 @@ def test_a_campaign_of_an_odd_kind_is_reported(folder, tmp_path, change, told):
     page = report_page(made, "odd")
     assert told in page
     assert EVIL not in page
-    assert len(made.drives) == len(rows)
+    assert len(made.trials) == len(rows)
     write_assets(made, tmp_path / "assets")
     files = list((tmp_path / "assets").iterdir())
     assert len(files) == 2 * len(made.tables) + 2 * len(made.figures)

@@ -12,7 +12,7 @@ from barn_eval.pages.figures import Plot, figure_of, style
 from barn_eval.pages.report import page as report_module
 from barn_eval.pages.report.charts import CHARTS
 from barn_eval.pages.report.page import draw, plot
-from barn_eval.pages.template import colour_sheet
+from barn_eval.pages.template import color_sheet
 from barn_eval.trials.protocol import CHALLENGE
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.datasets.dataset import open_dataset
@@ -26,9 +26,9 @@ SHOWN = [
 def test_trials_without_a_track_say_so(report):
     told = "no track of this trial was kept, so there is no trajectory to show"
     problems = Counter(
-        (drive.track is not None, drive.problem) for drive in report.drives
+        (drive.track is not None, drive.problem) for drive in report.trials
     )
-    assert problems == {(True, ""): 3, (False, told): len(report.drives) - 3}
+    assert problems == {(True, ""): 3, (False, told): len(report.trials) - 3}
 
 
 def test_planners_have_the_colours_of_the_page_in_its_figures(report):
@@ -36,7 +36,7 @@ def test_planners_have_the_colours_of_the_page_in_its_figures(report):
     colour = report.entries[0].color.lower()
     assert f"var(--c-{colour[1:]}, {colour})" in svg
     assert "currentColor" in svg
-    style = colour_sheet()
+    style = color_sheet()
     dark = style[style.index("@media screen and (prefers-color-scheme: dark)") :]
     assert all(f"--c-{colour[1:].lower()}: #" in dark for colour in PLANNERS)
 

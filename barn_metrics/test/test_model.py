@@ -11,7 +11,7 @@ from barn_metrics.metrics import METRIC_NAMES
 from barn_metrics.model import ModelError
 from barn_metrics.model.evaluation import fit_ridge, fold_masks, noise_ceiling
 from barn_metrics.model.inputs import STRIPS, input_names, inputs_of, summary_names
-from barn_metrics.model.predictor import RouteNetwork, _convolved
+from barn_metrics.model.predictor import RouteNetwork, _convolve
 from barn_metrics.model.route import (
     CHANNELS,
     HEADING,
@@ -178,7 +178,8 @@ def test_a_strip_shows_the_clearance_along_and_beside_the_route():
     where, route, strip = strip_of(corridor(9))
     count = len(route.points)
     assert strip[:count, PRESENT].all() and not strip[count:].any()
-    row, column = where.at(np.round(route.points).astype(int)).T
+    last_cell = np.array(where.clearance_m.shape) - 1
+    row, column = np.clip(np.round(route.points).astype(int), 0, last_cell).T
     on_it = 0.4 * (strip[:count, MIDDLE] + 1.0)
     assert on_it == pytest.approx(
         np.minimum(where.clearance_m[row, column], 0.8), abs=0.06
@@ -213,7 +214,7 @@ def test_convolution_is_that_of_plain_loops():
             seen = at + (shift - 2) * dilation
             if 0 <= seen < 11:
                 expected[n, at] += values[n, seen] @ weights[shift]
-        assert _convolved(values, weights, dilation) == pytest.approx(expected)
+        assert _convolve(values, weights, dilation) == pytest.approx(expected)
 
 
 def test_the_output_for_a_world_depends_on_that_world_alone_and_not_on_its_side(worlds):

@@ -21,16 +21,16 @@ PATH = np.array([[0.3 + 0.05 * i, -0.2 + 0.04 * i] for i in range(20)])
 
 @pytest.fixture
 def drawn():
-    """Return (controls, xs, ys, yaws, nominal, noise) of a rollout, samples last."""
+    """Return (controls, poses, nominal, noise) of a rollout, samples last."""
     rng = np.random.default_rng(5)
     nominal = np.stack(
         [np.full(STEPS, 0.4), 0.5 * np.sin(np.arange(STEPS) / 5.0)], axis=1
     )
     noise = rng.standard_normal((STEPS, 2, SAMPLES)).astype(np.float32)
     controls = np.empty((STEPS, 2, SAMPLES), np.float32)
-    xs, ys, yaws = (np.empty((STEPS, SAMPLES), np.float32) for _ in range(3))
-    sampling.rollout(nominal, noise, SPREAD, CHANGE, START, DT, controls, xs, ys, yaws)
-    return controls, xs, ys, yaws, nominal, noise
+    poses = np.empty((STEPS, 3, SAMPLES), np.float32)
+    sampling.rollout(nominal, noise, SPREAD, CHANGE, START, DT, controls, poses)
+    return controls, poses, nominal, noise
 
 
 @pytest.mark.parametrize("seed", [0, 7])
@@ -92,7 +92,8 @@ def wrapped(angle):
 
 
 def test_rollout(drawn):
-    controls, xs, ys, yaws, nominal, noise = drawn
+    controls, poses, nominal, noise = drawn
+    xs, ys, yaws = poses.swapaxes(0, 1)
     for k in range(SAMPLES):
         x, y, yaw, speed, rate = START
         for t in range(STEPS):
@@ -116,15 +117,13 @@ def test_heading_by_series_stays_exact_at_the_fastest_turn():
     steps = 400
     noise = np.zeros((steps, 2, 1), np.float32)
     nominal = np.tile([1.0, 1.9], (steps, 1))
-    controls, (xs, ys, yaws) = (
-        np.empty_like(noise),
-        (np.empty((steps, 1), np.float32) for _ in range(3)),
-    )
+    controls, poses = np.empty_like(noise), np.empty((steps, 3, 1), np.float32)
     start = (0.0, 0.0, 0.0, 1.0, 1.9)
     sampling.rollout(
-        nominal, noise, SPREAD, np.full((2, 2), 9.0), start, DT, controls, xs, ys, yaws
+        nominal, noise, SPREAD, np.full((2, 2), 9.0), start, DT, controls, poses
     )
     headings = 1.9 * DT * np.arange(steps)
+    xs, ys = poses[:, 0], poses[:, 1]
     np.testing.assert_allclose(xs[:, 0], DT * np.cumsum(np.cos(headings)), atol=2e-6)
     np.testing.assert_allclose(ys[:, 0], DT * np.cumsum(np.sin(headings)), atol=2e-6)
 
@@ -142,7 +141,8 @@ def footprint_touches(costmap, x, y, yaw, half_length, half_width):
 
 @pytest.mark.parametrize("near_goal", [False, True])
 def test_obstacle_costs(drawn, near_goal):
-    _, xs, ys, yaws, _, _ = drawn
+    _, poses, _, _ = drawn
+    xs, ys, yaws = poses.swapaxes(0, 1)
     costmap = RollingCostmap(
         CostmapConfig(
             resolution_m=0.02,
@@ -163,9 +163,7 @@ def test_obstacle_costs(drawn, near_goal):
     costs = np.full(SAMPLES, 7.0)
     collisions = kernels.add_obstacle_costs(
         costs,
-        xs,
-        ys,
-        yaws,
+        poses,
         costmap.costs,
         costmap.grid,
         rectangle(0.25, 0.2),
@@ -209,7 +207,7 @@ def test_obstacle_costs(drawn, near_goal):
 
 
 def test_looking_at_the_footprint_only_where_it_can_touch_changes_nothing(drawn):
-    _, xs, ys, yaws, _, _ = drawn
+    _, poses, _, _ = drawn
     body = {
         "footprint_half_length_m": 0.25,
         "footprint_half_width_m": 0.2,
@@ -237,9 +235,7 @@ def test_looking_at_the_footprint_only_where_it_can_touch_changes_nothing(drawn)
             counts.append(
                 kernels.add_obstacle_costs(
                     costs,
-                    xs,
-                    ys,
-                    yaws,
+                    poses,
                     costmap.costs,
                     costmap.grid,
                     rectangle(0.25, 0.2),
@@ -258,39 +254,42 @@ def test_looking_at_the_footprint_only_where_it_can_touch_changes_nothing(drawn)
 
 
 def test_the_furthest_point_reached(drawn):
-    _, xs, ys, *_ = drawn
+    _, poses, _, _ = drawn
+    xs, ys, _ = poses.swapaxes(0, 1)
     ends = np.stack([xs[-1], ys[-1]], axis=1)
     nearest = np.hypot(*(ends[:, None] - PATH[None]).transpose(2, 0, 1)).argmin(axis=1)
-    assert kernels.find_furthest_point(PATH, xs, ys) == nearest.max()
+    assert kernels.find_furthest_point(PATH, poses) == nearest.max()
 
 
 def test_costs_of_the_end(drawn):
-    _, xs, ys, yaws, _, _ = drawn
+    _, poses, _, _ = drawn
+    xs, ys, yaws = poses.swapaxes(0, 1)
     costs = np.zeros(SAMPLES)
-    kernels.add_follow_costs(costs, xs, ys, 1.0, 0.5, 5.0)
+    kernels.add_follow_costs(costs, poses, 1.0, 0.5, 5.0)
     np.testing.assert_allclose(
         costs, 5.0 * np.hypot(xs[-1] - 1.0, ys[-1] - 0.5), rtol=1e-6
     )
     costs[:] = 0.0
-    kernels.add_angle_costs(costs, xs, ys, yaws, -1.0, 0.5, 2.0)
+    kernels.add_angle_costs(costs, poses, -1.0, 0.5, 2.0)
     expected = 2.0 * np.abs(wrapped(np.arctan2(0.5 - ys[-1], -1.0 - xs[-1]) - yaws[-1]))
     np.testing.assert_allclose(costs, expected, atol=1e-5)
 
 
 @pytest.mark.parametrize("hidden", [3, range(5)])
 def test_align_costs(drawn, hidden):
-    _, xs, ys, *_ = drawn
+    _, poses, _, _ = drawn
+    xs, ys, _ = poses.swapaxes(0, 1)
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(PATH, axis=0).T))])
     clear = ~np.isin(np.arange(len(PATH)) % 5, hidden)
     costs = np.zeros(SAMPLES)
-    kernels.add_align_costs(costs, xs, ys, START[:2], PATH, arc, clear, 4, 14.0)
+    kernels.add_align_costs(costs, poses, START[:2], PATH, arc, clear, 4, 14.0)
     for k in range(SAMPLES):
-        poses = [START[:2]] + [(xs[t, k], ys[t, k]) for t in range(4, STEPS, 4)]
-        travelled = np.cumsum([math.dist(a, b) for a, b in pairwise(poses)])
+        places = [START[:2]] + [(xs[t, k], ys[t, k]) for t in range(4, STEPS, 4)]
+        travelled = np.cumsum([math.dist(a, b) for a, b in pairwise(places)])
         beside = [int(np.abs(arc - length).argmin()) for length in travelled]
         distances = [
             math.dist(PATH[i], pose)
-            for i, pose in zip(beside, poses[1:], strict=True)
+            for i, pose in zip(beside, places[1:], strict=True)
             if clear[i]
         ]
         assert costs[k] == pytest.approx(
@@ -299,16 +298,17 @@ def test_align_costs(drawn, hidden):
 
 
 def test_goal_costs(drawn):
-    _, xs, ys, yaws, _, _ = drawn
+    _, poses, _, _ = drawn
+    xs, ys, yaws = poses.swapaxes(0, 1)
     costs = np.zeros(SAMPLES)
-    kernels.add_goal_costs(costs, xs, ys, yaws, (1.0, 0.3, -2.5), 5.0, 3.0)
+    kernels.add_goal_costs(costs, poses, (1.0, 0.3, -2.5), 5.0, 3.0)
     distance = np.hypot(xs - 1.0, ys - 0.3).mean(axis=0)
     angle = np.abs(wrapped(yaws.astype(float) + 2.5)).mean(axis=0)
     np.testing.assert_allclose(costs, 5.0 * distance + 3.0 * angle, rtol=1e-5)
 
 
 def test_control_costs(drawn):
-    controls, *_, nominal, _ = drawn
+    controls, _, nominal, _ = drawn
     costs = np.zeros(SAMPLES)
     kernels.add_control_costs(
         costs,

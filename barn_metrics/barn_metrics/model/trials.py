@@ -112,9 +112,10 @@ class Trials:
         return np.stack(means, axis=1)
 
     def _select(self, selected: Bools) -> Trials:
+        planners = np.array(self.planners)[selected]
         return Trials(
             self.worlds[selected],
-            tuple(np.array(self.planners)[selected].tolist()),
+            tuple(planners.tolist()),
             self.normalized_s_per_m[selected],
             self.succeeded[selected],
         )
@@ -124,7 +125,7 @@ def worlds_with_trials(worlds: Mapping[int, World], trials: Trials) -> list[Worl
     """Return the worlds whose difficulty is known, in the order of the trials' numbers.
 
     Args:
-        worlds: Worlds by number.
+        worlds: By number; those without trials of every planner are left out.
         trials: Trials in these worlds.
 
     Raises:
@@ -144,7 +145,7 @@ def require_worlds(worlds: Mapping[int, World], world_numbers: Iterable[int]) ->
     """Raise ModelError unless all worlds are there.
 
     Args:
-        worlds: Worlds by number.
+        worlds: By number, as a data set has them.
         world_numbers: Numbers that trials name.
     """
     for number in world_numbers:

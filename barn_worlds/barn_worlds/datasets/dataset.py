@@ -68,7 +68,7 @@ class Dataset:
         """Return the data set with its worlds as a robot drives them.
 
         Args:
-            robot: The robot.
+            robot: Its footprint decides which paths fit.
             course: Other start and goal for all worlds (`worlds.course.fit_to_robot`).
         """
         readers = {
@@ -88,7 +88,7 @@ class Dataset:
         Data sets whose manifest names no robot, such as barn300, are for any.
 
         Args:
-            robot: The robot.
+            robot: Compared with the one that the manifest names.
             world_numbers: Numbers of the worlds that it would drive in.
         """
         intended_robot = self.manifest.get("robot") or robot.name
@@ -181,9 +181,9 @@ def _open_folder(path: Path, robot: Robot) -> Dataset:
         return Dataset(name, readers)
 
     files = sorted(file for file in path.iterdir() if file.is_file())
-    own_files = [file for file in files if file.suffix == ".npz"]
-    if len(own_files) == 1:
-        return _open_file(own_files[0])
+    dataset_file_paths = [file for file in files if file.suffix == ".npz"]
+    if len(dataset_file_paths) == 1:
+        return _open_file(dataset_file_paths[0])
 
     world_files: list[Path] = []
     for endings in _FOLDER_KINDS:
@@ -265,16 +265,16 @@ def _select_part(part: str, numbers: Sequence[int]) -> Iterator[int]:
         raise WorldError(f"the step in {part!r} must be at least 1")
 
     end = int(stop) if stop else int(last or first) + 1
-    wanted_range = range(int(first), end, int(step or 1))
-    existing = [number for number in numbers if number in wanted_range]
+    selection = range(int(first), end, int(step or 1))
+    existing = [number for number in numbers if number in selection]
     is_gapless = numbers[-1] - numbers[0] == len(numbers) - 1
-    if not existing or (is_gapless and len(existing) < len(wanted_range)):
+    if not existing or (is_gapless and len(existing) < len(selection)):
         missing = part
         if existing:
             # The range may be huge, so it is only searched up to the first number.
             outside = (
                 number
-                for number in wanted_range
+                for number in selection
                 if not numbers[0] <= number <= numbers[-1]
             )
             missing = f"{next(outside)} of {part}"

@@ -160,7 +160,8 @@ def generate_world(
         ends = []
         for column in (0, last_column):
             rows = np.flatnonzero(region[:, column])
-            ends.append((int(rows[int(generator.random() * len(rows))]), column))
+            place = int(generator.random() * len(rows))
+            ends.append((int(rows[place]), column))
         path = plan_path(cspace, ends[0], ends[1])
         if path is None:
             continue
@@ -322,7 +323,7 @@ def write_ordered(
     Args:
         target: File to write, .npz.
         name: Name of the data set.
-        worlds: The worlds.
+        worlds: In the order of the scores.
         order: One score per world.
         entries: More entries of the manifest, beside the order.
     """

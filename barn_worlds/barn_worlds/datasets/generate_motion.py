@@ -157,7 +157,8 @@ def build_arena(
         round((x - _CORNER_M[0]) / _CELL_M - 0.5) for x in (START_M[0], GOAL_M[0])
     )
     rows = np.arange(start_row, goal_row - 1, -1)
-    path = np.stack([rows, np.full(len(rows), _SHAPE[1] // 2)], axis=1)
+    columns = np.full(len(rows), _SHAPE[1] // 2)
+    path = np.stack([rows, columns], axis=1)
     return World(
         name,
         np.zeros(_SHAPE, np.bool_),
@@ -215,7 +216,7 @@ def add_motion(
     out of the lead-in, so that the start stays free.
 
     Args:
-        world: The world.
+        world: What moves in it already stays.
         parameters: The class of motions.
         seed: Seed of all randomness.
         obstacles: Number of obstacles. By default it is drawn from the class.
@@ -243,7 +244,7 @@ def add_crossings(
     are random.
 
     Args:
-        world: The world.
+        world: What moves in it already stays.
         parameters: The class, which gives the speeds.
         seed: Seed of all randomness.
         obstacles: Number of obstacles. By default it is drawn from the class.
@@ -255,7 +256,8 @@ def add_crossings(
     moving = []
     for number in range(_obstacle_count(parameters, seed, obstacles)):
         generator = _generator(seed, _CROSSING_KEY, number)
-        x, y = path[int(generator.random() * len(path))].tolist()
+        place = int(generator.random() * len(path))
+        x, y = path[place].tolist()
         ends = ((x, below), (x, above)) if is_along_x else ((left, y), (right, y))
         first, last = ends[::-1] if generator.random() < 0.5 else ends
         mean_mps = _uniform(
@@ -356,7 +358,8 @@ def _polynomial_points(
         y = np.clip(np.polyval(coefficients, x), -_HALF_M, _HALF_M)
 
         points: Points = np.concatenate([np.stack([x, y], axis=1), random_points])
-        points = points[np.argsort(points[:, 0], kind="stable")]
+        along_x = np.argsort(points[:, 0], kind="stable")
+        points = points[along_x]
         is_apart = np.hypot(*np.diff(points, axis=0).T) > _CLOSEST_POINTS_M
         points = points[np.concatenate([[True], is_apart])]
         length_m = np.hypot(*np.diff(points, axis=0).T).sum()
@@ -401,7 +404,8 @@ def _drive_through(
     previous_key_s = 0.0
     for before, point in itertools.pairwise(points):
         speed = _speed_on_grid(mean + spread * _normal(generator), parameters)
-        time_s += max(float(np.hypot(*(point - before))) / speed, 0.01)
+        distance_m = float(np.hypot(*(point - before)))
+        time_s += max(distance_m / speed, 0.01)
         key_s = round(time_s, 2)
         if key_s > previous_key_s:
             keys.append((key_s, *_round_point(point)))
@@ -432,7 +436,8 @@ def _uniform(generator: np.random.Generator, low: float, high: float) -> float:
 def _normal(generator: np.random.Generator) -> float:
     """Return a number from the standard normal distribution, by Box and Muller."""
     first, second = generator.random(2).tolist()
-    return math.sqrt(-2.0 * math.log(1.0 - first)) * math.cos(2.0 * math.pi * second)
+    radius = math.sqrt(-2.0 * math.log(1.0 - first))
+    return radius * math.cos(2.0 * math.pi * second)
 
 
 def _generator(seed: int, *key: int) -> np.random.Generator:

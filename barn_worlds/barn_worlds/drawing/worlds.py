@@ -55,7 +55,7 @@ def world_figure(
     """Return a picture of one world; moving obstacles are where they are at time 0.
 
     Args:
-        world: The world.
+        world: Shown with its C-space, path and containment.
         start: Where a robot starts. By default the first cell of the path.
         goal: Where it should arrive. By default the last cell of the path.
         goal_distance_m: Distance from the goal that counts as arrival.
@@ -72,7 +72,7 @@ def write_animation(world: World, path: Path) -> None:
     """Write an animation of the first 15 s of a world's moving obstacles, atomically.
 
     Args:
-        world: The world.
+        world: One in which obstacles move.
         path: File to write, a GIF.
 
     Raises:
@@ -208,8 +208,9 @@ def _draw_motion(
         times_s = np.linspace(0.0, length_s, count, endpoint=False)
         pieces = [to_axes(piece) for piece in motion_paths(tracks, times_s)]
         draw_motion_paths(axes, pieces, alpha=0.6)
-        places = np.linspace(0, len(times_s) - 1, arrows + 2)[1:-1].astype(int)
-        for time_s in times_s[places].tolist():
+        # Evenly spread, but not at the very ends.
+        places = np.linspace(0, len(times_s) - 1, arrows + 2).astype(int)
+        for time_s in times_s[places[1:-1]].tolist():
             positions, velocities = tracks.at(time_s)
             draw_arrow(axes, positions[0], velocities[0], mutation_scale=9.0)
 
@@ -265,7 +266,8 @@ def _tile(world: World) -> npt.NDArray[np.float32]:
     tile[:] = to_rgb(palette.WHITE)
     tile[world.cspace.T] = to_rgb(palette.INFLATED)
     tile[world.grid.T] = to_rgb(palette.OBSTACLE)
-    tile[world.path[:, 1], world.path[:, 0]] = to_rgb(palette.ROUTE)
+    rows, columns = world.path.T
+    tile[columns, rows] = to_rgb(palette.ROUTE)
     tile[world.start_cell[::-1]] = to_rgb(palette.START)
     tile[world.goal_cell[::-1]] = to_rgb(palette.GOAL)
     return tile[::-1]

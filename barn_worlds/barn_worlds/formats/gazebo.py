@@ -1,4 +1,4 @@
-"""Reading Gazebo world files (.world, .sdf, gzipped or not) whose obstacles are cylinders."""
+"""Reading worlds of cylinders from files of Gazebo (.world, .sdf, gzipped or not)."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -29,7 +29,10 @@ _WITHOUT_OBSTACLES = ("sun", "ground_plane")
 
 
 class GazeboFile:
-    """The content of a Gazebo world file, which raises WorldError for what is not read."""
+    """The content of a Gazebo world file.
+
+    Methods raise WorldError for content that the suite does not read.
+    """
 
     def __init__(self, content: bytes, where: str) -> None:
         """Parse a file.
@@ -41,6 +44,7 @@ class GazeboFile:
         self._where = where
         if content.count(b"<") > MOST_TAGS:
             raise self._error(f"more than {MOST_TAGS} tags")
+        # Entities could expand to gigabytes or name files of the host.
         try:
             self._root: Element = fromstring(content, forbid_dtd=True)
         except DefusedXmlException as error:
@@ -72,7 +76,7 @@ class GazeboFile:
         return course
 
     def grid(self) -> tuple[BoolGrid, float]:
-        """Return the grid (rows, cols) of a world of BARN and the size of its cells in m.
+        """Return the grid (rows, cols) of a world of BARN and its cell size in m.
 
         The cylinders must have one radius, half a cell, and stand at the positions of
         cells in `worlds.cells`. The grid ends with the last row and column that have
@@ -126,6 +130,7 @@ class GazeboFile:
             cylinders are on no grid, or all are left of x = 0 as in worlds of BARN.
         """
         centers_m, radii_m = self.cylinders
+        # The outermost cylinders define the grid, since nothing else in the file does.
         side_m = round(2.0 * radii_m[0], 9)
         corner_m = centers_m.min(axis=0) - 0.5 * side_m
         size = np.ptp(centers_m, axis=0).max() / side_m
@@ -155,6 +160,7 @@ class GazeboFile:
                 raise self._error(
                     f"<{element.tag}> cannot be part of a world of cylinders"
                 )
+            # Models of the world itself are read; included ones are files elsewhere.
             uri = (element.findtext("uri") or "").strip()
             model = uri.rstrip("/").rsplit("/", 1)[-1]
             if element.tag == "include" and model not in _WITHOUT_OBSTACLES:
@@ -186,7 +192,7 @@ class GazeboFile:
         return resolution_m
 
     def _check_containment(self, cells: Cells, rows: int, resolution_m: float) -> None:
-        """Raise WorldError for cells in front of the field that are not its containment.
+        """Raise WorldError if the cells in front of the field are not its containment.
 
         Args:
             cells: Row and column (n, 2) of the cylinders in front of the field.

@@ -192,13 +192,14 @@ def _read_image(path: Path) -> Floats:
                 raise ValueError(
                     f"must be gray or RGB with 8 bits and opaque, got mode {image.mode}"
                 )
-            is_color = image.mode == "RGB"
-            pixels = np.asarray(image if is_color else image.convert("L"), np.float64)
+            if image.mode == "RGB":
+                gray: Floats = np.asarray(image, np.float64).mean(axis=2)
+            else:
+                gray = np.asarray(image.convert("L"), np.float64)
     # Pillow raises errors of any kind for malformed bytes.
     except Exception as error:
         raise WorldError(
             f"{path}: not an image that can be read ({', '.join(_IMAGE_FORMATS)}): "
             f"{format_error(error)}"
         ) from None
-    gray: Floats = pixels.mean(axis=2) if is_color else pixels
     return gray

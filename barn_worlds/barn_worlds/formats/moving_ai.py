@@ -14,7 +14,7 @@ from barn_worlds.base.files import read_bytes
 from barn_worlds.worlds.world import LARGEST_SIDE
 
 ENDING = ".map"
-# The format has no size. In cells of 1 m all robots of the suite pass where one is free.
+# The format has no size. In cells of 1 m all robots of the suite pass one free cell.
 CELL_M = 1.0
 LARGEST_BYTES = LARGEST_SIDE * (LARGEST_SIDE + 2) + 1000
 _HEADER = re.compile(
@@ -27,7 +27,7 @@ _LETTERS = b".G@OTSW"
 
 
 def read_grid(path: Path) -> BoolGrid:
-    """Return the grid (rows along x, columns along y) of a map, True where no ground is.
+    """Return the grid (rows along x, columns along y), True where no ground is.
 
     Raises:
         WorldError: If the file cannot be read or is malformed.
@@ -45,7 +45,9 @@ def read_grid(path: Path) -> BoolGrid:
         )
 
     lines = content[header.end() :].split()
-    problem = "" if len(lines) == height else f"{len(lines)} lines"
+    problem = ""
+    if len(lines) != height:
+        problem = f"{len(lines)} lines"
     for number, line in enumerate(lines, _HEADER_LINES + 1):
         if len(line) != width or line.strip(_LETTERS):
             problem = f"line {number}"

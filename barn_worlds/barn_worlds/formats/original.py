@@ -1,4 +1,4 @@
-"""The folder layout of the original data set: grid_files, path_files, world_files etc."""
+"""The folder layout of the original data set: grid_files, path_files and so on."""
 
 import re
 from collections.abc import Mapping
@@ -27,12 +27,12 @@ _WORLD_FILES = {
 
 
 def is_original_folder(folder: Path) -> bool:
-    """Tell whether a folder has the original layout: grid_files, world_files or both."""
+    """Tell whether a folder has the original layout: grid_files or world_files."""
     return any((folder / name).is_dir() for name in _WORLD_FILES)
 
 
 def find_world_numbers(folder: Path) -> list[int]:
-    """Return the numbers of the worlds in a folder of the original layout, ascending."""
+    """Return the numbers of the worlds in a folder, ascending."""
     numbers = set()
     for name, pattern in _WORLD_FILES.items():
         for file in (folder / name).glob("*"):
@@ -133,6 +133,7 @@ def _find_footprint(path: Path, grid: BoolGrid, expected_cells: int) -> int:
         expected_cells: Footprint to try first.
     """
     cspace = validate_grid(read_npy(path), str(path))
+    # Footprints are odd, so that base_link is in the middle of a cell.
     side: int
     for side in (expected_cells, *range(1, LARGEST_FOOTPRINT_TRIED + 1, 2)):
         if np.array_equal(configuration_space(grid, side), cspace):

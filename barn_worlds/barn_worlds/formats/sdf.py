@@ -46,6 +46,7 @@ def write_sdf(
     """
     content = sdf_text(world, flavor, movable=movable).encode()
     if path.suffix == ".gz":
+        # Without a time of modification, equal worlds give equal files.
         content = gzip.compress(content, mtime=0)
     write_bytes(path, content)
     if flavor == "gz":
@@ -89,8 +90,8 @@ def _template() -> jinja2.Template:
 def trajectories(obstacle: MovingObstacle) -> list[Waypoints]:
     """Return the trajectories of an actor, which follow each other.
 
-    Each is waypoints of time (s) from 0, x and y (m). They are the keys themselves where
-    the spline of Gazebo makes the motion of them, and otherwise `STEP_S` apart.
+    Each is waypoints of time (s) from 0, x and y (m). They are the keys themselves
+    where the spline of Gazebo makes the motion of them, and otherwise `STEP_S` apart.
     """
     motion = obstacle.motion
     period_s = motion.period_s
@@ -115,7 +116,7 @@ def mesh_name(obstacle: MovingObstacle) -> str:
 
 
 def obj_mesh(obstacle: MovingObstacle) -> str:
-    """Return a closed mesh of an obstacle as Wavefront OBJ, its center at the origin."""
+    """Return a closed mesh of an obstacle as Wavefront OBJ, centered at the origin."""
     if obstacle.shape == "cylinder":
         radius_m = obstacle.radius_m
         angles = [2.0 * math.pi * k / _MESH_SIDES for k in range(_MESH_SIDES)]
@@ -144,6 +145,7 @@ def _sample(obstacle: MovingObstacle, begin_s: float, end_s: float) -> Waypoints
     """Return waypoints between two times of a motion, without the jump at its end."""
     steps = max(1, math.ceil((end_s - begin_s) / STEP_S))
     times_s = np.linspace(begin_s, end_s, steps + 1)
+    # At the very end of its period a motion is at its beginning again.
     before_jump_s = obstacle.motion.period_s * (1.0 - 1e-12)
     motion_s = np.minimum(times_s, before_jump_s) - obstacle.phase_s
     positions, _ = Tracks([obstacle]).over(motion_s)

@@ -1,6 +1,7 @@
 """One world from one file.
 
-That is a .npy grid, a Gazebo world, a map of map_server or MovingAI, or YAML of the suite.
+The file is a .npy grid, a Gazebo world, a map of map_server or MovingAI, or YAML of the
+suite.
 """
 
 import re
@@ -28,7 +29,7 @@ _FOLDERS = ("grid_files", "world_files", "map_files")
 
 
 def ending(path: Path) -> str:
-    """Return the ending of a file that holds a world, `.gz` included, else an empty text."""
+    """Return the ending of a file with a world, `.gz` included, else an empty text."""
     name = path.name.lower()
     # .world.yaml also ends in .yaml.
     matches = [candidate for candidate in ENDINGS if name.endswith(candidate)]
@@ -44,7 +45,8 @@ def check_ending(path: Path) -> None:
 
 
 def number_in(path: Path) -> int | None:
-    """Return the last number in the name of a file, which numbers its world, or None."""
+    """Return the last number in a file name, which numbers its world, or None."""
+    # Longer numbers are no numbers of worlds, but dates and the like.
     numbers = re.findall(r"\d+", path.name[: -len(ending(path))])
     return int(numbers[-1]) if numbers and len(numbers[-1]) <= 9 else None
 
@@ -52,14 +54,14 @@ def number_in(path: Path) -> int | None:
 def read_world(path: Path, robot: Robot = STANDARD_ROBOT, name: str = "") -> World:
     """Read the world in a file.
 
-    The path comes from path_N.npy in the same folder or in its sibling path_files, where
-    N is the number in the name of the file. Otherwise it is planned for a robot. A .npy
-    grid has cells of 0.15 m.
+    The path comes from path_N.npy in the same folder or in its sibling path_files,
+    where N is the number in the name of the file. Otherwise it is planned for a robot.
+    A .npy grid has cells of 0.15 m.
 
-    A .world.yaml has its own name and path. A map that does not show a world of BARN with
-    its containment is taken as it is, at its position. Start and goal are those of its
-    .yaml file, else chosen for the robot. Those of a Gazebo world are its frames `start`
-    and `goal`, if it has any.
+    A .world.yaml has its own name and path. A map that does not show a world of BARN
+    with its containment is taken as it is, at its position. Start and goal are those of
+    its .yaml file, else chosen for the robot. Those of a Gazebo world are its frames
+    `start` and `goal`, if it has any.
 
     Args:
         path: File with one of `ENDINGS`.
@@ -184,7 +186,9 @@ def _read_map(path: Path, robot: Robot, name: str) -> World:
         )
     grid = validate_grid(grid, str(path))
     world = _build_beside(path, grid, resolution_m, robot, name, "map")
-    return plan_course(world, robot, course) if course else world
+    if course is None:
+        return world
+    return plan_course(world, robot, course)
 
 
 def _build_beside(

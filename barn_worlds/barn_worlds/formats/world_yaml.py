@@ -1,4 +1,4 @@
-"""One world as YAML that people read and write: cells, path, walls, moving obstacles."""
+"""One world as YAML that people write: cells, path, walls, moving obstacles."""
 
 import json
 from dataclasses import dataclass

@@ -114,9 +114,12 @@ class Footprint:
 
         starts = self._core
         sides = np.roll(self._core, -1, axis=0) - starts
+        # The nearest point of each side, then the nearest of these.
         shares = ((point - starts) * sides).sum(axis=1) / (sides**2).sum(axis=1)
-        points = starts + np.clip(shares, 0.0, 1.0)[:, None] * sides
-        nearest: Floats = points[np.hypot(points[:, 0] - x, points[:, 1] - y).argmin()]
+        shares = np.clip(shares, 0.0, 1.0)
+        points = starts + shares[:, None] * sides
+        distances = np.hypot(points[:, 0] - x, points[:, 1] - y)
+        nearest: Floats = points[distances.argmin()]
         return nearest
 
 

@@ -240,8 +240,8 @@ def check_scene(
     """Check that walls and moving obstacles can be those of one world.
 
     Args:
-        walls: The walls.
-        moving: The moving obstacles.
+        walls: All straight walls of the world.
+        moving: All moving obstacles of the world.
         where: Beginning of error messages, such as the name of a file.
 
     Raises:
@@ -265,8 +265,8 @@ def scene_content(walls: tuple[Wall, ...], moving: tuple[MovingObstacle, ...]) -
     """Return everything that decides where walls and obstacles are, for a checksum.
 
     Args:
-        walls: The walls.
-        moving: The moving obstacles; their names do not count.
+        walls: All their numbers count.
+        moving: All their numbers count, too; their names do not count.
     """
     content = (
         [as_dict(wall) for wall in walls],

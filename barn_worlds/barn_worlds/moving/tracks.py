@@ -48,10 +48,10 @@ class Tracks:
         counts = [len(begin_s) for begin_s, _, _ in pieces]
         first = np.cumsum([0, *counts], dtype=np.int64)
         # The empty array stands for a world without moving obstacles.
-        begin_s = np.concatenate([np.empty(0), *(begin for begin, _, _ in pieces)])
-        duration_s = np.concatenate(
-            [np.empty(0), *(duration for _, duration, _ in pieces)]
-        )
+        begins = [begin for begin, _, _ in pieces]
+        durations = [duration for _, duration, _ in pieces]
+        begin_s = np.concatenate([np.empty(0), *begins])
+        duration_s = np.concatenate([np.empty(0), *durations])
 
         # Pieces of lower order get zeros for the higher powers.
         powers = max((table.shape[2] for _, _, table in pieces), default=1)
@@ -135,7 +135,7 @@ def evaluate(
     rests.
 
     Args:
-        time_s: The time.
+        time_s: Seconds since all motions began, phases apart.
         table: Motions of n obstacles.
         positions: (n, 2) in m, which is written.
         velocities: (n, 2) in m/s, which is written.

@@ -119,15 +119,19 @@ def _descriptor(
     maximum = declaration.maximum
     if minimum is None and maximum is None:
         return descriptor
+    largest: float = 1.7e308 if isinstance(value, float) else 2**63 - 1
+    if minimum is None:
+        minimum = -largest
+    if maximum is None:
+        maximum = largest
     if isinstance(value, float):
-        low = -1.7e308 if minimum is None else float(minimum)
-        high = 1.7e308 if maximum is None else float(maximum)
-        float_range = FloatingPointRange(from_value=low, to_value=high)
-        descriptor.floating_point_range = [float_range]
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=float(minimum), to_value=float(maximum))
+        ]
     elif isinstance(value, int) and not isinstance(value, bool):
-        least = 1 - 2**63 if minimum is None else int(minimum)
-        most = 2**63 - 1 if maximum is None else int(maximum)
-        descriptor.integer_range = [IntegerRange(from_value=least, to_value=most)]
+        descriptor.integer_range = [
+            IntegerRange(from_value=int(minimum), to_value=int(maximum))
+        ]
     return descriptor
 
 

@@ -1,11 +1,12 @@
 """The private line between a simulator and its evaluator.
 
-It carries readings, requests and answers as packets. A packet is a reading (a serialized
-message with its topic and the time at which it was sent) or an object of JSON.
+It carries readings, requests and answers as packets. A packet is a reading (a
+serialized message with its topic and the time at which it was sent) or an object of
+JSON.
 
 The line is a pair of connected sockets. The supervisor hands their ends to the two
-processes. Unlike a topic or a ROS domain, it has no name on the host or the network, so
-nobody else can send on it.
+processes. Unlike a topic or a ROS domain, it has no name on the host or the network,
+so nobody else can send on it.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""The topics of the suite in rclpy: publishers and subscriptions of serialized messages."""
+"""Publishers and subscriptions of rclpy for serialized messages."""
 
 import importlib
 import secrets
@@ -43,9 +43,9 @@ def read_endpoint_identity(node: Node) -> bytes:
 
 
 def find_message_class(type_name: str) -> Any | None:
-    """Return the class of a type such as "nav_msgs/msg/Odometry", None if it is unknown.
+    """Return the class of a type such as "nav_msgs/msg/Odometry", or None.
 
-    A type is unknown if its package is not installed.
+    None means that the package of the type is not installed.
     """
     package, kind, name = type_name.split("/")
     try:
@@ -105,6 +105,7 @@ def subscribe(
         else:
             take(content)
 
+    # raw: rclpy hands over the bytes instead of making an object of them.
     return node.create_subscription(
         find_message_class(topic.type_name),
         topic.name,

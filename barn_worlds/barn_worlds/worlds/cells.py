@@ -148,7 +148,8 @@ def world_map(
 
     if resolution_m is None or resolution_m == cell_m:
         data = np.zeros((length, rows), np.int8)
-        data[cells[:, 1] + front, cells[:, 0]] = OCCUPIED
+        rows_x, columns_y = cells.T
+        data[columns_y + front, rows_x] = OCCUPIED
         return OccupancyMap(data, cell_m, *origin)
 
     height, width = _map_shape(length * cell_m, rows * cell_m, resolution_m)
@@ -211,8 +212,9 @@ def occupy_box(
     across = np.abs(dy * math.cos(yaw) - dx * math.sin(yaw))
 
     # Two rectangles overlap unless a side of one of them separates them.
-    inside = np.abs(dx) < half + half_length * cos + half_width * sin
-    inside = inside & (np.abs(dy) < half + half_length * sin + half_width * cos)
+    inside_x = np.abs(dx) < half + half_length * cos + half_width * sin
+    inside_y = np.abs(dy) < half + half_length * sin + half_width * cos
+    inside = inside_x & inside_y
     inside &= along < half_length + corner
     inside &= across < half_width + corner
     occupancy_map.data[inside] = OCCUPIED

@@ -104,8 +104,8 @@ def fit_to_robot(world: World, robot: Robot, course: Sequence[float] = ()) -> Wo
     ends are kept, and chosen ones chosen anew for a robot of another size.
 
     Args:
-        world: The world.
-        robot: The robot.
+        world: With start and goal of its own or without.
+        robot: Its footprint decides which paths fit.
         course: Other start and goal, as numbers for `parse_course`.
 
     Raises:
@@ -187,7 +187,8 @@ def _require_free(world: World, robot: Robot, start: Pose2D, goal: Pose2D) -> No
             # A robot may arrive at the goal at any heading.
             distances_m = np.hypot(x, y) - robot.chassis.inscribed_m
         touches = distances_m.min(initial=np.inf) <= world.cylinder_radius_m
-        row, column = world.containing_cells(np.array([[pose.x, pose.y]]))[0]
+        position = np.array([[pose.x, pose.y]])
+        ((row, column),) = world.containing_cells(position)
         if touches or (column >= 0 and world.occupied[row, column]):
             raise WorldError(
                 f"{where} is blocked: robot {robot.name} would touch an obstacle there"
@@ -241,7 +242,8 @@ def _choose_path(
         labels, sizes = label_regions(~blocked)
         if len(sizes) < 2:
             continue
-        region = labels == 1 + int(np.argmax(sizes[1:]))
+        # Label 0 is what is blocked.
+        region = labels == 1 + np.argmax(sizes[1:])
 
         # The cell farthest from any cell is one end, the one farthest from it the other.
         first = _farthest(region, np.argwhere(region)[0], np.inf)

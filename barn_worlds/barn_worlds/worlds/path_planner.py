@@ -87,7 +87,8 @@ def plan_through(cspace: BoolGrid) -> Cells | None:
     ends = []
     for column in (0, cspace.shape[1] - 1):
         rows = np.flatnonzero(region[:, column])
-        ends.append((int(rows[np.argmin(np.abs(rows - rows.mean()))]), column))
+        middle = np.argmin(np.abs(rows - rows.mean()))
+        ends.append((int(rows[middle]), column))
     return plan_path(cspace, ends[0], ends[1])
 
 

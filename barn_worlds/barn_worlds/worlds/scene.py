@@ -84,7 +84,7 @@ def scene_of(
     """Return the scene of a world and a course through it.
 
     Args:
-        world: The world.
+        world: Its cylinders, walls and path are shown.
         start: Where the robot starts, if known.
         goal: Where it should arrive, if known.
         goal_distance_m: Distance from the goal that counts as arrival.

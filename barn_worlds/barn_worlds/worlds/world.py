@@ -339,13 +339,15 @@ def validate_path(path: object, grid: BoolGrid, where: str) -> Cells:
         )
 
     cells = path.astype(np.int64)
-    for step in np.flatnonzero((np.abs(np.diff(cells, axis=0)) > 1).any(axis=1)):
+    is_jump = (np.abs(np.diff(cells, axis=0)) > 1).any(axis=1)
+    for step in np.flatnonzero(is_jump):
         first, second = cells[step : step + 2].tolist()
         raise WorldError(
             f"{where}: path must go from cell to neighboring cell, "
             f"got {first} then {second}"
         )
-    for cell in cells[grid[cells[:, 0], cells[:, 1]]]:
+    rows, columns = cells.T
+    for cell in cells[grid[rows, columns]]:
         raise WorldError(f"{where}: path goes through the filled cell {cell.tolist()}")
     return _read_only(cells)
 

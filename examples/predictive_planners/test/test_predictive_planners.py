@@ -237,6 +237,7 @@ def test_another_robot_changes_what_it_changes_of_the_plain_planner_and_the_marg
 def test_costs_of_meeting_discs_equal_a_plain_reference():
     rng = np.random.default_rng(4)
     xs, ys = rng.uniform(-1.0, 1.0, (2, 20, 30))
+    poses = np.stack([xs, ys, np.zeros_like(xs)], axis=1)
     discs = np.column_stack(
         [
             rng.uniform(-2.0, 2.0, (3, 2)),
@@ -245,7 +246,7 @@ def test_costs_of_meeting_discs_equal_a_plain_reference():
         ]
     )
     costs = np.ones(30)
-    add_moving_costs(costs, xs, ys, 0.05, discs, 0.2, 10.0)
+    add_moving_costs(costs, poses, 0.05, discs, 0.2, 10.0)
     times = 0.05 * np.arange(1, 21)[:, None, None]
     away = np.hypot(
         discs[:, 0] + times * discs[:, 2] - xs[..., None],

@@ -1,7 +1,7 @@
 """A reproduction of the paper: its run, and all that it finds, as plain data.
 
 OUT/campaign/             the paper's trials, a run that is resumed
-OUT/results.json          every number; results.md and figures/results_*.png follow from it
+OUT/results.json          every number; results.md and figures/*.png follow from it
 OUT/results_origin.json   versions, commits and machines
 """
 
@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
 from barn_eval.results.provenance import provenance
 from barn_eval.results.run_file import RunFile
-from barn_eval.running.request import Request
-from barn_eval.running.run import run_experiment
+from barn_eval.running.reporting import Reporter
+from barn_eval.running.request import RunRequest
+from barn_eval.running.run import open_run
 from barn_eval.studies.reproduction import trials as paper
 from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
@@ -81,7 +81,7 @@ class Findings:
 
 @dataclass(frozen=True)
 class Origin:
-    """What the sessions of the run and this analysis were made with, each named once."""
+    """What the sessions of a run and an analysis were made with, each named once."""
 
     commits: tuple[str, ...]
     versions: tuple[dict[str, str], ...]
@@ -100,7 +100,7 @@ class Origin:
 
 
 def to_json(content: Findings | Origin) -> str:
-    """Return findings or origin as JSON; numbers that JSON does not have become null."""
+    """Return findings or origin as JSON, with null for numbers that are not finite."""
     safe_content = make_json_safe(as_dict(content))
     return json.dumps(safe_content, indent=1, allow_nan=False) + "\n"
 
@@ -126,7 +126,7 @@ def _distinct(entries: Iterable[dict[str, Any]]) -> tuple[dict[str, Any], ...]:
 
 
 def reproduce(
-    config: ReproduceConfig, out: Path, execution: ExecutionConfig, console: Console
+    config: ReproduceConfig, out: Path, execution: ExecutionConfig, reporter: Reporter
 ) -> tuple[Findings, Origin]:
     """Run the trials that are missing and analyze all of them.
 
@@ -134,7 +134,7 @@ def reproduce(
         config: What decides the outcome.
         out: Folder of the reproduction.
         execution: Workers of the run.
-        console: Shows progress.
+        reporter: Receives notices and progress.
 
     Returns:
         The findings, and what they were made with.
@@ -144,10 +144,11 @@ def reproduce(
     """
     model = load_model()
     dataset = open_dataset(config.dataset)
-    run = paper_run(config)
     run_folder = out / "campaign"
-    console.print(f"the paper's trials, in {run_folder}", markup=False)
-    results = run_experiment(Request(run, execution, run_folder), console)
+    reporter.notify(f"the paper's trials, in {run_folder}")
+    request = RunRequest(paper_run(config), execution, run_folder)
+    with open_run(request, reporter) as run:
+        results = run.drive()
 
     planner_trials = paper.group_trials(results, str(run_folder))
     world_numbers = [int(number) for number in planner_trials["dwa"].worlds]
@@ -174,10 +175,10 @@ def reproduce(
 def paper_run(config: ReproduceConfig) -> RunConfig:
     """Return the run of the paper's trials."""
     world_numbers = open_dataset(config.dataset).world_numbers
-    drawn_numbers = draw_worlds(world_numbers, config.strata, config.seed)
+    sample = draw_worlds(world_numbers, config.strata, config.seed)
     worlds = "all"
-    if len(drawn_numbers) < len(world_numbers):
-        worlds = ",".join(map(str, drawn_numbers))
+    if len(sample) < len(world_numbers):
+        worlds = ",".join(map(str, sample))
     return RunConfig(
         dataset=config.dataset,
         worlds=worlds,
