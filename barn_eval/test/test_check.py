@@ -285,9 +285,9 @@ def test_a_bag_that_no_drive_can_have_left_is_found_by_driving_its_commands_agai
 
     rewrite_bag(bag, shifted, row.repeatable())
     (problem,) = (
-        one
-        for one in barn.results.check(folder).problems
-        if "give another trajectory" in one
+        line
+        for line in barn.results.check(folder).problems
+        if "give another trajectory" in line
     )
     assert problem.endswith(
         "its commands, driven again, give another trajectory from 0.00 s on, up to 0.002 m away"

@@ -107,8 +107,8 @@ def test_the_last_track_counts_and_torn_ones_do_not(run, tmp_path):
         for name, note in (("b", "1"), ("a", ""), ("b", "2"))
     ]
     lines = [json.dumps(json.loads(line) | changes) for changes in named]
-    for one in lines:
-        rows.append(one)
+    for entry in lines:
+        rows.append(entry)
     with rows.path.open("a") as file:
         file.write(lines[1][:50])
     assert rows.read() == {"b": lines[2], "a": lines[1]}

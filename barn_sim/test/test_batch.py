@@ -83,8 +83,10 @@ def test_a_batch_reads_what_each_robot_reads_by_itself(simulator, robot, movable
     for index in range(len(alone)):
         batch.put(index, simulator(config, index, batch.fleet))
     batch.read(np.arange(len(alone)))
-    for index, one in enumerate(alone):
-        assert np.array_equal(batch.readings.ranges[index], one.sense().scan.ranges)
+    for index, robot_alone in enumerate(alone):
+        assert np.array_equal(
+            batch.readings.ranges[index], robot_alone.sense().scan.ranges
+        )
     hit = np.zeros(len(STARTS), np.bool_)
     for step in range(STEPS):
         commands = np.array(
@@ -160,7 +162,7 @@ def test_many_robots_advance_as_each_alone_also_on_wheels_without_load(
                 fleet.robots["stamp_ns"][index],
                 *commands[index],
             )
-            wanted, expected_pushes[index] = advance(
+            expected_state, expected_pushes[index] = advance(
                 fleet.robots,
                 fleet.pending,
                 fleet.settings,
@@ -169,7 +171,7 @@ def test_many_robots_advance_as_each_alone_also_on_wheels_without_load(
                 fleet.noise,
                 10,
             )
-            assert left[index] == wanted
+            assert left[index] == expected_state
         np.testing.assert_array_equal(pushes, expected_pushes)
         which = which[left[which] == 0]
     assert LANES < len(which) < count
