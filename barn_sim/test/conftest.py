@@ -22,8 +22,8 @@ def scenes() -> Iterator[ScenePool]:
 @pytest.fixture
 def simulators() -> Iterator[Callable[..., Simulator]]:
     """Make simulators, which are closed in the end."""
-    with ExitStack() as made:
-        yield lambda *arguments, **options: made.enter_context(
+    with ExitStack() as stack:
+        yield lambda *arguments, **options: stack.enter_context(
             closing(Simulator(*arguments, **options))
         )
 

@@ -83,8 +83,10 @@ def test_a_batch_reads_what_each_robot_reads_by_itself(simulator, robot, movable
     for index in range(len(alone)):
         batch.put(index, simulator(config, index, batch.fleet))
     batch.read(np.arange(len(alone)))
-    for index, one in enumerate(alone):
-        assert np.array_equal(batch.readings.ranges[index], one.sense().scan.ranges)
+    for index, robot_alone in enumerate(alone):
+        assert np.array_equal(
+            batch.readings.ranges[index], robot_alone.sense().scan.ranges
+        )
     hit = np.zeros(len(STARTS), np.bool_)
     for step in range(STEPS):
         commands = np.array(
@@ -120,7 +122,8 @@ def test_many_robots_advance_as_each_alone_also_on_wheels_without_load(
     walled_world, robot
 ):
     """More robots than lanes: some fall (friction without load is solved one by one), some come to a cylinder."""
-    count, rng = 3 * LANES - 5, np.random.default_rng(0)
+    count = 3 * LANES - 5
+    rng = np.random.default_rng(0)
     config = with_robot(SimulatorConfig(lidar=LidarConfig(beams=10)), load_robot(robot))
     abreast, alone = (Batch(count, config) for _ in range(2))
     for batch in (abreast, alone):
@@ -133,7 +136,8 @@ def test_many_robots_advance_as_each_alone_also_on_wheels_without_load(
                 ),
             )
         batch.fleet.robots["position"][::3, 2] += 0.02
-    segments, which = np.full((count, 2, 4), 100.0), np.arange(count)
+    segments = np.full((count, 2, 4), 100.0)
+    which = np.arange(count)
     ahead_m = (
         math.hypot(*abreast.fleet.settings["extent"][0, 2:])
         + abreast.fleet.robots["near_m"][0]

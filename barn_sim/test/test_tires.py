@@ -143,7 +143,8 @@ def test_friction_is_that_of_a_general_optimiser(seed: int) -> None:
         @ (model.wheels - model.center_of_mass - [0.0, 0.0, model.wheel_radius_m]).T
     ).T
     limits = rng.uniform(0.02, 0.2, 4)
-    velocity, spin = rng.normal(0.0, 0.3, 2), rng.normal(0.0, [0.05, 0.05, 1.0])
+    velocity = rng.normal(0.0, 0.3, 2)
+    spin = rng.normal(0.0, [0.05, 0.05, 1.0])
     left, right = rng.normal(0.0, 0.4, 2)
     inverse = turn @ np.diag(1.0 / model.inertia) @ turn.T
     rolling = np.array([math.cos(yaw), math.sin(yaw)])
@@ -219,7 +220,8 @@ def test_loads_carry_the_weight_and_balance_at_rest(
 def test_starts_at_rest_where_it_was_put_and_stays(driven) -> None:
     robot = driven(yaw=0.7)
     robot.run(0.0, 0.0, 5.0)
-    pose, velocity = robot.pose, robot.velocity
+    pose = robot.pose
+    velocity = robot.velocity
     assert math.hypot(pose.x, pose.y) < 1e-5
     assert abs(pose.yaw - 0.7) < 1e-6
     assert abs(velocity.linear) < 1e-9
@@ -266,7 +268,10 @@ def steady_turn(speed: float, turn: float) -> tuple[float, float]:
     plane = np.column_stack([np.ones(4), wheels])
     spin_mass = model.inertia[2]
     rims = np.array([speed - turn * SEPARATION / 2, speed + turn * SEPARATION / 2] * 2)
-    v, w, forces, dt = np.array([speed, 0.0]), turn, np.zeros((4, 2)), 2e-4
+    v = np.array([speed, 0.0])
+    w = turn
+    forces = np.zeros((4, 2))
+    dt = 2e-4
     for _ in range(20000):
         fx, fy = forces.sum(axis=0)
         # loads linear over the base; the moments of the forces at the ground about the centre of mass balance
@@ -315,7 +320,8 @@ def test_the_centre_of_rotation_is_off_the_middle_by_centimetres(driven) -> None
 def test_the_result_does_not_depend_on_the_tick(
     driven, speed: float, turn: float
 ) -> None:
-    fine, coarse = driven(tick_s=0.001), driven(tick_s=0.005)
+    fine = driven(tick_s=0.001)
+    coarse = driven(tick_s=0.005)
     for robot in (fine, coarse):
         robot.run(speed, turn, 3.0)
     assert fine.pose.distance(coarse.pose) < 0.01
