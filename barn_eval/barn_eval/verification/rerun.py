@@ -43,7 +43,6 @@ from barn_worlds.base.types import (
 )
 from barn_worlds.messages import decode
 from barn_worlds.messages.topics import CMD_VEL, COLLISION, GROUND_TRUTH, ODOM, SCAN
-from barn_worlds.robots.contact import contact_footprint
 
 COMMANDS_NAME = "commands.jsonl"  # of a submission: what planners commanded
 _MOST_BYTES = 16_000_000  # of the commands of a trial, a million
@@ -349,13 +348,7 @@ def _misjudged(
     again, trajectory = judged(row, spec, readings)
     if told := difference(row, again):
         yield told
-    world = spec.world
-    made = make_track(
-        trajectory,
-        world.cylinders_m,
-        world.cylinder_radius_m,
-        contact_footprint(spec.simulator.chassis),
-    )
+    made = make_track(trajectory, spec)
     if track is None or made is None:
         return
     same = made.samples.shape == track.samples.shape and np.array_equal(
