@@ -121,12 +121,12 @@ MISSING_SAMPLE = -32768  # NaN as a whole number
 _LARGEST = 32767
 _LARGEST_STEP = 1e30
 
-# In m/s or rad/s. Larger commands, up to infinity, are kept as this, so that they do not
-# cost the others a digit.
+# In m/s or rad/s. Larger commands, up to infinity, are kept as this, so that they do
+# not cost the others a digit.
 LARGEST_COMMAND = 65.0
 
-# What a track may unpack to: a sample takes 2 bytes per channel and one for contact; the
-# first sample comes on top of the most.
+# What a track may unpack to: a sample takes 2 bytes per channel and one for contact;
+# the first sample comes on top of the most.
 _MAX_BYTES = (MAX_SAMPLES + 1) * (2 * len(CHANNELS) + 1) + 8
 
 

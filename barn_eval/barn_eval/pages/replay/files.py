@@ -214,7 +214,7 @@ def camera_frames(
             if moving is not None:
                 now_s = float(recorded.times_s[index])
                 shown |= {
-                    "places": moving.placed(now_s).poses[:, :2],
+                    "places": moving.bodies_at(now_s).poses[:, :2],
                     "passed": np.vstack([np.empty((0, 2)), *moving.trails(now_s)]),
                 }
             pixels = studio.picture(pose, view, SIZES[camera], **shown)
