@@ -218,8 +218,7 @@ def read_recorded_trial(path: Path) -> RecordedTrial:
         poses=np.array([_pose_row(item.content) for item in poses], np.float64),
         speeds=np.array([_twist_row(item.content.velocity) for item in poses]),
         commands=_hold(commands, _twist_row, times_s, (np.nan, np.nan)),
-        contact=_hold(contacts, lambda touched: (touched,), times_s, (0.0,))[:, 0]
-        > 0.0,
+        contact=touched[:, 0] > 0.0,
         odometry=_hold(items[topics.ODOM.path], _pose_row, times_s, no_pose),
         outline=contact_footprint(chassis),
         chassis=chassis,
