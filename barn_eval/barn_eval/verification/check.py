@@ -157,7 +157,7 @@ class _Checker:
         return found
 
     def _read_specs(self) -> list[TrialSpec]:
-        """Return the trials of the run, also of planners that are not installed here."""
+        """Return the trials of the run, also of planners not installed here."""
         try:
             return self._config.trials()
         except ConfigError as error:

@@ -187,12 +187,13 @@ def compare_with_track(
     clearance = track.samples[:, CHANNELS.index("clearance")]
     nearest_m = np.nanmin(clearance, initial=np.inf)
     stated_m = measures.min_clearance_m
-    is_known = stated_m is not None and np.isfinite(nearest_m)
-    if is_known and abs(nearest_m - stated_m) > step["clearance"]:
-        yield (
-            f"came as near as {nearest_m:.3f} m by its track, {stated_m:.3f} m by"
-            " its row"
-        )
+    if stated_m is not None and np.isfinite(nearest_m):
+        error_m = abs(nearest_m - stated_m)
+        if error_m > step["clearance"]:
+            yield (
+                f"came as near as {nearest_m:.3f} m by its track, {stated_m:.3f} m by"
+                " its row"
+            )
     if bool(track.contact.any()) != bool(measures.contacts):
         yield f"has {measures.contacts} contacts by its row, by its track not so"
 
