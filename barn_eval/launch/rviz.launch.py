@@ -13,7 +13,7 @@ from barn_worlds.ros.launching import (
     launch_argument,
 )
 
-# The layout names topics from the root; so they follow the namespace.
+# The layout names topics from the root; relative names follow the namespace.
 TOPICS = (
     "amcl_pose",
     "band",
@@ -31,29 +31,22 @@ TOPICS = (
 
 def generate_launch_description() -> LaunchDescription:
     """Return RViz with the suite's layout."""
-    layout = PathJoinSubstitution(
-        [FindPackageShare("barn_eval"), "config", "barn.rviz"]
-    )
+    share = FindPackageShare("barn_eval")
+    layout = PathJoinSubstitution([share, "config", "barn.rviz"])
     arguments = [
         launch_argument("layout", layout, "layout of RViz"),
         launch_argument(SIM_TIME[0], "true", SIM_TIME[1]),
-        *(
-            launch_argument(name, *COMMON_ARGUMENTS[name])
-            for name in ("namespace", "log_level")
-        ),
+        launch_argument("namespace", *COMMON_ARGUMENTS["namespace"]),
+        launch_argument("log_level", *COMMON_ARGUMENTS["log_level"]),
     ]
+
+    sim_time = ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool)
     node = Node(
         package="rviz2",
         executable="rviz2",
         name="rviz2",
         namespace=LaunchConfiguration("namespace"),
-        parameters=[
-            {
-                "use_sim_time": ParameterValue(
-                    LaunchConfiguration("use_sim_time"), value_type=bool
-                )
-            }
-        ],
+        parameters=[{"use_sim_time": sim_time}],
         remappings=[(f"/{name}", name) for name in TOPICS],
         arguments=["-d", LaunchConfiguration("layout"), *LOG_LEVEL],
         output="screen",

@@ -10,14 +10,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 from rosbags.highlevel import AnyReader
 
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.store import BagStore
 from barn_eval.ros.supervision.supervisor import run_ros_trials
 from barn_eval.ros.work import run_request
-from barn_eval.running.request import Request
+from barn_eval.running.reporting import Reporter
+from barn_eval.running.request import RunRequest
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.ros_config import RosConfig, WaitLimits
 from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
@@ -64,7 +64,7 @@ def nothing_left(monkeypatch):
 
 def marked(mark, text=""):
     """Return the processes other than this one that carry the mark and have the text in their command line."""
-    found = []
+    processes = []
     for entry in Path("/proc").iterdir():
         with suppress(OSError, ValueError):
             pid = int(entry.name)
@@ -76,8 +76,8 @@ def marked(mark, text=""):
             ):
                 continue
             if text in (entry / "cmdline").read_bytes().decode():
-                found.append(pid)
-    return found
+                processes.append(pid)
+    return processes
 
 
 def node_process(mark, module):
@@ -130,8 +130,8 @@ def drive_kinds(folder, *kinds, protocol=SHORT, setup=EACH, repetitions=0):
 
 def run(folder, plan):
     """Run a plan as the command does, by a worker, and return its results; they are in the folder as well."""
-    request = Request(plan, ExecutionConfig(workers=1), folder)
-    return run_request(request, Console(quiet=True))
+    request = RunRequest(plan, ExecutionConfig(workers=1), folder)
+    return run_request(request, Reporter())
 
 
 def foreign(script, *arguments):
@@ -140,14 +140,14 @@ def foreign(script, *arguments):
 
 def messages(bag):
     """Return the decoded messages of a bag by topic, as (time from the first, message)."""
-    found = {}
+    messages_by_topic = {}
     with AnyReader([bag]) as reader:
         for connection, stamp, data in reader.messages():
             message = reader.deserialize(data, connection.msgtype)
-            found.setdefault(connection.topic, []).append(
+            messages_by_topic.setdefault(connection.topic, []).append(
                 (stamp - reader.start_time, message)
             )
-    return found
+    return messages_by_topic
 
 
 def unstamped(bag):
@@ -155,16 +155,14 @@ def unstamped(bag):
 
     Of the reports on /diagnostics only those of the planner.
     """
-    found = {}
+    contents = {}
     for record in BagFile(bag).messages():
-        data, message = (
-            bytearray(record.data),
-            deserialize(record.data, record.type_name),
-        )
+        data = bytearray(record.data)
+        message = deserialize(record.data, record.type_name)
         if record.topic == "/diagnostics" and message.status[0].name != "planner":
             continue
         for name, slot in find_slots(message).items():
             if name.endswith(".sec"):
                 data[slot.offset : slot.offset + 4] = bytes(4)
-        found.setdefault(record.topic, []).append(bytes(data))
-    return found
+        contents.setdefault(record.topic, []).append(bytes(data))
+    return contents

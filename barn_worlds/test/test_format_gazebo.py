@@ -12,10 +12,8 @@ from hypothesis.extra import numpy as npst
 from barn_worlds.base.errors import WorldError
 from barn_worlds.datasets.generate import TABLE_I, generate_grid
 from barn_worlds.formats.gazebo import (
-    build_grid,
+    GazeboFile,
     fill_hollow,
-    parse_cylinders,
-    read_grid,
 )
 from barn_worlds.formats.sdf import sdf_text, write_sdf
 from barn_worlds.worlds import cells as geometry
@@ -42,7 +40,7 @@ def document(*parts):
 
 
 def grid_in(content):
-    return build_grid(*parse_cylinders(content, "a.world"), "a.world")
+    return GazeboFile(content, "a.world").grid()
 
 
 def test_grids_from_the_original_files_equal_the_original_grids(original_folder):
@@ -50,7 +48,7 @@ def test_grids_from_the_original_files_equal_the_original_grids(original_folder)
     assert files
     for file in files:
         index = file.name.split("_")[1].split(".")[0]
-        grid, resolution_m = read_grid(file)
+        grid, resolution_m = GazeboFile.read(file).grid()
         assert resolution_m == 0.15
         expected = np.load(original_folder / "grid_files" / f"grid_{index}.npy")
         assert np.array_equal(grid, expected == 1), file.name
@@ -58,9 +56,9 @@ def test_grids_from_the_original_files_equal_the_original_grids(original_folder)
 
 @given(GRIDS)
 def test_filling_is_consistent_with_what_is_shown(grid):
-    shown = grid & ~geometry.hollow_cells(grid)
-    filled = fill_hollow(shown)
-    assert (filled & ~geometry.hollow_cells(filled)).tolist() == shown.tolist()
+    hull = grid & ~geometry.hollow_cells(grid)
+    filled = fill_hollow(hull)
+    assert (filled & ~geometry.hollow_cells(filled)).tolist() == hull.tolist()
     assert (filled >= grid).all()  # what was left out is always filled again
 
 
@@ -101,7 +99,7 @@ def test_worlds_come_back_from_our_files(
     world = World("<w & 'x'>", grid, path, resolution_m)
     file = tmp_path_factory.mktemp("sdf") / ("w.world.gz" if packed else "w.sdf")
     write_sdf(world, file, flavour, movable=movable)
-    read, size = read_grid(file)
+    read, size = GazeboFile.read(file).grid()
     assert size == resolution_m
     assert np.array_equal(read, fill_hollow(grid & ~geometry.hollow_cells(grid)))
 
@@ -140,7 +138,7 @@ def test_sdf_says_what_the_simulator_needs(small_world):
     assert set(lowest) == {0.0}
 
     with pytest.raises(
-        WorldError, match="unknown flavour of SDF 'clasic'; did you mean 'classic'"
+        WorldError, match="unknown flavor of SDF 'clasic'; did you mean 'classic'"
     ):
         sdf_text(small_world, "clasic")
 
@@ -152,7 +150,7 @@ def test_poses_of_model_link_and_collision_add_up():
     )
     link = f"<link name='l'><pose>0.075 0.075 0 0 0 0</pose>{collision}</link>"
     content = document(f"<model name='m'><pose>-1.5 5.1 0 0 -0 0</pose>{link}</model>")
-    assert parse_cylinders(content, "w")[0].tolist() == [
+    assert GazeboFile(content, "w").cylinders[0].tolist() == [
         [pytest.approx(-1.425), pytest.approx(5.325)]
     ]
 
@@ -251,7 +249,7 @@ def test_sizes_are_bounded(tmp_path, monkeypatch):
     monkeypatch.setattr("barn_worlds.formats.gazebo.LARGEST_WORLD_FILE", 1_000_000)
     bomb.write_bytes(gzip.compress(b" " * 2_000_000))
     with pytest.raises(WorldError, match="unpacks to more than"):
-        read_grid(bomb)
+        GazeboFile.read(bomb)
     monkeypatch.setattr("barn_worlds.formats.gazebo.MOST_TAGS", 1000)
     with pytest.raises(WorldError, match="more than 1000 tags"):
         grid_in(document("<a/>" * 1000))

@@ -16,7 +16,13 @@ from matplotlib.figure import Figure
 
 from barn_eval.commands.options import console
 from barn_eval.commands.tables import FittedTable, table
-from barn_eval.pages.figures import label_axes, new_figure, plain, style, write_figure
+from barn_eval.pages.figures import (
+    label_axes,
+    new_figure,
+    plain_text,
+    style,
+    write_figure,
+)
 from barn_metrics.bootstrap import number
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import BarnError
@@ -79,7 +85,7 @@ def _panel(axes: Axes, one: Calibration, limits: tuple[float, float]) -> None:
             edgecolor=colour,
             label=label,
         )
-    title = f"{plain(one.label)}: Spearman {one.correlation.estimate:.2f} over {len(one.worlds)} worlds"
+    title = f"{plain_text(one.label)}: Spearman {one.correlation.estimate:.2f} over {len(one.worlds)} worlds"
     label_axes(axes, "published mean time of a world [s]", "our mean time [s]", title)
     axes.set(xlim=limits, ylim=limits, box_aspect=1.0)
 

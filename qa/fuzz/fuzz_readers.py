@@ -20,8 +20,8 @@ from rosbags import rosbag2
 
 from barn_eval.analysis.sources import read_source
 from barn_eval.analysis.tables import trials_table
-from barn_eval.pages.replay.page import facts, subtitle
-from barn_eval.pages.replay.payload import payload
+from barn_eval.pages.replay.page import describe, list_facts
+from barn_eval.pages.replay.payload import make_payload
 from barn_eval.pages.template import script_json
 from barn_eval.results.bags.decode import TOPICS
 from barn_eval.results.bags.recorded import read_recorded_trial
@@ -144,7 +144,8 @@ def _npz(draw: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:
     if name.endswith(".json"):
         members[name] = _json(draw, members[name], [members[name]])
     else:
-        head, rest = members[name][:128], members[name][128:]
+        head = members[name][:128]
+        rest = members[name][128:]
         members[name] = (
             mutated(draw, head, [head]) + rest
             if draw.random() < 0.7
@@ -227,7 +228,7 @@ def _run(path: Path) -> None:
 
 
 def _request(path: Path) -> None:
-    asked = read_request(path, {}).experiment
+    asked = read_request(path, {}).config
     for planner in asked.planners:
         asked.resolve_planner(planner)
 
@@ -365,7 +366,7 @@ def _message(make_message: Any, kind: str, time: int) -> Any:
 
 def _bag(path: Path) -> None:
     found = read_recorded_trial(path if path.suffix == ".mcap" else path.parent)
-    script_json(payload(found)), facts(found), subtitle(found).encode()
+    script_json(make_payload(found)), list_facts(found), describe(found).encode()
 
 
 def _sqlite_seeds(folder: Path) -> list[bytes]:

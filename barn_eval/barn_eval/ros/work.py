@@ -1,13 +1,10 @@
 """The work of a run's workers: over ROS each keeps its nodes for several trials."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from functools import partial
 from socket import AF_INET, SOCK_DGRAM, socket
-
-from rich.console import Console
 
 from barn_eval.results.store import LOGS, BagStore
 from barn_eval.ros.isolation import (
@@ -17,13 +14,13 @@ from barn_eval.ros.isolation import (
     session_isolation,
 )
 from barn_eval.ros.supervision.supervisor import run_ros_trials
-from barn_eval.running.engine import DirectWork, Emit, Job, Work
-from barn_eval.running.planner_objects import LivePlanner
-from barn_eval.running.request import Request
-from barn_eval.running.run import run_experiment
+from barn_eval.running.pool import DirectWork, Emit, Job, Work
+from barn_eval.running.reporting import Reporter
+from barn_eval.running.request import RunRequest
+from barn_eval.running.run import open_run
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.ros_config import RosConfig
-from barn_eval.trials.run_config import ExecutionConfig, RunConfig
+from barn_eval.trials.run_config import RunConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.base.errors import ConfigError, convert_os_errors
 
@@ -38,15 +35,15 @@ class RosWork(Work):
     A single worker takes the domain of the environment, if that names one.
     """
 
-    loads = False
-    experiment: RunConfig
+    needs_import_path = False
+    config: RunConfig
     store: BagStore
     workers: int
 
     @property
     def isolation(self) -> str:
         """What keeps planner processes from the suite's, as run.json has it."""
-        return session_isolation(self.experiment.ros)
+        return session_isolation(self.config.ros)
 
     def jobs(self, trials: Sequence[TrialSpec]) -> list[Job]:
         """Share out trials: as many jobs per planner as workers, worlds dealt in turn.
@@ -55,7 +52,7 @@ class RosWork(Work):
         so a run that is stopped early compares them. Nodes start once for a block and
         not for each trial.
         """
-        planners = self.experiment.planners
+        planners = self.config.planners
         worlds = list(dict.fromkeys(spec.world_number for spec in trials))
         block_size = len(worlds)
         if len(planners) > 1:
@@ -97,8 +94,8 @@ class RosWork(Work):
         from barn_eval.running.direct import warm_up  # noqa: PLC0415
 
         spec = job.trials[0]
-        planners = self.experiment.planners
-        planner = next(one for one in planners if one.name == spec.planner)
+        planners = self.config.planners
+        planner = next(choice for choice in planners if choice.name == spec.planner)
         warm_up(spec, with_planner=planner.registered)
 
         environment = dict(os.environ)
@@ -108,34 +105,25 @@ class RosWork(Work):
         if self.workers > 1 or len(planners) > 1:
             logs /= job.key
         with closing(
-            run_ros_trials(
-                self.experiment, job.trials, self.store, logs, emit, environment
-            )
+            run_ros_trials(self.config, job.trials, self.store, logs, emit, environment)
         ) as records:
             for record in records:
                 emit(record)
 
 
-def work_of(
-    experiment: RunConfig,
-    execution: ExecutionConfig,
-    store: BagStore,
-    live: Mapping[str, LivePlanner] | None = None,
-) -> Work:
-    """Return the work of an experiment's workers.
+def work_of(request: RunRequest, store: BagStore) -> Work:
+    """Return the work of a run's workers.
 
     Args:
-        experiment: The run.
-        execution: Number of workers.
+        request: The run.
         store: Where trials leave their bags.
-        live: Its planners that are Python objects, by name.
 
     Returns:
         The work of mode direct or ros.
     """
-    if experiment.mode == "direct":
-        return DirectWork(store, live or {})
-    return RosWork(experiment, store, execution.processes)
+    if request.config.mode == "direct":
+        return DirectWork(store, request.planner_objects)
+    return RosWork(request.config, store, request.execution.processes)
 
 
 def isolation_warning(setup: RosConfig) -> str:
@@ -149,17 +137,17 @@ def isolation_warning(setup: RosConfig) -> str:
     )
 
 
-def require_ros(experiment: RunConfig, console: Console) -> None:
-    """Check that an experiment of mode ros can run, and warn of missing isolation.
+def require_ros(config: RunConfig, reporter: Reporter) -> None:
+    """Check that a run of mode ros can run, and warn of missing isolation.
 
     Args:
-        experiment: The run; other modes pass.
-        console: Shows the warning.
+        config: The run; other modes pass.
+        reporter: Receives the warning.
 
     Raises:
         ConfigError: If ROS or the loopback interface is missing.
     """
-    if experiment.mode != "ros":
+    if config.mode != "ros":
         return
     problem = ros_problem()
     if problem:
@@ -172,24 +160,19 @@ def require_ros(experiment: RunConfig, console: Console) -> None:
         socket(AF_INET, SOCK_DGRAM) as probe,
     ):
         probe.connect(("127.0.0.1", 9))
-    warning = isolation_warning(experiment.ros)
+    warning = isolation_warning(config.ros)
     if warning:
-        console.print(warning, markup=False, highlight=False, soft_wrap=True)
+        reporter.warn(warning)
 
 
 def run_request(
-    request: Request,
-    console: Console,
-    live: Mapping[str, LivePlanner] | None = None,
-    *,
-    overwrite: bool = False,
+    request: RunRequest, reporter: Reporter, *, overwrite: bool = False
 ) -> list[TrialResult]:
     """Run what a request still lacks and return all its results.
 
     Args:
         request: Run and folder.
-        console: Shows notices and progress.
-        live: Planners of the run that are Python objects, by name.
+        reporter: Receives notices and progress.
         overwrite: Delete the results of a different run in the same folder.
 
     Returns:
@@ -198,7 +181,6 @@ def run_request(
     Raises:
         BarnError: For what the user has to change.
     """
-    require_ros(request.experiment, console)
-    return run_experiment(
-        request, console, partial(work_of, live=live), overwrite=overwrite
-    )
+    require_ros(request.config, reporter)
+    with open_run(request, reporter, work_of, overwrite=overwrite) as run:
+        return run.drive()

@@ -32,7 +32,7 @@ _RESAMPLES = 4000
 
 @dataclass(frozen=True)
 class EvaluationConfig(Checked):
-    """How models are judged: each fold by a model of all others, then with new folds."""
+    """How models are judged: each fold by a model that all others trained."""
 
     folds: int = quantity(10, "parts that the worlds are divided into", "", 2, 1000)
     repeats: int = quantity(5, "divisions", "", 1, 1000)
@@ -94,11 +94,11 @@ def evaluate(
 ) -> Evaluation:
     """Judge a model beside ridge regression, in the worlds that every planner drove.
 
-    Ridge regression is left out where worlds are reserved for judging: nothing is trained
-    on those.
+    Ridge regression is left out where worlds are reserved for judging: nothing is
+    trained on those.
 
     Args:
-        worlds: Worlds by number.
+        worlds: By number, at least those that the trials name.
         trials: Trials in these worlds.
         model: The model to judge; it must not have been trained in these worlds.
         config: Folds of ridge regression.
@@ -107,13 +107,13 @@ def evaluate(
         ModelError: If a world is missing or there are too few.
     """
     config = config or EvaluationConfig()
-    known_worlds = worlds_with_trials(worlds, trials)
+    worlds_driven = worlds_with_trials(worlds, trials)
     trials = trials.in_worlds(trials.world_numbers)
-    inputs = inputs_of(known_worlds)
+    inputs = inputs_of(worlds_driven)
     difficulty = trials.difficulty()
 
     ridge_score = None
-    if find_reserved_world(known_worlds) is None:
+    if find_reserved_world(worlds_driven) is None:
         ridge_score = score_ridge(inputs, trials, config)
 
     predicted, _ = model.difficulty(inputs)
@@ -127,11 +127,11 @@ def evaluate(
         ridge_score,
     )
     std = np.array([item.std_s_per_m for item in model.predict_inputs(inputs)])
-    within_std = float((np.abs(predicted - difficulty) <= std).mean())
-    model_score = replace(model_score, within_std=within_std)
+    is_within = np.abs(predicted - difficulty) <= std
+    model_score = replace(model_score, within_std=float(is_within.mean()))
 
     return Evaluation(
-        worlds=len(known_worlds),
+        worlds=len(worlds_driven),
         trials=len(trials),
         planners=trials.planner_names,
         folds=config.folds,
@@ -202,7 +202,8 @@ def cross_validate(
 
     Args:
         predict: Takes masks of training worlds (folds, w) and a seed. It returns, per
-            fold, predictions (w,) for all worlds by a model trained on that fold's mask.
+            fold, predictions (w,) for all worlds by a model trained on that fold's
+            mask.
         difficulty: Measured difficulty (w,).
         config: Folds, repeats and seed.
 
@@ -226,7 +227,8 @@ def cross_validate(
         fold_predictions = predict(training_masks, seed)
         for mask, fold_prediction in zip(training_masks, fold_predictions, strict=True):
             predicted[repeat, ~mask] = fold_prediction[~mask]
-            training_errors.append(np.mean((fold_prediction - difficulty)[mask] ** 2))
+            errors = (fold_prediction - difficulty)[mask]
+            training_errors.append(np.mean(errors**2))
 
     return predicted, float(np.mean(training_errors))
 
@@ -313,12 +315,13 @@ def determination(predicted: Floats, measured: Floats) -> Interval:
         return Interval(math.nan)
 
     squared_errors = ((predicted - measured) ** 2).mean(axis=0)
-    return _interval(
-        lambda rows: (
-            1.0 - squared_errors[rows].mean(axis=-1) / measured[rows].var(axis=-1)
-        ),
-        len(measured),
-    )
+
+    def r2(rows: Integers) -> Floats:
+        unexplained = squared_errors[rows].mean(axis=-1)
+        share: Floats = 1.0 - unexplained / measured[rows].var(axis=-1)
+        return share
+
+    return _interval(r2, len(measured))
 
 
 def noise_ceiling(trials: Trials, seed: int = 0) -> Interval | None:
@@ -336,10 +339,10 @@ def noise_ceiling(trials: Trials, seed: int = 0) -> Interval | None:
     """
     times = []
     for planner in trials.planner_names:
-        own_trials = trials.by_planner(planner)
+        planner_trials = trials.by_planner(planner)
         times.append(
             [
-                own_trials.normalized_s_per_m[own_trials.worlds == world]
+                planner_trials.normalized_s_per_m[planner_trials.worlds == world]
                 for world in trials.world_numbers
             ]
         )

@@ -67,7 +67,7 @@ class GapConfig(LidarMountConfig):
         0.15, "stop if anything ahead is nearer", "m", 0.0, 5.0
     )
     gap_weight_m: float = quantity(
-        0.5, "weight of the gap's centre, by the nearest distance", "m", minimum=0.0
+        0.5, "weight of the gap's center, by the nearest distance", "m", minimum=0.0
     )
     max_bearing_rad: float = quantity(
         2.2, "gaps are searched up to this bearing", "rad", 0.1, 3.14

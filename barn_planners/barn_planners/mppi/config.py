@@ -22,7 +22,7 @@ class CriticsConfig(Checked):
 
     limit_weight: float = _weight(4.0, "speed and yaw rate beyond their limits")
     obstacle_weight: float = _weight(
-        3.81, "mean cost under the robot's centre, as a share of 254"
+        3.81, "mean cost under the robot's center, as a share of 254"
     )
     obstacle_stride: int = quantity(
         2, "check every n-th pose for obstacles", "", 1, 100
@@ -34,7 +34,7 @@ class CriticsConfig(Checked):
     near_goal_m: float = quantity(
         1.0, "nearer to the goal than this only collisions count", "m", 0.0, 100.0
     )
-    goal_weight: float = _weight(5.0, "mean distance from the goal in metres")
+    goal_weight: float = _weight(5.0, "mean distance from the goal in meters")
     goal_within_m: float = quantity(
         1.4, "nearer to the goal than this its distance counts", "m", 0.0, 100.0
     )
@@ -44,7 +44,7 @@ class CriticsConfig(Checked):
     goal_angle_within_m: float = quantity(
         0.5, "nearer to the goal than this its heading counts", "m", 0.0, 100.0
     )
-    align_weight: float = _weight(14.0, "mean distance from the path in metres")
+    align_weight: float = _weight(14.0, "mean distance from the path in meters")
     align_stride: int = quantity(4, "use every n-th pose for that", "", 1, 100)
     align_points: int = quantity(
         20,
@@ -57,7 +57,7 @@ class CriticsConfig(Checked):
         0.05, "it does not count if more of those points are blocked", "", 0.0, 1.0
     )
     follow_weight: float = _weight(
-        5.0, "distance in metres from the end to a point ahead on the path"
+        5.0, "distance in meters from the end to a point ahead on the path"
     )
     follow_points: int = quantity(
         5, "that point lies this many beyond the furthest reached", "", 0, 1000
@@ -71,7 +71,7 @@ class CriticsConfig(Checked):
     angle_beyond_rad: float = quantity(
         1.0, "it counts if the point lies further aside", "rad", 0.0, math.pi
     )
-    forward_weight: float = _weight(5.0, "distance in metres driven in reverse")
+    forward_weight: float = _weight(5.0, "distance in meters driven in reverse")
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Kernels of MPPI that evaluate: its critics, which add to costs, and its path.
 
-Arrays over samples are float32: controls (steps, 2, samples) in m/s and rad/s, poses as
-three arrays (steps, samples) in m and rad. Samples come last, so that the compiler
+Arrays over samples are float32: controls (steps, 2, samples) in m/s and rad/s, and poses
+(steps, 3, samples), x and y in m and yaw in rad. Samples come last, so that the compiler
 vectorizes the inner loops over them. Costs (samples,) are changed in place.
 """
 
@@ -51,9 +51,7 @@ def length(x: float, y: float) -> float:
 @kernel
 def add_obstacle_costs(
     costs: FloatArray,
-    xs: Singles,
-    ys: Singles,
-    yaws: Singles,
+    poses: Singles,
     cells: Bytes,
     grid: tuple[float, float, float],
     outline: FloatArray,
@@ -71,9 +69,7 @@ def add_obstacle_costs(
 
     Args:
         costs: Costs (samples,).
-        xs: Poses (steps, samples) in the frame of the costmap, in m.
-        ys: As `xs`.
-        yaws: As `xs`, in rad.
+        poses: Poses (steps, 3, samples) in the frame of the costmap.
         cells: Costs (rows, columns) of the costmap's cells.
         grid: x and y of its corner, and the side of a cell, in m.
         outline: Corners (n, 2) of the footprint in base_link, in m.
@@ -87,7 +83,7 @@ def add_obstacle_costs(
     Returns:
         Number of trajectories that collide.
     """
-    steps, samples = xs.shape
+    steps, _, samples = poses.shape
     scale = weight / _LETHAL / len(range(0, steps, stride))
     prices = np.zeros(256)
     for cost in range(_FREE + 1, 256):
@@ -102,7 +98,10 @@ def add_obstacle_costs(
     corners = np.empty(outline.shape)
     lethal_counts = _sum_lethal_cells(cells)
     for t in range(0, steps, stride):
-        _find_cells(xs[t], ys[t], cells, grid, indices)
+        x = poses[t, 0]
+        y = poses[t, 1]
+        yaw = poses[t, 2]
+        _find_cells(x, y, cells, grid, indices)
         for k in range(samples):
             if indices[k] < 0 or collides[k]:
                 continue
@@ -110,7 +109,7 @@ def add_obstacle_costs(
             totals[k] += prices[cost]
             # Under a low cost, no lethal cell is near enough for the edges to touch it.
             if cost >= lowest_edge_cost and cost != _FREE:
-                place_corners(corners, xs[t, k], ys[t, k], yaws[t, k], outline)
+                place_corners(corners, x[k], y[k], yaw[k], outline)
                 collides[k] = cost >= _LETHAL or _edges_collide(
                     cells, grid, lethal_counts, corners
                 )
@@ -189,19 +188,18 @@ def _edges_collide(
 
 
 @kernel
-def find_furthest_point(path: FloatArray, xs: Singles, ys: Singles) -> int:
+def find_furthest_point(path: FloatArray, poses: Singles) -> int:
     """Return the index of the furthest point of the path that a trajectory reaches.
 
     Args:
         path: Points (n, 2) in m.
-        xs: Poses (steps, samples) in m.
-        ys: As `xs`.
+        poses: Poses (steps, 3, samples).
 
     Returns:
         The highest index of the points that are nearest to the ends of the trajectories.
     """
-    end_x = xs[-1]
-    end_y = ys[-1]
+    end_x = poses[-1, 0]
+    end_y = poses[-1, 1]
     squares = np.full(len(end_x), math.inf)
     nearest = np.zeros(len(end_x), np.int64)
     for i in range(len(path)):
@@ -216,20 +214,19 @@ def find_furthest_point(path: FloatArray, xs: Singles, ys: Singles) -> int:
 
 @kernel
 def add_follow_costs(
-    costs: FloatArray, xs: Singles, ys: Singles, x: float, y: float, weight: float
+    costs: FloatArray, poses: Singles, x: float, y: float, weight: float
 ) -> None:
     """Add the distance from the end of each trajectory to a point.
 
     Args:
         costs: Costs (samples,).
-        xs: Poses (steps, samples) in m.
-        ys: As `xs`.
+        poses: Poses (steps, 3, samples).
         x: Point in m.
         y: Point in m.
         weight: Cost per meter.
     """
-    end_x = xs[-1]
-    end_y = ys[-1]
+    end_x = poses[-1, 0]
+    end_y = poses[-1, 1]
     for k in range(len(costs)):
         costs[k] += weight * length(end_x[k] - x, end_y[k] - y)
 
@@ -237,9 +234,7 @@ def add_follow_costs(
 @kernel
 def add_angle_costs(
     costs: FloatArray,
-    xs: Singles,
-    ys: Singles,
-    yaws: Singles,
+    poses: Singles,
     x: float,
     y: float,
     weight: float,
@@ -248,23 +243,23 @@ def add_angle_costs(
 
     Args:
         costs: Costs (samples,).
-        xs: Poses (steps, samples) in m.
-        ys: As `xs`.
-        yaws: As `xs`, in rad.
+        poses: Poses (steps, 3, samples).
         x: Point in m.
         y: Point in m.
         weight: Cost per radian.
     """
+    end_x = poses[-1, 0]
+    end_y = poses[-1, 1]
+    end_yaw = poses[-1, 2]
     for k in range(len(costs)):
-        direction = math.atan2(y - ys[-1, k], x - xs[-1, k])
-        costs[k] += weight * abs(_wrap_angle(direction - yaws[-1, k]))
+        direction = math.atan2(y - end_y[k], x - end_x[k])
+        costs[k] += weight * abs(_wrap_angle(direction - end_yaw[k]))
 
 
 @kernel
 def add_align_costs(
     costs: FloatArray,
-    xs: Singles,
-    ys: Singles,
+    poses: Singles,
     start: tuple[float, float],
     path: FloatArray,
     arc: FloatArray,
@@ -276,8 +271,7 @@ def add_align_costs(
 
     Args:
         costs: Costs (samples,).
-        xs: Poses (steps, samples) in m.
-        ys: As `xs`.
+        poses: Poses (steps, 3, samples).
         start: Position of the robot in m.
         path: Points (n, 2) in m.
         arc: Distance along the path at each point, (n,) in m.
@@ -285,7 +279,7 @@ def add_align_costs(
         stride: Every how many poses are compared.
         weight: Cost per meter.
     """
-    steps, samples = xs.shape
+    steps, _, samples = poses.shape
     start_x, start_y = start
     last_x = np.full(samples, start_x)
     last_y = np.full(samples, start_y)
@@ -300,8 +294,8 @@ def add_align_costs(
     clear = np.empty(samples)
     # Several loops over the samples: those without a search are vectorized.
     for t in range(stride, steps, stride):
-        x = xs[t]
-        y = ys[t]
+        x = poses[t, 0]
+        y = poses[t, 1]
         for k in range(samples):
             driven[k] += length(x[k] - last_x[k], y[k] - last_y[k])
             last_x[k] = x[k]
@@ -328,9 +322,7 @@ def add_align_costs(
 @kernel
 def add_goal_costs(
     costs: FloatArray,
-    xs: Singles,
-    ys: Singles,
-    yaws: Singles,
+    poses: Singles,
     goal: tuple[float, float, float],
     position_weight: float,
     yaw_weight: float,
@@ -339,21 +331,19 @@ def add_goal_costs(
 
     Args:
         costs: Costs (samples,).
-        xs: Poses (steps, samples) in m.
-        ys: As `xs`.
-        yaws: As `xs`, in rad.
+        poses: Poses (steps, 3, samples).
         goal: x and y in m, yaw in rad.
         position_weight: Cost per meter.
         yaw_weight: Cost per radian.
     """
-    steps, samples = xs.shape
+    steps, _, samples = poses.shape
     goal_x, goal_y, goal_yaw = goal
     distances = np.zeros(samples)
     angles = np.zeros(samples)
     for t in range(steps):
-        x = xs[t]
-        y = ys[t]
-        yaw = yaws[t]
+        x = poses[t, 0]
+        y = poses[t, 1]
+        yaw = poses[t, 2]
         if position_weight > 0.0:
             for k in range(samples):
                 distances[k] += length(x[k] - goal_x, y[k] - goal_y)

@@ -56,12 +56,9 @@ class MppiController(Controller):
 
     def __init__(self, config: MppiConfig):
         self.config = config
-        shape = (config.steps, config.samples)
         self._noise = np.empty((config.steps, 2, config.samples), np.float32)
         self._controls = np.empty_like(self._noise)
-        self._xs = np.empty(shape, np.float32)
-        self._ys = np.empty(shape, np.float32)
-        self._yaws = np.empty(shape, np.float32)
+        self._poses = np.empty((config.steps, 3, config.samples), np.float32)
         self._costs = np.empty(config.samples)
         self._mean = np.empty((config.steps, 2))
         self._spread = np.array([config.speed_std_mps, config.turn_std_radps])
@@ -126,8 +123,7 @@ class MppiController(Controller):
             return PlannerView()
 
         stride = max(1, config.samples // config.shown)
-        x = self._xs[:, ::stride].T
-        y = self._ys[:, ::stride].T
+        candidates = self._poses[:, :2, ::stride].transpose(2, 0, 1)
         costs = self._costs[::stride].copy()
         costs[costs >= config.critics.collision_cost] = np.inf
 
@@ -138,7 +134,7 @@ class MppiController(Controller):
         positions = np.array([self._pose.x, self._pose.y]) + np.cumsum(steps, axis=0)
         return PlannerView(
             local_plan=np.column_stack([positions, yaws]),
-            candidates=np.stack([x, y], axis=2).astype(np.float64),
+            candidates=candidates.astype(np.float64),
             candidate_costs=costs,
         )
 
@@ -188,9 +184,7 @@ class MppiController(Controller):
             (pose.x, pose.y, pose.yaw, velocity.linear, velocity.angular),
             self.config.step_s,
             self._controls,
-            self._xs,
-            self._ys,
-            self._yaws,
+            self._poses,
         )
         self._has_samples = True
 
@@ -209,9 +203,7 @@ class MppiController(Controller):
         critics = self.config.critics
         return kernels.add_obstacle_costs(
             self._costs,
-            self._xs,
-            self._ys,
-            self._yaws,
+            self._poses,
             costmap.costs,
             costmap.grid,
             costmap.outline,
@@ -233,9 +225,7 @@ class MppiController(Controller):
         if position_weight > 0.0 or yaw_weight > 0.0:
             kernels.add_goal_costs(
                 self._costs,
-                self._xs,
-                self._ys,
-                self._yaws,
+                self._poses,
                 (goal.x, goal.y, goal.yaw),
                 position_weight,
                 yaw_weight,
@@ -256,11 +246,11 @@ class MppiController(Controller):
         self, pose: Pose2D, path: "_Path", goal_distance_m: float
     ) -> None:
         critics = self.config.critics
-        furthest = kernels.find_furthest_point(path.points, self._xs, self._ys)
+        furthest = kernels.find_furthest_point(path.points, self._poses)
         if goal_distance_m >= critics.goal_within_m:
             x, y = path.point(furthest + critics.follow_points)
             kernels.add_follow_costs(
-                self._costs, self._xs, self._ys, x, y, critics.follow_weight
+                self._costs, self._poses, x, y, critics.follow_weight
             )
         # Near the goal its own heading counts, not the direction of the path.
         if goal_distance_m < critics.goal_angle_within_m:
@@ -270,7 +260,7 @@ class MppiController(Controller):
         bearing = wrap_angle(math.atan2(y - pose.y, x - pose.x) - pose.yaw)
         if abs(bearing) > critics.angle_beyond_rad:
             kernels.add_angle_costs(
-                self._costs, self._xs, self._ys, self._yaws, x, y, critics.angle_weight
+                self._costs, self._poses, x, y, critics.angle_weight
             )
 
         # A path that is blocked has to be left, so keeping to it must not count.
@@ -280,8 +270,7 @@ class MppiController(Controller):
         ):
             kernels.add_align_costs(
                 self._costs,
-                self._xs,
-                self._ys,
+                self._poses,
                 (pose.x, pose.y),
                 path.points,
                 path.arc,

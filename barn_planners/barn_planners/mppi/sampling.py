@@ -17,20 +17,10 @@ from barn_planners.kernel import kernel
 from barn_worlds.base.arrays import Singles
 
 # Words a, b, c and counter of SFC64, whether half a draw is left (0 or 1), and that half.
-_Words: TypeAlias = tuple[
-    np.uint64, np.uint64, np.uint64, np.uint64, np.uint64, np.uint64
-]
+_Words: TypeAlias = tuple[np.uint64, ...]
 
 # x, y, yaw, cosine and sine of yaw, speed and yaw rate of all samples, each (samples,).
-_State: TypeAlias = tuple[
-    FloatArray,
-    FloatArray,
-    FloatArray,
-    FloatArray,
-    FloatArray,
-    FloatArray,
-    FloatArray,
-]
+_State: TypeAlias = tuple[FloatArray, ...]
 
 _LAYERS = 256
 # Bits of a draw that place a number within its layer.
@@ -151,7 +141,7 @@ def fill_normal(state: npt.NDArray[np.uint64], numbers: Singles) -> None:
         numbers: Array (n, m), filled column by column.
     """
     rows, columns = numbers.shape
-    words = (state[0], state[1], state[2], state[3], state[4], state[5])
+    words: _Words = (state[0], state[1], state[2], state[3], state[4], state[5])
     for column in range(columns):
         for row in range(rows):
             is_accepted = False
@@ -179,9 +169,7 @@ def rollout(
     start: tuple[float, float, float, float, float],
     dt: float,
     controls: Singles,
-    xs: Singles,
-    ys: Singles,
-    yaws: Singles,
+    poses: Singles,
 ) -> None:
     """Sample control sequences around the nominal one and integrate a unicycle along them.
 
@@ -193,11 +181,9 @@ def rollout(
         start: x and y in m, yaw in rad, speed in m/s and yaw rate in rad/s.
         dt: Time of a step in s.
         controls: Sampled controls (steps, 2, samples), filled.
-        xs: Where they lead, (steps, samples) in m, filled.
-        ys: As `xs`.
-        yaws: As `xs`, in rad.
+        poses: Where they lead, (steps, 3, samples), filled.
     """
-    samples = xs.shape[1]
+    steps, _, samples = poses.shape
     x, y, yaw, speed, rate = start
     state = (
         np.full(samples, x),
@@ -208,7 +194,7 @@ def rollout(
         np.full(samples, speed),
         np.full(samples, rate),
     )
-    for t in range(len(xs)):
+    for t in range(steps):
         _step(
             state,
             nominal[t],
@@ -219,9 +205,9 @@ def rollout(
             dt,
             controls[t, 0],
             controls[t, 1],
-            xs[t],
-            ys[t],
-            yaws[t],
+            poses[t, 0],
+            poses[t, 1],
+            poses[t, 2],
         )
 
 

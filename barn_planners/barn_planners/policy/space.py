@@ -122,8 +122,8 @@ class ObservationEncoder:
         # Number of beams, first angle and increment that the sectors were computed for.
         self._geometry: tuple[int, float, float] | None = None
         self._problem = ""
-        self._first_beams = np.zeros(0, np.intp)
-        self._end_beam = 0
+        # First beam of each sector, and the beam after the last sector: (beams + 1,).
+        self._beam_bounds = np.zeros(1, np.intp)
         self._limits = (
             np.float32(config.range_limit_m),
             config.goal_limit_m,
@@ -200,8 +200,7 @@ class ObservationEncoder:
             goals,
             velocities,
             rows,
-            self._first_beams,
-            self._end_beam,
+            self._beam_bounds,
             np.float32(scan.range_min),
             self._limits,
             vectors,
@@ -229,11 +228,12 @@ class ObservationEncoder:
         edges = config.angle_min_rad + width * np.arange(config.beams)
         edges[0] -= 0.5 * width
         end_angle = config.angle_max_rad + 0.5 * width
-        self._end_beam = int(np.searchsorted(angles, end_angle, "right"))
+        end_beam = np.searchsorted(angles, end_angle, "right")
 
         # A sector between two beams uses the beam to its left.
         first_beams = np.searchsorted(angles, edges, "left")
-        self._first_beams = np.minimum(first_beams, self._end_beam - 1)
+        first_beams = np.minimum(first_beams, end_beam - 1)
+        self._beam_bounds = np.append(first_beams, end_beam)
         return ""
 
 
@@ -244,24 +244,17 @@ def _encode(
     goals: FloatArray,
     velocities: FloatArray,
     rows: Indices,
-    first_beams: Indices,
-    end_beam: int,
+    beam_bounds: Indices,
     range_min: np.float32,
     limits: tuple[np.float32, float, float, float],
     vectors: Vector,
 ) -> None:
     """Fill the rows of `vectors`; limits: range, goal distance, speed, yaw rate."""
     range_limit, goal_limit, speed_limit, rate_limit = limits
-    count = len(first_beams)
+    count = len(beam_bounds) - 1
     for i in rows:
-        nearest_returns(
-            ranges[i],
-            first_beams,
-            end_beam,
-            range_min,
-            range_limit,
-            vectors[i, :count],
-        )
+        shares = vectors[i, :count]
+        nearest_returns(ranges[i], beam_bounds, range_min, range_limit, shares)
 
         # The same operations as `pose.inverse() @ goal`, so that the bits are the same.
         x, y, yaw = poses[i]
@@ -285,8 +278,7 @@ def _encode(
 @njit(cache=True)
 def nearest_returns(
     ranges: Vector,
-    first_beams: Indices,
-    end_beam: int,
+    beam_bounds: Indices,
     range_min: np.float32,
     limit: np.float32,
     shares: Vector,
@@ -298,26 +290,26 @@ def nearest_returns(
 
     Args:
         ranges: Ranges (beams,) in m, from right to left.
-        first_beams: First beam of each sector, (n,).
-        end_beam: Beam after the last one of the last sector.
+        beam_bounds: First beam of each sector, and the beam after the last, (n + 1,).
         range_min: Shortest valid range in m.
         limit: Range in m that counts as 1.
         shares: Shares (n,), changed in place.
     """
     # With one beam per sector the loop has no branch, so the compiler vectorizes it.
-    if (
-        end_beam - first_beams[0] == len(first_beams)
-        and first_beams[-1] == end_beam - 1
-    ):
-        sector_ranges = ranges[first_beams[0] : end_beam]
+    first = beam_bounds[0]
+    end = beam_bounds[-1]
+    if end - first == len(shares) and beam_bounds[-2] == end - 1:
+        sector_ranges = ranges[first:end]
         for sector in range(len(shares)):
-            nearest = sector_ranges[sector] if sector_ranges[sector] < limit else limit
+            # Unlike with min, NaN becomes the limit.
+            value = sector_ranges[sector]
+            nearest = value if value < limit else limit
             shares[sector] = np.float32(0.0) if nearest < range_min else nearest / limit
         return
 
     for sector in range(len(shares)):
-        start = first_beams[sector]
-        stop = first_beams[sector + 1] if sector + 1 < len(first_beams) else end_beam
+        start = beam_bounds[sector]
+        stop = beam_bounds[sector + 1]
         nearest = limit
         has_valid = False
         has_too_near = False

@@ -82,7 +82,7 @@ class NodeConfig(Checked):
         "seed of the planner's random numbers, read at the start of a task",
         minimum=0,
     )
-    use_map: bool = quantity(False, "plan on a map, with the robot localised in it")
+    use_map: bool = quantity(False, "plan on a map, with the robot localized in it")
     command_type: str = quantity(
         "twist", "type of the commands", choices=("twist", "twist_stamped")
     )

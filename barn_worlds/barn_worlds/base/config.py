@@ -124,7 +124,7 @@ def quantity(
     return field(default=default, metadata={_METADATA_KEY: declaration})
 
 
-# As `quantity`, but without the default: whoever constructs the class must set the field.
+# As `quantity` without the default: whoever constructs the class must set the field.
 required: Callable[..., Any] = partial(quantity, MISSING)
 # As `quantity(..., optional=True)`.
 optional: Callable[..., Any] = partial(quantity, optional=True)
@@ -216,6 +216,7 @@ def replace_dotted(config: T, changes: Mapping[str, Any], where: str) -> T:
     Raises:
         ConfigError: For an unknown name or a value that is not allowed.
     """
+    # All fields, also optional ones that `as_dict` leaves out.
     content = cast(dict[str, Any], cattrs.unstructure(config))
     values = dict(_walk(content))
     for name, value in _flatten(values, changes):
@@ -280,6 +281,8 @@ def _reader() -> cattrs.Converter:
 @cache
 def _writer() -> cattrs.Converter:
     """Return the converter of configurations to plain data."""
+    # cattrs keeps defaults unless a class has overrides, so only classes with optional
+    # fields need a writer of their own.
     converter = cattrs.Converter()
 
     def has_optional_fields(cls: type[Any]) -> bool:
@@ -305,7 +308,7 @@ def _is_optional(item: "dataclasses.Field[Any]") -> bool:
 
 
 def _read_value(value: object, kind: type[Any]) -> Any:
-    """Return a value that has the right type; convert nothing but integers to floats."""
+    """Return a value of the right type; convert nothing but integers to floats."""
     if issubclass(kind, Enum):
         return kind(value)
     if type(value) is kind:
@@ -317,7 +320,7 @@ def _read_value(value: object, kind: type[Any]) -> Any:
 
 
 def _walk(mapping: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield dotted name and value of everything in nested mappings, mappings included."""
+    """Yield dotted name and value of everything in mappings, nested ones included."""
     for name, value in mapping.items():
         yield prefix + name, value
         if isinstance(value, dict):
@@ -403,8 +406,12 @@ def _check(name: str, declaration: Quantity, value: object) -> None:
             # Larger integers fit neither a ROS parameter nor an array of numpy.
             largest = _LARGEST_INTEGER
             kind = "of 64 bits"
-        low = -largest if declaration.minimum is None else declaration.minimum
-        high = largest if declaration.maximum is None else declaration.maximum
+        low = declaration.minimum
+        high = declaration.maximum
+        if low is None:
+            low = -largest
+        if high is None:
+            high = largest
         # NaN fails both comparisons.
         if not low <= item <= high:
             raise ConfigError(

@@ -14,6 +14,7 @@ _LONGEST_MESSAGE = 1000
 _HEAD = 650
 _TAIL = 300
 _MOST_NAMES = 20  # in a list of known names
+# Values of users may be huge and deeply nested; reprlib looks at a part of them only.
 _REPR = reprlib.Repr()
 _REPR.maxlevel = 3
 _REPR.maxstring = _REPR.maxother = _LONGEST_VALUE
@@ -100,8 +101,8 @@ def suggest(name: object, candidates: Iterable[object]) -> str:
     names = _sort_names(candidates)
     siblings = _siblings(_shorten(name), names)
     ellipsis = ", ..." if len(siblings) > _MOST_NAMES else ""
-    known_names = f"; known: {', '.join(siblings[:_MOST_NAMES])}{ellipsis}"
-    return suggest_similar(name, names) or known_names
+    alternatives = f"; known: {', '.join(siblings[:_MOST_NAMES])}{ellipsis}"
+    return suggest_similar(name, names) or alternatives
 
 
 def suggest_similar(name: object, candidates: Iterable[object]) -> str:
@@ -117,6 +118,7 @@ def suggest_similar(name: object, candidates: Iterable[object]) -> str:
         # A user may leave out the parents of a dotted name.
         [candidate for candidate in names if candidate.endswith(f".{text}")][:3]
         or _most_similar(text, _siblings(text, names), 0.6)
+        # Under another parent, a name must be closer to count as meant.
         or _most_similar(text, names, 0.8)
     )
     return f"; did you mean {' or '.join(map(repr, similar))}?" if similar else ""

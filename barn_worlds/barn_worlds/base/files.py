@@ -61,6 +61,7 @@ def read_at_most(path: Path, largest: int) -> bytes:
         OSError: If the file cannot be read or is larger.
     """
     with open_regular(path) as file:
+        # One byte more shows that there is more, without reading it all.
         content = file.read(largest + 1)
     if len(content) > largest:
         raise OSError(errno.EFBIG, f"more than the allowed {largest} bytes", str(path))
@@ -139,7 +140,7 @@ def write_durably(path: Path, content: bytes) -> None:
 
     Args:
         path: File to write, in a folder that exists.
-        content: Bytes of the whole file. Until they are on the disk, the old file stays.
+        content: Bytes of the whole file. The old file stays until they are on the disk.
 
     Raises:
         StoreError: If the file cannot be written.
@@ -175,6 +176,7 @@ def replace_file(path: Path, *, durable: bool = False) -> Iterator[Path]:
     temporary = Path(name)
     try:
         yield temporary
+        # mkstemp makes files that only their owner can read.
         temporary.chmod(0o666 & ~_read_umask())
         if durable:
             _sync(temporary)

@@ -205,9 +205,10 @@ def _check(content: PlainData, *, numbers: bool = True) -> None:
     """Raise ValueError for plain data that is nested too deep or has invalid values.
 
     Args:
-        content: Plain data. It is walked level by level, without recursion.
+        content: Plain data.
         numbers: Whether to check the range of numbers, too.
     """
+    # Level by level, because recursion would fail on the depth that is checked here.
     level = [content]
     for _ in range(DEEPEST):
         next_level: list[Any] = []

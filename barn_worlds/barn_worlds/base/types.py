@@ -81,7 +81,7 @@ class Pose2D:
         )
 
     def transform(self, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Transform points (n, 2) from the frame of this pose to its reference frame."""
+        """Return points (n, 2) in the frame of this pose in its reference frame."""
         cos = math.cos(self.yaw)
         sin = math.sin(self.yaw)
         # Points are rows, so the rotation matrix stands transposed on the right.

@@ -1,4 +1,4 @@
-"""Data sets: numbered worlds from the package, a folder or a file, all used the same way."""
+"""Data sets: numbered worlds from the package, a folder or a file."""
 
 import hashlib
 import re
@@ -59,6 +59,7 @@ class Dataset:
                 f"worlds from {min(self.readers)} to {max(self.readers)}"
             )
         if world_number not in self._cache:
+            # Worlds of a large data set would fill the memory.
             if len(self._cache) >= _MAX_CACHED_WORLDS:
                 self._cache.clear()
             self._cache[world_number] = self.readers[world_number]()
@@ -68,7 +69,7 @@ class Dataset:
         """Return the data set with its worlds as a robot drives them.
 
         Args:
-            robot: The robot.
+            robot: Its footprint decides which paths fit.
             course: Other start and goal for all worlds (`worlds.course.fit_to_robot`).
         """
         readers = {
@@ -88,7 +89,7 @@ class Dataset:
         Data sets whose manifest names no robot, such as barn300, are for any.
 
         Args:
-            robot: The robot.
+            robot: Compared with the one that the manifest names.
             world_numbers: Numbers of the worlds that it would drive in.
         """
         intended_robot = self.manifest.get("robot") or robot.name
@@ -101,7 +102,8 @@ class Dataset:
             if needed_cells > planned_cells:
                 raise WorldError(
                     f"{self.name} is made for robot {intended_robot}, with paths for "
-                    f"{planned_cells} x {planned_cells} cells of {world.resolution_m:g} m: "
+                    f"{planned_cells} x {planned_cells} cells of "
+                    f"{world.resolution_m:g} m: "
                     f"robot {robot.name} takes {needed_cells} x {needed_cells}; "
                     f"name one that fits, such as {intended_robot}"
                 )
@@ -125,20 +127,21 @@ def dataset_files() -> dict[str, Path]:
 def open_dataset(source: str | Path, robot: Robot = STANDARD_ROBOT) -> Dataset:
     """Open a data set.
 
-    A world has the number in its file's name. If a number is missing or not unique, files
-    are numbered from 0 in order of name.
+    A world has the number in its file's name. If a number is missing or not unique,
+    files are numbered from 0 in order of name.
 
     Args:
-        source: The name of a shipped data set (barn300), a data set file (.npz), a folder
-            in the original layout, a folder of Gazebo worlds (.world, .sdf, gzipped or
-            not), of the suite's YAML (.world.yaml), of .npy grids or of map_server maps
-            (.yaml), or one such file.
+        source: The name of a shipped data set (barn300), a data set file (.npz), a
+            folder in the original layout, a folder of Gazebo worlds (.world, .sdf,
+            gzipped or not), of the suite's YAML (.world.yaml), of .npy grids or of
+            map_server maps (.yaml), or one such file.
         robot: Its footprint is used to plan paths if the source has neither paths nor a
             footprint.
 
     Raises:
         WorldError: If the source is no data set or cannot be read.
     """
+    # A shipped name wins over a file of the same name.
     shipped_file = dataset_files().get(str(source))
     if shipped_file is not None:
         return _open_file(shipped_file)
@@ -181,9 +184,9 @@ def _open_folder(path: Path, robot: Robot) -> Dataset:
         return Dataset(name, readers)
 
     files = sorted(file for file in path.iterdir() if file.is_file())
-    own_files = [file for file in files if file.suffix == ".npz"]
-    if len(own_files) == 1:
-        return _open_file(own_files[0])
+    dataset_file_paths = [file for file in files if file.suffix == ".npz"]
+    if len(dataset_file_paths) == 1:
+        return _open_file(dataset_file_paths[0])
 
     world_files: list[Path] = []
     for endings in _FOLDER_KINDS:
@@ -222,9 +225,9 @@ def select_worlds(spec: str, world_numbers: Iterable[int]) -> list[int]:
     """Return the numbers that a selection names, in its order, each once.
 
     Args:
-        spec: "7" must exist. The ranges "0-49" (both ends included) and "0:300:6" (like a
-            Python range, end excluded) select the numbers that exist, at least one; of
-            numbers without gaps all must exist. "1,4,7-9" joins, "all" is all.
+        spec: "7" must exist. The ranges "0-49" (both ends included) and "0:300:6" (like
+            a Python range, end excluded) select the numbers that exist, at least one;
+            of numbers without gaps all must exist. "1,4,7-9" joins, "all" is all.
         world_numbers: Numbers to select from.
 
     Raises:
@@ -265,16 +268,16 @@ def _select_part(part: str, numbers: Sequence[int]) -> Iterator[int]:
         raise WorldError(f"the step in {part!r} must be at least 1")
 
     end = int(stop) if stop else int(last or first) + 1
-    wanted_range = range(int(first), end, int(step or 1))
-    existing = [number for number in numbers if number in wanted_range]
+    selection = range(int(first), end, int(step or 1))
+    existing = [number for number in numbers if number in selection]
     is_gapless = numbers[-1] - numbers[0] == len(numbers) - 1
-    if not existing or (is_gapless and len(existing) < len(wanted_range)):
+    if not existing or (is_gapless and len(existing) < len(selection)):
         missing = part
         if existing:
             # The range may be huge, so it is only searched up to the first number.
             outside = (
                 number
-                for number in wanted_range
+                for number in selection
                 if not numbers[0] <= number <= numbers[-1]
             )
             missing = f"{next(outside)} of {part}"

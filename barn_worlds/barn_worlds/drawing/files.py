@@ -29,7 +29,7 @@ def figure_bytes(
     """Return the content of a file with a figure.
 
     Args:
-        figure: The figure.
+        figure: Saved in its own size in inches.
         kind: Format: png, svg or pdf.
         dots_per_inch: Resolution of pixels.
         tight: Whether to cut off empty margins.
@@ -53,7 +53,7 @@ def write_png(
     """Write a figure as PNG, atomically.
 
     Args:
-        figure: The figure.
+        figure: Saved in its own size in inches.
         path: File to write; its ending does not matter.
         dots_per_inch: Resolution.
         tight: Whether to cut off empty margins.

@@ -58,7 +58,7 @@ def draw_scene(axes: Axes, scene: TrialScene, *, faint: bool = False) -> None:
 
     Args:
         axes: Axes in meters.
-        scene: The scene.
+        scene: Cylinders, boxes, path, start and goal to draw.
         faint: Draw everything but start and goal in one light color, for maps on which
             trajectories are what counts. The circle of arrival is left out.
     """
@@ -146,7 +146,12 @@ def draw_trail(
 
 
 def draw_contacts(axes: Axes, points_m: Points) -> None:
-    """Draw the points (n, 2) where a robot touched something."""
+    """Draw where a robot touched something.
+
+    Args:
+        axes: Axes in meters.
+        points_m: Positions (n, 2) of the robot.
+    """
     axes.plot(
         *points_m.T,
         "x",

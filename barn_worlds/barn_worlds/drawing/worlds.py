@@ -55,7 +55,7 @@ def world_figure(
     """Return a picture of one world; moving obstacles are where they are at time 0.
 
     Args:
-        world: The world.
+        world: Shown with its C-space, path and containment.
         start: Where a robot starts. By default the first cell of the path.
         goal: Where it should arrive. By default the last cell of the path.
         goal_distance_m: Distance from the goal that counts as arrival.
@@ -72,7 +72,7 @@ def write_animation(world: World, path: Path) -> None:
     """Write an animation of the first 15 s of a world's moving obstacles, atomically.
 
     Args:
-        world: The world.
+        world: One in which obstacles move.
         path: File to write, a GIF.
 
     Raises:
@@ -139,6 +139,7 @@ def _draw_world(
 ) -> tuple[Figure, Axes]:
     """Return a figure of what stands in a world, and its axes in meters."""
     left, below, right, above = world.bounds_m
+    # The grid, without the containment in front of it.
     field = (left, right, above - world.cols * world.resolution_m, above)
     first, last = (Pose2D(x, y, 0.0) for x, y in world.path_m()[[0, -1]].tolist())
     scene = scene_of(world, start or first, goal or last, goal_distance_m)
@@ -168,6 +169,7 @@ def _draw_world(
         axes.scatter([], [], color=palette.OBSTACLE, label="obstacle")
 
     if goal is not None:
+        # The protocol may place the goal beyond the grid.
         above = max(above, goal.y + goal_distance_m + 0.2)
     axes.set(
         xlim=(left, right),
@@ -208,8 +210,9 @@ def _draw_motion(
         times_s = np.linspace(0.0, length_s, count, endpoint=False)
         pieces = [to_axes(piece) for piece in motion_paths(tracks, times_s)]
         draw_motion_paths(axes, pieces, alpha=0.6)
-        places = np.linspace(0, len(times_s) - 1, arrows + 2)[1:-1].astype(int)
-        for time_s in times_s[places].tolist():
+        # Evenly spread, but not at the very ends.
+        places = np.linspace(0, len(times_s) - 1, arrows + 2).astype(int)
+        for time_s in times_s[places[1:-1]].tolist():
             positions, velocities = tracks.at(time_s)
             draw_arrow(axes, positions[0], velocities[0], mutation_scale=9.0)
 
@@ -243,6 +246,7 @@ def _frames(world: World) -> Iterator[Image.Image]:
     clock = axes.text(0.02, 0.02, "", transform=axes.transAxes, fontsize=12)
     obstacles.set_animated(True)
     clock.set_animated(True)
+    # What is animated is left out of this.
     canvas.draw()
     background = canvas.copy_from_bbox(figure.bbox)
 
@@ -265,7 +269,8 @@ def _tile(world: World) -> npt.NDArray[np.float32]:
     tile[:] = to_rgb(palette.WHITE)
     tile[world.cspace.T] = to_rgb(palette.INFLATED)
     tile[world.grid.T] = to_rgb(palette.OBSTACLE)
-    tile[world.path[:, 1], world.path[:, 0]] = to_rgb(palette.ROUTE)
+    rows, columns = world.path.T
+    tile[columns, rows] = to_rgb(palette.ROUTE)
     tile[world.start_cell[::-1]] = to_rgb(palette.START)
     tile[world.goal_cell[::-1]] = to_rgb(palette.GOAL)
     return tile[::-1]

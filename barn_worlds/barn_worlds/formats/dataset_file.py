@@ -1,8 +1,8 @@
-"""The suite's own data set file: worlds in one small .npz, with a manifest inside it and a copy beside it."""
+"""The data set file of the suite: worlds in one .npz, and a copy of its manifest."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass
-from operator import attrgetter
+from itertools import starmap
 from pathlib import Path
 from typing import Any
 
@@ -11,38 +11,40 @@ import numpy.typing as npt
 
 import barn_worlds
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.errors import ConfigError, WorldError, format_error
+from barn_worlds.base.errors import BarnError, WorldError, format_error
 from barn_worlds.base.files import LARGEST_FILE_BYTES, write_bytes
 from barn_worlds.formats.npz import Arrays, NpzFormat
 from barn_worlds.moving.motion import KINDS, SHAPES, Motion, MovingObstacle, Wall
 from barn_worlds.worlds.course import parse_course
 from barn_worlds.worlds.world import LARGEST_SIDE, Provenance, World
 
-_WITH_SCENES = 2  # the schema of data sets in which anything is no static world; it has the arrays of `_scenes` as well
+# Schema of data sets with walls, moving obstacles or arenas, which need the arrays of
+# `_scene_arrays` as well. Others keep the first schema, which earlier versions read.
+_SCENE_SCHEMA = 2
 FORMAT = NpzFormat(
     "a data set of the suite",
     "manifest.json",
-    1,
-    LARGEST_FILE_BYTES,
-    1 << 29,
-    newer=(_WITH_SCENES,),
+    schema=1,
+    largest_file=LARGEST_FILE_BYTES,
+    largest=1 << 29,
+    newer=(_SCENE_SCHEMA,),
 )
-_NUMBERS = attrgetter(
-    "radius_m", "size_x_m", "size_y_m", "yaw_rad", "height_m", "phase_s"
-)  # of an obstacle, in order
 
 
 @dataclass(frozen=True)
 class WorldOrder:
-    """The order in which worlds are numbered: what the scores mean, and one score per world, lowest first."""
+    """The order in which the worlds of a data set are numbered."""
 
     by: str
+    """What the scores mean."""
+
     scores: tuple[float, ...]
+    """A score per world, lowest first."""
 
 
 @dataclass(frozen=True, eq=False)
 class DatasetFile:
-    """The content of a data set file; `world` builds one of its worlds."""
+    """The content of a data set file."""
 
     path: Path
     manifest: Mapping[str, Any]
@@ -50,139 +52,123 @@ class DatasetFile:
 
     @property
     def indices(self) -> list[int]:
-        """Numbers of the worlds as they are stored."""
-        return [int(index) for index in self.arrays["index"]]
+        """Numbers of the worlds in the order of the file."""
+        indices: list[int] = self.arrays["index"].tolist()
+        return indices
 
     def world(self, position: int) -> World:
-        """Return the world stored at a position; WorldError if it is damaged."""
-        where = f"{self.path}: world {self.indices[position]}"
+        """Return the world at a position in the file.
+
+        Raises:
+            WorldError: If its data are damaged.
+        """
+        where = f"{self.path}: world {self.indices[position]} is damaged"
         try:
-            world = self._world(position)
-            same = world.checksum == self.manifest["worlds"][position]["sha256"]
-        # of arrays that are missing, of other sizes or types, or do not fit together
-        except (
-            WorldError,
-            ConfigError,
-            LookupError,
-            TypeError,
-            ValueError,
-            OverflowError,
-        ) as error:
-            raise WorldError(f"{where} is damaged: {format_error(error)}") from None
-        if not same:
-            raise WorldError(
-                f"{where} is damaged: its checksum is not that of the manifest"
-            )
+            world = self._build_world(position)
+            is_intact = world.checksum == self.manifest["worlds"][position]["sha256"]
+        # What arrays raise that are missing, do not fit or have other sizes or types.
+        except (BarnError, LookupError, TypeError, ValueError, OverflowError) as error:
+            raise WorldError(f"{where}: {format_error(error)}") from None
+        if not is_intact:
+            raise WorldError(f"{where}: its checksum is not that of the manifest")
         return world
 
-    def _world(self, position: int) -> World:
-        a, about = self.arrays, self.manifest["worlds"][position]
-        rows, cols = (int(side) for side in a["shape"][position])
+    def _build_world(self, position: int) -> World:
+        arrays = self.arrays
+        entry = self.manifest["worlds"][position]
+        rows, cols = map(int, arrays["shape"][position])
         if not 1 <= min(rows, cols) <= max(rows, cols) <= LARGEST_SIDE:
             raise ValueError(
                 f"sides must be 1 to {LARGEST_SIDE} cells, got {rows} x {cols}"
             )
-        sizes = (np.prod(a["shape"][: position + 1].astype(np.int64), axis=1) + 7) // 8
-        bits = np.unpackbits(_part(a["grid"], sizes, position), count=rows * cols)
-        number = about["parameter_set"]
-        parameters = {} if number is None else self.manifest["parameter_sets"][number]
+        # Each grid is packed to whole bytes.
+        shapes = arrays["shape"][: position + 1].astype(np.int64)
+        packed = _select(arrays["grid"], (np.prod(shapes, axis=1) + 7) // 8, position)
+        bits = np.unpackbits(packed, count=rows * cols)
+
+        parameters = {}
+        if entry["parameter_set"] is not None:
+            parameters = self.manifest["parameter_sets"][entry["parameter_set"]]
+        provenance = Provenance(
+            entry["source"],
+            str(self.path),
+            parameters,
+            tuple(entry["seed"]),
+            entry["path_source"],
+        )
+        scene: dict[str, Any] = {}
+        if self.manifest["schema"] == _SCENE_SCHEMA:
+            scene = self._build_scene(position, entry["moving"])
+        if "course" in entry:
+            scene["start"], scene["goal"] = parse_course(entry["course"], "course")
         return World(
-            about["name"],
+            entry["name"],
             bits.reshape(rows, cols).astype(np.bool_),
-            _part(a["path"], a["path_cells"], position),
-            float(a["resolution_m"][position]),
-            int(a["footprint_cells"][position]),
-            Provenance(
-                about["source"],
-                str(self.path),
-                parameters,
-                tuple(about["seed"]),
-                about["path_source"],
-            ),
-            *(
-                self._scene(position, about["moving"])
-                if self.manifest["schema"] == _WITH_SCENES
-                else ((), (), None)
-            ),
-            *(parse_course(about["course"], "course") if "course" in about else ()),
+            _select(arrays["path"], arrays["path_cells"], position),
+            float(arrays["resolution_m"][position]),
+            int(arrays["footprint_cells"][position]),
+            provenance,
+            **scene,
         )
 
-    def _scene(self, position: int, names: Sequence[str]) -> tuple[Any, ...]:
-        """Return walls, moving obstacles of these names, and corner of the world at a position."""
-        a = self.arrays
-        walls = _part(a["wall"], a["walls"], position).tolist()
-        rows = _part(a["obstacle"], a["moving"], position).tolist()
+    def _build_scene(self, position: int, names: Sequence[str]) -> dict[str, Any]:
+        """Return walls, moving obstacles and corner of a world, by field of `World`.
+
+        Args:
+            position: Position of the world in the file.
+            names: Names of its moving obstacles.
+        """
+        arrays = self.arrays
+        walls = _select(arrays["wall"], arrays["walls"], position).tolist()
+        obstacles = _select(arrays["obstacle"], arrays["moving"], position).tolist()
+        motions = _select(arrays["obstacle_motion"], arrays["moving"], position)
         moving = []
-        motions = _part(a["obstacle_motion"], a["moving"], position)
-        for name, (shape, *sizes), k in zip(names, rows, motions, strict=True):
-            kind, period_s = (
-                KINDS[int(a["motion_kind"][k])],
-                float(a["motion_period_s"][k]),
+        for name, row, index in zip(names, obstacles, motions, strict=True):
+            shape, radius_m, size_x_m, size_y_m, yaw_rad, height_m, phase_s = row
+            moving.append(
+                MovingObstacle(
+                    name,
+                    SHAPES[int(shape)],
+                    radius_m,
+                    size_x_m,
+                    size_y_m,
+                    yaw_rad,
+                    height_m,
+                    phase_s,
+                    self._build_motion(int(index)),
+                )
             )
-            table = tuple(
-                map(tuple, _part(a["motion"], a["motion_rows"], int(k)).tolist())
-            )
-            # a row of a polynomial is power, x and y, of any other motion time, x and y
-            parts = (
-                ((), tuple(row[1:] for row in table))
-                if kind == "polynomial"
-                else (table,)
-            )
-            motion = Motion(kind, period_s, *parts)
-            moving.append(MovingObstacle(*(name, SHAPES[int(shape)], *sizes, motion)))
-        x_m, y_m = map(float, a["corner_m"][position])
-        corner = None if np.isnan(x_m) and np.isnan(y_m) else (x_m, y_m)
-        return tuple(Wall(*row) for row in walls), tuple(moving), corner
+        scene: dict[str, Any] = {
+            "walls": tuple(starmap(Wall, walls)),
+            "moving": tuple(moving),
+        }
+        x_m, y_m = map(float, arrays["corner_m"][position])
+        # Only arenas have a corner.
+        if not (np.isnan(x_m) and np.isnan(y_m)):
+            scene["corner_m"] = (x_m, y_m)
+        return scene
 
-
-def _part(
-    values: npt.NDArray[Any], counts: npt.NDArray[Any], position: int
-) -> npt.NDArray[Any]:
-    """Return the entries of one of some that lie behind each other, so many of each."""
-    first = int(counts[:position].sum())
-    return values[first : first + int(counts[position])]
-
-
-def write_dataset_file(
-    path: Path,
-    name: str,
-    worlds: Mapping[int, World],
-    about: Mapping[str, Any] | None = None,
-) -> None:
-    """Write worlds by number as a data set file and the manifest beside it (NAME.manifest.json).
-
-    about: more entries for the manifest, such as the order and the generator's parameters.
-    """
-    chosen = list(worlds.values())
-    arrays: Arrays = {
-        "index": np.array(list(worlds), np.int32),
-        "shape": np.array(
-            [world.grid.shape for world in chosen], np.int32
-        ),  # rows and columns
-        "grid": np.concatenate([np.packbits(world.grid) for world in chosen]),
-        "path": np.concatenate([world.path for world in chosen]).astype(np.int16),
-        "path_cells": np.array([len(world.path) for world in chosen], np.int32),
-        "resolution_m": np.array([world.resolution_m for world in chosen]),
-        "footprint_cells": np.array(
-            [world.footprint_cells for world in chosen], np.int32
-        ),
-    }
-    manifest = _manifest(name, worlds, about or {})
-    if any(
-        world.walls or world.moving or world.corner_m is not None for world in chosen
-    ):
-        arrays |= _scenes(chosen)
-        for entry, world in zip(manifest["worlds"], chosen, strict=True):
-            entry["moving"] = [one.name for one in world.moving]
-        manifest = {"schema": _WITH_SCENES, **manifest}
-    text = FORMAT.write(path, manifest, arrays)
-    write_bytes(path.with_suffix(".manifest.json"), text.encode())
+    def _build_motion(self, index: int) -> Motion:
+        arrays = self.arrays
+        rows = _select(arrays["motion"], arrays["motion_rows"], index).tolist()
+        kind = KINDS[int(arrays["motion_kind"][index])]
+        period_s = float(arrays["motion_period_s"][index])
+        if kind == "polynomial":
+            # The first column is the power, which is also the number of the row.
+            coefficients_m = tuple((x, y) for _, x, y in rows)
+            return Motion(kind, period_s, coefficients_m=coefficients_m)
+        return Motion(kind, period_s, keys=tuple(map(tuple, rows)))
 
 
 def read_dataset_file(path: Path) -> DatasetFile:
-    """Return the content of a data set file; WorldError if it is damaged or of another version."""
+    """Return the content of a data set file.
+
+    Raises:
+        WorldError: If the file is damaged or of another version.
+    """
     manifest, arrays = FORMAT.read(path)
-    index, worlds = FORMAT.array(arrays, "index", path), manifest.get("worlds")
+    index = FORMAT.array(arrays, "index", path)
+    worlds = manifest.get("worlds")
     if (
         not isinstance(worlds, list)
         or index.shape != (len(worlds),)
@@ -193,85 +179,146 @@ def read_dataset_file(path: Path) -> DatasetFile:
         )
     if index.min(initial=0) < 0 or len(set(index.tolist())) != len(index):
         raise WorldError(f"{path}: numbers of worlds must be from 0, each once")
-    if not isinstance(manifest.get("name"), str) or not isinstance(
-        manifest.get("robot", ""), str
-    ):
+    names = (manifest.get("name"), manifest.get("robot", ""))
+    if not all(isinstance(name, str) for name in names):
         raise WorldError(
             f"{path}: its manifest lacks a name, or has a robot without one"
         )
     return DatasetFile(path, manifest, arrays)
 
 
+def write_dataset_file(
+    path: Path,
+    name: str,
+    worlds: Mapping[int, World],
+    extra_entries: Mapping[str, Any] | None = None,
+) -> None:
+    """Write a data set file and its manifest beside it (NAME.manifest.json).
+
+    Args:
+        path: File to write.
+        name: Name of the data set.
+        worlds: Worlds by number.
+        extra_entries: Further entries of the manifest, such as generator parameters.
+
+    Raises:
+        WorldError: If a file cannot be written.
+    """
+    ordered = list(worlds.values())
+    arrays: Arrays = {
+        "index": np.array(list(worlds), np.int32),
+        "shape": np.array([world.grid.shape for world in ordered], np.int32),
+        "grid": np.concatenate([np.packbits(world.grid) for world in ordered]),
+        "path": np.concatenate([world.path for world in ordered]).astype(np.int16),
+        "path_cells": np.array([len(world.path) for world in ordered], np.int32),
+        "resolution_m": np.array([world.resolution_m for world in ordered]),
+        "footprint_cells": np.array(
+            [world.footprint_cells for world in ordered], np.int32
+        ),
+    }
+    manifest = _manifest(name, worlds, extra_entries or {})
+    if any(
+        world.walls or world.moving or world.corner_m is not None for world in ordered
+    ):
+        arrays |= _scene_arrays(ordered)
+        for entry, world in zip(manifest["worlds"], ordered, strict=True):
+            entry["moving"] = [obstacle.name for obstacle in world.moving]
+        manifest = {"schema": _SCENE_SCHEMA, **manifest}
+    text = FORMAT.write(path, manifest, arrays)
+    write_bytes(path.with_suffix(".manifest.json"), text.encode())
+
+
 def _manifest(
-    name: str, worlds: Mapping[int, World], about: Mapping[str, Any]
+    name: str, worlds: Mapping[int, World], extra_entries: Mapping[str, Any]
 ) -> dict[str, Any]:
-    sets: list[dict[str, Any]] = []
+    # Many worlds have the same parameters, which the manifest holds once.
+    parameter_sets: list[dict[str, Any]] = []
     entries = []
     for index, world in worlds.items():
-        origin, parameters = world.provenance, dict(world.provenance.parameters)
-        if parameters and parameters not in sets:
-            sets.append(parameters)
-        entry: dict[str, Any] = {
+        provenance = world.provenance
+        parameters = dict(provenance.parameters)
+        if parameters and parameters not in parameter_sets:
+            parameter_sets.append(parameters)
+        entry = {
             "index": index,
             "name": world.name,
-            "source": origin.source,
-        }
-        entry["parameter_set"] = sets.index(parameters) if parameters else None
-        entry |= {
-            "seed": list(origin.seed),
-            "path_source": origin.path_source,
+            "source": provenance.source,
+            "parameter_set": parameter_sets.index(parameters) if parameters else None,
+            "seed": list(provenance.seed),
+            "path_source": provenance.path_source,
             "sha256": world.checksum,
         }
-        entries.append(
-            entry
-            | ({"course": list(world.course_numbers)} if world.course_numbers else {})
-        )
-    made_by = f"barn_worlds {barn_worlds.__version__}"
+        if world.course_numbers:
+            entry["course"] = list(world.course_numbers)
+        entries.append(entry)
     return {
         "name": name,
-        "made_by": made_by,
-        **about,
-        "parameter_sets": sets,
+        "made_by": f"barn_worlds {barn_worlds.__version__}",
+        **extra_entries,
+        "parameter_sets": parameter_sets,
         "worlds": entries,
     }
 
 
-def _scenes(worlds: Sequence[World]) -> Arrays:
-    """Return walls and moving obstacles of worlds as arrays, equal motions once; names are not in them."""
-    walls = [wall for world in worlds for wall in world.walls]
-    obstacles = [one for world in worlds for one in world.moving]
-    motions = {
-        motion: k
-        for k, motion in enumerate(dict.fromkeys(one.motion for one in obstacles))
-    }
-    shaped = [(SHAPES.index(one.shape), *_NUMBERS(one)) for one in obstacles]
+def _scene_arrays(worlds: Sequence[World]) -> Arrays:
+    """Return walls and moving obstacles of worlds as arrays, without their names."""
+    walls = [astuple(wall) for world in worlds for wall in world.walls]
+    obstacles = [obstacle for world in worlds for obstacle in world.moving]
+    # Equal motions are stored once.
+    motions = list(dict.fromkeys(obstacle.motion for obstacle in obstacles))
+    motion_indices = {motion: index for index, motion in enumerate(motions)}
+    rows = [
+        (
+            SHAPES.index(obstacle.shape),
+            obstacle.radius_m,
+            obstacle.size_x_m,
+            obstacle.size_y_m,
+            obstacle.yaw_rad,
+            obstacle.height_m,
+            obstacle.phase_s,
+        )
+        for obstacle in obstacles
+    ]
+    motion_rows = [_motion_rows(motion) for motion in motions]
+    not_arena = (np.nan, np.nan)
     return {
-        "corner_m": np.array(
-            [world.corner_m or (np.nan, np.nan) for world in worlds]
-        ),  # NaN where it is no arena
+        "corner_m": np.array([world.corner_m or not_arena for world in worlds]),
         "walls": np.array([len(world.walls) for world in worlds], np.int32),
-        "wall": _table([astuple(wall) for wall in walls], 6),
+        "wall": _table(walls, 6),
         "moving": np.array([len(world.moving) for world in worlds], np.int32),
-        "obstacle": _table(shaped, 7),
+        "obstacle": _table(rows, 7),
         "obstacle_motion": np.array(
-            [motions[one.motion] for one in obstacles], np.int32
+            [motion_indices[obstacle.motion] for obstacle in obstacles], np.int32
         ),
         "motion_kind": np.array(
             [KINDS.index(motion.kind) for motion in motions], np.uint8
         ),
         "motion_period_s": np.array([motion.period_s for motion in motions]),
-        "motion_rows": np.array(
-            [len(_rows_of(motion)) for motion in motions], np.int32
-        ),
-        "motion": _table([row for motion in motions for row in _rows_of(motion)], 3),
+        "motion_rows": np.array(list(map(len, motion_rows)), np.int32),
+        "motion": _table([row for rows in motion_rows for row in rows], 3),
     }
 
 
-def _rows_of(motion: Motion) -> Sequence[tuple[float, float, float]]:
-    return motion.keys or [
-        (power, x, y) for power, (x, y) in enumerate(motion.coefficients_m)
-    ]
+def _motion_rows(motion: Motion) -> Sequence[tuple[float, float, float]]:
+    """Return the keys of a motion, or power, x and y of its coefficients."""
+    if motion.keys:
+        return motion.keys
+    return [(power, x, y) for power, (x, y) in enumerate(motion.coefficients_m)]
 
 
 def _table(rows: Sequence[Sequence[float]], width: int) -> Floats:
     return np.array(rows, np.float64).reshape(-1, width)
+
+
+def _select(
+    values: npt.NDArray[Any], counts: npt.NDArray[Any], position: int
+) -> npt.NDArray[Any]:
+    """Return the values of one world or motion.
+
+    Args:
+        values: Values of all, one after the other.
+        counts: How many values each has.
+        position: Position of the world or motion.
+    """
+    first = int(counts[:position].sum())
+    return values[first : first + int(counts[position])]

@@ -1,9 +1,9 @@
 """Compiled loops: distances of convex outlines from bodies, and times to contact.
 
 A shape is a row of 7 numbers: x, y in m in the map frame, radius, half length and half
-width in m, cosine and sine of its heading. A cylinder has half sizes 0, a box radius 0. An
-outline moves with a pose x, y, yaw. It is a rectangle given by its extent x_min, y_min,
-x_max, y_max, or a convex polygon given by its counterclockwise corners (k, 2).
+width in m, cosine and sine of its heading. A cylinder has half sizes 0, a box radius 0.
+An outline moves with a pose x, y, yaw. It is a rectangle given by its extent x_min,
+y_min, x_max, y_max, or a convex polygon given by its counterclockwise corners (k, 2).
 """
 
 import math
@@ -36,6 +36,32 @@ def _disc_radius(shape: Floats) -> float:
     if shape[_RADIUS] > 0.0:
         return float(shape[_RADIUS])
     return math.hypot(shape[_HALF_LENGTH], shape[_HALF_WIDTH])
+
+
+@njit(cache=True)
+def _side(corners: Floats, k: int) -> tuple[float, float]:
+    """Return the vector from a corner of a polygon to the next."""
+    end = (k + 1) % len(corners)
+    return corners[end, 0] - corners[k, 0], corners[end, 1] - corners[k, 1]
+
+
+@njit(cache=True)
+def _distance_to_segment(dx: float, dy: float, sx: float, sy: float) -> float:
+    """Return the distance of a point from a segment.
+
+    Args:
+        dx: Position of the point, seen from the start of the segment.
+        dy: Position of the point, seen from the start of the segment.
+        sx: Vector from the start of the segment to its end.
+        sy: Vector from the start of the segment to its end.
+    """
+    square = sx * sx + sy * sy
+    share = 0.0
+    # A segment of length 0 is a point.
+    if square > 0.0:
+        along = (dx * sx + dy * sy) / square
+        share = min(max(along, 0.0), 1.0)
+    return math.hypot(dx - share * sx, dy - share * sy)
 
 
 @njit(cache=True)
@@ -78,6 +104,7 @@ def gaps_to_rectangle(
             gaps[i] = max(0.0, gap)
             continue
 
+        # Seen from the center of the rectangle.
         ux, uy = _to_frame(shape[_COS], shape[_SIN], c, s)
         gaps[i] = box_gap(
             ahead - 0.5 * (extent[0] + extent[2]),
@@ -110,18 +137,20 @@ def box_gap(
         y: Center of the box, seen from the center of the rectangle.
         ux: Direction of its length: x of the unit vector.
         uy: Direction of its length: y of the unit vector.
-        half_length: Half its length.
-        half_width: Half its width.
+        half_length: Half the longer side, along ux and uy.
+        half_width: Half the other side.
         half_x: Half the side of the rectangle along x.
         half_y: Half the side of the rectangle along y.
     """
     along = x * ux + y * uy
     across = y * ux - x * uy
     # Two convex shapes overlap unless an axis of one of them separates them.
-    overlap_x = abs(x) <= half_x + (abs(ux) * half_length + abs(uy) * half_width)
-    overlap_y = abs(y) <= half_y + (abs(uy) * half_length + abs(ux) * half_width)
-    overlap_along = abs(along) <= half_length + (abs(ux) * half_x + abs(uy) * half_y)
-    overlap_across = abs(across) <= half_width + (abs(uy) * half_x + abs(ux) * half_y)
+    cos = abs(ux)
+    sin = abs(uy)
+    overlap_x = abs(x) <= half_x + (cos * half_length + sin * half_width)
+    overlap_y = abs(y) <= half_y + (sin * half_length + cos * half_width)
+    overlap_along = abs(along) <= half_length + (cos * half_x + sin * half_y)
+    overlap_across = abs(across) <= half_width + (sin * half_x + cos * half_y)
     if overlap_x and overlap_y and overlap_along and overlap_across:
         return 0.0
 
@@ -183,8 +212,8 @@ def times_to_rectangle(
         vx, vy = _to_frame(velocities[i, 0], velocities[i, 1], c, s)
         vx -= speed
 
-        # The center of the disc meets the rectangle widened by the radius: two rectangles
-        # and a disc at every corner.
+        # The center of the disc meets the rectangle widened by the radius: two
+        # rectangles and a disc at every corner.
         first = min(
             entry_time(px, py, vx, vy, half_x + radius, half_y),
             entry_time(px, py, vx, vy, half_x, half_y + radius),
@@ -204,7 +233,9 @@ def _disc_entry_time(x: float, y: float, vx: float, vy: float, radius: float) ->
     """Return when a point outside a disc around the origin enters it, inf for never."""
     square = vx * vx + vy * vy
     along = x * vx + y * vy
-    root = along * along - square * (x * x + y * y - radius * radius)
+    beyond = x * x + y * y - radius * radius
+    # Of the quadratic equation for the time at which the distance is the radius.
+    root = along * along - square * beyond
     if root >= 0.0 and along < 0.0:
         return (-along - math.sqrt(root)) / square
     return math.inf
@@ -231,6 +262,7 @@ def entry_time(
     leave = math.inf
     for position, velocity, half in ((px, vx, half_x), (py, vy, half_y)):
         if velocity != 0.0:
+            # When the point is between both sides along this axis.
             low = (-half - position) / velocity
             high = (half - position) / velocity
             enter = max(enter, min(low, high))
@@ -256,15 +288,13 @@ def polygon_gap(x: float, y: float, corners: Floats) -> float:
     nearest = math.inf
     deepest = -math.inf
     for k in range(count):
-        end = (k + 1) % count
-        sx = corners[end, 0] - corners[k, 0]
-        sy = corners[end, 1] - corners[k, 1]
-        square = sx * sx + sy * sy
+        sx, sy = _side(corners, k)
         dx = x - corners[k, 0]
         dy = y - corners[k, 1]
-        deepest = max(deepest, (dx * sy - dy * sx) / math.sqrt(square))
-        share = min(max((dx * sx + dy * sy) / square, 0.0), 1.0)
-        nearest = min(nearest, math.hypot(dx - share * sx, dy - share * sy))
+        # Positive outside of this side.
+        depth = (dx * sy - dy * sx) / math.sqrt(sx * sx + sy * sy)
+        deepest = max(deepest, depth)
+        nearest = min(nearest, _distance_to_segment(dx, dy, sx, sy))
     return nearest if deepest > 0.0 else deepest
 
 
@@ -341,11 +371,12 @@ def _separates(a: Floats, b: Floats) -> bool:
     if count < 2:
         return False
     for k in range(count):
-        sx = a[(k + 1) % count, 0] - a[k, 0]
-        sy = a[(k + 1) % count, 1] - a[k, 1]
+        sx, sy = _side(a, k)
         least = math.inf
         for j in range(len(b)):
-            least = min(least, (b[j, 0] - a[k, 0]) * sy - (b[j, 1] - a[k, 1]) * sx)
+            dx = b[j, 0] - a[k, 0]
+            dy = b[j, 1] - a[k, 1]
+            least = min(least, dx * sy - dy * sx)
         if least > 0.0:
             return True
     return False
@@ -378,6 +409,7 @@ def times_to_polygon(
     c = math.cos(yaw)
     s = math.sin(yaw)
     count = len(corners)
+    # A disc is one corner, its center, and no sides.
     for i in range(len(shapes)):
         reach = radius + _disc_radius(shapes[i])
         px, py = _to_frame(shapes[i, _X] - x, shapes[i, _Y] - y, c, s)
@@ -397,14 +429,15 @@ def times_to_polygon(
             if count == 1:
                 continue
 
-            sx = corners[(k + 1) % count, 0] - corners[k, 0]
-            sy = corners[(k + 1) % count, 1] - corners[k, 1]
+            sx, sy = _side(corners, k)
             length = math.hypot(sx, sy)
             outside = (qx * sy - qy * sx) / length - reach
             closing_speed = (vx * sy - vy * sx) / length
             if closing_speed < 0.0 <= outside:
                 time = -outside / closing_speed
-                along = ((qx + time * vx) * sx + (qy + time * vy) * sy) / length
+                meeting_x = qx + time * vx
+                meeting_y = qy + time * vy
+                along = (meeting_x * sx + meeting_y * sy) / length
                 if 0.0 <= along <= length:
                     first = min(first, time)
         times[i] = first
@@ -426,9 +459,5 @@ def distance_to_line(line: Floats, x: float, y: float) -> float:
         dy = y - line[k, 1]
         sx = line[k + 1, 0] - line[k, 0]
         sy = line[k + 1, 1] - line[k, 1]
-        square = sx * sx + sy * sy
-        share = 0.0
-        if square > 0.0:
-            share = min(max((dx * sx + dy * sy) / square, 0.0), 1.0)
-        nearest = min(nearest, math.hypot(dx - share * sx, dy - share * sy))
+        nearest = min(nearest, _distance_to_segment(dx, dy, sx, sy))
     return nearest

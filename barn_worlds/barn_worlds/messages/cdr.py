@@ -1,4 +1,4 @@
-"""Serialized messages: the types of ROS 2 Jazzy, and templates that are filled in place.
+"""Serialized messages: types of ROS 2 Jazzy, and templates that are filled in place.
 
 Serializing a message from objects takes longer than a control cycle. The messages of a
 trial differ in a few numbers only. So each kind is serialized once, and only these
@@ -212,6 +212,7 @@ def _default(kind: Any) -> Any:
             return False
         return 0.0 if type_name.startswith("float") else 0
 
+    # An array has its length in its type, a sequence begins empty.
     item_kind, length = detail
     if node == Nodetype.SEQUENCE:
         length = 0

@@ -1,8 +1,8 @@
 """The types of the suite from serialized messages of any sender.
 
 Every function raises MessageError for malformed bytes. Only little-endian CDR is read,
-which all machines of today send. What must be fast is read in place; the rosbags library
-reads everything else.
+which all machines of today send. What must be fast is read in place. The rosbags
+library reads everything else.
 """
 
 import math
@@ -70,7 +70,7 @@ class Markers(NamedTuple):
 
 
 def _reads(type_name: str) -> Callable[[Callable[[bytes], T]], Callable[[bytes], T]]:
-    """Let a function that reads messages of a type raise MessageError for other bytes."""
+    """Let a function that reads a type raise MessageError for malformed bytes."""
 
     def wrap(read: Callable[[bytes], T]) -> Callable[[bytes], T]:
         @wraps(read)
@@ -187,6 +187,7 @@ def scan(data: bytes) -> Scan:
     angle_min, _, increment, _, _, range_min, range_max, count = _SCAN.unpack_from(
         data, offset
     )
+    # A copy, so that the scan can be changed and does not keep the whole message.
     ranges = np.frombuffer(data, np.float32, count, offset + _SCAN.size).copy()
     return Scan(stamp_ns, ranges, angle_min, increment, range_min, range_max)
 
@@ -318,7 +319,7 @@ def _text_end(data: bytes, offset: int) -> int:
 
 
 def _align_length(offset: int) -> int:
-    """Return the first offset where a length, or another number of 32 bits, may start."""
+    """Return the first offset where a length or another number of 32 bits may start."""
     return offset + -offset % 4
 
 

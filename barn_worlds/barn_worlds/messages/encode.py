@@ -46,24 +46,27 @@ T = TypeVar("T")
 
 
 class Encoder(Generic[T]):
-    """Encodes messages of one type with a header, whose texts and lengths never vary."""
-
-    type_name: str
+    """Encodes messages of one type with a header; texts and lengths never vary."""
 
     def __init__(
         self,
-        message: Message,
+        type_name: str,
+        frame: str,
         fields: Iterable[str],
         values: Callable[[T], Iterable[Any]],
+        **constants: object,
     ) -> None:
         """Serialize a message.
 
         Args:
-            message: Message with the values of all fields that stay the same.
+            type_name: Type, such as "nav_msgs/msg/Odometry".
+            frame: Frame of the header.
             fields: Dotted names of what varies beside the stamp.
             values: Returns the values of these fields for a content.
+            constants: Values of further fields, which never vary.
         """
-        self.type_name = message.__msgtype__
+        message = make_message(type_name, header=make_header(frame), **constants)
+        self.type_name = type_name
         self._fill = Template(message, [*STAMP_FIELDS, *fields]).fill
         self._values = values
 
@@ -82,14 +85,19 @@ class OdometryEncoder(Encoder[Odometry]):
     """Encodes nav_msgs/Odometry."""
 
     def __init__(self, frame: str, child_frame: str) -> None:
-        message = make_message(
-            "nav_msgs/msg/Odometry",
-            header=make_header(frame),
-            child_frame_id=child_frame,
-        )
         fields = _pose_fields("pose.pose")
         fields += ["twist.twist.linear.x", "twist.twist.angular.z"]
-        super().__init__(message, fields, _odometry_values)
+        super().__init__(
+            "nav_msgs/msg/Odometry",
+            frame,
+            fields,
+            lambda content: (
+                *_pose_values(content.pose),
+                content.velocity.linear,
+                content.velocity.angular,
+            ),
+            child_frame_id=child_frame,
+        )
 
 
 class PoseWithCovarianceEncoder(Encoder[Pose2D]):
@@ -101,32 +109,36 @@ class PoseWithCovarianceEncoder(Encoder[Pose2D]):
     def __init__(
         self, frame: str, variances: Sequence[float] = (0.0, 0.0, 0.0)
     ) -> None:
-        message = make_message(
-            "geometry_msgs/msg/PoseWithCovarianceStamped", header=make_header(frame)
-        )
+        pose = make_message("geometry_msgs/msg/PoseWithCovariance")
         # The diagonal of the 6 x 6 matrix of x, y, z, roll, pitch, yaw.
-        message.pose.covariance[[0, 7, 35]] = variances
-        super().__init__(message, _pose_fields("pose.pose"), _pose_values)
+        pose.covariance[[0, 7, 35]] = variances
+        super().__init__(
+            "geometry_msgs/msg/PoseWithCovarianceStamped",
+            frame,
+            _pose_fields("pose.pose"),
+            _pose_values,
+            pose=pose,
+        )
 
 
 class PoseStampedEncoder(Encoder[Pose2D]):
     """Encodes geometry_msgs/PoseStamped."""
 
     def __init__(self, frame: str) -> None:
-        message = make_message(
-            "geometry_msgs/msg/PoseStamped", header=make_header(frame)
-        )
-        super().__init__(message, _pose_fields("pose"), _pose_values)
+        fields = _pose_fields("pose")
+        super().__init__("geometry_msgs/msg/PoseStamped", frame, fields, _pose_values)
 
 
 class ScanEncoder(Encoder[Scan]):
-    """Encodes sensor_msgs/LaserScan with as many beams and the limits of a first scan."""
+    """Encodes sensor_msgs/LaserScan with the beams and limits of a first scan."""
 
     def __init__(self, first: Scan, frame: str, period_s: float) -> None:
         beams = len(first.ranges)
-        message = make_message(
+        super().__init__(
             "sensor_msgs/msg/LaserScan",
-            header=make_header(frame),
+            frame,
+            ["ranges"],
+            lambda scan: (scan.ranges.tobytes(),),
             angle_min=first.angle_min,
             angle_max=first.angle_min + first.angle_increment * (beams - 1),
             angle_increment=first.angle_increment,
@@ -135,18 +147,18 @@ class ScanEncoder(Encoder[Scan]):
             range_max=first.range_max,
             ranges=np.zeros(beams, np.float32),
         )
-        super().__init__(message, ["ranges"], lambda scan: (scan.ranges.tobytes(),))
 
 
 class TwistStampedEncoder(Encoder[Velocity2D]):
     """Encodes geometry_msgs/TwistStamped."""
 
     def __init__(self, frame: str) -> None:
-        message = make_message(
-            "geometry_msgs/msg/TwistStamped", header=make_header(frame)
+        super().__init__(
+            "geometry_msgs/msg/TwistStamped",
+            frame,
+            ["twist.linear.x", "twist.angular.z"],
+            lambda twist: (twist.linear, twist.angular),
         )
-        fields = ("twist.linear.x", "twist.angular.z")
-        super().__init__(message, fields, lambda twist: (twist.linear, twist.angular))
 
 
 class JointEncoder(Encoder[tuple[Sequence[float], Sequence[float]]]):
@@ -157,17 +169,14 @@ class JointEncoder(Encoder[tuple[Sequence[float], Sequence[float]]]):
 
     def __init__(self, names: Sequence[str]) -> None:
         zeros = np.zeros(len(names))
-        message = make_message(
+        super().__init__(
             "sensor_msgs/msg/JointState",
-            header=make_header(""),
+            "",
+            ["position", "velocity"],
+            lambda columns: [np.asarray(x, np.float64).tobytes() for x in columns],
             name=list(names),
             position=zeros,
             velocity=zeros,
-        )
-        super().__init__(
-            message,
-            ("position", "velocity"),
-            lambda columns: [np.asarray(x, np.float64).tobytes() for x in columns],
         )
 
 
@@ -183,11 +192,16 @@ class TransformEncoder:
             frames: Pairs of a frame and its child frame.
         """
         transforms = [_make_transform(frame, child) for frame, child in frames]
-        parts = ("translation.x", "translation.y", "rotation.z", "rotation.w")
+        varying = (
+            *STAMP_FIELDS,
+            "transform.translation.x",
+            "transform.translation.y",
+            "transform.rotation.z",
+            "transform.rotation.w",
+        )
         fields = []
         for index in range(len(frames)):
-            fields += [f"transforms.{index}.{name}" for name in STAMP_FIELDS]
-            fields += [f"transforms.{index}.transform.{name}" for name in parts]
+            fields += [f"transforms.{index}.{name}" for name in varying]
         message = make_message(self.type_name, transforms=transforms)
         self._template = Template(message, fields)
 
@@ -458,8 +472,3 @@ def _pose_fields(pose: str) -> list[str]:
 
 def _pose_values(pose: Pose2D) -> tuple[float, float, float, float]:
     return (pose.x, pose.y, *quaternion_from_yaw(pose.yaw))
-
-
-def _odometry_values(odometry: Odometry) -> tuple[float, ...]:
-    velocity = odometry.velocity
-    return (*_pose_values(odometry.pose), velocity.linear, velocity.angular)

@@ -44,7 +44,7 @@ class Topic:
 
 @dataclass(frozen=True, slots=True)
 class Frames:
-    """The names of the frames of a node, by default those of REP-105 and of the URDF."""
+    """The names of the frames of a node, by default those of REP-105 and the URDF."""
 
     map: str = "map"
     odom: str = "odom"

@@ -115,6 +115,7 @@ def _read_urdf(file: object, path: Path) -> dict[str, Any]:
     return read_chassis(path.parent / file)
 
 
+# Read at import: every configuration of the suite starts from one of them.
 ROBOTS: Mapping[str, Robot] = {
     name: _read_robot(file) for name, file in find_robot_files().items()
 }

@@ -37,12 +37,12 @@ Extent = tuple[float, float, float, float]  # x_min, y_min, x_max, y_max
 
 @dataclass(frozen=True)
 class Chassis(Checked):
-    """The rigid body of a robot, its wheels included, and where it stands on the ground.
+    """The rigid body of a robot, its wheels included, and how it stands on the ground.
 
     Planners and physics take the convex hull of the footprint. To the physics, a
     rectangle along x and y is a box, a round robot an upright cylinder about base_link,
-    and anything else a prism. To planners, a round robot is a regular polygon around its
-    circle. Wheels stand symmetrically to x.
+    and anything else a prism. To planners, a round robot is a regular polygon around
+    its circle. Wheels stand symmetrically to x.
     """
 
     name: str = required("name of the robot")
@@ -101,7 +101,8 @@ class Chassis(Checked):
         self.require(
             not any(self.body_m) or (all(self.body_m) and self.is_rectangular),
             "body_m",
-            "must be length and width, or neither, of a robot whose hull is a rectangle",
+            "must be length and width, or neither, "
+            "of a robot whose hull is a rectangle",
         )
         self._check_wheels()
         self._check_mass()
@@ -113,7 +114,7 @@ class Chassis(Checked):
 
     @property
     def is_rectangular(self) -> bool:
-        """Whether the hull is a rectangle along x and y, which the physics has as a box."""
+        """Whether the hull is a rectangle along x and y: a box to the physics."""
         x_min, y_min, x_max, y_max = self.extent_m
         rectangle = set(product((x_min, x_max), (y_min, y_max)))
         return not self.is_round and set(self.hull_m) == rectangle
@@ -348,7 +349,7 @@ class Robot(Checked):
         return max(map(abs, self.chassis.extent_m))
 
     def footprint_cells(self, resolution_m: float) -> int:
-        """Return the side, in cells and odd, of the square that the robot takes on a grid.
+        """Return the side in cells, odd, of the square that the robot takes on a grid.
 
         base_link is in the middle of a cell. The Jackal (0.508 x 0.430 m) takes 5 x 5
         cells of 0.15 m, as in the original data set.

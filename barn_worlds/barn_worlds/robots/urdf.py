@@ -123,6 +123,7 @@ def _pose_in_root(name: str, joints: dict[str, Element]) -> Transform:
         name: Name of the link.
         joints: Elements of the joints by the name of their child link.
     """
+    # Up the tree from joint to joint. In a ring there is no end.
     pose = Transform(np.zeros(3), np.eye(3))
     for _ in range(_MOST_LINKS):
         if name not in joints:

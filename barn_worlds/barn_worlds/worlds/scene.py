@@ -19,7 +19,8 @@ _SURROUNDINGS_M = 20.0
 class TrialScene(NamedTuple):
     """What stands in a trial and where it leads, in the map frame in meters."""
 
-    # Centers (k, 2) of the upright cylinders of the world's grid and of its containment.
+    # Centers (k, 2) of the upright cylinders of the world's grid and of its
+    # containment.
     obstacles_m: Points
     walls_m: Points
     # Of every cylinder.
@@ -59,7 +60,7 @@ class TrialScene(NamedTuple):
     def view_m(
         self, low: Floats, high: Floats, *driven_m: Points
     ) -> tuple[Floats, Floats]:
-        """Return the corners of a picture: of a wide world only what is near the course.
+        """Return the corners of a picture; of a wide world, of what is near the course.
 
         Args:
             low: Lower left corner (2,) of the world.
@@ -84,7 +85,7 @@ def scene_of(
     """Return the scene of a world and a course through it.
 
     Args:
-        world: The world.
+        world: Its cylinders, walls and path are shown.
         start: Where the robot starts, if known.
         goal: Where it should arrive, if known.
         goal_distance_m: Distance from the goal that counts as arrival.

@@ -127,8 +127,7 @@ class PredictiveMppiController(MppiController):
         if len(self.discs):
             add_moving_costs(
                 self._costs,
-                self._xs,
-                self._ys,
+                self._poses,
                 self.config.step_s,
                 self.discs,
                 costmap.config.inscribed_m + self._margin_m,
@@ -168,8 +167,7 @@ class PredictiveNavigationPlanner(NavigationPlanner):
 @kernel
 def add_moving_costs(
     costs: FloatArray,
-    xs: Singles,
-    ys: Singles,
+    poses: Singles,
     step_s: float,
     discs: FloatArray,
     reach: float,
@@ -179,21 +177,20 @@ def add_moving_costs(
 
     Args:
         costs: Costs (samples,), changed in place.
-        xs: Poses (steps, samples) in m.
-        ys: As `xs`.
+        poses: Poses (steps, 3, samples): x and y in m, yaw in rad.
         step_s: Time between two poses in s.
         discs: Discs (k, 5): x and y in m, velocity in m/s, radius in m.
         reach: Distance from a disc in m that counts as meeting it.
         weight: Cost of meeting a disc now; at the last step it is half of that.
     """
-    steps, samples = xs.shape
+    steps, _, samples = poses.shape
     for k in range(samples):
         for t in range(steps):
             time_s = step_s * (t + 1)
             meets = False
             for i in range(len(discs)):
-                dx = discs[i, 0] + time_s * discs[i, 2] - xs[t, k]
-                dy = discs[i, 1] + time_s * discs[i, 3] - ys[t, k]
+                dx = discs[i, 0] + time_s * discs[i, 2] - poses[t, 0, k]
+                dy = discs[i, 1] + time_s * discs[i, 3] - poses[t, 1, k]
                 distance = discs[i, 4] + reach
                 meets = meets or dx * dx + dy * dy < distance * distance
             if meets:

@@ -1,4 +1,4 @@
-"""The simulations of `barn validate`: their trials are what they say, and their outcome is within what is promised."""
+"""Simulated trials are what they say, and what is found of them is within what is promised."""
 
 import json
 from dataclasses import replace
@@ -6,18 +6,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import simulated_checks
+import validate_statistics
 from click.testing import CliRunner
+from simulated_checks import GROUPS
+from simulated_trials import draw_equal_planners
+from validate_statistics import Check, main, render_page, run_checks
 
 from barn_eval.analysis import significance
 from barn_eval.analysis.significance import variance_components
 from barn_eval.analysis.statistics import TrialValues
-from barn_eval.commands.suite import validate as command
-from barn_eval.studies import simulations, validation
-from barn_eval.studies.simulations import GROUPS, equal_planners
-from barn_eval.studies.validation import Check, statistics_page, validate
 from barn_metrics.bootstrap import Interval
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "statistics.md"
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "statistics.md"
 
 
 def some(name, *settings):
@@ -46,41 +47,41 @@ def some(name, *settings):
     ],
 )
 def test_each_target_is_met_within_chance(name, setting, simulations):
-    (found,) = validate(simulations, seed=4, groups=[some(name, setting)])
-    assert found.verdict != "missed"
-    assert len(found.found) == 2
+    (found,) = run_checks(simulations, seed=4, groups=[some(name, setting)])
+    assert found.conclusion != "missed"
+    assert len(found.shares) == 2
 
 
 def test_a_verdict_that_knows_only_the_failures_it_saw_would_be_found_out(monkeypatch):
     """As a test of signs alone is: failures that were not drawn are not thought of."""
-    monkeypatch.setattr(TrialValues, "counted", False)
-    (unlike,) = validate(100, seed=4, groups=[some("unlike", (50, 5, 2.0))])
-    assert unlike.verdict == "missed"
+    monkeypatch.setattr(TrialValues, "counts_failures", False)
+    (unlike,) = run_checks(100, seed=4, groups=[some("unlike", (50, 5, 2.0))])
+    assert unlike.conclusion == "missed"
 
 
 def test_an_interval_over_trials_would_be_found_out(monkeypatch):
     over_trials = significance.proportion
     monkeypatch.setattr(
-        simulations,
+        simulated_checks,
         "proportion",
         lambda some, worlds: over_trials(some, np.arange(len(worlds))),
     )
     found = list(
-        validate(300, groups=[some("share", (300, 5, 0.3, 0.9), (300, 5, 0.7, 0.7))])
+        run_checks(300, groups=[some("share", (300, 5, 0.3, 0.9), (300, 5, 0.7, 0.7))])
     )
-    assert [one.verdict for one in found] == ["missed"] * 2
-    assert all(share < 0.85 for one in found for share in one.found)
+    assert [one.conclusion for one in found] == ["missed"] * 2
+    assert all(share < 0.85 for one in found for share in one.shares)
 
 
 def test_a_board_without_holm_would_be_found_out(monkeypatch):
     monkeypatch.setattr("barn_eval.analysis.verdict.holm", list)
-    (board,) = validate(10, groups=[some("board", (20,))])
-    assert board.verdict == "missed"
+    (board,) = run_checks(10, groups=[some("board", (20,))])
+    assert board.conclusion == "missed"
 
 
 def test_equal_planners_share_their_worlds_and_nothing_else():
     draws = [
-        equal_planners(2, 300, np.random.default_rng([1, number]))
+        draw_equal_planners(2, 300, np.random.default_rng([1, number]))
         for number in range(5)
     ]
     values = np.array([[one.values for one in pair] for pair in draws])
@@ -104,41 +105,34 @@ def test_a_target_is_missed_beyond_three_errors_with_any_seed(found, verdict):
     one = Check(
         "", "", 1000, (0.95, found), (0.93, 0.97)
     )  # an error is 0.8 % at the lower limit, 0.5 % at the upper
-    assert one.verdict == verdict
+    assert one.conclusion == verdict
     assert one.standard_error == pytest.approx(
         max((x * (1.0 - x) / 1000) ** 0.5 for x in (0.95, found))
     )
 
 
 def test_the_command_ends_with_1_if_a_target_is_missed(monkeypatch, tmp_path):
-    monkeypatch.setattr(validation, "GROUPS", {"share": GROUPS["share"]})
+    monkeypatch.setattr(validate_statistics, "GROUPS", {"share": GROUPS["share"]})
     runner = CliRunner()
     arguments = ["--simulations", "20", "--seed", "3"]
     out = tmp_path / "statistics.md"
-    done = runner.invoke(
-        command, [*arguments, "--json", "--out", str(out)], standalone_mode=False
-    )
-    assert done.return_value == 0
+    done = runner.invoke(main, [*arguments, "--json", "--out", str(out)])
+    assert done.exit_code == 0
     content = json.loads(done.stdout)
     assert (content["simulations"], content["seed"], len(content["checks"])) == (
         20,
         3,
         8,
     )
-    assert "barn validate --simulations 20 --seed 3" in out.read_text()
+    assert "validate_statistics.py --simulations 20 --seed 3" in out.read_text()
     assert "| seed 3 [%] | seed 4 [%] |" in out.read_text()
-    assert (
-        "50 worlds x 3"
-        in runner.invoke(command, arguments, standalone_mode=False).stdout
+    assert "50 worlds x 3" in runner.invoke(main, arguments).stdout
+    monkeypatch.setattr(
+        simulated_checks, "proportion", lambda *_: Interval(0.5, 0.5, 0.5)
     )
-    monkeypatch.setattr(simulations, "proportion", lambda *_: Interval(0.5, 0.5, 0.5))
-    assert runner.invoke(command, arguments, standalone_mode=False).return_value == 1
+    assert runner.invoke(main, arguments).exit_code == 1
 
 
-@pytest.mark.skipif(
-    not PAGE.is_file(),
-    reason="the repository's documentation is not beside this package",
-)
 def test_the_page_is_what_the_command_writes():
     """The shares are simulated again in full; of the rest, the page must have a row with the settings of today."""
     text = PAGE.read_text("utf-8")
@@ -149,8 +143,8 @@ def test_the_page_is_what_the_command_writes():
     ]
     assert len(every) == sum(len(group.settings) for group in GROUPS.values())
     assert not any("missed" in line for line in every)
-    page = statistics_page(
-        list(validate(groups=[GROUPS["share"]])), 0, PAGE.with_name("ranking.json")
+    page = render_page(
+        list(run_checks(groups=[GROUPS["share"]])), 0, PAGE.with_name("ranking.json")
     )
     assert every[:8] == [
         line for line in page.splitlines() if line.startswith("| the 95 %")
