@@ -24,8 +24,14 @@ from barn_eval.results.rows import (
 )
 from barn_eval.results.run_file import RunFile
 from barn_eval.results.tracks import parse_track_line
-from barn_eval.running.engine import Done, Engine, InlineEngine, Lost, Refused
-from barn_eval.running.local import LocalEngine
+from barn_eval.running.local_pool import LocalPool
+from barn_eval.running.pool import (
+    InlinePool,
+    JobLoss,
+    JobRefusal,
+    JobResult,
+    WorkerPool,
+)
 from barn_eval.trials.identity import first_difference
 from barn_eval.trials.protocol import check_protocol_name
 from barn_eval.trials.result import TrialResult, from_json_line
@@ -243,22 +249,22 @@ def _check_all(trials: Sequence[TrialEvidence]) -> Iterator[TrialCheck]:
     waiting = deque(trials)
     running = 0
     processes = min(ExecutionConfig().processes, len(trials))
-    engine: Engine = InlineEngine(CheckWork())
+    pool: WorkerPool = InlinePool(CheckWork())
     if processes > 1:
-        engine = LocalEngine(CheckWork(), processes, _LIMIT_S)
-    with closing(engine):
+        pool = LocalPool(CheckWork(), processes, _LIMIT_S)
+    with closing(pool):
         while waiting or running:
-            while waiting and running < engine.slots:
+            while waiting and running < pool.slots:
                 trial = waiting.popleft()
-                engine.submit(trial.row.trial_id, trial)
+                pool.submit(trial.row.trial_id, trial)
                 running += 1
-            for report in engine.wait(1.0):
+            for report in pool.wait(1.0):
                 match report:
-                    case Done():
+                    case JobResult():
                         yield report.result
-                    case Lost():
+                    case JobLoss():
                         yield _failed_check(report.key, report.reason)
-                    case Refused():
+                    case JobRefusal():
                         yield _failed_check(report.key, report.message)
                     case _:  # of a job that goes on
                         continue

@@ -24,7 +24,7 @@ from barn_eval.results.rows import (
 from barn_eval.results.run_file import RUN_FILE, WORLDS, RunFile
 from barn_eval.results.store import LOGS
 from barn_eval.results.tracks import pack_arrays
-from barn_eval.running.command_files import told_files
+from barn_eval.running.command_files import find_parameter_files
 from barn_eval.trials.run_config import RunConfig
 from barn_eval.verification.check import FolderCheck, check_folder
 from barn_eval.verification.rerun import COMMANDS_NAME, read_bag
@@ -121,7 +121,7 @@ def _require_shipped_worlds(run_file: RunFile, folder: Path) -> None:
 def _parameter_files(folder: Path, config: RunConfig) -> Iterator[Path]:
     """Yield the copies of files that planners' commands name."""
     for planner in config.planners:
-        yield from told_files(folder / LOGS, planner.name)
+        yield from find_parameter_files(folder / LOGS, planner.name)
         for name, sha256 in planner.files.items():
             yield from (folder / LOGS).rglob(f"{sha256[:12]}_{Path(name).name}")
 
