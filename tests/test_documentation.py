@@ -75,11 +75,11 @@ def test_the_file_that_is_shown_is_a_campaign(tmp_path):
     path = tmp_path / "paper.yaml"
     path.write_text(text)
     campaign = read_request(path, {})
-    assert [planner.name for planner in campaign.experiment.planners] == [
+    assert [planner.name for planner in campaign.config.planners] == [
         "dwa",
         "eband",
     ]
-    assert campaign.experiment.protocol == PAPER_2020
+    assert campaign.config.protocol == PAPER_2020
     shown = set(yaml.safe_load(text)) - {"schema_version", "execution", "out"}
     assert set(RunConfig.__dataclass_fields__) - shown == {"ros"}
 

@@ -18,7 +18,7 @@ from launch_files import launch_arguments
 
 import barn_eval
 from barn_eval.commands.main import COMMANDS, MORE, cli
-from barn_eval.commands.options import parse_settings
+from barn_eval.commands.options import parse_parameters
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, PROTOCOLS, load_protocol
 from barn_eval.trials.ros_config import RosConfig
@@ -106,9 +106,9 @@ def check_values(name, values):
         rules = PROTOCOLS[protocol]
     if name in ("run", "campaign"):
         settings = [one for one in values.get("ros") or [] if "KEY" not in one]
-        replace_dotted(RosConfig(), parse_settings(tuple(settings), "--ros"), "--ros")
+        replace_dotted(RosConfig(), parse_parameters(tuple(settings), "--ros"), "--ros")
         simulator_config(
-            rules, parse_settings(tuple(values.get("simulator") or ()), "--sim")
+            rules, parse_parameters(tuple(values.get("simulator") or ()), "--sim")
         )
     known = {*planner_names(), *EXAMPLES}
     for planner in (values.get("planners") or "dwa").split(","):

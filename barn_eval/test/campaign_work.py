@@ -7,7 +7,7 @@ from pathlib import Path
 
 from waiting import until
 
-from barn_eval.running.engine import Work
+from barn_eval.running.pool import Work
 from barn_worlds.base.errors import BarnError
 
 

@@ -10,14 +10,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 from rosbags.highlevel import AnyReader
 
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.store import BagStore
 from barn_eval.ros.supervision.supervisor import run_ros_trials
 from barn_eval.ros.work import run_request
-from barn_eval.running.request import Request
+from barn_eval.running.reporting import Reporter
+from barn_eval.running.request import RunRequest
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.ros_config import RosConfig, WaitLimits
 from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
@@ -130,8 +130,8 @@ def drive_kinds(folder, *kinds, protocol=SHORT, setup=EACH, repetitions=0):
 
 def run(folder, plan):
     """Run a plan as the command does, by a worker, and return its results; they are in the folder as well."""
-    request = Request(plan, ExecutionConfig(workers=1), folder)
-    return run_request(request, Console(quiet=True))
+    request = RunRequest(plan, ExecutionConfig(workers=1), folder)
+    return run_request(request, Reporter())
 
 
 def foreign(script, *arguments):

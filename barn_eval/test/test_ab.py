@@ -3,8 +3,8 @@
 import json
 
 import pytest
-from rich.console import Console
 
+from barn_eval.running.reporting import Reporter
 from barn_eval.studies import ab as studied
 from barn_eval.studies.ab import AbResult, ab
 from barn_worlds.base.errors import BarnError
@@ -27,19 +27,19 @@ def workspace(tmp_path):
 def test_a_planner_of_the_suite_is_given_with_its_settings():
     (planner,) = side(
         "dwa:fast_dwa,dwa.path_weight=0.6,dwa.sim_time_s=1"
-    ).experiment.planners
+    ).config.planners
     assert (planner.name, planner.preset) == ("dwa", "fast_dwa")
     assert planner.overrides == {"dwa.path_weight": 0.6, "dwa.sim_time_s": 1}
 
 
 def test_a_workspace_is_sourced_and_known_by_what_is_installed(workspace):
     first = side(str(workspace), "ros2 run my_nav host")
-    (planner,) = first.experiment.planners
+    (planner,) = first.config.planners
     assert (
         planner.command
         == f"bash -c '. {workspace}/install/setup.bash && exec ros2 run my_nav host'"
     )
-    assert first.experiment.mode == "ros"
+    assert first.config.mode == "ros"
     assert (
         side(str(workspace / "install" / "setup.bash"), "ros2 run my_nav host").out
         == first.out
@@ -53,8 +53,8 @@ def test_a_parameter_file_counts_most_and_is_known_by_its_content(tmp_path):
     file.write_text("a: 1\n")
     command = "run --ros-args --params-file nav.yaml"
     first = side(str(file), command)
-    assert first.experiment.planners[0].command == f"{command} --params-file {file}"
-    (named,) = side(str(file), f"mine={command}").experiment.planners
+    assert first.config.planners[0].command == f"{command} --params-file {file}"
+    (named,) = side(str(file), f"mine={command}").config.planners
     assert (named.name, named.command) == ("mine", f"{command} --params-file {file}")
     file.write_text("a: 2\n")
     assert side(str(file), command).out != first.out
@@ -65,7 +65,7 @@ def test_both_commands_drive_under_the_name_of_base_so_that_seeds_are_the_same()
         side(text, base="python base.py")
         for text in ("python base.py", "python head.py")
     ]
-    assert [one.experiment.planners[0].name for one in asked] == ["base", "base"]
+    assert [one.config.planners[0].name for one in asked] == ["base", "base"]
     assert asked[0].out != asked[1].out
 
 
@@ -74,7 +74,7 @@ def test_a_file_of_a_run_is_a_side(tmp_path):
     file.write_text(
         "schema_version: 1\nplanners: [{name: gap, overrides: {max_speed_mps: 0.4}}]\n"
     )
-    assert side(str(file)).experiment.planners[0].overrides == {"max_speed_mps": 0.4}
+    assert side(str(file)).config.planners[0].overrides == {"max_speed_mps": 0.4}
 
 
 @pytest.mark.parametrize(
@@ -105,7 +105,7 @@ def test_equal_sides_are_refused(tmp_path):
             "gap,max_speed_mps=0.5",
             "",
             OPTIONS | {"out": tmp_path},
-            Console(quiet=True),
+            Reporter(),
         )
 
 
@@ -136,7 +136,7 @@ def test_a_verdict_tells_how_far_it_went(tmp_path):
         "gap,margin_m=0.031",
         "",
         OPTIONS | {"out": tmp_path},
-        Console(quiet=True),
+        Reporter(),
     )
     assert isinstance(found, AbResult) and found.decision in ("futile", "open")
     assert f"after {found.worlds} of 6 worlds" in found.markdown()

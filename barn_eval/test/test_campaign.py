@@ -1,6 +1,5 @@
 """Campaigns run as a user runs them, undisturbed and under faults: the same table in the end."""
 
-import io
 import json
 import os
 import re
@@ -12,11 +11,11 @@ from itertools import product
 import campaign_runs as runs
 import pyarrow.parquet
 import pytest
-from rich.console import Console
 from waiting import alive, until
 
 from barn_eval.results.folder import read_results
 from barn_eval.ros.work import run_request
+from barn_eval.running.reporting import Reporter
 from barn_eval.running.request import read_request
 from barn_worlds.base.errors import ConfigError
 
@@ -157,9 +156,9 @@ def run_here(whole, monkeypatch):
     monkeypatch.syspath_prepend(whole[0].parent)
 
     def run(settings=None, **options):
-        return run_request(
-            read_request(whole[0], options, settings), Console(file=io.StringIO())
-        )
+        if settings:
+            options["settings"] = settings
+        return run_request(read_request(whole[0], options), Reporter())
 
     return run
 

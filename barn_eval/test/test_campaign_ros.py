@@ -18,7 +18,7 @@ from barn_eval.results.folder import (
 )
 from barn_eval.results.store import BagStore
 from barn_eval.ros.work import RosWork
-from barn_eval.running.command_files import told_parameters
+from barn_eval.running.command_files import read_node_parameters
 from barn_eval.trials.run_config import PlannerChoice, RunConfig
 
 
@@ -103,7 +103,9 @@ def test_each_trial_may_have_a_planner_of_its_own_whose_parameters_are_kept(tmp_
     assert (
         starts.read_text().count("\n") >= 2
     )  # one more may be starting as the campaign ends
-    assert told_parameters(out, "simple")["/simple_planner use_sim_time"] == "False"
+    assert (
+        read_node_parameters(out, "simple")["/simple_planner use_sim_time"] == "False"
+    )
 
 
 def test_all_planners_drive_in_some_worlds_before_any_does_in_the_next(tmp_path):

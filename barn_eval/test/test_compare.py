@@ -20,7 +20,7 @@ from barn_eval.analysis.summary import summarize_run
 from barn_eval.analysis.tables import comparison_table
 from barn_eval.results.rows import RowFile
 from barn_eval.results.run_file import RunFile
-from barn_eval.running.command_files import keep_told
+from barn_eval.running.command_files import write_node_parameters
 from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import PAPER_2020
@@ -361,7 +361,7 @@ def test_parameters_in_which_planners_differ_are_told(folders, command):
     for name, speed in (("a", 0.5), ("slow", 1.0)):
         logs = folders / name / "logs" / "dwa_0"
         logs.mkdir(parents=True)
-        keep_told(
+        write_node_parameters(
             logs.parent,
             logs,
             "dwa",

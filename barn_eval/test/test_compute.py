@@ -153,7 +153,7 @@ def test_the_shell_takes_a_declaration_and_measuring(
 )
 def test_a_wrong_declaration_is_refused(settings: dict[str, float], named: str) -> None:
     with pytest.raises(ConfigError, match=named):
-        barn.plan(planners="gap", worlds=0, settings=settings)
+        barn.run(planners="gap", worlds=0, settings=settings, dry_run=True)
 
 
 def test_measuring_is_refused_over_ros() -> None:

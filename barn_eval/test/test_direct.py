@@ -21,8 +21,8 @@ from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.store import BagStore
 from barn_eval.running import direct
 from barn_eval.running.direct import run_direct_trial
-from barn_eval.running.engine import DirectWork, Job, attempt
-from barn_eval.running.planner_objects import LivePlanner
+from barn_eval.running.planner_objects import PlannerObject
+from barn_eval.running.pool import DirectWork, Job, run_job
 from barn_eval.trials import trial
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, PAPER_2020
@@ -194,9 +194,9 @@ def test_a_machine_that_stalls_for_good_is_told_from_the_planner(
     monkeypatch.setattr(trial, "STALLED", 0.0)
     work = DirectWork(
         BagStore(Path()),
-        {"straight": LivePlanner("straight", lambda _: time.sleep(60.0))},
+        {"straight": PlannerObject("straight", lambda _: time.sleep(60.0))},
     )
-    report = attempt(
+    report = run_job(
         work, "key", "here", Job("key", (spec_of(open_world),)), lambda _: None
     )
     assert report.stalled and not report.overtime

@@ -22,9 +22,9 @@ from barn_eval.results.rows import results_table
 from barn_eval.running.planner_objects import (
     UNKNOWN_SOURCE,
     FunctionPlanner,
-    LivePlanner,
+    PlannerObject,
     fingerprint,
-    split_planners,
+    split_planner_objects,
 )
 from barn_eval.trials.outcome import Outcome
 from barn_planners.interface import Task
@@ -168,7 +168,9 @@ def test_worlds_in_memory_are_driven_in_and_kept(tmp_path):
         (1, second.name, second.checksum),
     ]
     assert len(barn.run([first, second], "gap", SHORT, out=out, progress=False)) == 2
-    assert barn.plan({0: first, 1: second}, "gap", SHORT, out=out).there == 2
+    assert (
+        barn.run({0: first, 1: second}, "gap", SHORT, out=out, dry_run=True).there == 2
+    )
     for others in ([second, first], [first], first, {1: first, 0: second}):
         with pytest.raises(
             ConfigError,
@@ -194,7 +196,7 @@ def test_worlds_in_memory_are_driven_in_and_kept(tmp_path):
         with pytest.raises(
             ConfigError, match="worlds must be numbers, a text or worlds, got"
         ):
-            barn.plan(wrong, "gap")
+            barn.run(wrong, "gap", dry_run=True)
 
 
 def test_the_same_call_resumes_and_other_objects_are_refused(driven):
@@ -407,8 +409,8 @@ def test_functions_may_ask_for_the_task_and_send_nothing():
     planner.start(task, 0)
     assert planner.step(None).command == Velocity2D(0.4, 0.1)
     assert FunctionPlanner(lambda observation: None).step(None).command is None
-    assert isinstance(LivePlanner("x", Straight).make(), Straight)
-    chosen, live = split_planners(
+    assert isinstance(PlannerObject("x", Straight).make_planner(), Straight)
+    chosen, live = split_planner_objects(
         ["dwa", {"name": "eband", "preset": "paper2020"}, {"mine": ahead}]
     )
     assert (chosen[:2], list(live)) == (
@@ -552,20 +554,21 @@ def test_a_comparison_needs_two(tmp_path):
         barn.load(tmp_path / "gap").compare()
 
 
-def test_a_plan_says_what_would_run_and_writes_nothing(tmp_path, driven):
-    found = barn.plan(
+def test_a_dry_run_says_what_would_run_and_writes_nothing(tmp_path, driven):
+    found = barn.run(
         "0:300:60",
         ["gap", ahead],
         repetitions=2,
         workers=2,
         bags="all",
         out=tmp_path / "out",
+        dry_run=True,
     )
     assert (found.planners, found.worlds) == (("gap", "ahead"), (0, 60, 120, 180, 240))
     assert (found.trials, found.there, found.wall_s) == (20, 0, 20.0)
     assert found.disk_bytes > 20 * 1_000_000
     assert not (tmp_path / "out").exists()
     planners = ["gap", ahead, Steady, {"slow": Steady(0.2)}]
-    there = barn.plan([0, 60], planners, SHORT, out=driven.folder)
+    there = barn.run([0, 60], planners, SHORT, out=driven.folder, dry_run=True)
     assert (there.trials, there.there, there.wall_s, there.disk_bytes) == (8, 8, 0.0, 0)
     assert there.basis == "8 trials in the folder"

@@ -41,7 +41,7 @@ results = barn.run(list(worlds.values()), ["gap", mine, ahead, Own, {"other": Ow
 first: barn.TrialResult = results.trials[0]
 trial = results.trial(first.trial_id)
 print(results.table["planner"].tolist(), first.scores.success, trial.trajectory["x_m"].max(), trial.to_tum("trial.txt"))
-print(barn.plan(worlds, "dwa", seed=3).trials, barn.robots.load("husky").name, barn.compare(results, "out").columns)
+print(barn.run(worlds, "dwa", dry_run=True).trials, barn.robots.load("husky").name, barn.compare(results, "out").columns)
 """
 
 WRONG = """
@@ -50,7 +50,8 @@ import barn_eval as barn
 barn.run("0", "dwa", repetition=2)
 barn.rnu()
 barn.worlds.generate(per_st=1)
-barn.plan("0", 3, workers="two")
+barn.run("0", 3, workers="two")
+barn.sweep({"dwa.path_weight": [1]}, worlds="0", planners="dwa", repetition=2)
 """
 
 
@@ -147,6 +148,7 @@ def test_a_users_script_passes_the_type_checker_and_a_wrong_one_does_not(tmp_pat
     ).stdout
     assert "right.py" not in told
     for words in (
+        'No overload variant of "run" matches',
         'did you mean "repetitions"?',
         'has no attribute "rnu"',
         'did you mean "per_set"?',
@@ -222,7 +224,7 @@ def test_everything_offered_is_explained():
                     r"(?m)^    (\w+): ", text.partition("Args:")[2].partition("\n\n")[0]
                 )
             )
-            assert explained == (set() if name == "plan" else taken), name
+            assert explained == taken, name
 
 
 def test_the_page_shows_what_there_is():

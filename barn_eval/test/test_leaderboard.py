@@ -18,7 +18,9 @@ from barn_eval.analysis.leaderboard import (
 from barn_eval.analysis.planners import assign_colors
 from barn_eval.analysis.sources import read_source
 from barn_eval.pages.report.leaderboard import markdown, page
-from barn_eval.running.sweep import grid, parse_sweep, swept_folders, values_of
+from barn_eval.running.request import read_request
+from barn_eval.running.setting_folders import find_setting_folders, parse_folder_name
+from barn_eval.running.settings import grid, parse_sweep
 from barn_eval.trials.protocol import PAPER_2020
 from barn_worlds.base.errors import BarnError
 
@@ -281,7 +283,7 @@ def test_values_are_read_as_yaml():
 )
 def test_what_is_no_sweep_is_refused_in_one_line(sweep, options, words, tmp_path):
     with pytest.raises(BarnError, match=words):
-        grid(sweep, None, {"out": tmp_path, **options})
+        grid(read_request(None, {"out": tmp_path, **options}), sweep)
 
 
 @pytest.mark.parametrize("text", ["a", "=1", "a=[", "a=1,{"])
@@ -293,8 +295,8 @@ def test_texts_that_are_none_are_refused(text):
 def test_a_ros_parameter_goes_into_the_command(tmp_path):
     asked = {"out": tmp_path, "mode": "ros", "planner_command": "mine=run me"}
     commands = [
-        one.request.experiment.planners[0].command
-        for one in grid({"a.b": [1, 0.5]}, None, asked)
+        one.request.config.planners[0].command
+        for one in grid(read_request(None, asked), {"a.b": [1, 0.5]})
     ]
     assert commands == ["run me --ros-args -p a.b:=1", "run me --ros-args -p a.b:=0.5"]
 
@@ -307,13 +309,14 @@ def test_a_key_of_a_parameter_file_is_changed_in_a_copy(tmp_path):
         "mode": "ros",
         "planner_command": f"mine=run --ros-args --params-file {source}",
     }
-    made = grid({"FollowPath.speed": [0.3, 0.4], "planner.rate": [7]}, None, asked)
+    sweep = {"FollowPath.speed": [0.3, 0.4], "planner.rate": [7]}
+    made = grid(read_request(None, asked), sweep)
     assert [one.name for one in made] == ["speed=0.3,rate=7", "speed=0.4,rate=7"]
     for speed, one in zip((0.3, 0.4), made, strict=True):
-        one.write_files()
-        (path,) = one.files
+        one.write_parameter_files()
+        (path,) = one.parameter_files
         assert (
-            one.request.experiment.planners[0].command
+            one.request.config.planners[0].command
             == f"run --ros-args --params-file {path}"
         )
         changed = yaml.safe_load(path.read_text())
@@ -325,7 +328,7 @@ def test_a_key_of_a_parameter_file_is_changed_in_a_copy(tmp_path):
             changed[node]["ros__parameters"]["rate"]
             for node in ("planner", "controller")
         ] == [7, 20]
-    again = grid({"FollowPath.speed": [0.3, 0.4], "planner.rate": [7]}, None, asked)
+    again = grid(read_request(None, asked), sweep)
     assert [one.request for one in again] == [
         one.request for one in made
     ]  # so that it can be resumed
@@ -374,7 +377,7 @@ def test_each_setting_is_what_a_run_of_its_own_is_and_the_best_comes_first(
         assert (out / "max_speed_mps=0.4" / name).read_bytes() == (
             tmp_path / "alone" / name
         ).read_bytes()
-    assert [values_of(one) for one in swept_folders(out)] == [
+    assert [parse_folder_name(one) for one in find_setting_folders(out)] == [
         {"max_speed_mps": 0.4},
         {"max_speed_mps": 0.8},
     ]

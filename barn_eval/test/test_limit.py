@@ -152,14 +152,15 @@ def test_a_planner_of_ones_own_declares_its_cap_as_a_setting():
     }
     settings = ({}, {"mine.max_speed_mps": 0.7}, {"max_speed_mps": 1})
     specs = [
-        read_request(None, options, one).experiment.trials()[0] for one in settings
+        read_request(None, options | {"settings": one}).config.trials()[0]
+        for one in settings
     ]
     assert [spec.declared_mps for spec in specs] == [0.0, 0.7, 1.0]
     assert len({spec.planner_config for spec in specs}) == 3
     with pytest.raises(
         ConfigError, match="planner 'mine': max_speed_mps must be a number, got 'fast'"
     ):
-        read_request(None, options, {"max_speed_mps": "fast"})
+        read_request(None, options | {"settings": {"max_speed_mps": "fast"}})
     with pytest.raises(
         ConfigError, match="planner 'dwa': its speed cap follows from its parameters"
     ):

@@ -148,8 +148,8 @@ def test_the_command_to_repeat_a_campaign_gives_its_configuration(tmp_path):
         if value
     }
     assert asked["settings"] == {"dwa.dwa.sim_time_s": 1.5}
-    again = read_request(None, asked, asked.pop("settings"))
-    assert again.experiment == config
+    again = read_request(None, asked)
+    assert again.config == config
 
 
 def test_folders_that_cannot_be_reported_are_refused_in_one_line(

@@ -1,16 +1,18 @@
 """`barn reproduce` from trials to page."""
 
 import json
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import reproduce_work
 from reproduce_work import write_made_up
-from rich.console import Console
 
 from barn_eval.results.folder import ResultsFolder
 from barn_eval.results.store import TrialRecord
+from barn_eval.running.reporting import Reporter
 from barn_eval.studies.reproduction import findings
 from barn_eval.studies.reproduction.findings import QUICK, paper_run
 from barn_eval.studies.reproduction.findings import reproduce as findings_of
@@ -19,7 +21,6 @@ from barn_eval.trials.run_config import ExecutionConfig
 from barn_metrics.bootstrap import Interval
 
 TINY = replace(QUICK, strata=10, repetitions=2, folds=2)
-CONSOLE = Console(quiet=True)
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
@@ -29,20 +30,22 @@ def tiny(tmp_path_factory):
     return made_up(TINY, tmp_path_factory.mktemp("out"))
 
 
+@contextmanager
+def made_up_run(request, _reporter):
+    """A run whose trials are made up."""
+    yield SimpleNamespace(drive=lambda: write_made_up(request.out, request.config))
+
+
 def made_up(config, out):
     """Reproduce without driving."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            findings,
-            "run_experiment",
-            lambda asked, _: write_made_up(asked.out, asked.experiment),
-        )
+        patch.setattr(findings, "open_run", made_up_run)
         return reproduce(config, out)
 
 
 def reproduce(config, out):
     findings, origin = findings_of(
-        config, out, ExecutionConfig(engine="inline"), CONSOLE
+        config, out, ExecutionConfig(engine="inline"), Reporter()
     )
     return findings, write_results(findings, origin, out)
 

@@ -25,7 +25,7 @@ HUSKY = load_robot("husky")
 
 
 def asked(**options):
-    return read_request(None, {"out": "unused", "worlds": "0", **options}).experiment
+    return read_request(None, {"out": "unused", "worlds": "0", **options}).config
 
 
 @pytest.fixture(scope="module")

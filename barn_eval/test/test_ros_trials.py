@@ -28,7 +28,7 @@ from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.folder import read_results
 from barn_eval.ros.supervision import start
 from barn_eval.ros.supervision.process import SupervisedProcess
-from barn_eval.running.runner import ExperimentError
+from barn_eval.running.runner import RunError
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN, PAPER_2020
 from barn_eval.trials.run_config import RunConfig
@@ -508,7 +508,7 @@ def test_a_planner_that_cannot_import_the_suite_drives(tmp_path):
 def test_a_planner_that_does_not_come_up_ends_the_run_with_the_reason(
     tmp_path, command, words
 ):
-    with pytest.raises(ExperimentError, match=f"(?s){words}"):
+    with pytest.raises(RunError, match=f"(?s){words}"):
         ros.run(
             tmp_path / "run", ros.make_plan(planner="broken", planner_command=command)
         )

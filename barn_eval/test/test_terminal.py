@@ -19,10 +19,16 @@ from barn_eval.commands import options
 from barn_eval.commands.main import main
 from barn_eval.commands.tables import FittedTable, rich_table, table
 from barn_eval.results.folder import read_results
-from barn_eval.running import run as progress
-from barn_eval.running.engine import Note
-from barn_eval.running.run import MOST_LINES, ExperimentProgress, clock
-from barn_eval.running.runner import Loss
+from barn_eval.running import reporting
+from barn_eval.running.pool import Notice
+from barn_eval.running.reporting import (
+    MAX_TRIAL_LINES,
+    ConsoleReporter,
+    Reporter,
+    RunProgress,
+    format_duration,
+)
+from barn_eval.running.runner import TrialLoss
 from barn_eval.trials.outcome import Outcome
 
 WIDTHS = (60, 80, 120)
@@ -174,20 +180,25 @@ def test_there_is_no_other_way_to_a_table():
 def time(monkeypatch):
     """A clock that is moved by hand."""
     clock = SimpleNamespace(now=100.0, monotonic=lambda: clock.now)
-    monkeypatch.setattr(progress, "time", clock)
+    monkeypatch.setattr(reporting, "time", clock)
     return clock
 
 
 def show(total, earlier, events, time):
     """Take one event every two seconds and return the text shown and the last state."""
     file = io.StringIO()
-    with ExperimentProgress(
-        total, earlier, Console(file=file, force_terminal=False, width=200)
-    ) as shown:
+    console = Console(file=file, force_terminal=False, width=200)
+    return take(
+        RunProgress(total, earlier, ConsoleReporter(console)), events, time, file
+    )
+
+
+def take(progress, events, time, file):
+    with progress.reporter.show_progress(progress):
         for event in events:
             time.now += 2.0
-            shown.take(event)
-        text = shown.text()
+            progress.take(event)
+        text = progress.text()
     return file.getvalue(), text
 
 
@@ -198,7 +209,7 @@ def test_rate_factor_remaining_time_and_outcomes_are_those_of_the_session(time):
 
 
 def test_lines_come_now_and_then_and_at_the_end(time):
-    total = MOST_LINES + 1
+    total = MAX_TRIAL_LINES + 1
     shown, _ = show(
         total,
         [result(0)] * (total - 31),
@@ -227,7 +238,7 @@ def test_trials_of_a_small_experiment_have_a_line_each(time):
 
 
 def test_what_is_waited_for_is_said_once(time):
-    waiting = [Note("dwa", "local-0", "waiting for /scan")] * 3
+    waiting = [Notice("dwa", "local-0", "waiting for /scan")] * 3
     shown, _ = show(1, [], [*waiting, result(1), *waiting[:1]], time)
     assert shown.count("waiting for /scan") == 1
 
@@ -239,15 +250,12 @@ def test_a_narrow_terminal_shows_count_rate_time_left_and_outcomes_whole(time, w
         replace(result(number), outcome=outcome)
         for number, outcome in enumerate(Outcome)
     ]
-    with ExperimentProgress(
-        3000, results, Console(file=file, force_terminal=True, width=width)
-    ) as shown:
-        time.now += 2.0
-        shown.take(result(100))
-        text = shown.text()
-    last = re.split(r"\x1b\[[0-9;?]*[A-Za-z]", file.getvalue())
+    reporter = ConsoleReporter(Console(file=file, force_terminal=True, width=width))
+    progress = RunProgress(3000, results, reporter)
+    shown, text = take(progress, [result(100)], time, file)
+    last = re.split(r"\x1b\[[0-9;?]*[A-Za-z]", shown)
     words = set(" ".join(last).replace(",", " ").split())
-    assert "\x1b[" in file.getvalue()
+    assert "\x1b[" in shown
     assert {f"{len(Outcome) + 1}/3000", "30.0/min", "left"} <= words
     assert set(text.replace(",", " ").split()) <= words
 
@@ -256,7 +264,7 @@ def test_losses_are_told_at_once(time):
     shown, _ = show(
         2,
         [],
-        [Loss("dwa_w0001_r00", 1, "its worker process was killed by SIGKILL")],
+        [TrialLoss("dwa_w0001_r00", 1, "its worker process was killed by SIGKILL")],
         time,
     )
     assert shown.startswith(
@@ -264,8 +272,19 @@ def test_losses_are_told_at_once(time):
     )
 
 
+def test_a_library_logs_what_a_command_prints(time, caplog):
+    caplog.set_level("INFO", "barn_eval")
+    loss = TrialLoss("dwa_w0001_r00", 1, "it was killed")
+    take(RunProgress(2, [], Reporter()), [loss, result(1)], time, io.StringIO())
+    assert [(record.levelname, record.message) for record in caplog.records] == [
+        ("WARNING", "dwa_w0001_r00: attempt 1 lost, it was killed"),
+        ("INFO", "[1/2] dwa_w0001_r00: success in 10.10 s"),
+        ("INFO", "1/2 trials, 15.0/min, 3.0 x real time, 0:00:04 left, success 1"),
+    ]
+
+
 def test_durations_are_read_at_a_glance():
-    assert [clock(value) for value in (0.4, 59.6, 3725.0, 90000.0)] == [
+    assert [format_duration(value) for value in (0.4, 59.6, 3725.0, 90000.0)] == [
         "0:00:00",
         "0:01:00",
         "1:02:05",

@@ -8,9 +8,9 @@ import yaml
 from barn_worlds.base.errors import BarnError
 
 pytest.importorskip("optuna")
-from rich.console import Console
-
 from barn_eval.results.folder import read_results
+from barn_eval.running.reporting import Reporter
+from barn_eval.running.run import Run
 from barn_eval.studies import tune as tuning
 from barn_eval.studies.tune import Ranges, tune
 
@@ -19,7 +19,6 @@ RANGES = {
     "directions": {"low": 51, "high": 151},
 }
 OPTIONS = {"worlds": "0,3,6,9,12,15", "workers": 1, "engine": "inline"}
-CONSOLE = Console(quiet=True)
 
 
 def ranges_file(folder, parameters=RANGES, **more):
@@ -34,7 +33,9 @@ def ranges_file(folder, parameters=RANGES, **more):
 
 def tuned(folder, out="out", by=(), parameters=RANGES, settings=4, unseen="1,4"):
     ranges = Ranges.read(ranges_file(folder, parameters))
-    return tune(ranges, OPTIONS | {"out": folder / out}, unseen, by, settings, CONSOLE)
+    return tune(
+        ranges, OPTIONS | {"out": folder / out}, unseen, by, settings, Reporter()
+    )
 
 
 @pytest.mark.parametrize(
@@ -51,7 +52,7 @@ def test_ranges_of_the_suite_are_read_and_hold_what_is_the_default(name, tmp_pat
         files = " ".join(f"--params-file {root / one}.yaml" for one in names)
         options["planner_command"] = f"nav2=host --ros-args {files}"
     assert (
-        tuning._Tuner(ranges, options, (), "6-9", CONSOLE).default.keys()
+        tuning._Tuner(ranges, options, (), "6-9", Reporter()).default.keys()
         == ranges.parameters.keys()
     )
 
@@ -87,15 +88,15 @@ def test_a_tuning_that_was_stopped_becomes_what_it_would_have_been(
     tmp_path, monkeypatch
 ):
     whole = tuned(tmp_path)
-    begun = tuning.scored
+    drive_scored = Run.drive_scored
 
-    def stop(drive, worlds):
-        results = begun(drive, worlds)
+    def stop(run, worlds):
+        results = drive_scored(run, worlds)
         if len(list((tmp_path / "stopped" / "settings").iterdir())) == 3:
             raise KeyboardInterrupt
         return results
 
-    monkeypatch.setattr(tuning, "scored", stop)
+    monkeypatch.setattr(Run, "drive_scored", stop)
     with pytest.raises(KeyboardInterrupt):
         tuned(tmp_path, "stopped")
     monkeypatch.undo()
@@ -181,7 +182,7 @@ def test_parameters_of_a_command_are_written_as_its_own_file(tmp_path):
         "worlds": "0-5",
         "planner_command": f"m=run --params-file {source}",
     }
-    tuner = tuning._Tuner(ranges, options, (), "6", CONSOLE)
+    tuner = tuning._Tuner(ranges, options, (), "6", Reporter())
     study = tuner.study()
     for value in (0.5, 0.25):
         study.tell(study.ask(dict(ranges.parameters)), value)

@@ -227,7 +227,7 @@ def _run(path: Path) -> None:
 
 
 def _request(path: Path) -> None:
-    asked = read_request(path, {}).experiment
+    asked = read_request(path, {}).config
     for planner in asked.planners:
         asked.resolve_planner(planner)
 

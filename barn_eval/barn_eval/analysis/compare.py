@@ -34,7 +34,7 @@ from barn_eval.analysis.statistics import (
 from barn_eval.analysis.text_table import join_names
 from barn_eval.results.folder import read_results
 from barn_eval.results.store import LOGS
-from barn_eval.running.command_files import told_parameters
+from barn_eval.running.command_files import read_node_parameters
 from barn_eval.trials.identity import NOT_SET, flatten
 from barn_eval.trials.result import Rows, RowsByPlanner
 from barn_metrics.bootstrap import Interval
@@ -472,7 +472,7 @@ def _read_parameters(source: Source, planner: str) -> dict[str, Any]:
             files = {
                 f"file {name}": digest[:12] for name, digest in choice.files.items()
             }
-            return files | told_parameters(source.path / LOGS, planner)
+            return files | read_node_parameters(source.path / LOGS, planner)
         setup = source.run_config.resolve_planner(choice)
         config = planner_config(planner, setup.preset, setup.overrides)
     except (BarnError, ValueError):

@@ -21,7 +21,11 @@ from barn_eval.analysis.sources import (
 from barn_eval.analysis.summary import Summary, summarize
 from barn_eval.analysis.text_table import TextTable, count_noun, join_names
 from barn_eval.analysis.verdict import Ranking, list_cautions, rank_results
-from barn_eval.running.sweep import LATENCY, value_text, values_of
+from barn_eval.running.setting_folders import (
+    LATENCY,
+    format_setting_value,
+    parse_folder_name,
+)
 from barn_eval.trials.result import TrialResult
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.datasets.dataset import select_worlds
@@ -348,7 +352,7 @@ def sweep_parameters(entries: Sequence[Entry]) -> list[str]:
     The sweep is of one planner, or of the delay of several. The list is empty if the
     entries are no such settings.
     """
-    values = [values_of(entry.source.path) for entry in entries]
+    values = [parse_folder_name(entry.source.path) for entry in entries]
     planners = {entry.planner for entry in entries}
     parameters = list(values[0])
     is_one_sweep = all(setting.keys() == values[0].keys() for setting in values)
@@ -374,7 +378,7 @@ def sweep_rows(board: Board) -> list[dict[str, Any]]:
         {
             "level_with_best": position in board.ranking.leaders,
             "planner": place.entry.planner,
-            **values_of(place.entry.source.path),
+            **parse_folder_name(place.entry.source.path),
             **place.summary.columns(),
             "folder": str(place.entry.source.path),
         }
@@ -384,7 +388,7 @@ def sweep_rows(board: Board) -> list[dict[str, Any]]:
 
 def sweep_table(board: Board) -> TextTable:
     """Return the settings of a sweep as a table, best first."""
-    parameters = list(values_of(board.places[0].entry.source.path))
+    parameters = list(parse_folder_name(board.places[0].entry.source.path))
     keys = dict.fromkeys((board.measure.key, *_SWEEP_MEASURES))
     measures = [MEASURES[key] for key in keys]
     rows = []
@@ -394,11 +398,11 @@ def sweep_table(board: Board) -> TextTable:
             level = "best"
         elif position in board.ranking.leaders:
             level = "level"
-        values = values_of(place.entry.source.path).values()
+        values = parse_folder_name(place.entry.source.path).values()
         rows.append(
             (
                 spelling(place.entry.planner),
-                *(value_text(value) for value in values),
+                *(format_setting_value(value) for value in values),
                 level,
                 *(measure.text(place.summary[measure.key]) for measure in measures),
             )
@@ -420,7 +424,7 @@ def _order_settings(board: Board) -> list[tuple[int, Place]]:
     A sweep over the delay is in the order of planners and delays.
     """
     places = list(enumerate(board.places))
-    values = [values_of(place.entry.source.path) for place in board.places]
+    values = [parse_folder_name(place.entry.source.path) for place in board.places]
     if list(values[0]) == [LATENCY]:
         places.sort(key=lambda p: (p[1].entry.planner, values[p[0]][LATENCY]))
     return places

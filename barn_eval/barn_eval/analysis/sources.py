@@ -13,7 +13,7 @@ from barn_eval.results.bags import BAGS
 from barn_eval.results.folder import read_results, select_scored
 from barn_eval.results.rows import TrackFile
 from barn_eval.results.run_file import RunFile
-from barn_eval.running.sweep import expanded
+from barn_eval.running.setting_folders import expand_sweeps
 from barn_eval.trials.identity import first_difference
 from barn_eval.trials.result import (
     COMPUTE_MODE_LABELS,
@@ -254,7 +254,7 @@ def read_entries(paths: Sequence[Path]) -> list[Entry]:
     Raises:
         ConfigError: A folder is named twice.
     """
-    folders = expanded(paths)
+    folders = expand_sweeps(paths)
     for path, count in Counter(path.resolve() for path in folders).items():
         if count > 1:
             raise ConfigError(f"{path}: is named twice")

@@ -22,28 +22,39 @@ def predict(
 
     Args:
         source: A data set's name, or a file or folder of worlds.
-        select: Which worlds, such as "0-49".
-        weights: File of a model. Default: the shipped one.
+        select: World numbers, such as "0-49".
+        weights: File of a model. Default: the shipped model.
 
     Returns:
-        A row per world: world, name, difficulty_s_per_m (time per metre of path that trials under the paper's protocol
-        count on average), std_s_per_m (of trials in a new world around it), the same per planner as PLANNER_s_per_m,
-        and failure_probability.
+        A row per world: world, name, difficulty_s_per_m (time per metre of path that
+        trials under the paper's protocol take on average), std_s_per_m (standard
+        deviation of trials in a new world around it), the same per planner as
+        PLANNER_s_per_m, and failure_probability.
 
     Raises:
-        BarnError: A world or the weights cannot be read.
+        BarnError: If a world or the weights cannot be read.
     """
-    return pandas_table(predictions(source, select, weights)[2])
+    _, _, rows = predict_rows(source, select, weights)
+    return pandas_table(rows)
 
 
-def predictions(
+def predict_rows(
     source: str | Path, select: str, weights: str | Path | None
 ) -> tuple[DifficultyModel, str, list[dict[str, Any]]]:
-    """Return the model, the data set's name and what is predicted of each world."""
-    model, dataset = load_model(weights), open_dataset(source)
-    found = model.predict_dataset(dataset, select)
+    """Return predictions as plain data.
+
+    Args:
+        source: A data set's name, or a file or folder of worlds.
+        select: World numbers, such as "0-49".
+        weights: File of a model. None stands for the shipped model.
+
+    Returns:
+        The model, the name of the data set, and the row of each world.
+    """
+    model = load_model(weights)
+    dataset = open_dataset(source)
     rows = [
-        {"world": one, "name": dataset.load(one).name, **made.columns()}
-        for one, made in found.items()
+        {"world": number, "name": dataset.load(number).name, **prediction.columns()}
+        for number, prediction in model.predict_dataset(dataset, select).items()
     ]
     return model, dataset.name, rows

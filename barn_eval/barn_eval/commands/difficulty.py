@@ -4,27 +4,25 @@ from pathlib import Path
 
 import click
 
-from barn_eval.api import difficulty
+from barn_eval.api.difficulty import predict_rows
 from barn_eval.commands.options import (
     FILE,
     json_option,
-    tell,
+    print_output,
     worlds_option,
 )
 from barn_eval.commands.tables import table
 
-_OWN = (
-    "difficulty_s_per_m",
-    "std_s_per_m",
-)  # columns of every prediction; those of planners come beside them
+# Columns of every prediction; those of single planners follow them.
+_COLUMNS = ("difficulty_s_per_m", "std_s_per_m")
 
 
 @click.group("difficulty")
 def command() -> None:
     """Predict how difficult worlds are.
 
-    Difficulty is the normalised time of trials: seconds per metre of path, failures as they count, averaged over
-    planners and repetitions.
+    Difficulty is the normalised time of trials: seconds per metre of path, failures as
+    they count, averaged over planners and repetitions.
     """
 
 
@@ -35,18 +33,24 @@ def command() -> None:
 @json_option
 def predict(source: str, select: str, weights: Path | None, as_json: bool) -> None:
     """Predict how difficult the worlds of SOURCE are: a data set, a folder or a file, maps of one's own included."""
-    model, name, lines = difficulty.predictions(source, select, weights)
-    planners = [
-        name for name in lines[0] if name.endswith("_s_per_m") and name not in _OWN
+    model, name, predictions = predict_rows(source, select, weights)
+    planner_columns = [
+        column
+        for column in predictions[0]
+        if column.endswith("_s_per_m") and column not in _COLUMNS
     ]
-    columns = [f">{name.removesuffix('_s_per_m')} [s/m]" for name in planners]
     rows = []
-    for line in lines:
-        numbers = [f"{line[name]:.2f}" for name in (*_OWN, *planners)]
-        rows.append(
-            (line["name"], *numbers, f"{100.0 * line['failure_probability']:.0f}")
-        )
-    shown = table(
-        ("world", ">difficulty [s/m]", ">+-", *columns, ">failures [%]"), rows
+    for prediction in predictions:
+        numbers = [
+            f"{prediction[column]:.2f}" for column in (*_COLUMNS, *planner_columns)
+        ]
+        failures = f"{100.0 * prediction['failure_probability']:.0f}"
+        rows.append((prediction["name"], *numbers, failures))
+    headings = [
+        f">{column.removesuffix('_s_per_m')} [s/m]" for column in planner_columns
+    ]
+    print_output(
+        as_json,
+        {"source": name, "about": dict(model.about), "worlds": predictions},
+        table(("world", ">difficulty [s/m]", ">+-", *headings, ">failures [%]"), rows),
     )
-    tell(as_json, {"source": name, "about": dict(model.about), "worlds": lines}, shown)

@@ -1,13 +1,10 @@
 """The work of a run's workers: over ROS each keeps its nodes for several trials."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from functools import partial
 from socket import AF_INET, SOCK_DGRAM, socket
-
-from rich.console import Console
 
 from barn_eval.results.store import LOGS, BagStore
 from barn_eval.ros.isolation import (
@@ -17,13 +14,13 @@ from barn_eval.ros.isolation import (
     session_isolation,
 )
 from barn_eval.ros.supervision.supervisor import run_ros_trials
-from barn_eval.running.engine import DirectWork, Emit, Job, Work
-from barn_eval.running.planner_objects import LivePlanner
-from barn_eval.running.request import Request
-from barn_eval.running.run import run_experiment
+from barn_eval.running.pool import DirectWork, Emit, Job, Work
+from barn_eval.running.reporting import Reporter
+from barn_eval.running.request import RunRequest
+from barn_eval.running.run import open_run
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.ros_config import RosConfig
-from barn_eval.trials.run_config import ExecutionConfig, RunConfig
+from barn_eval.trials.run_config import RunConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.base.errors import ConfigError, convert_os_errors
 
@@ -38,7 +35,7 @@ class RosWork(Work):
     A single worker takes the domain of the environment, if that names one.
     """
 
-    loads = False
+    needs_import_path = False
     experiment: RunConfig
     store: BagStore
     workers: int
@@ -116,26 +113,19 @@ class RosWork(Work):
                 emit(record)
 
 
-def work_of(
-    experiment: RunConfig,
-    execution: ExecutionConfig,
-    store: BagStore,
-    live: Mapping[str, LivePlanner] | None = None,
-) -> Work:
-    """Return the work of an experiment's workers.
+def work_of(request: RunRequest, store: BagStore) -> Work:
+    """Return the work of a run's workers.
 
     Args:
-        experiment: The run.
-        execution: Number of workers.
+        request: The run.
         store: Where trials leave their bags.
-        live: Its planners that are Python objects, by name.
 
     Returns:
         The work of mode direct or ros.
     """
-    if experiment.mode == "direct":
-        return DirectWork(store, live or {})
-    return RosWork(experiment, store, execution.processes)
+    if request.config.mode == "direct":
+        return DirectWork(store, request.planner_objects)
+    return RosWork(request.config, store, request.execution.processes)
 
 
 def isolation_warning(setup: RosConfig) -> str:
@@ -149,12 +139,12 @@ def isolation_warning(setup: RosConfig) -> str:
     )
 
 
-def require_ros(experiment: RunConfig, console: Console) -> None:
+def require_ros(experiment: RunConfig, reporter: Reporter) -> None:
     """Check that an experiment of mode ros can run, and warn of missing isolation.
 
     Args:
         experiment: The run; other modes pass.
-        console: Shows the warning.
+        reporter: Receives the warning.
 
     Raises:
         ConfigError: If ROS or the loopback interface is missing.
@@ -174,22 +164,17 @@ def require_ros(experiment: RunConfig, console: Console) -> None:
         probe.connect(("127.0.0.1", 9))
     warning = isolation_warning(experiment.ros)
     if warning:
-        console.print(warning, markup=False, highlight=False, soft_wrap=True)
+        reporter.warn(warning)
 
 
 def run_request(
-    request: Request,
-    console: Console,
-    live: Mapping[str, LivePlanner] | None = None,
-    *,
-    overwrite: bool = False,
+    request: RunRequest, reporter: Reporter, *, overwrite: bool = False
 ) -> list[TrialResult]:
     """Run what a request still lacks and return all its results.
 
     Args:
         request: Run and folder.
-        console: Shows notices and progress.
-        live: Planners of the run that are Python objects, by name.
+        reporter: Receives notices and progress.
         overwrite: Delete the results of a different run in the same folder.
 
     Returns:
@@ -198,7 +183,6 @@ def run_request(
     Raises:
         BarnError: For what the user has to change.
     """
-    require_ros(request.experiment, console)
-    return run_experiment(
-        request, console, partial(work_of, live=live), overwrite=overwrite
-    )
+    require_ros(request.config, reporter)
+    with open_run(request, reporter, work_of, overwrite=overwrite) as run:
+        return run.drive()

@@ -4,13 +4,10 @@ import shlex
 from collections.abc import Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from shutil import which
 from typing import Any
-
-from rich.console import Console
 
 from barn_eval.analysis.compare import Comparison, compare, trial_values
 from barn_eval.analysis.measures import MEASURES, ranking_measure
@@ -19,15 +16,11 @@ from barn_eval.analysis.text_table import count_noun
 from barn_eval.results.folder import order_worlds_fairly
 from barn_eval.results.provenance import SUITE
 from barn_eval.ros.work import require_ros, work_of
-from barn_eval.running.command_files import command_files, folder_digest
-from barn_eval.running.request import (
-    Request,
-    command_words,
-    named_command,
-    parse_settings,
-    read_request,
-)
-from barn_eval.running.run import begun, direct_engine, scored
+from barn_eval.running.command_files import hash_command_files, hash_folder
+from barn_eval.running.planner_choices import parse_planner_command, split_command
+from barn_eval.running.reporting import Reporter
+from barn_eval.running.request import RunRequest, parse_parameters, read_request
+from barn_eval.running.run import make_shared_pool, open_run
 from barn_eval.trials import identity
 from barn_eval.trials.run_config import PlannerChoice
 from barn_planners.registry import planner_entry, planner_names
@@ -95,7 +88,11 @@ class AbResult:
 
 
 def ab(
-    base: str, head: str, command: str, options: Mapping[str, object], console: Console
+    base: str,
+    head: str,
+    command: str,
+    options: Mapping[str, object],
+    reporter: Reporter,
 ) -> AbResult:
     """Drive both sides in as many worlds as a verdict takes, each in a folder of its own below `options["out"]`.
 
@@ -105,7 +102,7 @@ def ab(
     also if a trial fails by no fault of the planner.
     """
     sides = _side(base, base, command, options), _side(head, base, command, options)
-    experiments = [one.experiment for one in sides]
+    experiments = [one.config for one in sides]
     if (
         len({one.resolve_planner(one.planners[0]).fingerprint for one in experiments})
         == 1
@@ -118,20 +115,18 @@ def ab(
     with ExitStack() as kept:
         direct = all(one.mode == "direct" for one in experiments)
         engine = (
-            kept.enter_context(closing(direct_engine(sides[0].execution)))
+            kept.enter_context(closing(make_shared_pool(sides[0].execution)))
             if direct
             else None
         )
         for experiment in experiments:
-            require_ros(experiment, console)
-        drives = [
-            kept.enter_context(
-                begun(one, console, partial(work_of, live={}), engine=engine)
-            )
+            require_ros(experiment, reporter)
+        runs = [
+            kept.enter_context(open_run(one, reporter, work_of, pool=engine))
             for one in sides
         ]
         for look in looks:
-            of_base, of_head = (scored(drive, worlds[:look]) for drive in drives)
+            of_base, of_head = (run.drive_scored(worlds[:look]) for run in runs)
             metric = ranking_measure(of_base)
             a, b = (trial_values(one, metric) for one in (of_base, of_head))
             found = decide(
@@ -145,11 +140,13 @@ def ab(
     )
 
 
-def _side(text: str, base: str, command: str, options: Mapping[str, object]) -> Request:
+def _side(
+    text: str, base: str, command: str, options: Mapping[str, object]
+) -> RunRequest:
     """Return what a text stands for; ConfigError if that is nothing."""
     path, settings, asked, files = Path(text), {}, dict[str, Any](options), {}
     name, *changes = text.split(",")
-    label, command = named_command(command) if command else ("", "")
+    label, command = parse_planner_command(command) if command else ("", "")
     if path.is_dir() or (path.is_file() and path.suffix in (".bash", ".sh")):
         setup = next(
             (one for one in (path, *map(path.joinpath, _SETUPS)) if one.is_file()), None
@@ -158,20 +155,20 @@ def _side(text: str, base: str, command: str, options: Mapping[str, object]) -> 
             raise ConfigError(
                 f"{path}: {'a workspace needs --planner-command' if setup else 'has no setup.bash'}"
             )
-        inner = f". {shlex.quote(str(setup.resolve()))} && exec {shlex.join(command_words(command))}"
-        files = {str(setup.resolve().parent): folder_digest(setup.resolve().parent)}
+        inner = f". {shlex.quote(str(setup.resolve()))} && exec {shlex.join(split_command(command))}"
+        files = {str(setup.resolve().parent): hash_folder(setup.resolve().parent)}
         asked["planner_command"] = shlex.join(["bash", "-c", inner])
     elif path.suffix in (".yaml", ".yml") and command:
-        words = command_words(command)
+        words = split_command(command)
         words += [] if "--ros-args" in words else ["--ros-args"]
         asked["planner_command"] = shlex.join(
             [*words, "--params-file", str(path.resolve())]
         )
     elif name.partition(":")[0] in planner_names():
         asked["planners"] = name
-        settings = parse_settings(changes, format_value(text))
+        settings = parse_parameters(changes, format_value(text))
     elif path.suffix not in (".yaml", ".yml"):
-        if which(command_words(text)[0]) is None:
+        if which(split_command(text)[0]) is None:
             raise ConfigError(
                 f"{format_value(text)}: is no workspace, file, planner of the suite or command"
             )
@@ -180,24 +177,25 @@ def _side(text: str, base: str, command: str, options: Mapping[str, object]) -> 
         asked = (
             {"mode": "ros"}
             | asked
-            | {"planner_command": f"{label or named_command(base)[0]}={started}"}
+            | {
+                "planner_command": f"{label or parse_planner_command(base)[0]}={started}"
+            }
         )
     request = read_request(
         path if path.suffix in (".yaml", ".yml") and not started else None,
-        asked,
-        settings,
+        asked | {"settings": settings},
     )
-    planner, *others = request.experiment.planners
+    planner, *others = request.config.planners
     if others:
         raise ConfigError(
             f"{format_value(text)}: must be one planner, got {1 + len(others)}"
         )
     if files:
-        planner = replace(planner, files=files | command_files(command_words(command)))
-        request = replace(
-            request, experiment=replace(request.experiment, planners=(planner,))
+        planner = replace(
+            planner, files=files | hash_command_files(split_command(command))
         )
-    experiment = request.experiment
+        request = replace(request, config=replace(request.config, planners=(planner,)))
+    experiment = request.config
     code = _code(planner) if planner.registered else {}
     out = (
         request.out
@@ -212,7 +210,7 @@ def _code(planner: PlannerChoice) -> dict[str, str]:
         {*SUITE, planner_entry(planner.name).config_class.__module__.partition(".")[0]}
     )
     return {
-        one.name: folder_digest(Path(one.origin).parent)
+        one.name: hash_folder(Path(one.origin).parent)
         for one in map(find_spec, names)
         if one and one.origin
     }

@@ -5,7 +5,6 @@ import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass, replace
-from functools import partial
 from math import ceil
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,6 @@ from optuna.distributions import (
 )
 from optuna.study import StudyDirection
 from optuna.trial import FrozenTrial, Trial, TrialState
-from rich.console import Console
 
 from barn_eval.analysis.compare import Comparison, adjust_by_holm, compare
 from barn_eval.analysis.measures import COMPARED, MEASURES, require_measures
@@ -30,10 +28,12 @@ from barn_eval.analysis.verdict import conclude_comparison
 from barn_eval.pages.figures import style, write_figure
 from barn_eval.results.folder import order_worlds_fairly
 from barn_eval.ros.work import require_ros, work_of
-from barn_eval.running.engine import Engine
+from barn_eval.running.parameter_files import read_parameters
+from barn_eval.running.pool import WorkerPool
+from barn_eval.running.reporting import Reporter
 from barn_eval.running.request import SCHEMA_VERSION, read_request
-from barn_eval.running.run import Drive, begun, direct_engine, scored
-from barn_eval.running.sweep import Setting, setting, values_in_files
+from barn_eval.running.run import Run, make_shared_pool, open_run
+from barn_eval.running.settings import Setting, make_setting
 from barn_eval.trials import identity
 from barn_planners.registry import planner_config
 from barn_worlds.base.config import as_dict, fields_of
@@ -133,7 +133,7 @@ def tune(
     unseen: str | None,
     by: Sequence[str],
     settings: int,
-    console: Console,
+    reporter: Reporter,
 ) -> Tuning:
     """Try settings until there are so many, and judge the best by worlds that it was not chosen by.
 
@@ -141,18 +141,18 @@ def tune(
     judge by, up to a hundred of the others unless given. by: measures; the protocol's metric unless given. Of several,
     settings are kept that no other is as good as by each. Raises BarnError for what is not possible.
     """
-    tuner = _Tuner(ranges, options, by, unseen, console)
+    tuner = _Tuner(ranges, options, by, unseen, reporter)
     study = tuner.study()
-    direct = tuner.base.experiment.mode == "direct"
+    direct = tuner.base.config.mode == "direct"
     with (
-        closing(direct_engine(tuner.base.execution))
+        closing(make_shared_pool(tuner.base.execution))
         if direct
-        else nullcontext() as engine
+        else nullcontext() as pool
     ):
-        tuner.try_settings(study, settings, engine)
+        tuner.try_settings(study, settings, pool)
         trials = study.trials
         front = _front(study)
-        tuned = tuner.judge(trials, front, engine)
+        tuned = tuner.judge(trials, front, pool)
     early = sum(_EARLY in one.user_attrs for one in trials)
     seen = dict(zip(tuner.by, trials[0].values, strict=True))
     return Tuning(
@@ -175,16 +175,16 @@ class _Tuner:
         options: Mapping[str, Any],
         by: Sequence[str],
         unseen: str | None,
-        console: Console,
+        reporter: Reporter,
     ) -> None:
-        self.ranges, self.console = ranges.parameters, console
+        self.ranges, self.reporter = ranges.parameters, reporter
         self.options = {
             **options,
             **({"planners": ranges.planner} if ranges.planner else {"mode": "ros"}),
         }
         self.base = read_request(None, self.options)
-        require_ros(self.base.experiment, console)
-        experiment = self.base.experiment
+        require_ros(self.base.config, reporter)
+        experiment = self.base.config
         self.by = require_measures(by) or (experiment.protocol.metric,)
         for key in self.by:
             if not MEASURES[key].better or MEASURES[key].successes_only:
@@ -205,14 +205,14 @@ class _Tuner:
         self.default = self._defaults()
 
     def _defaults(self) -> dict[str, Any]:
-        planner = self.base.experiment.planners[0]
+        planner = self.base.config.planners[0]
         known = (
-            values_in_files(planner.command, list(self.ranges))
+            read_parameters(planner.command, list(self.ranges))
             if planner.command
             else {}
         )
         if planner.registered:
-            setup = self.base.experiment.resolve_planner(planner)
+            setup = self.base.config.resolve_planner(planner)
             config = planner_config(planner.name, setup.preset, setup.overrides)
             known = {key: value for key, _, value in fields_of(config)}
         for key, one in self.ranges.items():
@@ -231,7 +231,7 @@ class _Tuner:
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         ranges = {key: distribution_to_json(one) for key, one in self.ranges.items()}
         tuned = {"ranges": ranges, "by": self.by, "unseen": self.unseen}
-        asked = json.loads(json.dumps(as_dict(self.base.experiment) | tuned))
+        asked = json.loads(json.dumps(as_dict(self.base.config) | tuned))
         ways = {"larger": StudyDirection.MAXIMIZE, "smaller": StudyDirection.MINIMIZE}
         self.base.out.mkdir(parents=True, exist_ok=True)
         with warnings.catch_warnings():
@@ -259,7 +259,7 @@ class _Tuner:
         return study
 
     def try_settings(
-        self, study: optuna.Study, settings: int, engine: Engine | None
+        self, study: optuna.Study, settings: int, pool: WorkerPool | None
     ) -> None:
         """Try settings until so many are finished, from that on in whose midst it was stopped."""
         while (
@@ -267,7 +267,7 @@ class _Tuner:
         ) < settings:
             # a sampler of its own for each, so that what is gone on with is as if it had not been stopped
             study.sampler = optuna.samplers.TPESampler(
-                seed=(self.base.experiment.seed + number) % 2**32
+                seed=(self.base.config.seed + number) % 2**32
             )
             stopped = study.get_trials(states=[TrialState.RUNNING])
             trial = (
@@ -276,12 +276,10 @@ class _Tuner:
                 else study.ask(dict(self.ranges))
             )
             try:
-                values = self._try(study, trial, engine)
+                values = self._try(study, trial, pool)
             except ConfigError as error:  # values that do not go together
                 study.tell(trial, state=TrialState.FAIL)
-                self.console.print(
-                    f"setting {number}: {error}", markup=False, highlight=False
-                )
+                self.reporter.notify(f"setting {number}: {error}")
                 continue
             study.tell(trial, values)
             measures = [MEASURES[key] for key in self.by]
@@ -292,19 +290,17 @@ class _Tuner:
             if worlds := trial.user_attrs.get(_EARLY):
                 worse = measures[0].number(abs(values[0] - study.best_value))
                 text = f"given up after {worlds} worlds, {measures[0].title} {worse} worse there than the best"
-            self.console.print(
-                f"setting {number} of {settings}: {text}", markup=False, highlight=False
-            )
+            self.reporter.notify(f"setting {number} of {settings}: {text}")
 
     def _try(
-        self, study: optuna.Study, trial: Trial, engine: Engine | None
+        self, study: optuna.Study, trial: Trial, pool: WorkerPool | None
     ) -> list[float]:
         """Drive a setting until it is clearly worse than the best, and return its means."""
         told = dict(study.trials[trial.number].intermediate_values)
-        with self._begun(self._setting(trial, "settings"), engine) as drive:
+        with self._begun(self._setting(trial, "settings"), pool) as run:
             for count in range(_STEP, len(self.worlds) + _STEP, _STEP):
                 seen = self.worlds[:count]
-                results = scored(drive, seen)
+                results = run.drive_scored(seen)
                 values = np.stack(
                     [MEASURES[key].values(results) for key in self.by], axis=1
                 )
@@ -334,7 +330,10 @@ class _Tuner:
         return [float(one) for one in values.mean(axis=0)]
 
     def judge(
-        self, trials: Sequence[FrozenTrial], front: Sequence[int], engine: Engine | None
+        self,
+        trials: Sequence[FrozenTrial],
+        front: Sequence[int],
+        pool: WorkerPool | None,
     ) -> list[Tuned]:
         """Drive settings and the default in the worlds that they were not chosen by, and write what is to be kept."""
         results, keys = {}, tuple(dict.fromkeys((*self.by, *COMPARED)))
@@ -343,8 +342,8 @@ class _Tuner:
             made = self._setting(
                 trials[number], "unseen", worlds=",".join(map(str, self.unseen))
             )
-            with self._begun(made, engine) as drive:
-                results[number] = scored(drive, self.unseen)
+            with self._begun(made, pool) as run:
+                results[number] = run.drive_scored(self.unseen)
         compared = [
             compare(results[one], results[0], f"setting {one}", "default", keys)
             for one in kept
@@ -375,9 +374,12 @@ class _Tuner:
 
     def _write(self, number: int, made: Setting, verdict: str) -> list[Path]:
         """Write the parameters of a setting for use: a file for `barn run`, or the command's own files, changed."""
-        planner, contents = self.base.experiment.planners[0], list(made.files.values())
+        planner, contents = (
+            self.base.config.planners[0],
+            list(made.parameter_files.values()),
+        )
         if planner.registered:
-            preset = self.base.experiment.resolve_planner(planner).preset
+            preset = self.base.config.resolve_planner(planner).preset
             chosen = {
                 "name": planner.name,
                 "preset": preset,
@@ -419,30 +421,25 @@ class _Tuner:
         write_figure(figure, self.base.out / "front.png")
 
     def _setting(
-        self, trial: Trial | FrozenTrial, folder: str, **options: str
+        self, trial: Trial | FrozenTrial, folder: str, worlds: str = ""
     ) -> Setting:
         """Return what drives a setting, its values of four digits; the first one is the default as it is."""
         values = {
             key: float(f"{one:.4g}") if isinstance(one, float) else one
             for key, one in trial.params.items()
         }
-        asked, name = {**self.options, **options}, f"{folder}/{trial.number:04}"
-        return setting(
-            self.base,
-            partial(read_request, None),
-            asked,
-            {},
-            values if trial.number else {},
-            name,
+        base = self.base
+        if worlds:
+            base = replace(base, config=replace(base.config, worlds=worlds))
+        return make_setting(
+            base, values if trial.number else {}, f"{folder}/{trial.number:04}"
         )
 
     def _begun(
-        self, made: Setting, engine: Engine | None
-    ) -> AbstractContextManager[Drive]:
-        made.write_files()
-        return begun(
-            made.request, Console(quiet=True), partial(work_of, live={}), engine=engine
-        )
+        self, made: Setting, pool: WorkerPool | None
+    ) -> AbstractContextManager[Run]:
+        made.write_parameter_files()
+        return open_run(made.request, Reporter(), work_of, pool=pool)
 
 
 def _front(study: optuna.Study) -> list[int]:

@@ -131,16 +131,16 @@ class RunConfig(Checked):
     """What decides the results of a run: planners, worlds, repetitions and rules."""
 
     dataset: str = quantity("barn300", "data set: a name, folder or file")
-    worlds: str = quantity("all", "which of its worlds, such as 0, 0-49 or 0:300:6")
+    worlds: str = quantity("all", "which worlds: 0, 0-49, 0:300:6, 1,4,7-9 or all")
     planners: tuple[PlannerChoice, ...] = (PlannerChoice(),)
     repetitions: int = quantity(1, "trials per world and planner", "", 1, 99)
     protocol: Protocol = field(default_factory=lambda: CHALLENGE)
     simulator: SimulatorConfig = field(
         default_factory=lambda: simulator_config(CHALLENGE)
     )
-    seed: int = quantity(0, "seed that all others come from", "", 0, 2**62)
+    seed: int = quantity(0, "seed of everything random", "", 0, 2**62)
     mode: str = quantity("direct", "one process or ROS nodes", choices=MODES)
-    bags: str = quantity("none", "which trials keep a bag", choices=BAGS)
+    bags: str = quantity("none", "which trials are recorded", choices=BAGS)
     compute: str = quantity(
         DECLARED,
         "what trials charge for a planner's computing: what it declares, if it does,"
@@ -314,9 +314,8 @@ class ExecutionConfig(Checked):
     """How a run is executed; nothing here changes a result."""
 
     engine: str = quantity("local", "what runs the trials", choices=ENGINES)
-    workers: int = quantity(
-        0, "trials at a time, 0 for one per processor", "", 0, 10_000
-    )
+    # 0 is one per processor.
+    workers: int = quantity(0, "trials at a time", "", 0, 10_000)
     address: str = quantity(
         "", "address of a Ray cluster, empty to start one on this machine"
     )

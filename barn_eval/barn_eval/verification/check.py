@@ -24,8 +24,8 @@ from barn_eval.results.rows import (
 )
 from barn_eval.results.run_file import RunFile
 from barn_eval.results.tracks import parse_track_line
-from barn_eval.running.engine import InlineEngine, Note, Part, Refused
-from barn_eval.running.local import LocalEngine
+from barn_eval.running.local_pool import LocalPool
+from barn_eval.running.pool import InlinePool, JobRefusal, Notice, PartialResult
 from barn_eval.trials import identity
 from barn_eval.trials.protocol import check_protocol_name
 from barn_eval.trials.result import TrialResult, from_json_line
@@ -233,9 +233,9 @@ def _checked(trials: Sequence[TrialEvidence]) -> Iterator[TrialCheck]:
     out: dict[str, Sequence[TrialEvidence]] = {}
     processes = min(ExecutionConfig().processes, len(waiting))
     engine = (
-        LocalEngine(CheckWork(), processes, _LIMIT_S)
+        LocalPool(CheckWork(), processes, _LIMIT_S)
         if processes > 1
-        else InlineEngine(CheckWork())
+        else InlinePool(CheckWork())
     )
     with closing(engine):
         while waiting or out:
@@ -244,18 +244,18 @@ def _checked(trials: Sequence[TrialEvidence]) -> Iterator[TrialCheck]:
                 engine.submit(job[0].row.trial_id, job)
                 out[job[0].row.trial_id] = job
             for report in engine.wait(1.0):
-                if isinstance(report, Part):
+                if isinstance(report, PartialResult):
                     trial_id, told = report.result
                     out[report.key] = [
                         one for one in out[report.key] if one.row.trial_id != trial_id
                     ]
                     yield told
-                elif not isinstance(report, Note):
+                elif not isinstance(report, Notice):
                     left = out.pop(report.key)
                     if left:  # the first of them was not to be checked
                         why = (
                             report.message
-                            if isinstance(report, Refused)
+                            if isinstance(report, JobRefusal)
                             else getattr(report, "reason", "")
                         )
                         yield TrialCheck(

@@ -13,7 +13,7 @@ import numpy as np
 from barn_eval.results.bags.bagfile import BagFile
 from barn_eval.results.bags.decode import metadata
 from barn_eval.results.tracks import Track, make_track, unpack_arrays
-from barn_eval.running.engine import Emit, Work
+from barn_eval.running.pool import Emit, Work
 from barn_eval.trials.identity import first_difference
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import REAL_TIME, TrialResult, unpack_delays

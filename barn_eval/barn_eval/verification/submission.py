@@ -21,7 +21,7 @@ from barn_eval.results.rows import (
 from barn_eval.results.run_file import RUN_FILE, WORLDS, RunFile
 from barn_eval.results.store import LOGS
 from barn_eval.results.tracks import pack_arrays
-from barn_eval.running.command_files import told_files
+from barn_eval.running.command_files import find_parameter_files
 from barn_eval.verification.check import FolderCheck, check_folder
 from barn_eval.verification.rerun import COMMANDS_NAME, read_bag
 from barn_worlds.base.errors import ConfigError, format_value
@@ -91,7 +91,7 @@ def submit(folder: str | Path, path: str | Path, container: str = "") -> FolderC
     for planner in run.run_config().planners:
         files |= {
             f"parameters/{one.name}": one.read_bytes()
-            for one in told_files(folder / LOGS, planner.name)
+            for one in find_parameter_files(folder / LOGS, planner.name)
         }
         for name, digest in planner.files.items():
             kept = f"{digest[:12]}_{Path(name).name}"

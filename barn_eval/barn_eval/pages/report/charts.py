@@ -36,7 +36,11 @@ from barn_eval.pages.figures import (
     small_type_pt,
 )
 from barn_eval.pages.report.trials import DrivenTrial
-from barn_eval.running.sweep import LATENCY, value_text, values_of
+from barn_eval.running.setting_folders import (
+    LATENCY,
+    format_setting_value,
+    parse_folder_name,
+)
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.arrays import Floats
 from barn_worlds.drawing.palette import BROKEN, INK, WHITE
@@ -383,13 +387,15 @@ def _sweep_layout(data: ChartData) -> Panels | None:
 )
 def _sweep(panels: Sequence[Axes], data: ChartData) -> Legend:
     parameters = sweep_parameters(data.entries)
-    settings = [tuple(values_of(entry.source.path).values()) for entry in data.entries]
+    settings = [
+        tuple(parse_folder_name(entry.source.path).values()) for entry in data.entries
+    ]
     # The first parameter is along the axis; lines are of the second, or of planners.
     lines: dict[str, list[int]] = {}
     for position, setting in enumerate(settings):
         name = spelling(data.entries[position].planner)
         if len(parameters) > 1:
-            name = f"{parameters[1]} = {value_text(setting[1])}"
+            name = f"{parameters[1]} = {format_setting_value(setting[1])}"
         lines.setdefault(name, []).append(position)
 
     values = sorted(
@@ -416,7 +422,7 @@ def _sweep(panels: Sequence[Axes], data: ChartData) -> Legend:
             marker = marker_of(number)
             handles[name] = draw_estimates(axes, x, means, color, marker)
         if not is_numeric or len(ticks) <= 12:
-            axes.set_xticks(ticks, [value_text(value) for value in values])
+            axes.set_xticks(ticks, [format_setting_value(value) for value in values])
         label_axes(axes, label, measure.heading, measure.title.capitalize())
         axes.set_ylim(0, 104 if measure.percent else None)
     if len(handles) < 2:

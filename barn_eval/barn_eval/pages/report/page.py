@@ -41,7 +41,7 @@ from barn_eval.pages.report.trials import (
 from barn_eval.pages.template import render, write_page
 from barn_eval.results.bags.recorded import read_recorded_trial
 from barn_eval.results.folder import REPLAYS
-from barn_eval.running.sweep import expanded
+from barn_eval.running.setting_folders import expand_sweeps
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.worlds.world import World
 
@@ -264,7 +264,7 @@ def build_report(
     """
     keys = require_measures(columns)
     entries = tuple(read_entries(paths))
-    require_same_task(expanded(paths))
+    require_same_task(expand_sweeps(paths))
     trials, worlds = read_trials(entries)
     order = order_worlds(entries)
     overview = analyze(

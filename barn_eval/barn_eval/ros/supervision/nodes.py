@@ -11,7 +11,7 @@ import yaml
 
 from barn_eval.results.store import BagStore
 from barn_eval.ros.supervision import start
-from barn_eval.running.request import command_words
+from barn_eval.running.planner_choices import split_command
 from barn_eval.trials.ros_config import PlannerLink, RosConfig
 from barn_eval.trials.run_config import PlannerChoice, RunConfig
 from barn_eval.trials.spec import TrialSpec
@@ -157,7 +157,7 @@ def planner(choice: PlannerChoice, experiment: RunConfig) -> NodeProcess:
     """
     setup = experiment.ros
     if choice.command:
-        command = tuple(command_words(choice.command))
+        command = tuple(split_command(choice.command))
         return NodeProcess("planner", command, {}, foreign=True)
 
     planner_setup = experiment.resolve_planner(choice)

@@ -24,7 +24,7 @@ from barn_eval.ros.supervision.process import (
     SupervisedProcess,
     last_lines,
 )
-from barn_eval.running.command_files import keep_told
+from barn_eval.running.command_files import write_node_parameters
 from barn_eval.trials.outcome import (
     ENVIRONMENT,
     PLANNER,
@@ -307,7 +307,7 @@ class _Supervisor:
         if not self._parameters_kept:
             self._parameters_kept = True
             folder = Path(self._assignment.out) / LOGS
-            keep_told(folder, self._logs, self._planner_name, text)
+            write_node_parameters(folder, self._logs, self._planner_name, text)
 
     def _refusal(self, reason: str) -> ProcessError:
         """Return the evaluator's reason to end the run, with a log that explains it."""

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
 from barn_eval.results.provenance import provenance
 from barn_eval.results.run_file import RunFile
-from barn_eval.running.request import Request
-from barn_eval.running.run import run_experiment
+from barn_eval.running.reporting import Reporter
+from barn_eval.running.request import RunRequest
+from barn_eval.running.run import open_run
 from barn_eval.studies.reproduction import trials as paper
 from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
@@ -126,7 +126,7 @@ def _distinct(entries: Iterable[dict[str, Any]]) -> tuple[dict[str, Any], ...]:
 
 
 def reproduce(
-    config: ReproduceConfig, out: Path, execution: ExecutionConfig, console: Console
+    config: ReproduceConfig, out: Path, execution: ExecutionConfig, reporter: Reporter
 ) -> tuple[Findings, Origin]:
     """Run the trials that are missing and analyze all of them.
 
@@ -134,7 +134,7 @@ def reproduce(
         config: What decides the outcome.
         out: Folder of the reproduction.
         execution: Workers of the run.
-        console: Shows progress.
+        reporter: Receives notices and progress.
 
     Returns:
         The findings, and what they were made with.
@@ -144,10 +144,11 @@ def reproduce(
     """
     model = load_model()
     dataset = open_dataset(config.dataset)
-    run = paper_run(config)
     run_folder = out / "campaign"
-    console.print(f"the paper's trials, in {run_folder}", markup=False)
-    results = run_experiment(Request(run, execution, run_folder), console)
+    reporter.notify(f"the paper's trials, in {run_folder}")
+    request = RunRequest(paper_run(config), execution, run_folder)
+    with open_run(request, reporter) as run:
+        results = run.drive()
 
     planner_trials = paper.group_trials(results, str(run_folder))
     world_numbers = [int(number) for number in planner_trials["dwa"].worlds]
