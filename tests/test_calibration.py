@@ -42,7 +42,8 @@ def write_run(path, times):
 
 
 def timed(planner, world, repetition, time_s):
-    one, ended = a_result(world), Outcome.TIMEOUT if time_s is None else Outcome.SUCCESS
+    one = a_result(world)
+    ended = Outcome.TIMEOUT if time_s is None else Outcome.SUCCESS
     scored_s = 50.0 if time_s is None else time_s
     times = {
         "scored_time_s": scored_s,
@@ -148,10 +149,8 @@ def test_the_mean_of_both_is_compared_over_folders_and_within_them(tmp_path):
         dwa=PUBLISHED,
         eband={world: [20.0] * 3 for world in PUBLISHED},
     )
-    dwa, eband = (
-        write_run(tmp_path / "a", {"dwa": PUBLISHED}),
-        write_run(tmp_path / "b", {"eband": falling}),
-    )
+    dwa = write_run(tmp_path / "a", {"dwa": PUBLISHED})
+    eband = write_run(tmp_path / "b", {"eband": falling})
     (joint,) = calibrate([dwa, eband], table).joint
     # Rising and falling times cancel out, so that every world has the same mean.
     assert joint.labels == ("DWA", "E-Band")

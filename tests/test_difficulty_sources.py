@@ -1,4 +1,4 @@
-"""Reading trials for the difficulty model, and training and judging it from end to end."""
+"""Reading trials for the difficulty model, training and judging it, end to end."""
 
 import json
 from dataclasses import replace
@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from judge_difficulty import main as judge
-from reproduce_work import experiment_of, write_made_up
-from test_model import made_trials
+from reproduce_work import experiment_of, write_invented
+from test_model import make_trials
 from trial_sources import join_trials, load_trials, read_trials
 
 from barn_eval.analysis.sources import read_source
@@ -33,7 +33,7 @@ def worlds():
 def source(tmp_path_factory):
     """Return the folder of an experiment: two planners, two repetitions, in worlds of barn300."""
     path = tmp_path_factory.mktemp("experiment") / "out"
-    write_made_up(path, experiment_of("0:300:10", 2))
+    write_invented(path, experiment_of("0:300:10", 2))
     return path
 
 
@@ -94,7 +94,7 @@ def test_trials_that_do_not_count_and_worlds_without_every_planner_are_left_out(
         return failed if result.trial_id == lost_id else result
 
     lost_id = experiment_of("0-11", 1).trials()[0].trial_id
-    write_made_up(tmp_path / "out", experiment_of("0-11", 1), change=lost)
+    write_invented(tmp_path / "out", experiment_of("0-11", 1), change=lost)
     worlds, trials = read_trials(tmp_path / "out")
     assert (len(worlds), len(trials)) == (11, 22)
 
@@ -146,7 +146,7 @@ def test_models_and_weights_are_judged_beside_ridge_regression(source, weights):
 
 def test_worlds_held_out_judge_weights_alone(tmp_path):
     judges = tmp_path / "judges"
-    write_made_up(judges, experiment_of("0-29", 2, "barn_test"))
+    write_invented(judges, experiment_of("0-29", 2, "barn_test"))
     (one,) = evaluate(*load_trials([judges]), load_model()).scores
     assert (one.name, one.gain, len(one.predictions)) == ("weights", None, COUNT)
 
@@ -162,11 +162,12 @@ def test_mistakes_are_named(source):
 
 
 def test_campaigns_are_joined_by_world_whatever_their_numbers(worlds):
-    trials = made_trials(worlds, repetitions=1)
+    trials = make_trials(worlds, repetitions=1)
     one, other = (
         {index: worlds[index] for index in list(worlds)[first::2]} for first in (0, 1)
     )
-    some, rest = trials.in_worlds(one), trials.in_worlds(other)
+    some = trials.in_worlds(one)
+    rest = trials.in_worlds(other)
     renumbered = dict(enumerate(other.values()))
     numbers = dict(zip(other, renumbered, strict=True))
     moved = replace(

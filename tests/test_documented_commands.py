@@ -72,7 +72,8 @@ def words_of(line):
 )
 def test_barn_takes_what_is_shown(line):
     words = words_of(line)[1:]
-    command, name = cli, "barn"
+    command = cli
+    name = "barn"
     while isinstance(command, click.Group):
         if words in ([], ["--help"], ["--version"]):
             return
@@ -152,9 +153,11 @@ def test_ros2_is_shown_with_what_exists(line):
         if "--params-file" in rest:
             assert (ROOT / package / rest[rest.index("--params-file") + 1]).is_file()
     if verb == "launch" and words and words[0] not in FOREIGN:
-        launched, given = (ROOT / words[0], words[1:])
+        launched = ROOT / words[0]
+        given = words[1:]
         if not words[0].endswith(".launch.py"):
-            launched, given = ROOT / words[0] / "launch" / words[1], words[2:]
+            launched = ROOT / words[0] / "launch" / words[1]
+            given = words[2:]
         assert launched.is_file()
         declared = launch_arguments(launched)
         for one in given:
@@ -373,10 +376,8 @@ def test_python_runs_as_it_is_shown(before, example, tmp_path):
     )
     commands = [["-m", "barn_eval", *words_of(line)[1:]] for line in before]
     for words in (*commands, ["shown.py"]):
-        command, environment = (
-            [sys.executable, *words],
-            os.environ | {"PYTHONPATH": found},
-        )
+        command = [sys.executable, *words]
+        environment = os.environ | {"PYTHONPATH": found}
         done = subprocess.run(
             command,
             cwd=tmp_path,

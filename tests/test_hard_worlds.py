@@ -36,10 +36,8 @@ def least_gap_m(way, grid, side_m, robot, samples=40):
             dx, dy = (
                 centres - side_m * np.array([x + share * (u - x), y + share * (v - y)])
             ).T
-            ahead, left = (
-                math.cos(at) * dx + math.sin(at) * dy,
-                math.cos(at) * dy - math.sin(at) * dx,
-            )
+            ahead = math.cos(at) * dx + math.sin(at) * dy
+            left = math.cos(at) * dy - math.sin(at) * dx
             nearest = min(
                 nearest, float(footprint.distances(ahead, left).min()) - side_m / 2.0
             )
@@ -70,7 +68,8 @@ def test_a_gap_is_passed_exactly_where_footprint_and_margin_fit():
     grid = np.zeros((20, 20), bool)
     grid[:, 10] = True
     grid[8:12, 10] = False
-    start, goal = (30, 6, 4), (30, 54)
+    start = (30, 6, 4)
+    goal = (30, 54)
     for margin_m, fits in ((0.08, True), (0.09, False)):
         assert (
             build_lattice(grid, 0.15, STANDARD_ROBOT.chassis, margin_m).find_path(

@@ -61,10 +61,8 @@ def test_who_jumps_over_the_line_or_passes_beyond_its_ends_does_not_cross_it():
 
 
 def test_means_are_over_worlds_and_extremes_over_all():
-    slow, fast = (
-        build_arena("slow", [crossing(0.0, 40.0)]),
-        build_arena("fast", [crossing(0.0, 10.0)]),
-    )
+    slow = build_arena("slow", [crossing(0.0, 40.0)])
+    fast = build_arena("fast", [crossing(0.0, 10.0)])
     found = mean_statistics([slow, fast])
     assert (found.slowest_mps, found.fastest_mps) == pytest.approx((0.5, 2.0), rel=1e-3)
     assert found.mean_speed_mps == pytest.approx(1.25, rel=1e-3)

@@ -27,7 +27,9 @@ from barn_worlds.ros.domain import reserve_domain
 
 FOLDER = Path(__file__).resolve().parents[1] / "examples" / "nav2"
 CONTROLLERS = ("dwb", "graceful", "mppi", "rpp")
-SPEED_MPS, TURN_RADPS = 0.5, 1.57  # of the paper
+# of the paper
+SPEED_MPS = 0.5
+TURN_RADPS = 1.57
 
 
 def merged(*names):
@@ -121,11 +123,10 @@ def test_the_footprint_is_that_of_the_robot(nodes):
 @pytest.mark.parametrize("mode", ["map", "mapless"])
 @pytest.mark.parametrize("name", ["turtlebot4", "husky"])
 def test_another_robot_has_its_own_size_and_limits(name, mode):
-    chassis, drive = ROBOTS[name].chassis, ROBOTS[name].drive
-    nodes, before = (
-        merged("common", mode, "rpp", f"{name}_rpp"),
-        merged("common", mode, "rpp"),
-    )
+    chassis = ROBOTS[name].chassis
+    drive = ROBOTS[name].drive
+    nodes = merged("common", mode, "rpp", f"{name}_rpp")
+    before = merged("common", mode, "rpp")
     outline = {(x, y) for x, y in chassis.footprint_m}
     scale = chassis.circumscribed_m / ROBOTS["jackal"].chassis.circumscribed_m
     for costmap in ("local_costmap", "global_costmap"):
@@ -137,7 +138,8 @@ def test_another_robot_has_its_own_size_and_limits(name, mode):
             nodes[costmap]["inflation_layer"]["inflation_radius"]
             > chassis.circumscribed_m
         )
-    follow, speed = nodes["controller_server"]["FollowPath"], scale * SPEED_MPS
+    follow = nodes["controller_server"]["FollowPath"]
+    speed = scale * SPEED_MPS
     for key, value in follow.items():
         if (
             key.endswith(("_dist", "_vel", "_speed", "_radius"))
@@ -299,11 +301,9 @@ def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, capsys):
     )
     check = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(check)
-    source, other, mine = (
-        tmp_path / "navigation2",
-        tmp_path / "other",
-        tmp_path / "mine.yaml",
-    )
+    source = tmp_path / "navigation2"
+    other = tmp_path / "other"
+    mine = tmp_path / "mine.yaml"
     for place, read in (
         (source / "nav2_controller", "controller_frequency"),
         (other, "prefix.gain"),

@@ -176,10 +176,8 @@ def test_rosdep_knows_every_key(package):
 
 
 def test_a_release_says_what_the_citation_says():
-    citation, zenodo = (
-        yaml.safe_load(text_of("CITATION.cff")),
-        json.loads(text_of(".zenodo.json")),
-    )
+    citation = yaml.safe_load(text_of("CITATION.cff"))
+    zenodo = json.loads(text_of(".zenodo.json"))
     assert (zenodo["title"], zenodo["license"]) == (
         citation["title"],
         citation["license"],

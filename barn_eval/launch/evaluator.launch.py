@@ -1,9 +1,9 @@
 """Start the evaluator.
 
-    ros2 launch barn_eval evaluator.launch.py worlds:=0-9 planner:=my_planner out:=results
+    ros2 launch barn_eval evaluator.launch.py worlds:=0-9 planner:=mine out:=results
 
-It leads a simulator and judges a planner that run already or start soon. When all trials
-have ended, everything that was launched with it ends. It reads /clock itself;
+It leads a simulator and judges a planner that run already or start soon. When all
+trials have ended, everything that was launched with it ends. It reads /clock itself;
 use_sim_time only changes the times in its log.
 """
 

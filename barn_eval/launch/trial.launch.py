@@ -2,8 +2,8 @@
 
     ros2 launch barn_eval trial.launch.py worlds:=0 planner:=dwa rviz:=true
 
-`start_planner:=false` leaves the planner out, for one of your own. Other arguments go to
-the other launch files; `params_file` goes to all nodes and can have a section for each.
+`start_planner:=false` leaves the planner out, for one of your own. Other arguments go
+to the other launch files; `params_file` goes to all nodes and can have a section for each.
 """
 
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity

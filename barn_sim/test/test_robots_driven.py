@@ -77,15 +77,17 @@ def test_skid_steer_robots_drive_straight_turn_and_stop(plain, name):
     assert straight[-1].truth.pose.yaw == pytest.approx(START.yaw, abs=1e-3)
     # four equally loaded wheels with Coulomb friction, turning in place
     slip = 1.0 + (robot.chassis.wheelbase_m / robot.chassis.track_m) ** 2
-    wanted = robot.drive.wheel_separation_multiplier / slip
+    multiplier = robot.drive.wheel_separation_multiplier / slip
     yaw = np.unwrap(
         [
-            one.truth.pose.yaw
-            for one in driven(plain, config, (0.0, 1.0), 60, Pose2D(-2.25, 4.0, 0.0))
+            reading.truth.pose.yaw
+            for reading in driven(
+                plain, config, (0.0, 1.0), 60, Pose2D(-2.25, 4.0, 0.0)
+            )
         ]
     )
-    assert (yaw[-1] - yaw[40]) / (20 * STEP_S) == pytest.approx(wanted, rel=0.01)
-    assert not any(one.collision for one in straight)
+    assert (yaw[-1] - yaw[40]) / (20 * STEP_S) == pytest.approx(multiplier, rel=0.01)
+    assert not any(reading.collision for reading in straight)
 
 
 @pytest.mark.parametrize("robot", [load_robot("husky"), polygon_robot()], ids=NAME)
@@ -95,7 +97,7 @@ def test_free_motion_gives_the_bits_of_pybullet(plain, robot):
         driven(plain, config, (0.7, 0.6), 40, free_motion=fast)
         for fast in (True, False)
     )
-    assert [one.truth for one in free] == [one.truth for one in bullet]
+    assert [reading.truth for reading in free] == [reading.truth for reading in bullet]
 
 
 def in_bullet(chassis):
@@ -170,7 +172,8 @@ def test_robots_touch_a_pillar_where_their_outline_does(
 @pytest.mark.parametrize("robot", [load_robot("turtlebot4"), polygon_robot()], ids=NAME)
 def test_obstacles_are_never_nearer_than_the_bounds_say(robot):
     """The rectangle that decides when PyBullet takes over encloses the shapes and the footprint."""
-    model, rng = model_of(robot.chassis), np.random.default_rng(0)
+    model = model_of(robot.chassis)
+    rng = np.random.default_rng(0)
     low, high = in_bullet(robot.chassis)[:, :2]
     extent = model.extent
     assert (extent[:2] <= low + 0.002).all() and (high - 0.002 <= extent[2:]).all()
@@ -220,7 +223,8 @@ def test_motors_lag_in_the_simulator_too(plain):
         config, drive=replace(config.drive, motor_lag_s=0.2, command_latency_s=0.0)
     )
     speeds = [
-        one.truth.velocity.linear for one in driven(plain, config, (0.1, 0.0), 20)
+        reading.truth.velocity.linear
+        for reading in driven(plain, config, (0.1, 0.0), 20)
     ]
     assert speeds[4] < 0.08 and speeds[-1] == pytest.approx(0.1, rel=0.02)
 
@@ -252,9 +256,9 @@ def test_fixed_frames_are_turned_as_the_lidar_is():
     ).constant()
     sent = deserialize(transforms, "tf2_msgs/msg/TFMessage").transforms
     yaws = {
-        one.child_frame_id: 2.0
-        * np.arctan2(one.transform.rotation.z, one.transform.rotation.w)
-        for one in sent
+        message.child_frame_id: 2.0
+        * np.arctan2(message.transform.rotation.z, message.transform.rotation.w)
+        for message in sent
     }
     assert yaws.pop("lidar_link") == pytest.approx(robot.lidar.mount_yaw_rad)
     assert set(yaws.values()) == {0.0}

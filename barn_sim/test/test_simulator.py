@@ -100,7 +100,7 @@ def test_repeats_itself_in_another_process(walled_world, tmp_path) -> None:
         "print(cases.fingerprint(cases.drive(world, cases.CONFIGS['paper'], cases.AT_THE_WALL)))\n"
     )
     command = [sys.executable, "-c", script, tmp_path / "world.npz"]
-    there = subprocess.run(
+    other_fingerprint = subprocess.run(
         command,
         cwd=Path(__file__).parent,
         check=True,
@@ -108,17 +108,15 @@ def test_repeats_itself_in_another_process(walled_world, tmp_path) -> None:
         text=True,
         timeout=600,
     )
-    here = fingerprint(drive(walled_world, CONFIGS["paper"], AT_THE_WALL))
+    fingerprint_here = fingerprint(drive(walled_world, CONFIGS["paper"], AT_THE_WALL))
     assert (
-        there.stdout == f"{here}\n"
+        other_fingerprint.stdout == f"{fingerprint_here}\n"
     )  # and nothing else: PyBullet's banner is kept out of standard output
 
 
 def test_seeds_differ(empty_world) -> None:
-    first, second = (
-        drive(empty_world, seed=1, steps=1),
-        drive(empty_world, seed=2, steps=1),
-    )
+    first = drive(empty_world, seed=1, steps=1)
+    second = drive(empty_world, seed=2, steps=1)
     assert (first[0].scan.ranges != second[0].scan.ranges).any()
     assert first[1].odometry.pose.yaw != second[1].odometry.pose.yaw
 
@@ -198,7 +196,8 @@ def test_truth_velocity_is_the_change_of_the_truth(empty_world) -> None:
 
 def test_odometry_follows_the_truth_and_drifts_where_wheels_slip(empty_world) -> None:
     last = drive(empty_world, steps=80)[-1]
-    measured, true = START @ last.odometry.pose, last.truth.pose
+    measured = START @ last.odometry.pose
+    true = last.truth.pose
     assert 0.001 < measured.distance(true) < 0.3
     assert abs(math.remainder(measured.yaw - true.yaw, 2 * math.pi)) < 0.025
 

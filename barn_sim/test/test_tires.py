@@ -30,7 +30,8 @@ SEPARATION = 1.5 * 0.37559
 
 @njit
 def push(robots, settings, left, right):
-    robots[0].left_m_s, robots[0].right_m_s = left, right
+    robots[0].left_m_s = left
+    robots[0].right_m_s = right
     return push_on(robots[0], settings[0])
 
 
@@ -52,7 +53,8 @@ class Driven:
         self.body.enter()
 
     def run(self, speed: float, turn: float, duration_s: float) -> None:
-        half, fleet = 0.5 * SEPARATION * turn, self.fleet
+        half = 0.5 * SEPARATION * turn
+        fleet = self.fleet
         for _ in range(round(duration_s / self.tick_s)):
             self.body.move(
                 *push(fleet.robots, fleet.settings, speed - half, speed + half)[1:]
@@ -133,14 +135,17 @@ def test_friction_is_that_of_a_general_optimiser(seed: int) -> None:
         @ (model.wheels - model.center_of_mass - [0.0, 0.0, model.wheel_radius_m]).T
     ).T
     limits = rng.uniform(0.02, 0.2, 4)
-    velocity, spin = rng.normal(0.0, 0.3, 2), rng.normal(0.0, [0.05, 0.05, 1.0])
+    velocity = rng.normal(0.0, 0.3, 2)
+    spin = rng.normal(0.0, [0.05, 0.05, 1.0])
     left, right = rng.normal(0.0, 0.4, 2)
     inverse = turn @ np.diag(1.0 / model.inertia) @ turn.T
     rolling = np.array([math.cos(yaw), math.sin(yaw)])
 
-    impulses, work = np.zeros((4, 2)), np.empty((4, 8))
-    place, inverse_mass = (arms.copy(), limits), 1.0 / model.mass_kg
-    begun, speeds = begin_friction(
+    impulses = np.zeros((4, 2))
+    work = np.empty((4, 8))
+    place = (arms.copy(), limits)
+    inverse_mass = 1.0 / model.mass_kg
+    start, speeds = begin_friction(
         (*velocity, *spin),
         left,
         right,
@@ -151,7 +156,7 @@ def test_friction_is_that_of_a_general_optimiser(seed: int) -> None:
         impulses,
         work,
     )
-    after = sweep_friction(begun, speeds, *place, inverse_mass, impulses, work)
+    after = sweep_friction(start, speeds, *place, inverse_mass, impulses, work)
 
     rims = np.array([left, right, left, right])
     expected = reference_friction(
@@ -165,14 +170,15 @@ def test_friction_is_that_of_a_general_optimiser(seed: int) -> None:
 def test_lengths_are_those_of_the_c_library() -> None:
     rng = np.random.default_rng(0)
     x, y = rng.normal(size=(2, 20_000)) * 10.0 ** rng.integers(-20, 4, (2, 20_000))
-    x[:5], y[:5] = [0.0, -3.0, 1e-200, 1e200, 0.0], [0.0, 0.0, 1e-210, -1e200, 1e-320]
+    x[:5] = [0.0, -3.0, 1e-200, 1e200, 0.0]
+    y[:5] = [0.0, 0.0, 1e-210, -1e200, 1e-320]
     exact = np.array(
         [math.hypot(*pair) for pair in zip(x.tolist(), y.tolist(), strict=True)]
     )
-    found = np.array(
+    lengths = np.array(
         [hypot(*pair) for pair in zip(x.tolist(), y.tolist(), strict=True)]
     )
-    np.testing.assert_array_max_ulp(found, exact, 1)
+    np.testing.assert_array_max_ulp(lengths, exact, 1)
 
 
 def test_a_body_too_light_for_the_physics_step_is_refused() -> None:
@@ -213,7 +219,8 @@ def test_loads_carry_the_weight_and_balance_at_rest(robot: str, within: float) -
     height, roll, pitch = tires.rest
     turn = rotation((math.sin(0.5 * roll), math.sin(0.5 * pitch), 0.0, 1.0))
     hubs = tires.wheels[:, :3]
-    arms, loads = np.empty((len(hubs), 3)), np.empty(len(hubs))
+    arms = np.empty((len(hubs), 3))
+    loads = np.empty(len(hubs))
     wheel_loads(
         height,
         turn,
@@ -234,7 +241,8 @@ def test_loads_carry_the_weight_and_balance_at_rest(robot: str, within: float) -
 def test_starts_at_rest_where_it_was_put_and_stays(driven) -> None:
     robot = driven(yaw=0.7)
     robot.run(0.0, 0.0, 5.0)
-    pose, velocity = robot.pose, robot.velocity
+    pose = robot.pose
+    velocity = robot.velocity
     assert math.hypot(pose.x, pose.y) < 1e-5
     assert abs(pose.yaw - 0.7) < 1e-6
     assert abs(velocity.linear) < 1e-9
@@ -281,7 +289,10 @@ def steady_turn(speed: float, turn: float) -> tuple[float, float]:
     plane = np.column_stack([np.ones(4), wheels])
     spin_mass = model.inertia[2]
     rims = np.array([speed - turn * SEPARATION / 2, speed + turn * SEPARATION / 2] * 2)
-    v, w, forces, dt = np.array([speed, 0.0]), turn, np.zeros((4, 2)), 2e-4
+    v = np.array([speed, 0.0])
+    w = turn
+    forces = np.zeros((4, 2))
+    dt = 2e-4
     for _ in range(20000):
         fx, fy = forces.sum(axis=0)
         # loads linear over the base; the moments of the forces at the ground about the centre of mass balance
@@ -330,7 +341,8 @@ def test_the_centre_of_rotation_is_off_the_middle_by_centimetres(driven) -> None
 def test_the_result_does_not_depend_on_the_tick(
     driven, speed: float, turn: float
 ) -> None:
-    fine, coarse = driven(tick_s=0.001), driven(tick_s=0.005)
+    fine = driven(tick_s=0.001)
+    coarse = driven(tick_s=0.005)
     for robot in (fine, coarse):
         robot.run(speed, turn, 3.0)
     assert fine.pose.distance(coarse.pose) < 0.01

@@ -53,7 +53,8 @@ def episode(
         simulator.command(command)
         simulator.advance(10)
         moved = simulator.moved_obstacles()
-        truth, odometry = simulator.read_truth(), simulator.read_odometry()
+        truth = simulator.read_truth()
+        odometry = simulator.read_odometry()
         said = repr(
             (truth, odometry, simulator.read_collision(), simulator.read_joints())
         ).encode()
@@ -98,11 +99,9 @@ def first_difference(
 )
 def main(episodes: int, first: int, robot: str) -> None:
     """Compare episodes and exit with 1 if any differs."""
-    clients, different, driven = (
-        (PhysicsClient(), PhysicsClient()),
-        0,
-        load_robot(robot),
-    )
+    clients = (PhysicsClient(), PhysicsClient())
+    different = 0
+    driven = load_robot(robot)
     with click.progressbar(range(first, first + episodes)) as seeds:
         for seed in seeds:
             step = first_difference(seed, driven, clients)

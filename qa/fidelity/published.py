@@ -117,7 +117,8 @@ def _above(low: float, where: str, column: str, row: Mapping[str, str]) -> float
 
 def published_trials(path: Path) -> tuple[dict[int, World], Trials]:
     """Return the worlds of a table, by number, and the trials in them; ConfigError for worlds with other paths."""
-    published, dataset = read_published(path), open_dataset(path.resolve().parent)
+    published = read_published(path)
+    dataset = open_dataset(path.resolve().parent)
     first = next(iter(published.values()))
     worlds = {number: dataset.load(number) for number in sorted(first.lengths_m)}
     if (

@@ -144,7 +144,8 @@ def _npz(draw: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:
     if name.endswith(".json"):
         members[name] = _json(draw, members[name], [members[name]])
     else:
-        head, rest = members[name][:128], members[name][128:]
+        head = members[name][:128]
+        rest = members[name][128:]
         members[name] = (
             mutated(draw, head, [head]) + rest
             if draw.random() < 0.7

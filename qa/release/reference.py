@@ -34,7 +34,8 @@ class Reference:
         readme = package / "README.md"
         text = readme.read_text("utf-8")
         for name, section in self.sections.items():
-            begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
+            begin = f"<!-- {name}: begin -->"
+            end = f"<!-- {name}: end -->"
             before, found, rest = text.partition(begin)
             _, closed, after = rest.partition(end)
             if not found or not closed:
@@ -150,10 +151,8 @@ def simulator() -> Reference:
     """Return the tables, a file of all parameters, and one per preset of those that differ from the default."""
     from barn_sim.config import PRESETS, RunConfig, SimulatorConfig, SimulatorNodeConfig
 
-    node, default = (
-        SimulatorNodeConfig(),
-        {name: value for name, _, value in fields_of(SimulatorConfig())},
-    )
+    node = SimulatorNodeConfig()
+    default = {name: value for name, _, value in fields_of(SimulatorConfig())}
     title = "The simulator with its defaults."
     files = {
         "simulator.yaml": parameter_file(
@@ -190,7 +189,8 @@ def planners() -> Reference:
         for name, one in entries.items()
         if one.config_class.__module__.startswith("barn_planners.")
     }
-    texts, files = [], {}
+    texts = []
+    files = {}
     for name, entry in ours.items():
         summary = entry.summary[:1].upper() + entry.summary[1:]
         texts.append(f"### `{name}`\n\n{summary}.\n\n{parameter_table(entry.presets)}")

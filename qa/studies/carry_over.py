@@ -126,21 +126,17 @@ def read_folders(folders: Sequence[Path]) -> Trials:
     rows = []
     for folder in folders:
         source = read_source(folder)
-        dataset, standard = (
-            open_dataset(str(source.configuration["dataset"])),
-            open_dataset(GRIDS),
-        )
+        dataset = open_dataset(str(source.configuration["dataset"]))
+        standard = open_dataset(GRIDS)
         for one in source.results:
             world = dataset.load(one.world)
             if not np.array_equal(world.grid, standard.load(one.world).grid):
                 raise ConfigError(
                     f"{folder}: world {one.world} has not the grid of that of {GRIDS}"
                 )
-            name, seed, scores = (
-                source.chassis.name,
-                int(source.configuration["seed"]),
-                one.scores,
-            )
+            name = source.chassis.name
+            seed = int(source.configuration["seed"])
+            scores = one.scores
             time_s = round(scores.scored_time_s, 3)
             rows.append(
                 Trial(
@@ -216,7 +212,8 @@ def results_table(trials: Trials) -> str:
 
 def predictors(worlds: Integers) -> dict[str, Floats]:
     """Return what may predict times, by name: metrics of barn300's worlds and the shipped model's difficulty."""
-    dataset, model = open_dataset(GRIDS), load_model()
+    dataset = open_dataset(GRIDS)
+    model = load_model()
     loaded = [dataset.load(number) for number in worlds.tolist()]
     values = np.array([world_metrics(world).as_array() for world in loaded])
     found = {metric.title: values[:, column] for column, metric in enumerate(METRICS)}
@@ -277,7 +274,8 @@ def regression_table(trials: Trials) -> str:
     rows = []
     for planner in trials.planners:
         for robot in others:
-            x, y = trials.times(first, planner), trials.times(robot, planner)
+            x = trials.times(first, planner)
+            y = trials.times(robot, planner)
             solved = ~(trials.failed(first, planner) | trials.failed(robot, planner))
             line = [
                 _over(part, x[solved], y[solved])

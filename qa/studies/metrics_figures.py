@@ -123,10 +123,8 @@ def distribution_figure(table: MetricsTable, name: str) -> Figure:
     panels = figure.subplots(1, len(METRICS))
     for k, (axes, metric) in enumerate(zip(panels, METRICS, strict=True)):
         published = TABLE_II[metric.name]
-        low, high = (
-            published["mean"] - published["std"],
-            published["mean"] + published["std"],
-        )
+        low = published["mean"] - published["std"]
+        high = published["mean"] + published["std"]
         axes.hist(values[:, k], bins=20, color=BLUE, zorder=2)
         axes.axvspan(low, high, color=ORANGE, alpha=0.3, zorder=1)
         axes.axvline(
@@ -183,7 +181,8 @@ def table_ii(table: MetricsTable) -> str:
     """Return Table II as Markdown: published / ours in each column."""
     rows = []
     for metric in METRICS:
-        published, ours = TABLE_II[metric.name], table.summary_of(metric)
+        published = TABLE_II[metric.name]
+        ours = table.summary_of(metric)
         # The extremes are of cells, for tortuosity of paths.
         ours |= {
             name: ours.get(f"cell_{name}", ours[name])

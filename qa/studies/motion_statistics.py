@@ -60,10 +60,8 @@ def motion_statistics(world: World) -> MotionStatistics:
         )
     along_x, along_y = (path[-1] - path[0]) / length_m
     from_start = positions - path[0]
-    on_line, beside = (
-        from_start @ np.array([along_x, along_y]),
-        from_start @ np.array([-along_y, along_x]),
-    )
+    on_line = from_start @ np.array([along_x, along_y])
+    beside = from_start @ np.array([-along_y, along_x])
     reach_m = np.maximum(world.tracks.radius_m, np.hypot(*world.tracks.size_m.T) / 2.0)
     return MotionStatistics(
         len(speeds),

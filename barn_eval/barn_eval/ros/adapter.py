@@ -153,7 +153,7 @@ class TrialAdapter:
         return replace(odometry, stamp_ns=odometry.stamp_ns - self._origin_ns)
 
 
-def missed_periods(
+def count_missed_periods(
     commands_ns: Sequence[int], now_ns: int, period_ns: int, silence_ns: int
 ) -> int:
     """Return how many control periods passed without a command, from the first to now.
@@ -178,7 +178,7 @@ def missed_periods(
     return missed
 
 
-def missed_share(
+def share_of_missed(
     missed: int, commands_ns: Sequence[int], now_ns: int, period_ns: int
 ) -> float:
     """Return missed periods as a share of all from the first command to now.

@@ -21,7 +21,7 @@ from rclpy.node import Node
 
 from barn_eval.results.folder import ResultsFolder
 from barn_eval.results.store import BagStore, TrialRecord, finish_bag
-from barn_eval.ros.adapter import TrialAdapter, missed_periods, missed_share
+from barn_eval.ros.adapter import count_missed_periods, share_of_missed
 from barn_eval.ros.evaluator_loop import StopRequested, TrialEnded
 from barn_eval.ros.isolation import session_isolation
 from barn_eval.ros.supervision.nodes import PLANNER_SUSPECTED, Assignment
@@ -39,7 +39,7 @@ from barn_eval.trials.result import WallClock, to_json_line
 from barn_eval.trials.ros_config import EvaluatorConfig
 from barn_eval.trials.run_config import ExecutionConfig, PlannerChoice, RunConfig
 from barn_eval.trials.spec import TrialSpec, simulator_config
-from barn_eval.trials.trial import FinishedTrial, finish_trial
+from barn_eval.trials.trial import finish_trial
 from barn_worlds.base.config import from_dict
 from barn_worlds.base.errors import BarnError
 from barn_worlds.base.text_files import read_json
@@ -105,7 +105,7 @@ def _run_assignment(
     """Run what the supervisor has assigned, and send it the results."""
     content = read_json(Path(config.assignment))
     assignment = from_dict(Assignment, content, config.assignment)
-    dataset = assignment.experiment.dataset
+    dataset = assignment.run.dataset
     context = RunContext(node, config, supervisor, dataset, assignment.robot)
     loop = context.loop
 
@@ -128,7 +128,7 @@ def _run_assignment(
 def _run_by_hand(node: Node, config: EvaluatorConfig) -> None:
     """Run what the parameters say, with nodes that somebody else starts."""
     protocol = load_protocol(config.protocol)
-    experiment = RunConfig(
+    run = RunConfig(
         dataset=config.dataset,
         worlds=config.worlds,
         planners=(PlannerChoice(config.planner),),
@@ -140,10 +140,10 @@ def _run_by_hand(node: Node, config: EvaluatorConfig) -> None:
         bags=config.bags,
     )
     out = Path(config.out)
-    specs = experiment.trials(started_by_hand=True)
-    isolation = session_isolation(experiment.ros)
+    specs = run.trials(started_by_hand=True)
+    isolation = session_isolation(run.ros)
     with ResultsFolder.open(
-        out, experiment, ExecutionConfig(workers=1), specs, isolation=isolation
+        out, run, ExecutionConfig(workers=1), specs, isolation=isolation
     ) as folder:
         context = RunContext(node, config, None, config.dataset, config.robot)
         runner = TrialRunner(context, BagStore(out, config.bags), folder.append)
@@ -211,26 +211,21 @@ class TrialRunner:
 
             duration_s = time.monotonic() - start_s
             wall_clock = self._wall_clock(trial, verdict, duration_s, missed_cycles)
-            finished = self._finish(trial, verdict, wall_clock)
+            remarks = [wall_clock.remark, self._context.integrity.remarks]
+            finished = finish_trial(
+                spec,
+                "ros",
+                verdict,
+                trial.trial.log.trajectory(),
+                wall_clock=wall_clock,
+                recoveries=trial.trial.recoveries,
+                planner_verdict=trial.action_result,
+                remarks="; ".join(filter(None, remarks)),
+            )
             if recorder is not None:
                 finish_bag(recorder, finished)
         self._keep(self._store.make_record(finished))
         return True
-
-    def _finish(
-        self, trial: RosTrial, verdict: Verdict, wall_clock: WallClock
-    ) -> FinishedTrial:
-        remarks = [wall_clock.remark, self._context.integrity.remarks]
-        return finish_trial(
-            trial.trial.spec,
-            "ros",
-            verdict,
-            trial.trial.log.trajectory(),
-            wall_clock=wall_clock,
-            recoveries=trial.trial.recoveries,
-            planner_verdict=trial.action_result,
-            remarks="; ".join(filter(None, remarks)),
-        )
 
     def _must_repeat(self, verdict: Verdict, trial: RosTrial) -> bool:
         """Return whether to repeat a trial: not begun, or ended by another's fault."""
@@ -287,40 +282,31 @@ class TrialRunner:
         if adapter is None:
             return WallClock(duration_s, factor, missed_cycles=missed_cycles)
 
-        period_s = self._planner_period_s(trial.trial.spec)
-        missed = self._count_missed(trial.trial.spec, adapter, period_s, missed_cycles)
-        share = missed_share(
-            missed, adapter.commands_ns, adapter.now_ns, nanoseconds(period_s)
-        )
+        spec = trial.trial.spec
+        period_s = spec.simulator.scan_steps * spec.simulator.control_period_s
+        rate_hz = self._context.config.planner_rate_hz
+        if rate_hz:
+            period_s = 1.0 / rate_hz
+        period_ns = nanoseconds(period_s)
+        commands_ns = adapter.commands_ns
+
+        # While a longer cycle is under way, no command is owed.
+        if max(spec.compute.charged_s, spec.compute.period_s) <= period_s:
+            silence_s = max(spec.simulator.drive.command_timeout_s, 2.0 * period_s)
+            silence_ns = nanoseconds(silence_s)
+            missed = count_missed_periods(
+                commands_ns, adapter.now_ns, period_ns, silence_ns
+            )
+            missed_cycles = max(missed_cycles, missed)
         return WallClock.from_answer_times(
             duration_s,
             factor,
             adapter.response_times_s,
-            missed_cycles=missed,
-            missed_share=share,
+            missed_cycles=missed_cycles,
+            missed_share=share_of_missed(
+                missed_cycles, commands_ns, adapter.now_ns, period_ns
+            ),
         )
-
-    def _planner_period_s(self, spec: TrialSpec) -> float:
-        rate_hz = self._context.config.planner_rate_hz
-        if rate_hz:
-            return 1.0 / rate_hz
-        return spec.simulator.scan_steps * spec.simulator.control_period_s
-
-    @staticmethod
-    def _count_missed(
-        spec: TrialSpec, adapter: TrialAdapter, period_s: float, missed_cycles: int
-    ) -> int:
-        # While a longer cycle is under way, no command is owed.
-        if max(spec.compute.charged_s, spec.compute.period_s) > period_s:
-            return missed_cycles
-        silence_s = max(spec.simulator.drive.command_timeout_s, 2.0 * period_s)
-        missed = missed_periods(
-            adapter.commands_ns,
-            adapter.now_ns,
-            nanoseconds(period_s),
-            nanoseconds(silence_s),
-        )
-        return max(missed_cycles, missed)
 
 
 if __name__ == "__main__":

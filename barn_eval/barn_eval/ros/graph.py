@@ -36,7 +36,7 @@ class GraphView:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._own_participant = read_endpoint_identity(node)[:PARTICIPANT_BYTES]
+        self._participant = read_endpoint_identity(node)[:PARTICIPANT_BYTES]
         # Participants that are left out, with the monotonic time until when.
         self._dead: dict[bytes, float] = {}
 
@@ -142,7 +142,7 @@ class GraphView:
             identity = bytes(info.endpoint_gid)
             participant = identity[:PARTICIPANT_BYTES]
             is_dead = self._dead.get(participant, 0.0) > time.monotonic()
-            if is_dead or participant == self._own_participant:
+            if is_dead or participant == self._participant:
                 continue
             qos = info.qos_profile
             endpoints.append(
@@ -224,7 +224,7 @@ class Integrity:
         """
 
         def describe_speaker() -> str:
-            return _describe_publisher(self._protected_publishers())
+            return _describe_publisher(self._publishers_to_protect())
 
         if loop.wait(describe_speaker, _DISCOVERY_S) and not loop.wait(
             lambda: not describe_speaker(), _DISCOVERY_S
@@ -261,7 +261,7 @@ class Integrity:
         """Return who publishes for the simulator or the evaluator."""
         participants = {
             endpoint.participant
-            for endpoint in self._protected_publishers()
+            for endpoint in self._publishers_to_protect()
             if endpoint.topic in self.topics.of_simulator
             and endpoint.node == self.simulator
         }
@@ -273,12 +273,12 @@ class Integrity:
             simulator = self.channel.participant
         return _describe_publisher(
             endpoint
-            for endpoint in self._protected_publishers()
+            for endpoint in self._publishers_to_protect()
             if endpoint.topic in self.evaluator_topics
             or simulator not in (b"", endpoint.participant)
         )
 
-    def _protected_publishers(self) -> Iterator[Endpoint]:
+    def _publishers_to_protect(self) -> Iterator[Endpoint]:
         for topic in (*self.topics.of_simulator, *self.evaluator_topics):
             yield from self.view.publishers(topic)
 

@@ -98,7 +98,7 @@ class Recording:
             recorder: Writes the bag.
             stamp_ns: Simulated time at which the trial begins.
         """
-        latched = self._subscriber.latched()
+        latched = self._subscriber.read_latched()
         self._written = set()
         self.write(recorder, latched, stamp_ns)
         self._written = {(message.topic, message.sent_ns) for message in latched}

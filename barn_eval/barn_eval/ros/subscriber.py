@@ -126,7 +126,7 @@ class Subscriber:
         """Return the types of all topics by their names."""
         return {name: topic.type_name for name, topic in self._topics.items()}
 
-    def unmatched(self, publishers: dict[str, int]) -> list[str]:
+    def find_unmatched(self, publishers: dict[str, int]) -> list[str]:
         """Return the topics on which fewer publishers are connected than on the graph.
 
         Args:
@@ -175,7 +175,7 @@ class Subscriber:
         else:
             self.full_reads += 1
 
-    def latched(self) -> list[Message]:
+    def read_latched(self) -> list[Message]:
         """Return the last message of each latched topic."""
         topics = self._topics.values()
         return [topic.last for topic in topics if topic.last is not None]

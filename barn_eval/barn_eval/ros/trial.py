@@ -274,7 +274,7 @@ class RosTrial:
         limit_s = context.config.patience.service_s
 
         def silent_topics() -> list[str]:
-            silent = self._unmatched(topics)
+            silent = self._find_unmatched(topics)
             if topics.scan not in subscriber.topics():
                 silent.append(topics.scan)
             return silent
@@ -289,10 +289,10 @@ class RosTrial:
 
         # The bag does without topics that are not connected after a time.
         if not loop.wait(
-            lambda: not self._unmatched(subscriber.topics()),
+            lambda: not self._find_unmatched(subscriber.topics()),
             context.config.patience.connection_s,
         ):
-            silent = self._unmatched(subscriber.topics())
+            silent = self._find_unmatched(subscriber.topics())
             loop.note(f"no connection to {', '.join(silent)}")
 
         types = subscriber.topics()
@@ -305,11 +305,11 @@ class RosTrial:
                 "not all subscriptions to the scan are connected with the simulator"
             )
 
-    def _unmatched(self, topics: Iterable[str]) -> list[str]:
+    def _find_unmatched(self, topics: Iterable[str]) -> list[str]:
         """Return topics with more publishers than are connected, new ones included."""
         context = self._context
         context.recording.discover(everything=self._recorder is not None)
-        return context.subscriber.unmatched(
+        return context.subscriber.find_unmatched(
             {topic: len(context.view.publishers(topic)) for topic in topics}
         )
 

@@ -36,14 +36,14 @@ class RosWork(Work):
     """
 
     needs_import_path = False
-    experiment: RunConfig
+    config: RunConfig
     store: BagStore
     workers: int
 
     @property
     def isolation(self) -> str:
         """What keeps planner processes from the suite's, as run.json has it."""
-        return session_isolation(self.experiment.ros)
+        return session_isolation(self.config.ros)
 
     def jobs(self, trials: Sequence[TrialSpec]) -> list[Job]:
         """Share out trials: as many jobs per planner as workers, worlds dealt in turn.
@@ -52,7 +52,7 @@ class RosWork(Work):
         so a run that is stopped early compares them. Nodes start once for a block and
         not for each trial.
         """
-        planners = self.experiment.planners
+        planners = self.config.planners
         worlds = list(dict.fromkeys(spec.world_number for spec in trials))
         block_size = len(worlds)
         if len(planners) > 1:
@@ -94,8 +94,8 @@ class RosWork(Work):
         from barn_eval.running.direct import warm_up  # noqa: PLC0415
 
         spec = job.trials[0]
-        planners = self.experiment.planners
-        planner = next(one for one in planners if one.name == spec.planner)
+        planners = self.config.planners
+        planner = next(choice for choice in planners if choice.name == spec.planner)
         warm_up(spec, with_planner=planner.registered)
 
         environment = dict(os.environ)
@@ -105,9 +105,7 @@ class RosWork(Work):
         if self.workers > 1 or len(planners) > 1:
             logs /= job.key
         with closing(
-            run_ros_trials(
-                self.experiment, job.trials, self.store, logs, emit, environment
-            )
+            run_ros_trials(self.config, job.trials, self.store, logs, emit, environment)
         ) as records:
             for record in records:
                 emit(record)
@@ -139,17 +137,17 @@ def isolation_warning(setup: RosConfig) -> str:
     )
 
 
-def require_ros(experiment: RunConfig, reporter: Reporter) -> None:
-    """Check that an experiment of mode ros can run, and warn of missing isolation.
+def require_ros(config: RunConfig, reporter: Reporter) -> None:
+    """Check that a run of mode ros can run, and warn of missing isolation.
 
     Args:
-        experiment: The run; other modes pass.
+        config: The run; other modes pass.
         reporter: Receives the warning.
 
     Raises:
         ConfigError: If ROS or the loopback interface is missing.
     """
-    if experiment.mode != "ros":
+    if config.mode != "ros":
         return
     problem = ros_problem()
     if problem:
@@ -162,7 +160,7 @@ def require_ros(experiment: RunConfig, reporter: Reporter) -> None:
         socket(AF_INET, SOCK_DGRAM) as probe,
     ):
         probe.connect(("127.0.0.1", 9))
-    warning = isolation_warning(experiment.ros)
+    warning = isolation_warning(config.ros)
     if warning:
         reporter.warn(warning)
 

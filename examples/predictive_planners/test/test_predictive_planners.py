@@ -70,7 +70,8 @@ def tracks(
 @given(seed=st.integers(0, 2**32 - 1))
 def test_a_circle_is_found_from_an_arc_of_it(seed):
     rng = np.random.default_rng(seed)
-    centre, radius = rng.uniform(-5.0, 5.0, 2), rng.uniform(0.1, 2.0)
+    centre = rng.uniform(-5.0, 5.0, 2)
+    radius = rng.uniform(0.1, 2.0)
     angles = rng.uniform(0.0, 6.0) + np.linspace(0.0, rng.uniform(0.5, 3.0), 20)
     points = centre + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     found, found_radius, roundness = fit_circle(points)
@@ -138,7 +139,9 @@ def test_meeting_distances_equal_small_steps(seed):
             rng.uniform(0.1, 0.5, 4),
         ]
     )
-    directions, speed, radius = np.linspace(-2.0, 2.0, 9), 0.5, 0.28
+    directions = np.linspace(-2.0, 2.0, 9)
+    speed = 0.5
+    radius = 0.28
     found = meeting_distances(discs, directions, radius, speed)
     if (np.hypot(*discs[:, :2].T) <= discs[:, 4] + radius).any():
         return  # touched already: only those count that come nearer
@@ -166,10 +169,14 @@ def crossing(name: str, **overrides) -> tuple[float, float]:
     """Drive (exactly as told) to a goal 6 m ahead past a disc that crosses; return smallest gap and final x."""
     planner = make_planner(name, "challenge", overrides)
     planner.start(Task(Pose2D(6.0, 0.0, 0.0)), 0)
-    pose, velocity, nearest = Pose2D(0.0, 0.0, 0.0), STOP, math.inf
+    pose = Pose2D(0.0, 0.0, 0.0)
+    velocity = STOP
+    nearest = math.inf
     for step in range(240):
-        time_s, stamp_ns = 0.05 * step, step * PERIOD_NS
-        x, y = 2.0, -2.9 + 0.8 * time_s
+        time_s = 0.05 * step
+        stamp_ns = step * PERIOD_NS
+        x = 2.0
+        y = -2.9 + 0.8 * time_s
         nearest = min(nearest, math.hypot(pose.x - x, pose.y - y) - 0.5)
         scan = scan_of(pose, [(x, y, 0.5)], stamp_ns)
         scan = replace(
@@ -190,16 +197,15 @@ def crossing(name: str, **overrides) -> tuple[float, float]:
 
 
 def test_a_planner_that_predicts_keeps_farther_from_a_disc_that_crosses_its_way():
-    plain, predictive = crossing("gap"), crossing("gap_predictive")
+    plain = crossing("gap")
+    predictive = crossing("gap_predictive")
     assert predictive[0] > plain[0] and predictive[0] > 0.28
     assert predictive[1] > 2.5
 
 
 def test_trajectories_of_mppi_keep_clear_of_where_a_disc_will_be():
-    plain, predictive = (
-        crossing("mppi", **{"mppi.samples": 300}),
-        crossing("mppi_predictive", **{"mppi.samples": 300}),
-    )
+    plain = crossing("mppi", **{"mppi.samples": 300})
+    predictive = crossing("mppi_predictive", **{"mppi.samples": 300})
     assert predictive[0] > plain[0] and predictive[0] > 0.28
     assert predictive[1] > 0.5
 

@@ -139,7 +139,8 @@ def main() -> int:
         found = check(module, mutants, options.tests or tests_of(module), options.jobs)
         print(f"{module}: {summary(found)}", file=sys.stderr)
         tried += found
-    left, known = {one.change for one in tried if not one.killed}, known_reasons()
+    left = {one.change for one in tried if not one.killed}
+    known = known_reasons()
     gone = known.keys() & {one.change for one in tried} - left
     if options.page:
         write_page(options.page, tried)

@@ -23,7 +23,8 @@ from fault_cases.planners import FOREIGN, SCRIPT, by_command, ros
 from fault_cases.system import alive, kill
 
 FAMILY = "processes"
-SIMULATOR, EVALUATOR = "barn_sim.ros.simulator", "barn_eval.ros.evaluator"
+SIMULATOR = "barn_sim.ros.simulator"
+EVALUATOR = "barn_eval.ros.evaluator"
 _LIMIT_S = 6.0
 _HELD = threading.Lock()
 

@@ -3,10 +3,10 @@
     python qa/studies/difficulty/judge_difficulty.py weights out/paper
     python qa/studies/difficulty/judge_difficulty.py networks out/paper --repeats 2
 
-`weights` judges a file of weights, the shipped ones by default, in worlds that it was not
-trained in. `networks` trains networks on folds of the worlds and judges each in the worlds
-left out; that needs PyTorch (`make extras`). Errors are in (s/m)^2, intervals 95 % over
-worlds.
+`weights` judges a file of weights, the shipped ones by default, in worlds that it was
+not trained in. `networks` trains networks on folds of the worlds and judges each in the
+worlds left out; that needs PyTorch (`make extras`). Errors are in (s/m)^2, intervals 95
+% over worlds.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""Checks of intervals and tests: what a simulation counts, and how often it may come."""
+"""Checks of intervals and tests: what simulations count and how often it may come."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -1,6 +1,6 @@
 """Simulated trials with the shape of real ones.
 
-Worlds differ, trials of a world are alike, and failures count with a value of their own.
+Worlds differ, trials of a world are alike, and failures have a value of their own.
 Times resemble DWA's under the paper's protocol, scores the challenge's at 0.5 m/s.
 """
 
@@ -15,8 +15,8 @@ REPETITIONS = 3
 FAILURE_SHARE = 0.07
 # Correlation of failures within a world.
 CORRELATION = 0.67
-# Times per meter [s/m]: geometric mean, spread of their logarithm over worlds and within
-# a world, and the value of a failure.
+# Times per meter [s/m]: geometric mean, spread of their logarithm over worlds and
+# within a world, and the value of a failure.
 TIME_S_PER_M = 2.9
 TIME_WORLD_SPREAD = 0.2
 TIME_TRIAL_SPREAD = 0.1

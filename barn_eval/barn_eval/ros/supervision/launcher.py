@@ -472,13 +472,13 @@ def _living_descendants() -> list[int]:
             if state != "Z":
                 parents[int(entry.name)] = int(parent)
 
-    own_pid = os.getpid()
-    family = {own_pid}
+    this_pid = os.getpid()
+    family = {this_pid}
     size = 0
     while len(family) > size:
         size = len(family)
         family.update(pid for pid, parent in parents.items() if parent in family)
-    return sorted(family - {own_pid})
+    return sorted(family - {this_pid})
 
 
 def _describe_exit(code: int) -> str:

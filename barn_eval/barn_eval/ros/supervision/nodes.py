@@ -71,7 +71,7 @@ class Assignment:
     """What the evaluator is to do: trials of one planner."""
 
     # With that planner only.
-    experiment: RunConfig
+    run: RunConfig
     # Names of the trials that have no result yet, and the numbers of their worlds.
     trials: tuple[str, ...]
     worlds: tuple[int, ...]
@@ -88,13 +88,13 @@ class Assignment:
     @property
     def store(self) -> BagStore:
         """Where bags go."""
-        return BagStore(Path(self.out), self.experiment.bags)
+        return BagStore(Path(self.out), self.run.bags)
 
     def specs(self) -> list[TrialSpec]:
         """Return the trials; WorldError if a world cannot be read."""
         return [
             spec
-            for spec in self.experiment.trials(self.worlds)
+            for spec in self.run.trials(self.worlds)
             if spec.trial_id in self.trials
         ]
 
@@ -145,22 +145,22 @@ def name_robot(config: SimulatorConfig, folder: Path) -> str:
     return str(path.resolve())
 
 
-def planner(choice: PlannerChoice, experiment: RunConfig) -> NodeProcess:
+def planner(choice: PlannerChoice, run: RunConfig) -> NodeProcess:
     """Describe the planner under test: the user's command, or a node of the suite.
 
     Args:
         choice: The planner.
-        experiment: Protocol and settings of the run.
+        run: Protocol and settings of the run.
 
     Returns:
         The process to start.
     """
-    setup = experiment.ros
+    setup = run.ros
     if choice.command:
         command = tuple(split_command(choice.command))
         return NodeProcess("planner", command, {}, foreign=True)
 
-    planner_setup = experiment.resolve_planner(choice)
+    planner_setup = run.resolve_planner(choice)
     # The suite's planners cannot find out which type a simulator takes.
     command_type = "twist"
     if setup.command_type == "twist_stamped":
@@ -168,7 +168,7 @@ def planner(choice: PlannerChoice, experiment: RunConfig) -> NodeProcess:
     parameters: dict[str, Any] = {
         "planner": choice.name,
         "preset": planner_setup.preset,
-        "use_map": experiment.protocol.map_given,
+        "use_map": run.protocol.map_given,
         "use_sim_time": True,
         "command_type": command_type,
         "map_frame": setup.map_frame,

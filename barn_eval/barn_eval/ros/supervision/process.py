@@ -130,8 +130,8 @@ class SupervisedProcess:
         self.stopping = False
         # Descendants carry it in their environment, by which they are found.
         self._mark = uuid.uuid4().hex
-        own_socket, launcher_socket = socket.socketpair()
-        self._events = EventChannel(own_socket)
+        supervisor_socket, launcher_socket = socket.socketpair()
+        self._events = EventChannel(supervisor_socket)
         descriptor = launcher_socket.fileno()
         with launcher_socket, convert_os_errors(ConfigError, log):
             if log.exists() and log.stat().st_size > _FULL_LOG_BYTES:

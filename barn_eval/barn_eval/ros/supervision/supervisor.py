@@ -53,7 +53,7 @@ _LONGEST_WAIT_S = 0.5
 
 
 def run_ros_trials(
-    experiment: RunConfig,
+    run: RunConfig,
     trials: Sequence[TrialSpec],
     store: BagStore,
     logs: Path | None = None,
@@ -66,7 +66,7 @@ def run_ros_trials(
     process is killed.
 
     Args:
-        experiment: The run.
+        run: The run.
         trials: Its trials of one planner.
         store: Where trials leave their bags.
         logs: Folder for what the nodes print; by default one in the store's.
@@ -90,7 +90,7 @@ def run_ros_trials(
         # Nodes that take part in the domain may be in the way: the evaluator looks.
         look_first = is_domain_in_use(domain)
         supervisor = _Supervisor(
-            experiment, trials, store, logs, node_environment, notice, look_first
+            run, trials, store, logs, node_environment, notice, look_first
         )
         try:
             yield from supervisor.run()
@@ -103,7 +103,7 @@ class _Supervisor:
 
     def __init__(
         self,
-        experiment: RunConfig,
+        run: RunConfig,
         trials: Sequence[TrialSpec],
         store: BagStore,
         logs: Path,
@@ -112,9 +112,7 @@ class _Supervisor:
         look_first: bool,
     ) -> None:
         planner = next(
-            planner
-            for planner in experiment.planners
-            if planner.name == trials[0].planner
+            planner for planner in run.planners if planner.name == trials[0].planner
         )
         self._planner_name = planner.name
         # Trials without a result.
@@ -130,7 +128,7 @@ class _Supervisor:
         self._quoted_logs: set[str] = set()
         self._parameters_kept = False
         self._lost_evaluators = 0
-        self._isolated = experiment.ros.isolate and can_isolate()
+        self._isolated = run.ros.isolate and can_isolate()
         self._done = False
 
         # The trial in progress, whether its robot drives, and why trials are repeated
@@ -148,15 +146,15 @@ class _Supervisor:
         # Both ends stay open here, for a simulator or an evaluator that is started in
         # place of one that has ended.
         self._simulator_line, self._evaluator_line = private_line.create_ends()
-        robot = nodes.name_robot(experiment.simulator, logs)
+        robot = nodes.name_robot(run.simulator, logs)
         line = self._simulator_line.fileno()
         self._nodes = {
-            SIMULATOR: nodes.simulator(experiment.ros, line, robot),
-            PLANNER: nodes.planner(planner, experiment),
+            SIMULATOR: nodes.simulator(run.ros, line, robot),
+            PLANNER: nodes.planner(planner, run),
         }
         _copy_planner_files(planner, logs)
         self._assignment = Assignment(
-            replace(experiment, planners=(planner,)),
+            replace(run, planners=(planner,)),
             (),
             (),
             str(store.folder),
@@ -254,7 +252,7 @@ class _Supervisor:
         with evaluator_end:
             node = nodes.evaluator(
                 path,
-                assignment.experiment.ros,
+                assignment.run.ros,
                 evaluator_end.fileno(),
                 self._evaluator_line.fileno(),
             )
@@ -331,7 +329,7 @@ class _Supervisor:
             raise ProcessError(f"the {name} {end}")
 
         # The evaluator may want a planner of its own for each trial: no news.
-        policy = self._assignment.experiment.ros.restart_planner
+        policy = self._assignment.run.ros.restart_planner
         is_expected = name == PLANNER and process.stopping and policy == "each_trial"
         if not is_expected:
             self._notice_end(process)

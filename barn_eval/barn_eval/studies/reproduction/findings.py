@@ -1,7 +1,7 @@
 """A reproduction of the paper: its run, and all that it finds, as plain data.
 
 OUT/campaign/             the paper's trials, a run that is resumed
-OUT/results.json          every number; results.md and figures/results_*.png follow from it
+OUT/results.json          every number; results.md and figures/*.png follow from it
 OUT/results_origin.json   versions, commits and machines
 """
 
@@ -81,7 +81,7 @@ class Findings:
 
 @dataclass(frozen=True)
 class Origin:
-    """What the sessions of the run and this analysis were made with, each named once."""
+    """What the sessions of a run and an analysis were made with, each named once."""
 
     commits: tuple[str, ...]
     versions: tuple[dict[str, str], ...]
@@ -100,7 +100,7 @@ class Origin:
 
 
 def to_json(content: Findings | Origin) -> str:
-    """Return findings or origin as JSON; numbers that JSON does not have become null."""
+    """Return findings or origin as JSON, with null for numbers that are not finite."""
     safe_content = make_json_safe(as_dict(content))
     return json.dumps(safe_content, indent=1, allow_nan=False) + "\n"
 
@@ -175,10 +175,10 @@ def reproduce(
 def paper_run(config: ReproduceConfig) -> RunConfig:
     """Return the run of the paper's trials."""
     world_numbers = open_dataset(config.dataset).world_numbers
-    drawn_numbers = draw_worlds(world_numbers, config.strata, config.seed)
+    sample = draw_worlds(world_numbers, config.strata, config.seed)
     worlds = "all"
-    if len(drawn_numbers) < len(world_numbers):
-        worlds = ",".join(map(str, drawn_numbers))
+    if len(sample) < len(world_numbers):
+        worlds = ",".join(map(str, sample))
     return RunConfig(
         dataset=config.dataset,
         worlds=worlds,

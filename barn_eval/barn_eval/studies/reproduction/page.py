@@ -218,7 +218,7 @@ def compare_cells(
         digits: Decimals.
 
     Returns:
-        Both numbers, their difference, and whether the interval holds the published one.
+        Both numbers, their difference, and whether our interval holds the published.
     """
     value: float | None
     if isinstance(measured, Interval):

@@ -85,12 +85,13 @@ class TrialsFinding:
     planners: tuple[PlannerFinding, ...]
     # From easy to difficult.
     worlds: tuple[WorldRow, ...]
-    # Spearman's: of mean and spread of both planners' trials, and of the planners' means.
+    # Spearman's: of mean and spread of both planners' trials; of the planners' means.
     spread_correlation: Interval
     planners_correlation: Interval
     # DWA's spread minus E-Band's [s/m].
     spread_difference: Interval
-    # How much more DWA's time grows than E-Band's, from the easiest to the hardest tenth.
+    # How much more DWA's time grows than E-Band's, from the easiest to the hardest
+    # tenth.
     steeper_s: Interval
 
     def of(self, planner: str) -> PlannerFinding:
