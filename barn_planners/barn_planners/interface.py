@@ -91,8 +91,8 @@ class Decision:
 class PlannerView:
     """What a planner considered in its last cycle, for display.
 
-    `plan` is in the planning frame. All other fields are in odom, or also in the planning
-    frame if `in_planning_frame` is true.
+    `plan` is in the planning frame. All other fields are in odom, or also in the
+    planning frame if `in_planning_frame` is true.
     """
 
     # Global plan: (n, 2) x and y in m.
@@ -127,8 +127,8 @@ class Planner(ABC):
     def step(self, observation: Observation) -> Decision:
         """Decide on the command of one control cycle.
 
-        Must not raise, whatever the observation contains: answer unusable readings with a
-        stop and a reason. The command must be finite.
+        Must not raise, whatever the observation contains: answer unusable readings with
+        a stop and a reason. The command must be finite.
         """
 
     def view(self) -> PlannerView:

@@ -1,7 +1,7 @@
 """Episodes: trials as the benchmark runs them, one alone or many that advance together.
 
-A step is a few compiled calls for all robots. Python runs only for robots near an obstacle,
-trials that may have ended, the collision check, and poses in a map.
+A step is a few compiled calls for all robots. Python runs only for robots near an
+obstacle, trials that may have ended, the collision check, and poses in a map.
 """
 
 from typing import Any, NamedTuple
@@ -97,7 +97,8 @@ class Episodes:
             path: Points on the path to the goal, as of `path_points`.
 
         Raises:
-            ConfigError: If the distances of its rules differ from those of other robots.
+            ConfigError: If the distances of its rules differ from those of other
+                robots.
         """
         self._require_equal_rules(index, spec)
         start = spec.course.start
@@ -186,7 +187,7 @@ class Episodes:
         return before_m
 
     def _localized_poses(self, rows: Integers) -> Floats:
-        """Return the poses (n, 3) in the map frame, as the robots localize themselves."""
+        """Return the poses (n, 3) in the map frame by the robots' localization."""
         poses: Floats = self.readings.odometry.copy()
         for index in rows.tolist():
             odometry_pose = Pose2D(*poses[index].tolist())
@@ -265,7 +266,7 @@ class Episodes:
     def _check_commands(
         self, is_resting: Bools, commands: Floats
     ) -> tuple[Floats, Bools]:
-        """Return commands (n, 2) without collisions, and which of them changed, (n,)."""
+        """Return commands (n, 2) without collisions, and which changed (n,)."""
         if not self._safety.enabled:
             return commands, np.zeros(len(commands), np.bool_)
 
