@@ -145,9 +145,9 @@ def _pose_table(poses: list[tuple[float, float, float]]) -> Floats:
 
 
 @cache
-def _physics_client() -> PhysicsClient:
+def _scenes() -> ScenePool:
     """Return the client of all trials of this process, one after the other."""
-    return PhysicsClient()
+    return ScenePool()
 
 
 def drive_again(spec: TrialSpec, commands: Floats) -> Readings:
@@ -166,7 +166,7 @@ def drive_again(spec: TrialSpec, commands: Floats) -> Readings:
     log = TrajectoryLog()
     odometry = []
     start = spec.course.start
-    client = _physics_client()
+    client = _scenes()
     with closing(
         Simulator(spec.world, config, start, spec.simulator_seed, client)
     ) as simulator:
