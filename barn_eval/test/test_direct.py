@@ -57,7 +57,9 @@ def test_a_bag_says_in_which_frame_a_planner_follows_its_plan(
     }
 
 
-@pytest.mark.parametrize("protocol", [CHALLENGE, PAPER_2020], ids=lambda one: one.name)
+@pytest.mark.parametrize(
+    "protocol", [CHALLENGE, PAPER_2020], ids=lambda rules: rules.name
+)
 def test_an_open_world_is_crossed(open_world, protocol):
     finished = run_direct_trial(spec_of(open_world, protocol), planner=Straight())
     result = finished.result
