@@ -43,12 +43,14 @@ class LiveClient:
 
     def channels(self, count):
         """Wait until so many channels have been advertised; return them by topic."""
-        found = {}
-        while len(found) < count:
+        by_topic = {}
+        while len(by_topic) < count:
             message = self.receive()
             if isinstance(message, dict) and message["op"] == "advertise":
-                found |= {channel["topic"]: channel for channel in message["channels"]}
-        return found
+                by_topic |= {
+                    channel["topic"]: channel for channel in message["channels"]
+                }
+        return by_topic
 
     def subscribe(self, channels):
         """Subscribe to channels; the number of a subscription is that of its channel."""
@@ -60,8 +62,8 @@ class LiveClient:
 
     def messages(self, count):
         """Receive so many messages."""
-        found = []
-        while len(found) < count:
+        received = []
+        while len(received) < count:
             message = self.receive()
-            found += [message] if isinstance(message, tuple) else []
-        return found
+            received += [message] if isinstance(message, tuple) else []
+        return received

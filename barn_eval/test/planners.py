@@ -38,7 +38,7 @@ def spec_of(
     """A trial in a world, or in one of the protocol's data set by its number."""
     name = dataset_of(protocol)
     simulator = simulator_config(protocol, robot=robot)
-    index, found = (
+    index, loaded_world = (
         (world, open_dataset(name).load(world))
         if isinstance(world, int)
         else (0, world)
@@ -47,7 +47,7 @@ def spec_of(
     return TrialSpec(
         name,
         index,
-        found,
+        loaded_world,
         planner,
         preset,
         {},

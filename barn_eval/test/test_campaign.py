@@ -48,7 +48,9 @@ def test_one_row_per_trial_in_the_order_of_the_plan(whole):
 
 
 @pytest.mark.parametrize(
-    "number", [signal.SIGHUP, signal.SIGQUIT, signal.SIGTERM], ids=lambda one: one.name
+    "number",
+    [signal.SIGHUP, signal.SIGQUIT, signal.SIGTERM],
+    ids=lambda signal_number: signal_number.name,
 )
 def test_a_signal_ends_a_campaign_with_a_word(whole, tmp_path, number):
     out = tmp_path / "out"

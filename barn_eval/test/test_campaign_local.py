@@ -152,8 +152,10 @@ def test_an_idle_worker_that_was_killed_costs_nothing(engine):
             os.P_PID, pid, os.WEXITED | os.WNOWAIT
         )  # until its last thread has let go of the pipe
     assert all(
-        isinstance(one, JobResult)
-        for one in all_reports(engine, {str(n): ("echo", n) for n in range(6)}).values()
+        isinstance(outcome, JobResult)
+        for outcome in all_reports(
+            engine, {str(n): ("echo", n) for n in range(6)}
+        ).values()
     )
 
 

@@ -72,7 +72,7 @@ def test_an_unfinished_folder_is_good_as_far_as_it_goes(folder):
         ),
         (
             lambda out: change_row(out, 1, trial_id="gap_w0009_r00"),
-            "gap_w0009_r00 is no trial of this experiment",
+            "gap_w0009_r00 is no trial of this run",
         ),
         (
             lambda out: change_row(out, 1, world_checksum="0"),
@@ -285,9 +285,9 @@ def test_a_bag_that_no_drive_can_have_left_is_found_by_driving_its_commands_agai
 
     rewrite_bag(bag, shifted, row.repeatable())
     (problem,) = (
-        one
-        for one in barn.results.check(folder).problems
-        if "give another trajectory" in one
+        line
+        for line in barn.results.check(folder).problems
+        if "give another trajectory" in line
     )
     assert problem.endswith(
         "its commands, driven again, give another trajectory from 0.00 s on, up to 0.002 m away"

@@ -140,7 +140,7 @@ def test_one_trial_each_is_compared():
 def test_measures_of_motion_are_compared_where_both_have_met_something():
     met = Encounters(7.0, 0.25, 1.5, 2.0, 1.25, 2.5)
     still = results(worlds=1)
-    moved = [replace(one, motion=met) for one in results(worlds=1)]
+    moved = [replace(trial, motion=met) for trial in results(worlds=1)]
     keys = [
         [row.key for row in compare(a, b, keys=()).rows]
         for a, b in product((still, moved), repeat=2)

@@ -57,7 +57,9 @@ def test_a_bag_says_in_which_frame_a_planner_follows_its_plan(
     }
 
 
-@pytest.mark.parametrize("protocol", [CHALLENGE, PAPER_2020], ids=lambda one: one.name)
+@pytest.mark.parametrize(
+    "protocol", [CHALLENGE, PAPER_2020], ids=lambda rules: rules.name
+)
 def test_an_open_world_is_crossed(open_world, protocol):
     finished = run_direct_trial(spec_of(open_world, protocol), planner=Straight())
     result = finished.result
@@ -199,7 +201,7 @@ def test_a_machine_that_stalls_for_good_is_told_from_the_planner(
     report = run_job(
         work, "key", "here", Job("key", (spec_of(open_world),)), lambda _: None
     )
-    assert report.stalled and not report.overtime
+    assert report.is_stall and not report.is_overtime
     assert "the machine stalled" in report.reason
 
 

@@ -121,7 +121,7 @@ def test_every_command_has_its_function():
         "tune": "sweep",
     }  # which choose what to run; these run it
     names = {name.rpartition(".")[2] for name in offered()} | {
-        one for one in vars(barn.Results) if one[0] != "_"
+        member for member in vars(barn.Results) if member[0] != "_"
     }
     assert [
         name for name in COMMANDS if not {*functions.get(name, name).split()} <= names

@@ -155,16 +155,16 @@ def test_the_map_that_is_given_holds_start_and_goal():
     spec, paper = (
         experiment(protocol, "100").trials()[0] for protocol in (KNOWN_MAP, PAPER_2020)
     )
-    given_map = spec.map
+    protocol_map = spec.map
     world_map = spec.world.occupancy_map()
     rows, cols = world_map.data.shape
-    assert np.array_equal(given_map.data[:rows, :cols], world_map.data)
-    assert not given_map.data[rows:].any()
+    assert np.array_equal(protocol_map.data[:rows, :cols], world_map.data)
+    assert not protocol_map.data[rows:].any()
     for pose in (spec.course.start, spec.course.goal):
         assert (
             0
-            <= (pose.y - given_map.origin_y) / given_map.resolution
-            < given_map.data.shape[0] - 1
+            <= (pose.y - protocol_map.origin_y) / protocol_map.resolution
+            < protocol_map.data.shape[0] - 1
         )
     assert np.array_equal(
         paper.map.data, paper.world.occupancy_map(historical=True).data

@@ -84,7 +84,7 @@ def test_an_ordinary_graph_is_in_order(line):
 
 @pytest.mark.parametrize("line", [Channel(), None], ids=["private line", "by hand"])
 @pytest.mark.parametrize(
-    ("foreign", "said"),
+    ("foreign", "words"),
     [
         (("/odom", PLANNER, "/planner"), "/planner publishes /odom"),
         (("/scan", OTHER, ""), "an unnamed node publishes /scan"),
@@ -92,8 +92,8 @@ def test_an_ordinary_graph_is_in_order(line):
         (("/clock", OTHER, "/simulator"), "2 nodes are named /simulator"),
     ],
 )
-def test_foreign_publishers(line, foreign, said):
-    assert integrity(View([*ordinary(), endpoint(*foreign)]), line).look() == said
+def test_foreign_publishers(line, foreign, words):
+    assert integrity(View([*ordinary(), endpoint(*foreign)]), line).look() == words
 
 
 def test_a_process_with_the_simulators_name_is_told_from_it_by_its_identity():
@@ -127,8 +127,8 @@ def test_readers_of_the_truth_and_several_commanders_are_remarked_upon_and_kept_
     assert watched.look() == ""
     view._publishers, view._subscriptions = ordinary(), ()
     assert watched.look() == ""
-    said = "/planner, /viewer subscribed to /truth; 2 publishers on /cmd_vel: /joystick, /planner"
-    assert watched.remarks == said
+    remark = "/planner, /viewer subscribed to /truth; 2 publishers on /cmd_vel: /joystick, /planner"
+    assert watched.remarks == remark
     watched.begin()
     assert watched.remarks == ""
 

@@ -110,7 +110,7 @@ def test_who_declares_no_cap_is_measured_by_the_robots_limit(open_world):
 def test_obstacles_count_where_a_contact_ends_the_trial_and_truth_decides():
     world = max(
         (BARN300.load(number) for number in range(0, 300, 30)),
-        key=lambda one: spec_of(one).least_time_s,
+        key=lambda candidate: spec_of(candidate).least_time_s,
     )
     period_s = CHALLENGE.control_period_s
     fastest = 0.5 * (1.0 + WHEEL_SLIP["skid_steer"])

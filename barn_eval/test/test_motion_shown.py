@@ -216,9 +216,11 @@ def test_a_report_has_motions_measures_and_the_clearance_to_what_moves(folder, w
             result.motion.near_s, abs=1e-4
         )
     assert data["worlds"][world.checksum]["moving"]["powers"] == 4
-    for one in report.trials:
-        nearest = one.track.samples[:, -1].min()
-        assert nearest == pytest.approx(one.result.motion.moving_clearance_m, abs=0.1)
+    for driven_trial in report.trials:
+        nearest = driven_trial.track.samples[:, -1].min()
+        assert nearest == pytest.approx(
+            driven_trial.result.motion.moving_clearance_m, abs=0.1
+        )
     assert "class MotionMovers" in report_page(report, "A title")
 
 
@@ -292,8 +294,8 @@ def test_pages_move_obstacles_as_the_world_does(
         page.click("#layer-moving")
     page.click("#to-closest")
     closest_s = recorded.times_s[recorded.clearance_m.argmin()]
-    found_s = page.evaluate("replay.trials[0].times[replay.trials[0].closest]")
-    assert found_s == pytest.approx(closest_s, abs=1e-3)
+    closest_time_s = page.evaluate("replay.trials[0].times[replay.trials[0].closest]")
+    assert closest_time_s == pytest.approx(closest_s, abs=1e-3)
     page = open_page(tmp_path / "report.html")
     page.evaluate(
         f"report.view.open(report.data.trials.findIndex((one) => one.id === '{bag.name}'))"

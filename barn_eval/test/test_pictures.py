@@ -123,7 +123,11 @@ def test_a_film(bag, tmp_path):
 
 
 def collections_of(figure, kind):
-    return [one for one in figure.axes[0].collections if type(one) is kind]
+    return [
+        collection
+        for collection in figure.axes[0].collections
+        if type(collection) is kind
+    ]
 
 
 def test_each_trial_is_drawn_where_it_drove_in_the_colour_of_its_planner(folder):

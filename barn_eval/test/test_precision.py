@@ -143,7 +143,7 @@ def test_tables_have_a_row_for_each_figure_and_number_of_repetitions():
 
 
 def test_a_set_that_is_too_small_is_said_to_be(folders):  # noqa: F811 (a fixture)
-    of_300 = [replace(one, dataset="barn300") for one in results()]
+    of_300 = [replace(trial, dataset="barn300") for trial in results()]
     precision = estimate_precision({"dwa": of_300}, width=0.001)
     assert precision.available == 300
     assert precision.notes[-1].startswith("The set has 300 worlds")
@@ -165,8 +165,8 @@ def test_draws_of_worlds_rank_planners_the_surer_the_more_there_are():
     }
     groups = {  # a failure counts little more than a success
         name: [
-            scored(one, failure_time_s=5.0 * 4.1)
-            for one in timed(name, times + ahead, 60)
+            scored(trial, failure_time_s=5.0 * 4.1)
+            for trial in timed(name, times + ahead, 60)
         ]
         for name, ahead in lead.items()
     }

@@ -112,12 +112,12 @@ def test_referees_may_keep_what_they_know_in_rows_that_are_judged_at_once():
     stamps_ns = np.full(3, 2 * PERIOD_NS)
     contacts = np.array([True, False, False])
     rules.observe(states, np.arange(2), stamps_ns, poses, poses, contacts)
-    assert [one.verdict and one.verdict.outcome for one in referees] == [
+    assert [judge.verdict and judge.verdict.outcome for judge in referees] == [
         Outcome.COLLISION,
         None,
         None,
     ]
-    assert [one.standing.goal_distance_m for one in referees] == [5.0, 3.0, 5.0]
+    assert [judge.standing.goal_distance_m for judge in referees] == [5.0, 3.0, 5.0]
     assert referees[2].observe(*reading(1, 4.5)).outcome is Outcome.SUCCESS
 
 

@@ -438,67 +438,70 @@ def test_the_table_sorts_and_filters_and_a_trial_opens(
 ):
     file = tmp_path / "report.html"
     file.write_text(page, "utf-8")
-    shown = open_page(file)
+    browser_page = open_page(file)
 
     def column(number):
-        return shown.locator(
+        return browser_page.locator(
             f"#trials tbody td:nth-child({number})"
         ).all_text_contents()
 
     def opened(trial):
-        shown.wait_for_selector(f"body[data-opened={trial}]")
+        browser_page.wait_for_selector(f"body[data-opened={trial}]")
 
     assert len(column(1)) == 32
-    shown.click("#trials th:nth-child(5) button")
+    browser_page.click("#trials th:nth-child(5) button")
     times = [float(text) for text in column(5)]
     assert times == sorted(times)
-    shown.click("#trials th:nth-child(5) button")
+    browser_page.click("#trials th:nth-child(5) button")
     assert [float(text) for text in column(5)] == times[::-1]
-    shown.select_option("#filter-outcome", "timeout")
+    browser_page.select_option("#filter-outcome", "timeout")
     assert set(column(4)) == {"timeout"}
-    shown.locator("#search").press_sequentially("dwa_w0004")
+    browser_page.locator("#search").press_sequentially("dwa_w0004")
     assert column(2) == ["4"]
-    shown.fill("#search", "gap_w0000")
+    browser_page.fill("#search", "gap_w0000")
     assert column(2) == []
-    assert shown.locator("#count").text_content() == "no such trial"
-    shown.select_option("#filter-outcome", "")
-    shown.fill("#search", "")
-    put(shown, "filter-from", "3")
-    put(shown, "filter-to", "5")
-    shown.select_option("#filter-planner", "DWA")
-    shown.select_option("#filter-outcome", "failed")
+    assert browser_page.locator("#count").text_content() == "no such trial"
+    browser_page.select_option("#filter-outcome", "")
+    browser_page.fill("#search", "")
+    put(browser_page, "filter-from", "3")
+    put(browser_page, "filter-to", "5")
+    browser_page.select_option("#filter-planner", "DWA")
+    browser_page.select_option("#filter-outcome", "failed")
     assert set(column(4)) == {"timeout"}
     assert column(2) == ["3", "4"]
-    shown.focus("tr[data-trial=dwa_w0004_r00]")
-    shown.keyboard.press("Enter")
+    browser_page.focus("tr[data-trial=dwa_w0004_r00]")
+    browser_page.keyboard.press("Enter")
     opened("dwa_w0004_r00")
-    shown.keyboard.press("Escape")
-    shown.wait_for_function("!document.getElementById('trial').open")
-    shown.click("#filter-reset")
-    shown.fill("#search", "gap_w0000")
-    shown.click("tr[data-trial=gap_w0000_r00]")
+    browser_page.keyboard.press("Escape")
+    browser_page.wait_for_function("!document.getElementById('trial').open")
+    browser_page.click("#filter-reset")
+    browser_page.fill("#search", "gap_w0000")
+    browser_page.click("tr[data-trial=gap_w0000_r00]")
     opened("gap_w0000_r00")
-    shown.screenshot(path=screenshots / "report_trial.png")
-    assert violations(shown) == []
-    assert shown.evaluate("window.report.view.player.time") > 5.0
+    browser_page.screenshot(path=screenshots / "report_trial.png")
+    assert violations(browser_page) == []
+    assert browser_page.evaluate("window.report.view.player.time") > 5.0
     canvases = "['trial-scene', 'trial-chart-speed', 'trial-chart-clearance']"
     pixels = f"{canvases}.map((id) => document.getElementById(id).toDataURL())"
-    at_end = shown.evaluate(pixels)
-    put(shown, "trial-scrub", "1")
+    at_end = browser_page.evaluate(pixels)
+    put(browser_page, "trial-scrub", "1")
     assert all(
         before != after
-        for before, after in zip(at_end, shown.evaluate(pixels), strict=True)
+        for before, after in zip(at_end, browser_page.evaluate(pixels), strict=True)
     )
-    shown.click("#trial-play")
-    shown.wait_for_function("window.report.view.player.time > 2")
-    shown.click("#close")
-    shown.fill("#search", "dwa_w0004")
-    shown.click("tr[data-trial=dwa_w0004_r00]")
+    browser_page.click("#trial-play")
+    browser_page.wait_for_function("window.report.view.player.time > 2")
+    browser_page.click("#close")
+    browser_page.fill("#search", "dwa_w0004")
+    browser_page.click("tr[data-trial=dwa_w0004_r00]")
     opened("dwa_w0004_r00")
-    assert "no track of this trial" in shown.locator("#trial-problem").text_content()
-    assert EVIL in shown.locator("#trial-ending").text_content()
-    assert shown.evaluate("window.evil") is None
-    assert shown.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    assert (
+        "no track of this trial"
+        in browser_page.locator("#trial-problem").text_content()
+    )
+    assert EVIL in browser_page.locator("#trial-ending").text_content()
+    assert browser_page.evaluate("window.evil") is None
+    assert browser_page.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
 def test_a_report_made_by_several_processes_is_the_same(folder, tmp_path, monkeypatch):

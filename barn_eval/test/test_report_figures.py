@@ -105,12 +105,12 @@ def test_a_pdf_has_its_fonts_embedded(report, tmp_path):
 
 @pytest.mark.parametrize("chart", SHOWN, ids=lambda item: item.name)
 def test_a_figure_can_be_drawn_onto_axes_of_others(report, chart):
-    own_panels = plot(chart.name, report.entries)
-    panels = Figure().subplots(1, len(own_panels), squeeze=False)[0]
+    figure_panels = plot(chart.name, report.entries)
+    panels = Figure().subplots(1, len(figure_panels), squeeze=False)[0]
     assert plot(
-        chart.name, report.entries, ax=panels[0] if len(own_panels) == 1 else panels
+        chart.name, report.entries, ax=panels[0] if len(figure_panels) == 1 else panels
     ) == list(panels)
-    for item, other in zip(own_panels, panels, strict=True):
+    for item, other in zip(figure_panels, panels, strict=True):
         assert (
             other.get_title() == item.get_title()
             and other.get_xlabel() == item.get_xlabel()
@@ -122,9 +122,9 @@ def test_a_figure_can_be_drawn_onto_axes_of_others(report, chart):
         assert repr(lines[0]) == repr(lines[1])
     with pytest.raises(
         ConfigError,
-        match=f"'{chart.name}' has {len(own_panels)} panels, got {len(own_panels) + 1} axes",
+        match=f"'{chart.name}' has {len(figure_panels)} panels, got {len(figure_panels) + 1} axes",
     ):
-        plot(chart.name, report.entries, ax=[panels[0]] * (len(own_panels) + 1))
+        plot(chart.name, report.entries, ax=[panels[0]] * (len(figure_panels) + 1))
 
 
 def test_a_figure_that_there_is_nothing_for_is_refused(report):

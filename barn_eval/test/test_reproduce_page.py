@@ -173,11 +173,11 @@ def test_the_command_refuses_in_one_line(rejected):
 def test_the_page_in_docs_is_what_its_numbers_give():
     if not (DOCS / "results.json").is_file():
         pytest.skip("the repository's docs are not beside this package")
-    shown = (DOCS / "results.md").read_text("utf-8")
-    assert page(*read_results(DOCS)) == shown, (
+    published = (DOCS / "results.md").read_text("utf-8")
+    assert page(*read_results(DOCS)) == published, (
         "run python -m barn_eval.studies.reproduction.page docs"
     )
-    assert all((DOCS / name).is_file() for name in _figures(shown))
+    assert all((DOCS / name).is_file() for name in _figures(published))
 
 
 def _figures(text):

@@ -225,8 +225,8 @@ def test_resized_worlds_have_the_same_grids_in_cells_of_the_robots(tmp_path):
             assert (world.grid == worlds[index].grid).all() and (
                 world.path == worlds[index].path
             ).all()
-    assert [one.checksum for one in resize(worlds, "jackal").values()] == [
-        one.checksum for one in worlds.values()
+    assert [item.checksum for item in resize(worlds, "jackal").values()] == [
+        item.checksum for item in worlds.values()
     ]
     written = open_dataset(barn.worlds.save(resized, tmp_path / "husky.npz"))
     assert (

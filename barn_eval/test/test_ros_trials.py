@@ -72,7 +72,7 @@ def write_robot(folder):
         (DYNABARN, "jackal", "dwa"),
         (CHALLENGE, "own_robot", "mppi"),
     ],
-    ids=lambda one: getattr(one, "name", one),
+    ids=lambda messages: getattr(messages, "name", messages),
 )
 def test_lockstep_and_direct_trials_are_the_same_step_by_step(
     tmp_path, protocol, robot, planner
@@ -90,7 +90,7 @@ def test_lockstep_and_direct_trials_are_the_same_step_by_step(
     direct = recorded(spec, tmp_path / "direct").result
     assert result.repeatable() | {"mode": "direct"} == direct.repeatable()
     over_ros = ros.messages(tmp_path / "ros" / "bags" / spec.trial_id)
-    one = ros.messages(tmp_path / "direct")
+    messages = ros.messages(tmp_path / "direct")
     for topic in (
         "/odom",
         "/ground_truth/odom",
@@ -101,18 +101,22 @@ def test_lockstep_and_direct_trials_are_the_same_step_by_step(
         "/score_text",
     ):
         stamps, expected = (
-            [stamp for stamp, _ in bag[topic]] for bag in (over_ros, one)
+            [stamp for stamp, _ in bag[topic]] for bag in (over_ros, messages)
         )
         assert stamps == expected  # and their bytes: see below
     assert (
-        len(one["/odom"]) > 100 and len(one["/score"]) > 10 and len(one["/world"]) == 1
+        len(messages["/odom"]) > 100
+        and len(messages["/score"]) > 10
+        and len(messages["/world"]) == 1
     )
-    assert [len(one.get(topic, [])) > 50 for topic in MOVING] == [protocol.arena] * 2
-    assert [one["/outcome"][place][1].data for place in (0, -1)] == [
+    assert [len(messages.get(topic, [])) > 50 for topic in MOVING] == [
+        protocol.arena
+    ] * 2
+    assert [messages["/outcome"][place][1].data for place in (0, -1)] == [
         "running",
         result.outcome.value,
     ]
-    assert one["/score"][-1][1].data == result.scores.challenge
+    assert messages["/score"][-1][1].data == result.scores.challenge
     assert len(over_ros["/goal_pose"]) > 10 or not protocol.map_given
     assert_equal_bytes(
         ros.unstamped(tmp_path / "ros" / "bags" / spec.trial_id),

@@ -348,7 +348,9 @@ def test_paired_comparison_gives_the_share_of_failures_of_each():
         *(counted([0.3], [failure], [0]) for failure in (0, 1)), larger_is_better=True
     )
     shares = [Share(share, 1.0) for share in (0.0, 1.0)]
-    assert paired.failures == tuple(Interval(one.share, *one.limits) for one in shares)
+    assert paired.failures == tuple(
+        Interval(failure_share.share, *failure_share.limits) for failure_share in shares
+    )
 
 
 def test_where_nothing_succeeded_a_success_may_be_worth_the_best():
@@ -371,14 +373,14 @@ def test_one_that_always_fails_is_worse_than_one_that_never_does():
 def test_few_failing_worlds_count_each_as_one_trial_and_more_tell_how_alike_trials_are():
     worlds = np.repeat(np.arange(20), 5)
     trial = np.arange(100)
-    one_world, single, alike = (
+    failing_once, single, alike = (
         trial < 3,
         trial % 20 == 0,
         trial < 25,
     )  # single: in five worlds, as if trials were independent
     effective = [
         share_of(failures.astype(np.int64), worlds).effective
-        for failures in (one_world, single, alike)
+        for failures in (failing_once, single, alike)
     ]
     assert effective == [20.0, 100.0, pytest.approx(19.0)]
 

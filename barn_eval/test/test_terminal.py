@@ -61,9 +61,9 @@ def check_whole(fitted):
     ]
     words = set(" ".join(texts).split())
     for width in WIDTHS:
-        shown = draw_table(fitted, width)
-        assert max(map(len, shown.splitlines())) <= width
-        assert set(re.sub("─+", " ", shown).split()) == words, width
+        output = draw_table(fitted, width)
+        assert max(map(len, output.splitlines())) <= width
+        assert set(re.sub("─+", " ", output).split()) == words, width
 
 
 @pytest.mark.parametrize(
@@ -158,9 +158,9 @@ def test_limits_go_whole_below_their_estimates_where_the_terminal_is_narrow(
 
 def test_a_word_that_is_wider_than_the_terminal_is_the_only_one_broken():
     fitted = table(("name", "path"), [("dwa", "/" + "a" * 100)])
-    shown = draw_table(fitted, 60)
-    assert max(map(len, shown.splitlines())) <= 60
-    assert shown.count("a") == 100 + sum(
+    output = draw_table(fitted, 60)
+    assert max(map(len, output.splitlines())) <= 60
+    assert output.count("a") == 100 + sum(
         text.count("a") for text in ("dwa", "name", "path")
     )
 
@@ -215,13 +215,13 @@ def test_rate_factor_remaining_time_and_outcomes_are_those_of_the_session(time):
 
 def test_lines_come_now_and_then_and_at_the_end(time):
     total = MAX_TRIAL_LINES + 1
-    shown, _ = show(
+    output_lines, _ = show(
         total,
         [result(0)] * (total - 31),
         [result(number) for number in range(31)],
         time,
     )
-    lines = shown.splitlines()
+    lines = output_lines.splitlines()
     assert [line.split()[0] for line in lines] == ["85/101", "100/101", "101/101"]
     assert (
         lines[-1]
@@ -236,16 +236,16 @@ def test_trials_of_a_small_experiment_have_a_line_each(time):
         detail="too slow",
         scores=replace(result(2).scores, success=False),
     )
-    shown, _ = show(3, [result(0)], [result(1), slow], time)
-    first, second, _ = shown.splitlines()
+    output_lines, _ = show(3, [result(0)], [result(1), slow], time)
+    first, second, _ = output_lines.splitlines()
     assert first == "[2/3] dwa_w0001_r00: success in 10.10 s"
     assert second == "[3/3] dwa_w0002_r00: timeout (too slow)"
 
 
 def test_what_is_waited_for_is_said_once(time):
     waiting = [Notice("dwa", "local-0", "waiting for /scan")] * 3
-    shown, _ = show(1, [], [*waiting, result(1), *waiting[:1]], time)
-    assert shown.count("waiting for /scan") == 1
+    output_lines, _ = show(1, [], [*waiting, result(1), *waiting[:1]], time)
+    assert output_lines.count("waiting for /scan") == 1
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])
@@ -257,22 +257,22 @@ def test_a_narrow_terminal_shows_count_rate_time_left_and_outcomes_whole(time, w
     ]
     reporter = ConsoleReporter(Console(file=file, force_terminal=True, width=width))
     progress = RunProgress(3000, results, reporter)
-    shown, text = take(progress, [result(100)], time, file)
-    last = re.split(r"\x1b\[[0-9;?]*[A-Za-z]", shown)
+    output_lines, text = take(progress, [result(100)], time, file)
+    last = re.split(r"\x1b\[[0-9;?]*[A-Za-z]", output_lines)
     words = set(" ".join(last).replace(",", " ").split())
-    assert "\x1b[" in shown
+    assert "\x1b[" in output_lines
     assert {f"{len(Outcome) + 1}/3000", "30.0/min", "left"} <= words
     assert set(text.replace(",", " ").split()) <= words
 
 
 def test_losses_are_told_at_once(time):
-    shown, _ = show(
+    output_lines, _ = show(
         2,
         [],
         [TrialLoss("dwa_w0001_r00", 1, "its worker process was killed by SIGKILL")],
         time,
     )
-    assert shown.startswith(
+    assert output_lines.startswith(
         "dwa_w0001_r00: attempt 1 lost, its worker process was killed by SIGKILL\n"
     )
 

@@ -53,12 +53,12 @@ def test_lengths_turns_and_times():
         Pose2D(6.0, 8.0, -3.0),
         Pose2D(6.0, 8.0, -3.0),
     ]
-    found = measure_trajectory(drive(poses), FAR, 0.075, EXTENT)
-    assert (found.driven_m, found.driven_ratio) == pytest.approx(
+    figures = measure_trajectory(drive(poses), FAR, 0.075, EXTENT)
+    assert (figures.driven_m, figures.driven_ratio) == pytest.approx(
         (2.0, 2.0 / math.sqrt(2.0))
     )
-    assert found.rotation_rad == pytest.approx(3.0 + (2.0 * math.pi - 6.0))
-    assert found.mean_speed_mps == pytest.approx(2.0 / 0.15)
+    assert figures.rotation_rad == pytest.approx(3.0 + (2.0 * math.pi - 6.0))
+    assert figures.mean_speed_mps == pytest.approx(2.0 / 0.15)
 
 
 @pytest.mark.parametrize(
@@ -69,19 +69,21 @@ def test_lengths_turns_and_times():
 def test_contacts_are_counted_and_last_since_the_reading_before(
     contacts, count, contact_s
 ):
-    found = measure_trajectory(
+    figures = measure_trajectory(
         drive([Pose2D(0.0, 0.0, 0.0)] * 6, contacts=contacts), FAR, 0.075, EXTENT
     )
-    assert (found.contacts, found.contact_s) == (count, pytest.approx(contact_s))
+    assert (figures.contacts, figures.contact_s) == (count, pytest.approx(contact_s))
 
 
 def test_a_motion_of_some_millimetres_has_a_speed_and_a_ratio():
-    found = measure_trajectory(
+    figures = measure_trajectory(
         drive([Pose2D(1.0, 1.0, 0.0), Pose2D(1.003, 1.004, 0.0)]), FAR, 0.075, EXTENT
     )
-    assert (found.driven_m, found.driven_ratio, found.mean_speed_mps) == pytest.approx(
-        (0.005, 1.0, 0.1)
-    )
+    assert (
+        figures.driven_m,
+        figures.driven_ratio,
+        figures.mean_speed_mps,
+    ) == pytest.approx((0.005, 1.0, 0.1))
 
 
 def test_a_way_back_to_its_beginning_has_no_ratio():
@@ -182,10 +184,10 @@ def test_what_controllers_are_compared_by_is_what_plain_loops_give(seed):
         command,
         np.zeros(count, np.bool_),
     )
-    found = measure_trajectory(trajectory, FAR, 0.075, EXTENT)
+    figures = measure_trajectory(trajectory, FAR, 0.075, EXTENT)
     for key, expected in plainly(trajectory).items():
-        assert getattr(found, key) == pytest.approx(expected), key
-    assert found.off_plan_m is None
+        assert getattr(figures, key) == pytest.approx(expected), key
+    assert figures.off_plan_m is None
 
 
 def test_time_near_an_obstacle_is_that_up_to_readings_there():

@@ -189,9 +189,9 @@ def test_maps_hold_the_values_of_the_cells_and_nothing_where_occupied(cspace):
     free = np.argwhere(~cspace)
     values = cell_metrics(cspace, free)
     assert list(maps) == [metric.name for metric in CELL_METRICS]
-    for column, drawn in enumerate(maps.values()):
-        np.testing.assert_array_equal(drawn[~cspace], values[:, column])
-        assert np.isnan(drawn[cspace]).all()
+    for column, picture in enumerate(maps.values()):
+        np.testing.assert_array_equal(picture[~cspace], values[:, column])
+        assert np.isnan(picture[cspace]).all()
 
 
 def test_repeated_cells_count_as_often_as_they_occur():

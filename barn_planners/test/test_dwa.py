@@ -217,10 +217,10 @@ def test_a_goal_turn_that_is_rolled_out_needs_room_for_all_of_it():
 
 def test_all_samples_are_shown_as_they_cost_when_the_command_was_chosen():
     controller = DwaController(DwaConfig())
-    given = inputs(velocity=Velocity2D(0.3, 0.0), lethal=[(0.7, 0.1)])
+    control = inputs(velocity=Velocity2D(0.3, 0.0), lethal=[(0.7, 0.1)])
     assert controller.view().candidates is None
-    decision = controller.control(given)
-    given.costmap.costs[:] = LETHAL
+    decision = controller.control(control)
+    control.costmap.costs[:] = LETHAL
     view = controller.view()
     assert view.candidates.shape == (6 * 21 + 20, 80, 2) and view.local_plan.shape == (
         80,

@@ -126,13 +126,15 @@ def test_plan_cells_follow_the_plan_within_the_grid_without_gaps():
     )
     cells = np.empty(1000, np.int64)
     count = wavefront.plan_cells(plan, *ORIGIN, RESOLUTION, ROWS, COLS, cells)
-    found = [
+    plan_cells_list = [
         (int(cell) // (COLS + 2) - 1, int(cell) % (COLS + 2) - 1)
         for cell in cells[:count]
     ]
-    assert found[0] == cell_of(-1.99, 0.0) and found[-1] == cell_of(2.49, 1.0)
-    for one, other in itertools.pairwise(found):
-        assert max(abs(one[0] - other[0]), abs(one[1] - other[1])) == 1
+    assert plan_cells_list[0] == cell_of(-1.99, 0.0) and plan_cells_list[-1] == cell_of(
+        2.49, 1.0
+    )
+    for first, other in itertools.pairwise(plan_cells_list):
+        assert max(abs(first[0] - other[0]), abs(first[1] - other[1])) == 1
     assert wavefront.plan_cells(plan[:1], *ORIGIN, RESOLUTION, ROWS, COLS, cells) == 0
     assert wavefront.plan_cells(plan, *ORIGIN, RESOLUTION, ROWS, COLS, cells[:10]) == 10
 

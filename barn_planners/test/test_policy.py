@@ -122,17 +122,17 @@ def test_goal_and_velocity_are_seen_from_the_robot():
 
 
 @pytest.mark.parametrize(
-    ("seen", "message"),
+    ("narrow_scan", "message"),
     [
         (scan(np.ones(100), -1.0, 1.0), "the scan only from -1.000 to 1.000 rad"),
         (replace(scan(np.ones(100)), angle_increment=0.0), "no usable angles"),
     ],
 )
-def test_a_scan_that_shows_too_little_is_told_of(seen, message):
+def test_a_scan_that_shows_too_little_is_told_of(narrow_scan, message):
     encoder = ObservationEncoder(PolicyObservation())
-    assert message in encoder.problem(seen)
+    assert message in encoder.problem(narrow_scan)
     with pytest.raises(ConfigError, match="scan"):
-        encoder.encode(observed(seen), GOAL)
+        encoder.encode(observed(narrow_scan), GOAL)
     assert encoder.problem(scan(np.ones(720))) == ""
 
 

@@ -55,10 +55,10 @@ def test_what_is_written_is_read(path):
         "clip",
         {"by": "a test"},
     )
-    for one, other in zip(
+    for layer, other in zip(
         written.weights + written.biases, read.weights + read.biases, strict=True
     ):
-        np.testing.assert_array_equal(one, other)
+        np.testing.assert_array_equal(layer, other)
 
 
 def test_the_file_of_an_equal_policy_is_equal(path, tmp_path):

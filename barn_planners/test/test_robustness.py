@@ -91,8 +91,8 @@ def observed(world, planner, cycles, fault=None):
     """Let the planner decide and the world go on for some cycles; return the decisions, which are checked."""
     decisions = []
     for _ in range(cycles):
-        seen = world.observe()
-        decision = planner.step(fault(seen) if fault else seen)
+        reading = world.observe()
+        decision = planner.step(fault(reading) if fault else reading)
         assert decision.command is None or decision.command.is_finite()
         assert all(math.isfinite(value) for value in decision.diagnostics.values())
         assert decision.plan is None or np.isfinite(decision.plan).all()
@@ -151,12 +151,12 @@ def test_a_fault_from_the_first_observation_on(flat_world, name):
 
 @pytest.mark.parametrize("name", planner_names())
 def test_scattered_bad_ranges_do_no_harm(flat_world, name):
-    def scatter(seen):
-        ranges = seen.scan.ranges.copy()
+    def scatter(reading):
+        ranges = reading.scan.ranges.copy()
         ranges[::7] = np.nan
         ranges[3::11] = -np.inf
         ranges[5::13] = np.inf
-        return replace(seen, scan=replace(seen.scan, ranges=ranges))
+        return replace(reading, scan=replace(reading.scan, ranges=ranges))
 
     world = flat_world(BOX)
     planner = started(name)

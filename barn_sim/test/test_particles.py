@@ -107,12 +107,12 @@ def test_bins_sort_by_their_keys_as_by_their_coordinates() -> None:
     expected, first, member = np.unique(
         bins, axis=0, return_index=True, return_inverse=True
     )
-    _, found_first, found_member = np.unique(
+    _, first_by_key, member_by_key = np.unique(
         bin_keys(bins), return_index=True, return_inverse=True
     )
     assert len(expected) > 50
-    assert (found_first == first).all()
-    assert (found_member == member.ravel()).all()
+    assert (first_by_key == first).all()
+    assert (member_by_key == member.ravel()).all()
 
 
 def test_the_fit_of_a_particle_is_the_plain_sum_over_its_hits() -> None:

@@ -117,18 +117,18 @@ def test_crossings_go_to_and_fro_over_the_path_without_a_jump():
     assert np.allclose(positions[..., 0].max(axis=0), 0.0, atol=0.02)
     on_path = world.path_m()[:, 1]
     assert all(
-        np.abs(on_path - one.motion.keys[0][2]).min() < 1e-9
-        for one in moving_world.moving
+        np.abs(on_path - mover.motion.keys[0][2]).min() < 1e-9
+        for mover in moving_world.moving
     )
 
 
 def test_crossings_of_an_arena_are_square_to_its_drive():
     (arena,) = generate_arenas(motion_class("easy"), 1, seed=0)
     moving_world = add_crossings(arena, motion_class("easy"), seed=5, obstacles=3)
-    for one in moving_world.moving[-3:]:
-        (_, x0, y0), (_, x1, y1), _ = one.motion.keys
+    for mover in moving_world.moving[-3:]:
+        (_, x0, y0), (_, x1, y1), _ = mover.motion.keys
         assert x0 == x1 and {y0, y1} == {-10.0, 10.0}
-        speed = 20.0 / one.motion.keys[1][0]
+        speed = 20.0 / mover.motion.keys[1][0]
         assert 0.5 - 1e-9 <= speed <= 0.9 + 1e-9 and math.isclose(
             speed, round(speed, 1), abs_tol=1e-9
         )

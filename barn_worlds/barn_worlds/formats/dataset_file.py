@@ -199,7 +199,7 @@ def write_dataset_file(
         path: File to write.
         name: Name of the data set.
         worlds: Worlds by number.
-        extra_entries: Further entries of the manifest, such as parameters of a generator.
+        extra_entries: Further entries of the manifest, such as generator parameters.
 
     Raises:
         WorldError: If a file cannot be written.
