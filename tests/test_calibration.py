@@ -69,7 +69,8 @@ def write_table(path, **planners):
             for times_by_world in planners.values()
             for time in times_by_world[world]
         ]
-        lines.append(",".join([str(world), f"{LENGTH_M}", *times]))
+        fields = [str(world), f"{LENGTH_M}", *times]
+        lines.append(",".join(fields))
     path.write_text("\n".join(lines) + "\n")
     return path
 
@@ -88,9 +89,8 @@ def test_the_same_times_agree_in_everything(tmp_path, table):
     assert calibration.bias_percent.estimate == pytest.approx(0.0, abs=1e-9)
     assert calibration.determination_of_equal_failures.estimate == pytest.approx(1.0)
     assert calibration.ours == calibration.published
-    assert calibration.ours.spread_s_per_m == pytest.approx(
-        np.std([10.0, 11.0, 12.0]) / LENGTH_M
-    )
+    spread_s = np.std([10.0, 11.0, 12.0])
+    assert calibration.ours.spread_s_per_m == pytest.approx(spread_s / LENGTH_M)
     assert calibration.easy_worlds == (0, 1)
     assert calibration.ours.easy_s.estimate == pytest.approx(11.5)
     assert calibration.ours.easy_range_s == pytest.approx((11.0, 12.0))
@@ -103,6 +103,14 @@ def test_published_failures_are_those_of_30_s_and_of_50_s_and_more(tmp_path):
     assert not published.failed[6:].any()
 
 
+def mean_times(times_by_world, failure_s):
+    """Return the mean time of each world, a failure counted as so many seconds."""
+    means = []
+    for times in times_by_world.values():
+        means.append(np.mean([failure_s if time is None else time for time in times]))
+    return np.array(means)
+
+
 def test_failures_count_in_one_correlation_and_not_in_the_other(tmp_path, table):
     ours = {world: list(times) for world, times in PUBLISHED.items()}
     ours[0] = [None, 11.0, 12.0]
@@ -110,23 +118,14 @@ def test_failures_count_in_one_correlation_and_not_in_the_other(tmp_path, table)
     (calibration,) = calibrate(
         [write_run(tmp_path / "run", {"dwa": ours})], table
     ).planners
-    counted = [
-        np.mean([50.0 if time is None else time for time in times])
-        for times in ours.values()
-    ]
+    counted = mean_times(ours, failure_s=50.0)
     expected = stats.spearmanr(counted, MEANS).statistic
     assert expected < 0.5
     assert calibration.correlation.estimate == pytest.approx(expected)
     assert calibration.correlation_of_successes.estimate == pytest.approx(1.0)
-    as_30_s = np.array(
-        [
-            np.mean([30.0 if time is None else time for time in times])
-            for times in ours.values()
-        ]
-    )
-    assert calibration.bias_percent.estimate == pytest.approx(
-        100.0 * (np.mean(counted) / MEANS.mean() - 1.0)
-    )
+    as_30_s = mean_times(ours, failure_s=30.0)
+    bias = np.mean(counted) / MEANS.mean() - 1.0
+    assert calibration.bias_percent.estimate == pytest.approx(100.0 * bias)
     assert (
         calibration.bias_percent.low
         < calibration.bias_percent.estimate
@@ -135,9 +134,9 @@ def test_failures_count_in_one_correlation_and_not_in_the_other(tmp_path, table)
     assert calibration.ours.normalised_s_per_m.estimate == pytest.approx(
         np.mean(counted) / LENGTH_M
     )
-    assert calibration.bias_percent_of_equal_failures.estimate == pytest.approx(
-        100.0 * (as_30_s.mean() / MEANS.mean() - 1.0)
-    )
+    bias = as_30_s.mean() / MEANS.mean() - 1.0
+    equal_failures = calibration.bias_percent_of_equal_failures
+    assert equal_failures.estimate == pytest.approx(100.0 * bias)
     r2 = 1.0 - ((as_30_s - MEANS) ** 2).mean() / MEANS.var()
     assert r2 < 0.0
     assert calibration.determination_of_equal_failures.estimate == pytest.approx(r2)
@@ -250,9 +249,8 @@ def test_published_times_are_read_with_the_worlds_beside_them(original_folder):
         for planner in ("dwa", "eband")
         for number in range(1, 6)
     ]
-    assert trials.difficulty()[0] == pytest.approx(
-        np.mean(times) / float(first["path_length_m"])
-    )
+    length_m = float(first["path_length_m"])
+    assert trials.difficulty()[0] == pytest.approx(np.mean(times) / length_m)
 
 
 def invoke(*arguments):
@@ -275,7 +273,8 @@ def test_command_draws_and_prints(tmp_path, suffix, magic):
         invoke(run, "--reference", table, "--figure", figure, "--json").stdout
     )
     assert [planner["label"] for planner in content["planners"]] == ["DWA", "E-Band"]
-    assert content["planners"][1]["published"]["failure_share"]["estimate"] == 0.1
+    published = content["planners"][1]["published"]
+    assert published["failure_share"]["estimate"] == 0.1
     assert figure.read_bytes().startswith(magic)
     text = " ".join(invoke(run, "--reference", table).stdout.split())
     assert "Spearman, failures counted" in text

@@ -55,16 +55,13 @@ def test_correlations_between_robots_and_with_themselves():
     x = trials.times("jackal", "dwa")
     y = trials.times("husky", "dwa")
     first, second = trials.tries("jackal", "dwa")
-    row = next(
-        line for line in tool.robots_table(trials).splitlines() if "DWA" in line
-    ).split("|")
-    assert float(row[2].split()[0]) == pytest.approx(
-        stats.spearmanr(x, y).statistic, abs=0.006
-    )
+    lines = tool.robots_table(trials).splitlines()
+    row = next(line for line in lines if "DWA" in line).split("|")
+    correlation = stats.spearmanr(x, y).statistic
+    assert float(row[2].split()[0]) == pytest.approx(correlation, abs=0.006)
     once = stats.spearmanr(first, second).statistic
-    assert float(row[3].split()[0]) == pytest.approx(
-        2.0 * once / (1.0 + once), abs=0.006
-    )
+    twice = 2.0 * once / (1.0 + once)
+    assert float(row[3].split()[0]) == pytest.approx(twice, abs=0.006)
     assert "| gap | 1.00" in tool.robots_table(trials)
 
 

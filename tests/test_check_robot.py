@@ -13,7 +13,7 @@ from planar import GRAVITY_M_S2, Planar
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.robots.files import ROBOTS, find_robot_files, load_robot
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "robots.md"
+PAGE = Path(__file__).resolve().parents[1] / "docs/robots.md"
 
 
 def change_robot(name, part, **values):
@@ -45,9 +45,8 @@ def test_robots_drive_as_theory_says(name):
         if number.strip() != "none"
     ]
     deviations = [100.0 * measurement.deviation for measurement in driven]
-    assert printed == pytest.approx(
-        [*deviations[:-4], *deviations[-4::2], *deviations[-3::2]], abs=0.06
-    )
+    expected = deviations[:-4] + deviations[-4::2] + deviations[-3::2]
+    assert printed == pytest.approx(expected, abs=0.06)
 
 
 def test_what_it_prints(tmp_path):

@@ -143,9 +143,8 @@ def test_models_and_weights_are_judged_beside_ridge_regression(source, weights):
         == pytest.approx(trained["training_mse"])
         == network.training_mse
     )
-    assert network.r2.estimate == pytest.approx(
-        1.0 - trained["training_mse"] / difficulty.var()
-    )
+    unexplained = trained["training_mse"] / difficulty.var()
+    assert network.r2.estimate == pytest.approx(1.0 - unexplained)
     assert network.gain.estimate == pytest.approx(
         ridge.mse.estimate - network.mse.estimate
     )
@@ -178,9 +177,8 @@ def test_campaigns_are_joined_by_world_whatever_their_numbers(worlds):
     rest = trials.in_worlds(odd_worlds)
     renumbered = dict(enumerate(odd_worlds.values()))
     numbers = dict(zip(odd_worlds, renumbered, strict=True))
-    moved = replace(
-        rest, worlds=np.array([numbers[int(index)] for index in rest.worlds])
-    )
+    moved_numbers = [numbers[int(index)] for index in rest.worlds]
+    moved = replace(rest, worlds=np.array(moved_numbers))
     joined_worlds, joined_trials = join_trials(
         [(even_worlds, some), (renumbered, moved), (even_worlds, some)]
     )
@@ -199,19 +197,9 @@ def test_campaigns_are_joined_by_world_whatever_their_numbers(worlds):
         ModelError, match="there are trials of world 1, but not the world itself"
     ):
         join_trials([({0: renumbered[0]}, moved)])
+    numbers_with_stray = np.where(np.arange(len(moved)) == 0, 9_999, moved.worlds)
+    stray = replace(moved, worlds=numbers_with_stray)
     with pytest.raises(
         ModelError, match="there are trials of world 9999, but not the world itself"
     ):
-        join_trials(
-            [
-                (
-                    renumbered,
-                    replace(
-                        moved,
-                        worlds=np.where(
-                            np.arange(len(moved)) == 0, 9_999, moved.worlds
-                        ),
-                    ),
-                )
-            ]
-        )
+        join_trials([(renumbered, stray)])

@@ -41,13 +41,15 @@ def test_training_repeats_and_numpy_evaluates_it_as_torch_does(worlds):
     config = NetworkConfig(filters=8, epochs=60, batch=10, dropout=0.0)
     first, again = (train_network(inputs, targets, 3, config) for _ in range(2))
     assert (first(inputs) == again(inputs)).all()
-    assert np.mean((first(inputs) - targets)[:, 0] ** 2) < 0.3 * targets[:, 0].var()
+    errors = (first(inputs) - targets)[:, 0]
+    assert np.mean(errors**2) < 0.3 * targets[:, 0].var()
     training = NetworkTraining(inputs, targets, config, 3)
     every = torch.arange(len(inputs))
     strips = (training.strips, training.mirrored_strips)
     with torch.no_grad():
         both = [training.outputs(way, every).numpy() for way in strips]
-    theirs = 0.5 * (both[0] + both[1]) * training.target_std + training.target_mean
+    mean_output = 0.5 * (both[0] + both[1])
+    theirs = mean_output * training.target_std + training.target_mean
     assert training.network()(inputs) == pytest.approx(theirs, rel=1e-4, abs=1e-4)
 
 

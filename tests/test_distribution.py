@@ -63,7 +63,8 @@ def test_ros_finds_the_packages_their_launch_files_and_parameters(wheel):
     index = [
         f"{share}/ament_index/resource_index/packages/{package}" for package in PACKAGES
     ]
-    assert {*index, *(f"{share}/{name}" for name in tracked)} <= set(wheel.namelist())
+    shared = {f"{share}/{name}" for name in tracked}
+    assert {*index, *shared} <= set(wheel.namelist())
 
 
 def test_it_requires_what_the_packages_require(wheel, monkeypatch):
@@ -79,9 +80,8 @@ def test_it_requires_what_the_packages_require(wheel, monkeypatch):
             library, version = re.fullmatch(
                 r"(\w+)(?:>=|==)?(.*)", requirement
             ).groups()
-            needed.setdefault(library, set()).add(
-                tuple(map(int, version.split("."))) if version else ()
-            )
+            numbers = tuple(map(int, version.split("."))) if version else ()
+            needed.setdefault(library, set()).add(numbers)
     highest = {
         library: max(versions)
         for library, versions in needed.items()
@@ -92,10 +92,11 @@ def test_it_requires_what_the_packages_require(wheel, monkeypatch):
         for requirement in metadata.get_all("Requires-Dist")
         if "extra" not in requirement
     ]
-    assert {
-        requirement[1]: tuple(map(int, requirement[2].split(".")))
-        for requirement in stated
-    } == highest
+    stated_versions = {}
+    for requirement in stated:
+        numbers = requirement[2].split(".")
+        stated_versions[requirement[1]] = tuple(map(int, numbers))
+    assert stated_versions == highest
 
 
 def test_installed_it_says_its_commit(wheel, tmp_path):

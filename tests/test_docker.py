@@ -66,7 +66,8 @@ def test_everything_copied_exists_and_is_sent_to_the_engine(path):
                 word for word in shlex.split(arguments) if not word.startswith("--")
             ]
             if "--from=" in arguments:
-                assert arguments.split("--from=")[1].split()[0] in SUITE
+                source = arguments.split("--from=")[1]
+                assert source.split()[0] in SUITE
                 continue
             for source in sources:
                 copied += 1
@@ -78,7 +79,8 @@ def test_everything_copied_exists_and_is_sent_to_the_engine(path):
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
 def test_bases_and_packages_are_pinned(path):
     names = {stage.name for stage in stages(path)}
-    defaults = dict(argument.split("=", 1) for argument in stages(path)[0].all("ARG"))
+    arguments = stages(path)[0].all("ARG")
+    defaults = dict(argument.split("=", 1) for argument in arguments)
     for stage in stages(path)[1:]:
         base = re.sub(r"\$\{(\w+)\}", lambda match: defaults[match[1]], stage.base)
         assert base in names or re.fullmatch(r"ros:jazzy-[a-z]+-[a-z]+-noble", base), (
@@ -108,9 +110,8 @@ def test_what_runs_is_no_superuser(path):
         )
         if runs:
             assert stage.all("USER")[-1] == "10001:10001", stage.name
-    assert stages(path)[-1].all("USER") or stages_by_name[stages(path)[-1].base].all(
-        "USER"
-    )
+    last = stages(path)[-1]
+    assert last.all("USER") or stages_by_name[last.base].all("USER")
 
 
 def test_all_packages_are_built_and_all_tests_run():
@@ -209,11 +210,8 @@ def test_the_workflow_pins_its_actions_and_calls_what_exists():
     path = ROOT / ".github" / "workflows" / "ci.yaml"
     workflow = yaml.safe_load(path.read_text())
     assert workflow["permissions"] == {"contents": "read"}
-    assert workflow["jobs"]["pypi"]["strategy"]["matrix"]["python"] == [
-        "3.10",
-        "3.11",
-        "3.12",
-    ]
+    matrix = workflow["jobs"]["pypi"]["strategy"]["matrix"]
+    assert matrix["python"] == ["3.10", "3.11", "3.12"]
     targets = set(re.findall(r"(?m)^([a-z-]+):", (ROOT / "Makefile").read_text()))
     stage_names = set(SUITE)
     for job in workflow["jobs"].values():

@@ -24,7 +24,8 @@ def test_one_command_draws_all_figures_but_those_it_names(tmp_path, capsys):
     assert tool.main([str(tmp_path), "--dataset", "barn_test"]) == 0
     figures = {path.name for path in (tmp_path / "figures").iterdir()}
     output = capsys.readouterr().out
-    assert all(f"{tmp_path / 'figures' / name}\n" in output for name in figures)
+    folder = tmp_path / "figures"
+    assert all(f"{folder / name}\n" in output for name in figures)
     assert {
         path.name for path in (DOCS / "figures").iterdir()
     } == figures | tool.ELSEWHERE.keys()
@@ -54,7 +55,8 @@ def test_every_figure_is_shown_with_a_text_that_says_what_is_on_it():
     assert {Path(target).name for _, target in images} == {
         path.name for path in (DOCS / "figures").iterdir()
     }
-    assert [target for text, target in images if len(text.split()) < 3] == []
+    unexplained = [target for text, target in images if len(text.split()) < 3]
+    assert unexplained == []
 
 
 def columns_of(section):
@@ -85,4 +87,5 @@ def test_the_file_that_is_shown_is_a_campaign(tmp_path):
 
 
 def test_the_number_of_resamples_is_the_codes():
-    assert f"{RESAMPLES:,}".replace(",", " ") in " ".join(CAMPAIGNS.split())
+    resamples = f"{RESAMPLES:,}".replace(",", " ")
+    assert resamples in " ".join(CAMPAIGNS.split())

@@ -57,10 +57,9 @@ def commands(program):
             for part in re.split(r" && | & | \| ", line):
                 assignments = re.match(r"(?:[A-Z_]+=\S+ )*", part).end()
                 if part[assignments:].startswith(program + " "):
-                    yield pytest.param(
-                        part[assignments:],
-                        id=f"{path.relative_to(ROOT)}: {part[assignments:][:70]}",
-                    )
+                    command = part[assignments:]
+                    name = f"{path.relative_to(ROOT)}: {command[:70]}"
+                    yield pytest.param(command, id=name)
 
 
 def words_of(line):
@@ -110,9 +109,8 @@ def check_values(name, values):
             setting for setting in values.get("ros") or [] if "KEY" not in setting
         ]
         replace_dotted(RosConfig(), parse_parameters(tuple(settings), "--ros"), "--ros")
-        simulator_config(
-            rules, parse_parameters(tuple(values.get("simulator") or ()), "--sim")
-        )
+        assignments = tuple(values.get("simulator") or ())
+        simulator_config(rules, parse_parameters(assignments, "--sim"))
     names = {*planner_names(), *EXAMPLES}
     for planner in (values.get("planners") or "dwa").split(","):
         assert planner.split(":")[0] in names
@@ -153,7 +151,8 @@ def test_ros2_is_shown_with_what_exists(line):
         package, program, *rest = words
         assert program in executables(package)
         if "--params-file" in rest:
-            assert (ROOT / package / rest[rest.index("--params-file") + 1]).is_file()
+            file = rest[rest.index("--params-file") + 1]
+            assert (ROOT / package / file).is_file()
     if verb == "launch" and words and words[0] not in FOREIGN:
         launched = ROOT / words[0]
         arguments = words[1:]
@@ -181,7 +180,8 @@ def test_files_and_targets_that_are_shown_exist(line):
         if word.startswith(("docker/", "examples/")):
             assert (ROOT / word).exists()
     if words[:2] == ["docker", "compose"]:
-        assert (ROOT / words[words.index("-f") + 1]).is_file()
+        file = words[words.index("-f") + 1]
+        assert (ROOT / file).is_file()
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
@@ -228,9 +228,8 @@ def test_python_names_exist(path):
         if not TOP_FOLDER.match(text)
     ]
     names = [name[0] for name in matches if name]
-    assert [
-        name for name in names if name not in ENTRY_POINTS and not exists(name)
-    ] == []
+    missing = [name for name in names if name not in ENTRY_POINTS and not exists(name)]
+    assert missing == []
 
 
 def exists(name):
@@ -259,9 +258,8 @@ def test_paths_exist(path):
     named = [
         text.replace("NAME", "*") for text in quotations(path) if TOP_FOLDER.match(text)
     ]
-    assert [
-        text for text in named if not [*ROOT.glob(text), *path.parent.glob(text)]
-    ] == []
+    for text in named:
+        assert [*ROOT.glob(text), *path.parent.glob(text)], text
 
 
 @cache
@@ -294,11 +292,9 @@ def test_what_troubleshooting_quotes_is_what_the_suite_says(symptom):
 
 def test_every_failure_is_in_troubleshooting():
     text = (ROOT / "docs" / "troubleshooting.md").read_text("utf-8")
-    assert [
-        outcome.value
-        for outcome in Outcome
-        if outcome is not Outcome.SUCCESS and f"`{outcome.value}`" not in text
-    ] == []
+    failures = [outcome for outcome in Outcome if outcome is not Outcome.SUCCESS]
+    for outcome in failures:
+        assert f"`{outcome.value}`" in text
 
 
 def test_there_is_something_to_check():
@@ -378,9 +374,8 @@ def test_python_runs_as_it_is_shown(before, example, tmp_path):
     for text, shorter in FEWER.items():
         example = example.replace(text, shorter)
     (tmp_path / "shown.py").write_text(example)
-    search_path = os.pathsep.join(
-        [str(ROOT / "examples"), *filter(None, [os.environ.get("PYTHONPATH")])]
-    )
+    folders = [str(ROOT / "examples"), os.environ.get("PYTHONPATH", "")]
+    search_path = os.pathsep.join(filter(None, folders))
     commands = [["-m", "barn_eval", *words_of(line)[1:]] for line in before]
     for words in (*commands, ["shown.py"]):
         command = [sys.executable, *words]

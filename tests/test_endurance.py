@@ -121,9 +121,8 @@ def test_what_grows_is_not_flat():
     leaking = long_run.growth("all.anonymous_mb", trials, 200.0 + noise + 0.02 * trials)
     assert not leaking.flat
     assert leaking.per_1000 == pytest.approx(20.0, abs=3 * leaking.uncertainty)
-    assert not long_run.growth(
-        "all.handles", trials, 20.0 + np.floor(trials / 500)
-    ).flat
+    handles = 20.0 + np.floor(trials / 500)
+    assert not long_run.growth("all.handles", trials, handles).flat
     assert long_run.growth("all.handles", trials, np.full(len(trials), 20.0)).flat
     assert not long_run.growth(
         "all.anonymous_mb", trials, 200.0 + 100.0 * noise

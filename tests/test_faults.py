@@ -42,7 +42,8 @@ def test_quick_cases_pass(tmp_path):
     assert {
         outcome["case"]: outcome["status"] for outcome in outcomes
     } == dict.fromkeys(QUICK, "passed")
-    assert json.loads((tmp_path / "out" / "faults.json").read_text()) == outcomes
+    written = (tmp_path / "out/faults.json").read_text()
+    assert json.loads(written) == outcomes
     assert (
         faults(
             "--only", QUICK[0], "--resume", "--json", "--out", tmp_path / "out"
@@ -90,18 +91,12 @@ def test_a_fault_that_is_not_met_fails(tmp_path, monkeypatch):
         kit.Case("x", "y", "Done.", "Must.", act, 60.0), tmp_path, []
     )
     assert (outcome.status, outcome.measured) == ("failed", "it is not so")
-    left = tool.try_case(
-        kit.Case(
-            "x",
-            "z",
-            "Done.",
-            "Must.",
-            lambda lab: lab.start_program(["sleep", "600"]),
-            60.0,
-        ),
-        tmp_path,
-        [],
-    )
+
+    def sleep(lab):
+        lab.start_program(["sleep", "600"])
+
+    case = kit.Case("x", "z", "Done.", "Must.", sleep, 60.0)
+    left = tool.try_case(case, tmp_path, [])
     assert left.status == "failed"
     assert "processes are left: ['sleep 600 ']" in left.measured
 

@@ -33,14 +33,12 @@ def least_gap_m(way, grid, side_m, robot, samples=40):
         turn = (later - yaw + math.pi) % (2.0 * math.pi) - math.pi
         for share in np.linspace(0.0, 1.0, samples):
             at = yaw + share * turn
-            dx, dy = (
-                centres - side_m * np.array([x + share * (u - x), y + share * (v - y)])
-            ).T
+            point = np.array([x + share * (u - x), y + share * (v - y)])
+            dx, dy = (centres - side_m * point).T
             ahead = math.cos(at) * dx + math.sin(at) * dy
             left = math.cos(at) * dy - math.sin(at) * dx
-            nearest = min(
-                nearest, float(footprint.distances(ahead, left).min()) - side_m / 2.0
-            )
+            distance_m = float(footprint.distances(ahead, left).min())
+            nearest = min(nearest, distance_m - side_m / 2.0)
     return nearest
 
 
@@ -55,10 +53,10 @@ def test_the_turned_footprint_keeps_the_margin_all_along_the_way(kind, robot):
     assert least_gap_m(way, world.grid, world.resolution_m, driven) >= margin_m - 1e-9
     steps = np.diff(way[:, :2], axis=0)
     moved = np.hypot(*steps.T) > 0
-    assert np.allclose(
-        np.arctan2(steps[moved, 1], steps[moved, 0]), way[:-1][moved, 2]
-    )  # straight ahead
-    assert np.allclose(way[:-1][moved, 2], way[1:][moved, 2])
+    # straight ahead
+    headings = way[:-1][moved, 2]
+    assert np.allclose(np.arctan2(steps[moved, 1], steps[moved, 0]), headings)
+    assert np.allclose(headings, way[1:][moved, 2])
     assert world.path[0, 1] == 0
     assert world.path[-1, 1] == parameters.cols - 1
 

@@ -46,15 +46,10 @@ def test_who_jumps_over_the_line_or_passes_beyond_its_ends_does_not_cross_it():
         motion_statistics(build_arena("jumps", [jump, below, over])).crossings_per_min
         == 0.0
     )
-    assert (
-        motion_statistics(
-            build_arena("beyond", [crossing(11.5, 20.0)])
-        ).crossings_per_min
-        == 0.0
-    )
-    once = motion_statistics(
-        build_arena("once", [cylinder("a", 10.0, (0.0, 0.0, -5.0), (10.0, 0.0, 5.0))])
-    )
+    beyond = motion_statistics(build_arena("beyond", [crossing(11.5, 20.0)]))
+    assert beyond.crossings_per_min == 0.0
+    moving = cylinder("a", 10.0, (0.0, 0.0, -5.0), (10.0, 0.0, 5.0))
+    once = motion_statistics(build_arena("once", [moving]))
     assert once.crossings_per_min == pytest.approx(
         6.0
     )  # once a period: the jump back is none
@@ -85,13 +80,8 @@ def test_worlds_are_counted_by_their_class(tmp_path):
     }
     mean = (len(dataset_worlds[0].moving) + len(dataset_worlds[1].moving)) / 2
     assert mean_statistics(worlds_by_class["easy"]).obstacles == mean
-    (row,) = (
-        line
-        for line in CliRunner()
-        .invoke(main, [str(tmp_path / "own.npz")])
-        .output.splitlines()
-        if "easy" in line
-    )
+    result = CliRunner().invoke(main, [str(tmp_path / "own.npz")])
+    (row,) = (line for line in result.output.splitlines() if "easy" in line)
     assert f"{mean:.3f}" in row
 
 
@@ -112,10 +102,10 @@ def test_dynabarn_has_the_speeds_and_periods_that_were_published():
             for obstacle in dataset.load(index).moving
         ]
         keys = [np.array(obstacle.motion.keys) for obstacle in moving]
-        mean = [
-            np.hypot(*np.diff(table[:, 1:], axis=0).T).sum() / table[-1, 0]
-            for table in keys
-        ]
+        mean = []
+        for table in keys:
+            steps = np.diff(table[:, 1:], axis=0)
+            mean.append(np.hypot(*steps.T).sum() / table[-1, 0])
         assert (min(mean), max(mean)) == pytest.approx(speeds, abs=0.005)
         of_period = [obstacle.motion.period_s for obstacle in moving]
         assert periods[0] - 0.5 <= min(of_period) and max(of_period) <= periods[1] + 0.5

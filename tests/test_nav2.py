@@ -25,7 +25,7 @@ from barn_worlds.messages.topics import FRAMES
 from barn_worlds.robots.files import ROBOTS
 from barn_worlds.ros.domain import reserve_domain
 
-FOLDER = Path(__file__).resolve().parents[1] / "examples" / "nav2"
+FOLDER = Path(__file__).resolve().parents[1] / "examples/nav2"
 CONTROLLERS = ("dwb", "graceful", "mppi", "rpp")
 # of the paper
 SPEED_MPS = 0.5
@@ -36,9 +36,8 @@ def merge_nodes(*names):
     """Return the parameters of all nodes by node, as Nav2 gets them from several files."""
     nodes = {}
     for name in names:
-        for node, content in yaml.safe_load(
-            (FOLDER / "params" / f"{name}.yaml").read_text()
-        ).items():
+        text = (FOLDER / f"params/{name}.yaml").read_text()
+        for node, content in yaml.safe_load(text).items():
             nodes[node] = update_nested(
                 nodes.get(node, {}), content.get(node, content)["ros__parameters"]
             )
@@ -80,9 +79,8 @@ def test_plugins_that_are_listed_are_configured(nodes):
     for node, keys in listed.items():
         for key in keys:
             assert nodes[node][key]
-            assert all(
-                "::" in nodes[node][plugin]["plugin"] for plugin in nodes[node][key]
-            ), (node, key)
+            for plugin in nodes[node][key]:
+                assert "::" in nodes[node][plugin]["plugin"], (node, key)
     for costmap in ("local_costmap", "global_costmap"):
         layer = nodes[costmap]["obstacle_layer"]
         assert layer[layer["observation_sources"]]["topic"] == "/scan"
@@ -113,9 +111,8 @@ def test_the_footprint_is_that_of_the_robot(nodes):
         for y in (-1, 1)
     }
     for costmap in ("local_costmap", "global_costmap"):
-        assert {
-            tuple(corner) for corner in ast.literal_eval(nodes[costmap]["footprint"])
-        } == corners
+        footprint = ast.literal_eval(nodes[costmap]["footprint"])
+        assert {tuple(corner) for corner in footprint} == corners
         radius = (jackal.length_m**2 + jackal.width_m**2) ** 0.5 / 2
         assert nodes[costmap]["inflation_layer"]["inflation_radius"] > radius
 
@@ -130,9 +127,8 @@ def test_another_robot_has_its_own_size_and_limits(name, mode):
     outline = {(x, y) for x, y in chassis.footprint_m}
     scale = chassis.circumscribed_m / ROBOTS["jackal"].chassis.circumscribed_m
     for costmap in ("local_costmap", "global_costmap"):
-        assert {
-            tuple(corner) for corner in ast.literal_eval(nodes[costmap]["footprint"])
-        } == outline
+        footprint = ast.literal_eval(nodes[costmap]["footprint"])
+        assert {tuple(corner) for corner in footprint} == outline
         assert outline or nodes[costmap]["robot_radius"] == chassis.footprint_radius_m
         assert (
             nodes[costmap]["inflation_layer"]["inflation_radius"]
@@ -242,8 +238,10 @@ def test_the_workflow_for_a_pull_request_calls_what_exists():
     )
     assert set(named) == {"examples/nav2/lockstep", "examples/nav2/params"}
     assert all((FOLDER.parents[1] / name).exists() for name in named)
-    assert (FOLDER / "params" / f"{workflow['env']['CONTROLLER']}.yaml").is_file()
-    (call,) = re.findall(r"barn ab (.*?) \|", steps[-2]["run"].replace("\\\n", " "))
+    controller = workflow["env"]["CONTROLLER"]
+    assert (FOLDER / f"params/{controller}.yaml").is_file()
+    script = steps[-2]["run"].replace("\\\n", " ")
+    (call,) = re.findall(r"barn ab (.*?) \|", script)
     values, *_ = ab.command.make_parser(click.Context(ab.command)).parse_args(
         shlex.split(call)
     )
@@ -261,30 +259,24 @@ def test_the_workflow_for_a_pull_request_calls_what_exists():
 @pytest.mark.parametrize("name", ["controllers", "fast"])
 def test_a_campaign_of_all_controllers_declares_the_speed_that_each_keeps(name):
     speeds = ("max_vel_x", "vx_max", "v_linear_max", "desired_linear_vel")
-    for planner in yaml.safe_load((FOLDER / "lockstep" / f"{name}.yaml").read_text())[
-        "planners"
-    ]:
+    text = (FOLDER / f"lockstep/{name}.yaml").read_text()
+    for planner in yaml.safe_load(text)["planners"]:
         files = [
             Path(word)
             for word in shlex.split(planner["command"])
             if "examples/" in word
         ]
         assert all((FOLDER.parents[1] / file).is_file() for file in files)
-        follow = merge_nodes(*(file.stem for file in files[1:]))["controller_server"][
-            "FollowPath"
-        ]
+        nodes = merge_nodes(*(file.stem for file in files[1:]))
+        follow = nodes["controller_server"]["FollowPath"]
         follow |= {
             key: float(value)
             for key, value in re.findall(
                 r"FollowPath\.(\w+):=([\d.]+)", planner["command"]
             )
         }
-        assert (
-            0.99
-            <= next(follow[key] for key in speeds if key in follow)
-            / planner["max_speed_mps"]
-            <= 1.0
-        )
+        speed = next(follow[key] for key in speeds if key in follow)
+        assert 0.99 <= speed / planner["max_speed_mps"] <= 1.0
 
 
 def test_the_protocols_that_nav2_is_shown_with_send_the_goal_once():

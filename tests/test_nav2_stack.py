@@ -22,9 +22,7 @@ from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.ros_config import RosConfig, WaitLimits
 
-LAUNCH_FILE = (
-    Path(__file__).resolve().parents[1] / "examples" / "nav2" / "nav2.launch.py"
-)
+LAUNCH_FILE = Path(__file__).resolve().parents[1] / "examples/nav2/nav2.launch.py"
 PREFIXES = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
 INSTALLED = any(Path(prefix, "share/nav2_bt_navigator").is_dir() for prefix in PREFIXES)
 LAUNCH = os.environ.get("NAV2_LAUNCH") or ("ros2 launch" if INSTALLED else "")

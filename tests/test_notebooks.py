@@ -46,9 +46,8 @@ def test_a_notebook_shows_what_it_gives(path, tmp_path):
     for cell in run.cells:
         if cell.cell_type == "code":
             cell.outputs = []
-    nbclient.NotebookClient(
-        run, timeout=1000, resources={"metadata": {"path": str(tmp_path)}}
-    ).execute()
+    resources = {"metadata": {"path": str(tmp_path)}}
+    nbclient.NotebookClient(run, timeout=1000, resources=resources).execute()
     assert list_outputs(run) == list_outputs(stored)
     assert not any(
         output.get("name") == "stderr"

@@ -125,9 +125,8 @@ def test_no_two_files_of_tests_have_the_same_name():
     names = [
         path.name for top in (*PACKAGES, "") for path in (ROOT / top).glob("test*/*.py")
     ]
-    assert sorted(name for name, count in Counter(names).items() if count > 1) == [
-        "conftest.py"
-    ]
+    counts = Counter(names)
+    assert [name for name in counts if counts[name] > 1] == ["conftest.py"]
 
 
 @pytest.mark.parametrize("package", PACKAGES)
@@ -160,13 +159,11 @@ def test_rosdep_knows_every_key(package):
     lists = Path(os.environ["ROSDISTRO"])
     keys = {*PACKAGES}
     for name in ("base", "python"):
-        keys |= set(
-            yaml.safe_load((lists / "rosdep" / f"{name}.yaml").read_text("utf-8"))
-        )
-    for name, package_xml in yaml.safe_load(
-        (lists / "jazzy/distribution.yaml").read_text("utf-8")
-    )["repositories"].items():
-        keys |= set(package_xml.get("release", {}).get("packages", [name]))
+        text = (lists / f"rosdep/{name}.yaml").read_text("utf-8")
+        keys |= set(yaml.safe_load(text))
+    text = (lists / "jazzy/distribution.yaml").read_text("utf-8")
+    for name, repository in yaml.safe_load(text)["repositories"].items():
+        keys |= set(repository.get("release", {}).get("packages", [name]))
     package_xml = ElementTree.fromstring(text_of(f"{package}/package.xml"))
     assert {
         node.text
@@ -186,10 +183,9 @@ def test_a_release_says_what_the_citation_says():
         {"name": author["name"]} for author in citation["authors"]
     ]
     assert zenodo["keywords"] == citation["keywords"]
-    assert (
-        zenodo["related_identifiers"][0]["identifier"]
-        == citation["references"][0]["identifiers"][0]["value"]
-    )
+    (related, *_) = zenodo["related_identifiers"]
+    (identifier, *_) = citation["references"][0]["identifiers"]
+    assert related["identifier"] == identifier["value"]
 
 
 def test_a_tag_is_released_only_with_its_version_and_notes():

@@ -18,7 +18,7 @@ from barn_eval.analysis.significance import variance_components
 from barn_eval.analysis.statistics import TrialValues
 from barn_metrics.bootstrap import Interval
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "statistics.md"
+PAGE = Path(__file__).resolve().parents[1] / "docs/statistics.md"
 
 
 def some(name, *settings):
@@ -96,7 +96,8 @@ def test_equal_planners_share_their_worlds_and_nothing_else():
         [sample.between / (sample.between + sample.within) for sample in parts]
     )
     assert correlation == pytest.approx(0.67, abs=0.12)
-    assert np.corrcoef(values[:, 0].ravel(), values[:, 1].ravel())[0, 1] > 0.4
+    both = (values[:, 0].ravel(), values[:, 1].ravel())
+    assert np.corrcoef(*both)[0, 1] > 0.4
     assert draws[0][0].repetitions.tolist()[:4] == [0, 1, 2, 0]
 
 
@@ -109,9 +110,8 @@ def test_a_target_is_missed_beyond_three_errors_with_any_seed(share, verdict):
         "", "", 1000, (0.95, share), (0.93, 0.97)
     )  # an error is 0.8 % at the lower limit, 0.5 % at the upper
     assert check.conclusion == verdict
-    assert check.standard_error == pytest.approx(
-        max((x * (1.0 - x) / 1000) ** 0.5 for x in (0.95, share))
-    )
+    variances = [x * (1.0 - x) / 1000 for x in (0.95, share)]
+    assert check.standard_error == pytest.approx(max(variances) ** 0.5)
 
 
 def test_the_command_ends_with_1_if_a_target_is_missed(monkeypatch, tmp_path):
@@ -146,9 +146,8 @@ def test_the_page_is_what_the_command_writes():
     ]
     assert len(every) == sum(len(group.settings) for group in GROUPS.values())
     assert not any("missed" in line for line in every)
-    page = render_page(
-        list(run_checks(groups=[GROUPS["share"]])), 0, PAGE.with_name("ranking.json")
-    )
+    checks = list(run_checks(groups=[GROUPS["share"]]))
+    page = render_page(checks, 0, PAGE.with_name("ranking.json"))
     assert every[:8] == [
         line for line in page.splitlines() if line.startswith("| the 95 %")
     ]

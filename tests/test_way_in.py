@@ -34,9 +34,8 @@ def test_the_readme_leads_from_nothing_to_the_score_of_its_planner(tmp_path):
         r"(?m)^([\w.-]+)(?:\[\w+\])?(==\S+(?: ; [^\\\n]+)?)",
         text_of("requirements/base.lock"),
     )
-    (tmp_path / "pins.txt").write_text(
-        "".join(f"{name}{version}\n" for name, version in pins)
-    )
+    lines = [f"{name}{version}\n" for name, version in pins]
+    (tmp_path / "pins.txt").write_text("".join(lines))
     variables = {
         "PIP_CONSTRAINT": str(tmp_path / "pins.txt"),
         "PIP_BUILD_CONSTRAINT": os.devnull,
@@ -56,12 +55,11 @@ def test_the_readme_leads_from_nothing_to_the_score_of_its_planner(tmp_path):
         .splitlines()
     ]
     assert [row["outcome"] for row in rows] == ["success"]
-    assert (
-        len((tmp_path / "way/demo/results.jsonl").read_text("utf-8").splitlines()) == 3
-    )
+    rows = (tmp_path / "way/demo/results.jsonl").read_text("utf-8")
+    assert len(rows.splitlines()) == 3
 
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "tutorials" / "own_robot.md"
+PAGE = Path(__file__).resolve().parents[1] / "docs/tutorials/own_robot.md"
 
 
 def test_the_tutorial_works_as_it_is_written(tmp_path, monkeypatch, capfd):
