@@ -10,30 +10,39 @@ from scipy.ndimage import distance_transform_cdt
 
 from barn_planners.costmap import kernels as costmap_kernels
 from barn_planners.costmap.config import rectangle
-from barn_planners.costmap.costmap import INSCRIBED, LETHAL
+from barn_planners.costmap.kernels import INSCRIBED, LETHAL, Cell, Grid, Pose, Window
 from barn_planners.dwa import kernels, wavefront
-from barn_planners.dwa.kernels import Grid, Ground, Movement, Scene, Start, Weights
+from barn_planners.dwa.kernels import (
+    Ground,
+    Motion,
+    Raster,
+    Rules,
+    Scene,
+    Start,
+    Weights,
+)
 from barn_planners.dwa.search import Choice, find_best
 
 RESOLUTION = 0.05
 ROWS, COLS = 70, 90
 ORIGIN = (-2.0, -1.5)
-GRID = Grid(*ORIGIN, 1.0 / RESOLUTION)
+GRID = Grid(*ORIGIN, RESOLUTION)
+RASTER = Raster(*ORIGIN, 1.0 / RESOLUTION)
 JACKAL = rectangle(0.31, 0.265)
 PENTAGON = np.array([[0.4, 0.1], [0.1, 0.3], [-0.2, 0.2], [-0.2, -0.2], [0.3, -0.2]])
-MOTION = Movement(2.0, 0.02, 0.02, 10.0, 20.0)
+MOTION = Motion(2.0, 0.02, 0.02, 10.0, 20.0)
 WEIGHTS = Weights(0.75, 1.0, 0.1)
 SIZE = (ROWS + 2) * (COLS + 2)
 
 
 def cell_of(x: float, y: float) -> tuple[int, int]:
-    return math.floor((y - ORIGIN[1]) * GRID.per_m), math.floor(
-        (x - ORIGIN[0]) * GRID.per_m
+    return math.floor((y - ORIGIN[1]) * RASTER.per_m), math.floor(
+        (x - ORIGIN[0]) * RASTER.per_m
     )
 
 
 def padded(cell) -> int:
-    return (cell[0] + 1) * (COLS + 2) + cell[1] + 1
+    return wavefront.padded(Cell(*cell), COLS + 2)
 
 
 def random_costs(seed: int, density: float = 0.01) -> np.ndarray:
@@ -63,18 +72,18 @@ def plain_wavefront(
 
 def prepared(costs, pose):
     state = np.empty(SIZE, np.uint8)
-    corners = costmap_kernels.placed(JACKAL, *pose)
-    first, spans = costmap_kernels.footprint_spans(corners, *ORIGIN, RESOLUTION)
-    wavefront.blocked(costs, first, spans, state)
+    corners = costmap_kernels.corners_at(JACKAL, Pose(*pose))
+    covered = costmap_kernels.footprint_cells(corners, GRID, ROWS, COLS)
+    wavefront.block_cells(costs, state)
+    wavefront.open_cells(covered, COLS + 2, state)
     passable = costs < INSCRIBED
-    for k, (low, high) in enumerate(spans):
-        passable[max(0, low) : high + 1, first + k] = True
+    passable[covered[:, 0], covered[:, 1]] = True
     return state, passable
 
 
 def wavefront_from(state, seeds):
     wave = wavefront.new_wavefront(ROWS, COLS)
-    wavefront.begin(wave, state, np.array([padded(cell) for cell in seeds]))
+    wavefront.start_wavefront(wave, state, np.array([padded(cell) for cell in seeds]))
     return wave
 
 
@@ -86,7 +95,7 @@ def test_waves_count_the_steps_around_what_blocks(seed):
     wave, again = wavefront_from(state, seeds), wavefront_from(state, seeds[:1])
     expected = plain_wavefront(passable, seeds)
     cells = list(np.ndindex(ROWS, COLS))
-    wavefront.begin(again, state, np.array([padded(cell) for cell in seeds]))
+    wavefront.start_wavefront(again, state, np.array([padded(cell) for cell in seeds]))
     for one in (wave, again):
         np.random.default_rng(seed).shuffle(
             cells
@@ -123,7 +132,7 @@ def test_plan_cells_follow_the_plan_within_the_grid_without_gaps():
         ]
     )
     cells = np.empty(1000, np.int64)
-    count = wavefront.plan_cells(plan, *ORIGIN, RESOLUTION, ROWS, COLS, cells)
+    count = wavefront.plan_cells(plan, GRID, ROWS, COLS, cells)
     found = [
         (int(cell) // (COLS + 2) - 1, int(cell) % (COLS + 2) - 1)
         for cell in cells[:count]
@@ -131,8 +140,8 @@ def test_plan_cells_follow_the_plan_within_the_grid_without_gaps():
     assert found[0] == cell_of(-1.99, 0.0) and found[-1] == cell_of(2.49, 1.0)
     for one, other in itertools.pairwise(found):
         assert max(abs(one[0] - other[0]), abs(one[1] - other[1])) == 1
-    assert wavefront.plan_cells(plan[:1], *ORIGIN, RESOLUTION, ROWS, COLS, cells) == 0
-    assert wavefront.plan_cells(plan, *ORIGIN, RESOLUTION, ROWS, COLS, cells[:10]) == 10
+    assert wavefront.plan_cells(plan[:1], GRID, ROWS, COLS, cells) == 0
+    assert wavefront.plan_cells(plan, GRID, ROWS, COLS, cells[:10]) == 10
 
 
 @pytest.mark.parametrize("outline", [JACKAL, PENTAGON])
@@ -143,7 +152,7 @@ def test_edges_cost_what_the_costmap_says_also_where_only_those_that_moved_are_l
     costs = random_costs(1, 0.002)
     costs[:, 60:] = 0
     ground, seen = (
-        Ground(costs, clearance(costs, (5, 65, 10, 80)), GRID, outline),
+        Ground(costs, clearance(costs, (5, 65, 10, 80)), RASTER, outline),
         set(),
     )
     for _ in range(200):
@@ -151,7 +160,10 @@ def test_edges_cost_what_the_costmap_says_also_where_only_those_that_moved_are_l
         x, y, yaw = rng.uniform(-2.2, 2.7), rng.uniform(-1.7, 2.2), rng.uniform(-4, 4)
         for _ in range(4):
             edge = costmap_kernels.edge_cost(
-                costs, costmap_kernels.placed(outline, x, y, yaw), *ORIGIN, RESOLUTION
+                costs,
+                costmap_kernels.corners_at(outline, Pose(x, y, yaw)),
+                *ORIGIN,
+                RESOLUTION,
             )
             expected = -1 if edge < 0 else max(edge, highest)
             highest = kernels.edges_cost(
@@ -171,7 +183,7 @@ def test_edges_cost_what_the_costmap_says_also_where_only_those_that_moved_are_l
 
 def clearance(costs, window=(0, ROWS, 0, COLS)) -> np.ndarray:
     clear = np.empty(costs.shape, np.int16)
-    kernels.open_around(costs, window, clear)
+    kernels.measure_clearance(costs, Window(*window), clear)
     return clear
 
 
@@ -194,7 +206,10 @@ def plain_rollout(costs, path, goal, start, speed, turn, outline=JACKAL):
     highest, scored = 0, None
     for _ in range(steps):
         edge = costmap_kernels.edge_cost(
-            costs, costmap_kernels.placed(outline, x, y, yaw), *ORIGIN, RESOLUTION
+            costs,
+            costmap_kernels.corners_at(outline, Pose(x, y, yaw)),
+            *ORIGIN,
+            RESOLUTION,
         )
         if edge < 0:
             return kernels.TOUCHES, scored
@@ -223,7 +238,7 @@ def scene_of(costs, pose, plan_cells):
     for seeds in (plan_cells, plan_cells[-1:]):
         found.append(wavefront_from(state, seeds))
         plain.append(plain_wavefront(passable, seeds))
-    return Scene(Ground(costs, clearance(costs), GRID, JACKAL), *found), plain
+    return Scene(Ground(costs, clearance(costs), RASTER, JACKAL), *found), plain
 
 
 def samples(drives: int = 40, turns: int = 12, seed: int = 0) -> np.ndarray:
@@ -263,7 +278,7 @@ def test_rollouts_cost_what_the_rules_say():
         costs = random_costs(seed, 0.002)
         scene, plain = scene_of(costs, start[:3], PLAN)
         table = samples(seed=seed)
-        kernels.score(scene, start, MOTION, WEIGHTS, table)
+        kernels.score(scene, Rules(start, MOTION, WEIGHTS), table)
         for row in table:
             found, end = plain_rollout(
                 costs, *plain, start, row[kernels.SPEED], row[kernels.TURN]
@@ -344,18 +359,20 @@ def test_the_search_takes_the_sample_that_the_rules_take_with_its_figures_wherev
                 several, (True, False), (True, False)
             ):
                 full = table.copy()
-                kernels.score(scene, start, MOTION, weights, full)
-                for likely, slots, past in (
-                    (0, 1, False),
-                    (17, 8, True),
-                    (len(table) - 1, 7, False),
-                    (900, 3, True),
+                kernels.score(scene, Rules(start, MOTION, weights), full)
+                for likely, past in (
+                    (0, False),
+                    (17, True),
+                    (len(table) - 1, False),
+                    (900, True),
                 ):
                     quick, choice = (
                         table.copy(),
-                        Choice(drives, left, right, 0.325, past, likely, slots),
+                        Choice(drives, left, right, 0.325, past, likely),
                     )
-                    best = find_best(scene, start, MOTION, weights, quick, choice)
+                    best = find_best(
+                        scene, Rules(start, MOTION, weights), quick, choice
+                    )
                     assert best == plain_search(
                         rolled, table, weights, choice, plain[1]
                     )
@@ -369,15 +386,17 @@ def test_the_search_takes_the_sample_that_the_rules_take_with_its_figures_wherev
 
 def test_traces_are_the_rolled_out_poses():
     start = STARTS[0]
-    places, headings = kernels.poses_of(start, 0.5, 0.8, MOTION, 80)
+    poses = np.empty((kernels.step_count(0.5, 0.8, MOTION), 5))
+    kernels.roll_out(start, 0.5, 0.8, MOTION, poses)
     everywhere = dict.fromkeys(np.ndindex(ROWS, COLS), 0)
     _, end = plain_rollout(
         np.zeros((ROWS, COLS), np.uint8), everywhere, everywhere, start, 0.5, 0.8
     )
-    assert len(places) == 50
-    np.testing.assert_allclose([*places[-1], headings[-1, 0]], end, atol=1e-12)
-    assert len(kernels.poses_of(start, 0.5, 0.8, MOTION, 20)[0]) == 20
+    assert len(poses) == 50
+    np.testing.assert_allclose(poses[-1, :3], end, atol=1e-12)
     shown = kernels.traces(start, np.array([[0.0, 0.8], [0.5, 0.8]]), MOTION, 80)[1]
-    np.testing.assert_array_equal(
-        shown, np.column_stack([places, headings[:, 0]])[np.minimum(np.arange(80), 49)]
-    )
+    np.testing.assert_array_equal(shown, poses[np.minimum(np.arange(80), 49), :3])
+    shorter = np.empty((20, 5))
+    kernels.roll_out(start, 0.5, 0.8, MOTION, shorter)
+    few = kernels.traces(start, np.array([[0.5, 0.8]]), MOTION, 20)[0]
+    np.testing.assert_array_equal(few, shorter[:, :3])

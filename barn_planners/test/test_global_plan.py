@@ -7,7 +7,8 @@ import pytest
 from scipy.ndimage import label
 
 from barn_planners.costmap.config import CostmapConfig
-from barn_planners.costmap.costmap import INSCRIBED, LETHAL, Costmap
+from barn_planners.costmap.costmap import Costmap
+from barn_planners.costmap.kernels import INSCRIBED, LETHAL
 from barn_planners.global_plan import descent, kernels
 from barn_planners.global_plan.planner import (
     GlobalPlanConfig,

@@ -5,7 +5,8 @@ import math
 import numpy as np
 
 from barn_planners.costmap.config import CostmapConfig
-from barn_planners.costmap.costmap import INSCRIBED, LETHAL, Costmap
+from barn_planners.costmap.costmap import Costmap
+from barn_planners.costmap.kernels import INSCRIBED, LETHAL
 from barn_planners.eband import forces, kernels
 from barn_planners.eband.config import EBandConfig, EBandPlannerConfig
 from barn_planners.global_plan.planner import visible_slice

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from barn_planners.costmap.costmap import INSCRIBED, Costmap
+from barn_planners.costmap.costmap import Costmap
+from barn_planners.costmap.kernels import INSCRIBED
 from barn_planners.global_plan import descent, kernels
 from barn_planners.interface import FloatArray
 from barn_worlds.base.config import Checked, quantity
