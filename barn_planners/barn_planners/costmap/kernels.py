@@ -241,6 +241,30 @@ def outline_cells(corners: Cells) -> Cells:
 
 
 @kernel
+def line_cost(costs: Bytes, start: Cell, end: Cell, highest: int) -> int:
+    """Return the highest cost along a line of cells.
+
+    Args:
+        costs: Costs of the cells (rows, columns).
+        start: First cell, on the grid.
+        end: Last cell, on the grid.
+        highest: Cost to begin with.
+
+    Returns:
+        The cost, -1 if a cell of the line is lethal.
+    """
+    line, rest = line_between(start, end)
+    cell = start
+    for _ in range(line.steps + 1):
+        # Unsigned indices spare numba's check for negative ones.
+        cost = costs[np.uint64(cell.row), np.uint64(cell.col)]
+        highest = max(highest, cost)
+        cell, rest = next_cell(cell, rest, line)
+
+    return -1 if highest >= LETHAL else highest
+
+
+@kernel
 def edge_cost(
     costs: Bytes, corners: Points, origin_x: float, origin_y: float, resolution: float
 ) -> int:
@@ -262,18 +286,13 @@ def edge_cost(
     grid = Grid(origin_x, origin_y, resolution)
     highest = 0
     for k in range(len(corners)):
-        cell = cell_at(grid, corners[k - 1, 0], corners[k - 1, 1])
+        start = cell_at(grid, corners[k - 1, 0], corners[k - 1, 1])
         end = cell_at(grid, corners[k, 0], corners[k, 1])
-        if not (is_on_grid(cell, rows, cols) and is_on_grid(end, rows, cols)):
+        if not (is_on_grid(start, rows, cols) and is_on_grid(end, rows, cols)):
             return -1
 
-        line, rest = line_between(cell, end)
-        for _ in range(line.steps + 1):
-            # Unsigned indices spare numba's check for negative ones.
-            cost = costs[np.uint64(cell.row), np.uint64(cell.col)]
-            if cost >= LETHAL:
-                return -1
-            highest = max(highest, cost)
-            cell, rest = next_cell(cell, rest, line)
+        highest = line_cost(costs, start, end, highest)
+        if highest < 0:
+            return -1
 
     return highest

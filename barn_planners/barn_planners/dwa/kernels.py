@@ -10,18 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from barn_planners.costmap.kernels import (
-    LETHAL,
     Cell,
     Grid,
     Pose,
-    Window,
-    cell_at,
     corners_at,
     footprint_cells,
-    grow_window,
     is_on_grid,
-    line_between,
-    next_cell,
+    line_cost,
 )
 from barn_planners.dwa.wavefront import (
     UNREACHED,
@@ -35,7 +30,7 @@ from barn_planners.dwa.wavefront import (
     steps_to,
 )
 from barn_planners.kernel import kernel
-from barn_worlds.base.arrays import Bytes, Floats, Integers, Points, ShortIntegers
+from barn_worlds.base.arrays import Bytes, Floats, Integers, Points
 
 # Costs of samples that are not allowed.
 TOUCHES = -1.0  # the footprint touches an obstacle or leaves the costmap
@@ -64,14 +59,12 @@ class Ground(NamedTuple):
     """What footprints are checked on."""
 
     costs: Bytes  # (rows, columns)
-    # Cells to the next cost in any direction (`measure_clearance`); (rows, columns).
-    clear: ShortIntegers
     raster: Raster
     outline: Points  # corners (n, 2) of the padded footprint in base_link, in m
 
 
 class Scene(NamedTuple):
-    """What rollouts are scored on."""
+    """What rollouts are scored on; kernels take its parts one by one."""
 
     ground: Ground
     path: Wavefront  # steps to the plan
@@ -109,11 +102,7 @@ class Weights(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """How rollouts begin and move in one control cycle, and what they cost.
-
-    There are no arrays in it: numba counts references to those of a tuple each time it
-    takes the tuple out of another one.
-    """
+    """How rollouts begin and move in one control cycle, and what they cost."""
 
     start: Start
     motion: Motion
@@ -144,7 +133,6 @@ class Fields(NamedTuple):
     """Memory for the scenes of all cycles on one size of costmap."""
 
     costs: Bytes  # copy of the costs, since the costmap changes in place
-    clear: ShortIntegers
     path: Wavefront
     goal: Wavefront
     walls: Bytes  # what blocks, over the padded grid of wavefronts
@@ -160,7 +148,6 @@ def new_fields(rows: int, cols: int) -> Fields:
     """
     return Fields(
         np.empty((rows, cols), np.uint8),
-        np.empty((rows, cols), np.int16),
         new_wavefront(rows, cols),
         new_wavefront(rows, cols),
         np.empty((rows + 2) * (cols + 2), np.uint8),
@@ -235,7 +222,6 @@ def prepare(
     plan: Points,
     pose: Pose,
     outline: Points,
-    reach_m: float,
     robot_blocks_goal: bool,
 ) -> bool:
     """Bring the fields up to date for a rules.
@@ -247,7 +233,6 @@ def prepare(
         plan: Points (n, 2 or more) of the visible plan, x and y in m.
         pose: Pose of base_link.
         outline: Corners (n, 2) of the padded footprint in base_link, in m.
-        reach_m: How far rollouts may lead from the robot.
         robot_blocks_goal: Whether cells under the robot block the way to the goal.
 
     Returns:
@@ -262,11 +247,6 @@ def prepare(
         for col in range(cols):
             fields.costs[row, col] = costs[row, col]
 
-    low = cell_at(grid, pose.x - reach_m, pose.y - reach_m)
-    high = cell_at(grid, pose.x + reach_m, pose.y + reach_m)
-    window = Window(low.row - 1, high.row + 2, low.col - 1, high.col + 2)
-    measure_clearance(costs, window, fields.clear)
-
     robot = footprint_cells(corners_at(outline, pose), grid, rows, cols)
     plan_end = fields.plan[count - 1 : count]
     block_cells(costs, fields.walls)
@@ -277,56 +257,6 @@ def prepare(
         start_wavefront(fields.goal, fields.walls, plan_end)
     start_wavefront(fields.path, fields.walls, fields.plan[:count])
     return True
-
-
-@kernel
-def measure_clearance(costs: Bytes, window: Window, clear: ShortIntegers) -> None:
-    """Write the distance of each cell from the next cost or the edge of a window.
-
-    It counts in cells in any of the eight directions: one pass from the first corner,
-    one back from the last.
-
-    Args:
-        costs: Costs (rows, columns).
-        window: Cells to measure; it may reach beyond the grid.
-        clear: Array (rows, columns) that receives the distances, 0 outside the window.
-    """
-    rows, cols = costs.shape
-    area = grow_window(window, 0, rows, cols)
-    one = np.uint64(1)
-    clear[:] = 0
-    for row in range(area.row + 1, area.end_row - 1):
-        for col in range(area.col + 1, area.end_col - 1):
-            r = np.uint64(row)
-            c = np.uint64(col)
-            if costs[r, c] == 0:
-                clear[r, c] = _least_beside(clear, r, c, r - one, c - one) + 1
-    for row in range(area.end_row - 2, area.row, -1):
-        for col in range(area.end_col - 2, area.col, -1):
-            r = np.uint64(row)
-            c = np.uint64(col)
-            if clear[r, c] > 1:
-                distance = _least_beside(clear, r, c, r + one, c + one) + 1
-                clear[r, c] = min(clear[r, c], distance)
-
-
-@kernel
-def _least_beside(
-    clear: ShortIntegers,
-    row: np.uint64,
-    col: np.uint64,
-    row_beside: np.uint64,
-    col_beside: np.uint64,
-) -> int:
-    """Return the least distance of the four neighbors that a pass has been at."""
-    one = np.uint64(1)
-    distance: int = min(
-        clear[row_beside, col - one],
-        clear[row_beside, col],
-        clear[row_beside, col + one],
-        clear[row, col_beside],
-    )
-    return distance
 
 
 @kernel
@@ -344,71 +274,37 @@ def raster_cell(raster: Raster, x: float, y: float) -> Cell:
 
 
 @kernel
-def _line_cost(
-    costs: Bytes, clear: ShortIntegers, start: Cell, end: Cell, highest: int
-) -> int:
-    """Return the larger of `highest` and the highest cost along a line, -1 if lethal."""
-    line, rest = line_between(start, end)
-    middle_row = np.uint64((start.row + end.row) // 2)
-    middle_col = np.uint64((start.col + end.col) // 2)
-    if clear[middle_row, middle_col] > line.steps // 2 + 1:
-        return highest
-
-    cell = start
-    for _ in range(line.steps + 1):
-        cost = costs[np.uint64(cell.row), np.uint64(cell.col)]
-        highest = max(highest, cost)
-        cell, rest = next_cell(cell, rest, line)
-
-    return -1 if highest >= LETHAL else highest
-
-
-@kernel
 def edges_cost(
     costs: Bytes,
-    clear: ShortIntegers,
     raster: Raster,
     outline: Points,
     x: float,
     y: float,
     cos_yaw: float,
     sin_yaw: float,
-    corners: Integers,
-    highest: int,
 ) -> int:
-    """Return the highest cost under a footprint's edges along a rollout, -1 if not free.
+    """Return the highest cost along the edges of the footprint, as `edge_cost` does.
 
-    It gives what `edge_cost` of the costmap gives, but skips edges that have not moved
-    since the pose before. It takes the parts of `Ground` one by one, because numba
-    counts references to the arrays of a tuple each time it takes one out.
+    It takes the parts of `Ground` one by one, because numba counts references to the
+    arrays of a tuple each time it takes one out.
 
     Args:
         costs: Costs (rows, columns), as in `Ground`.
-        clear: Cells to the next cost.
         raster: Place of the costmap.
         outline: Corners (n, 2) of the footprint.
         x: Position of base_link in m in the frame of the costmap, as `y`.
         y: Position of base_link in m.
         cos_yaw: Cosine of the heading.
         sin_yaw: Sine of the heading.
-        corners: Cells of the corners at the pose before as row * columns + column, or
-            -1 before the first pose, (n,); takes those of this pose.
-        highest: Highest cost under the edges at the poses before.
+
+    Returns:
+        The cost, -1 if the edges touch a lethal cell or leave the costmap.
     """
     rows, cols = costs.shape
-    last = len(outline) - 1
-    last_cell = raster_cell(
-        raster,
-        x + cos_yaw * outline[last, 0] - sin_yaw * outline[last, 1],
-        y + sin_yaw * outline[last, 0] + cos_yaw * outline[last, 1],
-    )
-    if not is_on_grid(last_cell, rows, cols):
-        return -1
-
-    cell = last_cell
-    last_moved = cell.row * cols + cell.col != corners[last]
-    moved = last_moved
-    for k in range(last):
+    highest = 0
+    end = Cell(0, 0)
+    for k in range(-1, len(outline)):
+        start = end
         end = raster_cell(
             raster,
             x + cos_yaw * outline[k, 0] - sin_yaw * outline[k, 1],
@@ -416,17 +312,11 @@ def edges_cost(
         )
         if not is_on_grid(end, rows, cols):
             return -1
-        end_moved = end.row * cols + end.col != corners[k]
-        if moved or end_moved:
-            highest = _line_cost(costs, clear, cell, end, highest)
+        if k >= 0:
+            highest = line_cost(costs, start, end, highest)
             if highest < 0:
                 return -1
-            corners[k] = end.row * cols + end.col
-        cell = end
-        moved = end_moved
-    if moved or last_moved:
-        highest = _line_cost(costs, clear, cell, last_cell, highest)
-        corners[last] = last_cell.row * cols + last_cell.col
+
     return highest
 
 
@@ -515,34 +405,36 @@ def traces(start: Start, table: Floats, motion: Motion, count: int) -> Floats:
 
 
 @kernel
-def score(scene: Scene, rules: Rules, table: Floats) -> None:
+def score(
+    ground: Ground, path: Wavefront, goal: Wavefront, rules: Rules, table: Floats
+) -> None:
     """Fill in the rows of all samples; `search.find_best` does so only for the best.
 
     Args:
-        scene: What rollouts are scored on.
+        ground: What footprints are checked on.
+        path: Steps to the plan.
+        goal: Steps to the plan's end.
         rules: How rollouts move and what they cost.
         table: Table of samples with speeds and yaw rates. The cost is TOUCHES or NO_WAY
             where a pose of the rollout is not allowed.
     """
-    costs, clear, raster, outline = scene.ground
+    costs, raster, outline = ground
     weights = rules.weights
     for row in table:
         poses = np.empty((step_count(row[SPEED], row[TURN], rules.motion), 5))
         roll_out(rules.start, row[SPEED], row[TURN], rules.motion, poses)
-        corners = np.full(len(outline), -1)
         obstacle = 0
         row[COST] = TOUCHES
         for pose in poses:
             x, y, yaw, c, s = pose
-            obstacle = edges_cost(
-                costs, clear, raster, outline, x, y, c, s, corners, obstacle
-            )
+            cost = edges_cost(costs, raster, outline, x, y, c, s)
+            obstacle = max(obstacle, cost) if cost >= 0 else -1
             if obstacle < 0:
                 break
 
-            cell = padded(raster_cell(raster, x, y), scene.path.columns)
-            to_path = steps_to(scene.path, cell)
-            to_goal = steps_to(scene.goal, cell)
+            cell = padded(raster_cell(raster, x, y), path.columns)
+            to_path = steps_to(path, cell)
+            to_goal = steps_to(goal, cell)
             if to_path >= UNREACHED or to_goal >= UNREACHED:
                 obstacle = -1
                 row[COST] = NO_WAY

@@ -91,7 +91,7 @@ class DwaController(Controller):
 
         scene, rules = self._cycle
         start = rules.start
-        kernels.score(scene, rules, self._table)
+        kernels.score(*scene, rules, self._table)
         lines = kernels.traces(start, self._table, self._motion, _DISPLAY_POSES)
         costs = self._table[:, kernels.COST]
         local_plan = None
@@ -130,7 +130,7 @@ class DwaController(Controller):
             config.turn_past_blocked,
             self._best,
         )
-        best = find_best(scene, rules, self._table, choice)
+        best = find_best(*scene, rules, self._table, choice)
         if best < 0:
             return self._escape(start)
 
@@ -152,8 +152,6 @@ class DwaController(Controller):
             self._fields = kernels.new_fields(*costmap.costs.shape)
 
         fields = self._fields
-        fastest = max(abs(start.speed), config.max_speed_mps, -config.escape_speed_mps)
-        reach_m = fastest * config.sim_time_s + config.heading_lookahead_m
         is_on_costmap = kernels.prepare(
             fields,
             costmap.costs,
@@ -161,7 +159,6 @@ class DwaController(Controller):
             inputs.visible,
             Pose(start.x, start.y, start.yaw),
             costmap.outline,
-            reach_m,
             config.robot_blocks_goal,
         )
         if not is_on_costmap:
@@ -170,7 +167,7 @@ class DwaController(Controller):
         raster = kernels.Raster(
             costmap.origin_x, costmap.origin_y, 1.0 / costmap.resolution
         )
-        ground = kernels.Ground(fields.costs, fields.clear, raster, costmap.outline)
+        ground = kernels.Ground(fields.costs, raster, costmap.outline)
         scene = kernels.Scene(ground, fields.path, fields.goal)
         scale = costmap.resolution if config.distances_in_metres else 1.0
         weights = kernels.Weights(
@@ -197,7 +194,7 @@ class DwaController(Controller):
         table = np.zeros((1, kernels.COLUMNS))
         table[0, SPEED] = command.linear
         table[0, TURN] = command.angular
-        kernels.score(scene, rules._replace(start=start), table)
+        kernels.score(*scene, rules._replace(start=start), table)
         return float(table[0, kernels.COST])
 
     def _escape(self, start: kernels.Start) -> Control:

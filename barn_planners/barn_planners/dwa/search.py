@@ -12,7 +12,6 @@ import numpy as np
 
 from barn_planners.costmap.kernels import Cell, is_on_grid
 from barn_planners.dwa.kernels import (
-    COS,
     COST,
     END_X,
     END_Y,
@@ -20,13 +19,13 @@ from barn_planners.dwa.kernels import (
     GOAL,
     OBSTACLE,
     PATH,
-    SIN,
     SPEED,
     TOUCHES,
     TURN,
     YAW,
+    Ground,
+    Raster,
     Rules,
-    Scene,
     X,
     Y,
     approach,
@@ -44,7 +43,7 @@ from barn_planners.dwa.wavefront import (
     steps_to,
 )
 from barn_planners.kernel import kernel
-from barn_worlds.base.arrays import Floats, Integers
+from barn_worlds.base.arrays import Floats
 
 _STRIDE = 6  # poses between two of those that are checked first
 _ROUNDING = 1e-6
@@ -71,24 +70,27 @@ class _Work(NamedTuple):
     """What all samples share."""
 
     poses: Floats  # memory for rollouts, (longest, 5)
-    corners: Integers  # memory for `edges_cost`
-    # Corners and highest cost at the start, which all rollouts have in common.
-    start_corners: Integers
-    start_cost: int
-    # Cells from base_link to the furthest corner. Where it is so far to the next cost,
-    # the edges cost nothing.
-    outline_reach: int
+    start_cost: int  # highest cost under the edges at the start
 
 
 @kernel
-def find_best(scene: Scene, rules: Rules, table: Floats, choice: Choice) -> int:
+def find_best(
+    ground: Ground,
+    path: Wavefront,
+    goal: Wavefront,
+    rules: Rules,
+    table: Floats,
+    choice: Choice,
+) -> int:
     """Find the best sample of a table and fill in its row as `score` does.
 
     The first of the cheapest rows that drive forward wins. A turn in place wins over it
     if it costs no more and the goal is nearer ahead of its end than for any turn before.
 
     Args:
-        scene: What rollouts are scored on.
+        ground: What footprints are checked on.
+        path: Steps to the plan.
+        goal: Steps to the plan's end.
         rules: How rollouts move and what they cost.
         table: Table of samples with speeds and yaw rates.
         choice: Which samples may win.
@@ -97,53 +99,43 @@ def find_best(scene: Scene, rules: Rules, table: Floats, choice: Choice) -> int:
         Row of the best sample, -1 if none is allowed.
     """
     table[:, COST] = TOUCHES
-    ground = scene.ground
     start = rules.start
+    costs, raster, outline = ground
     cos_yaw = math.cos(start.yaw)
     sin_yaw = math.sin(start.yaw)
-    corners = np.full(len(ground.outline), -1)
-    costs, clear, raster, outline = ground
-    start_cost = edges_cost(
-        costs, clear, raster, outline, start.x, start.y, cos_yaw, sin_yaw, corners, 0
-    )
-    if start_cost < 0 or not _is_reached(scene, start.x, start.y):
+    start_cost = edges_cost(costs, raster, outline, start.x, start.y, cos_yaw, sin_yaw)
+    if start_cost < 0 or not _is_reached(raster, path, goal, start.x, start.y):
         return -1
 
     longest = 1
     for row in table:
         longest = max(longest, step_count(row[SPEED], row[TURN], rules.motion))
-    reach_m = 0.0
-    for x, y in ground.outline:
-        reach_m = max(reach_m, math.hypot(x, y))
-    outline_reach = math.ceil(reach_m * ground.raster.per_m)
-    work = _Work(
-        np.empty((longest, 5)),
-        corners.copy(),
-        corners,
-        start_cost,
-        outline_reach,
-    )
-
-    best, cost = _best_drive(scene, rules, table, choice, work)
-    best, cost = _best_turn(scene, rules, table, choice, work, best, cost)
+    work = _Work(np.empty((longest, 5)), start_cost)
+    best, cost = _best_drive(ground, path, goal, rules, table, choice, work)
+    best, cost = _best_turn(ground, path, goal, rules, table, choice, work, best, cost)
     if best >= 0:
         table[best, COST] = cost
     return best
 
 
 @kernel
-def _is_reached(scene: Scene, x: float, y: float) -> bool:
+def _is_reached(
+    raster: Raster, path: Wavefront, goal: Wavefront, x: float, y: float
+) -> bool:
     """Return whether ways lead from a point on the costmap to the plan and its end."""
-    cell = padded(raster_cell(scene.ground.raster, x, y), scene.path.columns)
-    return (
-        steps_to(scene.path, cell) < UNREACHED
-        and steps_to(scene.goal, cell) < UNREACHED
-    )
+    cell = padded(raster_cell(raster, x, y), path.columns)
+    return steps_to(path, cell) < UNREACHED and steps_to(goal, cell) < UNREACHED
 
 
 @kernel
 def _best_drive(
-    scene: Scene, rules: Rules, table: Floats, choice: Choice, work: _Work
+    ground: Ground,
+    path: Wavefront,
+    goal: Wavefront,
+    rules: Rules,
+    table: Floats,
+    choice: Choice,
+    work: _Work,
 ) -> tuple[int, float]:
     """Return the best row that drives forward, -1 if none may, and its cost."""
     best = -1
@@ -154,11 +146,12 @@ def _best_drive(
             continue
 
         row = table[k]
-        if best >= 0 and _least_cost(scene, rules, row, work.start_cost) > best_cost:
+        least = _least_cost(ground.raster, path, goal, rules, row, work.start_cost)
+        if best >= 0 and least > best_cost:
             continue
 
         # The likely row is out of order: of equal costs the first row wins.
-        cost = _cost(scene, rules, row, best_cost, work)
+        cost = _cost(ground, path, goal, rules, row, best_cost, work)
         if cost >= 0.0 and (cost < best_cost or k < best):
             best = k
             best_cost = cost
@@ -168,7 +161,9 @@ def _best_drive(
 
 @kernel
 def _best_turn(
-    scene: Scene,
+    ground: Ground,
+    path: Wavefront,
+    goal: Wavefront,
     rules: Rules,
     table: Floats,
     choice: Choice,
@@ -182,14 +177,15 @@ def _best_turn(
         row = table[k]
         if not (choice.left if row[TURN] > 0.0 else choice.right):
             continue
-        if _least_cost(scene, rules, row, work.start_cost) > cost:
+        least = _least_cost(ground.raster, path, goal, rules, row, work.start_cost)
+        if least > cost:
             continue
 
-        turn_cost = _cost(scene, rules, row, cost, work)
+        turn_cost = _cost(ground, path, goal, rules, row, cost, work)
         if turn_cost < 0.0:
             continue
 
-        distance = _goal_ahead(scene, row, choice)
+        distance = _goal_ahead(ground, goal, row, choice)
         if distance < nearest:
             best = k
             cost = turn_cost
@@ -199,7 +195,7 @@ def _best_turn(
 
 
 @kernel
-def _goal_ahead(scene: Scene, row: Floats, choice: Choice) -> float:
+def _goal_ahead(ground: Ground, goal: Wavefront, row: Floats, choice: Choice) -> float:
     """Return the steps to the goal from ahead of a sample's end, inf if it may not win.
 
     The original's distance of a cell without a way is one of two large numbers: a
@@ -207,39 +203,47 @@ def _goal_ahead(scene: Scene, row: Floats, choice: Choice) -> float:
     """
     x = row[END_X] + choice.lookahead_m * math.cos(row[END_YAW])
     y = row[END_Y] + choice.lookahead_m * math.sin(row[END_YAW])
-    rows, cols = scene.ground.costs.shape
-    cell = raster_cell(scene.ground.raster, x, y)
+    rows, cols = ground.costs.shape
+    cell = raster_cell(ground.raster, x, y)
     if not is_on_grid(cell, rows, cols):
         return math.inf
 
-    place = padded(cell, scene.goal.columns)
-    steps = steps_to(scene.goal, place)
+    place = padded(cell, goal.columns)
+    steps = steps_to(goal, place)
     if steps < UNREACHED:
         return float(steps)
     if not choice.past_blocked:
         return math.inf
-    return float(UNREACHED) + (0.0 if is_bordered(scene.goal, place) else 1.0)
+    return float(UNREACHED) + (0.0 if is_bordered(goal, place) else 1.0)
 
 
 @kernel
-def _cost(scene: Scene, rules: Rules, row: Floats, limit: float, work: _Work) -> float:
+def _cost(
+    ground: Ground,
+    path: Wavefront,
+    goal: Wavefront,
+    rules: Rules,
+    row: Floats,
+    limit: float,
+    work: _Work,
+) -> float:
     """Fill in a row as `score` does, but for the cost, and return that.
 
     It is -1 if the sample is not allowed or costs more than the limit.
     """
     weights = rules.weights
-    rows, cols = scene.ground.costs.shape
+    rows, cols = ground.costs.shape
     steps = step_count(row[SPEED], row[TURN], rules.motion)
     poses = work.poses[:steps]
     roll_out(rules.start, row[SPEED], row[TURN], rules.motion, poses)
     end = poses[steps - 1]
-    cell = raster_cell(scene.ground.raster, end[X], end[Y])
+    cell = raster_cell(ground.raster, end[X], end[Y])
     if not is_on_grid(cell, rows, cols):
         return -1.0
 
-    place = padded(cell, scene.path.columns)
-    to_path = steps_to(scene.path, place)
-    to_goal = steps_to(scene.goal, place)
+    place = padded(cell, path.columns)
+    to_path = steps_to(path, place)
+    to_goal = steps_to(goal, place)
     if to_path >= UNREACHED or to_goal >= UNREACHED:
         return -1.0
 
@@ -247,7 +251,9 @@ def _cost(scene: Scene, rules: Rules, row: Floats, limit: float, work: _Work) ->
     if end_cost + weights.obstacle * work.start_cost > limit:
         return -1.0
 
-    highest = _highest_cost(scene, poses, weights.obstacle, limit - end_cost, work)
+    highest = _highest_cost(
+        ground, path, goal, poses, weights.obstacle, limit - end_cost, work
+    )
     cost = end_cost + weights.obstacle * highest
     if highest < 0 or cost > limit:
         return -1.0
@@ -262,7 +268,14 @@ def _cost(scene: Scene, rules: Rules, row: Floats, limit: float, work: _Work) ->
 
 
 @kernel
-def _least_cost(scene: Scene, rules: Rules, row: Floats, start_cost: int) -> float:
+def _least_cost(
+    raster: Raster,
+    path: Wavefront,
+    goal: Wavefront,
+    rules: Rules,
+    row: Floats,
+    start_cost: int,
+) -> float:
     """Return what a sample costs at least: its distances where the rollout ends.
 
     The end is in closed form, which spares the rollout of most samples. Once speed and
@@ -291,12 +304,11 @@ def _least_cost(scene: Scene, rules: Rules, row: Floats, start_cost: int) -> flo
     y += speed * dt * length * math.sin(middle)
 
     # The end of the rollout itself may lie in the next cell because of rounding.
-    raster = scene.ground.raster
     low = raster_cell(raster, x - _ROUNDING_M, y - _ROUNDING_M)
     high = raster_cell(raster, x + _ROUNDING_M, y + _ROUNDING_M)
     weights = rules.weights
-    to_path = _least_steps(scene.path, low, high)
-    to_goal = _least_steps(scene.goal, low, high)
+    to_path = _least_steps(path, low, high)
+    to_goal = _least_steps(goal, low, high)
     return (
         weights.path * to_path + weights.goal * to_goal + weights.obstacle * start_cost
     )
@@ -318,52 +330,39 @@ def _least_steps(front: Wavefront, low: Cell, high: Cell) -> int:
 
 @kernel
 def _highest_cost(
-    scene: Scene, poses: Floats, weight: float, limit: float, work: _Work
+    ground: Ground,
+    path: Wavefront,
+    goal: Wavefront,
+    poses: Floats,
+    weight: float,
+    limit: float,
+    work: _Work,
 ) -> int:
     """Return the highest cost under the edges along a rollout, -1 if not allowed.
 
     It may be a lower one that costs more than the limit already.
     """
-    ground = scene.ground
-    rows, cols = ground.costs.shape
+    costs, raster, outline = ground
     highest = work.start_cost
-    path = scene.path
-    goal = scene.goal
-    costs, clear, raster, outline = ground
     path_state = path.state
     goal_state = goal.state
-    corners = work.corners
 
     # A few poses along the whole rollout first: most bad ones are found out by them.
     for stride in (_STRIDE, 1):
-        work.corners[:] = work.start_corners
         for k in range(stride, len(poses), stride):
             if stride == 1 and k % _STRIDE == 0:
                 continue
 
-            x = poses[k, X]
-            y = poses[k, Y]
-            cell = raster_cell(raster, x, y)
-            if (
-                not is_on_grid(cell, rows, cols)
-                or clear[cell.row, cell.col] <= work.outline_reach
-            ):
-                highest = edges_cost(
-                    costs,
-                    clear,
-                    raster,
-                    outline,
-                    x,
-                    y,
-                    poses[k, COS],
-                    poses[k, SIN],
-                    corners,
-                    highest,
-                )
-                if highest < 0 or weight * highest > limit + _ROUNDING:
-                    return highest
+            x, y, _, cos_yaw, sin_yaw = poses[k]
+            cost = edges_cost(costs, raster, outline, x, y, cos_yaw, sin_yaw)
+            highest = max(highest, cost)
+            if cost < 0:
+                return -1
+            if weight * highest > limit + _ROUNDING:
+                return highest
 
-            place = np.uint64(padded(cell, cols + 2))
+            cell = raster_cell(raster, x, y)
+            place = np.uint64(padded(cell, path.columns))
             if path_state[place] != REACHED and steps_to(path, place) >= UNREACHED:
                 return -1
             if goal_state[place] != REACHED and steps_to(goal, place) >= UNREACHED:
