@@ -8,7 +8,7 @@ import pytest
 
 from barn_planners.costmap.config import CostmapConfig
 from barn_planners.costmap.inflation import costs_by_square, inflate, new_layers
-from barn_planners.costmap.kernels import Grid, Window
+from barn_planners.costmap.kernels import Grid, Pose, Window
 from barn_planners.eband import kernels
 from barn_planners.eband.forces import relax, renew
 from barn_planners.eband.planner import bubble_radii
@@ -244,7 +244,7 @@ def test_connect_front_drops_what_the_robot_has_passed():
     context = kernels.Context(grid, GAINS, kernels.new_band_work(CAPACITY))
     band = as_band([(x, 3.0) for x in (1.0, 1.5, 2.0, 3.0)])
     kernels.measure(band, 4, grid)
-    n = kernels.connect_front(band, 4, 1.4, 3.1, 0.3, context)
+    n = kernels.connect_front(band, 4, Pose(1.4, 3.1, 0.3), context)
     np.testing.assert_allclose(band[:n, :2], [(1.4, 3.1), (2.0, 3.0), (3.0, 3.0)])
 
 
@@ -254,7 +254,7 @@ def test_connect_front_reaches_a_band_further_ahead(distance):
     context = kernels.Context(grid, GAINS, kernels.new_band_work(CAPACITY))
     band = as_band([(3.0, 3.0), (3.7, 3.0)])
     kernels.measure(band, 2, grid)
-    n = kernels.connect_front(band, 2, 3.0 - distance, 3.0, 0.3, context)
+    n = kernels.connect_front(band, 2, Pose(3.0 - distance, 3.0, 0.3), context)
     steps = np.diff(band[:n, 0])
     assert band[[0, n - 1], 0].tolist() == [3.0 - distance, 3.7]
     assert ((steps > 0.0) & (steps < 0.7 * 2 * 0.553)).all()
@@ -265,7 +265,7 @@ def test_connect_front_fails_inside_an_obstacle():
     band = as_band([(1.0, 3.0), (1.5, 3.0)])
     kernels.measure(band, 2, grid)
     context = kernels.Context(grid, GAINS, kernels.new_band_work(CAPACITY))
-    failure = kernels.connect_front(band, 2, 3.0, 3.0, 0.3, context)
+    failure = kernels.connect_front(band, 2, Pose(3.0, 3.0, 0.3), context)
     assert failure == kernels.IN_COLLISION
 
 

@@ -9,7 +9,14 @@ import math
 
 import numpy as np
 
-from barn_planners.costmap.kernels import Cell, Grid, Pose, outline_cells
+from barn_planners.costmap.kernels import (
+    Cell,
+    Grid,
+    Pose,
+    cell_at,
+    is_on_grid,
+    outline_cells,
+)
 from barn_planners.costmap.marks import (
     Marks,
     Readings,
@@ -85,19 +92,6 @@ def project_scan(sensor: Pose, readings: Readings) -> Singles:
 
 
 @kernel
-def _cell_on_grid(grid: Grid, rows: int, cols: int, x: float, y: float) -> Cell:
-    """Return the cell of a point, (-1, -1) off the grid (`Costmap2D::worldToMap`)."""
-    if not (x >= grid.x and y >= grid.y):
-        return Cell(-1, -1)
-
-    row = int((y - grid.y) / grid.resolution)
-    col = int((x - grid.x) / grid.resolution)
-    if row < rows and col < cols:
-        return Cell(row, col)
-    return Cell(-1, -1)
-
-
-@kernel
 def _end_on_grid(
     grid: Grid, rows: int, cols: int, sensor: Pose, x: float, y: float
 ) -> tuple[float, float]:
@@ -132,8 +126,8 @@ def _clear_rays(
 ) -> None:
     """Clear the cells from the sensor to each point (`raytraceFreespace`)."""
     rows, cols = marks.cells.shape
-    start = _cell_on_grid(grid, rows, cols, sensor.x, sensor.y)
-    if start.row < 0:
+    start = cell_at(grid, sensor.x, sensor.y)
+    if not is_on_grid(start, rows, cols):
         return
 
     cells = marks.cells.reshape(rows * cols)
@@ -144,8 +138,8 @@ def _clear_rays(
         point_x = np.float64(points[k, 0])
         point_y = np.float64(points[k, 1])
         x, y = _end_on_grid(grid, rows, cols, sensor, point_x, point_y)
-        end = _cell_on_grid(grid, rows, cols, x, y)
-        if end.row < 0 or end == last:
+        end = cell_at(grid, x, y)
+        if end == last or not is_on_grid(end, rows, cols):
             continue
         last = end
 
@@ -176,8 +170,8 @@ def _mark_points(
         if dx * dx + dy * dy >= obstacle_range * obstacle_range:
             continue
 
-        cell = _cell_on_grid(grid, rows, cols, x, y)
-        if cell.row >= 0:
+        cell = cell_at(grid, x, y)
+        if is_on_grid(cell, rows, cols):
             mark_cell(marks, cell)
 
 
@@ -196,8 +190,8 @@ def _clear_footprint(marks: Marks, grid: Grid, pose: Pose, outline: Points) -> N
     for k in range(len(outline)):
         x = pose.x + (outline[k, 0] * c - outline[k, 1] * s)
         y = pose.y + (outline[k, 0] * s + outline[k, 1] * c)
-        cell = _cell_on_grid(grid, rows, cols, x, y)
-        if cell.row < 0:
+        cell = cell_at(grid, x, y)
+        if not is_on_grid(cell, rows, cols):
             return
         corners[k] = cell
 

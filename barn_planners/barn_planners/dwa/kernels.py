@@ -112,21 +112,17 @@ class Rules(NamedTuple):
 class Sampling(NamedTuple):
     """How velocities are sampled."""
 
+    # Velocities that the robot can reach in one control period, m/s and rad/s.
+    min_speed: float
+    max_speed: float
+    min_turn: float
+    max_turn: float
     speeds: int  # number of forward speeds
     turns: int  # number of yaw rates per speed, and in place
     highest_turn: bool  # False: going straight takes the place of the highest yaw rate
     min_turn_in_place: float  # rad/s
     skip_slow_turns: bool  # no turns in place within one step of zero
     accumulate: bool  # add up steps as the original does, with its rounding
-
-
-class VelocityWindow(NamedTuple):
-    """Velocities that the robot can reach in one control period, m/s and rad/s."""
-
-    min_speed: float
-    max_speed: float
-    min_turn: float
-    max_turn: float
 
 
 class Fields(NamedTuple):
@@ -171,14 +167,11 @@ def _even_values(low: float, high: float, count: int, accumulate: bool) -> Float
 
 
 @kernel
-def sample_table(
-    window: VelocityWindow, sampling: Sampling, forward: bool
-) -> tuple[Floats, int]:
+def sample_table(sampling: Sampling, forward: bool) -> tuple[Floats, int]:
     """Return the table of samples, and how many of them drive forward.
 
     Args:
-        window: Velocities to sample.
-        sampling: Numbers and rules of samples.
+        sampling: Velocities to sample.
         forward: Whether samples may drive forward.
 
     Returns:
@@ -186,30 +179,25 @@ def sample_table(
         forward come first, for each speed straight ahead and one per yaw rate. The
         others turn in place.
     """
-    turns = _even_values(
-        window.min_turn, window.max_turn, sampling.turns, sampling.accumulate
-    )
-    speeds = _even_values(
-        window.min_speed, window.max_speed, sampling.speeds, sampling.accumulate
-    )
-    turns_per_speed = sampling.turns + (1 if sampling.highest_turn else 0)
-    drives = len(speeds) * turns_per_speed if forward else 0
-    table = np.zeros((drives + len(turns), COLUMNS))
+    low, high, low_turn, high_turn, speed_count, turn_count, _, _, _, sums = sampling
+    speeds = _even_values(low, high, speed_count, sums)
+    turns = _even_values(low_turn, high_turn, turn_count, sums)
+    turns_per_speed = turn_count + (1 if sampling.highest_turn else 0)
+    drives = speed_count * turns_per_speed if forward else 0
+    table = np.zeros((drives + turn_count, COLUMNS))
     for k in range(drives):
         table[k, SPEED] = speeds[k // turns_per_speed]
         if k % turns_per_speed > 0:
             table[k, TURN] = turns[k % turns_per_speed - 1]
 
-    step = (window.max_turn - window.min_turn) / (sampling.turns - 1)
+    step = (high_turn - low_turn) / (turn_count - 1)
+    slowest = sampling.min_turn_in_place
     count = drives
     for turn in turns:
-        if sampling.skip_slow_turns and abs(turn) <= step:
-            continue
-        if turn > 0.0:
-            table[count, TURN] = max(turn, sampling.min_turn_in_place)
-        else:
-            table[count, TURN] = min(turn, -sampling.min_turn_in_place)
-        count += 1
+        if not sampling.skip_slow_turns or abs(turn) > step:
+            in_place = max(turn, slowest) if turn > 0.0 else min(turn, -slowest)
+            table[count, TURN] = in_place
+            count += 1
 
     return table[:count], drives
 

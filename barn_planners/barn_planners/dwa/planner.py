@@ -235,13 +235,11 @@ def sample_velocities(
     change = config.acceleration_mps2 * config.window_period_s
     turn_change = config.turn_acceleration_radps2 * config.window_period_s
     fastest = min(config.max_speed_mps, end_distance_m / config.sim_time_s)
-    window = kernels.VelocityWindow(
+    sampling = kernels.Sampling(
         max(config.min_speed_mps, velocity.linear - change),
         max(min(fastest, velocity.linear + change), config.min_speed_mps),
         max(-config.max_turn_radps, velocity.angular - turn_change),
         min(config.max_turn_radps, velocity.angular + turn_change),
-    )
-    sampling = kernels.Sampling(
         config.speed_samples,
         config.turn_samples,
         config.sample_highest_turn,
@@ -249,7 +247,7 @@ def sample_velocities(
         config.skip_slow_turns,
         config.single_precision,
     )
-    return kernels.sample_table(window, sampling, not is_escaping)
+    return kernels.sample_table(sampling, not is_escaping)
 
 
 ENTRY = PlannerEntry(

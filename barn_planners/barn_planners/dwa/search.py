@@ -35,7 +35,6 @@ from barn_planners.dwa.kernels import (
     step_count,
 )
 from barn_planners.dwa.wavefront import (
-    REACHED,
     UNREACHED,
     Wavefront,
     is_bordered,
@@ -344,8 +343,6 @@ def _highest_cost(
     """
     costs, raster, outline = ground
     highest = work.start_cost
-    path_state = path.state
-    goal_state = goal.state
 
     # A few poses along the whole rollout first: most bad ones are found out by them.
     for stride in (_STRIDE, 1):
@@ -361,11 +358,7 @@ def _highest_cost(
             if weight * highest > limit + _ROUNDING:
                 return highest
 
-            cell = raster_cell(raster, x, y)
-            place = np.uint64(padded(cell, path.columns))
-            if path_state[place] != REACHED and steps_to(path, place) >= UNREACHED:
-                return -1
-            if goal_state[place] != REACHED and steps_to(goal, place) >= UNREACHED:
+            if not _is_reached(raster, path, goal, x, y):
                 return -1
 
     return highest

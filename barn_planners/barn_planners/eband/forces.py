@@ -18,7 +18,6 @@ from barn_planners.eband.kernels import (
     append_back,
     bridge,
     connect_front,
-    copy,
     measure,
     overlap,
     place,
@@ -164,8 +163,7 @@ def _is_connected(band: Floats, i: int, context: Context) -> bool:
         return True
 
     nodes = context.work.nodes
-    copy(nodes, 0, band, i)
-    copy(nodes, 1, band, i + 1)
+    nodes[:2] = band[i : i + 2]
     return bridge(context, 0, 1, 2) >= 0
 
 
@@ -305,7 +303,7 @@ def advance(
         poses are part of the band.
     """
     trial[:n] = band[:n]
-    length = connect_front(trial, n, pose.x, pose.y, pose.yaw, context)
+    length = connect_front(trial, n, pose, context)
     if length >= 0 and len(ahead) > 0:
         n = length
         band[:n] = trial[:n]

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from barn_planners.costmap.kernels import Grid, cell_at, is_on_grid
+from barn_planners.costmap.kernels import Grid, Pose, cell_at, is_on_grid
 from barn_planners.kernel import kernel
 from barn_worlds.base.arrays import Bytes, Floats, Integers
 
@@ -139,7 +139,7 @@ def put(bubbles: Floats, index: int, x: float, y: float, r: float, yaw: float) -
 
 @kernel
 def copy(bubbles: Floats, index: int, others: Floats, other_index: int) -> None:
-    """Copy a bubble.
+    """Copy a bubble; numba's assignment of a row takes longer.
 
     Args:
         bubbles: Array to write to.
@@ -296,8 +296,7 @@ def refine(band: Floats, n: int, context: Context) -> int:
 
     nodes = context.work.nodes
     links = context.work.links
-    for k in range(n):
-        copy(nodes, k, band, k)
+    nodes[:n] = band[:n]
     count = _drop_and_fill(context, n)
     if count < 0:
         return count
@@ -313,29 +312,17 @@ def refine(band: Floats, n: int, context: Context) -> int:
 
 
 @kernel
-def _insert_bridge(
-    band: Floats, n: int, context: Context, node: int, place: int, count: int
-) -> int:
-    """Write linked nodes into a band that has room for them at a place.
-
-    `node` is the first of `count` nodes, and n the length of the band without them.
-    """
-    work = context.work
-    if n + count > len(band):
-        return FULL
-
-    for k in range(n - 1, place - 1, -1):
-        copy(band, k + count, band, k)
-    for k in range(place, place + count):
+def _write_nodes(
+    band: Floats, start: int, work: BandWork, node: int, count: int
+) -> None:
+    """Write so many linked nodes into a band, from a place on."""
+    for k in range(start, start + count):
         copy(band, k, work.nodes, node)
         node = work.links[node, 1]
-    return n + count
 
 
 @kernel
-def connect_front(
-    band: Floats, n: int, x: float, y: float, yaw: float, context: Context
-) -> int:
+def connect_front(band: Floats, n: int, pose: Pose, context: Context) -> int:
     """Put a bubble at the robot before the last bubble that it overlaps.
 
     If there is none, the gap to the first bubble is filled. Follows the front half of
@@ -344,38 +331,38 @@ def connect_front(
     Args:
         band: Band to change.
         n: Its length.
-        x: Position of the robot in m, as `y`.
-        y: Position of the robot in m.
-        yaw: Heading of the robot in rad.
+        pose: Pose of the robot.
         context: What bubbles depend on.
 
     Returns:
         The new length, or a code of REASONS.
     """
     nodes = context.work.nodes
-    radius = radius_at(context.clearance, x, y)
-    put(nodes, 0, x, y, radius, yaw)
+    radius = radius_at(context.clearance, pose.x, pose.y)
+    put(nodes, 0, pose.x, pose.y, radius, pose.yaw)
     if radius <= 0.0:
         return IN_COLLISION
 
-    for i in range(n - 1, -1, -1):
-        if overlap(nodes, 0, band, i, context.gains.min_overlap):
-            length = n - i + 1
-            if length > len(band):
-                return FULL
-            if i == 0:
-                for k in range(n, 0, -1):
-                    copy(band, k, band, k - 1)
-            else:
-                for k in range(1, length):
-                    copy(band, k, band, i + k - 1)
-            copy(band, 0, nodes, 0)
-            return length
+    passed = n - 1
+    while passed >= 0 and not overlap(
+        nodes, 0, band, passed, context.gains.min_overlap
+    ):
+        passed -= 1
+    count = 1
+    if passed < 0:
+        passed = 0
+        nodes[1] = band[0]
+        # All nodes but the second one, which stands for the band's first bubble.
+        count = bridge(context, 0, 1, 2) - 1
+        if count < 0:
+            return count + 1
 
-    copy(nodes, 1, band, 0)
-    count = bridge(context, 0, 1, 2)
-    # All nodes but the second one, which is the band's first bubble.
-    return count if count < 0 else _insert_bridge(band, n, context, 0, 0, count - 1)
+    length = n - passed + count
+    if length > len(band):
+        return FULL
+    band[count:length] = band[passed:n].copy()
+    _write_nodes(band, 0, context.work, 0, count)
+    return length
 
 
 @kernel
@@ -408,15 +395,15 @@ def append_back(band: Floats, n: int, poses: Floats, context: Context) -> int:
             break
 
     if end < 0:
-        copy(nodes, 0, band, n - 1)
+        nodes[0] = band[n - 1]
         count = bridge(context, 0, 1, 2)
         if count < 0:
             return count
         # All nodes between the two; the poses come in place of the second one.
-        first = context.work.links[0, 1]
-        end = _insert_bridge(band, n, context, first, n, count - 2)
-        if end < 0:
-            return end
+        end = n + count - 2
+        if end <= len(band):
+            first = context.work.links[0, 1]
+            _write_nodes(band, n, context.work, first, count - 2)
 
     if end + len(poses) > len(band):
         return FULL

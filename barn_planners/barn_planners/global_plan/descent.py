@@ -279,7 +279,8 @@ def _interpolate(corners: Singles, dx: np.float32, dy: np.float32) -> np.float32
     one = np.float64(1.0)
     low = np.float32((one - dx) * corners[0] + dx * corners[1])
     high = np.float32((one - dx) * corners[2] + dx * corners[3])
-    return np.float32((one - dy) * low + dy * high)
+    value: np.float32 = np.float32((one - dy) * low + dy * high)
+    return value
 
 
 @kernel
@@ -305,7 +306,8 @@ def _unit_gradient_as_navfn(
 def _length(x: np.float32, y: np.float32) -> np.float32:
     """Return the length of a vector, rounded to single precision at the end."""
     square = np.float64(x) * np.float64(x) + np.float64(y) * np.float64(y)
-    return np.float32(math.sqrt(square))
+    length: np.float32 = np.float32(math.sqrt(square))
+    return length
 
 
 @kernel

@@ -130,7 +130,8 @@ def _propagate(
 
 @njit(inline="always")
 def _queue(
-    terrain: Terrain,
+    costs: Bytes,
+    gains: Potential,
     pending: Bytes,
     queue: MediumIntegers,
     neighbor: np.uint64,
@@ -142,7 +143,7 @@ def _queue(
 
     Returns the new end of the queue.
     """
-    can_gain = present > value + terrain.gains[terrain.costs[neighbor]]
+    can_gain = present > value + gains[costs[neighbor]]
     waits = np.uint8(can_gain) & np.uint8(pending[neighbor] == 0)
     queue[end] = neighbor
     pending[neighbor] |= waits
@@ -180,7 +181,7 @@ def grow(
         memory: Memory for plans.
         index: Number of the potential in the memory; it is UNREACHED everywhere.
     """
-    columns = terrain.columns
+    costs, columns, _, gains = terrain
     potential = memory.potentials[index]
     pending = memory.pending
     queue = memory.queues.reshape(memory.queues.size)
@@ -196,7 +197,7 @@ def grow(
         # A start on the border has neighbors off the grid.
         if neighbor < size:
             far = number(UNREACHED)
-            end = _queue(terrain, pending, queue, neighbor, far, number(0.0), end)
+            end = _queue(costs, gains, pending, queue, neighbor, far, number(0.0), end)
 
     start_row = ends.start // columns - float(ends.goal // columns)
     start_col = ends.start % columns - float(ends.goal % columns)
@@ -252,7 +253,7 @@ def _take_round(
     Returns:
         New ends of the queues of cells below and beyond the limit, and the extent.
     """
-    costs, columns, prices, _ = terrain
+    costs, columns, prices, gains = terrain
     order, bounding, bound = focus
     number = potential.dtype.type
     one = np.uint64(1)
@@ -291,10 +292,10 @@ def _take_round(
         source = value if falls else number(np.inf)
         near = value + order * away < limit
         end = following_end if near else beyond_end
-        end = _queue(terrain, pending, queue, cell - one, left, source, end)
-        end = _queue(terrain, pending, queue, cell + one, right, source, end)
-        end = _queue(terrain, pending, queue, cell - row, down, source, end)
-        end = _queue(terrain, pending, queue, cell + row, up, source, end)
+        end = _queue(costs, gains, pending, queue, cell - one, left, source, end)
+        end = _queue(costs, gains, pending, queue, cell + one, right, source, end)
+        end = _queue(costs, gains, pending, queue, cell - row, down, source, end)
+        end = _queue(costs, gains, pending, queue, cell + row, up, source, end)
         following_end = end if near else following_end
         beyond_end = beyond_end if near else end
 
